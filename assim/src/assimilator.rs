@@ -1,0 +1,61 @@
+//! What every method is: it forecasts an estimate, and analyses observations.
+
+use crate::error::Error;
+use crate::partition::PartitionReport;
+use isobar_model::{Duration, State};
+use isobar_obs::ObservationWindow;
+
+/// How a method treats the observations' biases.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BiasTreatment {
+    /// The calibration parameters are estimated with the state.
+    Estimate,
+    /// Biased observations are taken as they are.
+    Ignore,
+    /// The true biases are removed from the observations before the method sees them.
+    Known,
+}
+
+/// State and calibration as a method believes them to be, with the standard deviations it claims.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Estimate {
+    /// The state.
+    pub state: State,
+    /// The calibration parameters, in the order of [`Calibration`](isobar_obs::Calibration).
+    pub calibration: Vec<f64>,
+    /// Claimed standard deviation of each value of the state, where the method has one.
+    pub state_spread: Option<Vec<f64>>,
+    /// Claimed standard deviation of each calibration parameter, where the method has one.
+    pub calibration_spread: Option<Vec<f64>>,
+}
+
+/// What an analysis did with the observations of one cycle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Analysis {
+    /// State and calibration after it.
+    pub estimate: Estimate,
+    /// y − h(background), one per observation.
+    pub background_departures: Vec<f64>,
+    /// y − h(analysis), one per observation.
+    pub analysis_departures: Vec<f64>,
+    /// Normalised innovation squared dᵀ (H P Hᵀ + R)⁻¹ d, with expectation equal to the number of observations if
+    /// the method's covariances are right; `None` for a method without them.
+    pub innovation_chi2: Option<f64>,
+    /// How the observations linked blocks, for a method with blocks.
+    pub partition: Option<PartitionReport>,
+}
+
+/// A data-assimilation method in its cycle.
+pub trait Assimilator: Send {
+    /// Forecasts over one cycle; the result is the background.
+    ///
+    /// # Errors
+    /// A value that is not finite, or a covariance that is not positive.
+    fn forecast(&mut self, window: Duration) -> Result<Estimate, Error>;
+
+    /// Analyses the observations, which are valid at the time to which the last forecast led.
+    ///
+    /// # Errors
+    /// As [`Assimilator::forecast`].
+    fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error>;
+}

@@ -1,0 +1,50 @@
+//! What can go wrong in a method.
+
+use isobar_model::ForecastError;
+
+/// Why a method cannot go on, or cannot be set up.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// The forecast failed.
+    #[error(transparent)]
+    Forecast(#[from] ForecastError),
+    /// A matrix that must be positive definite is not.
+    #[error("{matrix} is not positive definite (pivot {pivot} of {size})")]
+    NotPositiveDefinite {
+        /// What the matrix is, in words.
+        matrix: String,
+        /// The pivot at which the Cholesky factorisation failed.
+        pivot: usize,
+        /// Rows of the matrix.
+        size: usize,
+    },
+    /// A system of equations does not determine its unknowns.
+    #[error("{what} is not determined by the data: rank {rank} of {size}")]
+    RankDeficient {
+        /// What is not determined, in words.
+        what: String,
+        /// Numerical rank.
+        rank: usize,
+        /// Number of unknowns.
+        size: usize,
+    },
+    /// A method would need more memory than it may use.
+    #[error("{what} needs {needed_bytes} bytes ({:.2} GB), more than the limit of {:.2} GB", *needed_bytes as f64 / 1e9, *limit_bytes as f64 / 1e9)]
+    TooLarge {
+        /// What needs the memory, in words.
+        what: String,
+        /// Bytes it would need.
+        needed_bytes: u64,
+        /// Bytes it may use.
+        limit_bytes: u64,
+    },
+    /// A value that is not finite arose.
+    #[error("{what} is not finite")]
+    NotFinite {
+        /// The value, in words.
+        what: String,
+    },
+    /// A setting does not fit the experiment.
+    #[error("{0}")]
+    Setting(String),
+}

@@ -1,0 +1,137 @@
+//! What a model is: three small traits, each a capability, and the loops over time steps, each written once.
+
+use crate::state::{Layout, State};
+use crate::time::Duration;
+use std::sync::Arc;
+
+/// A forecast model: x(t + Δt) = M(x(t)).
+pub trait Model: Send + Sync {
+    /// Grid and variables.
+    fn layout(&self) -> &Arc<Layout>;
+
+    /// The time step Δt.
+    fn time_step(&self) -> Duration;
+
+    /// The largest stable time step at `x` \[s\]; infinite where the scheme has no limit.
+    fn largest_time_step_s(&self, x: &State) -> f64;
+
+    /// Advances `x` by one time step.
+    fn step(&self, x: &mut State);
+}
+
+/// A model with its tangent-linear: δx(t + Δt) = M'(x(t)) δx(t).
+pub trait TangentLinear: Model {
+    /// Advances increments by one time step of the model linearised at `at`.
+    ///
+    /// `columns` holds any number of increments one after another, each `[variable, y, x]`: a column-major matrix.
+    fn step_tl(&self, at: &State, columns: &mut [f64]);
+}
+
+/// A model with the adjoint of its tangent-linear: δx*(t) = M'(x(t))ᵀ δx*(t + Δt).
+pub trait Adjoint: TangentLinear {
+    /// Takes adjoint increments back by one time step of the model linearised at `at`; `columns` as in
+    /// [`TangentLinear::step_tl`].
+    fn step_ad(&self, at: &State, columns: &mut [f64]);
+}
+
+/// Why a forecast ended early.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ForecastError {
+    /// The state left the finite numbers.
+    #[error(
+        "the forecast is not finite after step {step}: {place} is {value} (CFL number of the step before: {cfl:.2})"
+    )]
+    NotFinite {
+        /// Steps done since the forecast began.
+        step: usize,
+        /// Variable, row and column.
+        place: String,
+        /// The value there.
+        value: f64,
+        /// Time step over the largest stable one, at the last finite state.
+        cfl: f64,
+    },
+    /// An increment left the finite numbers.
+    #[error("the tangent-linear forecast is not finite after step {step}: increment {column}, {place}")]
+    IncrementNotFinite {
+        /// Steps done since the forecast began.
+        step: usize,
+        /// Which of the increments.
+        column: usize,
+        /// Variable, row and column.
+        place: String,
+    },
+}
+
+/// Advances `x` by `steps` time steps.
+///
+/// # Errors
+/// [`ForecastError::NotFinite`] at the first step after which a value is not finite.
+pub fn forecast(model: &dyn Model, x: &mut State, steps: usize) -> Result<(), ForecastError> {
+    for step in 1..=steps {
+        step_checked(model, x, step)?;
+    }
+    Ok(())
+}
+
+/// Advances `x` by `steps` time steps and, in lockstep along that trajectory, the increments in `columns`
+/// (as in [`TangentLinear::step_tl`]); no trajectory is stored.
+///
+/// # Errors
+/// [`ForecastError`] at the first step after which the state, or at the end an increment, is not finite.
+pub fn forecast_tl(
+    model: &dyn TangentLinear,
+    x: &mut State,
+    columns: &mut [f64],
+    steps: usize,
+) -> Result<(), ForecastError> {
+    for step in 1..=steps {
+        model.step_tl(x, columns);
+        step_checked(model, x, step)?;
+    }
+    match columns.iter().position(|value| !value.is_finite()) {
+        None => Ok(()),
+        Some(index) => {
+            let (layout, m) = (model.layout(), model.layout().len());
+            let place = layout.describe(index % m);
+            Err(ForecastError::IncrementNotFinite { step: steps, column: index / m, place })
+        }
+    }
+}
+
+/// The states at steps 0, 1, …, `steps` from `x`.
+///
+/// # Errors
+/// As [`forecast`].
+pub fn trajectory(model: &dyn Model, x: &State, steps: usize) -> Result<Vec<State>, ForecastError> {
+    let mut states = Vec::with_capacity(steps + 1);
+    states.push(x.clone());
+    for step in 1..=steps {
+        let mut next = states[step - 1].clone();
+        step_checked(model, &mut next, step)?;
+        states.push(next);
+    }
+    Ok(states)
+}
+
+/// Takes adjoint increments back along a [`trajectory`], from its last state to its first.
+pub fn backward_ad(model: &dyn Adjoint, trajectory: &[State], columns: &mut [f64]) {
+    let steps = trajectory.len().saturating_sub(1);
+    for at in trajectory[..steps].iter().rev() {
+        model.step_ad(at, columns);
+    }
+}
+
+fn step_checked(model: &dyn Model, x: &mut State, step: usize) -> Result<(), ForecastError> {
+    let limit_s = model.largest_time_step_s(x);
+    model.step(x);
+    match x.first_non_finite() {
+        None => Ok(()),
+        Some(index) => Err(ForecastError::NotFinite {
+            step,
+            place: model.layout().describe(index),
+            value: x.values()[index],
+            cfl: model.time_step().as_f64() / limit_s,
+        }),
+    }
+}

@@ -1,0 +1,139 @@
+//! The model state x: every variable's field in one contiguous array `[variable, y, x]`.
+
+use crate::grid::{Grid, Location};
+use crate::increment::Increment;
+use ndarray::ArrayView2;
+use std::ops::{AddAssign, Sub};
+use std::sync::Arc;
+
+/// A prognostic variable: what it is called, and where it lives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Variable {
+    /// Short name, as scenarios and files use it: `h`, `u`, `v`, `tracer`.
+    pub name: &'static str,
+    /// Meaning, in words.
+    pub long_name: &'static str,
+    /// CF standard name, where there is one.
+    pub standard_name: Option<&'static str>,
+    /// Unit, in UDUNITS spelling.
+    pub unit: &'static str,
+    /// Place in the cell.
+    pub location: Location,
+}
+
+/// Grid and variables: the meaning of each number of a [`State`] or an [`Increment`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layout {
+    /// The grid.
+    pub grid: Grid,
+    /// The variables, in the order in which their fields are stored.
+    pub variables: Vec<Variable>,
+}
+
+impl Layout {
+    /// Number of values: variables × cells.
+    pub fn len(&self) -> usize {
+        self.variables.len() * self.grid.cells()
+    }
+
+    /// Whether there are no values at all.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The number of the variable of this name.
+    pub fn variable(&self, name: &str) -> Option<usize> {
+        self.variables.iter().position(|variable| variable.name == name)
+    }
+
+    /// Variable number, row and column of the value at `index`.
+    pub fn place(&self, index: usize) -> (usize, usize, usize) {
+        let cells = self.grid.cells();
+        (index / cells, index % cells / self.grid.nx, index % self.grid.nx)
+    }
+
+    /// The value at `index` in words, for messages: `u at row 3, column 7`.
+    pub fn describe(&self, index: usize) -> String {
+        let (variable, row, column) = self.place(index);
+        format!("{} at row {row}, column {column}", self.variables[variable].name)
+    }
+}
+
+/// A model state x.
+#[derive(Clone, Debug, PartialEq)]
+pub struct State {
+    layout: Arc<Layout>,
+    values: Vec<f64>,
+}
+
+impl State {
+    /// The state whose values are all zero.
+    pub fn zeros(layout: &Arc<Layout>) -> Self {
+        Self::from_values(layout, vec![0.0; layout.len()])
+    }
+
+    /// A state of the given values, `[variable, y, x]`.
+    ///
+    /// # Panics
+    /// If the number of values is not that of the layout.
+    pub fn from_values(layout: &Arc<Layout>, values: Vec<f64>) -> Self {
+        assert_eq!(values.len(), layout.len(), "a state needs one value per variable and cell");
+        Self { layout: Arc::clone(layout), values }
+    }
+
+    /// The meaning of the values.
+    pub fn layout(&self) -> &Arc<Layout> {
+        &self.layout
+    }
+
+    /// All values, `[variable, y, x]`.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// All values, `[variable, y, x]`.
+    pub fn values_mut(&mut self) -> &mut [f64] {
+        &mut self.values
+    }
+
+    /// The field of one variable, `[y, x]`.
+    pub fn field(&self, variable: usize) -> ArrayView2<'_, f64> {
+        field(&self.layout, &self.values, variable)
+    }
+
+    /// The values of one variable's field, row by row.
+    pub fn field_mut(&mut self, variable: usize) -> &mut [f64] {
+        let cells = self.layout.grid.cells();
+        &mut self.values[variable * cells..(variable + 1) * cells]
+    }
+
+    /// Index of the first value that is not finite.
+    pub fn first_non_finite(&self) -> Option<usize> {
+        self.values.iter().position(|value| !value.is_finite())
+    }
+}
+
+/// One variable's field `[y, x]` of an array `[variable, y, x]`.
+pub(crate) fn field<'a>(layout: &Layout, values: &'a [f64], variable: usize) -> ArrayView2<'a, f64> {
+    let (cells, shape) = (layout.grid.cells(), (layout.grid.ny, layout.grid.nx));
+    ArrayView2::from_shape(shape, &values[variable * cells..(variable + 1) * cells])
+        .expect("a field has ny × nx contiguous values")
+}
+
+impl AddAssign<&Increment> for State {
+    fn add_assign(&mut self, increment: &Increment) {
+        assert_eq!(self.values.len(), increment.values().len(), "state and increment have different layouts");
+        for (value, change) in self.values.iter_mut().zip(increment.values()) {
+            *value += change;
+        }
+    }
+}
+
+impl Sub for &State {
+    type Output = Increment;
+    fn sub(self, other: &State) -> Increment {
+        assert_eq!(self.values.len(), other.values.len(), "the states have different layouts");
+        let values = self.values.iter().zip(&other.values).map(|(a, b)| a - b).collect();
+        Increment::from_values(&self.layout, values)
+    }
+}

@@ -1,0 +1,54 @@
+//! Calibration c: the observing systems' unknown bias parameters, with names, units and prior knowledge.
+
+/// Where a calibration parameter belongs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Placement {
+    /// Common to many observations: a country, a sonde type, a satellite.
+    Shared,
+    /// Belongs to one place alone: the bias of the one station that stands there.
+    Local {
+        /// x of the station \[m\].
+        x_m: f64,
+        /// y of the station \[m\].
+        y_m: f64,
+    },
+}
+
+/// One calibration parameter, and what a method may assume about it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parameter {
+    /// Unique name: `europe/h/FR`, `polar/scan_linear`.
+    pub name: String,
+    /// Unit, in UDUNITS spelling.
+    pub unit: String,
+    /// Shared or local.
+    pub placement: Placement,
+    /// Standard deviation of the prior N(0, σ²) at the start, in `unit`.
+    pub sigma_prior: f64,
+    /// Standard deviation of the assumed random walk over one day, in `unit`; 0 for a constant.
+    pub sigma_drift_per_sqrt_day: f64,
+}
+
+/// The calibration parameters of an experiment, in a fixed order; values are a slice in this order.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Calibration {
+    /// The parameters.
+    pub parameters: Vec<Parameter>,
+}
+
+impl Calibration {
+    /// Number of parameters.
+    pub fn len(&self) -> usize {
+        self.parameters.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.parameters.is_empty()
+    }
+
+    /// The number of the parameter of this name.
+    pub fn position(&self, name: &str) -> Option<usize> {
+        self.parameters.iter().position(|parameter| parameter.name == name)
+    }
+}

@@ -1,0 +1,52 @@
+//! The observations of one cycle, as a method receives them.
+
+use crate::operator::ObservationOperator;
+use isobar_model::Time;
+use std::sync::Arc;
+
+/// What is known of one observation beside its value.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// Name of the network or satellite.
+    pub network: Arc<str>,
+    /// Name of the station, or of the footprint's place in the swath.
+    pub platform: Arc<str>,
+    /// Number of the observed variable in the state's layout.
+    pub variable: usize,
+    /// x of the station or footprint centre \[m\].
+    pub x_m: f64,
+    /// y of the station or footprint centre \[m\].
+    pub y_m: f64,
+    /// Scan position in [-1, 1], for scanning instruments.
+    pub scan: Option<f64>,
+}
+
+/// All observations of one cycle, valid at its end.
+pub struct ObservationWindow {
+    /// The valid time of the observations and of the analysis.
+    pub time: Time,
+    /// Number of the cycle, from 1.
+    pub cycle: usize,
+    /// Where, what and by whom.
+    pub reports: Vec<Report>,
+    /// The reported values, biases included.
+    pub values: Vec<f64>,
+    /// The same without the biases, for methods that are told them.
+    pub values_bias_removed: Vec<f64>,
+    /// Standard deviation of each random error; errors are independent.
+    pub sigma: Vec<f64>,
+    /// h(x, c) of these observations.
+    pub operator: Box<dyn ObservationOperator>,
+}
+
+impl ObservationWindow {
+    /// Number of observations.
+    pub fn len(&self) -> usize {
+        self.values.len()
+    }
+
+    /// Whether nothing was reported.
+    pub fn is_empty(&self) -> bool {
+        self.values.is_empty()
+    }
+}

@@ -1,0 +1,99 @@
+//! What happens during a run, as the sinks hear it.
+
+use crate::summary::{MethodScores, Summary};
+use isobar_assim::{Analysis, Estimate};
+use isobar_model::{Duration, Layout, State, Time};
+use isobar_obs::{Calibration, ObservationWindow, Projection};
+use std::sync::Arc;
+
+/// What is known before the first cycle.
+#[derive(Clone, Debug)]
+pub struct RunInfo {
+    /// Name of the scenario: its file's stem.
+    pub scenario: String,
+    /// The scenario's title.
+    pub title: String,
+    /// The scenario file, to the letter.
+    pub scenario_text: String,
+    /// The seed of all random streams.
+    pub seed: u64,
+    /// Grid and variables.
+    pub layout: Arc<Layout>,
+    /// Where on the Earth the plane lies, if anywhere.
+    pub projection: Option<Projection>,
+    /// Valid time of the initial state; the analysis of cycle t is valid at `start + t × window`.
+    pub start: Time,
+    /// Length of a cycle.
+    pub window: Duration,
+    /// Number of cycles.
+    pub cycles: usize,
+    /// The calibration parameters.
+    pub calibration: Calibration,
+    /// The methods, in the order in which they run.
+    pub methods: Vec<MethodInfo>,
+    /// The observing platforms with a fixed place.
+    pub stations: Vec<StationInfo>,
+}
+
+/// A method of the run.
+#[derive(Clone, Debug)]
+pub struct MethodInfo {
+    /// Its name in the scenario.
+    pub name: String,
+    /// Its settings, in words.
+    pub description: String,
+}
+
+/// A station.
+#[derive(Clone, Debug)]
+pub struct StationInfo {
+    /// Its network.
+    pub network: Arc<str>,
+    /// Its name.
+    pub name: Arc<str>,
+    /// Its group (country, sonde type).
+    pub group: Arc<str>,
+    /// x \[m\].
+    pub x_m: f64,
+    /// y \[m\].
+    pub y_m: f64,
+}
+
+/// Something that happened.
+pub enum Event<'a> {
+    /// The run begins.
+    Started(&'a RunInfo),
+    /// The truth of a cycle is known. It is also sent for cycle 0, the initial state.
+    Truth {
+        /// Number of the cycle.
+        cycle: usize,
+        /// Valid time.
+        time: Time,
+        /// The true state.
+        state: &'a State,
+        /// The true calibration parameters.
+        calibration: &'a [f64],
+    },
+    /// The observations of a cycle.
+    Observed(&'a ObservationWindow),
+    /// A method has analysed the observations of a cycle.
+    Analysed(Analysed<'a>),
+    /// The run is complete.
+    Finished(&'a Summary),
+}
+
+/// A method's results in one cycle.
+pub struct Analysed<'a> {
+    /// Number of the method in [`RunInfo::methods`].
+    pub method: usize,
+    /// Number of the cycle, from 1.
+    pub cycle: usize,
+    /// Valid time.
+    pub time: Time,
+    /// The estimate before the observations.
+    pub background: &'a Estimate,
+    /// The analysis.
+    pub analysis: &'a Analysis,
+    /// The scores of this cycle alone.
+    pub scores: &'a MethodScores,
+}

@@ -1,0 +1,47 @@
+//! The scores of a run, as `summary.json` holds them.
+
+use indexmap::IndexMap;
+use serde::Serialize;
+
+/// A figure for each variable, by name.
+pub type PerVariable = IndexMap<String, f64>;
+
+/// The scores of a whole run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// Name of the scenario.
+    pub scenario: String,
+    /// Seed of all random streams.
+    pub seed: u64,
+    /// Number of cycles.
+    pub cycles: usize,
+    /// First cycle that counts for the scores.
+    pub scored_from_cycle: usize,
+    /// Version of isobar.
+    pub version: String,
+    /// Scores by method.
+    pub methods: IndexMap<String, MethodScores>,
+}
+
+/// The scores of one method, over one cycle or over all that count.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct MethodScores {
+    /// Root-mean-square error of the analysis, per variable, in its unit.
+    pub rmse_analysis: PerVariable,
+    /// Root-mean-square error of the background.
+    pub rmse_background: PerVariable,
+    /// Root-mean-square claimed standard deviation of the analysis, where the method has one.
+    pub spread_analysis: Option<PerVariable>,
+    /// Root-mean-square claimed standard deviation of the background, where the method has one.
+    pub spread_background: Option<PerVariable>,
+    /// Root-mean-square error of the bias parameters, each in its unit; `None` without parameters.
+    pub bias_rmse: Option<f64>,
+    /// Root-mean-square claimed standard deviation of the bias parameters.
+    pub bias_spread: Option<f64>,
+    /// Normalised innovation squared per observation; 1 if the claimed covariances are right.
+    pub innovation_chi2: Option<f64>,
+    /// Wall-clock seconds per cycle, forecast and analysis.
+    pub seconds_per_cycle: f64,
+    /// The most memory that the method held at one time.
+    pub peak_memory_bytes: u64,
+}
