@@ -1,7 +1,7 @@
 //! What every method is: it forecasts an estimate, and analyses observations.
 
+use crate::block_angular::PartitionReport;
 use crate::error::Error;
-use crate::partition::PartitionReport;
 use isobar_model::{Duration, State};
 use isobar_obs::ObservationWindow;
 

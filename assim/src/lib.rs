@@ -1,8 +1,29 @@
 //! Data-assimilation methods.
+//!
+//! | module | method |
+//! |---|---|
+//! | [`block_angular`] | the regression of eqs. (28)/(29) of WO 93/22625, a solver of its own |
+//! | [`fast_kalman`] | Lange's Fast Kalman Filter on the blocks of a grid |
+//! | [`kalman`] | the dense (extended) Kalman filter: the reference |
+//! | [`variational`] | 3D-Var with biases in the control vector |
+//! | [`free`] | no assimilation |
+//!
+//! All of them are given a [`Problem`], see models and observations only through traits and Jacobians, and are an
+//! [`Assimilator`]. [`covariance`] holds B and Q as operators.
 
 pub mod assimilator;
+pub mod block_angular;
+pub mod covariance;
 pub mod error;
-pub mod partition;
+pub mod fast_kalman;
+pub mod free;
+pub mod kalman;
+mod linalg;
+pub mod problem;
+mod propagator;
+pub mod variational;
 
 pub use assimilator::{Analysis, Assimilator, BiasTreatment, Estimate};
+pub use covariance::Covariance;
 pub use error::Error;
+pub use problem::Problem;

@@ -1,0 +1,122 @@
+//! The symmetric square root of a homogeneous Gaussian correlation, applied by FFT.
+
+use isobar_model::{Boundary, Grid};
+use rustfft::num_complex::Complex;
+use rustfft::{Fft, FftPlanner};
+use std::sync::Arc;
+
+/// Beyond a wall the field is continued over this many correlation lengths before it wraps around, so that the two
+/// walls are correlated by less than exp(−8) of the variance.
+const PADDING_LENGTHS: f64 = 4.0;
+
+/// F⁻¹ Λ^½ F on an `nx × rows` array, Λ the eigenvalues of the circulant matrix of exp(−r²/2L²) summed over the
+/// periodic images (so that Λ is positive). The root is symmetric: it is its own transpose.
+pub(super) struct GaussianFilter {
+    nx: usize,
+    /// Rows of the filtered array: those of the grid, the northern wall's corners and padding in a channel.
+    rows: usize,
+    /// Λ^½ / (nx · rows), transposed `[column, row]`.
+    root_eigenvalues: Vec<f64>,
+    forward: [Arc<dyn Fft<f64>>; 2],
+    backward: [Arc<dyn Fft<f64>>; 2],
+}
+
+impl GaussianFilter {
+    pub fn new(grid: &Grid, length_m: f64) -> Self {
+        let nx = grid.nx;
+        let rows = match grid.boundary {
+            Boundary::Periodic => grid.ny,
+            Boundary::Channel => good_fft_size(grid.ny + 1 + (PADDING_LENGTHS * length_m / grid.dy_m).ceil() as usize),
+        };
+        let mut planner = FftPlanner::new();
+        let forward = [planner.plan_fft_forward(nx), planner.plan_fft_forward(rows)];
+        let backward = [planner.plan_fft_inverse(nx), planner.plan_fft_inverse(rows)];
+        let eigenvalues_x = correlation_eigenvalues(nx, grid.dx_m, length_m, forward[0].as_ref());
+        let eigenvalues_y = correlation_eigenvalues(rows, grid.dy_m, length_m, forward[1].as_ref());
+        let scale = 1.0 / (nx * rows) as f64;
+        let root_eigenvalues =
+            eigenvalues_x.iter().flat_map(|&x| eigenvalues_y.iter().map(move |&y| (x * y).sqrt() * scale)).collect();
+        Self { nx, rows, root_eigenvalues, forward, backward }
+    }
+
+    /// Values of the filtered array.
+    pub fn len(&self) -> usize {
+        self.nx * self.rows
+    }
+
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// The mean over all wave numbers of Λ times a transfer function of the phases (k dx, l dy): the variance of a
+    /// field with this correlation after an operator with that squared transfer function.
+    pub fn variance_after(&self, squared_transfer: impl Fn(f64, f64) -> f64) -> f64 {
+        let phase = |index: usize, n: usize| std::f64::consts::TAU * index as f64 / n as f64;
+        let n = self.len() as f64;
+        let mut sum = 0.0;
+        for (i, column) in self.root_eigenvalues.chunks_exact(self.rows).enumerate() {
+            for (j, root) in column.iter().enumerate() {
+                sum += (root * n).powi(2) * squared_transfer(phase(i, self.nx), phase(j, self.rows));
+            }
+        }
+        sum / n
+    }
+
+    /// The filtered array.
+    pub fn apply(&self, field: &[f64]) -> Vec<f64> {
+        assert_eq!(field.len(), self.len());
+        let mut array: Vec<Complex<f64>> = field.iter().map(|&value| Complex::new(value, 0.0)).collect();
+        let mut transposed = vec![Complex::default(); self.len()];
+        self.forward[0].process(&mut array);
+        transpose(&array, &mut transposed, self.rows, self.nx);
+        self.forward[1].process(&mut transposed);
+        for (value, root) in transposed.iter_mut().zip(&self.root_eigenvalues) {
+            *value *= root;
+        }
+        self.backward[1].process(&mut transposed);
+        transpose(&transposed, &mut array, self.nx, self.rows);
+        self.backward[0].process(&mut array);
+        array.iter().map(|value| value.re).collect()
+    }
+}
+
+/// `to[j, i] = from[i, j]`, where `from` has `rows` rows of `columns`.
+fn transpose(from: &[Complex<f64>], to: &mut [Complex<f64>], rows: usize, columns: usize) {
+    for i in 0..rows {
+        for j in 0..columns {
+            to[j * rows + i] = from[i * columns + j];
+        }
+    }
+}
+
+/// Eigenvalues of the circulant matrix of exp(−r²/2L²), normalised to a unit diagonal.
+fn correlation_eigenvalues(n: usize, spacing_m: f64, length_m: f64, fft: &dyn Fft<f64>) -> Vec<f64> {
+    let period = n as f64 * spacing_m;
+    let images = (8.0 * length_m / period).ceil() as i64 + 1;
+    let kernel = |index: usize| -> f64 {
+        (-images..=images)
+            .map(|image| ((index as f64 * spacing_m + image as f64 * period) / length_m).powi(2))
+            .map(|squared| (-0.5 * squared).exp())
+            .sum()
+    };
+    let variance = kernel(0);
+    let mut values: Vec<Complex<f64>> = (0..n).map(|index| Complex::new(kernel(index) / variance, 0.0)).collect();
+    fft.process(&mut values);
+    // Rounding leaves tiny negative eigenvalues where the spectrum has died out.
+    values.iter().map(|value| value.re.max(0.0)).collect()
+}
+
+/// The next size with factors 2, 3 and 5 only.
+fn good_fft_size(at_least: usize) -> usize {
+    (at_least..)
+        .find(|&n| {
+            let mut rest = n;
+            for factor in [2, 3, 5] {
+                while rest % factor == 0 {
+                    rest /= factor;
+                }
+            }
+            rest == 1
+        })
+        .expect("there is always a larger power of two")
+}
