@@ -29,7 +29,7 @@ pub enum Error {
         size: usize,
     },
     /// A method would need more memory than it may use.
-    #[error("{what} needs {needed_bytes} bytes ({:.2} GB), more than the limit of {:.2} GB", *needed_bytes as f64 / 1e9, *limit_bytes as f64 / 1e9)]
+    #[error("{what} would need {:.1} MB, more than the limit of {:.1} MB", *needed_bytes as f64 / 1e6, *limit_bytes as f64 / 1e6)]
     TooLarge {
         /// What needs the memory, in words.
         what: String,

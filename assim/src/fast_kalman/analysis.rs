@@ -8,7 +8,6 @@ use crate::linalg::{cholesky, column, product};
 use crate::problem::Innovations;
 use faer::Mat;
 use isobar_obs::SparseRows;
-use std::collections::HashMap;
 
 /// The Jacobians by block variables b and shared parameters c.
 pub(super) struct SplitRows {
@@ -45,22 +44,22 @@ impl FastKalmanFilter {
         rows: &SplitRows,
         innovations: &Innovations,
     ) -> (Vec<usize>, Block) {
-        let mut variables = Vec::new();
-        let mut offset = HashMap::new();
-        for &block in &component.blocks {
-            offset.insert(block, variables.len());
-            variables.extend_from_slice(&self.blocks.members[block]);
-        }
+        let members = component.blocks.iter().flat_map(|&block| &self.blocks.members[block]);
+        let mut variables: Vec<usize> = members.copied().collect();
+        // Ascending: the state's values first, then the local parameters.
+        variables.sort_unstable();
+        let locate = |variable: usize| variables.binary_search(&variable).expect("the component holds the variable");
         let (size, n, r) = (variables.len(), component.observations.len(), self.shared.len());
-        let mut prior = Mat::zeros(size, size);
+        let mut prior = Mat::<f64>::zeros(size, size);
         for &block in &component.blocks {
-            let (start, patch) = (offset[&block], &self.covariance.patches[block].covariance);
-            prior.as_mut().get_mut(start.., start..).get_mut(..patch.nrows(), ..patch.ncols()).copy_from(patch);
+            let patch = &self.covariance.patches[block];
+            let positions: Vec<usize> = patch.variables.iter().map(|&variable| locate(variable)).collect();
+            for (j, &column) in positions.iter().enumerate() {
+                for (i, &row) in positions.iter().enumerate() {
+                    prior[(row, column)] = patch.covariance[(i, j)];
+                }
+            }
         }
-        let locate = |variable: usize| {
-            let (block, position) = self.blocks.place[variable];
-            offset[&block] + position
-        };
         let mut cross = Mat::<f64>::zeros(size, n);
         let mut g = Mat::<f64>::zeros(n, r);
         for (column, &row) in component.observations.iter().enumerate() {

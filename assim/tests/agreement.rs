@@ -1,0 +1,295 @@
+//! Methods that must agree exactly, on a small linear problem.
+
+mod common;
+
+use common::*;
+use faer::linalg::solvers::DenseSolveCore;
+use faer::{Mat, Side};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings};
+use isobar_assim::kalman::KalmanFilter;
+use isobar_assim::variational::{ThreeDVar, ThreeDVarSettings};
+use isobar_assim::{Assimilator, BiasTreatment, Error, Problem, covariance};
+use isobar_model::State;
+use isobar_model::random::{standard_normals, stream};
+
+fn fast_kalman(problem: &Problem, blocks: BlockShape, bias_coupling: BiasCoupling) -> FastKalmanFilter {
+    FastKalmanFilter::new(problem.clone(), FastKalmanSettings { blocks, bias_coupling }).unwrap()
+}
+
+/// Largest relative difference in estimates, claimed variances and χ² over some cycles.
+fn difference(problem: &Problem, fast: &mut FastKalmanFilter, within_cell: bool) -> f64 {
+    let mut reference = KalmanFilter::new(problem.clone()).unwrap();
+    let mut largest: f64 = 0.0;
+    for cycle in 1..=8 {
+        let observed = window(problem, 14, within_cell, cycle, 5);
+        let (background, expected_background) = (fast.forecast(WINDOW).unwrap(), reference.forecast(WINDOW).unwrap());
+        largest = largest.max(relative_difference(
+            background.state_spread.as_ref().unwrap(),
+            expected_background.state_spread.as_ref().unwrap(),
+        ));
+        let (analysis, expected) = (fast.analyse(&observed).unwrap(), reference.analyse(&observed).unwrap());
+        largest = largest
+            .max(relative_difference(analysis.estimate.state.values(), expected.estimate.state.values()))
+            .max(relative_difference(&flat(&fast.dense_covariance()), &flat(&reference.covariance().to_owned())))
+            .max((analysis.innovation_chi2.unwrap() / expected.innovation_chi2.unwrap() - 1.0).abs());
+        if !problem.calibration.is_empty() {
+            largest = largest.max(relative_difference(&analysis.estimate.calibration, &expected.estimate.calibration));
+        }
+    }
+    largest
+}
+
+#[test]
+fn one_block_over_the_domain_equals_the_kalman_filter() {
+    for (shared, local) in [(0, 0), (3, 0), (0, 4), (3, 4)] {
+        let problem = problem(true, calibration(shared, local, 0.7), 2);
+        assert_eq!(problem.calibration.len(), shared + local);
+        let mut fast = fast_kalman(&problem, BlockShape::Domain, BiasCoupling::Carry);
+        let found = difference(&problem, &mut fast, false);
+        assert!(found < 1e-8, "{shared} shared, {local} local: {found:e}");
+    }
+}
+
+#[test]
+fn without_coupling_in_the_model_any_blocks_equal_the_kalman_filter() {
+    // Without drift: with one, the walk's part of the covariance between blocks needs factors of its own.
+    for (shared, local) in [(0, 0), (2, 0), (2, 3)] {
+        let problem = problem(false, calibration(shared, local, 0.0), 3);
+        for blocks in [BlockShape::Cell, BlockShape::Tile { nx: 2, ny: 3 }, BlockShape::Domain] {
+            let mut fast = fast_kalman(&problem, blocks, BiasCoupling::Carry);
+            let found = difference(&problem, &mut fast, true);
+            assert!(found < 1e-8, "{blocks:?}, {shared} shared, {local} local: {found:e}");
+        }
+    }
+}
+
+#[test]
+fn observations_across_blocks_merge_them_and_the_analysis_stays_exact() {
+    // One analysis from a block-diagonal background equals the Kalman filter's, however the observations link blocks.
+    let problem = problem(false, calibration(2, 2, 0.0), 3);
+    let mut fast = fast_kalman(&problem, BlockShape::Cell, BiasCoupling::Carry);
+    let mut reference = KalmanFilter::new(problem.clone()).unwrap();
+    let observed = window(&problem, 9, false, 1, 5);
+    fast.forecast(WINDOW).unwrap();
+    reference.forecast(WINDOW).unwrap();
+    let (analysis, expected) = (fast.analyse(&observed).unwrap(), reference.analyse(&observed).unwrap());
+    assert!(relative_difference(analysis.estimate.state.values(), expected.estimate.state.values()) < 1e-10);
+    let covariance = reference.covariance().to_owned();
+    assert!(relative_difference(&flat(&fast.dense_covariance()), &flat(&covariance)) < 1e-10);
+    let report = analysis.partition.unwrap();
+    assert_eq!((report.blocks, report.border), (20, 2));
+    assert!(report.merged_components >= 1 && report.largest_component_blocks > 1);
+    assert!(report.unobserved_blocks > 0);
+}
+
+#[test]
+fn dropping_the_coupling_with_the_biases_costs_bias_accuracy_and_spoils_its_claim() {
+    // Friedland's two-stage filter with the bias sensitivity of the forecast left out. Without drift and coupling
+    // between cells "carry" is the Kalman filter. One truth after the other, both filters on the same observations.
+    let problem = problem(false, calibration(2, 0, 0.0), 4);
+    let (runs, cycles) = (150, 30);
+    let mut squared_error = [0.0; 2];
+    let mut claims = [0.0; 2];
+    for run in 0..runs {
+        let random = &mut stream(run, "truth");
+        let initial = covariance::randomize(&*problem.background_error, random);
+        let mut truth = State::from_values(problem.background.layout(), initial);
+        let normals = standard_normals(random, 2);
+        let bias: Vec<f64> =
+            problem.calibration.parameters.iter().zip(normals).map(|(own, draw)| own.sigma_prior * draw).collect();
+        let mut filters =
+            [BiasCoupling::Carry, BiasCoupling::Drop].map(|coupling| fast_kalman(&problem, BlockShape::Cell, coupling));
+        for cycle in 1..=cycles {
+            problem.model.step(&mut truth);
+            let error = covariance::randomize(problem.model_error.as_deref().unwrap(), random);
+            truth.values_mut().iter_mut().zip(error).for_each(|(value, error)| *value += error);
+            let mut observed = window(&problem, 14, true, cycle, 6);
+            let exact = observed.operator.simulate(&truth, &bias);
+            let errors = standard_normals(random, 14);
+            observed.values = (0..14).map(|i| exact[i] + observed.sigma[i] * errors[i]).collect();
+            for (number, filter) in filters.iter_mut().enumerate() {
+                filter.forecast(WINDOW).unwrap();
+                let estimate = filter.analyse(&observed).unwrap().estimate;
+                if cycle == cycles {
+                    let errors = estimate.calibration.iter().zip(&bias);
+                    squared_error[number] += errors.map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+                    let claimed = estimate.calibration_spread.unwrap();
+                    claims[number] += claimed.iter().map(|sigma| sigma * sigma).sum::<f64>();
+                }
+            }
+        }
+    }
+    let loss = (squared_error[1] / squared_error[0]).sqrt();
+    let [carry, drop] = [0, 1].map(|number| (claims[number] / squared_error[number]).sqrt());
+    let claim = (claims[1] / claims[0]).sqrt();
+    println!("dropped: bias RMSE ×{loss:.3}, claimed σ ×{claim:.3}; claimed over actual {carry:.3} carried, {drop:.3}");
+    // Both see the same observations: the loss is significant although 300 errors know an RMSE to 4 % only.
+    assert!(loss > 1.01, "{loss}");
+    assert!((carry - 1.0).abs() < 0.12, "the Kalman filter's claim is right: {carry}");
+    assert!(claim > 1.02, "{claim}");
+}
+
+#[test]
+fn gain_form_equals_regression_form_of_the_kalman_filter() {
+    let problem = problem(true, calibration(2, 1, 0.3), 8);
+    let mut filter = KalmanFilter::new(problem.clone()).unwrap();
+    let background = filter.forecast(WINDOW).unwrap();
+    let p = filter.covariance().to_owned();
+    let observed = window(&problem, 20, false, 1, 9);
+    let jacobian = observed.operator.linearize(&background.state, &background.calibration);
+    let m = background.state.values().len();
+    let size = p.nrows();
+    let mut h = Mat::<f64>::zeros(20, size);
+    for row in 0..20 {
+        jacobian.state.row(row).iter().for_each(|&(column, weight)| h[(row, column)] += weight);
+        jacobian.calibration.row(row).iter().for_each(|&(column, weight)| h[(row, m + column)] += weight);
+    }
+    // Cov = (H' R⁻¹ H + P⁻¹)⁻¹, δ = Cov H' R⁻¹ d: eqs. (12)–(14) of WO 93/22625.
+    let weighted = Mat::from_fn(20, size, |i, j| h[(i, j)] / observed.sigma[i].powi(2));
+    let information = p.llt(Side::Lower).unwrap().inverse() + h.transpose() * &weighted;
+    let covariance = information.llt(Side::Lower).unwrap().inverse();
+    let analysis = filter.analyse(&observed).unwrap();
+    let d = Mat::from_fn(20, 1, |i, _| analysis.background_departures[i]);
+    let increment = &covariance * (weighted.transpose() * d);
+    let found: Vec<f64> = (&analysis.estimate.state - &background.state)
+        .values()
+        .iter()
+        .copied()
+        .chain(analysis.estimate.calibration.iter().zip(&background.calibration).map(|(a, b)| a - b))
+        .collect();
+    assert!(relative_difference(&found, increment.col_as_slice(0)) < 1e-10);
+    assert!(relative_difference(&flat(&filter.covariance().to_owned()), &flat(&covariance)) < 1e-10);
+}
+
+#[test]
+fn three_d_var_equals_the_dense_analysis_with_static_covariance() {
+    let problem = problem(true, calibration(2, 1, 0.5), 8);
+    let settings = ThreeDVarSettings { covariance_scale: 0.4, tolerance: 1e-12, max_iterations: 500 };
+    let mut method = ThreeDVar::new(problem.clone(), settings);
+    let m = problem.background.values().len();
+    let b = covariance::dense(&*problem.background_error);
+    let mut bias_covariance =
+        Mat::from_fn(3, 3, |i, j| if i == j { problem.calibration.parameters[i].sigma_prior.powi(2) } else { 0.0 });
+    for cycle in 1..=4 {
+        let background = method.forecast(WINDOW).unwrap();
+        let observed = window(&problem, 20, false, cycle, 9);
+        let mut p = Mat::<f64>::zeros(m + 3, m + 3);
+        (0..3).for_each(|i| bias_covariance[(i, i)] += 0.5_f64.powi(2) * WINDOW.days());
+        p.as_mut().submatrix_mut(0, 0, m, m).copy_from(&b * faer::Scale(0.4));
+        p.as_mut().submatrix_mut(m, m, 3, 3).copy_from(&bias_covariance);
+        let jacobian = observed.operator.linearize(&background.state, &background.calibration);
+        let mut h = Mat::<f64>::zeros(20, m + 3);
+        for row in 0..20 {
+            jacobian.state.row(row).iter().for_each(|&(column, weight)| h[(row, column)] += weight);
+            jacobian.calibration.row(row).iter().for_each(|&(column, weight)| h[(row, m + column)] += weight);
+        }
+        let mut innovation = &h * &p * h.transpose();
+        (0..20).for_each(|i| innovation[(i, i)] += observed.sigma[i].powi(2));
+        let inverse = innovation.llt(Side::Lower).unwrap().inverse();
+        let gain = &p * h.transpose() * inverse.as_ref();
+        let analysis = method.analyse(&observed).unwrap();
+        let d = Mat::from_fn(20, 1, |i, _| analysis.background_departures[i]);
+        let increment = &gain * &d;
+        let found: Vec<f64> = (&analysis.estimate.state - &background.state).values().to_vec();
+        assert!(relative_difference(&found, &increment.col_as_slice(0)[..m]) < 1e-8);
+        let found: Vec<f64> =
+            analysis.estimate.calibration.iter().zip(&background.calibration).map(|(a, b)| a - b).collect();
+        assert!(relative_difference(&found, &increment.col_as_slice(0)[m..]) < 1e-8);
+        let chi2 = (d.transpose() * &inverse * &d)[(0, 0)];
+        assert!((analysis.innovation_chi2.unwrap() / chi2 - 1.0).abs() < 1e-8);
+        let posterior = &p - &gain * &h * &p;
+        bias_covariance = posterior.as_ref().submatrix(m, m, 3, 3).to_owned();
+        let claimed = analysis.estimate.calibration_spread.unwrap();
+        for i in 0..3 {
+            assert!((claimed[i] / bias_covariance[(i, i)].sqrt() - 1.0).abs() < 1e-8);
+        }
+    }
+}
+
+#[test]
+fn biases_are_estimated_ignored_or_known() {
+    let mut problem = problem(true, calibration(2, 0, 0.0), 8);
+    let mut observed = window(&problem, 20, false, 1, 9);
+    observed.values_bias_removed.iter_mut().for_each(|value| *value -= 1.0);
+    let run = |problem: &Problem| -> Vec<State> {
+        let settings = ThreeDVarSettings { covariance_scale: 1.0, tolerance: 1e-12, max_iterations: 500 };
+        let mut methods: Vec<Box<dyn Assimilator>> = vec![
+            Box::new(KalmanFilter::new(problem.clone()).unwrap()),
+            Box::new(fast_kalman(problem, BlockShape::Domain, BiasCoupling::Carry)),
+            Box::new(ThreeDVar::new(problem.clone(), settings)),
+        ];
+        methods
+            .iter_mut()
+            .map(|method| {
+                method.forecast(WINDOW).unwrap();
+                let analysis = method.analyse(&observed).unwrap();
+                assert_eq!(analysis.estimate.calibration.len(), 2);
+                assert_eq!(analysis.estimate.calibration_spread.is_some(), problem.bias == BiasTreatment::Estimate);
+                analysis.estimate.state
+            })
+            .collect()
+    };
+    let estimated = run(&problem);
+    problem.bias = BiasTreatment::Ignore;
+    let ignored = run(&problem);
+    problem.bias = BiasTreatment::Known;
+    let known = run(&problem);
+    for method in 0..2 {
+        // Filters with the same treatment agree; treatments differ.
+        assert!(relative_difference(ignored[method].values(), ignored[0].values()) < 1e-8);
+        assert!(relative_difference(known[method].values(), known[0].values()) < 1e-8);
+    }
+    for method in 0..3 {
+        for (a, b) in [(&estimated, &ignored), (&ignored, &known), (&known, &estimated)] {
+            assert!(relative_difference(a[method].values(), b[method].values()) > 1e-3);
+        }
+    }
+}
+
+#[test]
+fn the_same_bits_on_any_number_of_threads() {
+    let problem = problem(true, calibration(2, 3, 0.2), 8);
+    let run = |threads: usize| {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
+            let mut filter = fast_kalman(&problem, BlockShape::Cell, BiasCoupling::Carry);
+            let mut bits = Vec::new();
+            for cycle in 1..=5 {
+                filter.forecast(WINDOW).unwrap();
+                let analysis = filter.analyse(&window(&problem, 14, false, cycle, 6)).unwrap();
+                bits.extend(analysis.estimate.state.values().iter().map(|value| value.to_bits()));
+                bits.extend(analysis.estimate.calibration_spread.unwrap().iter().map(|value| value.to_bits()));
+            }
+            bits
+        })
+    };
+    assert_eq!(run(1), run(2));
+    assert_eq!(run(1), run(8));
+}
+
+#[test]
+fn what_does_not_fit_into_memory_is_refused_with_the_figure() {
+    let mut problem = problem(true, calibration(2, 0, 0.2), 8);
+    problem.memory_limit_bytes = 10_000;
+    let error = KalmanFilter::new(problem.clone()).err().unwrap();
+    assert!(matches!(error, Error::TooLarge { needed_bytes: 70_560, limit_bytes: 10_000, .. }), "{error}");
+    let settings = FastKalmanSettings { blocks: BlockShape::Cell, bias_coupling: BiasCoupling::Carry };
+    assert!(matches!(FastKalmanFilter::new(problem.clone(), settings).err(), Some(Error::TooLarge { .. })));
+    // Blocks that fit, but not the component into which the observations merge them.
+    problem.memory_limit_bytes = 45_000;
+    let mut filter = FastKalmanFilter::new(problem.clone(), settings).unwrap();
+    filter.forecast(WINDOW).unwrap();
+    let error = filter.analyse(&window(&problem, 60, false, 1, 6)).unwrap_err();
+    let message = error.to_string();
+    assert!(message.starts_with("the component of 16 blocks (32 variables) that 55 observations link"), "{message}");
+    assert!(message.ends_with("would need 0.1 MB, more than the limit of 0.0 MB"), "{message}");
+}
+
+#[test]
+fn an_observation_that_is_not_finite_is_named() {
+    let problem = problem(true, calibration(1, 0, 0.0), 8);
+    let mut filter = KalmanFilter::new(problem.clone()).unwrap();
+    filter.forecast(WINDOW).unwrap();
+    let mut observed = window(&problem, 3, false, 1, 6);
+    observed.values[1] = f64::NAN;
+    assert_eq!(filter.analyse(&observed).unwrap_err().to_string(), "the innovation of n/p is not finite");
+}

@@ -1,0 +1,182 @@
+//! A small linear model whose propagator is a given matrix, and random observations of it.
+
+use faer::Mat;
+use isobar_assim::covariance::{Covariance, Sum, White};
+use isobar_assim::{BiasTreatment, Problem};
+use isobar_model::random::{standard_normals, stream};
+use isobar_model::{Adjoint, Boundary, Duration, Grid, Layout, Location, Model, State, TangentLinear, Time, Variable};
+use isobar_obs::{
+    BlockAngular, Calibration, LinearOperator, ObservationWindow, Parameter, Placement, Report, SparseRows,
+};
+use rand::RngExt;
+use std::sync::Arc;
+
+pub const WINDOW: Duration = Duration::from_seconds(21_600);
+
+/// x(t + 6 h) = A x(t).
+pub struct MatrixModel {
+    layout: Arc<Layout>,
+    matrix: Mat<f64>,
+}
+
+impl MatrixModel {
+    fn multiply(&self, columns: &mut [f64], transposed: bool) {
+        let m = self.layout.len();
+        for column in columns.chunks_exact_mut(m) {
+            let before = column.to_vec();
+            for (i, value) in column.iter_mut().enumerate() {
+                let entry = |j: usize| if transposed { self.matrix[(j, i)] } else { self.matrix[(i, j)] };
+                *value = (0..m).map(|j| entry(j) * before[j]).sum();
+            }
+        }
+    }
+}
+
+impl Model for MatrixModel {
+    fn layout(&self) -> &Arc<Layout> {
+        &self.layout
+    }
+    fn time_step(&self) -> Duration {
+        WINDOW
+    }
+    fn largest_time_step_s(&self, _: &State) -> f64 {
+        f64::INFINITY
+    }
+    fn step(&self, x: &mut State) {
+        self.multiply(x.values_mut(), false);
+    }
+}
+
+impl TangentLinear for MatrixModel {
+    fn step_tl(&self, _: &State, columns: &mut [f64]) {
+        self.multiply(columns, false);
+    }
+}
+
+impl Adjoint for MatrixModel {
+    fn step_ad(&self, _: &State, columns: &mut [f64]) {
+        self.multiply(columns, true);
+    }
+}
+
+pub fn layout() -> Arc<Layout> {
+    let variable =
+        |name| Variable { name, long_name: name, standard_name: None, unit: "m", location: Location::Center };
+    let grid = Grid { nx: 5, ny: 4, dx_m: 1.0, dy_m: 1.0, boundary: Boundary::Periodic };
+    Arc::new(Layout { grid, variables: vec![variable("h"), variable("w")] })
+}
+
+/// A model that mixes all values, or only those of a cell; in either case with norms below one.
+pub fn model(layout: &Arc<Layout>, coupled: bool, seed: u64) -> MatrixModel {
+    let m = layout.len();
+    let cells = layout.grid.cells();
+    let values = standard_normals(&mut stream(seed, "model"), m * m);
+    let matrix = Mat::from_fn(m, m, |i, j| {
+        let size = if coupled { 0.9 / (m as f64).sqrt() } else { 0.6 };
+        if coupled || i % cells == j % cells { size * values[j * m + i] } else { 0.0 }
+    });
+    MatrixModel { layout: Arc::clone(layout), matrix }
+}
+
+/// White covariance with the given standard deviation of every variable.
+pub fn white(layout: &Layout, sigma: f64) -> Arc<dyn Covariance> {
+    let terms = (0..layout.variables.len())
+        .map(|variable| Box::new(White::new(layout, variable, sigma)) as Box<dyn Covariance>)
+        .collect();
+    Arc::new(Sum::new(layout.len(), terms))
+}
+
+/// `shared` shared and `local` local bias parameters with the given drift.
+pub fn calibration(shared: usize, local: usize, drift: f64) -> Calibration {
+    let parameter = |number: usize| Parameter {
+        name: format!("bias/{number}"),
+        unit: "m".into(),
+        // Mixed in order, so that no method can rely on one.
+        placement: if number % 2 == 1 && number / 2 < local || number >= 2 * shared.max(1) {
+            Placement::Local { x_m: 0.5 + (number / 2 % 5) as f64, y_m: 1.5 }
+        } else {
+            Placement::Shared
+        },
+        sigma_prior: 2.0 + 0.1 * number as f64,
+        sigma_drift_per_sqrt_day: drift,
+    };
+    let mut parameters: Vec<Parameter> = (0..2 * shared.max(local)).map(parameter).collect();
+    parameters.retain({
+        let (mut shared_left, mut local_left) = (shared, local);
+        move |parameter| {
+            let left = if parameter.placement == Placement::Shared { &mut shared_left } else { &mut local_left };
+            *left > 0 && {
+                *left -= 1;
+                true
+            }
+        }
+    });
+    Calibration { parameters }
+}
+
+pub fn problem(coupled: bool, calibration: Calibration, seed: u64) -> Problem {
+    let layout = layout();
+    Problem {
+        model: Arc::new(model(&layout, coupled, seed)),
+        background: State::zeros(&layout),
+        background_error: white(&layout, 1.5),
+        model_error: Some(white(&layout, 0.4)),
+        calibration,
+        bias: BiasTreatment::Estimate,
+        memory_limit_bytes: 1 << 30,
+    }
+}
+
+/// Observations that read `values_read` values of one cell or of any, and one bias parameter; their values are random:
+/// agreement of two methods does not need a truth.
+pub fn window(problem: &Problem, count: usize, within_cell: bool, cycle: usize, seed: u64) -> ObservationWindow {
+    let layout = problem.background.layout();
+    let cells = layout.grid.cells();
+    let random = &mut stream(seed, &format!("window {cycle}"));
+    let (mut state, mut calibration) = (SparseRows::new(), SparseRows::new());
+    for row in 0..count {
+        let cell = random.random_range(0..cells);
+        let place =
+            |random: &mut rand_chacha::ChaCha8Rng| if within_cell { cell } else { random.random_range(0..cells) };
+        let variable = row % layout.variables.len();
+        let first = place(random) + variable * cells;
+        let second = if within_cell { cell + (1 - variable) * cells } else { (first + 1) % layout.len() };
+        state.push_row([(first, 0.8), (second, 0.3)]);
+        let p = problem.calibration.len();
+        calibration.push_row((p > 0 && row % 4 != 0).then(|| {
+            // A local parameter is read only in its own cell, as its station stands there.
+            let number = random.random_range(0..p);
+            let parameter = &problem.calibration.parameters[number];
+            let allowed = match parameter.placement {
+                Placement::Shared => number,
+                Placement::Local { x_m, y_m } if !within_cell || layout.grid.cell_at(x_m, y_m) == cell => number,
+                Placement::Local { .. } => 0,
+            };
+            (allowed, 1.0 + 0.2 * (row % 3) as f64)
+        }));
+    }
+    let values: Vec<f64> = standard_normals(random, count).iter().map(|value| 3.0 * value).collect();
+    ObservationWindow {
+        time: Time::from_seconds(cycle as i64 * WINDOW.seconds()),
+        cycle,
+        reports: vec![
+            Report { network: "n".into(), platform: "p".into(), variable: 0, x_m: 0.0, y_m: 0.0, scan: None };
+            count
+        ],
+        values_bias_removed: values.clone(),
+        values,
+        sigma: (0..count).map(|row| 0.5 + 0.1 * (row % 5) as f64).collect(),
+        operator: Box::new(LinearOperator { jacobian: BlockAngular { state, calibration } }),
+    }
+}
+
+/// max |a − b| / max |b|.
+pub fn relative_difference(a: &[f64], b: &[f64]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
+    largest(&mut a.iter().zip(b).map(|(a, b)| (a - b).abs())) / largest(&mut b.iter().map(|b| b.abs()))
+}
+
+pub fn flat(matrix: &Mat<f64>) -> Vec<f64> {
+    (0..matrix.ncols()).flat_map(|j| matrix.col_as_slice(j).to_vec()).collect()
+}
