@@ -1,0 +1,149 @@
+//! The contract battery that every observation operator must pass.
+
+use crate::operator::ObservationOperator;
+use isobar_model::State;
+use isobar_model::random::{standard_normals, stream};
+
+/// What the errors of floating-point sums may amount to, in units of machine epsilon and of the sum of the terms'
+/// absolute values.
+const ROUNDING: f64 = 100.0 * f64::EPSILON;
+
+/// A clause of the contract of [`ObservationOperator`] that an operator does not keep.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ContractViolation {
+    /// `len()`, `simulate()` and `linearize()` do not agree on the number of observations.
+    #[error("len() is {len}, but simulate() gives {simulated} values and linearize() {linearized} rows")]
+    Lengths {
+        /// Of `len()`.
+        len: usize,
+        /// Of `simulate()`.
+        simulated: usize,
+        /// Of `linearize()`; X and G may differ, then that of G.
+        linearized: usize,
+    },
+    /// Two calls with the same arguments differ.
+    #[error("simulate() or linearize() gives something else when called again")]
+    NotAFunction,
+    /// The Jacobian is not additive and homogeneous.
+    #[error("the Jacobian is not linear: row {row} misses by {error:e}")]
+    NotLinear {
+        /// The observation.
+        row: usize,
+        /// J(2u + v) − 2 J u − J v.
+        error: f64,
+    },
+    /// h(x + εδx, c + εδc) − h − ε J(δx, δc) is neither zero nor O(ε²).
+    #[error("the Jacobian is not the derivative with respect to {argument}: residuals {residuals:?} for ε = 1, 0.1, …")]
+    NotTheDerivative {
+        /// `the state`, `the calibration` or `both`.
+        argument: &'static str,
+        /// Norms of the residual for ε = 1, 0.1, … 1e-7.
+        residuals: Vec<f64>,
+    },
+    /// ⟨J δ, w⟩ ≠ ⟨δ, Jᵀ w⟩.
+    #[error("the adjoint with respect to {argument} is not that of the Jacobian: {forward:e} ≠ {backward:e}")]
+    NotTheAdjoint {
+        /// `the state`, `the calibration` or `both`.
+        argument: &'static str,
+        /// ⟨J δ, w⟩.
+        forward: f64,
+        /// ⟨δ, Jᵀ w⟩.
+        backward: f64,
+    },
+}
+
+/// Checks that an operator keeps its contract at (x, c): equal lengths and equal results of equal calls; a linear
+/// Jacobian; residuals of first order that vanish (up to rounding) or decrease as ε² over at least four decades (slope
+/// 2 ± 0.05); and the dot product ⟨J δ, w⟩ = ⟨δ, Jᵀ w⟩ to 100 machine epsilons. The last two with respect to the
+/// state, to the calibration, and to both.
+///
+/// # Errors
+/// The first clause that is not kept.
+pub fn check_operator(
+    operator: &dyn ObservationOperator,
+    x: &State,
+    calibration: &[f64],
+    seed: u64,
+) -> Result<(), ContractViolation> {
+    let (value, jacobian) = (operator.simulate(x, calibration), operator.linearize(x, calibration));
+    let rows = operator.len();
+    let (state_rows, calibration_rows) = (jacobian.state.rows(), jacobian.calibration.rows());
+    if [value.len(), state_rows, calibration_rows] != [rows; 3] {
+        let linearized = if state_rows == rows { calibration_rows } else { state_rows };
+        return Err(ContractViolation::Lengths { len: rows, simulated: value.len(), linearized });
+    }
+    if operator.simulate(x, calibration) != value || operator.linearize(x, calibration) != jacobian {
+        return Err(ContractViolation::NotAFunction);
+    }
+
+    let mut random = stream(seed, "contract/observation operator");
+    let mut perturbation = |values: &[f64]| -> Vec<f64> {
+        let normals = standard_normals(&mut random, values.len());
+        values.iter().zip(normals).map(|(value, normal)| (1.0 + value.abs()) * normal).collect()
+    };
+    let (dx, dc) = (perturbation(x.values()), perturbation(calibration));
+    let (ex, ec) = (perturbation(x.values()), perturbation(calibration));
+    let weights = perturbation(&value);
+    // Sum of the absolute values of the terms of each row: what rounding errors are relative to.
+    let scale = |row: usize, x: &[f64], c: &[f64]| -> f64 {
+        let state = jacobian.state.row(row).iter().map(|&(column, value)| (value * x[column]).abs());
+        let calibration = jacobian.calibration.row(row).iter().map(|&(column, value)| (value * c[column]).abs());
+        state.sum::<f64>() + calibration.sum::<f64>()
+    };
+
+    let combined = |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| 2.0 * a + b).collect() };
+    let (first, second) = (jacobian.apply(&dx, &dc), jacobian.apply(&ex, &ec));
+    let (both_x, both_c) = (combined(&dx, &ex), combined(&dc, &ec));
+    for (row, sum) in jacobian.apply(&both_x, &both_c).into_iter().enumerate() {
+        let error = (sum - 2.0 * first[row] - second[row]).abs();
+        let terms = scale(row, &both_x, &both_c) + 2.0 * scale(row, &dx, &dc) + scale(row, &ex, &ec);
+        if error.is_nan() || error > ROUNDING * terms {
+            return Err(ContractViolation::NotLinear { row, error });
+        }
+    }
+
+    let (zero_x, zero_c) = (vec![0.0; dx.len()], vec![0.0; dc.len()]);
+    let cases = [("the state", &dx, &zero_c), ("the calibration", &zero_x, &dc), ("both", &dx, &dc)];
+    for (argument, dx, dc) in cases {
+        let change = jacobian.apply(dx, dc);
+        let mut residuals = Vec::with_capacity(8);
+        let mut rounding = 0.0;
+        for power in 0..8 {
+            let size = 10f64.powi(-power);
+            let moved = |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| a + size * b).collect() };
+            let (moved_x, moved_c) = (moved(x.values(), dx), moved(calibration, dc));
+            let there = operator.simulate(&State::from_values(x.layout(), moved_x.clone()), &moved_c);
+            let residual: f64 = (0..rows).map(|row| (there[row] - value[row] - size * change[row]).powi(2)).sum();
+            residuals.push(residual.sqrt());
+            if power == 0 {
+                let terms = |row| {
+                    let here = scale(row, x.values(), calibration) + value[row].abs() + there[row].abs();
+                    ROUNDING * (here + scale(row, &moved_x, &moved_c) + scale(row, dx, dc))
+                };
+                rounding = (0..rows).map(|row| f64::powi(terms(row), 2)).sum::<f64>().sqrt();
+            }
+        }
+        let is_linear = residuals.iter().all(|&residual| residual <= rounding);
+        if !is_linear && !falls_quadratically(&residuals) {
+            return Err(ContractViolation::NotTheDerivative { argument, residuals });
+        }
+
+        let (mut back_x, mut back_c) = (zero_x.clone(), zero_c.clone());
+        jacobian.apply_ad(&weights, &mut back_x, &mut back_c);
+        let forward: f64 = change.iter().zip(&weights).map(|(change, weight)| change * weight).sum();
+        let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
+        let backward = dot(dx, &back_x) + dot(dc, &back_c);
+        let terms: f64 = (0..rows).map(|row| scale(row, dx, dc) * weights[row].abs()).sum();
+        let error = (forward - backward).abs();
+        if error.is_nan() || error > ROUNDING * terms {
+            return Err(ContractViolation::NotTheAdjoint { argument, forward, backward });
+        }
+    }
+    Ok(())
+}
+
+/// Whether four successive decades have slopes of 2 ± 0.05.
+fn falls_quadratically(residuals: &[f64]) -> bool {
+    let slopes: Vec<f64> = residuals.windows(2).map(|pair| (pair[0] / pair[1]).log10()).collect();
+    slopes.windows(4).any(|slopes| slopes.iter().all(|slope| (slope - 2.0).abs() <= 0.05))
+}
