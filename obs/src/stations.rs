@@ -272,6 +272,26 @@ mod tests {
     }
 
     #[test]
+    fn no_text_makes_it_panic_and_what_it_accepts_is_sound() {
+        let mut accepted = 0;
+        for (at, old) in GOOD.char_indices() {
+            for new in ["", ",", "\"", "\n", "#", "é", "-", "1e999"] {
+                let text = format!("{}{new}{}", &GOOD[..at], &GOOD[at + old.len_utf8()..]);
+                for text in [text.as_str(), &text[..at]] {
+                    let Ok(stations) = Stations::parse(text, "mutated.csv") else { continue };
+                    accepted += 1;
+                    for StationRecord { id, position, fields, .. } in stations.records() {
+                        let Position::Geographic { latitude_deg, longitude_deg } = position else { panic!("{text}") };
+                        assert!(latitude_deg.abs() <= 90.0 && (-180.0..=360.0).contains(longitude_deg), "{text}");
+                        assert!(!id.is_empty() && fields.len() == stations.columns().len(), "{text}");
+                    }
+                }
+            }
+        }
+        assert!(accepted > 100, "{accepted}");
+    }
+
+    #[test]
     fn an_empty_group_is_an_error_with_its_line() {
         let stations = Stations::parse("id,x_m,y_m,country\na,1,1,X\nb,1,1,\n", "groups.csv").unwrap();
         let message = stations.groups(3).unwrap_err().to_string();

@@ -21,6 +21,12 @@ pub enum ContractViolation {
         /// Of `linearize()`; X and G may differ, then that of G.
         linearized: usize,
     },
+    /// A value or a derivative is infinite or not a number.
+    #[error("simulate() or linearize() gives a number that is not finite in row {row}")]
+    NotFinite {
+        /// The observation.
+        row: usize,
+    },
     /// Two calls with the same arguments differ.
     #[error("simulate() or linearize() gives something else when called again")]
     NotAFunction,
@@ -52,7 +58,7 @@ pub enum ContractViolation {
     },
 }
 
-/// Checks that an operator keeps its contract at (x, c): equal lengths and equal results of equal calls; a linear
+/// Checks that an operator keeps its contract at (x, c): equal lengths, finite numbers and equal results of equal calls; a linear
 /// Jacobian; residuals of first order that vanish (up to rounding) or decrease as ε² over at least four decades (slope
 /// 2 ± 0.05); and the dot product ⟨J δ, w⟩ = ⟨δ, Jᵀ w⟩ to 100 machine epsilons. The last two with respect to the
 /// state, to the calibration, and to both.
@@ -71,6 +77,12 @@ pub fn check_operator(
     if [value.len(), state_rows, calibration_rows] != [rows; 3] {
         let linearized = if state_rows == rows { calibration_rows } else { state_rows };
         return Err(ContractViolation::Lengths { len: rows, simulated: value.len(), linearized });
+    }
+    for row in 0..rows {
+        let derivatives = jacobian.state.row(row).iter().chain(jacobian.calibration.row(row));
+        if !value[row].is_finite() || derivatives.into_iter().any(|entry| !entry.1.is_finite()) {
+            return Err(ContractViolation::NotFinite { row });
+        }
     }
     if operator.simulate(x, calibration) != value || operator.linearize(x, calibration) != jacobian {
         return Err(ContractViolation::NotAFunction);
@@ -97,7 +109,7 @@ pub fn check_operator(
     for (row, sum) in jacobian.apply(&both_x, &both_c).into_iter().enumerate() {
         let error = (sum - 2.0 * first[row] - second[row]).abs();
         let terms = scale(row, &both_x, &both_c) + 2.0 * scale(row, &dx, &dc) + scale(row, &ex, &ec);
-        if error.is_nan() || error > ROUNDING * terms {
+        if error > ROUNDING * terms {
             return Err(ContractViolation::NotLinear { row, error });
         }
     }
@@ -135,7 +147,7 @@ pub fn check_operator(
         let backward = dot(dx, &back_x) + dot(dc, &back_c);
         let terms: f64 = (0..rows).map(|row| scale(row, dx, dc) * weights[row].abs()).sum();
         let error = (forward - backward).abs();
-        if error.is_nan() || error > ROUNDING * terms {
+        if error > ROUNDING * terms {
             return Err(ContractViolation::NotTheAdjoint { argument, forward, backward });
         }
     }
@@ -146,4 +158,125 @@ pub fn check_operator(
 fn falls_quadratically(residuals: &[f64]) -> bool {
     let slopes: Vec<f64> = residuals.windows(2).map(|pair| (pair[0] / pair[1]).log10()).collect();
     slopes.windows(4).any(|slopes| slopes.iter().all(|slope| (slope - 2.0).abs() <= 0.05))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        BiasProcess, BiasScope, BlockAngular, InstrumentConfig, ObservingSystem, RadiosondeConfig, SatelliteConfig,
+        SparseRows, StationBias, StationSource,
+    };
+    use isobar_model::{Boundary, Duration, Grid, Layout, Location, Time, Variable};
+    use std::sync::Arc;
+
+    fn layout(boundary: Boundary) -> Arc<Layout> {
+        let variable = |name, unit, location| Variable { name, long_name: name, standard_name: None, unit, location };
+        let grid = Grid { nx: 24, ny: 18, dx_m: 1e5, dy_m: 8e4, boundary };
+        let variables = vec![
+            variable("h", "m", Location::Center),
+            variable("u", "m s-1", Location::XFace),
+            variable("v", "m s-1", Location::YFace),
+        ];
+        Arc::new(Layout { grid, variables })
+    }
+
+    fn random_state(layout: &Arc<Layout>, seed: u64) -> State {
+        State::from_values(layout, standard_normals(&mut stream(seed, "test"), layout.len()))
+    }
+
+    #[test]
+    fn every_instrument_keeps_the_contract() {
+        for boundary in [Boundary::Channel, Boundary::Periodic] {
+            let layout = layout(boundary);
+            let groups = vec!["a".to_owned(), "b".to_owned()];
+            let mut network = RadiosondeConfig::new("net", StationSource::Random { count: 60, groups });
+            for scope in [BiasScope::EachGroup, BiasScope::EachStation] {
+                let process = BiasProcess::constant(3.0);
+                network.biases.push(StationBias { variable: "h".to_owned(), scope, process });
+            }
+            let mut satellite = SatelliteConfig::new("polar");
+            (satellite.swath_width_m, satellite.footprint_sigma_m) = (1e6, 1.5e5);
+            satellite.track_angle_deg = 10.0;
+            let configs = [InstrumentConfig::Radiosonde(network), InstrumentConfig::Satellite(satellite)];
+            let (start, window) = (Time::from_seconds(0), Duration::from_seconds(21_600));
+            let mut system = ObservingSystem::new(&layout, None, &configs, 3, window, start).unwrap();
+            for _ in 0..3 {
+                let observed = system.observe(&random_state(&layout, 1));
+                assert!(observed.len() > 180);
+                let x = random_state(&layout, 2);
+                check_operator(&*observed.operator, &x, system.true_calibration(), 5).unwrap();
+            }
+        }
+    }
+
+    /// One observation y = x₀² + c₀³ and one y = 2 x₁, with chosen faults.
+    #[derive(Clone, Copy, Default)]
+    struct Nonlinear {
+        claimed_rows: Option<usize>,
+        state_factor: Option<f64>,
+        calibration_factor: Option<f64>,
+    }
+
+    impl ObservationOperator for Nonlinear {
+        fn len(&self) -> usize {
+            self.claimed_rows.unwrap_or(2)
+        }
+
+        fn simulate(&self, x: &State, c: &[f64]) -> Vec<f64> {
+            vec![x.values()[0].powi(2) + c[0].powi(3), 2.0 * x.values()[1]]
+        }
+
+        fn linearize(&self, x: &State, c: &[f64]) -> BlockAngular {
+            let (mut state, mut calibration) = (SparseRows::new(), SparseRows::new());
+            state.push_row([(0, self.state_factor.unwrap_or(2.0) * x.values()[0])]);
+            state.push_row([(1, 2.0)]);
+            calibration.push_row([(0, self.calibration_factor.unwrap_or(3.0) * c[0].powi(2))]);
+            calibration.push_row([]);
+            BlockAngular { state, calibration }
+        }
+    }
+
+    #[test]
+    fn a_right_nonlinear_operator_passes_and_wrong_ones_are_found() {
+        let x = random_state(&layout(Boundary::Channel), 4);
+        let check = |operator: Nonlinear| check_operator(&operator, &x, &[0.8], 5);
+        let right = Nonlinear::default();
+        assert_eq!(check(right), Ok(()));
+        let lengths = ContractViolation::Lengths { len: 3, simulated: 2, linearized: 2 };
+        assert_eq!(check(Nonlinear { claimed_rows: Some(3), ..right }), Err(lengths));
+        let wrong = |operator| match check(operator) {
+            Err(ContractViolation::NotTheDerivative { argument, .. }) => argument,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(wrong(Nonlinear { state_factor: Some(2.0001), ..right }), "the state");
+        let not_finite = Nonlinear { state_factor: Some(f64::NAN), ..right };
+        assert_eq!(check(not_finite), Err(ContractViolation::NotFinite { row: 0 }));
+        assert_eq!(wrong(Nonlinear { calibration_factor: Some(-3.0), ..right }), "the calibration");
+    }
+
+    /// An operator whose answers depend on how often it was asked.
+    struct Moody(std::sync::atomic::AtomicUsize);
+
+    impl ObservationOperator for Moody {
+        fn len(&self) -> usize {
+            1
+        }
+
+        fn simulate(&self, _: &State, _: &[f64]) -> Vec<f64> {
+            vec![self.0.fetch_add(1, std::sync::atomic::Ordering::Relaxed) as f64]
+        }
+
+        fn linearize(&self, _: &State, _: &[f64]) -> BlockAngular {
+            let mut empty = SparseRows::new();
+            empty.push_row([]);
+            BlockAngular { state: empty.clone(), calibration: empty }
+        }
+    }
+
+    #[test]
+    fn an_operator_with_a_memory_is_found() {
+        let x = random_state(&layout(Boundary::Channel), 4);
+        assert_eq!(check_operator(&Moody(0.into()), &x, &[], 5), Err(ContractViolation::NotAFunction));
+    }
 }

@@ -20,6 +20,9 @@ pub const HEIGHT_SIGMA_M: f64 = 30.0;
 /// one standard deviation it varies by 3.15 from its least to its greatest value along the scan, like AMSU-A's.
 pub const SCAN_BIAS_SIGMAS: [f64; 3] = [2.75, 1.4, 1.4];
 
+/// The farthest that a track may be or move \[m\]: beyond, the wrapped position would lose its digits.
+const FARTHEST_M: f64 = 1e9;
+
 /// A satellite that observes one variable in a swath.
 ///
 /// The ground track crosses the middle row of the domain, y = height/2, at `crossing_x_m` in cycle 1 and
@@ -155,8 +158,9 @@ impl SatelliteConfig {
         let footprints = (2.0 * self.half_length_m(grid) / spacing + 1.0) * positions as f64;
         let expected = format!("large enough for at most {MOST_PLATFORMS} footprints in a pass");
         require(footprints <= MOST_PLATFORMS as f64, name, "along_track_spacing_m", spacing, expected)?;
-        require(true, name, "crossing_x_m", self.crossing_x_m, "finite")?;
-        require(true, name, "shift_per_cycle_m", self.shift_per_cycle_m, "finite")?;
+        for (setting, x) in [("crossing_x_m", self.crossing_x_m), ("shift_per_cycle_m", self.shift_per_cycle_m)] {
+            require(x.abs() <= FARTHEST_M, name, setting, x, format!("from -{FARTHEST_M} to {FARTHEST_M} m"))?;
+        }
 
         let least = 0.5 * grid.dx_m.max(grid.dy_m);
         let extent = if grid.boundary == Boundary::Periodic { width.min(height) } else { width };
