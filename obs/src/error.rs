@@ -221,7 +221,8 @@ impl ObservationError {
         }
     }
 
-    /// The setting of the instrument that is concerned, under the name of the field of its configuration.
+    /// The setting of the instrument that is concerned: the path of fields in its configuration, without the numbers of
+    /// list entries (`biases.initial.sigma`).
     pub fn setting(&self) -> Option<&'static str> {
         use ObservationError::*;
         match self {

@@ -74,12 +74,17 @@ impl ObservedVariable {
         Self { name: name.to_owned(), sigma }
     }
 
-    /// Its number in the layout.
-    pub(crate) fn find(&self, layout: &Layout, instrument: &str) -> Result<usize, ObservationError> {
-        require(self.sigma > 0.0, instrument, "variables.sigma", self.sigma, "above 0")?;
+    /// Its number in the layout; `settings` are those of its name and its sigma.
+    pub(crate) fn find(
+        &self,
+        layout: &Layout,
+        instrument: &str,
+        settings: [&'static str; 2],
+    ) -> Result<usize, ObservationError> {
+        require(self.sigma > 0.0, instrument, settings[1], self.sigma, "above 0")?;
         layout.variable(&self.name).ok_or_else(|| ObservationError::UnknownName {
             instrument: instrument.to_owned(),
-            setting: "variables",
+            setting: settings[0],
             value: self.name.clone(),
             valid: list(layout.variables.iter().map(|variable| variable.name)),
         })

@@ -106,13 +106,13 @@ fn which_groups_and_biases_it_has() {
     network_error("biases.variable", "names `tracer`, which is not known; valid: `h`, `u`, `v`", |config| {
         config.biases = vec![bias("tracer", BiasScope::EachGroup)];
     });
-    network_error("biases.group", "names `d`, which is not known; valid: `a`, `b`, `c`", |config| {
+    network_error("biases.scope", "names `d`, which is not known; valid: `a`, `b`, `c`", |config| {
         config.biases = vec![bias("h", BiasScope::Group("d".to_owned()))];
     });
-    network_error("biases.station", "the identifiers of the 6 stations in the domain", |config| {
+    network_error("biases.scope", "the identifiers of the 6 stations in the domain", |config| {
         config.biases = vec![bias("h", BiasScope::Station("d".to_owned()))];
     });
-    network_error("biases.station", "this one is outside of it", |config| {
+    network_error("biases.scope", "this one is outside of it", |config| {
         config.stations = file("id,x_m,y_m\na,5,5\nfar,-5,5\n", None);
         config.biases = vec![bias("h", BiasScope::Station("far".to_owned()))];
     });
@@ -141,8 +141,8 @@ fn which_groups_and_biases_it_has() {
 
 #[test]
 fn what_a_satellite_scans() {
-    satellite_error("variables", "names `q`", |config| config.variable.name = "q".to_owned());
-    satellite_error("variables.sigma", "is 0, but must be above 0", |config| config.variable.sigma = 0.0);
+    satellite_error("variable", "names `q`", |config| config.variable.name = "q".to_owned());
+    satellite_error("variable.sigma", "is 0, but must be above 0", |config| config.variable.sigma = 0.0);
     satellite_error("schedule.offset_cycles", "below every_cycles", |config| {
         config.schedule = Schedule { every_cycles: 2, offset_cycles: 5 };
     });

@@ -186,7 +186,7 @@ fn find_variables(config: &RadiosondeConfig, layout: &Layout) -> Result<Vec<(usi
     }
     let mut variables: Vec<(usize, f64)> = Vec::with_capacity(config.variables.len());
     for observed in &config.variables {
-        let variable = observed.find(layout, &config.name)?;
+        let variable = observed.find(layout, &config.name, ["variables", "variables.sigma"])?;
         if variables.iter().any(|&(other, _)| other == variable) {
             let value = observed.name.clone();
             return Err(ObservationError::DuplicateName { instrument, setting: "variables", value });
@@ -241,7 +241,7 @@ fn add_bias(
         }
         BiasScope::Group(group) if is_reference(group) => return Err(on_reference(group, group)),
         BiasScope::Group(group) => match group_members(group) {
-            numbers if numbers.is_empty() => return Err(unknown("biases.group", group, list(&network.groups))),
+            numbers if numbers.is_empty() => return Err(unknown("biases.scope", group, list(&network.groups))),
             numbers => members.push((group, Placement::Shared, numbers)),
         },
         BiasScope::Station(station) => {
@@ -251,7 +251,7 @@ fn add_bias(
                     true => "the stations in the domain, while this one is outside of it".to_owned(),
                     false => format!("the identifiers of the {} stations in the domain", network.stations.len()),
                 };
-                return Err(unknown("biases.station", station, valid));
+                return Err(unknown("biases.scope", station, valid));
             };
             let Station { group, is_reference, .. } = &network.stations[number];
             if *is_reference {

@@ -212,7 +212,7 @@ impl Satellite {
         biases: &mut Biases,
     ) -> Result<Self, ObservationError> {
         let name = &config.name;
-        let variable = config.variable.find(layout, name)?;
+        let variable = config.variable.find(layout, name, ["variable", "variable.sigma"])?;
         config.validate(&layout.grid)?;
         let mut terms = Vec::new();
         for ScanBias { term, process } in &config.biases {
