@@ -1,15 +1,50 @@
 //! Synthetic observing systems: networks, satellites, their biases, and their observation operators.
+//!
+//! What a method sees:
+//! - [`window`]: [`ObservationWindow`], the observations of one cycle, with a [`Report`] of each
+//! - [`operator`]: [`ObservationOperator`], y = h(x, c)
+//! - [`block_angular`], [`sparse`]: its Jacobians X and G
+//! - [`calibration`]: the parameters c, and what is known of them
+//!
+//! What an experiment describes:
+//! - [`system`]: [`ObservingSystem`], all instruments together
+//! - [`instrument`]: [`InstrumentConfig`], [`Schedule`]; [`instrument::radiosonde`], [`instrument::satellite`]
+//! - [`network`], [`stations`]: where stations come from, and station files
+//! - [`bias`]: how biases truly behave, and what methods may assume
+//! - [`footprint`](mod@footprint): what a satellite averages over
+//! - [`projection`]: the plane's place on the Earth
+//! - [`error`]: [`ObservationError`], all that can be wrong with it
+//!
+//! `testing` (feature `testing`): the contract battery that any operator must pass.
 
+pub mod bias;
 pub mod block_angular;
 pub mod calibration;
+pub mod error;
+pub mod footprint;
+pub mod instrument;
+pub mod network;
 pub mod operator;
 pub mod projection;
 pub mod sparse;
+pub mod stations;
+pub mod system;
+#[cfg(any(test, feature = "testing"))]
+pub mod testing;
 pub mod window;
 
+pub use bias::{BiasProcess, Evolution, InitialBias};
 pub use block_angular::BlockAngular;
 pub use calibration::{Calibration, Parameter, Placement};
+pub use error::ObservationError;
+pub use footprint::footprint;
+pub use instrument::radiosonde::{BiasScope, RadiosondeConfig, StationBias};
+pub use instrument::satellite::{Heading, SatelliteConfig, ScanBias, ScanTerm};
+pub use instrument::{InstrumentConfig, ObservedVariable, Schedule};
+pub use network::{LeftOutStation, Station, StationSource};
 pub use operator::{LinearOperator, ObservationOperator};
 pub use projection::Projection;
 pub use sparse::SparseRows;
+pub use stations::{Position, StationRecord, Stations};
+pub use system::ObservingSystem;
 pub use window::{ObservationWindow, Report};

@@ -1,0 +1,185 @@
+//! The observing system of an experiment: all of its instruments, and their true biases as time goes by.
+
+use crate::bias::Biases;
+use crate::block_angular::BlockAngular;
+use crate::calibration::{Calibration, Parameter};
+use crate::error::ObservationError;
+use crate::instrument::radiosonde::Radiosondes;
+use crate::instrument::satellite::Satellite;
+use crate::instrument::{Instrument, InstrumentConfig, Observation};
+use crate::network::{LeftOutStation, Station};
+use crate::operator::LinearOperator;
+use crate::projection::Projection;
+use crate::sparse::SparseRows;
+use crate::window::ObservationWindow;
+use isobar_model::{Duration, Layout, State, Time};
+use std::sync::Arc;
+
+/// All instruments of an experiment, which observe the truth cycle after cycle:
+///
+/// ```text
+/// y = X x + G c + ε,   ε ~ N(0, R),   R diagonal
+/// ```
+///
+/// X interpolates the state x to the stations or averages it over footprints; G says which parameters c (biases)
+/// each observation has. Every instrument, and every parameter, has its own random stream (`observations/europe`,
+/// `missing/europe`, `stations/europe`, `bias/europe/h/Germany`), so that adding one changes none of the others.
+///
+/// ```
+/// use isobar_model::{Boundary, Duration, Grid, Layout, Location, State, Time, Variable};
+/// use isobar_obs::{InstrumentConfig, ObservingSystem, RadiosondeConfig, StationSource};
+/// use std::sync::Arc;
+///
+/// let grid = Grid { nx: 8, ny: 6, dx_m: 1e5, dy_m: 1e5, boundary: Boundary::Channel };
+/// let h = Variable { name: "h", long_name: "height", standard_name: None, unit: "m", location: Location::Center };
+/// let layout = Arc::new(Layout { grid, variables: vec![h] });
+/// let stations = StationSource::Regular { columns: 4, rows: 3, groups: vec![] };
+/// let mut network = RadiosondeConfig::new("europe", stations);
+/// network.variables.retain(|observed| observed.name == "h");
+/// let (start, window) = (Time::from_seconds(0), Duration::from_seconds(6 * 3600));
+/// let configs = [InstrumentConfig::Radiosonde(network)];
+/// let mut system = ObservingSystem::new(&layout, None, &configs, 1, window, start)?;
+/// let observed = system.observe(&State::zeros(&layout));
+/// assert_eq!((observed.cycle, observed.len()), (1, 12));
+/// # Ok::<(), isobar_obs::ObservationError>(())
+/// ```
+pub struct ObservingSystem {
+    layout: Arc<Layout>,
+    window: Duration,
+    start: Time,
+    cycle: usize,
+    instruments: Vec<Box<dyn Instrument>>,
+    biases: Biases,
+    stations: Vec<Station>,
+    left_out: Vec<LeftOutStation>,
+}
+
+impl ObservingSystem {
+    /// The instruments of `configs` over the domain of `layout`, before the first cycle. Cycle n is valid `n × window`
+    /// after `start`. Station files with latitudes and longitudes need a `projection`.
+    ///
+    /// # Errors
+    /// Whatever in the configuration cannot be: see [`ObservationError`].
+    pub fn new(
+        layout: &Arc<Layout>,
+        projection: Option<&Projection>,
+        configs: &[InstrumentConfig],
+        seed: u64,
+        window: Duration,
+        start: Time,
+    ) -> Result<Self, ObservationError> {
+        if window.seconds() < 1 {
+            return Err(ObservationError::InvalidWindow { seconds: window.seconds() });
+        }
+        let mut system = Self {
+            layout: Arc::clone(layout),
+            window,
+            start,
+            cycle: 0,
+            instruments: Vec::with_capacity(configs.len()),
+            biases: Biases::new(seed, start),
+            stations: Vec::new(),
+            left_out: Vec::new(),
+        };
+        for (index, config) in configs.iter().enumerate() {
+            let name = config.name();
+            if name.trim().is_empty() || name.contains('/') {
+                return Err(ObservationError::InvalidInstrumentName { value: name.to_owned() });
+            }
+            if configs[..index].iter().any(|other| other.name() == name) {
+                let (instrument, value) = (name.to_owned(), name.to_owned());
+                return Err(ObservationError::DuplicateName { instrument, setting: "name", value });
+            }
+            let instrument: Box<dyn Instrument> = match config {
+                InstrumentConfig::Radiosonde(config) => {
+                    let (radiosondes, network) =
+                        Radiosondes::new(config, layout, projection, seed, &mut system.biases)?;
+                    system.stations.extend(network.stations);
+                    system.left_out.extend(network.left_out);
+                    Box::new(radiosondes)
+                }
+                InstrumentConfig::Satellite(config) => {
+                    Box::new(Satellite::new(config, layout, seed, &mut system.biases)?)
+                }
+            };
+            system.instruments.push(instrument);
+        }
+        Ok(system)
+    }
+
+    /// The parameters that methods must estimate, in the order of every `c`.
+    pub fn calibration(&self) -> &Calibration {
+        self.biases.calibration()
+    }
+
+    /// The true values of [`Self::calibration`] in the present cycle, in their units.
+    pub fn true_calibration(&self) -> &[f64] {
+        self.biases.values()
+    }
+
+    /// The parameters that are known, and so not part of the calibration, with their true values in the present cycle.
+    pub fn known_biases(&self) -> impl Iterator<Item = (&Parameter, f64)> {
+        self.biases.known()
+    }
+
+    /// The stations in the domain, network after network.
+    pub fn stations(&self) -> &[Station] {
+        &self.stations
+    }
+
+    /// The stations that lie outside of the domain, or too near to its edges.
+    pub fn left_out(&self) -> &[LeftOutStation] {
+        &self.left_out
+    }
+
+    /// The present cycle: that of the last observations, 0 before the first.
+    pub fn cycle(&self) -> usize {
+        self.cycle
+    }
+
+    /// The valid time of the present cycle; the start before the first.
+    pub fn time(&self) -> Time {
+        self.start + Duration::from_seconds(self.window.seconds() * self.cycle as i64)
+    }
+
+    /// Goes on to the next cycle, lets the true biases evolve, and observes `truth`, the true state at its valid time
+    /// [`Self::time`]. The values have no known biases; `values_bias_removed` have none at all.
+    ///
+    /// # Panics
+    /// If `truth` has another layout than the observing system.
+    pub fn observe(&mut self, truth: &State) -> ObservationWindow {
+        assert_eq!(**truth.layout(), *self.layout, "the truth must have the observing system's layout");
+        self.cycle += 1;
+        self.biases.advance(self.window);
+        let mut observations: Vec<Observation> = Vec::new();
+        for instrument in &mut self.instruments {
+            instrument.observe(self.cycle, &mut observations);
+        }
+
+        let count = observations.len();
+        let mut reports = Vec::with_capacity(count);
+        let mut values_bias_removed = Vec::with_capacity(count);
+        let mut values = Vec::with_capacity(count);
+        let mut sigma = Vec::with_capacity(count);
+        let mut jacobian = BlockAngular { state: SparseRows::new(), calibration: SparseRows::new() };
+        for (number, observation) in observations.into_iter().enumerate() {
+            jacobian.state.push_row(observation.state_row);
+            jacobian.calibration.push_row(observation.calibration_row);
+            let unbiased = jacobian.state.row_dot(number, truth.values()) + observation.error;
+            values_bias_removed.push(unbiased);
+            values.push(unbiased + jacobian.calibration.row_dot(number, self.biases.values()));
+            sigma.push(observation.sigma);
+            reports.push(observation.report);
+        }
+        let operator = Box::new(LinearOperator { jacobian });
+        ObservationWindow {
+            time: self.time(),
+            cycle: self.cycle,
+            reports,
+            values,
+            values_bias_removed,
+            sigma,
+            operator,
+        }
+    }
+}
