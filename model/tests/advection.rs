@@ -16,18 +16,18 @@ fn square(n: usize, boundary: Boundary) -> Grid {
     Grid { nx: n, ny: n, dx_m: spacing, dy_m: spacing, boundary }
 }
 
-/// Root-mean-square error, relative to the amplitude, of a wave blown for 40 000 s.
+/// Root-mean-square error, relative to the amplitude, of a wave blown for 8000 s.
 fn wave_error(n: usize, kind: AdvectionScheme) -> f64 {
     let grid = square(n, Boundary::Periodic);
     let wind = Wind::Uniform { u_m_per_s: 20.0, v_m_per_s: -10.0 };
     let wave = CosineWave { mean: 3.0, amplitude: 1.0, waves_x: 1, waves_y: 2 };
     let model = stepped(Advection::new(grid.clone(), &wind, kind).unwrap(), (800 * 16 / n) as i64, TimeScheme::Rk4);
     let mut x = initial::cosine_wave(model.tendency().layout(), &wave).unwrap();
-    forecast(&model, &mut x, 50 * n / 16).unwrap();
+    forecast(&model, &mut x, 10 * n / 16).unwrap();
     // The cells hold point values: the exact solution is the wave at the points the wind came from.
     let exact: Vec<f64> = (0..n * n)
         .map(|k| {
-            let (x_m, y_m) = (grid.x_m(Location::Center, k % n) - 8e5, grid.y_m(Location::Center, k / n) + 4e5);
+            let (x_m, y_m) = (grid.x_m(Location::Center, k % n) - 1.6e5, grid.y_m(Location::Center, k / n) + 0.8e5);
             3.0 + (TAU * (x_m + 2.0 * y_m) / 1.6e6).cos()
         })
         .collect();
@@ -37,7 +37,7 @@ fn wave_error(n: usize, kind: AdvectionScheme) -> f64 {
 #[test]
 fn the_schemes_converge_with_their_order() {
     use AdvectionScheme::{FirstOrderUpwind, FourthOrderCentred, ThirdOrderUpwind};
-    for (kind, order, n) in [(FirstOrderUpwind, 1.0, 256), (ThirdOrderUpwind, 3.0, 32), (FourthOrderCentred, 4.0, 32)] {
+    for (kind, order, n) in [(FirstOrderUpwind, 1.0, 64), (ThirdOrderUpwind, 3.0, 32), (FourthOrderCentred, 4.0, 32)] {
         let measured = (wave_error(n, kind) / wave_error(2 * n, kind)).log2();
         assert!((measured - order).abs() < 0.15, "{kind:?}: order {measured:.3}");
     }

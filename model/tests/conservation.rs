@@ -47,8 +47,9 @@ fn mass_is_conserved_to_rounding_with_and_without_damping() {
 /// The drift of Runge–Kutta schemes falls at least with their order in Δt.
 fn assert_drift_is_of_the_scheme(tendency: &ShallowWater, start: &State, invariant: fn(&ShallowWater, &State) -> f64) {
     for scheme in SCHEMES {
-        let drifts = [400, 200, 100].map(|step_s| drift(tendency, start, scheme, step_s, invariant).abs());
-        for pair in drifts.windows(2) {
+        let drifts = [200, 100, 50].map(|step_s| drift(tendency, start, scheme, step_s, invariant).abs());
+        // Below that it is rounding.
+        for pair in drifts.windows(2).filter(|pair| pair[1] > 1e-12 || pair[0] > 1e-11) {
             let order = (pair[0] / pair[1]).log2();
             assert!(order > f64::from(scheme.order()) - 0.2, "{scheme:?}: order {order:.2} of {drifts:?}");
         }
@@ -168,7 +169,7 @@ fn a_linear_model_keeps_its_basic_state_exactly() {
 fn damping_takes_energy_away() {
     let free = shallow_water(16, 14, Boundary::Periodic, VectorInvariant::Energy);
     let start = turbulence(&free);
-    for damping in [(1e-5, 0.0), (0.0, 5e14)] {
+    for damping in [(1e-5, 0.0), (0.0, 5e15)] {
         let parameters =
             ShallowWaterParameters { drag_per_s: damping.0, hyperdiffusion_m4_per_s: damping.1, ..*free.parameters() };
         let damped =

@@ -86,7 +86,7 @@ fn the_limit_of_hyperdiffusion_is_sharp() {
 }
 
 #[test]
-fn advection_is_stable_below_its_limit_and_not_at_twice_it() {
+fn advection_is_stable_below_its_limit_and_not_far_above_it() {
     use AdvectionScheme::{FirstOrderUpwind, FourthOrderCentred, ThirdOrderUpwind};
     for scheme in SCHEMES {
         for kind in [FirstOrderUpwind, ThirdOrderUpwind, FourthOrderCentred] {
@@ -95,7 +95,9 @@ fn advection_is_stable_below_its_limit_and_not_at_twice_it() {
             let tendency = Advection::new(grid, &wind, kind).unwrap();
             let hill = GaussianHill { center_x_m: 8e5, center_y_m: 5e5, amplitude: 0.0, radius_m: 2e5 };
             let around = initial::gaussian_hills(tendency.layout(), 1.0, &[hill]).unwrap();
-            assert_limit(&tendency, &around, scheme, 2.0);
+            // With damping the limit is that of the triangle within the stability region: safe, not sharp.
+            let above = if kind == FourthOrderCentred { 1.1 } else { 2.5 };
+            assert_limit(&tendency, &around, scheme, above);
         }
     }
 }
