@@ -1,0 +1,318 @@
+//! Time schemes, once for all models: a [`Tendency`] dx/dt = f(x) and a [`TimeScheme`] make a [`Stepped`] model with
+//! its exact tangent-linear and adjoint.
+//!
+//! An explicit Runge–Kutta scheme with coefficients a, b (Butcher 1963) is
+//!
+//! ```text
+//! x_s = x + Δt Σ_{r<s} a_sr k_r,   k_s = f(x_s),   x(t + Δt) = x + Δt Σ b_s k_s;
+//! ```
+//!
+//! its derivative, with F_s = f'(x_s), is the same scheme applied to the increment,
+//!
+//! ```text
+//! δk_s = F_s (δx + Δt Σ_{r<s} a_sr δk_r),   δx(t + Δt) = δx + Δt Σ b_s δk_s,
+//! ```
+//!
+//! and its transpose runs the stages backwards,
+//!
+//! ```text
+//! k*_s = Δt b_s y* + Δt Σ_{r>s} a_rs g_r,   g_s = F_sᵀ k*_s,   x* = y* + Σ g_s.
+//! ```
+
+use crate::error::ModelError;
+use crate::forecast::{Adjoint, Model, TangentLinear};
+use crate::state::{Layout, State};
+use crate::time::Duration;
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// An autonomous right-hand side dx/dt = f(x), with the derivative f'(x) and its transpose.
+///
+/// All states and increments are slices `[variable, y, x]` of the layout's length. `scratch` has
+/// [`Tendency::scratch_len`] values, all zero when it is first used, and serves one tendency only.
+pub trait Tendency: Send + Sync {
+    /// What f'(x) needs to know of x: coefficient fields, computed once and shared by all increments.
+    type Linearisation: Send + Sync;
+
+    /// Grid and variables.
+    fn layout(&self) -> &Arc<Layout>;
+
+    /// Number of values of scratch space the other functions need.
+    fn scratch_len(&self) -> usize;
+
+    /// Sets to zero the values that must be zero (the flow through a wall): a projection on coordinates, applied
+    /// to a state or an increment at the beginning of each step.
+    fn constrain(&self, _x: &mut [f64]) {}
+
+    /// `out` = f(x), in the variables' units per second.
+    fn tendency(&self, x: &[f64], out: &mut [f64], scratch: &mut [f64]);
+
+    /// The coefficients of f' at a state.
+    fn linearise(&self, at: &[f64]) -> Self::Linearisation;
+
+    /// `out` = f'(at) dx.
+    fn tendency_tl(&self, at: &Self::Linearisation, dx: &[f64], out: &mut [f64], scratch: &mut [f64]);
+
+    /// `out_add` += f'(at)ᵀ dy.
+    fn tendency_ad(&self, at: &Self::Linearisation, dy: &[f64], out_add: &mut [f64], scratch: &mut [f64]);
+
+    /// Bounds of the eigenvalues of f'(x).
+    fn spectral_bounds(&self, x: &[f64]) -> SpectralBounds;
+}
+
+/// Where the eigenvalues λ of a linearised tendency lie: |Im λ| ≤ oscillation, −damping ≤ Re λ ≤ 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpectralBounds {
+    /// The highest frequency \[s⁻¹\].
+    pub oscillation_per_s: f64,
+    /// The highest damping rate \[s⁻¹\].
+    pub damping_per_s: f64,
+}
+
+/// How a tendency is integrated in time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TimeScheme {
+    /// The classical Runge–Kutta scheme of fourth order (Kutta 1901).
+    Rk4,
+    /// The strong-stability-preserving Runge–Kutta scheme of third order (Shu & Osher 1988).
+    SspRk3,
+}
+
+/// A model: a tendency, a time scheme and a time step.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stepped<T> {
+    tendency: T,
+    time_step: Duration,
+    scheme: TimeScheme,
+}
+
+/// Fails if the model's time step is beyond the stability limit at `x`.
+///
+/// # Errors
+/// [`ModelError::TimeStepTooLong`] with the largest stable time step.
+pub fn check_time_step(model: &dyn Model, x: &State) -> Result<(), ModelError> {
+    let largest_s = model.largest_time_step_s(x);
+    if model.time_step().as_f64() <= largest_s {
+        Ok(())
+    } else {
+        Err(ModelError::TimeStepTooLong { time_step_s: model.time_step().seconds(), largest_s })
+    }
+}
+
+impl TimeScheme {
+    /// Order of accuracy.
+    pub fn order(self) -> u32 {
+        match self {
+            TimeScheme::Rk4 => 4,
+            TimeScheme::SspRk3 => 3,
+        }
+    }
+
+    /// The largest Δt \[s\] for which Δt λ is in the stability region for all λ within the bounds; infinite if there
+    /// is neither oscillation nor damping.
+    ///
+    /// The region is replaced by the triangle between its ends on the two axes (2√2 i and −2.785 for fourth order,
+    /// √3 i and −2.512 for third), which lies inside of it: ω Δt / ω_max + σ Δt / σ_max ≤ 1.
+    pub fn largest_time_step_s(self, bounds: SpectralBounds) -> f64 {
+        let (imaginary, real) = self.stability_limits();
+        1.0 / (bounds.oscillation_per_s / imaginary + bounds.damping_per_s / real)
+    }
+
+    /// Ends of the stability region on the imaginary and the negative real axis, rounded down.
+    fn stability_limits(self) -> (f64, f64) {
+        match self {
+            TimeScheme::Rk4 => (2.828_427, 2.785_293),
+            TimeScheme::SspRk3 => (1.732_050, 2.512_745),
+        }
+    }
+
+    /// Rows of a (below the diagonal), and b.
+    fn coefficients(self) -> (&'static [&'static [f64]], &'static [f64]) {
+        match self {
+            TimeScheme::Rk4 => {
+                (&[&[], &[0.5], &[0.0, 0.5], &[0.0, 0.0, 1.0]], &[1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0])
+            }
+            TimeScheme::SspRk3 => (&[&[], &[1.0], &[0.25, 0.25]], &[1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0]),
+        }
+    }
+}
+
+impl<T: Tendency> Stepped<T> {
+    /// A model of this tendency.
+    ///
+    /// # Errors
+    /// If the time step is not positive. Whether it is stable depends on the state: [`check_time_step`].
+    pub fn new(tendency: T, time_step: Duration, scheme: TimeScheme) -> Result<Self, ModelError> {
+        crate::error::require_positive("time_step_s", time_step.as_f64())?;
+        Ok(Self { tendency, time_step, scheme })
+    }
+
+    /// The right-hand side.
+    pub fn tendency(&self) -> &T {
+        &self.tendency
+    }
+
+    /// The time scheme.
+    pub fn scheme(&self) -> TimeScheme {
+        self.scheme
+    }
+
+    /// One step of the scheme from `x`, with `evaluate(stage, stage state, k, scratch)` for the tendency.
+    #[inline(always)]
+    fn advance(&self, x: &mut [f64], work: &mut Work, mut evaluate: impl FnMut(usize, &[f64], &mut [f64], &mut [f64])) {
+        let (a, b) = self.scheme.coefficients();
+        let dt = self.time_step.as_f64();
+        self.tendency.constrain(x);
+        for (stage, row) in a.iter().enumerate() {
+            let (done, rest) = work.slopes.split_at_mut(stage);
+            work.stage.copy_from_slice(x);
+            for (&weight, k) in row.iter().zip(done) {
+                add_scaled(&mut work.stage, dt * weight, k);
+            }
+            evaluate(stage, &work.stage, &mut rest[0], &mut work.scratch);
+        }
+        for (&weight, k) in b.iter().zip(&work.slopes) {
+            add_scaled(x, dt * weight, k);
+        }
+    }
+
+    /// The tendency linearised at each stage of the step from `at`.
+    fn linearise_stages(&self, at: &State) -> Vec<T::Linearisation> {
+        self.check_layout(at);
+        let mut x = at.values().to_vec();
+        let mut linearisations = Vec::with_capacity(4);
+        self.advance(&mut x, &mut self.work(), |_, x, k, scratch| {
+            linearisations.push(self.tendency.linearise(x));
+            self.tendency.tendency(x, k, scratch);
+        });
+        linearisations
+    }
+
+    /// Applies `process` to each column; which thread does which has no influence on the result.
+    fn for_each_column(&self, columns: &mut [f64], process: impl Fn(&mut [f64], &mut Work) + Sync) {
+        let len = self.layout().len();
+        assert_eq!(columns.len() % len, 0, "columns must be whole increments of {len} values");
+        let least = (columns.len() / len).div_ceil(8 * rayon::current_num_threads());
+        columns
+            .par_chunks_exact_mut(len)
+            .with_min_len(least.max(1))
+            .for_each_init(|| self.work(), |work, column| process(column, work));
+    }
+
+    fn work(&self) -> Work {
+        let len = self.layout().len();
+        let stages = self.scheme.coefficients().1.len();
+        Work {
+            stage: vec![0.0; len],
+            slopes: vec![vec![0.0; len]; stages],
+            scratch: vec![0.0; self.tendency.scratch_len()],
+        }
+    }
+
+    fn check_layout(&self, x: &State) {
+        assert_eq!(x.values().len(), self.layout().len(), "the state is not of this model's layout");
+    }
+}
+
+impl<T: Tendency> Model for Stepped<T> {
+    fn layout(&self) -> &Arc<Layout> {
+        self.tendency.layout()
+    }
+
+    fn time_step(&self) -> Duration {
+        self.time_step
+    }
+
+    fn largest_time_step_s(&self, x: &State) -> f64 {
+        self.scheme.largest_time_step_s(self.tendency.spectral_bounds(x.values()))
+    }
+
+    fn step(&self, x: &mut State) {
+        self.check_layout(x);
+        self.advance(x.values_mut(), &mut self.work(), |_, x, k, scratch| self.tendency.tendency(x, k, scratch));
+    }
+}
+
+impl<T: Tendency> TangentLinear for Stepped<T> {
+    fn step_tl(&self, at: &State, columns: &mut [f64]) {
+        let linearisations = self.linearise_stages(at);
+        self.for_each_column(columns, |column, work| {
+            self.advance(column, work, |stage, dx, k, scratch| {
+                self.tendency.tendency_tl(&linearisations[stage], dx, k, scratch);
+            });
+        });
+    }
+}
+
+impl<T: Tendency> Adjoint for Stepped<T> {
+    fn step_ad(&self, at: &State, columns: &mut [f64]) {
+        let linearisations = self.linearise_stages(at);
+        let (a, b) = self.scheme.coefficients();
+        let dt = self.time_step.as_f64();
+        self.for_each_column(columns, |column, work| {
+            let Work { stage: gradient, slopes, scratch } = work;
+            for (&weight, k) in b.iter().zip(slopes.iter_mut()) {
+                k.iter_mut().zip(column.iter()).for_each(|(k, y)| *k = dt * weight * y);
+            }
+            for (stage, row) in a.iter().enumerate().rev() {
+                gradient.fill(0.0);
+                self.tendency.tendency_ad(&linearisations[stage], &slopes[stage], gradient, scratch);
+                add_scaled(column, 1.0, gradient);
+                for (&weight, k) in row.iter().zip(slopes.iter_mut()) {
+                    add_scaled(k, dt * weight, gradient);
+                }
+            }
+            self.tendency.constrain(column);
+        });
+    }
+}
+
+/// Scratch space of one worker: stage increment, the slopes k of all stages, and the tendency's own.
+struct Work {
+    stage: Vec<f64>,
+    slopes: Vec<Vec<f64>>,
+    scratch: Vec<f64>,
+}
+
+/// y += factor x; nothing at all for a factor of zero.
+#[inline(always)]
+fn add_scaled(y: &mut [f64], factor: f64, x: &[f64]) {
+    if factor != 0.0 {
+        for (y, x) in y.iter_mut().zip(x) {
+            *y += factor * x;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// |1 + z + z²/2 + … + zⁿ/n!|: both schemes have the exponential's Taylor polynomial for amplification factor.
+    fn amplification(scheme: TimeScheme, re: f64, im: f64) -> f64 {
+        let (mut sum, mut term) = ((1.0, 0.0), (1.0, 0.0));
+        for power in 1..=scheme.order() {
+            let n = f64::from(power);
+            term = ((term.0 * re - term.1 * im) / n, (term.0 * im + term.1 * re) / n);
+            sum = (sum.0 + term.0, sum.1 + term.1);
+        }
+        sum.0.hypot(sum.1)
+    }
+
+    #[test]
+    fn the_triangle_lies_in_the_stability_region_and_touches_it_at_its_corners() {
+        for scheme in [TimeScheme::Rk4, TimeScheme::SspRk3] {
+            for step in 0..=1000 {
+                let part = f64::from(step) / 1000.0;
+                let (imaginary, real) = scheme.stability_limits();
+                for size in [0.1, 0.5, 0.9, 1.0] {
+                    let factor = amplification(scheme, -real * part * size, imaginary * (1.0 - part) * size);
+                    assert!(factor <= 1.0 + 1e-12, "{scheme:?} {part} {size}: {factor}");
+                }
+            }
+            let (imaginary, real) = scheme.stability_limits();
+            assert!(amplification(scheme, 0.0, imaginary + 1e-5) > 1.0);
+            assert!(amplification(scheme, -real - 1e-5, 0.0) > 1.0);
+        }
+    }
+}

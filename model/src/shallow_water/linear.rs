@@ -1,0 +1,132 @@
+//! Shallow water linearised about a steady zonal basic state.
+
+use super::{Coefficients, ShallowWater};
+use crate::error::{ModelError, require_finite, require_positive};
+use crate::scheme::{SpectralBounds, Tendency};
+use crate::state::{Layout, State};
+use std::sync::Arc;
+
+/// dx/dt = N'(x̄)(x − x̄): the [`ShallowWater`] tendency N linearised about a steady zonal flow x̄.
+///
+/// There is one implementation of N'(x̄), the tangent-linear of the nonlinear model, with coefficients computed once.
+/// The forecast of a total state x then differs from that of its increment by x̄, which stays as it is; drag and
+/// hyperdiffusion act on the increment alone.
+///
+/// For [`LinearShallowWater::about_uniform_flow`] the mean depth is uniform although the mean flow would need a
+/// slope −f ū/g of the surface: that slope is the bottom's, as usual (the textbook equations with constant
+/// coefficients). [`LinearShallowWater::about_steady_flow`] takes a flow that N itself keeps steady.
+#[derive(Clone, Debug)]
+pub struct LinearShallowWater {
+    nonlinear: ShallowWater,
+    basic_state: State,
+    coefficients: Coefficients,
+    bounds: SpectralBounds,
+}
+
+impl LinearShallowWater {
+    /// Linearised about h = mean depth, u = mean flow, v = 0.
+    ///
+    /// # Errors
+    /// If the mean depth is not positive or the mean flow not finite.
+    pub fn about_uniform_flow(
+        nonlinear: ShallowWater,
+        mean_depth_m: f64,
+        mean_flow_m_per_s: f64,
+    ) -> Result<Self, ModelError> {
+        require_positive("mean_depth_m", mean_depth_m)?;
+        require_finite("mean_flow_m_per_s", mean_flow_m_per_s)?;
+        let cells = nonlinear.layout.grid.cells();
+        let mut values = vec![mean_depth_m; cells];
+        values.resize(2 * cells, mean_flow_m_per_s);
+        values.resize(3 * cells, 0.0);
+        let basic_state = State::from_values(&nonlinear.layout, values);
+        Ok(Self::about(nonlinear, basic_state))
+    }
+
+    /// Linearised about a zonal flow in balance, such as [`crate::initial::geostrophic_jet`] without perturbation.
+    ///
+    /// # Errors
+    /// [`ModelError::NotSteady`] if the flow without drag and hyperdiffusion changes by more than 10⁻¹⁰ of the
+    /// budget's largest term; [`ModelError::Thickness`] if the thickness is somewhere not positive.
+    pub fn about_steady_flow(nonlinear: ShallowWater, basic_state: State) -> Result<Self, ModelError> {
+        let layout = Arc::clone(&nonlinear.layout);
+        let (grid, cells) = (&layout.grid, layout.grid.cells());
+        assert_eq!(basic_state.values().len(), layout.len(), "the basic state is not of this model's layout");
+        if let Some(index) = basic_state.values()[..cells].iter().position(|&h| !(h.is_finite() && h > 0.0)) {
+            let (_, row, column) = layout.place(index);
+            return Err(ModelError::Thickness { row, column, thickness_m: basic_state.values()[index] });
+        }
+        let mut inviscid = nonlinear.clone();
+        inviscid.parameters.drag_per_s = 0.0;
+        inviscid.parameters.hyperdiffusion_m4_per_s = 0.0;
+        let mut tendency = vec![0.0; layout.len()];
+        inviscid.tendency(basic_state.values(), &mut tendency, &mut vec![0.0; inviscid.scratch_len()]);
+        let [h, u, v] = nonlinear.fields(basic_state.values());
+        let (depth, wind) = (super::largest(h), super::largest(u) + super::largest(v));
+        let spacing = grid.dx_m.min(grid.dy_m);
+        let pressure = nonlinear.parameters.gravity_m_per_s2 * depth / spacing;
+        let tolerance = 1e-10;
+        for (index, &change) in tendency.iter().enumerate() {
+            let scale = if index < cells { depth * wind / spacing } else { pressure };
+            if change.is_nan() || change.abs() > tolerance * scale {
+                return Err(ModelError::NotSteady { place: layout.describe(index), tendency: change, tolerance });
+            }
+        }
+        Ok(Self::about(nonlinear, basic_state))
+    }
+
+    /// The model that is linearised.
+    pub fn nonlinear(&self) -> &ShallowWater {
+        &self.nonlinear
+    }
+
+    /// The basic state x̄.
+    pub fn basic_state(&self) -> &State {
+        &self.basic_state
+    }
+
+    fn about(nonlinear: ShallowWater, basic_state: State) -> Self {
+        let coefficients = Coefficients::new(&nonlinear, basic_state.values());
+        let bounds = nonlinear.spectral_bounds(basic_state.values());
+        Self { nonlinear, basic_state, coefficients, bounds }
+    }
+}
+
+impl Tendency for LinearShallowWater {
+    type Linearisation = ();
+
+    fn layout(&self) -> &Arc<Layout> {
+        &self.nonlinear.layout
+    }
+
+    fn scratch_len(&self) -> usize {
+        self.nonlinear.scratch_len() + self.nonlinear.layout.len()
+    }
+
+    fn constrain(&self, x: &mut [f64]) {
+        self.nonlinear.constrain(x);
+    }
+
+    fn tendency(&self, x: &[f64], out: &mut [f64], scratch: &mut [f64]) {
+        let (scratch, increment) = scratch.split_at_mut(self.nonlinear.scratch_len());
+        for ((increment, x), basic) in increment.iter_mut().zip(x).zip(self.basic_state.values()) {
+            *increment = x - basic;
+        }
+        self.nonlinear.tendency_tl(&self.coefficients, increment, out, scratch);
+    }
+
+    fn linearise(&self, _at: &[f64]) {}
+
+    fn tendency_tl(&self, (): &(), dx: &[f64], out: &mut [f64], scratch: &mut [f64]) {
+        self.nonlinear.tendency_tl(&self.coefficients, dx, out, scratch);
+    }
+
+    fn tendency_ad(&self, (): &(), dy: &[f64], out_add: &mut [f64], scratch: &mut [f64]) {
+        self.nonlinear.tendency_ad(&self.coefficients, dy, out_add, scratch);
+    }
+
+    /// Those of the nonlinear model at x̄, whatever x.
+    fn spectral_bounds(&self, _x: &[f64]) -> SpectralBounds {
+        self.bounds
+    }
+}

@@ -1,0 +1,232 @@
+//! The tangent-linear tendency N'(x̄) δx: [`super::tendency`] differentiated line by line.
+//!
+//! ```text
+//! δU = h̄ˣ δu + u mean_x(δh)                       δq = δζ / h̄ˣʸ − (q / h̄ˣʸ) mean_xy(δh)
+//! δV = h̄ʸ δv + v mean_y(δh)                       δB = g δh + mean_x(u δu) + mean_y(v δv)
+//! δ(∂u/∂t) =   mean_y(δq) V̄ˣʸ + q̄ʸ mean_xy(δV)  − δx δB/dx        (potential-enstrophy form)
+//! δ(∂v/∂t) = −[mean_x(δq) Ūˣʸ + q̄ˣ mean_xy(δU)] − δy δB/dy
+//! δ(∂u/∂t) =   mean_y(δq V̄ˣ + q mean_x(δV))       − δx δB/dx        (energy form)
+//! δ(∂v/∂t) = −mean_x(δq Ūʸ + q mean_y(δU))        − δy δB/dy
+//! ```
+//!
+//! The fields of x̄ in these lines are the [`Coefficients`].
+
+use super::tendency::{Diagnostics, add_damping, diagnose, load_all, minus_divergence, minus_gradient, zeros};
+use super::{ShallowWater, VectorInvariant, padded_fields};
+use crate::grid::Location;
+
+/// The coefficient fields of N'(x̄), padded, with the means' factors ½ and ¼ in them.
+#[derive(Clone, Debug)]
+pub struct Coefficients {
+    /// h̄ˣ at x-faces.
+    pub(super) thickness_x: Vec<f64>,
+    /// h̄ʸ at y-faces.
+    pub(super) thickness_y: Vec<f64>,
+    /// u/2 at x-faces.
+    pub(super) half_u: Vec<f64>,
+    /// v/2 at y-faces.
+    pub(super) half_v: Vec<f64>,
+    /// 1 / h̄ˣʸ at corners.
+    pub(super) per_thickness: Vec<f64>,
+    /// q / (4 h̄ˣʸ) at corners.
+    pub(super) quarter_q_per_thickness: Vec<f64>,
+    /// What multiplies the vorticity term's increments.
+    pub(super) vorticity_term: VorticityTerm,
+}
+
+/// Coefficients of the vorticity term, padded.
+#[derive(Clone, Debug)]
+pub(super) enum VorticityTerm {
+    /// V̄ˣʸ/2 and q̄ʸ/4 at x-faces, Ūˣʸ/2 and q̄ˣ/4 at y-faces.
+    PotentialEnstrophy { flux_y: Vec<f64>, q_x: Vec<f64>, flux_x: Vec<f64>, q_y: Vec<f64> },
+    /// V̄ˣ/2, Ūʸ/2 and q/4, all at corners.
+    Energy { flux_y: Vec<f64>, flux_x: Vec<f64>, q: Vec<f64> },
+}
+
+impl Coefficients {
+    /// The coefficients at a state `[variable, y, x]`.
+    pub(super) fn new(model: &ShallowWater, at: &[f64]) -> Self {
+        let halo = &model.halo;
+        let n = halo.core_len();
+        let [mut h, mut u, mut v, mut mass_flux_x, mut mass_flux_y, mut q, mut bernoulli] = zeros(halo);
+        load_all(model, at, [&mut h, &mut u, &mut v]);
+        diagnose(
+            model,
+            &h,
+            &u,
+            &v,
+            &mut Diagnostics {
+                mass_flux_x: &mut mass_flux_x,
+                mass_flux_y: &mut mass_flux_y,
+                potential_vorticity: &mut q,
+                bernoulli: &mut bernoulli,
+            },
+        );
+        let build = |value: &dyn Fn(usize) -> f64| {
+            let mut field = halo.zeros();
+            halo.core_mut(&mut field).iter_mut().enumerate().for_each(|(k, out)| *out = value(k));
+            field
+        };
+        let (h0, h_w, h_s, h_sw) =
+            (halo.core(&h), halo.shift(&h, 0, -1), halo.shift(&h, -1, 0), halo.shift(&h, -1, -1));
+        let (u0, v0, q0) = (halo.core(&u), halo.core(&v), halo.core(&q));
+        let (q_n, q_e) = (halo.shift(&q, 1, 0), halo.shift(&q, 0, 1));
+        let flux_x = |rows, columns| halo.shift(&mass_flux_x, rows, columns);
+        let flux_y = |rows, columns| halo.shift(&mass_flux_y, rows, columns);
+        let thickness_sum = |k: usize| h0[k] + h_w[k] + h_s[k] + h_sw[k];
+        debug_assert_eq!(q0.len(), n);
+        let vorticity_term = match model.form {
+            VectorInvariant::PotentialEnstrophy => VorticityTerm::PotentialEnstrophy {
+                flux_y: build(&|k| 0.125 * (flux_y(0, 0)[k] + flux_y(0, -1)[k] + flux_y(1, 0)[k] + flux_y(1, -1)[k])),
+                q_x: build(&|k| 0.125 * (q0[k] + q_n[k])),
+                flux_x: build(&|k| 0.125 * (flux_x(0, 0)[k] + flux_x(0, 1)[k] + flux_x(-1, 0)[k] + flux_x(-1, 1)[k])),
+                q_y: build(&|k| 0.125 * (q0[k] + q_e[k])),
+            },
+            VectorInvariant::Energy => VorticityTerm::Energy {
+                flux_y: build(&|k| 0.25 * (flux_y(0, 0)[k] + flux_y(0, -1)[k])),
+                flux_x: build(&|k| 0.25 * (flux_x(0, 0)[k] + flux_x(-1, 0)[k])),
+                q: build(&|k| 0.25 * q0[k]),
+            },
+        };
+        Self {
+            thickness_x: build(&|k| 0.5 * (h0[k] + h_w[k])),
+            thickness_y: build(&|k| 0.5 * (h0[k] + h_s[k])),
+            half_u: build(&|k| 0.5 * u0[k]),
+            half_v: build(&|k| 0.5 * v0[k]),
+            per_thickness: build(&|k| 4.0 / thickness_sum(k)),
+            quarter_q_per_thickness: build(&|k| q0[k] / thickness_sum(k)),
+            vorticity_term,
+        }
+    }
+}
+
+/// `out` = N'(x̄) dx.
+#[inline(always)]
+pub(super) fn tendency_tl(model: &ShallowWater, at: &Coefficients, dx: &[f64], out: &mut [f64], scratch: &mut [f64]) {
+    let halo = &model.halo;
+    let [h, u, v, flux_x, flux_y, q, bernoulli] = padded_fields(halo, scratch);
+    load_all(model, dx, [&mut *h, &mut *u, &mut *v]);
+    mass_fluxes(model, at, h, u, v, flux_x, flux_y);
+    potential_vorticity(model, at, h, u, v, q);
+    bernoulli_function(model, at, h, u, v, bernoulli);
+    let cells = model.layout.grid.cells();
+    let (out_h, winds) = out.split_at_mut(cells);
+    let (out_u, out_v) = winds.split_at_mut(cells);
+    minus_divergence(model, flux_x, flux_y, out_h);
+    minus_gradient(model, bernoulli, out_u, out_v);
+    add_vorticity_term(model, &at.vorticity_term, flux_x, flux_y, q, out_u, out_v);
+    add_damping(model, dx, out, scratch);
+}
+
+/// δU and δV.
+#[inline(always)]
+fn mass_fluxes(
+    model: &ShallowWater,
+    at: &Coefficients,
+    h: &[f64],
+    u: &[f64],
+    v: &[f64],
+    flux_x: &mut [f64],
+    flux_y: &mut [f64],
+) {
+    let halo = &model.halo;
+    let n = halo.core_len();
+    let (h0, h_w, h_s) = (halo.core(h), halo.shift(h, 0, -1), halo.shift(h, -1, 0));
+    let (u0, thickness, half_u) = (halo.core(u), halo.core(&at.thickness_x), halo.core(&at.half_u));
+    let out = halo.core_mut(flux_x);
+    for k in 0..n {
+        out[k] = thickness[k] * u0[k] + half_u[k] * (h0[k] + h_w[k]);
+    }
+    let (v0, thickness, half_v) = (halo.core(v), halo.core(&at.thickness_y), halo.core(&at.half_v));
+    let out = halo.core_mut(flux_y);
+    for k in 0..n {
+        out[k] = thickness[k] * v0[k] + half_v[k] * (h0[k] + h_s[k]);
+    }
+}
+
+/// δq.
+#[inline(always)]
+fn potential_vorticity(model: &ShallowWater, at: &Coefficients, h: &[f64], u: &[f64], v: &[f64], q: &mut [f64]) {
+    let halo = &model.halo;
+    let (per_dx, per_dy) = (1.0 / model.layout.grid.dx_m, 1.0 / model.layout.grid.dy_m);
+    let (h0, h_w, h_s, h_sw) = (halo.core(h), halo.shift(h, 0, -1), halo.shift(h, -1, 0), halo.shift(h, -1, -1));
+    let (u0, u_s, v0, v_w) = (halo.core(u), halo.shift(u, -1, 0), halo.core(v), halo.shift(v, 0, -1));
+    let (per_thickness, quarter_q) = (halo.core(&at.per_thickness), halo.core(&at.quarter_q_per_thickness));
+    let out = halo.core_mut(q);
+    for k in 0..halo.core_len() {
+        let vorticity = (v0[k] - v_w[k]) * per_dx - (u0[k] - u_s[k]) * per_dy;
+        out[k] = vorticity * per_thickness[k] - quarter_q[k] * (h0[k] + h_w[k] + h_s[k] + h_sw[k]);
+    }
+}
+
+/// δB.
+#[inline(always)]
+fn bernoulli_function(model: &ShallowWater, at: &Coefficients, h: &[f64], u: &[f64], v: &[f64], bernoulli: &mut [f64]) {
+    let halo = &model.halo;
+    let gravity = model.parameters.gravity_m_per_s2;
+    let (h0, u0, u_e, v0, v_n) = (halo.core(h), halo.core(u), halo.shift(u, 0, 1), halo.core(v), halo.shift(v, 1, 0));
+    let (half_u, half_u_e) = (halo.core(&at.half_u), halo.shift(&at.half_u, 0, 1));
+    let (half_v, half_v_n) = (halo.core(&at.half_v), halo.shift(&at.half_v, 1, 0));
+    let out = halo.core_mut(bernoulli);
+    for k in 0..halo.core_len() {
+        out[k] =
+            gravity * h0[k] + (half_u[k] * u0[k] + half_u_e[k] * u_e[k]) + (half_v[k] * v0[k] + half_v_n[k] * v_n[k]);
+    }
+}
+
+/// Adds the vorticity term's increment.
+#[inline(always)]
+fn add_vorticity_term(
+    model: &ShallowWater,
+    at: &VorticityTerm,
+    flux_x: &[f64],
+    flux_y: &[f64],
+    q: &[f64],
+    out_u: &mut [f64],
+    out_v: &mut [f64],
+) {
+    let (halo, nx) = (&model.halo, model.layout.grid.nx);
+    let first_row = halo.first_row(Location::YFace);
+    for (j, out) in out_u.chunks_exact_mut(nx).enumerate() {
+        let row = |field, rows, columns| halo.row(field, j, rows, columns);
+        let (q0, q_n) = (row(q, 0, 0), row(q, 1, 0));
+        let (v, v_w, v_n, v_nw) = (row(flux_y, 0, 0), row(flux_y, 0, -1), row(flux_y, 1, 0), row(flux_y, 1, -1));
+        match at {
+            VorticityTerm::PotentialEnstrophy { flux_y, q_x, .. } => {
+                let (mean_flux, mean_q) = (row(flux_y, 0, 0), row(q_x, 0, 0));
+                for i in 0..nx {
+                    out[i] += mean_flux[i] * (q0[i] + q_n[i]) + mean_q[i] * (v[i] + v_w[i] + v_n[i] + v_nw[i]);
+                }
+            }
+            VorticityTerm::Energy { flux_y, q, .. } => {
+                let (mean_flux, mean_flux_n) = (row(flux_y, 0, 0), row(flux_y, 1, 0));
+                let (quarter_q, quarter_q_n) = (row(q, 0, 0), row(q, 1, 0));
+                for i in 0..nx {
+                    out[i] += (mean_flux[i] * q0[i] + mean_flux_n[i] * q_n[i])
+                        + (quarter_q[i] * (v[i] + v_w[i]) + quarter_q_n[i] * (v_n[i] + v_nw[i]));
+                }
+            }
+        }
+    }
+    for (j, out) in out_v.chunks_exact_mut(nx).enumerate().skip(first_row) {
+        let row = |field, rows, columns| halo.row(field, j, rows, columns);
+        let (q0, q_e) = (row(q, 0, 0), row(q, 0, 1));
+        let (u, u_e, u_s, u_se) = (row(flux_x, 0, 0), row(flux_x, 0, 1), row(flux_x, -1, 0), row(flux_x, -1, 1));
+        match at {
+            VorticityTerm::PotentialEnstrophy { flux_x, q_y, .. } => {
+                let (mean_flux, mean_q) = (row(flux_x, 0, 0), row(q_y, 0, 0));
+                for i in 0..nx {
+                    out[i] -= mean_flux[i] * (q0[i] + q_e[i]) + mean_q[i] * (u[i] + u_e[i] + u_s[i] + u_se[i]);
+                }
+            }
+            VorticityTerm::Energy { flux_x, q, .. } => {
+                let (mean_flux, mean_flux_e) = (row(flux_x, 0, 0), row(flux_x, 0, 1));
+                let (quarter_q, quarter_q_e) = (row(q, 0, 0), row(q, 0, 1));
+                for i in 0..nx {
+                    out[i] -= (mean_flux[i] * q0[i] + mean_flux_e[i] * q_e[i])
+                        + (quarter_q[i] * (u[i] + u_s[i]) + quarter_q_e[i] * (u_e[i] + u_se[i]));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! The contract every model must pass (feature `testing`): [`check_contract`].
+
+use crate::forecast::Adjoint;
+use crate::random::{standard_normals, stream};
+use crate::state::State;
+
+/// What [`check_contract`] measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Contract {
+    /// Decades of ε over which the Taylor remainder fell with slope 2 ± 0.05; `None` for a linear model, whose
+    /// remainder is rounding.
+    pub taylor_decades: Option<usize>,
+    /// |⟨M'δx, M'δx⟩ − ⟨δx, M'ᵀM'δx⟩| relative to either.
+    pub dot_product_error: f64,
+}
+
+/// Runs the battery at a state: zero, linearity, Taylor ladder, dot product, batches, threads.
+///
+/// * Zero: M'0 = 0 and M'ᵀ0 = 0.
+/// * Linearity: M'(2a − 3b) = 2 M'a − 3 M'b to rounding, and the same for M'ᵀ.
+/// * Taylor ladder: |M(x + εδ) − M(x) − ε M'δ| falls with ε², slope 2 ± 0.05 in each of at least four decades in a row;
+///   or, if it is rounding at all ε, the model is linear.
+/// * Dot product: ⟨M'δx, y⟩ = ⟨δx, M'ᵀy⟩ to 100 machine epsilons, relative, for y = M'δx, and for a random y relative
+///   to the sum of the products' absolute values.
+/// * Batches and threads: a matrix of columns gives the bits that single columns give, on one thread and on two.
+///
+/// Increments are random, scaled for each variable by the largest deviation from its mean (if there is none, by a
+/// hundredth of its largest value, or 1).
+///
+/// # Panics
+/// With the numbers, if the model breaks the contract.
+pub fn check_contract(model: &dyn Adjoint, at: &State) -> Contract {
+    let scales = scales(at);
+    let increment = |purpose: &str| -> Vec<f64> {
+        standard_normals(&mut stream(1, purpose), at.values().len())
+            .iter()
+            .zip(&scales)
+            .map(|(normal, scale)| 0.1 * normal * scale)
+            .collect()
+    };
+    let (a, b) = (increment("contract/a"), increment("contract/b"));
+    check_zero(model, at);
+    check_linearity(model, at, &a, &b, &scales);
+    check_batches_and_threads(model, at, &increment);
+    Contract {
+        taylor_decades: taylor_ladder(model, at, &a, &scales),
+        dot_product_error: dot_product_error(model, at, &a, &b, &scales),
+    }
+}
+
+/// Something done to a matrix of columns.
+type Columnwise<'a> = dyn Fn(&mut [f64]) + Sync + 'a;
+
+fn step_tl(model: &dyn Adjoint, at: &State, dx: &[f64]) -> Vec<f64> {
+    let mut dx = dx.to_vec();
+    model.step_tl(at, &mut dx);
+    dx
+}
+
+fn step_ad(model: &dyn Adjoint, at: &State, dy: &[f64]) -> Vec<f64> {
+    let mut dy = dy.to_vec();
+    model.step_ad(at, &mut dy);
+    dy
+}
+
+fn check_zero(model: &dyn Adjoint, at: &State) {
+    let zero = vec![0.0; at.values().len()];
+    assert!(step_tl(model, at, &zero).iter().all(|&value| value == 0.0), "M'0 is not 0");
+    assert!(step_ad(model, at, &zero).iter().all(|&value| value == 0.0), "M'ᵀ0 is not 0");
+}
+
+fn check_linearity(model: &dyn Adjoint, at: &State, a: &[f64], b: &[f64], scales: &[f64]) {
+    let combine = |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| 2.0 * a - 3.0 * b).collect() };
+    let difference = |x: &[f64], y: &[f64]| -> Vec<f64> { x.iter().zip(y).map(|(x, y)| x - y).collect() };
+    let whole = step_tl(model, at, &combine(a, b));
+    let parts = combine(&step_tl(model, at, a), &step_tl(model, at, b));
+    let error = norm(&difference(&whole, &parts), scales) / norm(&whole, scales);
+    assert!(error < 1e-12, "M' is not linear: relative error {error:e}");
+    let dual: Vec<f64> = scales.iter().map(|scale| 1.0 / scale).collect();
+    let weigh = |a: &[f64]| -> Vec<f64> { a.iter().zip(&dual).map(|(a, dual)| a * dual * dual).collect() };
+    let (a, b) = (weigh(a), weigh(b));
+    let whole = step_ad(model, at, &combine(&a, &b));
+    let parts = combine(&step_ad(model, at, &a), &step_ad(model, at, &b));
+    let error = norm(&difference(&whole, &parts), &dual) / norm(&whole, &dual);
+    assert!(error < 1e-12, "M'ᵀ is not linear: relative error {error:e}");
+}
+
+fn taylor_ladder(model: &dyn Adjoint, at: &State, direction: &[f64], scales: &[f64]) -> Option<usize> {
+    let mut forecast = at.clone();
+    model.step(&mut forecast);
+    let tangent = step_tl(model, at, direction);
+    let size = norm(forecast.values(), scales).max(norm(&tangent, scales));
+    let remainders: Vec<f64> = (0..=10)
+        .map(|power| {
+            let epsilon = 10f64.powi(-power);
+            let mut perturbed = at.clone();
+            perturbed.values_mut().iter_mut().zip(direction).for_each(|(x, d)| *x += epsilon * d);
+            model.step(&mut perturbed);
+            let remainder: Vec<f64> = (0..tangent.len())
+                .map(|k| perturbed.values()[k] - forecast.values()[k] - epsilon * tangent[k])
+                .collect();
+            norm(&remainder, scales)
+        })
+        .collect();
+    if remainders.iter().all(|&remainder| remainder < 1e-12 * size) {
+        return None;
+    }
+    let slopes: Vec<f64> = remainders.windows(2).map(|pair| (pair[0] / pair[1]).log10()).collect();
+    let (mut longest, mut current) = (0, 0);
+    for slope in &slopes {
+        current = if (slope - 2.0).abs() <= 0.05 { current + 1 } else { 0 };
+        longest = longest.max(current);
+    }
+    assert!(longest >= 4, "Taylor slopes per decade {slopes:.3?} are not 2 ± 0.05 in four in a row: {remainders:?}");
+    Some(longest)
+}
+
+fn dot_product_error(model: &dyn Adjoint, at: &State, a: &[f64], b: &[f64], scales: &[f64]) -> f64 {
+    let limit = 100.0 * f64::EPSILON;
+    let dot = |x: &[f64], y: &[f64]| -> f64 { x.iter().zip(y).map(|(x, y)| x * y).sum() };
+    let magnitude = |x: &[f64], y: &[f64]| -> f64 { x.iter().zip(y).map(|(x, y)| (x * y).abs()).sum() };
+    let weigh = |x: &[f64]| -> Vec<f64> { x.iter().zip(scales).map(|(x, scale)| x / (scale * scale)).collect() };
+    let tangent = step_tl(model, at, a);
+    let y = weigh(b);
+    let back = step_ad(model, at, &y);
+    let error = (dot(&tangent, &y) - dot(a, &back)).abs() / magnitude(&tangent, &y);
+    assert!(error < limit, "⟨M'a, b⟩ differs from ⟨a, M'ᵀb⟩ by {error:e} of the sum of absolute values");
+    let y = weigh(&tangent);
+    let (forward, backward) = (dot(&tangent, &y), dot(a, &step_ad(model, at, &y)));
+    let error = (forward - backward).abs() / forward;
+    assert!(error < limit, "⟨M'a, M'a⟩ = {forward:e}, but ⟨a, M'ᵀM'a⟩ = {backward:e}: relative difference {error:e}");
+    error
+}
+
+fn check_batches_and_threads(model: &dyn Adjoint, at: &State, increment: &dyn Fn(&str) -> Vec<f64>) {
+    let (len, count) = (at.values().len(), 21);
+    let columns: Vec<f64> = (0..count).flat_map(|column| increment(&format!("contract/column{column}"))).collect();
+    let run = |threads: usize, step: &Columnwise<'_>| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool of one or two threads");
+        let mut columns = columns.clone();
+        pool.install(|| step(&mut columns));
+        columns
+    };
+    let steps: [(&str, &Columnwise<'_>); 3] = [
+        ("tangent-linear", &|columns| model.step_tl(at, columns)),
+        ("adjoint", &|columns| model.step_ad(at, columns)),
+        ("forecast", &|columns| {
+            for (x, base) in columns.chunks_exact_mut(len).map(|column| (column, at)) {
+                let mut state = base.clone();
+                state.values_mut().iter_mut().zip(x.iter()).for_each(|(state, x)| *state += 0.01 * x);
+                model.step(&mut state);
+                x.copy_from_slice(state.values());
+            }
+        }),
+    ];
+    for (name, step) in steps {
+        let (one, two) = (run(1, step), run(2, step));
+        assert!(bits(&one).eq(bits(&two)), "the {name} gives other bits on two threads than on one");
+        let mut single = columns.clone();
+        single.chunks_exact_mut(len).for_each(step);
+        assert!(bits(&one).eq(bits(&single)), "the {name} gives other bits for many columns than for single ones");
+    }
+}
+
+fn bits(values: &[f64]) -> impl Iterator<Item = u64> + '_ {
+    values.iter().map(|value| value.to_bits())
+}
+
+/// Euclidean norm of the values over their scales.
+fn norm(values: &[f64], scales: &[f64]) -> f64 {
+    values.iter().zip(scales).map(|(value, scale)| (value / scale).powi(2)).sum::<f64>().sqrt()
+}
+
+/// For each value, the scale of its variable.
+fn scales(at: &State) -> Vec<f64> {
+    let cells = at.layout().grid.cells();
+    at.values()
+        .chunks_exact(cells)
+        .flat_map(|field| {
+            let mean = field.iter().sum::<f64>() / cells as f64;
+            let largest = field.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+            let deviation = field.iter().fold(0.0, |largest: f64, value| largest.max((value - mean).abs()));
+            let scale = if deviation > 1e-6 * largest { deviation } else { 0.01 * largest };
+            std::iter::repeat_n(if scale > 0.0 { scale } else { 1.0 }, cells)
+        })
+        .collect()
+}
