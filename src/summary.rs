@@ -1,6 +1,7 @@
 //! The scores of a run, as `summary.json` holds them.
 
 use indexmap::IndexMap;
+use isobar_assim::block_angular::PartitionReport;
 use serde::Serialize;
 
 /// A figure for each variable, by name.
@@ -40,8 +41,52 @@ pub struct MethodScores {
     pub bias_spread: Option<f64>,
     /// Normalised innovation squared per observation; 1 if the claimed covariances are right.
     pub innovation_chi2: Option<f64>,
+    /// The partition of the cycle with the largest component, for a method with blocks.
+    pub partition: Option<Partition>,
     /// Wall-clock seconds per cycle, forecast and analysis.
     pub seconds_per_cycle: f64,
     /// The most memory that the method held at one time.
     pub peak_memory_bytes: u64,
+}
+
+/// How observations linked the blocks of a method.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Partition {
+    /// Blocks before merging.
+    pub blocks: usize,
+    /// Components with observations.
+    pub components: usize,
+    /// Components of more than one block.
+    pub merged_components: usize,
+    /// Blocks of the largest component.
+    pub largest_component_blocks: usize,
+    /// Variables of the largest component.
+    pub largest_component_variables: usize,
+    /// Blocks that no observation touches.
+    pub unobserved_blocks: usize,
+    /// Shared unknowns that border all blocks.
+    pub border: usize,
+}
+
+impl From<&PartitionReport> for Partition {
+    fn from(report: &PartitionReport) -> Self {
+        let &PartitionReport {
+            blocks,
+            components,
+            merged_components,
+            largest_component_blocks,
+            largest_component_variables,
+            unobserved_blocks,
+            border,
+        } = report;
+        Self {
+            blocks,
+            components,
+            merged_components,
+            largest_component_blocks,
+            largest_component_variables,
+            unobserved_blocks,
+            border,
+        }
+    }
 }

@@ -1,0 +1,137 @@
+//! Verification: only here do estimate and truth meet.
+
+use crate::cycle::Outcome;
+use crate::summary::{MethodScores, Partition, PerVariable};
+use isobar_assim::Estimate;
+use isobar_model::{Layout, State};
+use isobar_obs::Calibration;
+
+/// The truth of one cycle.
+#[derive(Clone, Copy)]
+pub struct TrueValues<'a> {
+    /// The state.
+    pub state: &'a State,
+    /// The calibration parameters, in the order of [`Calibration`].
+    pub calibration: &'a [f64],
+}
+
+/// The scores of one method: mean squares, summed over cycles.
+#[derive(Clone, Debug, Default)]
+pub struct Scorecard {
+    cycles: usize,
+    error_analysis: Sums,
+    error_background: Sums,
+    spread_analysis: Option<Sums>,
+    spread_background: Option<Sums>,
+    bias_error: Option<f64>,
+    bias_spread: Option<f64>,
+    chi2: Option<f64>,
+    observations: usize,
+    partition: Option<Partition>,
+}
+
+/// Mean squares by variable number, summed over cycles.
+type Sums = Vec<f64>;
+
+impl Scorecard {
+    /// The scores of one cycle; the biases are scored only if the method estimates or ignores them.
+    pub fn of_cycle(truth: TrueValues<'_>, outcome: &Outcome, calibration: &Calibration, scores_bias: bool) -> Self {
+        let (background, analysis) = (&outcome.background, &outcome.analysis.estimate);
+        let layout = truth.state.layout();
+        let spread = |estimate: &Estimate| {
+            estimate.state_spread.as_ref().map(|spread| mean_squares(layout, spread.iter().copied()))
+        };
+        let error = |estimate: &Estimate| {
+            let errors = estimate.state.values().iter().zip(truth.state.values()).map(|(a, b)| a - b);
+            mean_squares(layout, errors)
+        };
+        let p = calibration.len();
+        let mean_square = |values: &mut dyn Iterator<Item = f64>| values.map(|value| value * value).sum::<f64>() / p as f64;
+        let biased = scores_bias && p > 0;
+        let bias_errors = || analysis.calibration.iter().zip(truth.calibration).map(|(a, b)| a - b);
+        Self {
+            cycles: 1,
+            error_analysis: error(analysis),
+            error_background: error(background),
+            spread_analysis: spread(analysis),
+            spread_background: spread(background),
+            bias_error: biased.then(|| mean_square(&mut bias_errors())),
+            bias_spread: match &analysis.calibration_spread {
+                Some(spread) if biased => Some(mean_square(&mut spread.iter().copied())),
+                _ => None,
+            },
+            chi2: outcome.analysis.innovation_chi2,
+            observations: outcome.analysis.background_departures.len(),
+            partition: outcome.analysis.partition.as_ref().map(Partition::from),
+        }
+    }
+
+    /// Takes in the scores of another cycle.
+    pub fn add(&mut self, cycle: &Scorecard) {
+        if self.cycles == 0 {
+            *self = cycle.clone();
+            return;
+        }
+        self.cycles += cycle.cycles;
+        self.observations += cycle.observations;
+        add_sums(&mut self.error_analysis, &cycle.error_analysis);
+        add_sums(&mut self.error_background, &cycle.error_background);
+        for (own, other) in [
+            (&mut self.spread_analysis, &cycle.spread_analysis),
+            (&mut self.spread_background, &cycle.spread_background),
+        ] {
+            if let (Some(own), Some(other)) = (own, other) {
+                add_sums(own, other);
+            }
+        }
+        for (own, other) in [
+            (&mut self.bias_error, cycle.bias_error),
+            (&mut self.bias_spread, cycle.bias_spread),
+            (&mut self.chi2, cycle.chi2),
+        ] {
+            if let (Some(own), Some(other)) = (own, other) {
+                *own += other;
+            }
+        }
+        self.partition = match (self.partition.take(), &cycle.partition) {
+            (Some(own), Some(other)) if own.largest_component_variables >= other.largest_component_variables => Some(own),
+            (_, other) => other.clone(),
+        };
+    }
+
+    /// Roots of the mean squares, by name; without cost.
+    pub fn scores(&self, layout: &Layout) -> MethodScores {
+        let cycles = self.cycles as f64;
+        let root = |sum: f64| (sum / cycles).sqrt();
+        let named = |sums: &Sums| -> PerVariable {
+            layout.variables.iter().zip(sums).map(|(variable, &sum)| (variable.name.to_string(), root(sum))).collect()
+        };
+        MethodScores {
+            rmse_analysis: named(&self.error_analysis),
+            rmse_background: named(&self.error_background),
+            spread_analysis: self.spread_analysis.as_ref().map(named),
+            spread_background: self.spread_background.as_ref().map(named),
+            bias_rmse: self.bias_error.map(root),
+            bias_spread: self.bias_spread.map(root),
+            innovation_chi2: self.chi2.filter(|_| self.observations > 0).map(|chi2| chi2 / self.observations as f64),
+            partition: self.partition.clone(),
+            seconds_per_cycle: 0.0,
+            peak_memory_bytes: 0,
+        }
+    }
+}
+
+/// The mean of the squares of each variable's values.
+fn mean_squares(layout: &Layout, values: impl Iterator<Item = f64>) -> Sums {
+    let cells = layout.grid.cells();
+    let mut sums = vec![0.0; layout.variables.len()];
+    for (index, value) in values.enumerate() {
+        sums[index / cells] += value * value;
+    }
+    sums.iter_mut().for_each(|sum| *sum /= cells as f64);
+    sums
+}
+
+fn add_sums(own: &mut Sums, other: &Sums) {
+    own.iter_mut().zip(other).for_each(|(own, other)| *own += other);
+}
