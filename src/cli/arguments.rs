@@ -1,0 +1,101 @@
+//! The arguments that the program takes.
+
+use clap::{Args, Parser, Subcommand};
+use std::path::PathBuf;
+
+/// A 2-D data-assimilation testbed with Lange's Fast Kalman Filter.
+#[derive(Debug, Parser)]
+#[command(version, about, after_help = EXAMPLES)]
+pub struct Arguments {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+const EXAMPLES: &str = "Examples:
+  isobar list                                    what there is to run
+  isobar run quickstart                          run scenarios/quickstart.toml
+  isobar run quickstart --methods free,fkf       only two of its methods
+  isobar init mine.toml && isobar check mine.toml
+  isobar regress                                 have the scores of any scenario moved?";
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Run scenarios, print their scores and write their files
+    #[command(after_help = RUN_EXAMPLES)]
+    Run(RunArguments),
+    /// Say whether scenario files are valid, without running them
+    Check(CheckArguments),
+    /// List the scenarios in ./scenarios
+    List,
+    /// Write a commented scenario to start from
+    Init {
+        /// The new file
+        #[arg(default_value = "scenario.toml")]
+        path: PathBuf,
+    },
+    /// Run scenarios and compare their scores with the accepted ones in [expected]
+    Regress(RegressArguments),
+}
+
+const RUN_EXAMPLES: &str = "Examples:
+  isobar run quickstart
+  isobar run quickstart --cycles 4 --no-netcdf --no-rerun
+  isobar run mine.toml --seed 7 --out results --overwrite";
+
+#[derive(Args, Debug)]
+pub struct RunArguments {
+    /// Scenario files, or names of scenarios in ./scenarios
+    #[arg(required = true, value_name = "SCENARIO")]
+    pub scenarios: Vec<String>,
+    /// Directory for the results, one subdirectory for each scenario
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    pub out: PathBuf,
+    /// Run only these methods of the scenario
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
+    pub methods: Option<Vec<String>>,
+    /// Run this number of cycles instead of the scenario's
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub cycles: Option<u64>,
+    /// Use this seed instead of the scenario's
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Number of threads [default: one for each core]; results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
+    pub threads: Option<u64>,
+    /// Replace the files of an earlier run
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
+    /// Write no netCDF files
+    #[arg(long)]
+    pub no_netcdf: bool,
+    /// Write no recording for the rerun viewer
+    #[arg(long)]
+    pub no_rerun: bool,
+}
+
+#[derive(Args, Debug)]
+pub struct CheckArguments {
+    /// Scenario files, or names of scenarios in ./scenarios
+    #[arg(required = true, value_name = "SCENARIO")]
+    pub scenarios: Vec<String>,
+}
+
+#[derive(Args, Debug)]
+pub struct RegressArguments {
+    /// Scenario files, or names of scenarios in ./scenarios [default: all of ./scenarios]
+    #[arg(value_name = "SCENARIO")]
+    pub scenarios: Vec<String>,
+    /// Write the new scores into the scenario files
+    #[arg(long)]
+    pub accept: bool,
+    /// Number of threads [default: one for each core]; results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
+    pub threads: Option<u64>,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
+}

@@ -1,0 +1,30 @@
+//! `isobar check`.
+
+use super::{lookup, print, show};
+use miette::Report;
+use std::process::ExitCode;
+
+/// Says of each scenario whether it is valid. One that is not does not keep the others from being checked.
+pub fn check(scenarios: &[String]) -> Result<ExitCode, Report> {
+    let mut code = ExitCode::SUCCESS;
+    for argument in scenarios {
+        match lookup::load(argument) {
+            Ok(scenario) => {
+                let grid = &scenario.grid.grid;
+                let (cycles, window) = (scenario.cycle.count, scenario.cycle.window.as_f64() / 3600.0);
+                print(&format!(
+                    "{}: valid; {} × {} cells, {cycles} cycles of {window} h, methods {}",
+                    scenario.name,
+                    grid.nx,
+                    grid.ny,
+                    super::list::methods(&scenario)
+                ))?;
+            }
+            Err(report) => {
+                show(&report);
+                code = ExitCode::FAILURE;
+            }
+        }
+    }
+    Ok(code)
+}

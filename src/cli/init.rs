@@ -1,0 +1,27 @@
+//! `isobar init`.
+
+use super::print;
+use crate::scenario::text::clean;
+use miette::{Report, miette};
+use std::io::{ErrorKind, Write};
+use std::path::Path;
+use std::process::ExitCode;
+
+/// A small scenario with a comment on every section.
+const TEMPLATE: &str = include_str!("template.toml");
+
+/// Writes the template to a file that does not exist yet.
+pub fn init(path: &Path) -> Result<ExitCode, Report> {
+    let shown = clean(&path.display().to_string());
+    let file = std::fs::OpenOptions::new().write(true).create_new(true).open(path);
+    match file.and_then(|mut file| file.write_all(TEMPLATE.as_bytes())) {
+        Ok(()) => {
+            print(&format!("wrote {shown}; now: isobar check {shown} && isobar run {shown}"))?;
+            Ok(ExitCode::SUCCESS)
+        }
+        Err(error) if error.kind() == ErrorKind::AlreadyExists => {
+            Err(miette!(help = "give another path, or remove the file first", "{shown} exists; nothing was written"))
+        }
+        Err(error) => Err(miette!("cannot write {shown}: {error}")),
+    }
+}

@@ -1,0 +1,54 @@
+//! From what the user typed to a scenario file.
+
+use crate::scenario::Scenario;
+use crate::scenario::text::{clean, listed, nearest};
+use miette::{Report, miette};
+use std::path::{Path, PathBuf};
+
+/// Where scenarios are sought by name.
+const DIRECTORY: &str = "scenarios";
+
+/// Reads the scenario that the user means.
+pub fn load(argument: &str) -> Result<Scenario, Report> {
+    Ok(Scenario::load(&find(argument)?)?)
+}
+
+/// The file that the user means: a path, or the name of a file in ./scenarios.
+pub fn find(argument: &str) -> Result<PathBuf, Report> {
+    let path = PathBuf::from(argument);
+    let looks_like_a_path =
+        path.extension().is_some_and(|extension| extension == "toml") || path.components().count() != 1;
+    if path.is_file() || (looks_like_a_path && path.exists()) {
+        return Ok(path);
+    }
+    let named = Path::new(DIRECTORY).join(format!("{argument}.toml"));
+    if !looks_like_a_path && named.is_file() {
+        return Ok(named);
+    }
+    let known: Vec<String> = all()?.iter().filter_map(|path| Some(path.file_stem()?.to_str()?.to_string())).collect();
+    let stem = path.file_stem().map_or(argument.into(), |stem| stem.to_string_lossy().into_owned());
+    let near = nearest(&stem, known.iter().map(String::as_str));
+    let mut help = near.map_or(String::new(), |near| format!("did you mean `{near}`?\n"));
+    match known.as_slice() {
+        [] => help.push_str("there are no scenarios in ./scenarios; `isobar init` writes one to start from"),
+        known => help.push_str(&format!("scenarios in ./scenarios: {}", listed(known.iter().map(String::as_str)))),
+    }
+    let argument = clean(argument);
+    Err(match looks_like_a_path {
+        true => miette!(help = help, "there is no file {argument}"),
+        false => miette!(help = help, "there is no scenario `{argument}`"),
+    })
+}
+
+/// All scenario files in ./scenarios, by name; none if there is no such directory.
+pub fn all() -> Result<Vec<PathBuf>, Report> {
+    let entries = match std::fs::read_dir(DIRECTORY) {
+        Ok(entries) => entries,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(miette!("cannot read ./{DIRECTORY}: {error}")),
+    };
+    let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+    let mut paths: Vec<PathBuf> = paths.filter(|path| path.extension().is_some_and(|end| end == "toml")).collect();
+    paths.sort();
+    Ok(paths)
+}

@@ -1,0 +1,83 @@
+//! The command line: arguments in, tables and files out.
+
+mod arguments;
+mod check;
+mod init;
+mod list;
+mod lookup;
+mod regress;
+mod run;
+
+use crate::progress::Progress;
+use crate::scenario::Scenario;
+use crate::summary::Summary;
+use arguments::{Arguments, Command};
+use clap::Parser;
+use miette::{MietteHandlerOpts, Report};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// What the command line changes in a run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunOptions {
+    /// The directory of this run's files: the scenario's own, below the one that was asked for.
+    pub out: PathBuf,
+    /// The methods to run; `None`: all of the scenario. Each is one of the scenario's.
+    pub methods: Option<Vec<String>>,
+    /// Number of cycles instead of the scenario's.
+    pub cycles: Option<usize>,
+    /// Seed instead of the scenario's.
+    pub seed: Option<u64>,
+    /// Number of threads; `None`: one for each core.
+    pub threads: Option<usize>,
+    /// Whether files of an earlier run are replaced.
+    pub overwrite: bool,
+    /// Whether netCDF files are written.
+    pub netcdf: bool,
+    /// Whether a recording for the rerun viewer is written.
+    pub rerun: bool,
+}
+
+/// What runs an experiment: it sends the progress display the run's events, and gives back the scores.
+pub type Runner = dyn Fn(&Scenario, &RunOptions, &mut Progress) -> Result<Summary, Report>;
+
+/// Does what the arguments of this process say.
+///
+/// The exit code is 0 if all went well, 1 if something failed, and 2 if the arguments make no sense.
+pub fn main(runner: &Runner) -> ExitCode {
+    let arguments = Arguments::parse();
+    // A second hook is refused, and the first one stays: then messages look as its owner wants.
+    let _ = miette::set_hook(Box::new(|_| {
+        Box::new(MietteHandlerOpts::new().width(100).context_lines(1).terminal_links(false).build())
+    }));
+    let outcome = match arguments.command {
+        Command::Run(arguments) => run::run(&arguments, runner),
+        Command::Check(arguments) => check::check(&arguments.scenarios),
+        Command::List => list::list(),
+        Command::Init { path } => init::init(&path),
+        Command::Regress(arguments) => regress::regress(&arguments, runner),
+    };
+    match outcome {
+        Ok(code) => code,
+        Err(report) => {
+            show(&report);
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Shows why something failed.
+fn show(report: &Report) {
+    use std::io::Write;
+    // Nobody is left to be told if standard error is closed.
+    let _ = writeln!(std::io::stderr(), "{report:?}");
+}
+
+/// Prints text to standard output. A reader that has seen enough, as `head` has, is no failure.
+fn print(text: &str) -> Result<(), Report> {
+    use std::io::{ErrorKind, Write};
+    match writeln!(std::io::stdout(), "{text}") {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(miette::miette!("cannot write the output: {error}")),
+        _ => Ok(()),
+    }
+}

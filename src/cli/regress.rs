@@ -1,0 +1,59 @@
+//! `isobar regress`.
+
+use super::arguments::RegressArguments;
+use super::{RunOptions, Runner, lookup, print, show};
+use crate::progress::Progress;
+use crate::scenario::{Expected, Scenario, accept};
+use crate::table::Comparison;
+use miette::{IntoDiagnostic, Report, miette};
+use std::process::ExitCode;
+
+/// Runs scenarios and says which scores moved. The exit code is 1 if one is outside of its tolerance, unless the new
+/// scores are accepted.
+pub fn regress(arguments: &RegressArguments, runner: &Runner) -> Result<ExitCode, Report> {
+    let scenarios = match arguments.scenarios.as_slice() {
+        [] => lookup::all()?.iter().map(|path| Ok(Scenario::load(path)?)).collect::<Result<Vec<_>, Report>>()?,
+        given => given.iter().map(|argument| lookup::load(argument)).collect::<Result<Vec<_>, _>>()?,
+    };
+    if scenarios.is_empty() {
+        return Err(miette!("there are no scenarios in ./scenarios"));
+    }
+    let mut code = ExitCode::SUCCESS;
+    for scenario in &scenarios {
+        match regress_one(scenario, arguments, runner) {
+            Ok(true) => {}
+            Ok(false) => code = ExitCode::FAILURE,
+            Err(report) => {
+                show(&report);
+                code = ExitCode::FAILURE;
+            }
+        }
+    }
+    Ok(code)
+}
+
+/// Whether all is well with a scenario.
+fn regress_one(scenario: &Scenario, arguments: &RegressArguments, runner: &Runner) -> Result<bool, Report> {
+    let directory = tempfile::tempdir().into_diagnostic()?;
+    let options = RunOptions {
+        out: directory.path().join(&scenario.name),
+        methods: None,
+        cycles: None,
+        seed: None,
+        threads: arguments.threads.map(|threads| threads as usize),
+        overwrite: false,
+        netcdf: false,
+        rerun: false,
+    };
+    let mut progress = Progress::new(arguments.quiet);
+    let summary = runner(scenario, &options, &mut progress)?;
+    drop(progress);
+    let comparison = Comparison::new(&scenario.expected, &summary);
+    print(&format!("{}: {}", scenario.name, comparison.describe()))?;
+    if !arguments.accept {
+        return Ok(comparison.passed());
+    }
+    accept(scenario, &Expected::from_summary(&summary, scenario.expected.relative_tolerance)).into_diagnostic()?;
+    print(&format!("{}: accepted", scenario.name))?;
+    Ok(true)
+}

@@ -1,0 +1,83 @@
+//! Rewriting `[expected]` in a scenario file, with every other byte as it was.
+
+use super::Scenario;
+use super::expected::Expected;
+use std::io::Write;
+use std::path::PathBuf;
+
+/// Why the scores could not be accepted.
+#[derive(Debug, thiserror::Error)]
+pub enum AcceptError {
+    /// The file cannot be written.
+    #[error("cannot write {}: {source}", super::text::clean(&path.display().to_string()))]
+    Write {
+        /// The scenario file.
+        path: PathBuf,
+        /// Why not.
+        source: std::io::Error,
+    },
+    /// The file changed while the scenario ran.
+    #[error("{} has changed since it was read; nothing was written", super::text::clean(&path.display().to_string()))]
+    Changed {
+        /// The scenario file.
+        path: PathBuf,
+    },
+    /// The file holds its scores in a form that cannot be replaced, such as `expected = { … }`.
+    #[error("cannot find the [expected] section of {}; remove it, and accept again", super::text::clean(&path.display().to_string()))]
+    Form {
+        /// The scenario file.
+        path: PathBuf,
+    },
+}
+
+/// The scenario's text with these scores: the tables of `[expected]` are taken out, and stand anew at the end.
+///
+/// # Errors
+/// [`AcceptError::Form`] if the result would not be the same scenario with the new scores.
+pub fn with_expected(scenario: &Scenario, expected: &Expected) -> Result<String, AcceptError> {
+    let mut text = String::with_capacity(scenario.text.len() + 1000);
+    let mut inside = false;
+    for line in scenario.text.split_inclusive('\n') {
+        if let Some(header) = line.trim_start().strip_prefix('[') {
+            let table = header.trim_start().strip_prefix("expected").map(str::trim_start);
+            inside = table.is_some_and(|rest| rest.starts_with(['.', ']']));
+        }
+        if !inside {
+            text.push_str(line);
+        }
+    }
+    let line_end = if text.contains("\r\n") { "\r\n" } else { "\n" };
+    if !text.is_empty() && !text.ends_with('\n') {
+        text.push_str(line_end);
+    }
+    if !text.ends_with("\n\n") && !text.ends_with("\n\r\n") {
+        text.push_str(line_end);
+    }
+    text.push_str(&expected.to_toml().replace('\n', line_end));
+    let same = Scenario::parse(&scenario.path, &text).is_ok_and(|mut new| {
+        let same_methods = new.expected.methods.keys().eq(expected.methods.keys());
+        (new.expected, new.text) = (scenario.expected.clone(), scenario.text.clone());
+        same_methods && new == *scenario
+    });
+    if same { Ok(text) } else { Err(AcceptError::Form { path: scenario.path.clone() }) }
+}
+
+/// Writes these scores into the scenario's file, which is replaced as a whole or not at all.
+///
+/// # Errors
+/// [`AcceptError`]; the file is then as it was.
+pub fn accept(scenario: &Scenario, expected: &Expected) -> Result<(), AcceptError> {
+    let text = with_expected(scenario, expected)?;
+    let fail = |source| AcceptError::Write { path: scenario.path.clone(), source };
+    let path = scenario.path.canonicalize().map_err(fail)?;
+    if std::fs::read_to_string(&path).map_err(fail)? != scenario.text {
+        return Err(AcceptError::Changed { path: scenario.path.clone() });
+    }
+    let directory = path.parent().unwrap_or(std::path::Path::new("."));
+    let mut file = tempfile::NamedTempFile::new_in(directory).map_err(fail)?;
+    file.write_all(text.as_bytes()).map_err(fail)?;
+    file.as_file().set_permissions(std::fs::metadata(&path).map_err(fail)?.permissions()).map_err(fail)?;
+    file.as_file().sync_all().map_err(fail)?;
+    file.persist(&path).map_err(|error| fail(error.error))?;
+    Ok(())
+}

@@ -1,0 +1,177 @@
+//! `[[networks.NAME.bias]]`: the biases of an observing system.
+
+use super::reader::{Field, Kind, Limits, Read, Section};
+
+/// A bias, or one for each group or station.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bias<Pattern> {
+    /// What it does to which observations.
+    pub pattern: Pattern,
+    /// Its true value at the start.
+    pub initial: InitialBias,
+    /// How its true value changes.
+    pub evolution: BiasEvolution,
+    /// Whether the bias is known, and so taken out of the data before any method sees them.
+    pub known: bool,
+    /// Standard deviation of the prior that methods assume; `None`: that of the truth, or the size of the given value.
+    pub assumed_sigma: Option<f64>,
+    /// Standard deviation over one day of the random walk that methods assume; `None`: that of the truth.
+    pub assumed_drift_per_sqrt_day: Option<f64>,
+}
+
+/// The true value of a bias at the start, in the observed variable's unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum InitialBias {
+    /// Drawn from N(0, σ²).
+    Sigma(f64),
+    /// Given.
+    Value(f64),
+}
+
+/// How the true value of a bias changes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BiasEvolution {
+    /// Not at all.
+    Constant,
+    /// As a random walk.
+    RandomWalk {
+        /// Standard deviation of the change over one day, in the observed variable's unit.
+        sigma_per_sqrt_day: f64,
+    },
+    /// By a jump at one time.
+    Jump {
+        /// Hours since the start.
+        at_hours: f64,
+        /// Size, in the observed variable's unit.
+        size: f64,
+    },
+}
+
+/// Which radiosondes share a bias.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RadiosondeBias {
+    /// Whose reports have one value of the bias in common.
+    pub per: BiasOwner,
+    /// The biased variable.
+    pub variable: String,
+}
+
+/// Who has a bias of their own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BiasOwner {
+    /// Each group (country, sonde type).
+    Group,
+    /// Each station.
+    Station,
+}
+
+/// The factor of a satellite bias, a function of the scan position s from −1 to 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ScanTerm {
+    /// 1.
+    Offset,
+    /// s.
+    Linear,
+    /// A parabola in s.
+    Quadratic,
+}
+
+const COMMON: [&str; 6] = ["sigma", "value", "evolution", "known", "assumed_sigma", "assumed_drift_per_sqrt_day"];
+
+/// The biases of radiosondes that observe `observed`.
+pub(super) fn read_radiosonde(field: Option<Field<'_>>, observed: &[String]) -> Read<Vec<Bias<RadiosondeBias>>> {
+    read(field, &["per", "variable"], |section| {
+        let names: Vec<(&str, &str)> = observed.iter().map(|name| (name.as_str(), name.as_str())).collect();
+        Ok(RadiosondeBias {
+            per: section.required("per")?.choice(&[("group", BiasOwner::Group), ("station", BiasOwner::Station)])?,
+            variable: section.required("variable")?.choice(&names)?.to_string(),
+        })
+    })
+}
+
+/// The biases of a satellite.
+pub(super) fn read_satellite(field: Option<Field<'_>>) -> Read<Vec<Bias<ScanTerm>>> {
+    const TERMS: &[(&str, ScanTerm)] =
+        &[("offset", ScanTerm::Offset), ("scan_linear", ScanTerm::Linear), ("scan_quadratic", ScanTerm::Quadratic)];
+    read(field, &["term"], |section| section.required("term")?.choice(TERMS))
+}
+
+fn read<Pattern: PartialEq>(
+    field: Option<Field<'_>>,
+    keys: &[&str],
+    pattern: impl Fn(&Section<'_>) -> Read<Pattern>,
+) -> Read<Vec<Bias<Pattern>>> {
+    let keys: Vec<&str> = keys.iter().copied().chain(COMMON).collect();
+    let mut biases: Vec<Bias<Pattern>> = Vec::new();
+    for element in field.map_or(Ok(Vec::new()), |field| field.elements(100))? {
+        let section = element.section(&keys)?;
+        let pattern = pattern(&section)?;
+        if biases.iter().any(|bias| bias.pattern == pattern) {
+            let message = format!("[{}] is the same bias as one before it", section.title());
+            return Err(section.required(keys[0])?.invalid(message, "there is one such bias already"));
+        }
+        biases.push(bias(&section, pattern)?);
+    }
+    Ok(biases)
+}
+
+fn bias<Pattern>(section: &Section<'_>, pattern: Pattern) -> Read<Bias<Pattern>> {
+    let known = section.yes_or_no_or("known", false)?;
+    let assumed_sigma = section.optional("assumed_sigma").map(|field| field.number(Limits::Positive)).transpose()?;
+    let initial = match (section.optional("sigma"), section.optional("value")) {
+        (Some(sigma), None) => InitialBias::Sigma(sigma.number(Limits::Positive)?),
+        (None, Some(value)) => {
+            let number = value.number(Limits::Any)?;
+            if number == 0.0 && !known && assumed_sigma.is_none() {
+                let message = "methods cannot take their prior from a bias of 0".to_string();
+                return Err(value.invalid(message, "give `assumed_sigma` as well"));
+            }
+            InitialBias::Value(number)
+        }
+        (Some(_), Some(value)) => {
+            let message = format!("`{}` stands beside `sigma`", value.title());
+            return Err(value.misplaced(message, "a bias is either drawn with `sigma` or given by `value`"));
+        }
+        (None, None) => {
+            let message = format!("a bias needs `sigma` or `value`, and [{}] has neither", section.title());
+            return Err(section.file.error(section.span.clone(), message, "`sigma` must be given here", None));
+        }
+    };
+    Ok(Bias {
+        pattern,
+        initial,
+        evolution: section.optional("evolution").map_or(Ok(BiasEvolution::Constant), |field| evolution(&field))?,
+        known,
+        assumed_sigma,
+        assumed_drift_per_sqrt_day: section
+            .optional("assumed_drift_per_sqrt_day")
+            .map(|field| field.number(Limits::NonNegative))
+            .transpose()?,
+    })
+}
+
+#[derive(Clone, Copy)]
+enum Change {
+    None,
+    Walk,
+    Jump,
+}
+
+fn evolution(field: &Field<'_>) -> Read<BiasEvolution> {
+    const KINDS: &[Kind<Change>] = &[
+        ("constant", Change::None, &[]),
+        ("random_walk", Change::Walk, &["sigma_per_sqrt_day"]),
+        ("jump", Change::Jump, &["at_hours", "size"]),
+    ];
+    let (kind, section) = field.section_of_kind(KINDS)?;
+    Ok(match kind {
+        Change::None => BiasEvolution::Constant,
+        Change::Walk => {
+            BiasEvolution::RandomWalk { sigma_per_sqrt_day: section.number("sigma_per_sqrt_day", Limits::Positive)? }
+        }
+        Change::Jump => BiasEvolution::Jump {
+            at_hours: section.number("at_hours", Limits::Between(0.0, 1e9))?,
+            size: section.number("size", Limits::Any)?,
+        },
+    })
+}

@@ -1,0 +1,88 @@
+//! `[cycle]`, `[truth]` and `[output]`: how long the run is, how the truth differs from the model, what is written.
+
+use super::model::{self, ModelSettings};
+use super::reader::{Field, Limits, Read, Section};
+use isobar_model::{Duration, Grid, Time};
+
+/// The cycles of forecast and analysis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CycleSettings {
+    /// Number of cycles.
+    pub count: usize,
+    /// Length of a cycle: a whole multiple of the time steps of model and truth.
+    pub window: Duration,
+    /// First cycle, from 1, that counts for the scores.
+    pub score_from_cycle: usize,
+}
+
+/// How the true world differs from what the methods assume.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TruthSettings {
+    /// The model of the truth.
+    pub model: ModelSettings,
+    /// Factor on the variance of the model error that is really added each cycle; 0 for a perfect model.
+    pub model_error_scale: f64,
+    /// Factor on the variance of the truth's deviation from the first background; 0 for a perfect start.
+    pub background_error_scale: f64,
+}
+
+/// What a run writes besides the summary.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OutputSettings {
+    /// netCDF files.
+    pub netcdf: bool,
+    /// A recording for the rerun viewer.
+    pub rerun: bool,
+}
+
+/// The last time a run may reach: the year 9000.
+const LAST_SECONDS: i64 = 221_845_392_000;
+
+pub(super) fn read(root: &Section<'_>, start: Time, steps: &[(&str, Duration)]) -> Read<CycleSettings> {
+    let section = root.required("cycle")?.section(&["count", "window_hours", "score_from_cycle"])?;
+    let count_field = section.required("count")?;
+    let count = count_field.whole(1, 1_000_000)?;
+    let window_field = section.required("window_hours")?;
+    let hours = window_field.number(Limits::Between(1.0 / 3600.0, 8760.0))?;
+    let seconds = (hours * 3600.0).round();
+    if (hours * 3600.0 - seconds).abs() > 1e-6 {
+        let message = format!("a window of {hours} hours is not a whole number of seconds");
+        return Err(window_field.invalid(message, "must be a whole number of seconds"));
+    }
+    let window = Duration::from_seconds(seconds as i64);
+    for (key, step) in steps {
+        if window.steps_of(*step).is_none() {
+            let message = format!("a window of {hours} hours ({window}) is not a whole multiple of {key} = {step}");
+            return Err(window_field.invalid(message, &format!("must be a whole multiple of {step}")));
+        }
+    }
+    if start.seconds() + window.seconds() * count as i64 > LAST_SECONDS {
+        let message = format!("{count} cycles of {hours} hours end after the year 9000");
+        return Err(count_field.invalid(message, "too many"));
+    }
+    let score_from_cycle = section.whole_or("score_from_cycle", 1, 1, count)?;
+    Ok(CycleSettings { count, window, score_from_cycle })
+}
+
+pub(super) fn read_truth(
+    root: &Section<'_>,
+    model_field: &Field<'_>,
+    model: &ModelSettings,
+    grid: &Grid,
+) -> Read<TruthSettings> {
+    let mut truth = TruthSettings { model: model.clone(), model_error_scale: 1.0, background_error_scale: 1.0 };
+    let Some(field) = root.optional("truth") else { return Ok(truth) };
+    let section = field.section(&["model", "model_error_scale", "background_error_scale"])?;
+    if let Some(overrides) = section.optional("model") {
+        truth.model = model::read_with_overrides(model_field, &overrides, grid)?;
+    }
+    truth.model_error_scale = section.number_or("model_error_scale", 1.0, Limits::NonNegative)?;
+    truth.background_error_scale = section.number_or("background_error_scale", 1.0, Limits::NonNegative)?;
+    Ok(truth)
+}
+
+pub(super) fn read_output(root: &Section<'_>) -> Read<OutputSettings> {
+    let Some(field) = root.optional("output") else { return Ok(OutputSettings { netcdf: true, rerun: true }) };
+    let section = field.section(&["netcdf", "rerun"])?;
+    Ok(OutputSettings { netcdf: section.yes_or_no_or("netcdf", true)?, rerun: section.yes_or_no_or("rerun", true)? })
+}

@@ -1,0 +1,109 @@
+//! A fault in a scenario, with the place in the file at which it is.
+
+use super::text::{clean, same_length};
+use miette::{Diagnostic, LabeledSpan, NamedSource, SourceCode};
+use std::fmt;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// Why a scenario cannot be used: what is wrong, where, and what is allowed there.
+#[derive(Clone, Debug)]
+pub struct ScenarioError {
+    details: Box<Details>,
+}
+
+#[derive(Clone, Debug)]
+struct Details {
+    message: String,
+    help: Option<String>,
+    place: Option<(NamedSource<String>, LabeledSpan)>,
+}
+
+impl ScenarioError {
+    /// A fault of the file as a whole.
+    pub(super) fn of_file(path: &Path, reason: impl fmt::Display) -> Self {
+        let message = format!("cannot read {}: {reason}", clean(&path.display().to_string()));
+        Self { details: Box::new(Details { message, help: None, place: None }) }
+    }
+
+    /// What is wrong, in one sentence.
+    pub fn message(&self) -> &str {
+        &self.details.message
+    }
+}
+
+impl fmt::Display for ScenarioError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.details.message)
+    }
+}
+
+impl std::error::Error for ScenarioError {}
+
+impl Diagnostic for ScenarioError {
+    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        self.details.help.as_ref().map(|help| Box::new(help) as Box<dyn fmt::Display>)
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        self.details.place.as_ref().map(|(source, _)| source as &dyn SourceCode)
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        let (_, label) = self.details.place.as_ref()?;
+        Some(Box::new(std::iter::once(label.clone())))
+    }
+}
+
+/// A scenario file, as error messages quote it.
+pub(super) struct SourceFile {
+    /// Where it is.
+    pub path: PathBuf,
+    /// Its text, byte for byte in the places of the original, without anything that a terminal would obey.
+    printable: String,
+}
+
+impl SourceFile {
+    pub fn new(path: &Path, text: &str) -> Self {
+        Self { path: path.to_path_buf(), printable: same_length(text) }
+    }
+
+    /// The directory to which paths in the file are relative.
+    pub fn directory(&self) -> &Path {
+        self.path.parent().unwrap_or(Path::new(""))
+    }
+
+    /// A fault at `span`. The caret is labelled `label`; only the first line of a longer span is marked.
+    pub fn error(&self, span: Range<usize>, message: String, label: &str, help: Option<String>) -> ScenarioError {
+        let start = self.printable.floor_char_boundary(span.start.min(self.printable.len()));
+        let end = self.printable.floor_char_boundary(span.end.clamp(start, self.printable.len()));
+        let end = self.printable[start..end].find('\n').map_or(end, |newline| start + newline);
+        let (text, start) = self.excerpt(start, end);
+        let length = end - start.min(end);
+        let label = LabeledSpan::new(Some(clean(label)), start, length.min(text.len() - start));
+        let name = clean(&self.path.display().to_string());
+        let place = Some((NamedSource::new(name, text), label));
+        ScenarioError { details: Box::new(Details { message, help, place }) }
+    }
+
+    /// The text, each line cut after 200 bytes (or shortly after the fault), so that no line floods the terminal;
+    /// and where the fault begins in it.
+    fn excerpt(&self, start: usize, end: usize) -> (String, usize) {
+        let (mut text, mut place, mut offset) = (String::new(), start, 0);
+        for line in self.printable.split_inclusive('\n') {
+            let range = offset..offset + line.len();
+            offset = range.end;
+            let fault = (range.contains(&start)).then(|| end - range.start + 40);
+            let keep = line.floor_char_boundary(fault.unwrap_or(0).max(200).min(line.len()));
+            let newline = line.ends_with('\n') && keep < line.len();
+            if range.end <= start {
+                place -= line.len() - keep - usize::from(newline);
+            }
+            text.push_str(&line[..keep]);
+            if newline {
+                text.push('\n');
+            }
+        }
+        (text, place)
+    }
+}

@@ -1,0 +1,204 @@
+//! Scenarios: an experiment is a TOML file, read into a [`Scenario`] in which everything that the file itself can get
+//! wrong is checked.
+//!
+//! No default is hidden from a reader of the file but those that the settings' documentation names.
+
+mod accept;
+mod bias;
+mod covariance;
+mod cycle;
+mod error;
+mod expected;
+mod grid;
+mod initial;
+mod method;
+mod model;
+mod network;
+mod reader;
+pub(crate) mod text;
+
+pub use accept::{AcceptError, accept, with_expected};
+pub use bias::{Bias, BiasEvolution, BiasOwner, InitialBias, RadiosondeBias, ScanTerm};
+pub use covariance::CovarianceComponent;
+pub use cycle::{CycleSettings, OutputSettings, TruthSettings};
+pub use error::ScenarioError;
+pub use expected::{Expected, ExpectedScores};
+pub use grid::GridSettings;
+pub use initial::Initial;
+pub use method::{Algorithm, BiasCoupling, Blocks, Method};
+pub use model::{Dynamics, ModelSettings, ShallowWaterSettings, TimeScheme, Wind};
+pub use network::{
+    Instrument, Network, ObservedVariable, RadiosondeSettings, SatelliteSettings, Schedule, StationLayout,
+};
+
+use error::SourceFile;
+use indexmap::IndexMap;
+use isobar_model::Time;
+use reader::{Field, Read, Section};
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+use toml::de::DeValue;
+
+/// The largest scenario file \[bytes\].
+const LARGEST_FILE: u64 = 1_000_000;
+
+/// An experiment, as its file describes it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scenario {
+    /// The file's stem.
+    pub name: String,
+    /// The file.
+    pub path: PathBuf,
+    /// The file's text, to the letter.
+    pub text: String,
+    /// Title, in one line.
+    pub title: String,
+    /// The phenomenon that the experiment shows.
+    pub phenomenon: String,
+    /// The paper or other origin.
+    pub source: String,
+    /// The seed of all random streams.
+    pub seed: u64,
+    /// Valid time of the initial state.
+    pub start: Time,
+    /// The plane.
+    pub grid: GridSettings,
+    /// The methods' model.
+    pub model: ModelSettings,
+    /// The first background.
+    pub initial: Initial,
+    /// B: covariance of the truth's deviation from the first background, and static covariance of 3D-Var.
+    pub background_error: Vec<CovarianceComponent>,
+    /// Q: covariance of the error that the model makes in one cycle; empty for a perfect model.
+    pub model_error: Vec<CovarianceComponent>,
+    /// How the true world differs from that.
+    pub truth: TruthSettings,
+    /// The cycles.
+    pub cycle: CycleSettings,
+    /// The observing systems, in the order of the file.
+    pub networks: IndexMap<String, Network>,
+    /// The methods, in the order of the file.
+    pub methods: IndexMap<String, Method>,
+    /// What is written.
+    pub output: OutputSettings,
+    /// The accepted scores.
+    pub expected: Expected,
+}
+
+impl Scenario {
+    /// Reads a scenario file.
+    ///
+    /// # Errors
+    /// The first fault in the file, with its place.
+    pub fn load(path: &Path) -> Result<Self, ScenarioError> {
+        let file_error = |reason: &dyn std::fmt::Display| ScenarioError::of_file(path, reason);
+        let metadata = std::fs::metadata(path).map_err(|error| file_error(&error))?;
+        if !metadata.is_file() {
+            return Err(file_error(&"it is not a file"));
+        }
+        let mut bytes = Vec::new();
+        let file = std::fs::File::open(path).map_err(|error| file_error(&error))?;
+        file.take(LARGEST_FILE + 1).read_to_end(&mut bytes).map_err(|error| file_error(&error))?;
+        match String::from_utf8(bytes) {
+            Ok(text) => Self::parse(path, &text),
+            Err(error) => {
+                let place = error.utf8_error().valid_up_to();
+                let text = String::from_utf8_lossy(error.as_bytes());
+                let message = "the file is not UTF-8 text".to_string();
+                Err(SourceFile::new(path, &text).error(place..place + 1, message, "not a character", None))
+            }
+        }
+    }
+
+    /// Reads the text of a scenario file. Station files are sought beside `path`.
+    ///
+    /// # Errors
+    /// As [`Scenario::load`].
+    pub fn parse(path: &Path, text: &str) -> Result<Self, ScenarioError> {
+        if text.len() as u64 > LARGEST_FILE {
+            let reason = format!("it is larger than {} kB, the largest scenario", LARGEST_FILE / 1000);
+            return Err(ScenarioError::of_file(path, reason));
+        }
+        let file = SourceFile::new(path, text);
+        let tree = reader::parse(&file, text)?;
+        let root = Section::root(&file, &tree, KEYS)?;
+        let (title, phenomenon, source) =
+            (string(&root, "title")?, string(&root, "phenomenon")?, string(&root, "source")?);
+        let seed = root.required("seed")?.integer(0, i64::MAX)? as u64;
+        let start = time(&root.required("start")?)?;
+        let grid = grid::read(&root)?;
+        let model_field = root.required("model")?;
+        let model = model::read(&model_field, &grid.grid)?;
+        let initial = initial::read(&root, &model)?;
+        let background_error = covariance::read(&root.required("background_error")?, &model)?;
+        let model_error =
+            root.optional("model_error").map_or(Ok(Vec::new()), |field| covariance::read(&field, &model))?;
+        let truth = cycle::read_truth(&root, &model_field, &model, &grid.grid)?;
+        let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", truth.model.time_step)];
+        let cycle = cycle::read(&root, start, &steps)?;
+        let networks = network::read(&root, &grid, &model)?;
+        let methods = method::read(&root, &grid.grid)?;
+        let output = cycle::read_output(&root)?;
+        let expected = expected::read(&root, &methods, &model)?;
+        Ok(Self {
+            name: path.file_stem().map_or(String::new(), |stem| text::clean(&stem.to_string_lossy())),
+            path: path.to_path_buf(),
+            text: text.to_string(),
+            title,
+            phenomenon,
+            source,
+            seed,
+            start,
+            grid,
+            model,
+            initial,
+            background_error,
+            model_error,
+            truth,
+            cycle,
+            networks,
+            methods,
+            output,
+            expected,
+        })
+    }
+}
+
+const KEYS: &[&str] = &[
+    "title",
+    "phenomenon",
+    "source",
+    "seed",
+    "start",
+    "grid",
+    "model",
+    "initial",
+    "background_error",
+    "model_error",
+    "truth",
+    "cycle",
+    "networks",
+    "methods",
+    "output",
+    "expected",
+];
+
+fn string(root: &Section<'_>, key: &str) -> Read<String> {
+    root.required(key)?.text()
+}
+
+/// A time in whole seconds, as a TOML date-time or a string.
+fn time(field: &Field<'_>) -> Read<Time> {
+    let wanted = "a time such as \"2026-01-15T00:00:00Z\", in whole seconds, from 1900 to 2200";
+    let text = match field.value.get_ref() {
+        DeValue::String(text) => text.to_string(),
+        DeValue::Datetime(time) => time.to_string(),
+        _ => return Err(field.invalid(format!("`{}` is not a time", field.title()), wanted)),
+    };
+    let timestamp: Option<jiff::Timestamp> = text.parse().ok();
+    let range = -2_208_988_800..7_258_118_400;
+    match timestamp.filter(|time| time.subsec_nanosecond() == 0 && range.contains(&time.as_second())) {
+        Some(time) => Ok(Time::from_seconds(time.as_second())),
+        None => Err(field.invalid(format!("`{}` cannot be \"{}\"", field.title(), text::clean(&text)), wanted)),
+    }
+}

@@ -1,0 +1,353 @@
+//! Typed reading of a TOML tree that remembers where each key and value stands, so that every fault can be shown.
+
+use super::error::{ScenarioError, SourceFile};
+use super::text::{clean, is_unprintable, listed, nearest};
+use std::ops::Range;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+/// Result of reading a part of a scenario.
+pub(super) type Read<T> = Result<T, ScenarioError>;
+
+/// A table whose keys are all known.
+#[derive(Clone)]
+pub(super) struct Section<'a> {
+    pub file: &'a SourceFile,
+    /// Dotted name, `networks.europe`; empty for the whole file.
+    pub name: String,
+    pub table: &'a DeTable<'a>,
+    pub span: Range<usize>,
+}
+
+/// One key of a section, with its value.
+#[derive(Clone)]
+pub(super) struct Field<'a> {
+    pub file: &'a SourceFile,
+    /// Dotted name, `grid.nx`.
+    pub name: String,
+    pub key_span: Range<usize>,
+    pub value: &'a Spanned<DeValue<'a>>,
+}
+
+/// What a number may be.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Limits {
+    /// Any number up to 1e18 in size.
+    Any,
+    /// From 1e-18 to 1e18.
+    Positive,
+    /// 0, or as [`Limits::Positive`].
+    NonNegative,
+    /// From the first to the second, both included.
+    Between(f64, f64),
+    /// From 0 to below 1.
+    Fraction,
+}
+
+/// One of the kinds that a table can be of: name in the file, meaning, and keys.
+pub(super) type Kind<T> = (&'static str, T, &'static [&'static str]);
+
+impl Limits {
+    fn contain(self, number: f64) -> bool {
+        match self {
+            Limits::Any => number.abs() <= 1e18,
+            Limits::Positive => (1e-18..=1e18).contains(&number),
+            Limits::NonNegative => number == 0.0 || (1e-18..=1e18).contains(&number),
+            Limits::Between(least, most) => (least..=most).contains(&number),
+            Limits::Fraction => (0.0..1.0).contains(&number),
+        }
+    }
+
+    fn words(self) -> String {
+        match self {
+            Limits::Any => "a finite number".into(),
+            Limits::Positive => "a number greater than 0".into(),
+            Limits::NonNegative => "a number that is 0 or greater".into(),
+            Limits::Between(least, most) => format!("a number from {least} to {most}"),
+            Limits::Fraction => "a number from 0 to below 1".into(),
+        }
+    }
+}
+
+impl<'a> Section<'a> {
+    /// The whole file.
+    pub fn root(file: &'a SourceFile, root: &'a DeTable<'a>, keys: &[&str]) -> Read<Self> {
+        let section = Section { file, name: String::new(), table: root, span: 0..0 };
+        section.check_keys(keys, &[])?;
+        Ok(section)
+    }
+
+    /// Refuses any key that is not among `keys`; `elsewhere` lists the keys of other kinds of this table.
+    fn check_keys(&self, keys: &[&str], elsewhere: &[(&str, &[&str])]) -> Read<()> {
+        for key in self.table.keys() {
+            let word: &str = key.get_ref();
+            if keys.contains(&word) {
+                continue;
+            }
+            let place = if self.name.is_empty() { "at the top level".into() } else { format!("in [{}]", self.title()) };
+            let message = format!("unknown key `{}` {place}", clean(word));
+            let kinds: Vec<_> = elsewhere
+                .iter()
+                .filter(|(_, keys)| keys.contains(&word))
+                .map(|(kind, _)| format!("\"{kind}\""))
+                .collect();
+            let mut help = match nearest(word, keys.iter().copied()) {
+                Some(near) => format!("did you mean `{near}`?\n"),
+                None if !kinds.is_empty() => format!("`{}` belongs to kind {}\n", clean(word), kinds.join(", ")),
+                None => String::new(),
+            };
+            match keys {
+                [] => help.push_str("this table takes no keys"),
+                _ => help.push_str(&format!("valid keys here: {}", listed(keys.iter().copied()))),
+            }
+            return Err(self.file.error(key.span(), message, "not a key of this table", Some(help)));
+        }
+        Ok(())
+    }
+
+    /// The name as messages show it.
+    pub fn title(&self) -> String {
+        clean(&self.name)
+    }
+
+    /// A key that may be absent.
+    pub fn optional(&self, key: &str) -> Option<Field<'a>> {
+        let (key_token, value) = self.table.iter().find(|(token, _)| token.get_ref() == key)?;
+        Some(self.field(key_token, value))
+    }
+
+    /// A key that must be present.
+    pub fn required(&self, key: &str) -> Read<Field<'a>> {
+        match self.optional(key) {
+            Some(field) => Ok(field),
+            None if self.name.is_empty() => {
+                Err(self.file.error(0..0, format!("`{key}` is missing"), &format!("`{key}` must be given"), None))
+            }
+            None => {
+                let label = format!("`{key}` must be given here");
+                Err(self.file.error(
+                    self.span.clone(),
+                    format!("`{key}` is missing in [{}]", self.title()),
+                    &label,
+                    None,
+                ))
+            }
+        }
+    }
+
+    /// A number that must be given.
+    pub fn number(&self, key: &str, limits: Limits) -> Read<f64> {
+        self.required(key)?.number(limits)
+    }
+
+    /// A number with a default.
+    pub fn number_or(&self, key: &str, default: f64, limits: Limits) -> Read<f64> {
+        self.optional(key).map_or(Ok(default), |field| field.number(limits))
+    }
+
+    /// A whole number with a default.
+    pub fn whole_or(&self, key: &str, default: usize, least: usize, most: usize) -> Read<usize> {
+        self.optional(key).map_or(Ok(default), |field| field.whole(least, most))
+    }
+
+    /// Yes or no, with a default.
+    pub fn yes_or_no_or(&self, key: &str, default: bool) -> Read<bool> {
+        self.optional(key).map_or(Ok(default), |field| field.yes_or_no())
+    }
+
+    /// All keys in the order of the file.
+    pub fn fields(&self) -> impl Iterator<Item = (&'a str, Field<'a>)> + '_ {
+        let table: &'a DeTable<'a> = self.table;
+        table.iter().map(|(key, value)| (key.get_ref().as_ref(), self.field(key, value)))
+    }
+
+    fn field(&self, key: &'a Spanned<toml::de::DeString<'a>>, value: &'a Spanned<DeValue<'a>>) -> Field<'a> {
+        let word: &str = key.get_ref();
+        let name = if self.name.is_empty() { word.to_string() } else { format!("{}.{word}", self.name) };
+        Field { file: self.file, name, key_span: key.span(), value }
+    }
+}
+
+impl<'a> Field<'a> {
+    /// A fault of the value: `message` should say what is wrong, `allowed` what would be right.
+    pub fn invalid(&self, message: String, allowed: &str) -> ScenarioError {
+        self.file.error(self.value.span(), message, allowed, None)
+    }
+
+    /// A fault of the key itself.
+    pub fn misplaced(&self, message: String, help: &str) -> ScenarioError {
+        self.file.error(self.key_span.clone(), message, "this key", Some(help.to_string()))
+    }
+
+    /// The name as messages show it.
+    pub fn title(&self) -> String {
+        clean(&self.name)
+    }
+
+    fn wrong_type(&self, wanted: &str) -> ScenarioError {
+        let found = match self.value.get_ref() {
+            DeValue::String(_) => "a string",
+            DeValue::Integer(_) => "a whole number",
+            DeValue::Float(_) => "a number",
+            DeValue::Boolean(_) => "true or false",
+            DeValue::Datetime(_) => "a date or time",
+            DeValue::Array(_) => "a list",
+            DeValue::Table(_) => "a table",
+        };
+        self.invalid(format!("`{}` is {found}, but must be {wanted}", self.title()), &format!("must be {wanted}"))
+    }
+
+    /// A number within the limits.
+    pub fn number(&self, limits: Limits) -> Read<f64> {
+        let number = match self.value.get_ref() {
+            DeValue::Integer(integer) => {
+                i128::from_str_radix(integer.as_str(), integer.radix()).map_or(f64::INFINITY, |whole| whole as f64)
+            }
+            DeValue::Float(float) => float.as_str().parse().unwrap_or(f64::NAN),
+            _ => return Err(self.wrong_type(&limits.words())),
+        };
+        if !limits.contain(number) {
+            let wanted = limits.words();
+            let message = format!("`{}` is {number}, but must be {wanted}", self.title());
+            return Err(self.invalid(message, &format!("must be {wanted}")));
+        }
+        Ok(number)
+    }
+
+    /// A whole number from `least` to `most`.
+    pub fn integer(&self, least: i64, most: i64) -> Read<i64> {
+        let wanted = format!("a whole number from {least} to {most}");
+        let DeValue::Integer(integer) = self.value.get_ref() else { return Err(self.wrong_type(&wanted)) };
+        let number = i128::from_str_radix(integer.as_str(), integer.radix()).unwrap_or(i128::MAX);
+        match i64::try_from(number) {
+            Ok(number) if (least..=most).contains(&number) => Ok(number),
+            _ => {
+                let message = format!("`{}` is {}, but must be {wanted}", self.title(), clean(integer.as_str()));
+                Err(self.invalid(message, &format!("must be {wanted}")))
+            }
+        }
+    }
+
+    /// A whole number from `least` to `most`, neither negative.
+    pub fn whole(&self, least: usize, most: usize) -> Read<usize> {
+        Ok(self.integer(least as i64, most as i64)? as usize)
+    }
+
+    /// true or false.
+    pub fn yes_or_no(&self) -> Read<bool> {
+        self.value.get_ref().as_bool().ok_or_else(|| self.wrong_type("true or false"))
+    }
+
+    /// A text that can be shown: not empty, at most 500 characters, no control characters.
+    pub fn text(&self) -> Read<String> {
+        let text = self.value.get_ref().as_str().ok_or_else(|| self.wrong_type("a string"))?;
+        let fault = if text.trim().is_empty() {
+            "is empty"
+        } else if text.chars().count() > 500 {
+            "has more than 500 characters"
+        } else if text.chars().any(is_unprintable) {
+            "contains a control character"
+        } else {
+            return Ok(text.to_string());
+        };
+        let message = format!("`{}` {fault}", self.title());
+        Err(self.invalid(message, "must be 1 to 500 printable characters"))
+    }
+
+    /// One of the words, as what it stands for.
+    pub fn choice<T: Copy>(&self, choices: &[(&str, T)]) -> Read<T> {
+        let words = listed(choices.iter().map(|(word, _)| *word));
+        let found = self.value.get_ref().as_str().ok_or_else(|| self.wrong_type(&format!("one of {words}")))?;
+        if let Some((_, meaning)) = choices.iter().find(|(word, _)| *word == found) {
+            return Ok(*meaning);
+        }
+        let message = format!("`{}` cannot be \"{}\"", self.title(), clean(found));
+        let near = nearest(found, choices.iter().map(|(word, _)| *word));
+        let mut help = near.map_or(String::new(), |near| format!("did you mean \"{near}\"?\n"));
+        help.push_str(&format!("valid values: {words}"));
+        Err(self.file.error(self.value.span(), message, "not a valid value", Some(help)))
+    }
+
+    /// A table with these keys at most.
+    pub fn section(&self, keys: &[&str]) -> Read<Section<'a>> {
+        let section = self.any_section()?;
+        section.check_keys(keys, &[])?;
+        Ok(section)
+    }
+
+    /// A table whose keys are names that the file chooses.
+    pub fn any_section(&self) -> Read<Section<'a>> {
+        match self.value.get_ref() {
+            DeValue::Table(table) => {
+                // The table of a header spans the header; one that only its children imply has nothing but its key.
+                let span = if self.value.span().is_empty() { self.key_span.clone() } else { self.value.span() };
+                Ok(Section { file: self.file, name: self.name.clone(), table, span })
+            }
+            _ => Err(self.wrong_type("a table")),
+        }
+    }
+
+    /// A table whose `kind` says what it is, with the keys of that kind at most.
+    pub fn section_of_kind<T: Copy>(&self, kinds: &[Kind<T>]) -> Read<(T, Section<'a>)> {
+        let section = self.any_section()?;
+        let names: Vec<(&str, usize)> = kinds.iter().enumerate().map(|(number, kind)| (kind.0, number)).collect();
+        let Some(kind) = section.optional("kind") else {
+            let union: Vec<&str> =
+                std::iter::once("kind").chain(kinds.iter().flat_map(|kind| kind.2.iter().copied())).collect();
+            section.check_keys(&union, &[])?;
+            let help = format!(
+                "kind = {}",
+                names.iter().map(|(name, _)| format!("\"{name}\"")).collect::<Vec<_>>().join(" or ")
+            );
+            let message = format!("`kind` is missing in [{}]", section.title());
+            return Err(self.file.error(section.span.clone(), message, "`kind` must be given here", Some(help)));
+        };
+        let (_, meaning, keys) = kinds[kind.choice(&names)?];
+        let keys: Vec<&str> = std::iter::once("kind").chain(keys.iter().copied()).collect();
+        let elsewhere: Vec<(&str, &[&str])> = kinds.iter().map(|kind| (kind.0, kind.2)).collect();
+        section.check_keys(&keys, &elsewhere)?;
+        Ok((meaning, section))
+    }
+
+    /// The elements of a list of at most `most`.
+    pub fn elements(&self, most: usize) -> Read<Vec<Field<'a>>> {
+        let DeValue::Array(array) = self.value.get_ref() else { return Err(self.wrong_type("a list")) };
+        if array.len() > most {
+            let message = format!("`{}` has {} elements, more than the {most} allowed", self.title(), array.len());
+            return Err(self.invalid(message, "too many elements"));
+        }
+        let element = |(number, value): (usize, &'a Spanned<DeValue<'a>>)| Field {
+            file: self.file,
+            name: format!("{}[{number}]", self.name),
+            key_span: self.key_span.clone(),
+            value,
+        };
+        Ok(array.iter().enumerate().map(element).collect())
+    }
+
+    /// A list of different texts.
+    pub fn texts(&self, most: usize) -> Read<Vec<String>> {
+        let mut texts = Vec::new();
+        for element in self.elements(most)? {
+            let text = element.text()?;
+            if texts.contains(&text) {
+                return Err(
+                    element.invalid(format!("`{}` names \"{text}\" twice", self.title()), "already in the list")
+                );
+            }
+            texts.push(text);
+        }
+        Ok(texts)
+    }
+}
+
+/// Reads the tree of a file.
+pub(super) fn parse<'a>(file: &SourceFile, text: &'a str) -> Read<DeTable<'a>> {
+    match DeTable::parse(text) {
+        Ok(root) => Ok(root.into_inner()),
+        Err(error) => {
+            let message = format!("this is not valid TOML: {}", clean(error.message()));
+            Err(file.error(error.span().unwrap_or(0..0), message, "here", None))
+        }
+    }
+}

@@ -1,0 +1,79 @@
+//! Text from files on its way to a terminal.
+
+use strsim::jaro_winkler;
+
+/// Whether a terminal would obey or hide the character instead of showing it.
+pub(crate) fn is_unprintable(character: char) -> bool {
+    character.is_control()
+        || matches!(
+            character,
+            '\u{ad}' | '\u{61c}' | '\u{180e}' | '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}'
+                | '\u{2060}'..='\u{206f}' | '\u{feff}' | '\u{fff9}'..='\u{fffb}' | '\u{e0000}'..='\u{e007f}'
+        )
+}
+
+/// The text with every unprintable character written as an escape, `\u{1b}`.
+pub(crate) fn clean(text: &str) -> String {
+    let mut cleaned = String::with_capacity(text.len());
+    for character in text.chars() {
+        match is_unprintable(character) {
+            true => cleaned.extend(character.escape_unicode()),
+            false => cleaned.push(character),
+        }
+    }
+    cleaned
+}
+
+/// The text with question marks for unprintable characters, one for each byte, so that places in it stay the same.
+/// Line feeds and tabs stay.
+pub(super) fn same_length(text: &str) -> String {
+    let mut printable = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '\n' | '\t' => printable.push(character),
+            '\r' => printable.push(' '),
+            _ if is_unprintable(character) => printable.extend(std::iter::repeat_n('?', character.len_utf8())),
+            _ => printable.push(character),
+        }
+    }
+    printable
+}
+
+/// The candidate most like `word`, if one is like it at all.
+pub(crate) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let word: String = word.chars().take(100).collect::<String>().to_lowercase();
+    candidates
+        .into_iter()
+        .map(|candidate| (jaro_winkler(&word, &candidate.to_lowercase()), candidate))
+        .filter(|&(likeness, _)| likeness >= 0.8)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, candidate)| candidate)
+}
+
+/// Words as they stand in a sentence: `a, b, c`.
+pub(crate) fn listed<'a>(words: impl IntoIterator<Item = &'a str>) -> String {
+    words.into_iter().collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn escapes_cannot_reach_a_terminal() {
+        assert_eq!(clean("a\u{1b}[2Jb\u{202e}c"), "a\\u{1b}[2Jb\\u{202e}c");
+        for text in ["plain", "\u{1b}[31m", "ü\u{9b}31m\r\n\tx", "\u{202e}\u{feff}"] {
+            let printable = same_length(text);
+            assert_eq!(printable.len(), text.len());
+            assert!(printable.chars().all(|c| c == '\n' || c == '\t' || !is_unprintable(c)), "{printable:?}");
+        }
+    }
+
+    #[test]
+    fn the_nearest_word_is_found_and_a_strange_one_has_none() {
+        let keys = ["nx", "ny", "dx_km", "boundary"];
+        assert_eq!(nearest("dx", keys), Some("dx_km"));
+        assert_eq!(nearest("bondary", keys), Some("boundary"));
+        assert_eq!(nearest("temperature", keys), None);
+    }
+}

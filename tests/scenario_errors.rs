@@ -1,0 +1,168 @@
+//! Faults in scenario files, as the user of the program sees them.
+
+mod common;
+
+use common::{VALID, isobar, text};
+use std::fs;
+use tempfile::tempdir;
+
+/// What is replaced in a valid scenario, by what, the line and column of the fault, and what the message must say.
+type Case = (&'static str, &'static str, &'static str, &'static [&'static str]);
+
+const CASES: &[Case] = &[
+    (
+        "nx = 8",
+        "nxx = 8",
+        "nxx",
+        &["unknown key `nxx` in [grid]", "did you mean `nx`?", "valid keys here: nx, ny, dx_km"],
+    ),
+    ("[model]", "[modle]", "modle", &["unknown key `modle` at the top level", "did you mean `model`?"]),
+    ("nx = 8", "nx = \"8\"", "\"8\"", &["`grid.nx` is a string", "must be a whole number from 4 to 4096"]),
+    ("nx = 8", "nx = 8.5", "8.5", &["`grid.nx` is a number", "whole number"]),
+    ("nx = 8", "nx = 3", "3\n", &["`grid.nx` is 3", "from 4 to 4096"]),
+    ("nx = 8", "nx = 99999999999999999999999", "9999999", &["`grid.nx` is 99999", "from 4 to 4096"]),
+    ("nx = 8\n", "", "[grid]", &["`nx` is missing in [grid]"]),
+    ("dx_km = 100", "dx_km = nan", "nan", &["`grid.dx_km` is NaN", "from 0.001 to 10000"]),
+    ("dx_km = 100", "dx_km = 1e400", "1e400", &["`grid.dx_km` is inf"]),
+    (
+        "\"channel\"",
+        "\"chanel\"",
+        "\"chanel\"",
+        &["cannot be \"chanel\"", "did you mean \"channel\"?", "periodic, channel"],
+    ),
+    (
+        "kind = \"shallow_water\"",
+        "kind = \"shalow_water\"",
+        "\"shalow_water\"",
+        &["did you mean \"shallow_water\"?", "exact_shift"],
+    ),
+    ("kind = \"shallow_water\"\n", "", "[model]", &["`kind` is missing in [model]", "\"advection\""]),
+    ("drag_per_s = 0", "mean_flow_m_per_s = 3", "mean_flow_m_per_s", &["belongs to kind \"linear_shallow_water\""]),
+    ("window_hours = 6", "window_hours = 0.7", "0.7", &["not a whole multiple of model.time_step_s = 600 s"]),
+    ("score_from_cycle = 2", "score_from_cycle = 12", "12", &["`cycle.score_from_cycle` is 12", "from 1 to 10"]),
+    ("count = 10", "count = 0", "0\n", &["`cycle.count` is 0", "from 1 to 1000000"]),
+    ("count = 10", "count = 10000000", "10000000", &["from 1 to 1000000"]),
+    ("sigma_height_m = 12", "sigma_height_m = -12", "-12", &["greater than 0"]),
+    ("variable = \"h\"\nsigma = 20", "variable = \"z\"\nsigma = 20", "\"z\"", &["valid values: h, u, v"]),
+    ("missing_rate = 0.1", "missing_rate = 1.0", "1.0", &["from 0 to below 1"]),
+    (
+        "reference_groups = [\"A\"]",
+        "reference_groups = [\"\"]",
+        "\"\"]",
+        &["`networks.sondes.reference_groups[0]` is empty"],
+    ),
+    ("reference_groups = [\"A\"]", "reference_groups = [\"C\"]", "\"C\"]", &["valid values: A, B"]),
+    (
+        "{ regular = [3, 2] }",
+        "{ file = \"no.csv\" }",
+        "\"no.csv\"",
+        &["no.csv does not exist", "relative to this scenario"],
+    ),
+    ("{ regular = [3, 2] }", "{ regular = [3, 2], random = 3 }", "{ regular", &["exactly one of"]),
+    ("{ regular = [3, 2] }", "{ random = 10000000 }", "10000000", &["from 1 to 100000"]),
+    (
+        "kind = \"jet\"",
+        "kind = \"cosine_wave\"",
+        "\"cosine_wave\"",
+        &["valid values: rest, jet, vortices, random_balanced"],
+    ),
+    ("coriolis_per_s = 1e-4", "coriolis_per_s = 0", "\"jet\"", &["needs rotation"]),
+    ("[methods.fkf]", "[methods.\"../fkf\"]", "\"../fkf\"", &["\"../fkf\" cannot be the name of a method"]),
+    ("blocks = \"cell\"", "blocks = \"cel\"", "\"cel\"", &["did you mean \"cell\"?"]),
+    ("blocks = \"cell\"", "blocks = { tile = [9, 2] }", "9,", &["`methods.fkf.blocks.tile[0]` is 9", "from 1 to 8"]),
+    ("kind = \"fkf\"", "kind = \"fkd\"", "\"fkd\"", &["did you mean \"fkf\"?", "free, 3dvar, kf, fkf"]),
+    ("term = \"offset\"", "term = \"scan_cubic\"", "\"scan_cubic\"", &["offset, scan_linear, scan_quadratic"]),
+    ("swath_width_km = 300", "swath_width_km = 3000", "3000", &["wider than the domain (800 km)"]),
+    ("along_track_spacing_km = 100", "along_track_spacing_km = 0.001", "0.001", &["at most a million footprints"]),
+    ("start = \"2026-01-15T00:00:00Z\"", "start = \"yesterday\"", "\"yesterday\"", &["\"2026-01-15T00:00:00Z\""]),
+    ("model = { drag_per_s = 1e-6 }", "model = { drag_per = 1e-6 }", "drag_per ", &["did you mean `drag_per_s`?"]),
+    ("model = { drag_per_s = 1e-6 }", "model = { kind = \"advection\" }", "kind = \"adv", &["leave `kind` out"]),
+    ("nx = 8", "nx = = 8", "= 8", &["not valid TOML"]),
+    ("nx = 8", "nx = 8\nnx = 9", "nx = 9", &["not valid TOML", "duplicate key"]),
+    ("title = \"A test\"", "title = \"a\\u001b[31mb\"", "\"a\\u001b", &["contains a control character"]),
+];
+
+/// Line and column, from 1, of `part` in `text`.
+fn place(text: &str, part: &str) -> String {
+    let start = text.find(part).unwrap_or_else(|| panic!("{part} is not in the scenario"));
+    let line_start = text[..start].rfind('\n').map_or(0, |newline| newline + 1);
+    format!("{}:{}", text[..start].matches('\n').count() + 1, start - line_start + 1)
+}
+
+#[test]
+fn every_fault_is_shown_with_its_place_and_what_is_allowed() {
+    let directory = tempdir().unwrap();
+    let mut faults = Vec::new();
+    for (number, (old, new, at, wanted)) in CASES.iter().enumerate() {
+        assert!(VALID.contains(old), "case {number}: {old} is not in the valid scenario");
+        let broken = VALID.replacen(old, new, 1);
+        let changed = VALID.find(old).unwrap();
+        let at = match broken[changed..].starts_with(new) && new.contains(at.trim_end()) {
+            true => place_from(&broken, changed, at),
+            false => place(&broken, at),
+        };
+        let path = directory.path().join("broken.toml");
+        fs::write(&path, &broken).unwrap();
+        let output = isobar(directory.path(), &["check", "broken.toml"]);
+        let message = text(&output.stderr);
+        let flat = message.replace("\n  │ ", " ").split_whitespace().collect::<Vec<_>>().join(" ");
+        if output.status.code() != Some(1) || !output.stdout.is_empty() {
+            faults.push(format!("case {number} ({new}): exit {:?}\n{message}", output.status));
+        }
+        let place = format!("broken.toml:{at}]");
+        for part in std::iter::once(&place.as_str()).chain(*wanted) {
+            if !flat.contains(part) {
+                faults.push(format!("case {number} ({new}): {part:?} is missing in\n{message}"));
+            }
+        }
+        if message.chars().any(|c| c.is_control() && c != '\n') {
+            faults.push(format!("case {number} ({new}): control characters in {message:?}"));
+        }
+    }
+    assert!(faults.is_empty(), "{}", faults.join("\n\n"));
+    let left: Vec<_> = fs::read_dir(directory.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(left, ["broken.toml"], "something was written");
+}
+
+/// As [`place`], for the first `part` from byte `from` on.
+fn place_from(text: &str, from: usize, part: &str) -> String {
+    let start = from + text[from..].find(part).unwrap_or_else(|| panic!("{part} is not in the scenario"));
+    let line_start = text[..start].rfind('\n').map_or(0, |newline| newline + 1);
+    format!("{}:{}", text[..start].matches('\n').count() + 1, start - line_start + 1)
+}
+
+#[test]
+fn faults_of_the_file_as_a_whole_are_named() {
+    let directory = tempdir().unwrap();
+    fs::write(directory.path().join("empty.toml"), "").unwrap();
+    fs::write(directory.path().join("latin1.toml"), b"title = \"caf\xe9\"\n").unwrap();
+    fs::write(directory.path().join("large.toml"), VALID.to_string() + &"#\n".repeat(600_000)).unwrap();
+    fs::write(directory.path().join("wide.toml"), "title = \"".to_string() + &"x".repeat(500_000)).unwrap();
+    fs::create_dir(directory.path().join("directory.toml")).unwrap();
+    for (name, wanted) in [
+        ("empty.toml", "`title` is missing"),
+        ("latin1.toml", "latin1.toml:1:13]"),
+        ("large.toml", "larger than 1000 kB"),
+        ("wide.toml", "not valid TOML"),
+        ("directory.toml", "it is not a file"),
+        ("absent.toml", "there is no file absent.toml"),
+    ] {
+        let output = isobar(directory.path(), &["check", name]);
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{name}: {message}");
+        assert!(message.contains(wanted), "{name}: {message}");
+    }
+    assert!(isobar(directory.path(), &["check", "wide.toml"]).stderr.len() < 1_010_000);
+}
+
+#[test]
+fn control_characters_of_a_broken_file_do_not_reach_the_terminal() {
+    let directory = tempdir().unwrap();
+    fs::write(directory.path().join("evil.toml"), "title = 3 # \u{1b}[2J\u{9b}31m\u{202e}\n\u{1b}]0;x\u{7} = 1\n")
+        .unwrap();
+    let output = isobar(directory.path(), &["check", "evil.toml"]);
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(message.contains("evil.toml:1:"), "{message}");
+    assert!(!message.chars().any(|c| (c.is_control() && c != '\n') || c == '\u{202e}'), "{message:?}");
+}
