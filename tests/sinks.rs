@@ -79,8 +79,9 @@ fn the_truth_is_written_on_its_staggered_grid() {
         for (variable, name, value) in [
             ("time", "units", "seconds since 1970-01-01 00:00:00"),
             ("time", "calendar", "standard"),
-            ("x_u", "standard_name", "projection_x_coordinate"),
-            ("y_v", "standard_name", "projection_y_coordinate"),
+            ("x", "standard_name", "projection_x_coordinate"),
+            ("y", "standard_name", "projection_y_coordinate"),
+            ("x_u", "units", "m"),
             ("y_v", "units", "m"),
             ("h", "standard_name", "geopotential_height"),
             ("u", "units", "m s-1"),
@@ -126,6 +127,8 @@ fn a_plane_beside_the_earth_has_no_grid_mapping() {
         }
         let file = NcFile::open(directory.join("truth.nc")).unwrap();
         assert_eq!(attribute(&file, "h", "grid_mapping"), None);
+        assert_eq!(attribute(&file, "x_u", "standard_name").as_deref(), Some("projection_x_coordinate"));
+        assert_eq!(attribute(&file, "y_v", "standard_name").as_deref(), Some("projection_y_coordinate"));
     });
 }
 

@@ -73,6 +73,10 @@ fn geographic(location: Location) -> [&'static str; 2] {
 }
 
 /// The coordinates of all places in the cell at which variables live.
+///
+/// Where the plane has a place on the Earth, only cell centres are related to it by the grid mapping: checkers of the
+/// conventions hold that it applies to exactly one variable of each standard name. Faces have latitudes and
+/// longitudes, as centres do.
 pub fn add_grid(definition: &mut Definition, layout: &Layout, projection: Option<&Projection>) {
     let grid = &layout.grid;
     if let Some(projection) = projection {
@@ -83,18 +87,10 @@ pub fn add_grid(definition: &mut Definition, layout: &Layout, projection: Option
             continue;
         }
         let [rows, columns] = dimensions(location);
-        definition.dimension(rows, grid.ny);
-        definition.dimension(columns, grid.nx);
-        if !definition.has_variable(rows) {
-            let values = (0..grid.ny).map(|j| grid.y_m(location, j)).collect();
-            let words = if rows == "y" { "y of cell centres" } else { "y of the cells' southern faces" };
-            definition.fixed(y(Variable::new(rows, &[rows]), words).with("axis", "Y"), Values::Numbers(values));
-        }
-        if !definition.has_variable(columns) {
-            let values = (0..grid.nx).map(|i| grid.x_m(location, i)).collect();
-            let words = if columns == "x" { "x of cell centres" } else { "x of the cells' western faces" };
-            definition.fixed(x(Variable::new(columns, &[columns]), words).with("axis", "X"), Values::Numbers(values));
-        }
+        let ys = (0..grid.ny).map(|j| grid.y_m(location, j)).collect();
+        add_axis(definition, rows, y, ys, projection.is_some());
+        let xs = (0..grid.nx).map(|i| grid.x_m(location, i)).collect();
+        add_axis(definition, columns, x, xs, projection.is_some());
         if let Some(projection) = projection {
             let places = (0..grid.cells())
                 .map(|cell| projection.inverse(grid.x_m(location, cell % grid.nx), grid.y_m(location, cell / grid.nx)));
@@ -102,6 +98,33 @@ pub fn add_grid(definition: &mut Definition, layout: &Layout, projection: Option
             add_places(definition, names, &[rows, columns], places.collect());
         }
     }
+}
+
+/// A dimension of the grid and its coordinate, unless they are there.
+fn add_axis(
+    definition: &mut Definition,
+    name: &str,
+    attributes: fn(Variable, &str) -> Variable,
+    values: Vec<f64>,
+    projected: bool,
+) {
+    if definition.has_variable(name) {
+        return;
+    }
+    let (axis, long_name) = match name {
+        "y" => ("Y", "y of cell centres"),
+        "x" => ("X", "x of cell centres"),
+        "y_v" => ("Y", "y of the cells' southern faces, on the plane of y"),
+        _ => ("X", "x of the cells' western faces, on the plane of x"),
+    };
+    definition.dimension(name, values.len());
+    let variable = Variable::new(name, &[name]);
+    let variable = if projected && name.len() > 1 {
+        variable.with("long_name", long_name).with("units", "m")
+    } else {
+        attributes(variable, long_name).with("axis", axis)
+    };
+    definition.fixed(variable, Values::Numbers(values));
 }
 
 /// The grid-mapping variable.
@@ -143,7 +166,7 @@ pub fn field(name: &str, long_name: &str, unit: &str, location: Location, projec
         .with("long_name", long_name)
         .with("units", unit)
         .with_some("coordinates", projected.then(|| geographic(location).join(" ")))
-        .with_some("grid_mapping", projected.then_some(GRID_MAPPING))
+        .with_some("grid_mapping", (projected && location == Location::Center).then_some(GRID_MAPPING))
         .with("_FillValue", FILL_VALUE)
 }
 
