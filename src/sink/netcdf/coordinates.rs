@@ -122,9 +122,9 @@ fn add_axis(
     let variable = if projected && name.len() > 1 {
         variable.with("long_name", long_name).with("units", "m")
     } else {
-        attributes(variable, long_name).with("axis", axis)
+        attributes(variable, long_name)
     };
-    definition.fixed(variable, Values::Numbers(values));
+    definition.fixed(variable.with("axis", axis), Values::Numbers(values));
 }
 
 /// The grid-mapping variable.
