@@ -1,0 +1,154 @@
+//! What happened in a run, as far as pictures of it need.
+
+use crate::event::{Analysed, RunInfo};
+use crate::summary::MethodScores;
+use isobar_assim::Estimate;
+use isobar_model::{Layout, State, Time};
+use isobar_obs::ObservationWindow;
+use std::collections::BTreeMap;
+
+/// The whole run.
+#[derive(Debug)]
+pub struct History {
+    /// Number of the variable of which maps are drawn: h, or the first.
+    pub mapped: usize,
+    /// The truth, by cycle.
+    pub truth: BTreeMap<usize, Truth>,
+    /// The observing platforms, by cycle.
+    pub observed: BTreeMap<usize, Vec<Platform>>,
+    /// The results of each method, by cycle.
+    pub methods: Vec<BTreeMap<usize, Estimates>>,
+    wind: Option<[usize; 2]>,
+}
+
+/// The truth of a cycle.
+#[derive(Debug)]
+pub struct Truth {
+    /// Valid time.
+    pub time: Time,
+    /// The mapped variable.
+    pub field: Vec<f32>,
+    /// u and v, where the model has them.
+    pub wind: Option<[Vec<f32>; 2]>,
+    /// The calibration parameters.
+    pub calibration: Vec<f64>,
+}
+
+/// A station or footprint in one cycle, with all that it reported.
+#[derive(Debug)]
+pub struct Platform {
+    /// x \[m\].
+    pub x_m: f64,
+    /// y \[m\].
+    pub y_m: f64,
+    /// Network and name.
+    pub name: String,
+    /// Numbers of its reports in the cycle's observations, with variable and value.
+    pub reports: Vec<(usize, usize, f64)>,
+}
+
+/// The results of one method in one cycle.
+#[derive(Debug)]
+pub struct Estimates {
+    /// Valid time.
+    pub time: Time,
+    /// The mapped variable before the analysis.
+    pub background: Vec<f32>,
+    /// The mapped variable after it.
+    pub analysis: Vec<f32>,
+    /// u and v of the analysis.
+    pub wind: Option<[Vec<f32>; 2]>,
+    /// Claimed standard deviation of the mapped variable after the analysis.
+    pub spread: Option<Vec<f32>>,
+    /// Background departure of each observation.
+    pub departures: Vec<f32>,
+    /// Calibration parameters after the analysis.
+    pub calibration: Vec<f64>,
+    /// Their claimed standard deviations.
+    pub calibration_spread: Option<Vec<f64>>,
+    /// The scores of the cycle.
+    pub scores: MethodScores,
+}
+
+impl History {
+    /// The history of a run that has not begun.
+    pub fn new(info: &RunInfo) -> Self {
+        let variable = |name| info.layout.variable(name);
+        Self {
+            mapped: variable("h").unwrap_or(0),
+            truth: BTreeMap::new(),
+            observed: BTreeMap::new(),
+            methods: info.methods.iter().map(|_| BTreeMap::new()).collect(),
+            wind: variable("u").zip(variable("v")).map(|(u, v)| [u, v]),
+        }
+    }
+
+    /// Takes the truth of a cycle.
+    pub fn add_truth(&mut self, cycle: usize, time: Time, state: &State, calibration: &[f64]) {
+        let (field, wind) = (self.field(state), self.wind(state));
+        self.truth.insert(cycle, Truth { time, field, wind, calibration: calibration.to_vec() });
+    }
+
+    /// Takes the observations of a cycle.
+    pub fn add_observations(&mut self, info: &RunInfo, window: &ObservationWindow) {
+        let mut platforms: Vec<Platform> = Vec::new();
+        let mut known = std::collections::HashMap::new();
+        for (number, (report, &value)) in window.reports.iter().zip(&window.values).enumerate() {
+            if report.variable >= info.layout.variables.len() {
+                continue;
+            }
+            let place = (&report.network, &report.platform, report.x_m.to_bits(), report.y_m.to_bits());
+            let at = *known.entry(place).or_insert_with(|| {
+                let name = format!("{} {}", report.network, report.platform);
+                platforms.push(Platform { x_m: report.x_m, y_m: report.y_m, name, reports: Vec::new() });
+                platforms.len() - 1
+            });
+            platforms[at].reports.push((number, report.variable, value));
+        }
+        self.observed.insert(window.cycle, platforms);
+    }
+
+    /// Takes the results of a method.
+    ///
+    /// # Errors
+    /// If they do not fit the run.
+    pub fn add_estimates(&mut self, info: &RunInfo, analysed: &Analysed<'_>) -> Result<(), String> {
+        let &Analysed { method, cycle, time, background, analysis, scores } = analysed;
+        let Estimate { state, calibration, state_spread, calibration_spread } = &analysis.estimate;
+        let spread_length = state_spread.as_ref().map_or(info.layout.len(), Vec::len);
+        let calibration_spread_length = calibration_spread.as_ref().map_or(calibration.len(), Vec::len);
+        if spread_length != info.layout.len() || calibration_spread_length != calibration.len() {
+            return Err(format!("in cycle {cycle} the spread of method {method} does not fit its estimate"));
+        }
+        let estimates = Estimates {
+            time,
+            background: self.field(&background.state),
+            analysis: self.field(state),
+            wind: self.wind(state),
+            spread: state_spread.as_ref().map(|spread| single(part(&info.layout, spread, self.mapped))),
+            departures: single(&analysis.background_departures),
+            calibration: calibration.clone(),
+            calibration_spread: calibration_spread.clone(),
+            scores: scores.clone(),
+        };
+        self.methods[method].insert(cycle, estimates);
+        Ok(())
+    }
+
+    fn field(&self, state: &State) -> Vec<f32> {
+        single(part(state.layout(), state.values(), self.mapped))
+    }
+
+    fn wind(&self, state: &State) -> Option<[Vec<f32>; 2]> {
+        self.wind.map(|wind| wind.map(|variable| single(part(state.layout(), state.values(), variable))))
+    }
+}
+
+fn part<'a>(layout: &Layout, values: &'a [f64], variable: usize) -> &'a [f64] {
+    let cells = layout.grid.cells();
+    &values[variable * cells..(variable + 1) * cells]
+}
+
+fn single(values: &[f64]) -> Vec<f32> {
+    values.iter().map(|&value| value as f32).collect()
+}

@@ -1,0 +1,104 @@
+//! The ranges that colours and axes of the whole run share.
+
+use super::history::History;
+use crate::summary::PerVariable;
+
+/// The ranges of the run's pictures.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ranges {
+    /// Lowest and highest value of the mapped variable.
+    pub state: [f32; 2],
+    /// Largest difference that is told apart by its colour; the smallest is its negative.
+    pub difference: f32,
+    /// Largest spread.
+    pub spread: f32,
+    /// Highest wind speed of the truth; 0 without wind.
+    pub wind: f32,
+    /// Highest error or spread of the curves, for each variable.
+    pub score: Vec<f64>,
+}
+
+impl Ranges {
+    /// The ranges of a run.
+    pub fn of(history: &History, variables: &[&str]) -> Self {
+        let truth = || history.truth.values();
+        let (low, high) = truth()
+            .flat_map(|truth| &truth.field)
+            .filter(|value| value.is_finite())
+            .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)));
+        let state = if low <= high { around(low, high) } else { [0.0, 1.0] };
+        let wind = truth().filter_map(|truth| truth.wind.as_ref());
+        let speeds =
+            wind.flat_map(|[u, v]| u.iter().zip(v)).map(|(u, v)| u.hypot(*v)).filter(|speed| speed.is_finite());
+        // A method that goes astray must not make the pictures of all others pale: the median over the methods.
+        let differences = history.methods.iter().map(|method| {
+            let estimates =
+                method.iter().filter_map(|(cycle, it)| Some((&it.background, &history.truth.get(cycle)?.field)));
+            quantile(estimates.flat_map(|(a, b)| a.iter().zip(b)).map(|(a, b)| (a - b).abs()).collect(), 0.98)
+        });
+        let spreads = history.methods.iter().map(|method| {
+            quantile(method.values().filter_map(|it| it.spread.as_ref()).flatten().copied().collect(), 0.98)
+        });
+        Self {
+            state,
+            difference: round_up(quantile(differences.flatten().collect(), 0.5)),
+            spread: round_up(quantile(spreads.flatten().collect(), 0.5)),
+            wind: speeds.fold(0.0, f32::max),
+            score: variables.iter().map(|variable| score(history, variable)).collect(),
+        }
+    }
+}
+
+/// The highest error or spread of a variable that its curves shall show.
+fn score(history: &History, variable: &str) -> f64 {
+    let scores = history.methods.iter().flat_map(|method| method.values()).map(|estimates| &estimates.scores);
+    let parts = scores.flat_map(|it| {
+        [Some(&it.rmse_background), Some(&it.rmse_analysis), it.spread_background.as_ref(), it.spread_analysis.as_ref()]
+    });
+    let values = parts.flatten().filter_map(|part: &PerVariable| part.get(variable)).map(|&value| value as f32);
+    f64::from(quantile(values.collect(), 0.99).unwrap_or(1.0)) * 1.1
+}
+
+/// The value below which the given part of the finite values lie.
+fn quantile(mut values: Vec<f32>, part: f32) -> Option<f32> {
+    values.retain(|value| value.is_finite());
+    let last = values.len().checked_sub(1)?;
+    let (_, value, _) = values.select_nth_unstable_by((last as f32 * part) as usize, f32::total_cmp);
+    Some(*value)
+}
+
+/// 1, 1.5, 2, 3, 4, 5, 6 or 8 times a power of ten, at or above the value.
+fn round_up(value: Option<f32>) -> f32 {
+    let value = value.filter(|&value| value > 0.0).unwrap_or(1.0);
+    let power = 10f32.powf(value.log10().floor());
+    let steps = [1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0];
+    steps.into_iter().map(|step| step * power).find(|&rounded| rounded >= value * 0.9999).unwrap_or(value)
+}
+
+/// Round values at or beyond both ends.
+fn around(low: f32, high: f32) -> [f32; 2] {
+    let unit = round_up(Some((high - low) / 20.0));
+    let [from, to] = [(low / unit).floor() * unit, (high / unit).ceil() * unit];
+    if from < to { [from, to] } else { [low - 0.5 - low.abs() * 1e-3, high + 0.5 + high.abs() * 1e-3] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn limits_are_round_and_large_enough() {
+        for (value, expected) in [(0.7, 0.8), (1.0, 1.0), (1.2, 1.5), (37.0, 40.0), (8200.0, 10_000.0), (0.0, 1.0)] {
+            assert!((round_up(Some(value)) / expected - 1.0).abs() < 1e-6, "{value}: {}", round_up(Some(value)));
+        }
+        assert_eq!(around(5212.0, 5648.0), [5190.0, 5670.0]);
+        let [from, to] = around(10.0, 10.0);
+        assert!(from < 10.0 && to > 10.0);
+    }
+
+    #[test]
+    fn quantiles_leave_out_what_is_no_number() {
+        assert_eq!(quantile(vec![3.0, f32::NAN, 1.0, 2.0, f32::INFINITY], 0.5), Some(2.0));
+        assert_eq!(quantile(vec![f32::NAN], 0.5), None);
+    }
+}

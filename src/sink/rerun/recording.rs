@@ -1,0 +1,88 @@
+//! The file: everything that is logged, and under which names.
+
+use super::frame::Frame;
+use super::history::History;
+use super::maps::Maps;
+use super::ranges::Ranges;
+use super::{series, text, views};
+use crate::event::RunInfo;
+use crate::sink::netcdf::coordinates::safe_name;
+use crate::summary::Summary;
+use ::rerun::log::ChunkBatcherConfig;
+use ::rerun::{RecordingStreamBuilder, TextDocument};
+use std::error::Error;
+use std::path::Path;
+use std::time::Duration;
+
+/// The recording's application: the viewer keeps a user's layout by it.
+pub const APPLICATION_ID: &str = "isobar";
+
+/// The outcome of logging something.
+pub type Result<T = ()> = std::result::Result<T, Box<dyn Error>>;
+
+/// Names of entities.
+#[derive(Debug)]
+pub struct Names {
+    methods: Vec<String>,
+    parameters: Vec<String>,
+}
+
+impl Names {
+    /// The names in a run.
+    pub fn new(info: &RunInfo) -> Self {
+        // With their numbers, so that no two are the same.
+        let name = |(number, name): (usize, &String)| format!("{:02}_{}", number + 1, safe_name(name, "_"));
+        Self {
+            methods: info.methods.iter().map(|method| &method.name).enumerate().map(name).collect(),
+            parameters: info.calibration.parameters.iter().map(|it| &it.name).enumerate().map(name).collect(),
+        }
+    }
+
+    /// Something of a method.
+    pub fn map(&self, method: usize, part: &str) -> String {
+        format!("methods/{}/{part}", self.methods[method])
+    }
+
+    /// A method's curve of a variable.
+    pub fn score(&self, method: usize, variable: &str, part: &str) -> String {
+        self.map(method, &format!("scores/{variable}/{part}"))
+    }
+
+    /// A method's curve of a calibration parameter.
+    pub fn parameter(&self, method: usize, parameter: usize, part: &str) -> String {
+        self.map(method, &format!("calibration/{}/{part}", self.parameters[parameter]))
+    }
+
+    /// A method's curve in the comparison of all.
+    pub fn comparison(&self, variable: &str, method: usize) -> String {
+        format!("comparison/{variable}/{}", self.methods[method])
+    }
+}
+
+/// Writes the recording of a complete run.
+pub fn write(path: &Path, info: &RunInfo, history: &History, summary: &Summary) -> std::result::Result<(), String> {
+    log_all(path, info, history, summary).map_err(|error| error.to_string())
+}
+
+fn log_all(path: &Path, info: &RunInfo, history: &History, summary: &Summary) -> Result {
+    // Nothing in the file may depend on the clock: neither times of logging, nor how rows are grouped to chunks.
+    let batching = ChunkBatcherConfig { flush_tick: Duration::from_secs(86_400), ..ChunkBatcherConfig::DEFAULT };
+    let recording = RecordingStreamBuilder::new(APPLICATION_ID)
+        .recording_id(format!("{}-seed-{}", info.scenario, info.seed))
+        .send_properties(false)
+        .batcher_config(batching)
+        .save(path)?;
+    recording.set_log_time_enabled(false);
+    recording.set_log_tick_enabled(false);
+    recording.send_recording_name(format!("{}, seed {}", info.title, info.seed))?;
+    let variables: Vec<&str> = info.layout.variables.iter().map(|variable| variable.name).collect();
+    let (names, ranges) = (Names::new(info), Ranges::of(history, &variables));
+    let frame = Frame::new(&info.layout);
+    views::send(&recording, info, history, &names, &ranges)?;
+    recording.log_static("text/scores", &TextDocument::from_markdown(text::scores(info, summary)))?;
+    recording.log_static("text/scenario", &TextDocument::from_markdown(text::scenario(info)))?;
+    Maps { recording: &recording, info, history, ranges: &ranges, names: &names, frame }.log_all()?;
+    series::log_all(&recording, info, history, &names)?;
+    recording.flush_blocking()?;
+    Ok(())
+}

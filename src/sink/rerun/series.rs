@@ -1,0 +1,119 @@
+//! Curves over time: errors and spreads of each variable, and the bias estimates.
+
+use super::colors;
+use super::history::{Estimates, History};
+use super::recording::{Names, Result};
+use crate::event::RunInfo;
+use crate::summary::MethodScores;
+use ::rerun::{RecordingStream, Scalars, SeriesLines, TimeColumn};
+use isobar_model::Time;
+
+const BACKGROUND: [u8; 4] = [214, 96, 77, 255];
+const ANALYSIS: [u8; 4] = [86, 180, 233, 255];
+const TRUTH: [u8; 4] = [240, 240, 240, 255];
+
+/// Colour, width and name of a curve.
+struct Style<'a> {
+    color: [u8; 4],
+    width: f32,
+    name: &'a str,
+}
+
+/// All curves of the run.
+pub fn log_all(recording: &RecordingStream, info: &RunInfo, history: &History, names: &Names) -> Result {
+    for (number, method) in history.methods.iter().enumerate() {
+        log_scores(recording, info, names, number, method.iter())?;
+        for parameter in 0..info.calibration.len() {
+            log_parameter(recording, history, names, number, parameter)?;
+        }
+    }
+    Ok(())
+}
+
+/// The curve of one method's score in a variable, picked from the scores of a cycle.
+type Curve<'a> = (&'a str, Style<'a>, fn(&MethodScores, &str) -> Option<f64>);
+
+fn log_scores<'a>(
+    recording: &RecordingStream,
+    info: &RunInfo,
+    names: &Names,
+    method: usize,
+    estimates: impl Iterator<Item = (&'a usize, &'a Estimates)> + Clone,
+) -> Result {
+    let faint = |[red, green, blue, _]: [u8; 4]| [red, green, blue, 110];
+    let curves: [Curve<'_>; 4] = [
+        ("background_spread", Style { color: faint(BACKGROUND), width: 1.0, name: "background spread" }, |it, name| {
+            it.spread_background.as_ref()?.get(name).copied()
+        }),
+        ("analysis_spread", Style { color: faint(ANALYSIS), width: 1.0, name: "analysis spread" }, |it, name| {
+            it.spread_analysis.as_ref()?.get(name).copied()
+        }),
+        ("background", Style { color: BACKGROUND, width: 2.0, name: "background RMSE" }, |it, name| {
+            it.rmse_background.get(name).copied()
+        }),
+        ("analysis", Style { color: ANALYSIS, width: 2.0, name: "analysis RMSE" }, |it, name| {
+            it.rmse_analysis.get(name).copied()
+        }),
+    ];
+    let [red, green, blue] = colors::of_method(method);
+    let own = Style { color: [red, green, blue, 255], width: 2.0, name: &info.methods[method].name };
+    for variable in info.layout.variables.iter().map(|variable| variable.name) {
+        let points = |pick: fn(&MethodScores, &str) -> Option<f64>| {
+            let at = |(cycle, it): (&usize, &Estimates)| Some((*cycle, it.time, pick(&it.scores, variable)?));
+            estimates.clone().filter_map(at).collect::<Vec<_>>()
+        };
+        for (part, style, pick) in &curves {
+            log(recording, &names.score(method, variable, part), style, &points(*pick))?;
+        }
+        log(recording, &names.comparison(variable, method), &own, &points(curves[3].2))?;
+    }
+    Ok(())
+}
+
+fn log_parameter(
+    recording: &RecordingStream,
+    history: &History,
+    names: &Names,
+    method: usize,
+    parameter: usize,
+) -> Result {
+    let truth: Vec<_> = history
+        .truth
+        .iter()
+        .filter_map(|(cycle, truth)| Some((*cycle, truth.time, *truth.calibration.get(parameter)?)))
+        .collect();
+    let estimates: Vec<_> = history.methods[method]
+        .iter()
+        .filter_map(|(cycle, it)| {
+            let sigma = it.calibration_spread.as_ref().map(|spread| spread[parameter]);
+            Some((*cycle, it.time, *it.calibration.get(parameter)?, sigma))
+        })
+        .collect();
+    let path = |part: &str| names.parameter(method, parameter, part);
+    for (part, name, factor) in [("below", "−2σ", -2.0), ("above", "+2σ", 2.0)] {
+        let bound = |&(cycle, time, value, sigma): &(usize, Time, f64, Option<f64>)| {
+            Some((cycle, time, value + factor * sigma?))
+        };
+        let points: Vec<_> = estimates.iter().filter_map(bound).collect();
+        let [red, green, blue, _] = ANALYSIS;
+        log(recording, &path(part), &Style { color: [red, green, blue, 120], width: 1.0, name }, &points)?;
+    }
+    log(recording, &path("truth"), &Style { color: TRUTH, width: 1.5, name: "truth" }, &truth)?;
+    let points: Vec<_> = estimates.iter().map(|&(cycle, time, value, _)| (cycle, time, value)).collect();
+    log(recording, &path("estimate"), &Style { color: ANALYSIS, width: 2.0, name: "estimate" }, &points)
+}
+
+/// A whole curve at once; nothing if there are no points.
+fn log(recording: &RecordingStream, path: &str, style: &Style<'_>, points: &[(usize, Time, f64)]) -> Result {
+    if points.is_empty() {
+        return Ok(());
+    }
+    let lines = SeriesLines::new().with_colors([style.color]).with_widths([style.width]).with_names([style.name]);
+    recording.log_static(path, &lines)?;
+    let cycles = TimeColumn::new_sequence("cycle", points.iter().map(|point| point.0 as i64));
+    let seconds = points.iter().map(|point| point.1.seconds() as f64);
+    let times = TimeColumn::new_timestamp_secs_since_epoch("valid_time", seconds);
+    let values = Scalars::new(points.iter().map(|point| point.2)).columns_of_unit_batches()?;
+    recording.send_columns(path, [cycles, times], values)?;
+    Ok(())
+}

@@ -1,0 +1,299 @@
+//! A made-up run for the sinks: a vortex drifts through a channel, and each method's errors shrink at its own pace.
+
+use indexmap::IndexMap;
+use isobar::event::{Analysed, Event, MethodInfo, RunInfo, StationInfo};
+use isobar::sink::{Sink, SinkError};
+use isobar::summary::{MethodScores, PerVariable, Summary};
+use isobar_assim::{Analysis, Estimate};
+use isobar_model::random::{standard_normals, stream};
+use isobar_model::{Boundary, Duration, Grid, Layout, Location, State, Time, Variable};
+use isobar_obs::{
+    BlockAngular, Calibration, LinearOperator, ObservationWindow, Parameter, Placement, Projection, Report, SparseRows,
+};
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+/// Everything that happened, held so that tests can compare it with what was written.
+pub struct SyntheticRun {
+    pub info: RunInfo,
+    /// For cycles 0 to N.
+    pub truth: Vec<State>,
+    pub true_calibration: Vec<Vec<f64>>,
+    /// For cycles 1 to N.
+    pub windows: Vec<ObservationWindow>,
+    /// For each method, for cycles 1 to N.
+    pub results: Vec<Vec<(Estimate, Analysis, MethodScores)>>,
+    pub summary: Summary,
+}
+
+const METHODS: [(&str, &str, f64, bool); 5] = [
+    ("fast_kalman", "Fast Kalman filter, 24 blocks", 0.25, true),
+    ("kalman", "extended Kalman filter", 0.3, true),
+    ("letkf-40", "LETKF, 40 members", 0.45, true),
+    ("3dvar", "3D-Var, static background covariance", 0.6, true),
+    ("free", "no observations at all", 1.0, false),
+];
+
+impl SyntheticRun {
+    pub fn new(nx: usize, ny: usize, cycles: usize, methods: usize) -> Self {
+        let info = info(nx, ny, cycles, methods);
+        let truth: Vec<State> = (0..=cycles).map(|cycle| vortex(&info, cycle)).collect();
+        let true_calibration: Vec<Vec<f64>> =
+            (0..=cycles).map(|cycle| vec![12.0, -8.0, 5.0 + 0.05 * cycle as f64, 0.75]).collect();
+        let windows: Vec<_> = (1..=cycles).map(|cycle| observe(&info, cycle, &truth, &true_calibration)).collect();
+        let results: Vec<Vec<_>> = (0..methods)
+            .map(|method| {
+                windows
+                    .iter()
+                    .map(|window| {
+                        let cycle = window.cycle;
+                        analyse(&info, method, window, &truth[cycle], &true_calibration[cycle])
+                    })
+                    .collect()
+            })
+            .collect();
+        let last = |method: usize| results[method].last().map(|result| result.2.clone()).unwrap_or_default();
+        let summary = Summary {
+            scenario: info.scenario.clone(),
+            seed: info.seed,
+            cycles,
+            scored_from_cycle: cycles / 2,
+            version: "0.1.0".into(),
+            methods: (0..methods).map(|method| (info.methods[method].name.clone(), last(method))).collect(),
+        };
+        Self { info, truth, true_calibration, windows, results, summary }
+    }
+
+    pub fn time(&self, cycle: usize) -> Time {
+        self.info.start + Duration::from_seconds(self.info.window.seconds() * cycle as i64)
+    }
+
+    /// Tells `sink` all that happened, cycle by cycle.
+    pub fn play(&self, sink: &mut dyn Sink) -> Result<(), SinkError> {
+        sink.record(&Event::Started(&self.info))?;
+        self.play_truth(sink, 0)?;
+        for (window, cycle) in self.windows.iter().zip(1..) {
+            self.play_truth(sink, cycle)?;
+            sink.record(&Event::Observed(window))?;
+            for (method, results) in self.results.iter().enumerate() {
+                let (background, analysis, scores) = &results[cycle - 1];
+                let time = self.time(cycle);
+                sink.record(&Event::Analysed(Analysed { method, cycle, time, background, analysis, scores }))?;
+            }
+        }
+        sink.record(&Event::Finished(&self.summary))
+    }
+
+    pub fn play_truth(&self, sink: &mut dyn Sink, cycle: usize) -> Result<(), SinkError> {
+        let (state, calibration) = (&self.truth[cycle], &self.true_calibration[cycle]);
+        sink.record(&Event::Truth { cycle, time: self.time(cycle), state, calibration })
+    }
+}
+
+fn info(nx: usize, ny: usize, cycles: usize, methods: usize) -> RunInfo {
+    let variable = |name, long_name, standard_name, unit, location| Variable {
+        name,
+        long_name,
+        standard_name: Some(standard_name),
+        unit,
+        location,
+    };
+    let grid = Grid { nx, ny, dx_m: 250_000.0, dy_m: 250_000.0, boundary: Boundary::Channel };
+    let projection = Projection {
+        center_latitude_deg: 50.0,
+        center_longitude_deg: 10.0,
+        false_easting_m: 0.5 * grid.width_m(),
+        false_northing_m: 0.5 * grid.height_m(),
+    };
+    let variables = vec![
+        variable("h", "geopotential height", "geopotential_height", "m", Location::Center),
+        variable("u", "eastward wind", "eastward_wind", "m s-1", Location::XFace),
+        variable("v", "northward wind", "northward_wind", "m s-1", Location::YFace),
+    ];
+    let parameter = |name: &str, sigma_prior| Parameter {
+        name: name.into(),
+        unit: "m".into(),
+        placement: Placement::Shared,
+        sigma_prior,
+        sigma_drift_per_sqrt_day: 0.0,
+    };
+    let parameters = vec![
+        parameter("europe/h/FR", 15.0),
+        parameter("europe/h/DE", 15.0),
+        parameter("polar/constant", 10.0),
+        parameter("polar/scan_linear", 5.0),
+    ];
+    let stations = (0..14).map(|number| StationInfo {
+        network: "europe".into(),
+        name: format!("{}{:03}", if number % 2 == 0 { "FR" } else { "DE" }, 7 * number + 3).into(),
+        group: if number % 2 == 0 { "FR".into() } else { "DE".into() },
+        x_m: grid.width_m() * (0.3 + 0.45 * (number as f64 * 0.618).fract()),
+        y_m: grid.height_m() * (0.25 + 0.5 * (number as f64 * 0.381).fract()),
+    });
+    RunInfo {
+        scenario: "quickstart".into(),
+        title: "A vortex over a channel".into(),
+        scenario_text: "title = \"A vortex over a channel\"\nseed = 42\n\n[grid]\nnx = 32\nny = 24\n".into(),
+        seed: 42,
+        stations: stations.collect(),
+        layout: Arc::new(Layout { grid, variables }),
+        projection: Some(projection),
+        start: Time::from_seconds(1_767_225_600),
+        window: Duration::from_seconds(21_600),
+        cycles,
+        calibration: Calibration { parameters },
+        methods: METHODS[..methods]
+            .iter()
+            .map(|&(name, description, ..)| MethodInfo { name: name.into(), description: description.into() })
+            .collect(),
+    }
+}
+
+fn vortex(info: &RunInfo, cycle: usize) -> State {
+    let mut state = State::zeros(&info.layout);
+    let grid = &info.layout.grid;
+    let (width, height) = (grid.width_m(), grid.height_m());
+    let center = (width * (0.15 + 0.02 * cycle as f64).fract(), height * (0.5 + 0.12 * (cycle as f64 * 0.2).sin()));
+    let (radius, depth, jet) = (0.12 * width, 240.0, 18.0);
+    for (number, variable) in info.layout.variables.iter().enumerate() {
+        for cell in 0..grid.cells() {
+            let (x, y) = (grid.x_m(variable.location, cell % grid.nx), grid.y_m(variable.location, cell / grid.nx));
+            let dx = (x - center.0 + 1.5 * width).rem_euclid(width) - 0.5 * width;
+            let dy = y - center.1;
+            let bell = (-(dx * dx + dy * dy) / (2.0 * radius * radius)).exp();
+            state.field_mut(number)[cell] = match variable.name {
+                "h" => 5500.0 - 150.0 * (TAU * 0.5 * (y / height - 0.5)).sin() - depth * bell,
+                "u" => jet * (TAU * 0.5 * y / height).sin() - 25.0 * dy / radius * bell,
+                _ => 25.0 * dx / radius * bell,
+            };
+        }
+    }
+    state
+}
+
+fn observe(info: &RunInfo, cycle: usize, truth: &[State], calibration: &[Vec<f64>]) -> ObservationWindow {
+    let grid = &info.layout.grid;
+    let mut reports = Vec::new();
+    let mut jacobian = BlockAngular { state: SparseRows::new(), calibration: SparseRows::new() };
+    let mut add = |report: Report, bias: Vec<(usize, f64)>| {
+        let location = info.layout.variables[report.variable].location;
+        let Some(stencil) = grid.stencil(location, report.x_m, report.y_m) else { return };
+        let offset = report.variable * grid.cells();
+        jacobian.state.push_row(stencil.entries.into_iter().map(|(index, weight)| (offset + index, weight)));
+        jacobian.calibration.push_row(bias);
+        reports.push(report);
+    };
+    for station in &info.stations {
+        for variable in 0..2 {
+            let (network, platform) = (Arc::clone(&station.network), Arc::clone(&station.name));
+            let report = Report { network, platform, variable, x_m: station.x_m, y_m: station.y_m, scan: None };
+            let group = if &*station.group == "FR" { 0 } else { 1 };
+            add(report, if variable == 0 { vec![(group, 1.0)] } else { vec![] });
+        }
+    }
+    for along in 0..8 {
+        for across in 0..5 {
+            let scan = across as f64 / 2.0 - 1.0;
+            let report = Report {
+                network: "polar".into(),
+                platform: format!("line {along}, spot {across}").into(),
+                variable: 0,
+                x_m: (grid.width_m() * (0.07 * cycle as f64 + 0.03 * across as f64 + 0.02 * along as f64))
+                    .rem_euclid(grid.width_m()),
+                y_m: grid.height_m() * (along as f64 + 0.5) / 8.0,
+                scan: Some(scan),
+            };
+            add(report, vec![(2, 1.0), (3, scan)]);
+        }
+    }
+    let unbiased = jacobian.apply(truth[cycle].values(), &[0.0; 4]);
+    let biased = jacobian.apply(truth[cycle].values(), &calibration[cycle]);
+    let noise = standard_normals(&mut stream(info.seed, &format!("observations {cycle}")), unbiased.len());
+    let sigma: Vec<f64> = reports.iter().map(|report| if report.variable == 0 { 4.0 } else { 1.5 }).collect();
+    let with_noise = |values: Vec<f64>| (0..values.len()).map(|k| values[k] + sigma[k] * noise[k]).collect::<Vec<_>>();
+    ObservationWindow {
+        time: info.start + Duration::from_seconds(info.window.seconds() * cycle as i64),
+        cycle,
+        values: with_noise(biased),
+        values_bias_removed: with_noise(unbiased),
+        sigma: sigma.clone(),
+        reports,
+        operator: Box::new(LinearOperator { jacobian }),
+    }
+}
+
+fn analyse(
+    info: &RunInfo,
+    method: usize,
+    window: &ObservationWindow,
+    truth: &State,
+    calibration: &[f64],
+) -> (Estimate, Analysis, MethodScores) {
+    let (_, _, level, has_spread) = METHODS[method];
+    let estimate = |stage: &str| {
+        let decay = level + (1.0 - level) * (-(window.cycle as f64) / 6.0).exp();
+        let size = decay * if stage == "analysis" && has_spread { 0.7 } else { 1.0 };
+        let mut random = stream(info.seed, &format!("{method} {} {stage}", window.cycle / 2));
+        let mut state = truth.clone();
+        let mut spread = vec![0.0; truth.values().len()];
+        let grid = &info.layout.grid;
+        for (number, unit) in [30.0, 4.0, 4.0].into_iter().enumerate() {
+            let waves = standard_normals(&mut random, 12);
+            for cell in 0..grid.cells() {
+                let (x, y) = (cell % grid.nx, cell / grid.nx);
+                let (x, y) = (x as f64 / grid.nx as f64, y as f64 / grid.ny as f64);
+                let mut error = 0.0;
+                for (k, wave) in waves.chunks(3).enumerate() {
+                    let phase = TAU * (wave[1] + (k + 1) as f64 * x);
+                    error += wave[0] * phase.sin() * (TAU * 0.5 * (k + 1) as f64 * y + wave[2]).sin();
+                }
+                state.field_mut(number)[cell] += size * unit * error;
+                spread[number * grid.cells() + cell] = size * unit * (1.0 + 0.5 * (TAU * x).cos());
+            }
+        }
+        let errors = standard_normals(&mut random, calibration.len());
+        Estimate {
+            state,
+            calibration: calibration.iter().zip(errors).map(|(bias, error)| bias + 4.0 * decay * error).collect(),
+            state_spread: has_spread.then_some(spread),
+            calibration_spread: has_spread.then(|| vec![4.0 * decay; calibration.len()]),
+        }
+    };
+    let (background, analysed) = (estimate("background"), estimate("analysis"));
+    let departures = |estimate: &Estimate| {
+        let simulated = window.operator.simulate(&estimate.state, &estimate.calibration);
+        window.values.iter().zip(simulated).map(|(value, simulated)| value - simulated).collect::<Vec<_>>()
+    };
+    let rms = |values: &dyn Fn(usize) -> Vec<f64>| -> PerVariable {
+        let names = info.layout.variables.iter().map(|variable| variable.name.to_string());
+        let root = |values: Vec<f64>| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
+        names.enumerate().map(|(number, name)| (name, root(values(number)))).collect::<IndexMap<_, _>>()
+    };
+    let cells = info.layout.grid.cells();
+    let error = |estimate: &Estimate| {
+        let difference = &estimate.state - truth;
+        rms(&|number| difference.field(number).iter().copied().collect())
+    };
+    let spread = |estimate: &Estimate| {
+        estimate.state_spread.as_ref().map(|it| rms(&|number| it[number * cells..(number + 1) * cells].to_vec()))
+    };
+    let scores = MethodScores {
+        rmse_analysis: error(&analysed),
+        rmse_background: error(&background),
+        spread_analysis: spread(&analysed),
+        spread_background: spread(&background),
+        bias_rmse: has_spread.then_some(2.5 * level),
+        bias_spread: has_spread.then_some(2.6 * level),
+        innovation_chi2: has_spread.then_some(1.0 + 0.1 * level),
+        seconds_per_cycle: 0.0123,
+        peak_memory_bytes: 1_500_000,
+    };
+    let analysis = Analysis {
+        background_departures: departures(&background),
+        analysis_departures: departures(&analysed),
+        estimate: analysed,
+        innovation_chi2: has_spread.then_some(1.0),
+        partition: None,
+    };
+    (background, analysis, scores)
+}
