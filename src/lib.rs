@@ -1,9 +1,29 @@
 //! isobar: a 2-D data-assimilation testbed with Lange's Fast Kalman Filter.
+//!
+//! ```text
+//! scenario ─► experiment ─► truth ─► observations ─► cycle { forecast ─► analyse } ─► verify ─► sinks
+//! ```
+//!
+//! | module | what it does |
+//! |---|---|
+//! | [`scenario`] | reads and checks an experiment's file |
+//! | [`experiment`] | builds model, truth, observing system and methods from it |
+//! | [`truth`] | the true world |
+//! | [`cycle`] | one cycle of one method |
+//! | [`verify`] | the only place where truth and estimate meet |
+//! | [`run`] | the loop over cycles |
+//! | [`event`], [`sink`] | what happens, and the files that it is written to |
+//! | [`cli`], [`progress`], [`table`] | the command line |
 
 pub mod cli;
+pub mod cycle;
 pub mod event;
+pub mod experiment;
 pub mod progress;
+pub mod run;
 pub mod scenario;
 pub mod sink;
 pub mod summary;
 pub mod table;
+pub mod truth;
+pub mod verify;

@@ -4,6 +4,7 @@ use isobar::cli::{self, RunOptions};
 use isobar::progress::Progress;
 use isobar::scenario::Scenario;
 use isobar::summary::Summary;
+use miette::{IntoDiagnostic, Report};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -11,6 +12,6 @@ fn main() -> ExitCode {
 }
 
 /// Where the command line hands over to the experiment.
-fn run(_: &Scenario, _: &RunOptions, _: &mut Progress) -> Result<Summary, miette::Report> {
-    Err(miette::miette!("this build cannot run experiments"))
+fn run(scenario: &Scenario, options: &RunOptions, progress: &mut Progress) -> Result<Summary, Report> {
+    isobar::run::run(scenario, options, progress).into_diagnostic()
 }

@@ -46,7 +46,8 @@ impl Scorecard {
             mean_squares(layout, errors)
         };
         let p = calibration.len();
-        let mean_square = |values: &mut dyn Iterator<Item = f64>| values.map(|value| value * value).sum::<f64>() / p as f64;
+        let mean_square =
+            |values: &mut dyn Iterator<Item = f64>| values.map(|value| value * value).sum::<f64>() / p as f64;
         let biased = scores_bias && p > 0;
         let bias_errors = || analysis.calibration.iter().zip(truth.calibration).map(|(a, b)| a - b);
         Self {
@@ -94,7 +95,9 @@ impl Scorecard {
             }
         }
         self.partition = match (self.partition.take(), &cycle.partition) {
-            (Some(own), Some(other)) if own.largest_component_variables >= other.largest_component_variables => Some(own),
+            (Some(own), Some(other)) if own.largest_component_variables >= other.largest_component_variables => {
+                Some(own)
+            }
             (_, other) => other.clone(),
         };
     }

@@ -1,0 +1,52 @@
+//! `[model]` as a model.
+
+use crate::scenario::{Dynamics, ModelSettings, ShallowWaterSettings, TimeScheme, Wind};
+use isobar_model::{
+    Adjoint, Advection, AdvectionScheme, ExactShift, Grid, LinearShallowWater, ModelError, ShallowWater,
+    ShallowWaterParameters, Stepped, VectorInvariant,
+};
+use std::sync::Arc;
+
+pub(super) fn build(settings: &ModelSettings, grid: &Grid) -> Result<Arc<dyn Adjoint>, ModelError> {
+    let time_step = settings.time_step;
+    Ok(match &settings.dynamics {
+        Dynamics::ShallowWater(own) => {
+            Arc::new(Stepped::new(shallow_water(own, grid)?, time_step, scheme(own.time_scheme))?)
+        }
+        Dynamics::LinearShallowWater { settings: own, mean_depth_m, mean_flow_m_per_s } => {
+            let nonlinear = shallow_water(own, grid)?;
+            let linear = LinearShallowWater::about_uniform_flow(nonlinear, *mean_depth_m, *mean_flow_m_per_s)?;
+            Arc::new(Stepped::new(linear, time_step, scheme(own.time_scheme))?)
+        }
+        Dynamics::Advection { wind, time_scheme } => {
+            let wind = match *wind {
+                Wind::Uniform { u_m_per_s, v_m_per_s } => isobar_model::Wind::Uniform { u_m_per_s, v_m_per_s },
+                Wind::Rotation { speed_m_per_s } => isobar_model::Wind::Vortex { speed_m_per_s },
+            };
+            let advection = Advection::new(grid.clone(), &wind, AdvectionScheme::ThirdOrderUpwind)?;
+            Arc::new(Stepped::new(advection, time_step, scheme(*time_scheme))?)
+        }
+        Dynamics::ExactShift { columns_per_step, rows_per_step } => {
+            Arc::new(ExactShift::new(grid.clone(), *columns_per_step, *rows_per_step, time_step)?)
+        }
+    })
+}
+
+/// The nonlinear equations.
+pub(super) fn shallow_water(settings: &ShallowWaterSettings, grid: &Grid) -> Result<ShallowWater, ModelError> {
+    let parameters = ShallowWaterParameters {
+        gravity_m_per_s2: settings.gravity_m_per_s2,
+        coriolis_per_s: settings.coriolis_per_s,
+        beta_per_m_per_s: settings.beta_per_m_per_s,
+        drag_per_s: settings.drag_per_s,
+        hyperdiffusion_m4_per_s: settings.hyperdiffusion_m4_per_s,
+    };
+    ShallowWater::new(grid.clone(), parameters, VectorInvariant::PotentialEnstrophy)
+}
+
+fn scheme(scheme: TimeScheme) -> isobar_model::TimeScheme {
+    match scheme {
+        TimeScheme::RungeKutta4 => isobar_model::TimeScheme::Rk4,
+        TimeScheme::SspRungeKutta3 => isobar_model::TimeScheme::SspRk3,
+    }
+}

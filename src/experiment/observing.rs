@@ -1,0 +1,125 @@
+//! `[networks.NAME]` as instruments.
+
+use super::ExperimentError;
+use crate::scenario::{
+    Bias, BiasEvolution, BiasOwner, InitialBias, Instrument, Network, RadiosondeSettings, SatelliteSettings, Schedule,
+    StationLayout,
+};
+use indexmap::IndexMap;
+use isobar_model::{Duration, Grid};
+use isobar_obs::{
+    BiasProcess, BiasScope, Evolution, Heading, InstrumentConfig, ObservedVariable, RadiosondeConfig, SatelliteConfig,
+    ScanBias, ScanTerm, StationBias, StationSource, Stations,
+};
+use std::io::Read;
+use std::path::Path;
+
+/// The largest station file \[bytes\].
+const LARGEST_STATION_FILE: u64 = 100_000_000;
+
+pub(super) fn configs(
+    networks: &IndexMap<String, Network>,
+    grid: &Grid,
+    window: Duration,
+) -> Result<Vec<InstrumentConfig>, ExperimentError> {
+    networks
+        .iter()
+        .map(|(name, network)| match &network.instrument {
+            Instrument::Radiosonde(own) => Ok(InstrumentConfig::Radiosonde(radiosondes(name, network, own)?)),
+            Instrument::Satellite(own) => Ok(InstrumentConfig::Satellite(satellite(name, network, own, grid))),
+        })
+        .collect()
+}
+
+fn radiosondes(name: &str, network: &Network, own: &RadiosondeSettings) -> Result<RadiosondeConfig, ExperimentError> {
+    let groups = own.groups.clone();
+    let stations = match &own.stations {
+        StationLayout::File(path) => {
+            let mut stations = read_stations(path)?;
+            if let (Some(column), false) = (&own.group_by, groups.is_empty()) {
+                stations = stations.only(name, column, &groups)?;
+            }
+            StationSource::File { stations, group_by: own.group_by.clone() }
+        }
+        &StationLayout::Regular { columns, rows } => StationSource::Regular { columns, rows, groups },
+        &StationLayout::Random { count } => StationSource::Random { count, groups },
+    };
+    let mut config = RadiosondeConfig::new(name, stations);
+    config.reference_groups.clone_from(&own.reference_groups);
+    config.variables =
+        own.observed.iter().map(|observed| ObservedVariable::new(&observed.variable, observed.sigma)).collect();
+    config.schedule = schedule(network.schedule);
+    config.missing_rate = network.missing_rate;
+    config.biases = own
+        .biases
+        .iter()
+        .map(|bias| StationBias {
+            variable: bias.pattern.variable.clone(),
+            scope: match bias.pattern.per {
+                BiasOwner::Group => BiasScope::EachGroup,
+                BiasOwner::Station => BiasScope::EachStation,
+            },
+            process: process(bias),
+        })
+        .collect();
+    Ok(config)
+}
+
+fn satellite(name: &str, network: &Network, own: &SatelliteSettings, grid: &Grid) -> SatelliteConfig {
+    let mut config = SatelliteConfig::new(name);
+    config.variable = ObservedVariable::new(&own.observed.variable, own.observed.sigma);
+    config.swath_width_m = own.swath_width_m;
+    config.scan_positions = own.scan_positions;
+    config.along_track_spacing_m = own.along_track_spacing_m;
+    config.footprint_sigma_m = own.footprint_sigma_m;
+    config.crossing_x_m = own.start_x_fraction * grid.width_m();
+    config.shift_per_cycle_m = own.shift_per_cycle_m;
+    config.heading = Heading::Alternating;
+    config.schedule = schedule(network.schedule);
+    config.biases = own
+        .biases
+        .iter()
+        .map(|bias| ScanBias {
+            term: match bias.pattern {
+                crate::scenario::ScanTerm::Offset => ScanTerm::Offset,
+                crate::scenario::ScanTerm::Linear => ScanTerm::Linear,
+                crate::scenario::ScanTerm::Quadratic => ScanTerm::Quadratic,
+            },
+            process: process(bias),
+        })
+        .collect();
+    config
+}
+
+fn schedule(schedule: Schedule) -> isobar_obs::Schedule {
+    let every_cycles = schedule.interval_cycles;
+    isobar_obs::Schedule { every_cycles, offset_cycles: schedule.first_cycle % every_cycles }
+}
+
+fn process<Pattern>(bias: &Bias<Pattern>) -> BiasProcess {
+    BiasProcess {
+        initial: match bias.initial {
+            InitialBias::Sigma(sigma) => isobar_obs::InitialBias::Drawn { sigma },
+            InitialBias::Value(value) => isobar_obs::InitialBias::Given { value },
+        },
+        evolution: match bias.evolution {
+            BiasEvolution::Constant => Evolution::Constant,
+            BiasEvolution::RandomWalk { sigma_per_sqrt_day } => Evolution::RandomWalk { sigma_per_sqrt_day },
+            BiasEvolution::Jump { at_hours, size } => Evolution::Jump { at_hours, size },
+        },
+        assumed_sigma_prior: bias.assumed_sigma,
+        assumed_sigma_drift_per_sqrt_day: bias.assumed_drift_per_sqrt_day,
+        known: bias.known,
+    }
+}
+
+fn read_stations(path: &Path) -> Result<Stations, ExperimentError> {
+    let failure = |reason: String| ExperimentError::File { path: path.to_path_buf(), reason };
+    let file = std::fs::File::open(path).map_err(|error| failure(error.to_string()))?;
+    let mut text = String::new();
+    file.take(LARGEST_STATION_FILE + 1).read_to_string(&mut text).map_err(|error| failure(error.to_string()))?;
+    if text.len() as u64 > LARGEST_STATION_FILE {
+        return Err(failure(format!("it is larger than {} MB", LARGEST_STATION_FILE / 1_000_000)));
+    }
+    Ok(Stations::parse(&text, &path.display().to_string())?)
+}

@@ -1,0 +1,121 @@
+//! A run: truth, observations, every method, verification, sinks; cycle after cycle.
+
+use crate::cli::RunOptions;
+use crate::event::{Analysed, Event};
+use crate::experiment::{Experiment, ExperimentError};
+use crate::scenario::Scenario;
+use crate::sink::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
+use crate::summary::{MethodScores, Summary};
+use crate::verify::{Scorecard, TrueValues};
+use isobar_model::ForecastError;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+/// Why a run ended early.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The scenario cannot become an experiment.
+    #[error(transparent)]
+    Experiment(#[from] ExperimentError),
+    /// The truth left the finite numbers.
+    #[error("cycle {cycle}, truth: {error}")]
+    Truth {
+        /// The cycle.
+        cycle: usize,
+        /// Why.
+        error: ForecastError,
+    },
+    /// A method failed.
+    #[error("cycle {cycle}, method {method}: {error}")]
+    Method {
+        /// The cycle.
+        cycle: usize,
+        /// The method's name.
+        method: String,
+        /// Why.
+        error: isobar_assim::Error,
+    },
+    /// An output could not be written.
+    #[error(transparent)]
+    Sink(#[from] SinkError),
+    /// No threads could be started.
+    #[error("cannot start the threads: {0}")]
+    Threads(#[from] rayon::ThreadPoolBuildError),
+}
+
+/// Runs a scenario; `listener` hears all events beside the files.
+///
+/// # Errors
+/// Nothing is left in the output directory's place if there is one.
+pub fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, RunError> {
+    let workers = ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0)).build()?;
+    let existing = if options.overwrite { Existing::Replace } else { Existing::Refuse };
+    let directory = OutputDirectory::create(&options.out, existing)?;
+    let mut experiment = workers.install(|| Experiment::new(scenario, options))?;
+    let outputs = Outputs { netcdf: options.netcdf, rerun: options.rerun };
+    let mut sinks = open_all(&experiment.info, &directory, outputs)?;
+    let mut send = |event: Event<'_>| {
+        sinks.record(&event)?;
+        listener.record(&event)
+    };
+    let summary = cycles(&mut experiment, &workers, &mut send)?;
+    send(Event::Finished(&summary))?;
+    drop(sinks);
+    directory.complete()?;
+    Ok(summary)
+}
+
+fn cycles(
+    experiment: &mut Experiment,
+    workers: &ThreadPool,
+    send: &mut dyn FnMut(Event<'_>) -> Result<(), SinkError>,
+) -> Result<Summary, RunError> {
+    let Experiment { info, score_from_cycle, truth, observing, methods } = experiment;
+    let mut totals = vec![Scorecard::default(); methods.len()];
+    send(Event::Started(info))?;
+    send(Event::Truth { cycle: 0, time: info.start, state: truth.state(), calibration: observing.true_calibration() })?;
+    for cycle in 1..=info.cycles {
+        workers.install(|| truth.advance()).map_err(|error| RunError::Truth { cycle, error })?;
+        let observed = observing.observe(truth.state());
+        let time = observed.time;
+        let truth = TrueValues { state: truth.state(), calibration: observing.true_calibration() };
+        send(Event::Truth { cycle, time, state: truth.state, calibration: truth.calibration })?;
+        send(Event::Observed(&observed))?;
+        for (number, method) in methods.iter_mut().enumerate() {
+            let outcome = workers
+                .install(|| method.runner.cycle(info.window, &observed))
+                .map_err(|error| RunError::Method { cycle, method: info.methods[number].name.clone(), error })?;
+            let scores = Scorecard::of_cycle(truth, &outcome, &info.calibration, method.scores_bias);
+            if cycle >= *score_from_cycle {
+                totals[number].add(&scores);
+            }
+            send(Event::Analysed(Analysed {
+                method: number,
+                cycle,
+                time,
+                background: &outcome.background,
+                analysis: &outcome.analysis,
+                scores: &MethodScores {
+                    seconds_per_cycle: outcome.seconds,
+                    peak_memory_bytes: method.runner.peak_bytes,
+                    ..scores.scores(&info.layout)
+                },
+            }))?;
+        }
+    }
+    let scores = info.methods.iter().zip(&totals).zip(methods).map(|((own, total), method)| {
+        let scores = MethodScores {
+            seconds_per_cycle: method.runner.seconds / info.cycles as f64,
+            peak_memory_bytes: method.runner.peak_bytes,
+            ..total.scores(&info.layout)
+        };
+        (own.name.clone(), scores)
+    });
+    Ok(Summary {
+        scenario: info.scenario.clone(),
+        seed: info.seed,
+        cycles: info.cycles,
+        scored_from_cycle: *score_from_cycle,
+        version: env!("CARGO_PKG_VERSION").to_string(),
+        methods: scores.collect(),
+    })
+}
