@@ -64,6 +64,11 @@ fn adding_an_instrument_changes_no_other_whatever_the_order() {
     assert!(!bits(&alone, "net").is_empty());
     assert_eq!(bits(&alone, "net"), bits(&together, "net"));
     assert_ne!(bits(&together, "net"), bits(&together, "other"), "two networks do not share their random numbers");
+    let place = |name: &str| {
+        let report = together[0].reports.iter().find(|report| &*report.network == name).unwrap();
+        (report.x_m, report.y_m)
+    };
+    assert_ne!(place("net"), place("other"), "nor the places of their stations");
 }
 
 #[test]
