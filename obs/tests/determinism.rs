@@ -64,6 +64,12 @@ fn adding_an_instrument_changes_no_other_whatever_the_order() {
     assert!(!bits(&alone, "net").is_empty());
     assert_eq!(bits(&alone, "net"), bits(&together, "net"));
     assert_ne!(bits(&together, "net"), bits(&together, "other"), "two networks do not share their random numbers");
+    let columns = |name: &str| -> Vec<f64> {
+        let reports = together[0].reports.iter().filter(|report| &*report.network == name);
+        reports.map(|report| report.x_m).collect()
+    };
+    let (net, other) = (columns("net"), columns("other"));
+    assert!(!other.is_empty() && net.iter().all(|x| !other.contains(x)), "nor the places of their stations");
 }
 
 #[test]

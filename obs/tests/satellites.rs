@@ -93,6 +93,10 @@ fn an_oblique_track_keeps_its_angle_its_width_and_covers_the_domain() {
     for pair in line.windows(2) {
         let distance = (pair[0].0 - pair[1].0).hypot(pair[0].1 - pair[1].1);
         assert!((distance - 60e3).abs() < 1e-6, "{distance}");
+        // To the right of a track that goes to the north-north-east is the east-south-east.
+        let across = ((pair[1].0 - pair[0].0) / 60e3, (pair[1].1 - pair[0].1) / 60e3);
+        let (sin, cos) = angle.to_radians().sin_cos();
+        assert!((across.0 - cos).abs() < 1e-9 && (across.1 + sin).abs() < 1e-9, "{across:?}");
     }
 }
 
