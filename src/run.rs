@@ -48,7 +48,7 @@ pub enum RunError {
 /// Nothing is left in the output directory's place if there is one.
 pub fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, RunError> {
     let workers = ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0)).build()?;
-    let existing = if options.overwrite { Existing::Replace } else { Existing::Refuse };
+    let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
     let directory = OutputDirectory::create(&options.out, existing)?;
     let mut experiment = workers.install(|| Experiment::new(scenario, options))?;
     let outputs = Outputs { netcdf: options.netcdf, rerun: options.rerun };

@@ -126,6 +126,34 @@ impl Stations {
         self.columns.iter().position(|column| column == name)
     }
 
+    /// The stations whose field in the column of this name is one of `groups`; `instrument` is for messages.
+    ///
+    /// # Errors
+    /// If there is no such column, or no station for one of the groups.
+    pub fn only(mut self, instrument: &str, column: &str, groups: &[String]) -> Result<Self, ObservationError> {
+        let Some(number) = self.column(column) else {
+            return Err(ObservationError::UnknownGroupColumn {
+                instrument: instrument.to_owned(),
+                file: self.file,
+                column: column.to_owned(),
+                valid: list(self.columns.iter().map(String::as_str)),
+            });
+        };
+        let mut present = self.groups(number)?;
+        present.sort_unstable();
+        present.dedup();
+        if let Some(missing) = groups.iter().find(|group| !present.contains(&group.as_str())) {
+            return Err(ObservationError::UnknownName {
+                instrument: instrument.to_owned(),
+                setting: "groups",
+                value: missing.clone(),
+                valid: list(present.into_iter()),
+            });
+        }
+        self.records.retain(|record| groups.contains(&record.fields[number]));
+        Ok(self)
+    }
+
     /// The group of each station: its field in the column number `column`.
     ///
     /// # Errors

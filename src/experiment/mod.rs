@@ -148,7 +148,7 @@ fn ground(scenario: &Scenario, seed: u64) -> Result<Ground, ExperimentError> {
     let true_error = model_error.clone().map(|covariance| (covariance, scenario.truth.model_error_scale.sqrt()));
     let truth = Truth::new(true_model, steps, true_error, stream(seed, "truth/model error"), true_state);
 
-    let configs = observing::configs(&scenario.networks, grid, scenario.cycle.window)?;
+    let configs = observing::configs(&scenario.networks, grid)?;
     let projection = scenario.grid.projection.as_ref();
     let observing =
         ObservingSystem::new(background.layout(), projection, &configs, seed, scenario.cycle.window, scenario.start)?;

@@ -6,7 +6,7 @@ use crate::scenario::{
     StationLayout,
 };
 use indexmap::IndexMap;
-use isobar_model::{Duration, Grid};
+use isobar_model::Grid;
 use isobar_obs::{
     BiasProcess, BiasScope, Evolution, Heading, InstrumentConfig, ObservedVariable, RadiosondeConfig, SatelliteConfig,
     ScanBias, ScanTerm, StationBias, StationSource, Stations,
@@ -20,7 +20,6 @@ const LARGEST_STATION_FILE: u64 = 100_000_000;
 pub(super) fn configs(
     networks: &IndexMap<String, Network>,
     grid: &Grid,
-    window: Duration,
 ) -> Result<Vec<InstrumentConfig>, ExperimentError> {
     networks
         .iter()
