@@ -184,10 +184,10 @@ impl Tendency for Advection {
         let near = |rows, columns| halo.shift(c, rows, columns);
         stencil(halo, &self.weights_x, [near(0, -2), near(0, -1), near(0, 0), near(0, 1)], flux_x);
         stencil(halo, &self.weights_y, [near(-2, 0), near(-1, 0), near(0, 0), near(1, 0)], flux_y);
-        for (j, out) in out.chunks_exact_mut(self.layout.grid.nx).enumerate() {
+        for (j, out) in out.chunks_exact_mut(halo.columns()).enumerate() {
             let (west, east) = (halo.row(flux_x, j, 0, 0), halo.row(flux_x, j, 0, 1));
             let (south, north) = (halo.row(flux_y, j, 0, 0), halo.row(flux_y, j, 1, 0));
-            for i in 0..out.len().min(west.len()) {
+            for i in 0..halo.columns() {
                 out[i] = (west[i] - east[i]) + (south[i] - north[i]);
             }
         }
@@ -195,10 +195,12 @@ impl Tendency for Advection {
 
     fn linearise(&self, _at: &[f64]) {}
 
+    #[inline(always)]
     fn tendency_tl(&self, (): &(), dx: &[f64], out: &mut [f64], scratch: &mut [f64]) {
         self.tendency(dx, out, scratch);
     }
 
+    #[inline(always)]
     fn tendency_ad(&self, (): &(), dy: &[f64], out_add: &mut [f64], scratch: &mut [f64]) {
         let halo = &self.halo;
         let (c, fluxes) = scratch.split_at_mut(halo.len());

@@ -35,6 +35,12 @@ impl Halo {
         Ok(Self { nx: grid.nx, ny: grid.ny, width, boundary: grid.boundary })
     }
 
+    /// Length of a row of the field proper.
+    #[inline(always)]
+    pub fn columns(&self) -> usize {
+        self.nx
+    }
+
     /// Length of a padded row.
     #[inline(always)]
     pub fn stride(&self) -> usize {
@@ -121,8 +127,10 @@ impl Halo {
         });
         for row in 0..self.ny + 2 * width {
             let west = self.slack() + row * stride;
-            padded.copy_within(west + nx..west + nx + width, west);
-            padded.copy_within(west + width..west + 2 * width, west + width + nx);
+            for i in 0..width {
+                padded[west + i] = padded[west + nx + i];
+                padded[west + width + nx + i] = padded[west + width + i];
+            }
         }
     }
 

@@ -1,4 +1,72 @@
-//! Forecast models: x(t + Δt) = M(x(t)), with tangent-linear and adjoint.
+//! Forecast models: x(t + Δt) = M(x(t)), each with its tangent-linear δx(t + Δt) = M'(x) δx(t) and its adjoint.
+//!
+//! # Contents
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`time`], [`grid`], [`state`], [`increment`] | the nouns: when, where, x and δx |
+//! | [`forecast`] | the traits [`Model`], [`TangentLinear`], [`Adjoint`], and the loops over time steps |
+//! | [`scheme`] | Runge–Kutta, once for all tendencies: [`Tendency`] + [`TimeScheme`] = [`Stepped`]; stability limits |
+//! | [`shallow_water`] | rotating [`ShallowWater`], nonlinear, and [`LinearShallowWater`] about a zonal flow |
+//! | [`advection`] | [`Advection`] of a tracer, and the [`ExactShift`] without any error |
+//! | [`initial`] | rest, jets, vortices, balanced random states, hills and waves |
+//! | [`invariants`] | mass, total energy, potential enstrophy |
+//! | [`random`] | a seeded stream for each purpose |
+//! | [`error`] | [`ModelError`]: why a configuration is refused |
+//! | `testing` | (feature `testing`) the contract every model must pass |
+//!
+//! # Equations
+//!
+//! ```text
+//! shallow water                                           advection
+//!   ∂u/∂t =  q h v − ∂B/∂x − r u − ν ∇⁴u                     ∂c/∂t = −∂(u c)/∂x − ∂(v c)/∂y
+//!   ∂v/∂t = −q h u − ∂B/∂y − r v − ν ∇⁴v
+//!   ∂h/∂t = −∂(h u)/∂x − ∂(h v)/∂y − ν ∇⁴h
+//!   q = (f + ∂v/∂x − ∂u/∂y)/h,   B = g h + (u² + v²)/2,   f = f0 + β (y − y_mid)
+//! ```
+//!
+//! # The C grid (Arakawa & Lamb 1977)
+//!
+//! ```text
+//!   q ---- v ---- q ---- v ---- q        j + 1      h, c  Center   ((i + ½) dx, (j + ½) dy)
+//!   |             |             |                   u     XFace    ( i      dx, (j + ½) dy)
+//!   u      h      u      h      u                   v     YFace    ((i + ½) dx,  j      dy)
+//!   |             |             |                   q     Corner   ( i      dx,  j      dy)
+//!   q ---- v ---- q ---- v ---- q        j
+//!   i           i + 1         i + 2
+//! ```
+//!
+//! Always periodic in x; in y either periodic or a channel whose southern wall is the row j = 0 of v, and whose northern
+//! wall is not stored.
+//!
+//! # Example
+//!
+//! ```
+//! use isobar_model::{initial, *};
+//!
+//! let grid = Grid { nx: 32, ny: 24, dx_m: 100e3, dy_m: 100e3, boundary: Boundary::Channel };
+//! let parameters = ShallowWaterParameters {
+//!     gravity_m_per_s2: 9.81,
+//!     coriolis_per_s: 1e-4,
+//!     beta_per_m_per_s: 1.6e-11,
+//!     drag_per_s: 0.0,
+//!     hyperdiffusion_m4_per_s: 0.0,
+//! };
+//! let equations = ShallowWater::new(grid, parameters, VectorInvariant::PotentialEnstrophy)?;
+//! let jet = initial::JetConfig {
+//!     mean_depth_m: 1000.0,
+//!     speed_m_per_s: 30.0,
+//!     center_y_m: 1.2e6,
+//!     width_m: 3e5,
+//!     perturbation: None,
+//! };
+//! let mut x = initial::geostrophic_jet(&equations, &jet)?;
+//! let model = Stepped::new(equations, Duration::from_seconds(300), TimeScheme::Rk4)?;
+//! check_time_step(&model, &x)?;
+//! forecast::forecast(&model, &mut x, 12)?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
 pub mod advection;
 pub mod error;
 pub mod forecast;

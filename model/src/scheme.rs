@@ -189,14 +189,18 @@ impl<T: Tendency> Stepped<T> {
     }
 
     /// Applies `process` to each column; which thread does which has no influence on the result.
+    ///
+    /// What is inlined into `process` is compiled for the processor's widest vectors, chosen at run time. The bits are
+    /// the same on all: no operations are fused or reordered.
     fn for_each_column(&self, columns: &mut [f64], process: impl Fn(&mut [f64], &mut Work) + Sync) {
         let len = self.layout().len();
         assert_eq!(columns.len() % len, 0, "columns must be whole increments of {len} values");
+        let arch = pulp::Arch::new();
         let least = (columns.len() / len).div_ceil(8 * rayon::current_num_threads());
-        columns
-            .par_chunks_exact_mut(len)
-            .with_min_len(least.max(1))
-            .for_each_init(|| self.work(), |work, column| process(column, work));
+        columns.par_chunks_exact_mut(len).with_min_len(least.max(1)).for_each_init(
+            || self.work(),
+            |work, column| arch.dispatch(Vectorised { process: &process, column, work }),
+        );
     }
 
     fn work(&self) -> Work {
@@ -236,11 +240,20 @@ impl<T: Tendency> Model for Stepped<T> {
 impl<T: Tendency> TangentLinear for Stepped<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
         let linearisations = self.linearise_stages(at);
-        self.for_each_column(columns, |column, work| {
-            self.advance(column, work, |stage, dx, k, scratch| {
-                self.tendency.tendency_tl(&linearisations[stage], dx, k, scratch);
-            });
-        });
+        self.for_each_column(
+            columns,
+            #[inline(always)]
+            |column, work| {
+                self.advance(
+                    column,
+                    work,
+                    #[inline(always)]
+                    |stage, dx, k, scratch| {
+                        self.tendency.tendency_tl(&linearisations[stage], dx, k, scratch);
+                    },
+                );
+            },
+        );
     }
 }
 
@@ -249,21 +262,25 @@ impl<T: Tendency> Adjoint for Stepped<T> {
         let linearisations = self.linearise_stages(at);
         let (a, b) = self.scheme.coefficients();
         let dt = self.time_step.as_f64();
-        self.for_each_column(columns, |column, work| {
-            let Work { stage: gradient, slopes, scratch } = work;
-            for (&weight, k) in b.iter().zip(slopes.iter_mut()) {
-                k.iter_mut().zip(column.iter()).for_each(|(k, y)| *k = dt * weight * y);
-            }
-            for (stage, row) in a.iter().enumerate().rev() {
-                gradient.fill(0.0);
-                self.tendency.tendency_ad(&linearisations[stage], &slopes[stage], gradient, scratch);
-                add_scaled(column, 1.0, gradient);
-                for (&weight, k) in row.iter().zip(slopes.iter_mut()) {
-                    add_scaled(k, dt * weight, gradient);
+        self.for_each_column(
+            columns,
+            #[inline(always)]
+            |column, work| {
+                let Work { stage: gradient, slopes, scratch } = work;
+                for (&weight, k) in b.iter().zip(slopes.iter_mut()) {
+                    k.iter_mut().zip(column.iter()).for_each(|(k, y)| *k = dt * weight * y);
                 }
-            }
-            self.tendency.constrain(column);
-        });
+                for (stage, row) in a.iter().enumerate().rev() {
+                    gradient.fill(0.0);
+                    self.tendency.tendency_ad(&linearisations[stage], &slopes[stage], gradient, scratch);
+                    add_scaled(column, 1.0, gradient);
+                    for (&weight, k) in row.iter().zip(slopes.iter_mut()) {
+                        add_scaled(k, dt * weight, gradient);
+                    }
+                }
+                self.tendency.constrain(column);
+            },
+        );
     }
 }
 
@@ -272,6 +289,22 @@ struct Work {
     stage: Vec<f64>,
     slopes: Vec<Vec<f64>>,
     scratch: Vec<f64>,
+}
+
+/// A column to process, for [`pulp::Arch::dispatch`].
+struct Vectorised<'a, F> {
+    process: &'a F,
+    column: &'a mut [f64],
+    work: &'a mut Work,
+}
+
+impl<F: Fn(&mut [f64], &mut Work)> pulp::WithSimd for Vectorised<'_, F> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _simd: S) {
+        (self.process)(self.column, self.work);
+    }
 }
 
 /// y += factor x; nothing at all for a factor of zero.

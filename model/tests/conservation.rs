@@ -180,3 +180,26 @@ fn damping_takes_energy_away() {
         assert!(kinetic(&x) < 0.95 * kinetic(&start), "{damping:?}: {} {}", kinetic(&x), kinetic(&start));
     }
 }
+
+#[test]
+fn the_invariants_of_rest_are_those_of_the_formula() {
+    for boundary in BOUNDARIES {
+        let plane = ShallowWaterParameters { beta_per_m_per_s: 0.0, ..common::parameters(boundary) };
+        let grid = common::grid(8, 9, boundary);
+        let tendency = ShallowWater::new(grid.clone(), plane, VectorInvariant::Energy).unwrap();
+        let rest = initial::rest(&tendency, 750.0).unwrap();
+        let area_m2 = grid.width_m() * grid.height_m();
+        let close = |value: f64, expected: f64| (value / expected - 1.0).abs() < 1e-13;
+        assert!(close(mass_m3(&tendency, &rest), 750.0 * area_m2));
+        assert!(close(total_energy(&tendency, &rest), 0.5 * 9.81 * 750.0 * 750.0 * area_m2));
+        assert!(close(potential_enstrophy(&tendency, &rest), 0.5 * 1e-8 / 750.0 * area_m2), "{boundary:?}");
+    }
+}
+
+#[test]
+fn the_coriolis_parameter_is_f0_in_the_middle_of_the_channel() {
+    let tendency = shallow_water(8, 10, Boundary::Channel, VectorInvariant::Energy);
+    assert_eq!(tendency.coriolis_per_s(5), 1e-4);
+    assert!((tendency.coriolis_per_s(10) - (1e-4 + 1.6e-11 * 400e3)).abs() < 1e-18);
+    assert!((tendency.coriolis_per_s(0) - (1e-4 - 1.6e-11 * 400e3)).abs() < 1e-18);
+}

@@ -35,7 +35,8 @@ pub struct Vortex {
 pub struct RandomConfig {
     /// Mean of h \[m\].
     pub mean_depth_m: f64,
-    /// Expected standard deviation of h \[m\].
+    /// Expected standard deviation of h \[m\], its domain mean included, which the state then leaves out: that matters
+    /// if L is not small against the domain.
     pub height_standard_deviation_m: f64,
     /// L of the streamfunction's correlation exp(−r²/(2 L²)) \[m\].
     pub length_scale_m: f64,

@@ -103,10 +103,12 @@ impl Tendency for LinearShallowWater {
         self.nonlinear.scratch_len() + self.nonlinear.layout.len()
     }
 
+    #[inline(always)]
     fn constrain(&self, x: &mut [f64]) {
         self.nonlinear.constrain(x);
     }
 
+    #[inline(always)]
     fn tendency(&self, x: &[f64], out: &mut [f64], scratch: &mut [f64]) {
         let (scratch, increment) = scratch.split_at_mut(self.nonlinear.scratch_len());
         for ((increment, x), basic) in increment.iter_mut().zip(x).zip(self.basic_state.values()) {
@@ -117,10 +119,12 @@ impl Tendency for LinearShallowWater {
 
     fn linearise(&self, _at: &[f64]) {}
 
+    #[inline(always)]
     fn tendency_tl(&self, (): &(), dx: &[f64], out: &mut [f64], scratch: &mut [f64]) {
         self.nonlinear.tendency_tl(&self.coefficients, dx, out, scratch);
     }
 
+    #[inline(always)]
     fn tendency_ad(&self, (): &(), dy: &[f64], out_add: &mut [f64], scratch: &mut [f64]) {
         self.nonlinear.tendency_ad(&self.coefficients, dy, out_add, scratch);
     }

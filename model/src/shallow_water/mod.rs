@@ -173,11 +173,13 @@ impl Tendency for ShallowWater {
     }
 
     /// v = 0 at the walls.
+    #[inline(always)]
     fn constrain(&self, x: &mut [f64]) {
         let walls = self.halo.first_row(Location::YFace) * self.layout.grid.nx;
         x[2 * self.layout.grid.cells()..][..walls].fill(0.0);
     }
 
+    #[inline(always)]
     fn tendency(&self, x: &[f64], out: &mut [f64], scratch: &mut [f64]) {
         tendency::tendency(self, x, out, scratch);
     }
@@ -186,10 +188,12 @@ impl Tendency for ShallowWater {
         Coefficients::new(self, at)
     }
 
+    #[inline(always)]
     fn tendency_tl(&self, at: &Coefficients, dx: &[f64], out: &mut [f64], scratch: &mut [f64]) {
         tangent_linear::tendency_tl(self, at, dx, out, scratch);
     }
 
+    #[inline(always)]
     fn tendency_ad(&self, at: &Coefficients, dy: &[f64], out_add: &mut [f64], scratch: &mut [f64]) {
         adjoint::tendency_ad(self, at, dy, out_add, scratch);
     }

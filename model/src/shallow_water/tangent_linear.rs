@@ -185,7 +185,7 @@ fn add_vorticity_term(
     out_u: &mut [f64],
     out_v: &mut [f64],
 ) {
-    let (halo, nx) = (&model.halo, model.layout.grid.nx);
+    let (halo, nx) = (&model.halo, model.halo.columns());
     let first_row = halo.first_row(Location::YFace);
     for (j, out) in out_u.chunks_exact_mut(nx).enumerate() {
         let row = |field, rows, columns| halo.row(field, j, rows, columns);

@@ -69,10 +69,10 @@ pub(super) fn diagnose(model: &ShallowWater, h: &[f64], u: &[f64], v: &[f64], d:
 pub(super) fn minus_divergence(model: &ShallowWater, flux_x: &[f64], flux_y: &[f64], out_h: &mut [f64]) {
     let (halo, grid) = (&model.halo, &model.layout.grid);
     let (per_dx, per_dy) = (1.0 / grid.dx_m, 1.0 / grid.dy_m);
-    for (j, out) in out_h.chunks_exact_mut(grid.nx).enumerate() {
+    for (j, out) in out_h.chunks_exact_mut(halo.columns()).enumerate() {
         let (west, east) = (halo.row(flux_x, j, 0, 0), halo.row(flux_x, j, 0, 1));
         let (south, north) = (halo.row(flux_y, j, 0, 0), halo.row(flux_y, j, 1, 0));
-        for i in 0..out.len().min(west.len()) {
+        for i in 0..halo.columns() {
             out[i] = (west[i] - east[i]) * per_dx + (south[i] - north[i]) * per_dy;
         }
     }
@@ -85,15 +85,15 @@ pub(super) fn minus_gradient(model: &ShallowWater, bernoulli: &[f64], out_u: &mu
     let (per_dx, per_dy) = (1.0 / grid.dx_m, 1.0 / grid.dy_m);
     let walls = halo.first_row(Location::YFace);
     out_v[..walls * grid.nx].fill(0.0);
-    let rows = out_u.chunks_exact_mut(grid.nx).zip(out_v.chunks_exact_mut(grid.nx));
+    let rows = out_u.chunks_exact_mut(halo.columns()).zip(out_v.chunks_exact_mut(halo.columns()));
     for (j, (out_u, out_v)) in rows.enumerate() {
         let b = halo.row(bernoulli, j, 0, 0);
         let (west, south) = (halo.row(bernoulli, j, 0, -1), halo.row(bernoulli, j, -1, 0));
-        for i in 0..out_u.len().min(b.len()) {
+        for i in 0..halo.columns() {
             out_u[i] = (west[i] - b[i]) * per_dx;
         }
         if j >= walls {
-            for i in 0..out_v.len().min(b.len()) {
+            for i in 0..halo.columns() {
                 out_v[i] = (south[i] - b[i]) * per_dy;
             }
         }
@@ -103,7 +103,7 @@ pub(super) fn minus_gradient(model: &ShallowWater, bernoulli: &[f64], out_u: &mu
 /// Adds the vorticity term q V, −q U.
 #[inline(always)]
 fn add_vorticity_term(model: &ShallowWater, d: &Diagnostics<'_>, out_u: &mut [f64], out_v: &mut [f64]) {
-    let (halo, nx) = (&model.halo, model.layout.grid.nx);
+    let (halo, nx) = (&model.halo, model.halo.columns());
     let (q, flux_x, flux_y) = (&*d.potential_vorticity, &*d.mass_flux_x, &*d.mass_flux_y);
     for (j, out) in out_u.chunks_exact_mut(nx).enumerate() {
         let (q, q_n) = (halo.row(q, j, 0, 0), halo.row(q, j, 1, 0));
@@ -166,7 +166,7 @@ pub(super) fn add_damping(model: &ShallowWater, x: &[f64], out_add: &mut [f64], 
             laplace(model, field, laplacian);
             halo.fill(location, laplacian);
             laplace(model, laplacian, field);
-            let rows = out_add[range].chunks_exact_mut(grid.nx).enumerate();
+            let rows = out_add[range].chunks_exact_mut(halo.columns()).enumerate();
             for (j, out) in rows.skip(halo.first_row(location)) {
                 for (out, bilaplacian) in out.iter_mut().zip(halo.row(field, j, 0, 0)) {
                     *out -= hyperdiffusion * bilaplacian;
