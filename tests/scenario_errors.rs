@@ -72,7 +72,9 @@ const CASES: &[Case] = &[
     ("blocks = \"cell\"", "blocks = { tile = [9, 2] }", "9,", &["`methods.fkf.blocks.tile[0]` is 9", "from 1 to 8"]),
     ("kind = \"fkf\"", "kind = \"fkd\"", "\"fkd\"", &["did you mean \"fkf\"?", "free, 3dvar, kf, fkf"]),
     ("term = \"offset\"", "term = \"scan_cubic\"", "\"scan_cubic\"", &["offset, scan_linear, scan_quadratic"]),
-    ("swath_width_km = 300", "swath_width_km = 3000", "3000", &["wider than the domain (800 km)"]),
+    ("swath_width_km = 300", "swath_width_km = 3000", "3000", &["not narrower than the domain (800 km)"]),
+    ("footprint_sigma_km = 50", "footprint_sigma_km = 10", "10\n", &["0 for a point, or 50 km (half of a cell)"]),
+    ("missing_rate = 0.1", "first_cycle = 2", "2\n", &["`networks.sondes.first_cycle` is 2", "from 1 to 1"]),
     ("along_track_spacing_km = 100", "along_track_spacing_km = 0.001", "0.001", &["at most a million footprints"]),
     ("start = \"2026-01-15T00:00:00Z\"", "start = \"yesterday\"", "\"yesterday\"", &["\"2026-01-15T00:00:00Z\""]),
     ("model = { drag_per_s = 1e-6 }", "model = { drag_per = 1e-6 }", "drag_per ", &["did you mean `drag_per_s`?"]),
@@ -152,7 +154,7 @@ fn faults_of_the_file_as_a_whole_are_named() {
         assert_eq!(output.status.code(), Some(1), "{name}: {message}");
         assert!(message.contains(wanted), "{name}: {message}");
     }
-    assert!(isobar(directory.path(), &["check", "wide.toml"]).stderr.len() < 1_010_000);
+    assert!(isobar(directory.path(), &["check", "wide.toml"]).stderr.len() < 1000);
 }
 
 #[test]

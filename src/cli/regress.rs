@@ -57,3 +57,43 @@ fn regress_one(scenario: &Scenario, arguments: &RegressArguments, runner: &Runne
     print(&format!("{}: accepted", scenario.name))?;
     Ok(true)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::summary::{MethodScores, Summary};
+
+    fn runner(h: f64) -> impl Fn(&Scenario, &RunOptions, &mut Progress) -> Result<Summary, Report> {
+        move |scenario, _, _| {
+            let mut scores = MethodScores::default();
+            scores.rmse_analysis.insert("h".into(), h);
+            Ok(Summary {
+                scenario: scenario.name.clone(),
+                seed: scenario.seed,
+                cycles: scenario.cycle.count,
+                scored_from_cycle: scenario.cycle.score_from_cycle,
+                version: String::new(),
+                methods: scenario.methods.keys().map(|name| (name.clone(), scores.clone())).collect(),
+            })
+        }
+    }
+
+    #[test]
+    fn scores_pass_once_they_are_accepted_and_until_they_move() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("mine.toml");
+        std::fs::write(&path, include_str!("template.toml")).unwrap();
+        let passes = |accept: bool, h: f64| {
+            let scenario = Scenario::load(&path).unwrap();
+            let arguments = RegressArguments { scenarios: Vec::new(), accept, threads: None, quiet: true };
+            regress_one(&scenario, &arguments, &runner(h)).unwrap()
+        };
+        assert!(!passes(false, 4.0), "nothing was accepted yet");
+        assert!(passes(true, 4.0));
+        assert!(passes(false, 4.0));
+        assert!(passes(false, 4.05), "within 2 %");
+        assert!(!passes(false, 4.2));
+        assert!(passes(true, 4.2));
+        assert!(!passes(false, 4.0));
+    }
+}

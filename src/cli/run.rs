@@ -46,6 +46,10 @@ fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, 
             return Err(miette!(help = help, "{} has no method `{}`", scenario.name, clean(method)));
         }
     }
+    let methods = arguments.methods.as_deref().unwrap_or_default();
+    if let Some((_, name)) = methods.iter().enumerate().find(|(number, name)| methods[..*number].contains(name)) {
+        return Err(miette!("--methods names `{name}` twice"));
+    }
     let cycles = arguments.cycles.map(|cycles| cycles as usize);
     if let Some(cycles) = cycles.filter(|&cycles| cycles < scenario.cycle.score_from_cycle) {
         let first = scenario.cycle.score_from_cycle;
@@ -66,4 +70,52 @@ fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, 
         netcdf: scenario.output.netcdf && !arguments.no_netcdf,
         rerun: scenario.output.rerun && !arguments.no_rerun,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::arguments::{Arguments, Command};
+    use super::*;
+    use clap::Parser;
+    use std::path::{Path, PathBuf};
+
+    fn options_of(line: &[&str]) -> Result<RunOptions, Report> {
+        let text = include_str!("template.toml");
+        let scenario = Scenario::parse(Path::new("mine.toml"), text)?;
+        let line = ["isobar", "run", "mine.toml"].iter().chain(line);
+        match Arguments::try_parse_from(line).map_err(|error| miette!("{error}"))?.command {
+            Command::Run(arguments) => options(&arguments, &scenario),
+            other => Err(miette!("{other:?}")),
+        }
+    }
+
+    #[test]
+    fn options_are_the_scenarios_unless_the_user_says_otherwise() {
+        let plain = options_of(&[]).unwrap();
+        let out = PathBuf::from("out/mine");
+        let all = RunOptions {
+            out,
+            methods: None,
+            cycles: None,
+            seed: None,
+            threads: None,
+            overwrite: false,
+            netcdf: true,
+            rerun: true,
+        };
+        assert_eq!(plain, all);
+        let changed =
+            options_of(&["--methods", "fkf,free", "--cycles", "7", "--no-netcdf", "--out", "x", "--seed", "9"]);
+        let methods = Some(vec!["fkf".to_string(), "free".to_string()]);
+        let wanted = RunOptions { out: "x/mine".into(), methods, cycles: Some(7), seed: Some(9), netcdf: false, ..all };
+        assert_eq!(changed.unwrap(), wanted);
+    }
+
+    #[test]
+    fn options_that_do_not_fit_the_scenario_are_refused() {
+        let message = |line: &[&str]| options_of(line).unwrap_err().to_string();
+        assert_eq!(message(&["--methods", "kf"]), "mine has no method `kf`");
+        assert_eq!(message(&["--methods", "free,free"]), "--methods names `free` twice");
+        assert!(message(&["--cycles", "3"]).contains("counts scores from cycle 6"));
+    }
 }

@@ -55,6 +55,9 @@ impl Diagnostic for ScenarioError {
     }
 }
 
+/// The longest part of a line that is shown \[bytes\].
+const WIDEST: usize = 200;
+
 /// A scenario file, as error messages quote it.
 pub(super) struct SourceFile {
     /// Where it is.
@@ -78,15 +81,22 @@ impl SourceFile {
         let start = self.printable.floor_char_boundary(span.start.min(self.printable.len()));
         let end = self.printable.floor_char_boundary(span.end.clamp(start, self.printable.len()));
         let end = self.printable[start..end].find('\n').map_or(end, |newline| start + newline);
-        let (text, start) = self.excerpt(start, end);
-        let length = end - start.min(end);
-        let label = LabeledSpan::new(Some(clean(label)), start, length.min(text.len() - start));
+        let end = self.printable.floor_char_boundary(end.min(start + WIDEST));
         let name = clean(&self.path.display().to_string());
+        let column = start - self.printable[..start].rfind('\n').map_or(0, |newline| newline + 1);
+        if column > WIDEST {
+            let line = self.printable[..start].matches('\n').count() + 1;
+            let message = format!("{message} ({label}), at {name}:{line}:{}", column + 1);
+            return ScenarioError { details: Box::new(Details { message, help, place: None }) };
+        }
+        let (text, start) = self.excerpt(start, end);
+        let length = (end - start.min(end)).min(text.len() - start);
+        let label = LabeledSpan::new(Some(clean(label)), start, length);
         let place = Some((NamedSource::new(name, text), label));
         ScenarioError { details: Box::new(Details { message, help, place }) }
     }
 
-    /// The text, each line cut after 200 bytes (or shortly after the fault), so that no line floods the terminal;
+    /// The text, each line cut after [`WIDEST`] bytes (or shortly after the fault), so that no line floods the terminal;
     /// and where the fault begins in it.
     fn excerpt(&self, start: usize, end: usize) -> (String, usize) {
         let (mut text, mut place, mut offset) = (String::new(), start, 0);
@@ -94,7 +104,7 @@ impl SourceFile {
             let range = offset..offset + line.len();
             offset = range.end;
             let fault = (range.contains(&start)).then(|| end - range.start + 40);
-            let keep = line.floor_char_boundary(fault.unwrap_or(0).max(200).min(line.len()));
+            let keep = line.floor_char_boundary(fault.unwrap_or(0).max(WIDEST).min(line.len()));
             let newline = line.ends_with('\n') && keep < line.len();
             if range.end <= start {
                 place -= line.len() - keep - usize::from(newline);

@@ -26,6 +26,8 @@ pub enum Initial {
         center_y_fraction: f64,
         /// Height of the bump that sets off the jet's instability \[m\].
         perturbation_height_m: f64,
+        /// Its half width in both directions; the bump stands in the middle of the jet's axis \[m\].
+        perturbation_width_m: f64,
     },
     /// Balanced vortices at random places, of both signs.
     Vortices {
@@ -60,12 +62,14 @@ pub enum Initial {
     },
     /// A cosine wave of tracer.
     CosineWave {
+        /// Mean of the tracer.
+        mean: f64,
         /// Amplitude.
         amplitude: f64,
         /// Waves along x.
-        waves_x: usize,
+        waves_x: i32,
         /// Waves along y.
-        waves_y: usize,
+        waves_y: i32,
     },
 }
 
@@ -81,14 +85,25 @@ enum Shape {
 
 const SHALLOW_WATER: &[Kind<Shape>] = &[
     ("rest", Shape::Rest, &["mean_depth_m"]),
-    ("jet", Shape::Jet, &["mean_depth_m", "speed_m_per_s", "width_km", "center_y_fraction", "perturbation_height_m"]),
+    (
+        "jet",
+        Shape::Jet,
+        &[
+            "mean_depth_m",
+            "speed_m_per_s",
+            "width_km",
+            "center_y_fraction",
+            "perturbation_height_m",
+            "perturbation_width_km",
+        ],
+    ),
     ("vortices", Shape::Vortices, &["mean_depth_m", "count", "height_m", "radius_km"]),
     ("random_balanced", Shape::RandomBalanced, &["mean_depth_m", "sigma_height_m", "length_km"]),
 ];
 
 const TRACER: &[Kind<Shape>] = &[
     ("gaussian_hill", Shape::GaussianHill, &["amplitude", "width_km", "center_x_fraction", "center_y_fraction"]),
-    ("cosine_wave", Shape::CosineWave, &["amplitude", "waves_x", "waves_y"]),
+    ("cosine_wave", Shape::CosineWave, &["mean", "amplitude", "waves_x", "waves_y"]),
 ];
 
 const FRACTION: Limits = Limits::Between(0.0, 1.0);
@@ -105,6 +120,8 @@ pub(super) fn read(root: &Section<'_>, model: &ModelSettings) -> Read<Initial> {
     let number = |key: &str| section.number(key, Limits::Any);
     let length_m = |key: &str| Ok(section.number(key, Limits::Between(1e-3, 1e5))? * 1e3);
     let fraction = |key: &str| section.number_or(key, 0.5, FRACTION);
+    let waves =
+        |key: &str, default| section.optional(key).map_or(Ok(default), |field| Ok(field.integer(-2048, 2048)? as i32));
     Ok(match shape {
         Shape::Rest => Initial::Rest { mean_depth_m: mean_depth_m(&section, model)? },
         Shape::Jet => Initial::Jet {
@@ -113,6 +130,10 @@ pub(super) fn read(root: &Section<'_>, model: &ModelSettings) -> Read<Initial> {
             width_m: length_m("width_km")?,
             center_y_fraction: fraction("center_y_fraction")?,
             perturbation_height_m: section.number_or("perturbation_height_m", 0.0, Limits::Any)?,
+            perturbation_width_m: length_m(match section.optional("perturbation_width_km") {
+                Some(_) => "perturbation_width_km",
+                None => "width_km",
+            })?,
         },
         Shape::Vortices => Initial::Vortices {
             mean_depth_m: mean_depth_m(&section, model)?,
@@ -132,9 +153,10 @@ pub(super) fn read(root: &Section<'_>, model: &ModelSettings) -> Read<Initial> {
             center_y_fraction: fraction("center_y_fraction")?,
         },
         Shape::CosineWave => Initial::CosineWave {
+            mean: section.number_or("mean", 0.0, Limits::Any)?,
             amplitude: number("amplitude")?,
-            waves_x: section.whole_or("waves_x", 1, 0, 2048)?,
-            waves_y: section.whole_or("waves_y", 0, 0, 2048)?,
+            waves_x: waves("waves_x", 1)?,
+            waves_y: waves("waves_y", 0)?,
         },
     })
 }

@@ -26,9 +26,9 @@ pub use expected::{Expected, ExpectedScores};
 pub use grid::GridSettings;
 pub use initial::Initial;
 pub use method::{Algorithm, BiasCoupling, Blocks, Method};
-pub use model::{Dynamics, ModelSettings, ShallowWaterSettings, TimeScheme, Wind};
+pub use model::{AdvectionScheme, Conserved, Dynamics, ModelSettings, ShallowWaterSettings, TimeScheme, Wind};
 pub use network::{
-    Instrument, Network, ObservedVariable, RadiosondeSettings, SatelliteSettings, Schedule, StationLayout,
+    Heading, Instrument, Network, ObservedVariable, RadiosondeSettings, SatelliteSettings, Schedule, StationLayout,
 };
 
 use error::SourceFile;

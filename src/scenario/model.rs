@@ -31,6 +31,8 @@ pub enum Dynamics {
     Advection {
         /// The wind.
         wind: Wind,
+        /// How it is discretised in space.
+        scheme: AdvectionScheme,
         /// How it is integrated in time.
         time_scheme: TimeScheme,
     },
@@ -56,8 +58,30 @@ pub struct ShallowWaterSettings {
     pub drag_per_s: f64,
     /// Biharmonic diffusion \[m⁴/s\].
     pub hyperdiffusion_m4_per_s: f64,
+    /// Which invariant the discretised vorticity term conserves.
+    pub conserves: Conserved,
     /// How the equations are integrated in time.
     pub time_scheme: TimeScheme,
+}
+
+/// What the discretised vorticity term of shallow water conserves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Conserved {
+    /// Potential enstrophy.
+    Enstrophy,
+    /// Energy.
+    Energy,
+}
+
+/// How advection is discretised in space.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AdvectionScheme {
+    /// First order: damping, monotone.
+    FirstOrderUpwind,
+    /// Third order, biased upwind.
+    ThirdOrderUpwind,
+    /// Fourth order, centred: no damping.
+    FourthOrderCentred,
 }
 
 /// How a model is integrated in time.
@@ -79,9 +103,9 @@ pub enum Wind {
         /// Northward component \[m/s\].
         v_m_per_s: f64,
     },
-    /// A vortex about the middle of the domain.
-    Rotation {
-        /// The largest wind speed \[m/s\].
+    /// A vortex about the middle of the domain, at rest at its edges; clockwise if positive.
+    Vortex {
+        /// The largest eastward wind \[m/s\].
         speed_m_per_s: f64,
     },
 }
@@ -97,14 +121,15 @@ enum Kind {
 macro_rules! shallow_water_keys {
     ($($more:literal),*) => {
         &["time_step_s", "gravity_m_per_s2", "coriolis_per_s", "beta_per_m_per_s", "drag_per_s",
-            "hyperdiffusion_m4_per_s", "time_scheme", $($more),*]
+            "hyperdiffusion_m4_per_s",
+            "conserves", "time_scheme", $($more),*]
     };
 }
 
 const KINDS: &[super::reader::Kind<Kind>] = &[
     ("shallow_water", Kind::ShallowWater, shallow_water_keys!()),
     ("linear_shallow_water", Kind::Linear, shallow_water_keys!("mean_depth_m", "mean_flow_m_per_s")),
-    ("advection", Kind::Advection, &["time_step_s", "wind", "time_scheme"]),
+    ("advection", Kind::Advection, &["time_step_s", "wind", "scheme", "time_scheme"]),
     ("exact_shift", Kind::ExactShift, &["time_step_s", "columns_per_step", "rows_per_step"]),
 ];
 
@@ -140,21 +165,26 @@ pub(super) fn read(field: &Field<'_>, grid: &Grid) -> Read<ModelSettings> {
     let (kind, section) = field.section_of_kind(KINDS)?;
     let time_step = Duration::from_seconds(section.required("time_step_s")?.integer(1, 86_400)?);
     let dynamics = match kind {
-        Kind::ShallowWater => Dynamics::ShallowWater(shallow_water(&section)?),
+        Kind::ShallowWater => Dynamics::ShallowWater(shallow_water(&section, grid)?),
         Kind::Linear => Dynamics::LinearShallowWater {
-            settings: shallow_water(&section)?,
+            settings: shallow_water(&section, grid)?,
             mean_depth_m: section.number("mean_depth_m", Limits::Positive)?,
             mean_flow_m_per_s: section.number_or("mean_flow_m_per_s", 0.0, Limits::Between(-300.0, 300.0))?,
         },
-        Kind::Advection => Dynamics::Advection { wind: wind(&section, grid)?, time_scheme: time_scheme(&section)? },
+        Kind::Advection => Dynamics::Advection {
+            wind: wind(&section, grid)?,
+            scheme: section
+                .optional("scheme")
+                .map_or(Ok(AdvectionScheme::ThirdOrderUpwind), |field| field.choice(ADVECTION_SCHEMES))?,
+            time_scheme: time_scheme(&section)?,
+        },
         Kind::ExactShift => {
-            let columns_per_step = section.required("columns_per_step")?.integer(-4096, 4096)?;
-            let rows = section.optional("rows_per_step");
-            let rows_per_step = rows.as_ref().map_or(Ok(0), |rows| rows.integer(-4096, 4096))?;
-            if let (Some(rows), Boundary::Channel, 1..) = (&rows, grid.boundary, rows_per_step.abs()) {
-                let message = "rows cannot shift through the walls of a channel".to_string();
-                return Err(rows.invalid(message, "must be 0, or grid.boundary = \"periodic\""));
+            if grid.boundary == Boundary::Channel {
+                let message = "exact shifts need a doubly periodic domain, but grid.boundary is \"channel\"";
+                return Err(section.required("kind")?.invalid(message.into(), "needs grid.boundary = \"periodic\""));
             }
+            let columns_per_step = section.required("columns_per_step")?.integer(-4096, 4096)?;
+            let rows_per_step = section.optional("rows_per_step").map_or(Ok(0), |rows| rows.integer(-4096, 4096))?;
             Dynamics::ExactShift { columns_per_step, rows_per_step }
         }
     };
@@ -191,16 +221,31 @@ pub(super) fn read_with_overrides(model: &Field<'_>, overrides: &Field<'_>, grid
     )
 }
 
-fn shallow_water(section: &Section<'_>) -> Read<ShallowWaterSettings> {
+fn shallow_water(section: &Section<'_>, grid: &Grid) -> Read<ShallowWaterSettings> {
+    const CONSERVED: &[(&str, Conserved)] = &[("enstrophy", Conserved::Enstrophy), ("energy", Conserved::Energy)];
+    let beta_per_m_per_s = section.number_or("beta_per_m_per_s", 0.0, Limits::Between(-1e-6, 1e-6))?;
+    if let (Some(beta), Boundary::Periodic, true) =
+        (section.optional("beta_per_m_per_s"), grid.boundary, beta_per_m_per_s != 0.0)
+    {
+        let message = "the Coriolis parameter cannot change with y where y is periodic".to_string();
+        return Err(beta.invalid(message, "must be 0, or grid.boundary = \"channel\""));
+    }
     Ok(ShallowWaterSettings {
         gravity_m_per_s2: section.number_or("gravity_m_per_s2", 9.80665, Limits::Positive)?,
         coriolis_per_s: section.number("coriolis_per_s", Limits::Between(-1.0, 1.0))?,
-        beta_per_m_per_s: section.number_or("beta_per_m_per_s", 0.0, Limits::Between(-1e-6, 1e-6))?,
+        beta_per_m_per_s,
         drag_per_s: section.number_or("drag_per_s", 0.0, Limits::NonNegative)?,
         hyperdiffusion_m4_per_s: section.number_or("hyperdiffusion_m4_per_s", 0.0, Limits::NonNegative)?,
+        conserves: section.optional("conserves").map_or(Ok(Conserved::Enstrophy), |field| field.choice(CONSERVED))?,
         time_scheme: time_scheme(section)?,
     })
 }
+
+const ADVECTION_SCHEMES: &[(&str, AdvectionScheme)] = &[
+    ("first_order_upwind", AdvectionScheme::FirstOrderUpwind),
+    ("third_order_upwind", AdvectionScheme::ThirdOrderUpwind),
+    ("fourth_order_centred", AdvectionScheme::FourthOrderCentred),
+];
 
 fn time_scheme(section: &Section<'_>) -> Read<TimeScheme> {
     const SCHEMES: &[(&str, TimeScheme)] = &[("rk4", TimeScheme::RungeKutta4), ("ssp_rk3", TimeScheme::SspRungeKutta3)];
@@ -209,11 +254,11 @@ fn time_scheme(section: &Section<'_>) -> Read<TimeScheme> {
 
 fn wind(section: &Section<'_>, grid: &Grid) -> Read<Wind> {
     const KINDS: &[super::reader::Kind<bool>] =
-        &[("uniform", false, &["u_m_per_s", "v_m_per_s"]), ("rotation", true, &["speed_m_per_s"])];
+        &[("uniform", false, &["u_m_per_s", "v_m_per_s"]), ("vortex", true, &["speed_m_per_s"])];
     const SPEED: Limits = Limits::Between(-300.0, 300.0);
-    let (rotation, section) = section.required("wind")?.section_of_kind(KINDS)?;
-    if rotation {
-        return Ok(Wind::Rotation { speed_m_per_s: section.number("speed_m_per_s", SPEED)? });
+    let (vortex, section) = section.required("wind")?.section_of_kind(KINDS)?;
+    if vortex {
+        return Ok(Wind::Vortex { speed_m_per_s: section.number("speed_m_per_s", SPEED)? });
     }
     let northward = section.optional("v_m_per_s");
     let v_m_per_s = northward.as_ref().map_or(Ok(0.0), |field| field.number(SPEED))?;

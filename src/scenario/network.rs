@@ -7,6 +7,7 @@ use super::model::ModelSettings;
 use super::reader::{Field, Kind, Limits, Read, Section};
 use super::text::clean;
 use indexmap::IndexMap;
+use isobar_model::Boundary;
 use std::path::PathBuf;
 
 /// An observing system: when it reports, and what it is.
@@ -20,12 +21,12 @@ pub struct Network {
     pub instrument: Instrument,
 }
 
-/// The cycles in which an observing system reports.
+/// The cycles in which an observing system reports: `first_cycle`, and every `interval_cycles` from there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Schedule {
     /// It reports in every so many cycles.
     pub interval_cycles: usize,
-    /// The first cycle, from 1, in which it reports.
+    /// The first cycle in which it reports, from 1 to `interval_cycles`.
     pub first_cycle: usize,
 }
 
@@ -45,10 +46,12 @@ pub struct RadiosondeSettings {
     pub stations: StationLayout,
     /// The column of the station file by which stations form groups; `None`: all are one group.
     pub group_by: Option<String>,
-    /// Of a station file: the groups to use, all if empty. Of other stations: the groups to which they belong in turn.
+    /// The groups to which stations belong in turn, if they do not come from a file; empty: all are in the group `all`.
     pub groups: Vec<String>,
     /// The groups without any bias.
     pub reference_groups: Vec<String>,
+    /// Stations nearer than this to the domain's edges are left out \[m\].
+    pub edge_margin_m: f64,
     /// What every station observes.
     pub observed: Vec<ObservedVariable>,
     /// The biases.
@@ -94,14 +97,29 @@ pub struct SatelliteSettings {
     pub scan_positions: usize,
     /// Distance of scan lines along the track \[m\].
     pub along_track_spacing_m: f64,
-    /// Standard deviation of the Gaussian footprint \[m\].
+    /// Standard deviation of the Gaussian footprint: 0 for a point, else at least half of a cell \[m\].
     pub footprint_sigma_m: f64,
-    /// Where the track of cycle 1 crosses the domain, as a fraction of its width.
+    /// Where the track of cycle 1 crosses the middle row of the domain, as a fraction of its width.
     pub start_x_fraction: f64,
     /// Eastward shift of the track from cycle to cycle \[m\].
     pub shift_per_cycle_m: f64,
+    /// Which way it flies.
+    pub heading: Heading,
+    /// Angle of the track to the y axis, positive when the satellite moves to the east \[degrees\].
+    pub track_angle_deg: f64,
     /// The biases: one factor for each term.
     pub biases: Vec<Bias<ScanTerm>>,
+}
+
+/// Which way a satellite flies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Heading {
+    /// To the north in every pass.
+    Northward,
+    /// To the south in every pass.
+    Southward,
+    /// To the north in the first pass, to the south in the second, and so on.
+    Alternating,
 }
 
 #[derive(Clone, Copy)]
@@ -119,6 +137,7 @@ const KINDS: &[Kind<What>] = &[
             "group_by",
             "groups",
             "reference_groups",
+            "edge_margin_km",
             "interval_cycles",
             "first_cycle",
             "missing_rate",
@@ -140,6 +159,8 @@ const KINDS: &[Kind<What>] = &[
             "footprint_sigma_km",
             "start_x_fraction",
             "shift_per_cycle_km",
+            "heading",
+            "track_angle_deg",
             "interval_cycles",
             "first_cycle",
             "missing_rate",
@@ -177,11 +198,10 @@ fn network(field: &Field<'_>, grid: &GridSettings, model: &ModelSettings) -> Rea
         What::Radiosonde => Instrument::Radiosonde(radiosonde(&section, grid, model)?),
         What::Satellite => Instrument::Satellite(satellite(&section, grid, model)?),
     };
+    let interval_cycles = section.whole_or("interval_cycles", 1, 1, 1_000_000)?;
+    let first_cycle = section.whole_or("first_cycle", 1, 1, interval_cycles)?;
     Ok(Network {
-        schedule: Schedule {
-            interval_cycles: section.whole_or("interval_cycles", 1, 1, 1_000_000)?,
-            first_cycle: section.whole_or("first_cycle", 1, 1, 1_000_000)?,
-        },
+        schedule: Schedule { interval_cycles, first_cycle },
         missing_rate: section.number_or("missing_rate", 0.0, Limits::Fraction)?,
         instrument,
     })
@@ -197,21 +217,22 @@ fn radiosonde(section: &Section<'_>, grid: &GridSettings, model: &ModelSettings)
         false => Err(field.misplaced("only a station file has columns to group by".into(), "use `groups` instead")),
     });
     let group_by = group_by.transpose()?;
+    if let Some(field) = section.optional("groups").filter(|_| from_file) {
+        return Err(field.misplaced("stations of a file have their groups there".into(), "use `group_by` instead"));
+    }
     let texts = |key: &str| section.optional(key).map_or(Ok(Vec::new()), |field| field.texts(1000));
     let (groups, reference_groups) = (texts("groups")?, texts("reference_groups")?);
-    for key in ["groups", "reference_groups"] {
-        if let (Some(field), true, None) = (section.optional(key), from_file, &group_by) {
-            return Err(field.misplaced(format!("`{}` needs `group_by`", field.title()), "group_by = \"country\", say"));
-        }
-    }
-    if let Some(field) = section.optional("reference_groups").filter(|_| !groups.is_empty() || !from_file) {
+    if let Some(field) = section.optional("reference_groups").filter(|_| group_by.is_none()) {
+        let all = ["all".to_string()];
+        let groups = if groups.is_empty() { all.as_slice() } else { &groups };
         let choices: Vec<(&str, ())> = groups.iter().map(|group| (group.as_str(), ())).collect();
         for element in field.elements(1000)? {
             element.choice(&choices)?;
         }
     }
     let biases = bias::read_radiosonde(section.optional("bias"), &names)?;
-    Ok(RadiosondeSettings { stations, group_by, groups, reference_groups, observed, biases })
+    let edge_margin_m = section.number_or("edge_margin_km", 0.0, Limits::Between(0.0, 1e5))? * 1e3;
+    Ok(RadiosondeSettings { stations, group_by, groups, reference_groups, edge_margin_m, observed, biases })
 }
 
 /// What a radiosonde observes: `sigma_height_m` and `sigma_wind_m_per_s`, or `observe`.
@@ -299,9 +320,11 @@ fn satellite(section: &Section<'_>, grid: &GridSettings, model: &ModelSettings) 
         swath_width_m: length_m("swath_width_km")?,
         scan_positions: section.required("scan_positions")?.whole(1, 1000)?,
         along_track_spacing_m: length_m("along_track_spacing_km")?,
-        footprint_sigma_m: length_m("footprint_sigma_km")?,
+        footprint_sigma_m: footprint_sigma_m(section, grid)?,
         start_x_fraction: section.number_or("start_x_fraction", 0.0, Limits::Between(0.0, 1.0))?,
         shift_per_cycle_m: section.number_or("shift_per_cycle_km", 0.0, Limits::Between(-1e5, 1e5))? * 1e3,
+        heading: section.optional("heading").map_or(Ok(Heading::Northward), |field| field.choice(HEADINGS))?,
+        track_angle_deg: section.number_or("track_angle_deg", 0.0, Limits::Between(-60.0, 60.0))?,
         biases: bias::read_satellite(section.optional("bias"))?,
     };
     let lines = grid.grid.height_m() / settings.along_track_spacing_m;
@@ -309,9 +332,30 @@ fn satellite(section: &Section<'_>, grid: &GridSettings, model: &ModelSettings) 
         let message = format!("the satellite would report {:.2e} footprints", lines * settings.scan_positions as f64);
         return Err(spacing.invalid(message, "at most a million footprints, scan lines times scan_positions"));
     }
-    if let Some(field) = section.optional("swath_width_km").filter(|_| settings.swath_width_m > grid.grid.width_m()) {
-        let message = format!("the swath is wider than the domain ({} km)", grid.grid.width_m() / 1e3);
-        return Err(field.invalid(message, "must be at most the domain's width"));
+    if let Some(field) = section.optional("swath_width_km").filter(|_| settings.swath_width_m >= grid.grid.width_m()) {
+        let message = format!("the swath is not narrower than the domain ({} km)", grid.grid.width_m() / 1e3);
+        return Err(field.invalid(message, "must be less than the domain's width"));
     }
     Ok(settings)
+}
+
+const HEADINGS: &[(&str, Heading)] =
+    &[("northward", Heading::Northward), ("southward", Heading::Southward), ("alternating", Heading::Alternating)];
+
+/// A footprint that the grid resolves and the domain holds, or a point.
+fn footprint_sigma_m(section: &Section<'_>, settings: &GridSettings) -> Read<f64> {
+    let (field, grid) = (section.required("footprint_sigma_km")?, &settings.grid);
+    let sigma_m = field.number(Limits::Between(0.0, 1e5))? * 1e3;
+    let extent_m = match grid.boundary {
+        Boundary::Periodic => grid.width_m().min(grid.height_m()),
+        Boundary::Channel => grid.width_m(),
+    };
+    let (least_m, most_m) = (0.5 * grid.dx_m.max(grid.dy_m), extent_m / 6.0);
+    if sigma_m != 0.0 && !(least_m..most_m).contains(&sigma_m) {
+        let message = format!("`{}` is {} km, which this grid cannot hold", field.title(), sigma_m / 1e3);
+        let allowed =
+            format!("0 for a point, or {} km (half of a cell) to below {:.0} km", least_m / 1e3, most_m / 1e3);
+        return Err(field.invalid(message, &allowed));
+    }
+    Ok(sigma_m)
 }

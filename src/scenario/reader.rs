@@ -121,7 +121,15 @@ impl<'a> Section<'a> {
         match self.optional(key) {
             Some(field) => Ok(field),
             None if self.name.is_empty() => {
-                Err(self.file.error(0..0, format!("`{key}` is missing"), &format!("`{key}` must be given"), None))
+                let is_line = matches!(key, "title" | "phenomenon" | "source" | "seed" | "start");
+                let shown = if is_line { format!("`{key}`") } else { format!("[{key}]") };
+                let help = is_line.then(|| "it belongs above the first [section]".to_string());
+                Err(self.file.error(
+                    0..0,
+                    format!("{shown} is missing"),
+                    &format!("{shown} must be in this file"),
+                    help,
+                ))
             }
             None => {
                 let label = format!("`{key}` must be given here");
@@ -208,7 +216,7 @@ impl<'a> Field<'a> {
         };
         if !limits.contain(number) {
             let wanted = limits.words();
-            let message = format!("`{}` is {number}, but must be {wanted}", self.title());
+            let message = format!("`{}` is {number:?}, but must be {wanted}", self.title());
             return Err(self.invalid(message, &format!("must be {wanted}")));
         }
         Ok(number)

@@ -12,11 +12,18 @@ pub(crate) fn is_unprintable(character: char) -> bool {
         )
 }
 
-/// The text with every unprintable character written as an escape, `\u{1b}`.
+/// Characters after which [`clean`] cuts a text.
+const LONGEST: usize = 500;
+
+/// The text with every unprintable character written as an escape, `\u{1b}`, and cut where it is endless.
 pub(crate) fn clean(text: &str) -> String {
-    let mut cleaned = String::with_capacity(text.len());
-    for character in text.chars() {
+    let mut cleaned = String::new();
+    for (number, character) in text.chars().enumerate() {
         match is_unprintable(character) {
+            _ if number == LONGEST => {
+                cleaned.push('…');
+                break;
+            }
             true => cleaned.extend(character.escape_unicode()),
             false => cleaned.push(character),
         }
@@ -62,6 +69,7 @@ mod tests {
     #[test]
     fn escapes_cannot_reach_a_terminal() {
         assert_eq!(clean("a\u{1b}[2Jb\u{202e}c"), "a\\u{1b}[2Jb\\u{202e}c");
+        assert_eq!(clean(&"x".repeat(10_000)).chars().count(), LONGEST + 1);
         for text in ["plain", "\u{1b}[31m", "ü\u{9b}31m\r\n\tx", "\u{202e}\u{feff}"] {
             let printable = same_length(text);
             assert_eq!(printable.len(), text.len());
