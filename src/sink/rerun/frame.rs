@@ -76,11 +76,12 @@ impl<'a> Frame<'a> {
     pub fn arrows(&self, [u, v]: &[Vec<f32>; 2], fastest: f32) -> [Vec<[f32; 2]>; 2] {
         let grid = self.grid();
         let stride = (grid.nx.max(grid.ny)).div_ceil(16).max(1);
-        let scale = 1.3 * stride as f32 / fastest.max(f32::MIN_POSITIVE);
+        let scale = 1.3 * stride as f32 / if fastest > 0.0 { fastest } else { 1.0 };
         let (mut origins, mut vectors) = (Vec::new(), Vec::new());
         for j in (stride / 2..grid.ny).step_by(stride) {
             for i in (stride / 2..grid.nx).step_by(stride) {
                 let vector = [self.at_center("u", u, j, i) * scale, -self.at_center("v", v, j, i) * scale];
+                let vector = shortened(vector, 3.0 * stride as f32);
                 let center = [i as f32 + 0.5, (grid.ny - j) as f32 - 0.5];
                 origins.push([center[0] - 0.5 * vector[0], center[1] - 0.5 * vector[1]]);
                 vectors.push(vector);
@@ -118,6 +119,16 @@ impl<'a> Frame<'a> {
             labels: [low, 0.5 * (low + high), high].map(|value| format!("{} {unit}", number(value))).into(),
         }
     }
+}
+
+/// The arrow, cut to the given length: a wind gone astray must not cover the map.
+fn shortened([x, y]: [f32; 2], longest: f32) -> [f32; 2] {
+    let length = x.hypot(y);
+    if length.is_nan() || length.is_infinite() {
+        return [0.0, 0.0];
+    }
+    let factor = if length > longest { longest / length } else { 1.0 };
+    [factor * x, factor * y]
 }
 
 /// A number as short as its first four digits allow.
@@ -162,6 +173,15 @@ mod tests {
         // North: v between face and wall.
         assert_eq!(vectors[3..], [[0.0, -1.0]; 3]);
         assert_eq!([origins[0][0] + 1.0, origins[0][1] - 0.5], [0.5, 1.5]);
+    }
+
+    #[test]
+    fn a_wind_gone_astray_does_not_cover_the_map() {
+        let layout = layout();
+        let (u, v) = (vec![1e30, 1e30, 1e30, f32::NAN, f32::INFINITY, 0.0], vec![0.0; 6]);
+        let [_, vectors] = Frame::new(&layout).arrows(&[u, v], 10.0);
+        assert_eq!(vectors[..3], [[3.0, 0.0]; 3]);
+        assert_eq!(vectors[3..], [[0.0, 0.0]; 3]);
     }
 
     #[test]

@@ -56,7 +56,8 @@ impl Maps<'_> {
             let strips =
                 LineStrips2D::new(bar.segments).with_colors(bar.colors).with_radii([bar.radius]).with_draw_order(20.0);
             self.recording.log_static(format!("color_bars/{name}/band"), &strips)?;
-            let labels = Points2D::new(bar.labels_at).with_labels(bar.labels).with_show_labels(true).with_radii([0.0]);
+            let labels = Points2D::new(bar.labels_at).with_labels(bar.labels).with_show_labels(true);
+            let labels = labels.with_radii([0.0]).with_colors([[220u8, 220, 220]]);
             self.recording.log_static(format!("color_bars/{name}/labels"), &labels.with_draw_order(40.0))?;
         }
         Ok(())
@@ -118,9 +119,9 @@ impl Maps<'_> {
             departure.map_or([128, 128, 128], |&departure| colors::difference(departure, self.ranges.difference))
         });
         let labels = platforms.iter().map(|platform| self.label(platform, departures));
-        let rim = Points2D::new(places.clone()).with_radii([0.62 * self.frame.mark()]).with_colors([[0u8, 0, 0]]);
+        let rim = Points2D::new(places.clone()).with_radii([0.85 * self.frame.mark()]).with_colors([[0u8, 0, 0]]);
         self.recording.log(format!("{path}/rim"), &rim.with_draw_order(30.0))?;
-        let dots = Points2D::new(places).with_radii([0.48 * self.frame.mark()]).with_colors(colors).with_labels(labels);
+        let dots = Points2D::new(places).with_radii([0.68 * self.frame.mark()]).with_colors(colors).with_labels(labels);
         Ok(self.recording.log(format!("{path}/dots"), &dots.with_show_labels(false).with_draw_order(31.0))?)
     }
 
