@@ -62,7 +62,7 @@ impl<'a> Frame<'a> {
     }
 
     /// The values of a field row by row from the north.
-    pub fn from_north<'b>(&self, field: &'b [f32]) -> impl Iterator<Item = &'b f32> + use<'b> {
+    pub fn pixels<'b>(&self, field: &'b [f32]) -> impl Iterator<Item = &'b f32> + use<'b> {
         field.chunks(self.grid().nx).rev().flatten()
     }
 
@@ -156,7 +156,7 @@ mod tests {
     fn north_is_up() {
         let layout = layout();
         let frame = Frame::new(&layout);
-        let rows: Vec<f32> = frame.from_north(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]).copied().collect();
+        let rows: Vec<f32> = frame.pixels(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]).copied().collect();
         assert_eq!(rows, [4.0, 5.0, 6.0, 1.0, 2.0, 3.0]);
         assert_eq!(frame.place(0.0, 20.0), [0.0, 0.0]);
         assert_eq!(frame.place(15.0, 0.0), [1.5, 2.0]);
@@ -167,12 +167,12 @@ mod tests {
         let layout = layout();
         let u = vec![1.0, 3.0, 5.0, 0.0, 0.0, 0.0];
         let v = vec![0.0, 0.0, 0.0, 2.0, 2.0, 2.0];
-        let [origins, vectors] = Frame::new(&layout).arrows(&[u, v], 1.3);
+        let [origins, vectors] = Frame::new(&layout).arrows(&[u, v], 2.6);
         // South: u is the mean of both faces, periodic in x; v between wall and face. Up is negative.
-        assert_eq!(vectors[..3], [[2.0, -1.0], [4.0, -1.0], [3.0, -1.0]]);
+        assert_eq!(vectors[..3], [[1.0, -0.5], [2.0, -0.5], [1.5, -0.5]]);
         // North: v between face and wall.
-        assert_eq!(vectors[3..], [[0.0, -1.0]; 3]);
-        assert_eq!([origins[0][0] + 1.0, origins[0][1] - 0.5], [0.5, 1.5]);
+        assert_eq!(vectors[3..], [[0.0, -0.5]; 3]);
+        assert_eq!([origins[0][0] + 0.5, origins[0][1] - 0.25], [0.5, 1.5]);
     }
 
     #[test]

@@ -89,7 +89,7 @@ impl Maps<'_> {
 
     /// A field whose colours the viewer makes, so that it can also tell the values.
     fn log_scalar(&self, path: &str, field: &[f32], colormap: Colormap, [low, high]: [f32; 2]) -> Result {
-        let bytes: Vec<u8> = self.frame.from_north(field).flat_map(|value| value.to_le_bytes()).collect();
+        let bytes: Vec<u8> = self.frame.pixels(field).flat_map(|value| value.to_le_bytes()).collect();
         let image = DepthImage::from_data_type_and_bytes(bytes, self.frame.resolution(), ChannelDatatype::F32);
         let image = image.with_colormap(colormap).with_depth_range([f64::from(low), f64::from(high)]);
         Ok(self.recording.log(path, &image)?)
@@ -98,7 +98,7 @@ impl Maps<'_> {
     /// A difference of fields in our own colours: the viewer has none with white at zero.
     fn log_difference(&self, path: &str, field: &[f32], other: &[f32]) -> Result {
         let difference: Vec<f32> = field.iter().zip(other).map(|(a, b)| a - b).collect();
-        let pixels = self.frame.from_north(&difference);
+        let pixels = self.frame.pixels(&difference);
         let bytes: Vec<u8> = pixels.flat_map(|&value| colors::difference(value, self.ranges.difference)).collect();
         Ok(self.recording.log(path, &Image::from_rgb24(bytes, self.frame.resolution()))?)
     }
