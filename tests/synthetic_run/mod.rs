@@ -1,3 +1,5 @@
+#![allow(dead_code, reason = "not every test needs all of it")]
+
 //! A made-up run for the sinks: a vortex drifts through a channel, and each method's errors shrink at its own pace.
 
 use indexmap::IndexMap;

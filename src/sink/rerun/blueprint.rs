@@ -52,13 +52,13 @@ impl Blueprint {
         Ok(part)
     }
 
-    /// Curves over the whole run, with the given range of values.
-    pub fn curves(&mut self, name: &str, contents: &[String], range: Option<[f64; 2]>) -> Result<Part> {
+    /// Curves over the whole run, with the given range of values, and with or without a legend.
+    pub fn curves(&mut self, name: &str, contents: &[String], range: Option<[f64; 2]>, legend: bool) -> Result<Part> {
         let part = self.view("TimeSeries", name, contents)?;
         if let Some(range) = range {
             self.stream.log(part.property("ScalarAxis"), &archetype::ScalarAxis::new().with_range(range))?;
         }
-        let legend = archetype::PlotLegend::new().with_corner(component::Corner2D::RightTop);
+        let legend = archetype::PlotLegend::new().with_corner(component::Corner2D::RightTop).with_visible(legend);
         self.stream.log(part.property("PlotLegend"), &legend)?;
         let whole = TimeRange { start: TimeRangeBoundary::Infinite, end: TimeRangeBoundary::Infinite };
         let axis = archetype::TimeAxis::new().with_view_range(component::TimeRange(whole));

@@ -62,7 +62,8 @@ impl Scale {
             Scale::Spread => &INFERNO,
         };
         let steps = table.len() - 1;
-        let place = position.max(0.0).min(1.0) * steps as f32;
+        let position = if position.is_nan() { 0.0 } else { position.clamp(0.0, 1.0) };
+        let place = position * steps as f32;
         let low = (place as usize).min(steps - 1);
         let weight = place - low as f32;
         std::array::from_fn(|channel| {

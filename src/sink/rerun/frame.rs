@@ -62,7 +62,7 @@ impl<'a> Frame<'a> {
     }
 
     /// The values of a field row by row from the north.
-    pub fn from_north<'b>(&self, field: &'b [f32]) -> impl Iterator<Item = &'b f32> + use<'b> {
+    pub fn pixels<'b>(&self, field: &'b [f32]) -> impl Iterator<Item = &'b f32> + use<'b> {
         field.chunks(self.grid().nx).rev().flatten()
     }
 
@@ -76,11 +76,12 @@ impl<'a> Frame<'a> {
     pub fn arrows(&self, [u, v]: &[Vec<f32>; 2], fastest: f32) -> [Vec<[f32; 2]>; 2] {
         let grid = self.grid();
         let stride = (grid.nx.max(grid.ny)).div_ceil(16).max(1);
-        let scale = 1.3 * stride as f32 / fastest.max(f32::MIN_POSITIVE);
+        let scale = 1.3 * stride as f32 / if fastest > 0.0 { fastest } else { 1.0 };
         let (mut origins, mut vectors) = (Vec::new(), Vec::new());
         for j in (stride / 2..grid.ny).step_by(stride) {
             for i in (stride / 2..grid.nx).step_by(stride) {
                 let vector = [self.at_center("u", u, j, i) * scale, -self.at_center("v", v, j, i) * scale];
+                let vector = shortened(vector, 3.0 * stride as f32);
                 let center = [i as f32 + 0.5, (grid.ny - j) as f32 - 0.5];
                 origins.push([center[0] - 0.5 * vector[0], center[1] - 0.5 * vector[1]]);
                 vectors.push(vector);
@@ -120,6 +121,16 @@ impl<'a> Frame<'a> {
     }
 }
 
+/// The arrow, cut to the given length: a wind gone astray must not cover the map.
+fn shortened([x, y]: [f32; 2], longest: f32) -> [f32; 2] {
+    let length = x.hypot(y);
+    if length.is_nan() || length.is_infinite() {
+        return [0.0, 0.0];
+    }
+    let factor = if length > longest { longest / length } else { 1.0 };
+    [factor * x, factor * y]
+}
+
 /// A number as short as its first four digits allow.
 pub fn number(value: f32) -> String {
     let digits = if value == 0.0 { 0 } else { (3 - value.abs().log10().floor() as i32).clamp(0, 9) };
@@ -145,7 +156,7 @@ mod tests {
     fn north_is_up() {
         let layout = layout();
         let frame = Frame::new(&layout);
-        let rows: Vec<f32> = frame.from_north(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]).copied().collect();
+        let rows: Vec<f32> = frame.pixels(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]).copied().collect();
         assert_eq!(rows, [4.0, 5.0, 6.0, 1.0, 2.0, 3.0]);
         assert_eq!(frame.place(0.0, 20.0), [0.0, 0.0]);
         assert_eq!(frame.place(15.0, 0.0), [1.5, 2.0]);
@@ -156,12 +167,21 @@ mod tests {
         let layout = layout();
         let u = vec![1.0, 3.0, 5.0, 0.0, 0.0, 0.0];
         let v = vec![0.0, 0.0, 0.0, 2.0, 2.0, 2.0];
-        let [origins, vectors] = Frame::new(&layout).arrows(&[u, v], 1.3);
+        let [origins, vectors] = Frame::new(&layout).arrows(&[u, v], 2.6);
         // South: u is the mean of both faces, periodic in x; v between wall and face. Up is negative.
-        assert_eq!(vectors[..3], [[2.0, -1.0], [4.0, -1.0], [3.0, -1.0]]);
+        assert_eq!(vectors[..3], [[1.0, -0.5], [2.0, -0.5], [1.5, -0.5]]);
         // North: v between face and wall.
-        assert_eq!(vectors[3..], [[0.0, -1.0]; 3]);
-        assert_eq!([origins[0][0] + 1.0, origins[0][1] - 0.5], [0.5, 1.5]);
+        assert_eq!(vectors[3..], [[0.0, -0.5]; 3]);
+        assert_eq!([origins[0][0] + 0.5, origins[0][1] - 0.25], [0.5, 1.5]);
+    }
+
+    #[test]
+    fn a_wind_gone_astray_does_not_cover_the_map() {
+        let layout = layout();
+        let (u, v) = (vec![1e30, 1e30, 1e30, f32::NAN, f32::INFINITY, 0.0], vec![0.0; 6]);
+        let [_, vectors] = Frame::new(&layout).arrows(&[u, v], 10.0);
+        assert_eq!(vectors[..3], [[3.0, 0.0]; 3]);
+        assert_eq!(vectors[3..], [[0.0, 0.0]; 3]);
     }
 
     #[test]

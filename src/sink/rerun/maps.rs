@@ -56,7 +56,8 @@ impl Maps<'_> {
             let strips =
                 LineStrips2D::new(bar.segments).with_colors(bar.colors).with_radii([bar.radius]).with_draw_order(20.0);
             self.recording.log_static(format!("color_bars/{name}/band"), &strips)?;
-            let labels = Points2D::new(bar.labels_at).with_labels(bar.labels).with_show_labels(true).with_radii([0.0]);
+            let labels = Points2D::new(bar.labels_at).with_labels(bar.labels).with_show_labels(true);
+            let labels = labels.with_radii([0.0]).with_colors([[220u8, 220, 220]]);
             self.recording.log_static(format!("color_bars/{name}/labels"), &labels.with_draw_order(40.0))?;
         }
         Ok(())
@@ -88,7 +89,7 @@ impl Maps<'_> {
 
     /// A field whose colours the viewer makes, so that it can also tell the values.
     fn log_scalar(&self, path: &str, field: &[f32], colormap: Colormap, [low, high]: [f32; 2]) -> Result {
-        let bytes: Vec<u8> = self.frame.from_north(field).flat_map(|value| value.to_le_bytes()).collect();
+        let bytes: Vec<u8> = self.frame.pixels(field).flat_map(|value| value.to_le_bytes()).collect();
         let image = DepthImage::from_data_type_and_bytes(bytes, self.frame.resolution(), ChannelDatatype::F32);
         let image = image.with_colormap(colormap).with_depth_range([f64::from(low), f64::from(high)]);
         Ok(self.recording.log(path, &image)?)
@@ -97,7 +98,7 @@ impl Maps<'_> {
     /// A difference of fields in our own colours: the viewer has none with white at zero.
     fn log_difference(&self, path: &str, field: &[f32], other: &[f32]) -> Result {
         let difference: Vec<f32> = field.iter().zip(other).map(|(a, b)| a - b).collect();
-        let pixels = self.frame.from_north(&difference);
+        let pixels = self.frame.pixels(&difference);
         let bytes: Vec<u8> = pixels.flat_map(|&value| colors::difference(value, self.ranges.difference)).collect();
         Ok(self.recording.log(path, &Image::from_rgb24(bytes, self.frame.resolution()))?)
     }
@@ -118,9 +119,9 @@ impl Maps<'_> {
             departure.map_or([128, 128, 128], |&departure| colors::difference(departure, self.ranges.difference))
         });
         let labels = platforms.iter().map(|platform| self.label(platform, departures));
-        let rim = Points2D::new(places.clone()).with_radii([0.62 * self.frame.mark()]).with_colors([[0u8, 0, 0]]);
+        let rim = Points2D::new(places.clone()).with_radii([0.85 * self.frame.mark()]).with_colors([[0u8, 0, 0]]);
         self.recording.log(format!("{path}/rim"), &rim.with_draw_order(30.0))?;
-        let dots = Points2D::new(places).with_radii([0.48 * self.frame.mark()]).with_colors(colors).with_labels(labels);
+        let dots = Points2D::new(places).with_radii([0.68 * self.frame.mark()]).with_colors(colors).with_labels(labels);
         Ok(self.recording.log(format!("{path}/dots"), &dots.with_show_labels(false).with_draw_order(31.0))?)
     }
 

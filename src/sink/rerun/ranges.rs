@@ -55,8 +55,15 @@ fn score(history: &History, variable: &str) -> f64 {
     let parts = scores.flat_map(|it| {
         [Some(&it.rmse_background), Some(&it.rmse_analysis), it.spread_background.as_ref(), it.spread_analysis.as_ref()]
     });
-    let values = parts.flatten().filter_map(|part: &PerVariable| part.get(variable)).map(|&value| value as f32);
-    f64::from(quantile(values.collect(), 0.99).unwrap_or(1.0)) * 1.1
+    let values: Vec<f32> = parts
+        .flatten()
+        .filter_map(|part: &PerVariable| part.get(variable))
+        .map(|&value| value as f32)
+        .filter(|value| value.is_finite())
+        .collect();
+    let highest = values.iter().copied().fold(0.0, f32::max);
+    let usual = quantile(values, 0.95).filter(|&usual| usual > 0.0).unwrap_or(1.0);
+    f64::from(if highest > 0.0 { 1.05 * highest.min(2.0 * usual) } else { usual })
 }
 
 /// The value below which the given part of the finite values lie.

@@ -10,6 +10,8 @@ use isobar_model::Time;
 
 const BACKGROUND: [u8; 4] = [214, 96, 77, 255];
 const ANALYSIS: [u8; 4] = [86, 180, 233, 255];
+const BACKGROUND_SPREAD: [u8; 4] = [250, 200, 180, 255];
+const ANALYSIS_SPREAD: [u8; 4] = [180, 220, 245, 255];
 const TRUTH: [u8; 4] = [240, 240, 240, 255];
 
 /// Colour, width and name of a curve.
@@ -40,23 +42,22 @@ fn log_scores<'a>(
     method: usize,
     estimates: impl Iterator<Item = (&'a usize, &'a Estimates)> + Clone,
 ) -> Result {
-    let faint = |[red, green, blue, _]: [u8; 4]| [red, green, blue, 110];
     let curves: [Curve<'_>; 4] = [
-        ("background_spread", Style { color: faint(BACKGROUND), width: 1.0, name: "background spread" }, |it, name| {
+        ("background_spread", Style { color: BACKGROUND_SPREAD, width: 1.0, name: "background spread" }, |it, name| {
             it.spread_background.as_ref()?.get(name).copied()
         }),
-        ("analysis_spread", Style { color: faint(ANALYSIS), width: 1.0, name: "analysis spread" }, |it, name| {
+        ("analysis_spread", Style { color: ANALYSIS_SPREAD, width: 1.0, name: "analysis spread" }, |it, name| {
             it.spread_analysis.as_ref()?.get(name).copied()
         }),
-        ("background", Style { color: BACKGROUND, width: 2.0, name: "background RMSE" }, |it, name| {
+        ("background", Style { color: BACKGROUND, width: 2.5, name: "background RMSE" }, |it, name| {
             it.rmse_background.get(name).copied()
         }),
-        ("analysis", Style { color: ANALYSIS, width: 2.0, name: "analysis RMSE" }, |it, name| {
+        ("analysis", Style { color: ANALYSIS, width: 2.5, name: "analysis RMSE" }, |it, name| {
             it.rmse_analysis.get(name).copied()
         }),
     ];
     let [red, green, blue] = colors::of_method(method);
-    let own = Style { color: [red, green, blue, 255], width: 2.0, name: &info.methods[method].name };
+    let own = Style { color: [red, green, blue, 255], width: 2.5, name: &info.methods[method].name };
     for variable in info.layout.variables.iter().map(|variable| variable.name) {
         let points = |pick: fn(&MethodScores, &str) -> Option<f64>| {
             let at = |(cycle, it): (&usize, &Estimates)| Some((*cycle, it.time, pick(&it.scores, variable)?));
@@ -95,12 +96,11 @@ fn log_parameter(
             Some((cycle, time, value + factor * sigma?))
         };
         let points: Vec<_> = estimates.iter().filter_map(bound).collect();
-        let [red, green, blue, _] = ANALYSIS;
-        log(recording, &path(part), &Style { color: [red, green, blue, 120], width: 1.0, name }, &points)?;
+        log(recording, &path(part), &Style { color: ANALYSIS_SPREAD, width: 1.0, name }, &points)?;
     }
     log(recording, &path("truth"), &Style { color: TRUTH, width: 1.5, name: "truth" }, &truth)?;
     let points: Vec<_> = estimates.iter().map(|&(cycle, time, value, _)| (cycle, time, value)).collect();
-    log(recording, &path("estimate"), &Style { color: ANALYSIS, width: 2.0, name: "estimate" }, &points)
+    log(recording, &path("estimate"), &Style { color: ANALYSIS, width: 2.5, name: "estimate" }, &points)
 }
 
 /// A whole curve at once; nothing if there are no points.

@@ -37,7 +37,7 @@ impl Views<'_> {
         for (variable, &range) in self.info.layout.variables.iter().zip(&self.ranges.score) {
             let name = format!("analysis RMSE of {} [{}]", variable.name, variable.unit);
             let contents = [format!("comparison/{}/**", variable.name)];
-            plots.push(self.blueprint.curves(&name, &contents, Some([0.0, range]))?);
+            plots.push(self.blueprint.curves(&name, &contents, Some([0.0, range]), true)?);
         }
         let plots = self.blueprint.container("errors", Arrangement::Horizontal, &plots)?;
         let texts =
@@ -51,10 +51,12 @@ impl Views<'_> {
         let mut maps = self.maps(method)?;
         let mut curves = Vec::new();
         for (number, variable) in self.info.layout.variables.iter().enumerate() {
-            let name = format!("RMSE and spread of {} [{}]", variable.name, variable.unit);
+            let mapped = number == self.history.mapped;
+            let name =
+                format!("{} of {} [{}]", if mapped { "RMSE and spread" } else { "RMSE" }, variable.name, variable.unit);
             let contents = [self.names.score(method, variable.name, "**")];
-            let plot = self.blueprint.curves(&name, &contents, Some([0.0, self.ranges.score[number]]))?;
-            if number == self.history.mapped { maps.push(plot) } else { curves.push(plot) }
+            let plot = self.blueprint.curves(&name, &contents, Some([0.0, self.ranges.score[number]]), mapped)?;
+            if mapped { maps.push(plot) } else { curves.push(plot) }
         }
         curves.extend(self.biases(method)?);
         let columns = if maps.len() > 6 { 4 } else { 3 };
@@ -79,7 +81,11 @@ impl Views<'_> {
         let observations = own("observations/**");
         let mut maps = vec![
             (format!("truth {name} · {state}"), "state", vec!["truth/**".into()]),
-            (format!("background {name}, observations"), "state", vec![own("background"), observations.clone()]),
+            (
+                format!("background {name} · observations by departure"),
+                "state",
+                vec![own("background"), observations.clone()],
+            ),
             (format!("analysis {name} · {state}"), "state", vec![own("analysis/**")]),
             (format!("increment · {difference}"), "difference", vec![own("increment"), observations]),
             (format!("background error · {difference}"), "difference", vec![own("background_error")]),
@@ -103,7 +109,12 @@ impl Views<'_> {
         for (number, parameter) in self.info.calibration.parameters.iter().enumerate().take(PAGES * PARAMETERS_PER_PAGE)
         {
             let name = format!("{} [{}]", parameter.name, parameter.unit);
-            plots.push(self.blueprint.curves(&name, &[self.names.parameter(method, number, "**")], None)?);
+            plots.push(self.blueprint.curves(
+                &name,
+                &[self.names.parameter(method, number, "**")],
+                None,
+                number % PARAMETERS_PER_PAGE == 0,
+            )?);
         }
         if plots.len() <= PARAMETERS_PER_PAGE {
             return Ok(plots);

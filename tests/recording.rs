@@ -1,0 +1,159 @@
+//! The recording for the rerun viewer holds the run, and nothing of the clock.
+#![cfg(feature = "rerun")]
+
+mod synthetic_run;
+
+use isobar::sink::{Existing, OutputDirectory, Outputs, open_all};
+use rerun::external::re_log_encoding::DecoderApp;
+use rerun::log::{Chunk, LogMsg};
+use rerun::{DepthImage, Image, Scalars, TextDocument};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::io::BufReader;
+use synthetic_run::SyntheticRun;
+
+/// The chunks of the recording of a run, without those of the viewer's layout, and the number of the latter.
+fn recorded(run: &SyntheticRun) -> (Vec<Chunk>, usize) {
+    let parent = tempfile::tempdir().unwrap();
+    let directory = OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap();
+    let mut sinks = open_all(&run.info, &directory, Outputs { netcdf: false, rerun: true }).unwrap();
+    run.play(&mut sinks).unwrap();
+    directory.complete().unwrap();
+    let file = File::open(parent.path().join("run").join("recording.rrd")).unwrap();
+    let (mut chunks, mut layout) = (Vec::new(), 0);
+    for message in DecoderApp::decode_lazy(BufReader::new(file)) {
+        if let LogMsg::ArrowMsg(store, message) = message.unwrap() {
+            assert_eq!(store.application_id().as_str(), "isobar");
+            if store.is_blueprint() {
+                layout += 1;
+            } else {
+                assert_eq!(store.recording_id().as_str(), "quickstart-seed-42");
+                chunks.push(Chunk::from_arrow_msg(&message).unwrap());
+            }
+        }
+    }
+    (chunks, layout)
+}
+
+/// Number of rows with times of each entity.
+fn rows(chunks: &[Chunk]) -> BTreeMap<String, usize> {
+    let mut rows = BTreeMap::new();
+    for chunk in chunks.iter().filter(|chunk| !chunk.is_static()) {
+        *rows.entry(chunk.entity_path().to_string()).or_default() += chunk.num_rows();
+    }
+    rows
+}
+
+fn of<'a>(chunks: &'a [Chunk], entity: &'a str) -> impl Iterator<Item = &'a Chunk> {
+    chunks.iter().filter(move |chunk| chunk.entity_path().to_string() == entity)
+}
+
+fn scalars(chunks: &[Chunk], entity: &str) -> Vec<f64> {
+    let component = Scalars::descriptor_scalars().component;
+    of(chunks, entity)
+        .flat_map(|chunk| chunk.iter_slices::<f64>(component).flatten().copied().collect::<Vec<_>>())
+        .collect()
+}
+
+#[test]
+fn every_cycle_of_every_method_has_its_maps_and_curves() {
+    let run = SyntheticRun::new(8, 6, 3, 5);
+    let (chunks, layout) = recorded(&run);
+    let rows = rows(&chunks);
+    assert_eq!((rows["/truth/field"], rows["/truth/wind"]), (4, 4));
+    for method in ["01_fast_kalman", "02_kalman", "03_letkf_40", "04_3dvar", "05_free"] {
+        for part in ["background", "analysis/field", "analysis/wind", "increment", "analysis_error", "background_error"]
+        {
+            assert_eq!(rows[&format!("/methods/{method}/{part}")], 3, "{method}/{part}");
+        }
+        assert_eq!(rows[&format!("/methods/{method}/observations/dots")], 3);
+        assert_eq!(rows.contains_key(&format!("/methods/{method}/spread")), method != "05_free");
+        assert_eq!(rows[&format!("/methods/{method}/calibration/01_europe_h_FR/estimate")], 3);
+        assert_eq!(rows[&format!("/methods/{method}/calibration/04_polar_scan_linear/truth")], 4);
+    }
+    let written = scalars(&chunks, "/comparison/h/02_kalman");
+    assert_eq!(written, run.results[1].iter().map(|result| result.2.rmse_analysis["h"]).collect::<Vec<_>>());
+    let upper = scalars(&chunks, "/methods/01_fast_kalman/calibration/02_europe_h_DE/above");
+    let expected = run.results[0].iter().map(|(_, analysis, _)| {
+        analysis.estimate.calibration[1] + 2.0 * analysis.estimate.calibration_spread.as_ref().unwrap()[1]
+    });
+    assert_eq!(upper, expected.collect::<Vec<_>>());
+    assert!(layout > 0, "the recording has no layout");
+}
+
+#[test]
+fn maps_have_north_at_the_top() {
+    let run = SyntheticRun::new(8, 6, 2, 1);
+    let (chunks, _) = recorded(&run);
+    let component = DepthImage::descriptor_buffer().component;
+    let images: Vec<Vec<u8>> = of(&chunks, "/truth/field")
+        .flat_map(|chunk| {
+            chunk.iter_slices::<&[u8]>(component).flatten().map(|bytes| bytes.to_vec()).collect::<Vec<_>>()
+        })
+        .collect();
+    assert_eq!(images.len(), 3);
+    for (image, truth) in images.iter().zip(&run.truth) {
+        let values = image.chunks(4).map(|bytes| f32::from_le_bytes(bytes.try_into().unwrap()));
+        let field = truth.field(0);
+        let expected: Vec<f32> =
+            (0..6).rev().flat_map(|j| field.row(j).iter().map(|&h| h as f32).collect::<Vec<_>>()).collect();
+        assert_eq!(values.collect::<Vec<_>>(), expected);
+    }
+    // Red where the analysis is too high, blue where it is too low.
+    let component = Image::descriptor_buffer().component;
+    let error = &run.results[0][0].1.estimate.state - &run.truth[1];
+    let image = of(&chunks, "/methods/01_fast_kalman/analysis_error")
+        .find_map(|chunk| chunk.iter_slices::<&[u8]>(component).flatten().next().map(|bytes| bytes.to_vec()))
+        .unwrap();
+    let colors: Vec<bool> = image.chunks(3).map(|pixel| pixel[0] >= pixel[2]).collect();
+    let signs: Vec<bool> =
+        (0..6).rev().flat_map(|j| (0..8).map(move |i| (j, i))).map(|at| error.field(0)[at] >= 0.0).collect();
+    assert!(signs.contains(&true) && signs.contains(&false));
+    let different = colors.iter().zip(&signs).filter(|(a, b)| a != b).count();
+    assert!(different <= 1, "{different} of 48 pixels have the wrong colour");
+}
+
+#[test]
+fn the_only_times_are_those_of_the_model_and_runs_repeat() {
+    let run = SyntheticRun::new(8, 6, 2, 2);
+    let (chunks, layout) = recorded(&run);
+    let timelines: BTreeSet<String> =
+        chunks.iter().flat_map(|chunk| chunk.timelines().keys().map(ToString::to_string)).collect();
+    assert_eq!(timelines.into_iter().collect::<Vec<_>>(), ["cycle", "valid_time"]);
+    let (again, layout_again) = recorded(&SyntheticRun::new(8, 6, 2, 2));
+    let contents = |chunks: &[Chunk]| -> Vec<String> {
+        let of_chunk =
+            |chunk: &Chunk| format!("{} {:?} {:?}", chunk.entity_path(), chunk.timelines(), chunk.components());
+        chunks.iter().map(of_chunk).collect()
+    };
+    assert_eq!(contents(&chunks), contents(&again));
+    assert_eq!(layout, layout_again);
+}
+
+#[test]
+fn the_texts_hold_scores_and_scenario() {
+    let run = SyntheticRun::new(8, 6, 2, 2);
+    let (chunks, _) = recorded(&run);
+    let text = |entity: &str| {
+        let component = TextDocument::descriptor_text().component;
+        let text = of(&chunks, entity).find_map(|chunk| chunk.iter_slices::<String>(component).flatten().next());
+        text.unwrap().to_string()
+    };
+    assert!(text("/text/scenario").contains(run.info.scenario_text.trim_end()));
+    let scores = text("/text/scores");
+    for part in ["| fast_kalman | ", "| kalman | ", "RMSE u [m s-1]", "seed 42", "- **kalman**: extended Kalman filter"]
+    {
+        assert!(scores.contains(part), "no {part:?} in {scores}");
+    }
+}
+
+#[test]
+fn results_that_do_not_fit_the_run_are_refused() {
+    let mut run = SyntheticRun::new(8, 6, 2, 1);
+    run.results[0][1].1.estimate.calibration_spread.as_mut().unwrap().pop();
+    let parent = tempfile::tempdir().unwrap();
+    let directory = OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap();
+    let mut sinks = open_all(&run.info, &directory, Outputs { netcdf: false, rerun: true }).unwrap();
+    let error = run.play(&mut sinks).unwrap_err();
+    assert!(error.path.ends_with("recording.rrd") && error.reason.contains("cycle 2"), "{error}");
+}
