@@ -2,9 +2,10 @@
 
 use isobar::cli::{self, RunOptions};
 use isobar::progress::Progress;
+use isobar::run::RunError;
 use isobar::scenario::Scenario;
 use isobar::summary::Summary;
-use miette::{IntoDiagnostic, Report};
+use miette::{Report, miette};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -13,5 +14,8 @@ fn main() -> ExitCode {
 
 /// Where the command line hands over to the experiment.
 fn run(scenario: &Scenario, options: &RunOptions, progress: &mut Progress) -> Result<Summary, Report> {
-    isobar::run::run(scenario, options, progress).into_diagnostic()
+    isobar::run::run(scenario, options, progress).map_err(|error| match error {
+        RunError::Experiment(error) => error.locate(scenario).into(),
+        error => miette!("{}: {error}", scenario.name),
+    })
 }

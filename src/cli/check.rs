@@ -1,6 +1,7 @@
 //! `isobar check`.
 
 use super::{lookup, print, show};
+use crate::experiment;
 use miette::Report;
 use std::process::ExitCode;
 
@@ -8,7 +9,11 @@ use std::process::ExitCode;
 pub fn check(scenarios: &[String]) -> Result<ExitCode, Report> {
     let mut code = ExitCode::SUCCESS;
     for argument in scenarios {
-        match lookup::load(argument) {
+        let checked = lookup::load(argument).and_then(|scenario| match experiment::check(&scenario) {
+            Ok(()) => Ok(scenario),
+            Err(error) => Err(error.locate(&scenario).into()),
+        });
+        match checked {
             Ok(scenario) => {
                 let grid = &scenario.grid.grid;
                 let (cycles, window) = (scenario.cycle.count, scenario.cycle.window.as_f64() / 3600.0);

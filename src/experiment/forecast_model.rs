@@ -1,9 +1,9 @@
 //! `[model]` as a model.
 
-use crate::scenario::{Dynamics, ModelSettings, ShallowWaterSettings, TimeScheme, Wind};
+use crate::scenario::{AdvectionScheme, Conserved, Dynamics, ModelSettings, ShallowWaterSettings, TimeScheme, Wind};
 use isobar_model::{
-    Adjoint, Advection, AdvectionScheme, ExactShift, Grid, LinearShallowWater, ModelError, ShallowWater,
-    ShallowWaterParameters, Stepped, VectorInvariant,
+    Adjoint, Advection, ExactShift, Grid, LinearShallowWater, ModelError, ShallowWater, ShallowWaterParameters,
+    Stepped, VectorInvariant,
 };
 use std::sync::Arc;
 
@@ -18,12 +18,17 @@ pub(super) fn build(settings: &ModelSettings, grid: &Grid) -> Result<Arc<dyn Adj
             let linear = LinearShallowWater::about_uniform_flow(nonlinear, *mean_depth_m, *mean_flow_m_per_s)?;
             Arc::new(Stepped::new(linear, time_step, scheme(own.time_scheme))?)
         }
-        Dynamics::Advection { wind, time_scheme } => {
+        Dynamics::Advection { wind, scheme: own, time_scheme } => {
             let wind = match *wind {
                 Wind::Uniform { u_m_per_s, v_m_per_s } => isobar_model::Wind::Uniform { u_m_per_s, v_m_per_s },
-                Wind::Rotation { speed_m_per_s } => isobar_model::Wind::Vortex { speed_m_per_s },
+                Wind::Vortex { speed_m_per_s } => isobar_model::Wind::Vortex { speed_m_per_s },
             };
-            let advection = Advection::new(grid.clone(), &wind, AdvectionScheme::ThirdOrderUpwind)?;
+            let own = match own {
+                AdvectionScheme::FirstOrderUpwind => isobar_model::AdvectionScheme::FirstOrderUpwind,
+                AdvectionScheme::ThirdOrderUpwind => isobar_model::AdvectionScheme::ThirdOrderUpwind,
+                AdvectionScheme::FourthOrderCentred => isobar_model::AdvectionScheme::FourthOrderCentred,
+            };
+            let advection = Advection::new(grid.clone(), &wind, own)?;
             Arc::new(Stepped::new(advection, time_step, scheme(*time_scheme))?)
         }
         Dynamics::ExactShift { columns_per_step, rows_per_step } => {
@@ -41,7 +46,11 @@ pub(super) fn shallow_water(settings: &ShallowWaterSettings, grid: &Grid) -> Res
         drag_per_s: settings.drag_per_s,
         hyperdiffusion_m4_per_s: settings.hyperdiffusion_m4_per_s,
     };
-    ShallowWater::new(grid.clone(), parameters, VectorInvariant::PotentialEnstrophy)
+    let form = match settings.conserves {
+        Conserved::Enstrophy => VectorInvariant::PotentialEnstrophy,
+        Conserved::Energy => VectorInvariant::Energy,
+    };
+    ShallowWater::new(grid.clone(), parameters, form)
 }
 
 fn scheme(scheme: TimeScheme) -> isobar_model::TimeScheme {

@@ -31,14 +31,21 @@ fn balanced(initial: &Initial, model: &ShallowWater, seed: u64) -> Result<State,
     let random = &mut stream(seed, "initial state");
     match *initial {
         Initial::Rest { mean_depth_m } => rest(model, mean_depth_m),
-        Initial::Jet { mean_depth_m, speed_m_per_s, width_m, center_y_fraction, perturbation_height_m } => {
+        Initial::Jet {
+            mean_depth_m,
+            speed_m_per_s,
+            width_m,
+            center_y_fraction,
+            perturbation_height_m,
+            perturbation_width_m,
+        } => {
             let center_y_m = center_y_fraction * grid.height_m();
             let bump = HeightPerturbation {
                 amplitude_m: perturbation_height_m,
                 center_x_m: 0.5 * grid.width_m(),
                 center_y_m,
-                width_x_m: 2.0 * width_m,
-                width_y_m: 0.5 * width_m,
+                width_x_m: perturbation_width_m,
+                width_y_m: perturbation_width_m,
             };
             let perturbation = (perturbation_height_m != 0.0).then_some(bump);
             geostrophic_jet(model, &JetConfig { mean_depth_m, speed_m_per_s, center_y_m, width_m, perturbation })
@@ -77,8 +84,8 @@ fn tracer(initial: &Initial, grid: &Grid) -> Result<State, ModelError> {
             };
             gaussian_hills(&layout, 0.0, &[hill])
         }
-        Initial::CosineWave { amplitude, waves_x, waves_y } => {
-            let wave = CosineWave { mean: 0.0, amplitude, waves_x: waves_x as i32, waves_y: waves_y as i32 };
+        Initial::CosineWave { mean, amplitude, waves_x, waves_y } => {
+            let wave = CosineWave { mean, amplitude, waves_x, waves_y };
             cosine_wave(&layout, &wave)
         }
         Initial::Rest { .. } | Initial::Jet { .. } | Initial::Vortices { .. } | Initial::RandomBalanced { .. } => {

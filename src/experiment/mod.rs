@@ -9,7 +9,7 @@ mod observing;
 use crate::cli::RunOptions;
 use crate::cycle::Runner;
 use crate::event::{MethodInfo, RunInfo, StationInfo};
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, ScenarioError};
 use crate::truth::Truth;
 use isobar_assim::{BiasTreatment, Problem, covariance};
 use isobar_model::random::stream;
@@ -48,6 +48,21 @@ pub enum ExperimentError {
         /// Why not.
         reason: String,
     },
+}
+
+impl ExperimentError {
+    /// The same fault with its place in the scenario's file.
+    pub fn locate(&self, scenario: &Scenario) -> ScenarioError {
+        let (path, label): (Vec<&str>, &str) = match self {
+            ExperimentError::TimeStep(_) => (vec!["model", "time_step_s"], "too long"),
+            ExperimentError::Model(_) => (vec!["initial"], "with this and [model]"),
+            ExperimentError::Covariance(_) => (vec!["background_error"], "here or in [model_error]"),
+            ExperimentError::Method { name, .. } => (vec!["methods", name], "this method"),
+            ExperimentError::File { .. } => (vec!["networks"], "in one of these"),
+            ExperimentError::Observations(error) => (observing::place(error), "here"),
+        };
+        scenario.fault(&path, self.to_string(), label)
+    }
 }
 
 /// All that a run needs.

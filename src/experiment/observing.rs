@@ -8,8 +8,8 @@ use crate::scenario::{
 use indexmap::IndexMap;
 use isobar_model::Grid;
 use isobar_obs::{
-    BiasProcess, BiasScope, Evolution, Heading, InstrumentConfig, ObservedVariable, RadiosondeConfig, SatelliteConfig,
-    ScanBias, ScanTerm, StationBias, StationSource, Stations,
+    BiasProcess, BiasScope, Evolution, Heading, InstrumentConfig, ObservationError, ObservedVariable, RadiosondeConfig,
+    SatelliteConfig, ScanBias, ScanTerm, StationBias, StationSource, Stations,
 };
 use std::io::Read;
 use std::path::Path;
@@ -28,6 +28,22 @@ pub(super) fn configs(
             Instrument::Satellite(own) => Ok(InstrumentConfig::Satellite(satellite(name, network, own, grid))),
         })
         .collect()
+}
+
+/// The keys that lead to the setting of which an error speaks.
+pub(super) fn place(error: &ObservationError) -> Vec<&str> {
+    let mut path = vec!["networks"];
+    path.extend(error.instrument());
+    path.extend(error.setting().map(|setting| match setting {
+        "swath_width_m" => "swath_width_km",
+        "along_track_spacing_m" => "along_track_spacing_km",
+        "footprint_sigma_m" => "footprint_sigma_km",
+        "shift_per_cycle_m" => "shift_per_cycle_km",
+        "edge_margin_m" => "edge_margin_km",
+        setting if setting.starts_with("biases") => "bias",
+        setting => setting,
+    }));
+    path
 }
 
 fn radiosondes(name: &str, network: &Network, own: &RadiosondeSettings) -> Result<RadiosondeConfig, ExperimentError> {
@@ -49,6 +65,7 @@ fn radiosondes(name: &str, network: &Network, own: &RadiosondeSettings) -> Resul
         own.observed.iter().map(|observed| ObservedVariable::new(&observed.variable, observed.sigma)).collect();
     config.schedule = schedule(network.schedule);
     config.missing_rate = network.missing_rate;
+    config.edge_margin_m = own.edge_margin_m;
     config.biases = own
         .biases
         .iter()
@@ -73,7 +90,12 @@ fn satellite(name: &str, network: &Network, own: &SatelliteSettings, grid: &Grid
     config.footprint_sigma_m = own.footprint_sigma_m;
     config.crossing_x_m = own.start_x_fraction * grid.width_m();
     config.shift_per_cycle_m = own.shift_per_cycle_m;
-    config.heading = Heading::Alternating;
+    config.heading = match own.heading {
+        crate::scenario::Heading::Northward => Heading::Northward,
+        crate::scenario::Heading::Southward => Heading::Southward,
+        crate::scenario::Heading::Alternating => Heading::Alternating,
+    };
+    config.track_angle_deg = own.track_angle_deg;
     config.schedule = schedule(network.schedule);
     config.biases = own
         .biases

@@ -9,6 +9,7 @@ mod covariance;
 mod cycle;
 mod error;
 mod expected;
+mod fault;
 mod grid;
 mod initial;
 mod method;

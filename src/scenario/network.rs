@@ -46,7 +46,8 @@ pub struct RadiosondeSettings {
     pub stations: StationLayout,
     /// The column of the station file by which stations form groups; `None`: all are one group.
     pub group_by: Option<String>,
-    /// The groups to which stations belong in turn, if they do not come from a file; empty: all are in the group `all`.
+    /// Of a station file: the groups whose stations report; all if empty. Of other stations: the groups to which they
+    /// belong in turn; all are in the group `all` if empty.
     pub groups: Vec<String>,
     /// The groups without any bias.
     pub reference_groups: Vec<String>,
@@ -217,8 +218,9 @@ fn radiosonde(section: &Section<'_>, grid: &GridSettings, model: &ModelSettings)
         false => Err(field.misplaced("only a station file has columns to group by".into(), "use `groups` instead")),
     });
     let group_by = group_by.transpose()?;
-    if let Some(field) = section.optional("groups").filter(|_| from_file) {
-        return Err(field.misplaced("stations of a file have their groups there".into(), "use `group_by` instead"));
+    if let Some(field) = section.optional("groups").filter(|_| from_file && group_by.is_none()) {
+        let message = "which of the file's groups to use needs the column that names them".into();
+        return Err(field.misplaced(message, "add `group_by`"));
     }
     let texts = |key: &str| section.optional(key).map_or(Ok(Vec::new()), |field| field.texts(1000));
     let (groups, reference_groups) = (texts("groups")?, texts("reference_groups")?);

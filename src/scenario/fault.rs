@@ -1,0 +1,31 @@
+//! Faults that only show when a scenario is built, with their place in its file.
+
+use super::error::{ScenarioError, SourceFile};
+use super::{Scenario, reader};
+use toml::de::DeValue;
+
+impl Scenario {
+    /// The fault `message` at the key that `path` leads to, as far as the file has its tables and keys; at the file's
+    /// beginning if it has none of them.
+    pub fn fault(&self, path: &[&str], message: String, label: &str) -> ScenarioError {
+        let file = SourceFile::new(&self.path, &self.text);
+        let tree = match reader::parse(&file, &self.text) {
+            Ok(tree) => tree,
+            Err(error) => return error,
+        };
+        let (mut table, mut span) = (Some(&tree), 0..0);
+        for &key in path {
+            let Some((name, value)) = table.and_then(|table| table.iter().find(|(name, _)| name.get_ref() == key))
+            else {
+                break;
+            };
+            let is_table = matches!(value.get_ref(), DeValue::Table(_));
+            span = if is_table { name.span() } else { value.span() };
+            table = match value.get_ref() {
+                DeValue::Table(table) => Some(table),
+                _ => None,
+            };
+        }
+        file.error(span, message, label, None)
+    }
+}
