@@ -46,12 +46,32 @@ pub fn scores(summary: &Summary, variables: &[(&str, &str)]) -> String {
     }
     format!(
         "Root-mean-square error of background and analysis, and claimed analysis spread, cycles {} to {}\n{}\n\n\
-         Biases, consistency, cost\n{}",
+         Biases, consistency, cost\n{}{}",
         summary.scored_from_cycle,
         summary.cycles,
         trimmed(&state),
-        trimmed(&rest)
+        trimmed(&rest),
+        partitions(summary)
     )
+}
+
+/// How observations linked the blocks of each method that has some, in the cycle with the largest component.
+fn partitions(summary: &Summary) -> String {
+    let described: Vec<String> = summary
+        .methods
+        .iter()
+        .filter_map(|(name, scores)| {
+            let own = scores.partition.as_ref()?;
+            Some(format!(
+                "{name}: {} blocks, of which observations link up to {} ({} variables) into one; border {}",
+                own.blocks, own.largest_component_blocks, own.largest_component_variables, own.border
+            ))
+        })
+        .collect();
+    match described.is_empty() {
+        true => String::new(),
+        false => format!("\n\nPartition\n{}", described.join("\n")),
+    }
 }
 
 /// How one score compares with the accepted one.

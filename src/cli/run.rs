@@ -5,6 +5,7 @@ use super::{RunOptions, Runner, lookup, print};
 use crate::progress::Progress;
 use crate::scenario::Scenario;
 use crate::scenario::text::{clean, listed, nearest};
+use crate::sink::Outputs;
 use crate::table;
 use miette::{Report, miette};
 use std::collections::HashMap;
@@ -21,8 +22,16 @@ pub fn run(arguments: &RunArguments, runner: &Runner) -> Result<ExitCode, Report
         drop(progress);
         let scores = table::scores(&summary, scenario.model.variables());
         print(&format!("{}: {}\n\n{scores}\n", scenario.name, scenario.title))?;
+        print(&files(scenario, options, arguments.no_rerun))?;
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Where the files are, and which are missing that the scenario asks for.
+fn files(scenario: &Scenario, options: &RunOptions, refused: bool) -> String {
+    let missing = scenario.output.rerun && !refused && !Outputs::RERUN_AVAILABLE;
+    let note = if missing { "\nNo recording: this isobar was built without its feature `rerun`." } else { "" };
+    format!("Files: {}{note}\n", clean(&options.out.display().to_string()))
 }
 
 /// Scenarios of the same name would write into the same directory.
@@ -68,7 +77,7 @@ fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, 
         threads: arguments.threads.map(|threads| threads as usize),
         overwrite: arguments.overwrite,
         netcdf: scenario.output.netcdf && !arguments.no_netcdf,
-        rerun: scenario.output.rerun && !arguments.no_rerun,
+        rerun: scenario.output.rerun && !arguments.no_rerun && Outputs::RERUN_AVAILABLE,
     })
 }
 

@@ -1,0 +1,81 @@
+//! With one block over the domain and the biases' covariance carried, the Fast Kalman Filter *is* the Kalman filter: on
+//! every scenario that is small enough, with its biases and without.
+
+mod runs;
+
+use isobar::event::Event;
+use isobar::scenario::{Algorithm, BiasCoupling, Blocks, Method};
+use isobar::sink::{Sink, SinkError};
+use isobar_assim::{BiasTreatment, Estimate};
+use runs::{run_options, scenarios};
+
+/// The largest state for which this takes seconds.
+const MOST_VALUES: usize = 2000;
+
+const MEMORY: u64 = 4 << 30;
+
+/// Backgrounds and analyses of each method.
+#[derive(Default)]
+struct Estimates {
+    of_method: [Vec<Estimate>; 2],
+}
+
+impl Sink for Estimates {
+    fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
+        if let Event::Analysed(analysed) = event {
+            let own = &mut self.of_method[analysed.method];
+            own.extend([analysed.background.clone(), analysed.analysis.estimate.clone()]);
+        }
+        Ok(())
+    }
+}
+
+fn relative_difference(found: &[f64], expected: &[f64]) -> f64 {
+    assert_eq!(found.len(), expected.len());
+    let largest = expected.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+    found.iter().zip(expected).map(|(a, b)| (a - b).abs() / largest).fold(0.0, f64::max)
+}
+
+#[test]
+fn one_block_equals_the_kalman_filter_on_every_small_scenario() {
+    let mut compared = 0;
+    for mut scenario in scenarios() {
+        let grid = &scenario.grid.grid;
+        if scenario.model.variables().len() * grid.cells() > MOST_VALUES {
+            continue;
+        }
+        for bias in [BiasTreatment::Estimate, BiasTreatment::Ignore] {
+            let algorithms = [
+                Algorithm::Kalman { memory_limit_bytes: MEMORY },
+                Algorithm::FastKalman {
+                    blocks: Blocks::Domain,
+                    bias_coupling: BiasCoupling::Carry,
+                    memory_limit_bytes: MEMORY,
+                },
+            ];
+            scenario.methods = ["kf", "fkf"]
+                .map(String::from)
+                .into_iter()
+                .zip(algorithms.map(|algorithm| Method { bias, algorithm }))
+                .collect();
+            let directory = tempfile::tempdir().unwrap();
+            let mut estimates = Estimates::default();
+            // The fourth cycle is the second with soundings where they come every other cycle.
+            isobar::run::run(&scenario, &run_options(directory.path(), 4), &mut estimates).unwrap();
+            let [expected, found] = &estimates.of_method;
+            assert_eq!((expected.len(), found.len()), (8, 8));
+            for (expected, found) in expected.iter().zip(found) {
+                let state = relative_difference(found.state.values(), expected.state.values());
+                let spread =
+                    relative_difference(found.state_spread.as_ref().unwrap(), expected.state_spread.as_ref().unwrap());
+                assert!(state < 1e-8 && spread < 1e-8, "{}, {bias:?}: {state:e}, {spread:e}", scenario.name);
+                if let (Some(found), Some(expected)) = (&found.calibration_spread, &expected.calibration_spread) {
+                    let spread = relative_difference(found, expected);
+                    assert!(spread < 1e-8, "{}, {bias:?}: biases' spread {spread:e}", scenario.name);
+                }
+            }
+            compared += 1;
+        }
+    }
+    assert!(compared >= 6, "only {compared} comparisons");
+}

@@ -1,0 +1,97 @@
+//! The shape of the project: who may know whom, and what a library may not do.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Names of the project's own packages on which a package depends, but for its tests.
+fn own_dependencies(metadata: &serde_json::Value, package: &str) -> Vec<String> {
+    let packages = metadata["packages"].as_array().unwrap();
+    let package = packages.iter().find(|own| own["name"] == package).unwrap();
+    let dependencies = package["dependencies"].as_array().unwrap().iter();
+    let mut names: Vec<String> = dependencies
+        .filter(|dependency| dependency["kind"].is_null())
+        .filter_map(|dependency| dependency["name"].as_str())
+        .filter(|name| name.starts_with("isobar"))
+        .map(str::to_string)
+        .collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn data_flows_one_way_between_the_packages() {
+    let cargo = std::env::var("CARGO").unwrap_or("cargo".into());
+    let output = Command::new(cargo)
+        .args(["metadata", "--format-version", "1", "--no-deps", "--offline"])
+        .current_dir(root())
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let metadata: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(own_dependencies(&metadata, "isobar-model"), Vec::<String>::new());
+    assert_eq!(own_dependencies(&metadata, "isobar-obs"), ["isobar-model"]);
+    assert_eq!(own_dependencies(&metadata, "isobar-assim"), ["isobar-model", "isobar-obs"]);
+}
+
+/// The Rust sources below a folder.
+fn sources(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(sources(&path));
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+    found
+}
+
+/// The code of a source file, without comments and the unit tests at its end.
+fn code(path: &Path) -> String {
+    let text = fs::read_to_string(path).unwrap();
+    let text = text.split("#[cfg(test)]\nmod tests").next().unwrap();
+    text.lines().filter(|line| !line.trim_start().starts_with("//")).collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn the_libraries_neither_read_nor_print_nor_look_at_the_clock() {
+    let mut read = 0;
+    for member in ["model", "obs", "assim"] {
+        for path in sources(&root().join(member).join("src")) {
+            let code = code(&path);
+            for forbidden in ["std::fs", "std::io", "println!", "eprintln!", "Instant", "SystemTime", "std::env"] {
+                assert!(!code.contains(forbidden), "{} has {forbidden}", path.display());
+            }
+            read += 1;
+        }
+    }
+    assert!(read > 40, "only {read} files");
+}
+
+#[test]
+fn methods_know_no_concrete_model_and_no_truth() {
+    for path in sources(&root().join("assim/src")) {
+        let code = code(&path);
+        for forbidden in ["ShallowWater", "Advection", "ExactShift", "Radiosonde", "Satellite", "truth", "Truth"] {
+            assert!(!code.contains(forbidden), "{} has {forbidden}", path.display());
+        }
+    }
+    let cycle = code(&root().join("src/cycle.rs"));
+    assert!(!cycle.to_lowercase().contains("truth") && !cycle.to_lowercase().contains("true_"), "src/cycle.rs");
+}
+
+#[test]
+fn no_source_file_is_too_long_to_read() {
+    for folder in ["src", "model/src", "obs/src", "assim/src", "tests"] {
+        for path in sources(&root().join(folder)) {
+            let lines = fs::read_to_string(&path).unwrap().lines().count();
+            assert!(lines <= 450, "{} has {lines} lines", path.display());
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! The accepted scores of the scenarios: the small ones are run, and all of them must say what the project claims.
+
+mod runs;
+
+use isobar::event::Event;
+use isobar::scenario::{Algorithm, Dynamics, Scenario};
+use isobar::sink::{Sink, SinkError};
+use isobar::table::Comparison;
+use isobar_assim::BiasTreatment;
+use runs::{run_options, scenarios};
+
+/// The largest grid for which this takes seconds.
+const MOST_CELLS: usize = 200;
+
+struct Deaf;
+
+impl Sink for Deaf {
+    fn record(&mut self, _: &Event<'_>) -> Result<(), SinkError> {
+        Ok(())
+    }
+}
+
+#[test]
+fn small_scenarios_have_their_accepted_scores() {
+    let mut ran = 0;
+    for scenario in scenarios() {
+        if scenario.grid.grid.cells() > MOST_CELLS {
+            continue;
+        }
+        let directory = tempfile::tempdir().unwrap();
+        let options = run_options(directory.path(), scenario.cycle.count);
+        let summary = isobar::run::run(&scenario, &options, &mut Deaf).unwrap();
+        let comparison = Comparison::new(&scenario.expected, &summary);
+        assert!(comparison.passed(), "{}: {}", scenario.name, comparison.describe());
+        ran += 1;
+    }
+    assert!(ran >= 1);
+}
+
+/// Names of the methods that satisfy a condition.
+fn methods(scenario: &Scenario, condition: impl Fn(&Algorithm, BiasTreatment) -> bool) -> Vec<&str> {
+    let all = scenario.methods.iter();
+    all.filter(|(_, method)| condition(&method.algorithm, method.bias)).map(|(name, _)| name.as_str()).collect()
+}
+
+#[test]
+fn the_kalman_filter_is_the_best_of_those_who_know_as_much() {
+    for scenario in scenarios() {
+        let expected = &scenario.expected.methods;
+        let rmse = |name: &str| expected[name].rmse_analysis[scenario.model.variables()[0].0];
+        let kalman = |algorithm: &Algorithm, bias| {
+            matches!(algorithm, Algorithm::Kalman { .. }) && bias == BiasTreatment::Estimate
+        };
+        let [best] = methods(&scenario, kalman)[..] else { panic!("{} has not one kf", scenario.name) };
+        for other in methods(&scenario, |_, bias| bias != BiasTreatment::Known) {
+            assert!(rmse(other) > 0.999 * rmse(best), "{}: {other} beats {best}", scenario.name);
+        }
+    }
+}
+
+#[test]
+fn the_spread_of_the_kalman_filter_matches_its_error_on_linear_scenarios() {
+    let mut checked = 0;
+    for scenario in scenarios() {
+        // Where the mean height cannot be separated from a bias, the error is one draw from the spread.
+        if matches!(scenario.model.dynamics, Dynamics::ShallowWater(_)) || scenario.name == "no_reference_station" {
+            continue;
+        }
+        let scores = &scenario.expected.methods["kf"];
+        for (variable, rmse) in &scores.rmse_analysis {
+            let ratio = scores.spread_analysis[variable] / rmse;
+            assert!((ratio - 1.0).abs() < 0.15, "{}: spread over error of {variable} is {ratio}", scenario.name);
+        }
+        checked += 1;
+    }
+    assert!(checked >= 2);
+}
+
+#[test]
+fn estimating_the_biases_pays() {
+    let mut checked = 0;
+    for scenario in scenarios() {
+        let expected = &scenario.expected.methods;
+        let bias_rmse = |name: &str| expected[name].bias_rmse.unwrap();
+        let blind =
+            methods(&scenario, |algorithm, bias| *algorithm != Algorithm::Free && bias == BiasTreatment::Ignore);
+        for blind in blind {
+            let full = |algorithm: &Algorithm, bias| {
+                bias == BiasTreatment::Estimate
+                    && !matches!(
+                        algorithm,
+                        Algorithm::Free | Algorithm::FastKalman { blocks: isobar::scenario::Blocks::Cell, .. }
+                    )
+            };
+            for sighted in methods(&scenario, full) {
+                let (with, without) = (bias_rmse(sighted), bias_rmse(blind));
+                assert!(with < 0.65 * without, "{}: {sighted} {with}, {blind} {without}", scenario.name);
+                checked += 1;
+            }
+        }
+    }
+    assert!(checked >= 6);
+}

@@ -1,0 +1,30 @@
+//! Runs of the shipped scenarios within a test.
+
+use isobar::cli::RunOptions;
+use isobar::scenario::Scenario;
+use std::path::Path;
+
+/// All shipped scenarios.
+pub fn scenarios() -> Vec<Scenario> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios");
+    let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let mut files: Vec<_> =
+        files.filter(|path| path.extension().is_some_and(|extension| extension == "toml")).collect();
+    files.sort();
+    assert!(files.len() >= 5);
+    files.iter().map(|path| Scenario::load(path).unwrap()).collect()
+}
+
+/// A run of some cycles into a folder, without files but the summary.
+pub fn run_options(folder: &Path, cycles: usize) -> RunOptions {
+    RunOptions {
+        out: folder.join("run"),
+        methods: None,
+        cycles: Some(cycles),
+        seed: None,
+        threads: None,
+        overwrite: false,
+        netcdf: false,
+        rerun: false,
+    }
+}
