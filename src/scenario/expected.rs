@@ -11,7 +11,7 @@ use std::fmt::Write;
 pub(super) const TOLERANCE_KEY: &str = "relative_tolerance";
 
 /// The tolerance of a scenario that gives none.
-const DEFAULT_TOLERANCE: f64 = 0.02;
+const DEFAULT_TOLERANCE: f64 = 1e-4;
 
 /// Accepted scores.
 #[derive(Clone, Debug, PartialEq)]

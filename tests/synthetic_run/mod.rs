@@ -287,6 +287,7 @@ fn analyse(
         bias_rmse: has_spread.then_some(2.5 * level),
         bias_spread: has_spread.then_some(2.6 * level),
         innovation_chi2: has_spread.then_some(1.0 + 0.1 * level),
+        partition: None,
         seconds_per_cycle: 0.0123,
         peak_memory_bytes: 1_500_000,
     };
