@@ -4,8 +4,9 @@
 mod runs;
 
 use isobar::event::Event;
-use isobar::scenario::{Algorithm, BiasCoupling, Blocks, Method};
+use isobar::scenario::{Algorithm, Method};
 use isobar::sink::{Sink, SinkError};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Residual};
 use isobar_assim::{BiasTreatment, Estimate};
 use runs::{run_options, scenarios};
 
@@ -48,8 +49,12 @@ fn one_block_equals_the_kalman_filter_on_every_small_scenario() {
             let algorithms = [
                 Algorithm::Kalman { memory_limit_bytes: MEMORY },
                 Algorithm::FastKalman {
-                    blocks: Blocks::Domain,
-                    bias_coupling: BiasCoupling::Carry,
+                    settings: FastKalmanSettings {
+                        blocks: BlockShape::Domain,
+                        bias_coupling: BiasCoupling::Carry,
+                        factors: 0,
+                        residual: Residual::Exact,
+                    },
                     memory_limit_bytes: MEMORY,
                 },
             ];

@@ -7,6 +7,7 @@ use isobar::scenario::{Algorithm, Dynamics, Scenario};
 use isobar::sink::{Sink, SinkError};
 use isobar::table::Comparison;
 use isobar_assim::BiasTreatment;
+use isobar_assim::fast_kalman::{BlockShape, FastKalmanSettings};
 use runs::{run_options, scenarios};
 
 /// The largest grid for which this takes seconds.
@@ -93,7 +94,11 @@ fn estimating_the_biases_pays() {
                 bias == BiasTreatment::Estimate
                     && !matches!(
                         algorithm,
-                        Algorithm::Free | Algorithm::FastKalman { blocks: isobar::scenario::Blocks::Cell, .. }
+                        Algorithm::Free
+                            | Algorithm::FastKalman {
+                                settings: FastKalmanSettings { blocks: BlockShape::Cell, .. },
+                                ..
+                            }
                     )
             };
             for sighted in methods(&scenario, full) {

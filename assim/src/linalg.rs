@@ -89,6 +89,26 @@ pub(crate) fn column(values: &[f64]) -> Mat<f64> {
     Mat::from_fn(values.len(), 1, |i, _| values[i])
 }
 
+/// A lower triangular L with L Lᵀ = M for a small symmetric positive *semi*definite M, whose lower triangle is read;
+/// directions without variance get a column of zeros.
+pub(crate) fn semidefinite_root(matrix: MatRef<'_, f64>) -> Mat<f64> {
+    let n = matrix.nrows();
+    let mut root = Mat::zeros(n, n);
+    let threshold = (0..n).map(|i| matrix[(i, i)]).fold(0.0, f64::max) * f64::EPSILON * 8.0 * n as f64;
+    for j in 0..n {
+        let rest =
+            |i: usize, root: &Mat<f64>| matrix[(i, j)] - (0..j).map(|k| root[(i, k)] * root[(j, k)]).sum::<f64>();
+        let pivot = rest(j, &root);
+        if pivot > threshold {
+            root[(j, j)] = pivot.sqrt();
+            for i in j + 1..n {
+                root[(i, j)] = rest(i, &root) / root[(j, j)];
+            }
+        }
+    }
+    root
+}
+
 /// Σ aᵢ².
 pub(crate) fn squared_norm(values: &[f64]) -> f64 {
     values.iter().map(|value| value * value).sum()

@@ -1,35 +1,24 @@
 //! `[methods.NAME]` as methods.
 
-use crate::scenario::{Algorithm, BiasCoupling, Blocks, Method};
-use isobar_assim::fast_kalman::{self, BlockShape, FastKalmanFilter, FastKalmanSettings};
+use crate::scenario::{Algorithm, Method};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, Residual};
 use isobar_assim::free::FreeRun;
 use isobar_assim::kalman::KalmanFilter;
-use isobar_assim::variational::{ThreeDVar, ThreeDVarSettings};
+use isobar_assim::variational::ThreeDVar;
 use isobar_assim::{Assimilator, BiasTreatment, Error, Problem};
 
 pub(super) fn build(ground: &Problem, method: &Method) -> Result<Box<dyn Assimilator>, Error> {
     let mut problem = Problem { bias: method.bias, ..ground.clone() };
     Ok(match method.algorithm {
         Algorithm::Free => Box::new(FreeRun::new(problem)),
-        Algorithm::ThreeDVar { covariance_scale, max_iterations, tolerance } => {
-            Box::new(ThreeDVar::new(problem, ThreeDVarSettings { covariance_scale, tolerance, max_iterations }))
-        }
+        Algorithm::ThreeDVar(ref settings) => Box::new(ThreeDVar::new(problem, settings.clone())),
         Algorithm::Kalman { memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
             Box::new(KalmanFilter::new(problem)?)
         }
-        Algorithm::FastKalman { blocks, bias_coupling, memory_limit_bytes } => {
+        Algorithm::FastKalman { settings, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
-            let blocks = match blocks {
-                Blocks::Cell => BlockShape::Cell,
-                Blocks::Tile { nx, ny } => BlockShape::Tile { nx, ny },
-                Blocks::Domain => BlockShape::Domain,
-            };
-            let bias_coupling = match bias_coupling {
-                BiasCoupling::Carry => fast_kalman::BiasCoupling::Carry,
-                BiasCoupling::Drop => fast_kalman::BiasCoupling::Drop,
-            };
-            Box::new(FastKalmanFilter::new(problem, FastKalmanSettings { blocks, bias_coupling })?)
+            Box::new(FastKalmanFilter::new(problem, settings)?)
         }
     })
 }
@@ -46,21 +35,30 @@ pub(super) fn describe(method: &Method) -> String {
         BiasTreatment::Ignore => "biases ignored",
         BiasTreatment::Known => "biases known",
     };
-    match method.algorithm {
+    match &method.algorithm {
         Algorithm::Free => "no assimilation".to_string(),
-        Algorithm::ThreeDVar { covariance_scale, .. } => format!("3D-Var, B × {covariance_scale}, {bias}"),
+        Algorithm::ThreeDVar(settings) => format!("3D-Var, B × {}, {bias}", settings.covariance_scale),
         Algorithm::Kalman { .. } => format!("Kalman filter, {bias}"),
-        Algorithm::FastKalman { blocks, bias_coupling, .. } => {
-            let blocks = match blocks {
-                Blocks::Cell => "blocks of one cell".to_string(),
-                Blocks::Tile { nx, ny } => format!("blocks of {nx} × {ny} cells"),
-                Blocks::Domain => "one block".to_string(),
+        Algorithm::FastKalman { settings, .. } => {
+            let blocks = match settings.blocks {
+                BlockShape::Cell => "blocks of one cell".to_string(),
+                BlockShape::Tile { nx, ny } => format!("blocks of {nx} × {ny} cells"),
+                BlockShape::Domain => "one block".to_string(),
             };
-            let coupling = match bias_coupling {
+            let residual = match settings.residual {
+                Residual::Exact => "forecast exactly".to_string(),
+                Residual::Persist => "that persist".to_string(),
+                Residual::Probe { count } => format!("forecast by {count} probes"),
+            };
+            let coupling = match settings.bias_coupling {
                 BiasCoupling::Carry => "carried",
                 BiasCoupling::Drop => "dropped",
             };
-            format!("Fast Kalman Filter, {blocks}, covariance with biases {coupling}, {bias}")
+            let factors = settings.factors;
+            format!(
+                "Fast Kalman Filter, {factors} common factors, {blocks} {residual}, covariance with biases {coupling}, \
+                 {bias}"
+            )
         }
     }
 }

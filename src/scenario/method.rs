@@ -5,8 +5,13 @@ use super::network::check_name;
 use super::reader::{Field, Kind, Limits, Read, Section};
 use indexmap::IndexMap;
 use isobar_assim::BiasTreatment;
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Residual};
+use isobar_assim::variational::ThreeDVarSettings;
 use isobar_model::Grid;
 use toml::de::DeValue;
+
+/// Draws that show how much of the residual blocks a forecast keeps, unless the scenario says how many.
+const DEFAULT_PROBES: usize = 8;
 
 /// A method with its settings.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,14 +28,7 @@ pub enum Algorithm {
     /// A forecast that never sees an observation.
     Free,
     /// Three-dimensional variational assimilation.
-    ThreeDVar {
-        /// Factor on the variance of `[background_error]`.
-        covariance_scale: f64,
-        /// Most iterations of the minimiser.
-        max_iterations: usize,
-        /// Relative decrease of the gradient's norm at which the minimiser stops.
-        tolerance: f64,
-    },
+    ThreeDVar(ThreeDVarSettings),
     /// The full Kalman filter (extended, for a nonlinear model).
     Kalman {
         /// Memory that it may use.
@@ -38,38 +36,11 @@ pub enum Algorithm {
     },
     /// Lange's Fast Kalman Filter.
     FastKalman {
-        /// Into which blocks the state is divided.
-        blocks: Blocks,
-        /// What becomes of the covariance of state and bias parameters between cycles.
-        bias_coupling: BiasCoupling,
+        /// Its settings.
+        settings: FastKalmanSettings,
         /// Memory that it may use.
         memory_limit_bytes: u64,
     },
-}
-
-/// The blocks of the Fast Kalman Filter.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Blocks {
-    /// One block for each cell.
-    Cell,
-    /// One block for the whole domain.
-    Domain,
-    /// One block for each tile.
-    Tile {
-        /// Cells of a tile in x.
-        nx: usize,
-        /// Cells of a tile in y.
-        ny: usize,
-    },
-}
-
-/// What becomes of the forecast's covariance between state and bias parameters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BiasCoupling {
-    /// It is carried from cycle to cycle.
-    Carry,
-    /// It is dropped.
-    Drop,
 }
 
 #[derive(Clone, Copy)]
@@ -84,7 +55,11 @@ const KINDS: &[Kind<Which>] = &[
     ("free", Which::Free, &[]),
     ("3dvar", Which::ThreeDVar, &["bias", "covariance_scale", "max_iterations", "tolerance"]),
     ("kf", Which::Kalman, &["bias", "memory_limit_gb"]),
-    ("fkf", Which::FastKalman, &["bias", "blocks", "bias_coupling", "memory_limit_gb"]),
+    (
+        "fkf",
+        Which::FastKalman,
+        &["bias", "blocks", "bias_coupling", "factors", "residual", "probes", "memory_limit_gb"],
+    ),
 ];
 
 /// Reads `[methods]`, in the order of the file.
@@ -121,31 +96,48 @@ fn method(field: &Field<'_>, grid: &Grid) -> Read<Method> {
         || Ok((section.number_or("memory_limit_gb", 2.0, Limits::Between(0.001, 10_000.0))? * 1e9) as u64);
     let algorithm = match which {
         Which::Free => Algorithm::Free,
-        Which::ThreeDVar => Algorithm::ThreeDVar {
+        Which::ThreeDVar => Algorithm::ThreeDVar(ThreeDVarSettings {
             covariance_scale: section.number_or("covariance_scale", 1.0, Limits::Positive)?,
             max_iterations: section.whole_or("max_iterations", 100, 1, 100_000)?,
             tolerance: section.number_or("tolerance", 1e-6, Limits::Between(1e-15, 0.5))?,
-        },
+        }),
         Which::Kalman => Algorithm::Kalman { memory_limit_bytes: memory_limit_bytes()? },
-        Which::FastKalman => Algorithm::FastKalman {
-            blocks: section.optional("blocks").map_or(Ok(Blocks::Cell), |field| blocks(&field, grid))?,
-            bias_coupling: section.optional("bias_coupling").map_or(Ok(BiasCoupling::Carry), |field| {
-                field.choice(&[("carry", BiasCoupling::Carry), ("drop", BiasCoupling::Drop)])
-            })?,
-            memory_limit_bytes: memory_limit_bytes()?,
-        },
+        Which::FastKalman => {
+            Algorithm::FastKalman { settings: fast_kalman(&section, grid)?, memory_limit_bytes: memory_limit_bytes()? }
+        }
     };
     Ok(Method { bias, algorithm })
 }
 
-fn blocks(field: &Field<'_>, grid: &Grid) -> Read<Blocks> {
+fn fast_kalman(section: &Section<'_>, grid: &Grid) -> Read<FastKalmanSettings> {
+    const COUPLINGS: &[(&str, BiasCoupling)] = &[("carry", BiasCoupling::Carry), ("drop", BiasCoupling::Drop)];
+    let factors = section.whole_or("factors", 0, 0, 100_000)?;
+    let probe = Residual::Probe { count: section.whole_or("probes", DEFAULT_PROBES, 1, 1000)? };
+    let residuals = [("exact", Residual::Exact), ("persist", Residual::Persist), ("probe", probe)];
+    // Without factors the blocks hold all there is, and only the exact forecast does them justice.
+    let default = if factors == 0 { Residual::Exact } else { probe };
+    let bias_coupling =
+        section.optional("bias_coupling").map_or(Ok(BiasCoupling::Carry), |field| field.choice(COUPLINGS))?;
+    if let (Some(field), true, BiasCoupling::Drop) = (section.optional("factors"), factors > 0, bias_coupling) {
+        let message = "bias_coupling = \"drop\" is the printed formula, which has no factors".to_string();
+        return Err(field.invalid(message, "must be 0 with bias_coupling = \"drop\""));
+    }
+    Ok(FastKalmanSettings {
+        blocks: section.optional("blocks").map_or(Ok(BlockShape::Cell), |field| blocks(&field, grid))?,
+        bias_coupling,
+        factors,
+        residual: section.optional("residual").map_or(Ok(default), |field| field.choice(&residuals))?,
+    })
+}
+
+fn blocks(field: &Field<'_>, grid: &Grid) -> Read<BlockShape> {
     if !matches!(field.value.get_ref(), DeValue::Table(_)) {
-        return field.choice(&[("cell", Blocks::Cell), ("domain", Blocks::Domain)]);
+        return field.choice(&[("cell", BlockShape::Cell), ("domain", BlockShape::Domain)]);
     }
     let tile = field.section(&["tile"])?.required("tile")?;
     let numbers = tile.elements(2)?;
     let [nx, ny] = numbers.as_slice() else {
         return Err(tile.invalid(format!("`{}` needs two numbers", tile.title()), "must be [cells in x, cells in y]"));
     };
-    Ok(Blocks::Tile { nx: nx.whole(1, grid.nx)?, ny: ny.whole(1, grid.ny)? })
+    Ok(BlockShape::Tile { nx: nx.whole(1, grid.nx)?, ny: ny.whole(1, grid.ny)? })
 }

@@ -26,7 +26,7 @@ pub use error::ScenarioError;
 pub use expected::{Expected, ExpectedScores};
 pub use grid::GridSettings;
 pub use initial::Initial;
-pub use method::{Algorithm, BiasCoupling, Blocks, Method};
+pub use method::{Algorithm, Method};
 pub use model::{AdvectionScheme, Conserved, Dynamics, ModelSettings, ShallowWaterSettings, TimeScheme, Wind};
 pub use network::{
     Heading, Instrument, Network, ObservedVariable, RadiosondeSettings, SatelliteSettings, Schedule, StationLayout,

@@ -2,11 +2,14 @@
 
 mod balanced;
 mod gaussian_filter;
+mod leading_factors;
 mod sum;
 mod univariate;
 mod white;
 
 pub use balanced::{Balanced, BalancedParameters};
+pub use leading_factors::leading_factors;
+pub(crate) use leading_factors::principal_rotation;
 pub use sum::Sum;
 pub use univariate::Univariate;
 pub use white::White;

@@ -49,7 +49,7 @@ impl FastKalmanFilter {
         // Ascending: the state's values first, then the local parameters.
         variables.sort_unstable();
         let locate = |variable: usize| variables.binary_search(&variable).expect("the component holds the variable");
-        let (size, n, r) = (variables.len(), component.observations.len(), self.shared.len());
+        let (size, n, r) = (variables.len(), component.observations.len(), self.covariance.block_factors.ncols());
         let mut prior = Mat::<f64>::zeros(size, size);
         for &block in &component.blocks {
             let patch = &self.covariance.patches[block];
@@ -158,7 +158,7 @@ impl FastKalmanFilter {
             largest_component_blocks: largest.map_or(0, |component| component.blocks.len()),
             largest_component_variables: largest.map_or(0, |component| self.component_size(component)),
             unobserved_blocks: self.blocks.members.len() - observed,
-            border: self.shared.len(),
+            border: self.covariance.block_factors.ncols(),
         }
     }
 }

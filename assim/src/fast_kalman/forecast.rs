@@ -2,7 +2,8 @@
 
 use super::blocks::Blocks;
 use super::factored_covariance::{FactoredCovariance, Patch};
-use crate::linalg::{add_product, add_symmetric_product, mirror_lower, product};
+use crate::error::Error;
+use crate::linalg::{add_product, add_symmetric_product, cholesky, mirror_lower, product};
 use faer::{Mat, MatRef};
 use rayon::prelude::*;
 
@@ -65,31 +66,20 @@ pub(super) fn propagate_factors(a: MatRef<'_, f64>, factors: &mut Mat<f64>) {
     factors.as_mut().get_mut(..a.nrows(), ..).copy_from(propagated);
 }
 
-/// Adds the random walk of the shared parameters, of standard deviations `drift`, to the factors, and returns to as many
-/// factors as there are parameters.
+/// The printed formulae: of the covariance that the blocks have through the factors only the block diagonal stays, and
+/// none with the shared parameters, whose random walks are added.
 ///
-/// `[Φ_b 0; Φ_c diag(drift)]` is rotated so that p columns carry the parameters' part exactly; of the others the block
-/// diagonal joins the patches, so that every block keeps its own covariance.
-pub(super) fn add_shared_drift(covariance: &mut FactoredCovariance, drift: &[f64], blocks: &Blocks) {
-    let (p, r) = (drift.len(), covariance.block_factors.ncols());
-    if drift.iter().all(|&sigma| sigma == 0.0) {
-        return;
+/// # Errors
+/// If the shared parameters' covariance is not positive definite.
+pub(super) fn drop_coupling(covariance: &mut FactoredCovariance, drift: &[f64], blocks: &Blocks) -> Result<(), Error> {
+    add_block_diagonal(&mut covariance.patches, covariance.block_factors.as_ref(), blocks);
+    covariance.block_factors = Mat::zeros(covariance.block_factors.nrows(), drift.len());
+    let mut shared = product(covariance.shared_factors.as_ref(), covariance.shared_factors.transpose());
+    for (i, sigma) in drift.iter().enumerate() {
+        shared[(i, i)] += sigma * sigma;
     }
-    let widened = Mat::from_fn(r + p, p, |i, j| {
-        if i < r {
-            covariance.shared_factors[(j, i)]
-        } else if i - r == j {
-            drift[j]
-        } else {
-            0.0
-        }
-    });
-    let qr = widened.qr();
-    let rotation = qr.compute_Q();
-    let rotated = product(covariance.block_factors.as_ref(), rotation.as_ref().get(..r, ..));
-    covariance.shared_factors = qr.thin_R().transpose().to_owned();
-    covariance.block_factors = rotated.as_ref().get(.., ..p).to_owned();
-    add_block_diagonal(&mut covariance.patches, rotated.as_ref().get(.., p..), blocks);
+    covariance.shared_factors = cholesky(shared, || "the covariance of the shared calibration parameters".into())?;
+    Ok(())
 }
 
 /// C_k += F_k F_kᵀ, where the patches are those of the blocks.

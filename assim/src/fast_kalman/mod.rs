@@ -11,26 +11,36 @@
 //! border, G_k := H_k Φ_b + G_k Φ_c. With its results, `b̂ = b~ + β̂ + Φ_b ξ̂`, `ĉ = c~ + Φ_c ξ̂`,
 //! `Φ ← [Φ_b − D; Φ_c] S^½`: exactly the Kalman filter's analysis for this covariance. Forecast: P_k = Σ_j A_kj C_j A_kjᵀ
 //! + Q_k and Φ_b ← A Φ_b; what the blocks' errors get in common beyond the factors is dropped.
+//!
+//! With r further factors (WO 97/18442) what the blocks' errors have in common is kept, as far as r directions can: the
+//! leading directions of B at the start, and in each forecast those of A Φ_b and of Q together. What a compression
+//! leaves over joins the C_k as a block diagonal, so that every block keeps its own covariance. The C_k then hold only
+//! a nearly white residual, which need not be propagated exactly: see [`Residual`].
 
 mod analysis;
 mod blocks;
+mod compression;
 mod factored_covariance;
 mod forecast;
+mod residual;
 
 pub use blocks::BlockShape;
 
 use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::block_angular::{self, Block, Prior};
-use crate::covariance;
+use crate::covariance::{self, Covariance};
 use crate::error::Error;
-use crate::linalg::{cholesky, product};
+use crate::linalg::add_symmetric_product;
 use crate::problem::Problem;
 use crate::propagator::propagator;
 use blocks::Blocks;
+use compression::{Joining, join_and_compress};
 use factored_covariance::{FactoredCovariance, Patch};
 use faer::{Mat, MatRef};
-use isobar_model::{Duration, State};
+use isobar_model::forecast::forecast_tl;
+use isobar_model::{Duration, Layout, State, random};
 use isobar_obs::{ObservationWindow, Placement};
+use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 /// What becomes of the covariance of the blocks' errors with those of c in a forecast.
@@ -49,6 +59,25 @@ pub struct FastKalmanSettings {
     pub blocks: BlockShape,
     /// The covariance of blocks and shared parameters.
     pub bias_coupling: BiasCoupling,
+    /// Common factors beside those of the shared parameters.
+    pub factors: usize,
+    /// The forecast of the blocks.
+    pub residual: Residual,
+}
+
+/// How the block-diagonal part C_k of the covariance is forecast.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Residual {
+    /// `Σ_j A_kj C_j A_kjᵀ`, with the propagator as a matrix: for small grids.
+    Exact,
+    /// C_k stays as it is.
+    Persist,
+    /// ρ_i ρ_j C_k, where ρ is how much of its standard deviation each variable keeps, as so many random draws from
+    /// N(0, blkdiag(C_k)) show that ride along with the factors.
+    Probe {
+        /// Number of draws.
+        count: usize,
+    },
 }
 
 /// The Fast Kalman Filter.
@@ -63,8 +92,18 @@ pub struct FastKalmanFilter {
     state: State,
     bias: Vec<f64>,
     covariance: FactoredCovariance,
-    /// Q_k of the state's values.
-    model_error: Option<Vec<Mat<f64>>>,
+    model_error: ModelError,
+    /// The scale of each block variable in the norm by which factors are compressed: its standard deviation in B.
+    scales: Vec<f64>,
+    /// Draws the probes.
+    random: ChaCha8Rng,
+}
+
+/// Q of the state's values as F_Q F_Qᵀ + blkdiag(Q_k).
+struct ModelError {
+    factors: Mat<f64>,
+    /// Q_k; none for a perfect model.
+    blocks: Vec<Mat<f64>>,
 }
 
 impl FastKalmanFilter {
@@ -86,30 +125,40 @@ impl FastKalmanFilter {
             }
         }
         let blocks = Blocks::new(&layout, settings.blocks, &local_cells);
-        check_memory(&problem, &blocks)?;
+        check_settings(&problem, &blocks, settings)?;
         let sigma_prior = |number: usize| parameters[number].sigma_prior;
-        let m = layout.len();
-        let patches = state_blocks(&*problem.background_error, &blocks, m)
-            .into_iter()
-            .zip(&blocks.members)
-            .map(|(state_part, variables)| {
-                let on_grid = state_part.nrows();
-                let mut covariance = Mat::zeros(variables.len(), variables.len());
-                covariance.as_mut().get_mut(..on_grid, ..on_grid).copy_from(state_part);
-                for position in on_grid..variables.len() {
-                    covariance[(position, position)] = sigma_prior(local[variables[position] - m]).powi(2);
-                }
-                Patch { variables: variables.clone(), covariance }
-            })
-            .collect();
-        let shared_factors =
-            Mat::from_fn(shared.len(), shared.len(), |i, j| if i == j { sigma_prior(shared[i]) } else { 0.0 });
-        let covariance =
-            FactoredCovariance { patches, block_factors: Mat::zeros(blocks.variables(), shared.len()), shared_factors };
-        let model_error = problem.model_error.as_deref().map(|model_error| state_blocks(model_error, &blocks, m));
+        let (m, p) = (layout.len(), shared.len());
+        let mut scales = state_scales(&*problem.background_error, &layout);
+        scales.extend(local.iter().map(|&number| sigma_prior(number)));
+        let mut random = random::stream(0, "fast kalman filter");
+        let split = |operator: &dyn Covariance, random: &mut ChaCha8Rng| {
+            split(operator, &blocks, &scales[..m], settings.factors, random)
+        };
+
+        let (background_factors, background_blocks) = split(&*problem.background_error, &mut random);
+        let patches = background_blocks.into_iter().zip(&blocks.members).map(|(state_part, variables)| {
+            let on_grid = state_part.nrows();
+            let mut covariance = Mat::zeros(variables.len(), variables.len());
+            covariance.as_mut().get_mut(..on_grid, ..on_grid).copy_from(state_part);
+            for position in on_grid..variables.len() {
+                covariance[(position, position)] = sigma_prior(local[variables[position] - m]).powi(2);
+            }
+            Patch { variables: variables.clone(), covariance }
+        });
+        let r = background_factors.ncols();
+        let mut block_factors = Mat::zeros(blocks.variables(), p + r);
+        block_factors.as_mut().get_mut(..m, p..).copy_from(background_factors);
+        let shared_factors = Mat::from_fn(p, p + r, |i, j| if i == j { sigma_prior(shared[i]) } else { 0.0 });
+        let covariance = FactoredCovariance { patches: patches.collect(), block_factors, shared_factors };
+
+        let (factors, model_error_blocks) = match problem.model_error.as_deref() {
+            Some(model_error) => split(model_error, &mut random),
+            None => (Mat::zeros(m, 0), Vec::new()),
+        };
+        let model_error = ModelError { factors, blocks: model_error_blocks };
         let state = problem.background.clone();
         let bias = vec![0.0; problem.calibration.len()];
-        Ok(Self { problem, settings, blocks, local, shared, state, bias, covariance, model_error })
+        Ok(Self { problem, settings, blocks, local, shared, state, bias, covariance, model_error, scales, random })
     }
 
     /// The covariance of the errors of (state, calibration) as a dense matrix in that order, for tests and for queries
@@ -149,47 +198,64 @@ impl FastKalmanFilter {
         numbers.iter().map(|&number| parameters[number].sigma_drift_per_sqrt_day * window.days().sqrt()).collect()
     }
 
-    fn forecast_covariance(&mut self, a: MatRef<'_, f64>, window: Duration) -> Result<(), Error> {
-        let m = a.nrows();
+    /// Forecasts state, factors and blocks.
+    fn propagate(&mut self, window: Duration) -> Result<(), Error> {
+        let steps = self.problem.steps(window)?;
+        let m = self.state.values().len();
+        let covariance = &mut self.covariance;
+        if self.settings.residual == Residual::Exact {
+            let a = propagator(&*self.problem.model, &mut self.state, steps)?;
+            let a = MatRef::from_column_major_slice(&a, m, m);
+            covariance.patches = forecast::propagate_blocks(a, &covariance.patches, &self.blocks);
+            forecast::propagate_factors(a, &mut covariance.block_factors);
+            return Ok(());
+        }
+        covariance.patches = residual::return_to_blocks(&covariance.patches, &self.blocks);
+        let count = if let Residual::Probe { count } = self.settings.residual { count } else { 0 };
+        let probes = residual::draw_probes(&covariance.patches, m, count, &mut self.random);
+        let r = covariance.block_factors.ncols();
+        let mut columns = Vec::with_capacity(m * r + probes.len());
+        (0..r).for_each(|j| columns.extend_from_slice(&covariance.block_factors.col_as_slice(j)[..m]));
+        columns.extend_from_slice(&probes);
+        forecast_tl(&*self.problem.model, &mut self.state, &mut columns, steps)?;
+        for (j, column) in columns.chunks_exact(m).take(r).enumerate() {
+            covariance.block_factors.col_as_slice_mut(j)[..m].copy_from_slice(column);
+        }
+        if count > 0 {
+            let layout = self.state.layout();
+            let persistence = residual::persistence(layout, &probes, &columns[m * r..]);
+            residual::scale(&mut covariance.patches, layout, &persistence);
+        }
+        Ok(())
+    }
+
+    /// Adds what a window adds to the covariance: model error and the parameters' random walks.
+    fn add_errors(&mut self, window: Duration) -> Result<(), Error> {
+        let m = self.state.values().len();
         let (local_drift, shared_drift) = (self.drift(&self.local, window), self.drift(&self.shared, window));
         let covariance = &mut self.covariance;
-        covariance.patches = forecast::propagate_blocks(a, &covariance.patches, &self.blocks);
-        for (block, patch) in covariance.patches.iter_mut().enumerate() {
-            if let Some(model_error) = &self.model_error {
-                let on_grid = model_error[block].nrows();
-                let mut grid_part = patch.covariance.as_mut().get_mut(..on_grid, ..on_grid);
-                grid_part += &model_error[block];
-            }
+        for (patch, model_error) in covariance.patches.iter_mut().zip(&self.model_error.blocks) {
+            let on_grid = model_error.nrows();
+            let mut grid_part = patch.covariance.as_mut().get_mut(..on_grid, ..on_grid);
+            grid_part += model_error;
         }
         for (number, sigma) in local_drift.iter().enumerate() {
             let (block, position) = self.blocks.place[m + number];
             covariance.patches[block].covariance[(position, position)] += sigma * sigma;
         }
-        forecast::propagate_factors(a, &mut covariance.block_factors);
-        match self.settings.bias_coupling {
-            BiasCoupling::Carry => forecast::add_shared_drift(covariance, &shared_drift, &self.blocks),
-            BiasCoupling::Drop => {
-                let factors = covariance.block_factors.as_ref();
-                forecast::add_block_diagonal(&mut covariance.patches, factors, &self.blocks);
-                covariance.block_factors = Mat::zeros(self.blocks.variables(), self.shared.len());
-                let mut shared = product(covariance.shared_factors.as_ref(), covariance.shared_factors.transpose());
-                for (i, sigma) in shared_drift.iter().enumerate() {
-                    shared[(i, i)] += sigma * sigma;
-                }
-                covariance.shared_factors =
-                    cholesky(shared, || "the covariance of the shared calibration parameters".into())?;
-            }
+        if self.settings.bias_coupling == BiasCoupling::Drop {
+            return forecast::drop_coupling(covariance, &shared_drift, &self.blocks);
         }
+        let joining = Joining { model_error: self.model_error.factors.as_ref(), drift: &shared_drift };
+        join_and_compress(covariance, &joining, self.settings.factors, &self.scales, &self.blocks);
         Ok(())
     }
 }
 
 impl Assimilator for FastKalmanFilter {
     fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
-        let steps = self.problem.steps(window)?;
-        let a = propagator(&*self.problem.model, &mut self.state, steps)?;
-        let m = self.state.values().len();
-        self.forecast_covariance(MatRef::from_column_major_slice(&a, m, m), window)?;
+        self.propagate(window)?;
+        self.add_errors(window)?;
         Ok(self.estimate())
     }
 
@@ -207,7 +273,7 @@ impl Assimilator for FastKalmanFilter {
         let updates: Vec<(Vec<usize>, Block)> =
             components.par_iter().map(|component| self.update_rows(component, &rows, &innovations)).collect();
         let (variables, updates): (Vec<_>, Vec<_>) = updates.into_iter().unzip();
-        let r = self.shared.len();
+        let r = self.covariance.block_factors.ncols();
         let prior = Prior { mean: vec![0.0; r], covariance: Mat::identity(r, r) };
         let solution = block_angular::solve(&updates, r, Some(&prior))?;
         let innovation_chi2 = solution.residual_chi2;
@@ -224,25 +290,59 @@ impl Assimilator for FastKalmanFilter {
     }
 }
 
-/// The blocks of a covariance of states.
-fn state_blocks(operator: &dyn covariance::Covariance, blocks: &Blocks, m: usize) -> Vec<Mat<f64>> {
-    let state_part = |variables: &Vec<usize>| {
-        covariance::block(operator, &variables[..variables.partition_point(|&variable| variable < m)])
+/// A covariance of states as its leading factors, and the blocks of the rest.
+fn split(
+    operator: &dyn Covariance,
+    blocks: &Blocks,
+    scales: &[f64],
+    rank: usize,
+    random: &mut ChaCha8Rng,
+) -> (Mat<f64>, Vec<Mat<f64>>) {
+    let m = operator.len();
+    let factors = match rank {
+        0 => Mat::zeros(m, 0),
+        _ => covariance::leading_factors(operator, scales, rank, random),
     };
-    blocks.members.iter().map(state_part).collect()
+    let rest = |variables: &Vec<usize>| {
+        let own = &variables[..variables.partition_point(|&variable| variable < m)];
+        let rows = Mat::from_fn(own.len(), factors.ncols(), |i, j| factors[(own[i], j)]);
+        let mut rest = covariance::block(operator, own);
+        add_symmetric_product(rest.as_mut(), -1.0, rows.as_ref(), rows.transpose());
+        rest
+    };
+    let rests = blocks.members.iter().map(rest).collect();
+    (factors, rests)
 }
 
-fn check_memory(problem: &Problem, blocks: &Blocks) -> Result<(), Error> {
-    let (m, b) = (problem.background.values().len() as u64, blocks.variables() as u64);
+/// The standard deviation of each variable in the middle of the domain, for every value of the state.
+fn state_scales(operator: &dyn Covariance, layout: &Layout) -> Vec<f64> {
+    let (cells, grid) = (layout.grid.cells(), &layout.grid);
+    let middle = grid.ny / 2 * grid.nx + grid.nx / 2;
+    let scale = |variable: usize| {
+        let variance = covariance::block(operator, &[variable * cells + middle])[(0, 0)];
+        if variance > 0.0 { variance.sqrt() } else { 1.0 }
+    };
+    (0..layout.variables.len()).flat_map(|variable| std::iter::repeat_n(scale(variable), cells)).collect()
+}
+
+fn check_settings(problem: &Problem, blocks: &Blocks, settings: FastKalmanSettings) -> Result<(), Error> {
+    let (m, b, r) = (problem.background.values().len() as u64, blocks.variables() as u64, settings.factors as u64);
+    if r > b {
+        return Err(Error::Setting(format!("{r} common factors are more than the {b} variables they describe")));
+    }
+    if r > 0 && settings.bias_coupling == BiasCoupling::Drop {
+        return Err(Error::Setting("the printed formulae (28)/(29), which drop the coupling, have no factors".into()));
+    }
     let own: u64 = blocks.members.iter().map(|variables| (variables.len() as u64).pow(2)).sum();
-    // The propagator A, A C as products and as a whole; the blocks before and after, and Q.
-    let needed_bytes = 8 * (m * m + 2 * m * b + 3 * own);
+    // The blocks before and after, and Q; the factors, their forecast with those of Q, and both rotated.
+    let mut needed_bytes = 8 * (3 * own + 6 * b * r);
+    if settings.residual == Residual::Exact {
+        // The propagator A, and A C as products and as a whole.
+        needed_bytes += 8 * (m * m + 2 * m * b);
+    }
     if needed_bytes > problem.memory_limit_bytes {
-        return Err(Error::TooLarge {
-            what: format!("the propagator and the blocks for {b} unknowns"),
-            needed_bytes,
-            limit_bytes: problem.memory_limit_bytes,
-        });
+        let what = format!("the covariance of {b} unknowns in {} blocks with {r} factors", blocks.members.len());
+        return Err(Error::TooLarge { what, needed_bytes, limit_bytes: problem.memory_limit_bytes });
     }
     Ok(())
 }
