@@ -1,0 +1,173 @@
+//! Common factors: their exact limits, and what a compression must preserve.
+
+mod common;
+
+use common::*;
+use faer::{Mat, Side};
+use isobar_assim::covariance::{self, Balanced, BalancedParameters, Covariance, Sum, White, leading_factors};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
+use isobar_assim::kalman::KalmanFilter;
+use isobar_assim::{Assimilator, Problem};
+use isobar_model::random::stream;
+use isobar_model::{Boundary, Grid, shallow_water};
+
+fn filter(problem: &Problem, blocks: BlockShape, factors: usize, residual: Residual) -> FastKalmanFilter {
+    let settings = FastKalmanSettings { blocks, bias_coupling: BiasCoupling::Carry, factors, residual };
+    FastKalmanFilter::new(problem.clone(), settings).unwrap()
+}
+
+/// Largest relative difference of covariances and estimates from the Kalman filter's over some cycles.
+fn difference(problem: &Problem, mut fast: FastKalmanFilter) -> f64 {
+    let mut reference = KalmanFilter::new(problem.clone()).unwrap();
+    let mut largest: f64 = 0.0;
+    for cycle in 1..=6 {
+        let observed = window(problem, 14, false, cycle, 5);
+        fast.forecast(WINDOW).unwrap();
+        reference.forecast(WINDOW).unwrap();
+        let forecast = relative_difference(&flat(&fast.dense_covariance()), &flat(&reference.covariance().to_owned()));
+        let (analysis, expected) = (fast.analyse(&observed).unwrap(), reference.analyse(&observed).unwrap());
+        let covariance =
+            relative_difference(&flat(&fast.dense_covariance()), &flat(&reference.covariance().to_owned()));
+        let state = relative_difference(analysis.estimate.state.values(), expected.estimate.state.values());
+        largest = largest.max(forecast).max(covariance).max(state);
+    }
+    largest
+}
+
+#[test]
+fn as_many_factors_as_variables_are_the_kalman_filter() {
+    for (shared, local) in [(0, 0), (2, 0), (2, 3)] {
+        let problem = problem(true, calibration(shared, local, 0.4), 2);
+        let variables = problem.background.values().len() + local;
+        for residual in [Residual::Exact, Residual::Persist] {
+            let found = difference(&problem, filter(&problem, BlockShape::Cell, variables, residual));
+            // The local biases' prior is in the blocks, where it persists in either case.
+            assert!(found < 1e-8, "{shared} shared, {local} local, {residual:?}: {found:e}");
+        }
+    }
+}
+
+#[test]
+fn one_block_with_any_factors_is_the_kalman_filter() {
+    let problem = problem(true, calibration(2, 2, 0.4), 2);
+    for factors in [1, 7, 30] {
+        let found = difference(&problem, filter(&problem, BlockShape::Domain, factors, Residual::Exact));
+        assert!(found < 1e-8, "{factors} factors: {found:e}");
+    }
+}
+
+#[test]
+fn more_factors_come_nearer_to_the_kalman_filter() {
+    let problem = problem(true, calibration(2, 0, 0.4), 2);
+    let found: Vec<f64> = [0, 10, 20, 30, 40]
+        .iter()
+        .map(|&factors| difference(&problem, filter(&problem, BlockShape::Cell, factors, Residual::Exact)))
+        .collect();
+    assert!(found.windows(2).all(|pair| pair[1] < pair[0]), "{found:?}");
+}
+
+#[test]
+fn a_forecast_keeps_the_covariance_of_every_block() {
+    // With the exact forecast of the blocks, compression moves covariance from the factors to the block diagonal: within
+    // a block nothing may change from A P A' + Q, P being what the filter believed before.
+    let problem = problem(true, calibration(0, 0, 0.0), 6);
+    let m = problem.background.values().len();
+    let mut propagator: Vec<f64> = (0..m * m).map(|index| f64::from(index % (m + 1) == 0)).collect();
+    problem.model.step_tl(&problem.background, &mut propagator);
+    let a = Mat::from_fn(m, m, |i, j| propagator[j * m + i]);
+    let q = covariance::dense(problem.model_error.as_deref().unwrap());
+    for factors in [0, 3, 12] {
+        let mut fast = filter(&problem, BlockShape::Cell, factors, Residual::Exact);
+        for _ in 0..3 {
+            let expected = &a * fast.dense_covariance() * a.transpose() + &q;
+            fast.forecast(WINDOW).unwrap();
+            let found = fast.dense_covariance();
+            let cells = problem.background.layout().grid.cells();
+            for cell in 0..cells {
+                for (i, j) in [(cell, cell), (cell, cell + cells), (cell + cells, cell + cells)] {
+                    let (found, expected) = (found[(i, j)], expected[(i, j)]);
+                    assert!((found - expected).abs() < 1e-10, "{factors} factors, ({i}, {j}): {found} {expected}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn leading_factors_are_below_the_covariance_and_hold_its_energy() {
+    let grid = Grid { nx: 10, ny: 8, dx_m: 2e5, dy_m: 2e5, boundary: Boundary::Channel };
+    let layout = shallow_water::layout(grid);
+    let parameters = BalancedParameters {
+        sigma_height_m: 20.0,
+        length_m: 6e5,
+        gravity_m_per_s2: 9.8,
+        coriolis_per_s: 1e-4,
+        beta_per_m_per_s: 1.6e-11,
+    };
+    let operator = Sum::new(
+        layout.len(),
+        vec![Box::new(Balanced::new(&layout, &parameters).unwrap()), Box::new(White::new(&layout, 0, 2.0))],
+    );
+    let m = layout.len();
+    // The energy norm matters: the wind is small in its unit.
+    let scales: Vec<f64> = (0..m).map(|index| if index < m / 3 { 20.0 } else { 2.0 }).collect();
+    let full = covariance::dense(&operator);
+    let scaled = Mat::from_fn(m, m, |i, j| full[(i, j)] / scales[i] / scales[j]);
+    let mut eigenvalues: Vec<f64> = scaled.self_adjoint_eigenvalues(Side::Lower).unwrap();
+    eigenvalues.reverse();
+    for rank in [5, 20, 60] {
+        let factors = leading_factors(&operator, &scales, rank, &mut stream(1, "factors"));
+        assert_eq!((factors.nrows(), factors.ncols()), (m, rank));
+        let rest = &full - &factors * factors.transpose();
+        let least = rest.self_adjoint_eigenvalues(Side::Lower).unwrap()[0];
+        assert!(least > -1e-9 * full.norm_max(), "rank {rank}: the rest has an eigenvalue {least:e}");
+        let energy: f64 = (0..m).map(|i| (0..rank).map(|j| (factors[(i, j)] / scales[i]).powi(2)).sum::<f64>()).sum();
+        let best: f64 = eigenvalues[..rank].iter().sum();
+        assert!(energy <= best * (1.0 + 1e-9) && energy > 0.99 * best, "rank {rank}: {energy} of {best}");
+    }
+}
+
+#[test]
+fn the_factor_settings_that_make_no_sense_are_refused() {
+    let problem = problem(true, calibration(1, 0, 0.0), 2);
+    let mut settings = FastKalmanSettings {
+        blocks: BlockShape::Cell,
+        bias_coupling: BiasCoupling::Carry,
+        factors: 41,
+        residual: Residual::Probe { count: 4 },
+    };
+    let error = |settings| FastKalmanFilter::new(problem.clone(), settings).err().unwrap().to_string();
+    assert_eq!(error(settings), "41 common factors are more than the 40 variables they describe");
+    (settings.factors, settings.bias_coupling) = (3, BiasCoupling::Drop);
+    assert!(error(settings).contains("have no factors"));
+}
+
+#[test]
+fn the_same_bits_on_any_number_of_threads() {
+    let problem = problem(true, calibration(2, 3, 0.2), 8);
+    let run = |threads: usize| {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
+            let mut fast = filter(&problem, BlockShape::Tile { nx: 2, ny: 2 }, 9, Residual::Probe { count: 5 });
+            let mut bits = Vec::new();
+            for cycle in 1..=5 {
+                fast.forecast(WINDOW).unwrap();
+                let analysis = fast.analyse(&window(&problem, 14, false, cycle, 6)).unwrap();
+                bits.extend(analysis.estimate.state.values().iter().map(|value| value.to_bits()));
+                bits.extend(analysis.estimate.state_spread.unwrap().iter().map(|value| value.to_bits()));
+            }
+            bits
+        })
+    };
+    assert_eq!(run(1), run(2));
+    assert_eq!(run(1), run(8));
+}
+
+#[test]
+fn a_singular_model_error_and_a_perfect_model_are_no_obstacle() {
+    for model_error in [None, Some(Sum::new(40, Vec::new()))] {
+        let mut problem = problem(true, calibration(1, 1, 0.0), 2);
+        problem.model_error = model_error.map(|sum| std::sync::Arc::new(sum) as std::sync::Arc<dyn Covariance>);
+        let found = difference(&problem, filter(&problem, BlockShape::Cell, 41, Residual::Exact));
+        assert!(found < 1e-7, "{found:e}");
+    }
+}
