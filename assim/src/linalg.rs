@@ -4,6 +4,7 @@ use crate::error::Error;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor;
 use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::linalg::solvers::Qr;
 use faer::linalg::{matmul::matmul, triangular_solve};
 use faer::prelude::ReborrowMut;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
@@ -107,6 +108,20 @@ pub(crate) fn semidefinite_root(matrix: MatRef<'_, f64>) -> Mat<f64> {
         }
     }
     root
+}
+
+/// The QR factorisation, on one thread: on several, faer splits sums by their number, and the bits would depend on it.
+pub(crate) fn qr(matrix: MatRef<'_, f64>) -> Qr<f64> {
+    faer::set_global_parallelism(Par::Seq);
+    matrix.qr()
+}
+
+/// Eigenvalues in ascending order and eigenvectors of a symmetric matrix, on one thread for the same reason.
+pub(crate) fn eigen(matrix: MatRef<'_, f64>) -> (Vec<f64>, Mat<f64>) {
+    faer::set_global_parallelism(Par::Seq);
+    let eigen = matrix.self_adjoint_eigen(faer::Side::Lower).expect("a finite symmetric matrix has eigenvectors");
+    let values = (0..matrix.nrows()).map(|i| eigen.S()[i]).collect();
+    (values, eigen.U().to_owned())
 }
 
 /// Σ aᵢ².

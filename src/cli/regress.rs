@@ -91,7 +91,7 @@ mod tests {
         assert!(!passes(false, 4.0), "nothing was accepted yet");
         assert!(passes(true, 4.0));
         assert!(passes(false, 4.0));
-        assert!(passes(false, 4.05), "within 2 %");
+        assert!(passes(false, 4.0002), "within 0.01 %");
         assert!(!passes(false, 4.2));
         assert!(passes(true, 4.2));
         assert!(!passes(false, 4.0));

@@ -110,7 +110,7 @@ mod tests {
             threads: None,
             overwrite: false,
             netcdf: true,
-            rerun: true,
+            rerun: Outputs::RERUN_AVAILABLE,
         };
         assert_eq!(plain, all);
         let changed =

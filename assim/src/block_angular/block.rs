@@ -1,7 +1,7 @@
 //! The rows of one block, and the elimination of its own unknowns.
 
 use crate::error::Error;
-use crate::linalg::{add_symmetric_product, cholesky, inverse_from_cholesky, product, solve_lower};
+use crate::linalg::{add_symmetric_product, cholesky, inverse_from_cholesky, product, qr, solve_lower};
 use faer::{Mat, MatRef};
 
 /// The rows of one block, in one of two equivalent forms.
@@ -77,7 +77,7 @@ impl RegressionRows {
         let v_root = cholesky(self.v.clone(), || format!("the error covariance V of block {number}"))?;
         let mut rows = stack_columns(self.x.as_ref(), self.g.as_ref(), &self.y);
         solve_lower(v_root.as_ref(), rows.as_mut());
-        let r = rows.qr().thin_R().to_owned();
+        let r = qr(rows.as_ref()).thin_R().to_owned();
         let r_x = r.as_ref().get(..m, ..m);
         let rank = numerical_rank(r_x);
         if rank < m {

@@ -3,7 +3,7 @@
 use super::block::{Eliminated, numerical_rank};
 use crate::error::Error;
 use crate::linalg::{
-    add_symmetric_product, cholesky, column, inverse_from_cholesky, product, solve_lower, squared_norm,
+    add_symmetric_product, cholesky, column, inverse_from_cholesky, product, qr, solve_lower, squared_norm,
 };
 use faer::{Mat, MatRef};
 use rayon::prelude::*;
@@ -75,7 +75,7 @@ fn without_prior(blocks: &[Eliminated], p: usize) -> Result<Border, Error> {
     let mut triangle: Mat<f64> = Mat::zeros(0, p + 1);
     for block in blocks {
         let stacked = stack_rows(triangle.as_ref(), block.border_rows.as_ref());
-        triangle = stacked.qr().thin_R().to_owned();
+        triangle = qr(stacked.as_ref()).thin_R().to_owned();
     }
     let rank = if triangle.nrows() < p { triangle.nrows() } else { numerical_rank(triangle.as_ref().get(..p, ..p)) };
     if rank < p {

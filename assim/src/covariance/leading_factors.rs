@@ -1,7 +1,7 @@
 //! The leading directions of a covariance as factors.
 
 use super::Covariance;
-use crate::linalg::{add_symmetric_product, cholesky, product, solve_lower};
+use crate::linalg::{add_symmetric_product, cholesky, eigen, product, qr, solve_lower};
 use faer::{Mat, MatRef};
 use isobar_model::random::standard_normals;
 use rand_chacha::ChaCha8Rng;
@@ -36,9 +36,9 @@ pub fn leading_factors(covariance: &dyn Covariance, scales: &[f64], rank: usize,
         Mat::from_fn(m, basis.ncols(), |i, j| columns[j][i])
     };
     let start = standard_normals(stream, m * drawn);
-    let mut basis = multiply(MatRef::from_column_major_slice(&start, m, drawn)).qr().compute_thin_Q();
+    let mut basis = qr(multiply(MatRef::from_column_major_slice(&start, m, drawn)).as_ref()).compute_thin_Q();
     for _ in 0..POWER_ITERATIONS {
-        basis = multiply(basis.as_ref()).qr().compute_thin_Q();
+        basis = qr(multiply(basis.as_ref()).as_ref()).compute_thin_Q();
     }
     let image = multiply(basis.as_ref());
     let core = product(basis.transpose(), image.as_ref());
@@ -65,7 +65,7 @@ fn pseudo_root(matrix: Mat<f64>) -> Mat<f64> {
             return inverse.transpose().to_owned();
         }
     }
-    let (values, vectors) = eigen(matrix);
+    let (values, vectors) = eigen(matrix.as_ref());
     let threshold = 1e-13 * values.iter().fold(0.0, |a: f64, &b| a.max(b));
     Mat::from_fn(n, n, |i, j| if values[j] > threshold { vectors[(i, j)] / values[j].sqrt() } else { 0.0 })
 }
@@ -76,14 +76,6 @@ pub(crate) fn principal_rotation(tall: MatRef<'_, f64>) -> Mat<f64> {
     let columns = tall.ncols();
     let mut gram = Mat::zeros(columns, columns);
     add_symmetric_product(gram.as_mut(), 1.0, tall.transpose(), tall);
-    let (_, vectors) = eigen(gram);
+    let (_, vectors) = eigen(gram.as_ref());
     Mat::from_fn(columns, columns, |i, j| vectors[(i, columns - 1 - j)])
-}
-
-/// Eigenvalues in ascending order and eigenvectors of a symmetric matrix.
-fn eigen(matrix: Mat<f64>) -> (Vec<f64>, Mat<f64>) {
-    let n = matrix.nrows();
-    let eigen = matrix.self_adjoint_eigen(faer::Side::Lower).expect("a finite symmetric matrix has eigenvectors");
-    let values = (0..n).map(|i| eigen.S()[i]).collect();
-    (values, eigen.U().to_owned())
 }

@@ -4,7 +4,7 @@ use super::blocks::Blocks;
 use super::factored_covariance::FactoredCovariance;
 use super::forecast::add_block_diagonal;
 use crate::covariance::principal_rotation;
-use crate::linalg::product;
+use crate::linalg::{product, qr};
 use faer::{Mat, MatRef};
 
 /// What joins the factors in a forecast.
@@ -49,7 +49,7 @@ pub(super) fn join_and_compress(
     let (rotated, carried) = match p {
         0 => (wide, Mat::zeros(0, 0)),
         _ => {
-            let qr = shared.qr();
+            let qr = qr(shared.as_ref());
             // The columns of the walks have no part in b: only the first r + q rows of the rotation count.
             let rotation = qr.compute_Q();
             (product(wide.as_ref(), rotation.as_ref().get(..r + q, ..)), qr.thin_R().transpose().to_owned())
