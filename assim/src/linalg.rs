@@ -1,17 +1,28 @@
 //! The few dense operations that the methods share, on faer matrices.
+//!
+//! faer blocks its loops by the number of threads, so that sums would be rounded differently on each. Here every call of
+//! it is sequential, and work is divided over threads by columns in chunks of a fixed width: same bits on any number.
 
 use crate::error::Error;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor;
-use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::solvers::Qr;
 use faer::linalg::{matmul::matmul, triangular_solve};
 use faer::prelude::ReborrowMut;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 
-/// Threads are worth their overhead only for large matrices; the result is the same bits either way.
-pub(crate) fn parallelism(size: usize) -> Par {
-    if size >= 512 { Par::rayon(0) } else { Par::Seq }
+/// Columns that one thread works on at a time.
+const CHUNK: usize = 128;
+
+/// Calls `work` with the number of the first column and the columns of each chunk of a matrix, in parallel.
+fn for_each_chunk(matrix: MatMut<'_, f64>, first: usize, work: &(impl Fn(usize, MatMut<'_, f64>) + Sync)) {
+    let columns = matrix.ncols();
+    if columns <= CHUNK {
+        return work(first, matrix);
+    }
+    let half = columns.div_ceil(CHUNK) / 2 * CHUNK;
+    let (left, right) = matrix.split_at_col_mut(half);
+    rayon::join(|| for_each_chunk(left, first, work), || for_each_chunk(right, first + half, work));
 }
 
 /// A B.
@@ -23,15 +34,18 @@ pub(crate) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
 
 /// C += α A B.
 pub(crate) fn add_product(c: MatMut<'_, f64>, alpha: f64, a: MatRef<'_, f64>, b: MatRef<'_, f64>) {
-    let par = parallelism(c.nrows().max(c.ncols()));
-    matmul(c, Accum::Add, a, b, alpha, par);
+    for_each_chunk(c, 0, &|first, chunk| {
+        let columns = b.get(.., first..first + chunk.ncols());
+        matmul(chunk, Accum::Add, a, columns, alpha, Par::Seq);
+    });
 }
 
-/// C += α A B where the result is known to be symmetric: only its lower triangle is computed, then mirrored.
+/// C += α A B where the result is known to be symmetric: little more than its lower triangle is computed, then mirrored.
 pub(crate) fn add_symmetric_product(mut c: MatMut<'_, f64>, alpha: f64, a: MatRef<'_, f64>, b: MatRef<'_, f64>) {
-    use BlockStructure::{Rectangular, TriangularLower};
-    let par = parallelism(c.nrows());
-    triangular::matmul(c.rb_mut(), TriangularLower, Accum::Add, a, Rectangular, b, Rectangular, alpha, par);
+    for_each_chunk(c.rb_mut(), 0, &|first, chunk| {
+        let columns = b.get(.., first..first + chunk.ncols());
+        matmul(chunk.get_mut(first.., ..), Accum::Add, a.get(first.., ..), columns, alpha, Par::Seq);
+    });
     mirror_lower(c);
 }
 
@@ -47,10 +61,9 @@ pub(crate) fn mirror_lower(mut c: MatMut<'_, f64>) {
 /// The Cholesky factor L of a symmetric positive definite matrix L Lᵀ, whose lower triangle is read.
 pub(crate) fn cholesky(mut matrix: Mat<f64>, name: impl FnOnce() -> String) -> Result<Mat<f64>, Error> {
     let size = matrix.nrows();
-    let par = parallelism(size);
-    let mut memory = MemBuffer::new(factor::cholesky_in_place_scratch::<f64>(size, par, Default::default()));
+    let mut memory = MemBuffer::new(factor::cholesky_in_place_scratch::<f64>(size, Par::Seq, Default::default()));
     let stack = MemStack::new(&mut memory);
-    factor::cholesky_in_place(matrix.as_mut(), Default::default(), par, stack, Default::default()).map_err(
+    factor::cholesky_in_place(matrix.as_mut(), Default::default(), Par::Seq, stack, Default::default()).map_err(
         |factor::LltError::NonPositivePivot { index }| Error::NotPositiveDefinite {
             matrix: name(),
             pivot: index,
@@ -65,14 +78,12 @@ pub(crate) fn cholesky(mut matrix: Mat<f64>, name: impl FnOnce() -> String) -> R
 
 /// B ← L⁻¹ B.
 pub(crate) fn solve_lower(l: MatRef<'_, f64>, b: MatMut<'_, f64>) {
-    let par = parallelism(b.nrows().max(b.ncols()));
-    triangular_solve::solve_lower_triangular_in_place(l, b, par);
+    for_each_chunk(b, 0, &|_, chunk| triangular_solve::solve_lower_triangular_in_place(l, chunk, Par::Seq));
 }
 
 /// B ← L⁻ᵀ B.
 pub(crate) fn solve_lower_transposed(l: MatRef<'_, f64>, b: MatMut<'_, f64>) {
-    let par = parallelism(b.nrows().max(b.ncols()));
-    triangular_solve::solve_upper_triangular_in_place(l.transpose(), b, par);
+    for_each_chunk(b, 0, &|_, chunk| triangular_solve::solve_upper_triangular_in_place(l.transpose(), chunk, Par::Seq));
 }
 
 /// The inverse of L Lᵀ.
@@ -110,13 +121,13 @@ pub(crate) fn semidefinite_root(matrix: MatRef<'_, f64>) -> Mat<f64> {
     root
 }
 
-/// The QR factorisation, on one thread: on several, faer splits sums by their number, and the bits would depend on it.
+/// The QR factorisation.
 pub(crate) fn qr(matrix: MatRef<'_, f64>) -> Qr<f64> {
     faer::set_global_parallelism(Par::Seq);
     matrix.qr()
 }
 
-/// Eigenvalues in ascending order and eigenvectors of a symmetric matrix, on one thread for the same reason.
+/// Eigenvalues in ascending order and eigenvectors of a symmetric matrix.
 pub(crate) fn eigen(matrix: MatRef<'_, f64>) -> (Vec<f64>, Mat<f64>) {
     faer::set_global_parallelism(Par::Seq);
     let eigen = matrix.self_adjoint_eigen(faer::Side::Lower).expect("a finite symmetric matrix has eigenvectors");
