@@ -19,10 +19,13 @@
 //! k*_s = Δt b_s y* + Δt Σ_{r>s} a_rs g_r,   g_s = F_sᵀ k*_s,   x* = y* + Σ g_s.
 //! ```
 
+use crate::columns::{Columns, add_scaled};
 use crate::error::ModelError;
 use crate::forecast::{Adjoint, Model, TangentLinear};
+use crate::rows::{Band, RowStream, bands};
 use crate::state::{Layout, State};
 use crate::time::Duration;
+use crate::wavefront::{Wavefront, Weights};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -46,6 +49,12 @@ pub trait Tendency: Send + Sync {
 
     /// `out` = f(x), in the variables' units per second.
     fn tendency(&self, x: &[f64], out: &mut [f64], scratch: &mut [f64]);
+
+    /// f row by row, for rows of `length` values per variable, rim included: the same function as
+    /// [`Tendency::tendency`], with which a step is one pass over memory. `None` if there is no such form of it.
+    fn row_stream(&self, _length: usize) -> Option<Box<dyn RowStream + '_>> {
+        None
+    }
 
     /// The coefficients of f' at a state.
     fn linearise(&self, at: &[f64]) -> Self::Linearisation;
@@ -188,19 +197,22 @@ impl<T: Tendency> Stepped<T> {
         linearisations
     }
 
-    /// Applies `process` to each column; which thread does which has no influence on the result.
-    ///
-    /// What is inlined into `process` is compiled for the processor's widest vectors, chosen at run time. The bits are
-    /// the same on all: no operations are fused or reordered.
-    fn for_each_column(&self, columns: &mut [f64], process: impl Fn(&mut [f64], &mut Work) + Sync) {
-        let len = self.layout().len();
-        assert_eq!(columns.len() % len, 0, "columns must be whole increments of {len} values");
-        let arch = pulp::Arch::new();
-        let least = (columns.len() / len).div_ceil(8 * rayon::current_num_threads());
-        columns.par_chunks_exact_mut(len).with_min_len(least.max(1)).for_each_init(
-            || self.work(),
-            |work, column| arch.dispatch(Vectorised { process: &process, column, work }),
-        );
+    /// One step, row by row.
+    fn sweep(&self, x: &mut [f64]) {
+        let layout = self.layout();
+        let (a, b) = self.scheme.coefficients();
+        let (grid, variables, length) = (&layout.grid, layout.variables.len(), layout.grid.nx + 2);
+        self.tendency.constrain(x);
+        let mut bands = bands(grid, x, variables, b.len());
+        let sweep = |band: &mut Band<'_>| {
+            let streams: Vec<_> = b.iter().filter_map(|_| self.tendency.row_stream(length)).collect();
+            let weights = Weights { a, b, dt: self.time_step.as_f64() };
+            Wavefront::new(weights, streams, variables, length).sweep(band);
+        };
+        match &mut bands[..] {
+            [band] => sweep(band),
+            bands => bands.par_iter_mut().for_each(sweep),
+        }
     }
 
     fn work(&self) -> Work {
@@ -233,6 +245,10 @@ impl<T: Tendency> Model for Stepped<T> {
 
     fn step(&self, x: &mut State) {
         self.check_layout(x);
+        let grid = &self.layout().grid;
+        if self.tendency.row_stream(grid.nx + 2).is_some() {
+            return self.sweep(x.values_mut());
+        }
         self.advance(x.values_mut(), &mut self.work(), |_, x, k, scratch| self.tendency.tendency(x, k, scratch));
     }
 }
@@ -240,8 +256,8 @@ impl<T: Tendency> Model for Stepped<T> {
 impl<T: Tendency> TangentLinear for Stepped<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
         let linearisations = self.linearise_stages(at);
-        self.for_each_column(
-            columns,
+        Columns::new(columns, self.layout().len()).for_each(
+            || self.work(),
             #[inline(always)]
             |column, work| {
                 self.advance(
@@ -262,8 +278,8 @@ impl<T: Tendency> Adjoint for Stepped<T> {
         let linearisations = self.linearise_stages(at);
         let (a, b) = self.scheme.coefficients();
         let dt = self.time_step.as_f64();
-        self.for_each_column(
-            columns,
+        Columns::new(columns, self.layout().len()).for_each(
+            || self.work(),
             #[inline(always)]
             |column, work| {
                 let Work { stage: gradient, slopes, scratch } = work;
@@ -289,32 +305,6 @@ struct Work {
     stage: Vec<f64>,
     slopes: Vec<Vec<f64>>,
     scratch: Vec<f64>,
-}
-
-/// A column to process, for [`pulp::Arch::dispatch`].
-struct Vectorised<'a, F> {
-    process: &'a F,
-    column: &'a mut [f64],
-    work: &'a mut Work,
-}
-
-impl<F: Fn(&mut [f64], &mut Work)> pulp::WithSimd for Vectorised<'_, F> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _simd: S) {
-        (self.process)(self.column, self.work);
-    }
-}
-
-/// y += factor x; nothing at all for a factor of zero.
-#[inline(always)]
-fn add_scaled(y: &mut [f64], factor: f64, x: &[f64]) {
-    if factor != 0.0 {
-        for (y, x) in y.iter_mut().zip(x) {
-            *y += factor * x;
-        }
-    }
 }
 
 #[cfg(test)]

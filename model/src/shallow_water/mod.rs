@@ -23,6 +23,7 @@
 
 mod adjoint;
 mod linear;
+mod rows;
 mod tangent_linear;
 mod tendency;
 
@@ -32,6 +33,7 @@ pub use tangent_linear::Coefficients;
 use crate::error::{ModelError, require, require_finite, require_non_negative, require_positive};
 use crate::grid::{Boundary, Grid, Location};
 use crate::halo::Halo;
+use crate::rows::RowStream;
 use crate::scheme::{SpectralBounds, Tendency};
 use crate::state::{Layout, Variable};
 use std::sync::Arc;
@@ -182,6 +184,12 @@ impl Tendency for ShallowWater {
     #[inline(always)]
     fn tendency(&self, x: &[f64], out: &mut [f64], scratch: &mut [f64]) {
         tendency::tendency(self, x, out, scratch);
+    }
+
+    /// Without hyperdiffusion, whose stencil reaches over two rows.
+    fn row_stream(&self, length: usize) -> Option<Box<dyn RowStream + '_>> {
+        (self.parameters.hyperdiffusion_m4_per_s == 0.0)
+            .then(|| Box::new(rows::ShallowWaterRows::new(self, length)) as Box<dyn RowStream + '_>)
     }
 
     fn linearise(&self, at: &[f64]) -> Coefficients {
