@@ -174,34 +174,31 @@ impl<T: Tendency> Leapfrog<T> {
         let nx = self.layout.grid.nx;
         let start = (row - band.first as isize) as usize * nx;
         let (now, before) = band.fields.split_at_mut(slope.len() / (nx + 2));
-        for ((now, before), slope) in now.iter_mut().zip(before).zip(slope.chunks_exact(nx + 2)) {
-            let (now, before) = (&mut now[start..start + nx], &mut before[start..start + nx]);
-            Arch::new().dispatch(Advance {
-                dt: self.time_step.as_f64(),
-                alpha: self.robert_filter,
-                now,
-                before,
-                slope: &slope[1..=nx],
-            });
-        }
+        let (dt, alpha) = (self.time_step.as_f64(), self.robert_filter);
+        Arch::new().dispatch(Advance { dt, alpha, part: start..start + nx, now, before, slope });
     }
 }
 
-/// (now, before) to (new, filtered), for [`pulp::Arch::dispatch`].
-struct Advance<'a> {
+/// (now, before) to (new, filtered) in a part of each field, for [`pulp::Arch::dispatch`].
+struct Advance<'a, 'b> {
     dt: f64,
     alpha: f64,
-    now: &'a mut [f64],
-    before: &'a mut [f64],
+    part: std::ops::Range<usize>,
+    now: &'a mut [&'b mut [f64]],
+    before: &'a mut [&'b mut [f64]],
     slope: &'a [f64],
 }
 
-impl WithSimd for Advance<'_> {
+impl WithSimd for Advance<'_, '_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) {
-        advance(self.dt, self.alpha, self.now, self.before, self.slope);
+        let Advance { dt, alpha, part, now, before, slope } = self;
+        let nx = part.len();
+        for ((now, before), slope) in now.iter_mut().zip(before).zip(slope.chunks_exact(nx + 2)) {
+            advance(dt, alpha, &mut now[part.clone()], &mut before[part.clone()], &slope[1..=nx]);
+        }
     }
 }
 
@@ -238,16 +235,15 @@ impl<T: Tendency> Model for Leapfrog<T> {
         assert_eq!(x.values().len(), self.layout.len(), "the state is not of this model's layout");
         let (grid, variables) = (&self.layout.grid, self.tendency.layout().variables.len());
         self.constrain(x.values_mut());
-        if self.tendency.row_stream(grid.nx + 2).is_some() {
+        if let Some(mut stream) = self.tendency.row_stream(grid.nx + 2) {
             let mut bands = bands(grid, x.values_mut(), variables, 1);
-            let sweep = |band: &mut Band<'_>| {
-                if let Some(mut stream) = self.tendency.row_stream(grid.nx + 2) {
-                    self.sweep(&mut *stream, band);
-                }
-            };
             return match &mut bands[..] {
-                [band] => sweep(band),
-                bands => bands.par_iter_mut().for_each(sweep),
+                [band] => self.sweep(&mut *stream, band),
+                bands => bands.par_iter_mut().for_each(|band| {
+                    if let Some(mut stream) = self.tendency.row_stream(grid.nx + 2) {
+                        self.sweep(&mut *stream, band);
+                    }
+                }),
             };
         }
         let (now, before) = x.values_mut().split_at_mut(self.half());

@@ -60,10 +60,13 @@ pub(crate) fn bands<'a>(grid: &'a Grid, x: &'a mut [f64], variables: usize, reac
         .map(|band| {
             let (first, end) = (band * ny / count, (band + 1) * ny / count);
             let around = |from: usize| -> Vec<f64> {
-                let rows = (0..reach).flat_map(|row| (0..variables).map(move |variable| (row, variable)));
-                rows.flat_map(|(row, variable)| &x[variable * cells + (from + row) % ny * nx..][..nx])
-                    .copied()
-                    .collect()
+                let mut copy = Vec::with_capacity(reach * variables * nx);
+                for row in from..from + reach {
+                    for variable in 0..variables {
+                        copy.extend_from_slice(&x[variable * cells + row % ny * nx..][..nx]);
+                    }
+                }
+                copy
             };
             let (south, north) = (around(first + (reach / ny + 1) * ny - reach), around(end));
             Band { first, rows: end - first, fields: Vec::with_capacity(x.len() / cells), grid, south, north, reach }

@@ -88,19 +88,23 @@ impl WithSimd for Push<'_, '_> {
         let coriolis = model.coriolis_per_s(row);
         let [h_s, u_s, v_s] = split(south, length);
         let [h_n, u_n, v_n] = split(north, length);
-        fluxes(h_s, h_n, u_n, v_n, &mut flux_x[2], &mut flux_y[1]);
-        vorticity(coriolis, [per_dx, per_dy], h_s, h_n, u_s, u_n, v_n, &mut q[1]);
-        bernoulli_row(model.parameters.gravity_m_per_s2, h_s, u_s, v_s, v_n, &mut bernoulli[1]);
+        let constants = Constants { coriolis, gravity: model.parameters.gravity_m_per_s2, per_dx, per_dy };
+        let ([_, _, flux_x_n], [_, flux_y_n]) = (&mut *flux_x, &mut *flux_y);
+        diagnose(constants, h_s, u_s, v_s, h_n, u_n, v_n, flux_x_n, flux_y_n, &mut q[1], &mut bernoulli[1]);
         let (k_h, winds) = tendency.split_at_mut(length);
         let (k_u, k_v) = winds.split_at_mut(length);
-        divergence([per_dx, per_dy], &flux_x[1], &flux_y[0], &flux_y[1], k_h);
-        momentum_x(model.form, per_dx, &bernoulli[1], &q[0], &q[1], &flux_y[0], &flux_y[1], k_u);
+        let (flux_x, flux_y) = ([&flux_x[0][..], &flux_x[1][..]], [&flux_y[0][..], &flux_y[1][..]]);
+        let (q, b) = ([&q[0][..], &q[1][..]], [&bernoulli[0][..], &bernoulli[1][..]]);
+        match model.form {
+            VectorInvariant::PotentialEnstrophy => {
+                potential_enstrophy_form(constants, flux_x, flux_y, q, b, k_h, k_u, k_v);
+            }
+            VectorInvariant::Energy => energy_form(constants, flux_x, flux_y, q, b, k_h, k_u, k_v),
+        }
         // The tendency is that of the row south of the one pushed.
         let southern_wall = grid.boundary == Boundary::Channel && row == 1;
         if southern_wall {
             k_v.fill(0.0);
-        } else {
-            momentum_y(model.form, per_dy, &bernoulli[0], &bernoulli[1], &q[0], &flux_x[0], &flux_x[1], k_v);
         }
         let drag = model.parameters.drag_per_s;
         if drag != 0.0 {
@@ -112,121 +116,95 @@ impl WithSimd for Push<'_, '_> {
     }
 }
 
-/// U and V of the northern row.
-#[inline(always)]
-fn fluxes(h_s: &[f64], h_n: &[f64], u_n: &[f64], v_n: &[f64], flux_x: &mut [f64], flux_y: &mut [f64]) {
-    let n = h_s.len() - 1;
-    let (h_w, h_e, u_e, flux_x) = (&h_n[..n], &h_n[1..=n], &u_n[1..=n], &mut flux_x[1..=n]);
-    for i in 0..n {
-        flux_x[i] = 0.5 * (h_e[i] + h_w[i]) * u_e[i];
-    }
-    let (h_s, h_n, v_n, flux_y) = (&h_s[..=n], &h_n[..=n], &v_n[..=n], &mut flux_y[..=n]);
-    for i in 0..=n {
-        flux_y[i] = 0.5 * (h_n[i] + h_s[i]) * v_n[i];
-    }
+/// Numbers of the equations.
+#[derive(Clone, Copy)]
+struct Constants {
+    /// f at the corners of the northern row.
+    coriolis: f64,
+    gravity: f64,
+    per_dx: f64,
+    per_dy: f64,
 }
 
-/// q of the northern row.
+/// U, V and q of the northern row, B of the southern, in one loop.
 #[inline(always)]
-fn vorticity(
-    coriolis: f64,
-    [per_dx, per_dy]: [f64; 2],
+fn diagnose(
+    constants: Constants,
     h_s: &[f64],
-    h_n: &[f64],
     u_s: &[f64],
+    v_s: &[f64],
+    h_n: &[f64],
     u_n: &[f64],
     v_n: &[f64],
+    flux_x: &mut [f64],
+    flux_y: &mut [f64],
     q: &mut [f64],
+    b: &mut [f64],
 ) {
+    let Constants { coriolis, gravity, per_dx, per_dy } = constants;
+    flux_y[0] = 0.5 * (h_n[0] + h_s[0]) * v_n[0];
     let n = h_s.len() - 1;
-    let (h0, h_w, h_s, h_sw) = (&h_n[1..=n], &h_n[..n], &h_s[1..=n], &h_s[..n]);
-    let (u0, u_s, v0, v_w, q) = (&u_n[1..=n], &u_s[1..=n], &v_n[1..=n], &v_n[..n], &mut q[1..=n]);
+    let (h0, h_w, h_s, h_sw) = (&h_n[1..][..n], &h_n[..n], &h_s[1..][..n], &h_s[..n]);
+    let (u0, u_s, u_sw) = (&u_n[1..][..n], &u_s[1..][..n], &u_s[..n]);
+    let (v0, v_w, v_sw) = (&v_n[1..][..n], &v_n[..n], &v_s[..n]);
+    let (flux_x, flux_y) = (&mut flux_x[1..][..n], &mut flux_y[1..][..n]);
+    let (q, b) = (&mut q[1..][..n], &mut b[..n]);
     for i in 0..n {
+        flux_x[i] = 0.5 * (h0[i] + h_w[i]) * u0[i];
+        flux_y[i] = 0.5 * (h0[i] + h_s[i]) * v0[i];
         let vorticity = (v0[i] - v_w[i]) * per_dx - (u0[i] - u_s[i]) * per_dy;
         q[i] = 4.0 * (coriolis + vorticity) / (h0[i] + h_w[i] + h_s[i] + h_sw[i]);
+        b[i] = gravity * h_sw[i] + 0.25 * (u_sw[i] * u_sw[i] + u_s[i] * u_s[i] + v_sw[i] * v_sw[i] + v_w[i] * v_w[i]);
     }
 }
 
-/// B of the southern row.
-#[inline(always)]
-fn bernoulli_row(gravity: f64, h: &[f64], u: &[f64], v: &[f64], v_n: &[f64], b: &mut [f64]) {
-    let n = h.len() - 1;
-    let (h, u0, u_e, v, v_n, b) = (&h[..n], &u[..n], &u[1..=n], &v[..n], &v_n[..n], &mut b[..n]);
-    for i in 0..n {
-        b[i] = gravity * h[i] + 0.25 * (u0[i] * u0[i] + u_e[i] * u_e[i] + v[i] * v[i] + v_n[i] * v_n[i]);
-    }
+macro_rules! tendencies {
+    ($(#[$doc:meta])* $name:ident, |$q:ident, $q_e:ident, $q_n:ident, $u:ident, $v:ident| $q_v:expr, $q_u:expr) => {
+        $(#[$doc])*
+        #[inline(always)]
+        fn $name(
+            constants: Constants,
+            [flux_x_s, flux_x]: [&[f64]; 2],
+            [flux_y, flux_y_n]: [&[f64]; 2],
+            [q, q_n]: [&[f64]; 2],
+            [b_s, b]: [&[f64]; 2],
+            out_h: &mut [f64],
+            out_u: &mut [f64],
+            out_v: &mut [f64],
+        ) {
+            let Constants { per_dx, per_dy, .. } = constants;
+            let n = out_h.len() - 2;
+            let (u0, u_e, u_s, u_se) =
+                (&flux_x[1..][..n], &flux_x[2..][..n], &flux_x_s[1..][..n], &flux_x_s[2..][..n]);
+            let (v0, v_w, v_n, v_nw) = (&flux_y[1..][..n], &flux_y[..n], &flux_y_n[1..][..n], &flux_y_n[..n]);
+            let (q0, q_e, q_n) = (&q[1..][..n], &q[2..][..n], &q_n[1..][..n]);
+            let (b0, b_w, b_s) = (&b[1..][..n], &b[..n], &b_s[1..][..n]);
+            let (out_h, out_u, out_v) = (&mut out_h[1..][..n], &mut out_u[1..][..n], &mut out_v[1..][..n]);
+            for i in 0..n {
+                let ($q, $q_e, $q_n) = (q0[i], q_e[i], q_n[i]);
+                let ($u, $v) = ([u0[i], u_e[i], u_s[i], u_se[i]], [v0[i], v_w[i], v_n[i], v_nw[i]]);
+                out_h[i] = (u0[i] - u_e[i]) * per_dx + (v0[i] - v_n[i]) * per_dy;
+                out_u[i] = (b_w[i] - b0[i]) * per_dx + $q_v;
+                out_v[i] = (b_s[i] - b0[i]) * per_dy - $q_u;
+            }
+        }
+    };
 }
 
-/// −δx U/dx − δy V/dy.
-#[inline(always)]
-fn divergence([per_dx, per_dy]: [f64; 2], flux_x: &[f64], flux_y: &[f64], flux_y_n: &[f64], out: &mut [f64]) {
-    let n = out.len() - 2;
-    let (west, east, south, north) = (&flux_x[1..=n], &flux_x[2..n + 2], &flux_y[1..=n], &flux_y_n[1..=n]);
-    let out = &mut out[1..=n];
-    for i in 0..n {
-        out[i] = (west[i] - east[i]) * per_dx + (south[i] - north[i]) * per_dy;
-    }
-}
+tendencies!(
+    /// The tendencies of a row with q̄ʸ V̄ˣʸ, −q̄ˣ Ūˣʸ: U of the row and south of it, V and q of the row and north of
+    /// it, B as U.
+    potential_enstrophy_form,
+    |q, q_e, q_n, u, v| 0.125 * (q + q_n) * (v[0] + v[1] + v[2] + v[3]),
+    0.125 * (q + q_e) * (u[0] + u[1] + u[2] + u[3])
+);
 
-/// −δx B/dx + q V.
-#[inline(always)]
-fn momentum_x(
-    form: VectorInvariant,
-    per_dx: f64,
-    b: &[f64],
-    q: &[f64],
-    q_n: &[f64],
-    flux_y: &[f64],
-    flux_y_n: &[f64],
-    out: &mut [f64],
-) {
-    let n = out.len() - 2;
-    let (b_w, b, q, q_n) = (&b[..n], &b[1..=n], &q[1..=n], &q_n[1..=n]);
-    let (v, v_w, v_n, v_nw) = (&flux_y[1..=n], &flux_y[..n], &flux_y_n[1..=n], &flux_y_n[..n]);
-    let out = &mut out[1..=n];
-    match form {
-        VectorInvariant::PotentialEnstrophy => {
-            for i in 0..n {
-                out[i] = (b_w[i] - b[i]) * per_dx + 0.125 * (q[i] + q_n[i]) * (v[i] + v_w[i] + v_n[i] + v_nw[i]);
-            }
-        }
-        VectorInvariant::Energy => {
-            for i in 0..n {
-                out[i] = (b_w[i] - b[i]) * per_dx + 0.25 * (q[i] * (v[i] + v_w[i]) + q_n[i] * (v_n[i] + v_nw[i]));
-            }
-        }
-    }
-}
-
-/// −δy B/dy − q U.
-#[inline(always)]
-fn momentum_y(
-    form: VectorInvariant,
-    per_dy: f64,
-    b_s: &[f64],
-    b: &[f64],
-    q: &[f64],
-    flux_x_s: &[f64],
-    flux_x: &[f64],
-    out: &mut [f64],
-) {
-    let n = out.len() - 2;
-    let (b_s, b, q, q_e) = (&b_s[1..=n], &b[1..=n], &q[1..=n], &q[2..n + 2]);
-    let (u, u_e, u_s, u_se) = (&flux_x[1..=n], &flux_x[2..n + 2], &flux_x_s[1..=n], &flux_x_s[2..n + 2]);
-    let out = &mut out[1..=n];
-    match form {
-        VectorInvariant::PotentialEnstrophy => {
-            for i in 0..n {
-                out[i] = (b_s[i] - b[i]) * per_dy - 0.125 * (q[i] + q_e[i]) * (u[i] + u_e[i] + u_s[i] + u_se[i]);
-            }
-        }
-        VectorInvariant::Energy => {
-            for i in 0..n {
-                out[i] = (b_s[i] - b[i]) * per_dy - 0.25 * (q[i] * (u[i] + u_s[i]) + q_e[i] * (u_e[i] + u_se[i]));
-            }
-        }
-    }
-}
+tendencies!(
+    /// The same with mean_y(q V̄ˣ), −mean_x(q Ūʸ).
+    energy_form,
+    |q, q_e, q_n, u, v| 0.25 * (q * (v[0] + v[1]) + q_n * (v[2] + v[3])),
+    0.25 * (q * (u[0] + u[2]) + q_e * (u[1] + u[3]))
+);
 
 /// −r u.
 #[inline(always)]
