@@ -19,7 +19,7 @@
 
 use crate::columns::{Columns, add_scaled};
 use crate::error::{ModelError, require};
-use crate::forecast::{Adjoint, Model, TangentLinear};
+use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state};
 use crate::rows::{Band, Ring, RowStream, bands};
 use crate::scheme::Tendency;
 use crate::state::{Layout, State};
@@ -229,6 +229,13 @@ impl<T: Tendency> Model for Leapfrog<T> {
         let (imaginary, real) = (((1.0 - alpha) / (1.0 + alpha)).sqrt(), 2.0 * alpha / (1.0 + alpha));
         let damping = if bounds.damping_per_s > 0.0 { bounds.damping_per_s / real } else { 0.0 };
         1.0 / (bounds.oscillation_per_s / imaginary + damping)
+    }
+
+    fn check_state(&self, x: &State) -> Result<(), ModelError> {
+        require_finite_state(x)?;
+        let (now, before) = x.values().split_at(self.half());
+        self.tendency.check(now)?;
+        self.tendency.check(before)
     }
 
     fn step(&self, x: &mut State) {

@@ -21,7 +21,7 @@
 
 use crate::columns::{Columns, add_scaled};
 use crate::error::ModelError;
-use crate::forecast::{Adjoint, Model, TangentLinear};
+use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state};
 use crate::rows::{Band, RowStream, bands};
 use crate::state::{Layout, State};
 use crate::time::Duration;
@@ -46,6 +46,14 @@ pub trait Tendency: Send + Sync {
     /// Sets to zero the values that must be zero (the flow through a wall): a projection on coordinates, applied
     /// to a state or an increment at the beginning of each step.
     fn constrain(&self, _x: &mut [f64]) {}
+
+    /// Fails if x is outside of the domain of f: a thickness that is not positive. All its values are finite.
+    ///
+    /// # Errors
+    /// [`ModelError`] with the place and the value.
+    fn check(&self, _x: &[f64]) -> Result<(), ModelError> {
+        Ok(())
+    }
 
     /// `out` = f(x), in the variables' units per second.
     fn tendency(&self, x: &[f64], out: &mut [f64], scratch: &mut [f64]);
@@ -241,6 +249,11 @@ impl<T: Tendency> Model for Stepped<T> {
 
     fn largest_time_step_s(&self, x: &State) -> f64 {
         self.scheme.largest_time_step_s(self.tendency.spectral_bounds(x.values()))
+    }
+
+    fn check_state(&self, x: &State) -> Result<(), ModelError> {
+        require_finite_state(x)?;
+        self.tendency.check(x.values())
     }
 
     fn step(&self, x: &mut State) {
