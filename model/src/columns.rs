@@ -19,6 +19,19 @@ impl<'a> Columns<'a> {
         Self { values, len }
     }
 
+    /// Applies `process` to each group of so many columns (the last may have fewer), with a workspace for each worker.
+    pub fn for_each_group<W: Send>(
+        self,
+        columns: usize,
+        work: impl Fn() -> W + Sync + Send,
+        process: impl Fn(&mut [f64], &mut W) + Sync + Send,
+    ) {
+        let groups = (self.values.len() / self.len).div_ceil(columns);
+        let least = groups.div_ceil(8 * rayon::current_num_threads()).max(1);
+        let groups = self.values.par_chunks_mut(columns * self.len).with_min_len(least);
+        groups.for_each_init(work, |work, group| process(group, work));
+    }
+
     /// Applies `process` to each column, with a workspace for each worker; which thread does which column has no
     /// influence on the result.
     ///

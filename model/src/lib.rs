@@ -9,6 +9,7 @@
 //! | [`scheme`] | Runge–Kutta, once for all tendencies: [`Tendency`] + [`TimeScheme`] = [`Stepped`]; stability limits |
 //! | [`leapfrog`] | [`Leapfrog`] with Robert's filter, a model whose state holds two time levels |
 //! | [`rows`] | a tendency row by row, so that a step is one pass over memory |
+//! | [`tangent_wavefront`] | the same for eight increments at once |
 //! | [`shallow_water`] | rotating [`ShallowWater`], nonlinear, and [`LinearShallowWater`] about a zonal flow |
 //! | [`advection`] | [`Advection`] of a tracer, and the [`ExactShift`] without any error |
 //! | [`initial`] | rest, jets, vortices, balanced random states, hills and waves |
@@ -84,6 +85,7 @@ pub mod rows;
 pub mod scheme;
 pub mod shallow_water;
 pub mod state;
+pub mod tangent_wavefront;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 pub mod time;
@@ -99,4 +101,5 @@ pub use rows::RowStream;
 pub use scheme::{SpectralBounds, Stepped, Tendency, TimeScheme, check_time_step};
 pub use shallow_water::{LinearShallowWater, ShallowWater, ShallowWaterParameters, VectorInvariant};
 pub use state::{Layout, State, Variable};
+pub use tangent_wavefront::TangentRowStream;
 pub use time::{Duration, Time};

@@ -24,6 +24,7 @@ use crate::error::ModelError;
 use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state};
 use crate::rows::{Band, RowStream, bands};
 use crate::state::{Layout, State};
+use crate::tangent_wavefront::{LANES, TangentRowStream, TangentWavefront};
 use crate::time::Duration;
 use crate::wavefront::{Wavefront, Weights};
 use rayon::prelude::*;
@@ -61,6 +62,12 @@ pub trait Tendency: Send + Sync {
     /// f row by row, for rows of `length` values per variable, rim included: the same function as
     /// [`Tendency::tendency`], with which a step is one pass over memory. `None` if there is no such form of it.
     fn row_stream(&self, _length: usize) -> Option<Box<dyn RowStream + '_>> {
+        None
+    }
+
+    /// f and f' row by row for eight columns at once, as [`Tendency::row_stream`]: with it a batch of columns is
+    /// advanced in lockstep, and what f' needs to know of the state is neither stored nor read for each column.
+    fn tangent_row_stream(&self, _length: usize) -> Option<Box<dyn TangentRowStream + '_>> {
         None
     }
 
@@ -223,6 +230,28 @@ impl<T: Tendency> Stepped<T> {
         }
     }
 
+    /// One step of the columns, eight at a time, row by row.
+    fn sweep_tl(&self, at: &State, columns: &mut [f64]) {
+        self.check_layout(at);
+        let layout = self.layout();
+        let (a, b) = self.scheme.coefficients();
+        let weights = Weights { a, b, dt: self.time_step.as_f64() };
+        let mut at = at.values().to_vec();
+        self.tendency.constrain(&mut at);
+        Columns::new(columns, layout.len()).for_each_group(
+            LANES,
+            || {
+                let stream = |_| self.tendency.tangent_row_stream(layout.grid.nx + 2);
+                let streams = b.iter().filter_map(stream).collect();
+                TangentWavefront::new(weights, streams, &layout.grid, layout.variables.len())
+            },
+            |group, wavefront| {
+                group.chunks_exact_mut(layout.len()).for_each(|column| self.tendency.constrain(column));
+                wavefront.sweep(&at, group);
+            },
+        );
+    }
+
     fn work(&self) -> Work {
         let len = self.layout().len();
         let stages = self.scheme.coefficients().1.len();
@@ -268,6 +297,9 @@ impl<T: Tendency> Model for Stepped<T> {
 
 impl<T: Tendency> TangentLinear for Stepped<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
+        if self.tendency.tangent_row_stream(self.layout().grid.nx + 2).is_some() {
+            return self.sweep_tl(at, columns);
+        }
         let linearisations = self.linearise_stages(at);
         Columns::new(columns, self.layout().len()).for_each(
             || self.work(),

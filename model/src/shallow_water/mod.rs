@@ -25,6 +25,7 @@ mod adjoint;
 mod linear;
 mod rows;
 mod tangent_linear;
+mod tangent_rows;
 mod tendency;
 
 pub use linear::LinearShallowWater;
@@ -36,6 +37,7 @@ use crate::halo::Halo;
 use crate::rows::RowStream;
 use crate::scheme::{SpectralBounds, Tendency};
 use crate::state::{Layout, Variable};
+use crate::tangent_wavefront::TangentRowStream;
 use std::sync::Arc;
 
 /// Number of the thickness h among the variables.
@@ -202,6 +204,11 @@ impl Tendency for ShallowWater {
     fn row_stream(&self, length: usize) -> Option<Box<dyn RowStream + '_>> {
         (self.parameters.hyperdiffusion_m4_per_s == 0.0)
             .then(|| Box::new(rows::ShallowWaterRows::new(self, length)) as Box<dyn RowStream + '_>)
+    }
+
+    fn tangent_row_stream(&self, length: usize) -> Option<Box<dyn TangentRowStream + '_>> {
+        (self.parameters.hyperdiffusion_m4_per_s == 0.0)
+            .then(|| Box::new(tangent_rows::TangentRows::new(self, length)) as Box<dyn TangentRowStream + '_>)
     }
 
     fn linearise(&self, at: &[f64]) -> Coefficients {

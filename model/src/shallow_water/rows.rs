@@ -12,11 +12,11 @@ pub(super) struct ShallowWaterRows<'a> {
     arch: pulp::Arch,
     length: usize,
     /// U of three rows.
-    flux_x: [Vec<f64>; 3],
+    pub(super) flux_x: [Vec<f64>; 3],
     /// V of two rows.
-    flux_y: [Vec<f64>; 2],
+    pub(super) flux_y: [Vec<f64>; 2],
     /// q of two rows.
-    q: [Vec<f64>; 2],
+    pub(super) q: [Vec<f64>; 2],
     /// B of the two rows before the last.
     bernoulli: [Vec<f64>; 2],
 }
@@ -39,7 +39,7 @@ impl<'a> ShallowWaterRows<'a> {
 
 /// The three variables of a row.
 #[inline(always)]
-fn split(x: &[f64], length: usize) -> [&[f64]; 3] {
+pub(super) fn split(x: &[f64], length: usize) -> [&[f64]; 3] {
     [&x[..length], &x[length..2 * length], &x[2 * length..3 * length]]
 }
 
