@@ -176,102 +176,136 @@ impl WithSimd for Push<'_, '_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let Push { rows, at_wall, x, south, north, tendency } = self;
         rows.linearise(x.0, x.1);
-        diagnose(simd, rows, south, north);
-        tendencies(simd, rows, south, tendency, at_wall);
+        let vector_len = S::as_simd_f64s(&[0.0; 2 * LANES]).0.len() / 2;
+        match vector_len {
+            1 => push::<S, 1>(simd, rows, south, north, tendency),
+            2 => push::<S, 2>(simd, rows, south, north, tendency),
+            4 => push::<S, 4>(simd, rows, south, north, tendency),
+            8 => push::<S, 8>(simd, rows, south, north, tendency),
+            _ => panic!("no processor has vectors of which {vector_len} make eight numbers"),
+        }
+        if at_wall {
+            tendency[2 * rows.length * LANES..].fill(0.0);
+        }
     }
 }
 
-/// Vectors of the three variables.
+/// With `P` vectors for the eight numbers of a place.
 #[inline(always)]
-fn vectors<S: Simd>(x: &[f64], length: usize) -> [&[S::f64s]; 3] {
-    super::rows::split(x, length * LANES).map(|x| S::as_simd_f64s(x).0)
+fn push<S: Simd, const P: usize>(
+    simd: S,
+    rows: &mut TangentRows<'_>,
+    south: &[f64],
+    north: &[f64],
+    tendency: &mut [f64],
+) {
+    diagnose::<S, P>(simd, rows, south, north);
+    tendencies::<S, P>(simd, rows, south, tendency);
+}
+
+/// The places of a row.
+#[inline(always)]
+fn places<S: Simd, const P: usize>(row: &[f64]) -> &[[S::f64s; P]] {
+    S::as_simd_f64s(row).0.as_chunks().0
+}
+
+/// The places of a row.
+#[inline(always)]
+fn places_mut<S: Simd, const P: usize>(row: &mut [f64]) -> &mut [[S::f64s; P]] {
+    S::as_mut_simd_f64s(row).0.as_chunks_mut().0
 }
 
 /// δU, δV and δq of the northern row, δB of the southern.
 #[inline(always)]
-fn diagnose<S: Simd>(simd: S, rows: &mut TangentRows<'_>, south: &[f64], north: &[f64]) {
-    let length = rows.length;
-    let ([h_s, u_s, v_s], [h_n, u_n, v_n]) = (vectors::<S>(south, length), vectors::<S>(north, length));
-    let per_cell = h_s.len() / length;
+fn diagnose<S: Simd, const P: usize>(simd: S, rows: &mut TangentRows<'_>, south: &[f64], north: &[f64]) {
+    let (length, n) = (rows.length, rows.length - 1);
+    let ([h_s, u_s, v_s], [h, u, v]) =
+        (super::rows::split(south, length * LANES), super::rows::split(north, length * LANES));
+    let (h_s, u_s, v_s) = (places::<S, P>(h_s), places::<S, P>(u_s), places::<S, P>(v_s));
+    let (h, u, v) = (places::<S, P>(h), places::<S, P>(u), places::<S, P>(v));
     let grid = &rows.model.layout.grid;
     let splat = |value: f64| simd.splat_f64s(value);
     let (per_dx, per_dy) = (splat(1.0 / grid.dx_m), splat(1.0 / grid.dy_m));
     let gravity = splat(rows.model.parameters.gravity_m_per_s2);
     let (add, sub, mul) = (|a, b| simd.add_f64s(a, b), |a, b| simd.sub_f64s(a, b), |a, b| simd.mul_f64s(a, b));
-    let [thickness_x, thickness_y, per_thickness, quarter_q] = rows.thickness.each_ref().map(|row| &row[..length]);
-    let [[half_u_s, half_v_s], [half_u, half_v]] =
-        rows.half_wind.each_ref().map(|row| row.each_ref().map(|row| &row[..length]));
-    let flux_x = S::as_mut_simd_f64s(&mut rows.flux_x[2]).0;
-    let flux_y = S::as_mut_simd_f64s(&mut rows.flux_y[1]).0;
-    let q = S::as_mut_simd_f64s(&mut rows.q[1]).0;
-    let bernoulli = S::as_mut_simd_f64s(&mut rows.bernoulli[1]).0;
-    let all = length * per_cell;
-    let (flux_x, flux_y, q, bernoulli) = (&mut flux_x[..all], &mut flux_y[..all], &mut q[..all], &mut bernoulli[..all]);
-    let (h_s, u_s, v_s, h_n, u_n, v_n) = (&h_s[..all], &u_s[..all], &v_s[..all], &h_n[..all], &u_n[..all], &v_n[..all]);
-    for k in 0..per_cell {
-        flux_y[k] = add(mul(splat(thickness_y[0]), v_n[k]), mul(splat(half_v[0]), add(h_n[k], h_s[k])));
+    let [thickness_x, thickness_y, per_thickness, quarter_q] = &rows.thickness;
+    let [[half_u_s, half_v_s], [half_u, half_v]] = &rows.half_wind;
+    let flux_x = &mut places_mut::<S, P>(&mut rows.flux_x[2])[1..][..n];
+    let (first, flux_y) = places_mut::<S, P>(&mut rows.flux_y[1]).split_at_mut(1);
+    let (flux_y, q) = (&mut flux_y[..n], &mut places_mut::<S, P>(&mut rows.q[1])[1..][..n]);
+    let b = &mut places_mut::<S, P>(&mut rows.bernoulli[1])[..n];
+    for c in 0..P {
+        first[0][c] = add(mul(splat(thickness_y[0]), v[0][c]), mul(splat(half_v[0]), add(h[0][c], h_s[0][c])));
     }
-    for i in 1..length {
-        let (thickness_x, thickness_y, half_u_n, half_v_n) =
-            (splat(thickness_x[i]), splat(thickness_y[i]), splat(half_u[i]), splat(half_v[i]));
+    let (h_w, h, h_sw, h_s) = (&h[..n], &h[1..][..n], &h_s[..n], &h_s[1..][..n]);
+    let (u, u_sw, u_s) = (&u[1..][..n], &u_s[..n], &u_s[1..][..n]);
+    let (v_w, v, v_sw) = (&v[..n], &v[1..][..n], &v_s[..n]);
+    let (thickness_x, thickness_y) = (&thickness_x[1..][..n], &thickness_y[1..][..n]);
+    let (per_thickness, quarter_q) = (&per_thickness[1..][..n], &quarter_q[1..][..n]);
+    let (half_u_sw, half_u_s, half_u) = (&half_u_s[..n], &half_u_s[1..][..n], &half_u[1..][..n]);
+    let (half_v_sw, half_v_w, half_v) = (&half_v_s[..n], &half_v[..n], &half_v[1..][..n]);
+    for i in 0..n {
+        let (thickness_x, thickness_y) = (splat(thickness_x[i]), splat(thickness_y[i]));
         let (per_thickness, quarter_q) = (splat(per_thickness[i]), splat(quarter_q[i]));
-        let (u_here, u_west) = (splat(half_u_s[i]), splat(half_u_s[i - 1]));
-        let (v_here, v_north) = (splat(half_v_s[i - 1]), splat(half_v[i - 1]));
-        for k in i * per_cell..(i + 1) * per_cell {
-            let w = k - per_cell;
-            let (h_x, h_sum_s) = (add(h_n[k], h_n[w]), add(h_s[k], h_s[w]));
-            flux_x[k] = add(mul(thickness_x, u_n[k]), mul(half_u_n, h_x));
-            flux_y[k] = add(mul(thickness_y, v_n[k]), mul(half_v_n, add(h_n[k], h_s[k])));
-            let vorticity = sub(mul(sub(v_n[k], v_n[w]), per_dx), mul(sub(u_n[k], u_s[k]), per_dy));
-            q[k] = sub(mul(vorticity, per_thickness), mul(quarter_q, add(h_x, h_sum_s)));
-            let kinetic_x = add(mul(u_west, u_s[w]), mul(u_here, u_s[k]));
-            let kinetic_y = add(mul(v_here, v_s[w]), mul(v_north, v_n[w]));
-            bernoulli[w] = add(mul(gravity, h_s[w]), add(kinetic_x, kinetic_y));
+        let (half_u, half_u_sw, half_u_s) = (splat(half_u[i]), splat(half_u_sw[i]), splat(half_u_s[i]));
+        let (half_v, half_v_sw, half_v_w) = (splat(half_v[i]), splat(half_v_sw[i]), splat(half_v_w[i]));
+        for c in 0..P {
+            let (sum, sum_s) = (add(h[i][c], h_w[i][c]), add(h_s[i][c], h_sw[i][c]));
+            flux_x[i][c] = add(mul(thickness_x, u[i][c]), mul(half_u, sum));
+            flux_y[i][c] = add(mul(thickness_y, v[i][c]), mul(half_v, add(h[i][c], h_s[i][c])));
+            let (dv, du) = (sub(v[i][c], v_w[i][c]), sub(u[i][c], u_s[i][c]));
+            let vorticity = sub(mul(dv, per_dx), mul(du, per_dy));
+            q[i][c] = sub(mul(vorticity, per_thickness), mul(quarter_q, add(sum, sum_s)));
+            let kinetic_x = add(mul(half_u_sw, u_sw[i][c]), mul(half_u_s, u_s[i][c]));
+            let kinetic_y = add(mul(half_v_sw, v_sw[i][c]), mul(half_v_w, v_w[i][c]));
+            b[i][c] = add(mul(gravity, h_sw[i][c]), add(kinetic_x, kinetic_y));
         }
     }
 }
 
 /// The tendencies of the southern row.
 #[inline(always)]
-fn tendencies<S: Simd>(simd: S, rows: &TangentRows<'_>, south: &[f64], tendency: &mut [f64], at_wall: bool) {
-    let length = rows.length;
-    let [_, du, dv] = vectors::<S>(south, length);
+fn tendencies<S: Simd, const P: usize>(simd: S, rows: &TangentRows<'_>, south: &[f64], tendency: &mut [f64]) {
+    let (length, n) = (rows.length, rows.length - 2);
     let grid = &rows.model.layout.grid;
     let splat = |value: f64| simd.splat_f64s(value);
     let (per_dx, per_dy) = (splat(1.0 / grid.dx_m), splat(1.0 / grid.dy_m));
-    let drag = rows.model.parameters.drag_per_s;
     let (add, sub, mul) = (|a, b| simd.add_f64s(a, b), |a, b| simd.sub_f64s(a, b), |a, b| simd.mul_f64s(a, b));
     let (k_h, winds) = tendency.split_at_mut(length * LANES);
     let (k_u, k_v) = winds.split_at_mut(length * LANES);
-    let (k_h, k_u, k_v) = (S::as_mut_simd_f64s(k_h).0, S::as_mut_simd_f64s(k_u).0, S::as_mut_simd_f64s(k_v).0);
-    let all = k_h.len();
-    let (per_cell, k_u, k_v) = (all / length, &mut k_u[..all], &mut k_v[..all]);
-    let [u_s, u0] = [&rows.flux_x[0], &rows.flux_x[1]].map(|row| &S::as_simd_f64s(row).0[..all]);
-    let [v0, v_n] = [&rows.flux_y[0], &rows.flux_y[1]].map(|row| &S::as_simd_f64s(row).0[..all]);
-    let [q0, q_n] = [&rows.q[0], &rows.q[1]].map(|row| &S::as_simd_f64s(row).0[..all]);
-    let [b_s, b0] = [&rows.bernoulli[0], &rows.bernoulli[1]].map(|row| &S::as_simd_f64s(row).0[..all]);
-    let [a, a_n, b, b_n, c, c_e, d, d_e] = rows.vorticity_term.each_ref().map(|row| &row[..length]);
-    for i in 1..length - 1 {
-        let (a, a_n, b, b_n) = (splat(a[i]), splat(a_n[i]), splat(b[i]), splat(b_n[i]));
+    let (k_h, k_u) = (&mut places_mut::<S, P>(k_h)[1..][..n], &mut places_mut::<S, P>(k_u)[1..][..n]);
+    let k_v = &mut places_mut::<S, P>(k_v)[1..][..n];
+    let (u_s, u) = (places::<S, P>(&rows.flux_x[0]), places::<S, P>(&rows.flux_x[1]));
+    let (v, v_n) = (places::<S, P>(&rows.flux_y[0]), places::<S, P>(&rows.flux_y[1]));
+    let (q, q_n) = (places::<S, P>(&rows.q[0]), places::<S, P>(&rows.q[1]));
+    let (b_s, b) = (places::<S, P>(&rows.bernoulli[0]), places::<S, P>(&rows.bernoulli[1]));
+    let (u, u_e, u_s, u_se) = (&u[1..][..n], &u[2..][..n], &u_s[1..][..n], &u_s[2..][..n]);
+    let (v, v_w, v_n, v_nw) = (&v[1..][..n], &v[..n], &v_n[1..][..n], &v_n[..n]);
+    let (q, q_e, q_n) = (&q[1..][..n], &q[2..][..n], &q_n[1..][..n]);
+    let (b, b_w, b_s) = (&b[1..][..n], &b[..n], &b_s[1..][..n]);
+    let [a, a_n, m, m_n, c, c_e, d, d_e] = rows.vorticity_term.each_ref().map(|row| &row[1..][..n]);
+    for i in 0..n {
+        let (a, a_n, m, m_n) = (splat(a[i]), splat(a_n[i]), splat(m[i]), splat(m_n[i]));
         let (c, c_e, d, d_e) = (splat(c[i]), splat(c_e[i]), splat(d[i]), splat(d_e[i]));
-        for k in i * per_cell..(i + 1) * per_cell {
-            let (w, e) = (k - per_cell, k + per_cell);
-            k_h[k] = add(mul(sub(u0[k], u0[e]), per_dx), mul(sub(v0[k], v_n[k]), per_dy));
-            let of_q = add(mul(a, q0[k]), mul(a_n, q_n[k]));
-            let of_flux = add(mul(b, add(v0[k], v0[w])), mul(b_n, add(v_n[k], v_n[w])));
-            k_u[k] = add(mul(sub(b0[w], b0[k]), per_dx), add(of_q, of_flux));
-            let of_q = add(mul(c, q0[k]), mul(c_e, q0[e]));
-            let of_flux = add(mul(d, add(u0[k], u_s[k])), mul(d_e, add(u0[e], u_s[e])));
-            k_v[k] = sub(mul(sub(b_s[k], b0[k]), per_dy), add(of_q, of_flux));
+        for k in 0..P {
+            k_h[i][k] = add(mul(sub(u[i][k], u_e[i][k]), per_dx), mul(sub(v[i][k], v_n[i][k]), per_dy));
+            let of_q = add(mul(a, q[i][k]), mul(a_n, q_n[i][k]));
+            let of_flux = add(mul(m, add(v[i][k], v_w[i][k])), mul(m_n, add(v_n[i][k], v_nw[i][k])));
+            k_u[i][k] = add(mul(sub(b_w[i][k], b[i][k]), per_dx), add(of_q, of_flux));
+            let of_q = add(mul(c, q[i][k]), mul(c_e, q_e[i][k]));
+            let of_flux = add(mul(d, add(u[i][k], u_s[i][k])), mul(d_e, add(u_e[i][k], u_se[i][k])));
+            k_v[i][k] = sub(mul(sub(b_s[i][k], b[i][k]), per_dy), add(of_q, of_flux));
         }
     }
+    let drag = rows.model.parameters.drag_per_s;
     if drag != 0.0 {
-        for k in per_cell..all - per_cell {
-            k_u[k] = sub(k_u[k], mul(splat(drag), du[k]));
-            k_v[k] = sub(k_v[k], mul(splat(drag), dv[k]));
+        let [_, u, v] = super::rows::split(south, length * LANES);
+        let (u, v) = (&places::<S, P>(u)[1..][..n], &places::<S, P>(v)[1..][..n]);
+        for i in 0..n {
+            for k in 0..P {
+                k_u[i][k] = sub(k_u[i][k], mul(splat(drag), u[i][k]));
+                k_v[i][k] = sub(k_v[i][k], mul(splat(drag), v[i][k]));
+            }
         }
-    }
-    if at_wall {
-        k_v.fill(splat(0.0));
     }
 }
