@@ -54,13 +54,16 @@ fn shallow_water(n: usize) -> (ShallowWater, State) {
     (equations, start.expect("a thin layer"))
 }
 
-/// Median seconds of `run`, each sample as many calls as take about a twentieth of a second.
+/// Median seconds of `run`: samples of as many calls as take about a twentieth of a second, 15 of them or, of slow calls,
+/// as many as take two seconds, but at least three.
 fn median_seconds(mut run: impl FnMut()) -> f64 {
     run();
     let clock = Instant::now();
     run();
-    let calls = (0.05 / clock.elapsed().as_secs_f64().max(1e-9)).clamp(1.0, 1e6) as usize;
-    let mut samples: Vec<f64> = (0..15)
+    let once = clock.elapsed().as_secs_f64().max(1e-9);
+    let calls = (0.05 / once).clamp(1.0, 1e6) as usize;
+    let count = (2.0 / (calls as f64 * once)).clamp(3.0, 15.0) as usize;
+    let mut samples: Vec<f64> = (0..count)
         .map(|_| {
             let clock = Instant::now();
             (0..calls).for_each(|_| run());
