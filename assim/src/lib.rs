@@ -9,7 +9,7 @@
 //! | [`free`] | no assimilation |
 //!
 //! All of them are given a [`Problem`], see models and observations only through traits and Jacobians, and are an
-//! [`Assimilator`]. [`covariance`] holds B and Q as operators.
+//! [`Assimilator`]. [`covariance`] holds B and Q as operators; `testing` (feature `testing`) the contract they must keep.
 
 pub mod assimilator;
 pub mod block_angular;
@@ -21,6 +21,8 @@ pub mod kalman;
 mod linalg;
 pub mod problem;
 mod propagator;
+#[cfg(any(test, feature = "testing"))]
+pub mod testing;
 pub mod variational;
 
 pub use assimilator::{Analysis, Assimilator, BiasTreatment, Estimate};

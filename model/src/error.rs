@@ -41,6 +41,14 @@ pub enum ModelError {
         /// The thickness there \[m\].
         thickness_m: f64,
     },
+    /// A value of a state is not finite.
+    #[error("{place} is {value}: it must be finite")]
+    NotFinite {
+        /// Variable, row and column.
+        place: String,
+        /// The value there.
+        value: f64,
+    },
     /// No thickness balances the wind between two rows.
     #[error("no thickness balances the zonal wind {wind_m_per_s} m/s at row {row}")]
     NoBalance {

@@ -1,5 +1,6 @@
 //! What a model is: three small traits, each a capability, and the loops over time steps, each written once.
 
+use crate::error::ModelError;
 use crate::state::{Layout, State};
 use crate::time::Duration;
 use std::sync::Arc;
@@ -14,6 +15,15 @@ pub trait Model: Send + Sync {
 
     /// The largest stable time step at `x` \[s\]; infinite where the scheme has no limit.
     fn largest_time_step_s(&self, x: &State) -> f64;
+
+    /// Fails if `x` is no state to start from: a value is not finite or, where the model has a thickness, that is not
+    /// positive.
+    ///
+    /// # Errors
+    /// [`ModelError`] with the place and the value.
+    fn check_state(&self, x: &State) -> Result<(), ModelError> {
+        require_finite_state(x)
+    }
 
     /// Advances `x` by one time step.
     fn step(&self, x: &mut State);
@@ -37,6 +47,9 @@ pub trait Adjoint: TangentLinear {
 /// Why a forecast ended early.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ForecastError {
+    /// The initial state is none.
+    #[error("the forecast cannot start: {0}")]
+    Start(#[from] ModelError),
     /// The state left the finite numbers.
     #[error(
         "the forecast is not finite after step {step}: {place} is {value} (CFL number of the step before: {cfl:.2})"
@@ -66,8 +79,10 @@ pub enum ForecastError {
 /// Advances `x` by `steps` time steps.
 ///
 /// # Errors
+/// [`ForecastError::Start`] if the initial state does not pass [`Model::check_state`], and
 /// [`ForecastError::NotFinite`] at the first step after which a value is not finite.
 pub fn forecast(model: &dyn Model, x: &mut State, steps: usize) -> Result<(), ForecastError> {
+    model.check_state(x)?;
     for step in 1..=steps {
         step_checked(model, x, step)?;
     }
@@ -85,6 +100,7 @@ pub fn forecast_tl(
     columns: &mut [f64],
     steps: usize,
 ) -> Result<(), ForecastError> {
+    model.check_state(x)?;
     for step in 1..=steps {
         model.step_tl(x, columns);
         step_checked(model, x, step)?;
@@ -104,6 +120,7 @@ pub fn forecast_tl(
 /// # Errors
 /// As [`forecast`].
 pub fn trajectory(model: &dyn Model, x: &State, steps: usize) -> Result<Vec<State>, ForecastError> {
+    model.check_state(x)?;
     let mut states = Vec::with_capacity(steps + 1);
     states.push(x.clone());
     for step in 1..=steps {
@@ -119,6 +136,14 @@ pub fn backward_ad(model: &dyn Adjoint, trajectory: &[State], columns: &mut [f64
     let steps = trajectory.len().saturating_sub(1);
     for at in trajectory[..steps].iter().rev() {
         model.step_ad(at, columns);
+    }
+}
+
+/// Fails at the first value that is not finite.
+pub(crate) fn require_finite_state(x: &State) -> Result<(), ModelError> {
+    match x.first_non_finite() {
+        None => Ok(()),
+        Some(index) => Err(ModelError::NotFinite { place: x.layout().describe(index), value: x.values()[index] }),
     }
 }
 

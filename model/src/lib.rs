@@ -7,6 +7,9 @@
 //! | [`time`], [`grid`], [`state`], [`increment`] | the nouns: when, where, x and δx |
 //! | [`forecast`] | the traits [`Model`], [`TangentLinear`], [`Adjoint`], and the loops over time steps |
 //! | [`scheme`] | Runge–Kutta, once for all tendencies: [`Tendency`] + [`TimeScheme`] = [`Stepped`]; stability limits |
+//! | [`leapfrog`] | [`Leapfrog`] with Robert's filter, a model whose state holds two time levels |
+//! | [`rows`] | a tendency row by row, so that a step is one pass over memory |
+//! | [`tangent_wavefront`] | the same for eight increments at once |
 //! | [`shallow_water`] | rotating [`ShallowWater`], nonlinear, and [`LinearShallowWater`] about a zonal flow |
 //! | [`advection`] | [`Advection`] of a tracer, and the [`ExactShift`] without any error |
 //! | [`initial`] | rest, jets, vortices, balanced random states, hills and waves |
@@ -68,6 +71,7 @@
 //! ```
 
 pub mod advection;
+mod columns;
 pub mod error;
 pub mod forecast;
 pub mod grid;
@@ -75,20 +79,27 @@ mod halo;
 pub mod increment;
 pub mod initial;
 pub mod invariants;
+pub mod leapfrog;
 pub mod random;
+pub mod rows;
 pub mod scheme;
 pub mod shallow_water;
 pub mod state;
+pub mod tangent_wavefront;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 pub mod time;
+mod wavefront;
 
 pub use advection::{Advection, AdvectionScheme, ExactShift, Wind};
 pub use error::ModelError;
 pub use forecast::{Adjoint, ForecastError, Model, TangentLinear};
 pub use grid::{Boundary, Grid, Location};
 pub use increment::Increment;
+pub use leapfrog::Leapfrog;
+pub use rows::RowStream;
 pub use scheme::{SpectralBounds, Stepped, Tendency, TimeScheme, check_time_step};
 pub use shallow_water::{LinearShallowWater, ShallowWater, ShallowWaterParameters, VectorInvariant};
 pub use state::{Layout, State, Variable};
+pub use tangent_wavefront::TangentRowStream;
 pub use time::{Duration, Time};

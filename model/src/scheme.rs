@@ -19,10 +19,14 @@
 //! k*_s = Δt b_s y* + Δt Σ_{r>s} a_rs g_r,   g_s = F_sᵀ k*_s,   x* = y* + Σ g_s.
 //! ```
 
+use crate::columns::{Columns, add_scaled};
 use crate::error::ModelError;
-use crate::forecast::{Adjoint, Model, TangentLinear};
+use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state};
+use crate::rows::{Band, RowStream, bands};
 use crate::state::{Layout, State};
+use crate::tangent_wavefront::{LANES, TangentRowStream, TangentWavefront};
 use crate::time::Duration;
+use crate::wavefront::{Wavefront, Weights};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -44,8 +48,28 @@ pub trait Tendency: Send + Sync {
     /// to a state or an increment at the beginning of each step.
     fn constrain(&self, _x: &mut [f64]) {}
 
+    /// Fails if x is outside of the domain of f: a thickness that is not positive. All its values are finite.
+    ///
+    /// # Errors
+    /// [`ModelError`] with the place and the value.
+    fn check(&self, _x: &[f64]) -> Result<(), ModelError> {
+        Ok(())
+    }
+
     /// `out` = f(x), in the variables' units per second.
     fn tendency(&self, x: &[f64], out: &mut [f64], scratch: &mut [f64]);
+
+    /// f row by row, for rows of `length` values per variable, rim included: the same function as
+    /// [`Tendency::tendency`], with which a step is one pass over memory. `None` if there is no such form of it.
+    fn row_stream(&self, _length: usize) -> Option<Box<dyn RowStream + '_>> {
+        None
+    }
+
+    /// f and f' row by row for eight columns at once, as [`Tendency::row_stream`]: with it a batch of columns is
+    /// advanced in lockstep, and what f' needs to know of the state is neither stored nor read for each column.
+    fn tangent_row_stream(&self, _length: usize) -> Option<Box<dyn TangentRowStream + '_>> {
+        None
+    }
 
     /// The coefficients of f' at a state.
     fn linearise(&self, at: &[f64]) -> Self::Linearisation;
@@ -188,18 +212,43 @@ impl<T: Tendency> Stepped<T> {
         linearisations
     }
 
-    /// Applies `process` to each column; which thread does which has no influence on the result.
-    ///
-    /// What is inlined into `process` is compiled for the processor's widest vectors, chosen at run time. The bits are
-    /// the same on all: no operations are fused or reordered.
-    fn for_each_column(&self, columns: &mut [f64], process: impl Fn(&mut [f64], &mut Work) + Sync) {
-        let len = self.layout().len();
-        assert_eq!(columns.len() % len, 0, "columns must be whole increments of {len} values");
-        let arch = pulp::Arch::new();
-        let least = (columns.len() / len).div_ceil(8 * rayon::current_num_threads());
-        columns.par_chunks_exact_mut(len).with_min_len(least.max(1)).for_each_init(
-            || self.work(),
-            |work, column| arch.dispatch(Vectorised { process: &process, column, work }),
+    /// One step, row by row.
+    fn sweep(&self, x: &mut [f64]) {
+        let layout = self.layout();
+        let (a, b) = self.scheme.coefficients();
+        let (grid, variables, length) = (&layout.grid, layout.variables.len(), layout.grid.nx + 2);
+        self.tendency.constrain(x);
+        let mut bands = bands(grid, x, variables, b.len());
+        let sweep = |band: &mut Band<'_>| {
+            let streams: Vec<_> = b.iter().filter_map(|_| self.tendency.row_stream(length)).collect();
+            let weights = Weights { a, b, dt: self.time_step.as_f64() };
+            Wavefront::new(weights, streams, variables, length).sweep(band);
+        };
+        match &mut bands[..] {
+            [band] => sweep(band),
+            bands => bands.par_iter_mut().for_each(sweep),
+        }
+    }
+
+    /// One step of the columns, eight at a time, row by row.
+    fn sweep_tl(&self, at: &State, columns: &mut [f64]) {
+        self.check_layout(at);
+        let layout = self.layout();
+        let (a, b) = self.scheme.coefficients();
+        let weights = Weights { a, b, dt: self.time_step.as_f64() };
+        let mut at = at.values().to_vec();
+        self.tendency.constrain(&mut at);
+        Columns::new(columns, layout.len()).for_each_group(
+            LANES,
+            || {
+                let stream = |_| self.tendency.tangent_row_stream(layout.grid.nx + 2);
+                let streams = b.iter().filter_map(stream).collect();
+                TangentWavefront::new(weights, streams, &layout.grid, layout.variables.len())
+            },
+            |group, wavefront| {
+                group.chunks_exact_mut(layout.len()).for_each(|column| self.tendency.constrain(column));
+                wavefront.sweep(&at, group);
+            },
         );
     }
 
@@ -231,17 +280,29 @@ impl<T: Tendency> Model for Stepped<T> {
         self.scheme.largest_time_step_s(self.tendency.spectral_bounds(x.values()))
     }
 
+    fn check_state(&self, x: &State) -> Result<(), ModelError> {
+        require_finite_state(x)?;
+        self.tendency.check(x.values())
+    }
+
     fn step(&self, x: &mut State) {
         self.check_layout(x);
+        let grid = &self.layout().grid;
+        if self.tendency.row_stream(grid.nx + 2).is_some() {
+            return self.sweep(x.values_mut());
+        }
         self.advance(x.values_mut(), &mut self.work(), |_, x, k, scratch| self.tendency.tendency(x, k, scratch));
     }
 }
 
 impl<T: Tendency> TangentLinear for Stepped<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
+        if self.tendency.tangent_row_stream(self.layout().grid.nx + 2).is_some() {
+            return self.sweep_tl(at, columns);
+        }
         let linearisations = self.linearise_stages(at);
-        self.for_each_column(
-            columns,
+        Columns::new(columns, self.layout().len()).for_each(
+            || self.work(),
             #[inline(always)]
             |column, work| {
                 self.advance(
@@ -262,8 +323,8 @@ impl<T: Tendency> Adjoint for Stepped<T> {
         let linearisations = self.linearise_stages(at);
         let (a, b) = self.scheme.coefficients();
         let dt = self.time_step.as_f64();
-        self.for_each_column(
-            columns,
+        Columns::new(columns, self.layout().len()).for_each(
+            || self.work(),
             #[inline(always)]
             |column, work| {
                 let Work { stage: gradient, slopes, scratch } = work;
@@ -289,32 +350,6 @@ struct Work {
     stage: Vec<f64>,
     slopes: Vec<Vec<f64>>,
     scratch: Vec<f64>,
-}
-
-/// A column to process, for [`pulp::Arch::dispatch`].
-struct Vectorised<'a, F> {
-    process: &'a F,
-    column: &'a mut [f64],
-    work: &'a mut Work,
-}
-
-impl<F: Fn(&mut [f64], &mut Work)> pulp::WithSimd for Vectorised<'_, F> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _simd: S) {
-        (self.process)(self.column, self.work);
-    }
-}
-
-/// y += factor x; nothing at all for a factor of zero.
-#[inline(always)]
-fn add_scaled(y: &mut [f64], factor: f64, x: &[f64]) {
-    if factor != 0.0 {
-        for (y, x) in y.iter_mut().zip(x) {
-            *y += factor * x;
-        }
-    }
 }
 
 #[cfg(test)]

@@ -55,7 +55,10 @@ impl Layout {
     /// The value at `index` in words, for messages: `u at row 3, column 7`.
     pub fn describe(&self, index: usize) -> String {
         let (variable, row, column) = self.place(index);
-        format!("{} at row {row}, column {column}", self.variables[variable].name)
+        let name = self.variables[variable].name;
+        // The second level of a two-level scheme has the same variables.
+        let level = if self.variable(name) == Some(variable) { "" } else { " one time step earlier" };
+        format!("{name}{level} at row {row}, column {column}")
     }
 }
 

@@ -10,16 +10,18 @@ use isobar_model::{
     ShallowWaterParameters, State, Tendency, Wind,
 };
 
-fn both_dampings(boundary: Boundary) -> [ShallowWaterParameters; 2] {
-    let damped = ShallowWaterParameters { drag_per_s: 1e-6, hyperdiffusion_m4_per_s: 5e14, ..parameters(boundary) };
-    [parameters(boundary), damped]
+/// Without damping, with drag (row by row like without), and with hyperdiffusion as well (on whole fields).
+fn dampings(boundary: Boundary) -> [ShallowWaterParameters; 3] {
+    let dragged = ShallowWaterParameters { drag_per_s: 1e-6, ..parameters(boundary) };
+    let damped = ShallowWaterParameters { hyperdiffusion_m4_per_s: 5e14, ..dragged };
+    [parameters(boundary), dragged, damped]
 }
 
 #[test]
 fn nonlinear_shallow_water_keeps_the_contract() {
     for boundary in BOUNDARIES {
         for (form, scheme) in FORMS.into_iter().flat_map(|form| SCHEMES.map(|scheme| (form, scheme))) {
-            for parameters in both_dampings(boundary) {
+            for parameters in dampings(boundary) {
                 let tendency = ShallowWater::new(grid(14, 11, boundary), parameters, form).unwrap();
                 for at in [perturbed_jet(&tendency), turbulence(&tendency)] {
                     let contract = check_contract(&stepped(tendency.clone(), 200, scheme), &at);
@@ -34,7 +36,7 @@ fn nonlinear_shallow_water_keeps_the_contract() {
 fn linear_shallow_water_keeps_the_contract_and_is_linear() {
     for boundary in BOUNDARIES {
         for (form, scheme) in FORMS.into_iter().flat_map(|form| SCHEMES.map(|scheme| (form, scheme))) {
-            for parameters in both_dampings(boundary) {
+            for parameters in dampings(boundary) {
                 let nonlinear = ShallowWater::new(grid(14, 11, boundary), parameters, form).unwrap();
                 let at = perturbed_jet(&nonlinear);
                 let basic_state = initial::geostrophic_jet(&nonlinear, &jet(&nonlinear)).unwrap();

@@ -23,7 +23,9 @@
 
 mod adjoint;
 mod linear;
+mod rows;
 mod tangent_linear;
+mod tangent_rows;
 mod tendency;
 
 pub use linear::LinearShallowWater;
@@ -32,8 +34,10 @@ pub use tangent_linear::Coefficients;
 use crate::error::{ModelError, require, require_finite, require_non_negative, require_positive};
 use crate::grid::{Boundary, Grid, Location};
 use crate::halo::Halo;
+use crate::rows::RowStream;
 use crate::scheme::{SpectralBounds, Tendency};
 use crate::state::{Layout, Variable};
+use crate::tangent_wavefront::TangentRowStream;
 use std::sync::Arc;
 
 /// Number of the thickness h among the variables.
@@ -179,9 +183,32 @@ impl Tendency for ShallowWater {
         x[2 * self.layout.grid.cells()..][..walls].fill(0.0);
     }
 
+    /// The thickness must be positive everywhere.
+    fn check(&self, x: &[f64]) -> Result<(), ModelError> {
+        let [h, _, _] = self.fields(x);
+        match h.iter().position(|&h| h.is_nan() || h <= 0.0) {
+            None => Ok(()),
+            Some(index) => {
+                let (_, row, column) = self.layout.place(index);
+                Err(ModelError::Thickness { row, column, thickness_m: h[index] })
+            }
+        }
+    }
+
     #[inline(always)]
     fn tendency(&self, x: &[f64], out: &mut [f64], scratch: &mut [f64]) {
         tendency::tendency(self, x, out, scratch);
+    }
+
+    /// Without hyperdiffusion, whose stencil reaches over two rows.
+    fn row_stream(&self, length: usize) -> Option<Box<dyn RowStream + '_>> {
+        (self.parameters.hyperdiffusion_m4_per_s == 0.0)
+            .then(|| Box::new(rows::ShallowWaterRows::new(self, length)) as Box<dyn RowStream + '_>)
+    }
+
+    fn tangent_row_stream(&self, length: usize) -> Option<Box<dyn TangentRowStream + '_>> {
+        (self.parameters.hyperdiffusion_m4_per_s == 0.0)
+            .then(|| Box::new(tangent_rows::TangentRows::new(self, length)) as Box<dyn TangentRowStream + '_>)
     }
 
     fn linearise(&self, at: &[f64]) -> Coefficients {
@@ -221,9 +248,19 @@ fn coriolis_at(grid: &Grid, parameters: &ShallowWaterParameters, row: f64) -> f6
     parameters.coriolis_per_s + parameters.beta_per_m_per_s * (row - 0.5 * grid.ny as f64) * grid.dy_m
 }
 
-/// The largest absolute value.
+/// The largest absolute value (not a number counting as none).
+///
+/// In eight lanes, as one running maximum would wait for each comparison.
 fn largest(field: &[f64]) -> f64 {
-    field.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()))
+    let mut lanes = [0.0_f64; 8];
+    let chunks = field.chunks_exact(8);
+    let rest = chunks.remainder();
+    for chunk in chunks {
+        for (lane, value) in lanes.iter_mut().zip(chunk) {
+            *lane = if value.abs() > *lane { value.abs() } else { *lane };
+        }
+    }
+    lanes.iter().chain(rest).fold(0.0, |largest: f64, value| largest.max(value.abs()))
 }
 
 /// Cuts scratch space into padded fields.

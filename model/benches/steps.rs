@@ -1,0 +1,151 @@
+//! Speed of the steps beside that of memory, all measured in one run:
+//!
+//! * the nonlinear step of shallow water (doubly periodic, potential-enstrophy form) in cell-steps per second, on one and
+//!   two threads, by leapfrog and by the Runge–Kutta scheme of fourth order;
+//! * the bandwidth of a memory copy on as many threads, of arrays far larger than any cache and of arrays as large as the
+//!   state, and the fraction reached of the step rate at which the state would move through memory just once;
+//! * the cost of one tangent-linear column, in a batch of 32 and of one, in nonlinear steps of the same scheme.
+//!
+//! `cargo bench -p isobar-model`, or with grid sizes: `cargo bench -p isobar-model -- 64 256`. Times are medians.
+
+use isobar_model::initial::{self, RandomConfig};
+use isobar_model::random::{standard_normals, stream};
+use isobar_model::{
+    Adjoint, Boundary, Duration, Grid, Leapfrog, Model, ShallowWater, ShallowWaterParameters, State, Stepped,
+    TimeScheme, VectorInvariant,
+};
+use std::hint::black_box;
+use std::time::Instant;
+
+/// Bytes read and written for each cell if a step reads and writes h, u and v once.
+const ONE_LEVEL_BYTES: f64 = 48.0;
+
+fn main() {
+    let sizes: Vec<usize> = std::env::args().filter_map(|argument| argument.parse().ok()).collect();
+    let sizes = if sizes.is_empty() { vec![64, 256, 1024, 2048] } else { sizes };
+    for n in sizes {
+        let mut single: [f64; 2] = [f64::NAN; 2];
+        for threads in [1, 2] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool of threads");
+            pool.install(|| nonlinear(n, threads, &mut single));
+        }
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool of one thread");
+        pool.install(|| tangent_linear(n));
+    }
+}
+
+fn shallow_water(n: usize) -> (ShallowWater, State) {
+    let grid = Grid { nx: n, ny: n, dx_m: 1e5, dy_m: 1e5, boundary: Boundary::Periodic };
+    let parameters = ShallowWaterParameters {
+        gravity_m_per_s2: 9.81,
+        coriolis_per_s: 1e-4,
+        beta_per_m_per_s: 0.0,
+        drag_per_s: 0.0,
+        hyperdiffusion_m4_per_s: 0.0,
+    };
+    let equations = ShallowWater::new(grid, parameters, VectorInvariant::PotentialEnstrophy).expect("valid parameters");
+    let hills = [initial::Vortex { center_x_m: 2e6, center_y_m: 3e6, amplitude_m: 30.0, radius_m: 8e5 }];
+    let start = if n > 256 {
+        initial::vortices(&equations, 1000.0, &hills)
+    } else {
+        let config = RandomConfig { mean_depth_m: 1000.0, height_standard_deviation_m: 20.0, length_scale_m: 4e5 };
+        initial::random_balanced(&equations, &config, &mut stream(1, "truth"))
+    };
+    (equations, start.expect("a thin layer"))
+}
+
+/// Median seconds of `run`: samples of as many calls as take about a twentieth of a second, 15 of them or, of slow calls,
+/// as many as take two seconds, but at least three.
+fn median_seconds(mut run: impl FnMut()) -> f64 {
+    run();
+    let clock = Instant::now();
+    run();
+    let once = clock.elapsed().as_secs_f64().max(1e-9);
+    let calls = (0.05 / once).clamp(1.0, 1e6) as usize;
+    let count = (2.0 / (calls as f64 * once)).clamp(3.0, 15.0) as usize;
+    let mut samples: Vec<f64> = (0..count)
+        .map(|_| {
+            let clock = Instant::now();
+            (0..calls).for_each(|_| run());
+            clock.elapsed().as_secs_f64() / calls as f64
+        })
+        .collect();
+    samples.sort_by(f64::total_cmp);
+    samples[samples.len() / 2]
+}
+
+/// Bytes read and written per second by copying an array of `len` numbers on the current pool.
+fn copy_bandwidth(len: usize, threads: usize) -> f64 {
+    let from: Vec<f64> = (0..len).map(|k| k as f64).collect();
+    let mut to = vec![0.0; len];
+    let part = len.div_ceil(threads);
+    let seconds = median_seconds(|| {
+        rayon::scope(|scope| {
+            for (to, from) in to.chunks_mut(part).zip(from.chunks(part)) {
+                scope.spawn(move |_| black_box(to).copy_from_slice(black_box(from)));
+            }
+        });
+    });
+    16.0 * len as f64 / seconds
+}
+
+fn nonlinear(n: usize, threads: usize, single: &mut [f64; 2]) {
+    let (equations, start) = shallow_water(n);
+    let (memory, like_state) = (copy_bandwidth(1 << 25, threads), copy_bandwidth(3 * n * n, threads));
+    let leapfrog = Leapfrog::new(equations.clone(), Duration::from_seconds(90), 0.001).expect("valid numbers");
+    let runge_kutta = Stepped::new(equations, Duration::from_seconds(90), TimeScheme::Rk4).expect("a positive step");
+    let begin = leapfrog.start(&start);
+    let cases: [(&str, &dyn Model, &State, f64); 2] = [
+        ("leapfrog", &leapfrog, &begin, 2.0 * ONE_LEVEL_BYTES),
+        ("Runge-Kutta 4", &runge_kutta, &start, ONE_LEVEL_BYTES),
+    ];
+    for (case, (name, model, start, bytes)) in cases.into_iter().enumerate() {
+        let mut x = start.clone();
+        let rate = (n * n) as f64 / median_seconds(|| model.step(black_box(&mut x)));
+        if threads == 1 {
+            single[case] = rate;
+        }
+        println!(
+            "{n:4}² {threads} thread(s), {name:13}: {rate:9.3e} cell-steps/s ({:5.2} ns/cell), {:4.2} of one thread; \
+             copy {:5.1} GB/s, in arrays like the state {:5.1} GB/s; {:4.2} of the bandwidth bound",
+            1e9 / rate,
+            rate / single[case],
+            memory / 1e9,
+            like_state / 1e9,
+            rate * bytes / memory
+        );
+    }
+}
+
+/// Tangent-linear and adjoint against nonlinear, on one thread.
+fn tangent_linear(n: usize) {
+    let (equations, start) = shallow_water(n);
+    let leapfrog = Leapfrog::new(equations.clone(), Duration::from_seconds(90), 0.001).expect("valid numbers");
+    let runge_kutta = Stepped::new(equations, Duration::from_seconds(90), TimeScheme::Rk4).expect("a positive step");
+    let begin = leapfrog.start(&start);
+    let cases: [(&str, &dyn Adjoint, &State); 2] =
+        [("leapfrog", &leapfrog, &begin), ("Runge-Kutta 4", &runge_kutta, &start)];
+    for (name, model, at) in cases {
+        let mut x = at.clone();
+        let step = median_seconds(|| model.step(black_box(&mut x)));
+        for batch in [1, 32] {
+            let len = at.values().len();
+            if batch * len > 1 << 28 {
+                continue;
+            }
+            let one = standard_normals(&mut stream(1, "columns"), len);
+            let mut columns: Vec<f64> = one.iter().cycle().take(batch * len).copied().collect();
+            let forward = median_seconds(|| model.step_tl(at, black_box(&mut columns)));
+            columns.iter_mut().zip(one.iter().cycle()).for_each(|(column, one)| *column = *one);
+            let backward = median_seconds(|| model.step_ad(at, black_box(&mut columns)));
+            let per_column = |seconds: f64| seconds / batch as f64;
+            println!(
+                "{n:4}² 1 thread, {name:13}: a column in a batch of {batch:2} costs {:5.2} nonlinear steps tangent-linear \
+                 ({:5.2} ns/cell), {:5.2} adjoint",
+                per_column(forward) / step,
+                1e9 * per_column(forward) / (n * n) as f64,
+                per_column(backward) / step
+            );
+        }
+    }
+}

@@ -1,0 +1,333 @@
+//! Leapfrog with the Robert–Asselin filter: a two-level scheme, so a model whose state holds two time levels.
+//!
+//! ```text
+//! x(t + Δt) = x̄(t − Δt) + 2 Δt f(x(t))                             leapfrog
+//! x̄(t)      = x(t) + α [x(t + Δt) − 2 x(t) + x̄(t − Δt)]            filter (Robert 1966; Asselin 1972, MWR 100)
+//! ```
+//!
+//! The state of the model is (x(t), x̄(t − Δt)): its layout has the variables of the tendency twice, the present level
+//! first, so that a variable is found there by its name, and everything that works on states and increments (the loops
+//! of [`crate::forecast`], covariance factors, the contract battery) works on the pair without knowing of it.
+//!
+//! A run begins with [`Leapfrog::start`], (x, x − Δt f(x)): the first leapfrog step from there,
+//! x − Δt f + 2 Δt f = x + Δt f, is the forward Euler step, and the filter changes nothing in it. So there is no first
+//! step to remember; the start has a tangent-linear and an adjoint of its own.
+//!
+//! On ẋ = λx the amplification factors are those of the matrix \[\[2λΔt, 1\], \[1 − 2α + 2αλΔt, 2α\]\]:
+//! α + λΔt ± √((1 − α)² + (λΔt)²). For λΔt = iθ they are at most 1 in size up to θ = √((1 − α)/(1 + α)), for λΔt = −σ up
+//! to σ = 2α/(1 + α): without the filter any damping makes the computational mode grow.
+
+use crate::columns::{Columns, add_scaled};
+use crate::error::{ModelError, require};
+use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state};
+use crate::rows::{Band, Ring, RowStream, bands};
+use crate::scheme::Tendency;
+use crate::state::{Layout, State};
+use crate::time::Duration;
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// A tendency integrated by leapfrog; its states hold two time levels.
+#[derive(Clone, Debug)]
+pub struct Leapfrog<T> {
+    tendency: T,
+    layout: Arc<Layout>,
+    time_step: Duration,
+    robert_filter: f64,
+}
+
+impl<T: Tendency> Leapfrog<T> {
+    /// A model of this tendency with the filter's α, 0 ≤ α < 1 (customary: 0.001 to 0.1).
+    ///
+    /// # Errors
+    /// If the time step is not positive or α out of its range.
+    pub fn new(tendency: T, time_step: Duration, robert_filter: f64) -> Result<Self, ModelError> {
+        crate::error::require_positive("time_step_s", time_step.as_f64())?;
+        let range = (0.0..1.0).contains(&robert_filter);
+        require(range, "robert_filter", robert_filter, "at least 0 and less than 1")?;
+        let one = tendency.layout();
+        let variables = one.variables.iter().chain(&one.variables).cloned().collect();
+        let layout = Arc::new(Layout { grid: one.grid.clone(), variables });
+        Ok(Self { tendency, layout, time_step, robert_filter })
+    }
+
+    /// The right-hand side.
+    pub fn tendency(&self) -> &T {
+        &self.tendency
+    }
+
+    /// The filter's α.
+    pub fn robert_filter(&self) -> f64 {
+        self.robert_filter
+    }
+
+    /// The two-level state (x, x − Δt f(x)) from which the first step is Euler's.
+    ///
+    /// # Panics
+    /// If the state is not of the tendency's layout.
+    pub fn start(&self, x: &State) -> State {
+        let mut now = x.values().to_vec();
+        self.tendency.constrain(&mut now);
+        let mut slope = vec![0.0; now.len()];
+        self.tendency.tendency(&now, &mut slope, &mut vec![0.0; self.tendency.scratch_len()]);
+        let dt = self.time_step.as_f64();
+        let before: Vec<f64> = now.iter().zip(&slope).map(|(x, slope)| x - dt * slope).collect();
+        State::from_values(&self.layout, [now, before].concat())
+    }
+
+    /// The present level of a two-level state.
+    pub fn present(&self, x: &State) -> State {
+        State::from_values(self.tendency.layout(), x.values()[..self.half()].to_vec())
+    }
+
+    /// Tangent-linear of [`Leapfrog::start`]: columns of one level to columns of two.
+    pub fn start_tl(&self, at: &State, columns: &[f64]) -> Vec<f64> {
+        let linearisation = self.linearise(at.values());
+        let dt = self.time_step.as_f64();
+        let mut result = Vec::with_capacity(2 * columns.len());
+        let (mut slope, mut scratch) = (vec![0.0; self.half()], vec![0.0; self.tendency.scratch_len()]);
+        for column in columns.chunks_exact(self.half()) {
+            let mut now = column.to_vec();
+            self.tendency.constrain(&mut now);
+            self.tendency.tendency_tl(&linearisation, &now, &mut slope, &mut scratch);
+            result.extend_from_slice(&now);
+            result.extend(now.iter().zip(&slope).map(|(now, slope)| now - dt * slope));
+        }
+        result
+    }
+
+    /// Adjoint of [`Leapfrog::start_tl`]: columns of two levels to columns of one.
+    pub fn start_ad(&self, at: &State, columns: &[f64]) -> Vec<f64> {
+        let linearisation = self.linearise(at.values());
+        let dt = self.time_step.as_f64();
+        let mut result = Vec::with_capacity(columns.len() / 2);
+        let mut scratch = vec![0.0; self.tendency.scratch_len()];
+        for column in columns.chunks_exact(2 * self.half()) {
+            let (now, before) = column.split_at(self.half());
+            let mut sum: Vec<f64> = now.iter().zip(before).map(|(now, before)| now + before).collect();
+            let slope: Vec<f64> = before.iter().map(|before| -dt * before).collect();
+            self.tendency.tendency_ad(&linearisation, &slope, &mut sum, &mut scratch);
+            self.tendency.constrain(&mut sum);
+            result.extend_from_slice(&sum);
+        }
+        result
+    }
+
+    /// Number of values of one level.
+    fn half(&self) -> usize {
+        self.tendency.layout().len()
+    }
+
+    fn linearise(&self, at: &[f64]) -> T::Linearisation {
+        let mut now = at[..self.half()].to_vec();
+        self.tendency.constrain(&mut now);
+        self.tendency.linearise(&now)
+    }
+
+    fn columns<'a>(&self, columns: &'a mut [f64]) -> Columns<'a> {
+        Columns::new(columns, self.layout.len())
+    }
+
+    fn constrain(&self, x: &mut [f64]) {
+        let (now, before) = x.split_at_mut(self.half());
+        self.tendency.constrain(now);
+        self.tendency.constrain(before);
+    }
+
+    /// One band of rows, in place: row j is overwritten when row j + 1 is known to the stream.
+    fn sweep(&self, stream: &mut dyn RowStream, band: &mut Band<'_>) {
+        let variables = self.tendency.layout().variables.len();
+        let length = self.layout.grid.nx + 2;
+        let (mut x, mut slope) = (Ring::new(variables * length, 2), vec![0.0; variables * length]);
+        let mut ghost = vec![0.0; variables * length];
+        let rows = band.reached(1);
+        let walls = band.walls();
+        let mut told = 0;
+        for row in rows.clone() {
+            band.load(row, x.row_mut(row));
+            told += 1;
+            match (told, walls.0) {
+                (1, false) => stream.begin(x.row(row)),
+                (1, true) => {
+                    stream.beyond_wall(x.row(row), &mut ghost);
+                    stream.begin(&ghost);
+                    stream.push(band.grid_row(row), &ghost, x.row(row), &mut slope);
+                    told = 2;
+                }
+                _ => stream.push(band.grid_row(row), x.row(row - 1), x.row(row), &mut slope),
+            }
+            if told > 2 {
+                self.update(band, row - 1, &slope);
+            }
+        }
+        if walls.1 {
+            let last = rows.end - 1;
+            stream.beyond_wall(x.row(last), &mut ghost);
+            stream.push(rows.end as usize, x.row(last), &ghost, &mut slope);
+            self.update(band, last, &slope);
+        }
+    }
+
+    /// Advances one row, given its slope.
+    fn update(&self, band: &mut Band<'_>, row: isize, slope: &[f64]) {
+        let nx = self.layout.grid.nx;
+        let start = (row - band.first as isize) as usize * nx;
+        let (now, before) = band.fields.split_at_mut(slope.len() / (nx + 2));
+        let (dt, alpha) = (self.time_step.as_f64(), self.robert_filter);
+        Arch::new().dispatch(Advance { dt, alpha, part: start..start + nx, now, before, slope });
+    }
+}
+
+/// (now, before) to (new, filtered) in a part of each field, for [`pulp::Arch::dispatch`].
+struct Advance<'a, 'b> {
+    dt: f64,
+    alpha: f64,
+    part: std::ops::Range<usize>,
+    now: &'a mut [&'b mut [f64]],
+    before: &'a mut [&'b mut [f64]],
+    slope: &'a [f64],
+}
+
+impl WithSimd for Advance<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let Advance { dt, alpha, part, now, before, slope } = self;
+        let nx = part.len();
+        for ((now, before), slope) in now.iter_mut().zip(before).zip(slope.chunks_exact(nx + 2)) {
+            advance(dt, alpha, &mut now[part.clone()], &mut before[part.clone()], &slope[1..=nx]);
+        }
+    }
+}
+
+#[inline(always)]
+fn advance(dt: f64, alpha: f64, now: &mut [f64], before: &mut [f64], slope: &[f64]) {
+    let two_dt = 2.0 * dt;
+    let n = now.len();
+    let (before, slope) = (&mut before[..n], &slope[..n]);
+    for i in 0..n {
+        let new = before[i] + two_dt * slope[i];
+        before[i] = now[i] + alpha * (new - 2.0 * now[i] + before[i]);
+        now[i] = new;
+    }
+}
+
+impl<T: Tendency> Model for Leapfrog<T> {
+    fn layout(&self) -> &Arc<Layout> {
+        &self.layout
+    }
+
+    fn time_step(&self) -> Duration {
+        self.time_step
+    }
+
+    fn largest_time_step_s(&self, x: &State) -> f64 {
+        let bounds = self.tendency.spectral_bounds(&x.values()[..self.half()]);
+        let alpha = self.robert_filter;
+        let (imaginary, real) = (((1.0 - alpha) / (1.0 + alpha)).sqrt(), 2.0 * alpha / (1.0 + alpha));
+        let damping = if bounds.damping_per_s > 0.0 { bounds.damping_per_s / real } else { 0.0 };
+        1.0 / (bounds.oscillation_per_s / imaginary + damping)
+    }
+
+    fn check_state(&self, x: &State) -> Result<(), ModelError> {
+        require_finite_state(x)?;
+        let (now, before) = x.values().split_at(self.half());
+        self.tendency.check(now)?;
+        self.tendency.check(before)
+    }
+
+    fn step(&self, x: &mut State) {
+        assert_eq!(x.values().len(), self.layout.len(), "the state is not of this model's layout");
+        let (grid, variables) = (&self.layout.grid, self.tendency.layout().variables.len());
+        self.constrain(x.values_mut());
+        if let Some(mut stream) = self.tendency.row_stream(grid.nx + 2) {
+            let mut bands = bands(grid, x.values_mut(), variables, 1);
+            return match &mut bands[..] {
+                [band] => self.sweep(&mut *stream, band),
+                bands => bands.par_iter_mut().for_each(|band| {
+                    if let Some(mut stream) = self.tendency.row_stream(grid.nx + 2) {
+                        self.sweep(&mut *stream, band);
+                    }
+                }),
+            };
+        }
+        let (now, before) = x.values_mut().split_at_mut(self.half());
+        let mut slope = vec![0.0; now.len()];
+        self.tendency.tendency(now, &mut slope, &mut vec![0.0; self.tendency.scratch_len()]);
+        advance(self.time_step.as_f64(), self.robert_filter, now, before, &slope);
+    }
+}
+
+impl<T: Tendency> TangentLinear for Leapfrog<T> {
+    fn step_tl(&self, at: &State, columns: &mut [f64]) {
+        let linearisation = self.linearise(at.values());
+        self.columns(columns).for_each(
+            || (vec![0.0; self.half()], vec![0.0; self.tendency.scratch_len()]),
+            #[inline(always)]
+            |column, (slope, scratch)| {
+                self.constrain(column);
+                let (now, before) = column.split_at_mut(self.half());
+                self.tendency.tendency_tl(&linearisation, now, slope, scratch);
+                advance(self.time_step.as_f64(), self.robert_filter, now, before, slope);
+            },
+        );
+    }
+}
+
+impl<T: Tendency> Adjoint for Leapfrog<T> {
+    /// With n* and f* for the gradients with respect to the new and the filtered level:
+    /// n* += α f*, now* = (1 − 2α) f* + f'ᵀ 2Δt n*, before* = n* + α f*.
+    fn step_ad(&self, at: &State, columns: &mut [f64]) {
+        let linearisation = self.linearise(at.values());
+        let (two_dt, alpha) = (2.0 * self.time_step.as_f64(), self.robert_filter);
+        self.columns(columns).for_each(
+            || (vec![0.0; self.half()], vec![0.0; self.half()], vec![0.0; self.tendency.scratch_len()]),
+            #[inline(always)]
+            |column, (slope, gradient, scratch)| {
+                let (now, before) = column.split_at_mut(self.half());
+                for i in 0..now.len() {
+                    let (new, filtered) = (now[i] + alpha * before[i], before[i]);
+                    slope[i] = two_dt * new;
+                    now[i] = (1.0 - 2.0 * alpha) * filtered;
+                    before[i] = new + alpha * filtered;
+                }
+                gradient.fill(0.0);
+                self.tendency.tendency_ad(&linearisation, slope, gradient, scratch);
+                add_scaled(now, 1.0, gradient);
+                self.constrain(column);
+            },
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    /// The larger amplification factor for λΔt = −σ + iθ, from the characteristic polynomial.
+    fn amplification(alpha: f64, damping: f64, oscillation: f64) -> f64 {
+        // w² = (1 − α)² + z², z = −σ + iθ; λ = α + z ± w.
+        let (re, im) = ((1.0 - alpha).powi(2) + damping.powi(2) - oscillation.powi(2), -2.0 * damping * oscillation);
+        let size = re.hypot(im).sqrt();
+        let angle = 0.5 * im.atan2(re);
+        let (w_re, w_im) = (size * angle.cos(), size * angle.sin());
+        let plus = (alpha - damping + w_re).hypot(oscillation + w_im);
+        plus.max((alpha - damping - w_re).hypot(oscillation - w_im))
+    }
+
+    #[test]
+    fn the_triangle_lies_in_the_stability_region_and_touches_it_at_its_corners() {
+        for alpha in [0.001, 0.05, 0.2] {
+            let (imaginary, real) = (f64::sqrt((1.0 - alpha) / (1.0 + alpha)), 2.0 * alpha / (1.0 + alpha));
+            for step in 0..=1000 {
+                let part = f64::from(step) / 1000.0;
+                for size in [0.1, 0.5, 0.9, 1.0] {
+                    let factor = amplification(alpha, real * part * size, imaginary * (1.0 - part) * size);
+                    assert!(factor <= 1.0 + 1e-9, "{alpha} {part} {size}: {factor}");
+                }
+            }
+            assert!(amplification(alpha, 0.0, imaginary + 1e-4) > 1.0);
+            assert!(amplification(alpha, real + 1e-4, 0.0) > 1.0);
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! The sweep over rows against the tendency on whole fields, and on any number of threads: the same bits.
+
+mod common;
+
+use common::{BOUNDARIES, FORMS, SCHEMES, grid, parameters, stepped, turbulence};
+use isobar_model::initial::{self, Vortex};
+use isobar_model::{
+    Duration, Layout, Leapfrog, Model, ShallowWater, ShallowWaterParameters, SpectralBounds, State, Tendency,
+};
+use std::sync::Arc;
+
+/// Shallow water that hides its form by rows.
+#[derive(Clone)]
+struct WholeFields(ShallowWater);
+
+impl Tendency for WholeFields {
+    type Linearisation = <ShallowWater as Tendency>::Linearisation;
+
+    fn layout(&self) -> &Arc<Layout> {
+        self.0.layout()
+    }
+    fn scratch_len(&self) -> usize {
+        self.0.scratch_len()
+    }
+    fn constrain(&self, x: &mut [f64]) {
+        self.0.constrain(x);
+    }
+    fn tendency(&self, x: &[f64], out: &mut [f64], scratch: &mut [f64]) {
+        self.0.tendency(x, out, scratch);
+    }
+    fn linearise(&self, at: &[f64]) -> Self::Linearisation {
+        self.0.linearise(at)
+    }
+    fn tendency_tl(&self, at: &Self::Linearisation, dx: &[f64], out: &mut [f64], scratch: &mut [f64]) {
+        self.0.tendency_tl(at, dx, out, scratch);
+    }
+    fn tendency_ad(&self, at: &Self::Linearisation, dy: &[f64], out_add: &mut [f64], scratch: &mut [f64]) {
+        self.0.tendency_ad(at, dy, out_add, scratch);
+    }
+    fn spectral_bounds(&self, x: &[f64]) -> SpectralBounds {
+        self.0.spectral_bounds(x)
+    }
+}
+
+fn bits(x: &State) -> Vec<u64> {
+    x.values().iter().map(|value| value.to_bits()).collect()
+}
+
+fn after(model: &dyn Model, start: &State, steps: usize) -> State {
+    let mut x = start.clone();
+    (0..steps).for_each(|_| model.step(&mut x));
+    assert!(bits(&x) != bits(start) && x.first_non_finite().is_none());
+    x
+}
+
+#[test]
+fn rows_give_the_bits_of_whole_fields() {
+    for boundary in BOUNDARIES {
+        for form in FORMS {
+            for (nx, ny, drag_per_s) in [(14, 11, 0.0), (4, 4, 1e-5), (33, 5, 1e-5)] {
+                let parameters = ShallowWaterParameters { drag_per_s, ..parameters(boundary) };
+                let rows = ShallowWater::new(grid(nx, ny, boundary), parameters, form).unwrap();
+                let whole = WholeFields(rows.clone());
+                assert!(rows.row_stream(nx + 2).is_some() && whole.row_stream(nx + 2).is_none());
+                let start = turbulence(&rows);
+                for scheme in SCHEMES {
+                    let swept = after(&stepped(rows.clone(), 200, scheme), &start, 3);
+                    assert_eq!(bits(&swept), bits(&after(&stepped(whole.clone(), 200, scheme), &start, 3)));
+                }
+                let step = Duration::from_seconds(100);
+                let (rows, whole) =
+                    (Leapfrog::new(rows, step, 0.02).unwrap(), Leapfrog::new(whole, step, 0.02).unwrap());
+                let start = rows.start(&start);
+                assert_eq!(bits(&after(&rows, &start, 3)), bits(&after(&whole, &start, 3)));
+            }
+        }
+    }
+}
+
+/// 290 × 256 cells: enough for two bands.
+#[test]
+fn bands_on_several_threads_give_the_bits_of_one() {
+    for boundary in BOUNDARIES {
+        let equations = ShallowWater::new(grid(256, 290, boundary), parameters(boundary), FORMS[0]).unwrap();
+        let vortex = Vortex { center_x_m: 9e6, center_y_m: 11.5e6, amplitude_m: 40.0, radius_m: 8e5 };
+        let start = initial::vortices(&equations, 1000.0, &[vortex]).unwrap();
+        let leapfrog = Leapfrog::new(equations.clone(), Duration::from_seconds(100), 0.02).unwrap();
+        let cases: [(Box<dyn Model>, State); 3] = [
+            (Box::new(stepped(equations.clone(), 150, SCHEMES[0])), start.clone()),
+            (Box::new(stepped(equations.clone(), 150, SCHEMES[1])), start.clone()),
+            (Box::new(leapfrog.clone()), leapfrog.start(&start)),
+        ];
+        for (model, start) in cases {
+            let on = |threads: usize| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                pool.install(|| bits(&after(&*model, &start, 4)))
+            };
+            let one = on(1);
+            assert!(one == on(2), "two threads");
+            assert!(one == on(5), "five threads");
+        }
+    }
+}
