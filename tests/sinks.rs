@@ -9,7 +9,7 @@ use std::path::Path;
 use synthetic_run::SyntheticRun;
 
 const FILL_VALUE: f64 = 9.96921e36;
-const NETCDF: Outputs = Outputs { netcdf: true, rerun: false };
+const NETCDF: Outputs = Outputs { netcdf: true, rerun: false, report: false, live: false };
 
 /// Plays the run into a new directory, completes it, and lets `look` see it.
 fn written(run: &SyntheticRun, look: impl FnOnce(&Path)) {
@@ -342,6 +342,6 @@ fn a_recording_is_refused_where_it_cannot_be_made() {
     let run = SyntheticRun::new(8, 6, 1, 1);
     let parent = tempfile::tempdir().unwrap();
     let directory = OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap();
-    let Err(error) = open_all(&run.info, &directory, Outputs { netcdf: false, rerun: true }) else { panic!() };
+    let Err(error) = open_all(&run.info, &directory, Outputs { rerun: true, ..Outputs::default() }) else { panic!() };
     assert!(error.reason.contains("feature"), "{error}");
 }

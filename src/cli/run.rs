@@ -69,6 +69,8 @@ fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, 
         overwrite: arguments.overwrite,
         netcdf: scenario.output.netcdf && !arguments.no_netcdf,
         rerun: scenario.output.rerun && !arguments.no_rerun,
+        report: scenario.output.report && !arguments.no_report,
+        live: arguments.live,
     })
 }
 
@@ -102,6 +104,8 @@ mod tests {
             overwrite: false,
             netcdf: true,
             rerun: true,
+            report: true,
+            live: false,
         };
         assert_eq!(plain, all);
         let changed =

@@ -1,11 +1,12 @@
 //! Maps: fields, wind arrows and observing platforms, cycle by cycle.
 
-use super::colors::{self, Scale};
-use super::frame::{Frame, number};
+use super::frame::Frame;
 use super::history::{Estimates, History, Platform};
 use super::ranges::Ranges;
 use super::recording::{Names, Result};
 use crate::event::RunInfo;
+use crate::plot::colors::{self, Scale};
+use crate::plot::number;
 use ::rerun::components::Colormap;
 use ::rerun::{Arrows2D, ChannelDatatype, DepthImage, Image, LineStrips2D, Points2D, RecordingStream};
 use isobar_model::Time;
@@ -130,7 +131,7 @@ impl Maps<'_> {
         for &(at, variable, value) in &platform.reports {
             let variable = &self.info.layout.variables[variable];
             let departure = departures.get(at).map_or_else(|| "?".into(), |&departure| number(departure));
-            let (name, unit, value) = (variable.name, variable.unit, number(value as f32));
+            let (name, unit, value) = (variable.name, variable.unit, number(value));
             label += &format!("\n{name} = {value} {unit}, departure {departure}");
         }
         label

@@ -4,7 +4,6 @@
 //! cycles and methods share. That takes about 4 bytes × cells × cycles × (7 + 7 × methods).
 
 mod blueprint;
-mod colors;
 mod frame;
 mod history;
 mod maps;
@@ -15,7 +14,7 @@ mod text;
 mod views;
 
 use crate::event::{Event, RunInfo};
-use crate::sink::{OutputDirectory, Sink, SinkError};
+use crate::sink::{OutputDirectory, Outputs, Sink, SinkError};
 use history::History;
 use std::fmt::Display;
 use std::path::PathBuf;
@@ -36,7 +35,7 @@ impl RerunSink {
     ///
     /// # Errors
     /// If the run has no variable to draw a map of.
-    pub fn create(info: &RunInfo, directory: &OutputDirectory) -> Result<Self, SinkError> {
+    pub fn create(info: &RunInfo, directory: &OutputDirectory, _outputs: Outputs) -> Result<Self, SinkError> {
         let path = directory.path().join(RECORDING_FILE);
         if info.layout.is_empty() {
             return Err(SinkError { path, reason: "the run has no variables to draw".into() });
@@ -69,6 +68,7 @@ impl Sink for RerunSink {
                 let written = recording::write(&self.path, &self.info, &self.history, summary);
                 written.map_err(|reason| self.failure(reason))
             }
+            Event::Warning(_) => Ok(()),
         }
     }
 }

@@ -1,9 +1,9 @@
 //! Curves over time: errors and spreads of each variable, and the bias estimates.
 
-use super::colors;
 use super::history::{Estimates, History};
 use super::recording::{Names, Result};
 use crate::event::RunInfo;
+use crate::plot::colors;
 use crate::summary::MethodScores;
 use ::rerun::{RecordingStream, Scalars, SeriesLines, TimeColumn};
 use isobar_model::Time;

@@ -1,7 +1,7 @@
 //! The recording's texts: what the run was, and how the methods scored.
 
-use super::frame::number;
 use crate::event::RunInfo;
+use crate::plot::number;
 use crate::summary::Summary;
 use std::fmt::Write;
 
@@ -45,7 +45,7 @@ pub fn scenario(info: &RunInfo) -> String {
 }
 
 fn figure(value: Option<f64>) -> String {
-    value.map_or_else(|| "–".into(), |value| number(value as f32))
+    value.map_or_else(|| "–".into(), |value| number(value))
 }
 
 fn cell(text: &str) -> String {

@@ -1,11 +1,12 @@
 //! Which views there are: a tab that compares all methods, and one for each method.
 
 use super::blueprint::{Arrangement, Blueprint, Part};
-use super::frame::{Frame, number};
+use super::frame::Frame;
 use super::history::History;
 use super::ranges::Ranges;
 use super::recording::{Names, Result};
 use crate::event::RunInfo;
+use crate::plot::number;
 use ::rerun::RecordingStream;
 
 /// Plots of calibration parameters on one page, and the most pages that a method has.
@@ -72,7 +73,7 @@ impl Views<'_> {
     fn maps(&mut self, method: usize) -> Result<Vec<Part>> {
         let variable = &self.info.layout.variables[self.history.mapped];
         let (name, unit) = (variable.name, variable.unit);
-        let [low, high] = self.ranges.state.map(number);
+        let [low, high] = self.ranges.state.map(number::<f32>);
         let state = format!("{low} to {high} {unit}");
         let difference = format!("±{} {unit}", number(self.ranges.difference));
         let has_spread = self.history.methods[method].values().any(|it| it.spread.is_some());
