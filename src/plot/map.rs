@@ -10,11 +10,11 @@ use kuva::render::layout::TickFormat;
 use std::sync::Arc;
 
 /// Pixels of the picture for each of its units: sharp on a fine display.
-const PIXELS: f32 = 2.0;
+const PIXELS: f32 = 1.5;
 
 /// Width of the map's frame, and what the labels around it take.
 const FRAME: f64 = 330.0;
-const AROUND: [f64; 2] = [140.0, 88.0];
+const AROUND: [f64; 2] = [105.0, 88.0];
 
 /// An observing platform on a map.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,8 +23,8 @@ pub struct Mark {
     pub x_m: f64,
     /// y \[m\].
     pub y_m: f64,
-    /// Its colour.
-    pub color: [u8; 3],
+    /// Its colour; `None`: a small dark dot.
+    pub color: Option<[u8; 3]>,
 }
 
 /// A map of a field.
@@ -32,8 +32,8 @@ pub struct Mark {
 pub struct FieldMap {
     /// Its title.
     pub title: String,
-    /// Name and unit of what the colours mean.
-    pub quantity: String,
+    /// Unit of the field.
+    pub unit: String,
     /// Values `[y, x]`, from the south.
     pub field: Vec<f32>,
     /// Columns and rows.
@@ -80,9 +80,9 @@ impl FieldMap {
             .with_width(FRAME + AROUND[0])
             .with_height(FRAME * aspect + AROUND[1])
             .with_theme(theme)
-            .with_title(&*self.title)
-            .with_x_label("x [km]")
-            .with_y_label("y [km]")
+            .with_title(format!("{} [{}]", self.title, self.unit))
+            // Rotated labels look smudged in pictures of this crate.
+            .with_x_label("x and y [km]")
             .with_x_axis_min(0.0)
             .with_x_axis_max(width)
             .with_y_axis_min(0.0)
@@ -110,7 +110,7 @@ impl FieldMap {
         let grid = vec![vec![low, high], vec![low, high]];
         let (xs, ys) = (vec![0.4 * width, 0.6 * width], vec![0.4 * height, 0.6 * height]);
         let bar = ContourPlot::new().with_grid(grid, xs, ys).with_filled().with_n_levels(2).with_colormap(colors);
-        bar.with_legend(&*self.quantity).into()
+        bar.into()
     }
 
     fn cells(&self, rows: &[Vec<f64>], [width, height]: [f64; 2]) -> Plot {
@@ -142,16 +142,21 @@ impl FieldMap {
         Some(plot.with_line_color(color).with_line_width(0.7).into())
     }
 
-    /// Each mark with a rim, white within black, so that it is seen on any colour.
+    /// Each mark with a dark rim if it has a colour, so that it is seen on any field.
     fn dots(&self) -> Vec<Plot> {
         if self.marks.is_empty() {
             return Vec::new();
         }
-        let points: Vec<(f64, f64)> = self.marks.iter().map(|mark| (mark.x_m / 1000.0, mark.y_m / 1000.0)).collect();
-        let rim = ScatterPlot::new().with_data(points.clone()).with_color("#000000").with_size(3.4);
-        let colors = self.marks.iter().map(|mark| hex(mark.color));
-        let dots = ScatterPlot::new().with_data(points).with_size(2.6).with_colors(colors);
-        vec![rim.into(), dots.into()]
+        let place = |mark: &Mark| (mark.x_m / 1000.0, mark.y_m / 1000.0);
+        let points: Vec<(f64, f64)> = self.marks.iter().map(place).collect();
+        let colored = self.marks.iter().filter_map(|mark| Some((place(mark), hex(mark.color?))));
+        let (places, colors): (Vec<(f64, f64)>, Vec<String>) = colored.unzip();
+        let size = if places.is_empty() { 0.9 } else { 2.8 };
+        let mut plots = vec![ScatterPlot::new().with_data(points).with_color("#202020").with_size(size).into()];
+        if !places.is_empty() {
+            plots.push(ScatterPlot::new().with_data(places).with_size(2.2).with_colors(colors).into());
+        }
+        plots
     }
 }
 
@@ -173,14 +178,14 @@ mod tests {
     fn map() -> FieldMap {
         FieldMap {
             title: "<h>".into(),
-            quantity: "h [m]".into(),
+            unit: "m".into(),
             field: (0..12).map(|value| value as f32).collect(),
             size: [4, 3],
             extent_m: [4e5, 3e5],
             scale: Scale::State,
             range: [0.0, 20.0],
             contours: contour_levels([0.0, 20.0]),
-            marks: vec![Mark { x_m: 1e5, y_m: 1e5, color: [255, 255, 255] }],
+            marks: vec![Mark { x_m: 1e5, y_m: 1e5, color: Some([255, 255, 255]) }],
         }
     }
 

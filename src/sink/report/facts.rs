@@ -48,7 +48,14 @@ fn grid(info: &RunInfo) -> String {
 fn settings(table: &Table) -> String {
     let kind = table.get("kind").and_then(Value::as_str).map(String::from);
     let rest = table.iter().filter(|(key, value)| *key != "kind" && !value.is_table() && !value.is_array());
-    kind.into_iter().chain(rest.map(|(key, value)| format!("{key} = {value}"))).collect::<Vec<_>>().join(", ")
+    kind.into_iter()
+        .chain(rest.map(|(key, value)| match value {
+            Value::Float(value) => format!("{key} = {}", number(*value)),
+            Value::String(value) => format!("{key} = {value}"),
+            value => format!("{key} = {value}"),
+        }))
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 fn networks(scenario: &Table) -> Option<String> {
@@ -56,7 +63,11 @@ fn networks(scenario: &Table) -> Option<String> {
     let describe = |(name, network): (&String, &Value)| {
         let network = network.as_table()?;
         let biases = network.get("bias").and_then(Value::as_array).map_or(0, Vec::len);
-        let biases = if biases > 0 { format!(", with {biases} kinds of bias") } else { String::new() };
+        let biases = if biases > 0 {
+            format!(", with {biases} {} of bias", if biases == 1 { "kind" } else { "kinds" })
+        } else {
+            String::new()
+        };
         Some(format!("{name} ({}{biases})", network.get("kind")?.as_str()?))
     };
     let all: Vec<String> = networks.iter().filter_map(describe).collect();

@@ -28,7 +28,17 @@ pub struct MapsOfCycle {
     /// The truth.
     pub truth: Drawing,
     /// For each method its name and maps.
-    pub methods: Vec<(String, Vec<Drawing>)>,
+    pub methods: Vec<(String, MethodMaps)>,
+}
+
+/// The maps of a method.
+pub struct MethodMaps {
+    /// Background and analysis.
+    pub states: Vec<Drawing>,
+    /// Error of the analysis.
+    pub error: Drawing,
+    /// Claimed spread of the analysis, if there is one.
+    pub spread: Option<Drawing>,
 }
 
 /// The ranges that all maps of the run share.
@@ -80,7 +90,7 @@ impl<'a> Maps<'a> {
         snapshot: &Snapshot,
         fields: &Fields,
         stem: &dyn Fn(&str) -> String,
-    ) -> Vec<Drawing> {
+    ) -> MethodMaps {
         let limit = self.ranges.difference;
         let mut background = self.state(
             stem("background"),
@@ -89,9 +99,10 @@ impl<'a> Maps<'a> {
             &fields.background,
         );
         let places = snapshot.places.iter().zip(&fields.departures);
-        background.map.marks =
-            places.map(|(&(_, x_m, y_m), &departure)| Mark { x_m, y_m, color: difference(departure, limit) }).collect();
-        let mut maps = vec![
+        background.map.marks = places
+            .map(|(&(_, x_m, y_m), &departure)| Mark { x_m, y_m, color: Some(difference(departure, limit)) })
+            .collect();
+        let states = vec![
             background,
             self.state(
                 stem("analysis"),
@@ -109,19 +120,18 @@ impl<'a> Maps<'a> {
             Scale::Difference,
             [-limit, limit],
         );
-        error.map.marks = snapshot.places.iter().map(|&(_, x_m, y_m)| Mark { x_m, y_m, color: [90, 90, 90] }).collect();
-        maps.push(error);
-        if let Some(spread) = &fields.spread {
-            maps.push(self.drawing(
+        error.map.marks = snapshot.places.iter().map(|&(_, x_m, y_m)| Mark { x_m, y_m, color: None }).collect();
+        let spread = fields.spread.as_ref().map(|spread| {
+            self.drawing(
                 stem("spread"),
                 format!("Standard deviation that {method} claims for its analysis."),
                 format!("{method}: claimed spread {name}"),
                 spread.clone(),
                 Scale::Spread,
                 [0.0, self.ranges.spread],
-            ));
-        }
-        maps
+            )
+        });
+        MethodMaps { states, error, spread }
     }
 
     fn variable(&self) -> (&'a str, &'a str) {
@@ -141,11 +151,11 @@ impl<'a> Maps<'a> {
         scale: Scale,
         range: [f32; 2],
     ) -> Drawing {
-        let (name, unit) = self.variable();
+        let (_, unit) = self.variable();
         let grid = self.history.thinning.grid(&self.info.layout.grid);
         let map = FieldMap {
             title,
-            quantity: format!("{name} [{unit}]"),
+            unit: unit.to_string(),
             field,
             size: self.history.thinning.size(),
             extent_m: [grid.width_m(), grid.height_m()],

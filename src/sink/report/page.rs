@@ -197,27 +197,30 @@ impl Report {
         })
     }
 
+    /// The maps of the last cycle, and folded the errors of others; the files hold all.
     fn maps(&mut self, all: Vec<maps::MapsOfCycle>) -> Result<Section, PageError> {
         let mut section = Section { title: "Maps".into(), ..Section::default() };
         for (number, maps) in all.into_iter().enumerate() {
-            let mut figures = vec![self.map(maps.truth)?];
-            let mut methods = Vec::new();
-            for (name, drawings) in maps.methods {
-                let figures = drawings.into_iter().map(|it| self.map(it)).collect::<Result<Vec<_>, _>>()?;
-                methods.push((name, figures));
-            }
             let when = format!("cycle {}, {}", maps.cycle, maps.time);
+            let mut figures = vec![self.map(maps.truth)?];
+            let mut more = Vec::new();
+            for (name, own) in maps.methods {
+                figures.push(self.map(own.error)?);
+                let mut others = own.states.into_iter().map(|it| self.map(it)).collect::<Result<Vec<_>, _>>()?;
+                others.extend(own.spread.map(|it| self.map(it)).transpose()?);
+                let title = format!("{name}: background with observations, analysis, claimed spread");
+                more.push(Folded { title, figures: others, ..Folded::default() });
+            }
             if number == 0 {
                 section.title = format!("Maps of {when}");
-                section.text = "All maps of a kind have the same colours for the same values.".into();
-                section.figures = figures;
-                section.folded = methods
-                    .into_iter()
-                    .map(|(title, figures)| Folded { title, figures, ..Folded::default() })
-                    .collect();
+                section.text =
+                    "Truth, and the error of every method. All maps of a kind have the same colours for the \
+                                same values."
+                        .into();
+                (section.figures, section.folded) = (figures, more);
             } else {
-                figures.extend(methods.into_iter().flat_map(|(_, figures)| figures));
-                section.folded.push(Folded { title: format!("Maps of {when}"), figures, ..Folded::default() });
+                let title = format!("Truth and errors of {when}");
+                section.folded.push(Folded { title, figures, ..Folded::default() });
             }
         }
         Ok(section)

@@ -1,6 +1,7 @@
 //! The ranges that colours and axes of the whole run share.
 
 use super::history::History;
+use crate::event::RunInfo;
 use crate::plot::range::{around, quantile, round_up};
 use crate::summary::PerVariable;
 
@@ -21,7 +22,8 @@ pub struct Ranges {
 
 impl Ranges {
     /// The ranges of a run.
-    pub fn of(history: &History, variables: &[&str]) -> Self {
+    pub fn of_run(info: &RunInfo, history: &History) -> Self {
+        let variables: Vec<&str> = info.layout.variables.iter().map(|variable| variable.name).collect();
         let truth = || history.truth.values();
         let (low, high) = truth()
             .flat_map(|truth| &truth.field)

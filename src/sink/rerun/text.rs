@@ -37,6 +37,15 @@ pub fn scores(info: &RunInfo, summary: &Summary) -> String {
     text
 }
 
+/// What stands in the place of the scores while the run computes.
+pub fn unfinished(info: &RunInfo) -> String {
+    let mut text = format!("# {}\n\nThe run is not complete yet.\n\n", info.title);
+    for method in &info.methods {
+        let _ = writeln!(text, "- **{}**: {}", method.name, method.description);
+    }
+    text
+}
+
 /// The scenario file, as markdown.
 pub fn scenario(info: &RunInfo) -> String {
     // A fence longer than any in the text.

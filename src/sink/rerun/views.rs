@@ -41,10 +41,17 @@ impl Views<'_> {
             plots.push(self.blueprint.curves(&name, &contents, Some([0.0, range]), true)?);
         }
         let plots = self.blueprint.container("errors", Arrangement::Horizontal, &plots)?;
+        let mapped = &self.info.layout.variables[self.history.mapped];
+        let departure = format!("mean background departure of {} [{}]", mapped.name, mapped.unit);
+        let innovations = [("innovation χ²/n [1]", "innovation/chi2/**"), (&departure, "innovation/departure/**")];
+        let innovations =
+            innovations.map(|(name, contents)| self.blueprint.curves(name, &[contents.into()], None, true));
+        let innovations = innovations.into_iter().collect::<Result<Vec<_>>>()?;
+        let innovations = self.blueprint.container("innovations", Arrangement::Horizontal, &innovations)?;
         let texts =
             [self.blueprint.document("scores", "text/scores")?, self.blueprint.document("scenario", "text/scenario")?];
         let texts = self.blueprint.container("texts", Arrangement::Horizontal, &texts)?;
-        self.blueprint.container("overview", Arrangement::Vertical(&[1.0, 1.0]), &[plots, texts])
+        self.blueprint.container("overview", Arrangement::Vertical(&[1.0, 0.8, 1.0]), &[plots, innovations, texts])
     }
 
     /// One method: its maps above its curves.
