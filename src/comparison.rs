@@ -96,7 +96,9 @@ impl Comparison {
         }];
         let explanation = "Differences of root-mean-square analysis errors, with their 95 % intervals from cycle by cycle \
                            differences. Coloured: significant at the level of 5 %, smaller is better. Of twenty comparisons \
-                           without any real difference one looks significant.";
+                           without any real difference one looks significant. Runs of different seeds or scenarios have \
+                           different truths: a difference between them holds for these two stretches of weather, and \
+                           not for the next seed.";
         for (title, table) in [
             ("Differences from run A", self.between_runs()),
             ("Differences from each run's best method", self.within_runs()),
