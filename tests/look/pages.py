@@ -72,7 +72,7 @@ def look(browser, page, width, dark, picture, whole):
     call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=width < 600)
     call("Page.navigate", url=page.resolve().as_uri())
     browser.wait_for("Page.loadEventFired")
-    evaluate = lambda text: call("Runtime.evaluate", expression=text, returnByValue=True)["result"]["value"]
+    evaluate = lambda text: call("Runtime.evaluate", expression=text, returnByValue=True)["result"].get("value")
     evaluate("document.querySelectorAll('details').forEach(it => it.open = true)")
     found = evaluate("""({
         scroll: document.documentElement.scrollWidth, width: innerWidth,

@@ -31,30 +31,25 @@ def main():
         whole = out / "recording.png"
         client.save_screenshot(str(whole.resolve()))
         check(whole, 200)
-        # Views have fixed numbers, in the order of the layout.
-        seen = 0
-        for number in range(1, int(os.environ.get("VIEWS", "25"))):
+        # Views have fixed numbers, in the order of the layout; the viewer never answers for one that is not on show.
+        for number in [1, 2, 3]:
             picture = out / f"recording_view_{number:02}.png"
-            try:
-                client.save_screenshot(str(picture.resolve()), view_id=f"00000000-0000-0000-0000-{number:012x}")
-            except Exception:  # A container, or a view behind another tab.
-                continue
-            if picture.exists():
-                check(picture, 8)
-                seen += 1
-        assert seen >= 5, f"only {seen} views could be seen"
-        print(f"the recording: {seen} views")
+            client.save_screenshot(str(picture.resolve()), view_id=f"00000000-0000-0000-0000-{number:012x}")
+            check(picture, 8)
+        print(f"the recording: {whole} and three of its views")
     finally:
         viewer.terminate()
         viewer.wait(30)
 
 
 def check(picture, least):
+    colors = []
     for _ in range(50):
-        if picture.exists() and picture.stat().st_size > 0:
+        try:
+            colors = Image.open(picture).convert("RGB").getcolors(1 << 24)
             break
-        time.sleep(0.1)
-    colors = Image.open(picture).convert("RGB").getcolors(1 << 24)
+        except OSError:  # The viewer is still writing it.
+            time.sleep(0.2)
     assert len(colors) >= least, f"{picture} is empty: {len(colors)} colours"
 
 
