@@ -30,11 +30,14 @@ pub struct Scorecard {
     observations: usize,
     partition: Option<Partition>,
     /// The errors of each cycle: analysis, background, biases.
-    series: Vec<(Sums, Sums, Option<f64>)>,
+    series: Vec<CycleErrors>,
 }
 
 /// Mean squares by variable number, summed over cycles.
 type Sums = Vec<f64>;
+
+/// Mean square errors of a cycle: analysis, background, biases.
+type CycleErrors = (Sums, Sums, Option<f64>);
 
 impl Scorecard {
     /// The scores of one cycle; the biases are scored only if the method estimates or ignores them.
@@ -133,7 +136,7 @@ impl Scorecard {
 
     /// How well the errors are known.
     fn intervals(&self, layout: &Layout) -> Intervals {
-        let per_variable = |pick: &dyn Fn(&(Sums, Sums, Option<f64>)) -> Sums| {
+        let per_variable = |pick: &dyn Fn(&CycleErrors) -> Sums| {
             let series: Vec<Sums> = self.series.iter().map(pick).collect();
             let interval = |number: usize| root_interval(&series.iter().map(|sums| sums[number]).collect::<Vec<_>>());
             let names = layout.variables.iter().map(|variable| variable.name.to_string()).enumerate();

@@ -147,7 +147,7 @@ impl Stations {
                 instrument: instrument.to_owned(),
                 setting: "groups",
                 value: missing.clone(),
-                valid: list(present.into_iter()),
+                valid: list(present),
             });
         }
         self.records.retain(|record| groups.contains(&record.fields[number]));
