@@ -78,6 +78,8 @@ pub enum Event<'a> {
     Observed(&'a ObservationWindow),
     /// A method has analysed the observations of a cycle.
     Analysed(Analysed<'a>),
+    /// An output is not what was asked for, and the run goes on.
+    Warning(&'a str),
     /// The run is complete.
     Finished(&'a Summary),
 }

@@ -13,16 +13,23 @@
 //! | [`verify`] | the only place where truth and estimate meet |
 //! | [`run`] | the loop over cycles |
 //! | [`event`], [`sink`] | what happens, and the files that it is written to |
+//! | [`plot`] | curves and maps, as these files hold them |
+//! | [`statistics`] | how well a score is known |
+//! | [`saved`], [`comparison`] | complete runs, read back and compared |
 //! | [`cli`], [`progress`], [`table`] | the command line |
 
 pub mod cli;
+pub mod comparison;
 pub mod cycle;
 pub mod event;
 pub mod experiment;
+pub mod plot;
 pub mod progress;
 pub mod run;
+pub mod saved;
 pub mod scenario;
 pub mod sink;
+pub mod statistics;
 pub mod summary;
 pub mod table;
 pub mod truth;

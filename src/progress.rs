@@ -79,6 +79,14 @@ impl Sink for Progress {
                     bar.finish_and_clear();
                 }
             }
+            Event::Warning(text) => {
+                let text = format!("warning: {text}");
+                match &self.display {
+                    Display::Bar(bar) => bar.println(text),
+                    // Whoever wants no progress wants to know this all the same.
+                    Display::Lines | Display::Nothing => drop(writeln!(std::io::stderr(), "{text}")),
+                }
+            }
             Event::Truth { .. } | Event::Observed(_) => {}
         }
         Ok(())

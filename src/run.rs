@@ -51,10 +51,14 @@ pub fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -
     let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
     let directory = OutputDirectory::create(&options.out, existing)?;
     let mut experiment = workers.install(|| Experiment::new(scenario, options))?;
-    let outputs = Outputs { netcdf: options.netcdf, rerun: options.rerun };
+    let RunOptions { netcdf, rerun, report, live, .. } = *options;
+    let outputs = Outputs { netcdf, rerun, report, live };
     let mut sinks = open_all(&experiment.info, &directory, outputs)?;
     let mut send = |event: Event<'_>| {
         sinks.record(&event)?;
+        for warning in sinks.warnings() {
+            listener.record(&Event::Warning(&warning))?;
+        }
         listener.record(&event)
     };
     let summary = cycles(&mut experiment, &workers, &mut send)?;

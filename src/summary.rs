@@ -1,14 +1,15 @@
 //! The scores of a run, as `summary.json` holds them.
 
+use crate::statistics::Interval;
 use indexmap::IndexMap;
 use isobar_assim::block_angular::PartitionReport;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// A figure for each variable, by name.
 pub type PerVariable = IndexMap<String, f64>;
 
 /// The scores of a whole run.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Name of the scenario.
     pub scenario: String,
@@ -25,7 +26,7 @@ pub struct Summary {
 }
 
 /// The scores of one method, over one cycle or over all that count.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MethodScores {
     /// Root-mean-square error of the analysis, per variable, in its unit.
     pub rmse_analysis: PerVariable,
@@ -43,14 +44,29 @@ pub struct MethodScores {
     pub innovation_chi2: Option<f64>,
     /// The partition of the cycle with the largest component, for a method with blocks.
     pub partition: Option<Partition>,
+    /// How well the errors are known, over more than one cycle.
+    #[serde(default)]
+    pub intervals: Option<Intervals>,
     /// Wall-clock seconds per cycle, forecast and analysis.
     pub seconds_per_cycle: f64,
     /// The most memory that the method held at one time.
     pub peak_memory_bytes: u64,
 }
 
+/// 95 % intervals of root-mean-square errors, from the number and the autocorrelation of the cycles
+/// (see [`crate::statistics`]); a score that is not there is known from too few independent cycles.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Intervals {
+    /// Of the analysis, per variable.
+    pub rmse_analysis: IndexMap<String, Interval>,
+    /// Of the background, per variable.
+    pub rmse_background: IndexMap<String, Interval>,
+    /// Of the bias parameters.
+    pub bias_rmse: Option<Interval>,
+}
+
 /// How observations linked the blocks of a method.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Partition {
     /// Blocks before merging.
     pub blocks: usize,

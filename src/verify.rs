@@ -1,7 +1,8 @@
 //! Verification: only here do estimate and truth meet.
 
 use crate::cycle::Outcome;
-use crate::summary::{MethodScores, Partition, PerVariable};
+use crate::statistics::root_interval;
+use crate::summary::{Intervals, MethodScores, Partition, PerVariable};
 use isobar_assim::Estimate;
 use isobar_model::{Layout, State};
 use isobar_obs::Calibration;
@@ -28,10 +29,15 @@ pub struct Scorecard {
     chi2: Option<f64>,
     observations: usize,
     partition: Option<Partition>,
+    /// The errors of each cycle: analysis, background, biases.
+    series: Vec<CycleErrors>,
 }
 
 /// Mean squares by variable number, summed over cycles.
 type Sums = Vec<f64>;
+
+/// Mean square errors of a cycle: analysis, background, biases.
+type CycleErrors = (Sums, Sums, Option<f64>);
 
 impl Scorecard {
     /// The scores of one cycle; the biases are scored only if the method estimates or ignores them.
@@ -50,13 +56,16 @@ impl Scorecard {
             |values: &mut dyn Iterator<Item = f64>| values.map(|value| value * value).sum::<f64>() / p as f64;
         let biased = scores_bias && p > 0;
         let bias_errors = || analysis.calibration.iter().zip(truth.calibration).map(|(a, b)| a - b);
+        let (error_analysis, error_background) = (error(analysis), error(background));
+        let bias_error = biased.then(|| mean_square(&mut bias_errors()));
         Self {
             cycles: 1,
-            error_analysis: error(analysis),
-            error_background: error(background),
+            series: vec![(error_analysis.clone(), error_background.clone(), bias_error)],
+            error_analysis,
+            error_background,
             spread_analysis: spread(analysis),
             spread_background: spread(background),
-            bias_error: biased.then(|| mean_square(&mut bias_errors())),
+            bias_error,
             bias_spread: match &analysis.calibration_spread {
                 Some(spread) if biased => Some(mean_square(&mut spread.iter().copied())),
                 _ => None,
@@ -75,6 +84,7 @@ impl Scorecard {
         }
         self.cycles += cycle.cycles;
         self.observations += cycle.observations;
+        self.series.extend_from_slice(&cycle.series);
         add_sums(&mut self.error_analysis, &cycle.error_analysis);
         add_sums(&mut self.error_background, &cycle.error_background);
         for (own, other) in [
@@ -118,8 +128,25 @@ impl Scorecard {
             bias_spread: self.bias_spread.map(root),
             innovation_chi2: self.chi2.filter(|_| self.observations > 0).map(|chi2| chi2 / self.observations as f64),
             partition: self.partition.clone(),
+            intervals: (self.cycles > 1).then(|| self.intervals(layout)),
             seconds_per_cycle: 0.0,
             peak_memory_bytes: 0,
+        }
+    }
+
+    /// How well the errors are known.
+    fn intervals(&self, layout: &Layout) -> Intervals {
+        let per_variable = |pick: &dyn Fn(&CycleErrors) -> Sums| {
+            let series: Vec<Sums> = self.series.iter().map(pick).collect();
+            let interval = |number: usize| root_interval(&series.iter().map(|sums| sums[number]).collect::<Vec<_>>());
+            let names = layout.variables.iter().map(|variable| variable.name.to_string()).enumerate();
+            names.filter_map(|(number, name)| Some((name, interval(number)?))).collect()
+        };
+        let biases: Option<Vec<f64>> = self.series.iter().map(|cycle| cycle.2).collect();
+        Intervals {
+            rmse_analysis: per_variable(&|cycle| cycle.0.clone()),
+            rmse_background: per_variable(&|cycle| cycle.1.clone()),
+            bias_rmse: biases.and_then(|biases| root_interval(&biases)),
         }
     }
 }

@@ -9,7 +9,7 @@ use std::path::Path;
 use synthetic_run::SyntheticRun;
 
 const FILL_VALUE: f64 = 9.96921e36;
-const NETCDF: Outputs = Outputs { netcdf: true, rerun: false };
+const NETCDF: Outputs = Outputs { netcdf: true, rerun: false, report: false, live: false };
 
 /// Plays the run into a new directory, completes it, and lets `look` see it.
 fn written(run: &SyntheticRun, look: impl FnOnce(&Path)) {
@@ -239,7 +239,7 @@ fn a_run_without_observations_or_parameters_has_all_its_files() {
 #[test]
 fn files_say_what_made_them_and_are_the_same_in_every_run() {
     let run = SyntheticRun::new(8, 6, 2, 2);
-    let names = ["truth.nc", "fast_kalman.nc", "kalman.nc", "observations.nc", "summary.json"];
+    let names = ["truth.nc", "fast_kalman.nc", "kalman.nc", "observations.nc", "scores.csv", "summary.json"];
     let mut first = Vec::new();
     written(&run, |directory| {
         for name in names {
@@ -342,6 +342,6 @@ fn a_recording_is_refused_where_it_cannot_be_made() {
     let run = SyntheticRun::new(8, 6, 1, 1);
     let parent = tempfile::tempdir().unwrap();
     let directory = OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap();
-    let Err(error) = open_all(&run.info, &directory, Outputs { netcdf: false, rerun: true }) else { panic!() };
+    let Err(error) = open_all(&run.info, &directory, Outputs { rerun: true, ..Outputs::default() }) else { panic!() };
     assert!(error.reason.contains("feature"), "{error}");
 }

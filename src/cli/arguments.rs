@@ -16,6 +16,8 @@ const EXAMPLES: &str = "Examples:
   isobar run quickstart                          run scenarios/quickstart.toml
   isobar run quickstart --methods free,fkf       only two of its methods
   isobar init mine.toml && isobar check mine.toml
+  isobar view out/quickstart                     look at a run in the rerun viewer
+  isobar compare out/quickstart other/quickstart which one is better, and is that chance?
   isobar regress                                 have the scores of any scenario moved?";
 
 /// What to do.
@@ -36,6 +38,14 @@ pub enum Command {
     },
     /// Run scenarios and compare their scores with the accepted ones in [expected]
     Regress(RegressArguments),
+    /// Open the recording of a run in the rerun viewer
+    View {
+        /// The run's directory
+        #[arg(value_name = "OUT")]
+        run: PathBuf,
+    },
+    /// Make one page of the scores of several runs, with their differences and whether these are significant
+    Compare(CompareArguments),
 }
 
 const RUN_EXAMPLES: &str = "Examples:
@@ -75,6 +85,25 @@ pub struct RunArguments {
     /// Write no recording for the rerun viewer
     #[arg(long)]
     pub no_rerun: bool,
+    /// Write no report.html, and no figures
+    #[arg(long)]
+    pub no_report: bool,
+    /// Show the run in a running rerun viewer while it computes
+    #[arg(long)]
+    pub live: bool,
+}
+
+#[derive(Args, Debug)]
+pub struct CompareArguments {
+    /// Directories of runs; the others are compared with the first
+    #[arg(required = true, value_name = "RUN")]
+    pub runs: Vec<PathBuf>,
+    /// The page
+    #[arg(long, value_name = "FILE", default_value = "comparison.html")]
+    pub out: PathBuf,
+    /// Replace the page of an earlier comparison
+    #[arg(long)]
+    pub overwrite: bool,
 }
 
 #[derive(Args, Debug)]

@@ -2,11 +2,13 @@
 
 mod arguments;
 mod check;
+mod compare;
 mod init;
 mod list;
 mod lookup;
 mod regress;
 mod run;
+mod view;
 
 use crate::progress::Progress;
 use crate::scenario::Scenario;
@@ -36,6 +38,10 @@ pub struct RunOptions {
     pub netcdf: bool,
     /// Whether a recording for the rerun viewer is written.
     pub rerun: bool,
+    /// Whether the page is written.
+    pub report: bool,
+    /// Whether a running viewer is sent the recording while it comes to be.
+    pub live: bool,
 }
 
 /// What runs an experiment: it sends the progress display the run's events, and gives back the scores.
@@ -56,6 +62,8 @@ pub fn main(runner: &Runner) -> ExitCode {
         Command::List => list::list(),
         Command::Init { path } => init::init(&path),
         Command::Regress(arguments) => regress::regress(&arguments, runner),
+        Command::View { run } => view::view(&run),
+        Command::Compare(arguments) => compare::compare(&arguments),
     };
     match outcome {
         Ok(code) => code,

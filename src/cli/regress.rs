@@ -44,6 +44,8 @@ fn regress_one(scenario: &Scenario, arguments: &RegressArguments, runner: &Runne
         overwrite: false,
         netcdf: false,
         rerun: false,
+        report: false,
+        live: false,
     };
     let mut progress = Progress::new(arguments.quiet);
     let summary = runner(scenario, &options, &mut progress)?;

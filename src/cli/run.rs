@@ -78,6 +78,8 @@ fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, 
         overwrite: arguments.overwrite,
         netcdf: scenario.output.netcdf && !arguments.no_netcdf,
         rerun: scenario.output.rerun && !arguments.no_rerun && Outputs::RERUN_AVAILABLE,
+        report: scenario.output.report && !arguments.no_report,
+        live: arguments.live,
     })
 }
 
@@ -111,6 +113,8 @@ mod tests {
             overwrite: false,
             netcdf: true,
             rerun: Outputs::RERUN_AVAILABLE,
+            report: true,
+            live: false,
         };
         assert_eq!(plain, all);
         let changed =

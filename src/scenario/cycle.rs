@@ -33,6 +33,8 @@ pub struct OutputSettings {
     pub netcdf: bool,
     /// A recording for the rerun viewer.
     pub rerun: bool,
+    /// report.html, and its figures.
+    pub report: bool,
 }
 
 /// The last time a run may reach: the year 9000.
@@ -82,7 +84,10 @@ pub(super) fn read_truth(
 }
 
 pub(super) fn read_output(root: &Section<'_>) -> Read<OutputSettings> {
-    let Some(field) = root.optional("output") else { return Ok(OutputSettings { netcdf: true, rerun: true }) };
-    let section = field.section(&["netcdf", "rerun"])?;
-    Ok(OutputSettings { netcdf: section.yes_or_no_or("netcdf", true)?, rerun: section.yes_or_no_or("rerun", true)? })
+    let Some(field) = root.optional("output") else {
+        return Ok(OutputSettings { netcdf: true, rerun: true, report: true });
+    };
+    let section = field.section(&["netcdf", "rerun", "report"])?;
+    let yes_or_no = |key| section.yes_or_no_or(key, true);
+    Ok(OutputSettings { netcdf: yes_or_no("netcdf")?, rerun: yes_or_no("rerun")?, report: yes_or_no("report")? })
 }

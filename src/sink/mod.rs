@@ -1,12 +1,14 @@
 //! Sinks hear the events of a run and write files. None of them changes the run.
 //!
-//! Contents: [`directory`] (where outputs go), [`netcdf`], [`summary`], and with the cargo feature `rerun` the
+//! Contents: [`directory`] (where outputs go), [`netcdf`], [`report`], [`scores`], [`summary`], and with the cargo feature `rerun` the
 //! recording for the rerun viewer.
 
 pub mod directory;
 pub mod netcdf;
+pub mod report;
 #[cfg(feature = "rerun")]
 pub mod rerun;
+pub mod scores;
 pub mod summary;
 
 pub use directory::{Existing, OutputDirectory};
@@ -21,12 +23,21 @@ pub trait Sink {
     /// # Errors
     /// What could not be written, and where.
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError>;
+
+    /// What has come up since the last call that the user should know, although it is no reason to end the run.
+    fn warnings(&mut self) -> Vec<String> {
+        Vec::new()
+    }
 }
 
 /// Every sink in turn; the first error ends it.
 impl Sink for Vec<Box<dyn Sink>> {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         self.iter_mut().try_for_each(|sink| sink.record(event))
+    }
+
+    fn warnings(&mut self) -> Vec<String> {
+        self.iter_mut().flat_map(|sink| sink.warnings()).collect()
     }
 }
 
@@ -40,13 +51,17 @@ pub struct SinkError {
     pub reason: String,
 }
 
-/// Which outputs to write beside the summary.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Which outputs to write beside the summary and the scores.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Outputs {
     /// The netCDF files.
     pub netcdf: bool,
     /// The recording for the rerun viewer.
     pub rerun: bool,
+    /// The page, and the figures on it.
+    pub report: bool,
+    /// Whether the recording is also sent to a running viewer, while it comes to be.
+    pub live: bool,
 }
 
 impl Outputs {
@@ -69,15 +84,19 @@ pub fn open_all(
     if outputs.netcdf {
         sinks.push(Box::new(netcdf::NetcdfSink::create(info, directory)?));
     }
-    if outputs.rerun {
+    if outputs.report {
+        sinks.push(Box::new(report::ReportSink::create(info, directory)?));
+    }
+    if outputs.rerun || outputs.live {
         #[cfg(feature = "rerun")]
-        sinks.push(Box::new(rerun::RerunSink::create(info, directory)?));
+        sinks.push(Box::new(rerun::RerunSink::create(info, directory, outputs)?));
         #[cfg(not(feature = "rerun"))]
         return Err(SinkError {
             path: directory.destination().join("recording.rrd"),
             reason: "this isobar was built without the cargo feature `rerun`".into(),
         });
     }
+    sinks.push(Box::new(scores::ScoresSink::create(info, directory)?));
     sinks.push(Box::new(summary::SummarySink::new(directory)));
     Ok(sinks)
 }

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 /// A small scenario that uses most keys.
+#[allow(dead_code, reason = "not every test needs it")]
 pub const VALID: &str = include_str!("valid.toml");
 
 /// Runs the program in a directory.

@@ -26,5 +26,7 @@ pub fn run_options(folder: &Path, cycles: usize) -> RunOptions {
         overwrite: false,
         netcdf: false,
         rerun: false,
+        report: false,
+        live: false,
     }
 }

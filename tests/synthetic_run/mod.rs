@@ -5,7 +5,7 @@
 use indexmap::IndexMap;
 use isobar::event::{Analysed, Event, MethodInfo, RunInfo, StationInfo};
 use isobar::sink::{Sink, SinkError};
-use isobar::summary::{MethodScores, PerVariable, Summary};
+use isobar::summary::{MethodScores, Partition, PerVariable, Summary};
 use isobar_assim::{Analysis, Estimate};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Boundary, Duration, Grid, Layout, Location, State, Time, Variable};
@@ -287,9 +287,18 @@ fn analyse(
         bias_rmse: has_spread.then_some(2.5 * level),
         bias_spread: has_spread.then_some(2.6 * level),
         innovation_chi2: has_spread.then_some(1.0 + 0.1 * level),
-        partition: None,
         seconds_per_cycle: 0.0123,
         peak_memory_bytes: 1_500_000,
+        intervals: None,
+        partition: (method == 0).then_some(Partition {
+            blocks: 24,
+            components: 3,
+            merged_components: 2,
+            largest_component_blocks: 9,
+            largest_component_variables: 324,
+            unobserved_blocks: 7,
+            border: 4,
+        }),
     };
     let analysis = Analysis {
         background_departures: departures(&background),

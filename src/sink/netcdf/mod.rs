@@ -91,6 +91,7 @@ impl Sink for NetcdfSink {
                 self.observations.add_departures(analysed)
             }
             Event::Finished(_) => self.finish(),
+            Event::Warning(_) => Ok(()),
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The geometry of a map in the viewer: a unit is a cell, and y points down from the northern edge.
 
-use super::colors::Scale;
+use crate::plot::colors::Scale;
+use crate::plot::number;
 use isobar_model::{Boundary, Grid, Layout, Location};
 
 /// Width of the margin around a map, and height of the colour bar's place under it, as parts of the map's width.
@@ -131,13 +132,6 @@ fn shortened([x, y]: [f32; 2], longest: f32) -> [f32; 2] {
     [factor * x, factor * y]
 }
 
-/// A number as short as its first four digits allow.
-pub fn number(value: f32) -> String {
-    let digits = if value == 0.0 { 0 } else { (3 - value.abs().log10().floor() as i32).clamp(0, 9) };
-    let text = format!("{value:.*}", digits as usize);
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -182,10 +176,5 @@ mod tests {
         let [_, vectors] = Frame::new(&layout).arrows(&[u, v], 10.0);
         assert_eq!(vectors[..3], [[3.0, 0.0]; 3]);
         assert_eq!(vectors[3..], [[0.0, 0.0]; 3]);
-    }
-
-    #[test]
-    fn numbers_are_short() {
-        assert_eq!([5190.0, 0.25, -40.0, 0.0, 1234.56, 3.0].map(number), ["5190", "0.25", "-40", "0", "1235", "3"]);
     }
 }

@@ -1,11 +1,16 @@
 //! What happened in a run, as far as pictures of it need.
 
 use crate::event::{Analysed, RunInfo};
+use crate::plot::Thinning;
 use crate::summary::MethodScores;
 use isobar_assim::Estimate;
 use isobar_model::{Layout, State, Time};
 use isobar_obs::ObservationWindow;
 use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// The most cells on a side of a map.
+const MAP_CELLS: usize = 256;
 
 /// The whole run.
 #[derive(Debug)]
@@ -18,6 +23,8 @@ pub struct History {
     pub observed: BTreeMap<usize, Vec<Platform>>,
     /// The results of each method, by cycle.
     pub methods: Vec<BTreeMap<usize, Estimates>>,
+    /// How maps are thinned.
+    pub thinning: Thinning,
     wind: Option<[usize; 2]>,
 }
 
@@ -79,8 +86,16 @@ impl History {
             truth: BTreeMap::new(),
             observed: BTreeMap::new(),
             methods: info.methods.iter().map(|_| BTreeMap::new()).collect(),
+            thinning: Thinning::new(&info.layout.grid, MAP_CELLS),
             wind: variable("u").zip(variable("v")).map(|(u, v)| [u, v]),
         }
+    }
+
+    /// The run as its maps show it: on a coarser grid if its own is finer than maps are.
+    pub fn thinned(&self, info: &RunInfo) -> RunInfo {
+        let Layout { grid, variables } = &*info.layout;
+        let layout = Layout { grid: self.thinning.grid(grid), variables: variables.clone() };
+        RunInfo { layout: Arc::new(layout), ..info.clone() }
     }
 
     /// Takes the truth of a cycle.
@@ -115,9 +130,10 @@ impl History {
     pub fn add_estimates(&mut self, info: &RunInfo, analysed: &Analysed<'_>) -> Result<(), String> {
         let &Analysed { method, cycle, time, background, analysis, scores } = analysed;
         let Estimate { state, calibration, state_spread, calibration_spread } = &analysis.estimate;
-        let spread_length = state_spread.as_ref().map_or(info.layout.len(), Vec::len);
+        let length = self.thinning.cells() * info.layout.variables.len();
+        let spread_length = state_spread.as_ref().map_or(length, Vec::len);
         let calibration_spread_length = calibration_spread.as_ref().map_or(calibration.len(), Vec::len);
-        if spread_length != info.layout.len() || calibration_spread_length != calibration.len() {
+        if spread_length != length || state.values().len() != length || calibration_spread_length != calibration.len() {
             return Err(format!("in cycle {cycle} the spread of method {method} does not fit its estimate"));
         }
         let estimates = Estimates {
@@ -125,7 +141,7 @@ impl History {
             background: self.field(&background.state),
             analysis: self.field(state),
             wind: self.wind(state),
-            spread: state_spread.as_ref().map(|spread| single(part(&info.layout, spread, self.mapped))),
+            spread: state_spread.as_ref().map(|spread| self.map(spread, self.mapped)),
             departures: single(&analysis.background_departures),
             calibration: calibration.clone(),
             calibration_spread: calibration_spread.clone(),
@@ -135,18 +151,19 @@ impl History {
         Ok(())
     }
 
+    /// A variable of the values of a state, thinned.
+    fn map(&self, values: &[f64], variable: usize) -> Vec<f32> {
+        let cells = self.thinning.cells();
+        self.thinning.apply(&values[variable * cells..(variable + 1) * cells])
+    }
+
     fn field(&self, state: &State) -> Vec<f32> {
-        single(part(state.layout(), state.values(), self.mapped))
+        self.map(state.values(), self.mapped)
     }
 
     fn wind(&self, state: &State) -> Option<[Vec<f32>; 2]> {
-        self.wind.map(|wind| wind.map(|variable| single(part(state.layout(), state.values(), variable))))
+        self.wind.map(|wind| wind.map(|variable| self.map(state.values(), variable)))
     }
-}
-
-fn part<'a>(layout: &Layout, values: &'a [f64], variable: usize) -> &'a [f64] {
-    let cells = layout.grid.cells();
-    &values[variable * cells..(variable + 1) * cells]
 }
 
 fn single(values: &[f64]) -> Vec<f32> {

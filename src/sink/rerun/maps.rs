@@ -1,11 +1,12 @@
 //! Maps: fields, wind arrows and observing platforms, cycle by cycle.
 
-use super::colors::{self, Scale};
-use super::frame::{Frame, number};
+use super::frame::Frame;
 use super::history::{Estimates, History, Platform};
 use super::ranges::Ranges;
 use super::recording::{Names, Result};
 use crate::event::RunInfo;
+use crate::plot::colors::{self, Scale};
+use crate::plot::number;
 use ::rerun::components::Colormap;
 use ::rerun::{Arrows2D, ChannelDatatype, DepthImage, Image, LineStrips2D, Points2D, RecordingStream};
 use isobar_model::Time;
@@ -21,16 +22,15 @@ pub struct Maps<'a> {
 }
 
 impl Maps<'_> {
-    /// All maps of the run.
-    pub fn log_all(&self) -> Result {
-        self.log_color_bars()?;
-        for (&cycle, truth) in &self.history.truth {
+    /// All maps of the run from a cycle on.
+    pub fn log_since(&self, since: usize) -> Result {
+        for (&cycle, truth) in self.history.truth.range(since..) {
             self.set_time(cycle, truth.time);
             self.log_state("truth/field", &truth.field)?;
             self.log_wind("truth/wind", truth.wind.as_ref())?;
         }
         for (method, cycles) in self.history.methods.iter().enumerate() {
-            for (&cycle, estimates) in cycles {
+            for (&cycle, estimates) in cycles.range(since..) {
                 self.set_time(cycle, estimates.time);
                 self.log_method(method, cycle, estimates)?;
             }
@@ -44,7 +44,8 @@ impl Maps<'_> {
         self.recording.set_timestamp_secs_since_epoch("valid_time", time.seconds() as f64);
     }
 
-    fn log_color_bars(&self) -> Result {
+    /// The colour bars, which stay as they are.
+    pub fn log_color_bars(&self) -> Result {
         let Ranges { state, difference, spread, .. } = self.ranges;
         let unit = self.info.layout.variables[self.history.mapped].unit;
         for (name, scale, range) in [
@@ -130,7 +131,7 @@ impl Maps<'_> {
         for &(at, variable, value) in &platform.reports {
             let variable = &self.info.layout.variables[variable];
             let departure = departures.get(at).map_or_else(|| "?".into(), |&departure| number(departure));
-            let (name, unit, value) = (variable.name, variable.unit, number(value as f32));
+            let (name, unit, value) = (variable.name, variable.unit, number(value));
             label += &format!("\n{name} = {value} {unit}, departure {departure}");
         }
         label

@@ -1,6 +1,8 @@
 //! The ranges that colours and axes of the whole run share.
 
 use super::history::History;
+use crate::event::RunInfo;
+use crate::plot::range::{around, quantile, round_up};
 use crate::summary::PerVariable;
 
 /// The ranges of the run's pictures.
@@ -20,7 +22,8 @@ pub struct Ranges {
 
 impl Ranges {
     /// The ranges of a run.
-    pub fn of(history: &History, variables: &[&str]) -> Self {
+    pub fn of_run(info: &RunInfo, history: &History) -> Self {
+        let variables: Vec<&str> = info.layout.variables.iter().map(|variable| variable.name).collect();
         let truth = || history.truth.values();
         let (low, high) = truth()
             .flat_map(|truth| &truth.field)
@@ -64,48 +67,4 @@ fn score(history: &History, variable: &str) -> f64 {
     let highest = values.iter().copied().fold(0.0, f32::max);
     let usual = quantile(values, 0.95).filter(|&usual| usual > 0.0).unwrap_or(1.0);
     f64::from(if highest > 0.0 { 1.05 * highest.min(2.0 * usual) } else { usual })
-}
-
-/// The value below which the given part of the finite values lie.
-fn quantile(mut values: Vec<f32>, part: f32) -> Option<f32> {
-    values.retain(|value| value.is_finite());
-    let last = values.len().checked_sub(1)?;
-    let (_, value, _) = values.select_nth_unstable_by((last as f32 * part) as usize, f32::total_cmp);
-    Some(*value)
-}
-
-/// 1, 1.5, 2, 3, 4, 5, 6 or 8 times a power of ten, at or above the value.
-fn round_up(value: Option<f32>) -> f32 {
-    let value = value.filter(|&value| value > 0.0).unwrap_or(1.0);
-    let power = 10f32.powf(value.log10().floor());
-    let steps = [1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0];
-    steps.into_iter().map(|step| step * power).find(|&rounded| rounded >= value * 0.9999).unwrap_or(value)
-}
-
-/// Round values at or beyond both ends.
-fn around(low: f32, high: f32) -> [f32; 2] {
-    let unit = round_up(Some((high - low) / 20.0));
-    let [from, to] = [(low / unit).floor() * unit, (high / unit).ceil() * unit];
-    if from < to { [from, to] } else { [low - 0.5 - low.abs() * 1e-3, high + 0.5 + high.abs() * 1e-3] }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn limits_are_round_and_large_enough() {
-        for (value, expected) in [(0.7, 0.8), (1.0, 1.0), (1.2, 1.5), (37.0, 40.0), (8200.0, 10_000.0), (0.0, 1.0)] {
-            assert!((round_up(Some(value)) / expected - 1.0).abs() < 1e-6, "{value}: {}", round_up(Some(value)));
-        }
-        assert_eq!(around(5212.0, 5648.0), [5190.0, 5670.0]);
-        let [from, to] = around(10.0, 10.0);
-        assert!(from < 10.0 && to > 10.0);
-    }
-
-    #[test]
-    fn quantiles_leave_out_what_is_no_number() {
-        assert_eq!(quantile(vec![3.0, f32::NAN, 1.0, 2.0, f32::INFINITY], 0.5), Some(2.0));
-        assert_eq!(quantile(vec![f32::NAN], 0.5), None);
-    }
 }

@@ -9,7 +9,7 @@ use crate::event::RunInfo;
 use crate::sink::netcdf::coordinates::safe_name;
 use crate::summary::Summary;
 use ::rerun::log::ChunkBatcherConfig;
-use ::rerun::{RecordingStreamBuilder, TextDocument};
+use ::rerun::{RecordingStream, RecordingStreamBuilder, TextDocument};
 use std::error::Error;
 use std::path::Path;
 use std::time::Duration;
@@ -53,6 +53,11 @@ impl Names {
         self.map(method, &format!("calibration/{}/{part}", self.parameters[parameter]))
     }
 
+    /// A method's curve of its innovations.
+    pub fn innovation(&self, part: &str, method: usize) -> String {
+        format!("innovation/{part}/{}", self.methods[method])
+    }
+
     /// A method's curve in the comparison of all.
     pub fn comparison(&self, variable: &str, method: usize) -> String {
         format!("comparison/{variable}/{}", self.methods[method])
@@ -68,21 +73,46 @@ fn log_all(path: &Path, info: &RunInfo, history: &History, summary: &Summary) ->
     // Nothing in the file may depend on the clock: neither times of logging, nor how rows are grouped to chunks.
     let batching = ChunkBatcherConfig { flush_tick: Duration::from_secs(86_400), ..ChunkBatcherConfig::DEFAULT };
     let recording = RecordingStreamBuilder::new(APPLICATION_ID)
-        .recording_id(format!("{}-seed-{}", info.scenario, info.seed))
+        .recording_id(id(info))
         .send_properties(false)
         .batcher_config(batching)
         .save(path)?;
+    log_run(&recording, info, history, Some(summary))?;
+    recording.flush_blocking()?;
+    Ok(())
+}
+
+/// Name of the recording in the viewer's memory.
+pub fn id(info: &RunInfo) -> String {
+    format!("{}-seed-{}", info.scenario, info.seed)
+}
+
+/// Logs the layout of the views and all that has happened; without a summary, the run is not complete.
+pub fn log_run(recording: &RecordingStream, info: &RunInfo, history: &History, summary: Option<&Summary>) -> Result {
     recording.set_log_time_enabled(false);
     recording.set_log_tick_enabled(false);
     recording.send_recording_name(format!("{}, seed {}", info.title, info.seed))?;
-    let variables: Vec<&str> = info.layout.variables.iter().map(|variable| variable.name).collect();
-    let (names, ranges) = (Names::new(info), Ranges::of(history, &variables));
+    let (names, ranges) = (Names::new(info), Ranges::of_run(info, history));
     let frame = Frame::new(&info.layout);
-    views::send(&recording, info, history, &names, &ranges)?;
-    recording.log_static("text/scores", &TextDocument::from_markdown(text::scores(info, summary)))?;
+    views::send(recording, info, history, &names, &ranges)?;
+    let scores = summary.map_or_else(|| text::unfinished(info), |summary| text::scores(info, summary));
+    recording.log_static("text/scores", &TextDocument::from_markdown(scores))?;
     recording.log_static("text/scenario", &TextDocument::from_markdown(text::scenario(info)))?;
-    Maps { recording: &recording, info, history, ranges: &ranges, names: &names, frame }.log_all()?;
-    series::log_all(&recording, info, history, &names)?;
-    recording.flush_blocking()?;
-    Ok(())
+    let maps = Maps { recording, info, history, ranges: &ranges, names: &names, frame };
+    maps.log_color_bars()?;
+    maps.log_since(0)?;
+    series::log_since(recording, info, history, &names, 0)
+}
+
+/// Logs what has happened since a cycle, for a viewer that has been told what was before, in the ranges of then.
+pub fn log_since(
+    recording: &RecordingStream,
+    info: &RunInfo,
+    history: &History,
+    ranges: &Ranges,
+    since: usize,
+) -> Result {
+    let (names, frame) = (Names::new(info), Frame::new(&info.layout));
+    Maps { recording, info, history, ranges, names: &names, frame }.log_since(since)?;
+    series::log_since(recording, info, history, &names, since)
 }

@@ -1,9 +1,9 @@
 //! Curves over time: errors and spreads of each variable, and the bias estimates.
 
-use super::colors;
 use super::history::{Estimates, History};
 use super::recording::{Names, Result};
 use crate::event::RunInfo;
+use crate::plot::colors;
 use crate::summary::MethodScores;
 use ::rerun::{RecordingStream, Scalars, SeriesLines, TimeColumn};
 use isobar_model::Time;
@@ -21,12 +21,19 @@ struct Style<'a> {
     name: &'a str,
 }
 
-/// All curves of the run.
-pub fn log_all(recording: &RecordingStream, info: &RunInfo, history: &History, names: &Names) -> Result {
+/// All curves of the run from a cycle on.
+pub fn log_since(
+    recording: &RecordingStream,
+    info: &RunInfo,
+    history: &History,
+    names: &Names,
+    since: usize,
+) -> Result {
     for (number, method) in history.methods.iter().enumerate() {
-        log_scores(recording, info, names, number, method.iter())?;
+        log_scores(recording, info, names, number, method.range(since..))?;
+        log_innovations(recording, info, history, names, number, since)?;
         for parameter in 0..info.calibration.len() {
-            log_parameter(recording, history, names, number, parameter)?;
+            log_parameter(recording, history, names, number, parameter, since)?;
         }
     }
     Ok(())
@@ -71,20 +78,45 @@ fn log_scores<'a>(
     Ok(())
 }
 
+/// χ²/n, and the mean background departure of the mapped variable.
+fn log_innovations(
+    recording: &RecordingStream,
+    info: &RunInfo,
+    history: &History,
+    names: &Names,
+    method: usize,
+    since: usize,
+) -> Result {
+    let [red, green, blue] = colors::of_method(method);
+    let style = Style { color: [red, green, blue, 255], width: 2.5, name: &info.methods[method].name };
+    let estimates = || history.methods[method].range(since..);
+    let chi2 = estimates().filter_map(|(&cycle, it)| Some((cycle, it.time, it.scores.innovation_chi2?)));
+    log(recording, &names.innovation("chi2", method), &style, &chi2.collect::<Vec<_>>())?;
+    let mean = |cycle: usize, departures: &[f32]| {
+        let reports = history.observed.get(&cycle)?.iter().flat_map(|platform| &platform.reports);
+        let mapped = reports.filter(|report| report.1 == history.mapped).filter_map(|report| departures.get(report.0));
+        let (count, sum) = mapped.fold((0.0, 0.0), |(count, sum), &it| (count + 1.0, sum + f64::from(it)));
+        (count > 0.0).then(|| sum / count)
+    };
+    let means = estimates().filter_map(|(&cycle, it)| Some((cycle, it.time, mean(cycle, &it.departures)?)));
+    log(recording, &names.innovation("departure", method), &style, &means.collect::<Vec<_>>())
+}
+
 fn log_parameter(
     recording: &RecordingStream,
     history: &History,
     names: &Names,
     method: usize,
     parameter: usize,
+    since: usize,
 ) -> Result {
     let truth: Vec<_> = history
         .truth
-        .iter()
+        .range(since..)
         .filter_map(|(cycle, truth)| Some((*cycle, truth.time, *truth.calibration.get(parameter)?)))
         .collect();
     let estimates: Vec<_> = history.methods[method]
-        .iter()
+        .range(since..)
         .filter_map(|(cycle, it)| {
             let sigma = it.calibration_spread.as_ref().map(|spread| spread[parameter]);
             Some((*cycle, it.time, *it.calibration.get(parameter)?, sigma))

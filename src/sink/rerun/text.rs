@@ -1,7 +1,7 @@
 //! The recording's texts: what the run was, and how the methods scored.
 
-use super::frame::number;
 use crate::event::RunInfo;
+use crate::plot::number;
 use crate::summary::Summary;
 use std::fmt::Write;
 
@@ -37,6 +37,15 @@ pub fn scores(info: &RunInfo, summary: &Summary) -> String {
     text
 }
 
+/// What stands in the place of the scores while the run computes.
+pub fn unfinished(info: &RunInfo) -> String {
+    let mut text = format!("# {}\n\nThe run is not complete yet.\n\n", info.title);
+    for method in &info.methods {
+        let _ = writeln!(text, "- **{}**: {}", method.name, method.description);
+    }
+    text
+}
+
 /// The scenario file, as markdown.
 pub fn scenario(info: &RunInfo) -> String {
     // A fence longer than any in the text.
@@ -45,7 +54,7 @@ pub fn scenario(info: &RunInfo) -> String {
 }
 
 fn figure(value: Option<f64>) -> String {
-    value.map_or_else(|| "–".into(), |value| number(value as f32))
+    value.map_or_else(|| "–".into(), |value| number(value))
 }
 
 fn cell(text: &str) -> String {

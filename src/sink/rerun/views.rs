@@ -1,11 +1,12 @@
 //! Which views there are: a tab that compares all methods, and one for each method.
 
 use super::blueprint::{Arrangement, Blueprint, Part};
-use super::frame::{Frame, number};
+use super::frame::Frame;
 use super::history::History;
 use super::ranges::Ranges;
 use super::recording::{Names, Result};
 use crate::event::RunInfo;
+use crate::plot::number;
 use ::rerun::RecordingStream;
 
 /// Plots of calibration parameters on one page, and the most pages that a method has.
@@ -40,10 +41,17 @@ impl Views<'_> {
             plots.push(self.blueprint.curves(&name, &contents, Some([0.0, range]), true)?);
         }
         let plots = self.blueprint.container("errors", Arrangement::Horizontal, &plots)?;
+        let mapped = &self.info.layout.variables[self.history.mapped];
+        let departure = format!("mean background departure of {} [{}]", mapped.name, mapped.unit);
+        let innovations = [("innovation χ²/n [1]", "innovation/chi2/**"), (&departure, "innovation/departure/**")];
+        let innovations =
+            innovations.map(|(name, contents)| self.blueprint.curves(name, &[contents.into()], None, true));
+        let innovations = innovations.into_iter().collect::<Result<Vec<_>>>()?;
+        let innovations = self.blueprint.container("innovations", Arrangement::Horizontal, &innovations)?;
         let texts =
             [self.blueprint.document("scores", "text/scores")?, self.blueprint.document("scenario", "text/scenario")?];
         let texts = self.blueprint.container("texts", Arrangement::Horizontal, &texts)?;
-        self.blueprint.container("overview", Arrangement::Vertical(&[1.0, 1.0]), &[plots, texts])
+        self.blueprint.container("overview", Arrangement::Vertical(&[1.0, 0.8, 1.0]), &[plots, innovations, texts])
     }
 
     /// One method: its maps above its curves.
@@ -72,7 +80,7 @@ impl Views<'_> {
     fn maps(&mut self, method: usize) -> Result<Vec<Part>> {
         let variable = &self.info.layout.variables[self.history.mapped];
         let (name, unit) = (variable.name, variable.unit);
-        let [low, high] = self.ranges.state.map(number);
+        let [low, high] = self.ranges.state.map(number::<f32>);
         let state = format!("{low} to {high} {unit}");
         let difference = format!("±{} {unit}", number(self.ranges.difference));
         let has_spread = self.history.methods[method].values().any(|it| it.spread.is_some());

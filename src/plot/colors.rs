@@ -78,6 +78,18 @@ pub fn difference(value: f32, limit: f32) -> [u8; 3] {
     Scale::Difference.color(0.5 + 0.5 * value / limit)
 }
 
+/// A colour as SVG names it.
+pub fn hex([red, green, blue]: [u8; 3]) -> String {
+    format!("#{red:02x}{green:02x}{blue:02x}")
+}
+
+/// The colours of curves of methods on white or black paper, in the order of [`of_method`] but darker.
+pub fn of_method_on_paper(number: usize) -> [u8; 3] {
+    const COLORS: [[u8; 3]; 7] =
+        [[46, 134, 193], [201, 128, 0], [0, 148, 108], [190, 95, 150], [205, 85, 10], [110, 100, 200], [128, 128, 128]];
+    COLORS[number % COLORS.len()]
+}
+
 /// The colours of curves of methods, distinct for colour-blind eyes (Okabe and Ito 2008, without yellow).
 pub fn of_method(number: usize) -> [u8; 3] {
     const COLORS: [[u8; 3]; 7] =

@@ -1,0 +1,254 @@
+//! Several runs side by side: their scores, the differences, and whether these are more than chance.
+//!
+//! Two methods are compared cycle by cycle over the cycles that count in both (see [`crate::statistics::difference`]). The
+//! cycles are paired by their numbers: that is the more telling the more the runs have in common, as the truth of the same
+//! scenario and seed, and right even if they have nothing in common.
+
+use crate::plot::colors::of_method_on_paper;
+use crate::plot::{Curve, CurvePlot, Dash};
+use crate::saved::{MethodSeries, SavedRun, SavedRunError, Scores};
+use crate::sink::report::page::{Figure, Page, PageError, Section, render};
+use crate::sink::report::tables::{Cell, NONE, Table, figure};
+use crate::statistics::{Difference, difference, root_interval};
+
+/// Curves that a figure shows at most.
+const MOST_CURVES: usize = 14;
+
+/// Runs with their scores.
+pub struct Comparison {
+    runs: Vec<(SavedRun, Scores)>,
+}
+
+/// A method of a run.
+#[derive(Clone, Copy)]
+struct Entry<'a> {
+    run: usize,
+    name: &'a str,
+    series: &'a MethodSeries,
+}
+
+/// A score: one of the variables', or the biases'.
+#[derive(Clone, Copy)]
+enum Score<'a> {
+    Variable(&'a str),
+    Bias,
+}
+
+impl Comparison {
+    /// Reads the runs' scores.
+    ///
+    /// # Errors
+    /// If one is not readable.
+    pub fn new(runs: Vec<SavedRun>) -> Result<Self, SavedRunError> {
+        let read = |run: SavedRun| run.scores().map(|scores| (run, scores));
+        Ok(Self { runs: runs.into_iter().map(read).collect::<Result<_, _>>()? })
+    }
+
+    /// The differences of every run from the first, method by method.
+    pub fn between_runs(&self) -> Table {
+        let pairs = self.entries().filter(|entry| entry.run > 0).filter_map(|entry| {
+            Some((self.entries().find(|first| first.run == 0 && first.name == entry.name)?, entry))
+        });
+        self.differences(pairs.collect())
+    }
+
+    /// The differences of every method from the best one of its run.
+    pub fn within_runs(&self) -> Table {
+        let mut pairs = Vec::new();
+        for run in 0..self.runs.len() {
+            let own = || self.entries().filter(move |entry| entry.run == run);
+            let Some((first, _)) = self.runs[run].1.variables.first() else { continue };
+            let error = |entry: &Entry<'_>| {
+                let squares = self.squares(entry, Score::Variable(first), self.scored_from(run));
+                squares.map_or(f64::INFINITY, |it| it.iter().map(|it| it.1).sum::<f64>() / it.len() as f64)
+            };
+            let Some(best) = own().min_by(|a, b| error(a).total_cmp(&error(b))) else { continue };
+            pairs.extend(own().filter(|entry| entry.name != best.name).map(|entry| (best, entry)));
+        }
+        self.differences(pairs)
+    }
+
+    /// The page.
+    ///
+    /// # Errors
+    /// As [`render`].
+    pub fn html(&self) -> Result<String, PageError> {
+        let names: Vec<&str> = self.runs.iter().map(|(run, _)| run.summary.scenario.as_str()).collect();
+        let facts = self.runs.iter().enumerate().map(|(number, (run, _))| {
+            let it = &run.summary;
+            let from = it.scored_from_cycle;
+            let text = format!(
+                "{}: scenario {}, seed {}, {} cycles, scores from cycle {from}, isobar {}",
+                run.directory.display(),
+                it.scenario,
+                it.seed,
+                it.cycles,
+                it.version
+            );
+            (label(number), text)
+        });
+        let mut sections = vec![Section {
+            title: "Scores".into(),
+            text: "Root-mean-square analysis errors over the cycles that count in each run, with their 95 % intervals."
+                .into(),
+            tables: vec![self.scores()],
+            ..Section::default()
+        }];
+        let explanation = "Differences of root-mean-square analysis errors, with their 95 % intervals from cycle by cycle \
+                           differences. Coloured: significant at the level of 5 %, smaller is better. Of twenty comparisons \
+                           without any real difference one looks significant. Runs of different seeds or scenarios have \
+                           different truths: a difference between them holds for these two stretches of weather, and \
+                           not for the next seed.";
+        for (title, table) in [
+            ("Differences from run A", self.between_runs()),
+            ("Differences from each run's best method", self.within_runs()),
+        ] {
+            if !table.rows.is_empty() {
+                let (title, text) = (title.to_string(), explanation.to_string());
+                sections.push(Section { title, text, tables: vec![table], ..Section::default() });
+            }
+        }
+        sections.push(Section { title: "Error over time".into(), figures: self.figures(), ..Section::default() });
+        let mut distinct = names.clone();
+        distinct.dedup();
+        render(&Page {
+            title: format!("Comparison: {}", distinct.join(", ")),
+            subtitle: format!("{} runs side by side", self.runs.len()),
+            facts: facts.collect(),
+            sections,
+        })
+    }
+
+    fn entries(&self) -> impl Iterator<Item = Entry<'_>> + Clone {
+        self.runs
+            .iter()
+            .enumerate()
+            .flat_map(|(run, (_, scores))| scores.methods.iter().map(move |(name, series)| Entry { run, name, series }))
+    }
+
+    /// All variables of all runs with their units, then the biases.
+    fn columns(&self) -> Vec<(Score<'_>, String)> {
+        let mut columns: Vec<(Score<'_>, String)> = Vec::new();
+        let mut known: Vec<&str> = Vec::new();
+        for (name, unit) in self.runs.iter().flat_map(|(_, scores)| &scores.variables) {
+            if !known.contains(&name.as_str()) {
+                known.push(name);
+                columns.push((Score::Variable(name), format!("{name} [{unit}]")));
+            }
+        }
+        columns.push((Score::Bias, "biases [own units]".into()));
+        columns
+    }
+
+    fn scored_from(&self, run: usize) -> usize {
+        self.runs[run].0.summary.scored_from_cycle
+    }
+
+    /// The squares of a score by cycle, from a cycle on; `None` if there are none.
+    fn squares(&self, entry: &Entry<'_>, score: Score<'_>, from: usize) -> Option<Vec<(usize, f64)>> {
+        let variables = &self.runs[entry.run].1.variables;
+        let place = match score {
+            Score::Variable(name) => Some(variables.iter().position(|(own, _)| own == name)?),
+            Score::Bias => None,
+        };
+        let squares: Vec<(usize, f64)> = entry
+            .series
+            .range(from..)
+            .filter_map(|(&cycle, own)| {
+                let value = place.map_or(own.bias_rmse, |place| own.rmse_analysis.get(place).copied().flatten())?;
+                Some((cycle, value * value))
+            })
+            .collect();
+        (!squares.is_empty()).then_some(squares)
+    }
+
+    fn scores(&self) -> Table {
+        let columns = self.columns();
+        let header = ["run".to_string(), "method".into()].into_iter().chain(columns.iter().map(|it| it.1.clone()));
+        let row = |entry: Entry<'_>| {
+            let mut row: Vec<Cell> = vec![label(entry.run).into(), entry.name.into()];
+            row.extend(columns.iter().map(|&(score, _)| {
+                let Some(squares) = self.squares(&entry, score, self.scored_from(entry.run)) else {
+                    return NONE.into();
+                };
+                let squares: Vec<f64> = squares.into_iter().map(|it| it.1).collect();
+                let root = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+                Cell::known(Some(root), root_interval(&squares).as_ref())
+            }));
+            row
+        };
+        Table { header: header.collect(), rows: self.entries().map(row).collect() }
+    }
+
+    fn differences(&self, pairs: Vec<(Entry<'_>, Entry<'_>)>) -> Table {
+        let columns = self.columns();
+        let header = std::iter::once("difference".to_string()).chain(columns.iter().map(|it| it.1.clone())).collect();
+        let row = |(first, second): (Entry<'_>, Entry<'_>)| {
+            let name = format!("{} {} − {} {}", label(second.run), second.name, label(first.run), first.name);
+            let cells =
+                columns.iter().map(|&(score, _)| self.difference(first, second, score).map_or(NONE.into(), cell));
+            std::iter::once(name.into()).chain(cells).collect()
+        };
+        Table { header, rows: pairs.into_iter().map(row).collect() }
+    }
+
+    fn difference(&self, first: Entry<'_>, second: Entry<'_>, score: Score<'_>) -> Option<Difference> {
+        let from = self.scored_from(first.run).max(self.scored_from(second.run));
+        let (a, b) = (self.squares(&first, score, from)?, self.squares(&second, score, from)?);
+        let other = |cycle: usize| b.binary_search_by_key(&cycle, |it| it.0).ok().map(|place| b[place].1);
+        let (a, b): (Vec<f64>, Vec<f64>) = a.iter().filter_map(|&(cycle, a)| Some((a, other(cycle)?))).unzip();
+        difference(&a, &b)
+    }
+
+    fn figures(&self) -> Vec<Figure> {
+        let columns = self.columns();
+        let drawn = columns.iter().enumerate().filter_map(|(number, (score, title))| {
+            let curve = |(place, entry): (usize, Entry<'_>)| {
+                let squares = self.squares(&entry, *score, 0)?;
+                let points = squares.into_iter().map(|(cycle, square)| [cycle as f64, square.sqrt()]).collect();
+                let dash = [Dash::Solid, Dash::Dashed, Dash::Dotted][entry.run % 3];
+                let color = of_method_on_paper(self.color(entry, place));
+                Some(Curve { dash, ..Curve::new(&format!("{} {}", label(entry.run), entry.name), color, points) })
+            };
+            let curves: Vec<Curve> = self.entries().enumerate().filter_map(curve).take(MOST_CURVES).collect();
+            let plot = CurvePlot {
+                title: format!("analysis RMSE of {title}"),
+                x_label: "cycle [1]".into(),
+                y_label: title.clone(),
+                reference: None,
+                from_zero: true,
+                highest: None,
+                legend: true,
+                curves,
+            };
+            let svg = plot.svg(&format!("f{number}")).page;
+            let caption = format!("Analysis error of {title}; a colour for each method, a kind of line for each run.");
+            (!plot.curves.is_empty()).then_some(Figure { caption, svg, png: String::new() })
+        });
+        drawn.collect()
+    }
+
+    /// The same colour for methods of the same name.
+    fn color(&self, entry: Entry<'_>, place: usize) -> usize {
+        self.entries().position(|other| other.name == entry.name).unwrap_or(place)
+    }
+}
+
+fn cell(it: Difference) -> Cell {
+    let signed = |value: f64| format!("{}{}", if value > 0.0 { "+" } else { "" }, figure(value));
+    let note = it.interval.map_or("too few cycles".into(), |at| format!("{} … {}", signed(at.low), signed(at.high)));
+    let class = match it.is_significant() {
+        Some(true) if it.difference < 0.0 => "better",
+        Some(true) => "worse",
+        _ => "open",
+    };
+    Cell { text: signed(it.difference), note, class }
+}
+
+/// A, B, …, Z, then numbers.
+fn label(run: usize) -> String {
+    match u8::try_from(run) {
+        Ok(number @ 0..26) => char::from(b'A' + number).to_string(),
+        _ => (run + 1).to_string(),
+    }
+}

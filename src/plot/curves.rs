@@ -1,0 +1,315 @@
+//! Curves and bands over a common axis, as SVG.
+
+use super::colors::hex;
+use kuva::plot::legend::LegendPosition;
+use kuva::plot::{BandPlot, LinePlot, ScatterPlot};
+use kuva::prelude::{Layout, Plot, Theme};
+use kuva::render::annotations::ReferenceLine;
+
+/// Colours of text, of lines in the background, and of paper in a figure's file.
+const INK: &str = "#1b1e25";
+const GRID: &str = "#d9dce3";
+const PAPER: &str = "#ffffff";
+
+/// What stands for them in a figure that is part of a page: the page's style sheet knows their colours by day and by
+/// night.
+const PAGE_COLORS: [(&str, &str); 3] = [(INK, "var(--ink)"), (GRID, "var(--line)"), (PAPER, "none")];
+
+/// How a curve is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Dash {
+    /// As a line.
+    Solid,
+    /// As a broken line.
+    Dashed,
+    /// As a fine broken line.
+    Dotted,
+    /// As points.
+    Points,
+}
+
+/// One curve.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Curve {
+    /// Its name in the legend; without one it has no place there.
+    pub name: Option<String>,
+    /// Its colour; `None`: that of text.
+    pub color: Option<[u8; 3]>,
+    /// How it is drawn.
+    pub dash: Dash,
+    /// Its points; those that are not finite are left out.
+    pub points: Vec<[f64; 2]>,
+    /// A band from lower to upper values around it, one pair for each point.
+    pub band: Option<Vec<[f64; 2]>>,
+}
+
+impl Curve {
+    /// A solid curve in a colour, with a name.
+    pub fn new(name: &str, color: [u8; 3], points: Vec<[f64; 2]>) -> Self {
+        Self { name: Some(name.into()), color: Some(color), dash: Dash::Solid, points, band: None }
+    }
+
+    /// The same, drawn otherwise and without a place in the legend.
+    pub fn unnamed(self, dash: Dash) -> Self {
+        Self { name: None, dash, ..self }
+    }
+
+    /// The same with a band.
+    pub fn with_band(self, band: Vec<[f64; 2]>) -> Self {
+        Self { band: Some(band), ..self }
+    }
+
+    /// Points whose numbers, the band's included, are all finite.
+    fn finite(&self) -> (Vec<[f64; 2]>, Option<Vec<[f64; 2]>>) {
+        let finite = |pair: &[f64; 2]| pair.iter().all(|value| value.is_finite());
+        match &self.band {
+            None => (self.points.iter().copied().filter(finite).collect(), None),
+            Some(band) => {
+                let both = self.points.iter().zip(band).filter(|(point, band)| finite(point) && finite(band));
+                let (points, band) = both.map(|(point, band)| (*point, *band)).unzip();
+                (points, Some(band))
+            }
+        }
+    }
+}
+
+/// A figure of curves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CurvePlot {
+    /// Its title.
+    pub title: String,
+    /// What x is, with its unit.
+    pub x_label: String,
+    /// What y is, with its unit.
+    pub y_label: String,
+    /// The curves; the first is drawn first.
+    pub curves: Vec<Curve>,
+    /// A value of y that is marked by a line across.
+    pub reference: Option<f64>,
+    /// Whether y begins at zero.
+    pub from_zero: bool,
+    /// The largest y to be shown; `None`: all.
+    pub highest: Option<f64>,
+    /// Whether the names of curves are shown.
+    pub legend: bool,
+}
+
+/// A figure: for a file of its own, and for a page that has it among others.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Svg {
+    /// With colours on white paper.
+    pub file: String,
+    /// With the page's colours, its own identifiers, and without a fixed size.
+    pub page: String,
+}
+
+impl CurvePlot {
+    /// Draws the figure. `id` is a word that no other figure of the page has.
+    pub fn svg(&self, id: &str) -> Svg {
+        let [_, [bottom, top]] = self.ranges();
+        let plots: Vec<Plot> = self.curves.iter().flat_map(|curve| draw(curve, [bottom, top])).collect();
+        let layout = self.layout(&plots);
+        let file = kuva::render_to_svg(plots, layout);
+        // Identifiers of the plotting crate are numbered through the life of the process.
+        let file = unique_identifiers(&file, id);
+        Svg { page: for_page(&file, &self.title), file }
+    }
+
+    fn layout(&self, plots: &[Plot]) -> Layout {
+        let [[left, right], [bottom, top]] = self.ranges();
+        let theme = Theme {
+            background: PAPER.into(),
+            axis_color: INK.into(),
+            grid_color: GRID.into(),
+            tick_color: INK.into(),
+            text_color: INK.into(),
+            legend_bg: PAPER.into(),
+            legend_border: "none".into(),
+            font_family: Some("system-ui, sans-serif".into()),
+            ..Theme::light()
+        };
+        let mut layout = Layout::auto_from_plots(plots);
+        // For want of plots.
+        (layout.x_range, layout.y_range) = ((left, right), (bottom, top));
+        let mut layout = layout
+            .with_width(440.0)
+            .with_height(300.0)
+            .with_theme(theme)
+            .with_title(&*self.title)
+            .with_x_label(&*self.x_label)
+            .with_y_label(&*self.y_label)
+            .with_x_axis_min(left)
+            .with_x_axis_max(right)
+            .with_title_size(14)
+            .with_label_size(12)
+            .with_tick_size(11)
+            .with_body_size(11)
+            .with_legend_position(LegendPosition::OutsideBottomColumns)
+            .with_legend_box(false);
+        layout.show_legend &= self.legend;
+        if self.from_zero {
+            layout = layout.with_y_axis_min(0.0);
+        }
+        if let Some(value) = self.reference {
+            let line = ReferenceLine::horizontal(value).with_color(INK).with_stroke_width(1.0).with_dasharray("2 3");
+            layout = layout.with_reference_line(line);
+        }
+        layout
+    }
+
+    /// x and y, from and to.
+    fn ranges(&self) -> [[f64; 2]; 2] {
+        let mut ranges = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
+        let mut take = |axis: usize, value: f64| {
+            ranges[axis] = [ranges[axis][0].min(value), ranges[axis][1].max(value)];
+        };
+        for curve in &self.curves {
+            let (points, band) = curve.finite();
+            for [x, y] in points {
+                take(0, x);
+                take(1, y);
+            }
+            for value in band.into_iter().flatten().flatten() {
+                take(1, value);
+            }
+        }
+        if let Some(value) = self.reference {
+            take(1, value);
+        }
+        if self.from_zero {
+            take(1, 0.0);
+        }
+        let [x, mut y] = ranges;
+        if let Some(highest) = self.highest.filter(|&highest| highest > y[0]) {
+            y[1] = y[1].min(highest);
+        }
+        [x, y].map(|[low, high]| match high - low {
+            span if span.is_finite() && span > 1e-12 * high.abs().max(1e-300) => [low, high],
+            _ if low.is_finite() => [low - 0.5 - 1e-3 * low.abs(), high + 0.5 + 1e-3 * high.abs()],
+            _ => [0.0, 1.0],
+        })
+    }
+}
+
+fn draw(curve: &Curve, [bottom, top]: [f64; 2]) -> Vec<Plot> {
+    let color = curve.color.map_or_else(|| INK.to_string(), hex);
+    let (points, band) = curve.finite();
+    let mut plots: Vec<Plot> = Vec::new();
+    if let Some(band) = band {
+        let part = |side: usize| band.iter().map(move |pair| pair[side].clamp(bottom, top));
+        let xs = points.iter().map(|point| point[0]);
+        plots.push(BandPlot::new(xs, part(0), part(1)).with_color(&*color).with_opacity(0.18).into());
+    }
+    let points: Vec<(f64, f64)> = points.into_iter().map(|[x, y]| (x, y)).collect();
+    if points.is_empty() {
+        return plots;
+    }
+    if curve.dash == Dash::Points {
+        let mut scatter = ScatterPlot::new().with_data(points).with_color(color).with_size(2.6);
+        if let Some(name) = &curve.name {
+            scatter = scatter.with_legend(&**name);
+        }
+        plots.push(scatter.into());
+        return plots;
+    }
+    let mut line = LinePlot::new().with_data(points).with_color(color);
+    line = match curve.dash {
+        Dash::Dashed => line.with_dashed().with_stroke_width(1.4),
+        Dash::Dotted => line.with_dotted().with_stroke_width(1.2),
+        Dash::Solid | Dash::Points => line.with_stroke_width(1.8),
+    };
+    if let Some(name) = &curve.name {
+        line = line.with_legend(&**name);
+    }
+    plots.push(line.into());
+    plots
+}
+
+/// The figure with identifiers that begin with `id`, numbered from 0.
+fn unique_identifiers(svg: &str, id: &str) -> String {
+    const PREFIX: &str = "kuva-clip-";
+    let mut parts = svg.split(PREFIX);
+    let mut text = parts.next().unwrap_or_default().to_string();
+    let mut known: Vec<&str> = Vec::new();
+    for part in parts {
+        let end = part.find(|character: char| !character.is_ascii_digit()).unwrap_or(part.len());
+        let (number, rest) = part.split_at(end);
+        let place = known.iter().position(|it| *it == number).unwrap_or_else(|| {
+            known.push(number);
+            known.len() - 1
+        });
+        text += &format!("{id}-{place}{rest}");
+    }
+    text
+}
+
+/// The figure as part of a page.
+fn for_page(svg: &str, title: &str) -> String {
+    let mut svg = svg.to_string();
+    for (from, to) in PAGE_COLORS {
+        svg = svg.replace(&format!("\"{from}\""), &format!("\"{to}\""));
+    }
+    let Some(end) = svg.find('>') else { return svg };
+    let (opening, rest) = svg.split_at(end);
+    let size = |name: &str| {
+        let value = opening.split(&format!(" {name}=\"")).nth(1)?.split('"').next()?;
+        value.parse::<f64>().ok()
+    };
+    let (width, height) = (size("width").unwrap_or(440.0), size("height").unwrap_or(300.0));
+    let label = minijinja::HtmlEscape(title);
+    let ns = "xmlns=\"http://www.w3.org/2000/svg\"";
+    let font = "font-family=\"system-ui, sans-serif\" fill=\"var(--ink)\"";
+    format!("<svg {ns} viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{label}\" {font}{rest}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plot(points: Vec<[f64; 2]>) -> CurvePlot {
+        CurvePlot {
+            title: "error of <h> & \"u\"".into(),
+            x_label: "time [d]".into(),
+            y_label: "error [m]".into(),
+            curves: vec![Curve::new("<script>", [1, 2, 3], points)],
+            reference: None,
+            from_zero: true,
+            highest: None,
+            legend: true,
+        }
+    }
+
+    #[test]
+    fn a_figure_is_the_same_whenever_it_is_drawn_and_escapes_its_texts() {
+        let plot = plot(vec![[0.0, 1.0], [1.0, 2.0]]);
+        let first = plot.svg("a");
+        assert_eq!(first, plot.svg("a"));
+        assert!(!first.file.contains("kuva-clip") && first.file.contains("#010203"));
+        for svg in [&first.file, &first.page] {
+            assert!(svg.contains("&lt;script&gt;") && !svg.contains("<script"), "{svg}");
+            assert!(svg.contains("time [d]") && svg.contains("error [m]") && svg.contains("&lt;h&gt; &amp;"));
+        }
+        assert!(first.page.contains("var(--ink)") && !first.page.contains(INK), "{}", first.page);
+        assert_ne!(first.page, plot.svg("b").page, "identifiers must differ within a page");
+    }
+
+    #[test]
+    fn figures_without_points_or_extent_or_finite_numbers_can_be_drawn() {
+        for points in [
+            vec![],
+            vec![[0.0, 0.0]],
+            vec![[1.0, 5.0]; 3],
+            vec![[0.0, f64::NAN], [1.0, f64::INFINITY], [2.0, 3.0]],
+            vec![[0.0, 1e300], [1.0, -1e300]],
+            vec![[0.0, 1e-300], [1.0, 2e-300]],
+        ] {
+            for from_zero in [true, false] {
+                let mut plot = plot(points.clone());
+                plot.from_zero = from_zero;
+                plot.curves[0].band = Some(vec![[f64::NAN, 1.0]; points.len()]);
+                let svg = plot.svg("a").file;
+                assert!(svg.starts_with("<svg") && !svg.contains("NaN") && !svg.contains("inf"), "{points:?} {svg}");
+            }
+        }
+    }
+}

@@ -1,0 +1,28 @@
+//! Numbers as text.
+
+/// A number as short as its first four digits allow.
+pub fn number<N: Into<f64>>(value: N) -> String {
+    let value = value.into();
+    if !value.is_finite() {
+        return value.to_string();
+    }
+    if value != 0.0 && !(1e-4..1e7).contains(&value.abs()) {
+        return format!("{value:.3e}");
+    }
+    let digits = if value == 0.0 { 0 } else { (3 - value.abs().log10().floor() as i32).clamp(0, 9) };
+    let text = format!("{value:.*}", digits as usize);
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_short() {
+        let short = [5190.0, 0.25, -40.0, 0.0, 1234.56, 3.0].map(number::<f64>);
+        assert_eq!(short, ["5190", "0.25", "-40", "0", "1235", "3"]);
+        assert_eq!([1e-30, 4e14, f64::NAN].map(number::<f64>), ["1.000e-30", "4.000e14", "NaN"]);
+        assert_eq!(number(0.1_f32), "0.1");
+    }
+}

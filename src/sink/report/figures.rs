@@ -1,0 +1,246 @@
+//! The curves of the report.
+
+use super::history::{Cycle, History, MethodCycle};
+use super::reliability::{Reliability, normal_density};
+use crate::event::RunInfo;
+use crate::plot::colors::of_method_on_paper;
+use crate::plot::range::quantile;
+use crate::plot::{Curve, CurvePlot, Dash};
+use crate::sink::netcdf::coordinates::safe_name;
+use crate::sink::scores::utc;
+use crate::summary::{MethodScores, PerVariable};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+/// The most bias parameters that have a figure.
+const MOST_PARAMETERS: usize = 48;
+
+/// A figure of curves, and the name of its file.
+pub struct Drawing {
+    /// The file's stem.
+    pub stem: String,
+    /// What it shows, in words.
+    pub caption: String,
+    /// The figure.
+    pub plot: CurvePlot,
+}
+
+/// Draws the curves of a run.
+pub struct Figures<'a> {
+    /// The run.
+    pub info: &'a RunInfo,
+    /// What happened in it.
+    pub history: &'a History,
+    /// First cycle that counts for the scores.
+    pub scored_from: usize,
+}
+
+impl Figures<'_> {
+    /// RMSE and spread of each variable.
+    pub fn errors(&self) -> Vec<Drawing> {
+        let per_variable = |variable: &isobar_model::Variable| {
+            let name = variable.name;
+            let series = |pick: fn(&MethodScores) -> Option<&PerVariable>, method: usize| {
+                self.series(method, |own| pick(&own.scores)?.get(name).copied())
+            };
+            let mut curves = Vec::new();
+            for (method, info) in self.info.methods.iter().enumerate() {
+                let error =
+                    Curve::new(&info.name, of_method_on_paper(method), series(|it| Some(&it.rmse_analysis), method));
+                let spread = Curve { points: series(|it| it.spread_analysis.as_ref(), method), ..error.clone() };
+                curves.extend([error, spread.unnamed(Dash::Dashed)]);
+            }
+            let caption = format!("Analysis of {}: error (solid) and claimed spread (broken).", variable.long_name);
+            self.over_time(
+                format!("rmse_{name}"),
+                caption,
+                format!("RMSE and spread of {name}"),
+                variable.unit,
+                curves,
+                None,
+            )
+        };
+        self.info.layout.variables.iter().map(per_variable).collect()
+    }
+
+    /// The bias estimates with their bands and the truth.
+    pub fn biases(&self) -> Vec<Drawing> {
+        let parameters = self.info.calibration.parameters.iter().enumerate().take(MOST_PARAMETERS);
+        let drawing = |(number, parameter): (usize, &isobar_obs::Parameter)| {
+            let mut curves = Vec::new();
+            for (method, info) in self.info.methods.iter().enumerate() {
+                let points = self.series(method, |own| own.calibration.get(number).copied());
+                if points.iter().all(|point| point[1] == 0.0) {
+                    continue;
+                }
+                let mut curve = Curve::new(&info.name, of_method_on_paper(method), points);
+                let sigmas = self.series(method, |own| own.calibration_spread.as_ref()?.get(number).copied());
+                if sigmas.len() == curve.points.len() {
+                    let band =
+                        |(point, sigma): (&[f64; 2], &[f64; 2])| [point[1] - 2.0 * sigma[1], point[1] + 2.0 * sigma[1]];
+                    curve.band = Some(curve.points.iter().zip(&sigmas).map(band).collect());
+                }
+                curves.push(curve);
+            }
+            let truth = |cycle: &Cycle| Some([self.day(cycle), *cycle.true_calibration.get(number)?]);
+            let points = self.history.cycles.iter().filter_map(truth).collect();
+            curves.push(Curve { name: Some("truth".into()), color: None, dash: Dash::Dashed, points, band: None });
+            let stem = format!("bias_{:02}_{}", number + 1, safe_name(&parameter.name, "_"));
+            let caption = format!("Bias {}: estimates with ±2σ, and the truth (broken).", parameter.name);
+            let mut drawing = self.over_time(stem, caption, parameter.name.clone(), &parameter.unit, curves, None);
+            drawing.plot.from_zero = false;
+            drawing
+        };
+        parameters.map(drawing).collect()
+    }
+
+    /// For methods with a spread: normalised errors, and errors against spreads.
+    pub fn reliability(&self) -> Vec<Drawing> {
+        let mut drawings = Vec::new();
+        for (number, variable) in self.info.layout.variables.iter().enumerate() {
+            let all: Vec<(usize, Reliability)> =
+                (0..self.info.methods.len()).map(|method| (method, self.gathered(method, number))).collect();
+            let with_spread = || all.iter().filter(|(_, reliability)| !reliability.is_empty());
+            if with_spread().next().is_none() {
+                continue;
+            }
+            let curves_of = |pick: fn(&Reliability) -> Vec<[f64; 2]>| -> Vec<Curve> {
+                let curve = |(method, reliability): &(usize, Reliability)| {
+                    Curve::new(&self.info.methods[*method].name, of_method_on_paper(*method), pick(reliability))
+                };
+                with_spread().map(curve).collect()
+            };
+            let reference = |name: &str, points| Curve {
+                name: Some(name.into()),
+                color: None,
+                dash: Dash::Dashed,
+                points,
+                band: None,
+            };
+            let mut curves = curves_of(Reliability::density);
+            curves.push(reference("N(0, 1)", normal_density()));
+            drawings.push(Drawing {
+                stem: format!("normalised_error_{}", variable.name),
+                caption: format!(
+                    "Analysis errors of {} divided by the claimed spread: the normal distribution if the spread is right, \
+                     wider if it is too small.",
+                    variable.long_name
+                ),
+                plot: plot(
+                    format!("normalised error of {}", variable.name),
+                    "(analysis − truth) / spread [1]".into(),
+                    "density [1]".into(),
+                    curves,
+                ),
+            });
+            let mut curves = curves_of(Reliability::curve);
+            let ends = curves.iter().flat_map(|curve| &curve.points).map(|point| point[0]);
+            let (low, high) = ends.fold((f64::INFINITY, 0.0_f64), |(low, high), x| (low.min(x), high.max(x)));
+            curves.push(reference("right", vec![[low, low], [high, high]]));
+            let points = curves_of(Reliability::curve).into_iter().map(|curve| curve.unnamed(Dash::Points));
+            curves.extend(points);
+            drawings.push(Drawing {
+                stem: format!("spread_error_{}", variable.name),
+                caption: format!(
+                    "Root-mean-square analysis error of {} at grid points with about the same claimed spread: on the \
+                     broken line if the spread is right.",
+                    variable.long_name
+                ),
+                plot: plot(
+                    format!("error against spread of {}", variable.name),
+                    format!("claimed spread [{}]", variable.unit),
+                    format!("RMSE [{}]", variable.unit),
+                    curves,
+                ),
+            });
+        }
+        drawings
+    }
+
+    /// χ²/n over time, and mean departures of each network and variable.
+    pub fn innovations(&self) -> Vec<Drawing> {
+        let mut drawings = Vec::new();
+        let mut curves = Vec::new();
+        for (method, info) in self.info.methods.iter().enumerate() {
+            let points = self.series(method, |own| own.scores.innovation_chi2);
+            if !points.is_empty() {
+                curves.push(Curve::new(&info.name, of_method_on_paper(method), points));
+            }
+        }
+        if !curves.is_empty() {
+            let caption =
+                "Normalised innovation squared per observation: 1 if the claimed covariances are right.".into();
+            let mut chi2 =
+                self.over_time("innovation_chi2".into(), caption, "innovation χ²/n".into(), "1", curves, Some(1.0));
+            chi2.plot.y_label = "χ²/n [1]".into();
+            drawings.push(chi2);
+        }
+        let methods = || self.history.cycles.iter().flat_map(|cycle| cycle.methods.iter().flatten());
+        let kinds: BTreeSet<(Arc<str>, usize)> = methods().flat_map(|own| own.departures.keys().cloned()).collect();
+        for kind in kinds {
+            let Some(variable) = self.info.layout.variables.get(kind.1) else { continue };
+            let mut curves = Vec::new();
+            for (method, info) in self.info.methods.iter().enumerate() {
+                let points = self.series(method, |own| own.departures.get(&kind).map(|means| means[0]));
+                curves.push(Curve::new(&info.name, of_method_on_paper(method), points));
+            }
+            let (network, name) = (&kind.0, variable.name);
+            let caption = format!(
+                "Mean departure of the observations from the background, with the method's bias estimate taken off: \
+                 {name} of {network}. Around zero if nothing is left to be explained."
+            );
+            let stem = format!("departure_{}_{name}", safe_name(network, "_"));
+            let title = format!("mean departure, {name} of {network}");
+            let mut drawing = self.over_time(stem, caption, title, variable.unit, curves, Some(0.0));
+            drawing.plot.from_zero = false;
+            drawings.push(drawing);
+        }
+        drawings
+    }
+
+    fn over_time(
+        &self,
+        stem: String,
+        caption: String,
+        title: String,
+        unit: &str,
+        curves: Vec<Curve>,
+        reference: Option<f64>,
+    ) -> Drawing {
+        let label = format!("days since {}", utc(self.info.start));
+        let mut plot = plot(title, label, format!("[{unit}]"), curves);
+        plot.reference = reference;
+        plot.highest = highest(&plot.curves);
+        Drawing { stem, caption, plot }
+    }
+
+    /// A method's figure in every cycle that has one.
+    fn series(&self, method: usize, pick: impl Fn(&MethodCycle) -> Option<f64>) -> Vec<[f64; 2]> {
+        let at = |cycle: &Cycle| Some([self.day(cycle), pick(cycle.methods.get(method)?.as_ref()?)?]);
+        self.history.cycles.iter().filter_map(at).collect()
+    }
+
+    fn day(&self, cycle: &Cycle) -> f64 {
+        (cycle.time - self.info.start).days()
+    }
+
+    fn gathered(&self, method: usize, variable: usize) -> Reliability {
+        let mut all = Reliability::default();
+        let scored = self.history.cycles.iter().filter(|cycle| cycle.cycle >= self.scored_from);
+        for own in scored.filter_map(|cycle| cycle.methods.get(method)?.as_ref()?.reliability.get(variable)) {
+            all.merge(own);
+        }
+        all
+    }
+}
+
+fn plot(title: String, x_label: String, y_label: String, curves: Vec<Curve>) -> CurvePlot {
+    CurvePlot { title, x_label, y_label, curves, reference: None, from_zero: true, highest: None, legend: true }
+}
+
+/// A limit for y that a single method gone astray cannot push up at will: four times what nine of ten points need.
+fn highest(curves: &[Curve]) -> Option<f64> {
+    let values = curves.iter().flat_map(|curve| &curve.points).map(|point| point[1] as f32).collect();
+    let usual = quantile(values, 0.9)?;
+    (usual > 0.0).then(|| 4.0 * f64::from(usual))
+}

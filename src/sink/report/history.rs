@@ -1,0 +1,197 @@
+//! What the report needs to know of a run: scores and biases of all cycles, fields of few.
+
+use super::reliability::Reliability;
+use crate::event::{Analysed, RunInfo};
+use crate::plot::Thinning;
+use crate::summary::MethodScores;
+use isobar_assim::Estimate;
+use isobar_model::{State, Time};
+use isobar_obs::ObservationWindow;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// The most cells on a side of a map.
+const MAP_CELLS: usize = 200;
+
+/// The run, as far as the report shows it.
+#[derive(Debug)]
+pub struct History {
+    /// Number of the variable of which maps are drawn: h, or the first.
+    pub mapped: usize,
+    /// How maps are thinned.
+    pub thinning: Thinning,
+    /// The cycles, in their order.
+    pub cycles: Vec<Cycle>,
+    /// Fields of the cycles that are shown as maps, by cycle.
+    pub snapshots: BTreeMap<usize, Snapshot>,
+    /// The whole true state of the current cycle.
+    truth: Vec<f64>,
+}
+
+/// A cycle.
+#[derive(Debug)]
+pub struct Cycle {
+    /// Its number.
+    pub cycle: usize,
+    /// Valid time.
+    pub time: Time,
+    /// The true calibration parameters.
+    pub true_calibration: Vec<f64>,
+    /// Network and variable of each observation.
+    kinds: Vec<(Arc<str>, usize)>,
+    /// The results of the methods; the place of one that has none is empty.
+    pub methods: Vec<Option<MethodCycle>>,
+}
+
+/// A method's results in a cycle.
+#[derive(Debug)]
+pub struct MethodCycle {
+    /// The scores.
+    pub scores: MethodScores,
+    /// The calibration parameters after the analysis.
+    pub calibration: Vec<f64>,
+    /// Their claimed standard deviations.
+    pub calibration_spread: Option<Vec<f64>>,
+    /// Mean background and analysis departure of each network and variable.
+    pub departures: BTreeMap<(Arc<str>, usize), [f64; 2]>,
+    /// The analysis errors of each variable against the claimed spread.
+    pub reliability: Vec<Reliability>,
+}
+
+/// The mapped variable in one cycle.
+#[derive(Debug)]
+pub struct Snapshot {
+    /// Valid time.
+    pub time: Time,
+    /// The truth.
+    pub truth: Vec<f32>,
+    /// Places of the observations of the variable, by number.
+    pub places: Vec<(usize, f64, f64)>,
+    /// The methods' fields.
+    pub methods: Vec<Option<Fields>>,
+}
+
+/// A method's fields.
+#[derive(Debug)]
+pub struct Fields {
+    /// Before the observations.
+    pub background: Vec<f32>,
+    /// After them.
+    pub analysis: Vec<f32>,
+    /// Claimed standard deviation after them.
+    pub spread: Option<Vec<f32>>,
+    /// The background departures at [`Snapshot::places`].
+    pub departures: Vec<f32>,
+}
+
+impl History {
+    /// The history of a run that has not begun.
+    pub fn new(info: &RunInfo) -> Self {
+        Self {
+            mapped: info.layout.variable("h").unwrap_or(0),
+            thinning: Thinning::new(&info.layout.grid, MAP_CELLS),
+            cycles: Vec::new(),
+            snapshots: BTreeMap::new(),
+            truth: Vec::new(),
+        }
+    }
+
+    /// Takes the truth of a cycle.
+    pub fn add_truth(&mut self, info: &RunInfo, cycle: usize, time: Time, state: &State, calibration: &[f64]) {
+        if cycle == 0 {
+            return;
+        }
+        self.truth = state.values().to_vec();
+        let methods = info.methods.iter().map(|_| None).collect();
+        self.cycles.push(Cycle { cycle, time, true_calibration: calibration.to_vec(), kinds: Vec::new(), methods });
+        if cycle == info.cycles || cycle == info.cycles.div_ceil(2) {
+            let (truth, methods) = (self.map(state.values()), info.methods.iter().map(|_| None).collect());
+            self.snapshots.insert(cycle, Snapshot { time, truth, places: Vec::new(), methods });
+        }
+    }
+
+    /// Takes the observations of a cycle.
+    pub fn add_observations(&mut self, window: &ObservationWindow) {
+        if let Some(cycle) = self.cycles.last_mut() {
+            cycle.kinds = window.reports.iter().map(|report| (Arc::clone(&report.network), report.variable)).collect();
+        }
+        if let Some(snapshot) = self.snapshots.get_mut(&window.cycle) {
+            let mapped = window.reports.iter().enumerate().filter(|(_, report)| report.variable == self.mapped);
+            snapshot.places = mapped.map(|(number, report)| (number, report.x_m, report.y_m)).collect();
+        }
+    }
+
+    /// Takes the results of a method.
+    ///
+    /// # Errors
+    /// If they do not fit the run.
+    pub fn add_estimates(&mut self, info: &RunInfo, analysed: &Analysed<'_>) -> Result<(), String> {
+        let &Analysed { method, cycle, background, analysis, scores, .. } = analysed;
+        let Estimate { state, calibration, state_spread, calibration_spread } = &analysis.estimate;
+        let fits = |spread: &Option<Vec<f64>>, length: usize| spread.as_ref().is_none_or(|it| it.len() == length);
+        if method >= info.methods.len() || !fits(state_spread, info.layout.len()) {
+            return Err(format!("in cycle {cycle} the results of method {method} do not fit the run"));
+        }
+        if !fits(calibration_spread, calibration.len()) {
+            return Err(format!("in cycle {cycle} the bias spread of method {method} does not fit its biases"));
+        }
+        let reliability = match state_spread {
+            Some(spread) => self.reliability(info, state, spread),
+            None => Vec::new(),
+        };
+        let fields = self.snapshots.get(&cycle).map(|snapshot| Fields {
+            background: self.map(background.state.values()),
+            analysis: self.map(state.values()),
+            spread: state_spread.as_ref().map(|spread| self.map(spread)),
+            departures: snapshot
+                .places
+                .iter()
+                .map(|place| analysis.background_departures.get(place.0).map_or(f32::NAN, |&it| it as f32))
+                .collect(),
+        });
+        if let (Some(fields), Some(snapshot)) = (fields, self.snapshots.get_mut(&cycle)) {
+            snapshot.methods[method] = Some(fields);
+        }
+        let Some(own) = self.cycles.last_mut().filter(|own| own.cycle == cycle) else {
+            return Err(format!("method {method} has results of cycle {cycle} without its truth"));
+        };
+        let departures = [&analysis.background_departures, &analysis.analysis_departures];
+        own.methods[method] = Some(MethodCycle {
+            scores: scores.clone(),
+            calibration: calibration.clone(),
+            calibration_spread: calibration_spread.clone(),
+            departures: mean_departures(&own.kinds, departures),
+            reliability,
+        });
+        Ok(())
+    }
+
+    fn reliability(&self, info: &RunInfo, state: &State, spread: &[f64]) -> Vec<Reliability> {
+        let cells = info.layout.grid.cells();
+        let of_variable = |variable: usize| {
+            let range = variable * cells..(variable + 1) * cells;
+            let mut reliability = Reliability::default();
+            if let Some(truth) = self.truth.get(range.clone()) {
+                let errors = state.values()[range.clone()].iter().zip(truth).map(|(value, truth)| value - truth);
+                reliability.add(errors.zip(spread[range].iter().copied()));
+            }
+            reliability
+        };
+        (0..info.layout.variables.len()).map(of_variable).collect()
+    }
+
+    /// The mapped variable of the values of a state, thinned.
+    fn map(&self, values: &[f64]) -> Vec<f32> {
+        let cells = self.thinning.cells();
+        self.thinning.apply(&values[self.mapped * cells..(self.mapped + 1) * cells])
+    }
+}
+
+fn mean_departures(kinds: &[(Arc<str>, usize)], departures: [&Vec<f64>; 2]) -> BTreeMap<(Arc<str>, usize), [f64; 2]> {
+    let mut sums: BTreeMap<(Arc<str>, usize), (f64, [f64; 2])> = BTreeMap::new();
+    for ((kind, background), analysis) in kinds.iter().zip(departures[0]).zip(departures[1]) {
+        let sum = sums.entry(kind.clone()).or_default();
+        *sum = (sum.0 + 1.0, [sum.1[0] + background, sum.1[1] + analysis]);
+    }
+    sums.into_iter().map(|(kind, (count, sums))| (kind, sums.map(|sum| sum / count))).collect()
+}

@@ -1,0 +1,249 @@
+//! The page: sections of text, tables and figures, put together by a template that escapes what it is given.
+
+use super::facts;
+use super::figures::{self, Figures};
+use super::history::History;
+use super::maps::{self, Maps};
+use super::tables::{self, Table};
+use crate::event::RunInfo;
+use crate::plot::PlotError;
+use crate::summary::Summary;
+use base64::Engine;
+use minijinja::syntax::SyntaxConfig;
+use minijinja::value::{Serde, Value};
+use minijinja::{Environment, UndefinedBehavior, context};
+use serde::Serialize;
+
+/// Figures of bias parameters that are shown at once; the others are folded.
+const OPEN_FIGURES: usize = 8;
+
+/// Why a page cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum PageError {
+    /// A figure.
+    #[error(transparent)]
+    Plot(#[from] PlotError),
+    /// The template.
+    #[error("the page cannot be put together: {0}")]
+    Template(#[from] minijinja::Error),
+}
+
+/// A figure on a page.
+#[derive(Clone, Debug, Serialize)]
+pub struct Figure {
+    /// What it shows, in words.
+    pub caption: String,
+    /// Its SVG element, already escaped; empty for a picture.
+    pub svg: String,
+    /// The picture's bytes in base64; empty for an SVG.
+    pub png: String,
+}
+
+/// A part of the page.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Section {
+    /// Its heading.
+    pub title: String,
+    /// What there is to know before looking.
+    pub text: String,
+    /// Tables.
+    pub tables: Vec<Table>,
+    /// Figures.
+    pub figures: Vec<Figure>,
+    /// Further parts, each under a line that opens it.
+    pub folded: Vec<Folded>,
+}
+
+/// Something that the reader has to open.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Folded {
+    /// The line that is always seen.
+    pub title: String,
+    /// A text, to the letter.
+    pub text: String,
+    /// Tables.
+    pub tables: Vec<Table>,
+    /// Figures.
+    pub figures: Vec<Figure>,
+}
+
+/// A page.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Page {
+    /// The heading.
+    pub title: String,
+    /// The line below it.
+    pub subtitle: String,
+    /// Facts by name.
+    pub facts: Vec<(String, String)>,
+    /// The parts.
+    pub sections: Vec<Section>,
+}
+
+/// Puts a page together.
+///
+/// # Errors
+/// If the template fails, which would be a fault of this program.
+pub fn render(page: &Page) -> Result<String, PageError> {
+    let mut environment = Environment::new();
+    environment.set_undefined_behavior(UndefinedBehavior::Strict);
+    environment.set_syntax(SyntaxConfig::builder().trim_blocks(true).lstrip_blocks(true).build()?);
+    environment.add_template("page.html", include_str!("page.html"))?;
+    let style = include_str!("style.css");
+    Ok(environment.get_template("page.html")?.render(context! { page => Value::from(Serde(page)), style })?)
+}
+
+/// The report of a run: the page, and the files of its figures.
+pub struct Report {
+    page: Page,
+    files: Vec<(String, Vec<u8>)>,
+}
+
+impl Report {
+    /// Draws everything.
+    pub fn new(info: &RunInfo, history: &History, summary: &Summary) -> Result<Self, PageError> {
+        let mut report = Self { page: Page::default(), files: Vec::new() };
+        let figures = Figures { info, history, scored_from: summary.scored_from_cycle };
+        report.page.title.clone_from(&info.title);
+        report.page.subtitle =
+            format!("{}, seed {}: {} methods side by side", info.scenario, info.seed, info.methods.len());
+        report.page.facts = facts::facts(info, summary);
+        let scores = report.scores(info, summary);
+        let errors = Section {
+            title: "Error over time".into(),
+            text: "A method whose claimed spread (broken line) lies on its error (solid line) knows what it does not know."
+                .into(),
+            figures: report.curves(figures.errors()),
+            ..Section::default()
+        };
+        let maps = report.maps(Maps::new(info, history).all())?;
+        let biases = report.biases(info, history, &figures);
+        let reliability = Section {
+            title: "Is the claimed spread right?".into(),
+            text: "For the methods that claim one, over all grid points of the cycles that count.".into(),
+            figures: report.curves(figures.reliability()),
+            ..Section::default()
+        };
+        let innovations = Section {
+            title: "What the observations say".into(),
+            text: "Departures of the observations from the background, which need no truth.".into(),
+            figures: report.curves(figures.innovations()),
+            ..Section::default()
+        };
+        let cost = Section {
+            title: "Partition and cost".into(),
+            text:
+                "Blocks that observations link are merged; below, the cycle whose largest component was the largest. \
+                   Times are of the machine that ran it."
+                    .into(),
+            tables: tables::partitions(summary).into_iter().chain([tables::costs(summary)]).collect(),
+            ..Section::default()
+        };
+        let scenario = Section {
+            title: "Scenario".into(),
+            folded: vec![Folded {
+                title: format!("{}.toml", info.scenario),
+                text: info.scenario_text.clone(),
+                ..Folded::default()
+            }],
+            ..Section::default()
+        };
+        let all = [Some(scores), Some(errors), Some(maps), biases, Some(reliability), Some(innovations), Some(cost)];
+        let filled = |it: &Section| !(it.figures.is_empty() && it.tables.is_empty() && it.folded.is_empty());
+        report.page.sections = all.into_iter().flatten().chain([scenario]).filter(filled).collect();
+        Ok(report)
+    }
+
+    /// The figures' names and bytes.
+    pub fn files(&self) -> &[(String, Vec<u8>)] {
+        &self.files
+    }
+
+    /// The page.
+    pub fn html(&self) -> Result<String, PageError> {
+        render(&self.page)
+    }
+
+    fn scores(&self, info: &RunInfo, summary: &Summary) -> Section {
+        Section {
+            title: "Scores".into(),
+            text: format!(
+                "Root-mean-square errors over cycles {} to {}; below each its 95 % interval, for which successive cycles \
+                 count the less the more they resemble each other. No interval: the cycles are worth fewer than three \
+                 independent ones. Spread is what a method claims its analysis error to be.",
+                summary.scored_from_cycle, summary.cycles
+            ),
+            tables: vec![tables::scores(info, summary), tables::methods(info)],
+            ..Section::default()
+        }
+    }
+
+    fn biases(&mut self, info: &RunInfo, history: &History, figures: &Figures<'_>) -> Option<Section> {
+        let table = tables::biases(info, history)?;
+        let mut all = self.curves(figures.biases());
+        let rest = all.split_off(all.len().min(OPEN_FIGURES));
+        let mut folded = Vec::new();
+        if !rest.is_empty() {
+            folded.push(Folded { title: format!("{} more biases", rest.len()), figures: rest, ..Folded::default() });
+        }
+        let title = "The last estimate of every bias, with ± 2σ where claimed".to_string();
+        folded.push(Folded { title, tables: vec![table], ..Folded::default() });
+        Some(Section {
+            title: "Biases".into(),
+            text: "Estimates with the band of ±2σ that the method claims, and the truth (broken).".into(),
+            figures: all,
+            folded,
+            ..Section::default()
+        })
+    }
+
+    /// The maps of the last cycle, and folded the errors of others; the files hold all.
+    fn maps(&mut self, all: Vec<maps::MapsOfCycle>) -> Result<Section, PageError> {
+        let mut section = Section { title: "Maps".into(), ..Section::default() };
+        for (number, maps) in all.into_iter().enumerate() {
+            let when = format!("cycle {}, {}", maps.cycle, maps.time);
+            let mut figures = vec![self.map(maps.truth)?];
+            let mut more = Vec::new();
+            for (name, own) in maps.methods {
+                figures.push(self.map(own.error)?);
+                let mut others = own.states.into_iter().map(|it| self.map(it)).collect::<Result<Vec<_>, _>>()?;
+                others.extend(own.spread.map(|it| self.map(it)).transpose()?);
+                let title = format!("{name}: background with observations, analysis, claimed spread");
+                more.push(Folded { title, figures: others, ..Folded::default() });
+            }
+            if number == 0 {
+                section.title = format!("Maps of {when}");
+                section.text =
+                    "Truth, and the error of every method. All maps of a kind have the same colours for the \
+                                same values."
+                        .into();
+                (section.figures, section.folded) = (figures, more);
+            } else {
+                let title = format!("Truth and errors of {when}");
+                section.folded.push(Folded { title, figures, ..Folded::default() });
+            }
+        }
+        Ok(section)
+    }
+
+    /// Draws curves, for the page and as files.
+    fn curves(&mut self, drawings: Vec<figures::Drawing>) -> Vec<Figure> {
+        let mut all = Vec::new();
+        for figures::Drawing { stem, caption, plot } in drawings {
+            let id = format!("f{}", self.files.len());
+            let svg = plot.svg(&id);
+            self.files.push((format!("{stem}.svg"), svg.file.into_bytes()));
+            all.push(Figure { caption, svg: svg.page, png: String::new() });
+        }
+        all
+    }
+
+    /// Draws a map, for the page and as a file.
+    fn map(&mut self, drawing: maps::Drawing) -> Result<Figure, PageError> {
+        let maps::Drawing { stem, caption, map } = drawing;
+        let bytes = map.png()?;
+        let png = base64::engine::general_purpose::STANDARD.encode(&bytes);
+        self.files.push((format!("{stem}.png"), bytes));
+        Ok(Figure { caption, svg: String::new(), png })
+    }
+}

@@ -1,0 +1,235 @@
+//! The page that a run leaves behind: complete, self-contained, and safe whatever the scenario says.
+
+mod synthetic_run;
+
+use isobar::event::RunInfo;
+use isobar::saved::SavedRun;
+use isobar::sink::{Existing, OutputDirectory, Outputs, open_all};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use synthetic_run::SyntheticRun;
+
+const REPORT: Outputs = Outputs { netcdf: false, rerun: false, report: true, live: false };
+
+/// Plays the run into a new directory, and lets `look` see it.
+fn written(run: &SyntheticRun, look: impl FnOnce(&Path)) {
+    let parent = tempfile::tempdir().unwrap();
+    let destination = parent.path().join("run");
+    let directory = OutputDirectory::create(&destination, Existing::Refuse).unwrap();
+    run.play(&mut open_all(&run.info, &directory, REPORT).unwrap()).unwrap();
+    directory.complete().unwrap();
+    look(&destination);
+}
+
+fn page(run: &SyntheticRun) -> String {
+    let mut text = String::new();
+    written(run, |directory| text = fs::read_to_string(directory.join("report.html")).unwrap());
+    text
+}
+
+/// All files below, by name.
+fn files(directory: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut all = BTreeMap::new();
+    for entry in fs::read_dir(directory).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        if path.is_dir() {
+            all.extend(files(&path).into_iter().map(|(below, bytes)| (format!("{name}/{below}"), bytes)));
+        } else {
+            all.insert(name, fs::read(&path).unwrap());
+        }
+    }
+    all
+}
+
+/// What stands between the first `from` and the next `to`.
+fn between<'a>(text: &'a str, from: &str, to: &str) -> &'a str {
+    let rest = text.split_once(from).unwrap_or_else(|| panic!("no {from}")).1;
+    rest.split_once(to).unwrap_or_else(|| panic!("no {to}")).0
+}
+
+/// Values of an attribute.
+fn attributes<'a>(text: &'a str, name: &str) -> Vec<&'a str> {
+    text.split(&format!(" {name}=\"")).skip(1).map(|rest| rest.split('"').next().unwrap()).collect()
+}
+
+#[test]
+fn the_page_loads_nothing() {
+    let text = page(&SyntheticRun::new(8, 6, 5, 5));
+    let without_namespace = text.replace("http://www.w3.org/2000/svg", "");
+    for forbidden in ["http:", "https:", "<script", "<iframe", "<object", "@import", "srcset", "javascript:"] {
+        assert!(!without_namespace.contains(forbidden), "{forbidden}");
+    }
+    for source in attributes(&text, "src").into_iter().chain(attributes(&text, "href")) {
+        assert!(source.starts_with("data:") || source.starts_with('#'), "{source:.80}");
+    }
+    for url in text.split("url(").skip(1) {
+        assert!(url.starts_with('#') || url.starts_with("&quot;#"), "{url:.80}");
+    }
+}
+
+#[test]
+fn identifiers_are_unique_and_references_lead_somewhere() {
+    let text = page(&SyntheticRun::new(8, 6, 5, 5));
+    let mut ids = attributes(&text, "id");
+    let count = ids.len();
+    ids.sort_unstable();
+    ids.dedup();
+    assert_eq!(ids.len(), count, "an identifier is used twice");
+    for url in text.split("url(#").skip(1) {
+        let id = url.split(')').next().unwrap();
+        assert!(ids.binary_search(&id).is_ok(), "{id} is nowhere");
+    }
+}
+
+#[test]
+fn every_score_has_its_place_in_the_table() {
+    let run = SyntheticRun::new(8, 6, 5, 5);
+    let text = page(&run);
+    let table = between(&text, "<table>", "</table>");
+    let rows: Vec<&str> = between(table, "<tbody>", "</tbody>").split("<tr>").skip(1).collect();
+    assert_eq!(rows.len(), run.info.methods.len());
+    let columns = between(table, "<thead>", "</thead>").matches("<th ").count();
+    assert_eq!(columns, 1 + 3 * 3 + 3);
+    for (row, (name, scores)) in rows.iter().zip(&run.summary.methods) {
+        assert_eq!(row.matches("<td").count() + 1, columns);
+        assert!(row.contains(&format!(">{name}</th>")), "{row}");
+        let error = scores.rmse_analysis["h"];
+        let digits = format!("{error:.*}", (2 - error.log10().floor() as i32).max(0) as usize);
+        assert!(row.contains(&digits), "{digits} is not in {row}");
+    }
+    for method in &run.info.methods {
+        assert!(text.contains(&method.description), "{}", method.description);
+    }
+    for heading in
+        ["Scores", "Error over time", "Biases", "What the observations say", "Partition and cost", "Scenario"]
+    {
+        assert!(text.contains(&format!("<h2>{heading}</h2>")), "{heading}");
+    }
+}
+
+#[test]
+fn figures_are_on_the_page_and_in_files() {
+    let run = SyntheticRun::new(8, 6, 5, 5);
+    written(&run, |directory| {
+        let all = files(&directory.join("figures"));
+        for name in ["rmse_h.svg", "rmse_u.svg", "rmse_v.svg", "innovation_chi2.svg", "departure_europe_h.svg"] {
+            assert!(all.contains_key(name), "{name} is missing");
+        }
+        let count = |part: &str| all.keys().filter(|name| name.contains(part)).count();
+        assert_eq!(count("bias_"), run.info.calibration.len());
+        assert_eq!((count("spread_error_"), count("normalised_error_")), (3, 3));
+        // In the middle and at the end.
+        assert_eq!((count("_truth.png"), count("_error.png"), count("_background.png")), (2, 10, 10));
+        assert_eq!(count("_spread.png"), 2 * 4, "one method has no spread");
+        for (name, bytes) in &all {
+            let kind = if name.ends_with(".png") { bytes.starts_with(b"\x89PNG") } else { bytes.starts_with(b"<svg") };
+            assert!(kind && bytes.len() > 1000, "{name}");
+        }
+        let text = fs::read_to_string(directory.join("report.html")).unwrap();
+        let svgs = all.keys().filter(|name| name.ends_with(".svg")).count();
+        assert_eq!(text.matches("<svg").count(), svgs);
+        assert_eq!(text.matches("<figure>").count(), text.matches("<figcaption>").count());
+    });
+}
+
+#[test]
+fn nothing_of_a_scenario_becomes_part_of_the_page() {
+    const BAD: &str = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&]]>";
+    let mut run = SyntheticRun::new(8, 6, 3, 3);
+    let bad = |text: &mut String| *text = BAD.to_string();
+    bad(&mut run.info.title);
+    bad(&mut run.info.scenario);
+    run.info.scenario_text = format!("phenomenon = '''{BAD}'''\nsource = '''{BAD}'''\n# </pre>{BAD}");
+    run.info.methods.iter_mut().for_each(|method| bad(&mut method.description));
+    bad(&mut run.info.methods[1].name);
+    run.info.calibration.parameters.iter_mut().for_each(|parameter| bad(&mut parameter.name));
+    bad(&mut run.info.calibration.parameters[0].unit);
+    run.windows.iter_mut().flat_map(|window| &mut window.reports).for_each(|report| report.network = BAD.into());
+    let renamed = run.summary.methods.values().zip(&run.info.methods);
+    run.summary.methods = renamed.map(|(scores, info)| (info.name.clone(), scores.clone())).collect();
+    written(&run, |directory| {
+        for (name, bytes) in files(directory) {
+            if name.ends_with(".html") || name.ends_with(".svg") {
+                let text = String::from_utf8(bytes).unwrap();
+                assert!(!text.contains("<script") && !text.contains("<img src=x"), "{name}");
+                assert!(!text.contains("</pre>&lt;") || text.matches("</pre>").count() == 1, "{name}");
+                assert!(text.contains("&lt;script&gt;") || !name.starts_with("report"), "{name}");
+            }
+        }
+    });
+}
+
+#[test]
+fn the_same_run_gives_the_same_bytes() {
+    let once = |directory: &Path| files(directory);
+    let (mut first, mut second) = (BTreeMap::new(), BTreeMap::new());
+    written(&SyntheticRun::new(8, 6, 4, 2), |directory| first = once(directory));
+    written(&SyntheticRun::new(8, 6, 4, 2), |directory| second = once(directory));
+    assert!(first.len() > 20);
+    for (name, bytes) in &first {
+        assert_eq!(Some(bytes), second.get(name), "{name}");
+    }
+    written(&SyntheticRun::new(8, 6, 4, 3), |directory| {
+        assert_ne!(first["report.html"], files(directory)["report.html"]);
+    });
+}
+
+#[test]
+fn runs_without_methods_biases_or_observations_have_a_page() {
+    let text = page(&SyntheticRun::new(8, 6, 1, 0));
+    assert!(text.contains("<h2>Scores</h2>"));
+    let mut run = SyntheticRun::new(4, 3, 1, 1);
+    let empty: RunInfo = RunInfo { calibration: Default::default(), ..run.info.clone() };
+    run.info = empty;
+    for (_, analysis, _) in run.results.iter_mut().flatten() {
+        analysis.background_departures.clear();
+        analysis.analysis_departures.clear();
+    }
+    run.windows.iter_mut().for_each(|window| window.reports.clear());
+    let text = page(&run);
+    assert!(!text.contains("<h2>Biases</h2>") && text.contains("map"));
+}
+
+#[test]
+fn fields_gone_astray_do_not_end_the_run() {
+    let mut run = SyntheticRun::new(8, 6, 2, 2);
+    for (number, value) in [f64::NAN, f64::INFINITY, -1e300].into_iter().enumerate() {
+        let (_, analysis, scores) = &mut run.results[0][1];
+        analysis.estimate.state.values_mut()[number] = value;
+        analysis.estimate.calibration[0] = value;
+        scores.rmse_analysis["h"] = value;
+        scores.innovation_chi2 = Some(value);
+        let text = page(&run);
+        assert!(text.contains("<h2>Scores</h2>"), "{value}");
+    }
+}
+
+#[test]
+fn scores_of_all_cycles_are_read_back() {
+    let run = SyntheticRun::new(8, 6, 5, 5);
+    written(&run, |directory| {
+        // The summary that a synthetic run makes up holds what its last cycle had.
+        let saved = SavedRun::open(directory).unwrap();
+        assert_eq!((&saved.summary.scenario, saved.summary.seed), (&run.summary.scenario, run.summary.seed));
+        for (name, expected) in &run.summary.methods {
+            let found = &saved.summary.methods[name];
+            assert_eq!(found.partition, expected.partition);
+            for (variable, error) in &expected.rmse_analysis {
+                assert!((found.rmse_analysis[variable] / error - 1.0).abs() < 1e-14, "{name} {variable}");
+            }
+        }
+        let scores = saved.scores().unwrap();
+        let units = ["m", "m s-1", "m s-1"].map(String::from);
+        assert_eq!(scores.variables, ["h", "u", "v"].map(String::from).into_iter().zip(units).collect::<Vec<_>>());
+        for (method, results) in run.info.methods.iter().zip(&run.results) {
+            let series = &scores.methods[&method.name];
+            assert_eq!(series.len(), 5);
+            for (cycle, (_, _, expected)) in (1..).zip(results) {
+                let errors: Vec<Option<f64>> = expected.rmse_analysis.values().copied().map(Some).collect();
+                assert_eq!((&series[&cycle].rmse_analysis, series[&cycle].bias_rmse), (&errors, expected.bias_rmse));
+            }
+        }
+    });
+}
