@@ -59,7 +59,8 @@ impl Live {
                 recording::log_since(&self.recording, info, history, ranges, cycle)?;
             }
             _ => {
-                recording::log_run(&self.recording, info, history, None)?;
+                let curves_since = if self.ranges.is_some() { cycle } else { 0 };
+                recording::log_run(&self.recording, info, history, None, curves_since)?;
                 self.ranges = Some(Ranges::of_run(info, history));
             }
         }
@@ -71,7 +72,8 @@ impl Live {
     /// # Errors
     /// If the viewer is gone.
     pub fn finish(&self, info: &RunInfo, history: &History, summary: &Summary) -> Result {
-        recording::log_run(&self.recording, info, history, Some(summary))?;
+        let curves_since = if self.ranges.is_some() { info.cycles + 1 } else { 0 };
+        recording::log_run(&self.recording, info, history, Some(summary), curves_since)?;
         self.flush()
     }
 

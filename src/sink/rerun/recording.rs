@@ -77,7 +77,7 @@ fn log_all(path: &Path, info: &RunInfo, history: &History, summary: &Summary) ->
         .send_properties(false)
         .batcher_config(batching)
         .save(path)?;
-    log_run(&recording, info, history, Some(summary))?;
+    log_run(&recording, info, history, Some(summary), 0)?;
     recording.flush_blocking()?;
     Ok(())
 }
@@ -88,7 +88,15 @@ pub fn id(info: &RunInfo) -> String {
 }
 
 /// Logs the layout of the views and all that has happened; without a summary, the run is not complete.
-pub fn log_run(recording: &RecordingStream, info: &RunInfo, history: &History, summary: Option<&Summary>) -> Result {
+///
+/// Curves are logged from a cycle on: a viewer that is told a point twice would draw it twice.
+pub fn log_run(
+    recording: &RecordingStream,
+    info: &RunInfo,
+    history: &History,
+    summary: Option<&Summary>,
+    curves_since: usize,
+) -> Result {
     recording.set_log_time_enabled(false);
     recording.set_log_tick_enabled(false);
     recording.send_recording_name(format!("{}, seed {}", info.title, info.seed))?;
@@ -101,7 +109,7 @@ pub fn log_run(recording: &RecordingStream, info: &RunInfo, history: &History, s
     let maps = Maps { recording, info, history, ranges: &ranges, names: &names, frame };
     maps.log_color_bars()?;
     maps.log_since(0)?;
-    series::log_since(recording, info, history, &names, 0)
+    series::log_since(recording, info, history, &names, curves_since)
 }
 
 /// Logs what has happened since a cycle, for a viewer that has been told what was before, in the ranges of then.
