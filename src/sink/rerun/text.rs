@@ -54,7 +54,7 @@ pub fn scenario(info: &RunInfo) -> String {
 }
 
 fn figure(value: Option<f64>) -> String {
-    value.map_or_else(|| "–".into(), |value| number(value))
+    value.map_or_else(|| "–".into(), number)
 }
 
 fn cell(text: &str) -> String {
