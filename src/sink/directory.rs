@@ -105,7 +105,7 @@ fn check_destination(destination: &Path, existing: Existing) -> Result<(), SinkE
     };
     match existing {
         _ if !metadata.is_dir() => refuse("it exists and is not a directory"),
-        Existing::Refuse => refuse("it exists already, and overwriting was not asked for"),
+        Existing::Refuse => refuse("it exists already (--overwrite replaces it, once the new run is complete)"),
         Existing::Overwrite if !destination.join(SUMMARY_FILE).is_file() => refuse(
             "it exists and holds no summary.json, so it is not the output of a complete run, and will not be deleted",
         ),
