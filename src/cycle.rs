@@ -1,9 +1,12 @@
 //! One cycle of one method. The truth cannot enter here: there is no parameter for it.
 
-use isobar_assim::{Analysis, Assimilator, Error, Estimate};
+use crate::monitor::{Fault, Monitor};
+use isobar_assim::{Analysis, Assimilator, Estimate};
 use isobar_model::Duration;
 use isobar_obs::ObservationWindow;
 use peak_alloc::PeakAlloc;
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Instant;
 
 #[global_allocator]
@@ -12,6 +15,7 @@ static MEMORY: PeakAlloc = PeakAlloc;
 /// A method, and what it has cost so far.
 pub struct Runner {
     method: Box<dyn Assimilator>,
+    monitor: Monitor,
     /// Memory that the method holds between cycles \[bytes\].
     held_bytes: i64,
     /// The most that it held at one time \[bytes\].
@@ -37,7 +41,7 @@ impl Runner {
     /// Those of `build`.
     pub fn new<E>(build: impl FnOnce() -> Result<Box<dyn Assimilator>, E>) -> Result<Self, E> {
         let (method, memory) = measured(build);
-        let mut runner = Self { method: method?, held_bytes: 0, peak_bytes: 0, seconds: 0.0 };
+        let mut runner = Self { method: method?, monitor: Monitor::default(), held_bytes: 0, peak_bytes: 0, seconds: 0.0 };
         runner.account(memory);
         Ok(runner)
     }
@@ -45,25 +49,38 @@ impl Runner {
     /// Forecasts over a window and analyses the observations at its end.
     ///
     /// # Errors
-    /// Those of the method.
-    pub fn cycle(&mut self, window: Duration, observed: &ObservationWindow) -> Result<Outcome, Error> {
+    /// Why the method cannot go on: see [`Fault`]. It must not be called again.
+    pub fn cycle(&mut self, window: Duration, observed: &ObservationWindow) -> Result<Outcome, Fault> {
         let began = Instant::now();
-        let (result, memory) = measured(|| -> Result<_, Error> {
-            let background = self.method.forecast(window)?;
-            let analysis = self.method.analyse(observed)?;
-            Ok((background, analysis))
+        let method = &mut self.method;
+        let (result, memory) = measured(|| {
+            let work = AssertUnwindSafe(|| -> Result<_, isobar_assim::Error> {
+                let background = method.forecast(window)?;
+                let analysis = method.analyse(observed)?;
+                Ok((background, analysis))
+            });
+            // A panic is a fault of this program, but no reason to lose the work of the other methods.
+            catch_unwind(work).map_err(|panic| Fault::Panic(in_words(&*panic)))
         });
         self.account(memory);
-        let (background, analysis) = result?;
         let seconds = began.elapsed().as_secs_f64();
         self.seconds += seconds;
-        Ok(Outcome { background, analysis, seconds })
+        let (background, analysis) = result??;
+        let outcome = Outcome { background, analysis, seconds };
+        self.monitor.check(&outcome)?;
+        Ok(outcome)
     }
 
     fn account(&mut self, (peak, left): (i64, i64)) {
         self.peak_bytes = self.peak_bytes.max((self.held_bytes + peak).max(0) as u64);
         self.held_bytes += left;
     }
+}
+
+/// What a panic says.
+fn in_words(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().copied().or(panic.downcast_ref::<String>().map(String::as_str));
+    text.unwrap_or("it does not say what").to_string()
 }
 
 /// The result of `work`, with the memory that it took at most and that it left allocated, beyond what there was before.

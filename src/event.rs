@@ -1,6 +1,6 @@
 //! What happens during a run, as the sinks hear it.
 
-use crate::summary::{MethodScores, Summary};
+use crate::summary::{Failure, MethodScores, Summary};
 use isobar_assim::{Analysis, Estimate};
 use isobar_model::{Duration, Layout, State, Time};
 use isobar_obs::{Calibration, ObservationWindow, Projection};
@@ -78,6 +78,15 @@ pub enum Event<'a> {
     Observed(&'a ObservationWindow),
     /// A method has analysed the observations of a cycle.
     Analysed(Analysed<'a>),
+    /// A method has failed in a cycle, and has no results in it and after it.
+    Failed {
+        /// Number of the method in [`RunInfo::methods`].
+        method: usize,
+        /// When, and why.
+        failure: &'a Failure,
+    },
+    /// Truth, observations and methods of a cycle are all told.
+    CycleEnded(usize),
     /// An output is not what was asked for, and the run goes on.
     Warning(&'a str),
     /// The run is complete.

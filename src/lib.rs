@@ -10,6 +10,7 @@
 //! | [`experiment`] | builds model, truth, observing system and methods from it |
 //! | [`truth`] | the true world |
 //! | [`cycle`] | one cycle of one method |
+//! | [`monitor`] | whether its result can be believed in |
 //! | [`verify`] | the only place where truth and estimate meet |
 //! | [`run`] | the loop over cycles |
 //! | [`event`], [`sink`] | what happens, and the files that it is written to |
@@ -23,6 +24,7 @@ pub mod comparison;
 pub mod cycle;
 pub mod event;
 pub mod experiment;
+pub mod monitor;
 pub mod plot;
 pub mod progress;
 pub mod run;

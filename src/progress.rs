@@ -2,6 +2,7 @@
 
 use crate::event::{Event, RunInfo};
 use crate::sink::{Sink, SinkError};
+use crate::summary::Failure;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
@@ -60,6 +61,25 @@ impl Progress {
     }
 }
 
+impl Progress {
+    fn warn(&self, text: &str) {
+        let text = format!("warning: {text}");
+        match &self.display {
+            Display::Bar(bar) => bar.println(text),
+            // Whoever wants no progress wants to know this all the same.
+            Display::Lines | Display::Nothing => drop(writeln!(std::io::stderr(), "{text}")),
+        }
+    }
+
+    fn failed(&mut self, method: usize, failure: &Failure) {
+        let Some(info) = &self.info else { return };
+        // What it will not do need not be waited for.
+        self.done += (info.cycles + 1).saturating_sub(failure.cycle);
+        let name = info.methods.get(method).map_or("", |method| method.name.as_str());
+        self.warn(&format!("method {name} failed in cycle {}, the others go on: {}", failure.cycle, failure.reason));
+    }
+}
+
 impl Sink for Progress {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         match event {
@@ -79,15 +99,9 @@ impl Sink for Progress {
                     bar.finish_and_clear();
                 }
             }
-            Event::Warning(text) => {
-                let text = format!("warning: {text}");
-                match &self.display {
-                    Display::Bar(bar) => bar.println(text),
-                    // Whoever wants no progress wants to know this all the same.
-                    Display::Lines | Display::Nothing => drop(writeln!(std::io::stderr(), "{text}")),
-                }
-            }
-            Event::Truth { .. } | Event::Observed(_) => {}
+            Event::Warning(text) => self.warn(text),
+            Event::Failed { method, failure } => self.failed(*method, failure),
+            Event::Truth { .. } | Event::Observed(_) | Event::CycleEnded(_) => {}
         }
         Ok(())
     }

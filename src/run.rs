@@ -5,7 +5,8 @@ use crate::event::{Analysed, Event};
 use crate::experiment::{Experiment, ExperimentError};
 use crate::scenario::Scenario;
 use crate::sink::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
-use crate::summary::{MethodScores, Summary};
+use crate::scenario::text::clean;
+use crate::summary::{Failure, MethodScores, Summary};
 use crate::verify::{Scorecard, TrueValues};
 use isobar_model::ForecastError;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -24,16 +25,6 @@ pub enum RunError {
         /// Why.
         error: ForecastError,
     },
-    /// A method failed.
-    #[error("cycle {cycle}, method {method}: {error}")]
-    Method {
-        /// The cycle.
-        cycle: usize,
-        /// The method's name.
-        method: String,
-        /// Why.
-        error: isobar_assim::Error,
-    },
     /// An output could not be written.
     #[error(transparent)]
     Sink(#[from] SinkError),
@@ -42,7 +33,8 @@ pub enum RunError {
     Threads(#[from] rayon::ThreadPoolBuildError),
 }
 
-/// Runs a scenario; `listener` hears all events beside the files.
+/// Runs a scenario; `listener` hears all events beside the files. A method that fails is marked in the summary, and the
+/// run goes on with the others.
 ///
 /// # Errors
 /// Nothing is left in the output directory's place if there is one.
@@ -84,10 +76,15 @@ fn cycles(
         let truth = TrueValues { state: truth.state(), calibration: observing.true_calibration() };
         send(Event::Truth { cycle, time, state: truth.state, calibration: truth.calibration })?;
         send(Event::Observed(&observed))?;
-        for (number, method) in methods.iter_mut().enumerate() {
-            let outcome = workers
-                .install(|| method.runner.cycle(info.window, &observed))
-                .map_err(|error| RunError::Method { cycle, method: info.methods[number].name.clone(), error })?;
+        for (number, method) in methods.iter_mut().enumerate().filter(|(_, method)| method.failure.is_none()) {
+            let outcome = match workers.install(|| method.runner.cycle(info.window, &observed)) {
+                Ok(outcome) => outcome,
+                Err(fault) => {
+                    let failure = method.failure.insert(Failure { cycle, reason: clean(&fault.to_string()) });
+                    send(Event::Failed { method: number, failure })?;
+                    continue;
+                }
+            };
             let scores = Scorecard::of_cycle(truth, &outcome, &info.calibration, method.scores_bias);
             if cycle >= *score_from_cycle {
                 totals[number].add(&scores);
@@ -105,12 +102,16 @@ fn cycles(
                 },
             }))?;
         }
+        send(Event::CycleEnded(cycle))?;
     }
     let scores = info.methods.iter().zip(&totals).zip(methods).map(|((own, total), method)| {
+        let cycles = method.failure.as_ref().map_or(info.cycles, |failure| failure.cycle);
         let scores = MethodScores {
-            seconds_per_cycle: method.runner.seconds / info.cycles as f64,
+            seconds_per_cycle: method.runner.seconds / cycles as f64,
             peak_memory_bytes: method.runner.peak_bytes,
-            ..total.scores(&info.layout)
+            failure: method.failure.clone(),
+            // Scores of fewer cycles could not be compared with those of the other methods.
+            ..if method.failure.is_none() { total.scores(&info.layout) } else { MethodScores::default() }
         };
         (own.name.clone(), scores)
     });

@@ -47,10 +47,29 @@ pub struct MethodScores {
     /// How well the errors are known, over more than one cycle.
     #[serde(default)]
     pub intervals: Option<Intervals>,
+    /// When and why the method failed; it has no scores then.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failure: Option<Failure>,
     /// Wall-clock seconds per cycle, forecast and analysis.
     pub seconds_per_cycle: f64,
     /// The most memory that the method held at one time.
     pub peak_memory_bytes: u64,
+}
+
+/// The end of a method before that of the run.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Failure {
+    /// The cycle in which it failed.
+    pub cycle: usize,
+    /// Why, in words that can be shown on a terminal.
+    pub reason: String,
+}
+
+impl Summary {
+    /// The methods that failed, by name.
+    pub fn failures(&self) -> impl Iterator<Item = (&str, &Failure)> {
+        self.methods.iter().filter_map(|(name, scores)| Some((name.as_str(), scores.failure.as_ref()?)))
+    }
 }
 
 /// 95 % intervals of root-mean-square errors, from the number and the autocorrelation of the cycles

@@ -1,7 +1,7 @@
 //! Scores as tables: at the end of a run, and against the accepted ones.
 
 use crate::scenario::{Expected, ExpectedScores};
-use crate::summary::Summary;
+use crate::summary::{MethodScores, Summary};
 use comfy_table::{CellAlignment, ContentArrangement, Table};
 
 /// Width of all tables, on a terminal and in a pipe.
@@ -29,14 +29,14 @@ pub fn scores(summary: &Summary, variables: &[(&str, &str)]) -> String {
         .to_vec(),
     );
     for (method, scores) in &summary.methods {
-        let mut row = vec![method.clone()];
+        let mut row = vec![marked(method, scores)];
         for (name, _) in variables {
             let spread = scores.spread_analysis.as_ref().and_then(|spread| spread.get(*name));
             row.extend([scores.rmse_background.get(*name), scores.rmse_analysis.get(*name), spread].map(figure));
         }
         state.add_row(row);
         rest.add_row([
-            method.clone(),
+            marked(method, scores),
             figure(scores.bias_rmse.as_ref()),
             figure(scores.bias_spread.as_ref()),
             figure(scores.innovation_chi2.as_ref()),
@@ -51,8 +51,20 @@ pub fn scores(summary: &Summary, variables: &[(&str, &str)]) -> String {
         summary.cycles,
         trimmed(&state),
         trimmed(&rest),
-        partitions(summary)
+        partitions(summary) + &failures(summary)
     )
+}
+
+/// The method's name, with a mark if it failed.
+fn marked(method: &str, scores: &MethodScores) -> String {
+    if scores.failure.is_some() { format!("{method} (failed)") } else { method.to_string() }
+}
+
+/// When and why methods failed; nothing if none did.
+fn failures(summary: &Summary) -> String {
+    let lines: Vec<String> =
+        summary.failures().map(|(name, it)| format!("\n{name}: failed in cycle {}: {}", it.cycle, it.reason)).collect();
+    if lines.is_empty() { String::new() } else { format!("\n\nFailed, and so without scores{}", lines.concat()) }
 }
 
 /// How observations linked the blocks of each method that has some, in the cycle with the largest component.
@@ -212,7 +224,7 @@ pub(crate) fn plain(header: &[&str], rows: Vec<Vec<String>>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::summary::{MethodScores, PerVariable};
+    use crate::summary::{Failure, PerVariable};
 
     fn per_variable(entries: &[(&str, f64)]) -> PerVariable {
         entries.iter().map(|&(name, value)| (name.to_string(), value)).collect()
@@ -255,6 +267,16 @@ mod tests {
         }
         let free = text.lines().find(|line| line.starts_with("free")).unwrap();
         assert_eq!(free.matches('–').count(), 3, "{free}");
+    }
+
+    #[test]
+    fn a_failed_method_is_marked_and_its_end_is_told() {
+        let mut summary = summary();
+        let failure = Failure { cycle: 7, reason: "P is not positive definite".into() };
+        summary.methods["free"] = MethodScores { failure: Some(failure), ..MethodScores::default() };
+        let text = scores(&summary, &[("h", "m")]);
+        assert_eq!(text.lines().filter(|line| line.starts_with("free (failed)")).count(), 2, "{text}");
+        assert!(text.ends_with("without scores\nfree: failed in cycle 7: P is not positive definite"), "{text}");
     }
 
     #[test]

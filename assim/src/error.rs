@@ -18,6 +18,18 @@ pub enum Error {
         /// Rows of the matrix.
         size: usize,
     },
+    /// A variance is negative: the covariance is no covariance any more.
+    #[error("{covariance} is not positive semidefinite: the variance of {place} is {variance}, the largest {largest}")]
+    NegativeVariance {
+        /// What the matrix is, in words.
+        covariance: String,
+        /// To what the variance belongs.
+        place: String,
+        /// The variance.
+        variance: f64,
+        /// The largest variance of the matrix.
+        largest: f64,
+    },
     /// A system of equations does not determine its unknowns.
     #[error("{what} is not determined by the data: rank {rank} of {size}")]
     RankDeficient {

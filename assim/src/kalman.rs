@@ -8,6 +8,7 @@ use crate::linalg::{
 };
 use crate::problem::{Innovations, Problem};
 use crate::propagator::propagator;
+use crate::spread::standard_deviations;
 use faer::{Mat, MatRef};
 use isobar_model::{Duration, State};
 use isobar_obs::{BlockAngular, Calibration, ObservationWindow};
@@ -50,15 +51,20 @@ impl KalmanFilter {
         self.covariance.as_ref()
     }
 
-    fn estimate(&self) -> Estimate {
+    fn estimate(&self) -> Result<Estimate, Error> {
         let m = self.state.values().len();
-        let spread = |range: std::ops::Range<usize>| range.map(|i| self.covariance[(i, i)].max(0.0).sqrt()).collect();
-        Estimate {
+        let variances: Vec<f64> = (0..self.covariance.nrows()).map(|i| self.covariance[(i, i)]).collect();
+        let mut spread = standard_deviations(&variances, "the covariance P", |i| match i < m {
+            true => self.state.layout().describe(i),
+            false => self.calibration.parameters[i - m].name.clone(),
+        })?;
+        let calibration_spread = spread.split_off(m);
+        Ok(Estimate {
             state: self.state.clone(),
             calibration: self.bias.clone(),
-            state_spread: Some(spread(0..m)),
-            calibration_spread: (!self.calibration.is_empty()).then(|| spread(m..self.covariance.nrows())),
-        }
+            state_spread: Some(spread),
+            calibration_spread: (!self.calibration.is_empty()).then_some(calibration_spread),
+        })
     }
 }
 
@@ -82,7 +88,7 @@ impl Assimilator for KalmanFilter {
             forecast[(m + i, m + i)] += parameter.sigma_drift_per_sqrt_day.powi(2) * window.days();
         }
         self.covariance = forecast;
-        Ok(self.estimate())
+        self.estimate()
     }
 
     fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
@@ -108,7 +114,7 @@ impl Assimilator for KalmanFilter {
             *value += increment[(i, 0)];
         }
         self.update_covariance(cross, gain, jacobian, variance);
-        let estimate = self.estimate();
+        let estimate = self.estimate()?;
         let analysis_departures = self.problem.departures(observed, &estimate.state, &estimate.calibration);
         Ok(Analysis {
             estimate,

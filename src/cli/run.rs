@@ -1,7 +1,7 @@
 //! `isobar run`.
 
 use super::arguments::RunArguments;
-use super::{RunOptions, Runner, lookup, print};
+use super::{RunOptions, Runner, lookup, print, show};
 use crate::progress::Progress;
 use crate::scenario::Scenario;
 use crate::scenario::text::{clean, listed, nearest};
@@ -11,11 +11,12 @@ use miette::{Report, miette};
 use std::collections::HashMap;
 use std::process::ExitCode;
 
-/// Runs scenarios one after the other. All are read before the first one runs.
+/// Runs scenarios one after the other. All are read before the first one runs. The exit code is 1 if a method failed.
 pub fn run(arguments: &RunArguments, runner: &Runner) -> Result<ExitCode, Report> {
     let scenarios = arguments.scenarios.iter().map(|argument| lookup::load(argument)).collect::<Result<Vec<_>, _>>()?;
     check_names(&scenarios)?;
     let all = scenarios.iter().map(|scenario| options(arguments, scenario)).collect::<Result<Vec<_>, _>>()?;
+    let mut code = ExitCode::SUCCESS;
     for (scenario, options) in scenarios.iter().zip(&all) {
         let mut progress = Progress::new(arguments.quiet);
         let summary = runner(scenario, options, &mut progress)?;
@@ -23,8 +24,18 @@ pub fn run(arguments: &RunArguments, runner: &Runner) -> Result<ExitCode, Report
         let scores = table::scores(&summary, scenario.model.variables());
         print(&format!("{}: {}\n\n{scores}\n", scenario.name, scenario.title))?;
         print(&files(scenario, options, arguments.no_rerun))?;
+        let failed: Vec<&str> = summary.failures().map(|(name, _)| name).collect();
+        if !failed.is_empty() {
+            show(&miette!(
+                help = "the files are complete, with missing values and without scores where a method failed",
+                "{}: failed: {}",
+                scenario.name,
+                listed(failed)
+            ));
+            code = ExitCode::FAILURE;
+        }
     }
-    Ok(ExitCode::SUCCESS)
+    Ok(code)
 }
 
 /// Where the files are, and which are missing that the scenario asks for.

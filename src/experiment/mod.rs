@@ -10,6 +10,7 @@ use crate::cli::RunOptions;
 use crate::cycle::Runner;
 use crate::event::{MethodInfo, RunInfo, StationInfo};
 use crate::scenario::{Scenario, ScenarioError};
+use crate::summary::Failure;
 use crate::truth::Truth;
 use isobar_assim::{BiasTreatment, Problem, covariance};
 use isobar_model::random::stream;
@@ -83,6 +84,8 @@ pub struct Experiment {
 pub struct Competitor {
     /// The method.
     pub runner: Runner,
+    /// When and why it failed.
+    pub failure: Option<Failure>,
     /// Whether its biases are scored: not where they are known to it or it has none.
     pub scores_bias: bool,
 }
@@ -116,7 +119,7 @@ impl Experiment {
             let runner = Runner::new(|| methods::build(&problem, method))
                 .map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
             let scores_bias = methods::sees_observations(method) && method.bias != BiasTreatment::Known;
-            methods.push(Competitor { runner, scores_bias });
+            methods.push(Competitor { runner, failure: None, scores_bias });
             infos.push(MethodInfo { name: name.clone(), description: methods::describe(method) });
         }
         let stations = observing.stations().iter().map(|station| StationInfo {

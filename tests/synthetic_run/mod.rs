@@ -82,6 +82,7 @@ impl SyntheticRun {
                 let time = self.time(cycle);
                 sink.record(&Event::Analysed(Analysed { method, cycle, time, background, analysis, scores }))?;
             }
+            sink.record(&Event::CycleEnded(cycle))?;
         }
         sink.record(&Event::Finished(&self.summary))
     }
@@ -290,6 +291,7 @@ fn analyse(
         seconds_per_cycle: 0.0123,
         peak_memory_bytes: 1_500_000,
         intervals: None,
+        failure: None,
         partition: (method == 0).then_some(Partition {
             blocks: 24,
             components: 3,

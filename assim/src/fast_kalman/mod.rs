@@ -33,6 +33,7 @@ use crate::error::Error;
 use crate::linalg::add_symmetric_product;
 use crate::problem::Problem;
 use crate::propagator::propagator;
+use crate::spread::standard_deviations;
 use blocks::Blocks;
 use compression::{Joining, join_and_compress};
 use factored_covariance::{FactoredCovariance, Patch};
@@ -173,23 +174,28 @@ impl FastKalmanFilter {
         Mat::from_fn(position.len(), position.len(), |i, j| own[(position[i], position[j])])
     }
 
-    fn estimate(&self) -> Estimate {
+    fn estimate(&self) -> Result<Estimate, Error> {
         let m = self.state.values().len();
-        let sigma = |variance: &f64| variance.max(0.0).sqrt();
+        let place = |variable: usize| match variable < m {
+            true => format!("{} (block {})", self.state.layout().describe(variable), self.blocks.place[variable].0),
+            false => self.problem.calibration.parameters[self.local[variable - m]].name.clone(),
+        };
         let variances = self.covariance.block_variances();
+        let mut spread = standard_deviations(&variances, "the covariance of the blocks", place)?;
         let mut calibration_spread = vec![0.0; self.local.len() + self.shared.len()];
-        for (&number, variance) in self.local.iter().zip(&variances[m..]) {
-            calibration_spread[number] = sigma(variance);
+        for (&number, sigma) in self.local.iter().zip(spread.split_off(m)) {
+            calibration_spread[number] = sigma;
         }
+        // Sums of squares, none of which can be negative.
         for (&number, variance) in self.shared.iter().zip(&self.covariance.shared_variances()) {
-            calibration_spread[number] = sigma(variance);
+            calibration_spread[number] = variance.sqrt();
         }
-        Estimate {
+        Ok(Estimate {
             state: self.state.clone(),
             calibration: self.bias.clone(),
-            state_spread: Some(variances[..m].iter().map(sigma).collect()),
+            state_spread: Some(spread),
             calibration_spread: (!calibration_spread.is_empty()).then_some(calibration_spread),
-        }
+        })
     }
 
     /// Standard deviations of what the parameters' random walks add over a window.
@@ -256,7 +262,7 @@ impl Assimilator for FastKalmanFilter {
     fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
         self.propagate(window)?;
         self.add_errors(window)?;
-        Ok(self.estimate())
+        self.estimate()
     }
 
     fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
@@ -278,7 +284,7 @@ impl Assimilator for FastKalmanFilter {
         let solution = block_angular::solve(&updates, r, Some(&prior))?;
         let innovation_chi2 = solution.residual_chi2;
         self.apply(&components, variables, solution)?;
-        let estimate = self.estimate();
+        let estimate = self.estimate()?;
         let analysis_departures = self.problem.departures(observed, &estimate.state, &estimate.calibration);
         Ok(Analysis {
             estimate,

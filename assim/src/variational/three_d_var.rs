@@ -5,6 +5,7 @@ use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::error::Error;
 use crate::linalg::{cholesky, column, product};
 use crate::problem::{Innovations, Problem};
+use crate::spread::standard_deviations;
 use faer::Mat;
 use isobar_model::{Duration, State, forecast};
 use isobar_obs::{Calibration, ObservationWindow};
@@ -54,15 +55,17 @@ impl ThreeDVar {
         Self { problem, settings, calibration, state, bias, bias_covariance }
     }
 
-    fn estimate(&self) -> Estimate {
-        let spread = |i: usize| self.bias_covariance[(i, i)].max(0.0).sqrt();
-        Estimate {
+    fn estimate(&self) -> Result<Estimate, Error> {
+        let variances: Vec<f64> = (0..self.calibration.len()).map(|i| self.bias_covariance[(i, i)]).collect();
+        let spread = standard_deviations(&variances, "the covariance of the calibration parameters", |i| {
+            self.calibration.parameters[i].name.clone()
+        })?;
+        Ok(Estimate {
             state: self.state.clone(),
             calibration: self.bias.clone(),
             state_spread: None,
-            calibration_spread: (!self.calibration.is_empty())
-                .then(|| (0..self.calibration.len()).map(spread).collect()),
-        }
+            calibration_spread: (!self.calibration.is_empty()).then_some(spread),
+        })
     }
 }
 
@@ -72,7 +75,7 @@ impl Assimilator for ThreeDVar {
         for (i, parameter) in self.calibration.parameters.iter().enumerate() {
             self.bias_covariance[(i, i)] += parameter.sigma_drift_per_sqrt_day.powi(2) * window.days();
         }
-        Ok(self.estimate())
+        self.estimate()
     }
 
     fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
@@ -112,7 +115,7 @@ impl Assimilator for ThreeDVar {
         let left = product(bias_root.as_ref(), whitened_posterior.as_ref());
         self.bias_covariance = product(left.as_ref(), bias_root.transpose());
 
-        let estimate = self.estimate();
+        let estimate = self.estimate()?;
         let analysis_departures = self.problem.departures(observed, &estimate.state, &estimate.calibration);
         Ok(Analysis {
             estimate,

@@ -251,6 +251,23 @@ impl NetcdfFile {
         Ok(())
     }
 
+    /// Appends a record of which nothing is known but its time.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn append_missing(&mut self, time: f64) -> Result<(), SinkError> {
+        let Definition { dimensions, record, .. } = &self.definition;
+        let length = |name: &String| dimensions.iter().find(|(own, _)| own == name).map_or(1, |(_, length)| *length);
+        let values = |variable: &Variable| match variable.name.as_str() {
+            "time" => vec![time],
+            _ => vec![FILL_VALUE; variable.dimensions.iter().map(length).product()],
+        };
+        let missing: Vec<(String, Vec<f64>)> = record.iter().map(|it| (it.name.clone(), values(it))).collect();
+        let missing: Vec<(&str, &[f64])> =
+            missing.iter().map(|(name, values)| (name.as_str(), values.as_slice())).collect();
+        self.append(&missing)
+    }
+
     /// Number of records so far.
     pub fn records(&self) -> usize {
         self.records

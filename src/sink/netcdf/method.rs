@@ -65,6 +65,17 @@ impl MethodFile {
         self.file.append(&values)
     }
 
+    /// Appends missing values for every cycle after those that the file has, up to the run's last.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn fill_up(&mut self, info: &RunInfo) -> Result<(), SinkError> {
+        for cycle in self.file.records() + 1..=info.cycles {
+            self.file.append_missing((info.start.seconds() + info.window.seconds() * cycle as i64) as f64)?;
+        }
+        Ok(())
+    }
+
     /// The file.
     pub fn file(&self) -> &NetcdfFile {
         &self.file

@@ -26,6 +26,8 @@ pub struct NetcdfSink {
     method_paths: Vec<PathBuf>,
     /// A method's file is made with its first result, which shows whether the method has spreads.
     methods: Vec<Option<MethodFile>>,
+    /// Whether a method has failed: its file has missing values from then on.
+    failed: Vec<bool>,
 }
 
 impl NetcdfSink {
@@ -49,6 +51,7 @@ impl NetcdfSink {
             observations: ObservationsFile::new(path("observations"), info),
             method_paths: info.methods.iter().map(|method| path(&coordinates::safe_name(&method.name, "_-"))).collect(),
             methods: info.methods.iter().map(|_| None).collect(),
+            failed: vec![false; info.methods.len()],
             info: info.clone(),
         })
     }
@@ -73,7 +76,11 @@ impl NetcdfSink {
     fn finish(&mut self) -> Result<(), SinkError> {
         self.observations.write(&self.info)?;
         let cycles = self.info.cycles;
+        let info = self.info.clone();
         for number in 0..self.methods.len() {
+            if self.failed[number] {
+                self.method(number, None)?.fill_up(&info)?;
+            }
             check_records(self.method(number, None)?.file(), cycles)?;
         }
         check_records(self.truth.file(), cycles + 1)
@@ -91,7 +98,11 @@ impl Sink for NetcdfSink {
                 self.observations.add_departures(analysed)
             }
             Event::Finished(_) => self.finish(),
-            Event::Warning(_) => Ok(()),
+            Event::Failed { method, .. } => {
+                self.failed[*method] = true;
+                Ok(())
+            }
+            Event::CycleEnded(_) | Event::Warning(_) => Ok(()),
         }
     }
 }

@@ -173,7 +173,10 @@ impl Report {
                  independent ones. Spread is what a method claims its analysis error to be.",
                 summary.scored_from_cycle, summary.cycles
             ),
-            tables: vec![tables::scores(info, summary), tables::methods(info)],
+            tables: tables::failures(summary)
+                .into_iter()
+                .chain([tables::scores(info, summary), tables::methods(info)])
+                .collect(),
             ..Section::default()
         }
     }

@@ -4,7 +4,7 @@ use super::history::{Cycle, History};
 use crate::event::RunInfo;
 use crate::plot::number;
 use crate::statistics::Interval;
-use crate::summary::{MethodScores, Summary};
+use crate::summary::{Failure, MethodScores, Summary};
 use serde::Serialize;
 
 /// What stands where there is no figure.
@@ -80,7 +80,10 @@ pub fn scores(info: &RunInfo, summary: &Summary) -> Table {
     header.extend(["bias RMSE", "bias spread", "χ²/n [1]"].map(String::from));
     let row = |(name, scores): (&String, &MethodScores)| {
         let intervals = scores.intervals.clone().unwrap_or_default();
-        let mut row: Vec<Cell> = vec![name.as_str().into()];
+        let mut row: Vec<Cell> = vec![match scores.failure {
+            None => name.as_str().into(),
+            Some(_) => format!("{name} (failed)").into(),
+        }];
         for variable in info.layout.variables.iter().map(|variable| variable.name) {
             let of = |table: &crate::summary::PerVariable| table.get(variable).copied();
             row.push(Cell::known(of(&scores.rmse_background), intervals.rmse_background.get(variable)));
@@ -93,6 +96,16 @@ pub fn scores(info: &RunInfo, summary: &Summary) -> Table {
         row
     };
     Table { header, rows: summary.methods.iter().map(row).collect() }
+}
+
+/// When and why methods failed.
+pub fn failures(summary: &Summary) -> Option<Table> {
+    let row = |(name, it): (&str, &Failure)| -> Vec<Cell> {
+        vec![name.into(), it.cycle.to_string().into(), it.reason.as_str().into()]
+    };
+    let rows: Vec<_> = summary.failures().map(row).collect();
+    let header = ["method", "failed in cycle", "because"].map(String::from).into();
+    (!rows.is_empty()).then_some(Table { header, rows })
 }
 
 /// The last estimate of every bias by every method, against the truth.

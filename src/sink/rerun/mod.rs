@@ -90,10 +90,10 @@ impl Sink for RerunSink {
             }
             Event::Analysed(analysed) => {
                 let added = self.history.add_estimates(&self.info, analysed);
-                added.map_err(|reason| self.failure(reason))?;
-                if analysed.method + 1 == self.info.methods.len() {
-                    self.tell(|live, info, history| live.show(info, history, analysed.cycle));
-                }
+                added.map_err(|reason| self.failure(reason))
+            }
+            Event::CycleEnded(cycle) => {
+                self.tell(|live, info, history| live.show(info, history, *cycle));
                 Ok(())
             }
             Event::Finished(summary) => {
@@ -104,7 +104,7 @@ impl Sink for RerunSink {
                 self.tell(|live, info, history| live.finish(info, history, summary));
                 Ok(())
             }
-            Event::Warning(_) => Ok(()),
+            Event::Failed { .. } | Event::Warning(_) => Ok(()),
         }
     }
 

@@ -18,7 +18,8 @@ pub fn scores(info: &RunInfo, summary: &Summary) -> String {
     let columns = head.matches('|').count() - 1;
     let _ = writeln!(text, "{head}\n|{}", "---|".repeat(columns));
     for (name, scores) in &summary.methods {
-        let mut row = format!("| {} |", cell(name));
+        let mark = if scores.failure.is_some() { " (failed)" } else { "" };
+        let mut row = format!("| {}{mark} |", cell(name));
         for variable in &info.layout.variables {
             let spread = scores.spread_analysis.as_ref().and_then(|spread| spread.get(variable.name));
             let error = scores.rmse_analysis.get(variable.name);
@@ -28,6 +29,9 @@ pub fn scores(info: &RunInfo, summary: &Summary) -> String {
             let _ = write!(row, " {} |", figure(value));
         }
         let _ = writeln!(text, "{row}");
+    }
+    for (name, failure) in summary.failures() {
+        let _ = writeln!(text, "\n**{name}** failed in cycle {}: {}", failure.cycle, failure.reason);
     }
     text +=
         "\nRMSE and spread (claimed standard deviation) are those of the analysis; they should agree, and χ² be 1.\n\n";
