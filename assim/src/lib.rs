@@ -21,6 +21,7 @@ pub mod kalman;
 mod linalg;
 pub mod problem;
 mod propagator;
+mod tall_matrix;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 pub mod variational;

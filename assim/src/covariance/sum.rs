@@ -45,4 +45,8 @@ impl Covariance for Sum {
             rest = others;
         }
     }
+
+    fn covariance(&self, first: usize, second: usize) -> f64 {
+        self.terms.iter().map(|term| term.covariance(first, second)).sum()
+    }
 }

@@ -57,4 +57,12 @@ impl Covariance for Univariate {
             *control += filtered;
         }
     }
+
+    fn covariance(&self, first: usize, second: usize) -> f64 {
+        let varies = self.offset + self.wall_values..self.offset + self.cells;
+        if !varies.contains(&first) || !varies.contains(&second) {
+            return 0.0;
+        }
+        self.sigma * self.sigma * self.filter.correlation(first - self.offset, second - self.offset)
+    }
 }

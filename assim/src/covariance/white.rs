@@ -42,4 +42,9 @@ impl Covariance for White {
             *control += self.sigma * value;
         }
     }
+
+    fn covariance(&self, first: usize, second: usize) -> f64 {
+        let varies = (self.start..self.start + self.count).contains(&first);
+        if first == second && varies { self.sigma * self.sigma } else { 0.0 }
+    }
 }
