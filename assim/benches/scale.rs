@@ -20,7 +20,6 @@ use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::{Assimilator, BiasTreatment, Problem};
 use isobar_model::forecast::forecast_tl;
 use isobar_model::initial::{JetConfig, geostrophic_jet};
-use isobar_model::random::stream;
 use isobar_model::{
     Boundary, Duration, Grid, Layout, ShallowWater, ShallowWaterParameters, Stepped, Time, TimeScheme, VectorInvariant,
 };

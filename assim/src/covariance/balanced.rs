@@ -131,16 +131,25 @@ impl Covariance for Balanced {
     }
 
     fn root_add(&self, control: &[f64], increment: &mut [f64]) {
-        let streamfunction = self.filter.apply(control);
+        let mut streamfunction = control.to_vec();
+        self.filter.apply(&mut streamfunction);
         self.for_each_weight(|index, corner, weight| increment[index] += weight * streamfunction[corner]);
     }
 
     fn root_transpose_add(&self, increment: &[f64], control: &mut [f64]) {
         let mut streamfunction = vec![0.0; self.filter.len()];
         self.for_each_weight(|index, corner, weight| streamfunction[corner] += weight * increment[index]);
-        for (control, filtered) in control.iter_mut().zip(self.filter.apply(&streamfunction)) {
+        self.filter.apply(&mut streamfunction);
+        for (control, filtered) in control.iter_mut().zip(streamfunction) {
             *control += filtered;
         }
+    }
+
+    fn multiply_add(&self, increment: &[f64], result: &mut [f64]) {
+        let mut streamfunction = vec![0.0; self.filter.len()];
+        self.for_each_weight(|index, corner, weight| streamfunction[corner] += weight * increment[index]);
+        self.filter.correlate(&mut streamfunction);
+        self.for_each_weight(|index, corner, weight| result[index] += weight * streamfunction[corner]);
     }
 
     /// Σ w_c w'_d ρ(c, d) over the corners c and d of the two values, ρ the correlation of ψ.

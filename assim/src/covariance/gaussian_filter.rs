@@ -75,29 +75,45 @@ impl GaussianFilter {
         sum / n
     }
 
-    /// The filtered array.
-    pub fn apply(&self, field: &[f64]) -> Vec<f64> {
+    /// Multiplies the array by the root of the correlation matrix.
+    pub fn apply(&self, field: &mut [f64]) {
+        self.transfer(field, |root| root);
+    }
+
+    /// Multiplies the array by the correlation matrix.
+    pub fn correlate(&self, field: &mut [f64]) {
+        let n = self.len() as f64;
+        self.transfer(field, |root| root * root * n);
+    }
+
+    /// Filters with a function of Λ^½ / (nx · rows), divided by nx · rows.
+    fn transfer(&self, field: &mut [f64], transfer: impl Fn(f64) -> f64) {
         assert_eq!(field.len(), self.len());
         let mut array: Vec<Complex<f64>> = field.iter().map(|&value| Complex::new(value, 0.0)).collect();
         let mut transposed = vec![Complex::default(); self.len()];
         self.forward[0].process(&mut array);
         transpose(&array, &mut transposed, self.rows, self.nx);
         self.forward[1].process(&mut transposed);
-        for (value, root) in transposed.iter_mut().zip(&self.root_eigenvalues) {
-            *value *= root;
+        for (value, &root) in transposed.iter_mut().zip(&self.root_eigenvalues) {
+            *value *= transfer(root);
         }
         self.backward[1].process(&mut transposed);
         transpose(&transposed, &mut array, self.nx, self.rows);
         self.backward[0].process(&mut array);
-        array.iter().map(|value| value.re).collect()
+        field.iter_mut().zip(&array).for_each(|(value, filtered)| *value = filtered.re);
     }
 }
 
-/// `to[j, i] = from[i, j]`, where `from` has `rows` rows of `columns`.
+/// `to[j, i] = from[i, j]`, where `from` has `rows` rows of `columns`; tile by tile, so that both stay in the cache.
 fn transpose(from: &[Complex<f64>], to: &mut [Complex<f64>], rows: usize, columns: usize) {
-    for i in 0..rows {
-        for j in 0..columns {
-            to[j * rows + i] = from[i * columns + j];
+    const TILE: usize = 16;
+    for first_row in (0..rows).step_by(TILE) {
+        for first_column in (0..columns).step_by(TILE) {
+            for j in first_column..(first_column + TILE).min(columns) {
+                for i in first_row..(first_row + TILE).min(rows) {
+                    to[j * rows + i] = from[i * columns + j];
+                }
+            }
         }
     }
 }

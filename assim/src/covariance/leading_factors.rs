@@ -57,11 +57,9 @@ pub(crate) fn leading_columns(
 
 /// x ← S⁻¹ U Uᵀ S⁻¹ x.
 fn multiply(covariance: &dyn Covariance, scales: &[f64], x: &mut [f64]) {
-    x.iter_mut().zip(scales).for_each(|(value, scale)| *value /= scale);
-    let mut control = vec![0.0; covariance.control_len()];
-    covariance.root_transpose_add(x, &mut control);
+    let scaled: Vec<f64> = x.iter().zip(scales).map(|(value, scale)| value / scale).collect();
     x.fill(0.0);
-    covariance.root_add(&control, x);
+    covariance.multiply_add(&scaled, x);
     x.iter_mut().zip(scales).for_each(|(value, scale)| *value /= scale);
 }
 

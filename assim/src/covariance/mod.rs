@@ -37,6 +37,13 @@ pub trait Covariance: Send + Sync {
     /// χ += Uᵀ δx.
     fn root_transpose_add(&self, increment: &[f64], control: &mut [f64]);
 
+    /// y += U Uᵀ δx; provided by way of the control vector.
+    fn multiply_add(&self, increment: &[f64], result: &mut [f64]) {
+        let mut control = vec![0.0; self.control_len()];
+        self.root_transpose_add(increment, &mut control);
+        self.root_add(&control, result);
+    }
+
     /// The covariance (U Uᵀ)ᵢⱼ of two values.
     ///
     /// As provided it applies Uᵀ to two unit vectors, which costs as much as two whole increments; an operator that
@@ -55,10 +62,8 @@ pub trait Covariance: Send + Sync {
 
 /// U Uᵀ δx.
 pub fn multiply(covariance: &dyn Covariance, increment: &[f64]) -> Vec<f64> {
-    let mut control = vec![0.0; covariance.control_len()];
-    covariance.root_transpose_add(increment, &mut control);
     let mut result = vec![0.0; covariance.len()];
-    covariance.root_add(&control, &mut result);
+    covariance.multiply_add(increment, &mut result);
     result
 }
 
