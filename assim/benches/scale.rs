@@ -7,7 +7,8 @@
 //! number of factors is fixed too, although a larger domain would want more of them.
 //!
 //! `cargo bench -p isobar-assim --bench scale`, or with sizes and settings:
-//! `cargo bench -p isobar-assim --bench scale -- 64 128 factors=80 threads=1 cycles=3 kf`.
+//! `cargo bench -p isobar-assim --bench scale -- 64 128 factors=80 threads=1 cycles=3 grid=2 kf`, where `grid` is the
+//! width in cells of those on which the factors are propagated.
 //!
 //! For each size: seconds of a cycle; of as many tangent-linear runs as the cycle has, measured alone; of the rest of the
 //! forecast (compression) and of the analysis; the most memory that the filter took, setting it up included, over that
@@ -21,7 +22,8 @@ use isobar_assim::{Assimilator, BiasTreatment, Problem};
 use isobar_model::forecast::forecast_tl;
 use isobar_model::initial::{JetConfig, geostrophic_jet};
 use isobar_model::{
-    Boundary, Duration, Grid, Layout, ShallowWater, ShallowWaterParameters, Stepped, Time, TimeScheme, VectorInvariant,
+    Boundary, Duration, Grid, Layout, ShallowWater, ShallowWaterParameters, State, Stepped, Time, TimeScheme,
+    VectorInvariant,
 };
 use isobar_obs::{
     BiasProcess, BiasScope, Heading, InstrumentConfig, ObservedVariable, ObservingSystem, RadiosondeConfig,
@@ -36,8 +38,10 @@ static MEMORY: PeakAlloc = PeakAlloc;
 
 const SPACING_M: f64 = 5e3;
 const WINDOW: Duration = Duration::from_seconds(1800);
-const STEP: Duration = Duration::from_seconds(40);
 const PROBES: usize = 8;
+
+/// Steps of a cycle on grids so many times as wide.
+const WINDOW_STEPS: [usize; 9] = [0, 45, 24, 0, 12, 0, 0, 0, 6];
 
 /// What the command line asks for.
 struct Request {
@@ -46,6 +50,8 @@ struct Request {
     factors: usize,
     threads: usize,
     cycles: usize,
+    /// Cells on a side of those on which the factors are propagated.
+    grid: usize,
     kalman: bool,
 }
 
@@ -58,7 +64,14 @@ struct Cost {
 fn main() {
     let request = request();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(request.threads).build().expect("a pool of threads");
-    println!("r = {}, {} threads, {} cycles of {} steps", request.factors, request.threads, request.cycles, 45);
+    println!(
+        "r = {}, factors on a grid {} times as wide, {} threads, {} cycles of {} steps",
+        request.factors,
+        request.grid,
+        pool.current_num_threads(),
+        request.cycles,
+        WINDOW_STEPS[1]
+    );
     println!(
         "    n  variables    obs  biases   cycle s  tangent s  compression s  analysis s  cycle/tangent  memory MB  \
          memory/Φ  setup s"
@@ -71,13 +84,14 @@ fn main() {
 }
 
 fn request() -> Request {
-    let mut request = Request { sizes: Vec::new(), factors: 64, threads: 0, cycles: 2, kalman: false };
+    let mut request = Request { sizes: Vec::new(), factors: 64, threads: 0, cycles: 2, grid: 1, kalman: false };
     for argument in std::env::args().skip(1) {
         let number = |text: &str| text.parse().unwrap_or_else(|_| panic!("{argument} is not a whole number"));
         match argument.split_once('=') {
             Some(("factors", value)) => request.factors = number(value),
             Some(("threads", value)) => request.threads = number(value),
             Some(("cycles", value)) => request.cycles = number(value),
+            Some(("grid", value)) => request.grid = number(value),
             _ if argument == "kf" => request.kalman = true,
             // Cargo's own.
             _ if argument == "--bench" => {}
@@ -104,6 +118,10 @@ fn measure(n: usize, request: &Request) -> Cost {
         residual: Residual::Probe { count: PROBES },
     };
     let mut filter = FastKalmanFilter::new(problem.clone(), settings).expect("a filter");
+    if request.grid > 1 {
+        let model = model(n / request.grid, request.grid as f64 * SPACING_M, WINDOW_STEPS[request.grid]);
+        filter = filter.with_factors_on(Arc::new(model)).expect("a coarser grid");
+    }
     let setup_s = began.elapsed().as_secs_f64();
     let (mut forecast_s, mut analysis_s, mut observations) = (f64::INFINITY, f64::INFINITY, 0);
     for _ in 0..request.cycles {
@@ -147,7 +165,7 @@ fn tangent_linear_s(problem: &Problem, columns: usize) -> f64 {
     let m = problem.background.values().len();
     let pattern = |index: usize| 1e-3 * ((index % 1013) as f64 / 1013.0 - 0.5);
     let mut increments: Vec<f64> = (0..m * columns).map(pattern).collect();
-    let steps = WINDOW.steps_of(STEP).expect("whole steps");
+    let steps = WINDOW_STEPS[1];
     let run = |increments: &mut [f64]| {
         let mut state = problem.background.clone();
         let began = Instant::now();
@@ -158,31 +176,15 @@ fn tangent_linear_s(problem: &Problem, columns: usize) -> f64 {
 }
 
 fn experiment(n: usize) -> (Problem, ObservingSystem) {
-    let grid = Grid { nx: n, ny: n, dx_m: SPACING_M, dy_m: SPACING_M, boundary: Boundary::Periodic };
-    let parameters = ShallowWaterParameters {
-        gravity_m_per_s2: 9.8,
-        coriolis_per_s: 1e-4,
-        beta_per_m_per_s: 0.0,
-        drag_per_s: 0.0,
-        hyperdiffusion_m4_per_s: 5e9,
-    };
-    let width = grid.width_m();
-    let equations = ShallowWater::new(grid, parameters, VectorInvariant::PotentialEnstrophy).expect("a model");
-    let jet = JetConfig {
-        mean_depth_m: 1000.0,
-        speed_m_per_s: 10.0,
-        center_y_m: 0.5 * width,
-        width_m: 0.1 * width,
-        perturbation: None,
-    };
-    let background = geostrophic_jet(&equations, &jet).expect("a state");
+    let model = model(n, SPACING_M, WINDOW_STEPS[1]);
+    let background = background(n);
     let layout = background.layout().clone();
     let mut observing =
         ObservingSystem::new(&layout, None, &instruments(n), 1, WINDOW, Time::from_seconds(0)).expect("instruments");
     let calibration = observing.calibration().clone();
     observing.observe(&background);
     let problem = Problem {
-        model: Arc::new(Stepped::new(equations, STEP, TimeScheme::Rk4).expect("a scheme")),
+        model: Arc::new(model),
         background_error: covariance(&layout, 15.0, 8e5, 0.5),
         model_error: Some(covariance(&layout, 0.5, 6e5, 0.05)),
         background,
@@ -191,6 +193,36 @@ fn experiment(n: usize) -> (Problem, ObservingSystem) {
         memory_limit_bytes: 16 << 30,
     };
     (problem, observing)
+}
+
+fn model(n: usize, spacing_m: f64, steps: usize) -> Stepped<ShallowWater> {
+    let step = Duration::from_seconds(WINDOW.seconds() / steps as i64);
+    Stepped::new(equations(n, spacing_m), step, TimeScheme::Rk4).expect("a scheme")
+}
+
+fn equations(n: usize, spacing_m: f64) -> ShallowWater {
+    let grid = Grid { nx: n, ny: n, dx_m: spacing_m, dy_m: spacing_m, boundary: Boundary::Periodic };
+    let parameters = ShallowWaterParameters {
+        gravity_m_per_s2: 9.8,
+        coriolis_per_s: 1e-4,
+        beta_per_m_per_s: 0.0,
+        drag_per_s: 0.0,
+        hyperdiffusion_m4_per_s: 5e9,
+    };
+    ShallowWater::new(grid, parameters, VectorInvariant::PotentialEnstrophy).expect("a model")
+}
+
+/// A jet.
+fn background(n: usize) -> State {
+    let width = n as f64 * SPACING_M;
+    let jet = JetConfig {
+        mean_depth_m: 1000.0,
+        speed_m_per_s: 10.0,
+        center_y_m: 0.5 * width,
+        width_m: 0.1 * width,
+        perturbation: None,
+    };
+    geostrophic_jet(&equations(n, SPACING_M), &jet).expect("a state")
 }
 
 /// Balanced errors and white ones.
@@ -215,11 +247,8 @@ fn instruments(n: usize) -> [InstrumentConfig; 2] {
     let stations = StationSource::Random { count: (n * n / 170).max(6), groups };
     let mut sondes = RadiosondeConfig::new("sondes", stations);
     sondes.reference_groups = vec!["A".into()];
-    sondes.biases = vec![StationBias {
-        variable: "h".into(),
-        scope: BiasScope::EachStation,
-        process: BiasProcess::constant(8.0),
-    }];
+    sondes.biases =
+        vec![StationBias { variable: "h".into(), scope: BiasScope::EachStation, process: BiasProcess::constant(8.0) }];
     let bias = |term| ScanBias { term, process: BiasProcess::constant(7.0) };
     let spacing_m = 3.07 * SPACING_M;
     let positions = (0.9 * width_m / spacing_m) as usize;

@@ -99,7 +99,8 @@ fn orthonormalise(basis: &mut TallMatrix) {
         if off.map(|(i, j)| (gram[(i, j)] - f64::from(i == j)).abs()).fold(0.0, f64::max) < 1e-6 {
             return;
         }
-        let scale: Vec<f64> = (0..n).map(|i| if gram[(i, i)] > 0.0 { gram[(i, i)].sqrt().recip() } else { 0.0 }).collect();
+        let scale: Vec<f64> =
+            (0..n).map(|i| if gram[(i, i)] > 0.0 { gram[(i, i)].sqrt().recip() } else { 0.0 }).collect();
         let scaled = |shift: f64| {
             Mat::from_fn(n, n, |i, j| scale[i] * gram[(i, j)] * scale[j] + if i == j { shift } else { 0.0 })
         };

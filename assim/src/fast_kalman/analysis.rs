@@ -158,12 +158,7 @@ impl FastKalmanFilter {
     }
 
     /// Φ_b ← Φ_b − D and the new C_k on the variables of the components; β̂_k(ξ = 0) is added to the increment.
-    fn take_in(
-        &mut self,
-        components: &[Component],
-        observed: Vec<(Vec<usize>, Eliminated)>,
-        increment: &mut [f64],
-    ) {
+    fn take_in(&mut self, components: &[Component], observed: Vec<(Vec<usize>, Eliminated)>, increment: &mut [f64]) {
         let m = self.state.values().len();
         self.covariance.factors.for_each_column(|factor, of_state, of_local| {
             for (variables, eliminated) in &observed {

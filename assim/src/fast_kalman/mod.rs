@@ -20,6 +20,7 @@
 mod analysis;
 mod block_diagonal;
 mod blocks;
+mod coarse_grid;
 mod compression;
 mod factored_covariance;
 mod factors;
@@ -37,14 +38,16 @@ use crate::propagator::propagator;
 use crate::tall_matrix::TallMatrix;
 use block_diagonal::BlockDiagonal;
 use blocks::Blocks;
+use coarse_grid::CoarseGrid;
 use compression::{Joining, join_and_compress};
 use factored_covariance::FactoredCovariance;
 use factors::Factors;
 use faer::{Mat, MatRef};
 use isobar_model::forecast::forecast_tl;
-use isobar_model::{Duration, Layout, State, random};
+use isobar_model::{Duration, Layout, State, TangentLinear, random};
 use isobar_obs::{ObservationWindow, Placement};
 use rand_chacha::ChaCha8Rng;
+use std::sync::Arc;
 
 /// What becomes of the covariance of the blocks' errors with those of c in a forecast.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -100,6 +103,8 @@ pub struct FastKalmanFilter {
     scales: Vec<f64>,
     /// Draws the probes.
     random: ChaCha8Rng,
+    /// Where the factors are propagated, if not on the grid of the state.
+    coarse: Option<CoarseGrid>,
 }
 
 /// Q of the state's values, as far as the filter keeps it.
@@ -163,7 +168,34 @@ impl FastKalmanFilter {
         let state = problem.background.clone();
         let bias = vec![0.0; problem.calibration.len()];
         let random = random::stream(0, "fast kalman filter/probes");
-        Ok(Self { problem, settings, blocks, local, shared, state, bias, covariance, model_error, scales, random })
+        Ok(Self {
+            problem,
+            settings,
+            blocks,
+            local,
+            shared,
+            state,
+            bias,
+            covariance,
+            model_error,
+            scales,
+            random,
+            coarse: None,
+        })
+    }
+
+    /// The same filter with its factors propagated by a model on a coarser grid of the same domain: where the errors'
+    /// correlation length is many cells, so nearly the same, for k³ times less work with cells k times as wide.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if the model's grid is not one of whole multiples of the state's cells, or if the blocks are
+    /// propagated exactly, which needs the whole propagator.
+    pub fn with_factors_on(mut self, model: Arc<dyn TangentLinear>) -> Result<Self, Error> {
+        if self.settings.residual == Residual::Exact {
+            return Err(Error::Setting("an exact forecast of the blocks leaves nothing to a coarser grid".into()));
+        }
+        self.coarse = Some(CoarseGrid::new(self.state.layout(), model)?);
+        Ok(self)
     }
 
     /// The covariance of the errors of (state, calibration) as a dense matrix in that order, for tests and for queries
@@ -226,7 +258,14 @@ impl FastKalmanFilter {
         let probes = columns.append(count);
         residual::draw_probes(&covariance.own, &self.blocks, &layout, probes, &mut self.random);
         let before = residual::energy(&layout, probes);
-        let outcome = forecast_tl(&*self.problem.model, &mut self.state, columns.values_mut(), steps);
+        let model = &*self.problem.model;
+        let outcome = match &self.coarse {
+            None => forecast_tl(model, &mut self.state, columns.values_mut(), steps).map_err(Error::from),
+            Some(coarse) => {
+                let (factors, probes) = columns.values_mut().split_at_mut(r * m);
+                coarse.forecast(model, &mut self.state, (window, steps), factors, probes)
+            }
+        };
         let after = residual::energy(&layout, &columns.values_mut()[r * m..]);
         columns.truncate(r);
         outcome?;

@@ -115,7 +115,10 @@ pub fn biases(info: &RunInfo, history: &History) -> Option<Table> {
         }));
         row
     };
-    Some(Table { header, rows: info.calibration.parameters.iter().take(MOST_PARAMETERS).enumerate().map(row).collect() })
+    Some(Table {
+        header,
+        rows: info.calibration.parameters.iter().take(MOST_PARAMETERS).enumerate().map(row).collect(),
+    })
 }
 
 /// How observations linked blocks, in the cycle with the largest component.
