@@ -55,6 +55,7 @@ fn one_block_equals_the_kalman_filter_on_every_small_scenario() {
                         factors: 0,
                         residual: Residual::Exact,
                     },
+                    factor_grid: 1,
                     memory_limit_bytes: MEMORY,
                 },
             ];

@@ -70,6 +70,13 @@ const CASES: &[Case] = &[
     ("[methods.fkf]", "[methods.\"../fkf\"]", "\"../fkf\"", &["\"../fkf\" cannot be the name of a method"]),
     ("blocks = \"cell\"", "blocks = \"cel\"", "\"cel\"", &["did you mean \"cell\"?"]),
     ("blocks = \"cell\"", "blocks = { tile = [9, 2] }", "9,", &["`methods.fkf.blocks.tile[0]` is 9", "from 1 to 8"]),
+    (
+        "blocks = \"cell\"",
+        "factors = 4\nfactor_grid = 8",
+        "8\n",
+        &["cells of 8 × 8 do not make a grid", "1, 2, 4 or 8, divide both sides and leave at least 4 cells"],
+    ),
+    ("title = \"A test\"", "regression = 1\ntitle = \"A test\"", "1\n", &["`regression` is a number", "true or false"]),
     ("kind = \"fkf\"", "kind = \"fkd\"", "\"fkd\"", &["did you mean \"fkf\"?", "free, 3dvar, kf, fkf"]),
     ("term = \"offset\"", "term = \"scan_cubic\"", "\"scan_cubic\"", &["offset, scan_linear, scan_quadratic"]),
     ("swath_width_km = 300", "swath_width_km = 3000", "3000", &["not narrower than the domain (800 km)"]),

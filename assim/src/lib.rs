@@ -22,6 +22,7 @@ mod linalg;
 pub mod problem;
 mod propagator;
 mod spread;
+mod tall_matrix;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 pub mod variational;

@@ -7,9 +7,13 @@ use faer::{Mat, Side};
 use isobar_assim::covariance::{self, Balanced, BalancedParameters, Covariance, Sum, White, leading_factors};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
 use isobar_assim::kalman::KalmanFilter;
-use isobar_assim::{Assimilator, Problem};
+use isobar_assim::{Assimilator, BiasTreatment, Problem};
+use isobar_model::initial::{JetConfig, geostrophic_jet};
 use isobar_model::random::stream;
-use isobar_model::{Boundary, Grid, shallow_water};
+use isobar_model::{
+    Boundary, Duration, Grid, ShallowWater, ShallowWaterParameters, Stepped, TimeScheme, VectorInvariant, shallow_water,
+};
+use std::sync::Arc;
 
 fn filter(problem: &Problem, blocks: BlockShape, factors: usize, residual: Residual) -> FastKalmanFilter {
     let settings = FastKalmanSettings { blocks, bias_coupling: BiasCoupling::Carry, factors, residual };
@@ -140,6 +144,77 @@ fn the_factor_settings_that_make_no_sense_are_refused() {
     assert_eq!(error(settings), "41 common factors are more than the 40 variables they describe");
     (settings.factors, settings.bias_coupling) = (3, BiasCoupling::Drop);
     assert!(error(settings).contains("have no factors"));
+}
+
+#[test]
+fn factors_on_the_same_grid_are_those_without_another() {
+    let problem = problem(true, calibration(2, 3, 0.4), 2);
+    let residual = Residual::Probe { count: 3 };
+    let mut plain = filter(&problem, BlockShape::Cell, 12, residual);
+    let mut other = filter(&problem, BlockShape::Cell, 12, residual).with_factors_on(problem.model.clone()).unwrap();
+    for cycle in 1..=4 {
+        let observed = window(&problem, 14, false, cycle, 5);
+        let [expected, found] = [&mut plain, &mut other].map(|filter| {
+            filter.forecast(WINDOW).unwrap();
+            filter.analyse(&observed).unwrap().estimate
+        });
+        assert!(relative_difference(found.state.values(), expected.state.values()) < 1e-12);
+        assert!(relative_difference(&flat(&other.dense_covariance()), &flat(&plain.dense_covariance())) < 1e-12);
+    }
+    let exact = filter(&problem, BlockShape::Cell, 12, Residual::Exact);
+    assert!(exact.with_factors_on(problem.model.clone()).is_err());
+}
+
+#[test]
+fn factors_of_smooth_errors_need_no_fine_grid() {
+    let model = |cells: usize, step: i64| {
+        let spacing = 48e5 / cells as f64;
+        let grid = Grid { nx: cells, ny: cells, dx_m: spacing, dy_m: spacing, boundary: Boundary::Periodic };
+        let parameters = ShallowWaterParameters {
+            gravity_m_per_s2: 9.8,
+            coriolis_per_s: 1e-4,
+            beta_per_m_per_s: 0.0,
+            drag_per_s: 0.0,
+            hyperdiffusion_m4_per_s: 0.0,
+        };
+        let equations = ShallowWater::new(grid, parameters, VectorInvariant::PotentialEnstrophy).unwrap();
+        let jet =
+            JetConfig { mean_depth_m: 1000.0, speed_m_per_s: 25.0, center_y_m: 24e5, width_m: 6e5, perturbation: None };
+        let state = geostrophic_jet(&equations, &jet).unwrap();
+        (Arc::new(Stepped::new(equations, Duration::from_seconds(step), TimeScheme::Rk4).unwrap()), state)
+    };
+    let (fine, background) = model(32, 600);
+    let layout = background.layout().clone();
+    let parameters = BalancedParameters {
+        sigma_height_m: 20.0,
+        length_m: 9e5,
+        gravity_m_per_s2: 9.8,
+        coriolis_per_s: 1e-4,
+        beta_per_m_per_s: 0.0,
+    };
+    let problem = Problem {
+        model: fine,
+        background_error: Arc::new(Balanced::new(&layout, &parameters).unwrap()),
+        model_error: None,
+        background,
+        calibration: calibration(1, 0, 0.0),
+        bias: BiasTreatment::Estimate,
+        memory_limit_bytes: 1 << 30,
+    };
+    let spread = |filter: FastKalmanFilter| {
+        let mut filter = filter;
+        filter.forecast(WINDOW).unwrap().state_spread.unwrap()
+    };
+    let plain = || filter(&problem, BlockShape::Cell, 30, Residual::Probe { count: 2 });
+    let expected = spread(plain());
+    for (cells, step, most) in [(16, 1200, 0.03), (8, 2400, 0.12)] {
+        let found = spread(plain().with_factors_on(model(cells, step).0).unwrap());
+        let difference = relative_difference(&found[..1024], &expected[..1024]);
+        let [of_found, of_expected] =
+            [&found, &expected].map(|spread| (spread.iter().map(|value| value * value).sum::<f64>()).sqrt());
+        println!("{cells} cells: {difference:e} at most, {of_found} {of_expected}");
+        assert!(difference < most && (of_found / of_expected - 1.0).abs() < 0.3 * most, "{cells} cells: {difference}");
+    }
 }
 
 #[test]

@@ -12,7 +12,7 @@ use std::process::ExitCode;
 /// scores are accepted.
 pub fn regress(arguments: &RegressArguments, runner: &Runner) -> Result<ExitCode, Report> {
     let scenarios = match arguments.scenarios.as_slice() {
-        [] => lookup::all()?.iter().map(|path| Ok(Scenario::load(path)?)).collect::<Result<Vec<_>, Report>>()?,
+        [] => all()?,
         given => given.iter().map(|argument| lookup::load(argument)).collect::<Result<Vec<_>, _>>()?,
     };
     if scenarios.is_empty() {
@@ -30,6 +30,19 @@ pub fn regress(arguments: &RegressArguments, runner: &Runner) -> Result<ExitCode
         }
     }
     Ok(code)
+}
+
+/// All scenarios in ./scenarios but those that are run only when they are named.
+fn all() -> Result<Vec<Scenario>, Report> {
+    let mut scenarios = Vec::new();
+    for path in lookup::all()? {
+        let scenario = Scenario::load(&path)?;
+        match scenario.regression {
+            true => scenarios.push(scenario),
+            false => print(&format!("{}: not run (regression = false)", scenario.name))?,
+        }
+    }
+    Ok(scenarios)
 }
 
 /// Whether all is well with a scenario.

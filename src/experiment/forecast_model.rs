@@ -1,9 +1,11 @@
 //! `[model]` as a model.
 
-use crate::scenario::{AdvectionScheme, Conserved, Dynamics, ModelSettings, ShallowWaterSettings, TimeScheme, Wind};
+use crate::scenario::{
+    AdvectionScheme, Conserved, Dynamics, ModelSettings, Scenario, ShallowWaterSettings, TimeScheme, Wind,
+};
 use isobar_model::{
-    Adjoint, Advection, ExactShift, Grid, LinearShallowWater, ModelError, ShallowWater, ShallowWaterParameters,
-    Stepped, VectorInvariant,
+    Adjoint, Advection, Duration, ExactShift, Grid, LinearShallowWater, ModelError, ShallowWater,
+    ShallowWaterParameters, Stepped, VectorInvariant,
 };
 use std::sync::Arc;
 
@@ -35,6 +37,26 @@ pub(super) fn build(settings: &ModelSettings, grid: &Grid) -> Result<Arc<dyn Adj
             Arc::new(ExactShift::new(grid.clone(), *columns_per_step, *rows_per_step, time_step)?)
         }
     })
+}
+
+/// The scenario's model with cells so many times as wide, and the longest time step that divides the window and is not
+/// longer in proportion.
+pub(super) fn build_coarser(scenario: &Scenario, factor: usize) -> Result<Arc<dyn Adjoint>, isobar_assim::Error> {
+    let fault =
+        |reason: &dyn std::fmt::Display| isobar_assim::Error::Setting(format!("factor_grid = {factor}: {reason}"));
+    if matches!(scenario.model.dynamics, Dynamics::ExactShift { .. }) {
+        return Err(fault(&"an exact shift by whole cells has none on a coarser grid"));
+    }
+    let Grid { nx, ny, dx_m, dy_m, boundary } = scenario.grid.grid;
+    let width = factor as f64;
+    let grid = Grid { nx: nx / factor, ny: ny / factor, dx_m: width * dx_m, dy_m: width * dy_m, boundary };
+    let (window, step) = (scenario.cycle.window.seconds(), scenario.model.time_step.seconds());
+    let least = window / step;
+    let steps = (least.div_euclid(factor as i64).max(1)..=least)
+        .find(|&steps| steps * factor as i64 >= least && window % steps == 0)
+        .expect("the window holds whole steps of the model");
+    let settings = ModelSettings { time_step: Duration::from_seconds(window / steps), ..scenario.model.clone() };
+    build(&settings, &grid).map_err(|error| fault(&error))
 }
 
 /// The nonlinear equations.

@@ -1,13 +1,14 @@
 //! `[methods.NAME]` as methods.
 
-use crate::scenario::{Algorithm, Method};
+use super::forecast_model;
+use crate::scenario::{Algorithm, Method, Scenario};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, Residual};
 use isobar_assim::free::FreeRun;
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::variational::ThreeDVar;
 use isobar_assim::{Assimilator, BiasTreatment, Error, Problem};
 
-pub(super) fn build(ground: &Problem, method: &Method) -> Result<Box<dyn Assimilator>, Error> {
+pub(super) fn build(ground: &Problem, method: &Method, scenario: &Scenario) -> Result<Box<dyn Assimilator>, Error> {
     let mut problem = Problem { bias: method.bias, ..ground.clone() };
     Ok(match method.algorithm {
         Algorithm::Free => Box::new(FreeRun::new(problem)),
@@ -16,9 +17,13 @@ pub(super) fn build(ground: &Problem, method: &Method) -> Result<Box<dyn Assimil
             problem.memory_limit_bytes = memory_limit_bytes;
             Box::new(KalmanFilter::new(problem)?)
         }
-        Algorithm::FastKalman { settings, memory_limit_bytes } => {
+        Algorithm::FastKalman { settings, factor_grid, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
-            Box::new(FastKalmanFilter::new(problem, settings)?)
+            if factor_grid == 1 {
+                return Ok(Box::new(FastKalmanFilter::new(problem, settings)?));
+            }
+            let model = forecast_model::build_coarser(scenario, factor_grid)?;
+            Box::new(FastKalmanFilter::new(problem, settings)?.with_factors_on(model)?)
         }
     })
 }
@@ -39,7 +44,7 @@ pub(super) fn describe(method: &Method) -> String {
         Algorithm::Free => "no assimilation".to_string(),
         Algorithm::ThreeDVar(settings) => format!("3D-Var, B × {}, {bias}", settings.covariance_scale),
         Algorithm::Kalman { .. } => format!("Kalman filter, {bias}"),
-        Algorithm::FastKalman { settings, .. } => {
+        Algorithm::FastKalman { settings, factor_grid, .. } => {
             let blocks = match settings.blocks {
                 BlockShape::Cell => "blocks of one cell".to_string(),
                 BlockShape::Tile { nx, ny } => format!("blocks of {nx} × {ny} cells"),
@@ -54,9 +59,12 @@ pub(super) fn describe(method: &Method) -> String {
                 BiasCoupling::Carry => "carried",
                 BiasCoupling::Drop => "dropped",
             };
-            let factors = settings.factors;
+            let mut factors = format!("{} common factors", settings.factors);
+            if *factor_grid > 1 {
+                factors += &format!(" on a grid {factor_grid} times as wide");
+            }
             format!(
-                "Fast Kalman Filter, {factors} common factors, {blocks} {residual}, covariance with biases {coupling}, \
+                "Fast Kalman Filter, {factors}, {blocks} {residual}, covariance with biases {coupling}, \
                  {bias}"
             )
         }

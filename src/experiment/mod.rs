@@ -116,7 +116,7 @@ impl Experiment {
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
         let (mut methods, mut infos) = (Vec::new(), Vec::new());
         for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
-            let runner = Runner::new(|| methods::build(&problem, method))
+            let runner = Runner::new(|| methods::build(&problem, method, scenario))
                 .map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
             let scores_bias = methods::sees_observations(method) && method.bias != BiasTreatment::Known;
             methods.push(Competitor { runner, failure: None, scores_bias });

@@ -38,6 +38,8 @@ pub enum Algorithm {
     FastKalman {
         /// Its settings.
         settings: FastKalmanSettings,
+        /// Cells on a side of those on which the factors are propagated: 1 on the grid of the state.
+        factor_grid: usize,
         /// Memory that it may use.
         memory_limit_bytes: u64,
     },
@@ -58,7 +60,7 @@ const KINDS: &[Kind<Which>] = &[
     (
         "fkf",
         Which::FastKalman,
-        &["bias", "blocks", "bias_coupling", "factors", "residual", "probes", "memory_limit_gb"],
+        &["bias", "blocks", "bias_coupling", "factors", "factor_grid", "residual", "probes", "memory_limit_gb"],
     ),
 ];
 
@@ -103,7 +105,9 @@ fn method(field: &Field<'_>, grid: &Grid) -> Read<Method> {
         }),
         Which::Kalman => Algorithm::Kalman { memory_limit_bytes: memory_limit_bytes()? },
         Which::FastKalman => {
-            Algorithm::FastKalman { settings: fast_kalman(&section, grid)?, memory_limit_bytes: memory_limit_bytes()? }
+            let settings = fast_kalman(&section, grid)?;
+            let factor_grid = factor_grid(&section, grid, settings)?;
+            Algorithm::FastKalman { settings, factor_grid, memory_limit_bytes: memory_limit_bytes()? }
         }
     };
     Ok(Method { bias, algorithm })
@@ -128,6 +132,29 @@ fn fast_kalman(section: &Section<'_>, grid: &Grid) -> Read<FastKalmanSettings> {
         factors,
         residual: section.optional("residual").map_or(Ok(default), |field| field.choice(&residuals))?,
     })
+}
+
+/// The grids on which factors can be propagated, by the cells on a side of theirs.
+const FACTOR_GRIDS: [usize; 4] = [1, 2, 4, 8];
+
+/// The fewest cells on a side of a grid of factors.
+const FEWEST_CELLS: usize = 4;
+
+fn factor_grid(section: &Section<'_>, grid: &Grid, settings: FastKalmanSettings) -> Read<usize> {
+    let Some(field) = section.optional("factor_grid") else { return Ok(1) };
+    let cells = field.whole(1, 8)?;
+    let fits = |n: usize| n.is_multiple_of(cells) && n / cells >= FEWEST_CELLS;
+    if !FACTOR_GRIDS.contains(&cells) || !(cells == 1 || fits(grid.nx) && fits(grid.ny)) {
+        let message = format!("cells of {cells} × {cells} do not make a grid of {} × {}", grid.nx, grid.ny);
+        return Err(
+            field.invalid(message, "must be 1, 2, 4 or 8, divide both sides and leave at least 4 cells on each")
+        );
+    }
+    if cells > 1 && (settings.residual == Residual::Exact || settings.factors == 0) {
+        let message = "without factors, or with an exact forecast of the blocks, nothing can be coarser".to_string();
+        return Err(field.invalid(message, "needs `factors`, and residual = \"probe\" or \"persist\""));
+    }
+    Ok(cells)
 }
 
 fn blocks(field: &Field<'_>, grid: &Grid) -> Read<BlockShape> {

@@ -82,6 +82,8 @@ pub struct Scenario {
     pub methods: IndexMap<String, Method>,
     /// What is written.
     pub output: OutputSettings,
+    /// Whether it is run for regression with all others; a scenario that is too dear says no.
+    pub regression: bool,
     /// The accepted scores.
     pub expected: Expected,
 }
@@ -140,6 +142,7 @@ impl Scenario {
         let networks = network::read(&root, &grid, &model)?;
         let methods = method::read(&root, &grid.grid)?;
         let output = cycle::read_output(&root)?;
+        let regression = root.yes_or_no_or("regression", true)?;
         let expected = expected::read(&root, &methods, &model)?;
         Ok(Self {
             name: path.file_stem().map_or(String::new(), |stem| text::clean(&stem.to_string_lossy())),
@@ -160,6 +163,7 @@ impl Scenario {
             networks,
             methods,
             output,
+            regression,
             expected,
         })
     }
@@ -181,6 +185,7 @@ const KEYS: &[&str] = &[
     "networks",
     "methods",
     "output",
+    "regression",
     "expected",
 ];
 

@@ -46,7 +46,7 @@ pub struct UpdateRows {
 }
 
 /// A block whose own unknowns are eliminated.
-pub(super) struct Eliminated {
+pub(crate) struct Eliminated {
     /// Whitened rows \[E d\] that are left for the border: E'E = G' R_k G, `[rows, p + 1]`.
     pub border_rows: Mat<f64>,
     /// b̂_k for c = 0, `[m, 1]`.
@@ -58,7 +58,8 @@ pub(super) struct Eliminated {
 }
 
 impl Block {
-    pub(super) fn eliminate(&self, number: usize, border_unknowns: usize) -> Result<Eliminated, Error> {
+    /// The rows without the block's own unknowns; `number` names the block in errors.
+    pub(crate) fn eliminate(&self, number: usize, border_unknowns: usize) -> Result<Eliminated, Error> {
         match self {
             Block::Regression(rows) => rows.eliminate(number, border_unknowns),
             Block::Update(rows) => rows.eliminate(number, border_unknowns),

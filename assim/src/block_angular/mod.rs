@@ -17,13 +17,14 @@ mod block;
 mod border;
 mod partition;
 
+pub(crate) use block::Eliminated;
 pub use block::{Block, RegressionRows, UpdateRows};
+pub(crate) use border::Information;
 pub use border::Prior;
 pub use partition::{Component, PartitionReport, components};
 
 use crate::error::Error;
 use crate::linalg::{add_product, column};
-use block::Eliminated;
 use faer::Mat;
 use rayon::prelude::*;
 

@@ -75,31 +75,49 @@ impl Balanced {
         })
     }
 
-    /// Calls `visit` with each (index of the increment, index of ψ, weight) of the linear map from ψ to (h, u, v).
-    fn for_each_weight(&self, mut visit: impl FnMut(usize, usize, f64)) {
-        let (nx, ny) = (self.grid.nx, self.grid.ny);
-        let [h, u, v] = self.offsets;
+    /// The value of a variable (0 to 2 for h, u and v) of a cell as a weighted sum of ψ: indices and weights, of which
+    /// those of a wall's v are zero.
+    fn weights(&self, variable: usize, row: usize, column: usize) -> ([usize; 4], [f64; 4]) {
+        let nx = self.grid.nx;
+        let (north, east) = ((row + 1) % self.filter.rows(), (column + 1) % nx);
+        let [sw, se, nw, ne] = [row * nx + column, row * nx + east, north * nx + column, north * nx + east];
         let sigma = self.sigma_streamfunction;
-        let (per_dx, per_dy) = (sigma / self.grid.dx_m, sigma / self.grid.dy_m);
-        for j in 0..ny {
-            let north = (j + 1) % self.filter.rows();
-            let quarter = 0.25 * sigma * self.height_per_streamfunction[j];
-            let wall = j == 0 && self.grid.boundary == Boundary::Channel;
-            for i in 0..nx {
-                let east = (i + 1) % nx;
-                let cell = j * nx + i;
-                let [sw, se, nw, ne] = [j * nx + i, j * nx + east, north * nx + i, north * nx + east];
-                for corner in [sw, se, nw, ne] {
-                    visit(h + cell, corner, quarter);
-                }
-                visit(u + cell, nw, -per_dy);
-                visit(u + cell, sw, per_dy);
-                if !wall {
-                    visit(v + cell, se, per_dx);
-                    visit(v + cell, sw, -per_dx);
+        match variable {
+            0 => ([sw, se, nw, ne], [0.25 * sigma * self.height_per_streamfunction[row]; 4]),
+            1 => {
+                let per_dy = sigma / self.grid.dy_m;
+                ([nw, sw, nw, sw], [-per_dy, per_dy, 0.0, 0.0])
+            }
+            _ => {
+                let wall = row == 0 && self.grid.boundary == Boundary::Channel;
+                let per_dx = if wall { 0.0 } else { sigma / self.grid.dx_m };
+                ([se, sw, se, sw], [per_dx, -per_dx, 0.0, 0.0])
+            }
+        }
+    }
+
+    /// Calls `visit` with each (index of the increment, index of ψ, weight) of the linear map from ψ to (h, u, v).
+    #[inline(always)]
+    fn for_each_weight(&self, mut visit: impl FnMut(usize, usize, f64)) {
+        for row in 0..self.grid.ny {
+            for column in 0..self.grid.nx {
+                let cell = row * self.grid.nx + column;
+                for (variable, count) in [(0, 4), (1, 2), (2, 2)] {
+                    let (corners, weights) = self.weights(variable, row, column);
+                    for (&corner, &weight) in corners.iter().zip(&weights).take(count) {
+                        visit(self.offsets[variable] + cell, corner, weight);
+                    }
                 }
             }
         }
+    }
+
+    /// The weights of the value at an index of the increment; `None` if it is none of h, u and v.
+    fn weights_at(&self, index: usize) -> Option<([usize; 4], [f64; 4])> {
+        let (cells, nx) = (self.grid.cells(), self.grid.nx);
+        let variable = self.offsets.iter().position(|&offset| (offset..offset + cells).contains(&index))?;
+        let cell = index - self.offsets[variable];
+        Some(self.weights(variable, cell / nx, cell % nx))
     }
 }
 
@@ -113,15 +131,40 @@ impl Covariance for Balanced {
     }
 
     fn root_add(&self, control: &[f64], increment: &mut [f64]) {
-        let streamfunction = self.filter.apply(control);
+        let mut streamfunction = control.to_vec();
+        self.filter.apply(&mut streamfunction);
         self.for_each_weight(|index, corner, weight| increment[index] += weight * streamfunction[corner]);
     }
 
     fn root_transpose_add(&self, increment: &[f64], control: &mut [f64]) {
         let mut streamfunction = vec![0.0; self.filter.len()];
         self.for_each_weight(|index, corner, weight| streamfunction[corner] += weight * increment[index]);
-        for (control, filtered) in control.iter_mut().zip(self.filter.apply(&streamfunction)) {
+        self.filter.apply(&mut streamfunction);
+        for (control, filtered) in control.iter_mut().zip(streamfunction) {
             *control += filtered;
         }
+    }
+
+    fn multiply_add(&self, increment: &[f64], result: &mut [f64]) {
+        let mut streamfunction = vec![0.0; self.filter.len()];
+        self.for_each_weight(|index, corner, weight| streamfunction[corner] += weight * increment[index]);
+        self.filter.correlate(&mut streamfunction);
+        self.for_each_weight(|index, corner, weight| result[index] += weight * streamfunction[corner]);
+    }
+
+    /// Σ w_c w'_d ρ(c, d) over the corners c and d of the two values, ρ the correlation of ψ.
+    fn covariance(&self, first: usize, second: usize) -> f64 {
+        let (Some((corners, weights)), Some((others, other_weights))) =
+            (self.weights_at(first), self.weights_at(second))
+        else {
+            return 0.0;
+        };
+        let mut sum = 0.0;
+        for (&corner, weight) in corners.iter().zip(weights).filter(|(_, weight)| *weight != 0.0) {
+            for (&other, other_weight) in others.iter().zip(other_weights).filter(|(_, weight)| *weight != 0.0) {
+                sum += weight * other_weight * self.filter.correlation(corner, other);
+            }
+        }
+        sum
     }
 }

@@ -17,6 +17,8 @@ pub(super) struct GaussianFilter {
     rows: usize,
     /// Λ^½ / (nx · rows), transposed `[column, row]`.
     root_eigenvalues: Vec<f64>,
+    /// Correlation at each lag along x and along y; that at a lag in both is their product.
+    correlation: [Vec<f64>; 2],
     forward: [Arc<dyn Fft<f64>>; 2],
     backward: [Arc<dyn Fft<f64>>; 2],
 }
@@ -33,10 +35,14 @@ impl GaussianFilter {
         let backward = [planner.plan_fft_inverse(nx), planner.plan_fft_inverse(rows)];
         let eigenvalues_x = correlation_eigenvalues(nx, grid.dx_m, length_m, forward[0].as_ref());
         let eigenvalues_y = correlation_eigenvalues(rows, grid.dy_m, length_m, forward[1].as_ref());
+        let correlation = [
+            correlation_of(&eigenvalues_x, backward[0].as_ref()),
+            correlation_of(&eigenvalues_y, backward[1].as_ref()),
+        ];
         let scale = 1.0 / (nx * rows) as f64;
         let root_eigenvalues =
             eigenvalues_x.iter().flat_map(|&x| eigenvalues_y.iter().map(move |&y| (x * y).sqrt() * scale)).collect();
-        Self { nx, rows, root_eigenvalues, forward, backward }
+        Self { nx, rows, root_eigenvalues, correlation, forward, backward }
     }
 
     /// Values of the filtered array.
@@ -46,6 +52,13 @@ impl GaussianFilter {
 
     pub fn rows(&self) -> usize {
         self.rows
+    }
+
+    /// The correlation of two values of the filtered array, by their indices.
+    pub fn correlation(&self, first: usize, second: usize) -> f64 {
+        let (row, column) = (first / self.nx, first % self.nx);
+        let (other_row, other_column) = (second / self.nx, second % self.nx);
+        self.correlation[0][column.abs_diff(other_column)] * self.correlation[1][row.abs_diff(other_row)]
     }
 
     /// The mean over all wave numbers of Λ times a transfer function of the phases (k dx, l dy): the variance of a
@@ -62,29 +75,45 @@ impl GaussianFilter {
         sum / n
     }
 
-    /// The filtered array.
-    pub fn apply(&self, field: &[f64]) -> Vec<f64> {
+    /// Multiplies the array by the root of the correlation matrix.
+    pub fn apply(&self, field: &mut [f64]) {
+        self.transfer(field, |root| root);
+    }
+
+    /// Multiplies the array by the correlation matrix.
+    pub fn correlate(&self, field: &mut [f64]) {
+        let n = self.len() as f64;
+        self.transfer(field, |root| root * root * n);
+    }
+
+    /// Filters with a function of Λ^½ / (nx · rows), divided by nx · rows.
+    fn transfer(&self, field: &mut [f64], transfer: impl Fn(f64) -> f64) {
         assert_eq!(field.len(), self.len());
         let mut array: Vec<Complex<f64>> = field.iter().map(|&value| Complex::new(value, 0.0)).collect();
         let mut transposed = vec![Complex::default(); self.len()];
         self.forward[0].process(&mut array);
         transpose(&array, &mut transposed, self.rows, self.nx);
         self.forward[1].process(&mut transposed);
-        for (value, root) in transposed.iter_mut().zip(&self.root_eigenvalues) {
-            *value *= root;
+        for (value, &root) in transposed.iter_mut().zip(&self.root_eigenvalues) {
+            *value *= transfer(root);
         }
         self.backward[1].process(&mut transposed);
         transpose(&transposed, &mut array, self.nx, self.rows);
         self.backward[0].process(&mut array);
-        array.iter().map(|value| value.re).collect()
+        field.iter_mut().zip(&array).for_each(|(value, filtered)| *value = filtered.re);
     }
 }
 
-/// `to[j, i] = from[i, j]`, where `from` has `rows` rows of `columns`.
+/// `to[j, i] = from[i, j]`, where `from` has `rows` rows of `columns`; tile by tile, so that both stay in the cache.
 fn transpose(from: &[Complex<f64>], to: &mut [Complex<f64>], rows: usize, columns: usize) {
-    for i in 0..rows {
-        for j in 0..columns {
-            to[j * rows + i] = from[i * columns + j];
+    const TILE: usize = 16;
+    for first_row in (0..rows).step_by(TILE) {
+        for first_column in (0..columns).step_by(TILE) {
+            for j in first_column..(first_column + TILE).min(columns) {
+                for i in first_row..(first_row + TILE).min(rows) {
+                    to[j * rows + i] = from[i * columns + j];
+                }
+            }
         }
     }
 }
@@ -104,6 +133,13 @@ fn correlation_eigenvalues(n: usize, spacing_m: f64, length_m: f64, fft: &dyn Ff
     fft.process(&mut values);
     // Rounding leaves tiny negative eigenvalues where the spectrum has died out.
     values.iter().map(|value| value.re.max(0.0)).collect()
+}
+
+/// The first column of the symmetric circulant matrix with these eigenvalues.
+fn correlation_of(eigenvalues: &[f64], backward: &dyn Fft<f64>) -> Vec<f64> {
+    let mut values: Vec<Complex<f64>> = eigenvalues.iter().map(|&value| Complex::new(value, 0.0)).collect();
+    backward.process(&mut values);
+    values.iter().map(|value| value.re / eigenvalues.len() as f64).collect()
 }
 
 /// The next size with factors 2, 3 and 5 only.

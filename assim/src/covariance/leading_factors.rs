@@ -1,56 +1,118 @@
 //! The leading directions of a covariance as factors.
 
 use super::Covariance;
-use crate::linalg::{add_symmetric_product, cholesky, eigen, product, qr, solve_lower};
+use crate::linalg::{cholesky, eigen, product, solve_lower};
+use crate::tall_matrix::{TallMatrix, cross_product, scaled_gram};
 use faer::{Mat, MatRef};
 use isobar_model::random::standard_normals;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 /// Directions beyond the wanted ones that the range finder draws.
-const OVERSAMPLING: usize = 10;
+pub(crate) const OVERSAMPLING: usize = 10;
 
 /// Multiplications with the covariance after the first, each of which sharpens the leading directions.
 const POWER_ITERATIONS: usize = 2;
+
+/// Columns whose images are held beside the matrix at a time.
+const IMAGES: usize = 4;
 
 /// `rank` columns F with F Fᵀ ≤ U Uᵀ, column-major `[len, rank]`, that hold most of its energy where every value is
 /// first divided by its `scales`.
 ///
 /// Randomised range finder with Nyström's approximation (Halko, Martinsson and Tropp 2011, SIAM Review 53, algorithms
-/// 4.4 and 5.5): with an orthonormal basis Q of the range of A = S⁻¹ U Uᵀ S⁻¹, `A ≈ (A Q)(Qᵀ A Q)⁻¹(A Q)ᵀ`, whose
-/// remainder is positive semidefinite, and of this the leading eigenvectors. Columns are in the order of their energy.
+/// 4.4 and 5.5): with a basis Q of the range of A = S⁻¹ U Uᵀ S⁻¹, `A ≈ (A Q)(Qᵀ A Q)⁻¹(A Q)ᵀ`, whose remainder is positive
+/// semidefinite, and of this the leading eigenvectors. Columns are in the order of their energy.
 pub fn leading_factors(covariance: &dyn Covariance, scales: &[f64], rank: usize, stream: &mut ChaCha8Rng) -> Mat<f64> {
+    leading_columns(covariance, scales, rank, stream).as_ref().to_owned()
+}
+
+/// [`leading_factors`], all in the memory of one matrix `[len, rank + 10]`, which stays reserved.
+pub(crate) fn leading_columns(
+    covariance: &dyn Covariance,
+    scales: &[f64],
+    rank: usize,
+    stream: &mut ChaCha8Rng,
+) -> TallMatrix {
     let m = covariance.len();
     let rank = rank.min(m);
     let drawn = (rank + OVERSAMPLING).min(m);
-    let multiply = |basis: MatRef<'_, f64>| -> Mat<f64> {
-        let columns: Vec<Vec<f64>> = (0..basis.ncols())
-            .into_par_iter()
-            .map(|j| {
-                let scaled: Vec<f64> = (0..m).map(|i| basis[(i, j)] / scales[i]).collect();
-                let mut image = super::multiply(covariance, &scaled);
-                image.iter_mut().zip(scales).for_each(|(value, scale)| *value /= scale);
-                image
-            })
-            .collect();
-        Mat::from_fn(m, basis.ncols(), |i, j| columns[j][i])
-    };
-    let start = standard_normals(stream, m * drawn);
-    let mut basis = qr(multiply(MatRef::from_column_major_slice(&start, m, drawn)).as_ref()).compute_thin_Q();
-    for _ in 0..POWER_ITERATIONS {
-        basis = qr(multiply(basis.as_ref()).as_ref()).compute_thin_Q();
+    let mut basis = TallMatrix::from_values(m, drawn, standard_normals(stream, m * drawn));
+    for _ in 0..=POWER_ITERATIONS {
+        basis.par_columns_mut().for_each(|column| multiply(covariance, scales, column));
+        orthonormalise(&mut basis);
     }
-    let image = multiply(basis.as_ref());
-    let core = product(basis.transpose(), image.as_ref());
-    let root = pseudo_root(core);
+    let core = multiply_all(covariance, scales, &mut basis);
     // A ≈ G Gᵀ with G = (A Q) root; its eigenvectors by the small Gram matrix.
-    let nystrom = product(image.as_ref(), root.as_ref());
-    let rotation = principal_rotation(nystrom.as_ref());
-    let mut factors = product(nystrom.as_ref(), rotation.as_ref().get(.., ..rank));
-    for j in 0..factors.ncols() {
-        factors.col_as_slice_mut(j).iter_mut().zip(scales).for_each(|(value, scale)| *value *= scale);
+    let root = pseudo_root(core);
+    let gram = scaled_gram(&[basis.as_ref()], &vec![1.0; m]);
+    let gram = product(root.transpose(), product(gram.as_ref(), root.as_ref()).as_ref());
+    let rotation = product(root.as_ref(), leading_eigenvectors(gram.as_ref(), rank).as_ref());
+    basis.recombine(MatRef::from_column_major_slice(&[], m, 0), rotation.as_ref());
+    basis.par_columns_mut().for_each(|column| {
+        column.iter_mut().zip(scales).for_each(|(value, scale)| *value *= scale);
+    });
+    basis
+}
+
+/// x ← S⁻¹ U Uᵀ S⁻¹ x.
+fn multiply(covariance: &dyn Covariance, scales: &[f64], x: &mut [f64]) {
+    let scaled: Vec<f64> = x.iter().zip(scales).map(|(value, scale)| value / scale).collect();
+    x.fill(0.0);
+    covariance.multiply_add(&scaled, x);
+    x.iter_mut().zip(scales).for_each(|(value, scale)| *value /= scale);
+}
+
+/// Q ← A Q; returns Qᵀ A Q.
+///
+/// A few columns at a time: of the symmetric core only the rows of columns that are not replaced yet are computed.
+fn multiply_all(covariance: &dyn Covariance, scales: &[f64], basis: &mut TallMatrix) -> Mat<f64> {
+    let (m, n) = (basis.rows(), basis.columns());
+    let mut core = Mat::zeros(n, n);
+    for first in (0..n).step_by(IMAGES) {
+        let count = IMAGES.min(n - first);
+        let mut images = TallMatrix::from_values(m, count, basis.values_mut()[first * m..(first + count) * m].to_vec());
+        images.par_columns_mut().for_each(|column| multiply(covariance, scales, column));
+        let rows = cross_product(basis.as_ref().get(.., first..), images.as_ref());
+        core.as_mut().get_mut(first.., first..first + count).copy_from(&rows);
+        core.as_mut().get_mut(first..first + count, first..).copy_from(rows.transpose());
+        basis.values_mut()[first * m..(first + count) * m].copy_from_slice(images.values_mut());
     }
-    factors
+    core
+}
+
+/// Passes of Cholesky's orthonormalisation at most: two for columns in general position, more if they nearly depend on
+/// each other.
+const PASSES: usize = 6;
+
+/// Gives the columns the same span and makes them orthonormal, to six digits: the approximation is that of the span.
+///
+/// Repeated Cholesky QR, Y ← Y L⁻ᵀ with L Lᵀ = Yᵀ Y, all columns first brought to length one. If the Gram matrix is
+/// singular in double precision, a shift makes it positive; each pass then improves the condition by some seven digits
+/// (Fukaya, Kannan, Nakatsukasa, Yamamoto and Yanagisawa 2020, SIAM J. Sci. Comput. 42, shifted CholeskyQR3).
+fn orthonormalise(basis: &mut TallMatrix) {
+    let (m, n) = (basis.rows(), basis.columns());
+    let ones = vec![1.0; m];
+    for _ in 0..PASSES {
+        let gram = scaled_gram(&[basis.as_ref()], &ones);
+        let off = (0..n).flat_map(|j| (0..n).map(move |i| (i, j)));
+        if off.map(|(i, j)| (gram[(i, j)] - f64::from(i == j)).abs()).fold(0.0, f64::max) < 1e-6 {
+            return;
+        }
+        let scale: Vec<f64> =
+            (0..n).map(|i| if gram[(i, i)] > 0.0 { gram[(i, i)].sqrt().recip() } else { 0.0 }).collect();
+        let scaled = |shift: f64| {
+            Mat::from_fn(n, n, |i, j| scale[i] * gram[(i, j)] * scale[j] + if i == j { shift } else { 0.0 })
+        };
+        let rounding = 16.0 * n as f64 * f64::EPSILON;
+        let well_posed = |l: &Mat<f64>| (0..n).all(|i| l[(i, i)] * l[(i, i)] > rounding);
+        let root = cholesky(scaled(0.0), String::new).ok().filter(well_posed);
+        let Some(root) = root.or_else(|| cholesky(scaled(rounding), String::new).ok()) else { return };
+        let mut inverse = Mat::identity(n, n);
+        solve_lower(root.as_ref(), inverse.as_mut());
+        let t = Mat::from_fn(n, n, |i, j| scale[i] * inverse[(j, i)]);
+        basis.recombine(MatRef::from_column_major_slice(&[], m, 0), t.as_ref());
+    }
 }
 
 /// W with W Wᵀ = M⁺ for a symmetric positive semidefinite M, whose lower triangle is read.
@@ -70,12 +132,8 @@ fn pseudo_root(matrix: Mat<f64>) -> Mat<f64> {
     Mat::from_fn(n, n, |i, j| if values[j] > threshold { vectors[(i, j)] / values[j].sqrt() } else { 0.0 })
 }
 
-/// The right singular vectors of a tall matrix, `[columns, columns]`, in descending order of its singular values, by the
-/// eigenvectors of its Gram matrix.
-pub(crate) fn principal_rotation(tall: MatRef<'_, f64>) -> Mat<f64> {
-    let columns = tall.ncols();
-    let mut gram = Mat::zeros(columns, columns);
-    add_symmetric_product(gram.as_mut(), 1.0, tall.transpose(), tall);
-    let (_, vectors) = eigen(gram.as_ref());
-    Mat::from_fn(columns, columns, |i, j| vectors[(i, columns - 1 - j)])
+/// The eigenvectors of the `count` largest eigenvalues of a symmetric matrix, in descending order, as columns.
+pub(crate) fn leading_eigenvectors(matrix: MatRef<'_, f64>, count: usize) -> Mat<f64> {
+    let (_, vectors) = eigen(matrix);
+    Mat::from_fn(matrix.nrows(), count, |i, j| vectors[(i, matrix.nrows() - 1 - j)])
 }

@@ -9,13 +9,12 @@ mod white;
 
 pub use balanced::{Balanced, BalancedParameters};
 pub use leading_factors::leading_factors;
-pub(crate) use leading_factors::principal_rotation;
+pub(crate) use leading_factors::{OVERSAMPLING, leading_columns, leading_eigenvectors};
 pub use sum::Sum;
 pub use univariate::Univariate;
 pub use white::White;
 
-use crate::linalg::add_symmetric_product;
-use faer::{Mat, MatRef};
+use faer::Mat;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
@@ -37,14 +36,34 @@ pub trait Covariance: Send + Sync {
 
     /// χ += Uᵀ δx.
     fn root_transpose_add(&self, increment: &[f64], control: &mut [f64]);
+
+    /// y += U Uᵀ δx; provided by way of the control vector.
+    fn multiply_add(&self, increment: &[f64], result: &mut [f64]) {
+        let mut control = vec![0.0; self.control_len()];
+        self.root_transpose_add(increment, &mut control);
+        self.root_add(&control, result);
+    }
+
+    /// The covariance (U Uᵀ)ᵢⱼ of two values.
+    ///
+    /// As provided it applies Uᵀ to two unit vectors, which costs as much as two whole increments; an operator that
+    /// knows its entries says them at once. A filter asks for those of every block.
+    fn covariance(&self, first: usize, second: usize) -> f64 {
+        let row = |index: usize| {
+            let mut unit = vec![0.0; self.len()];
+            unit[index] = 1.0;
+            let mut control = vec![0.0; self.control_len()];
+            self.root_transpose_add(&unit, &mut control);
+            control
+        };
+        row(first).iter().zip(row(second)).map(|(first, second)| first * second).sum()
+    }
 }
 
 /// U Uᵀ δx.
 pub fn multiply(covariance: &dyn Covariance, increment: &[f64]) -> Vec<f64> {
-    let mut control = vec![0.0; covariance.control_len()];
-    covariance.root_transpose_add(increment, &mut control);
     let mut result = vec![0.0; covariance.len()];
-    covariance.root_add(&control, &mut result);
+    covariance.multiply_add(increment, &mut result);
     result
 }
 
@@ -58,22 +77,12 @@ pub fn randomize(covariance: &dyn Covariance, stream: &mut ChaCha8Rng) -> Vec<f6
 
 /// The covariance of the values at `indices` among each other, `[n, n]`.
 pub fn block(covariance: &dyn Covariance, indices: &[usize]) -> Mat<f64> {
-    let roots: Vec<Vec<f64>> = indices
-        .par_iter()
-        .map(|&index| {
-            let mut unit = vec![0.0; covariance.len()];
-            unit[index] = 1.0;
-            let mut control = vec![0.0; covariance.control_len()];
-            covariance.root_transpose_add(&unit, &mut control);
-            control
-        })
+    let n = indices.len();
+    let lower: Vec<Vec<f64>> = (0..n)
+        .into_par_iter()
+        .map(|column| indices[column..].iter().map(|&row| covariance.covariance(row, indices[column])).collect())
         .collect();
-    let controls = covariance.control_len();
-    let flat: Vec<f64> = roots.concat();
-    let root = MatRef::from_column_major_slice(&flat, controls, indices.len());
-    let mut result = Mat::zeros(indices.len(), indices.len());
-    add_symmetric_product(result.as_mut(), 1.0, root.transpose(), root);
-    result
+    Mat::from_fn(n, n, |i, j| lower[i.min(j)][i.max(j) - i.min(j)])
 }
 
 /// The whole covariance matrix, `[len, len]`; for small grids.

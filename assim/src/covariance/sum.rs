@@ -45,4 +45,12 @@ impl Covariance for Sum {
             rest = others;
         }
     }
+
+    fn multiply_add(&self, increment: &[f64], result: &mut [f64]) {
+        self.terms.iter().for_each(|term| term.multiply_add(increment, result));
+    }
+
+    fn covariance(&self, first: usize, second: usize) -> f64 {
+        self.terms.iter().map(|term| term.covariance(first, second)).sum()
+    }
 }

@@ -40,7 +40,8 @@ impl Covariance for Univariate {
     }
 
     fn root_add(&self, control: &[f64], increment: &mut [f64]) {
-        let filtered = self.filter.apply(control);
+        let mut filtered = control.to_vec();
+        self.filter.apply(&mut filtered);
         let field = &mut increment[self.offset..][..self.cells];
         for (value, filtered) in field.iter_mut().zip(&filtered).skip(self.wall_values) {
             *value += self.sigma * filtered;
@@ -53,8 +54,27 @@ impl Covariance for Univariate {
         for (value, field) in padded.iter_mut().zip(field).skip(self.wall_values) {
             *value = self.sigma * field;
         }
-        for (control, filtered) in control.iter_mut().zip(self.filter.apply(&padded)) {
+        self.filter.apply(&mut padded);
+        for (control, filtered) in control.iter_mut().zip(padded) {
             *control += filtered;
         }
+    }
+
+    fn multiply_add(&self, increment: &[f64], result: &mut [f64]) {
+        let varies = self.offset + self.wall_values..self.offset + self.cells;
+        let mut padded = vec![0.0; self.filter.len()];
+        padded[self.wall_values..self.cells].copy_from_slice(&increment[varies.clone()]);
+        self.filter.correlate(&mut padded);
+        for (value, correlated) in result[varies].iter_mut().zip(&padded[self.wall_values..]) {
+            *value += self.sigma * self.sigma * correlated;
+        }
+    }
+
+    fn covariance(&self, first: usize, second: usize) -> f64 {
+        let varies = self.offset + self.wall_values..self.offset + self.cells;
+        if !varies.contains(&first) || !varies.contains(&second) {
+            return 0.0;
+        }
+        self.sigma * self.sigma * self.filter.correlation(first - self.offset, second - self.offset)
     }
 }

@@ -42,4 +42,16 @@ impl Covariance for White {
             *control += self.sigma * value;
         }
     }
+
+    fn multiply_add(&self, increment: &[f64], result: &mut [f64]) {
+        let varies = self.start..self.start + self.count;
+        for (result, value) in result[varies.clone()].iter_mut().zip(&increment[varies]) {
+            *result += self.sigma * self.sigma * value;
+        }
+    }
+
+    fn covariance(&self, first: usize, second: usize) -> f64 {
+        let varies = (self.start..self.start + self.count).contains(&first);
+        if first == second && varies { self.sigma * self.sigma } else { 0.0 }
+    }
 }

@@ -1,13 +1,20 @@
 //! The analysis: observations by component, and the solution taken into state, calibration and covariance.
+//!
+//! The components are eliminated in chunks, and what each of them adds to the factors, −D_k, is taken in at once, so that
+//! never all D_k are there together: they would need as much memory as the observed part of Φ.
 
 use super::FastKalmanFilter;
 use super::factored_covariance::Patch;
-use crate::block_angular::{Block, Component, PartitionReport, Solution, UpdateRows};
+use crate::block_angular::{Block, Component, Eliminated, Information, PartitionReport, Prior, UpdateRows};
 use crate::error::Error;
 use crate::linalg::{cholesky, column, product};
 use crate::problem::Innovations;
-use faer::Mat;
+use faer::{Mat, MatRef};
 use isobar_obs::SparseRows;
+use rayon::prelude::*;
+
+/// Components that are eliminated at a time.
+const COMPONENTS: usize = 4096;
 
 /// The Jacobians by block variables b and shared parameters c.
 pub(super) struct SplitRows {
@@ -37,41 +44,107 @@ impl FastKalmanFilter {
         SplitRows { block, shared }
     }
 
-    /// The rows of a component in covariance form, and its variables.
-    pub(super) fn update_rows(
+    /// Analyses the innovations, and returns dᵀ Cov(d)⁻¹ d.
+    pub(super) fn update(
+        &mut self,
+        components: &[Component],
+        rows: &SplitRows,
+        innovations: &Innovations,
+    ) -> Result<f64, Error> {
+        self.covariance.linked.clear();
+        let r = self.covariance.factors.columns();
+        let prior = Prior { mean: vec![0.0; r], covariance: Mat::identity(r, r) };
+        let mut information = Information::new(&prior)?;
+        let mut increment = vec![0.0; self.blocks.variables()];
+        for (chunk, components) in components.chunks(COMPONENTS).enumerate() {
+            let observed = self.eliminate(chunk * COMPONENTS, components, rows, innovations)?;
+            information.add(observed.iter().map(|(_, eliminated)| eliminated));
+            self.take_in(components, observed, &mut increment);
+        }
+        let border = information.solve()?;
+        // β̂_k + Φ_b ξ̂ = β̂_k(ξ = 0) + (Φ_b − D) ξ̂: −D is in Φ_b by now.
+        let factors = &mut self.covariance.factors;
+        factors.multiply_add(&border.estimate, &mut increment);
+        let shared_increment = product(factors.shared.as_ref(), column(&border.estimate).as_ref());
+        let root = cholesky(border.covariance, || "the covariance S of the border".into())?;
+        factors.rotate(root.as_ref());
+        self.add_increments(&increment, shared_increment.col_as_slice(0));
+        Ok(border.residual_chi2)
+    }
+
+    /// The variables of each component, and what is left of its rows without them.
+    fn eliminate(
+        &self,
+        first: usize,
+        components: &[Component],
+        rows: &SplitRows,
+        innovations: &Innovations,
+    ) -> Result<Vec<(Vec<usize>, Eliminated)>, Error> {
+        let r = self.covariance.factors.columns();
+        let mut first_rows = vec![0];
+        for (number, component) in components.iter().enumerate() {
+            first_rows.push(first_rows[number] + component.observations.len());
+        }
+        let g = self.observed_factors(components, rows);
+        let g = MatRef::from_column_major_slice(&g, first_rows[components.len()], r);
+        let eliminate = |(number, component): (usize, &Component)| {
+            let g = g.get(first_rows[number]..first_rows[number + 1], ..);
+            let (variables, block) = self.update_rows(component, g, rows, innovations);
+            Ok((variables, block.eliminate(first + number, r)?))
+        };
+        components.par_iter().enumerate().map(eliminate).collect()
+    }
+
+    /// H Φ_b + G Φ_c for the observations of the components, one component after another, `[observations, r]`.
+    ///
+    /// Factor by factor, because a column of Φ lies together in memory, and its row does not.
+    fn observed_factors(&self, components: &[Component], rows: &SplitRows) -> Vec<f64> {
+        let observations: Vec<usize> =
+            components.iter().flat_map(|component| component.observations.iter().copied()).collect();
+        let factors = &self.covariance.factors;
+        let mut result = vec![0.0; observations.len() * factors.columns()];
+        result.par_chunks_exact_mut(observations.len().max(1)).enumerate().for_each(|(factor, column)| {
+            let shared = factors.shared.col_as_slice(factor);
+            for (value, &row) in column.iter_mut().zip(&observations) {
+                let of_block = rows.block.row(row).iter();
+                *value = of_block.map(|&(variable, weight)| weight * factors.value(variable, factor)).sum::<f64>()
+                    + rows.shared.row_dot(row, shared);
+            }
+        });
+        result
+    }
+
+    /// The rows of a component in covariance form, and its variables; `g` holds its rows of H Φ_b + G Φ_c.
+    fn update_rows(
         &self,
         component: &Component,
+        g: MatRef<'_, f64>,
         rows: &SplitRows,
         innovations: &Innovations,
     ) -> (Vec<usize>, Block) {
-        let members = component.blocks.iter().flat_map(|&block| &self.blocks.members[block]);
+        let members = component.blocks.iter().flat_map(|&block| self.blocks.members(block));
         let mut variables: Vec<usize> = members.copied().collect();
         // Ascending: the state's values first, then the local parameters.
         variables.sort_unstable();
         let locate = |variable: usize| variables.binary_search(&variable).expect("the component holds the variable");
-        let (size, n, r) = (variables.len(), component.observations.len(), self.covariance.block_factors.ncols());
+        let (size, n) = (variables.len(), component.observations.len());
         let mut prior = Mat::<f64>::zeros(size, size);
         for &block in &component.blocks {
-            let patch = &self.covariance.patches[block];
-            let positions: Vec<usize> = patch.variables.iter().map(|&variable| locate(variable)).collect();
+            let own = self.covariance.own.block(&self.blocks, block);
+            let positions: Vec<usize> = self.blocks.members(block).iter().map(|&variable| locate(variable)).collect();
             for (j, &column) in positions.iter().enumerate() {
                 for (i, &row) in positions.iter().enumerate() {
-                    prior[(row, column)] = patch.covariance[(i, j)];
+                    prior[(row, column)] = own[(i, j)];
                 }
             }
         }
         let mut cross = Mat::<f64>::zeros(size, n);
-        let mut g = Mat::<f64>::zeros(n, r);
         for (column, &row) in component.observations.iter().enumerate() {
             for &(variable, weight) in rows.block.row(row) {
                 let source = prior.col_as_slice(locate(variable));
                 for (value, source) in cross.col_as_slice_mut(column).iter_mut().zip(source) {
                     *value += weight * source;
                 }
-            }
-            for factor in 0..r {
-                g[(column, factor)] = rows.block.row_dot(row, self.covariance.block_factors.col_as_slice(factor))
-                    + rows.shared.row_dot(row, self.covariance.shared_factors.col_as_slice(factor));
             }
         }
         let innovation = Mat::from_fn(n, n, |i, j| {
@@ -81,55 +154,55 @@ impl FastKalmanFilter {
             covariance + if i == j { innovations.variance[row] } else { 0.0 }
         });
         let d = component.observations.iter().map(|&row| innovations.departures[row]).collect();
-        (variables, Block::Update(UpdateRows { prior, cross, innovation, g, d }))
+        (variables, Block::Update(UpdateRows { prior, cross, innovation, g: g.to_owned(), d }))
     }
 
-    /// Takes the solution into state, calibration and covariance.
-    pub(super) fn apply(
-        &mut self,
-        components: &[Component],
-        variables: Vec<Vec<usize>>,
-        solution: Solution,
-    ) -> Result<(), Error> {
-        let amplitudes = column(&solution.border);
-        let mut block_increment = product(self.covariance.block_factors.as_ref(), amplitudes.as_ref());
-        let shared_increment = product(self.covariance.shared_factors.as_ref(), amplitudes.as_ref());
-        let mut observed = vec![false; self.blocks.members.len()];
-        let mut patches = Vec::with_capacity(self.blocks.members.len());
-        for ((component, variables), block) in components.iter().zip(variables).zip(solution.blocks) {
-            component.blocks.iter().for_each(|&block| observed[block] = true);
-            for (position, &variable) in variables.iter().enumerate() {
-                block_increment[(variable, 0)] += block.estimate[position];
-            }
-            for factor in 0..block.sensitivity.ncols() {
-                let target = self.covariance.block_factors.col_as_slice_mut(factor);
-                for (&variable, sensitivity) in variables.iter().zip(block.sensitivity.col_as_slice(factor)) {
-                    target[variable] -= sensitivity;
+    /// Φ_b ← Φ_b − D and the new C_k on the variables of the components; β̂_k(ξ = 0) is added to the increment.
+    fn take_in(&mut self, components: &[Component], observed: Vec<(Vec<usize>, Eliminated)>, increment: &mut [f64]) {
+        let m = self.state.values().len();
+        self.covariance.factors.for_each_column(|factor, of_state, of_local| {
+            for (variables, eliminated) in &observed {
+                for (&variable, sensitivity) in variables.iter().zip(eliminated.sensitivity.col_as_slice(factor)) {
+                    let own = if variable < m { &mut of_state[variable] } else { &mut of_local[variable - m] };
+                    *own -= sensitivity;
                 }
             }
-            patches.push(Patch { variables, covariance: block.covariance });
+        });
+        for (component, (variables, Eliminated { estimate_without_border, covariance, .. })) in
+            components.iter().zip(observed)
+        {
+            for (position, &variable) in variables.iter().enumerate() {
+                increment[variable] += estimate_without_border[(position, 0)];
+            }
+            for &block in &component.blocks {
+                let members = self.blocks.members(block);
+                let positions: Vec<usize> = members
+                    .iter()
+                    .map(|variable| variables.binary_search(variable).expect("the component holds its blocks"))
+                    .collect();
+                let mut own = self.covariance.own.block_mut(&self.blocks, block);
+                for (j, &column) in positions.iter().enumerate() {
+                    for (i, &row) in positions.iter().enumerate() {
+                        own[(i, j)] = covariance[(row, column)];
+                    }
+                }
+            }
+            if component.blocks.len() > 1 {
+                self.covariance.linked.push(Patch { variables, covariance });
+            }
         }
-        let before = std::mem::take(&mut self.covariance.patches);
-        patches.extend(before.into_iter().zip(&observed).filter(|(_, observed)| !**observed).map(|(patch, _)| patch));
-        self.covariance.patches = patches;
-        let root = cholesky(solution.border_covariance, || "the covariance S of the border".into())?;
-        for factors in [&mut self.covariance.block_factors, &mut self.covariance.shared_factors] {
-            *factors = product(factors.as_ref(), root.as_ref());
-        }
-        let m = self.state.values().len();
-        let increments = block_increment.col_as_slice(0);
-        self.state.values_mut().iter_mut().zip(increments).for_each(|(value, change)| *value += change);
-        for (&number, change) in self.local.iter().zip(&increments[m..]) {
+    }
+
+    fn add_increments(&mut self, of_block_variables: &[f64], of_shared: &[f64]) {
+        let (of_state, of_local) = of_block_variables.split_at(self.state.values().len());
+        self.state.values_mut().iter_mut().zip(of_state).for_each(|(value, change)| *value += change);
+        for (&number, change) in self.local.iter().zip(of_local).chain(self.shared.iter().zip(of_shared)) {
             self.bias[number] += change;
         }
-        for (&number, change) in self.shared.iter().zip(shared_increment.col_as_slice(0)) {
-            self.bias[number] += change;
-        }
-        Ok(())
     }
 
     fn component_size(&self, component: &Component) -> usize {
-        component.blocks.iter().map(|&block| self.blocks.members[block].len()).sum()
+        component.blocks.iter().map(|&block| self.blocks.size(block)).sum()
     }
 
     pub(super) fn check_component(&self, component: &Component) -> Result<(), Error> {
@@ -152,13 +225,13 @@ impl FastKalmanFilter {
         let largest = components.iter().max_by_key(|component| self.component_size(component));
         let observed: usize = components.iter().map(|component| component.blocks.len()).sum();
         PartitionReport {
-            blocks: self.blocks.members.len(),
+            blocks: self.blocks.count(),
             components: components.len(),
             merged_components: components.iter().filter(|component| component.blocks.len() > 1).count(),
             largest_component_blocks: largest.map_or(0, |component| component.blocks.len()),
             largest_component_variables: largest.map_or(0, |component| self.component_size(component)),
-            unobserved_blocks: self.blocks.members.len() - observed,
-            border: self.covariance.block_factors.ncols(),
+            unobserved_blocks: self.blocks.count() - observed,
+            border: self.covariance.factors.columns(),
         }
     }
 }

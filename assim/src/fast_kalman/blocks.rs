@@ -1,6 +1,7 @@
 //! The blocks b_{t,k} of the state: cells, tiles or the whole domain, with the biases of the stations that stand there.
 
 use isobar_model::Layout;
+use std::ops::Range;
 
 /// Which grid points form a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,12 +21,18 @@ pub enum BlockShape {
 }
 
 /// The partition of all block variables b: the state's values, then the local calibration parameters.
+///
+/// There may be millions of blocks of three variables: all lists are flat.
 #[derive(Clone, Debug)]
 pub(super) struct Blocks {
+    /// Where each block's variables begin in `members`, and where the last ones end.
+    starts: Vec<usize>,
     /// The variables of each block, ascending.
-    pub members: Vec<Vec<usize>>,
+    members: Vec<usize>,
+    /// Where each block's square matrix begins if the matrices lie one after another, and where the last one ends.
+    matrix_starts: Vec<usize>,
     /// Block of each variable, and position in it.
-    pub place: Vec<(usize, usize)>,
+    place: Vec<(u32, u32)>,
 }
 
 impl Blocks {
@@ -38,25 +45,74 @@ impl Blocks {
             BlockShape::Domain => (grid.nx, grid.ny),
         };
         let (columns, rows) = (grid.nx.div_ceil(tile_nx), grid.ny.div_ceil(tile_ny));
-        let block_of_cell = |cell: usize| (cell / grid.nx / tile_ny) * columns + cell % grid.nx / tile_nx;
-        let mut members = vec![Vec::new(); columns * rows];
-        for variable in 0..layout.len() {
-            members[block_of_cell(variable % grid.cells())].push(variable);
+        let cell_of = |variable: usize| {
+            if variable < layout.len() { variable % grid.cells() } else { local_cells[variable - layout.len()] }
+        };
+        let block_of = |variable: usize| {
+            let cell = cell_of(variable);
+            (cell / grid.nx / tile_ny) * columns + cell % grid.nx / tile_nx
+        };
+        let (count, variables) = (columns * rows, layout.len() + local_cells.len());
+        let mut sizes = vec![0_usize; count];
+        (0..variables).for_each(|variable| sizes[block_of(variable)] += 1);
+        let (mut starts, mut matrix_starts) = (vec![0; count + 1], vec![0; count + 1]);
+        for (block, &size) in sizes.iter().enumerate() {
+            starts[block + 1] = starts[block] + size;
+            matrix_starts[block + 1] = matrix_starts[block] + size * size;
         }
-        for (number, &cell) in local_cells.iter().enumerate() {
-            members[block_of_cell(cell)].push(layout.len() + number);
-        }
-        let mut place = vec![(0, 0); layout.len() + local_cells.len()];
-        for (block, own) in members.iter().enumerate() {
-            for (position, &variable) in own.iter().enumerate() {
-                place[variable] = (block, position);
-            }
-        }
-        Self { members, place }
+        let mut members = vec![0; variables];
+        let mut filled = vec![0_usize; count];
+        let place = (0..variables)
+            .map(|variable| {
+                let block = block_of(variable);
+                let position = filled[block];
+                members[starts[block] + position] = variable;
+                filled[block] += 1;
+                (block as u32, position as u32)
+            })
+            .collect();
+        Self { starts, members, matrix_starts, place }
+    }
+
+    /// Number of blocks.
+    pub fn count(&self) -> usize {
+        self.starts.len() - 1
     }
 
     /// Number of block variables.
     pub fn variables(&self) -> usize {
         self.place.len()
+    }
+
+    /// The variables of a block, ascending.
+    pub fn members(&self, block: usize) -> &[usize] {
+        &self.members[self.starts[block]..self.starts[block + 1]]
+    }
+
+    /// Number of variables of a block.
+    pub fn size(&self, block: usize) -> usize {
+        self.starts[block + 1] - self.starts[block]
+    }
+
+    /// Block of a variable, and position in it.
+    pub fn place(&self, variable: usize) -> (usize, usize) {
+        let (block, position) = self.place[variable];
+        (block as usize, position as usize)
+    }
+
+    /// Where a variable is in the list of all blocks' variables one after another.
+    pub fn position(&self, variable: usize) -> usize {
+        let (block, position) = self.place(variable);
+        self.starts[block] + position
+    }
+
+    /// Where a block's matrix lies if those of all blocks lie one after another, column-major.
+    pub fn matrix(&self, block: usize) -> Range<usize> {
+        self.matrix_starts[block]..self.matrix_starts[block + 1]
+    }
+
+    /// Values in the matrices of all blocks.
+    pub fn matrices_len(&self) -> usize {
+        self.matrix_starts[self.count()]
     }
 }

@@ -1,70 +1,68 @@
 //! The covariance of (b, c) in the form blkdiag(C_1 … C_K, 0) + Φ Φᵀ.
 
+use super::block_diagonal::BlockDiagonal;
+use super::blocks::Blocks;
+use super::factors::Factors;
 use crate::linalg::product;
-use faer::Mat;
+use faer::{Mat, MatRef};
 
-/// The block-diagonal part's covariance of some variables.
+/// The covariance of the block variables of some blocks that observations have linked.
 #[derive(Clone, Debug)]
 pub(super) struct Patch {
-    /// Numbers of the block variables.
+    /// Numbers of the block variables, ascending.
     pub variables: Vec<usize>,
-    /// C_k, `[variables, variables]`.
+    /// Their covariance, `[variables, variables]`.
     pub covariance: Mat<f64>,
 }
 
-/// Cov(b, c): patches that together hold every block variable once, and common factors.
+/// Cov(b, c): a block-diagonal part and common factors.
 #[derive(Clone, Debug)]
 pub(super) struct FactoredCovariance {
     /// C_1 … C_K.
-    pub patches: Vec<Patch>,
-    /// Φ_b, `[block variables, r]`.
-    pub block_factors: Mat<f64>,
-    /// Φ_c, `[shared parameters, r]`.
-    pub shared_factors: Mat<f64>,
+    pub own: BlockDiagonal,
+    /// What an analysis has linked beyond the blocks: the whole covariance of those variables, whose part within each
+    /// block is also in `own`.
+    pub linked: Vec<Patch>,
+    /// Φ.
+    pub factors: Factors,
 }
 
 impl FactoredCovariance {
     /// The variances of the block variables.
-    pub fn block_variances(&self) -> Vec<f64> {
-        let mut variances = squared_rows(&self.block_factors);
-        for patch in &self.patches {
-            for (position, &variable) in patch.variables.iter().enumerate() {
-                variances[variable] += patch.covariance[(position, position)];
-            }
-        }
+    pub fn block_variances(&self, blocks: &Blocks) -> Vec<f64> {
+        let mut variances = self.factors.block_variances();
+        self.own.add_variances(blocks, &mut variances);
         variances
     }
 
-    /// The variances of the shared parameters.
-    pub fn shared_variances(&self) -> Vec<f64> {
-        squared_rows(&self.shared_factors)
+    /// The patches of which the block-diagonal part consists: linked ones, and the blocks that are in none. A block is
+    /// never split: all of it is in one patch.
+    pub fn patches<'a>(&'a self, blocks: &'a Blocks) -> Vec<(&'a [usize], MatRef<'a, f64>)> {
+        let mut in_patch = vec![false; blocks.count()];
+        let mut patches = Vec::new();
+        for patch in &self.linked {
+            patch.variables.iter().for_each(|&variable| in_patch[blocks.place(variable).0] = true);
+            patches.push((patch.variables.as_slice(), patch.covariance.as_ref()));
+        }
+        let alone = (0..blocks.count()).filter(|&block| !in_patch[block]);
+        patches.extend(alone.map(|block| (blocks.members(block), self.own.block(blocks, block))));
+        patches
     }
 
     /// The whole matrix, `[block variables + shared parameters]²`, for tests and queries on small problems.
-    pub fn dense(&self) -> Mat<f64> {
-        let (b, c) = (self.block_factors.nrows(), self.shared_factors.nrows());
-        let factors = Mat::from_fn(b + c, self.block_factors.ncols(), |i, j| {
-            if i < b { self.block_factors[(i, j)] } else { self.shared_factors[(i - b, j)] }
+    pub fn dense(&self, blocks: &Blocks) -> Mat<f64> {
+        let (b, c) = (blocks.variables(), self.factors.shared.nrows());
+        let factors = Mat::from_fn(b + c, self.factors.columns(), |i, j| {
+            if i < b { self.factors.value(i, j) } else { self.factors.shared[(i - b, j)] }
         });
         let mut dense = product(factors.as_ref(), factors.transpose());
-        for patch in &self.patches {
-            for (j, &column) in patch.variables.iter().enumerate() {
-                for (i, &row) in patch.variables.iter().enumerate() {
-                    dense[(row, column)] += patch.covariance[(i, j)];
+        for (variables, covariance) in self.patches(blocks) {
+            for (j, &column) in variables.iter().enumerate() {
+                for (i, &row) in variables.iter().enumerate() {
+                    dense[(row, column)] += covariance[(i, j)];
                 }
             }
         }
         dense
     }
-}
-
-/// Σ_j Φ_ij² for each row i.
-fn squared_rows(factors: &Mat<f64>) -> Vec<f64> {
-    let mut sums = vec![0.0; factors.nrows()];
-    for j in 0..factors.ncols() {
-        for (sum, value) in sums.iter_mut().zip(factors.col_as_slice(j)) {
-            *sum += value * value;
-        }
-    }
-    sums
 }

@@ -18,31 +18,37 @@
 //! a nearly white residual, which need not be propagated exactly: see [`Residual`].
 
 mod analysis;
+mod block_diagonal;
 mod blocks;
+mod coarse_grid;
 mod compression;
 mod factored_covariance;
+mod factors;
 mod forecast;
 mod residual;
 
 pub use blocks::BlockShape;
 
 use crate::assimilator::{Analysis, Assimilator, Estimate};
-use crate::block_angular::{self, Block, Prior};
+use crate::block_angular;
 use crate::covariance::{self, Covariance};
 use crate::error::Error;
-use crate::linalg::add_symmetric_product;
 use crate::problem::Problem;
 use crate::propagator::propagator;
 use crate::spread::standard_deviations;
+use crate::tall_matrix::TallMatrix;
+use block_diagonal::BlockDiagonal;
 use blocks::Blocks;
+use coarse_grid::CoarseGrid;
 use compression::{Joining, join_and_compress};
-use factored_covariance::{FactoredCovariance, Patch};
+use factored_covariance::FactoredCovariance;
+use factors::Factors;
 use faer::{Mat, MatRef};
 use isobar_model::forecast::forecast_tl;
-use isobar_model::{Duration, Layout, State, random};
+use isobar_model::{Duration, Layout, State, TangentLinear, random};
 use isobar_obs::{ObservationWindow, Placement};
 use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
+use std::sync::Arc;
 
 /// What becomes of the covariance of the blocks' errors with those of c in a forecast.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,18 +99,21 @@ pub struct FastKalmanFilter {
     state: State,
     bias: Vec<f64>,
     covariance: FactoredCovariance,
-    model_error: ModelError,
+    model_error: Option<ModelError>,
     /// The scale of each block variable in the norm by which factors are compressed: its standard deviation in B.
     scales: Vec<f64>,
     /// Draws the probes.
     random: ChaCha8Rng,
+    /// Where the factors are propagated, if not on the grid of the state.
+    coarse: Option<CoarseGrid>,
 }
 
-/// Q of the state's values as F_Q F_Qᵀ + blkdiag(Q_k).
+/// Q of the state's values, as far as the filter keeps it.
 struct ModelError {
-    factors: Mat<f64>,
-    /// Q_k; none for a perfect model.
-    blocks: Vec<Mat<f64>>,
+    /// The leading factors F_Q.
+    factors: TallMatrix,
+    /// All of the blocks Q_k, what F_Q holds of them included.
+    blocks: BlockDiagonal,
 }
 
 impl FastKalmanFilter {
@@ -126,47 +135,75 @@ impl FastKalmanFilter {
             }
         }
         let blocks = Blocks::new(&layout, settings.blocks, &local_cells);
-        check_settings(&problem, &blocks, settings)?;
+        check_settings(&problem, &blocks, shared.len() as u64, settings)?;
         let sigma_prior = |number: usize| parameters[number].sigma_prior;
         let (m, p) = (layout.len(), shared.len());
         let mut scales = state_scales(&*problem.background_error, &layout);
         scales.extend(local.iter().map(|&number| sigma_prior(number)));
-        let mut random = random::stream(0, "fast kalman filter");
-        let split = |operator: &dyn Covariance, random: &mut ChaCha8Rng| {
-            split(operator, &blocks, &scales[..m], settings.factors, random)
-        };
-
-        let (background_factors, background_blocks) = split(&*problem.background_error, &mut random);
-        let patches = background_blocks.into_iter().zip(&blocks.members).map(|(state_part, variables)| {
-            let on_grid = state_part.nrows();
-            let mut covariance = Mat::zeros(variables.len(), variables.len());
-            covariance.as_mut().get_mut(..on_grid, ..on_grid).copy_from(state_part);
-            for position in on_grid..variables.len() {
-                covariance[(position, position)] = sigma_prior(local[variables[position] - m]).powi(2);
+        let leading = |operator: &dyn Covariance, purpose: &str| match settings.factors {
+            0 => TallMatrix::zeros(m, 0),
+            rank => {
+                let random = &mut random::stream(0, &format!("fast kalman filter/{purpose}"));
+                covariance::leading_columns(operator, &scales[..m], rank, random)
             }
-            Patch { variables: variables.clone(), covariance }
-        });
-        let r = background_factors.ncols();
-        let mut block_factors = Mat::zeros(blocks.variables(), p + r);
-        block_factors.as_mut().get_mut(..m, p..).copy_from(background_factors);
-        let shared_factors = Mat::from_fn(p, p + r, |i, j| if i == j { sigma_prior(shared[i]) } else { 0.0 });
-        let covariance = FactoredCovariance { patches: patches.collect(), block_factors, shared_factors };
-
-        let (factors, model_error_blocks) = match problem.model_error.as_deref() {
-            Some(model_error) => split(model_error, &mut random),
-            None => (Mat::zeros(m, 0), Vec::new()),
         };
-        let model_error = ModelError { factors, blocks: model_error_blocks };
+        let model_error = problem.model_error.as_deref().map(|operator| {
+            let mut factors = leading(operator, "model error");
+            factors.shrink_to_fit();
+            ModelError { factors, blocks: BlockDiagonal::of(operator, &blocks) }
+        });
+
+        let mut state = leading(&*problem.background_error, "background error");
+        state.prepend(p);
+        let r = state.columns();
+        let local_factors = TallMatrix::zeros(local.len(), r);
+        let shared_factors = Mat::from_fn(p, r, |i, j| if i == j { sigma_prior(shared[i]) } else { 0.0 });
+        let factors = Factors { state, local: local_factors, shared: shared_factors };
+        let mut own = BlockDiagonal::of(&*problem.background_error, &blocks);
+        own.add_factors(&blocks, -1.0, &factors);
+        for (i, &number) in local.iter().enumerate() {
+            let (block, position) = blocks.place(m + i);
+            own.block_mut(&blocks, block)[(position, position)] = sigma_prior(number).powi(2);
+        }
+        let covariance = FactoredCovariance { own, linked: Vec::new(), factors };
         let state = problem.background.clone();
         let bias = vec![0.0; problem.calibration.len()];
-        Ok(Self { problem, settings, blocks, local, shared, state, bias, covariance, model_error, scales, random })
+        let random = random::stream(0, "fast kalman filter/probes");
+        Ok(Self {
+            problem,
+            settings,
+            blocks,
+            local,
+            shared,
+            state,
+            bias,
+            covariance,
+            model_error,
+            scales,
+            random,
+            coarse: None,
+        })
+    }
+
+    /// The same filter with its factors propagated by a model on a coarser grid of the same domain: where the errors'
+    /// correlation length is many cells, so nearly the same, for k³ times less work with cells k times as wide.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if the model's grid is not one of whole multiples of the state's cells, or if the blocks are
+    /// propagated exactly, which needs the whole propagator.
+    pub fn with_factors_on(mut self, model: Arc<dyn TangentLinear>) -> Result<Self, Error> {
+        if self.settings.residual == Residual::Exact {
+            return Err(Error::Setting("an exact forecast of the blocks leaves nothing to a coarser grid".into()));
+        }
+        self.coarse = Some(CoarseGrid::new(self.state.layout(), model)?);
+        Ok(self)
     }
 
     /// The covariance of the errors of (state, calibration) as a dense matrix in that order, for tests and for queries
     /// on small problems.
     pub fn dense_covariance(&self) -> Mat<f64> {
         let m = self.state.values().len();
-        let own = self.covariance.dense();
+        let own = self.covariance.dense(&self.blocks);
         let mut position = vec![0; m + self.local.len() + self.shared.len()];
         (0..m).for_each(|i| position[i] = i);
         self.local.iter().enumerate().for_each(|(i, &number)| position[m + number] = m + i);
@@ -177,17 +214,17 @@ impl FastKalmanFilter {
     fn estimate(&self) -> Result<Estimate, Error> {
         let m = self.state.values().len();
         let place = |variable: usize| match variable < m {
-            true => format!("{} (block {})", self.state.layout().describe(variable), self.blocks.place[variable].0),
+            true => format!("{} (block {})", self.state.layout().describe(variable), self.blocks.place(variable).0),
             false => self.problem.calibration.parameters[self.local[variable - m]].name.clone(),
         };
-        let variances = self.covariance.block_variances();
+        let variances = self.covariance.block_variances(&self.blocks);
         let mut spread = standard_deviations(&variances, "the covariance of the blocks", place)?;
         let mut calibration_spread = vec![0.0; self.local.len() + self.shared.len()];
         for (&number, sigma) in self.local.iter().zip(spread.split_off(m)) {
             calibration_spread[number] = sigma;
         }
         // Sums of squares, none of which can be negative.
-        for (&number, variance) in self.shared.iter().zip(&self.covariance.shared_variances()) {
+        for (&number, variance) in self.shared.iter().zip(&self.covariance.factors.shared_variances()) {
             calibration_spread[number] = variance.sqrt();
         }
         Ok(Estimate {
@@ -212,25 +249,35 @@ impl FastKalmanFilter {
         if self.settings.residual == Residual::Exact {
             let a = propagator(&*self.problem.model, &mut self.state, steps)?;
             let a = MatRef::from_column_major_slice(&a, m, m);
-            covariance.patches = forecast::propagate_blocks(a, &covariance.patches, &self.blocks);
-            forecast::propagate_factors(a, &mut covariance.block_factors);
+            covariance.own = forecast::propagate_blocks(a, covariance, &self.blocks);
+            covariance.linked.clear();
+            forecast::propagate_factors(a, &mut covariance.factors);
             return Ok(());
         }
-        covariance.patches = residual::return_to_blocks(&covariance.patches, &self.blocks);
+        // What observations have linked returns to the blocks: of a positive semidefinite matrix the block diagonal is
+        // one.
+        covariance.linked.clear();
+        let layout = self.state.layout().clone();
         let count = if let Residual::Probe { count } = self.settings.residual { count } else { 0 };
-        let probes = residual::draw_probes(&covariance.patches, m, count, &mut self.random);
-        let r = covariance.block_factors.ncols();
-        let mut columns = Vec::with_capacity(m * r + probes.len());
-        (0..r).for_each(|j| columns.extend_from_slice(&covariance.block_factors.col_as_slice(j)[..m]));
-        columns.extend_from_slice(&probes);
-        forecast_tl(&*self.problem.model, &mut self.state, &mut columns, steps)?;
-        for (j, column) in columns.chunks_exact(m).take(r).enumerate() {
-            covariance.block_factors.col_as_slice_mut(j)[..m].copy_from_slice(column);
-        }
+        let columns = &mut covariance.factors.state;
+        let r = columns.columns();
+        let probes = columns.append(count);
+        residual::draw_probes(&covariance.own, &self.blocks, &layout, probes, &mut self.random);
+        let before = residual::energy(&layout, probes);
+        let model = &*self.problem.model;
+        let outcome = match &self.coarse {
+            None => forecast_tl(model, &mut self.state, columns.values_mut(), steps).map_err(Error::from),
+            Some(coarse) => {
+                let (factors, probes) = columns.values_mut().split_at_mut(r * m);
+                coarse.forecast(model, &mut self.state, (window, steps), factors, probes)
+            }
+        };
+        let after = residual::energy(&layout, &columns.values_mut()[r * m..]);
+        columns.truncate(r);
+        outcome?;
         if count > 0 {
-            let layout = self.state.layout();
-            let persistence = residual::persistence(layout, &probes, &columns[m * r..]);
-            residual::scale(&mut covariance.patches, layout, &persistence);
+            let persistence = residual::persistence(&before, &after);
+            residual::scale(&mut covariance.own, &self.blocks, &layout, &persistence);
         }
         Ok(())
     }
@@ -240,19 +287,19 @@ impl FastKalmanFilter {
         let m = self.state.values().len();
         let (local_drift, shared_drift) = (self.drift(&self.local, window), self.drift(&self.shared, window));
         let covariance = &mut self.covariance;
-        for (patch, model_error) in covariance.patches.iter_mut().zip(&self.model_error.blocks) {
-            let on_grid = model_error.nrows();
-            let mut grid_part = patch.covariance.as_mut().get_mut(..on_grid, ..on_grid);
-            grid_part += model_error;
+        if let Some(model_error) = &self.model_error {
+            covariance.own.add(&model_error.blocks);
         }
         for (number, sigma) in local_drift.iter().enumerate() {
-            let (block, position) = self.blocks.place[m + number];
-            covariance.patches[block].covariance[(position, position)] += sigma * sigma;
+            let (block, position) = self.blocks.place(m + number);
+            covariance.own.block_mut(&self.blocks, block)[(position, position)] += sigma * sigma;
         }
         if self.settings.bias_coupling == BiasCoupling::Drop {
             return forecast::drop_coupling(covariance, &shared_drift, &self.blocks);
         }
-        let joining = Joining { model_error: self.model_error.factors.as_ref(), drift: &shared_drift };
+        let none = MatRef::from_column_major_slice(&[], m, 0);
+        let model_error = self.model_error.as_ref().map_or(none, |model_error| model_error.factors.as_ref());
+        let joining = Joining { model_error, drift: &shared_drift };
         join_and_compress(covariance, &joining, self.settings.factors, &self.scales, &self.blocks);
         Ok(())
     }
@@ -269,21 +316,14 @@ impl Assimilator for FastKalmanFilter {
         let innovations = self.problem.innovations(observed, &self.state, &self.bias)?;
         let rows = self.split_rows(&innovations);
         let touched: Vec<Vec<usize>> = (0..rows.block.rows())
-            .map(|row| rows.block.row(row).iter().map(|&(variable, _)| self.blocks.place[variable].0).collect())
+            .map(|row| rows.block.row(row).iter().map(|&(variable, _)| self.blocks.place(variable).0).collect())
             .collect();
-        let components = block_angular::components(self.blocks.members.len(), &touched);
+        let components = block_angular::components(self.blocks.count(), &touched);
         let partition = self.report(&components);
         for component in &components {
             self.check_component(component)?;
         }
-        let updates: Vec<(Vec<usize>, Block)> =
-            components.par_iter().map(|component| self.update_rows(component, &rows, &innovations)).collect();
-        let (variables, updates): (Vec<_>, Vec<_>) = updates.into_iter().unzip();
-        let r = self.covariance.block_factors.ncols();
-        let prior = Prior { mean: vec![0.0; r], covariance: Mat::identity(r, r) };
-        let solution = block_angular::solve(&updates, r, Some(&prior))?;
-        let innovation_chi2 = solution.residual_chi2;
-        self.apply(&components, variables, solution)?;
+        let innovation_chi2 = self.update(&components, &rows, &innovations)?;
         let estimate = self.estimate()?;
         let analysis_departures = self.problem.departures(observed, &estimate.state, &estimate.calibration);
         Ok(Analysis {
@@ -296,42 +336,18 @@ impl Assimilator for FastKalmanFilter {
     }
 }
 
-/// A covariance of states as its leading factors, and the blocks of the rest.
-fn split(
-    operator: &dyn Covariance,
-    blocks: &Blocks,
-    scales: &[f64],
-    rank: usize,
-    random: &mut ChaCha8Rng,
-) -> (Mat<f64>, Vec<Mat<f64>>) {
-    let m = operator.len();
-    let factors = match rank {
-        0 => Mat::zeros(m, 0),
-        _ => covariance::leading_factors(operator, scales, rank, random),
-    };
-    let rest = |variables: &Vec<usize>| {
-        let own = &variables[..variables.partition_point(|&variable| variable < m)];
-        let rows = Mat::from_fn(own.len(), factors.ncols(), |i, j| factors[(own[i], j)]);
-        let mut rest = covariance::block(operator, own);
-        add_symmetric_product(rest.as_mut(), -1.0, rows.as_ref(), rows.transpose());
-        rest
-    };
-    let rests = blocks.members.iter().map(rest).collect();
-    (factors, rests)
-}
-
 /// The standard deviation of each variable in the middle of the domain, for every value of the state.
 fn state_scales(operator: &dyn Covariance, layout: &Layout) -> Vec<f64> {
     let (cells, grid) = (layout.grid.cells(), &layout.grid);
     let middle = grid.ny / 2 * grid.nx + grid.nx / 2;
     let scale = |variable: usize| {
-        let variance = covariance::block(operator, &[variable * cells + middle])[(0, 0)];
+        let variance = operator.covariance(variable * cells + middle, variable * cells + middle);
         if variance > 0.0 { variance.sqrt() } else { 1.0 }
     };
     (0..layout.variables.len()).flat_map(|variable| std::iter::repeat_n(scale(variable), cells)).collect()
 }
 
-fn check_settings(problem: &Problem, blocks: &Blocks, settings: FastKalmanSettings) -> Result<(), Error> {
+fn check_settings(problem: &Problem, blocks: &Blocks, shared: u64, settings: FastKalmanSettings) -> Result<(), Error> {
     let (m, b, r) = (problem.background.values().len() as u64, blocks.variables() as u64, settings.factors as u64);
     if r > b {
         return Err(Error::Setting(format!("{r} common factors are more than the {b} variables they describe")));
@@ -339,15 +355,16 @@ fn check_settings(problem: &Problem, blocks: &Blocks, settings: FastKalmanSettin
     if r > 0 && settings.bias_coupling == BiasCoupling::Drop {
         return Err(Error::Setting("the printed formulae (28)/(29), which drop the coupling, have no factors".into()));
     }
-    let own: u64 = blocks.members.iter().map(|variables| (variables.len() as u64).pow(2)).sum();
-    // The blocks before and after, and Q; the factors, their forecast with those of Q, and both rotated.
-    let mut needed_bytes = 8 * (3 * own + 6 * b * r);
+    let probes = if let Residual::Probe { count } = settings.residual { count as u64 } else { 0 };
+    let extra = probes.max(covariance::OVERSAMPLING as u64);
+    // The blocks, those of Q and their roots; the factors with the probes, and the factors of Q.
+    let mut needed_bytes = 8 * (3 * blocks.matrices_len() as u64 + b * (2 * r + shared + extra));
     if settings.residual == Residual::Exact {
         // The propagator A, and A C as products and as a whole.
         needed_bytes += 8 * (m * m + 2 * m * b);
     }
     if needed_bytes > problem.memory_limit_bytes {
-        let what = format!("the covariance of {b} unknowns in {} blocks with {r} factors", blocks.members.len());
+        let what = format!("the covariance of {b} unknowns in {} blocks with {r} factors", blocks.count());
         return Err(Error::TooLarge { what, needed_bytes, limit_bytes: problem.memory_limit_bytes });
     }
     Ok(())

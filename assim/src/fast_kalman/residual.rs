@@ -1,78 +1,65 @@
 //! Forecast of the residual blocks without the propagator: they persist, as far as random probes say.
 
+use super::block_diagonal::BlockDiagonal;
 use super::blocks::Blocks;
-use super::factored_covariance::Patch;
 use crate::linalg::semidefinite_root;
-use faer::Mat;
 use isobar_model::Layout;
 use isobar_model::random::standard_normals;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-/// The patches returned to the blocks: of a merged component, the covariance within each block stays.
-///
-/// A block diagonal of a positive semidefinite matrix is one.
-pub(super) fn return_to_blocks(patches: &[Patch], blocks: &Blocks) -> Vec<Patch> {
-    let mut patch_of = vec![(0, 0); blocks.variables()];
-    for (number, patch) in patches.iter().enumerate() {
-        for (position, &variable) in patch.variables.iter().enumerate() {
-            patch_of[variable] = (number, position);
-        }
+/// Draws of the state's part of N(0, blkdiag(C_k)), one in each of the `probes`' columns.
+pub(super) fn draw_probes(
+    covariance: &BlockDiagonal,
+    blocks: &Blocks,
+    layout: &Layout,
+    probes: &mut [f64],
+    random: &mut ChaCha8Rng,
+) {
+    if probes.is_empty() {
+        return;
     }
-    blocks
-        .members
-        .par_iter()
-        .map(|variables| {
-            // A block is never split: all of it is in one patch.
-            let source = &patches[patch_of[variables[0]].0].covariance;
-            let position = |i: usize| patch_of[variables[i]].1;
-            let covariance = Mat::from_fn(variables.len(), variables.len(), |i, j| source[(position(i), position(j))]);
-            Patch { variables: variables.clone(), covariance }
-        })
-        .collect()
+    let mut roots = covariance.clone();
+    roots.for_each_block(blocks, |_, mut matrix| {
+        let root = semidefinite_root(matrix.as_ref());
+        matrix.copy_from(root);
+    });
+    for probe in probes.chunks_exact_mut(layout.len()) {
+        let normals = standard_normals(random, blocks.variables());
+        probe.par_iter_mut().enumerate().for_each(|(variable, value)| {
+            let (block, row) = blocks.place(variable);
+            let (root, first) = (roots.block(blocks, block), blocks.position(variable) - row);
+            *value = (0..=row).map(|j| root[(row, j)] * normals[first + j]).sum();
+        });
+    }
 }
 
-/// `count` draws of the state's part of N(0, blkdiag(C_k)), one after another.
-pub(super) fn draw_probes(patches: &[Patch], m: usize, count: usize, random: &mut ChaCha8Rng) -> Vec<f64> {
-    let roots: Vec<Mat<f64>> = patches.par_iter().map(|patch| semidefinite_root(patch.covariance.as_ref())).collect();
-    let mut probes = vec![0.0; m * count];
-    for probe in probes.chunks_exact_mut(m) {
-        for (patch, root) in patches.iter().zip(&roots) {
-            let normals = standard_normals(random, patch.variables.len());
-            for (i, &variable) in patch.variables.iter().enumerate().filter(|(_, variable)| **variable < m) {
-                probe[variable] = (0..=i).map(|j| root[(i, j)] * normals[j]).sum();
-            }
-        }
+/// Sum of the squares of each variable over all probes.
+pub(super) fn energy(layout: &Layout, probes: &[f64]) -> Vec<f64> {
+    let cells = layout.grid.cells();
+    let mut sums = vec![0.0; layout.variables.len()];
+    for (number, field) in probes.chunks_exact(cells).enumerate() {
+        let sum = &mut sums[number % layout.variables.len()];
+        field.iter().for_each(|value| *sum += value * value);
     }
-    probes
+    sums
 }
 
 /// How much of its standard deviation each variable of the state keeps: ρ_v² = Σ (probes out)_v² / Σ (probes in)_v².
-pub(super) fn persistence(layout: &Layout, before: &[f64], after: &[f64]) -> Vec<f64> {
-    let cells = layout.grid.cells();
-    let energy = |probes: &[f64]| {
-        let mut sums = vec![0.0; layout.variables.len()];
-        for (index, value) in probes.iter().enumerate() {
-            sums[index % layout.len() / cells] += value * value;
-        }
-        sums
-    };
-    let ratio = |(after, before): (f64, f64)| if before > 0.0 { (after / before).sqrt() } else { 1.0 };
-    energy(after).into_iter().zip(energy(before)).map(ratio).collect()
+pub(super) fn persistence(before: &[f64], after: &[f64]) -> Vec<f64> {
+    let ratio = |(after, before): (&f64, &f64)| if *before > 0.0 { (after / before).sqrt() } else { 1.0 };
+    after.iter().zip(before).map(ratio).collect()
 }
 
 /// C_k ← ρ_i ρ_j C_k; local parameters persist.
-pub(super) fn scale(patches: &mut [Patch], layout: &Layout, persistence: &[f64]) {
+pub(super) fn scale(covariance: &mut BlockDiagonal, blocks: &Blocks, layout: &Layout, persistence: &[f64]) {
     let (m, cells) = (layout.len(), layout.grid.cells());
-    patches.par_iter_mut().for_each(|patch| {
-        let factors: Vec<f64> = patch
-            .variables
-            .iter()
-            .map(|&variable| if variable < m { persistence[variable / cells] } else { 1.0 })
-            .collect();
-        for (j, &column) in factors.iter().enumerate() {
-            for (i, &row) in factors.iter().enumerate() {
-                patch.covariance[(i, j)] *= row * column;
+    let factor = |variable: usize| if variable < m { persistence[variable / cells] } else { 1.0 };
+    covariance.for_each_block(blocks, |block, mut matrix| {
+        let members = blocks.members(block);
+        for (j, &column) in members.iter().enumerate() {
+            for (i, &row) in members.iter().enumerate() {
+                matrix[(i, j)] *= factor(row) * factor(column);
             }
         }
     });

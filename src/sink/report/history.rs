@@ -13,6 +13,9 @@ use std::sync::Arc;
 /// The most cells on a side of a map.
 const MAP_CELLS: usize = 200;
 
+/// The most observations whose places are marked on a map.
+const MOST_PLACES: usize = 3000;
+
 /// The run, as far as the report shows it.
 #[derive(Debug)]
 pub struct History {
@@ -65,8 +68,10 @@ pub struct Snapshot {
     pub time: Time,
     /// The truth.
     pub truth: Vec<f32>,
-    /// Places of the observations of the variable, by number.
+    /// Places of observations of the variable, by number.
     pub places: Vec<(usize, f64, f64)>,
+    /// Every so many-th of the observations is among them.
+    pub every: usize,
     /// The methods' fields.
     pub methods: Vec<Option<Fields>>,
 }
@@ -106,7 +111,7 @@ impl History {
         self.cycles.push(Cycle { cycle, time, true_calibration: calibration.to_vec(), kinds: Vec::new(), methods });
         if cycle == info.cycles || cycle == info.cycles.div_ceil(2) {
             let (truth, methods) = (self.map(state.values()), info.methods.iter().map(|_| None).collect());
-            self.snapshots.insert(cycle, Snapshot { time, truth, places: Vec::new(), methods });
+            self.snapshots.insert(cycle, Snapshot { time, truth, places: Vec::new(), every: 1, methods });
         }
     }
 
@@ -117,7 +122,9 @@ impl History {
         }
         if let Some(snapshot) = self.snapshots.get_mut(&window.cycle) {
             let mapped = window.reports.iter().enumerate().filter(|(_, report)| report.variable == self.mapped);
-            snapshot.places = mapped.map(|(number, report)| (number, report.x_m, report.y_m)).collect();
+            let every = mapped.clone().count().div_ceil(MOST_PLACES).max(1);
+            snapshot.every = every;
+            snapshot.places = mapped.step_by(every).map(|(number, report)| (number, report.x_m, report.y_m)).collect();
         }
     }
 

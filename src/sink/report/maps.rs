@@ -92,9 +92,13 @@ impl<'a> Maps<'a> {
         stem: &dyn Fn(&str) -> String,
     ) -> MethodMaps {
         let limit = self.ranges.difference;
+        let observations = match snapshot.every {
+            1 => format!("observations of {name}"),
+            every => format!("one of {every} observations of {name}"),
+        };
         let mut background = self.state(
             stem("background"),
-            format!("Background of {method}. Dots: observations of {name}, in the colour of their departure from it, dark blue for −{limit} {unit} or less to dark red for +{limit} {unit} or more."),
+            format!("Background of {method}. Dots: {observations}, in the colour of their departure from it, dark blue for −{limit} {unit} or less to dark red for +{limit} {unit} or more."),
             format!("{method}: background {name}"),
             &fields.background,
         );
@@ -114,7 +118,7 @@ impl<'a> Maps<'a> {
         let error = fields.analysis.iter().zip(&snapshot.truth).map(|(value, truth)| value - truth).collect();
         let mut error = self.drawing(
             stem("error"),
-            format!("Analysis minus truth of {method}. Dots: observations of {name}."),
+            format!("Analysis minus truth of {method}. Dots: {observations}."),
             format!("{method}: analysis error {name}"),
             error,
             Scale::Difference,

@@ -189,7 +189,11 @@ impl Report {
         if !rest.is_empty() {
             folded.push(Folded { title: format!("{} more biases", rest.len()), figures: rest, ..Folded::default() });
         }
-        let title = "The last estimate of every bias, with ± 2σ where claimed".to_string();
+        let which = match info.calibration.len() {
+            0..=tables::MOST_PARAMETERS => "every bias".to_string(),
+            all => format!("the first {} of {all} biases", tables::MOST_PARAMETERS),
+        };
+        let title = format!("The last estimate of {which}, with ± 2σ where claimed");
         folded.push(Folded { title, tables: vec![table], ..Folded::default() });
         Some(Section {
             title: "Biases".into(),

@@ -108,7 +108,10 @@ pub fn failures(summary: &Summary) -> Option<Table> {
     (!rows.is_empty()).then_some(Table { header, rows })
 }
 
-/// The last estimate of every bias by every method, against the truth.
+/// The most bias parameters that have a row.
+pub const MOST_PARAMETERS: usize = 500;
+
+/// The last estimate of every bias, up to [`MOST_PARAMETERS`], by every method, against the truth.
 pub fn biases(info: &RunInfo, history: &History) -> Option<Table> {
     let last: &Cycle = history.cycles.last().filter(|_| !info.calibration.is_empty())?;
     let mut header = vec!["parameter".to_string(), "unit".into(), "truth".into()];
@@ -125,7 +128,10 @@ pub fn biases(info: &RunInfo, history: &History) -> Option<Table> {
         }));
         row
     };
-    Some(Table { header, rows: info.calibration.parameters.iter().enumerate().map(row).collect() })
+    Some(Table {
+        header,
+        rows: info.calibration.parameters.iter().take(MOST_PARAMETERS).enumerate().map(row).collect(),
+    })
 }
 
 /// How observations linked blocks, in the cycle with the largest component.

@@ -1,0 +1,270 @@
+//! Cost of the Fast Kalman Filter with common factors by the size of the grid.
+//!
+//! Nonlinear shallow water on doubly periodic grids of n × n cells of 5 km, steps of 40 s, cycles of half an hour, and
+//! so many observations for each cell at every size: soundings three cells apart over nine tenths of the domain, and a
+//! sonde for each 170 cells, five of six with a bias of their own. The *spacing* is fixed, not the domain: the time step
+//! follows the spacing, so that a cycle has 45 steps at every size, and what grows is the number of variables alone. The
+//! number of factors is fixed too, although a larger domain would want more of them.
+//!
+//! `cargo bench -p isobar-assim --bench scale`, or with sizes and settings:
+//! `cargo bench -p isobar-assim --bench scale -- 64 128 factors=80 threads=1 cycles=3 grid=2 kf`, where `grid` is the
+//! width in cells of those on which the factors are propagated.
+//!
+//! For each size: seconds of a cycle; of as many tangent-linear runs as the cycle has, measured alone; of the rest of the
+//! forecast (compression) and of the analysis; the most memory that the filter took, setting it up included, over that
+//! of Φ; and, with `kf`, the full Kalman filter's time. From the first size to the last the exponent of the cost by the
+//! number of variables.
+
+use isobar_assim::covariance::{Balanced, BalancedParameters, Covariance, Sum, White};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
+use isobar_assim::kalman::KalmanFilter;
+use isobar_assim::{Assimilator, BiasTreatment, Problem};
+use isobar_model::forecast::forecast_tl;
+use isobar_model::initial::{JetConfig, geostrophic_jet};
+use isobar_model::{
+    Boundary, Duration, Grid, Layout, ShallowWater, ShallowWaterParameters, State, Stepped, Time, TimeScheme,
+    VectorInvariant,
+};
+use isobar_obs::{
+    BiasProcess, BiasScope, Heading, InstrumentConfig, ObservedVariable, ObservingSystem, RadiosondeConfig,
+    SatelliteConfig, ScanBias, ScanTerm, Schedule, StationBias, StationSource,
+};
+use peak_alloc::PeakAlloc;
+use std::sync::Arc;
+use std::time::Instant;
+
+#[global_allocator]
+static MEMORY: PeakAlloc = PeakAlloc;
+
+const SPACING_M: f64 = 5e3;
+const WINDOW: Duration = Duration::from_seconds(1800);
+const PROBES: usize = 8;
+
+/// Steps of a cycle on grids so many times as wide.
+const WINDOW_STEPS: [usize; 9] = [0, 45, 24, 0, 12, 0, 0, 0, 6];
+
+/// What the command line asks for.
+struct Request {
+    sizes: Vec<usize>,
+    /// Common factors, those of the two shared biases included.
+    factors: usize,
+    threads: usize,
+    cycles: usize,
+    /// Cells on a side of those on which the factors are propagated.
+    grid: usize,
+    kalman: bool,
+}
+
+/// Seconds of the parts of a cycle, and memory.
+struct Cost {
+    variables: f64,
+    cycle_s: f64,
+}
+
+fn main() {
+    let request = request();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(request.threads).build().expect("a pool of threads");
+    println!(
+        "r = {}, factors on a grid {} times as wide, {} threads, {} cycles of {} steps",
+        request.factors,
+        request.grid,
+        pool.current_num_threads(),
+        request.cycles,
+        WINDOW_STEPS[1]
+    );
+    println!(
+        "    n  variables    obs  biases   cycle s  tangent s  compression s  analysis s  cycle/tangent  memory MB  \
+         memory/Φ  setup s"
+    );
+    let costs: Vec<Cost> = request.sizes.iter().map(|&n| pool.install(|| measure(n, &request))).collect();
+    if let [first, .., last] = costs.as_slice() {
+        let exponent = (last.cycle_s / first.cycle_s).ln() / (last.variables / first.variables).ln();
+        println!("seconds per cycle grow with the number of variables to the power {exponent:.3}");
+    }
+}
+
+fn request() -> Request {
+    let mut request = Request { sizes: Vec::new(), factors: 64, threads: 0, cycles: 2, grid: 1, kalman: false };
+    for argument in std::env::args().skip(1) {
+        let number = |text: &str| text.parse().unwrap_or_else(|_| panic!("{argument} is not a whole number"));
+        match argument.split_once('=') {
+            Some(("factors", value)) => request.factors = number(value),
+            Some(("threads", value)) => request.threads = number(value),
+            Some(("cycles", value)) => request.cycles = number(value),
+            Some(("grid", value)) => request.grid = number(value),
+            _ if argument == "kf" => request.kalman = true,
+            // Cargo's own.
+            _ if argument == "--bench" => {}
+            _ => request.sizes.push(number(&argument)),
+        }
+    }
+    if request.sizes.is_empty() {
+        request.sizes = vec![64, 128, 256, 512];
+    }
+    request
+}
+
+fn measure(n: usize, request: &Request) -> Cost {
+    let (problem, mut observing) = experiment(n);
+    let m = problem.background.values().len();
+    let tangent_s = tangent_linear_s(&problem, request.factors + PROBES);
+    MEMORY.reset_peak_usage();
+    let before = MEMORY.current_usage();
+    let began = Instant::now();
+    let settings = FastKalmanSettings {
+        blocks: BlockShape::Cell,
+        bias_coupling: BiasCoupling::Carry,
+        factors: request.factors - 2,
+        residual: Residual::Probe { count: PROBES },
+    };
+    let mut filter = FastKalmanFilter::new(problem.clone(), settings).expect("a filter");
+    if request.grid > 1 {
+        let model = model(n / request.grid, request.grid as f64 * SPACING_M, WINDOW_STEPS[request.grid]);
+        filter = filter.with_factors_on(Arc::new(model)).expect("a coarser grid");
+    }
+    let setup_s = began.elapsed().as_secs_f64();
+    let (mut forecast_s, mut analysis_s, mut observations) = (f64::INFINITY, f64::INFINITY, 0);
+    for _ in 0..request.cycles {
+        // What the truth is has no influence on the cost.
+        let observed = observing.observe(&problem.background);
+        let began = Instant::now();
+        filter.forecast(WINDOW).expect("a forecast");
+        forecast_s = forecast_s.min(began.elapsed().as_secs_f64());
+        let began = Instant::now();
+        filter.analyse(&observed).expect("an analysis");
+        analysis_s = analysis_s.min(began.elapsed().as_secs_f64());
+        observations = observed.len();
+    }
+    let memory = (MEMORY.peak_usage() - before) as f64;
+    let factors_bytes = ((m + problem.calibration.len()) * request.factors * 8) as f64;
+    drop(filter);
+    let cycle_s = forecast_s + analysis_s;
+    println!(
+        "{n:5} {m:10} {observations:6} {:7} {cycle_s:9.3} {tangent_s:10.3} {:14.3} {analysis_s:11.3} {:14.2} {:10.1} {:9.2} \
+         {setup_s:8.2}",
+        problem.calibration.len(),
+        forecast_s - tangent_s,
+        cycle_s / tangent_s,
+        memory / 1e6,
+        memory / factors_bytes,
+    );
+    if request.kalman {
+        let mut kalman = KalmanFilter::new(problem).expect("a Kalman filter");
+        let observed = observing.observe(&kalman.forecast(Duration::from_seconds(0)).expect("no forecast").state);
+        let began = Instant::now();
+        kalman.forecast(WINDOW).expect("a forecast");
+        kalman.analyse(&observed).expect("an analysis");
+        let seconds = began.elapsed().as_secs_f64();
+        println!("      full Kalman filter {seconds:.2} s: {:.1} times the cycle", seconds / cycle_s);
+    }
+    Cost { variables: m as f64, cycle_s }
+}
+
+/// Seconds of as many tangent-linear runs over the window: the lesser of two measurements.
+fn tangent_linear_s(problem: &Problem, columns: usize) -> f64 {
+    let m = problem.background.values().len();
+    let pattern = |index: usize| 1e-3 * ((index % 1013) as f64 / 1013.0 - 0.5);
+    let mut increments: Vec<f64> = (0..m * columns).map(pattern).collect();
+    let steps = WINDOW_STEPS[1];
+    let run = |increments: &mut [f64]| {
+        let mut state = problem.background.clone();
+        let began = Instant::now();
+        forecast_tl(&*problem.model, &mut state, increments, steps).expect("a forecast");
+        began.elapsed().as_secs_f64()
+    };
+    run(&mut increments).min(run(&mut increments))
+}
+
+fn experiment(n: usize) -> (Problem, ObservingSystem) {
+    let model = model(n, SPACING_M, WINDOW_STEPS[1]);
+    let background = background(n);
+    let layout = background.layout().clone();
+    let mut observing =
+        ObservingSystem::new(&layout, None, &instruments(n), 1, WINDOW, Time::from_seconds(0)).expect("instruments");
+    let calibration = observing.calibration().clone();
+    observing.observe(&background);
+    let problem = Problem {
+        model: Arc::new(model),
+        background_error: covariance(&layout, 15.0, 8e5, 0.5),
+        model_error: Some(covariance(&layout, 0.5, 6e5, 0.05)),
+        background,
+        calibration,
+        bias: BiasTreatment::Estimate,
+        memory_limit_bytes: 16 << 30,
+    };
+    (problem, observing)
+}
+
+fn model(n: usize, spacing_m: f64, steps: usize) -> Stepped<ShallowWater> {
+    let step = Duration::from_seconds(WINDOW.seconds() / steps as i64);
+    Stepped::new(equations(n, spacing_m), step, TimeScheme::Rk4).expect("a scheme")
+}
+
+fn equations(n: usize, spacing_m: f64) -> ShallowWater {
+    let grid = Grid { nx: n, ny: n, dx_m: spacing_m, dy_m: spacing_m, boundary: Boundary::Periodic };
+    let parameters = ShallowWaterParameters {
+        gravity_m_per_s2: 9.8,
+        coriolis_per_s: 1e-4,
+        beta_per_m_per_s: 0.0,
+        drag_per_s: 0.0,
+        hyperdiffusion_m4_per_s: 5e9,
+    };
+    ShallowWater::new(grid, parameters, VectorInvariant::PotentialEnstrophy).expect("a model")
+}
+
+/// A jet.
+fn background(n: usize) -> State {
+    let width = n as f64 * SPACING_M;
+    let jet = JetConfig {
+        mean_depth_m: 1000.0,
+        speed_m_per_s: 10.0,
+        center_y_m: 0.5 * width,
+        width_m: 0.1 * width,
+        perturbation: None,
+    };
+    geostrophic_jet(&equations(n, SPACING_M), &jet).expect("a state")
+}
+
+/// Balanced errors and white ones.
+fn covariance(layout: &Layout, sigma_height_m: f64, length_m: f64, white: f64) -> Arc<dyn Covariance> {
+    let parameters = BalancedParameters {
+        sigma_height_m,
+        length_m,
+        gravity_m_per_s2: 9.8,
+        coriolis_per_s: 1e-4,
+        beta_per_m_per_s: 0.0,
+    };
+    let mut terms: Vec<Box<dyn Covariance>> = vec![Box::new(Balanced::new(layout, &parameters).expect("rotation"))];
+    for (variable, factor) in [(0, 1.0), (1, 0.1), (2, 0.1)] {
+        terms.push(Box::new(White::new(layout, variable, factor * white)));
+    }
+    Arc::new(Sum::new(layout.len(), terms))
+}
+
+fn instruments(n: usize) -> [InstrumentConfig; 2] {
+    let width_m = n as f64 * SPACING_M;
+    let groups = ["A", "B", "C", "D", "E", "F"].map(str::to_string).to_vec();
+    let stations = StationSource::Random { count: (n * n / 170).max(6), groups };
+    let mut sondes = RadiosondeConfig::new("sondes", stations);
+    sondes.reference_groups = vec!["A".into()];
+    sondes.biases =
+        vec![StationBias { variable: "h".into(), scope: BiasScope::EachStation, process: BiasProcess::constant(8.0) }];
+    let bias = |term| ScanBias { term, process: BiasProcess::constant(7.0) };
+    let spacing_m = 3.07 * SPACING_M;
+    let positions = (0.9 * width_m / spacing_m) as usize;
+    let satellite = SatelliteConfig {
+        name: "polar".into(),
+        variable: ObservedVariable::new("h", 6.0),
+        swath_width_m: (positions - 1) as f64 * spacing_m,
+        scan_positions: positions,
+        along_track_spacing_m: spacing_m,
+        footprint_sigma_m: 0.0,
+        crossing_x_m: 0.5 * width_m,
+        shift_per_cycle_m: 0.3 * width_m,
+        heading: Heading::Northward,
+        track_angle_deg: 0.0,
+        schedule: Schedule::EVERY_CYCLE,
+        biases: vec![bias(ScanTerm::Offset), bias(ScanTerm::Linear)],
+    };
+    [InstrumentConfig::Radiosonde(sondes), InstrumentConfig::Satellite(satellite)]
+}

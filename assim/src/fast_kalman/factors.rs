@@ -1,0 +1,87 @@
+//! The common factors Φ = [Φ_b; Φ_c].
+
+use crate::linalg::product;
+use crate::tall_matrix::{TallMatrix, scaled_gram};
+use faer::{Mat, MatRef};
+use rayon::prelude::*;
+
+/// Φ, of which each row is a variable and each column a direction of errors that many blocks have in common.
+///
+/// The state's rows are apart from those of the local parameters, so that a column of them is an increment, which the
+/// tangent-linear model advances where it lies.
+#[derive(Clone, Debug)]
+pub(super) struct Factors {
+    /// Rows of Φ_b of the state's values, `[m, r]`.
+    pub state: TallMatrix,
+    /// Rows of Φ_b of the local parameters, `[local, r]`.
+    pub local: TallMatrix,
+    /// Φ_c, `[shared parameters, r]`.
+    pub shared: Mat<f64>,
+}
+
+impl Factors {
+    /// Number of factors r.
+    pub fn columns(&self) -> usize {
+        self.state.columns()
+    }
+
+    /// Entry of a block variable.
+    pub fn value(&self, variable: usize, column: usize) -> f64 {
+        let m = self.state.rows();
+        if variable < m { self.state.column(column)[variable] } else { self.local.column(column)[variable - m] }
+    }
+
+    /// Φ ← Φ T.
+    pub fn rotate(&mut self, t: MatRef<'_, f64>) {
+        self.recombine(MatRef::from_column_major_slice(&[], self.state.rows(), 0), t);
+        self.shared = product(self.shared.as_ref(), t);
+    }
+
+    /// Φ_b ← \[Φ_b \[F; 0\]\] T, where F are further factors of the state.
+    pub fn recombine(&mut self, further: MatRef<'_, f64>, t: MatRef<'_, f64>) {
+        let own = self.columns();
+        self.state.recombine(further, t);
+        self.local.recombine(MatRef::from_column_major_slice(&[], self.local.rows(), 0), t.get(..own, ..));
+    }
+
+    /// \[Φ_b \[F; 0\]\]ᵀ S⁻² \[Φ_b \[F; 0\]\], S the scales of the block variables.
+    pub fn scaled_gram(&self, further: MatRef<'_, f64>, scales: &[f64]) -> Mat<f64> {
+        let (of_state, of_local) = scales.split_at(self.state.rows());
+        let mut gram = scaled_gram(&[self.state.as_ref(), further], of_state);
+        let r = self.columns();
+        let mut own = gram.as_mut().get_mut(..r, ..r);
+        own += scaled_gram(&[self.local.as_ref()], of_local);
+        gram
+    }
+
+    /// Φ_b x.
+    pub fn multiply_add(&self, x: &[f64], block_variables: &mut [f64]) {
+        let (of_state, of_local) = block_variables.split_at_mut(self.state.rows());
+        self.state.multiply_add(x, of_state);
+        self.local.multiply_add(x, of_local);
+    }
+
+    /// The variances that the block variables have through the factors.
+    pub fn block_variances(&self) -> Vec<f64> {
+        let m = self.state.rows();
+        let mut variances = vec![0.0; m + self.local.rows()];
+        self.state.add_squared_rows(&mut variances[..m]);
+        self.local.add_squared_rows(&mut variances[m..]);
+        variances
+    }
+
+    /// The variances of the shared parameters.
+    pub fn shared_variances(&self) -> Vec<f64> {
+        self.shared.row_iter().map(|row| row.iter().map(|value| value * value).sum()).collect()
+    }
+
+    /// Calls `work` with the number of each factor and its rows of state and local parameters, in parallel.
+    pub fn for_each_column(&mut self, work: impl Fn(usize, &mut [f64], &mut [f64]) + Sync) {
+        if self.local.rows() == 0 {
+            let columns = self.state.par_columns_mut().enumerate();
+            return columns.for_each(|(number, of_state)| work(number, of_state, &mut []));
+        }
+        let columns = self.state.par_columns_mut().zip(self.local.par_columns_mut()).enumerate();
+        columns.for_each(|(number, (of_state, of_local))| work(number, of_state, of_local));
+    }
+}
