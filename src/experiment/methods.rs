@@ -4,6 +4,7 @@ use crate::scenario::{Algorithm, Method};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, Residual};
 use isobar_assim::free::FreeRun;
 use isobar_assim::kalman::KalmanFilter;
+use isobar_assim::serial_kalman::SerialKalmanFilter;
 use isobar_assim::variational::ThreeDVar;
 use isobar_assim::{Assimilator, BiasTreatment, Error, Problem};
 
@@ -15,6 +16,10 @@ pub(super) fn build(ground: &Problem, method: &Method) -> Result<Box<dyn Assimil
         Algorithm::Kalman { memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
             Box::new(KalmanFilter::new(problem)?)
+        }
+        Algorithm::SerialKalman { memory_limit_bytes } => {
+            problem.memory_limit_bytes = memory_limit_bytes;
+            Box::new(SerialKalmanFilter::new(problem)?)
         }
         Algorithm::FastKalman { settings, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
@@ -39,6 +44,7 @@ pub(super) fn describe(method: &Method) -> String {
         Algorithm::Free => "no assimilation".to_string(),
         Algorithm::ThreeDVar(settings) => format!("3D-Var, B × {}, {bias}", settings.covariance_scale),
         Algorithm::Kalman { .. } => format!("Kalman filter, {bias}"),
+        Algorithm::SerialKalman { .. } => format!("Kalman filter, one observation at a time, {bias}"),
         Algorithm::FastKalman { settings, .. } => {
             let blocks = match settings.blocks {
                 BlockShape::Cell => "blocks of one cell".to_string(),

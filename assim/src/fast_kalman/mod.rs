@@ -284,15 +284,8 @@ impl Assimilator for FastKalmanFilter {
         let solution = block_angular::solve(&updates, r, Some(&prior))?;
         let innovation_chi2 = solution.residual_chi2;
         self.apply(&components, variables, solution)?;
-        let estimate = self.estimate()?;
-        let analysis_departures = self.problem.departures(observed, &estimate.state, &estimate.calibration);
-        Ok(Analysis {
-            estimate,
-            background_departures: innovations.departures,
-            analysis_departures,
-            innovation_chi2: Some(innovation_chi2),
-            partition: Some(partition),
-        })
+        let analysis = self.problem.analysis(observed, innovations, self.estimate()?, innovation_chi2);
+        Ok(Analysis { partition: Some(partition), ..analysis })
     }
 }
 
