@@ -1,0 +1,106 @@
+//! `isobar run --seeds`.
+
+use super::arguments::RunArguments;
+use super::{RunOptions, Runner, print};
+use crate::progress::SeedsProgress;
+use crate::scenario::Scenario;
+use crate::scenario::text::clean;
+use crate::seeds::{SeedsSummary, run_all};
+use crate::sink::report::REPORT_FILE;
+use crate::sink::report::tables::Table;
+use crate::sink::{Existing, OutputDirectory};
+use crate::table;
+use miette::{IntoDiagnostic, Report, miette};
+use std::fs;
+
+/// What `--seeds` asks for, of one scenario.
+pub struct SeedsOptions {
+    seeds: Vec<u64>,
+    against: String,
+    all_files: bool,
+}
+
+/// Finds out what is asked for; `None` without `--seeds`.
+pub fn options(
+    arguments: &RunArguments,
+    scenario: &Scenario,
+    options: &RunOptions,
+) -> Result<Option<SeedsOptions>, Report> {
+    let Some(count) = arguments.seeds else { return Ok(None) };
+    let first = options.seed.unwrap_or(scenario.seed);
+    let last = first.checked_add(count - 1).ok_or_else(|| miette!("there are no {count} seeds from {first} on"))?;
+    let runs = |name: &str| options.methods.as_ref().is_none_or(|chosen| chosen.iter().any(|it| it == name));
+    let mut methods = scenario.methods.keys().filter(|name| runs(name));
+    let against = match &arguments.against {
+        None => methods.next().cloned().unwrap_or_default(),
+        Some(name) if methods.any(|it| it == name) => name.clone(),
+        Some(name) => {
+            super::run::check_method(name, scenario)?;
+            return Err(miette!("--against {} is not among the methods of --methods", clean(name)));
+        }
+    };
+    Ok(Some(SeedsOptions { seeds: (first..=last).collect(), against, all_files: arguments.all_files }))
+}
+
+/// Runs a scenario with every seed; whether none failed, and no method of any.
+pub fn run(
+    scenario: &Scenario,
+    options: &RunOptions,
+    wanted: &SeedsOptions,
+    runner: &Runner,
+    quiet: bool,
+) -> Result<bool, Report> {
+    let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
+    let directory = OutputDirectory::create(&options.out, existing).into_diagnostic()?;
+    let mut each = RunOptions { out: directory.path().to_path_buf(), ..options.clone() };
+    if !wanted.all_files {
+        (each.netcdf, each.rerun, each.report) = (false, false, false);
+    }
+    let methods = options.methods.as_ref().map_or(scenario.methods.len(), Vec::len);
+    let analyses = methods * options.cycles.unwrap_or(scenario.cycle.count);
+    let progress = SeedsProgress::new(quiet, &scenario.name, wanted.seeds.len(), analyses);
+    let runs = run_all(scenario, &each, &wanted.seeds, runner, &progress)?;
+    drop(progress);
+    let summary = SeedsSummary::new(runs, &wanted.against).expect("a run is complete, or there is an error");
+    summary.write(directory.path()).into_diagnostic()?;
+    if options.report {
+        let html = summary.html(scenario).map_err(|error| miette!("{error}"))?;
+        let path = directory.path().join(REPORT_FILE);
+        fs::write(&path, html).map_err(|error| miette!("cannot write {}: {error}", path.display()))?;
+    }
+    directory.complete().into_diagnostic()?;
+    print(&text(&summary, scenario))?;
+    print(&format!("Files: {}\n", clean(&options.out.display().to_string())))?;
+    Ok(summary.failed.is_empty())
+}
+
+fn text(summary: &SeedsSummary, scenario: &Scenario) -> String {
+    let variables = scenario.model.variables();
+    let (count, against) = (summary.seeds.len(), &summary.against);
+    let tables = |tables: [Table; 2]| tables.iter().map(plain).collect::<Vec<_>>().join("\n\n");
+    let mut text = format!(
+        "{}: {}\n\nMean over {count} seeds ± half the width of its 95 % interval, cycles {} to {}\n{}\n",
+        scenario.name,
+        scenario.title,
+        summary.scored_from_cycle,
+        summary.cycles,
+        tables(summary.means(variables))
+    );
+    if summary.methods.len() > 1 {
+        let differences = tables(summary.differences(variables));
+        text += &format!(
+            "\nDifference from {against} with the same seed, in % of its mean\n{differences}\n\n\
+             * significant at the level of 5 %\n"
+        );
+    }
+    for failed in &summary.failed {
+        text += &format!("\nfailed: {failed}");
+    }
+    text
+}
+
+fn plain(table: &Table) -> String {
+    let header: Vec<&str> = table.header.iter().map(String::as_str).collect();
+    let rows = table.rows.iter().map(|row| row.iter().map(|cell| cell.text.clone()).collect());
+    table::plain(&header, rows.collect())
+}
