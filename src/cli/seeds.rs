@@ -104,3 +104,74 @@ fn plain(table: &Table) -> String {
     let rows = table.rows.iter().map(|row| row.iter().map(|cell| cell.text.clone()).collect());
     table::plain(&header, rows.collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sink::Sink;
+    use crate::summary::{MethodScores, Summary};
+    use std::path::Path;
+
+    /// A runner that fails for some seeds.
+    fn runner(fails: &[u64]) -> impl Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, Report> + Sync {
+        move |scenario, options, _| {
+            let seed = options.seed.unwrap_or_default();
+            if fails.contains(&seed) {
+                return Err(miette!("cycle 3, method fkf: it went wrong"));
+            }
+            let mut scores = MethodScores::default();
+            scores.rmse_analysis.insert("h".into(), seed as f64);
+            Ok(Summary {
+                scenario: scenario.name.clone(),
+                seed,
+                cycles: scenario.cycle.count,
+                scored_from_cycle: scenario.cycle.score_from_cycle,
+                version: String::new(),
+                methods: scenario.methods.keys().map(|name| (name.clone(), scores.clone())).collect(),
+            })
+        }
+    }
+
+    fn run_with(fails: &[u64], out: &Path) -> Result<bool, Report> {
+        let scenario = Scenario::parse(Path::new("mine.toml"), include_str!("template.toml")).unwrap();
+        let options = RunOptions {
+            out: out.to_path_buf(),
+            methods: None,
+            cycles: None,
+            seed: None,
+            threads: Some(2),
+            overwrite: false,
+            netcdf: true,
+            rerun: false,
+            report: true,
+            live: false,
+            concurrent: false,
+        };
+        let wanted = SeedsOptions { seeds: (1..=5).collect(), against: "fkf".into(), all_files: false };
+        run(&scenario, &options, &wanted, &runner(fails), true)
+    }
+
+    #[test]
+    fn a_seed_that_fails_is_named_and_the_others_count() {
+        let parent = tempfile::tempdir().unwrap();
+        let out = parent.path().join("mine");
+        assert!(!run_with(&[2], &out).unwrap(), "the exit code tells that something failed");
+        let text = fs::read_to_string(out.join("seeds.json")).unwrap();
+        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(json["seeds"], serde_json::json!([1, 3, 4, 5]));
+        assert_eq!(json["failed"][0]["seed"], 2);
+        assert_eq!(json["failed"][0]["error"], "cycle 3, method fkf: it went wrong");
+        assert_eq!(json["methods"]["fkf"]["rmse_analysis.h"]["mean"], 3.25);
+        let page = fs::read_to_string(out.join(REPORT_FILE)).unwrap();
+        assert!(page.contains("seed 2: cycle 3, method fkf: it went wrong"));
+    }
+
+    #[test]
+    fn if_all_seeds_fail_nothing_is_left_but_the_reason() {
+        let parent = tempfile::tempdir().unwrap();
+        let error = run_with(&[1, 2, 3, 4, 5], &parent.path().join("mine")).unwrap_err();
+        assert!(format!("{error:?}").contains("it went wrong"), "{error:?}");
+        assert!(error.to_string().contains("all 5 seeds failed"));
+        assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 0);
+    }
+}
