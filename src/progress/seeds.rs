@@ -55,7 +55,8 @@ impl Sink for SeedListener<'_> {
                 display.advance(*analyses, || format!("{complete} of {seeds} seeds; seed {seed}, cycle {cycle}"));
             }
             Event::Failed { failure, .. } => {
-                let text = format!("seed {}: a method failed in cycle {}: {}", self.seed, failure.cycle, failure.reason);
+                let text =
+                    format!("seed {}: a method failed in cycle {}: {}", self.seed, failure.cycle, failure.reason);
                 self.progress.lock().display.warn(&text);
             }
             Event::Warning(text) => self.progress.lock().display.warn(&format!("seed {}: {text}", self.seed)),
