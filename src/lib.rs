@@ -16,6 +16,7 @@
 //! | [`event`], [`sink`] | what happens, and the files that it is written to |
 //! | [`plot`] | curves and maps, as these files hold them |
 //! | [`statistics`] | how well a score is known |
+//! | [`seeds`] | the same experiment over several seeds |
 //! | [`saved`], [`comparison`] | complete runs, read back and compared |
 //! | [`cli`], [`progress`], [`table`] | the command line |
 
@@ -30,6 +31,7 @@ pub mod progress;
 pub mod run;
 pub mod saved;
 pub mod scenario;
+pub mod seeds;
 pub mod sink;
 pub mod statistics;
 pub mod summary;

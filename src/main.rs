@@ -1,9 +1,9 @@
 //! The program.
 
 use isobar::cli::{self, RunOptions};
-use isobar::progress::Progress;
 use isobar::run::RunError;
 use isobar::scenario::Scenario;
+use isobar::sink::Sink;
 use isobar::summary::Summary;
 use miette::{Report, miette};
 use std::process::ExitCode;
@@ -13,8 +13,8 @@ fn main() -> ExitCode {
 }
 
 /// Where the command line hands over to the experiment.
-fn run(scenario: &Scenario, options: &RunOptions, progress: &mut Progress) -> Result<Summary, Report> {
-    isobar::run::run(scenario, options, progress).map_err(|error| match error {
+fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, Report> {
+    isobar::run::run(scenario, options, listener).map_err(|error| match error {
         RunError::Experiment(error) => error.locate(scenario).into(),
         error => miette!("{}: {error}", scenario.name),
     })

@@ -53,7 +53,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -
         }
         listener.record(&event)
     };
-    let summary = cycles(&mut experiment, &workers, &mut send)?;
+    let summary = cycles(&mut experiment, &workers, !options.concurrent, &mut send)?;
     send(Event::Finished(&summary))?;
     drop(sinks);
     directory.complete()?;
@@ -63,6 +63,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -
 fn cycles(
     experiment: &mut Experiment,
     workers: &ThreadPool,
+    knows_memory: bool,
     send: &mut dyn FnMut(Event<'_>) -> Result<(), SinkError>,
 ) -> Result<Summary, RunError> {
     let Experiment { info, score_from_cycle, truth, observing, methods } = experiment;
@@ -97,7 +98,7 @@ fn cycles(
                 analysis: &outcome.analysis,
                 scores: &MethodScores {
                     seconds_per_cycle: outcome.seconds,
-                    peak_memory_bytes: method.runner.peak_bytes,
+                    peak_memory_bytes: knows_memory.then_some(method.runner.peak_bytes),
                     ..scores.scores(&info.layout)
                 },
             }))?;
@@ -108,7 +109,7 @@ fn cycles(
         let cycles = method.failure.as_ref().map_or(info.cycles, |failure| failure.cycle);
         let scores = MethodScores {
             seconds_per_cycle: method.runner.seconds / cycles as f64,
-            peak_memory_bytes: method.runner.peak_bytes,
+            peak_memory_bytes: knows_memory.then_some(method.runner.peak_bytes),
             failure: method.failure.clone(),
             // Scores of fewer cycles could not be compared with those of the other methods.
             ..if method.failure.is_none() { total.scores(&info.layout) } else { MethodScores::default() }

@@ -31,6 +31,21 @@ pub struct Mean {
     pub half_width: Option<f64>,
 }
 
+impl Mean {
+    /// `squares` is the sum of squared deviations from the mean.
+    fn new(mean: f64, squares: f64, count: usize, effective: f64) -> Self {
+        let half_width = (effective >= FEWEST)
+            .then(|| student_quantile(effective - 1.0) * (squares / (count as f64 - 1.0) / effective).sqrt())
+            .filter(|half_width| half_width.is_finite());
+        Self { mean, count, effective, half_width }
+    }
+
+    /// The 95 % interval.
+    pub fn interval(&self) -> Option<Interval> {
+        self.half_width.map(|half_width| Interval { low: self.mean - half_width, high: self.mean + half_width })
+    }
+}
+
 /// A 95 % interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
@@ -38,6 +53,18 @@ pub struct Interval {
     pub low: f64,
     /// Its upper end.
     pub high: f64,
+}
+
+impl Interval {
+    /// Half its width.
+    pub fn half_width(&self) -> f64 {
+        0.5 * (self.high - self.low)
+    }
+
+    /// Whether it does not hold zero: whether a difference with this interval is significant at the level of 5 %.
+    pub fn excludes_zero(&self) -> bool {
+        self.low > 0.0 || self.high < 0.0
+    }
 }
 
 /// The mean of successive values and how well it is known; `None` if there are none, or one is not finite.
@@ -52,10 +79,19 @@ pub fn mean(values: &[f64]) -> Option<Mean> {
     let squares: f64 = deviations.iter().map(|deviation| deviation * deviation).sum();
     let products: f64 = deviations.windows(2).map(|pair| pair[0] * pair[1]).sum();
     let effective = effective_count(n, if squares > 0.0 { products / squares } else { 0.0 });
-    let half_width = (effective >= FEWEST)
-        .then(|| student_quantile(effective - 1.0) * (squares / (n - 1.0) / effective).sqrt())
-        .filter(|half_width| half_width.is_finite());
-    Some(Mean { mean, count, effective, half_width })
+    Some(Mean::new(mean, squares, count, effective))
+}
+
+/// The mean of independent values and how well it is known, with n' = n; `None` as for [`mean`].
+pub fn independent_mean(values: &[f64]) -> Option<Mean> {
+    let count = values.len();
+    if count == 0 || values.iter().any(|value| !value.is_finite()) {
+        return None;
+    }
+    let n = count as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let squares = values.iter().map(|value| (value - mean).powi(2)).sum();
+    Some(Mean::new(mean, squares, count, n))
 }
 
 /// The interval of the root of a mean of squares: the ends' roots.
@@ -77,7 +113,7 @@ pub struct Difference {
 impl Difference {
     /// Whether the interval does not hold zero: the difference is significant at the level of 5 %. `None` without one.
     pub fn is_significant(&self) -> Option<bool> {
-        self.interval.map(|interval| interval.low > 0.0 || interval.high < 0.0)
+        self.interval.map(|interval| interval.excludes_zero())
     }
 }
 

@@ -52,8 +52,8 @@ pub struct MethodScores {
     pub failure: Option<Failure>,
     /// Wall-clock seconds per cycle, forecast and analysis.
     pub seconds_per_cycle: f64,
-    /// The most memory that the method held at one time.
-    pub peak_memory_bytes: u64,
+    /// The most memory that the method held at one time; `None` if other runs went on in the same process.
+    pub peak_memory_bytes: Option<u64>,
 }
 
 /// The end of a method before that of the run.

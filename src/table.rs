@@ -41,7 +41,7 @@ pub fn scores(summary: &Summary, variables: &[(&str, &str)]) -> String {
             figure(scores.bias_spread.as_ref()),
             figure(scores.innovation_chi2.as_ref()),
             figure(Some(&scores.seconds_per_cycle)),
-            format!("{:.1}", scores.peak_memory_bytes as f64 / 1e6),
+            scores.peak_memory_bytes.map_or("–".into(), |bytes| format!("{:.1}", bytes as f64 / 1e6)),
         ]);
     }
     format!(
@@ -243,7 +243,7 @@ mod tests {
             spread_analysis: Some(per_variable(&[("h", 3.95), ("u", 1.5), ("v", 1.5)])),
             bias_rmse: Some(0.77),
             innovation_chi2: Some(1.02),
-            peak_memory_bytes: 12_345_678,
+            peak_memory_bytes: Some(12_345_678),
             ..MethodScores::default()
         };
         Summary {

@@ -131,7 +131,7 @@ impl Scorecard {
             intervals: (self.cycles > 1).then(|| self.intervals(layout)),
             failure: None,
             seconds_per_cycle: 0.0,
-            peak_memory_bytes: 0,
+            peak_memory_bytes: None,
         }
     }
 

@@ -41,7 +41,7 @@ fn one_and_two_threads_write_the_same_bytes() {
 /// A summary without its costs.
 fn untimed(mut summary: Summary) -> Summary {
     for scores in summary.methods.values_mut() {
-        (scores.seconds_per_cycle, scores.peak_memory_bytes) = (0.0, 0);
+        (scores.seconds_per_cycle, scores.peak_memory_bytes) = (0.0, None);
     }
     summary
 }

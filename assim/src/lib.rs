@@ -5,6 +5,7 @@
 //! | [`block_angular`] | the regression of eqs. (28)/(29) of WO 93/22625, a solver of its own |
 //! | [`fast_kalman`] | Lange's Fast Kalman Filter on the blocks of a grid |
 //! | [`kalman`] | the dense (extended) Kalman filter: the reference |
+//! | [`serial_kalman`] | the same, one observation at a time |
 //! | [`variational`] | 3D-Var with biases in the control vector |
 //! | [`free`] | no assimilation |
 //!
@@ -12,6 +13,7 @@
 //! [`Assimilator`]. [`covariance`] holds B and Q as operators; `testing` (feature `testing`) the contract they must keep.
 
 pub mod assimilator;
+mod augmented;
 pub mod block_angular;
 pub mod covariance;
 pub mod error;
@@ -21,6 +23,7 @@ pub mod kalman;
 mod linalg;
 pub mod problem;
 mod propagator;
+pub mod serial_kalman;
 mod spread;
 mod tall_matrix;
 #[cfg(any(test, feature = "testing"))]

@@ -15,7 +15,7 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 const CHUNK: usize = 128;
 
 /// Calls `work` with the number of the first column and the columns of each chunk of a matrix, in parallel.
-fn for_each_chunk(matrix: MatMut<'_, f64>, first: usize, work: &(impl Fn(usize, MatMut<'_, f64>) + Sync)) {
+pub(crate) fn for_each_chunk(matrix: MatMut<'_, f64>, first: usize, work: &(impl Fn(usize, MatMut<'_, f64>) + Sync)) {
     let columns = matrix.ncols();
     if columns <= CHUNK {
         return work(first, matrix);

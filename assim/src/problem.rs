@@ -1,6 +1,6 @@
 //! What every method is given at its start, and the innovations it computes from a window of observations.
 
-use crate::assimilator::BiasTreatment;
+use crate::assimilator::{Analysis, BiasTreatment, Estimate};
 use crate::covariance::Covariance;
 use crate::error::Error;
 use isobar_model::{Adjoint, Duration, State};
@@ -74,6 +74,24 @@ impl Problem {
         };
         let simulated = observed.operator.simulate(state, calibration);
         values.iter().zip(simulated).map(|(value, simulated)| value - simulated).collect()
+    }
+
+    /// What an analysis did with `observed`, from the innovations that it began with and the estimate that it came to.
+    pub(crate) fn analysis(
+        &self,
+        observed: &ObservationWindow,
+        innovations: Innovations,
+        estimate: Estimate,
+        innovation_chi2: f64,
+    ) -> Analysis {
+        let analysis_departures = self.departures(observed, &estimate.state, &estimate.calibration);
+        Analysis {
+            estimate,
+            background_departures: innovations.departures,
+            analysis_departures,
+            innovation_chi2: Some(innovation_chi2),
+            partition: None,
+        }
     }
 }
 

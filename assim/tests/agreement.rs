@@ -7,6 +7,7 @@ use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
 use isobar_assim::kalman::KalmanFilter;
+use isobar_assim::serial_kalman::SerialKalmanFilter;
 use isobar_assim::variational::{ThreeDVar, ThreeDVarSettings};
 use isobar_assim::{Assimilator, BiasTreatment, Error, Problem, covariance};
 use isobar_model::State;
@@ -17,8 +18,25 @@ fn fast_kalman(problem: &Problem, blocks: BlockShape, bias_coupling: BiasCouplin
     FastKalmanFilter::new(problem.clone(), settings).unwrap()
 }
 
-/// Largest relative difference in estimates, claimed variances and χ² over some cycles.
-fn difference(problem: &Problem, fast: &mut FastKalmanFilter, within_cell: bool) -> f64 {
+/// A method that has the covariance of (x, c) as a matrix.
+trait Dense: Assimilator {
+    fn matrix(&self) -> Mat<f64>;
+}
+
+impl Dense for FastKalmanFilter {
+    fn matrix(&self) -> Mat<f64> {
+        self.dense_covariance()
+    }
+}
+
+impl Dense for SerialKalmanFilter {
+    fn matrix(&self) -> Mat<f64> {
+        self.covariance().to_owned()
+    }
+}
+
+/// Largest relative difference from the Kalman filter in estimates, claimed variances and χ² over some cycles.
+fn difference(problem: &Problem, fast: &mut impl Dense, within_cell: bool) -> f64 {
     let mut reference = KalmanFilter::new(problem.clone()).unwrap();
     let mut largest: f64 = 0.0;
     for cycle in 1..=8 {
@@ -31,7 +49,7 @@ fn difference(problem: &Problem, fast: &mut FastKalmanFilter, within_cell: bool)
         let (analysis, expected) = (fast.analyse(&observed).unwrap(), reference.analyse(&observed).unwrap());
         largest = largest
             .max(relative_difference(analysis.estimate.state.values(), expected.estimate.state.values()))
-            .max(relative_difference(&flat(&fast.dense_covariance()), &flat(&reference.covariance().to_owned())))
+            .max(relative_difference(&flat(&fast.matrix()), &flat(&reference.covariance().to_owned())))
             .max((analysis.innovation_chi2.unwrap() / expected.innovation_chi2.unwrap() - 1.0).abs());
         if !problem.calibration.is_empty() {
             largest = largest.max(relative_difference(&analysis.estimate.calibration, &expected.estimate.calibration));
@@ -48,6 +66,34 @@ fn one_block_over_the_domain_equals_the_kalman_filter() {
         let mut fast = fast_kalman(&problem, BlockShape::Domain, BiasCoupling::Carry);
         let found = difference(&problem, &mut fast, false);
         assert!(found < 1e-8, "{shared} shared, {local} local: {found:e}");
+    }
+}
+
+#[test]
+fn one_observation_at_a_time_equals_all_at_once() {
+    for (shared, local) in [(0, 0), (3, 0), (0, 4), (3, 4)] {
+        let problem = problem(true, calibration(shared, local, 0.7), 2);
+        let mut serial = SerialKalmanFilter::new(problem.clone()).unwrap();
+        let found = difference(&problem, &mut serial, false);
+        assert!(found < 1e-11, "{shared} shared, {local} local: {found:e}");
+        let covariance = serial.covariance();
+        assert!((0..covariance.nrows()).all(|i| (0..i).all(|j| covariance[(i, j)] == covariance[(j, i)])));
+    }
+}
+
+/// Observations so accurate that the plain P − K vᵀ leaves variances of the order of rounding, of either sign.
+#[test]
+fn serial_updates_stay_positive_under_nearly_perfect_observations() {
+    let problem = problem(true, calibration(3, 0, 0.0), 2);
+    let mut serial = SerialKalmanFilter::new(problem.clone()).unwrap();
+    for cycle in 1..=20 {
+        serial.forecast(WINDOW).unwrap();
+        let mut observed = window(&problem, 60, false, cycle, 5);
+        observed.sigma.fill(1e-7);
+        serial.analyse(&observed).unwrap();
+        let eigenvalues = serial.covariance().self_adjoint_eigenvalues(Side::Lower).unwrap();
+        let (least, largest) = (eigenvalues[0], eigenvalues[eigenvalues.len() - 1]);
+        assert!(least > -1e-15 * largest.max(1.0), "cycle {cycle}: {least:e} beside {largest:e}");
     }
 }
 
@@ -217,6 +263,7 @@ fn biases_are_estimated_ignored_or_known() {
         let mut methods: Vec<Box<dyn Assimilator>> = vec![
             Box::new(KalmanFilter::new(problem.clone()).unwrap()),
             Box::new(fast_kalman(problem, BlockShape::Domain, BiasCoupling::Carry)),
+            Box::new(SerialKalmanFilter::new(problem.clone()).unwrap()),
             Box::new(ThreeDVar::new(problem.clone(), settings)),
         ];
         methods
@@ -235,16 +282,38 @@ fn biases_are_estimated_ignored_or_known() {
     let ignored = run(&problem);
     problem.bias = BiasTreatment::Known;
     let known = run(&problem);
-    for method in 0..2 {
+    for method in 0..3 {
         // Filters with the same treatment agree; treatments differ.
         assert!(relative_difference(ignored[method].values(), ignored[0].values()) < 1e-8);
         assert!(relative_difference(known[method].values(), known[0].values()) < 1e-8);
     }
-    for method in 0..3 {
+    for method in 0..4 {
         for (a, b) in [(&estimated, &ignored), (&ignored, &known), (&known, &estimated)] {
             assert!(relative_difference(a[method].values(), b[method].values()) > 1e-3);
         }
     }
+}
+
+/// More unknowns than one thread takes at a time.
+#[test]
+fn serial_updates_are_the_same_bits_on_any_number_of_threads() {
+    let mut problem = problem(true, calibration(2, 3, 0.2), 8);
+    let grid = isobar_model::Grid { nx: 16, ny: 12, ..problem.background.layout().grid.clone() };
+    let layout = std::sync::Arc::new(isobar_model::Layout { grid, ..(**problem.background.layout()).clone() });
+    problem.model = std::sync::Arc::new(model(&layout, true, 8));
+    problem.background = State::zeros(&layout);
+    problem.background_error = white(&layout, 1.5);
+    problem.model_error = Some(white(&layout, 0.4));
+    let run = |threads: usize| {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
+            let mut filter = SerialKalmanFilter::new(problem.clone()).unwrap();
+            filter.forecast(WINDOW).unwrap();
+            filter.analyse(&window(&problem, 14, false, 1, 6)).unwrap();
+            flat(&filter.covariance().to_owned()).iter().map(|value| value.to_bits()).collect::<Vec<_>>()
+        })
+    };
+    assert_eq!(run(1), run(2));
+    assert_eq!(run(1), run(8));
 }
 
 #[test]
@@ -273,6 +342,7 @@ fn what_does_not_fit_into_memory_is_refused_with_the_figure() {
     problem.memory_limit_bytes = 10_000;
     let error = KalmanFilter::new(problem.clone()).err().unwrap();
     assert!(matches!(error, Error::TooLarge { needed_bytes: 70_560, limit_bytes: 10_000, .. }), "{error}");
+    assert_eq!(SerialKalmanFilter::new(problem.clone()).err().unwrap(), error);
     let settings = FastKalmanSettings {
         blocks: BlockShape::Cell,
         bias_coupling: BiasCoupling::Carry,
@@ -293,9 +363,27 @@ fn what_does_not_fit_into_memory_is_refused_with_the_figure() {
 #[test]
 fn an_observation_that_is_not_finite_is_named() {
     let problem = problem(true, calibration(1, 0, 0.0), 8);
-    let mut filter = KalmanFilter::new(problem.clone()).unwrap();
+    let filters: [Box<dyn Assimilator>; 2] = [
+        Box::new(KalmanFilter::new(problem.clone()).unwrap()),
+        Box::new(SerialKalmanFilter::new(problem.clone()).unwrap()),
+    ];
+    for mut filter in filters {
+        filter.forecast(WINDOW).unwrap();
+        let mut observed = window(&problem, 3, false, 1, 6);
+        observed.values[1] = f64::NAN;
+        assert_eq!(filter.analyse(&observed).unwrap_err().to_string(), "the innovation of n/p is not finite");
+    }
+}
+
+/// Without variance in state and observation there is nothing to divide by.
+#[test]
+fn an_observation_of_what_is_known_without_error_is_refused() {
+    let mut problem = problem(true, calibration(0, 0, 0.0), 8);
+    (problem.background_error, problem.model_error) = (white(problem.background.layout(), 0.0), None);
+    let mut filter = SerialKalmanFilter::new(problem.clone()).unwrap();
     filter.forecast(WINDOW).unwrap();
     let mut observed = window(&problem, 3, false, 1, 6);
-    observed.values[1] = f64::NAN;
-    assert_eq!(filter.analyse(&observed).unwrap_err().to_string(), "the innovation of n/p is not finite");
+    observed.sigma[2] = 0.0;
+    let error = filter.analyse(&observed).unwrap_err();
+    assert!(matches!(error, Error::NotPositiveDefinite { pivot: 2, size: 3, .. }), "{error}");
 }

@@ -1,5 +1,6 @@
 //! The arguments that the program takes.
 
+use crate::seeds::FEWEST_SEEDS;
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
 
@@ -51,7 +52,8 @@ pub enum Command {
 const RUN_EXAMPLES: &str = "Examples:
   isobar run quickstart
   isobar run quickstart --cycles 4 --no-netcdf --no-rerun
-  isobar run mine.toml --seed 7 --out results --overwrite";
+  isobar run mine.toml --seed 7 --out results --overwrite
+  isobar run fkf_linear --seeds 10 --against kf  mean scores over ten seeds, and whether the differences are chance";
 
 #[derive(Args, Debug)]
 pub struct RunArguments {
@@ -91,6 +93,15 @@ pub struct RunArguments {
     /// Show the run in a running rerun viewer while it computes
     #[arg(long)]
     pub live: bool,
+    /// Run this number of seeds, from the scenario's or --seed on, and report mean scores and differences over them
+    #[arg(long, value_name = "N", conflicts_with = "live", value_parser = clap::value_parser!(u64).range(FEWEST_SEEDS..=10_000))]
+    pub seeds: Option<u64>,
+    /// The method with which --seeds compares the others [default: the scenario's first]
+    #[arg(long, value_name = "NAME", requires = "seeds")]
+    pub against: Option<String>,
+    /// With --seeds: write all files of every seed, and not only its scores
+    #[arg(long, requires = "seeds")]
+    pub all_files: bool,
 }
 
 #[derive(Args, Debug)]

@@ -8,10 +8,11 @@ mod list;
 mod lookup;
 mod regress;
 mod run;
+mod seeds;
 mod view;
 
-use crate::progress::Progress;
 use crate::scenario::Scenario;
+use crate::sink::Sink;
 use crate::summary::Summary;
 use arguments::{Arguments, Command};
 use clap::Parser;
@@ -42,10 +43,12 @@ pub struct RunOptions {
     pub report: bool,
     /// Whether a running viewer is sent the recording while it comes to be.
     pub live: bool,
+    /// Whether other runs go on in this process, so that nobody can tell whose memory is whose.
+    pub concurrent: bool,
 }
 
-/// What runs an experiment: it sends the progress display the run's events, and gives back the scores.
-pub type Runner = dyn Fn(&Scenario, &RunOptions, &mut Progress) -> Result<Summary, Report>;
+/// What runs an experiment: it sends a listener the run's events, and gives back the scores.
+pub type Runner = dyn Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, Report> + Sync;
 
 /// Does what the arguments of this process say.
 ///

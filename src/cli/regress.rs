@@ -59,6 +59,7 @@ fn regress_one(scenario: &Scenario, arguments: &RegressArguments, runner: &Runne
         rerun: false,
         report: false,
         live: false,
+        concurrent: false,
     };
     let mut progress = Progress::new(arguments.quiet);
     let summary = runner(scenario, &options, &mut progress)?;
@@ -79,9 +80,10 @@ fn regress_one(scenario: &Scenario, arguments: &RegressArguments, runner: &Runne
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sink::Sink;
     use crate::summary::{MethodScores, Summary};
 
-    fn runner(h: f64) -> impl Fn(&Scenario, &RunOptions, &mut Progress) -> Result<Summary, Report> {
+    fn runner(h: f64) -> impl Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, Report> + Sync {
         move |scenario, _, _| {
             let mut scores = MethodScores::default();
             scores.rmse_analysis.insert("h".into(), h);

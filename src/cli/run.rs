@@ -1,7 +1,7 @@
 //! `isobar run`.
 
 use super::arguments::RunArguments;
-use super::{RunOptions, Runner, lookup, print, show};
+use super::{RunOptions, Runner, lookup, print, seeds, show};
 use crate::progress::Progress;
 use crate::scenario::Scenario;
 use crate::scenario::text::{clean, listed, nearest};
@@ -15,9 +15,20 @@ use std::process::ExitCode;
 pub fn run(arguments: &RunArguments, runner: &Runner) -> Result<ExitCode, Report> {
     let scenarios = arguments.scenarios.iter().map(|argument| lookup::load(argument)).collect::<Result<Vec<_>, _>>()?;
     check_names(&scenarios)?;
-    let all = scenarios.iter().map(|scenario| options(arguments, scenario)).collect::<Result<Vec<_>, _>>()?;
+    let of_scenario = |scenario: &Scenario| {
+        let options = options(arguments, scenario)?;
+        let seeds = seeds::options(arguments, scenario, &options)?;
+        Ok::<_, Report>((options, seeds))
+    };
+    let all = scenarios.iter().map(of_scenario).collect::<Result<Vec<_>, _>>()?;
     let mut code = ExitCode::SUCCESS;
-    for (scenario, options) in scenarios.iter().zip(&all) {
+    for (scenario, (options, seeds)) in scenarios.iter().zip(&all) {
+        if let Some(seeds) = seeds {
+            if !seeds::run(scenario, options, seeds, runner, arguments.quiet)? {
+                code = ExitCode::FAILURE;
+            }
+            continue;
+        }
         let mut progress = Progress::new(arguments.quiet);
         let summary = runner(scenario, options, &mut progress)?;
         drop(progress);
@@ -57,15 +68,19 @@ fn check_names(scenarios: &[Scenario]) -> Result<(), Report> {
     Ok(())
 }
 
-fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, Report> {
-    for method in arguments.methods.iter().flatten() {
-        if !scenario.methods.contains_key(method) {
-            let names = || scenario.methods.keys().map(String::as_str);
-            let near = nearest(method, names()).map_or(String::new(), |near| format!("did you mean `{near}`?\n"));
-            let help = format!("{near}methods of {}: {}", scenario.name, listed(names()));
-            return Err(miette!(help = help, "{} has no method `{}`", scenario.name, clean(method)));
-        }
+/// Whether the scenario has the method.
+pub(super) fn check_method(method: &str, scenario: &Scenario) -> Result<(), Report> {
+    if scenario.methods.contains_key(method) {
+        return Ok(());
     }
+    let names = || scenario.methods.keys().map(String::as_str);
+    let near = nearest(method, names()).map_or(String::new(), |near| format!("did you mean `{near}`?\n"));
+    let help = format!("{near}methods of {}: {}", scenario.name, listed(names()));
+    Err(miette!(help = help, "{} has no method `{}`", scenario.name, clean(method)))
+}
+
+fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, Report> {
+    arguments.methods.iter().flatten().try_for_each(|method| check_method(method, scenario))?;
     let methods = arguments.methods.as_deref().unwrap_or_default();
     if let Some((_, name)) = methods.iter().enumerate().find(|(number, name)| methods[..*number].contains(name)) {
         return Err(miette!("--methods names `{name}` twice"));
@@ -91,6 +106,7 @@ fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, 
         rerun: scenario.output.rerun && !arguments.no_rerun && Outputs::RERUN_AVAILABLE,
         report: scenario.output.report && !arguments.no_report,
         live: arguments.live,
+        concurrent: false,
     })
 }
 
@@ -126,6 +142,7 @@ mod tests {
             rerun: Outputs::RERUN_AVAILABLE,
             report: true,
             live: false,
+            concurrent: false,
         };
         assert_eq!(plain, all);
         let changed =

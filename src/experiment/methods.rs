@@ -5,6 +5,7 @@ use crate::scenario::{Algorithm, Method, Scenario};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, Residual};
 use isobar_assim::free::FreeRun;
 use isobar_assim::kalman::KalmanFilter;
+use isobar_assim::serial_kalman::SerialKalmanFilter;
 use isobar_assim::variational::ThreeDVar;
 use isobar_assim::{Assimilator, BiasTreatment, Error, Problem};
 
@@ -16,6 +17,10 @@ pub(super) fn build(ground: &Problem, method: &Method, scenario: &Scenario) -> R
         Algorithm::Kalman { memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
             Box::new(KalmanFilter::new(problem)?)
+        }
+        Algorithm::SerialKalman { memory_limit_bytes } => {
+            problem.memory_limit_bytes = memory_limit_bytes;
+            Box::new(SerialKalmanFilter::new(problem)?)
         }
         Algorithm::FastKalman { settings, factor_grid, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
@@ -44,6 +49,7 @@ pub(super) fn describe(method: &Method) -> String {
         Algorithm::Free => "no assimilation".to_string(),
         Algorithm::ThreeDVar(settings) => format!("3D-Var, B × {}, {bias}", settings.covariance_scale),
         Algorithm::Kalman { .. } => format!("Kalman filter, {bias}"),
+        Algorithm::SerialKalman { .. } => format!("Kalman filter, one observation at a time, {bias}"),
         Algorithm::FastKalman { settings, factor_grid, .. } => {
             let blocks = match settings.blocks {
                 BlockShape::Cell => "blocks of one cell".to_string(),

@@ -34,6 +34,11 @@ pub enum Algorithm {
         /// Memory that it may use.
         memory_limit_bytes: u64,
     },
+    /// The same, one observation at a time.
+    SerialKalman {
+        /// Memory that it may use.
+        memory_limit_bytes: u64,
+    },
     /// Lange's Fast Kalman Filter.
     FastKalman {
         /// Its settings.
@@ -50,6 +55,7 @@ enum Which {
     Free,
     ThreeDVar,
     Kalman,
+    SerialKalman,
     FastKalman,
 }
 
@@ -57,6 +63,7 @@ const KINDS: &[Kind<Which>] = &[
     ("free", Which::Free, &[]),
     ("3dvar", Which::ThreeDVar, &["bias", "covariance_scale", "max_iterations", "tolerance"]),
     ("kf", Which::Kalman, &["bias", "memory_limit_gb"]),
+    ("serial_kf", Which::SerialKalman, &["bias", "memory_limit_gb"]),
     (
         "fkf",
         Which::FastKalman,
@@ -104,6 +111,7 @@ fn method(field: &Field<'_>, grid: &Grid) -> Read<Method> {
             tolerance: section.number_or("tolerance", 1e-6, Limits::Between(1e-15, 0.5))?,
         }),
         Which::Kalman => Algorithm::Kalman { memory_limit_bytes: memory_limit_bytes()? },
+        Which::SerialKalman => Algorithm::SerialKalman { memory_limit_bytes: memory_limit_bytes()? },
         Which::FastKalman => {
             let settings = fast_kalman(&section, grid)?;
             let factor_grid = factor_grid(&section, grid, settings)?;

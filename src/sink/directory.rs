@@ -6,8 +6,11 @@ use std::io;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
-/// The file that every complete output directory holds; a directory without it is never replaced.
+/// The file that the complete directory of a run holds; a directory without it is never replaced.
 pub const SUMMARY_FILE: &str = "summary.json";
+
+/// The file that the directory of runs with several seeds holds in its place.
+pub const SEEDS_FILE: &str = "seeds.json";
 
 /// What to do about outputs that are already there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -106,9 +109,11 @@ fn check_destination(destination: &Path, existing: Existing) -> Result<(), SinkE
     match existing {
         _ if !metadata.is_dir() => refuse("it exists and is not a directory"),
         Existing::Refuse => refuse("it exists already (--overwrite replaces it, once the new run is complete)"),
-        Existing::Overwrite if !destination.join(SUMMARY_FILE).is_file() => refuse(
-            "it exists and holds no summary.json, so it is not the output of a complete run, and will not be deleted",
-        ),
+        Existing::Overwrite if ![SUMMARY_FILE, SEEDS_FILE].iter().any(|file| destination.join(file).is_file()) => {
+            refuse(
+                "it exists and holds no summary.json, so it is not the output of a complete run, and will not be deleted",
+            )
+        }
         Existing::Overwrite => Ok(()),
     }
 }

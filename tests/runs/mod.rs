@@ -29,5 +29,6 @@ pub fn run_options(folder: &Path, cycles: usize) -> RunOptions {
         rerun: false,
         report: false,
         live: false,
+        concurrent: false,
     }
 }

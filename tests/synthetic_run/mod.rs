@@ -289,7 +289,7 @@ fn analyse(
         bias_spread: has_spread.then_some(2.6 * level),
         innovation_chi2: has_spread.then_some(1.0 + 0.1 * level),
         seconds_per_cycle: 0.0123,
-        peak_memory_bytes: 1_500_000,
+        peak_memory_bytes: Some(1_500_000),
         intervals: None,
         failure: None,
         partition: (method == 0).then_some(Partition {

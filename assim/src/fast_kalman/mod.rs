@@ -324,15 +324,8 @@ impl Assimilator for FastKalmanFilter {
             self.check_component(component)?;
         }
         let innovation_chi2 = self.update(&components, &rows, &innovations)?;
-        let estimate = self.estimate()?;
-        let analysis_departures = self.problem.departures(observed, &estimate.state, &estimate.calibration);
-        Ok(Analysis {
-            estimate,
-            background_departures: innovations.departures,
-            analysis_departures,
-            innovation_chi2: Some(innovation_chi2),
-            partition: Some(partition),
-        })
+        let analysis = self.problem.analysis(observed, innovations, self.estimate()?, innovation_chi2);
+        Ok(Analysis { partition: Some(partition), ..analysis })
     }
 }
 

@@ -116,14 +116,7 @@ impl Assimilator for ThreeDVar {
         self.bias_covariance = product(left.as_ref(), bias_root.transpose());
 
         let estimate = self.estimate()?;
-        let analysis_departures = self.problem.departures(observed, &estimate.state, &estimate.calibration);
-        Ok(Analysis {
-            estimate,
-            background_departures: innovations.departures,
-            analysis_departures,
-            innovation_chi2: Some(innovation_chi2),
-            partition: None,
-        })
+        Ok(self.problem.analysis(observed, innovations, estimate, innovation_chi2))
     }
 }
 

@@ -166,7 +166,7 @@ pub fn partitions(summary: &Summary) -> Option<Table> {
 /// Time and memory.
 pub fn costs(summary: &Summary) -> Table {
     let row = |(name, scores): (&String, &MethodScores)| {
-        let memory = format!("{:.1}", scores.peak_memory_bytes as f64 / 1e6);
+        let memory = scores.peak_memory_bytes.map_or(NONE.into(), |bytes| format!("{:.1}", bytes as f64 / 1e6));
         vec![name.as_str().into(), Cell::figure(Some(scores.seconds_per_cycle)), memory.into()]
     };
     let header = ["method", "time [s/cycle]", "memory [MB]"].map(String::from).into();

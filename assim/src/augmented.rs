@@ -1,0 +1,117 @@
+//! The augmented state s = (x, c) with its dense covariance: what the dense filters share but for their analyses.
+
+use crate::assimilator::Estimate;
+use crate::covariance;
+use crate::error::Error;
+use crate::linalg::{add_symmetric_product, product};
+use crate::problem::Problem;
+use crate::propagator::propagator;
+use crate::spread::standard_deviations;
+use faer::{Mat, MatRef};
+use isobar_model::{Duration, State};
+use isobar_obs::{BlockAngular, Calibration};
+
+/// An estimate of (x, c) and the covariance of its errors, on which calibration parameters are unknowns like others.
+pub(crate) struct AugmentedState {
+    pub problem: Problem,
+    /// The parameters that are estimated, c.
+    calibration: Calibration,
+    pub state: State,
+    /// All parameters of the experiment.
+    pub bias: Vec<f64>,
+    /// P, `[m + p, m + p]`.
+    pub covariance: Mat<f64>,
+    /// Q of the state, `[m, m]`.
+    model_error: Option<Mat<f64>>,
+}
+
+impl AugmentedState {
+    /// The background, with its covariance and that of the parameters' priors.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] if the dense matrices do not fit into the memory limit.
+    pub fn new(problem: Problem) -> Result<Self, Error> {
+        let calibration = problem.estimated_calibration();
+        let (m, p) = (problem.background.values().len(), calibration.len());
+        check_memory(&problem, m + p)?;
+        let mut covariance = Mat::zeros(m + p, m + p);
+        covariance.as_mut().get_mut(..m, ..m).copy_from(covariance::dense(&*problem.background_error));
+        for (i, parameter) in calibration.parameters.iter().enumerate() {
+            covariance[(m + i, m + i)] = parameter.sigma_prior.powi(2);
+        }
+        let model_error = problem.model_error.as_deref().map(covariance::dense);
+        let state = problem.background.clone();
+        let bias = vec![0.0; problem.calibration.len()];
+        Ok(Self { problem, calibration, state, bias, covariance, model_error })
+    }
+
+    /// Forecast (21), (24) of WO 93/22625: `s~ = M(ŝ)`, `P = A Cov(ŝ) Aᵀ + Q`; the parameters persist but for their
+    /// random walks.
+    pub fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
+        let steps = self.problem.steps(window)?;
+        let a = propagator(&*self.problem.model, &mut self.state, steps)?;
+        let a = MatRef::from_column_major_slice(&a, self.state.values().len(), self.state.values().len());
+        let (m, s) = (a.nrows(), self.covariance.nrows());
+        // A P_xx Aᵀ and A P_xc.
+        let rows = product(a, self.covariance.as_ref().get(..m, ..));
+        let mut forecast = Mat::zeros(s, s);
+        if let Some(model_error) = &self.model_error {
+            forecast.as_mut().get_mut(..m, ..m).copy_from(model_error);
+        }
+        add_symmetric_product(forecast.as_mut().get_mut(..m, ..m), 1.0, rows.as_ref().get(.., ..m), a.transpose());
+        forecast.as_mut().get_mut(..m, m..).copy_from(rows.as_ref().get(.., m..));
+        forecast.as_mut().get_mut(m.., ..m).copy_from(rows.as_ref().get(.., m..).transpose());
+        forecast.as_mut().get_mut(m.., m..).copy_from(self.covariance.as_ref().get(m.., m..));
+        for (i, parameter) in self.calibration.parameters.iter().enumerate() {
+            forecast[(m + i, m + i)] += parameter.sigma_drift_per_sqrt_day.powi(2) * window.days();
+        }
+        self.covariance = forecast;
+        self.estimate()
+    }
+
+    /// s ← s + δs.
+    pub fn add(&mut self, increment: &[f64]) {
+        let (state, bias) = increment.split_at(self.state.values().len());
+        self.state.values_mut().iter_mut().zip(state).for_each(|(value, change)| *value += change);
+        self.bias.iter_mut().zip(bias).for_each(|(value, change)| *value += change);
+    }
+
+    /// The estimate as it stands.
+    ///
+    /// # Errors
+    /// [`Error::NegativeVariance`] if P has lost its meaning.
+    pub fn estimate(&self) -> Result<Estimate, Error> {
+        let m = self.state.values().len();
+        let variances: Vec<f64> = (0..self.covariance.nrows()).map(|i| self.covariance[(i, i)]).collect();
+        let mut spread = standard_deviations(&variances, "the covariance P", |i| match i < m {
+            true => self.state.layout().describe(i),
+            false => self.calibration.parameters[i - m].name.clone(),
+        })?;
+        let calibration_spread = spread.split_off(m);
+        Ok(Estimate {
+            state: self.state.clone(),
+            calibration: self.bias.clone(),
+            state_spread: Some(spread),
+            calibration_spread: (!self.calibration.is_empty()).then_some(calibration_spread),
+        })
+    }
+}
+
+/// The entries of a row of H = (X, G) on the augmented state, whose first `m` values are the state's.
+pub(crate) fn entries(jacobian: &BlockAngular, row: usize, m: usize) -> impl Iterator<Item = (usize, f64)> {
+    let state = jacobian.state.row(row).iter().copied();
+    state.chain(jacobian.calibration.row(row).iter().map(move |&(parameter, weight)| (m + parameter, weight)))
+}
+
+fn check_memory(problem: &Problem, size: usize) -> Result<(), Error> {
+    // P, Q, the propagator A and two products of the same size.
+    let needed_bytes = 5 * 8 * (size as u64).pow(2);
+    if needed_bytes > problem.memory_limit_bytes {
+        return Err(Error::TooLarge {
+            what: format!("the dense Kalman filter for {size} unknowns"),
+            needed_bytes,
+            limit_bytes: problem.memory_limit_bytes,
+        });
+    }
+    Ok(())
+}

@@ -1,0 +1,177 @@
+//! `isobar run --seeds`.
+
+use super::arguments::RunArguments;
+use super::{RunOptions, Runner, print};
+use crate::progress::SeedsProgress;
+use crate::scenario::Scenario;
+use crate::scenario::text::clean;
+use crate::seeds::{SeedsSummary, run_all};
+use crate::sink::report::REPORT_FILE;
+use crate::sink::report::tables::Table;
+use crate::sink::{Existing, OutputDirectory};
+use crate::table;
+use miette::{IntoDiagnostic, Report, miette};
+use std::fs;
+
+/// What `--seeds` asks for, of one scenario.
+pub struct SeedsOptions {
+    seeds: Vec<u64>,
+    against: String,
+    all_files: bool,
+}
+
+/// Finds out what is asked for; `None` without `--seeds`.
+pub fn options(
+    arguments: &RunArguments,
+    scenario: &Scenario,
+    options: &RunOptions,
+) -> Result<Option<SeedsOptions>, Report> {
+    let Some(count) = arguments.seeds else { return Ok(None) };
+    let first = options.seed.unwrap_or(scenario.seed);
+    let last = first.checked_add(count - 1).ok_or_else(|| miette!("there are no {count} seeds from {first} on"))?;
+    let runs = |name: &str| options.methods.as_ref().is_none_or(|chosen| chosen.iter().any(|it| it == name));
+    let mut methods = scenario.methods.keys().filter(|name| runs(name));
+    let against = match &arguments.against {
+        None => methods.next().cloned().unwrap_or_default(),
+        Some(name) if methods.any(|it| it == name) => name.clone(),
+        Some(name) => {
+            super::run::check_method(name, scenario)?;
+            return Err(miette!("--against {} is not among the methods of --methods", clean(name)));
+        }
+    };
+    Ok(Some(SeedsOptions { seeds: (first..=last).collect(), against, all_files: arguments.all_files }))
+}
+
+/// Runs a scenario with every seed; whether none failed, and no method of any.
+pub fn run(
+    scenario: &Scenario,
+    options: &RunOptions,
+    wanted: &SeedsOptions,
+    runner: &Runner,
+    quiet: bool,
+) -> Result<bool, Report> {
+    let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
+    let directory = OutputDirectory::create(&options.out, existing).into_diagnostic()?;
+    let mut each = RunOptions { out: directory.path().to_path_buf(), ..options.clone() };
+    if !wanted.all_files {
+        (each.netcdf, each.rerun, each.report) = (false, false, false);
+    }
+    let methods = options.methods.as_ref().map_or(scenario.methods.len(), Vec::len);
+    let analyses = methods * options.cycles.unwrap_or(scenario.cycle.count);
+    let progress = SeedsProgress::new(quiet, &scenario.name, wanted.seeds.len(), analyses);
+    let runs = run_all(scenario, &each, &wanted.seeds, runner, &progress)?;
+    drop(progress);
+    let summary = SeedsSummary::new(runs, &wanted.against).expect("a run is complete, or there is an error");
+    summary.write(directory.path()).into_diagnostic()?;
+    if options.report {
+        let html = summary.html(scenario).map_err(|error| miette!("{error}"))?;
+        let path = directory.path().join(REPORT_FILE);
+        fs::write(&path, html).map_err(|error| miette!("cannot write {}: {error}", path.display()))?;
+    }
+    directory.complete().into_diagnostic()?;
+    print(&text(&summary, scenario))?;
+    print(&format!("Files: {}\n", clean(&options.out.display().to_string())))?;
+    Ok(summary.failed.is_empty())
+}
+
+fn text(summary: &SeedsSummary, scenario: &Scenario) -> String {
+    let variables = scenario.model.variables();
+    let (count, against) = (summary.seeds.len(), &summary.against);
+    let tables = |tables: [Table; 2]| tables.iter().map(plain).collect::<Vec<_>>().join("\n\n");
+    let mut text = format!(
+        "{}: {}\n\nMean over {count} seeds ± half the width of its 95 % interval, cycles {} to {}\n{}\n",
+        scenario.name,
+        scenario.title,
+        summary.scored_from_cycle,
+        summary.cycles,
+        tables(summary.means(variables))
+    );
+    if summary.methods.len() > 1 {
+        let differences = tables(summary.differences(variables));
+        text += &format!(
+            "\nDifference from {against} with the same seed, in % of its mean\n{differences}\n\n\
+             * significant at the level of 5 %\n"
+        );
+    }
+    for failed in &summary.failed {
+        text += &format!("\nfailed: {failed}");
+    }
+    text
+}
+
+fn plain(table: &Table) -> String {
+    let header: Vec<&str> = table.header.iter().map(String::as_str).collect();
+    let rows = table.rows.iter().map(|row| row.iter().map(|cell| cell.text.clone()).collect());
+    table::plain(&header, rows.collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sink::Sink;
+    use crate::summary::{MethodScores, Summary};
+    use std::path::Path;
+
+    /// A runner that fails for some seeds.
+    fn runner(fails: &[u64]) -> impl Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, Report> + Sync {
+        move |scenario, options, _| {
+            let seed = options.seed.unwrap_or_default();
+            if fails.contains(&seed) {
+                return Err(miette!("cycle 3, method fkf: it went wrong"));
+            }
+            let mut scores = MethodScores::default();
+            scores.rmse_analysis.insert("h".into(), seed as f64);
+            Ok(Summary {
+                scenario: scenario.name.clone(),
+                seed,
+                cycles: scenario.cycle.count,
+                scored_from_cycle: scenario.cycle.score_from_cycle,
+                version: String::new(),
+                methods: scenario.methods.keys().map(|name| (name.clone(), scores.clone())).collect(),
+            })
+        }
+    }
+
+    fn run_with(fails: &[u64], out: &Path) -> Result<bool, Report> {
+        let scenario = Scenario::parse(Path::new("mine.toml"), include_str!("template.toml")).unwrap();
+        let options = RunOptions {
+            out: out.to_path_buf(),
+            methods: None,
+            cycles: None,
+            seed: None,
+            threads: Some(2),
+            overwrite: false,
+            netcdf: true,
+            rerun: false,
+            report: true,
+            live: false,
+            concurrent: false,
+        };
+        let wanted = SeedsOptions { seeds: (1..=5).collect(), against: "fkf".into(), all_files: false };
+        run(&scenario, &options, &wanted, &runner(fails), true)
+    }
+
+    #[test]
+    fn a_seed_that_fails_is_named_and_the_others_count() {
+        let parent = tempfile::tempdir().unwrap();
+        let out = parent.path().join("mine");
+        assert!(!run_with(&[2], &out).unwrap(), "the exit code tells that something failed");
+        let text = fs::read_to_string(out.join("seeds.json")).unwrap();
+        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(json["seeds"], serde_json::json!([1, 3, 4, 5]));
+        assert_eq!(json["failed"][0]["seed"], 2);
+        assert_eq!(json["failed"][0]["error"], "cycle 3, method fkf: it went wrong");
+        assert_eq!(json["methods"]["fkf"]["rmse_analysis.h"]["mean"], 3.25);
+        let page = fs::read_to_string(out.join(REPORT_FILE)).unwrap();
+        assert!(page.contains("seed 2: cycle 3, method fkf: it went wrong"));
+    }
+
+    #[test]
+    fn if_all_seeds_fail_nothing_is_left_but_the_reason() {
+        let parent = tempfile::tempdir().unwrap();
+        let error = run_with(&[1, 2, 3, 4, 5], &parent.path().join("mine")).unwrap_err();
+        assert!(format!("{error:?}").contains("it went wrong"), "{error:?}");
+        assert!(error.to_string().contains("all 5 seeds failed"));
+        assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 0);
+    }
+}

@@ -1,0 +1,102 @@
+//! The page of an experiment over seeds.
+
+use super::SeedsSummary;
+use crate::plot::colors::of_method_on_paper;
+use crate::plot::{Curve, CurvePlot, Dash};
+use crate::scenario::Scenario;
+use crate::sink::report::page::{Figure, Folded, Page, PageError, Section, render};
+
+impl SeedsSummary {
+    /// The page.
+    ///
+    /// # Errors
+    /// As [`render`].
+    pub fn html(&self, scenario: &Scenario) -> Result<String, PageError> {
+        let variables = scenario.model.variables();
+        let against = &self.against;
+        let mut sections = vec![
+            Section {
+                title: "Scores".into(),
+                text: format!(
+                    "Means over {} seeds with half the width of their 95 % intervals (Student's t over the seeds): \
+                     root-mean-square errors over cycles {} to {}, and what the methods claim them to be.",
+                    self.seeds.len(),
+                    self.scored_from_cycle,
+                    self.cycles
+                ),
+                tables: self.means(variables).into(),
+                ..Section::default()
+            },
+            Section {
+                title: format!("Differences from {against}"),
+                text: format!(
+                    "Mean over seeds of the score minus that of {against} with the same seed, in % of the latter, with \
+                     half the width of its 95 % interval. A star: significant at the level of 5 %; coloured where less \
+                     is better. Of twenty comparisons without any real difference one looks significant."
+                ),
+                tables: self.differences(variables).into(),
+                ..Section::default()
+            },
+            Section { title: "Seed by seed".into(), figures: self.figures(variables), ..Section::default() },
+        ];
+        if !self.failed.is_empty() {
+            let lines: Vec<String> = self.failed.iter().map(ToString::to_string).collect();
+            let title = "What failed; the scores are over the other seeds".to_string();
+            let folded = vec![Folded { title, text: lines.join("\n"), ..Folded::default() }];
+            sections.push(Section { title: "Failures".into(), folded, ..Section::default() });
+        }
+        let folded =
+            vec![Folded { title: format!("{}.toml", scenario.name), text: scenario.text.clone(), ..Folded::default() }];
+        sections.push(Section { title: "Scenario".into(), folded, ..Section::default() });
+        render(&Page {
+            title: scenario.title.clone(),
+            subtitle: format!("{} over {} seeds", scenario.name, self.seeds.len()),
+            facts: self.facts(scenario),
+            sections,
+        })
+    }
+
+    fn facts(&self, scenario: &Scenario) -> Vec<(String, String)> {
+        let seeds: Vec<String> = self.seeds.iter().map(u64::to_string).collect();
+        let schedule = self.schedule;
+        [
+            ("phenomenon", scenario.phenomenon.clone()),
+            ("source", scenario.source.clone()),
+            ("cycles", self.cycles.to_string()),
+            ("seeds", seeds.join(", ")),
+            ("runs", format!("{} at a time, each on {} threads", schedule.at_once, schedule.threads_each)),
+            ("version", format!("isobar {}", self.version)),
+        ]
+        .map(|(name, text)| (name.to_string(), text))
+        .into()
+    }
+
+    /// The error of each variable, and that of the biases, by seed.
+    fn figures(&self, variables: &[(&str, &str)]) -> Vec<Figure> {
+        let errors = variables.iter().map(|(name, unit)| (format!("rmse_analysis.{name}"), format!("{name} [{unit}]")));
+        let all = errors.chain([("bias_rmse".to_string(), "biases [own units]".to_string())]);
+        let draw = |(number, (score, title)): (usize, (String, String))| {
+            let curve = |(place, method): (usize, &String)| {
+                let values = &self.score(method, &score)?.values;
+                let pairs = self.seeds.iter().zip(values);
+                let points = pairs.filter_map(|(&seed, value)| Some([seed as f64, (*value)?])).collect();
+                Some(Curve { dash: Dash::Solid, ..Curve::new(method, of_method_on_paper(place), points) })
+            };
+            let curves: Vec<Curve> = self.methods.keys().enumerate().filter_map(curve).collect();
+            let plot = CurvePlot {
+                title: format!("analysis RMSE of {title}"),
+                x_label: "seed".into(),
+                y_label: title.clone(),
+                reference: None,
+                from_zero: true,
+                highest: None,
+                legend: true,
+                curves,
+            };
+            let svg = plot.svg(&format!("f{number}")).page;
+            let caption = format!("Analysis error of {title}, by seed.");
+            (!plot.curves.is_empty()).then_some(Figure { caption, svg, png: String::new() })
+        };
+        all.enumerate().filter_map(draw).collect()
+    }
+}

@@ -1,0 +1,118 @@
+//! Scores over seeds as tables, for the terminal and the page.
+
+use super::{SeedsScore, SeedsSummary, TIME};
+use crate::sink::report::tables::{Cell, NONE, Table, figure};
+
+/// A column: the dotted name of its score, its title, and whether less is better.
+struct Column {
+    score: String,
+    title: String,
+    is_error: bool,
+}
+
+impl SeedsSummary {
+    /// The means with half the width of their intervals: analysis and spread of each variable; then all other scores.
+    ///
+    /// `variables` are names and units.
+    pub fn means(&self, variables: &[(&str, &str)]) -> [Table; 2] {
+        [analysis(variables), others(variables)].map(|columns| {
+            self.table("method", &columns, self.methods.keys().map(String::as_str), |score, _| {
+                let half_width = score.interval.map(|interval| interval.half_width());
+                known(figure(score.mean), half_width).into()
+            })
+        })
+    }
+
+    /// The differences from the method `against` in % of its scores, in the same two parts. A star marks significance.
+    pub fn differences(&self, variables: &[(&str, &str)]) -> [Table; 2] {
+        let others_than = || self.methods.keys().map(String::as_str).filter(|name| *name != self.against);
+        [analysis(variables), others(variables)].map(|columns| {
+            let title = format!("% of {}", self.against);
+            self.table(&title, &columns, others_than(), |score, is_error| {
+                let Some((difference, (percent, half_width))) =
+                    score.difference.and_then(|difference| Some((difference, difference.percent()?)))
+                else {
+                    return NONE.into();
+                };
+                let star = if difference.significant == Some(true) { " *" } else { "" };
+                let class = match difference.significant {
+                    Some(true) if is_error && percent < 0.0 => "better",
+                    Some(true) if is_error => "worse",
+                    _ => "open",
+                };
+                let text = format!("{}{star}", known(format!("{percent:+.1}"), half_width));
+                Cell { text, note: String::new(), class }
+            })
+        })
+    }
+
+    fn table<'a>(
+        &self,
+        title: &str,
+        columns: &[Column],
+        methods: impl Iterator<Item = &'a str>,
+        cell: impl Fn(&SeedsScore, bool) -> Cell,
+    ) -> Table {
+        let header = std::iter::once(title.to_string()).chain(columns.iter().map(|column| column.title.clone()));
+        let row = |method: &str| {
+            let cells = columns.iter().map(|column| {
+                self.score(method, &column.score).map_or(NONE.into(), |score| cell(score, column.is_error))
+            });
+            std::iter::once(method.into()).chain(cells).collect()
+        };
+        Table { header: header.collect(), rows: methods.map(row).collect() }
+    }
+}
+
+fn analysis(variables: &[(&str, &str)]) -> Vec<Column> {
+    let of_variable = |&(name, unit): &(&str, &str)| {
+        let column = |score: &str, what: &str, is_error| Column {
+            score: format!("{score}.{name}"),
+            title: format!("{name} [{unit}]\n{what}"),
+            is_error,
+        };
+        [column("rmse_analysis", "analysis", true), column("spread_analysis", "spread", false)]
+    };
+    variables.iter().flat_map(of_variable).collect()
+}
+
+fn others(variables: &[(&str, &str)]) -> Vec<Column> {
+    let background = variables.iter().map(|(name, unit)| Column {
+        score: format!("rmse_background.{name}"),
+        title: format!("{name} [{unit}]\nbackground"),
+        is_error: true,
+    });
+    let single = [
+        ("bias_rmse", "bias RMSE\n[own units]", true),
+        ("bias_spread", "bias spread\n[own units]", false),
+        ("innovation_chi2", "χ²/n\n[1]", false),
+        (TIME, "time\n[s/cycle]", true),
+    ];
+    let single = single.into_iter().map(|(score, title, is_error)| Column {
+        score: score.into(),
+        title: title.into(),
+        is_error,
+    });
+    background.chain(single).collect()
+}
+
+/// `3.59±0.12`: half the width of an interval has two digits.
+fn known(text: String, half_width: Option<f64>) -> String {
+    match half_width {
+        None => text,
+        Some(half) if half == 0.0 || !(1e-4..1e4).contains(&half) => format!("{text}±{half:.0e}"),
+        Some(half) => format!("{text}±{half:.*}", (1 - half.log10().floor() as i32).clamp(0, 5) as usize),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_widths_have_two_digits() {
+        let texts = [0.1234, 12.34, 0.00567, 1e-9].map(|half| known("1.00".into(), Some(half)));
+        assert_eq!(texts, ["1.00±0.12", "1.00±12", "1.00±0.0057", "1.00±1e-9"]);
+        assert_eq!(known("1.00".into(), None), "1.00");
+    }
+}

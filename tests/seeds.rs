@@ -1,0 +1,137 @@
+//! `isobar run --seeds`: the same experiment over several seeds.
+
+mod common;
+
+use common::{VALID, isobar, text};
+use isobar::summary::Summary;
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+
+/// What is said to standard error as the program fails, without line breaks.
+fn complaint(directory: &Path, arguments: &[&str], code: i32) -> String {
+    let output = isobar(directory, arguments);
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {}", text(&output.stderr));
+    text(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// A directory with the small scenario, without files that it does not need.
+fn workplace() -> tempfile::TempDir {
+    let directory = tempfile::tempdir().unwrap();
+    fs::write(directory.path().join("small.toml"), VALID).unwrap();
+    directory
+}
+
+/// The scores of a run without its costs.
+fn summary(directory: &Path) -> Summary {
+    let mut summary: Summary =
+        serde_json::from_str(&fs::read_to_string(directory.join("summary.json")).unwrap()).unwrap();
+    for scores in summary.methods.values_mut() {
+        (scores.seconds_per_cycle, scores.peak_memory_bytes) = (0.0, None);
+    }
+    summary
+}
+
+#[test]
+fn every_seed_has_the_scores_of_its_own_run_however_many_run_at_a_time() {
+    let directory = workplace();
+    let here = directory.path();
+    let run = |arguments: &[&str]| {
+        let output = isobar(here, &[&["run", "small.toml", "--quiet"], arguments].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    let said = run(&["--seeds", "4", "--seed", "11", "--threads", "3", "--out", "parallel"]);
+    run(&["--seeds", "4", "--seed", "11", "--threads", "1", "--out", "serial"]);
+    run(&["--seed", "13", "--no-rerun", "--out", "single"]);
+    let seed = |out: &str, seed: u64| summary(&here.join(out).join("small").join(format!("seed-{seed}")));
+    assert_eq!(seed("parallel", 13), summary(&here.join("single/small")));
+    for number in 11..15 {
+        assert_eq!(seed("parallel", number), seed("serial", number));
+    }
+    assert_ne!(seed("serial", 11).methods, seed("serial", 12).methods);
+
+    let folder = here.join("parallel/small");
+    let mut files: Vec<String> =
+        fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    files.sort();
+    assert_eq!(files, ["report.html", "seed-11", "seed-12", "seed-13", "seed-14", "seeds.csv", "seeds.json"]);
+    assert_eq!(fs::read_dir(folder.join("seed-11")).unwrap().count(), 2, "only summary.json and scores.csv");
+
+    // The mean and the paired difference are those of the summaries.
+    let json: Value = serde_json::from_str(&fs::read_to_string(folder.join("seeds.json")).unwrap()).unwrap();
+    let h = |method: &str| -> Vec<f64> {
+        (11..15).map(|number| seed("serial", number).methods[method].rmse_analysis["h"]).collect()
+    };
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let methods: Vec<String> = json["methods"].as_object().unwrap().keys().cloned().collect();
+    assert!(methods.len() >= 2 && json["against"] == methods[0].as_str());
+    for method in &methods {
+        let score = &json["methods"][method]["rmse_analysis.h"];
+        assert!((score["mean"].as_f64().unwrap() / mean(&h(method)) - 1.0).abs() < 1e-12);
+        let interval = [&score["interval"]["low"], &score["interval"]["high"]].map(|end| end.as_f64().unwrap());
+        assert!(interval[0] < mean(&h(method)) && mean(&h(method)) < interval[1]);
+        if *method != methods[0] {
+            let expected = mean(&h(method)) - mean(&h(&methods[0]));
+            assert!((score["difference"]["mean"].as_f64().unwrap() - expected).abs() < 1e-9);
+        }
+    }
+    assert!(said.contains("Mean over 4 seeds") && said.contains(&format!("Difference from {}", methods[0])), "{said}");
+    assert!(said.lines().all(|line| line.chars().count() <= 100), "{said}");
+
+    // As many rows as scores, each with as many fields as the header.
+    let table = fs::read_to_string(folder.join("seeds.csv")).unwrap();
+    let mut rows = csv::Reader::from_reader(table.as_bytes());
+    let scores: usize = methods.iter().map(|method| json["methods"][method].as_object().unwrap().len()).sum();
+    assert_eq!(rows.records().map(Result::unwrap).count(), scores);
+    let page = fs::read_to_string(folder.join("report.html")).unwrap();
+    assert!(page.contains("11, 12, 13, 14") && page.matches("<svg").count() >= 3 && !page.contains("<script"));
+}
+
+#[test]
+fn another_method_can_be_the_reference_and_all_files_can_be_had() {
+    let directory = workplace();
+    let arguments = ["run", "small.toml", "--quiet", "--no-rerun", "--seeds", "3", "--cycles", "4"];
+    let more = ["--methods", "free,fkf", "--against", "fkf", "--all-files", "--no-report"];
+    let output = isobar(directory.path(), &[&arguments[..], &more].concat());
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let said = text(&output.stdout);
+    let difference = said.split("Difference from fkf").nth(1).unwrap();
+    assert!(difference.lines().any(|line| line.starts_with("free ")), "{said}");
+    assert!(!difference.lines().any(|line| line.starts_with("fkf ")), "{said}");
+    let folder = directory.path().join("out/small");
+    assert!(folder.join("seed-2/fkf.nc").exists() && !folder.join("report.html").exists());
+}
+
+#[test]
+fn what_makes_no_sense_is_refused_before_anything_runs() {
+    let directory = workplace();
+    let here = directory.path();
+    let run = |arguments: &[&str], code| complaint(here, &[&["run", "small.toml"], arguments].concat(), code);
+    assert!(run(&["--seeds", "3", "--live"], 2).contains("cannot be used with"));
+    assert!(run(&["--seeds", "2"], 2).contains("3..=10000"));
+    assert!(run(&["--against", "free"], 2).contains("--seeds"));
+    assert!(run(&["--all-files"], 2).contains("--seeds"));
+    assert!(run(&["--seeds", "3", "--against", "fkv"], 1).contains("did you mean `fkf`?"));
+    let message = run(&["--seeds", "3", "--methods", "free", "--against", "fkf"], 1);
+    assert!(message.contains("--against fkf is not among the methods of --methods"), "{message}");
+    let last = u64::MAX.to_string();
+    assert!(run(&["--seeds", "3", "--seed", &last], 1).contains("no 3 seeds from"));
+    assert_eq!(fs::read_dir(here).unwrap().count(), 1, "something was written");
+}
+
+#[test]
+fn scores_that_are_there_are_replaced_only_if_that_is_asked_for() {
+    let directory = workplace();
+    let here = directory.path();
+    let arguments = ["run", "small.toml", "--quiet", "--seeds", "3", "--cycles", "2", "--methods", "free"];
+    assert!(isobar(here, &arguments).status.success());
+    let marker = here.join("out/small/marker");
+    fs::write(&marker, "").unwrap();
+    assert!(complaint(here, &arguments, 1).contains("it exists already"));
+    assert!(marker.exists());
+    let view = complaint(here, &["compare", "out/small"], 1);
+    assert!(view.contains("seed-1"), "it says where the runs are: {view}");
+    assert!(isobar(here, &[&arguments[..], &["--overwrite"]].concat()).status.success());
+    assert!(!marker.exists() && here.join("out/small/seeds.json").exists());
+}
