@@ -20,12 +20,12 @@
 use crate::columns::{Columns, add_scaled};
 use crate::error::{ModelError, require};
 use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state};
-use crate::rows::{Band, Ring, RowStream, bands};
 use crate::scheme::Tendency;
 use crate::state::{Layout, State};
+use crate::tangent_wavefront::sweep_tl;
 use crate::time::Duration;
-use pulp::{Arch, Simd, WithSimd};
-use rayon::prelude::*;
+use crate::update::Leap;
+use crate::wavefront::{Scheme, sweep};
 use std::sync::Arc;
 
 /// A tendency integrated by leapfrog; its states hold two time levels.
@@ -125,6 +125,10 @@ impl<T: Tendency> Leapfrog<T> {
         self.tendency.linearise(&now)
     }
 
+    fn leap(&self) -> Leap {
+        Leap { dt: self.time_step.as_f64(), alpha: self.robert_filter }
+    }
+
     fn columns<'a>(&self, columns: &'a mut [f64]) -> Columns<'a> {
         Columns::new(columns, self.layout.len())
     }
@@ -133,84 +137,6 @@ impl<T: Tendency> Leapfrog<T> {
         let (now, before) = x.split_at_mut(self.half());
         self.tendency.constrain(now);
         self.tendency.constrain(before);
-    }
-
-    /// One band of rows, in place: row j is overwritten when row j + 1 is known to the stream.
-    fn sweep(&self, stream: &mut dyn RowStream, band: &mut Band<'_>) {
-        let variables = self.tendency.layout().variables.len();
-        let length = self.layout.grid.nx + 2;
-        let (mut x, mut slope) = (Ring::new(variables * length, 2), vec![0.0; variables * length]);
-        let mut ghost = vec![0.0; variables * length];
-        let rows = band.reached(1);
-        let walls = band.walls();
-        let mut told = 0;
-        for row in rows.clone() {
-            band.load(row, x.row_mut(row));
-            told += 1;
-            match (told, walls.0) {
-                (1, false) => stream.begin(x.row(row)),
-                (1, true) => {
-                    stream.beyond_wall(x.row(row), &mut ghost);
-                    stream.begin(&ghost);
-                    stream.push(band.grid_row(row), &ghost, x.row(row), &mut slope);
-                    told = 2;
-                }
-                _ => stream.push(band.grid_row(row), x.row(row - 1), x.row(row), &mut slope),
-            }
-            if told > 2 {
-                self.update(band, row - 1, &slope);
-            }
-        }
-        if walls.1 {
-            let last = rows.end - 1;
-            stream.beyond_wall(x.row(last), &mut ghost);
-            stream.push(rows.end as usize, x.row(last), &ghost, &mut slope);
-            self.update(band, last, &slope);
-        }
-    }
-
-    /// Advances one row, given its slope.
-    fn update(&self, band: &mut Band<'_>, row: isize, slope: &[f64]) {
-        let nx = self.layout.grid.nx;
-        let start = (row - band.first as isize) as usize * nx;
-        let (now, before) = band.fields.split_at_mut(slope.len() / (nx + 2));
-        let (dt, alpha) = (self.time_step.as_f64(), self.robert_filter);
-        Arch::new().dispatch(Advance { dt, alpha, part: start..start + nx, now, before, slope });
-    }
-}
-
-/// (now, before) to (new, filtered) in a part of each field, for [`pulp::Arch::dispatch`].
-struct Advance<'a, 'b> {
-    dt: f64,
-    alpha: f64,
-    part: std::ops::Range<usize>,
-    now: &'a mut [&'b mut [f64]],
-    before: &'a mut [&'b mut [f64]],
-    slope: &'a [f64],
-}
-
-impl WithSimd for Advance<'_, '_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
-        let Advance { dt, alpha, part, now, before, slope } = self;
-        let nx = part.len();
-        for ((now, before), slope) in now.iter_mut().zip(before).zip(slope.chunks_exact(nx + 2)) {
-            advance(dt, alpha, &mut now[part.clone()], &mut before[part.clone()], &slope[1..=nx]);
-        }
-    }
-}
-
-#[inline(always)]
-fn advance(dt: f64, alpha: f64, now: &mut [f64], before: &mut [f64], slope: &[f64]) {
-    let two_dt = 2.0 * dt;
-    let n = now.len();
-    let (before, slope) = (&mut before[..n], &slope[..n]);
-    for i in 0..n {
-        let new = before[i] + two_dt * slope[i];
-        before[i] = now[i] + alpha * (new - 2.0 * now[i] + before[i]);
-        now[i] = new;
     }
 }
 
@@ -240,28 +166,23 @@ impl<T: Tendency> Model for Leapfrog<T> {
 
     fn step(&self, x: &mut State) {
         assert_eq!(x.values().len(), self.layout.len(), "the state is not of this model's layout");
-        let (grid, variables) = (&self.layout.grid, self.tendency.layout().variables.len());
         self.constrain(x.values_mut());
-        if let Some(mut stream) = self.tendency.row_stream(grid.nx + 2) {
-            let mut bands = bands(grid, x.values_mut(), variables, 1);
-            return match &mut bands[..] {
-                [band] => self.sweep(&mut *stream, band),
-                bands => bands.par_iter_mut().for_each(|band| {
-                    if let Some(mut stream) = self.tendency.row_stream(grid.nx + 2) {
-                        self.sweep(&mut *stream, band);
-                    }
-                }),
-            };
+        if sweep(&self.tendency, Scheme::Leapfrog(self.leap()), x.values_mut()) {
+            return;
         }
         let (now, before) = x.values_mut().split_at_mut(self.half());
         let mut slope = vec![0.0; now.len()];
         self.tendency.tendency(now, &mut slope, &mut vec![0.0; self.tendency.scratch_len()]);
-        advance(self.time_step.as_f64(), self.robert_filter, now, before, &slope);
+        self.leap().advance(now, before, &slope);
     }
 }
 
 impl<T: Tendency> TangentLinear for Leapfrog<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
+        let now = &at.values()[..self.half()];
+        if sweep_tl(&self.tendency, Scheme::Leapfrog(self.leap()), now, columns) {
+            return;
+        }
         let linearisation = self.linearise(at.values());
         self.columns(columns).for_each(
             || (vec![0.0; self.half()], vec![0.0; self.tendency.scratch_len()]),
@@ -270,7 +191,7 @@ impl<T: Tendency> TangentLinear for Leapfrog<T> {
                 self.constrain(column);
                 let (now, before) = column.split_at_mut(self.half());
                 self.tendency.tendency_tl(&linearisation, now, slope, scratch);
-                advance(self.time_step.as_f64(), self.robert_filter, now, before, slope);
+                self.leap().advance(now, before, slope);
             },
         );
     }

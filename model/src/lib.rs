@@ -85,10 +85,12 @@ pub mod rows;
 pub mod scheme;
 pub mod shallow_water;
 pub mod state;
+mod strips;
 pub mod tangent_wavefront;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 pub mod time;
+mod update;
 mod wavefront;
 
 pub use advection::{Advection, AdvectionScheme, ExactShift, Wind};

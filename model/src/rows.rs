@@ -14,22 +14,48 @@
 //! ```
 
 use crate::grid::{Boundary, Grid};
-use pulp::{Arch, Simd, WithSimd};
 
-/// A tendency evaluated row by row from the south, for stencils that reach one row and one column.
-///
-/// A row holds `[variable, x]`, each variable with one cell of rim on either side.
+/// How many variables a tendency with a form by rows may have.
+pub const MOST_VARIABLES: usize = 4;
+
+/// One row of each variable.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Row<'a>([&'a [f64]; MOST_VARIABLES]);
+
+impl<'a> Row<'a> {
+    /// A row of `nx` places stored as `[variable, x]`.
+    ///
+    /// # Panics
+    /// If it has more than [`MOST_VARIABLES`] variables.
+    pub fn of(mut values: &'a [f64], nx: usize) -> Self {
+        let mut row = Self::default();
+        let mut variable = 0;
+        while values.len() >= nx {
+            (row.0[variable], values) = values.split_at(nx);
+            variable += 1;
+        }
+        row
+    }
+
+    /// The row of one variable.
+    #[inline(always)]
+    pub fn variable(&self, variable: usize) -> &'a [f64] {
+        self.0[variable]
+    }
+}
+
+/// A tendency evaluated row by row from the south, for stencils that reach one row and one column. Rows are periodic.
 pub trait RowStream: Send {
     /// Begins a sweep with its first row.
-    fn begin(&mut self, first: &[f64]);
+    fn begin(&mut self, first: Row<'_>);
 
-    /// The row beyond a wall, given the row beside it.
-    fn beyond_wall(&self, x: &[f64], ghost: &mut [f64]);
+    /// The row beyond a wall, `[variable, x]`, given the row beside it.
+    fn beyond_wall(&self, x: Row<'_>, ghost: &mut [f64]);
 
-    /// Takes row `row` of the grid (that beyond the northern wall being row `ny`), and says the tendency of the row
-    /// south of it, of which it was told before; the first tendency of a sweep is not to be used. The rim of the
-    /// tendency is not set.
-    fn push(&mut self, row: usize, south: &[f64], north: &[f64], tendency: &mut [f64]);
+    /// Takes row `row` of the grid (that beyond the northern wall being row `ny`), and says the tendency,
+    /// `[variable, x]`, of the row south of it, of which it was told before; the first tendency of a sweep is not to be
+    /// used.
+    fn push(&mut self, row: usize, south: Row<'_>, north: Row<'_>, tendency: &mut [f64]);
 }
 
 /// Below this number of cells one thread is faster than the start of two.
@@ -44,6 +70,7 @@ pub(crate) struct Band<'a> {
     /// The band of each variable.
     pub fields: Vec<&'a mut [f64]>,
     grid: &'a Grid,
+    variables: usize,
     /// Rows of the first variables around the band, `[row, variable, x]`.
     south: Vec<f64>,
     north: Vec<f64>,
@@ -69,7 +96,8 @@ pub(crate) fn bands<'a>(grid: &'a Grid, x: &'a mut [f64], variables: usize, reac
                 copy
             };
             let (south, north) = (around(first + (reach / ny + 1) * ny - reach), around(end));
-            Band { first, rows: end - first, fields: Vec::with_capacity(x.len() / cells), grid, south, north, reach }
+            let fields = Vec::with_capacity(x.len() / cells);
+            Band { first, rows: end - first, fields, grid, variables, south, north, reach }
         })
         .collect();
     for mut field in x.chunks_exact_mut(cells) {
@@ -98,52 +126,45 @@ impl Band<'_> {
 
     /// The number of a row that may be beyond a periodic edge.
     pub fn grid_row(&self, row: isize) -> usize {
-        row.rem_euclid(self.grid.ny as isize) as usize
+        let ny = self.grid.ny as isize;
+        if (0..ny).contains(&row) { row as usize } else { row.rem_euclid(ny) as usize }
     }
 
-    /// Copies a row of the first variables, with its rim.
-    pub fn load(&self, row: isize, out: &mut [f64]) {
+    /// A row of the first variables.
+    pub fn row(&self, row: isize) -> Row<'_> {
         let nx = self.grid.nx;
-        for (variable, out) in out.chunks_exact_mut(nx + 2).enumerate() {
-            let variables = self.south.len() / (nx * self.reach).max(1);
-            let offset = row - self.first as isize;
-            let source = if offset < 0 {
-                &self.south[((offset + self.reach as isize) as usize * variables + variable) * nx..]
-            } else if offset >= self.rows as isize {
-                &self.north[((offset - self.rows as isize) as usize * variables + variable) * nx..]
-            } else {
-                &self.fields[variable][offset as usize * nx..]
-            };
-            out[1..=nx].copy_from_slice(&source[..nx]);
-            out[0] = source[nx - 1];
-            out[nx + 1] = source[0];
+        let offset = row - self.first as isize;
+        let len = self.variables * nx;
+        if offset < 0 {
+            return Row::of(&self.south[(offset + self.reach as isize) as usize * len..][..len], nx);
         }
+        if offset >= self.rows as isize {
+            return Row::of(&self.north[(offset - self.rows as isize) as usize * len..][..len], nx);
+        }
+        let mut out = Row::default();
+        for (out, field) in out.0.iter_mut().zip(&self.fields[..self.variables]) {
+            *out = &field[offset as usize * nx..][..nx];
+        }
+        out
     }
 }
 
-/// Fills the rims of a row's variables, each of `length` values.
-#[inline(always)]
-pub(crate) fn wrap(x: &mut [f64], length: usize) {
-    for x in x.chunks_exact_mut(length) {
-        x[0] = x[length - 2];
-        x[length - 1] = x[1];
-    }
-}
-
-/// A ring of rows.
+/// A ring of rows, as many as a power of two, so that finding one is no division.
 pub(crate) struct Ring {
     values: Vec<f64>,
     row_len: usize,
-    depth: usize,
+    mask: usize,
 }
 
 impl Ring {
+    /// Of at least `depth` rows.
     pub fn new(row_len: usize, depth: usize) -> Self {
-        Self { values: vec![0.0; row_len * depth], row_len, depth }
+        let depth = depth.next_power_of_two();
+        Self { values: vec![0.0; row_len * depth], row_len, mask: depth - 1 }
     }
 
     fn start(&self, row: isize) -> usize {
-        row.rem_euclid(self.depth as isize) as usize * self.row_len
+        (row as usize & self.mask) * self.row_len
     }
 
     pub fn row(&self, row: isize) -> &[f64] {
@@ -154,74 +175,5 @@ impl Ring {
     pub fn row_mut(&mut self, row: isize) -> &mut [f64] {
         let start = self.start(row);
         &mut self.values[start..start + self.row_len]
-    }
-}
-
-/// out = x + Σ weight k, added up in the order of the terms (compiled for the processor's widest vectors).
-pub(crate) fn combine(arch: Arch, out: &mut [f64], x: &[f64], terms: &[(f64, &[f64])]) {
-    arch.dispatch(Combine { out, x, terms });
-}
-
-struct Combine<'a> {
-    out: &'a mut [f64],
-    x: &'a [f64],
-    terms: &'a [(f64, &'a [f64])],
-}
-
-impl WithSimd for Combine<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
-        let (out, n) = (self.out, self.x.len());
-        let x = &self.x[..n];
-        let out = &mut out[..n];
-        match *self.terms {
-            [(a, j)] => one_term(out, x, a, j),
-            [(a, j), (b, k)] => two_terms(out, x, [a, b], j, k),
-            [(a, j), (b, k), (c, l)] => {
-                two_terms(out, x, [a, b], j, k);
-                add_term(out, c, l);
-            }
-            [(a, j), (b, k), (c, l), (d, m)] => four_terms(out, x, [a, b, c, d], j, k, l, m),
-            _ => {
-                out.copy_from_slice(x);
-                for &(weight, k) in self.terms {
-                    add_term(out, weight, k);
-                }
-            }
-        }
-    }
-}
-
-#[inline(always)]
-fn one_term(out: &mut [f64], x: &[f64], a: f64, j: &[f64]) {
-    let (n, j) = (out.len(), &j[..out.len()]);
-    for i in 0..n {
-        out[i] = x[i] + a * j[i];
-    }
-}
-
-#[inline(always)]
-fn two_terms(out: &mut [f64], x: &[f64], [a, b]: [f64; 2], j: &[f64], k: &[f64]) {
-    let (n, j, k) = (out.len(), &j[..out.len()], &k[..out.len()]);
-    for i in 0..n {
-        out[i] = (x[i] + a * j[i]) + b * k[i];
-    }
-}
-
-#[inline(always)]
-fn four_terms(out: &mut [f64], x: &[f64], [a, b, c, d]: [f64; 4], j: &[f64], k: &[f64], l: &[f64], m: &[f64]) {
-    let (n, j, k) = (out.len(), &j[..out.len()], &k[..out.len()]);
-    let (l, m) = (&l[..n], &m[..n]);
-    for i in 0..n {
-        out[i] = (((x[i] + a * j[i]) + b * k[i]) + c * l[i]) + d * m[i];
-    }
-}
-
-#[inline(always)]
-fn add_term(out: &mut [f64], weight: f64, k: &[f64]) {
-    for (out, k) in out.iter_mut().zip(k) {
-        *out += weight * k;
     }
 }

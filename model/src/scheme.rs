@@ -22,12 +22,11 @@
 use crate::columns::{Columns, add_scaled};
 use crate::error::ModelError;
 use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state};
-use crate::rows::{Band, RowStream, bands};
+use crate::rows::RowStream;
 use crate::state::{Layout, State};
-use crate::tangent_wavefront::{LANES, TangentRowStream, TangentWavefront};
+use crate::tangent_wavefront::{TangentRowStream, sweep_tl};
 use crate::time::Duration;
-use crate::wavefront::{Wavefront, Weights};
-use rayon::prelude::*;
+use crate::wavefront::{Scheme, sweep};
 use std::sync::Arc;
 
 /// An autonomous right-hand side dx/dt = f(x), with the derivative f'(x) and its transpose.
@@ -59,15 +58,18 @@ pub trait Tendency: Send + Sync {
     /// `out` = f(x), in the variables' units per second.
     fn tendency(&self, x: &[f64], out: &mut [f64], scratch: &mut [f64]);
 
-    /// f row by row, for rows of `length` values per variable, rim included: the same function as
-    /// [`Tendency::tendency`], with which a step is one pass over memory. `None` if there is no such form of it.
-    fn row_stream(&self, _length: usize) -> Option<Box<dyn RowStream + '_>> {
+    /// f row by row, for rows of `nx` places: the same function as [`Tendency::tendency`], with which a step is one pass
+    /// over memory. `None` if there is no such form of it, or if there are more than
+    /// [`MOST_VARIABLES`](crate::rows::MOST_VARIABLES).
+    fn row_stream(&self, _nx: usize) -> Option<Box<dyn RowStream + '_>> {
         None
     }
 
-    /// f and f' row by row for eight columns at once, as [`Tendency::row_stream`]: with it a batch of columns is
-    /// advanced in lockstep, and what f' needs to know of the state is neither stored nor read for each column.
-    fn tangent_row_stream(&self, _length: usize) -> Option<Box<dyn TangentRowStream + '_>> {
+    /// f and f' row by row for eight columns at once, for rows of `nx` places, at most
+    /// [`MOST_PLACES`](crate::tangent_wavefront::MOST_PLACES): with it a batch of columns is advanced in lockstep, and
+    /// what f' needs to know of the state is neither stored nor read for each column. `None` as in
+    /// [`Tendency::row_stream`].
+    fn tangent_row_stream(&self, _nx: usize) -> Option<Box<dyn TangentRowStream + '_>> {
         None
     }
 
@@ -212,44 +214,10 @@ impl<T: Tendency> Stepped<T> {
         linearisations
     }
 
-    /// One step, row by row.
-    fn sweep(&self, x: &mut [f64]) {
-        let layout = self.layout();
+    /// The scheme's numbers, with the time step.
+    fn numbers(&self) -> Scheme<'static> {
         let (a, b) = self.scheme.coefficients();
-        let (grid, variables, length) = (&layout.grid, layout.variables.len(), layout.grid.nx + 2);
-        self.tendency.constrain(x);
-        let mut bands = bands(grid, x, variables, b.len());
-        let sweep = |band: &mut Band<'_>| {
-            let streams: Vec<_> = b.iter().filter_map(|_| self.tendency.row_stream(length)).collect();
-            let weights = Weights { a, b, dt: self.time_step.as_f64() };
-            Wavefront::new(weights, streams, variables, length).sweep(band);
-        };
-        match &mut bands[..] {
-            [band] => sweep(band),
-            bands => bands.par_iter_mut().for_each(sweep),
-        }
-    }
-
-    /// One step of the columns, eight at a time, row by row.
-    fn sweep_tl(&self, at: &State, columns: &mut [f64]) {
-        self.check_layout(at);
-        let layout = self.layout();
-        let (a, b) = self.scheme.coefficients();
-        let weights = Weights { a, b, dt: self.time_step.as_f64() };
-        let mut at = at.values().to_vec();
-        self.tendency.constrain(&mut at);
-        Columns::new(columns, layout.len()).for_each_group(
-            LANES,
-            || {
-                let stream = |_| self.tendency.tangent_row_stream(layout.grid.nx + 2);
-                let streams = b.iter().filter_map(stream).collect();
-                TangentWavefront::new(weights, streams, &layout.grid, layout.variables.len())
-            },
-            |group, wavefront| {
-                group.chunks_exact_mut(layout.len()).for_each(|column| self.tendency.constrain(column));
-                wavefront.sweep(&at, group);
-            },
-        );
+        Scheme::RungeKutta { a, b, dt: self.time_step.as_f64() }
     }
 
     fn work(&self) -> Work {
@@ -287,9 +255,9 @@ impl<T: Tendency> Model for Stepped<T> {
 
     fn step(&self, x: &mut State) {
         self.check_layout(x);
-        let grid = &self.layout().grid;
-        if self.tendency.row_stream(grid.nx + 2).is_some() {
-            return self.sweep(x.values_mut());
+        self.tendency.constrain(x.values_mut());
+        if sweep(&self.tendency, self.numbers(), x.values_mut()) {
+            return;
         }
         self.advance(x.values_mut(), &mut self.work(), |_, x, k, scratch| self.tendency.tendency(x, k, scratch));
     }
@@ -297,8 +265,9 @@ impl<T: Tendency> Model for Stepped<T> {
 
 impl<T: Tendency> TangentLinear for Stepped<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
-        if self.tendency.tangent_row_stream(self.layout().grid.nx + 2).is_some() {
-            return self.sweep_tl(at, columns);
+        self.check_layout(at);
+        if sweep_tl(&self.tendency, self.numbers(), at.values(), columns) {
+            return;
         }
         let linearisations = self.linearise_stages(at);
         Columns::new(columns, self.layout().len()).for_each(

@@ -1,86 +1,98 @@
-//! A tangent-linear Runge–Kutta step of eight columns at once as one sweep over the rows, beside the step of the state
-//! they are linearised at: what the derivative needs to know of a row of the state is computed once for the eight, and
-//! neither the stages' states nor their coefficients are ever stored for the whole grid.
+//! A tangent-linear step of eight columns at once as one sweep over the rows, beside the step of the state they are
+//! linearised at: what the derivative needs to know of a row of the state is computed once for the eight, and neither
+//! the stages' states nor their coefficients are ever stored for the whole grid.
 //!
 //! The columns of a group are interleaved, so that one vector operation does the same for all of them, whatever the
 //! length of a row; the columns missing from a last group are zero. No column knows of the others, so that its bits
-//! are those it has alone.
+//! are those it has alone. Long rows are swept in strips; the outermost places on either side of a strip become wrong
+//! by one place with each stage, as a strip takes itself for periodic, and only what lies between them is written.
 
+use crate::columns::Columns;
 use crate::grid::{Boundary, Grid};
-use crate::rows::{Ring, combine, wrap};
-use crate::wavefront::Weights;
+use crate::rows::{Ring, Row};
+use crate::scheme::Tendency;
+use crate::strips::{Group, Strip};
+pub use crate::strips::{LANES, MOST_PLACES};
+use crate::update::combine;
+use crate::wavefront::Scheme;
 use pulp::Arch;
-
-/// Columns of a group.
-pub const LANES: usize = 8;
 
 /// A tendency and its derivative, row by row from the south, for stencils that reach one row and one column.
 ///
-/// Rows of the state are as in [`crate::rows::RowStream`]; rows of increments hold `[variable, x, lane]`.
+/// Rows of the state are as in [`crate::rows::RowStream`], at most [`MOST_PLACES`] long; rows of increments hold
+/// `[x, variable, lane]`.
 pub trait TangentRowStream: Send {
     /// Begins a sweep with its first row.
-    fn begin(&mut self, x: &[f64], dx: &[f64]);
+    fn begin(&mut self, x: Row<'_>, dx: &[f64]);
 
-    /// The row beyond a wall, given the row beside it, with `lanes` values in each place.
-    fn beyond_wall(&self, x: &[f64], ghost: &mut [f64], lanes: usize);
+    /// The rows beyond a wall, of the state `[variable, x]` and the increments, given the rows beside it.
+    fn beyond_wall(&self, x: Row<'_>, dx: &[f64], ghost: &mut [f64], d_ghost: &mut [f64]);
 
     /// As [`crate::rows::RowStream::push`], for state (`x`: southern and northern row, tendency) and increments (`dx`).
-    fn push(&mut self, row: usize, x: (&[f64], &[f64], &mut [f64]), dx: (&[f64], &[f64], &mut [f64]));
+    fn push(&mut self, row: usize, x: (Row<'_>, Row<'_>, &mut [f64]), dx: (&[f64], &[f64], &mut [f64]));
 }
 
-/// States and slopes at the stages, with so many lanes.
+/// One step of the columns, eight at a time; false, and nothing done, if the tendency has no such form. The columns
+/// have all levels of the scheme, `at` has the present one.
+pub(crate) fn sweep_tl<T: Tendency>(tendency: &T, scheme: Scheme<'_>, at: &[f64], columns: &mut [f64]) -> bool {
+    let (grid, variables) = (&tendency.layout().grid, tendency.layout().variables.len());
+    let wavefront = || {
+        let stream = |_| tendency.tangent_row_stream(grid.nx.min(MOST_PLACES));
+        let streams: Option<Vec<_>> = (0..scheme.stages()).map(stream).collect();
+        Some(TangentWavefront::new(scheme, streams?, grid, variables))
+    };
+    if wavefront().is_none() {
+        return false;
+    }
+    let mut at = at.to_vec();
+    tendency.constrain(&mut at);
+    let level = tendency.layout().len();
+    Columns::new(columns, level * scheme.levels()).for_each_group(LANES, wavefront, |group, wavefront| {
+        group.chunks_exact_mut(level).for_each(|column| tendency.constrain(column));
+        if let Some(wavefront) = wavefront {
+            wavefront.sweep(&at, group);
+        }
+    });
+    true
+}
+
+/// States at the later stages and slopes at all, with so many lanes.
 struct Stages {
     states: Vec<Ring>,
     slopes: Vec<Ring>,
     ghost: Vec<f64>,
-    lanes: usize,
 }
 
 impl Stages {
-    fn new(stages: usize, row_len: usize, lanes: usize) -> Self {
-        let len = row_len * lanes;
+    fn new(stages: usize, row_len: usize) -> Self {
         Self {
-            states: (0..stages).map(|stage| Ring::new(len, if stage == 0 { stages + 1 } else { 2 })).collect(),
-            slopes: (0..stages).map(|stage| Ring::new(len, stages - stage + 1)).collect(),
-            ghost: vec![0.0; len],
-            lanes,
+            states: (0..stages).map(|stage| Ring::new(row_len, if stage == 0 { stages + 1 } else { 2 })).collect(),
+            slopes: (0..stages).map(|stage| Ring::new(row_len, stages - stage)).collect(),
+            ghost: vec![0.0; row_len],
         }
     }
 
     /// The state at the next stage.
-    fn continue_with(&mut self, arch: Arch, weights: Weights<'_>, stage: usize, row: isize, length: usize) {
-        let mut terms: [(f64, &[f64]); 8] = [(0.0, &[]); 8];
-        let mut count = 0;
-        for (&weight, slopes) in weights.a[stage + 1].iter().zip(&self.slopes) {
-            if weight != 0.0 {
-                terms[count] = (weights.dt * weight, slopes.row(row));
-                count += 1;
-            }
-        }
+    fn continue_with(&mut self, arch: Arch, scheme: Scheme<'_>, stage: usize, row: isize, len: usize) {
+        let (terms, count) = scheme.terms(stage, &self.slopes, row);
         let (first, later) = self.states.split_at_mut(1);
-        let state = later[stage].row_mut(row);
-        combine(arch, state, first[0].row(row), &terms[..count]);
-        if self.lanes == 1 {
-            return wrap(state, length);
-        }
-        for state in state.chunks_exact_mut(length * self.lanes) {
-            let (last, lanes) = ((length - 2) * self.lanes, self.lanes);
-            state.copy_within(last..last + lanes, 0);
-            state.copy_within(lanes..2 * lanes, last + lanes);
-        }
+        let x = Row::of(&first[0].row(row)[..len], len);
+        combine(arch, &mut later[stage].row_mut(row)[..len], x, len, &terms[..count]);
     }
 }
 
 /// The sweep over the whole grid.
-pub(crate) struct TangentWavefront<'a> {
+struct TangentWavefront<'a> {
     arch: Arch,
-    weights: Weights<'a>,
+    scheme: Scheme<'a>,
     grid: &'a Grid,
     variables: usize,
     streams: Vec<Box<dyn TangentRowStream + 'a>>,
     told: Vec<usize>,
+    strip: Strip,
     x: Stages,
     dx: Stages,
+    group: Group,
     /// The first rows of the columns, which come again at the end of a periodic sweep.
     first_rows: Ring,
     /// The columns' last row of a step.
@@ -89,39 +101,45 @@ pub(crate) struct TangentWavefront<'a> {
 
 impl<'a> TangentWavefront<'a> {
     /// For columns of so many variables, with a stream for each stage.
-    pub fn new(
-        weights: Weights<'a>,
-        streams: Vec<Box<dyn TangentRowStream + 'a>>,
-        grid: &'a Grid,
-        variables: usize,
-    ) -> Self {
-        let (stages, row_len) = (streams.len(), variables * (grid.nx + 2));
+    fn new(scheme: Scheme<'a>, streams: Vec<Box<dyn TangentRowStream + 'a>>, grid: &'a Grid, variables: usize) -> Self {
+        let (stages, row_len) = (streams.len(), variables * grid.nx.min(MOST_PLACES));
         Self {
             arch: Arch::new(),
-            weights,
+            scheme,
             grid,
             variables,
             told: vec![0; stages],
+            strip: Strip::of_row(grid.nx, stages)[0],
             streams,
-            x: Stages::new(stages, row_len, 1),
-            dx: Stages::new(stages, row_len, LANES),
+            x: Stages::new(stages, row_len),
+            dx: Stages::new(stages, row_len * LANES),
+            group: Group::new(variables, variables * scheme.levels(), grid.nx, grid.ny, stages),
             first_rows: Ring::new(row_len * LANES, stages),
             result: vec![0.0; row_len * LANES],
         }
     }
 
     /// Advances up to eight columns by the step linearised at `at`, in place.
-    pub fn sweep(&mut self, at: &[f64], columns: &mut [f64]) {
+    fn sweep(&mut self, at: &[f64], columns: &mut [f64]) {
+        for strip in Strip::of_row(self.grid.nx, self.streams.len()) {
+            self.strip = strip;
+            self.sweep_strip(at, columns);
+        }
+    }
+
+    fn sweep_strip(&mut self, at: &[f64], columns: &mut [f64]) {
         let stages = self.streams.len();
         let walls = self.grid.boundary == Boundary::Channel;
         let (ny, reach) = (self.grid.ny as isize, if walls { 0 } else { stages as isize });
         self.told.fill(0);
         for row in -reach..ny + reach {
             self.load_state(at, row);
+            let increments = self.dx.states[0].row_mut(row);
             if row >= ny {
-                self.dx.states[0].row_mut(row).copy_from_slice(self.first_rows.row(row - ny));
+                increments.copy_from_slice(self.first_rows.row(row - ny));
             } else {
-                self.load_columns(columns, row);
+                let increments = &mut increments[..self.strip.places() * self.variables * LANES];
+                self.group.read(columns, row.rem_euclid(ny) as usize, self.strip, row >= 0, increments);
                 if (0..stages as isize).contains(&row) {
                     self.first_rows.row_mut(row).copy_from_slice(self.dx.states[0].row(row));
                 }
@@ -140,54 +158,31 @@ impl<'a> TangentWavefront<'a> {
         let (nx, cells) = (self.grid.nx, self.grid.cells());
         let start = row.rem_euclid(self.grid.ny as isize) as usize * nx;
         let out = self.x.states[0].row_mut(row);
-        for (out, field) in out.chunks_exact_mut(nx + 2).zip(at.chunks_exact(cells)) {
-            out[1..=nx].copy_from_slice(&field[start..start + nx]);
-        }
-        wrap(out, nx + 2);
-    }
-
-    fn load_columns(&mut self, columns: &[f64], row: isize) {
-        let (nx, cells) = (self.grid.nx, self.grid.cells());
-        let start = row.rem_euclid(self.grid.ny as isize) as usize * nx;
-        let out = self.dx.states[0].row_mut(row);
-        for (variable, out) in out.chunks_exact_mut((nx + 2) * LANES).enumerate() {
-            let (out, _) = out.as_chunks_mut::<LANES>();
-            let sources: [&[f64]; LANES] = std::array::from_fn(|lane| {
-                let from = (lane * self.variables + variable) * cells + start;
-                columns.get(from..from + nx).unwrap_or_default()
-            });
-            if sources[LANES - 1].is_empty() {
-                for (lane, source) in sources.iter().enumerate() {
-                    out[1..=nx]
-                        .iter_mut()
-                        .enumerate()
-                        .for_each(|(i, out)| out[lane] = source.get(i).copied().unwrap_or(0.0));
-                }
-            } else {
-                interleave(&mut out[1..=nx], sources);
-            }
-            out[0] = out[nx];
-            out[nx + 1] = out[1];
+        for (out, field) in out.chunks_exact_mut(self.strip.places()).zip(at.chunks_exact(cells)) {
+            self.strip.copy_row(&field[start..start + nx], out);
         }
     }
 
     fn cascade(&mut self, stage: usize, row: isize, columns: &mut [f64]) {
         self.told[stage] += 1;
         let walls = self.grid.boundary == Boundary::Channel;
-        if self.told[stage] == 1 && !walls {
-            return self.streams[stage].begin(self.x.states[stage].row(row), self.dx.states[stage].row(row));
-        }
-        if self.told[stage] == 1 {
+        if self.told[stage] == 1 && walls {
             self.told[stage] = 2;
             return self.push_beyond(stage, row, true);
         }
-        let grid_row = row.rem_euclid(self.grid.ny as isize) as usize;
+        let (places, len) = (self.strip.places(), self.strip.places() * self.variables);
         let (x, dx) = (&mut self.x, &mut self.dx);
         let (x_states, dx_states) = (&x.states[stage], &dx.states[stage]);
+        let (x_row, dx_row) =
+            (|row| Row::of(&x_states.row(row)[..len], places), |row| &dx_states.row(row)[..len * LANES]);
+        if self.told[stage] == 1 {
+            return self.streams[stage].begin(x_row(row), dx_row(row));
+        }
+        let (slope, d_slope) = (x.slopes[stage].row_mut(row - 1), dx.slopes[stage].row_mut(row - 1));
         self.streams[stage].push(
-            grid_row,
-            (x_states.row(row - 1), x_states.row(row), x.slopes[stage].row_mut(row - 1)),
-            (dx_states.row(row - 1), dx_states.row(row), dx.slopes[stage].row_mut(row - 1)),
+            row.rem_euclid(self.grid.ny as isize) as usize,
+            (x_row(row - 1), x_row(row), &mut slope[..len]),
+            (dx_row(row - 1), dx_row(row), &mut d_slope[..len * LANES]),
         );
         if self.told[stage] > 2 {
             self.continue_with(stage, row - 1, columns);
@@ -196,54 +191,43 @@ impl<'a> TangentWavefront<'a> {
 
     /// Pushes the row beyond a wall, given the row beside it: before that row in the south, after it in the north.
     fn push_beyond(&mut self, stage: usize, row: isize, south: bool) {
+        let (places, len) = (self.strip.places(), self.strip.places() * self.variables);
         let (stream, x, dx) = (&mut self.streams[stage], &mut self.x, &mut self.dx);
-        let (x_row, dx_row) = (x.states[stage].row(row), dx.states[stage].row(row));
-        stream.beyond_wall(x_row, &mut x.ghost, 1);
-        stream.beyond_wall(dx_row, &mut dx.ghost, LANES);
-        let (slope, d_slope) = (&mut x.slopes[stage], &mut dx.slopes[stage]);
+        let x_row = Row::of(&x.states[stage].row(row)[..len], places);
+        let dx_row = &dx.states[stage].row(row)[..len * LANES];
+        let (ghost, d_ghost) = (&mut x.ghost[..len], &mut dx.ghost[..len * LANES]);
+        stream.beyond_wall(x_row, dx_row, ghost, d_ghost);
+        let (x_ghost, slope_row) = (Row::of(ghost, places), if south { row - 1 } else { row });
+        let slope = &mut x.slopes[stage].row_mut(slope_row)[..len];
+        let d_slope = &mut dx.slopes[stage].row_mut(slope_row)[..len * LANES];
         if south {
-            stream.begin(&x.ghost, &dx.ghost);
-            let (slope, d_slope) = (slope.row_mut(row - 1), d_slope.row_mut(row - 1));
-            stream.push(row as usize, (&x.ghost, x_row, slope), (&dx.ghost, dx_row, d_slope));
+            stream.begin(x_ghost, d_ghost);
+            stream.push(row as usize, (x_ghost, x_row, slope), (d_ghost, dx_row, d_slope));
         } else {
-            let (slope, d_slope) = (slope.row_mut(row), d_slope.row_mut(row));
-            stream.push(row as usize + 1, (x_row, &x.ghost, slope), (dx_row, &dx.ghost, d_slope));
+            stream.push(row as usize + 1, (x_row, x_ghost, slope), (dx_row, d_ghost, d_slope));
         }
     }
 
     /// The slopes of a row at a stage are known: on to the next stage, or to the end.
     fn continue_with(&mut self, stage: usize, row: isize, columns: &mut [f64]) {
-        let length = self.grid.nx + 2;
+        let (arch, scheme, len) = (self.arch, self.scheme, self.strip.places() * self.variables);
         if stage + 1 < self.streams.len() {
-            self.x.continue_with(self.arch, self.weights, stage, row, length);
-            self.dx.continue_with(self.arch, self.weights, stage, row, length);
+            self.x.continue_with(arch, scheme, stage, row, len);
+            self.dx.continue_with(arch, scheme, stage, row, len * LANES);
             return self.cascade(stage + 1, row, columns);
         }
-        let mut terms: [(f64, &[f64]); 8] = [(0.0, &[]); 8];
-        for ((term, weight), slopes) in terms.iter_mut().zip(self.weights.b).zip(&self.dx.slopes) {
-            *term = (self.weights.dt * weight, slopes.row(row));
-        }
-        combine(self.arch, &mut self.result, self.dx.states[0].row(row), &terms[..self.weights.b.len()]);
-        let (nx, cells) = (self.grid.nx, self.grid.cells());
-        let start = row as usize * nx;
-        let (lanes, _) = self.result.as_chunks::<LANES>();
-        for (lane, column) in columns.chunks_exact_mut(self.variables * cells).enumerate() {
-            for (variable, field) in column.chunks_exact_mut(cells).enumerate() {
-                let values = &lanes[variable * length + 1..][..nx];
-                for (out, value) in field[start..start + nx].iter_mut().zip(values) {
-                    *out = value[lane];
-                }
+        let len = len * LANES;
+        match scheme {
+            Scheme::RungeKutta { .. } => {
+                let (terms, count) = scheme.terms(stage, &self.dx.slopes, row);
+                let x = Row::of(&self.dx.states[0].row(row)[..len], len);
+                combine(arch, &mut self.result[..len], x, len, &terms[..count]);
+                self.group.write(columns, row as usize, self.strip, &self.result[..len]);
+            }
+            Scheme::Leapfrog(leapfrog) => {
+                let slopes = &self.dx.slopes[0].row(row)[..len];
+                self.group.leap(columns, row as usize, self.strip, leapfrog, slopes);
             }
         }
-    }
-}
-
-fn interleave(out: &mut [[f64; LANES]], sources: [&[f64]; LANES]) {
-    let n = out.len();
-    let [a, b, c, d, e, f, g, h] = sources;
-    let (a, b, c, d) = (&a[..n], &b[..n], &c[..n], &d[..n]);
-    let (e, f, g, h) = (&e[..n], &f[..n], &g[..n], &h[..n]);
-    for i in 0..n {
-        out[i] = [a[i], b[i], c[i], d[i], e[i], f[i], g[i], h[i]];
     }
 }

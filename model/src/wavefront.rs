@@ -1,56 +1,114 @@
-//! A Runge–Kutta step as one sweep: the stages follow each other at a distance of one row (see [`crate::rows`]).
+//! A step as one sweep: the stages of a Runge–Kutta scheme follow each other at a distance of one row (see
+//! [`crate::rows`]); leapfrog has one stage.
 
-use crate::rows::{Band, Ring, RowStream, combine, wrap};
+use crate::rows::{Band, Ring, Row, RowStream, bands};
+use crate::scheme::Tendency;
+use crate::update::{Leap, add_slopes, combine, leap};
 use pulp::Arch;
+use rayon::prelude::*;
 
-/// An explicit Runge–Kutta scheme times Δt: rows of a (below the diagonal), and b.
+/// How slopes make a step.
 #[derive(Clone, Copy)]
-pub(crate) struct Weights<'a> {
-    pub a: &'a [&'a [f64]],
-    pub b: &'a [f64],
-    pub dt: f64,
+pub(crate) enum Scheme<'a> {
+    /// Rows of a (below the diagonal), b, and Δt.
+    RungeKutta { a: &'a [&'a [f64]], b: &'a [f64], dt: f64 },
+    /// The fields are those of two levels.
+    Leapfrog(Leap),
+}
+
+impl Scheme<'_> {
+    /// Number of evaluations of the tendency.
+    pub fn stages(self) -> usize {
+        match self {
+            Scheme::RungeKutta { b, .. } => b.len(),
+            Scheme::Leapfrog(_) => 1,
+        }
+    }
+
+    /// Time levels of a state.
+    pub fn levels(self) -> usize {
+        match self {
+            Scheme::RungeKutta { .. } => 1,
+            Scheme::Leapfrog(_) => 2,
+        }
+    }
+
+    /// The slopes of `row` known at a stage, with the times for which they act in the state of the next stage.
+    pub fn terms<'b>(self, stage: usize, slopes: &'b [Ring], row: isize) -> ([(f64, &'b [f64]); 8], usize) {
+        let mut terms: [(f64, &[f64]); 8] = [(0.0, &[]); 8];
+        let mut count = 0;
+        if let Scheme::RungeKutta { a, b, dt } = self {
+            let weights = if stage + 1 == b.len() { b } else { a[stage + 1] };
+            for (&weight, slopes) in weights.iter().zip(slopes) {
+                if weight != 0.0 {
+                    terms[count] = (dt * weight, slopes.row(row));
+                    count += 1;
+                }
+            }
+        }
+        (terms, count)
+    }
+}
+
+/// One step of x, row by row; false, and nothing done, if the tendency has no such form.
+pub(crate) fn sweep<T: Tendency>(tendency: &T, scheme: Scheme<'_>, x: &mut [f64]) -> bool {
+    let (grid, variables, stages) = (&tendency.layout().grid, tendency.layout().variables.len(), scheme.stages());
+    let wavefront = || {
+        let streams: Option<Vec<_>> = (0..stages).map(|_| tendency.row_stream(grid.nx)).collect();
+        Some(Wavefront::new(scheme, streams?, variables, grid.nx))
+    };
+    let Some(mut first) = wavefront() else { return false };
+    match &mut bands(grid, x, variables, stages)[..] {
+        [band] => first.sweep(band),
+        bands => bands.par_iter_mut().for_each(|band| {
+            if let Some(mut wavefront) = wavefront() {
+                wavefront.sweep(band);
+            }
+        }),
+    }
+    true
 }
 
 /// The sweep over one band.
-pub(crate) struct Wavefront<'a> {
+struct Wavefront<'a> {
     arch: Arch,
-    weights: Weights<'a>,
+    scheme: Scheme<'a>,
     streams: Vec<Box<dyn RowStream + 'a>>,
-    /// States at each stage: those at the first are x itself.
+    /// States at the later stages; those at the first are x itself.
     states: Vec<Ring>,
     /// Slopes of each stage.
     slopes: Vec<Ring>,
     /// How many rows each stream was told.
     told: Vec<usize>,
     ghost: Vec<f64>,
-    length: usize,
+    nx: usize,
 }
 
 impl<'a> Wavefront<'a> {
-    /// For rows of `variables` times `length` values, with a stream for each stage.
-    pub fn new(weights: Weights<'a>, streams: Vec<Box<dyn RowStream + 'a>>, variables: usize, length: usize) -> Self {
-        let (stages, row_len) = (streams.len(), variables * length);
-        let states = (0..stages).map(|stage| Ring::new(row_len, if stage == 0 { stages + 1 } else { 2 })).collect();
-        let slopes = (0..stages).map(|stage| Ring::new(row_len, stages - stage + 1)).collect();
+    /// For rows of `variables` times `nx` values, with a stream for each stage.
+    fn new(scheme: Scheme<'a>, streams: Vec<Box<dyn RowStream + 'a>>, variables: usize, nx: usize) -> Self {
+        let (stages, row_len) = (streams.len(), variables * nx);
+        let states = (1..stages).map(|_| Ring::new(row_len, 2)).collect();
+        let slopes = (0..stages).map(|stage| Ring::new(row_len, stages - stage)).collect();
         let ghost = vec![0.0; row_len];
-        Self { arch: Arch::new(), weights, streams, states, slopes, told: vec![0; stages], ghost, length }
+        Self { arch: Arch::new(), scheme, streams, states, slopes, told: vec![0; stages], ghost, nx }
     }
 
     /// Advances the band by one step, in place.
-    pub fn sweep(&mut self, band: &mut Band<'_>) {
+    fn sweep(&mut self, band: &mut Band<'_>) {
         let stages = self.streams.len();
         let rows = band.reached(stages);
         let (_, north_wall) = band.walls();
         for row in rows.clone() {
-            band.load(row, self.states[0].row_mut(row));
             self.cascade(0, row, band);
         }
         if north_wall {
             let last = rows.end - 1;
             for stage in 0..stages {
-                let (states, stream) = (&self.states[stage], &mut self.streams[stage]);
-                stream.beyond_wall(states.row(last), &mut self.ghost);
-                stream.push(rows.end as usize, states.row(last), &self.ghost, self.slopes[stage].row_mut(last));
+                let (south, stream) = (state(&self.states, self.nx, stage, last, band), &mut self.streams[stage]);
+                stream.beyond_wall(south, &mut self.ghost);
+                let ghost = Row::of(&self.ghost, self.nx);
+                stream.push(rows.end as usize, south, ghost, self.slopes[stage].row_mut(last));
                 self.continue_with(stage, last, band);
             }
         }
@@ -58,20 +116,22 @@ impl<'a> Wavefront<'a> {
 
     /// Tells a stage's stream the state of a row, and takes whatever that makes known to the later stages.
     fn cascade(&mut self, stage: usize, row: isize, band: &mut Band<'_>) {
-        let (states, slopes) = (&self.states[stage], &mut self.slopes[stage]);
-        let stream = &mut self.streams[stage];
+        let (stream, slopes) = (&mut self.streams[stage], &mut self.slopes[stage]);
+        let north = state(&self.states, self.nx, stage, row, band);
         self.told[stage] += 1;
         if self.told[stage] == 1 {
             if !band.walls().0 {
-                return stream.begin(states.row(row));
+                return stream.begin(north);
             }
-            stream.beyond_wall(states.row(row), &mut self.ghost);
-            stream.begin(&self.ghost);
-            stream.push(band.grid_row(row), &self.ghost, states.row(row), slopes.row_mut(row - 1));
+            stream.beyond_wall(north, &mut self.ghost);
+            let ghost = Row::of(&self.ghost, self.nx);
+            stream.begin(ghost);
+            stream.push(band.grid_row(row), ghost, north, slopes.row_mut(row - 1));
             self.told[stage] = 2;
             return;
         }
-        stream.push(band.grid_row(row), states.row(row - 1), states.row(row), slopes.row_mut(row - 1));
+        let south = state(&self.states, self.nx, stage, row - 1, band);
+        stream.push(band.grid_row(row), south, north, slopes.row_mut(row - 1));
         if self.told[stage] > 2 {
             self.continue_with(stage, row - 1, band);
         }
@@ -79,35 +139,21 @@ impl<'a> Wavefront<'a> {
 
     /// The slope of a row at a stage is known: on to the next stage, or to the end.
     fn continue_with(&mut self, stage: usize, row: isize, band: &mut Band<'_>) {
-        let dt = self.weights.dt;
-        let mut terms: [(f64, &[f64]); 8] = [(0.0, &[]); 8];
-        let mut count = 0;
-        let is_last = stage + 1 == self.streams.len();
-        let weights = if is_last { self.weights.b } else { self.weights.a[stage + 1] };
-        for (&weight, slopes) in weights.iter().zip(&self.slopes) {
-            if weight != 0.0 {
-                terms[count] = (dt * weight, slopes.row(row));
-                count += 1;
-            }
-        }
-        let terms = &terms[..count];
-        let (first, later) = self.states.split_at_mut(1);
-        let x = first[0].row(row);
-        if !is_last {
-            let state = later[stage].row_mut(row);
-            combine(self.arch, state, x, terms);
-            wrap(state, self.length);
+        let (arch, nx) = (self.arch, self.nx);
+        let (terms, count) = self.scheme.terms(stage, &self.slopes, row);
+        if stage + 1 < self.streams.len() {
+            combine(arch, self.states[stage].row_mut(row), band.row(row), nx, &terms[..count]);
             return self.cascade(stage + 1, row, band);
         }
-        let nx = self.length - 2;
         let start = (row - band.first as isize) as usize * nx;
-        for (variable, field) in band.fields.iter_mut().enumerate() {
-            let part = variable * self.length + 1..variable * self.length + 1 + nx;
-            let mut own: [(f64, &[f64]); 8] = [(0.0, &[]); 8];
-            for (own, (weight, slope)) in own.iter_mut().zip(terms) {
-                *own = (*weight, &slope[part.clone()]);
-            }
-            combine(self.arch, &mut field[start..start + nx], &x[part], &own[..count]);
+        match self.scheme {
+            Scheme::RungeKutta { .. } => add_slopes(arch, &mut band.fields, start, nx, &terms[..count]),
+            Scheme::Leapfrog(numbers) => leap(arch, numbers, &mut band.fields, start, nx, self.slopes[0].row(row)),
         }
     }
+}
+
+/// The state of a row at a stage.
+fn state<'b>(states: &'b [Ring], nx: usize, stage: usize, row: isize, band: &'b Band<'_>) -> Row<'b> {
+    if stage == 0 { band.row(row) } else { Row::of(states[stage - 1].row(row), nx) }
 }

@@ -2,10 +2,12 @@
 
 mod common;
 
-use common::{BOUNDARIES, FORMS, SCHEMES, grid, parameters, stepped, turbulence};
+use common::{BOUNDARIES, FORMS, SCHEMES, difference, grid, largest, parameters, stepped, turbulence};
 use isobar_model::initial::{self, Vortex};
+use isobar_model::random::{standard_normals, stream};
 use isobar_model::{
-    Duration, Layout, Leapfrog, Model, ShallowWater, ShallowWaterParameters, SpectralBounds, State, Tendency,
+    Duration, Layout, Leapfrog, Model, ShallowWater, ShallowWaterParameters, SpectralBounds, State, TangentLinear,
+    Tendency,
 };
 use std::sync::Arc;
 
@@ -61,7 +63,7 @@ fn rows_give_the_bits_of_whole_fields() {
                 let parameters = ShallowWaterParameters { drag_per_s, ..parameters(boundary) };
                 let rows = ShallowWater::new(grid(nx, ny, boundary), parameters, form).unwrap();
                 let whole = WholeFields(rows.clone());
-                assert!(rows.row_stream(nx + 2).is_some() && whole.row_stream(nx + 2).is_none());
+                assert!(rows.row_stream(nx).is_some() && whole.row_stream(nx).is_none());
                 let start = turbulence(&rows);
                 for scheme in SCHEMES {
                     let swept = after(&stepped(rows.clone(), 200, scheme), &start, 3);
@@ -98,6 +100,47 @@ fn bands_on_several_threads_give_the_bits_of_one() {
             let one = on(1);
             assert!(one == on(2), "two threads");
             assert!(one == on(5), "five threads");
+        }
+    }
+}
+
+/// Rows of 150 places are swept in three strips, rows of 81 in two: the tangent-linear of whole fields to rounding, and
+/// a column has the bits it has alone, whatever its place in a group and the others.
+#[test]
+fn strips_give_the_tangent_linear_of_whole_fields() {
+    for (nx, ny, boundary, form) in [(150, 12, BOUNDARIES[0], FORMS[0]), (81, 9, BOUNDARIES[1], FORMS[1])] {
+        let parameters = ShallowWaterParameters { drag_per_s: 1e-5, ..parameters(boundary) };
+        let rows = ShallowWater::new(grid(nx, ny, boundary), parameters, form).unwrap();
+        let whole = WholeFields(rows.clone());
+        let (width, height) = (rows.layout().grid.width_m(), rows.layout().grid.height_m());
+        let vortex = Vortex { center_x_m: 0.9 * width, center_y_m: 0.4 * height, amplitude_m: 40.0, radius_m: 3e5 };
+        let start = initial::vortices(&rows, 1000.0, &[vortex]).unwrap();
+        let step = Duration::from_seconds(100);
+        let leapfrog = Leapfrog::new(rows.clone(), step, 0.02).unwrap();
+        let pair = |scheme| -> (Box<dyn TangentLinear>, Box<dyn TangentLinear>, State) {
+            let (rows, whole) = (rows.clone(), whole.clone());
+            (Box::new(stepped(rows, 200, scheme)), Box::new(stepped(whole, 200, scheme)), start.clone())
+        };
+        let leap: (Box<dyn TangentLinear>, Box<dyn TangentLinear>, State) = (
+            Box::new(leapfrog.clone()),
+            Box::new(Leapfrog::new(whole.clone(), step, 0.02).unwrap()),
+            leapfrog.start(&start),
+        );
+        for (swept, fields, at) in SCHEMES.map(pair).into_iter().chain([leap]) {
+            let len = at.values().len();
+            let columns = standard_normals(&mut stream(3, "columns"), 11 * len);
+            let [mut together, mut expected, mut alone] =
+                [columns.clone(), columns.clone(), columns[9 * len..10 * len].to_vec()];
+            for _ in 0..2 {
+                swept.step_tl(&at, &mut together);
+                fields.step_tl(&at, &mut expected);
+                swept.step_tl(&at, &mut alone);
+            }
+            let scale = largest(&expected);
+            assert!(largest(&difference(&together, &columns)) > 0.1 * scale, "the columns must have moved");
+            let error = largest(&difference(&together, &expected)) / scale;
+            assert!(error < 1e-14, "relative error {error:e}");
+            assert!(together[9 * len..10 * len] == alone, "a column knows of the others");
         }
     }
 }

@@ -201,14 +201,14 @@ impl Tendency for ShallowWater {
     }
 
     /// Without hyperdiffusion, whose stencil reaches over two rows.
-    fn row_stream(&self, length: usize) -> Option<Box<dyn RowStream + '_>> {
+    fn row_stream(&self, nx: usize) -> Option<Box<dyn RowStream + '_>> {
         (self.parameters.hyperdiffusion_m4_per_s == 0.0)
-            .then(|| Box::new(rows::ShallowWaterRows::new(self, length)) as Box<dyn RowStream + '_>)
+            .then(|| Box::new(rows::ShallowWaterRows::new(self, nx)) as Box<dyn RowStream + '_>)
     }
 
-    fn tangent_row_stream(&self, length: usize) -> Option<Box<dyn TangentRowStream + '_>> {
+    fn tangent_row_stream(&self, nx: usize) -> Option<Box<dyn TangentRowStream + '_>> {
         (self.parameters.hyperdiffusion_m4_per_s == 0.0)
-            .then(|| Box::new(tangent_rows::TangentRows::new(self, length)) as Box<dyn TangentRowStream + '_>)
+            .then(|| Box::new(tangent_rows::TangentRows::new(self, nx)) as Box<dyn TangentRowStream + '_>)
     }
 
     fn linearise(&self, at: &[f64]) -> Coefficients {

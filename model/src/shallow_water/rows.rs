@@ -1,16 +1,18 @@
 //! The nonlinear tendency row by row: the lines of [`super::tendency`] in one pass, with the diagnostic fields of two
 //! or three rows in cache instead of on the whole grid. The bits are those of [`super::tendency`].
 
-use super::{ShallowWater, VectorInvariant};
+use super::{H, ShallowWater, U, V, VectorInvariant};
 use crate::grid::Boundary;
-use crate::rows::RowStream;
+use crate::rows::{Row, RowStream};
 use pulp::{Simd, WithSimd};
 
 /// Diagnostic rows of a sweep: the last is that of the row pushed last, unless said otherwise.
+///
+/// Stencils reach east in U and q, whose rows have their first value again at the end, and west in V and B, whose rows
+/// have their last value also at the beginning.
 pub(super) struct ShallowWaterRows<'a> {
     model: &'a ShallowWater,
     arch: pulp::Arch,
-    length: usize,
     /// U of three rows.
     pub(super) flux_x: [Vec<f64>; 3],
     /// V of two rows.
@@ -22,13 +24,12 @@ pub(super) struct ShallowWaterRows<'a> {
 }
 
 impl<'a> ShallowWaterRows<'a> {
-    /// For rows of `length` values per variable, rim included.
-    pub fn new(model: &'a ShallowWater, length: usize) -> Self {
-        let row = || vec![0.0; length];
+    /// For rows of `nx` places.
+    pub fn new(model: &'a ShallowWater, nx: usize) -> Self {
+        let row = || vec![0.0; nx + 1];
         Self {
             model,
             arch: pulp::Arch::new(),
-            length,
             flux_x: [row(), row(), row()],
             flux_y: [row(), row()],
             q: [row(), row()],
@@ -37,32 +38,30 @@ impl<'a> ShallowWaterRows<'a> {
     }
 }
 
-/// The three variables of a row.
-#[inline(always)]
-pub(super) fn split(x: &[f64], length: usize) -> [&[f64]; 3] {
-    [&x[..length], &x[length..2 * length], &x[2 * length..3 * length]]
-}
-
 impl RowStream for ShallowWaterRows<'_> {
-    fn begin(&mut self, first: &[f64]) {
-        let [h, u, _] = split(first, self.length);
-        for i in 1..self.length {
-            self.flux_x[2][i] = 0.5 * (h[i] + h[i - 1]) * u[i];
+    fn begin(&mut self, first: Row<'_>) {
+        let (h, u, flux) = (first.variable(H), first.variable(U), &mut self.flux_x[2]);
+        let nx = h.len();
+        for i in 0..nx {
+            flux[i] = 0.5 * (h[i] + h[if i == 0 { nx - 1 } else { i - 1 }]) * u[i];
         }
+        flux[nx] = flux[0];
     }
 
     /// h and u continued evenly, v = 0.
-    fn beyond_wall(&self, x: &[f64], ghost: &mut [f64]) {
-        let winds = 2 * self.length;
-        ghost[..winds].copy_from_slice(&x[..winds]);
-        ghost[winds..].fill(0.0);
+    fn beyond_wall(&self, x: Row<'_>, ghost: &mut [f64]) {
+        let nx = x.variable(H).len();
+        ghost[..nx].copy_from_slice(x.variable(H));
+        ghost[nx..2 * nx].copy_from_slice(x.variable(U));
+        ghost[2 * nx..].fill(0.0);
     }
 
-    fn push(&mut self, row: usize, south: &[f64], north: &[f64], tendency: &mut [f64]) {
-        self.flux_x.rotate_left(1);
-        self.flux_y.rotate_left(1);
-        self.q.rotate_left(1);
-        self.bernoulli.rotate_left(1);
+    fn push(&mut self, row: usize, south: Row<'_>, north: Row<'_>, tendency: &mut [f64]) {
+        self.flux_x.swap(0, 1);
+        self.flux_x.swap(1, 2);
+        self.flux_y.swap(0, 1);
+        self.q.swap(0, 1);
+        self.bernoulli.swap(0, 1);
         self.arch.dispatch(Push { rows: self, row, south, north, tendency });
     }
 }
@@ -71,8 +70,8 @@ impl RowStream for ShallowWaterRows<'_> {
 struct Push<'a, 'b> {
     rows: &'a mut ShallowWaterRows<'b>,
     row: usize,
-    south: &'a [f64],
-    north: &'a [f64],
+    south: Row<'a>,
+    north: Row<'a>,
     tendency: &'a mut [f64],
 }
 
@@ -82,17 +81,18 @@ impl WithSimd for Push<'_, '_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) {
         let Push { rows, row, south, north, tendency } = self;
-        let ShallowWaterRows { model, length, flux_x, flux_y, q, bernoulli, .. } = rows;
-        let (grid, length) = (&model.layout.grid, *length);
-        let (per_dx, per_dy) = (1.0 / grid.dx_m, 1.0 / grid.dy_m);
-        let coriolis = model.coriolis_per_s(row);
-        let [h_s, u_s, v_s] = split(south, length);
-        let [h_n, u_n, v_n] = split(north, length);
-        let constants = Constants { coriolis, gravity: model.parameters.gravity_m_per_s2, per_dx, per_dy };
-        let ([_, _, flux_x_n], [_, flux_y_n]) = (&mut *flux_x, &mut *flux_y);
-        diagnose(constants, h_s, u_s, v_s, h_n, u_n, v_n, flux_x_n, flux_y_n, &mut q[1], &mut bernoulli[1]);
-        let (k_h, winds) = tendency.split_at_mut(length);
-        let (k_u, k_v) = winds.split_at_mut(length);
+        let ShallowWaterRows { model, flux_x, flux_y, q, bernoulli, .. } = rows;
+        let grid = &model.layout.grid;
+        let constants = Constants {
+            coriolis: model.coriolis_per_s(row),
+            gravity: model.parameters.gravity_m_per_s2,
+            per_dx: 1.0 / grid.dx_m,
+            per_dy: 1.0 / grid.dy_m,
+        };
+        diagnose(constants, south, north, &mut flux_x[2], &mut flux_y[1], &mut q[1], &mut bernoulli[1]);
+        let nx = north.variable(H).len();
+        let (k_h, winds) = tendency.split_at_mut(nx);
+        let (k_u, k_v) = winds.split_at_mut(nx);
         let (flux_x, flux_y) = ([&flux_x[0][..], &flux_x[1][..]], [&flux_y[0][..], &flux_y[1][..]]);
         let (q, b) = ([&q[0][..], &q[1][..]], [&bernoulli[0][..], &bernoulli[1][..]]);
         match model.form {
@@ -108,9 +108,9 @@ impl WithSimd for Push<'_, '_> {
         }
         let drag = model.parameters.drag_per_s;
         if drag != 0.0 {
-            add_drag(drag, u_s, k_u);
+            add_drag(drag, south.variable(U), k_u);
             if !southern_wall {
-                add_drag(drag, v_s, k_v);
+                add_drag(drag, south.variable(V), k_v);
             }
         }
     }
@@ -130,31 +130,47 @@ struct Constants {
 #[inline(always)]
 fn diagnose(
     constants: Constants,
-    h_s: &[f64],
-    u_s: &[f64],
-    v_s: &[f64],
-    h_n: &[f64],
-    u_n: &[f64],
-    v_n: &[f64],
+    south: Row<'_>,
+    north: Row<'_>,
     flux_x: &mut [f64],
     flux_y: &mut [f64],
     q: &mut [f64],
     b: &mut [f64],
 ) {
-    let Constants { coriolis, gravity, per_dx, per_dy } = constants;
-    flux_y[0] = 0.5 * (h_n[0] + h_s[0]) * v_n[0];
-    let n = h_s.len() - 1;
-    let (h0, h_w, h_s, h_sw) = (&h_n[1..][..n], &h_n[..n], &h_s[1..][..n], &h_s[..n]);
-    let (u0, u_s, u_sw) = (&u_n[1..][..n], &u_s[1..][..n], &u_s[..n]);
-    let (v0, v_w, v_sw) = (&v_n[1..][..n], &v_n[..n], &v_s[..n]);
-    let (flux_x, flux_y) = (&mut flux_x[1..][..n], &mut flux_y[1..][..n]);
-    let (q, b) = (&mut q[1..][..n], &mut b[..n]);
-    for i in 0..n {
-        flux_x[i] = 0.5 * (h0[i] + h_w[i]) * u0[i];
-        flux_y[i] = 0.5 * (h0[i] + h_s[i]) * v0[i];
-        let vorticity = (v0[i] - v_w[i]) * per_dx - (u0[i] - u_s[i]) * per_dy;
-        q[i] = 4.0 * (coriolis + vorticity) / (h0[i] + h_w[i] + h_s[i] + h_sw[i]);
-        b[i] = gravity * h_sw[i] + 0.25 * (u_sw[i] * u_sw[i] + u_s[i] * u_s[i] + v_sw[i] * v_sw[i] + v_w[i] * v_w[i]);
+    let [h_s, u_s, v_s] = [H, U, V].map(|variable| south.variable(variable));
+    let [h, u, v] = [H, U, V].map(|variable| north.variable(variable));
+    let last = h.len() - 1;
+    // The first place, west of which is the last.
+    (flux_x[0], flux_y[1], q[0], b[last + 1]) =
+        constants.place([h[0], h[last], h_s[0], h_s[last]], [u[0], u_s[0], u_s[last]], [v[0], v[last], v_s[last]]);
+    let n = last;
+    let (h, h_w, h_s, h_sw) = (&h[1..][..n], &h[..n], &h_s[1..][..n], &h_s[..n]);
+    let (u, u_s, u_sw) = (&u[1..][..n], &u_s[1..][..n], &u_s[..n]);
+    let (v, v_w, v_sw) = (&v[1..][..n], &v[..n], &v_s[..n]);
+    {
+        let (flux_x, flux_y) = (&mut flux_x[1..][..n], &mut flux_y[2..][..n]);
+        let (q, b) = (&mut q[1..][..n], &mut b[1..][..n]);
+        for i in 0..n {
+            (flux_x[i], flux_y[i], q[i], b[i]) =
+                constants.place([h[i], h_w[i], h_s[i], h_sw[i]], [u[i], u_s[i], u_sw[i]], [v[i], v_w[i], v_sw[i]]);
+        }
+    }
+    (flux_x[last + 1], flux_y[0], q[last + 1], b[0]) = (flux_x[0], flux_y[last + 1], q[0], b[last + 1]);
+}
+
+impl Constants {
+    /// U, V and q of a place of the northern row, and B south-west of it.
+    #[inline(always)]
+    fn place(self, [h, h_w, h_s, h_sw]: [f64; 4], [u, u_s, u_sw]: [f64; 3], v: [f64; 3]) -> (f64, f64, f64, f64) {
+        let Constants { coriolis, gravity, per_dx, per_dy } = self;
+        let [v, v_w, v_sw] = v;
+        let vorticity = (v - v_w) * per_dx - (u - u_s) * per_dy;
+        (
+            0.5 * (h + h_w) * u,
+            0.5 * (h + h_s) * v,
+            4.0 * (coriolis + vorticity) / (h + h_w + h_s + h_sw),
+            gravity * h_sw + 0.25 * (u_sw * u_sw + u_s * u_s + v_sw * v_sw + v_w * v_w),
+        )
     }
 }
 
@@ -173,13 +189,12 @@ macro_rules! tendencies {
             out_v: &mut [f64],
         ) {
             let Constants { per_dx, per_dy, .. } = constants;
-            let n = out_h.len() - 2;
-            let (u0, u_e, u_s, u_se) =
-                (&flux_x[1..][..n], &flux_x[2..][..n], &flux_x_s[1..][..n], &flux_x_s[2..][..n]);
+            let n = out_h.len();
+            let (u0, u_e, u_s, u_se) = (&flux_x[..n], &flux_x[1..][..n], &flux_x_s[..n], &flux_x_s[1..][..n]);
             let (v0, v_w, v_n, v_nw) = (&flux_y[1..][..n], &flux_y[..n], &flux_y_n[1..][..n], &flux_y_n[..n]);
-            let (q0, q_e, q_n) = (&q[1..][..n], &q[2..][..n], &q_n[1..][..n]);
+            let (q0, q_e, q_n) = (&q[..n], &q[1..][..n], &q_n[..n]);
             let (b0, b_w, b_s) = (&b[1..][..n], &b[..n], &b_s[1..][..n]);
-            let (out_h, out_u, out_v) = (&mut out_h[1..][..n], &mut out_u[1..][..n], &mut out_v[1..][..n]);
+            let (out_u, out_v) = (&mut out_u[..n], &mut out_v[..n]);
             for i in 0..n {
                 let ($q, $q_e, $q_n) = (q0[i], q_e[i], q_n[i]);
                 let ($u, $v) = ([u0[i], u_e[i], u_s[i], u_se[i]], [v0[i], v_w[i], v_n[i], v_nw[i]]);

@@ -1,0 +1,144 @@
+//! What becomes of a row whose slopes are known, compiled for the processor's widest vectors.
+
+use crate::rows::Row;
+use pulp::{Arch, Simd, WithSimd};
+
+/// Slopes of a row, `[variable, x]`, each with the time it acts for; added up in this order.
+pub(crate) type Terms<'a, 'b> = &'a [(f64, &'b [f64])];
+
+/// `out` = x + Σ weight k for one row, `[variable, x]`.
+pub(crate) fn combine(arch: Arch, out: &mut [f64], x: Row<'_>, nx: usize, terms: Terms<'_, '_>) {
+    arch.dispatch(Combine { out, x, nx, terms });
+}
+
+/// The same in place, for the row that begins at `start` in each field.
+pub(crate) fn add_slopes(arch: Arch, fields: &mut [&mut [f64]], start: usize, nx: usize, terms: Terms<'_, '_>) {
+    arch.dispatch(AddSlopes { fields, start, nx, terms });
+}
+
+/// (x(t), x̄(t − Δt)) to (x(t + Δt), x̄(t)) for the row that begins at `start` in each field of both levels, given its
+/// slope: see [`crate::leapfrog`].
+pub(crate) fn leap(arch: Arch, leapfrog: Leap, levels: &mut [&mut [f64]], start: usize, nx: usize, slope: &[f64]) {
+    arch.dispatch(LeapRow { leapfrog, levels, start, nx, slope });
+}
+
+struct Combine<'a, 'b> {
+    out: &'a mut [f64],
+    x: Row<'a>,
+    nx: usize,
+    terms: Terms<'a, 'b>,
+}
+
+impl WithSimd for Combine<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        for (variable, out) in self.out.chunks_exact_mut(self.nx).enumerate() {
+            let (x, part) = (self.x.variable(variable), variable * self.nx..(variable + 1) * self.nx);
+            match *self.terms {
+                [a] => sum(out, x, [a], part),
+                [a, b] => sum(out, x, [a, b], part),
+                [a, b, c] => sum(out, x, [a, b, c], part),
+                _ => {
+                    out.copy_from_slice(x);
+                    self.terms.iter().for_each(|&term| add(out, [term], part.clone()));
+                }
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn sum<const N: usize>(out: &mut [f64], x: &[f64], terms: [(f64, &[f64]); N], part: std::ops::Range<usize>) {
+    let n = out.len();
+    let (x, terms) = (&x[..n], terms.map(|(weight, k)| (weight, &k[part.clone()][..n])));
+    for i in 0..n {
+        let mut value = x[i];
+        for (weight, k) in terms {
+            value += weight * k[i];
+        }
+        out[i] = value;
+    }
+}
+
+struct AddSlopes<'a, 'b, 'c> {
+    fields: &'a mut [&'c mut [f64]],
+    start: usize,
+    nx: usize,
+    terms: Terms<'a, 'b>,
+}
+
+impl WithSimd for AddSlopes<'_, '_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        for (variable, field) in self.fields.iter_mut().enumerate() {
+            let (x, part) = (&mut field[self.start..][..self.nx], variable * self.nx..(variable + 1) * self.nx);
+            match *self.terms {
+                [a, b, c] => add(x, [a, b, c], part),
+                [a, b, c, d] => add(x, [a, b, c, d], part),
+                _ => self.terms.iter().for_each(|&term| add(x, [term], part.clone())),
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn add<const N: usize>(x: &mut [f64], terms: [(f64, &[f64]); N], part: std::ops::Range<usize>) {
+    let n = x.len();
+    let terms = terms.map(|(weight, k)| (weight, &k[part.clone()][..n]));
+    for i in 0..n {
+        let mut value = x[i];
+        for (weight, k) in terms {
+            value += weight * k[i];
+        }
+        x[i] = value;
+    }
+}
+
+/// The numbers of the leapfrog scheme.
+#[derive(Clone, Copy)]
+pub(crate) struct Leap {
+    /// Δt.
+    pub dt: f64,
+    /// The filter's α.
+    pub alpha: f64,
+}
+
+impl Leap {
+    /// (now, before) to (new, filtered).
+    #[inline(always)]
+    pub fn advance(self, now: &mut [f64], before: &mut [f64], slope: &[f64]) {
+        let two_dt = 2.0 * self.dt;
+        let n = now.len();
+        let (before, slope) = (&mut before[..n], &slope[..n]);
+        for i in 0..n {
+            let new = before[i] + two_dt * slope[i];
+            before[i] = now[i] + self.alpha * (new - 2.0 * now[i] + before[i]);
+            now[i] = new;
+        }
+    }
+}
+
+struct LeapRow<'a, 'b> {
+    leapfrog: Leap,
+    levels: &'a mut [&'b mut [f64]],
+    start: usize,
+    nx: usize,
+    slope: &'a [f64],
+}
+
+impl WithSimd for LeapRow<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let part = self.start..self.start + self.nx;
+        let (now, before) = self.levels.split_at_mut(self.levels.len() / 2);
+        for ((now, before), slope) in now.iter_mut().zip(before).zip(self.slope.chunks_exact(self.nx)) {
+            self.leapfrog.advance(&mut now[part.clone()], &mut before[part.clone()], slope);
+        }
+    }
+}
