@@ -37,6 +37,14 @@ impl<'a> Row<'a> {
         row
     }
 
+    /// The rows of the first variables.
+    #[inline(always)]
+    pub fn variables<const N: usize>(&self) -> [&'a [f64]; N] {
+        let mut rows = [&[][..]; N];
+        rows.copy_from_slice(&self.0[..N]);
+        rows
+    }
+
     /// The row of one variable.
     #[inline(always)]
     pub fn variable(&self, variable: usize) -> &'a [f64] {

@@ -41,7 +41,7 @@ pub(crate) fn sweep_tl<T: Tendency>(tendency: &T, scheme: Scheme<'_>, at: &[f64]
         let streams: Option<Vec<_>> = (0..scheme.stages()).map(stream).collect();
         Some(TangentWavefront::new(scheme, streams?, grid, variables))
     };
-    if wavefront().is_none() {
+    if tendency.tangent_row_stream(grid.nx.min(MOST_PLACES)).is_none() {
         return false;
     }
     let mut at = at.to_vec();

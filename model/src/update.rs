@@ -52,11 +52,14 @@ impl WithSimd for Combine<'_, '_> {
 #[inline(always)]
 fn sum<const N: usize>(out: &mut [f64], x: &[f64], terms: [(f64, &[f64]); N], part: std::ops::Range<usize>) {
     let n = out.len();
-    let (x, terms) = (&x[..n], terms.map(|(weight, k)| (weight, &k[part.clone()][..n])));
+    let (x, mut own) = (&x[..n], terms);
+    for term in 0..N {
+        own[term].1 = &terms[term].1[part.clone()][..n];
+    }
     for i in 0..n {
         let mut value = x[i];
-        for (weight, k) in terms {
-            value += weight * k[i];
+        for term in 0..N {
+            value += own[term].0 * own[term].1[i];
         }
         out[i] = value;
     }
@@ -88,11 +91,14 @@ impl WithSimd for AddSlopes<'_, '_, '_> {
 #[inline(always)]
 fn add<const N: usize>(x: &mut [f64], terms: [(f64, &[f64]); N], part: std::ops::Range<usize>) {
     let n = x.len();
-    let terms = terms.map(|(weight, k)| (weight, &k[part.clone()][..n]));
+    let mut own = terms;
+    for term in 0..N {
+        own[term].1 = &terms[term].1[part.clone()][..n];
+    }
     for i in 0..n {
         let mut value = x[i];
-        for (weight, k) in terms {
-            value += weight * k[i];
+        for term in 0..N {
+            value += own[term].0 * own[term].1[i];
         }
         x[i] = value;
     }

@@ -38,6 +38,7 @@ use crate::rows::RowStream;
 use crate::scheme::{SpectralBounds, Tendency};
 use crate::state::{Layout, Variable};
 use crate::tangent_wavefront::TangentRowStream;
+use pulp::{Arch, Simd, WithSimd};
 use std::sync::Arc;
 
 /// Number of the thickness h among the variables.
@@ -249,18 +250,28 @@ fn coriolis_at(grid: &Grid, parameters: &ShallowWaterParameters, row: f64) -> f6
 }
 
 /// The largest absolute value (not a number counting as none).
-///
-/// In eight lanes, as one running maximum would wait for each comparison.
 fn largest(field: &[f64]) -> f64 {
-    let mut lanes = [0.0_f64; 8];
-    let chunks = field.chunks_exact(8);
-    let rest = chunks.remainder();
-    for chunk in chunks {
-        for (lane, value) in lanes.iter_mut().zip(chunk) {
-            *lane = if value.abs() > *lane { value.abs() } else { *lane };
+    Arch::new().dispatch(Largest(field))
+}
+
+struct Largest<'a>(&'a [f64]);
+
+impl WithSimd for Largest<'_> {
+    type Output = f64;
+
+    /// In eight lanes, as one running maximum would wait for each comparison.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) -> f64 {
+        let mut lanes = [0.0_f64; 8];
+        let (chunks, rest) = self.0.as_chunks::<8>();
+        for chunk in chunks {
+            for lane in 0..8 {
+                let size = chunk[lane].abs();
+                lanes[lane] = if size > lanes[lane] { size } else { lanes[lane] };
+            }
         }
+        lanes.iter().chain(rest).fold(0.0, |largest: f64, value| largest.max(value.abs()))
     }
-    lanes.iter().chain(rest).fold(0.0, |largest: f64, value| largest.max(value.abs()))
 }
 
 /// Cuts scratch space into padded fields.

@@ -137,8 +137,7 @@ fn diagnose(
     q: &mut [f64],
     b: &mut [f64],
 ) {
-    let [h_s, u_s, v_s] = [H, U, V].map(|variable| south.variable(variable));
-    let [h, u, v] = [H, U, V].map(|variable| north.variable(variable));
+    let ([h_s, u_s, v_s], [h, u, v]) = (south.variables(), north.variables());
     let last = h.len() - 1;
     // The first place, west of which is the last.
     (flux_x[0], flux_y[1], q[0], b[last + 1]) =

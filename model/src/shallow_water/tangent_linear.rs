@@ -14,6 +14,7 @@
 use super::tendency::{Diagnostics, add_damping, diagnose, load_all, minus_divergence, minus_gradient, zeros};
 use super::{ShallowWater, VectorInvariant, padded_fields};
 use crate::grid::Location;
+use crate::halo::Halo;
 
 /// The coefficient fields of N'(x̄), padded, with the means' factors ½ and ¼ in them.
 #[derive(Clone, Debug)]
@@ -47,7 +48,6 @@ impl Coefficients {
     /// The coefficients at a state `[variable, y, x]`.
     pub(super) fn new(model: &ShallowWater, at: &[f64]) -> Self {
         let halo = &model.halo;
-        let n = halo.core_len();
         let [mut h, mut u, mut v, mut mass_flux_x, mut mass_flux_y, mut q, mut bernoulli] = zeros(halo);
         load_all(model, at, [&mut h, &mut u, &mut v]);
         diagnose(
@@ -62,42 +62,61 @@ impl Coefficients {
                 bernoulli: &mut bernoulli,
             },
         );
-        let build = |value: &dyn Fn(usize) -> f64| {
-            let mut field = halo.zeros();
-            halo.core_mut(&mut field).iter_mut().enumerate().for_each(|(k, out)| *out = value(k));
-            field
-        };
         let (h0, h_w, h_s, h_sw) =
             (halo.core(&h), halo.shift(&h, 0, -1), halo.shift(&h, -1, 0), halo.shift(&h, -1, -1));
-        let (u0, v0, q0) = (halo.core(&u), halo.core(&v), halo.core(&q));
-        let (q_n, q_e) = (halo.shift(&q, 1, 0), halo.shift(&q, 0, 1));
+        let (q0, q_n, q_e) = (halo.core(&q), halo.shift(&q, 1, 0), halo.shift(&q, 0, 1));
         let flux_x = |rows, columns| halo.shift(&mass_flux_x, rows, columns);
         let flux_y = |rows, columns| halo.shift(&mass_flux_y, rows, columns);
-        let thickness_sum = |k: usize| h0[k] + h_w[k] + h_s[k] + h_sw[k];
-        debug_assert_eq!(q0.len(), n);
         let vorticity_term = match model.form {
             VectorInvariant::PotentialEnstrophy => VorticityTerm::PotentialEnstrophy {
-                flux_y: build(&|k| 0.125 * (flux_y(0, 0)[k] + flux_y(0, -1)[k] + flux_y(1, 0)[k] + flux_y(1, -1)[k])),
-                q_x: build(&|k| 0.125 * (q0[k] + q_n[k])),
-                flux_x: build(&|k| 0.125 * (flux_x(0, 0)[k] + flux_x(0, 1)[k] + flux_x(-1, 0)[k] + flux_x(-1, 1)[k])),
-                q_y: build(&|k| 0.125 * (q0[k] + q_e[k])),
+                flux_y: sum(halo, 0.125, [flux_y(0, 0), flux_y(0, -1), flux_y(1, 0), flux_y(1, -1)]),
+                q_x: sum(halo, 0.125, [q0, q_n]),
+                flux_x: sum(halo, 0.125, [flux_x(0, 0), flux_x(0, 1), flux_x(-1, 0), flux_x(-1, 1)]),
+                q_y: sum(halo, 0.125, [q0, q_e]),
             },
             VectorInvariant::Energy => VorticityTerm::Energy {
-                flux_y: build(&|k| 0.25 * (flux_y(0, 0)[k] + flux_y(0, -1)[k])),
-                flux_x: build(&|k| 0.25 * (flux_x(0, 0)[k] + flux_x(-1, 0)[k])),
-                q: build(&|k| 0.25 * q0[k]),
+                flux_y: sum(halo, 0.25, [flux_y(0, 0), flux_y(0, -1)]),
+                flux_x: sum(halo, 0.25, [flux_x(0, 0), flux_x(-1, 0)]),
+                q: sum(halo, 0.25, [q0]),
             },
         };
+        let mut per_thickness = sum(halo, 1.0, [h0, h_w, h_s, h_sw]);
+        let mut quarter_q_per_thickness = halo.zeros();
+        let (per, quarter_q) = (halo.core_mut(&mut per_thickness), halo.core_mut(&mut quarter_q_per_thickness));
+        let (n, q0) = (per.len(), &q0[..per.len()]);
+        let quarter_q = &mut quarter_q[..n];
+        for k in 0..n {
+            (per[k], quarter_q[k]) = (4.0 / per[k], q0[k] / per[k]);
+        }
         Self {
-            thickness_x: build(&|k| 0.5 * (h0[k] + h_w[k])),
-            thickness_y: build(&|k| 0.5 * (h0[k] + h_s[k])),
-            half_u: build(&|k| 0.5 * u0[k]),
-            half_v: build(&|k| 0.5 * v0[k]),
-            per_thickness: build(&|k| 4.0 / thickness_sum(k)),
-            quarter_q_per_thickness: build(&|k| q0[k] / thickness_sum(k)),
+            thickness_x: sum(halo, 0.5, [h0, h_w]),
+            thickness_y: sum(halo, 0.5, [h0, h_s]),
+            half_u: sum(halo, 0.5, [halo.core(&u)]),
+            half_v: sum(halo, 0.5, [halo.core(&v)]),
+            per_thickness,
+            quarter_q_per_thickness,
             vorticity_term,
         }
     }
+}
+
+/// A padded field: the terms' sum, in their order, times a factor.
+#[inline(always)]
+fn sum<const N: usize>(halo: &Halo, factor: f64, terms: [&[f64]; N]) -> Vec<f64> {
+    let mut field = halo.zeros();
+    let out = halo.core_mut(&mut field);
+    let (n, mut own) = (out.len(), terms);
+    for term in 0..N {
+        own[term] = &terms[term][..n];
+    }
+    for k in 0..n {
+        let mut value = own[0][k];
+        for term in 1..N {
+            value += own[term][k];
+        }
+        out[k] = factor * value;
+    }
+    field
 }
 
 /// `out` = N'(x̄) dx.

@@ -68,33 +68,23 @@ impl RowCoefficients {
     /// Between two rows of the state, the northern of which `rows` was told last.
     #[inline(always)]
     fn compute(&mut self, form: VectorInvariant, rows: &ShallowWaterRows<'_>, south: Row<'_>, north: Row<'_>) {
-        let [h_s, u_s, v_s] = [H, U, V].map(|variable| south.variable(variable));
-        let [h, u, v] = [H, U, V].map(|variable| north.variable(variable));
+        let ([h_s, u_s, v_s], [h, u, v]) = (south.variables(), north.variables());
         let n = h.len();
-        for (wind, out) in [u_s, u].into_iter().zip(&mut self.half_u).chain([v_s, v].into_iter().zip(&mut self.half_v))
-        {
-            for (out, wind) in out[..n].iter_mut().zip(wind) {
-                *out = 0.5 * wind;
-            }
-        }
+        let ([half_u_s, half_u], [half_v_s, half_v]) = (&mut self.half_u, &mut self.half_v);
+        halve(u_s, half_u_s);
+        halve(u, half_u);
+        halve(v_s, half_v_s);
+        halve(v, half_v);
+        self.thickness_of(h, h_s, &rows.q[1]);
         let q_n = &rows.q[1][..n];
-        let mut thickness = |i: usize, w: usize| {
-            self.thickness_x[i] = 0.5 * (h[i] + h[w]);
-            self.thickness_y[i] = 0.5 * (h[i] + h_s[i]);
-            let per_sum = 1.0 / (h[i] + h[w] + h_s[i] + h_s[w]);
-            self.per_thickness[i] = 4.0 * per_sum;
-            self.quarter_q_per_thickness[i] = q_n[i] * per_sum;
-        };
-        thickness(0, n - 1);
-        for i in 1..n {
-            thickness(i, i - 1);
-        }
         let (q, q_e) = (&rows.q[0][..n], &rows.q[0][1..][..n]);
         let (u_s, u_se) = (&rows.flux_x[0][..n], &rows.flux_x[0][1..][..n]);
         let (u, u_e) = (&rows.flux_x[1][..n], &rows.flux_x[1][1..][..n]);
         let (v_w, v) = (&rows.flux_y[0][..n], &rows.flux_y[0][1..][..n]);
         let (v_nw, v_n) = (&rows.flux_y[1][..n], &rows.flux_y[1][1..][..n]);
-        let [a, a_n, b, b_n, c, c_e, d, d_e] = self.vorticity_term.each_mut().map(|row| &mut row[..n]);
+        let [a, a_n, b, b_n, c, c_e, d, d_e] = &mut self.vorticity_term;
+        let (a, a_n, b, b_n) = (&mut a[..n], &mut a_n[..n], &mut b[..n], &mut b_n[..n]);
+        let (c, c_e, d, d_e) = (&mut c[..n], &mut c_e[..n], &mut d[..n], &mut d_e[..n]);
         match form {
             VectorInvariant::PotentialEnstrophy => {
                 for i in 0..n {
@@ -113,6 +103,35 @@ impl RowCoefficients {
                 }
             }
         }
+    }
+}
+
+impl RowCoefficients {
+    /// h̄ˣ, h̄ʸ, 1/h̄ˣʸ and q/(4 h̄ˣʸ).
+    #[inline(always)]
+    fn thickness_of(&mut self, h: &[f64], h_s: &[f64], q: &[f64]) {
+        let last = h.len() - 1;
+        let place = |h: f64, h_w: f64, h_s: f64, h_sw: f64, q: f64| {
+            let per_sum = 1.0 / (h + h_w + h_s + h_sw);
+            (0.5 * (h + h_w), 0.5 * (h + h_s), 4.0 * per_sum, q * per_sum)
+        };
+        let Self { thickness_x, thickness_y, per_thickness, quarter_q_per_thickness: quarter_q, .. } = self;
+        (thickness_x[0], thickness_y[0], per_thickness[0], quarter_q[0]) =
+            place(h[0], h[last], h_s[0], h_s[last], q[0]);
+        let (h, h_w, h_s, h_sw, q) = (&h[1..], &h[..last], &h_s[1..][..last], &h_s[..last], &q[1..][..last]);
+        let (thickness_x, thickness_y) = (&mut thickness_x[1..][..last], &mut thickness_y[1..][..last]);
+        let (per_thickness, quarter_q) = (&mut per_thickness[1..][..last], &mut quarter_q[1..][..last]);
+        for i in 0..last {
+            (thickness_x[i], thickness_y[i], per_thickness[i], quarter_q[i]) =
+                place(h[i], h_w[i], h_s[i], h_sw[i], q[i]);
+        }
+    }
+}
+
+#[inline(always)]
+fn halve(of: &[f64], out: &mut [f64]) {
+    for (out, of) in out.iter_mut().zip(of) {
+        *out = 0.5 * of;
     }
 }
 
@@ -196,6 +215,16 @@ fn places_mut<S: Simd, const P: usize, const K: usize>(row: &mut [f64]) -> &mut 
     S::as_mut_simd_f64s(row).0.as_chunks_mut().0.as_chunks_mut().0
 }
 
+/// One vector of each quantity of a place.
+#[inline(always)]
+fn part_of<V: Copy, const P: usize, const K: usize>(place: &[[V; P]; K], part: usize) -> [V; K] {
+    let mut vectors = [place[0][part]; K];
+    for quantity in 1..K {
+        vectors[quantity] = place[quantity][part];
+    }
+    vectors
+}
+
 /// The tendency of the southern row, and what the next will need, in one pass from west to east. What the stencils
 /// reach for in the west is carried along.
 #[inline(always)]
@@ -219,17 +248,17 @@ fn push<S: Simd, const P: usize>(
     let kept = &mut places_mut::<S, P, KEPT>(&mut rows.kept)[..=n];
     let last = n - 1;
     for part in 0..P {
-        let take = |place: &[[S::f64s; P]; VARIABLES]| [place[H][part], place[U][part], place[V][part]];
         // Of the place in the west, beginning with that west of the first: states, and U, U + U[S], V, q and B.
-        let ([mut h_w, _, mut v_w], [mut h_sw, mut u_sw, mut v_sw]) = (take(&north[last]), take(&south[last]));
+        let ([mut h_w, _, mut v_w], [mut h_sw, mut u_sw, mut v_sw]) =
+            (part_of(&north[last], part), part_of(&south[last], part));
         let mut flux_y_w = add(mul(splat(at.thickness_y[last]), v_w), mul(splat(at.half_v[1][last]), add(h_w, h_sw)));
-        let mut kept_w = kept[last].map(|quantity| quantity[part]);
+        let mut kept_w = part_of(&kept[last], part);
         let (mut q_w, mut b_ww) = (flux_y_w, flux_y_w);
         let (mut flux_y_ww, mut flux_y_sww) = (flux_y_w, flux_y_w);
         for i in 0..=n {
             let (e, w) = (if i == n { 0 } else { i }, if i == 0 { last } else { i - 1 });
-            let ([h, u, v], [h_s, u_s, v_s]) = (take(&north[e]), take(&south[e]));
-            let kept_s = kept[i].map(|quantity| quantity[part]);
+            let ([h, u, v], [h_s, u_s, v_s]) = (part_of(&north[e], part), part_of(&south[e], part));
+            let kept_s = part_of(&kept[i], part);
             let (sum, sum_s) = (add(h, h_w), add(h_s, h_sw));
             let flux_x = add(mul(splat(at.thickness_x[e]), u), mul(splat(at.half_u[1][e]), sum));
             let flux_y = add(mul(splat(at.thickness_y[e]), v), mul(splat(at.half_v[1][e]), add(h, h_s)));
@@ -241,12 +270,14 @@ fn push<S: Simd, const P: usize>(
             let kinetic_x = add(mul(splat(at.half_u[0][w]), u_sw), mul(splat(at.half_u[0][e]), u_s));
             let kinetic_y = add(mul(splat(at.half_v[0][w]), v_sw), mul(splat(at.half_v[1][w]), v_w));
             let b_w = add(mul(gravity, h_sw), add(kinetic_x, kinetic_y));
-            for (out, value) in kept[i].iter_mut().zip([flux_x, add(flux_x, kept_s[0]), flux_y, q]) {
-                out[part] = value;
-            }
+            let keep = &mut kept[i];
+            (keep[0][part], keep[1][part]) = (flux_x, add(flux_x, kept_s[0]));
+            (keep[2][part], keep[3][part]) = (flux_y, q);
             if i > 0 {
                 let [flux_x_sw, sum_x_sw, flux_y_sw, q_sw, b_sw] = kept_w;
-                let [a, a_n, m, m_n, c, c_e, d, d_e] = at.vorticity_term.each_ref().map(|row| splat(row[w]));
+                let [a, a_n, m, m_n, c, c_e, d, d_e] = &at.vorticity_term;
+                let (a, a_n, m, m_n) = (splat(a[w]), splat(a_n[w]), splat(m[w]), splat(m_n[w]));
+                let (c, c_e, d, d_e) = (splat(c[w]), splat(c_e[w]), splat(d[w]), splat(d_e[w]));
                 kept[w][4][part] = b_w;
                 let out = &mut tendency[w];
                 out[H][part] = add(mul(sub(flux_x_sw, kept_s[0]), per_dx), mul(sub(flux_y_sw, flux_y_w), per_dy));
