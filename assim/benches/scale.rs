@@ -103,6 +103,9 @@ fn measure(n: usize, request: &Request) -> Cost {
         bias_coupling: BiasCoupling::Carry,
         factors: request.factors - 2,
         residual: Residual::Probe { count: PROBES },
+        retained_energy: 1.0,
+        largest_component: usize::MAX,
+        separator_factors: 0,
     };
     let mut filter = FastKalmanFilter::new(problem.clone(), settings).expect("a filter");
     let setup_s = began.elapsed().as_secs_f64();
@@ -216,11 +219,8 @@ fn instruments(n: usize) -> [InstrumentConfig; 2] {
     let stations = StationSource::Random { count: (n * n / 170).max(6), groups };
     let mut sondes = RadiosondeConfig::new("sondes", stations);
     sondes.reference_groups = vec!["A".into()];
-    sondes.biases = vec![StationBias {
-        variable: "h".into(),
-        scope: BiasScope::EachStation,
-        process: BiasProcess::constant(8.0),
-    }];
+    sondes.biases =
+        vec![StationBias { variable: "h".into(), scope: BiasScope::EachStation, process: BiasProcess::constant(8.0) }];
     let bias = |term| ScanBias { term, process: BiasProcess::constant(7.0) };
     let spacing_m = 3.07 * SPACING_M;
     let positions = (0.9 * width_m / spacing_m) as usize;

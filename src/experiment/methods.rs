@@ -54,9 +54,18 @@ pub(super) fn describe(method: &Method) -> String {
                 BiasCoupling::Carry => "carried",
                 BiasCoupling::Drop => "dropped",
             };
-            let factors = settings.factors;
+            let factors = match settings.retained_energy {
+                retained if retained < 1.0 => {
+                    format!(
+                        "up to {} common factors, which hold {} % of their energy",
+                        settings.factors,
+                        100.0 * retained
+                    )
+                }
+                _ => format!("{} common factors", settings.factors),
+            };
             format!(
-                "Fast Kalman Filter, {factors} common factors, {blocks} {residual}, covariance with biases {coupling}, \
+                "Fast Kalman Filter, {factors}, {blocks} {residual}, covariance with biases {coupling}, \
                  {bias}"
             )
         }

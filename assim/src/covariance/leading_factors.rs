@@ -101,7 +101,8 @@ fn orthonormalise(basis: &mut TallMatrix) {
         if off.map(|(i, j)| (gram[(i, j)] - f64::from(i == j)).abs()).fold(0.0, f64::max) < 1e-6 {
             return;
         }
-        let scale: Vec<f64> = (0..n).map(|i| if gram[(i, i)] > 0.0 { gram[(i, i)].sqrt().recip() } else { 0.0 }).collect();
+        let scale: Vec<f64> =
+            (0..n).map(|i| if gram[(i, i)] > 0.0 { gram[(i, i)].sqrt().recip() } else { 0.0 }).collect();
         let scaled = |shift: f64| {
             Mat::from_fn(n, n, |i, j| scale[i] * gram[(i, j)] * scale[j] + if i == j { shift } else { 0.0 })
         };
@@ -134,7 +135,7 @@ fn pseudo_root(matrix: Mat<f64>) -> Mat<f64> {
 }
 
 /// The eigenvectors of the `count` largest eigenvalues of a symmetric matrix, in descending order, as columns.
-pub(crate) fn leading_eigenvectors(matrix: MatRef<'_, f64>, count: usize) -> Mat<f64> {
+fn leading_eigenvectors(matrix: MatRef<'_, f64>, count: usize) -> Mat<f64> {
     let (_, vectors) = eigen(matrix);
     Mat::from_fn(matrix.nrows(), count, |i, j| vectors[(i, matrix.nrows() - 1 - j)])
 }
