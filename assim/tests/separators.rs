@@ -110,15 +110,7 @@ fn as_many_factors_as_variables_are_the_kalman_filter_with_separators_too() {
         reference.forecast(WINDOW).unwrap();
         let (analysis, expected) = (fast.analyse(&observed).unwrap(), reference.analyse(&observed).unwrap());
         let found = difference(&analysis, &expected);
-        let cov = relative_difference(&flat(&fast.dense_covariance()), &flat(&reference.covariance().to_owned()));
-        let st = relative_difference(analysis.estimate.state.values(), expected.estimate.state.values());
-        println!(
-            "{cycle}: {found:e} cov {cov:e} state {st:e} {:?} {:?} {:?} {:?}",
-            analysis.estimate.calibration,
-            expected.estimate.calibration,
-            analysis.estimate.calibration_spread,
-            expected.estimate.calibration_spread
-        );
+        assert!(found < 1e-8, "cycle {cycle}: {found:e}");
     }
 }
 
@@ -141,8 +133,7 @@ fn separators_keep_what_merging_loses_in_the_forecast() {
     let with =
         |largest_component| FastKalmanSettings { residual: Residual::Persist, ..cells(20, largest_component, 1000) };
     let (merged, separated) = (run(with(usize::MAX)), run(with(4)));
-    println!("{merged} {separated}");
-    assert!(separated < merged, "{separated} with separators, {merged} merged");
+    assert!(separated < 0.8 * merged, "{separated} with separators, {merged} merged");
 }
 
 #[test]

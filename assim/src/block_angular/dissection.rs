@@ -148,7 +148,6 @@ mod tests {
             check(&graph, &tree, limit);
             let wanted = 2.0 * n as f64 * ((tiles as f64).sqrt() - 1.0);
             let border = tree.border().len() as f64;
-            println!("{tiles}: {border} {wanted}");
             assert!(border <= 1.1 * wanted, "{tiles} tiles: a border of {border}, {wanted} wanted");
             assert!(tree.members.iter().filter(|member| !member.separator).count() >= tiles);
         }
