@@ -81,7 +81,7 @@ impl FastKalmanFilter {
         }
         let seen = seen_variables(rows, self.blocks.variables());
         let separation = self.separate(&components, &touched, &seen);
-        if separation.unknowns > self.settings.separator_factors {
+        if separation.unknowns > self.settings.separator_factors || !self.fits(separation.unknowns) {
             let mut partition = self.report(&components, &Separation::default());
             let (chi2, sizes) = self.update_nested(rows, innovations, &seen)?;
             (partition.nested, partition.separators) = (true, sizes.separators);
@@ -93,6 +93,13 @@ impl FastKalmanFilter {
         components = block_angular::components(self.blocks.count(), &touched);
         let partition = self.report(&components, &separation);
         Ok((self.update_components(&components, rows, innovations)?, partition))
+    }
+
+    /// Whether there is memory for so many factors more, beside the blocks, those of Q, and the factors of both.
+    fn fits(&self, more_factors: usize) -> bool {
+        let (b, r) = (self.blocks.variables() as u64, self.covariance.factors.columns() as u64);
+        let needed_bytes = 8 * (3 * self.blocks.matrices_len() as u64 + b * (2 * r + more_factors as u64));
+        needed_bytes <= self.problem.memory_limit_bytes
     }
 
     fn update_components(
