@@ -42,7 +42,8 @@ pub struct MethodScores {
     pub bias_spread: Option<f64>,
     /// Normalised innovation squared per observation; 1 if the claimed covariances are right.
     pub innovation_chi2: Option<f64>,
-    /// The partition of the cycle with the largest component, for a method with blocks.
+    /// The partition of the cycle with the largest component or, where components are cut, the most to cut; for a method
+    /// with blocks.
     pub partition: Option<Partition>,
     /// How well the errors are known, over more than one cycle.
     #[serde(default)]
@@ -99,8 +100,34 @@ pub struct Partition {
     pub largest_component_variables: usize,
     /// Blocks that no observation touches.
     pub unobserved_blocks: usize,
-    /// Shared unknowns that border all blocks.
+    /// The fewest common factors of any cycle, with those that carry shared parameters.
+    #[serde(default)]
+    pub fewest_factors: usize,
+    /// The most.
+    #[serde(default)]
+    pub most_factors: usize,
+    /// Separators that cut components too large to be merged.
+    #[serde(default)]
+    pub separators: usize,
+    /// Unknowns of all separators together.
+    #[serde(default)]
+    pub separator_unknowns: usize,
+    /// Whether each separator borders the parts below it alone, instead of joining the border.
+    #[serde(default)]
+    pub nested: bool,
+    /// Unknowns that border all blocks.
     pub border: usize,
+}
+
+impl Partition {
+    /// The one with more to cut or, if there is nothing, the larger component; the numbers of factors are those of both.
+    pub fn worse(self, other: Self) -> Self {
+        let fewest_factors = self.fewest_factors.min(other.fewest_factors);
+        let most_factors = self.most_factors.max(other.most_factors);
+        let size = |it: &Self| (it.separator_unknowns, it.largest_component_variables);
+        let worse = if size(&self) >= size(&other) { self } else { other };
+        Self { fewest_factors, most_factors, ..worse }
+    }
 }
 
 impl From<&PartitionReport> for Partition {
@@ -112,6 +139,10 @@ impl From<&PartitionReport> for Partition {
             largest_component_blocks,
             largest_component_variables,
             unobserved_blocks,
+            factors,
+            separators,
+            separator_unknowns,
+            nested,
             border,
         } = report;
         Self {
@@ -121,6 +152,11 @@ impl From<&PartitionReport> for Partition {
             largest_component_blocks,
             largest_component_variables,
             unobserved_blocks,
+            fewest_factors: factors,
+            most_factors: factors,
+            separators,
+            separator_unknowns,
+            nested,
             border,
         }
     }

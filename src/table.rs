@@ -1,7 +1,7 @@
 //! Scores as tables: at the end of a run, and against the accepted ones.
 
 use crate::scenario::{Expected, ExpectedScores};
-use crate::summary::{MethodScores, Summary};
+use crate::summary::{MethodScores, Partition, Summary};
 use comfy_table::{CellAlignment, ContentArrangement, Table};
 
 /// Width of all tables, on a terminal and in a pipe.
@@ -74,15 +74,32 @@ fn partitions(summary: &Summary) -> String {
         .iter()
         .filter_map(|(name, scores)| {
             let own = scores.partition.as_ref()?;
+            let cut = match (own.separators, own.nested) {
+                (0, _) => String::new(),
+                (count, false) => format!(", {} of them from {count} separators", own.separator_unknowns),
+                (count, true) => format!("; {count} separators of {} unknowns, nested", own.separator_unknowns),
+            };
             Some(format!(
-                "{name}: {} blocks, of which observations link up to {} ({} variables) into one; border {}",
-                own.blocks, own.largest_component_blocks, own.largest_component_variables, own.border
+                "{name}: {} blocks, of which observations link up to {} ({} variables) into one; {} factors; border {}{cut}",
+                own.blocks,
+                own.largest_component_blocks,
+                own.largest_component_variables,
+                factors(own),
+                own.border
             ))
         })
         .collect();
     match described.is_empty() {
         true => String::new(),
         false => format!("\n\nPartition\n{}", described.join("\n")),
+    }
+}
+
+/// The number of common factors, or from where to where it went.
+pub(crate) fn factors(partition: &Partition) -> String {
+    match (partition.fewest_factors, partition.most_factors) {
+        (fewest, most) if fewest == most => most.to_string(),
+        (fewest, most) => format!("{fewest} to {most}"),
     }
 }
 

@@ -104,11 +104,9 @@ impl Scorecard {
                 *own += other;
             }
         }
-        self.partition = match (self.partition.take(), &cycle.partition) {
-            (Some(own), Some(other)) if own.largest_component_variables >= other.largest_component_variables => {
-                Some(own)
-            }
-            (_, other) => other.clone(),
+        self.partition = match (self.partition.take(), cycle.partition.clone()) {
+            (Some(own), Some(other)) => Some(own.worse(other)),
+            (own, other) => own.or(other),
         };
     }
 

@@ -119,6 +119,9 @@ fn measure(n: usize, request: &Request) -> Cost {
         bias_coupling: BiasCoupling::Carry,
         factors: request.factors - 2,
         residual: Residual::Probe { count: PROBES },
+        retained_energy: 1.0,
+        largest_component: usize::MAX,
+        separator_factors: 0,
     };
     let mut filter = FastKalmanFilter::new(problem.clone(), settings).expect("a filter");
     if request.grid > 1 {

@@ -5,7 +5,7 @@ mod common;
 use common::*;
 use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side};
-use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter};
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::serial_kalman::SerialKalmanFilter;
 use isobar_assim::variational::{ThreeDVar, ThreeDVarSettings};
@@ -14,8 +14,7 @@ use isobar_model::State;
 use isobar_model::random::{standard_normals, stream};
 
 fn fast_kalman(problem: &Problem, blocks: BlockShape, bias_coupling: BiasCoupling) -> FastKalmanFilter {
-    let settings = FastKalmanSettings { blocks, bias_coupling, factors: 0, residual: Residual::Exact };
-    FastKalmanFilter::new(problem.clone(), settings).unwrap()
+    FastKalmanFilter::new(problem.clone(), settings(blocks, bias_coupling)).unwrap()
 }
 
 /// A method that has the covariance of (x, c) as a matrix.
@@ -343,12 +342,7 @@ fn what_does_not_fit_into_memory_is_refused_with_the_figure() {
     let error = KalmanFilter::new(problem.clone()).err().unwrap();
     assert!(matches!(error, Error::TooLarge { needed_bytes: 70_560, limit_bytes: 10_000, .. }), "{error}");
     assert_eq!(SerialKalmanFilter::new(problem.clone()).err().unwrap(), error);
-    let settings = FastKalmanSettings {
-        blocks: BlockShape::Cell,
-        bias_coupling: BiasCoupling::Carry,
-        factors: 0,
-        residual: Residual::Exact,
-    };
+    let settings = settings(BlockShape::Cell, BiasCoupling::Carry);
     assert!(matches!(FastKalmanFilter::new(problem.clone(), settings).err(), Some(Error::TooLarge { .. })));
     // Blocks that fit, but not the component into which the observations merge them.
     problem.memory_limit_bytes = 45_000;

@@ -16,7 +16,7 @@ use isobar_model::{
 use std::sync::Arc;
 
 fn filter(problem: &Problem, blocks: BlockShape, factors: usize, residual: Residual) -> FastKalmanFilter {
-    let settings = FastKalmanSettings { blocks, bias_coupling: BiasCoupling::Carry, factors, residual };
+    let settings = FastKalmanSettings { factors, residual, ..settings(blocks, BiasCoupling::Carry) };
     FastKalmanFilter::new(problem.clone(), settings).unwrap()
 }
 
@@ -135,10 +135,9 @@ fn leading_factors_are_below_the_covariance_and_hold_its_energy() {
 fn the_factor_settings_that_make_no_sense_are_refused() {
     let problem = problem(true, calibration(1, 0, 0.0), 2);
     let mut settings = FastKalmanSettings {
-        blocks: BlockShape::Cell,
-        bias_coupling: BiasCoupling::Carry,
         factors: 41,
         residual: Residual::Probe { count: 4 },
+        ..settings(BlockShape::Cell, BiasCoupling::Carry)
     };
     let error = |settings| FastKalmanFilter::new(problem.clone(), settings).err().unwrap().to_string();
     assert_eq!(error(settings), "41 common factors are more than the 40 variables they describe");

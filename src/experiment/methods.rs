@@ -65,7 +65,16 @@ pub(super) fn describe(method: &Method) -> String {
                 BiasCoupling::Carry => "carried",
                 BiasCoupling::Drop => "dropped",
             };
-            let mut factors = format!("{} common factors", settings.factors);
+            let mut factors = match settings.retained_energy {
+                retained if retained < 1.0 => {
+                    format!(
+                        "up to {} common factors, which hold {} % of their energy",
+                        settings.factors,
+                        100.0 * retained
+                    )
+                }
+                _ => format!("{} common factors", settings.factors),
+            };
             if *factor_grid > 1 {
                 factors += &format!(" on a grid {factor_grid} times as wide");
             }

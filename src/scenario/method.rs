@@ -13,6 +13,15 @@ use toml::de::DeValue;
 /// Draws that show how much of the residual blocks a forecast keeps, unless the scenario says how many.
 const DEFAULT_PROBES: usize = 8;
 
+/// The most common factors.
+const MOST_FACTORS: usize = 100_000;
+
+/// Variables up to which blocks that observations link are merged, unless the scenario says how many.
+const DEFAULT_LARGEST_COMPONENT: usize = 1500;
+
+/// Factors that the separators of larger components may add for an analysis, unless the scenario says how many.
+const DEFAULT_SEPARATOR_FACTORS: usize = 400;
+
 /// A method with its settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Method {
@@ -67,7 +76,18 @@ const KINDS: &[Kind<Which>] = &[
     (
         "fkf",
         Which::FastKalman,
-        &["bias", "blocks", "bias_coupling", "factors", "factor_grid", "residual", "probes", "memory_limit_gb"],
+        &[
+            "bias",
+            "blocks",
+            "bias_coupling",
+            "factors",
+            "factor_grid",
+            "residual",
+            "probes",
+            "largest_component",
+            "separator_factors",
+            "memory_limit_gb",
+        ],
     ),
 ];
 
@@ -123,7 +143,7 @@ fn method(field: &Field<'_>, grid: &Grid) -> Read<Method> {
 
 fn fast_kalman(section: &Section<'_>, grid: &Grid) -> Read<FastKalmanSettings> {
     const COUPLINGS: &[(&str, BiasCoupling)] = &[("carry", BiasCoupling::Carry), ("drop", BiasCoupling::Drop)];
-    let factors = section.whole_or("factors", 0, 0, 100_000)?;
+    let (factors, retained_energy) = section.optional("factors").map_or(Ok((0, 1.0)), |field| factors(&field))?;
     let probe = Residual::Probe { count: section.whole_or("probes", DEFAULT_PROBES, 1, 1000)? };
     let residuals = [("exact", Residual::Exact), ("persist", Residual::Persist), ("probe", probe)];
     // Without factors the blocks hold all there is, and only the exact forecast does them justice.
@@ -138,7 +158,10 @@ fn fast_kalman(section: &Section<'_>, grid: &Grid) -> Read<FastKalmanSettings> {
         blocks: section.optional("blocks").map_or(Ok(BlockShape::Cell), |field| blocks(&field, grid))?,
         bias_coupling,
         factors,
+        retained_energy,
         residual: section.optional("residual").map_or(Ok(default), |field| field.choice(&residuals))?,
+        largest_component: section.whole_or("largest_component", DEFAULT_LARGEST_COMPONENT, 1, 1_000_000)?,
+        separator_factors: section.whole_or("separator_factors", DEFAULT_SEPARATOR_FACTORS, 0, 100_000)?,
     })
 }
 
@@ -163,6 +186,16 @@ fn factor_grid(section: &Section<'_>, grid: &Grid, settings: FastKalmanSettings)
         return Err(field.invalid(message, "needs `factors`, and residual = \"probe\" or \"persist\""));
     }
     Ok(cells)
+}
+
+/// A number of factors, or how many there may be and the share of their energy that is kept.
+fn factors(field: &Field<'_>) -> Read<(usize, f64)> {
+    if !matches!(field.value.get_ref(), DeValue::Table(_)) {
+        return Ok((field.whole(0, MOST_FACTORS)?, 1.0));
+    }
+    let section = field.section(&["retained", "at_most"])?;
+    let retained = section.required("retained")?.number(Limits::Between(0.01, 1.0))?;
+    Ok((section.required("at_most")?.whole(1, MOST_FACTORS)?, retained))
 }
 
 fn blocks(field: &Field<'_>, grid: &Grid) -> Read<BlockShape> {

@@ -299,6 +299,11 @@ fn analyse(
             largest_component_blocks: 9,
             largest_component_variables: 324,
             unobserved_blocks: 7,
+            fewest_factors: 3,
+            most_factors: 4,
+            separators: 2,
+            separator_unknowns: 5,
+            nested: false,
             border: 4,
         }),
     };

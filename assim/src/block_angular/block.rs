@@ -57,6 +57,13 @@ pub(crate) struct Eliminated {
     pub sensitivity: Mat<f64>,
 }
 
+impl Eliminated {
+    /// Rows \[E d\] for the border whose unknowns are elsewhere.
+    pub(super) fn rows_alone(border_rows: Mat<f64>) -> Self {
+        Self { border_rows, estimate_without_border: Mat::new(), covariance: Mat::new(), sensitivity: Mat::new() }
+    }
+}
+
 impl Block {
     /// The rows without the block's own unknowns; `number` names the block in errors.
     pub(crate) fn eliminate(&self, number: usize, border_unknowns: usize) -> Result<Eliminated, Error> {
@@ -72,27 +79,34 @@ impl RegressionRows {
     fn eliminate(&self, number: usize, p: usize) -> Result<Eliminated, Error> {
         let (n, m) = (self.x.nrows(), self.x.ncols());
         assert!(self.g.ncols() == p && self.g.nrows() == n && self.y.len() == n && self.v.nrows() == n);
-        if n < m {
-            return Err(Error::RankDeficient { what: format!("block {number}"), rank: n, size: m });
-        }
         let v_root = cholesky(self.v.clone(), || format!("the error covariance V of block {number}"))?;
         let mut rows = stack_columns(self.x.as_ref(), self.g.as_ref(), &self.y);
         solve_lower(v_root.as_ref(), rows.as_mut());
-        let r = qr(rows.as_ref()).thin_R().to_owned();
-        let r_x = r.as_ref().get(..m, ..m);
-        let rank = numerical_rank(r_x);
-        if rank < m {
-            return Err(Error::RankDeficient { what: format!("block {number}"), rank, size: m });
-        }
-        let mut right = r.as_ref().get(..m, m..).to_owned();
-        faer::linalg::triangular_solve::solve_upper_triangular_in_place(r_x, right.as_mut(), faer::Par::Seq);
-        Ok(Eliminated {
-            border_rows: r.as_ref().get(m.., m..).to_owned(),
-            estimate_without_border: right.as_ref().get(.., p..).to_owned(),
-            covariance: inverse_from_cholesky(r_x.transpose()),
-            sensitivity: right.as_ref().get(.., ..p).to_owned(),
-        })
+        eliminate_whitened(rows.as_ref(), m, || format!("block {number}"))
     }
+}
+
+/// Eliminates the first `m` unknowns of the rows \[X G y\], whose errors are independent with unit variance.
+pub(super) fn eliminate_whitened(
+    rows: MatRef<'_, f64>,
+    m: usize,
+    name: impl Fn() -> String,
+) -> Result<Eliminated, Error> {
+    let p = rows.ncols() - m - 1;
+    let r = qr(rows).thin_R().to_owned();
+    let rank = if r.nrows() < m { r.nrows() } else { numerical_rank(r.as_ref().get(..m, ..m)) };
+    if rank < m {
+        return Err(Error::RankDeficient { what: name(), rank, size: m });
+    }
+    let r_x = r.as_ref().get(..m, ..m);
+    let mut right = r.as_ref().get(..m, m..).to_owned();
+    faer::linalg::triangular_solve::solve_upper_triangular_in_place(r_x, right.as_mut(), faer::Par::Seq);
+    Ok(Eliminated {
+        border_rows: r.as_ref().get(m.., m..).to_owned(),
+        estimate_without_border: right.as_ref().get(.., p..).to_owned(),
+        covariance: inverse_from_cholesky(r_x.transpose()),
+        sensitivity: right.as_ref().get(.., ..p).to_owned(),
+    })
 }
 
 impl UpdateRows {

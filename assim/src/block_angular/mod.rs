@@ -12,16 +12,28 @@
 //!
 //! The blocks are independent given c: one parallel map, one ordered reduction of the border's information, one
 //! parallel map back. R_k is never formed.
+//!
+//! [`solve`] takes blocks as they are given. [`solve_sparse`] takes sparse rows and finds the blocks: unknowns that rows
+//! link, directly or through others, are a block, and one over a size limit is cut by separators ([`Dissection`]), each of
+//! which borders what it separates.
 
 mod block;
 mod border;
+mod dissection;
+mod front;
+mod graph;
 mod partition;
+mod separator;
+mod sparse;
 
 pub(crate) use block::Eliminated;
 pub use block::{Block, RegressionRows, UpdateRows};
 pub(crate) use border::Information;
 pub use border::Prior;
+pub use dissection::{Dissection, Member};
+pub use graph::Graph;
 pub use partition::{Component, PartitionReport, components};
+pub use sparse::{PartitionSizes, SparseRegression, SparseSolution, solve_sparse};
 
 use crate::error::Error;
 use crate::linalg::{add_product, column};

@@ -14,7 +14,7 @@ pub struct Component {
 pub struct PartitionReport {
     /// Blocks before merging.
     pub blocks: usize,
-    /// Components with observations.
+    /// Components of blocks with observations, without the separators.
     pub components: usize,
     /// Components that hold more than one block.
     pub merged_components: usize,
@@ -24,7 +24,15 @@ pub struct PartitionReport {
     pub largest_component_variables: usize,
     /// Blocks that no observation touches.
     pub unobserved_blocks: usize,
-    /// Shared unknowns that border all blocks.
+    /// Common factors before the analysis, with those that carry shared parameters, without those of separators.
+    pub factors: usize,
+    /// Separators that cut components too large to be merged.
+    pub separators: usize,
+    /// Unknowns of all separators together.
+    pub separator_unknowns: usize,
+    /// Whether the separators were too many for the border, so that each borders the parts below it alone.
+    pub nested: bool,
+    /// Unknowns that border all blocks; those of the separators are among them if they joined it.
     pub border: usize,
 }
 

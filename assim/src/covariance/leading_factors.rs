@@ -133,7 +133,7 @@ fn pseudo_root(matrix: Mat<f64>) -> Mat<f64> {
 }
 
 /// The eigenvectors of the `count` largest eigenvalues of a symmetric matrix, in descending order, as columns.
-pub(crate) fn leading_eigenvectors(matrix: MatRef<'_, f64>, count: usize) -> Mat<f64> {
+fn leading_eigenvectors(matrix: MatRef<'_, f64>, count: usize) -> Mat<f64> {
     let (_, vectors) = eigen(matrix);
     Mat::from_fn(matrix.nrows(), count, |i, j| vectors[(i, matrix.nrows() - 1 - j)])
 }

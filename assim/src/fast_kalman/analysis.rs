@@ -5,6 +5,7 @@
 
 use super::FastKalmanFilter;
 use super::factored_covariance::Patch;
+use super::separation::Separation;
 use crate::block_angular::{Block, Component, Eliminated, Information, PartitionReport, Prior, UpdateRows};
 use crate::error::Error;
 use crate::linalg::{cholesky, column, product};
@@ -62,14 +63,25 @@ impl FastKalmanFilter {
             self.take_in(components, observed, &mut increment);
         }
         let border = information.solve()?;
-        // β̂_k + Φ_b ξ̂ = β̂_k(ξ = 0) + (Φ_b − D) ξ̂: −D is in Φ_b by now.
+        self.finish(&border.estimate, border.covariance, increment)?;
+        Ok(border.residual_chi2)
+    }
+
+    /// Takes in the factors' amplitudes ξ̂ and their covariance S, where β̂_k(ξ = 0) is in the increment and −D_k in Φ.
+    pub(super) fn finish(
+        &mut self,
+        amplitudes: &[f64],
+        covariance: Mat<f64>,
+        mut increment: Vec<f64>,
+    ) -> Result<(), Error> {
+        // β̂_k + Φ_b ξ̂ = β̂_k(ξ = 0) + (Φ_b − D) ξ̂.
         let factors = &mut self.covariance.factors;
-        factors.multiply_add(&border.estimate, &mut increment);
-        let shared_increment = product(factors.shared.as_ref(), column(&border.estimate).as_ref());
-        let root = cholesky(border.covariance, || "the covariance S of the border".into())?;
+        factors.multiply_add(amplitudes, &mut increment);
+        let shared_increment = product(factors.shared.as_ref(), column(amplitudes).as_ref());
+        let root = cholesky(covariance, || "the covariance S of the border".into())?;
         factors.rotate(root.as_ref());
         self.add_increments(&increment, shared_increment.col_as_slice(0));
-        Ok(border.residual_chi2)
+        Ok(())
     }
 
     /// The variables of each component, and what is left of its rows without them.
@@ -98,7 +110,7 @@ impl FastKalmanFilter {
     /// H Φ_b + G Φ_c for the observations of the components, one component after another, `[observations, r]`.
     ///
     /// Factor by factor, because a column of Φ lies together in memory, and its row does not.
-    fn observed_factors(&self, components: &[Component], rows: &SplitRows) -> Vec<f64> {
+    pub(super) fn observed_factors(&self, components: &[Component], rows: &SplitRows) -> Vec<f64> {
         let observations: Vec<usize> =
             components.iter().flat_map(|component| component.observations.iter().copied()).collect();
         let factors = &self.covariance.factors;
@@ -139,8 +151,13 @@ impl FastKalmanFilter {
             }
         }
         let mut cross = Mat::<f64>::zeros(size, n);
+        // What a separator's blocks show is in the factors.
+        let own = |row: usize| {
+            let entries = rows.block.row(row).iter();
+            entries.filter(|entry| component.blocks.binary_search(&self.blocks.place(entry.0).0).is_ok())
+        };
         for (column, &row) in component.observations.iter().enumerate() {
-            for &(variable, weight) in rows.block.row(row) {
+            for &(variable, weight) in own(row) {
                 let source = prior.col_as_slice(locate(variable));
                 for (value, source) in cross.col_as_slice_mut(column).iter_mut().zip(source) {
                     *value += weight * source;
@@ -149,8 +166,7 @@ impl FastKalmanFilter {
         }
         let innovation = Mat::from_fn(n, n, |i, j| {
             let row = component.observations[i];
-            let covariance: f64 =
-                rows.block.row(row).iter().map(|&(variable, weight)| weight * cross[(locate(variable), j)]).sum();
+            let covariance: f64 = own(row).map(|&(variable, weight)| weight * cross[(locate(variable), j)]).sum();
             covariance + if i == j { innovations.variance[row] } else { 0.0 }
         });
         let d = component.observations.iter().map(|&row| innovations.departures[row]).collect();
@@ -158,7 +174,12 @@ impl FastKalmanFilter {
     }
 
     /// Φ_b ← Φ_b − D and the new C_k on the variables of the components; β̂_k(ξ = 0) is added to the increment.
-    fn take_in(&mut self, components: &[Component], observed: Vec<(Vec<usize>, Eliminated)>, increment: &mut [f64]) {
+    pub(super) fn take_in(
+        &mut self,
+        components: &[Component],
+        observed: Vec<(Vec<usize>, Eliminated)>,
+        increment: &mut [f64],
+    ) {
         let m = self.state.values().len();
         self.covariance.factors.for_each_column(|factor, of_state, of_local| {
             for (variables, eliminated) in &observed {
@@ -201,7 +222,7 @@ impl FastKalmanFilter {
         }
     }
 
-    fn component_size(&self, component: &Component) -> usize {
+    pub(super) fn component_size(&self, component: &Component) -> usize {
         component.blocks.iter().map(|&block| self.blocks.size(block)).sum()
     }
 
@@ -221,16 +242,20 @@ impl FastKalmanFilter {
         Ok(())
     }
 
-    pub(super) fn report(&self, components: &[Component]) -> PartitionReport {
+    pub(super) fn report(&self, components: &[Component], separation: &Separation) -> PartitionReport {
         let largest = components.iter().max_by_key(|component| self.component_size(component));
         let observed: usize = components.iter().map(|component| component.blocks.len()).sum();
         PartitionReport {
             blocks: self.blocks.count(),
-            components: components.len(),
+            components: components.iter().filter(|component| !component.blocks.is_empty()).count(),
             merged_components: components.iter().filter(|component| component.blocks.len() > 1).count(),
             largest_component_blocks: largest.map_or(0, |component| component.blocks.len()),
             largest_component_variables: largest.map_or(0, |component| self.component_size(component)),
-            unobserved_blocks: self.blocks.count() - observed,
+            unobserved_blocks: self.blocks.count() - observed - separation.blocks.len(),
+            factors: self.covariance.factors.columns() - separation.unknowns,
+            separators: separation.separators,
+            separator_unknowns: separation.unknowns,
+            nested: false,
             border: self.covariance.factors.columns(),
         }
     }

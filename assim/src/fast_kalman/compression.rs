@@ -2,8 +2,7 @@
 
 use super::blocks::Blocks;
 use super::factored_covariance::FactoredCovariance;
-use crate::covariance::leading_eigenvectors;
-use crate::linalg::{product, qr};
+use crate::linalg::{eigen, product, qr};
 use faer::{Mat, MatRef};
 
 /// What joins the factors in a forecast.
@@ -14,7 +13,30 @@ pub(super) struct Joining<'a> {
     pub drift: &'a [f64],
 }
 
-/// Adds factors, and returns to `rank` of them beside the p that carry the shared parameters.
+/// How many factors stay beside the p that carry the shared parameters.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Kept {
+    /// At most so many.
+    pub at_most: usize,
+    /// No more than hold this share of the factors' energy; 1 for as many as may stay.
+    pub retained: f64,
+}
+
+impl Kept {
+    /// The number of leading directions, given the energies of all in ascending order.
+    fn count(self, energies: &[f64]) -> usize {
+        let wanted = self.retained * energies.iter().sum::<f64>();
+        let mut held = 0.0;
+        let enough = energies.iter().rev().position(|energy| {
+            held += energy;
+            held >= wanted
+        });
+        let needed = if self.retained < 1.0 { enough.map_or(energies.len(), |last| last + 1) } else { energies.len() };
+        needed.min(self.at_most)
+    }
+}
+
+/// Adds factors, and returns to those that are to be kept beside the p that carry the shared parameters.
 ///
 /// `[Φ_b F_Q 0; Φ_c 0 diag(drift)]` is rotated so that p columns carry Φ_c exactly. Of the others the leading
 /// directions stay, where every variable is divided by its scale first (else the wind would be thrown away for the
@@ -26,7 +48,7 @@ pub(super) struct Joining<'a> {
 pub(super) fn join_and_compress(
     covariance: &mut FactoredCovariance,
     joining: &Joining<'_>,
-    rank: usize,
+    kept: Kept,
     scales: &[f64],
     blocks: &Blocks,
 ) {
@@ -34,7 +56,7 @@ pub(super) fn join_and_compress(
     let p = joining.drift.len();
     let (r, q) = (factors.columns(), joining.model_error.ncols());
     let walks = if joining.drift.iter().any(|&sigma| sigma > 0.0) { p } else { 0 };
-    if q + walks == 0 && r <= p + rank {
+    if q + walks == 0 && r <= p + kept.at_most && kept.retained >= 1.0 {
         return;
     }
     let shared = Mat::from_fn(r + q + walks, p, |i, j| {
@@ -56,20 +78,37 @@ pub(super) fn join_and_compress(
         }
     };
     let rest = rotation.as_ref().get(.., p..);
-    let kept = rank.min(rest.ncols());
-    let mut recombination = Mat::zeros(r + q, p + kept);
-    recombination.as_mut().get_mut(.., ..p).copy_from(rotation.as_ref().get(.., ..p));
-    let mut of_rest = recombination.as_mut().get_mut(.., p..);
-    if kept < rest.ncols() {
+    let of_rest = if kept.at_most < rest.ncols() || kept.retained < 1.0 {
         let gram = factors.scaled_gram(joining.model_error, scales);
         let gram = product(rest.transpose(), product(gram.as_ref(), rest).as_ref());
-        of_rest.copy_from(product(rest, leading_eigenvectors(gram.as_ref(), kept).as_ref()));
+        let (energies, directions) = eigen(gram.as_ref());
+        let (all, count) = (energies.len(), kept.count(&energies));
+        let leading = Mat::from_fn(all, count, |i, j| directions[(i, all - 1 - j)]);
+        product(rest, leading.as_ref())
     } else {
-        of_rest.copy_from(rest);
-    }
+        rest.to_owned()
+    };
+    let kept = of_rest.ncols();
+    let mut recombination = Mat::zeros(r + q, p + kept);
+    recombination.as_mut().get_mut(.., ..p).copy_from(rotation.as_ref().get(.., ..p));
+    recombination.as_mut().get_mut(.., p..).copy_from(of_rest);
     own.add_factors(blocks, 1.0, factors);
     factors.recombine(joining.model_error, recombination.as_ref());
     own.add_factors(blocks, -1.0, factors);
     factors.shared = Mat::zeros(p, p + kept);
     factors.shared.as_mut().get_mut(.., ..p).copy_from(&carried);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn as_many_directions_stay_as_hold_the_wanted_energy() {
+        let energies = [0.0, 1.0, 2.0, 3.0, 4.0];
+        let count = |retained, at_most| Kept { at_most, retained }.count(&energies);
+        assert_eq!([count(0.39, 9), count(0.4, 9), count(0.41, 9), count(0.99, 9)], [1, 1, 2, 4]);
+        assert_eq!([count(1.0, 9), count(1.0, 3), count(0.99, 2), count(0.5, 0)], [5, 3, 2, 0]);
+        assert_eq!(Kept { at_most: 3, retained: 0.5 }.count(&[]), 0);
+    }
 }

@@ -31,6 +31,24 @@ impl Factors {
         if variable < m { self.state.column(column)[variable] } else { self.local.column(column)[variable - m] }
     }
 
+    /// Sets an entry of a block variable.
+    pub fn set(&mut self, variable: usize, column: usize, value: f64) {
+        let m = self.state.rows();
+        match variable < m {
+            true => self.state.column_mut(column)[variable] = value,
+            false => self.local.column_mut(column)[variable - m] = value,
+        }
+    }
+
+    /// Appends factors of zeros.
+    pub fn append(&mut self, columns: usize) {
+        self.state.append(columns);
+        self.local.append(columns);
+        let before = &self.shared;
+        let entry = |i: usize, j: usize| if j < before.ncols() { before[(i, j)] } else { 0.0 };
+        self.shared = Mat::from_fn(before.nrows(), before.ncols() + columns, entry);
+    }
+
     /// Φ ← Φ T.
     pub fn rotate(&mut self, t: MatRef<'_, f64>) {
         self.recombine(MatRef::from_column_major_slice(&[], self.state.rows(), 0), t);

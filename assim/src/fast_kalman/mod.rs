@@ -25,12 +25,13 @@ mod compression;
 mod factored_covariance;
 mod factors;
 mod forecast;
+mod nested;
 mod residual;
+mod separation;
 
 pub use blocks::BlockShape;
 
 use crate::assimilator::{Analysis, Assimilator, Estimate};
-use crate::block_angular;
 use crate::covariance::{self, Covariance};
 use crate::error::Error;
 use crate::problem::Problem;
@@ -40,7 +41,7 @@ use crate::tall_matrix::TallMatrix;
 use block_diagonal::BlockDiagonal;
 use blocks::Blocks;
 use coarse_grid::CoarseGrid;
-use compression::{Joining, join_and_compress};
+use compression::{Joining, Kept, join_and_compress};
 use factored_covariance::FactoredCovariance;
 use factors::Factors;
 use faer::{Mat, MatRef};
@@ -60,16 +61,23 @@ pub enum BiasCoupling {
 }
 
 /// How the filter is set up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FastKalmanSettings {
     /// The blocks.
     pub blocks: BlockShape,
     /// The covariance of blocks and shared parameters.
     pub bias_coupling: BiasCoupling,
-    /// Common factors beside those of the shared parameters.
+    /// Common factors beside those of the shared parameters, at most.
     pub factors: usize,
+    /// The share of the factors' energy, each variable divided by its scale, for which a forecast keeps the leading
+    /// ones; 1 for as many as there may be.
+    pub retained_energy: f64,
     /// The forecast of the blocks.
     pub residual: Residual,
+    /// Variables of the largest component that observations may merge; a larger one is cut by separators.
+    pub largest_component: usize,
+    /// The most factors that separators may add to the common ones for an analysis; with more the elimination is nested.
+    pub separator_factors: usize,
 }
 
 /// How the block-diagonal part C_k of the covariance is forecast.
@@ -300,7 +308,8 @@ impl FastKalmanFilter {
         let none = MatRef::from_column_major_slice(&[], m, 0);
         let model_error = self.model_error.as_ref().map_or(none, |model_error| model_error.factors.as_ref());
         let joining = Joining { model_error, drift: &shared_drift };
-        join_and_compress(covariance, &joining, self.settings.factors, &self.scales, &self.blocks);
+        let kept = Kept { at_most: self.settings.factors, retained: self.settings.retained_energy };
+        join_and_compress(covariance, &joining, kept, &self.scales, &self.blocks);
         Ok(())
     }
 }
@@ -315,15 +324,7 @@ impl Assimilator for FastKalmanFilter {
     fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
         let innovations = self.problem.innovations(observed, &self.state, &self.bias)?;
         let rows = self.split_rows(&innovations);
-        let touched: Vec<Vec<usize>> = (0..rows.block.rows())
-            .map(|row| rows.block.row(row).iter().map(|&(variable, _)| self.blocks.place(variable).0).collect())
-            .collect();
-        let components = block_angular::components(self.blocks.count(), &touched);
-        let partition = self.report(&components);
-        for component in &components {
-            self.check_component(component)?;
-        }
-        let innovation_chi2 = self.update(&components, &rows, &innovations)?;
+        let (innovation_chi2, partition) = self.analyse_rows(&rows, &innovations)?;
         let analysis = self.problem.analysis(observed, innovations, self.estimate()?, innovation_chi2);
         Ok(Analysis { partition: Some(partition), ..analysis })
     }

@@ -2,6 +2,7 @@
 
 use faer::Mat;
 use isobar_assim::covariance::{Covariance, Sum, White};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Residual};
 use isobar_assim::{BiasTreatment, Problem};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Adjoint, Boundary, Duration, Grid, Layout, Location, Model, State, TangentLinear, Time, Variable};
@@ -10,6 +11,19 @@ use isobar_obs::{
 };
 use rand::RngExt;
 use std::sync::Arc;
+
+/// Blocks forecast exactly, without common factors, and no limit to what observations may merge.
+pub fn settings(blocks: BlockShape, bias_coupling: BiasCoupling) -> FastKalmanSettings {
+    FastKalmanSettings {
+        blocks,
+        bias_coupling,
+        factors: 0,
+        retained_energy: 1.0,
+        residual: Residual::Exact,
+        largest_component: usize::MAX,
+        separator_factors: 0,
+    }
+}
 
 pub const WINDOW: Duration = Duration::from_seconds(21_600);
 

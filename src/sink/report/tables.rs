@@ -144,20 +144,27 @@ pub fn partitions(summary: &Summary) -> Option<Table> {
         "blocks of the largest",
         "its variables",
         "blocks unobserved",
+        "factors",
+        "separators",
+        "their unknowns",
         "border unknowns",
     ];
     let row = |(name, scores): (&String, &MethodScores)| {
         let it = scores.partition.as_ref()?;
-        let counts = [
-            it.blocks,
-            it.components,
-            it.merged_components,
-            it.largest_component_blocks,
-            it.largest_component_variables,
-            it.unobserved_blocks,
-            it.border,
-        ];
-        Some(std::iter::once(name.as_str().into()).chain(counts.map(|count| count.to_string().into())).collect())
+        let cell = |count: usize| Cell::from(count.to_string());
+        let mut row: Vec<Cell> = vec![name.as_str().into()];
+        row.extend([it.blocks, it.components, it.merged_components].map(cell));
+        row.extend([it.largest_component_blocks, it.largest_component_variables, it.unobserved_blocks].map(cell));
+        row.push(crate::table::factors(it).into());
+        row.push(cell(it.separators));
+        let place = match it.separators {
+            0 => "",
+            _ if it.nested => "nested",
+            _ => "in the border",
+        };
+        row.push(Cell { note: place.into(), ..cell(it.separator_unknowns) });
+        row.push(cell(it.border));
+        Some(row)
     };
     let rows: Vec<Vec<Cell>> = summary.methods.iter().filter_map(row).collect();
     (!rows.is_empty()).then(|| Table { header: header.map(String::from).into(), rows })

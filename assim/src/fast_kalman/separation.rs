@@ -1,0 +1,168 @@
+//! What is done with blocks that observations link into a component too large to be merged.
+//!
+//! A separator of the blocks is moved into the border: what the observations see of its blocks becomes common factors,
+//! which are estimated with the others, and the component falls apart. For touched variables t of a block it is
+//!
+//! ```text
+//! C = L L' + C_rest,     L = C_{.,t} (C_tt)^{-1/2},     C_rest without variance in t,
+//! ```
+//!
+//! so that L joins Φ in the rows of the block. The analysis stays exact, as does the covariance after it, between blocks
+//! too: it has the form blkdiag + Φ Φᵀ again.
+
+use super::FastKalmanFilter;
+use super::analysis::SplitRows;
+use crate::block_angular::{self, Component, Dissection, Graph, PartitionReport};
+use crate::error::Error;
+use crate::problem::Innovations;
+use faer::{Mat, MatRef};
+
+/// The blocks that leave too large components for the border.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Separation {
+    /// Numbers of the blocks, ascending.
+    pub blocks: Vec<usize>,
+    /// Number of separators.
+    pub separators: usize,
+    /// Variables of these blocks that observations touch: as many factors join.
+    pub unknowns: usize,
+}
+
+/// A block's covariance by what is seen of it.
+pub(super) struct Seen {
+    /// L, `[variables, touched]`; its column j is zero above touched variable j.
+    pub root: Mat<f64>,
+    /// C − L L', without variance in the touched variables.
+    pub rest: Mat<f64>,
+}
+
+impl Seen {
+    /// Splits C, `[variables, variables]`, by an elimination of the variables at the `touched` positions.
+    pub fn new(covariance: MatRef<'_, f64>, touched: &[usize]) -> Self {
+        let size = covariance.nrows();
+        let (mut root, mut rest) = (Mat::zeros(size, touched.len()), covariance.to_owned());
+        let threshold = (0..size).map(|i| covariance[(i, i)]).fold(0.0, f64::max) * f64::EPSILON * size as f64;
+        for (column, &pivot) in touched.iter().enumerate() {
+            let variance = rest[(pivot, pivot)];
+            if variance > threshold {
+                for i in 0..size {
+                    // A C that is next to nothing holds rounding errors: what they say must not exceed the variance.
+                    let most = rest[(i, i)].max(0.0).sqrt();
+                    root[(i, column)] = (rest[(i, pivot)] / variance.sqrt()).clamp(-most, most);
+                }
+                for (i, j) in (0..size).flat_map(|i| (0..size).map(move |j| (i, j))) {
+                    rest[(i, j)] -= root[(i, column)] * root[(j, column)];
+                }
+            }
+            for i in 0..size {
+                (rest[(i, pivot)], rest[(pivot, i)]) = (0.0, 0.0);
+            }
+        }
+        (0..size).for_each(|i| rest[(i, i)] = rest[(i, i)].max(0.0));
+        Self { root, rest }
+    }
+}
+
+impl FastKalmanFilter {
+    /// Merges the blocks that observations link, separates or nests what is too large for it, and analyses; returns
+    /// dᵀ Cov(d)⁻¹ d, and the partition.
+    pub(super) fn analyse_rows(
+        &mut self,
+        rows: &SplitRows,
+        innovations: &Innovations,
+    ) -> Result<(f64, PartitionReport), Error> {
+        let block_of = |&(variable, _): &(usize, f64)| self.blocks.place(variable).0;
+        let mut touched: Vec<Vec<usize>> =
+            (0..rows.block.rows()).map(|row| rows.block.row(row).iter().map(block_of).collect()).collect();
+        let mut components = block_angular::components(self.blocks.count(), &touched);
+        if components.iter().all(|component| self.component_size(component) <= self.settings.largest_component) {
+            let partition = self.report(&components, &Separation::default());
+            return Ok((self.update_components(&components, rows, innovations)?, partition));
+        }
+        let seen = seen_variables(rows, self.blocks.variables());
+        let separation = self.separate(&components, &touched, &seen);
+        if separation.unknowns > self.settings.separator_factors || !self.fits(separation.unknowns) {
+            let mut partition = self.report(&components, &Separation::default());
+            let (chi2, sizes) = self.update_nested(rows, innovations, &seen)?;
+            (partition.nested, partition.separators) = (true, sizes.separators);
+            partition.separator_unknowns = sizes.separator_unknowns;
+            return Ok((chi2, partition));
+        }
+        self.join_separators(&separation, &seen);
+        touched.iter_mut().for_each(|row| row.retain(|block| separation.blocks.binary_search(block).is_err()));
+        components = block_angular::components(self.blocks.count(), &touched);
+        let partition = self.report(&components, &separation);
+        Ok((self.update_components(&components, rows, innovations)?, partition))
+    }
+
+    /// Whether there is memory for so many factors more, beside the blocks, those of Q, and the factors of both.
+    fn fits(&self, more_factors: usize) -> bool {
+        let (b, r) = (self.blocks.variables() as u64, self.covariance.factors.columns() as u64);
+        let needed_bytes = 8 * (3 * self.blocks.matrices_len() as u64 + b * (2 * r + more_factors as u64));
+        needed_bytes <= self.problem.memory_limit_bytes
+    }
+
+    fn update_components(
+        &mut self,
+        components: &[Component],
+        rows: &SplitRows,
+        innovations: &Innovations,
+    ) -> Result<f64, Error> {
+        for component in components {
+            self.check_component(component)?;
+        }
+        self.update(components, rows, innovations)
+    }
+
+    /// Cuts the components that have more variables than the settings allow.
+    pub(super) fn separate(&self, components: &[Component], touched: &[Vec<usize>], seen: &[bool]) -> Separation {
+        let mut separation = Separation::default();
+        for component in components.iter().filter(|it| self.component_size(it) > self.settings.largest_component) {
+            let number = |block: &usize| component.blocks.binary_search(block).expect("the component holds the block");
+            let rows: Vec<Vec<usize>> =
+                component.observations.iter().map(|&row| touched[row].iter().map(number).collect()).collect();
+            let weights = component.blocks.iter().map(|&block| self.blocks.size(block)).collect();
+            let graph = Graph::of_rows(weights, rows.iter().map(Vec::as_slice));
+            let tree = Dissection::new(&graph, self.settings.largest_component);
+            separation.separators += tree.members.iter().filter(|member| member.separator).count();
+            separation.blocks.extend(tree.border().into_iter().map(|number| component.blocks[number]));
+        }
+        separation.blocks.sort_unstable();
+        let members = separation.blocks.iter().flat_map(|&block| self.blocks.members(block));
+        separation.unknowns = members.filter(|&&variable| seen[variable]).count();
+        separation
+    }
+
+    /// Positions in a block of its variables that observations see.
+    pub(super) fn seen_positions(&self, block: usize, seen: &[bool]) -> Vec<usize> {
+        let members = self.blocks.members(block);
+        (0..members.len()).filter(|&position| seen[members[position]]).collect()
+    }
+
+    /// Moves what is seen of some blocks into the common factors.
+    pub(super) fn join_separators(&mut self, separation: &Separation, seen: &[bool]) {
+        let mut column = self.covariance.factors.columns();
+        self.covariance.factors.append(separation.unknowns);
+        for &block in &separation.blocks {
+            let positions = self.seen_positions(block, seen);
+            let mut own = self.covariance.own.block_mut(&self.blocks, block);
+            let Seen { root, rest } = Seen::new(own.as_ref(), &positions);
+            own.copy_from(rest);
+            for j in 0..positions.len() {
+                for (position, &variable) in self.blocks.members(block).iter().enumerate() {
+                    self.covariance.factors.set(variable, column, root[(position, j)]);
+                }
+                column += 1;
+            }
+        }
+    }
+}
+
+/// The variables that the rows touch.
+pub(super) fn seen_variables(rows: &SplitRows, variables: usize) -> Vec<bool> {
+    let mut seen = vec![false; variables];
+    for row in 0..rows.block.rows() {
+        rows.block.row(row).iter().for_each(|entry| seen[entry.0] = true);
+    }
+    seen
+}
