@@ -41,7 +41,8 @@ impl Runner {
     /// Those of `build`.
     pub fn new<E>(build: impl FnOnce() -> Result<Box<dyn Assimilator>, E>) -> Result<Self, E> {
         let (method, memory) = measured(build);
-        let mut runner = Self { method: method?, monitor: Monitor::default(), held_bytes: 0, peak_bytes: 0, seconds: 0.0 };
+        let mut runner =
+            Self { method: method?, monitor: Monitor::default(), held_bytes: 0, peak_bytes: 0, seconds: 0.0 };
         runner.account(memory);
         Ok(runner)
     }

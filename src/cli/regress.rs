@@ -70,7 +70,11 @@ fn regress_one(scenario: &Scenario, arguments: &RegressArguments, runner: &Runne
         return Ok(comparison.passed());
     }
     if let Some((name, failure)) = summary.failures().next() {
-        return Err(miette!("method {name} failed in cycle {}: {}; nothing is accepted", failure.cycle, failure.reason));
+        return Err(miette!(
+            "method {name} failed in cycle {}: {}; nothing is accepted",
+            failure.cycle,
+            failure.reason
+        ));
     }
     accept(scenario, &Expected::from_summary(&summary, scenario.expected.relative_tolerance)).into_diagnostic()?;
     print(&format!("{}: accepted", scenario.name))?;

@@ -113,7 +113,9 @@ mod tests {
     use std::path::Path;
 
     /// A runner that fails for some seeds.
-    fn runner(fails: &[u64]) -> impl Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, Report> + Sync {
+    fn runner(
+        fails: &'static [u64],
+    ) -> impl Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, Report> + Sync {
         move |scenario, options, _| {
             let seed = options.seed.unwrap_or_default();
             if fails.contains(&seed) {
@@ -132,7 +134,7 @@ mod tests {
         }
     }
 
-    fn run_with(fails: &[u64], out: &Path) -> Result<bool, Report> {
+    fn run_with(fails: &'static [u64], out: &Path) -> Result<bool, Report> {
         let scenario = Scenario::parse(Path::new("mine.toml"), include_str!("template.toml")).unwrap();
         let options = RunOptions {
             out: out.to_path_buf(),
