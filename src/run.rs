@@ -45,6 +45,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -
     let mut experiment = workers.install(|| Experiment::new(scenario, options))?;
     let RunOptions { netcdf, rerun, report, live, .. } = *options;
     let outputs = Outputs { netcdf, rerun, report, live };
+    let shows_structure = rerun || report || live;
     let mut sinks = open_all(&experiment.info, &directory, outputs)?;
     let mut send = |event: Event<'_>| {
         sinks.record(&event)?;
@@ -53,7 +54,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -
         }
         listener.record(&event)
     };
-    let summary = cycles(&mut experiment, &workers, &mut send)?;
+    let summary = cycles(&mut experiment, &workers, shows_structure, &mut send)?;
     send(Event::Finished(&summary))?;
     drop(sinks);
     directory.complete()?;
@@ -63,6 +64,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -
 fn cycles(
     experiment: &mut Experiment,
     workers: &ThreadPool,
+    shows_structure: bool,
     send: &mut dyn FnMut(Event<'_>) -> Result<(), SinkError>,
 ) -> Result<Summary, RunError> {
     let Experiment { info, score_from_cycle, truth, observing, methods } = experiment;
@@ -89,6 +91,8 @@ fn cycles(
             if cycle >= *score_from_cycle {
                 totals[number].add(&scores);
             }
+            let factors = shown_factors(cycle, info.cycles);
+            let structure = || workers.install(|| method.runner.structure(&observed, factors));
             send(Event::Analysed(Analysed {
                 method: number,
                 cycle,
@@ -100,6 +104,7 @@ fn cycles(
                     peak_memory_bytes: method.runner.peak_bytes,
                     ..scores.scores(&info.layout)
                 },
+                structure: shows_structure.then(structure).flatten().as_ref(),
             }))?;
         }
         send(Event::CycleEnded(cycle))?;
@@ -123,4 +128,12 @@ fn cycles(
         version: env!("CARGO_PKG_VERSION").to_string(),
         methods: scores.collect(),
     })
+}
+
+/// How many common factors are shown: a few, and in the first, the last and some cycles between, since each is as large
+/// as a state.
+fn shown_factors(cycle: usize, cycles: usize) -> usize {
+    const FACTORS: usize = 5;
+    let every = cycles.div_ceil(8);
+    if cycle == 1 || cycle == cycles || cycle.is_multiple_of(every) { FACTORS } else { 0 }
 }

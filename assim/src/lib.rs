@@ -22,6 +22,7 @@ mod linalg;
 pub mod problem;
 mod propagator;
 mod spread;
+pub mod structure;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 pub mod variational;
@@ -30,3 +31,4 @@ pub use assimilator::{Analysis, Assimilator, BiasTreatment, Estimate};
 pub use covariance::Covariance;
 pub use error::Error;
 pub use problem::Problem;
+pub use structure::{CommonFactor, Structure};

@@ -3,6 +3,7 @@
 use super::PlotError;
 use super::colors::{Scale, hex};
 use super::number;
+use super::palette::indexed;
 use kuva::plot::colormap::ColorMap;
 use kuva::plot::{ContourPlot, Heatmap, ScatterPlot};
 use kuva::prelude::{Layout, Plot, Theme};
@@ -32,7 +33,7 @@ pub struct Mark {
 pub struct FieldMap {
     /// Its title.
     pub title: String,
-    /// Unit of the field.
+    /// Unit of the field; empty if it has none.
     pub unit: String,
     /// Values `[y, x]`, from the south.
     pub field: Vec<f32>,
@@ -64,13 +65,17 @@ impl FieldMap {
         }
         let [width, height] = self.extent_m.map(|metres| metres / 1000.0);
         let rows = self.rows();
-        let mut plots = vec![self.color_bar([width, height]), self.cells(&rows, [width, height])];
+        let mut plots = Vec::new();
+        if self.scale != Scale::Parts {
+            plots.push(self.color_bar([width, height]));
+        }
+        plots.push(self.cells(&rows, [width, height]));
         if nx > 1 && ny > 1 {
             plots.extend(self.lines(rows, [width, height]));
         }
         plots.extend(self.dots());
         let layout = self.layout(&plots, [width, height]);
-        kuva::render_to_png(plots, layout, PIXELS).map_err(failure)
+        kuva::render_to_png(plots, layout, PIXELS).and_then(indexed).map_err(failure)
     }
 
     fn layout(&self, plots: &[Plot], [width, height]: [f64; 2]) -> Layout {
@@ -80,7 +85,11 @@ impl FieldMap {
             .with_width(FRAME + AROUND[0])
             .with_height(FRAME * aspect + AROUND[1])
             .with_theme(theme)
-            .with_title(format!("{} [{}]", self.title, self.unit))
+            .with_title(if self.unit.is_empty() {
+                self.title.clone()
+            } else {
+                format!("{} [{}]", self.title, self.unit)
+            })
             // Rotated labels look smudged in pictures of this crate.
             .with_x_label("x and y [km]")
             .with_x_axis_min(0.0)

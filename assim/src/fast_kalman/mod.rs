@@ -23,6 +23,7 @@ mod compression;
 mod factored_covariance;
 mod forecast;
 mod residual;
+mod structure;
 
 pub use blocks::BlockShape;
 
@@ -34,6 +35,7 @@ use crate::linalg::add_symmetric_product;
 use crate::problem::Problem;
 use crate::propagator::propagator;
 use crate::spread::standard_deviations;
+use crate::structure::Structure;
 use blocks::Blocks;
 use compression::{Joining, join_and_compress};
 use factored_covariance::{FactoredCovariance, Patch};
@@ -293,6 +295,10 @@ impl Assimilator for FastKalmanFilter {
             innovation_chi2: Some(innovation_chi2),
             partition: Some(partition),
         })
+    }
+
+    fn structure(&self, observed: &ObservationWindow, factors: usize) -> Option<Structure> {
+        Some(self.structure_after(observed, factors))
     }
 }
 
