@@ -92,7 +92,7 @@ fn cycles(
                 totals[number].add(&scores);
             }
             let factors = shown_factors(cycle, info.cycles);
-            let structure = || workers.install(|| method.runner.structure(&observed, factors));
+            let structure = || method.runner.structure(&observed, factors);
             send(Event::Analysed(Analysed {
                 method: number,
                 cycle,

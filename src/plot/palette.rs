@@ -5,11 +5,11 @@ use png::{BitDepth, ColorType, Compression, Decoder, Encoder, Transformations};
 use std::collections::HashMap;
 use std::io::Cursor;
 
-/// The most frequent colours, which stay as they are.
-const EXACT: usize = 64;
+/// The most frequent colours, which stay as they are: paper, ink, and all steps of a colour scale.
+const EXACT: usize = 96;
 
 /// Colours that a neural network (Dekker 1994) finds for all others: contour lines that blend with what they cross.
-const FOUND: usize = 192;
+const FOUND: usize = 160;
 
 /// The same picture with a palette; as it was if parts of it are transparent.
 ///
@@ -31,9 +31,12 @@ pub fn indexed(picture: Vec<u8>) -> Result<Vec<u8>, String> {
     colors.sort_unstable_by_key(|&(color, count)| (std::cmp::Reverse(count), color));
     let rest = colors.split_off(colors.len().min(EXACT));
     let mut palette: Vec<u8> = colors.iter().flat_map(|(color, _)| color[..3].to_vec()).collect();
-    let mut number: HashMap<[u8; 4], u8> = (0..).zip(&colors).map(|(number, (color, _))| (*color, number)).collect();
+    let numbered = |first: usize, colors: &[([u8; 4], u32)]| -> Vec<([u8; 4], u8)> {
+        colors.iter().enumerate().map(|(number, (color, _))| (*color, (first + number) as u8)).collect()
+    };
+    let mut number: HashMap<[u8; 4], u8> = numbered(0, &colors).into_iter().collect();
     if rest.len() <= FOUND {
-        number.extend((colors.len() as u8..).zip(&rest).map(|(number, (color, _))| (*color, number)));
+        number.extend(numbered(colors.len(), &rest));
         palette.extend(rest.iter().flat_map(|(color, _)| color[..3].to_vec()));
     } else {
         // Each colour once for each doubling of its frequency: dots are few pixels, and yet must keep their colours.

@@ -20,6 +20,8 @@ pub struct ShownStructure {
 pub struct ShownFactor {
     /// One standard deviation of it, for each variable `[y, x]`, thinned.
     pub fields: Vec<Vec<f32>>,
+    /// The largest change of each variable.
+    pub largest: Vec<f32>,
     /// Its share, and the bias that goes with it.
     pub summary: String,
 }
@@ -40,8 +42,10 @@ impl ShownStructure {
 impl ShownFactor {
     fn new(factor: &CommonFactor, info: &RunInfo, thinning: &Thinning) -> Self {
         let cells = thinning.cells();
-        let fields = factor.increment.values().chunks_exact(cells).map(|field| thinning.apply(field)).collect();
-        let mut summary = format!("{} % of the variance", number(0.1 * (1000.0 * factor.share).round()));
+        let fields: Vec<Vec<f32>> =
+            factor.increment.values().chunks_exact(cells).map(|field| thinning.apply(field)).collect();
+        let largest = fields.iter().map(|field| field.iter().fold(0.0, |a: f32, b| a.max(b.abs()))).collect();
+        let mut summary = format!("{} % of the claimed variance", number(0.1 * (1000.0 * factor.share).round()));
         // The bias that it moves most, compared with what was known of it at the start.
         let moved = factor.calibration.iter().zip(&info.calibration.parameters);
         let moved = moved.map(|(value, parameter)| (*value, parameter, value.abs() / parameter.sigma_prior));
@@ -50,7 +54,7 @@ impl ShownFactor {
             let sign = if value < 0.0 { '−' } else { '+' };
             summary += &format!(", {} {sign}{} {}", parameter.name, short(value.abs()), parameter.unit);
         }
-        Self { fields, summary }
+        Self { fields, largest, summary }
     }
 }
 

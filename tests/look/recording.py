@@ -38,17 +38,22 @@ class Layout(rerun.blueprint.Blueprint):
         parts = {part for contents in self.contents.values() for part in contents}
         (self.root,) = set(self.contents) - parts
 
-    def tabs(self, container=None, way=()):
-        """All combinations of tabs: what is chosen in each tabbed container, and the names on the way."""
-        container = container or self.root
-        below = [part for part in self.contents.get(container, []) if part in self.contents]
-        if container in self.tabbed:
-            for part in self.contents[container]:
-                yield from ((dict({container: part}, **chosen), names)
-                            for chosen, names in self.tabs(part, (*way, self.names[part])))
-            return
-        found = [pair for part in below for pair in self.tabs(part, way) if pair[0]]
-        yield from found or [({}, way)]
+    def tabs(self):
+        """Every outer tab with every tab of its first inner container; the other inner ones turn with it."""
+        for tab in self.contents[self.root]:
+            inner = [container for container in self.below(tab) if container in self.tabbed]
+            for number in range(len(self.contents[inner[0]]) if inner else 1):
+                chosen = {self.root: tab}
+                for container in inner:
+                    parts = self.contents[container]
+                    chosen[container] = parts[number % len(parts)]
+                yield chosen, [self.names[part] for part in chosen.values()]
+
+    def below(self, container):
+        """The containers within a container, and itself."""
+        if container not in self.contents:
+            return []
+        return [container, *(it for part in self.contents[container] for it in self.below(part))]
 
     def shown(self, container=None):
         """The views on show."""

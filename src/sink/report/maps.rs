@@ -57,7 +57,6 @@ struct Ranges {
     state: [f32; 2],
     difference: f32,
     spread: f32,
-    factor: f32,
 }
 
 /// Draws the maps of a run.
@@ -197,7 +196,7 @@ impl<'a> Maps<'a> {
 
     fn factor(&self, it: &Subject<'_>, factor: &ShownFactor, number: usize) -> Drawing {
         let variable = self.history.mapped;
-        let (limit, field) = (self.ranges[variable].factor, factor.fields[variable].clone());
+        let (limit, field) = (round_up(Some(factor.largest[variable])), factor.fields[variable].clone());
         let title = format!("{}: common factor {number}, {}", it.method, self.variable(variable).0);
         Drawing {
             stem: format!("{}_factor_{number}", it.stem),
@@ -253,10 +252,6 @@ fn ranges(history: &History, variable: usize, methods: usize) -> Ranges {
         });
         round_up(quantile(quantiles.collect(), 0.5))
     };
-    let factors = |it: &Fields| {
-        let factors = it.structure.iter().flat_map(|it| &it.factors);
-        factors.flat_map(|factor| &factor.fields[variable]).map(|value| value.abs()).collect()
-    };
     Ranges {
         state: if low <= high { around(low, high) } else { [0.0, 1.0] },
         difference: of_methods(&|snapshot, fields| {
@@ -264,6 +259,5 @@ fn ranges(history: &History, variable: usize, methods: usize) -> Ranges {
             pairs.map(|(value, truth)| (value - truth).abs()).collect()
         }),
         spread: of_methods(&|_, fields| fields.spread.as_ref().map_or_else(Vec::new, |it| it[variable].clone())),
-        factor: of_methods(&|_, fields| factors(fields)),
     }
 }

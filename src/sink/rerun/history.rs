@@ -161,6 +161,12 @@ impl History {
         self.wind.map(|wind| wind.map(|variable| fields[variable].as_slice()))
     }
 
+    /// The highest wind speed in the fields of all variables; 0 without wind.
+    pub fn highest_speed(&self, fields: &[Vec<f32>]) -> f32 {
+        let Some([u, v]) = self.wind(fields) else { return 0.0 };
+        u.iter().zip(v).map(|(u, v)| u.hypot(*v)).filter(|speed| speed.is_finite()).fold(0.0, f32::max)
+    }
+
     /// Whether a method estimates biases, or claims to know them.
     pub fn has_biases(&self, method: usize) -> bool {
         let claims =

@@ -6,7 +6,7 @@ use super::ranges::{Ranges, VariableRanges};
 use super::recording::{Names, Result};
 use crate::event::RunInfo;
 use crate::plot::colors::{self, Scale};
-use crate::plot::number;
+use crate::plot::number as number_text;
 use crate::sink::structure::ShownStructure;
 use ::rerun::components::Colormap;
 use ::rerun::{Arrows2D, ChannelDatatype, DepthImage, Image, LineStrips2D, Points2D, RecordingStream};
@@ -61,12 +61,11 @@ impl Maps<'_> {
     /// The colour bars, which stay as they are.
     pub fn log_color_bars(&self) -> Result {
         for (variable, ranges) in self.info.layout.variables.iter().zip(&self.ranges.variables) {
-            let VariableRanges { state, difference, spread, factor, .. } = *ranges;
+            let &VariableRanges { state, difference, spread, .. } = ranges;
             for (name, scale, range) in [
                 ("state", Scale::State, state),
                 ("difference", Scale::Difference, [-difference, difference]),
                 ("spread", Scale::Spread, [0.0, spread]),
-                ("factor", Scale::Difference, [-factor, factor]),
             ] {
                 let bar = self.frame.color_bar(scale, range, variable.unit);
                 let path = format!("color_bars/{}/{name}", variable.name);
@@ -109,11 +108,15 @@ impl Maps<'_> {
         self.recording.log(path("parts/map"), &Image::from_rgb24(bytes, self.frame.resolution()))?;
         self.log_headline(&path("parts/headline"), &structure.summary)?;
         let mapped = self.history.mapped;
+        let unit = self.info.layout.variables[mapped].unit;
         for (factor, number) in structure.factors.iter().zip(1..) {
             let path = |part: &str| path(&format!("factor_{number}/{part}"));
-            self.log_difference(&path("map"), &factor.fields[mapped], self.ranges.variables[mapped].factor)?;
-            self.log_wind(&path("wind"), &factor.fields, self.ranges.factor_wind, DARK)?;
-            self.log_headline(&path("headline"), &factor.summary)?;
+            // Each in its own range: the factors shrink as the method learns, and their shapes are what is to be seen.
+            let (largest, fastest) = (factor.largest[mapped], self.history.highest_speed(&factor.fields));
+            self.log_difference(&path("map"), &factor.fields[mapped], largest.max(f32::MIN_POSITIVE))?;
+            self.log_wind(&path("wind"), &factor.fields, fastest, DARK)?;
+            let headline = format!("up to ±{} {unit}, {}", number_text(largest), factor.summary);
+            self.log_headline(&path("headline"), &headline)?;
         }
         Ok(())
     }
@@ -174,8 +177,8 @@ impl Maps<'_> {
         let mut label = platform.name.clone();
         for &(at, variable, value) in &platform.reports {
             let variable = &self.info.layout.variables[variable];
-            let departure = departures.get(at).map_or_else(|| "?".into(), |&departure| number(departure));
-            let (name, unit, value) = (variable.name, variable.unit, number(value));
+            let departure = departures.get(at).map_or_else(|| "?".into(), |&departure| number_text(departure));
+            let (name, unit, value) = (variable.name, variable.unit, number_text(value));
             label += &format!("\n{name} = {value} {unit}, departure {departure}");
         }
         label

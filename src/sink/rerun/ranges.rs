@@ -12,8 +12,6 @@ pub struct Ranges {
     pub variables: Vec<VariableRanges>,
     /// Highest wind speed of the truth; 0 without wind.
     pub wind: f32,
-    /// Highest wind speed of the common factors; 0 without wind.
-    pub factor_wind: f32,
 }
 
 /// The ranges of a variable.
@@ -25,21 +23,17 @@ pub struct VariableRanges {
     pub difference: f32,
     /// Largest spread.
     pub spread: f32,
-    /// Largest change by a common factor.
-    pub factor: f32,
-    /// Highest error or spread of the curves.
-    pub score: f64,
+    /// Highest error or spread of the curves, for each method.
+    pub score: Vec<f64>,
 }
 
 impl Ranges {
     /// The ranges of a run.
     pub fn of_run(info: &RunInfo, history: &History) -> Self {
         let names = info.layout.variables.iter().map(|variable| variable.name);
-        let factors = history.methods.iter().flat_map(|method| method.values()).flat_map(factors_of);
         Self {
             variables: names.enumerate().map(|(number, name)| of_variable(history, number, name)).collect(),
-            wind: highest_speed(history, history.truth.values().map(|truth| &truth.fields)),
-            factor_wind: highest_speed(history, factors),
+            wind: history.truth.values().map(|truth| history.highest_speed(&truth.fields)).fold(0.0, f32::max),
         }
     }
 }
@@ -64,31 +58,17 @@ fn of_variable(history: &History, number: usize, name: &str) -> VariableRanges {
         let pairs = it.background[number].iter().zip(&truth.fields[number]);
         Some(pairs.map(|(a, b)| (a - b).abs()).collect())
     };
-    let factors = history.methods.iter().flat_map(|method| method.values()).flat_map(factors_of);
-    let factors: Vec<f32> = factors.flat_map(|fields| &fields[number]).map(|value| value.abs()).collect();
     VariableRanges {
         state: if low <= high { around(low, high) } else { [0.0, 1.0] },
         difference: median(&difference),
         spread: median(&|it, _| Some(it.spread.as_ref()?[number].clone())),
-        factor: round_up(quantile(factors, 0.99)),
-        score: score(history, name),
+        score: history.methods.iter().map(|method| score(method.values(), name)).collect(),
     }
 }
 
-/// The fields of the common factors.
-fn factors_of(estimates: &Estimates) -> impl Iterator<Item = &Vec<Vec<f32>>> {
-    estimates.structure.iter().flat_map(|it| &it.factors).map(|factor| &factor.fields)
-}
-
-fn highest_speed<'a>(history: &History, all: impl Iterator<Item = &'a Vec<Vec<f32>>>) -> f32 {
-    let winds = all.filter_map(|fields| history.wind(fields));
-    let speeds = winds.flat_map(|[u, v]| u.iter().zip(v)).map(|(u, v)| u.hypot(*v));
-    speeds.filter(|speed| speed.is_finite()).fold(0.0, f32::max)
-}
-
 /// The highest error or spread of a variable that its curves shall show.
-fn score(history: &History, variable: &str) -> f64 {
-    let scores = history.methods.iter().flat_map(|method| method.values()).map(|estimates| &estimates.scores);
+fn score<'a>(cycles: impl Iterator<Item = &'a Estimates>, variable: &str) -> f64 {
+    let scores = cycles.map(|estimates| &estimates.scores);
     let parts = scores.flat_map(|it| {
         [Some(&it.rmse_background), Some(&it.rmse_analysis), it.spread_background.as_ref(), it.spread_analysis.as_ref()]
     });

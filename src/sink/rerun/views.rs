@@ -8,10 +8,11 @@ use super::recording::{Names, Result};
 use crate::event::RunInfo;
 use crate::plot::number as number_text;
 use ::rerun::RecordingStream;
+use isobar_obs::Placement;
 
 /// Plots of calibration parameters on one page, and the most pages that a method has.
 const PARAMETERS_PER_PAGE: usize = 4;
-const PAGES: usize = 8;
+const PAGES: usize = 12;
 
 /// Sends the layout of the run's views.
 pub fn send(recording: &RecordingStream, info: &RunInfo, history: &History, names: &Names, ranges: &Ranges) -> Result {
@@ -38,7 +39,12 @@ impl Views<'_> {
         for (variable, range) in self.info.layout.variables.iter().zip(&self.ranges.variables) {
             let name = format!("analysis RMSE of {} [{}]", variable.name, variable.unit);
             let contents = [format!("comparison/{}/**", variable.name)];
-            plots.push(self.blueprint.curves(&name, &contents, Some([0.0, range.score]), true)?);
+            plots.push(self.blueprint.curves(
+                &name,
+                &contents,
+                Some([0.0, range.score.iter().copied().fold(0.0, f64::max)]),
+                true,
+            )?);
         }
         let plots = self.blueprint.container("errors", Arrangement::Horizontal, &plots)?;
         let mapped = &self.info.layout.variables[self.history.mapped];
@@ -102,7 +108,7 @@ impl Views<'_> {
         }
         let contents = [self.names.score(method, name, "**")];
         let title = format!("RMSE and spread [{unit}]");
-        parts.push(self.blueprint.curves(&title, &contents, Some([0.0, ranges.score]), true)?);
+        parts.push(self.blueprint.curves(&title, &contents, Some([0.0, ranges.score[method]]), true)?);
         let title = format!("{name} [{unit}]");
         self.blueprint.container(&title, Arrangement::Grid(4), &parts)
     }
@@ -118,7 +124,7 @@ impl Views<'_> {
         let title = "blocks that observations merge";
         let mut parts = vec![self.blueprint.map(title, &[own("parts/**"), observations], bounds)?];
         for number in 1..=factors {
-            let contents = [own(&format!("factor_{number}/**")), format!("color_bars/{variable}/factor/**")];
+            let contents = [own(&format!("factor_{number}/**"))];
             parts.push(self.blueprint.map(&format!("common factor {number} in {variable}"), &contents, bounds)?);
         }
         let title = if factors > 0 { "blocks and common factors" } else { "blocks" };
@@ -131,14 +137,16 @@ impl Views<'_> {
         if !self.history.has_biases(method) {
             return Ok(None);
         }
-        for (number, parameter) in self.info.calibration.parameters.iter().enumerate().take(PAGES * PARAMETERS_PER_PAGE)
-        {
+        // Those that many observations share come first: where there are too many, single stations are left out.
+        let mut parameters: Vec<_> = self.info.calibration.parameters.iter().enumerate().collect();
+        parameters.sort_by_key(|(_, parameter)| parameter.placement != Placement::Shared);
+        for (number, parameter) in parameters.into_iter().take(PAGES * PARAMETERS_PER_PAGE) {
             let name = format!("{} [{}]", parameter.name, parameter.unit);
             plots.push(self.blueprint.curves(
                 &name,
                 &[self.names.parameter(method, number, "**")],
                 None,
-                number % PARAMETERS_PER_PAGE == 0,
+                plots.len() % PARAMETERS_PER_PAGE == 0,
             )?);
         }
         if plots.len() <= PARAMETERS_PER_PAGE {
