@@ -45,7 +45,7 @@ impl Maps<'_> {
                 }
                 self.log_wind(&self.names.map(method, "wind"), &estimates.analysis, self.ranges.wind, LIGHT)?;
                 if let Some(structure) = &estimates.structure {
-                    self.log_structure(method, structure)?;
+                    self.log_structure(method, cycle, structure)?;
                 }
             }
         }
@@ -102,7 +102,7 @@ impl Maps<'_> {
         Ok(())
     }
 
-    fn log_structure(&self, method: usize, structure: &ShownStructure) -> Result {
+    fn log_structure(&self, method: usize, cycle: usize, structure: &ShownStructure) -> Result {
         let path = |part: &str| self.names.structure(method, part);
         let bytes: Vec<u8> = self.frame.pixels(&structure.parts).flat_map(|&number| colors::part(number)).collect();
         self.recording.log(path("parts/map"), &Image::from_rgb24(bytes, self.frame.resolution()))?;
@@ -115,7 +115,7 @@ impl Maps<'_> {
             let (largest, fastest) = (factor.largest[mapped], self.history.highest_speed(&factor.fields));
             self.log_difference(&path("map"), &factor.fields[mapped], largest.max(f32::MIN_POSITIVE))?;
             self.log_wind(&path("wind"), &factor.fields, fastest, DARK)?;
-            let headline = format!("up to ±{} {unit}, {}", number_text(largest), factor.summary);
+            let headline = format!("cycle {cycle}: ±{} {unit}, {}", number_text(largest), factor.summary);
             self.log_headline(&path("headline"), &headline)?;
         }
         Ok(())

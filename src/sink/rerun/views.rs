@@ -39,12 +39,8 @@ impl Views<'_> {
         for (variable, range) in self.info.layout.variables.iter().zip(&self.ranges.variables) {
             let name = format!("analysis RMSE of {} [{}]", variable.name, variable.unit);
             let contents = [format!("comparison/{}/**", variable.name)];
-            plots.push(self.blueprint.curves(
-                &name,
-                &contents,
-                Some([0.0, range.score.iter().copied().fold(0.0, f64::max)]),
-                true,
-            )?);
+            let highest = range.score.iter().copied().fold(0.0, f64::max);
+            plots.push(self.blueprint.curves(&name, &contents, Some([0.0, highest]), true)?);
         }
         let plots = self.blueprint.container("errors", Arrangement::Horizontal, &plots)?;
         let mapped = &self.info.layout.variables[self.history.mapped];
@@ -133,10 +129,10 @@ impl Views<'_> {
 
     /// The calibration parameters, one plot for each; in tabs if they are many.
     fn biases(&mut self, method: usize) -> Result<Option<Part>> {
-        let mut plots = Vec::new();
         if !self.history.has_biases(method) {
             return Ok(None);
         }
+        let mut plots = Vec::new();
         // Those that many observations share come first: where there are too many, single stations are left out.
         let mut parameters: Vec<_> = self.info.calibration.parameters.iter().enumerate().collect();
         parameters.sort_by_key(|(_, parameter)| parameter.placement != Placement::Shared);
