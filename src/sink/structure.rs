@@ -49,8 +49,8 @@ impl ShownFactor {
         // The bias that it moves most, compared with what was known of it at the start.
         let moved = factor.calibration.iter().zip(&info.calibration.parameters);
         let moved = moved.map(|(value, parameter)| (*value, parameter, value.abs() / parameter.sigma_prior));
-        let largest = moved.filter(|it| it.2 > 0.02).max_by(|a, b| a.2.total_cmp(&b.2));
-        if let Some((value, parameter, _)) = largest {
+        let most = moved.filter(|it| it.2 > 0.02).max_by(|a, b| a.2.total_cmp(&b.2));
+        if let Some((value, parameter, _)) = most {
             let sign = if value < 0.0 { '−' } else { '+' };
             summary += &format!(", {} {sign}{} {}", parameter.name, short(value.abs()), parameter.unit);
         }
@@ -64,7 +64,8 @@ fn summary(part_of_cell: &[usize], observed: &[bool]) -> String {
     let seen = sizes.iter().zip(observed).filter(|(size, observed)| **observed && **size > 0).map(|(size, _)| *size);
     let (count, largest) = seen.clone().fold((0, 0), |(count, largest), size| (count + 1, size.max(largest)));
     let unseen = part_of_cell.len() - seen.sum::<usize>();
-    format!("{count} observed parts, the largest of {largest} cells; {unseen} cells unobserved")
+    let parts = if count == 1 { "part" } else { "parts" };
+    format!("{count} observed {parts}, the largest of {largest} cells; {unseen} cells unobserved")
 }
 
 /// Two significant digits.
