@@ -11,7 +11,7 @@ use kuva::render::layout::TickFormat;
 use std::sync::Arc;
 
 /// Pixels of the picture for each of its units: sharp on a fine display.
-const PIXELS: f32 = 1.35;
+const PIXELS: f32 = 1.2;
 
 /// Width of the map's frame, and what the labels around it take.
 const FRAME: f64 = 330.0;
@@ -210,6 +210,7 @@ mod tests {
     fn a_map_is_a_picture_and_always_the_same() {
         let png = map().png().unwrap();
         assert_eq!(&png[..8], b"\x89PNG\r\n\x1a\n");
+        assert_eq!(png[25], 3, "not a picture with a palette");
         assert_eq!(png, map().png().unwrap());
         let mut other = map();
         other.range = [0.0, 40.0];

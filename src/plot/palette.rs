@@ -91,25 +91,24 @@ mod tests {
     }
 
     #[test]
-    fn many_colours_are_near_and_take_less() {
-        // A white ground, a smooth field of many colours, and one red dot.
+    fn many_colours_become_few_that_are_near() {
+        // A white ground, a rough field of many colours, and one red dot.
         let mut pixels: Vec<[u8; 4]> = (0..40_000_u32)
             .map(|at| match at / 200 {
                 0..40 => [255; 4],
-                row => [(at % 200) as u8, row as u8, ((at % 200 + row) / 2) as u8, 255],
+                row => [(at % 200) as u8, row as u8, (at.wrapping_mul(2_654_435_761) >> 28) as u8, 255],
             })
             .collect();
         pixels[100..104].fill([255, 0, 0, 255]);
         let before = picture(&pixels, 200);
         let after = indexed(before.clone()).unwrap();
         assert_eq!(after, indexed(before.clone()).unwrap());
-        assert!(after.len() < before.len());
         let found = read(&after);
         assert_eq!(found[0], [255; 3]);
         let distance = |at: usize| (0..3).map(|c| found[at][c].abs_diff(pixels[at][c])).max().unwrap();
         assert!(distance(101) < 30, "{:?}", found[101]);
         let mean = (0..pixels.len()).map(|at| u32::from(distance(at))).sum::<u32>() / pixels.len() as u32;
-        assert!(mean < 6, "{mean}");
+        assert!(mean < 8, "{mean}");
     }
 
     #[test]
