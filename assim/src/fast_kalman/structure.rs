@@ -1,14 +1,12 @@
 //! The filter's parts and leading common factors, for viewers.
 
 use super::FastKalmanFilter;
-use crate::linalg::{add_symmetric_product, eigen, product};
+use crate::covariance::principal_rotation;
+use crate::linalg::product;
 use crate::structure::{CommonFactor, Structure};
 use faer::{Mat, MatRef};
 use isobar_model::Increment;
 use isobar_obs::ObservationWindow;
-
-/// Rows of the factors that are scaled at a time.
-const ROWS: usize = 4096;
 
 impl FastKalmanFilter {
     /// The structure after the analysis of `observed`, with at most `count` factors.
@@ -35,24 +33,17 @@ impl FastKalmanFilter {
         if count == 0 {
             return Vec::new();
         }
-        // In groups of rows: the factors of a large state are not held twice.
-        let mut gram = Mat::zeros(r, r);
-        for from in (0..b).step_by(ROWS) {
-            let scaled = Mat::from_fn(ROWS.min(b - from), r, |i, j| factors[(from + i, j)] / self.scales[from + i]);
-            add_symmetric_product(gram.as_mut(), 1.0, scaled.transpose(), scaled.as_ref());
-        }
-        let (_, vectors) = eigen(gram.as_ref());
-        let rotation = Mat::from_fn(r, count, |i, j| vectors[(i, r - 1 - j)]);
-        let leading = |all: MatRef<'_, f64>| product(all, rotation.as_ref());
-        let on_blocks = leading(factors.as_ref());
+        let scaled = Mat::from_fn(b, r, |i, j| factors[(i, j)] / self.scales[i]);
+        let rotation = principal_rotation(scaled.as_ref());
+        let leading = |all: MatRef<'_, f64>| product(all, rotation.as_ref().get(.., ..count));
+        let (scaled, on_blocks) = (leading(scaled.as_ref()), leading(factors.as_ref()));
         let on_shared = leading(self.covariance.shared_factors.as_ref());
         let variances = self.covariance.block_variances();
         let total: f64 = variances.iter().zip(&self.scales).map(|(variance, scale)| variance / (scale * scale)).sum();
         let factor = |j: usize| {
-            let scaled = || on_blocks.col_as_slice(j).iter().zip(&self.scales).map(|(value, scale)| value / scale);
-            let energy: f64 = scaled().map(|value| value * value).sum();
+            let energy: f64 = scaled.col_as_slice(j).iter().map(|value| value * value).sum();
             // A direction has no sign of its own: the largest value is positive.
-            let largest = scaled().fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
+            let largest = scaled.col_as_slice(j).iter().fold(0.0, |a: f64, &b| if b.abs() > a.abs() { b } else { a });
             let sign = if largest < 0.0 { -1.0 } else { 1.0 };
             let values = on_blocks.col_as_slice(j).iter().map(|value| sign * value).collect::<Vec<_>>();
             let mut calibration = vec![0.0; self.bias.len()];
