@@ -94,7 +94,7 @@ def main():
         for layout.chosen, names in layout.tabs():
             name = "_".join(re.sub(r"\W+", "-", part) for part in names)
             layout.connect_grpc(layout.application, url=url, make_active=True, make_default=False)
-            time.sleep(2)
+            time.sleep(4)
             picture = out / f"recording_{name}.png"
             client.save_screenshot(str(picture.resolve()))
             colors = check(picture, 200)
