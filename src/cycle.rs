@@ -1,7 +1,7 @@
 //! One cycle of one method. The truth cannot enter here: there is no parameter for it.
 
 use crate::monitor::{Fault, Monitor};
-use isobar_assim::{Analysis, Assimilator, Estimate};
+use isobar_assim::{Analysis, Assimilator, Estimate, Structure};
 use isobar_model::Duration;
 use isobar_obs::ObservationWindow;
 use peak_alloc::PeakAlloc;
@@ -70,6 +70,11 @@ impl Runner {
         let outcome = Outcome { background, analysis, seconds };
         self.monitor.check(&outcome)?;
         Ok(outcome)
+    }
+
+    /// The method's blocks and leading common factors after the cycle, for viewers; no part of its cost.
+    pub fn structure(&self, observed: &ObservationWindow, factors: usize) -> Option<Structure> {
+        self.method.structure(observed, factors)
     }
 
     fn account(&mut self, (peak, left): (i64, i64)) {

@@ -1,7 +1,7 @@
 //! What happens during a run, as the sinks hear it.
 
 use crate::summary::{Failure, MethodScores, Summary};
-use isobar_assim::{Analysis, Estimate};
+use isobar_assim::{Analysis, Estimate, Structure};
 use isobar_model::{Duration, Layout, State, Time};
 use isobar_obs::{Calibration, ObservationWindow, Projection};
 use std::sync::Arc;
@@ -107,4 +107,6 @@ pub struct Analysed<'a> {
     pub analysis: &'a Analysis,
     /// The scores of this cycle alone.
     pub scores: &'a MethodScores,
+    /// Blocks and common factors after the analysis, for a method that has them and if a sink shows them.
+    pub structure: Option<&'a Structure>,
 }

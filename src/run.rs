@@ -53,17 +53,27 @@ pub fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -
         }
         listener.record(&event)
     };
-    let summary = cycles(&mut experiment, &workers, !options.concurrent, &mut send)?;
+    let shown = Shown { memory: !options.concurrent, structure: rerun || report || live };
+    let summary = cycles(&mut experiment, &workers, shown, &mut send)?;
     send(Event::Finished(&summary))?;
     drop(sinks);
     directory.complete()?;
     Ok(summary)
 }
 
+/// What is found out beside the scores.
+#[derive(Clone, Copy)]
+struct Shown {
+    /// The memory of each method, which cannot be told apart where several experiments run at once.
+    memory: bool,
+    /// Blocks and common factors.
+    structure: bool,
+}
+
 fn cycles(
     experiment: &mut Experiment,
     workers: &ThreadPool,
-    knows_memory: bool,
+    shown: Shown,
     send: &mut dyn FnMut(Event<'_>) -> Result<(), SinkError>,
 ) -> Result<Summary, RunError> {
     let Experiment { info, score_from_cycle, truth, observing, methods } = experiment;
@@ -90,6 +100,8 @@ fn cycles(
             if cycle >= *score_from_cycle {
                 totals[number].add(&scores);
             }
+            let factors = shown_factors(cycle, info.cycles);
+            let structure = || method.runner.structure(&observed, factors);
             send(Event::Analysed(Analysed {
                 method: number,
                 cycle,
@@ -98,9 +110,10 @@ fn cycles(
                 analysis: &outcome.analysis,
                 scores: &MethodScores {
                     seconds_per_cycle: outcome.seconds,
-                    peak_memory_bytes: knows_memory.then_some(method.runner.peak_bytes),
+                    peak_memory_bytes: shown.memory.then_some(method.runner.peak_bytes),
                     ..scores.scores(&info.layout)
                 },
+                structure: shown.structure.then(structure).flatten().as_ref(),
             }))?;
         }
         send(Event::CycleEnded(cycle))?;
@@ -109,7 +122,7 @@ fn cycles(
         let cycles = method.failure.as_ref().map_or(info.cycles, |failure| failure.cycle);
         let scores = MethodScores {
             seconds_per_cycle: method.runner.seconds / cycles as f64,
-            peak_memory_bytes: knows_memory.then_some(method.runner.peak_bytes),
+            peak_memory_bytes: shown.memory.then_some(method.runner.peak_bytes),
             failure: method.failure.clone(),
             // Scores of fewer cycles could not be compared with those of the other methods.
             ..if method.failure.is_none() { total.scores(&info.layout) } else { MethodScores::default() }
@@ -124,4 +137,12 @@ fn cycles(
         version: env!("CARGO_PKG_VERSION").to_string(),
         methods: scores.collect(),
     })
+}
+
+/// How many common factors are shown: a few, and in the first, the last and some cycles between, since each is as large
+/// as a state.
+fn shown_factors(cycle: usize, cycles: usize) -> usize {
+    const FACTORS: usize = 5;
+    let every = cycles.div_ceil(8);
+    if cycle == 1 || cycle == cycles || cycle.is_multiple_of(every) { FACTORS } else { 0 }
 }

@@ -6,7 +6,7 @@ mod synthetic_run;
 use isobar::sink::{Existing, OutputDirectory, Outputs, open_all};
 use rerun::external::re_log_encoding::DecoderApp;
 use rerun::log::{Chunk, LogMsg};
-use rerun::{DepthImage, Image, Scalars, TextDocument};
+use rerun::{DepthImage, Image, Points2D, Scalars, TextDocument};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::BufReader;
@@ -60,14 +60,17 @@ fn every_cycle_of_every_method_has_its_maps_and_curves() {
     let run = SyntheticRun::new(8, 6, 3, 5);
     let (chunks, layout) = recorded(&run);
     let rows = rows(&chunks);
-    assert_eq!((rows["/truth/field"], rows["/truth/wind"]), (4, 4));
+    assert_eq!(["h", "u", "v", "wind"].map(|part| rows[&format!("/truth/{part}")]), [4; 4]);
     for method in ["01_fast_kalman", "02_kalman", "03_letkf_40", "04_3dvar", "05_free"] {
-        for part in ["background", "analysis/field", "analysis/wind", "increment", "analysis_error", "background_error"]
-        {
-            assert_eq!(rows[&format!("/methods/{method}/{part}")], 3, "{method}/{part}");
+        for variable in ["h", "u", "v"] {
+            let maps = format!("/methods/{method}/maps/{variable}");
+            for part in ["background", "analysis", "increment", "analysis_error", "background_error"] {
+                assert_eq!(rows[&format!("{maps}/{part}")], 3, "{maps}/{part}");
+            }
+            assert_eq!(rows[&format!("{maps}/observations/dots")], 3);
+            assert_eq!(rows.contains_key(&format!("{maps}/spread")), method != "05_free");
         }
-        assert_eq!(rows[&format!("/methods/{method}/observations/dots")], 3);
-        assert_eq!(rows.contains_key(&format!("/methods/{method}/spread")), method != "05_free");
+        assert_eq!(rows[&format!("/methods/{method}/wind")], 3);
         assert_eq!(rows[&format!("/methods/{method}/calibration/01_europe_h_FR/estimate")], 3);
         assert_eq!(rows[&format!("/methods/{method}/calibration/04_polar_scan_linear/truth")], 4);
     }
@@ -86,7 +89,7 @@ fn maps_have_north_at_the_top() {
     let run = SyntheticRun::new(8, 6, 2, 1);
     let (chunks, _) = recorded(&run);
     let component = DepthImage::descriptor_buffer().component;
-    let images: Vec<Vec<u8>> = of(&chunks, "/truth/field")
+    let images: Vec<Vec<u8>> = of(&chunks, "/truth/h")
         .flat_map(|chunk| {
             chunk.iter_slices::<&[u8]>(component).flatten().map(|bytes| bytes.to_vec()).collect::<Vec<_>>()
         })
@@ -102,7 +105,7 @@ fn maps_have_north_at_the_top() {
     // Red where the analysis is too high, blue where it is too low.
     let component = Image::descriptor_buffer().component;
     let error = &run.results[0][0].1.estimate.state - &run.truth[1];
-    let image = of(&chunks, "/methods/01_fast_kalman/analysis_error")
+    let image = of(&chunks, "/methods/01_fast_kalman/maps/h/analysis_error")
         .find_map(|chunk| chunk.iter_slices::<&[u8]>(component).flatten().next().map(|bytes| bytes.to_vec()))
         .unwrap();
     let colors: Vec<bool> = image.chunks(3).map(|pixel| pixel[0] >= pixel[2]).collect();
@@ -111,6 +114,32 @@ fn maps_have_north_at_the_top() {
     assert!(signs.contains(&true) && signs.contains(&false));
     let different = colors.iter().zip(&signs).filter(|(a, b)| a != b).count();
     assert!(different <= 1, "{different} of 48 pixels have the wrong colour");
+}
+
+#[test]
+fn blocks_and_common_factors_have_maps_where_a_method_has_them() {
+    let run = SyntheticRun::new(8, 6, 3, 2);
+    let (chunks, _) = recorded(&run);
+    let rows = rows(&chunks);
+    let path = |part: &str| format!("/methods/01_fast_kalman/structure/{part}");
+    assert_eq!((rows[&path("parts/map")], rows[&path("parts/headline")]), (3, 3));
+    // Factors in cycles 1 and 3.
+    for part in ["factor_1/map", "factor_1/wind", "factor_2/headline"] {
+        assert_eq!(rows[&path(part)], 2, "{part}");
+    }
+    assert!(!rows.contains_key(&path("factor_3/map")));
+    assert!(!rows.keys().any(|entity| entity.starts_with("/methods/02_kalman/structure")));
+    let (map, headline) = (path("parts/map"), path("factor_1/headline"));
+    let component = Image::descriptor_buffer().component;
+    let image = of(&chunks, &map)
+        .find_map(|chunk| chunk.iter_slices::<&[u8]>(component).flatten().next().map(|bytes| bytes.to_vec()))
+        .unwrap();
+    // Columns in pairs: coloured, grey, coloured, grey.
+    let is_grey: Vec<bool> = image.chunks(3).take(8).map(|pixel| pixel[0] == pixel[1]).collect();
+    assert_eq!(is_grey, [false, false, true, true, false, false, true, true]);
+    let component = Points2D::descriptor_labels().component;
+    let text = of(&chunks, &headline).find_map(|chunk| chunk.iter_slices::<String>(component).flatten().next());
+    assert_eq!(text.unwrap().to_string(), "cycle 1: ±1 m, 30 % of the claimed variance, europe/h/FR −7.3 m");
 }
 
 #[test]

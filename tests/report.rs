@@ -123,6 +123,12 @@ fn figures_are_on_the_page_and_in_files() {
         // In the middle and at the end.
         assert_eq!((count("_truth.png"), count("_error.png"), count("_background.png")), (2, 10, 10));
         assert_eq!(count("_spread.png"), 2 * 4, "one method has no spread");
+        // The other variables at the end.
+        for variable in ["u", "v"] {
+            assert_eq!(count(&format!("_error_{variable}.png")), 5, "{variable}");
+            assert_eq!(count(&format!("_spread_{variable}.png")), 4, "{variable}");
+        }
+        assert_eq!((count("_blocks.png"), count("01_fast_kalman_factor_")), (1, 2));
         for (name, bytes) in &all {
             let kind = if name.ends_with(".png") { bytes.starts_with(b"\x89PNG") } else { bytes.starts_with(b"<svg") };
             assert!(kind && bytes.len() > 1000, "{name}");

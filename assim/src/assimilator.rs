@@ -2,6 +2,7 @@
 
 use crate::block_angular::PartitionReport;
 use crate::error::Error;
+use crate::structure::Structure;
 use isobar_model::{Duration, State};
 use isobar_obs::ObservationWindow;
 
@@ -58,4 +59,10 @@ pub trait Assimilator: Send {
     /// # Errors
     /// As [`Assimilator::forecast`].
     fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error>;
+
+    /// The method's inner structure after the analysis of `observed`, with at most so many common factors; `None` for a
+    /// method without blocks. Nothing else depends on it: it is for viewers, and is computed when they ask.
+    fn structure(&self, _observed: &ObservationWindow, _factors: usize) -> Option<Structure> {
+        None
+    }
 }

@@ -25,6 +25,7 @@ pub mod problem;
 mod propagator;
 pub mod serial_kalman;
 mod spread;
+pub mod structure;
 mod tall_matrix;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
@@ -34,3 +35,4 @@ pub use assimilator::{Analysis, Assimilator, BiasTreatment, Estimate};
 pub use covariance::Covariance;
 pub use error::Error;
 pub use problem::Problem;
+pub use structure::{CommonFactor, Structure};

@@ -1,13 +1,11 @@
 //! `isobar view`.
 
-use crate::saved::{SavedRun, recording};
+use crate::saved::SavedRun;
+use crate::saved::recording::{self, VIEWER_VERSION};
 use miette::{Report, miette};
 use std::io::ErrorKind;
 use std::path::Path;
 use std::process::{Command, ExitCode};
-
-/// The version of the viewer that shows this program's recordings; that of the SDK in Cargo.toml.
-const VIEWER_VERSION: &str = "0.36.3";
 
 /// Opens the recording of a run in the viewer, and waits until it is closed.
 pub fn view(run: &Path) -> Result<ExitCode, Report> {

@@ -9,7 +9,29 @@ pub enum Scale {
     Difference,
     /// Inferno, as the viewer itself draws it: for spreads.
     Spread,
+    /// [`GREYS`] greys and then [`HUES`] hues, without anything in between: for the parts of a partition.
+    Parts,
 }
+
+/// Greys of [`Scale::Parts`], for parts that nothing observes.
+pub const GREYS: usize = 4;
+
+/// Hues of [`Scale::Parts`], distinct for colour-blind eyes (Okabe and Ito 2008).
+pub const HUES: usize = 7;
+
+const PARTS: [[u8; 3]; GREYS + HUES] = [
+    [110, 110, 110],
+    [135, 135, 135],
+    [90, 90, 90],
+    [155, 155, 155],
+    [86, 180, 233],
+    [230, 159, 0],
+    [0, 158, 115],
+    [204, 121, 167],
+    [213, 94, 0],
+    [0, 114, 178],
+    [240, 228, 66],
+];
 
 const VIRIDIS: [[u8; 3]; 11] = [
     [68, 1, 84],
@@ -60,10 +82,12 @@ impl Scale {
             Scale::State => &VIRIDIS,
             Scale::Difference => &BLUE_RED,
             Scale::Spread => &INFERNO,
+            Scale::Parts => &PARTS,
         };
         let steps = table.len() - 1;
         let position = if position.is_nan() { 0.0 } else { position.clamp(0.0, 1.0) };
         let place = position * steps as f32;
+        let place = if self == Scale::Parts { place.round() } else { place };
         let low = (place as usize).min(steps - 1);
         let weight = place - low as f32;
         std::array::from_fn(|channel| {
@@ -76,6 +100,11 @@ impl Scale {
 /// The colour of a difference, with white for zero and the ends for ±`limit`.
 pub fn difference(value: f32, limit: f32) -> [u8; 3] {
     Scale::Difference.color(0.5 + 0.5 * value / limit)
+}
+
+/// The colour of a part of a partition, by its number from [`parts`](super::parts::numbers).
+pub fn part(number: u8) -> [u8; 3] {
+    PARTS[usize::from(number).min(PARTS.len() - 1)]
 }
 
 /// A colour as SVG names it.

@@ -3,6 +3,7 @@
 use super::PlotError;
 use super::colors::{Scale, hex};
 use super::number;
+use super::palette::indexed;
 use kuva::plot::colormap::ColorMap;
 use kuva::plot::{ContourPlot, Heatmap, ScatterPlot};
 use kuva::prelude::{Layout, Plot, Theme};
@@ -10,11 +11,14 @@ use kuva::render::layout::TickFormat;
 use std::sync::Arc;
 
 /// Pixels of the picture for each of its units: sharp on a fine display.
-const PIXELS: f32 = 1.5;
+const PIXELS: f32 = 1.2;
 
 /// Width of the map's frame, and what the labels around it take.
 const FRAME: f64 = 330.0;
 const AROUND: [f64; 2] = [105.0, 88.0];
+
+/// Steps of the colour scales: more than the eye tells apart, and few enough for a small picture.
+const STEPS: f32 = 64.0;
 
 /// An observing platform on a map.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,7 +36,7 @@ pub struct Mark {
 pub struct FieldMap {
     /// Its title.
     pub title: String,
-    /// Unit of the field.
+    /// Unit of the field; empty if it has none.
     pub unit: String,
     /// Values `[y, x]`, from the south.
     pub field: Vec<f32>,
@@ -64,23 +68,28 @@ impl FieldMap {
         }
         let [width, height] = self.extent_m.map(|metres| metres / 1000.0);
         let rows = self.rows();
-        let mut plots = vec![self.color_bar([width, height]), self.cells(&rows, [width, height])];
+        let mut plots = Vec::new();
+        if self.scale != Scale::Parts {
+            plots.push(self.color_bar([width, height]));
+        }
+        plots.push(self.cells(&rows, [width, height]));
         if nx > 1 && ny > 1 {
             plots.extend(self.lines(rows, [width, height]));
         }
         plots.extend(self.dots());
         let layout = self.layout(&plots, [width, height]);
-        kuva::render_to_png(plots, layout, PIXELS).map_err(failure)
+        kuva::render_to_png(plots, layout, PIXELS).and_then(indexed).map_err(failure)
     }
 
     fn layout(&self, plots: &[Plot], [width, height]: [f64; 2]) -> Layout {
         let aspect = (height / width).clamp(0.25, 2.0);
         let theme = Theme { show_grid: false, ..Theme::light() };
-        Layout::auto_from_plots(plots)
+        let unit = if self.unit.is_empty() { String::new() } else { format!(" [{}]", self.unit) };
+        let mut layout = Layout::auto_from_plots(plots)
             .with_width(FRAME + AROUND[0])
             .with_height(FRAME * aspect + AROUND[1])
             .with_theme(theme)
-            .with_title(format!("{} [{}]", self.title, self.unit))
+            .with_title(format!("{}{unit}", self.title))
             // Rotated labels look smudged in pictures of this crate.
             .with_x_label("x and y [km]")
             .with_x_axis_min(0.0)
@@ -91,7 +100,9 @@ impl FieldMap {
             .with_label_size(12)
             .with_tick_size(11)
             .with_body_size(11)
-            .with_colorbar_tick_format(TickFormat::Custom(Arc::new(number::<f64>)))
+            .with_colorbar_tick_format(TickFormat::Custom(Arc::new(number::<f64>)));
+        layout.show_colorbar = self.scale != Scale::Parts;
+        layout
     }
 
     /// Rows of values within the range; what is no number is at its low end.
@@ -106,7 +117,7 @@ impl FieldMap {
     fn color_bar(&self, [width, height]: [f64; 2]) -> Plot {
         let [low, high] = self.range.map(f64::from);
         let scale = self.scale;
-        let colors = ColorMap::Custom(Arc::new(move |part| hex(scale.color(part as f32))));
+        let colors = ColorMap::Custom(Arc::new(move |part| color(scale, part as f32)));
         let grid = vec![vec![low, high], vec![low, high]];
         let (xs, ys) = (vec![0.4 * width, 0.6 * width], vec![0.4 * height, 0.6 * height]);
         let bar = ContourPlot::new().with_grid(grid, xs, ys).with_filled().with_n_levels(2).with_colormap(colors);
@@ -121,7 +132,7 @@ impl FieldMap {
         let scale = self.scale;
         let color = move |part: f64| {
             let value = from + part * (to - from);
-            hex(scale.color(((value - low) / (high - low)) as f32))
+            self::color(scale, ((value - low) / (high - low)) as f32)
         };
         let heatmap = Heatmap::new().with_data(rows.iter().cloned()).with_color_map(ColorMap::Custom(Arc::new(color)));
         heatmap.with_x_range(0.0, width).with_y_range(0.0, height).with_cell_size(1.0).into()
@@ -160,6 +171,12 @@ impl FieldMap {
     }
 }
 
+/// The colour at a position on a scale, in steps.
+fn color(scale: Scale, position: f32) -> String {
+    let position = if scale == Scale::Parts { position } else { (position * STEPS).round() / STEPS };
+    hex(scale.color(position))
+}
+
 /// About ten round values between the ends of a range, at which contour lines are drawn.
 pub fn contour_levels([low, high]: [f32; 2]) -> Vec<f64> {
     let step = f64::from(super::range::round_up(Some((high - low) / 11.0)));
@@ -193,6 +210,7 @@ mod tests {
     fn a_map_is_a_picture_and_always_the_same() {
         let png = map().png().unwrap();
         assert_eq!(&png[..8], b"\x89PNG\r\n\x1a\n");
+        assert_eq!(png[25], 3, "not a picture with a palette");
         assert_eq!(png, map().png().unwrap());
         let mut other = map();
         other.range = [0.0, 40.0];

@@ -5,6 +5,7 @@
 //! | [`curves`] | curves and bands over one axis |
 //! | [`map`] | a field with colour bar, contour lines and marks |
 //! | [`colors`] | scales for maps, colours for methods; all safe for colour-blind eyes |
+//! | [`parts`] | colours for the parts of a partition |
 //! | [`range`] | round ranges for colours and axes |
 //! | [`thin`] | fields at reduced resolution |
 
@@ -12,6 +13,8 @@ pub mod colors;
 pub mod curves;
 pub mod map;
 mod number;
+mod palette;
+pub mod parts;
 pub mod range;
 pub mod thin;
 

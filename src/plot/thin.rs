@@ -40,6 +40,17 @@ impl Thinning {
         Grid { nx, ny, dx_m: factor * fine.dx_m, dy_m: factor * fine.dy_m, ..fine.clone() }
     }
 
+    /// The value in the middle of each group, for what has no means.
+    pub fn pick<T: Copy>(&self, field: &[T]) -> Vec<T> {
+        let middle = |group: usize, count: usize| (group * self.factor + self.factor / 2).min(count - 1);
+        let [columns, rows] = self.size();
+        let at = |row, column| field[middle(row, self.ny) * self.nx + middle(column, self.nx)];
+        (0..rows)
+            .flat_map(|row| (0..columns).map(move |column| (row, column)))
+            .map(|(row, column)| at(row, column))
+            .collect()
+    }
+
     /// The means of a field `[y, x]`.
     pub fn apply(&self, field: &[f64]) -> Vec<f32> {
         if self.factor == 1 {
@@ -83,5 +94,6 @@ mod tests {
         let field = [1.0, 3.0, 10.0, 5.0, 7.0, 20.0, 2.0, 4.0, 9.0];
         assert_eq!(thinning.apply(&field), [4.0, 15.0, 3.0, 9.0]);
         assert_eq!(thinning.grid(&grid(3, 3)).dx_m, 20.0);
+        assert_eq!(thinning.pick(&[0, 1, 2, 3, 4, 5, 6, 7, 8]), [4, 5, 7, 8]);
     }
 }

@@ -8,6 +8,9 @@ use std::path::{Path, PathBuf};
 /// Name of the recording in a run's directory.
 pub const RECORDING_FILE: &str = "recording.rrd";
 
+/// The version of the viewer that shows recordings; that of the SDK in Cargo.toml.
+pub const VIEWER_VERSION: &str = "0.36.3";
+
 /// What a recording begins with, and what the record at its end holds.
 const BEGINNING: &[u8] = b"RRF2";
 const ENDING: &[u8] = b"FOOT";

@@ -1,7 +1,7 @@
 //! Sinks hear the events of a run and write files. None of them changes the run.
 //!
-//! Contents: [`directory`] (where outputs go), [`netcdf`], [`report`], [`scores`], [`summary`], and with the cargo feature `rerun` the
-//! recording for the rerun viewer.
+//! Contents: [`directory`] (where outputs go), [`netcdf`], [`report`], [`scores`], [`summary`], and with the cargo feature
+//! `rerun` the recording for the rerun viewer; [`structure`] is what report and recording show of a method's blocks.
 
 pub mod directory;
 pub mod netcdf;
@@ -9,6 +9,7 @@ pub mod report;
 #[cfg(feature = "rerun")]
 pub mod rerun;
 pub mod scores;
+pub mod structure;
 pub mod summary;
 
 pub use directory::{Existing, OutputDirectory};

@@ -1,4 +1,4 @@
-"""Pages in headless Chromium: no error, nothing loaded, no overflow on a phone, pictures that are not empty."""
+"""Pages in headless Chromium: no error, nothing loaded, no overflow on a phone or on paper, pictures that are not empty."""
 
 import base64
 import json
@@ -112,6 +112,30 @@ def look(browser, page, width, dark, picture, whole):
     browser.call("Target.closeTarget", targetId=target)
 
 
+def paper(browser, page, document):
+    """The page as it is printed on A4: nothing wider than the paper between its margins."""
+    target = browser.call("Target.createTarget", url="about:blank")["targetId"]
+    session = browser.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+    call = lambda method, **parameters: browser.call(method, session, **parameters)
+    browser.events = []
+    call("Page.enable")
+    call("Emulation.setEmulatedMedia", media="print", features=[{"name": "prefers-color-scheme", "value": "dark"}])
+    width = round((210 - 24) / 25.4 * 96)
+    call("Emulation.setDeviceMetricsOverride", width=width, height=1000, deviceScaleFactor=1, mobile=False)
+    call("Page.navigate", url=page.resolve().as_uri())
+    browser.wait_for("Page.loadEventFired")
+    found = call("Runtime.evaluate", returnByValue=True, expression="""({
+        wide: [...document.querySelectorAll('body *')].filter(it => !it.closest('svg')
+            && it.getBoundingClientRect().right > innerWidth + 1).map(it => it.tagName + ' ' + it.textContent.slice(0, 30)),
+        background: getComputedStyle(document.body).backgroundColor})""")["result"]["value"]
+    assert not found["wide"], f"{page.name} on paper is too wide: {found['wide'][:5]}"
+    assert found["background"] == "rgb(255, 255, 255)", f"{page.name} on paper: {found['background']}"
+    data = call("Page.printToPDF", paperWidth=8.27, paperHeight=11.69, preferCSSPageSize=True)["data"]
+    document.write_bytes(base64.b64decode(data))
+    print(f"{page.name} on paper: {document}")
+    browser.call("Target.closeTarget", targetId=target)
+
+
 def main():
     *pages, out = map(pathlib.Path, sys.argv[1:])
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as directory:
@@ -120,6 +144,7 @@ def main():
             for width, dark in [(1400, False), (1400, True), (400, False), (400, True)]:
                 name = f"{page.stem}_{width}_{'dark' if dark else 'light'}.png"
                 look(browser, page, width, dark, out / name, whole=width == 1400 and not dark)
+            paper(browser, page, out / f"{page.stem}.pdf")
         browser.call("Browser.close")
         browser.process.wait(30)
 

@@ -6,9 +6,9 @@ use indexmap::IndexMap;
 use isobar::event::{Analysed, Event, MethodInfo, RunInfo, StationInfo};
 use isobar::sink::{Sink, SinkError};
 use isobar::summary::{MethodScores, Partition, PerVariable, Summary};
-use isobar_assim::{Analysis, Estimate};
+use isobar_assim::{Analysis, CommonFactor, Estimate, Structure};
 use isobar_model::random::{standard_normals, stream};
-use isobar_model::{Boundary, Duration, Grid, Layout, Location, State, Time, Variable};
+use isobar_model::{Boundary, Duration, Grid, Increment, Layout, Location, State, Time, Variable};
 use isobar_obs::{
     BlockAngular, Calibration, LinearOperator, ObservationWindow, Parameter, Placement, Projection, Report, SparseRows,
 };
@@ -80,11 +80,30 @@ impl SyntheticRun {
             for (method, results) in self.results.iter().enumerate() {
                 let (background, analysis, scores) = &results[cycle - 1];
                 let time = self.time(cycle);
-                sink.record(&Event::Analysed(Analysed { method, cycle, time, background, analysis, scores }))?;
+                let structure = (method == 0).then(|| self.structure(cycle));
+                let structure = structure.as_ref();
+                let analysed = Analysed { method, cycle, time, background, analysis, scores, structure };
+                sink.record(&Event::Analysed(analysed))?;
             }
             sink.record(&Event::CycleEnded(cycle))?;
         }
         sink.record(&Event::Finished(&self.summary))
+    }
+
+    /// Columns of cells in pairs, every second pair observed; common factors in odd cycles.
+    pub fn structure(&self, cycle: usize) -> Structure {
+        let layout = &self.info.layout;
+        let parts = layout.grid.nx.div_ceil(2);
+        let factor = |number: usize| CommonFactor {
+            increment: Increment::from_values(layout, vec![1.0 / (number + 1) as f64; layout.len()]),
+            calibration: (0..self.info.calibration.len()).map(|it| if it == number { -7.26 } else { 0.0 }).collect(),
+            share: 0.3 / (number + 1) as f64,
+        };
+        Structure {
+            part_of_cell: (0..layout.grid.cells()).map(|cell| cell % layout.grid.nx / 2).collect(),
+            observed: (0..parts).map(|part| part % 2 == 0).collect(),
+            factors: if cycle % 2 == 1 { vec![factor(0), factor(1)] } else { Vec::new() },
+        }
     }
 
     pub fn play_truth(&self, sink: &mut dyn Sink, cycle: usize) -> Result<(), SinkError> {

@@ -28,6 +28,7 @@ mod forecast;
 mod nested;
 mod residual;
 mod separation;
+mod structure;
 
 pub use blocks::BlockShape;
 
@@ -37,6 +38,7 @@ use crate::error::Error;
 use crate::problem::Problem;
 use crate::propagator::propagator;
 use crate::spread::standard_deviations;
+use crate::structure::Structure;
 use crate::tall_matrix::TallMatrix;
 use block_diagonal::BlockDiagonal;
 use blocks::Blocks;
@@ -327,6 +329,10 @@ impl Assimilator for FastKalmanFilter {
         let (innovation_chi2, partition) = self.analyse_rows(&rows, &innovations)?;
         let analysis = self.problem.analysis(observed, innovations, self.estimate()?, innovation_chi2);
         Ok(Analysis { partition: Some(partition), ..analysis })
+    }
+
+    fn structure(&self, observed: &ObservationWindow, factors: usize) -> Option<Structure> {
+        Some(self.structure_after(observed, factors))
     }
 }
 

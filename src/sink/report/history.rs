@@ -3,6 +3,7 @@
 use super::reliability::Reliability;
 use crate::event::{Analysed, RunInfo};
 use crate::plot::Thinning;
+use crate::sink::structure::ShownStructure;
 use crate::summary::MethodScores;
 use isobar_assim::Estimate;
 use isobar_model::{State, Time};
@@ -19,7 +20,7 @@ const MOST_PLACES: usize = 3000;
 /// The run, as far as the report shows it.
 #[derive(Debug)]
 pub struct History {
-    /// Number of the variable of which maps are drawn: h, or the first.
+    /// Number of the variable of which most maps are drawn: h, or the first.
     pub mapped: usize,
     /// How maps are thinned.
     pub thinning: Thinning,
@@ -61,32 +62,47 @@ pub struct MethodCycle {
     pub reliability: Vec<Reliability>,
 }
 
-/// The mapped variable in one cycle.
+/// The fields of one cycle.
 #[derive(Debug)]
 pub struct Snapshot {
     /// Valid time.
     pub time: Time,
-    /// The truth.
-    pub truth: Vec<f32>,
-    /// Places of observations of the variable, by number.
-    pub places: Vec<(usize, f64, f64)>,
-    /// Every so many-th of the observations is among them.
-    pub every: usize,
+    /// The truth, by variable.
+    pub truth: Vec<Vec<f32>>,
+    /// The observations, thinned.
+    pub places: Vec<Place>,
+    /// Every so many-th observation of each variable is among them.
+    pub every: Vec<usize>,
     /// The methods' fields.
     pub methods: Vec<Option<Fields>>,
 }
 
-/// A method's fields.
+/// Where a variable was observed.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// Number of the observation.
+    pub number: usize,
+    /// Number of the variable.
+    pub variable: usize,
+    /// x \[m\].
+    pub x_m: f64,
+    /// y \[m\].
+    pub y_m: f64,
+}
+
+/// A method's fields, by variable.
 #[derive(Debug)]
 pub struct Fields {
     /// Before the observations.
-    pub background: Vec<f32>,
+    pub background: Vec<Vec<f32>>,
     /// After them.
-    pub analysis: Vec<f32>,
+    pub analysis: Vec<Vec<f32>>,
     /// Claimed standard deviation after them.
-    pub spread: Option<Vec<f32>>,
+    pub spread: Option<Vec<Vec<f32>>>,
     /// The background departures at [`Snapshot::places`].
     pub departures: Vec<f32>,
+    /// Blocks and common factors, for a method that has them.
+    pub structure: Option<ShownStructure>,
 }
 
 impl History {
@@ -110,8 +126,8 @@ impl History {
         let methods = info.methods.iter().map(|_| None).collect();
         self.cycles.push(Cycle { cycle, time, true_calibration: calibration.to_vec(), kinds: Vec::new(), methods });
         if cycle == info.cycles || cycle == info.cycles.div_ceil(2) {
-            let (truth, methods) = (self.map(state.values()), info.methods.iter().map(|_| None).collect());
-            self.snapshots.insert(cycle, Snapshot { time, truth, places: Vec::new(), every: 1, methods });
+            let (truth, methods) = (self.maps(state.values()), info.methods.iter().map(|_| None).collect());
+            self.snapshots.insert(cycle, Snapshot { time, truth, places: Vec::new(), every: Vec::new(), methods });
         }
     }
 
@@ -121,10 +137,17 @@ impl History {
             cycle.kinds = window.reports.iter().map(|report| (Arc::clone(&report.network), report.variable)).collect();
         }
         if let Some(snapshot) = self.snapshots.get_mut(&window.cycle) {
-            let mapped = window.reports.iter().enumerate().filter(|(_, report)| report.variable == self.mapped);
-            let every = mapped.clone().count().div_ceil(MOST_PLACES).max(1);
-            snapshot.every = every;
-            snapshot.places = mapped.step_by(every).map(|(number, report)| (number, report.x_m, report.y_m)).collect();
+            let mut counts = vec![0; snapshot.truth.len()];
+            window.reports.iter().for_each(|report| counts[report.variable] += 1);
+            snapshot.every = counts.iter().map(|count: &usize| count.div_ceil(MOST_PLACES).max(1)).collect();
+            let mut seen = vec![0; counts.len()];
+            for (number, report) in window.reports.iter().enumerate() {
+                let variable = report.variable;
+                if seen[variable] % snapshot.every[variable] == 0 {
+                    snapshot.places.push(Place { number, variable, x_m: report.x_m, y_m: report.y_m });
+                }
+                seen[variable] += 1;
+            }
         }
     }
 
@@ -133,7 +156,7 @@ impl History {
     /// # Errors
     /// If they do not fit the run.
     pub fn add_estimates(&mut self, info: &RunInfo, analysed: &Analysed<'_>) -> Result<(), String> {
-        let &Analysed { method, cycle, background, analysis, scores, .. } = analysed;
+        let &Analysed { method, cycle, background, analysis, scores, structure, .. } = analysed;
         let Estimate { state, calibration, state_spread, calibration_spread } = &analysis.estimate;
         let fits = |spread: &Option<Vec<f64>>, length: usize| spread.as_ref().is_none_or(|it| it.len() == length);
         if method >= info.methods.len() || !fits(state_spread, info.layout.len()) {
@@ -147,14 +170,15 @@ impl History {
             None => Vec::new(),
         };
         let fields = self.snapshots.get(&cycle).map(|snapshot| Fields {
-            background: self.map(background.state.values()),
-            analysis: self.map(state.values()),
-            spread: state_spread.as_ref().map(|spread| self.map(spread)),
+            background: self.maps(background.state.values()),
+            analysis: self.maps(state.values()),
+            spread: state_spread.as_ref().map(|spread| self.maps(spread)),
             departures: snapshot
                 .places
                 .iter()
-                .map(|place| analysis.background_departures.get(place.0).map_or(f32::NAN, |&it| it as f32))
+                .map(|place| analysis.background_departures.get(place.number).map_or(f32::NAN, |&it| it as f32))
                 .collect(),
+            structure: structure.map(|it| ShownStructure::new(it, info, &self.thinning)),
         });
         if let (Some(fields), Some(snapshot)) = (fields, self.snapshots.get_mut(&cycle)) {
             snapshot.methods[method] = Some(fields);
@@ -187,10 +211,9 @@ impl History {
         (0..info.layout.variables.len()).map(of_variable).collect()
     }
 
-    /// The mapped variable of the values of a state, thinned.
-    fn map(&self, values: &[f64]) -> Vec<f32> {
-        let cells = self.thinning.cells();
-        self.thinning.apply(&values[self.mapped * cells..(self.mapped + 1) * cells])
+    /// The variables of the values of a state, thinned.
+    fn maps(&self, values: &[f64]) -> Vec<Vec<f32>> {
+        values.chunks_exact(self.thinning.cells()).map(|field| self.thinning.apply(field)).collect()
     }
 }
 

@@ -2,12 +2,13 @@
 
 use super::history::{Fields, History, Snapshot};
 use crate::event::RunInfo;
-use crate::plot::colors::{Scale, difference};
+use crate::plot::colors::{GREYS, HUES, Scale, difference};
 use crate::plot::map::contour_levels;
 use crate::plot::range::{around, quantile, round_up};
 use crate::plot::{FieldMap, Mark};
 use crate::sink::netcdf::coordinates::safe_name;
 use crate::sink::scores::utc;
+use crate::sink::structure::{ShownFactor, ShownStructure};
 
 /// A map, and the name of its file.
 pub struct Drawing {
@@ -41,7 +42,17 @@ pub struct MethodMaps {
     pub spread: Option<Drawing>,
 }
 
-/// The ranges that all maps of the run share.
+/// The maps of a method's inner structure.
+pub struct StructureMaps {
+    /// The method.
+    pub method: String,
+    /// The blocks, as observations merged them.
+    pub parts: Drawing,
+    /// The leading common factors.
+    pub factors: Vec<Drawing>,
+}
+
+/// The ranges that all maps of a variable share.
 struct Ranges {
     state: [f32; 2],
     difference: f32,
@@ -52,114 +63,183 @@ struct Ranges {
 pub struct Maps<'a> {
     info: &'a RunInfo,
     history: &'a History,
-    ranges: Ranges,
+    /// By variable.
+    ranges: Vec<Ranges>,
+}
+
+/// What is drawn of one method in one cycle: names for captions and files.
+struct Subject<'a> {
+    snapshot: &'a Snapshot,
+    fields: &'a Fields,
+    method: &'a str,
+    stem: String,
 }
 
 impl<'a> Maps<'a> {
     /// The maps of a complete run.
     pub fn new(info: &'a RunInfo, history: &'a History) -> Self {
-        Self { info, history, ranges: ranges(history, info.methods.len()) }
+        let ranges = (0..info.layout.variables.len()).map(|number| ranges(history, number, info.methods.len()));
+        Self { info, history, ranges: ranges.collect() }
     }
 
-    /// All maps, the latest first.
+    /// The maps of the variable that is shown first, the latest cycle first.
     pub fn all(&self) -> Vec<MapsOfCycle> {
-        self.history.snapshots.iter().rev().map(|(&cycle, snapshot)| self.of_cycle(cycle, snapshot)).collect()
-    }
-
-    fn of_cycle(&self, cycle: usize, snapshot: &Snapshot) -> MapsOfCycle {
-        let time = utc(snapshot.time);
-        let (name, unit) = self.variable();
-        let stem = |what: &str| format!("map_{cycle:04}_{what}");
-        let truth =
-            self.state(stem("truth"), format!("Truth of {name} at {time}."), format!("truth {name}"), &snapshot.truth);
-        let methods =
-            self.info.methods.iter().zip(&snapshot.methods).enumerate().filter_map(|(number, (method, fields))| {
-                let fields = fields.as_ref()?;
-                // With its number, so that no two are the same.
-                let own = format!("{:02}_{}", number + 1, safe_name(&method.name, "_-"));
-                let stem = |what: &str| stem(&format!("{own}_{what}"));
-                Some((method.name.clone(), self.of_method(&method.name, (name, unit), snapshot, fields, &stem)))
-            });
-        MapsOfCycle { cycle, truth, methods: methods.collect(), time }
-    }
-
-    fn of_method(
-        &self,
-        method: &str,
-        (name, unit): (&str, &str),
-        snapshot: &Snapshot,
-        fields: &Fields,
-        stem: &dyn Fn(&str) -> String,
-    ) -> MethodMaps {
-        let limit = self.ranges.difference;
-        let observations = match snapshot.every {
-            1 => format!("observations of {name}"),
-            every => format!("one of {every} observations of {name}"),
+        let of_cycle = |(&cycle, snapshot): (&usize, &Snapshot)| {
+            let (time, variable) = (utc(snapshot.time), self.history.mapped);
+            let name = self.info.layout.variables[variable].name;
+            let methods = self.subjects(cycle, snapshot).map(|it| (it.method.to_string(), self.of_method(&it)));
+            let truth = Drawing {
+                stem: format!("map_{cycle:04}_truth"),
+                caption: format!("Truth of {name} at {time}."),
+                map: self.state(variable, format!("truth {name}"), &snapshot.truth),
+            };
+            MapsOfCycle { cycle, truth, methods: methods.collect(), time }
         };
-        let mut background = self.state(
-            stem("background"),
-            format!("Background of {method}. Dots: {observations}, in the colour of their departure from it, dark blue for −{limit} {unit} or less to dark red for +{limit} {unit} or more."),
-            format!("{method}: background {name}"),
-            &fields.background,
-        );
-        let places = snapshot.places.iter().zip(&fields.departures);
-        background.map.marks = places
-            .map(|(&(_, x_m, y_m), &departure)| Mark { x_m, y_m, color: Some(difference(departure, limit)) })
+        self.history.snapshots.iter().rev().map(of_cycle).collect()
+    }
+
+    /// Errors and spreads of every other variable in the last cycle, with the variable's name.
+    pub fn other_variables(&self) -> Vec<(String, Vec<Drawing>)> {
+        let Some((&cycle, snapshot)) = self.history.snapshots.last_key_value() else { return Vec::new() };
+        let others = self.info.layout.variables.iter().enumerate().filter(|(number, _)| *number != self.history.mapped);
+        let drawings = |number: usize| {
+            let pair = |it: Subject<'_>| std::iter::once(self.error(&it, number)).chain(self.spread(&it, number));
+            self.subjects(cycle, snapshot).flat_map(pair).collect()
+        };
+        others.map(|(number, variable)| (variable.name.to_string(), drawings(number))).collect()
+    }
+
+    /// Blocks and common factors in the last cycle.
+    pub fn structures(&self) -> Vec<StructureMaps> {
+        let Some((&cycle, snapshot)) = self.history.snapshots.last_key_value() else { return Vec::new() };
+        let of_method = |it: Subject<'_>| {
+            let structure = it.fields.structure.as_ref()?;
+            let factors = structure.factors.iter().zip(1..).map(|(factor, number)| self.factor(&it, factor, number));
+            let (method, factors) = (it.method.to_string(), factors.collect());
+            Some(StructureMaps { method, parts: self.parts(&it, structure), factors })
+        };
+        self.subjects(cycle, snapshot).filter_map(of_method).collect()
+    }
+
+    fn subjects<'b>(&'b self, cycle: usize, snapshot: &'b Snapshot) -> impl Iterator<Item = Subject<'b>> + 'b {
+        self.info.methods.iter().zip(&snapshot.methods).enumerate().filter_map(move |(number, (method, fields))| {
+            // With its number, so that no two are the same.
+            let stem = format!("map_{cycle:04}_{:02}_{}", number + 1, safe_name(&method.name, "_-"));
+            Some(Subject { snapshot, fields: fields.as_ref()?, method: &method.name, stem })
+        })
+    }
+
+    fn of_method(&self, it: &Subject<'_>) -> MethodMaps {
+        let variable = self.history.mapped;
+        let (name, unit) = self.variable(variable);
+        let (method, limit) = (it.method, self.ranges[variable].difference);
+        let mut background = self.state(variable, format!("{method}: background {name}"), &it.fields.background);
+        let places =
+            it.snapshot.places.iter().zip(&it.fields.departures).filter(|(place, _)| place.variable == variable);
+        background.marks = places
+            .map(|(place, &departure)| Mark {
+                x_m: place.x_m,
+                y_m: place.y_m,
+                color: Some(difference(departure, limit)),
+            })
             .collect();
-        let states = vec![
-            background,
-            self.state(
-                stem("analysis"),
-                format!("Analysis of {method}."),
-                format!("{method}: analysis {name}"),
-                &fields.analysis,
-            ),
-        ];
-        let error = fields.analysis.iter().zip(&snapshot.truth).map(|(value, truth)| value - truth).collect();
-        let mut error = self.drawing(
-            stem("error"),
-            format!("Analysis minus truth of {method}. Dots: {observations}."),
-            format!("{method}: analysis error {name}"),
-            error,
-            Scale::Difference,
-            [-limit, limit],
+        let caption = format!(
+            "Background of {method}. Dots: {}, in the colour of their departure from it, dark blue for −{limit} {unit} or \
+             less to dark red for +{limit} {unit} or more.",
+            self.observations(it, variable)
         );
-        error.map.marks = snapshot.places.iter().map(|&(_, x_m, y_m)| Mark { x_m, y_m, color: None }).collect();
-        let spread = fields.spread.as_ref().map(|spread| {
-            self.drawing(
-                stem("spread"),
-                format!("Standard deviation that {method} claims for its analysis."),
-                format!("{method}: claimed spread {name}"),
-                spread.clone(),
-                Scale::Spread,
-                [0.0, self.ranges.spread],
-            )
-        });
-        MethodMaps { states, error, spread }
+        let background = Drawing { stem: format!("{}_background", it.stem), caption, map: background };
+        let analysis = Drawing {
+            stem: format!("{}_analysis", it.stem),
+            caption: format!("Analysis of {method}."),
+            map: self.state(variable, format!("{method}: analysis {name}"), &it.fields.analysis),
+        };
+        let (error, spread) = (self.error(it, variable), self.spread(it, variable));
+        MethodMaps { states: vec![background, analysis], error, spread }
     }
 
-    fn variable(&self) -> (&'a str, &'a str) {
-        self.info.layout.variables.get(self.history.mapped).map_or(("", ""), |variable| (variable.name, variable.unit))
+    fn error(&self, it: &Subject<'_>, variable: usize) -> Drawing {
+        let ((name, _), limit) = (self.variable(variable), self.ranges[variable].difference);
+        let pairs = it.fields.analysis[variable].iter().zip(&it.snapshot.truth[variable]);
+        let error = pairs.map(|(value, truth)| value - truth).collect();
+        let title = format!("{}: analysis error {name}", it.method);
+        let mut map = self.map(variable, title, error, Scale::Difference, [-limit, limit]);
+        map.marks = self.marks(it, variable);
+        let caption = format!("Analysis minus truth of {}. Dots: {}.", it.method, self.observations(it, variable));
+        Drawing { stem: format!("{}_error{}", it.stem, self.suffix(variable)), caption, map }
     }
 
-    fn state(&self, stem: String, caption: String, title: String, field: &[f32]) -> Drawing {
-        self.drawing(stem, caption, title, field.to_vec(), Scale::State, self.ranges.state)
+    fn spread(&self, it: &Subject<'_>, variable: usize) -> Option<Drawing> {
+        let (name, _) = self.variable(variable);
+        let (field, range) = (it.fields.spread.as_ref()?[variable].clone(), [0.0, self.ranges[variable].spread]);
+        let title = format!("{}: claimed spread {name}", it.method);
+        Some(Drawing {
+            stem: format!("{}_spread{}", it.stem, self.suffix(variable)),
+            caption: format!("Standard deviation that {} claims for its analysis.", it.method),
+            map: self.map(variable, title, field, Scale::Spread, range),
+        })
     }
 
-    fn drawing(
-        &self,
-        stem: String,
-        caption: String,
-        title: String,
-        field: Vec<f32>,
-        scale: Scale,
-        range: [f32; 2],
-    ) -> Drawing {
-        let (_, unit) = self.variable();
+    fn parts(&self, it: &Subject<'_>, structure: &ShownStructure) -> Drawing {
+        let field = structure.parts.iter().map(|&number| f32::from(number)).collect();
+        let range = [0.0, (GREYS + HUES - 1) as f32];
+        let map = self.map(self.history.mapped, format!("{}: blocks", it.method), field, Scale::Parts, range);
+        let marks = self.marks(it, self.history.mapped);
+        Drawing {
+            stem: format!("{}_blocks", it.stem),
+            caption: format!(
+                "Blocks of {} that observations link have one colour, the largest part light blue; grey: not observed. {}.",
+                it.method, structure.summary
+            ),
+            map: FieldMap { unit: String::new(), contours: Vec::new(), marks, ..map },
+        }
+    }
+
+    fn factor(&self, it: &Subject<'_>, factor: &ShownFactor, number: usize) -> Drawing {
+        let variable = self.history.mapped;
+        let (limit, field) = (round_up(Some(factor.largest[variable])), factor.fields[variable].clone());
+        let title = format!("{}: common factor {number}, {}", it.method, self.variable(variable).0);
+        Drawing {
+            stem: format!("{}_factor_{number}", it.stem),
+            caption: format!("One standard deviation of common factor {number} of {}: {}.", it.method, factor.summary),
+            map: self.map(variable, title, field, Scale::Difference, [-limit, limit]),
+        }
+    }
+
+    fn variable(&self, number: usize) -> (&'a str, &'a str) {
+        let variable = &self.info.layout.variables[number];
+        (variable.name, variable.unit)
+    }
+
+    /// What tells the files of a variable from those of the one that is shown first.
+    fn suffix(&self, variable: usize) -> String {
+        if variable == self.history.mapped { String::new() } else { format!("_{}", self.variable(variable).0) }
+    }
+
+    /// Which observations have dots.
+    fn observations(&self, it: &Subject<'_>, variable: usize) -> String {
+        let name = self.variable(variable).0;
+        match it.snapshot.every.get(variable) {
+            Some(every) if *every > 1 => format!("one of {every} observations of {name}"),
+            _ => format!("observations of {name}"),
+        }
+    }
+
+    /// Dots where the variable was observed.
+    fn marks(&self, it: &Subject<'_>, variable: usize) -> Vec<Mark> {
+        let places = it.snapshot.places.iter().filter(|place| place.variable == variable);
+        places.map(|place| Mark { x_m: place.x_m, y_m: place.y_m, color: None }).collect()
+    }
+
+    fn state(&self, variable: usize, title: String, fields: &[Vec<f32>]) -> FieldMap {
+        self.map(variable, title, fields[variable].clone(), Scale::State, self.ranges[variable].state)
+    }
+
+    fn map(&self, variable: usize, title: String, field: Vec<f32>, scale: Scale, range: [f32; 2]) -> FieldMap {
         let grid = self.history.thinning.grid(&self.info.layout.grid);
-        let map = FieldMap {
+        FieldMap {
             title,
-            unit: unit.to_string(),
+            unit: self.variable(variable).1.to_string(),
             field,
             size: self.history.thinning.size(),
             extent_m: [grid.width_m(), grid.height_m()],
@@ -167,13 +247,12 @@ impl<'a> Maps<'a> {
             range,
             contours: contour_levels(range),
             marks: Vec::new(),
-        };
-        Drawing { stem, caption, map }
+        }
     }
 }
 
-fn ranges(history: &History, methods: usize) -> Ranges {
-    let truths = history.snapshots.values().flat_map(|snapshot| &snapshot.truth).filter(|value| value.is_finite());
+fn ranges(history: &History, variable: usize, methods: usize) -> Ranges {
+    let truths = history.snapshots.values().flat_map(|it| &it.truth[variable]).filter(|value| value.is_finite());
     let (low, high) = truths.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &it| (low.min(it), high.max(it)));
     // The median over the methods: one that goes astray must not make the maps of all others pale.
     let of_methods = |pick: &dyn Fn(&Snapshot, &Fields) -> Vec<f32>| {
@@ -186,8 +265,9 @@ fn ranges(history: &History, methods: usize) -> Ranges {
     Ranges {
         state: if low <= high { around(low, high) } else { [0.0, 1.0] },
         difference: of_methods(&|snapshot, fields| {
-            fields.analysis.iter().zip(&snapshot.truth).map(|(value, truth)| (value - truth).abs()).collect()
+            let pairs = fields.analysis[variable].iter().zip(&snapshot.truth[variable]);
+            pairs.map(|(value, truth)| (value - truth).abs()).collect()
         }),
-        spread: of_methods(&|_, fields| fields.spread.clone().unwrap_or_default()),
+        spread: of_methods(&|_, fields| fields.spread.as_ref().map_or_else(Vec::new, |it| it[variable].clone())),
     }
 }

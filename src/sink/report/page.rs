@@ -59,8 +59,10 @@ pub struct Section {
 pub struct Folded {
     /// The line that is always seen.
     pub title: String,
-    /// A text, to the letter.
+    /// What there is to know before looking.
     pub text: String,
+    /// A text, to the letter.
+    pub verbatim: String,
     /// Tables.
     pub tables: Vec<Table>,
     /// Figures.
@@ -116,7 +118,9 @@ impl Report {
             figures: report.curves(figures.errors()),
             ..Section::default()
         };
-        let maps = report.maps(Maps::new(info, history).all())?;
+        let maps = Maps::new(info, history);
+        let structures = report.structures(maps.structures())?;
+        let maps = report.maps(maps.all(), maps.other_variables())?;
         let biases = report.biases(info, history, &figures);
         let reliability = Section {
             title: "Is the claimed spread right?".into(),
@@ -137,13 +141,13 @@ impl Report {
                    Times are of the machine that ran it."
                     .into(),
             tables: tables::partitions(summary).into_iter().chain([tables::costs(summary)]).collect(),
-            ..Section::default()
+            ..structures
         };
         let scenario = Section {
             title: "Scenario".into(),
             folded: vec![Folded {
                 title: format!("{}.toml", info.scenario),
-                text: info.scenario_text.clone(),
+                verbatim: info.scenario_text.clone(),
                 ..Folded::default()
             }],
             ..Section::default()
@@ -204,8 +208,31 @@ impl Report {
         })
     }
 
+    /// The blocks of the methods that have them, and folded their common factors.
+    fn structures(&mut self, all: Vec<maps::StructureMaps>) -> Result<Section, PageError> {
+        let mut section = Section::default();
+        for maps::StructureMaps { method, parts, factors } in all {
+            section.figures.push(self.map(parts)?);
+            if !factors.is_empty() {
+                let title = format!("{method}: the leading common factors after the last analysis");
+                let text =
+                    "What the errors of all blocks have in common. The factors are orthogonal where each value is \
+                            divided by its standard deviation in B; the share is that of the variance that the method \
+                            claims for all values."
+                        .into();
+                let figures = factors.into_iter().map(|it| self.map(it)).collect::<Result<_, _>>()?;
+                section.folded.push(Folded { title, text, figures, ..Folded::default() });
+            }
+        }
+        Ok(section)
+    }
+
     /// The maps of the last cycle, and folded the errors of others; the files hold all.
-    fn maps(&mut self, all: Vec<maps::MapsOfCycle>) -> Result<Section, PageError> {
+    fn maps(
+        &mut self,
+        all: Vec<maps::MapsOfCycle>,
+        others: Vec<(String, Vec<maps::Drawing>)>,
+    ) -> Result<Section, PageError> {
         let mut section = Section { title: "Maps".into(), ..Section::default() };
         for (number, maps) in all.into_iter().enumerate() {
             let when = format!("cycle {}, {}", maps.cycle, maps.time);
@@ -229,6 +256,11 @@ impl Report {
                 let title = format!("Truth and errors of {when}");
                 section.folded.push(Folded { title, figures, ..Folded::default() });
             }
+        }
+        for (variable, drawings) in others {
+            let figures = drawings.into_iter().map(|it| self.map(it)).collect::<Result<_, _>>()?;
+            let title = format!("{variable}: error and claimed spread of every method in the last cycle");
+            section.folded.push(Folded { title, figures, ..Folded::default() });
         }
         Ok(section)
     }

@@ -74,7 +74,7 @@ pub fn methods(info: &RunInfo) -> Table {
 pub fn scores(info: &RunInfo, summary: &Summary) -> Table {
     let mut header = vec!["method".to_string()];
     for variable in &info.layout.variables {
-        let column = |what: &str| format!("{} {what} [{}]", variable.name, variable.unit);
+        let column = |what: &str| format!("{} {what} [{}]", variable.name, unbroken(variable.unit));
         header.extend(["background", "analysis", "spread"].map(column));
     }
     header.extend(["bias RMSE", "bias spread", "χ²/n [1]"].map(String::from));
@@ -106,6 +106,12 @@ pub fn failures(summary: &Summary) -> Option<Table> {
     let rows: Vec<_> = summary.failures().map(row).collect();
     let header = ["method", "failed in cycle", "because"].map(String::from).into();
     (!rows.is_empty()).then_some(Table { header, rows })
+}
+
+/// A unit as it is printed, on one line: `m s⁻¹` for `m s-1`.
+fn unbroken(unit: &str) -> String {
+    let power = |text: &str| text.replace("-1", "⁻¹").replace("-2", "⁻²").replace("-3", "⁻³");
+    power(unit).replace(' ', "\u{a0}")
 }
 
 /// The most bias parameters that have a row.
@@ -188,6 +194,11 @@ mod tests {
     fn figures_have_three_digits() {
         let texts = [19.25, 3.846, 0.01234, 0.0, 123.4, -2.5, 1e-9, 123456.0].map(figure);
         assert_eq!(texts, ["19.2", "3.85", "0.0123", "0", "123", "-2.50", "1.000e-9", "123456"]);
+    }
+
+    #[test]
+    fn units_do_not_break() {
+        assert_eq!(["m s-1", "m", "kg m-3"].map(unbroken), ["m\u{a0}s⁻¹", "m", "kg\u{a0}m⁻³"]);
     }
 
     #[test]

@@ -8,6 +8,9 @@ use isobar_model::{Boundary, Grid, Layout, Location};
 const MARGIN: f32 = 0.02;
 const BAR: f32 = 0.13;
 
+/// Half the height of the headline's place above it.
+const HEADLINE: f32 = 0.05;
+
 /// Places and sizes in a map.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
@@ -48,12 +51,19 @@ impl<'a> Frame<'a> {
         [self.grid().nx as u32, self.grid().ny as u32]
     }
 
-    /// What the view shows: x and y, from and to.
-    pub fn bounds(&self) -> [[f64; 2]; 2] {
+    /// What the view shows: x and y, from and to; with a place for a headline above the map, if there is one.
+    pub fn bounds(&self, headline: bool) -> [[f64; 2]; 2] {
         let [width, height] = self.size();
         let margin = MARGIN * width;
-        let bounds = [[-margin, width + margin], [-margin, height + BAR * width]];
+        let top = if headline { 2.0 * HEADLINE * width } else { margin };
+        let bounds = [[-margin, width + margin], [-top, height + BAR * width]];
         bounds.map(|range| range.map(f64::from))
+    }
+
+    /// Where a headline above the map hangs.
+    pub fn headline(&self) -> [f32; 2] {
+        let [width, _] = self.size();
+        [0.5 * width, -1.6 * HEADLINE * width]
     }
 
     /// The place of the point (x, y) \[m\].
@@ -63,7 +73,7 @@ impl<'a> Frame<'a> {
     }
 
     /// The values of a field row by row from the north.
-    pub fn pixels<'b>(&self, field: &'b [f32]) -> impl Iterator<Item = &'b f32> + use<'b> {
+    pub fn pixels<'b, T>(&self, field: &'b [T]) -> impl Iterator<Item = &'b T> + use<'b, T> {
         field.chunks(self.grid().nx).rev().flatten()
     }
 
@@ -74,7 +84,7 @@ impl<'a> Frame<'a> {
     }
 
     /// Arrows of the wind (origins, vectors) at some cell centres; `fastest` is as long as arrows are apart.
-    pub fn arrows(&self, [u, v]: &[Vec<f32>; 2], fastest: f32) -> [Vec<[f32; 2]>; 2] {
+    pub fn arrows(&self, [u, v]: [&[f32]; 2], fastest: f32) -> [Vec<[f32; 2]>; 2] {
         let grid = self.grid();
         let stride = (grid.nx.max(grid.ny)).div_ceil(16).max(1);
         let scale = 1.3 * stride as f32 / if fastest > 0.0 { fastest } else { 1.0 };
@@ -161,7 +171,7 @@ mod tests {
         let layout = layout();
         let u = vec![1.0, 3.0, 5.0, 0.0, 0.0, 0.0];
         let v = vec![0.0, 0.0, 0.0, 2.0, 2.0, 2.0];
-        let [origins, vectors] = Frame::new(&layout).arrows(&[u, v], 2.6);
+        let [origins, vectors] = Frame::new(&layout).arrows([&u, &v], 2.6);
         // South: u is the mean of both faces, periodic in x; v between wall and face. Up is negative.
         assert_eq!(vectors[..3], [[1.0, -0.5], [2.0, -0.5], [1.5, -0.5]]);
         // North: v between face and wall.
@@ -173,7 +183,7 @@ mod tests {
     fn a_wind_gone_astray_does_not_cover_the_map() {
         let layout = layout();
         let (u, v) = (vec![1e30, 1e30, 1e30, f32::NAN, f32::INFINITY, 0.0], vec![0.0; 6]);
-        let [_, vectors] = Frame::new(&layout).arrows(&[u, v], 10.0);
+        let [_, vectors] = Frame::new(&layout).arrows([&u, &v], 10.0);
         assert_eq!(vectors[..3], [[3.0, 0.0]; 3]);
         assert_eq!(vectors[3..], [[0.0, 0.0]; 3]);
     }

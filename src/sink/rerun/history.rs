@@ -2,6 +2,7 @@
 
 use crate::event::{Analysed, RunInfo};
 use crate::plot::Thinning;
+use crate::sink::structure::ShownStructure;
 use crate::summary::MethodScores;
 use isobar_assim::Estimate;
 use isobar_model::{Layout, State, Time};
@@ -9,13 +10,19 @@ use isobar_obs::ObservationWindow;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// The most cells on a side of a map.
-const MAP_CELLS: usize = 256;
+/// The most cells on a side of a map, the first of these with which all maps of the run take less than [`MAPS_BYTES`].
+const MAP_CELLS: [usize; 5] = [256, 192, 128, 96, 64];
+
+/// What all maps of a run may take before compression \[bytes\].
+const MAPS_BYTES: usize = 300_000_000;
+
+/// Bytes of a cell in the maps of a truth, and of a method: three fields of numbers and three of colours.
+const BYTES: [usize; 2] = [4, 21];
 
 /// The whole run.
 #[derive(Debug)]
 pub struct History {
-    /// Number of the variable of which maps are drawn: h, or the first.
+    /// Number of the variable that is shown first: h, or the first.
     pub mapped: usize,
     /// The truth, by cycle.
     pub truth: BTreeMap<usize, Truth>,
@@ -33,10 +40,8 @@ pub struct History {
 pub struct Truth {
     /// Valid time.
     pub time: Time,
-    /// The mapped variable.
-    pub field: Vec<f32>,
-    /// u and v, where the model has them.
-    pub wind: Option<[Vec<f32>; 2]>,
+    /// Each variable.
+    pub fields: Vec<Vec<f32>>,
     /// The calibration parameters.
     pub calibration: Vec<f64>,
 }
@@ -59,14 +64,14 @@ pub struct Platform {
 pub struct Estimates {
     /// Valid time.
     pub time: Time,
-    /// The mapped variable before the analysis.
-    pub background: Vec<f32>,
-    /// The mapped variable after it.
-    pub analysis: Vec<f32>,
-    /// u and v of the analysis.
-    pub wind: Option<[Vec<f32>; 2]>,
-    /// Claimed standard deviation of the mapped variable after the analysis.
-    pub spread: Option<Vec<f32>>,
+    /// Each variable before the analysis.
+    pub background: Vec<Vec<f32>>,
+    /// Each variable after it.
+    pub analysis: Vec<Vec<f32>>,
+    /// Claimed standard deviation of each variable after the analysis.
+    pub spread: Option<Vec<Vec<f32>>>,
+    /// Blocks and common factors, for a method that has them.
+    pub structure: Option<ShownStructure>,
     /// Background departure of each observation.
     pub departures: Vec<f32>,
     /// Calibration parameters after the analysis.
@@ -86,7 +91,7 @@ impl History {
             truth: BTreeMap::new(),
             observed: BTreeMap::new(),
             methods: info.methods.iter().map(|_| BTreeMap::new()).collect(),
-            thinning: Thinning::new(&info.layout.grid, MAP_CELLS),
+            thinning: thinning(info),
             wind: variable("u").zip(variable("v")).map(|(u, v)| [u, v]),
         }
     }
@@ -100,8 +105,8 @@ impl History {
 
     /// Takes the truth of a cycle.
     pub fn add_truth(&mut self, cycle: usize, time: Time, state: &State, calibration: &[f64]) {
-        let (field, wind) = (self.field(state), self.wind(state));
-        self.truth.insert(cycle, Truth { time, field, wind, calibration: calibration.to_vec() });
+        let fields = self.fields(state.values());
+        self.truth.insert(cycle, Truth { time, fields, calibration: calibration.to_vec() });
     }
 
     /// Takes the observations of a cycle.
@@ -128,7 +133,7 @@ impl History {
     /// # Errors
     /// If they do not fit the run.
     pub fn add_estimates(&mut self, info: &RunInfo, analysed: &Analysed<'_>) -> Result<(), String> {
-        let &Analysed { method, cycle, time, background, analysis, scores } = analysed;
+        let &Analysed { method, cycle, time, background, analysis, scores, structure } = analysed;
         let Estimate { state, calibration, state_spread, calibration_spread } = &analysis.estimate;
         let length = self.thinning.cells() * info.layout.variables.len();
         let spread_length = state_spread.as_ref().map_or(length, Vec::len);
@@ -138,10 +143,10 @@ impl History {
         }
         let estimates = Estimates {
             time,
-            background: self.field(&background.state),
-            analysis: self.field(state),
-            wind: self.wind(state),
-            spread: state_spread.as_ref().map(|spread| self.map(spread, self.mapped)),
+            background: self.fields(background.state.values()),
+            analysis: self.fields(state.values()),
+            spread: state_spread.as_ref().map(|spread| self.fields(spread)),
+            structure: structure.map(|it| ShownStructure::new(it, info, &self.thinning)),
             departures: single(&analysis.background_departures),
             calibration: calibration.clone(),
             calibration_spread: calibration_spread.clone(),
@@ -151,19 +156,35 @@ impl History {
         Ok(())
     }
 
-    /// A variable of the values of a state, thinned.
-    fn map(&self, values: &[f64], variable: usize) -> Vec<f32> {
-        let cells = self.thinning.cells();
-        self.thinning.apply(&values[variable * cells..(variable + 1) * cells])
+    /// u and v of the fields of all variables, where the model has them.
+    pub fn wind<'a>(&self, fields: &'a [Vec<f32>]) -> Option<[&'a [f32]; 2]> {
+        self.wind.map(|wind| wind.map(|variable| fields[variable].as_slice()))
     }
 
-    fn field(&self, state: &State) -> Vec<f32> {
-        self.map(state.values(), self.mapped)
+    /// The highest wind speed in the fields of all variables; 0 without wind.
+    pub fn highest_speed(&self, fields: &[Vec<f32>]) -> f32 {
+        let Some([u, v]) = self.wind(fields) else { return 0.0 };
+        u.iter().zip(v).map(|(u, v)| u.hypot(*v)).filter(|speed| speed.is_finite()).fold(0.0, f32::max)
     }
 
-    fn wind(&self, state: &State) -> Option<[Vec<f32>; 2]> {
-        self.wind.map(|wind| wind.map(|variable| self.map(state.values(), variable)))
+    /// Whether a method estimates biases, or claims to know them.
+    pub fn has_biases(&self, method: usize) -> bool {
+        let claims =
+            |it: &Estimates| it.calibration_spread.is_some() || it.calibration.iter().any(|&value| value != 0.0);
+        self.methods[method].values().any(claims)
     }
+
+    /// The variables of the values of a state, thinned.
+    fn fields(&self, values: &[f64]) -> Vec<Vec<f32>> {
+        values.chunks_exact(self.thinning.cells()).map(|field| self.thinning.apply(field)).collect()
+    }
+}
+
+fn thinning(info: &RunInfo) -> Thinning {
+    let of_cell = info.cycles * info.layout.variables.len() * (BYTES[0] + BYTES[1] * info.methods.len());
+    let thinnings = MAP_CELLS.map(|most| Thinning::new(&info.layout.grid, most));
+    let fits = |thinning: &Thinning| thinning.size().iter().product::<usize>() * of_cell < MAPS_BYTES;
+    thinnings.into_iter().find(fits).unwrap_or(thinnings[MAP_CELLS.len() - 1])
 }
 
 fn single(values: &[f64]) -> Vec<f32> {

@@ -4,6 +4,7 @@ use super::history::History;
 use super::ranges::Ranges;
 use super::recording::{self, APPLICATION_ID, Result};
 use crate::event::RunInfo;
+use crate::saved::recording::VIEWER_VERSION;
 use crate::summary::Summary;
 use ::rerun::{RecordingStream, RecordingStreamBuilder};
 use std::fmt;
@@ -37,7 +38,8 @@ impl Live {
     pub fn connect(info: &RunInfo) -> std::result::Result<Self, String> {
         let absent = |reason: &dyn fmt::Display| {
             format!(
-                "no rerun viewer listens on {VIEWER} ({reason}); the run goes on without it. Start one with `rerun`."
+                "no rerun viewer listens on {VIEWER} ({reason}), the run goes on without it; start one with `rerun` \
+                 before the run (pip install rerun-sdk=={VIEWER_VERSION})"
             )
         };
         // The viewer's own connection would wait for it, and only say so at the end.

@@ -1,10 +1,11 @@
 //! `recording.rrd`: the run for the eye, in the rerun viewer.
 //!
 //! The whole run is held, as numbers of 32 bits, until it is complete: only then are the colour ranges known that all
-//! cycles and methods share. That takes about 4 bytes × cells × cycles × (7 + 7 × methods).
+//! cycles and methods share. That takes about 4 bytes × cells × cycles × variables × (1 + 3 × methods).
 //!
 //! Maps of grids with more than 256 cells on a side are means over square groups of cells, the smallest with which no
-//! side has more than 256; curves and scores are those of the full grid. A running viewer that is told the run while it
+//! side has more than 256, or fewer where all maps would take more than 300 MB; curves and scores are those of the full
+//! grid. A running viewer that is told the run while it
 //! computes sees each cycle in the ranges of the cycles so far, and all of them in the final ranges at the end.
 
 mod blueprint;

@@ -1,6 +1,6 @@
 //! The ranges that colours and axes of the whole run share.
 
-use super::history::History;
+use super::history::{Estimates, History, Truth};
 use crate::event::RunInfo;
 use crate::plot::range::{around, quantile, round_up};
 use crate::summary::PerVariable;
@@ -8,53 +8,67 @@ use crate::summary::PerVariable;
 /// The ranges of the run's pictures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ranges {
-    /// Lowest and highest value of the mapped variable.
+    /// Those of each variable.
+    pub variables: Vec<VariableRanges>,
+    /// Highest wind speed of the truth; 0 without wind.
+    pub wind: f32,
+}
+
+/// The ranges of a variable.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VariableRanges {
+    /// Lowest and highest value.
     pub state: [f32; 2],
     /// Largest difference that is told apart by its colour; the smallest is its negative.
     pub difference: f32,
     /// Largest spread.
     pub spread: f32,
-    /// Highest wind speed of the truth; 0 without wind.
-    pub wind: f32,
-    /// Highest error or spread of the curves, for each variable.
+    /// Highest error or spread of the curves, for each method.
     pub score: Vec<f64>,
 }
 
 impl Ranges {
     /// The ranges of a run.
     pub fn of_run(info: &RunInfo, history: &History) -> Self {
-        let variables: Vec<&str> = info.layout.variables.iter().map(|variable| variable.name).collect();
-        let truth = || history.truth.values();
-        let (low, high) = truth()
-            .flat_map(|truth| &truth.field)
-            .filter(|value| value.is_finite())
-            .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)));
-        let state = if low <= high { around(low, high) } else { [0.0, 1.0] };
-        let wind = truth().filter_map(|truth| truth.wind.as_ref());
-        let speeds =
-            wind.flat_map(|[u, v]| u.iter().zip(v)).map(|(u, v)| u.hypot(*v)).filter(|speed| speed.is_finite());
-        // A method that goes astray must not make the pictures of all others pale: the median over the methods.
-        let differences = history.methods.iter().map(|method| {
-            let estimates =
-                method.iter().filter_map(|(cycle, it)| Some((&it.background, &history.truth.get(cycle)?.field)));
-            quantile(estimates.flat_map(|(a, b)| a.iter().zip(b)).map(|(a, b)| (a - b).abs()).collect(), 0.98)
-        });
-        let spreads = history.methods.iter().map(|method| {
-            quantile(method.values().filter_map(|it| it.spread.as_ref()).flatten().copied().collect(), 0.98)
-        });
+        let names = info.layout.variables.iter().map(|variable| variable.name);
         Self {
-            state,
-            difference: round_up(quantile(differences.flatten().collect(), 0.5)),
-            spread: round_up(quantile(spreads.flatten().collect(), 0.5)),
-            wind: speeds.fold(0.0, f32::max),
-            score: variables.iter().map(|variable| score(history, variable)).collect(),
+            variables: names.enumerate().map(|(number, name)| of_variable(history, number, name)).collect(),
+            wind: history.truth.values().map(|truth| history.highest_speed(&truth.fields)).fold(0.0, f32::max),
         }
     }
 }
 
+fn of_variable(history: &History, number: usize, name: &str) -> VariableRanges {
+    let (low, high) = history
+        .truth
+        .values()
+        .flat_map(|truth| &truth.fields[number])
+        .filter(|value| value.is_finite())
+        .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)));
+    // A method that goes astray must not make the pictures of all others pale: the median over the methods. Nor may the
+    // first cycles, in which all know little: nine tenths of the values, and a little more.
+    let median = |of_method: &dyn Fn(&Estimates, &Truth) -> Option<Vec<f32>>| {
+        let quantiles = history.methods.iter().filter_map(|method| {
+            let values = method.iter().filter_map(|(cycle, it)| of_method(it, history.truth.get(cycle)?));
+            quantile(values.flatten().collect(), 0.9)
+        });
+        round_up(quantile(quantiles.collect(), 0.5).map(|it| 1.2 * it))
+    };
+    let difference = |it: &Estimates, truth: &Truth| {
+        let pairs = it.background[number].iter().zip(&truth.fields[number]);
+        Some(pairs.map(|(a, b)| (a - b).abs()).collect())
+    };
+    VariableRanges {
+        state: if low <= high { around(low, high) } else { [0.0, 1.0] },
+        difference: median(&difference),
+        spread: median(&|it, _| Some(it.spread.as_ref()?[number].clone())),
+        score: history.methods.iter().map(|method| score(method.values(), name)).collect(),
+    }
+}
+
 /// The highest error or spread of a variable that its curves shall show.
-fn score(history: &History, variable: &str) -> f64 {
-    let scores = history.methods.iter().flat_map(|method| method.values()).map(|estimates| &estimates.scores);
+fn score<'a>(cycles: impl Iterator<Item = &'a Estimates>, variable: &str) -> f64 {
+    let scores = cycles.map(|estimates| &estimates.scores);
     let parts = scores.flat_map(|it| {
         [Some(&it.rmse_background), Some(&it.rmse_analysis), it.spread_background.as_ref(), it.spread_analysis.as_ref()]
     });

@@ -43,6 +43,16 @@ impl Names {
         format!("methods/{}/{part}", self.methods[method])
     }
 
+    /// A method's map of a variable.
+    pub fn field(&self, method: usize, variable: &str, part: &str) -> String {
+        self.map(method, &format!("maps/{variable}/{part}"))
+    }
+
+    /// Something of a method's blocks and common factors.
+    pub fn structure(&self, method: usize, part: &str) -> String {
+        self.map(method, &format!("structure/{part}"))
+    }
+
     /// A method's curve of a variable.
     pub fn score(&self, method: usize, variable: &str, part: &str) -> String {
         self.map(method, &format!("scores/{variable}/{part}"))

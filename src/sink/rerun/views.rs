@@ -6,12 +6,13 @@ use super::history::History;
 use super::ranges::Ranges;
 use super::recording::{Names, Result};
 use crate::event::RunInfo;
-use crate::plot::number;
+use crate::plot::number as number_text;
 use ::rerun::RecordingStream;
+use isobar_obs::Placement;
 
 /// Plots of calibration parameters on one page, and the most pages that a method has.
 const PARAMETERS_PER_PAGE: usize = 4;
-const PAGES: usize = 8;
+const PAGES: usize = 12;
 
 /// Sends the layout of the run's views.
 pub fn send(recording: &RecordingStream, info: &RunInfo, history: &History, names: &Names, ranges: &Ranges) -> Result {
@@ -35,10 +36,11 @@ impl Views<'_> {
     /// All methods: their errors in one plot for each variable, the scores, and the scenario.
     fn overview(&mut self) -> Result<Part> {
         let mut plots = Vec::new();
-        for (variable, &range) in self.info.layout.variables.iter().zip(&self.ranges.score) {
+        for (variable, range) in self.info.layout.variables.iter().zip(&self.ranges.variables) {
             let name = format!("analysis RMSE of {} [{}]", variable.name, variable.unit);
             let contents = [format!("comparison/{}/**", variable.name)];
-            plots.push(self.blueprint.curves(&name, &contents, Some([0.0, range]), true)?);
+            let highest = range.score.iter().copied().fold(0.0, f64::max);
+            plots.push(self.blueprint.curves(&name, &contents, Some([0.0, highest]), true)?);
         }
         let plots = self.blueprint.container("errors", Arrangement::Horizontal, &plots)?;
         let mapped = &self.info.layout.variables[self.history.mapped];
@@ -54,78 +56,97 @@ impl Views<'_> {
         self.blueprint.container("overview", Arrangement::Vertical(&[1.0, 0.8, 1.0]), &[plots, innovations, texts])
     }
 
-    /// One method: its maps above its curves.
+    /// One method: a tab of maps and errors for each variable, one of its blocks and common factors, and its biases.
     fn method(&mut self, method: usize) -> Result<Part> {
-        let mut maps = self.maps(method)?;
-        let mut curves = Vec::new();
-        for (number, variable) in self.info.layout.variables.iter().enumerate() {
-            let mapped = number == self.history.mapped;
-            let name =
-                format!("{} of {} [{}]", if mapped { "RMSE and spread" } else { "RMSE" }, variable.name, variable.unit);
-            let contents = [self.names.score(method, variable.name, "**")];
-            let plot = self.blueprint.curves(&name, &contents, Some([0.0, self.ranges.score[number]]), mapped)?;
-            if mapped { maps.push(plot) } else { curves.push(plot) }
+        let mapped = self.history.mapped;
+        let others = (0..self.info.layout.variables.len()).filter(|&number| number != mapped);
+        let mut tabs = Vec::new();
+        for number in std::iter::once(mapped).chain(others) {
+            tabs.push(self.maps(method, number)?);
         }
-        curves.extend(self.biases(method)?);
-        let columns = if maps.len() > 6 { 4 } else { 3 };
-        let maps = self.blueprint.container("maps", Arrangement::Grid(columns), &maps)?;
+        tabs.extend(self.structure(method)?);
+        let maps = self.blueprint.container("maps", Arrangement::Tabs, &tabs)?;
         let name = &self.info.methods[method].name;
-        if curves.is_empty() {
-            return self.blueprint.container(name, Arrangement::Vertical(&[1.0]), &[maps]);
+        match self.biases(method)? {
+            None => self.blueprint.container(name, Arrangement::Vertical(&[1.0]), &[maps]),
+            Some(biases) => self.blueprint.container(name, Arrangement::Vertical(&[2.6, 1.0]), &[maps, biases]),
         }
-        let curves = self.blueprint.container("curves", Arrangement::Horizontal, &curves)?;
-        self.blueprint.container(name, Arrangement::Vertical(&[3.0, 1.0]), &[maps, curves])
     }
 
-    fn maps(&mut self, method: usize) -> Result<Vec<Part>> {
-        let variable = &self.info.layout.variables[self.history.mapped];
-        let (name, unit) = (variable.name, variable.unit);
-        let [low, high] = self.ranges.state.map(number::<f32>);
+    /// The maps of a variable, and its errors over time.
+    fn maps(&mut self, method: usize, number: usize) -> Result<Part> {
+        let variable = &self.info.layout.variables[number];
+        let (name, unit, ranges) = (variable.name, variable.unit, &self.ranges.variables[number]);
+        let [low, high] = ranges.state.map(number_text);
         let state = format!("{low} to {high} {unit}");
-        let difference = format!("±{} {unit}", number(self.ranges.difference));
+        let difference = format!("±{} {unit}", number_text(ranges.difference));
         let has_spread = self.history.methods[method].values().any(|it| it.spread.is_some());
-        let spread = format!("0 to {} {unit}", number(self.ranges.spread));
-        let own = |part: &str| self.names.map(method, part);
+        let spread = format!("0 to {} {unit}", number_text(ranges.spread));
+        let own = |part: &str| self.names.field(method, name, part);
         let observations = own("observations/**");
+        let wind = self.names.map(method, "wind");
         let mut maps = vec![
-            (format!("truth {name} · {state}"), "state", vec!["truth/**".into()]),
-            (
-                format!("background {name} · observations by departure"),
-                "state",
-                vec![own("background"), observations.clone()],
-            ),
-            (format!("analysis {name} · {state}"), "state", vec![own("analysis/**")]),
+            (format!("truth · {state}"), "state", vec![format!("truth/{name}"), "truth/wind".into()]),
+            ("background, observations".into(), "state", vec![own("background"), observations.clone()]),
+            (format!("analysis · {state}"), "state", vec![own("analysis"), wind]),
             (format!("increment · {difference}"), "difference", vec![own("increment"), observations]),
             (format!("background error · {difference}"), "difference", vec![own("background_error")]),
             (format!("analysis error · {difference}"), "difference", vec![own("analysis_error")]),
         ];
         if has_spread {
-            maps.push((format!("claimed spread of analysis · {spread}"), "spread", vec![own("spread")]));
+            maps.push((format!("claimed spread · {spread}"), "spread", vec![own("spread")]));
         }
-        let bounds = Frame::new(&self.info.layout).bounds();
-        let blueprint = &mut self.blueprint;
-        let views = maps.into_iter().map(|(title, bar, mut contents)| {
-            contents.push(format!("color_bars/{bar}/**"));
-            blueprint.map(&title, &contents, bounds)
-        });
-        views.collect()
+        let bounds = Frame::new(&self.info.layout).bounds(false);
+        let mut parts = Vec::new();
+        for (title, bar, mut contents) in maps {
+            contents.push(format!("color_bars/{name}/{bar}/**"));
+            parts.push(self.blueprint.map(&title, &contents, bounds)?);
+        }
+        let contents = [self.names.score(method, name, "**")];
+        let title = format!("RMSE and spread [{unit}]");
+        parts.push(self.blueprint.curves(&title, &contents, Some([0.0, ranges.score[method]]), true)?);
+        let title = format!("{name} [{unit}]");
+        self.blueprint.container(&title, Arrangement::Grid(4), &parts)
+    }
+
+    /// The blocks, and the leading common factors.
+    fn structure(&mut self, method: usize) -> Result<Option<Part>> {
+        let structures = || self.history.methods[method].values().filter_map(|it| it.structure.as_ref());
+        let Some(factors) = structures().map(|it| it.factors.len()).max() else { return Ok(None) };
+        let variable = self.info.layout.variables[self.history.mapped].name;
+        let bounds = Frame::new(&self.info.layout).bounds(true);
+        let own = |part: &str| self.names.structure(method, part);
+        let observations = self.names.field(method, variable, "observations/**");
+        let title = "blocks that observations merge";
+        let mut parts = vec![self.blueprint.map(title, &[own("parts/**"), observations], bounds)?];
+        for number in 1..=factors {
+            let contents = [own(&format!("factor_{number}/**"))];
+            parts.push(self.blueprint.map(&format!("common factor {number} in {variable}"), &contents, bounds)?);
+        }
+        let title = if factors > 0 { "blocks and common factors" } else { "blocks" };
+        self.blueprint.container(title, Arrangement::Grid(3), &parts).map(Some)
     }
 
     /// The calibration parameters, one plot for each; in tabs if they are many.
-    fn biases(&mut self, method: usize) -> Result<Vec<Part>> {
+    fn biases(&mut self, method: usize) -> Result<Option<Part>> {
+        if !self.history.has_biases(method) {
+            return Ok(None);
+        }
         let mut plots = Vec::new();
-        for (number, parameter) in self.info.calibration.parameters.iter().enumerate().take(PAGES * PARAMETERS_PER_PAGE)
-        {
+        // Those that many observations share come first: where there are too many, single stations are left out.
+        let mut parameters: Vec<_> = self.info.calibration.parameters.iter().enumerate().collect();
+        parameters.sort_by_key(|(_, parameter)| parameter.placement != Placement::Shared);
+        for (number, parameter) in parameters.into_iter().take(PAGES * PARAMETERS_PER_PAGE) {
             let name = format!("{} [{}]", parameter.name, parameter.unit);
             plots.push(self.blueprint.curves(
                 &name,
                 &[self.names.parameter(method, number, "**")],
                 None,
-                number % PARAMETERS_PER_PAGE == 0,
+                plots.len() % PARAMETERS_PER_PAGE == 0,
             )?);
         }
         if plots.len() <= PARAMETERS_PER_PAGE {
-            return Ok(plots);
+            return self.blueprint.container("biases", Arrangement::Horizontal, &plots).map(Some);
         }
         let mut pages = Vec::new();
         let total = self.info.calibration.len();
@@ -134,6 +155,6 @@ impl Views<'_> {
             let name = format!("biases {first}–{} of {total}", first + plots.len() - 1);
             pages.push(self.blueprint.container(&name, Arrangement::Horizontal, plots)?);
         }
-        Ok(vec![self.blueprint.container("biases", Arrangement::Tabs, &pages)?])
+        self.blueprint.container("biases", Arrangement::Tabs, &pages).map(Some)
     }
 }

@@ -1,0 +1,60 @@
+//! The filter's parts and leading common factors, for viewers.
+
+use super::FastKalmanFilter;
+use crate::linalg::{eigen, product};
+use crate::structure::{CommonFactor, Structure};
+use faer::{Mat, MatRef};
+use isobar_model::Increment;
+use isobar_obs::ObservationWindow;
+
+impl FastKalmanFilter {
+    /// The structure after the analysis of `observed`, with at most `count` factors.
+    pub(super) fn structure_after(&self, observed: &ObservationWindow, count: usize) -> Structure {
+        let patches = self.covariance.patches(&self.blocks);
+        let mut part = vec![0; self.blocks.variables()];
+        for (number, (variables, _)) in patches.iter().enumerate() {
+            variables.iter().for_each(|&variable| part[variable] = number);
+        }
+        let mut touched = vec![false; patches.len()];
+        let rows = observed.operator.linearize(&self.state, &self.bias).state;
+        for row in 0..rows.rows() {
+            rows.row(row).iter().for_each(|&(variable, _)| touched[part[variable]] = true);
+        }
+        part.truncate(self.state.layout().grid.cells());
+        Structure { part_of_cell: part, observed: touched, factors: self.leading_factors(count) }
+    }
+
+    /// The leading principal directions of Φ in the norm of the compression, Φ V with V from S⁻¹ Φ_b = U Σ Vᵀ: they are
+    /// orthogonal in that norm, and all of them together have the same Φ Φᵀ.
+    fn leading_factors(&self, count: usize) -> Vec<CommonFactor> {
+        let factors = &self.covariance.factors;
+        let (b, m, r) = (self.blocks.variables(), self.state.values().len(), factors.columns());
+        let count = count.min(r);
+        if count == 0 {
+            return Vec::new();
+        }
+        let gram = factors.scaled_gram(MatRef::from_column_major_slice(&[], m, 0), &self.scales);
+        let (energies, vectors) = eigen(gram.as_ref());
+        // In descending order.
+        let rotation = Mat::from_fn(r, count, |i, j| vectors[(i, r - 1 - j)]);
+        let on_shared = product(factors.shared.as_ref(), rotation.as_ref());
+        let variances = self.covariance.block_variances(&self.blocks);
+        let total: f64 = variances.iter().zip(&self.scales).map(|(variance, scale)| variance / (scale * scale)).sum();
+        let factor = |j: usize| {
+            let mut values = vec![0.0; b];
+            factors.multiply_add(rotation.col_as_slice(j), &mut values);
+            // A direction has no sign of its own: the largest value is positive.
+            let scaled = values.iter().zip(&self.scales).map(|(value, scale)| value / scale);
+            let largest = scaled.fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
+            let sign = if largest < 0.0 { -1.0 } else { 1.0 };
+            values.iter_mut().for_each(|value| *value *= sign);
+            let mut calibration = vec![0.0; self.bias.len()];
+            self.local.iter().zip(&values[m..]).for_each(|(&number, value)| calibration[number] = *value);
+            self.shared.iter().enumerate().for_each(|(i, &number)| calibration[number] = sign * on_shared[(i, j)]);
+            values.truncate(m);
+            let increment = Increment::from_values(self.state.layout(), values);
+            CommonFactor { increment, calibration, share: if total > 0.0 { energies[r - 1 - j] / total } else { 0.0 } }
+        };
+        (0..count).map(factor).collect()
+    }
+}
