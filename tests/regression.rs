@@ -110,3 +110,16 @@ fn estimating_the_biases_pays() {
     }
     assert!(checked >= 6);
 }
+
+#[test]
+fn however_a_component_is_cut_the_scores_stay_and_factors_by_energy_come_near_the_kalman_filter() {
+    let scenario = scenarios().into_iter().find(|scenario| scenario.name == "dense_footprints").unwrap();
+    let expected = &scenario.expected.methods;
+    let scores = |name: &str| -> Vec<f64> { expected[name].entries().values().copied().collect() };
+    let difference =
+        |a: &str, b: &str| scores(a).iter().zip(scores(b)).map(|(a, b)| (a / b - 1.0).abs()).fold(0.0, f64::max);
+    // Nested elimination drops the same covariance as merging; separators keep some of it in the factors.
+    assert!(difference("nested", "merged") < 1e-4);
+    assert!(difference("separated", "merged") < 2e-3);
+    assert!(expected["adaptive"].rmse_analysis["h"] < 1.01 * expected["kf"].rmse_analysis["h"]);
+}

@@ -20,7 +20,7 @@ const MOST_FACTORS: usize = 100_000;
 const DEFAULT_LARGEST_COMPONENT: usize = 1500;
 
 /// Factors that the separators of larger components may add for an analysis, unless the scenario says how many.
-const DEFAULT_SEPARATOR_FACTORS: usize = 400;
+const DEFAULT_SEPARATOR_FACTORS: usize = 100;
 
 /// A method with its settings.
 #[derive(Clone, Debug, PartialEq)]
