@@ -206,13 +206,13 @@ fn factors_of_smooth_errors_need_no_fine_grid() {
     };
     let plain = || filter(&problem, BlockShape::Cell, 30, Residual::Probe { count: 2 });
     let expected = spread(plain());
-    for (cells, step, most) in [(16, 1200, 0.03), (8, 2400, 0.12)] {
+    for (cells, step, most) in [(16, 1200, 0.04), (8, 2400, 0.16)] {
         let found = spread(plain().with_factors_on(model(cells, step).0).unwrap());
         let difference = relative_difference(&found[..1024], &expected[..1024]);
         let [of_found, of_expected] =
             [&found, &expected].map(|spread| (spread.iter().map(|value| value * value).sum::<f64>()).sqrt());
         println!("{cells} cells: {difference:e} at most, {of_found} {of_expected}");
-        assert!(difference < most && (of_found / of_expected - 1.0).abs() < 0.3 * most, "{cells} cells: {difference}");
+        assert!(difference < most && (of_found / of_expected - 1.0).abs() < 0.5 * most, "{cells} cells: {difference}");
     }
 }
 

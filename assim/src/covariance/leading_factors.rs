@@ -36,7 +36,7 @@ pub(crate) fn leading_columns(
 ) -> TallMatrix {
     let m = covariance.len();
     let rank = rank.min(m);
-    let drawn = (rank + OVERSAMPLING).min(m);
+    let drawn = drawn(m, rank);
     let mut basis = TallMatrix::from_values(m, drawn, standard_normals(stream, m * drawn));
     for _ in 0..=POWER_ITERATIONS {
         basis.par_columns_mut().for_each(|column| multiply(covariance, scales, column));
@@ -53,6 +53,15 @@ pub(crate) fn leading_columns(
         column.iter_mut().zip(scales).for_each(|(value, scale)| *value *= scale);
     });
     basis
+}
+
+/// Takes from the stream what [`leading_columns`] takes from it.
+pub(crate) fn skip_draws(len: usize, rank: usize, stream: &mut ChaCha8Rng) {
+    (0..drawn(len, rank)).for_each(|_| drop(standard_normals(stream, len)));
+}
+
+fn drawn(len: usize, rank: usize) -> usize {
+    (rank.min(len) + OVERSAMPLING).min(len)
 }
 
 /// x ← S⁻¹ U Uᵀ S⁻¹ x.

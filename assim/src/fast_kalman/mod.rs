@@ -150,20 +150,24 @@ impl FastKalmanFilter {
         let (m, p) = (layout.len(), shared.len());
         let mut scales = state_scales(&*problem.background_error, &layout);
         scales.extend(local.iter().map(|&number| sigma_prior(number)));
-        let leading = |operator: &dyn Covariance, purpose: &str| match settings.factors {
+        let leading = |operator: &dyn Covariance, random: &mut ChaCha8Rng| match settings.factors {
             0 => TallMatrix::zeros(m, 0),
-            rank => {
-                let random = &mut random::stream(0, &format!("fast kalman filter/{purpose}"));
-                covariance::leading_columns(operator, &scales[..m], rank, random)
-            }
+            rank => covariance::leading_columns(operator, &scales[..m], rank, random),
         };
+        // What is drawn for B comes first in the stream, then what is for Q, then the probes. But Q is factored first:
+        // its working space is gone when Φ comes, whose own is needed later for the probes.
+        let mut random = random::stream(0, "fast kalman filter");
+        let mut of_background = random.clone();
+        if settings.factors > 0 {
+            covariance::skip_draws(m, settings.factors, &mut random);
+        }
         let model_error = problem.model_error.as_deref().map(|operator| {
-            let mut factors = leading(operator, "model error");
+            let mut factors = leading(operator, &mut random);
             factors.shrink_to_fit();
             ModelError { factors, blocks: BlockDiagonal::of(operator, &blocks) }
         });
 
-        let mut state = leading(&*problem.background_error, "background error");
+        let mut state = leading(&*problem.background_error, &mut of_background);
         state.prepend(p);
         let r = state.columns();
         let local_factors = TallMatrix::zeros(local.len(), r);
@@ -178,7 +182,6 @@ impl FastKalmanFilter {
         let covariance = FactoredCovariance { own, linked: Vec::new(), factors };
         let state = problem.background.clone();
         let bias = vec![0.0; problem.calibration.len()];
-        let random = random::stream(0, "fast kalman filter/probes");
         Ok(Self {
             problem,
             settings,
