@@ -5,27 +5,25 @@ use crate::augmented::{AugmentedState, entries};
 use crate::error::Error;
 use crate::linalg::{for_each_chunk, mirror_lower};
 use crate::problem::{Innovations, Problem};
-use faer::{MatMut, MatRef};
+use faer::{Mat, MatMut, MatRef};
 use isobar_model::Duration;
 use isobar_obs::ObservationWindow;
 
 /// The Kalman filter of [`crate::kalman`], whose analysis takes one observation after the other: where their errors are
-/// uncorrelated, each is a scalar measurement of what the ones before have left (Maybeck 1979, section 7.4; Bierman 1977,
-/// section II.7). With the row h of H, the variance r, and P and δ as they stand,
+/// uncorrelated, each is a scalar measurement of what the ones before have left (Bierman 1977, Factorization Methods for
+/// Discrete Sequential Estimation, chapter II; Maybeck 1979, Stochastic Models, Estimation and Control 1, section 5.3).
+/// With the row h of H, the variance r, and P and δ as they stand,
 ///
 /// ```text
-/// v = P h        α = hᵀ v + r        K = v / α        δ ← δ + K (d − hᵀ δ)        P ← P − K vᵀ
-/// ```
-///
-/// where the covariance is updated in Joseph's form (I − K hᵀ) P (I − K hᵀ)ᵀ + r K Kᵀ as Bierman's stabilised update,
-///
-/// ```text
-/// P̄ = P − K vᵀ        v̄ = P̄ h        P ← P̄ − (v̄ − r K) Kᵀ
+/// v = P h        α = hᵀ v + r        δ ← δ + v (d − hᵀ δ)/α        P ← P − v vᵀ/α
 /// ```
 ///
 /// The α are the squared pivots of H P Hᵀ + R in LDLᵀ form, so Σ (d − hᵀ δ)²/α is the normalised innovation squared. Each
 /// observation costs one sweep over half of P, n (m + p)² in all; nothing is cubic in n. One linearisation, about the
 /// background, serves all observations of a cycle: the analysis is that of [`crate::kalman`] to rounding.
+///
+/// The downdate of one triangle keeps P symmetric, and α > hᵀ v keeps it positive as far as the rounding of its entries
+/// allows: to r = 10⁻¹⁴ hᵀ P h in tests, where Joseph's form in two steps (Bierman's stabilised update) is already lost.
 pub struct SerialKalmanFilter {
     augmented: AugmentedState,
 }
@@ -54,17 +52,16 @@ impl SerialKalmanFilter {
         for (row, (&departure, &variance)) in innovations.departures.iter().zip(&innovations.variance).enumerate() {
             h.clear();
             h.extend(entries(&innovations.jacobian, row, m));
-            let v = multiply(&h, covariance.nrows(), |i, j| covariance[(i, j)]);
+            let v = multiply_lower(covariance, &h);
             let alpha = dot(&h, &v) + variance;
             if !(alpha > 0.0 && alpha.is_finite()) {
                 let matrix = "the innovation covariance H P H' + R".into();
                 return Err(Error::NotPositiveDefinite { matrix, pivot: row, size: n });
             }
-            let gain: Vec<f64> = v.iter().map(|value| value / alpha).collect();
             let innovation = departure - dot(&h, &increment);
-            increment.iter_mut().zip(&gain).for_each(|(value, gain)| *value += gain * innovation);
+            increment.iter_mut().zip(&v).for_each(|(value, v)| *value += v * (innovation / alpha));
             chi2 += innovation * innovation / alpha;
-            update(covariance.as_mut(), &h, variance, &v, &gain);
+            downdate_lower(covariance.as_mut(), &v, alpha);
         }
         mirror_lower(covariance.as_mut());
         Ok((increment, chi2))
@@ -86,22 +83,18 @@ impl Assimilator for SerialKalmanFilter {
     }
 }
 
-/// P h for a symmetric P, of which only entries (i, j) with i ≥ j are asked for.
-fn multiply(h: &[(usize, f64)], size: usize, lower: impl Fn(usize, usize) -> f64) -> Vec<f64> {
-    (0..size).map(|i| h.iter().map(|&(j, weight)| weight * lower(i.max(j), i.min(j))).sum()).collect()
+/// P h for a symmetric P, whose lower triangle is read.
+fn multiply_lower(p: &Mat<f64>, h: &[(usize, f64)]) -> Vec<f64> {
+    (0..p.nrows()).map(|i| h.iter().map(|&(j, weight)| weight * p[(i.max(j), i.min(j))]).sum()).collect()
 }
 
-/// The stabilised update of the lower triangle of P, both steps in one sweep.
-fn update(p: MatMut<'_, f64>, h: &[(usize, f64)], variance: f64, v: &[f64], gain: &[f64]) {
-    // The very values that P̄ will have: only then does the second step take back the rounding of the first.
-    let mut left = multiply(h, v.len(), |i, j| p[(i, j)] - gain[i] * v[j]);
-    left.iter_mut().zip(gain).for_each(|(left, gain)| *left -= variance * gain);
+/// P ← P − v vᵀ/α in the lower triangle.
+fn downdate_lower(p: MatMut<'_, f64>, v: &[f64], alpha: f64) {
     for_each_chunk(p, 0, &|first, chunk| {
         for (j, column) in (first..).zip(chunk.col_iter_mut()) {
             let column = column.try_as_col_major_mut().expect("columns are contiguous").as_slice_mut();
-            for ((p, k), left) in column[j..].iter_mut().zip(&gain[j..]).zip(&left[j..]) {
-                *p = (*p - k * v[j]) - left * gain[j];
-            }
+            let factor = v[j] / alpha;
+            column[j..].iter_mut().zip(&v[j..]).for_each(|(p, v)| *p -= v * factor);
         }
     });
 }

@@ -80,7 +80,7 @@ fn one_observation_at_a_time_equals_all_at_once() {
     }
 }
 
-/// Observations so accurate that the plain P − K vᵀ leaves variances of the order of rounding, of either sign.
+/// Observations so accurate that what they leave is near the rounding of what was there.
 #[test]
 fn serial_updates_stay_positive_under_nearly_perfect_observations() {
     let problem = problem(true, calibration(3, 0, 0.0), 2);

@@ -96,12 +96,14 @@ fn others(variables: &[(&str, &str)]) -> Vec<Column> {
     background.chain(single).collect()
 }
 
-/// `3.59±0.12`: half the width of an interval has two digits.
+/// `3.59±0.12`: half the width of an interval with as many decimals as the figure, or with one digit if it is smaller.
 fn known(text: String, half_width: Option<f64>) -> String {
-    match half_width {
-        None => text,
-        Some(half) if half == 0.0 || !(1e-4..1e4).contains(&half) => format!("{text}±{half:.0e}"),
-        Some(half) => format!("{text}±{half:.*}", (1 - half.log10().floor() as i32).clamp(0, 5) as usize),
+    let Some(half_width) = half_width else { return text };
+    let decimals = text.split_once('.').map_or(0, |(_, decimals)| decimals.len());
+    let rounded = format!("{half_width:.decimals$}");
+    match half_width > 0.0 && rounded.parse() == Ok(0.0) {
+        true => format!("{text}±{half_width:.0e}"),
+        false => format!("{text}±{rounded}"),
     }
 }
 
@@ -110,9 +112,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn half_widths_have_two_digits() {
-        let texts = [0.1234, 12.34, 0.00567, 1e-9].map(|half| known("1.00".into(), Some(half)));
-        assert_eq!(texts, ["1.00±0.12", "1.00±12", "1.00±0.0057", "1.00±1e-9"]);
+    fn half_widths_have_the_decimals_of_their_figures() {
+        let texts = [0.1234, 12.34, 0.00567, 0.004, 0.0].map(|half| known("3.59".into(), Some(half)));
+        assert_eq!(texts, ["3.59±0.12", "3.59±12.34", "3.59±0.01", "3.59±4e-3", "3.59±0.00"]);
+        assert_eq!(known("1234".into(), Some(5.6)), "1234±6");
         assert_eq!(known("1.00".into(), None), "1.00");
     }
 }

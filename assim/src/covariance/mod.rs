@@ -9,7 +9,7 @@ mod white;
 
 pub use balanced::{Balanced, BalancedParameters};
 pub use leading_factors::leading_factors;
-pub(crate) use leading_factors::{OVERSAMPLING, leading_columns, leading_eigenvectors, skip_draws};
+pub(crate) use leading_factors::{OVERSAMPLING, leading_columns, skip_draws};
 pub use sum::Sum;
 pub use univariate::Univariate;
 pub use white::White;
