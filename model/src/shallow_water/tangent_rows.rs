@@ -27,7 +27,7 @@ pub(super) struct TangentRows<'a> {
 /// One number for each place. (Arrays of known length, so that all are found from one address.)
 type Places = [f64; MOST_PLACES];
 
-/// Coefficients of the row pushed, of the row south of it.
+/// Coefficients of the row pushed and of the row south of it.
 struct RowCoefficients {
     /// Of the northern row.
     thickness_x: Places,
@@ -104,9 +104,7 @@ impl RowCoefficients {
             }
         }
     }
-}
 
-impl RowCoefficients {
     /// h̄ˣ, h̄ʸ, 1/h̄ˣʸ and q/(4 h̄ˣʸ).
     #[inline(always)]
     fn thickness_of(&mut self, h: &[f64], h_s: &[f64], q: &[f64]) {
