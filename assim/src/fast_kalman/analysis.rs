@@ -3,9 +3,9 @@
 //! The components are eliminated in chunks, and what each of them adds to the factors, −D_k, is taken in at once, so that
 //! never all D_k are there together: they would need as much memory as the observed part of Φ.
 
-use super::FastKalmanFilter;
 use super::factored_covariance::Patch;
 use super::separation::Separation;
+use super::{FastKalmanFilter, Residual};
 use crate::block_angular::{Block, Component, Eliminated, Information, PartitionReport, Prior, UpdateRows};
 use crate::error::Error;
 use crate::linalg::{cholesky, column, product};
@@ -15,7 +15,7 @@ use isobar_obs::SparseRows;
 use rayon::prelude::*;
 
 /// Components that are eliminated at a time.
-const COMPONENTS: usize = 4096;
+const COMPONENTS: usize = 1024;
 
 /// The Jacobians by block variables b and shared parameters c.
 pub(super) struct SplitRows {
@@ -208,7 +208,8 @@ impl FastKalmanFilter {
                     }
                 }
             }
-            if component.blocks.len() > 1 {
+            // Other forecasts than the exact one have no use for what is linked beyond the blocks.
+            if component.blocks.len() > 1 && self.settings.residual == Residual::Exact {
                 self.covariance.linked.push(Patch { variables, covariance });
             }
         }

@@ -21,7 +21,7 @@ pub(super) struct FactoredCovariance {
     /// C_1 … C_K.
     pub own: BlockDiagonal,
     /// What an analysis has linked beyond the blocks: the whole covariance of those variables, whose part within each
-    /// block is also in `own`.
+    /// block is also in `own`. Empty unless the forecast is exact.
     pub linked: Vec<Patch>,
     /// Φ.
     pub factors: Factors,

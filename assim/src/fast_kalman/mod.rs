@@ -213,7 +213,8 @@ impl FastKalmanFilter {
     }
 
     /// The covariance of the errors of (state, calibration) as a dense matrix in that order, for tests and for queries
-    /// on small problems.
+    /// on small problems. After an analysis, what observations have linked beyond the blocks is in it only if the forecast
+    /// is exact; any other goes on with the blocks' own, as it does here.
     pub fn dense_covariance(&self) -> Mat<f64> {
         let m = self.state.values().len();
         let own = self.covariance.dense(&self.blocks);
@@ -267,9 +268,6 @@ impl FastKalmanFilter {
             forecast::propagate_factors(a, &mut covariance.factors);
             return Ok(());
         }
-        // What observations have linked returns to the blocks: of a positive semidefinite matrix the block diagonal is
-        // one.
-        covariance.linked.clear();
         let layout = self.state.layout().clone();
         let count = if let Residual::Probe { count } = self.settings.residual { count } else { 0 };
         let columns = &mut covariance.factors.state;
