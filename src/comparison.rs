@@ -41,7 +41,12 @@ impl Comparison {
     /// If one is not readable.
     pub fn new(runs: Vec<SavedRun>) -> Result<Self, SavedRunError> {
         let read = |run: SavedRun| run.scores().map(|scores| (run, scores));
-        Ok(Self { runs: runs.into_iter().map(read).collect::<Result<_, _>>()? })
+        Ok(Self::of(runs.into_iter().map(read).collect::<Result<_, _>>()?))
+    }
+
+    /// Of runs whose scores have been read.
+    pub fn of(runs: Vec<(SavedRun, Scores)>) -> Self {
+        Self { runs }
     }
 
     /// The differences of every run from the first, method by method.

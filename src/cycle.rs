@@ -5,6 +5,7 @@ use isobar_assim::{Analysis, Assimilator, Estimate, Structure};
 use isobar_model::Duration;
 use isobar_obs::ObservationWindow;
 use peak_alloc::PeakAlloc;
+use serde::{Deserialize, Serialize};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Instant;
@@ -22,6 +23,14 @@ pub struct Runner {
     pub peak_bytes: u64,
     /// Wall-clock seconds in all cycles.
     pub seconds: f64,
+}
+
+/// What a checkpoint holds of a [`Runner`] beside the method itself.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SavedRunner {
+    monitor: Monitor,
+    peak_bytes: u64,
+    seconds: f64,
 }
 
 /// What a method made of one cycle.
@@ -75,6 +84,28 @@ impl Runner {
     /// The method's blocks and leading common factors after the cycle, for viewers; no part of its cost.
     pub fn structure(&self, observed: &ObservationWindow, factors: usize) -> Option<Structure> {
         self.method.structure(observed, factors)
+    }
+
+    /// The method's memory, for a checkpoint, and what its cycles have cost.
+    ///
+    /// # Errors
+    /// Those of the method.
+    pub fn save(&self) -> Result<(Vec<u8>, SavedRunner), isobar_assim::Error> {
+        let &Self { monitor, peak_bytes, seconds, .. } = self;
+        Ok((self.method.save()?, SavedRunner { monitor, peak_bytes, seconds }))
+    }
+
+    /// Takes back what [`Runner::save`] gave.
+    ///
+    /// # Errors
+    /// Those of the method, if it is of another one.
+    pub fn restore(&mut self, method: &[u8], saved: &SavedRunner) -> Result<(), isobar_assim::Error> {
+        let (result, memory) = measured(|| self.method.restore(method));
+        self.account(memory);
+        self.monitor = saved.monitor;
+        self.peak_bytes = self.peak_bytes.max(saved.peak_bytes);
+        self.seconds = saved.seconds;
+        result
     }
 
     fn account(&mut self, (peak, left): (i64, i64)) {

@@ -85,6 +85,8 @@ pub enum Event<'a> {
         /// When, and why.
         failure: &'a Failure,
     },
+    /// All events of the cycles up to this one have been told again, and the run goes on from here.
+    Resumed(usize),
     /// Truth, observations and methods of a cycle are all told.
     CycleEnded(usize),
     /// An output is not what was asked for, and the run goes on.

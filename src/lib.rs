@@ -9,10 +9,12 @@
 //! | [`scenario`] | reads and checks an experiment's file |
 //! | [`experiment`] | builds model, truth, observing system and methods from it |
 //! | [`truth`] | the true world |
+//! | [`reference`] | what quality control compares observations with |
 //! | [`cycle`] | one cycle of one method |
 //! | [`monitor`] | whether its result can be believed in |
 //! | [`verify`] | the only place where truth and estimate meet |
 //! | [`run`] | the loop over cycles |
+//! | [`checkpoint`], [`interrupt`] | how a run ends before its time, and goes on |
 //! | [`event`], [`sink`] | what happens, and the files that it is written to |
 //! | [`plot`] | curves and maps, as these files hold them |
 //! | [`statistics`] | how well a score is known |
@@ -20,14 +22,17 @@
 //! | [`saved`], [`comparison`] | complete runs, read back and compared |
 //! | [`cli`], [`progress`], [`table`] | the command line |
 
+pub mod checkpoint;
 pub mod cli;
 pub mod comparison;
 pub mod cycle;
 pub mod event;
 pub mod experiment;
+pub mod interrupt;
 pub mod monitor;
 pub mod plot;
 pub mod progress;
+pub mod reference;
 pub mod run;
 pub mod saved;
 pub mod scenario;
@@ -38,3 +43,6 @@ pub mod summary;
 pub mod table;
 pub mod truth;
 pub mod verify;
+
+/// The version, as files say it.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");

@@ -9,6 +9,7 @@
 
 use crate::cycle::Outcome;
 use isobar_assim::Estimate;
+use serde::{Deserialize, Serialize};
 
 /// The normalised innovation squared per observation, expected to be 1, beyond which a filter may have diverged: more than
 /// seven times the highest mean of any shipped scenario.
@@ -48,7 +49,7 @@ pub enum Fault {
 }
 
 /// What is remembered of a method from cycle to cycle.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Monitor {
     /// Analyses in succession with an innovation far beyond what the method claims.
     astray: usize,

@@ -1,15 +1,19 @@
 //! A run: truth, observations, every method, verification, sinks; cycle after cycle.
 
+use crate::checkpoint::{self, Keeper, Newest, Plan, journal, newest};
 use crate::cli::RunOptions;
 use crate::event::{Analysed, Event};
 use crate::experiment::{Experiment, ExperimentError};
+use crate::interrupt;
+use crate::reference::Reference;
 use crate::scenario::Scenario;
 use crate::scenario::text::clean;
 use crate::sink::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
 use crate::summary::{Failure, MethodScores, Summary};
-use crate::verify::{Scorecard, TrueValues};
+use crate::verify::{Scorecard, Scores, TrueValues};
 use isobar_model::ForecastError;
 use rayon::{ThreadPool, ThreadPoolBuilder};
+use std::path::PathBuf;
 
 /// Why a run ended early.
 #[derive(Debug, thiserror::Error)]
@@ -25,6 +29,25 @@ pub enum RunError {
         /// Why.
         error: ForecastError,
     },
+    /// A signal ended the run after a cycle.
+    #[error("ended by a signal after cycle {cycle} of {cycles}")]
+    Interrupted {
+        /// The last complete cycle.
+        cycle: usize,
+        /// The run's number of cycles.
+        cycles: usize,
+    },
+    /// The run cannot be resumed.
+    #[error("{} cannot be resumed: {reason}", directory.display())]
+    Resume {
+        /// The working directory.
+        directory: PathBuf,
+        /// Why not.
+        reason: String,
+    },
+    /// The place of the outputs is not to be had.
+    #[error(transparent)]
+    Place(SinkError),
     /// An output could not be written.
     #[error(transparent)]
     Sink(#[from] SinkError),
@@ -33,29 +56,43 @@ pub enum RunError {
     Threads(#[from] rayon::ThreadPoolBuildError),
 }
 
-/// Runs a scenario; `listener` hears all events beside the files. A method that fails is marked in the summary, and the
-/// run goes on with the others.
+/// Runs a scenario, or goes on with it from its last checkpoint; `listener` hears all events beside the files. A method that
+/// fails is marked in the summary, and the run goes on with the others.
 ///
 /// # Errors
-/// Nothing is left in the output directory's place if there is one.
+/// Nothing is left in the output directory's place if there is one, and the last checkpoint stays.
 pub fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, RunError> {
     let workers = ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0)).build()?;
     let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
-    let directory = OutputDirectory::create(&options.out, existing)?;
+    let directory = match options.resume {
+        true => OutputDirectory::resume(&options.out, existing).map_err(RunError::Place)?,
+        false => OutputDirectory::create(&options.out, existing).map_err(RunError::Place)?,
+    };
     let mut experiment = workers.install(|| Experiment::new(scenario, options))?;
+    let plan = Plan::new(scenario, options, &experiment.info);
     let RunOptions { netcdf, rerun, report, live, .. } = *options;
-    let outputs = Outputs { netcdf, rerun, report, live };
-    let mut sinks = open_all(&experiment.info, &directory, outputs)?;
-    let mut send = |event: Event<'_>| {
+    let mut sinks = open_all(&experiment.info, &directory, Outputs { netcdf, rerun, report, live })?;
+    let mut tell = |event: Event<'_>| {
         sinks.record(&event)?;
         for warning in sinks.warnings() {
             listener.record(&Event::Warning(&warning))?;
         }
         listener.record(&event)
     };
+    let totals = vec![Scorecard::default(); experiment.methods.len()];
+    let scores = Scores { totals, ..Scores::default() };
+    let mut progress = Progress { keeper: None, scores, cycle: 0 };
+    if options.resume {
+        progress = resume(&directory, &plan, &mut experiment, &mut tell)?;
+    } else {
+        if let Some(policy) = options.checkpoints {
+            progress.keeper = Some(Keeper::start(directory.working(), plan, policy)?);
+        }
+        tell(Event::Started(&experiment.info))?;
+    }
     let shown = Shown { memory: !options.concurrent, structure: rerun || report || live };
-    let summary = cycles(&mut experiment, &workers, shown, &mut send)?;
-    send(Event::Finished(&summary))?;
+    let summary = cycles(&mut experiment, progress, &workers, shown, &mut tell)?;
+    tell(Event::Finished(&summary))?;
     drop(sinks);
     directory.complete()?;
     Ok(summary)
@@ -70,55 +107,142 @@ struct Shown {
     structure: bool,
 }
 
+/// What a run is in the middle of.
+struct Progress {
+    /// Journal and checkpoints, if there shall be any.
+    keeper: Option<Keeper>,
+    /// What it has come to so far.
+    scores: Scores,
+    /// The last complete cycle.
+    cycle: usize,
+}
+
+type Tell<'a> = dyn FnMut(Event<'_>) -> Result<(), SinkError> + 'a;
+
+/// Brings the experiment to where the newest readable checkpoint has it, and tells again all that happened until then.
+fn resume(
+    directory: &OutputDirectory,
+    plan: &Plan,
+    experiment: &mut Experiment,
+    tell: &mut Tell<'_>,
+) -> Result<Progress, RunError> {
+    let working = directory.working();
+    let refuse = |reason: String| RunError::Resume { directory: working.to_path_buf(), reason };
+    let Newest { checkpoint, memories, damaged } = newest(working, plan).map_err(refuse)?;
+    for (path, reason) in &damaged {
+        let text = format!("{}: {reason}; the checkpoint before it is used", clean(&path.display().to_string()));
+        tell(Event::Warning(&text))?;
+    }
+    let (cycle, bytes) = (checkpoint.cycle, checkpoint.journal_bytes);
+    tell(Event::Started(&experiment.info))?;
+    journal::replay(working, bytes, &experiment.info, tell).map_err(|reason| refuse(format!("journal: {reason}")))?;
+    let scores = checkpoint.restore(&memories, experiment).map_err(|reason| refuse(format!("checkpoint: {reason}")))?;
+    let keeper = plan.policy().map(|policy| Keeper::resume(working, plan.clone(), policy, cycle, bytes)).transpose()?;
+    // Put aside, so that nobody takes them for checkpoints of what is about to be computed.
+    damaged.iter().for_each(|(path, _)| checkpoint::file::put_aside(path));
+    tell(Event::Resumed(cycle))?;
+    Ok(Progress { keeper, scores, cycle })
+}
+
 fn cycles(
     experiment: &mut Experiment,
+    mut progress: Progress,
     workers: &ThreadPool,
     shown: Shown,
-    send: &mut dyn FnMut(Event<'_>) -> Result<(), SinkError>,
+    tell: &mut Tell<'_>,
 ) -> Result<Summary, RunError> {
-    let Experiment { info, score_from_cycle, truth, observing, methods } = experiment;
-    let mut totals = vec![Scorecard::default(); methods.len()];
-    send(Event::Started(info))?;
-    send(Event::Truth { cycle: 0, time: info.start, state: truth.state(), calibration: observing.true_calibration() })?;
-    for cycle in 1..=info.cycles {
-        workers.install(|| truth.advance()).map_err(|error| RunError::Truth { cycle, error })?;
-        let observed = observing.observe(truth.state());
-        let time = observed.time;
-        let truth = TrueValues { state: truth.state(), calibration: observing.true_calibration() };
-        send(Event::Truth { cycle, time, state: truth.state, calibration: truth.calibration })?;
-        send(Event::Observed(&observed))?;
-        for (number, method) in methods.iter_mut().enumerate().filter(|(_, method)| method.failure.is_none()) {
-            let outcome = match workers.install(|| method.runner.cycle(info.window, &observed)) {
-                Ok(outcome) => outcome,
-                Err(fault) => {
-                    let failure = method.failure.insert(Failure { cycle, reason: clean(&fault.to_string()) });
-                    send(Event::Failed { method: number, failure })?;
-                    continue;
-                }
-            };
-            let scores = Scorecard::of_cycle(truth, &outcome, &info.calibration, method.scores_bias);
-            if cycle >= *score_from_cycle {
-                totals[number].add(&scores);
-            }
-            let factors = shown_factors(cycle, info.cycles);
-            let structure = || method.runner.structure(&observed, factors);
-            send(Event::Analysed(Analysed {
-                method: number,
-                cycle,
-                time,
-                background: &outcome.background,
-                analysis: &outcome.analysis,
-                scores: &MethodScores {
-                    seconds_per_cycle: outcome.seconds,
-                    peak_memory_bytes: shown.memory.then_some(method.runner.peak_bytes),
-                    ..scores.scores(&info.layout)
-                },
-                structure: shown.structure.then(structure).flatten().as_ref(),
-            }))?;
-        }
-        send(Event::CycleEnded(cycle))?;
+    let info = experiment.info.clone();
+    let Progress { keeper, scores, cycle: done } = &mut progress;
+    if *done == 0 {
+        let (state, calibration) = (experiment.truth.state(), experiment.observing.true_calibration());
+        note(keeper, tell, Event::Truth { cycle: 0, time: info.start, state, calibration })?;
     }
-    let scores = info.methods.iter().zip(&totals).zip(methods).map(|((own, total), method)| {
+    for cycle in *done + 1..=info.cycles {
+        one_cycle(experiment, cycle, scores, workers, shown, &mut |event| note(keeper, tell, event))?;
+        if let Some(keeper) = keeper
+            && (keeper.is_due(cycle) || interrupt::requested())
+        {
+            keeper.write(cycle, experiment, scores)?;
+        }
+        if interrupt::requested() && cycle < info.cycles {
+            return Err(RunError::Interrupted { cycle, cycles: info.cycles });
+        }
+    }
+    Ok(summary(experiment, scores, shown))
+}
+
+/// Writes an event to the journal, then tells it.
+fn note(keeper: &mut Option<Keeper>, tell: &mut Tell<'_>, event: Event<'_>) -> Result<(), SinkError> {
+    if let Some(keeper) = keeper {
+        keeper.record(&event)?;
+    }
+    tell(event)
+}
+
+fn one_cycle(
+    experiment: &mut Experiment,
+    cycle: usize,
+    scores: &mut Scores,
+    workers: &ThreadPool,
+    shown: Shown,
+    send: &mut Tell<'_>,
+) -> Result<(), RunError> {
+    let Experiment { info, score_from_cycle, truth, reference, observing, methods } = experiment;
+    workers.install(|| truth.advance()).map_err(|error| RunError::Truth { cycle, error })?;
+    if let Some(reference) = reference {
+        workers.install(|| reference.advance());
+    }
+    let observed = observing.observe_checked(truth.state(), reference.as_ref().map(Reference::now));
+    scores.observations.add(&observed);
+    let time = observed.time;
+    let truth = TrueValues { state: truth.state(), calibration: observing.true_calibration() };
+    send(Event::Truth { cycle, time, state: truth.state, calibration: truth.calibration })?;
+    send(Event::Observed(&observed))?;
+    for (number, method) in methods.iter_mut().enumerate().filter(|(_, method)| method.failure.is_none()) {
+        let outcome = match workers.install(|| method.runner.cycle(info.window, &observed)) {
+            Ok(outcome) => outcome,
+            Err(fault) => {
+                let failure = method.failure.insert(Failure { cycle, reason: clean(&fault.to_string()) });
+                send(Event::Failed { method: number, failure })?;
+                continue;
+            }
+        };
+        let own = Scorecard::of_cycle(truth, &outcome, &info.calibration, method.scores_bias);
+        if cycle >= *score_from_cycle {
+            scores.totals[number].add(&own);
+        }
+        let factors = shown_factors(cycle, info.cycles);
+        let structure = || method.runner.structure(&observed, factors);
+        send(Event::Analysed(Analysed {
+            method: number,
+            cycle,
+            time,
+            background: &outcome.background,
+            analysis: &outcome.analysis,
+            scores: &MethodScores {
+                seconds_per_cycle: outcome.seconds,
+                peak_memory_bytes: shown.memory.then_some(method.runner.peak_bytes),
+                ..own.scores(&info.layout)
+            },
+            structure: shown.structure.then(structure).flatten().as_ref(),
+        }))?;
+    }
+    send(Event::CycleEnded(cycle))?;
+    Ok(())
+}
+
+/// How many common factors are shown: a few, and in the first, the last and some cycles between, since each is as large
+/// as a state.
+fn shown_factors(cycle: usize, cycles: usize) -> usize {
+    const FACTORS: usize = 5;
+    let every = cycles.div_ceil(8);
+    if cycle == 1 || cycle == cycles || cycle.is_multiple_of(every) { FACTORS } else { 0 }
+}
+
+/// The scores of a run.
+fn summary(experiment: &Experiment, scores: &Scores, shown: Shown) -> Summary {
+    let Experiment { info, score_from_cycle, methods, .. } = experiment;
+    let methods = info.methods.iter().zip(&scores.totals).zip(methods).map(|((own, total), method)| {
         let cycles = method.failure.as_ref().map_or(info.cycles, |failure| failure.cycle);
         let scores = MethodScores {
             seconds_per_cycle: method.runner.seconds / cycles as f64,
@@ -129,20 +253,13 @@ fn cycles(
         };
         (own.name.clone(), scores)
     });
-    Ok(Summary {
+    Summary {
         scenario: info.scenario.clone(),
         seed: info.seed,
         cycles: info.cycles,
         scored_from_cycle: *score_from_cycle,
         version: env!("CARGO_PKG_VERSION").to_string(),
-        methods: scores.collect(),
-    })
-}
-
-/// How many common factors are shown: a few, and in the first, the last and some cycles between, since each is as large
-/// as a state.
-fn shown_factors(cycle: usize, cycles: usize) -> usize {
-    const FACTORS: usize = 5;
-    let every = cycles.div_ceil(8);
-    if cycle == 1 || cycle == cycles || cycle.is_multiple_of(every) { FACTORS } else { 0 }
+        observations: scores.observations.clone(),
+        methods: methods.collect(),
+    }
 }

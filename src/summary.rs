@@ -3,7 +3,9 @@
 use crate::statistics::Interval;
 use indexmap::IndexMap;
 use isobar_assim::block_angular::PartitionReport;
+use isobar_obs::ObservationWindow;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// A figure for each variable, by name.
 pub type PerVariable = IndexMap<String, f64>;
@@ -21,6 +23,9 @@ pub struct Summary {
     pub scored_from_cycle: usize,
     /// Version of isobar.
     pub version: String,
+    /// The observations of all cycles.
+    #[serde(default)]
+    pub observations: ObservationCounts,
     /// Scores by method.
     pub methods: IndexMap<String, MethodScores>,
 }
@@ -49,12 +54,40 @@ pub struct MethodScores {
     #[serde(default)]
     pub intervals: Option<Intervals>,
     /// When and why the method failed; it has no scores then.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub failure: Option<Failure>,
     /// Wall-clock seconds per cycle, forecast and analysis.
     pub seconds_per_cycle: f64,
     /// The most memory that the method held at one time; `None` if other runs went on in the same process.
     pub peak_memory_bytes: Option<u64>,
+}
+
+/// Observations, by what became of them.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ObservationCounts {
+    /// Those that methods were given.
+    pub used: usize,
+    /// Those that failed quality control, by reason.
+    pub rejected: BTreeMap<String, usize>,
+}
+
+impl ObservationCounts {
+    /// Counts those of a cycle.
+    pub fn add(&mut self, window: &ObservationWindow) {
+        self.used += window.len();
+        for rejected in &window.rejected {
+            *self.rejected.entry(rejected.rejection.name().to_string()).or_default() += 1;
+        }
+    }
+
+    /// How many were rejected, and why, in words; `None` if none was.
+    pub fn describe_rejected(&self) -> Option<String> {
+        let count: usize = self.rejected.values().sum();
+        let reasons: Vec<String> = self.rejected.iter().map(|(name, count)| format!("{count} {name}")).collect();
+        (count > 0).then(|| {
+            format!("{count} of {} observations rejected by quality control: {}", self.used + count, reasons.join(", "))
+        })
+    }
 }
 
 /// The end of a method before that of the run.

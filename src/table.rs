@@ -51,13 +51,18 @@ pub fn scores(summary: &Summary, variables: &[(&str, &str)]) -> String {
         summary.cycles,
         trimmed(&state),
         trimmed(&rest),
-        partitions(summary) + &failures(summary)
+        partitions(summary) + &rejections(summary) + &failures(summary)
     )
 }
 
 /// The method's name, with a mark if it failed.
 fn marked(method: &str, scores: &MethodScores) -> String {
     if scores.failure.is_some() { format!("{method} (failed)") } else { method.to_string() }
+}
+
+/// How many observations failed quality control; nothing if none did.
+fn rejections(summary: &Summary) -> String {
+    summary.observations.describe_rejected().map_or_else(String::new, |text| format!("\n\n{text}"))
 }
 
 /// When and why methods failed; nothing if none did.
@@ -269,6 +274,7 @@ mod tests {
             cycles: 40,
             scored_from_cycle: 10,
             version: "0".into(),
+            observations: Default::default(),
             methods: [("free".to_string(), free), ("a-method-with-a-long-name".to_string(), filter)].into(),
         }
     }

@@ -3,6 +3,7 @@
 use isobar_assim::{Covariance, covariance};
 use isobar_model::{ForecastError, Model, State, forecast};
 use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// The true world.
@@ -13,6 +14,13 @@ pub struct Truth {
     model_error: Option<(Arc<dyn Covariance>, f64)>,
     random: ChaCha8Rng,
     state: State,
+}
+
+/// The truth's memory, for a checkpoint.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SavedTruth {
+    state: Vec<f64>,
+    random: u128,
 }
 
 impl Truth {
@@ -31,6 +39,21 @@ impl Truth {
     /// The true state now.
     pub fn state(&self) -> &State {
         &self.state
+    }
+
+    /// All that the next cycles depend on and that the scenario does not say.
+    pub fn save(&self) -> SavedTruth {
+        SavedTruth { state: self.state.values().to_vec(), random: self.random.get_word_pos() }
+    }
+
+    /// Takes back what [`Truth::save`] gave; whether it fits.
+    pub fn restore(&mut self, saved: &SavedTruth) -> bool {
+        if saved.state.len() != self.state.values().len() {
+            return false;
+        }
+        self.state.values_mut().copy_from_slice(&saved.state);
+        self.random.set_word_pos(saved.random);
+        true
     }
 
     /// Goes on by one cycle.

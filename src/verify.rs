@@ -2,10 +2,11 @@
 
 use crate::cycle::Outcome;
 use crate::statistics::root_interval;
-use crate::summary::{Intervals, MethodScores, Partition, PerVariable};
+use crate::summary::{Intervals, MethodScores, ObservationCounts, Partition, PerVariable};
 use isobar_assim::Estimate;
 use isobar_model::{Layout, State};
 use isobar_obs::Calibration;
+use serde::{Deserialize, Serialize};
 
 /// The truth of one cycle.
 #[derive(Clone, Copy)]
@@ -17,7 +18,7 @@ pub struct TrueValues<'a> {
 }
 
 /// The scores of one method: mean squares, summed over cycles.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Scorecard {
     cycles: usize,
     error_analysis: Sums,
@@ -31,6 +32,15 @@ pub struct Scorecard {
     partition: Option<Partition>,
     /// The errors of each cycle: analysis, background, biases.
     series: Vec<CycleErrors>,
+}
+
+/// What a run has come to so far.
+#[derive(Clone, Debug, Default)]
+pub struct Scores {
+    /// The scores of each method.
+    pub totals: Vec<Scorecard>,
+    /// The observations of all cycles.
+    pub observations: ObservationCounts,
 }
 
 /// Mean squares by variable number, summed over cycles.

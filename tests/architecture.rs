@@ -74,6 +74,17 @@ fn the_libraries_neither_read_nor_print_nor_look_at_the_clock() {
     assert!(read > 40, "only {read} files");
 }
 
+/// A clock that is set while a run computes can do no harm: only the monotonic one is read.
+#[test]
+fn nothing_reads_the_time_of_day() {
+    for path in sources(&root().join("src")) {
+        let code = code(&path);
+        for forbidden in ["SystemTime", "Timestamp::now", "Zoned::now", "Utc::now", "Local::now"] {
+            assert!(!code.contains(forbidden), "{} has {forbidden}", path.display());
+        }
+    }
+}
+
 #[test]
 fn methods_know_no_concrete_model_and_no_truth() {
     for path in sources(&root().join("assim/src")) {

@@ -1,47 +1,67 @@
-//! Same scenario, same seed: the same bits, on any number of threads.
+//! Same scenario, same seed: the same bits, on any number of threads, again and again, and after an interruption. For every
+//! shipped scenario with all of its methods.
 
+mod outputs;
 mod runs;
 
+use isobar::checkpoint::Policy;
+use isobar::cli::RunOptions;
+use isobar::event::Event;
 use isobar::progress::Progress;
-use isobar::summary::Summary;
+use isobar::scenario::Scenario;
+use isobar::sink::{Sink, SinkError};
+use outputs::Outputs;
 use runs::{run_options, scenarios};
-use std::fs;
 use std::path::Path;
 
-#[test]
-fn one_and_two_threads_write_the_same_bytes() {
-    let mut compared = 0;
-    for scenario in scenarios() {
-        if !["quickstart", "advection_exact"].contains(&scenario.name.as_str()) {
-            continue;
-        }
-        let run = |threads| {
-            let directory = tempfile::tempdir().unwrap();
-            let mut options = run_options(directory.path(), scenario.cycle.score_from_cycle + 2);
-            options.threads = Some(threads);
-            options.netcdf = true;
-            let summary = isobar::run::run(&scenario, &options, &mut Progress::new(true)).unwrap();
-            (directory, summary)
-        };
-        let ((one, first), (two, second)) = (run(1), run(2));
-        for entry in fs::read_dir(one.path().join("run")).unwrap() {
-            let name = entry.unwrap().file_name();
-            if Path::new(&name).extension().is_some_and(|extension| extension == "nc") {
-                let [one, two] =
-                    [&one, &two].map(|directory| fs::read(directory.path().join("run").join(&name)).unwrap());
-                assert!(one == two, "{}: {name:?} differs", scenario.name);
-                compared += 1;
+const CYCLES: usize = 5;
+
+/// A listener that ends the run in a cycle.
+struct EndIn(usize);
+
+impl Sink for EndIn {
+    fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
+        match event {
+            Event::Observed(window) if window.cycle == self.0 => {
+                Err(SinkError { path: "nothing".into(), reason: "this is the end".into() })
             }
+            _ => Ok(()),
         }
-        assert_eq!(untimed(first), untimed(second));
     }
-    assert!(compared >= 14, "only {compared} files");
 }
 
-/// A summary without its costs.
-fn untimed(mut summary: Summary) -> Summary {
-    for scores in summary.methods.values_mut() {
-        (scores.seconds_per_cycle, scores.peak_memory_bytes) = (0.0, None);
+fn options(folder: &Path, threads: usize) -> RunOptions {
+    let checkpoints = Some(Policy { minutes: None, cycles: Some(2) });
+    RunOptions { threads: Some(threads), netcdf: true, checkpoints, ..run_options(folder, CYCLES) }
+}
+
+fn complete(scenario: &Scenario, threads: usize) -> Outputs {
+    let parent = tempfile::tempdir().unwrap();
+    isobar::run::run(scenario, &options(parent.path(), threads), &mut Progress::new(true)).unwrap();
+    Outputs::of(&parent.path().join("run"))
+}
+
+fn resumed(scenario: &Scenario) -> Outputs {
+    let parent = tempfile::tempdir().unwrap();
+    let error = isobar::run::run(scenario, &options(parent.path(), 2), &mut EndIn(4)).unwrap_err();
+    assert!(error.to_string().contains("this is the end"), "{error}");
+    assert!(!parent.path().join("run").exists());
+    let options = RunOptions { resume: true, ..options(parent.path(), 8) };
+    isobar::run::run(scenario, &options, &mut Progress::new(true)).unwrap();
+    assert_eq!(std::fs::read_dir(parent.path()).unwrap().count(), 1, "something was left");
+    Outputs::of(&parent.path().join("run"))
+}
+
+#[test]
+fn threads_and_interruptions_change_no_bit() {
+    let mut files = 0;
+    for mut scenario in scenarios() {
+        scenario.cycle.score_from_cycle = 2;
+        let first = complete(&scenario, 1);
+        assert_eq!(first.files.len(), scenario.methods.len() + 2, "{}", scenario.name);
+        first.assert_same(&complete(&scenario, 2), &scenario.name);
+        first.assert_same(&resumed(&scenario), &scenario.name);
+        files += first.files.len();
     }
-    summary
+    assert!(files >= 40, "only {files} files");
 }

@@ -87,6 +87,7 @@ fn summary(h: f64) -> Summary {
         cycles: 10,
         scored_from_cycle: 2,
         version: "0".into(),
+        observations: Default::default(),
         methods: [("free".to_string(), scores.clone()), ("fkf".to_string(), scores)].into(),
     }
 }

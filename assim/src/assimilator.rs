@@ -65,4 +65,18 @@ pub trait Assimilator: Send {
     fn structure(&self, _observed: &ObservationWindow, _factors: usize) -> Option<Structure> {
         None
     }
+
+    /// All that the next cycles depend on and that problem and settings do not say: estimates, covariances, places in
+    /// random streams.
+    ///
+    /// # Errors
+    /// [`Error::Saved`].
+    fn save(&self) -> Result<Vec<u8>, Error>;
+
+    /// Takes back what [`Assimilator::save`] gave, of a method with the same problem and settings; the cycles that follow
+    /// are then the same to the bit.
+    ///
+    /// # Errors
+    /// [`Error::Saved`] if it does not fit; the method must then not be used any more.
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error>;
 }

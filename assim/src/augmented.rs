@@ -6,10 +6,20 @@ use crate::error::Error;
 use crate::linalg::{add_symmetric_product, product};
 use crate::problem::Problem;
 use crate::propagator::propagator;
+use crate::saved::{Matrix, from_bytes, restore_bias, restore_state, to_bytes};
 use crate::spread::standard_deviations;
 use faer::{Mat, MatRef};
 use isobar_model::{Duration, State};
 use isobar_obs::{BlockAngular, Calibration};
+use serde::{Deserialize, Serialize};
+
+/// Estimate and covariance in a checkpoint.
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    state: Vec<f64>,
+    bias: Vec<f64>,
+    covariance: Matrix,
+}
 
 /// An estimate of (x, c) and the covariance of its errors, on which calibration parameters are unknowns like others.
 pub(crate) struct AugmentedState {
@@ -67,6 +77,25 @@ impl AugmentedState {
         }
         self.covariance = forecast;
         self.estimate()
+    }
+
+    /// What a checkpoint holds of it.
+    pub fn save(&self) -> Result<Vec<u8>, Error> {
+        to_bytes(&Saved {
+            state: self.state.values().to_vec(),
+            bias: self.bias.clone(),
+            covariance: (&self.covariance).into(),
+        })
+    }
+
+    /// Takes back what [`AugmentedState::save`] gave.
+    pub fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        let Saved { state, bias, covariance } = from_bytes(saved)?;
+        restore_state(&mut self.state, &state)?;
+        restore_bias(&mut self.bias, &bias)?;
+        let size = self.covariance.nrows();
+        self.covariance = covariance.restored(size, Some(size), "the covariance P")?;
+        Ok(())
     }
 
     /// s ← s + δs.

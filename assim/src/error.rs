@@ -56,6 +56,12 @@ pub enum Error {
         /// The value, in words.
         what: String,
     },
+    /// A saved state cannot be taken back.
+    #[error("the saved state of the method cannot be used: {reason}")]
+    Saved {
+        /// Why not.
+        reason: String,
+    },
     /// A setting does not fit the experiment.
     #[error("{0}")]
     Setting(String),

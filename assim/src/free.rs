@@ -3,6 +3,7 @@
 use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::error::Error;
 use crate::problem::Problem;
+use crate::saved::{from_bytes, restore_state, to_bytes};
 use isobar_model::{Duration, State, forecast};
 use isobar_obs::ObservationWindow;
 
@@ -45,5 +46,14 @@ impl Assimilator for FreeRun {
             innovation_chi2: None,
             partition: None,
         })
+    }
+
+    fn save(&self) -> Result<Vec<u8>, Error> {
+        to_bytes(&self.state.values())
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        let values: Vec<f64> = from_bytes(saved)?;
+        restore_state(&mut self.state, &values)
     }
 }

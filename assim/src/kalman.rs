@@ -59,6 +59,14 @@ impl Assimilator for KalmanFilter {
         let estimate = self.augmented.estimate()?;
         Ok(self.augmented.problem.analysis(observed, innovations, estimate, innovation_chi2))
     }
+
+    fn save(&self) -> Result<Vec<u8>, Error> {
+        self.augmented.save()
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        self.augmented.restore(saved)
+    }
 }
 
 impl KalmanFilter {

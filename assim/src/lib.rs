@@ -23,6 +23,7 @@ pub mod kalman;
 mod linalg;
 pub mod problem;
 mod propagator;
+mod saved;
 pub mod serial_kalman;
 mod spread;
 pub mod structure;

@@ -81,6 +81,14 @@ impl Assimilator for SerialKalmanFilter {
         let estimate = self.augmented.estimate()?;
         Ok(self.augmented.problem.analysis(observed, innovations, estimate, innovation_chi2))
     }
+
+    fn save(&self) -> Result<Vec<u8>, Error> {
+        self.augmented.save()
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        self.augmented.restore(saved)
+    }
 }
 
 /// P h for a symmetric P, whose lower triangle is read.

@@ -223,6 +223,28 @@ impl Biases {
         }
     }
 
+    /// The true values without jumps and the places in their random streams: estimated parameters, then known ones.
+    pub fn save(&self) -> Vec<(f64, u128)> {
+        let known = self.known.iter().map(|(_, truth)| truth);
+        self.truths.iter().chain(known).map(|truth| (truth.value, truth.random.get_word_pos())).collect()
+    }
+
+    /// Takes back what [`Biases::save`] gave, as of `time`; whether it fits.
+    pub fn restore(&mut self, time: Time, saved: &[(f64, u128)]) -> bool {
+        if saved.len() != self.truths.len() + self.known.len() {
+            return false;
+        }
+        let known = self.known.iter_mut().map(|(_, truth)| truth);
+        for (truth, &(value, random)) in self.truths.iter_mut().chain(known).zip(saved) {
+            truth.value = value;
+            truth.random.set_word_pos(random);
+        }
+        self.time = time;
+        let elapsed = self.time - self.start;
+        self.values = self.truths.iter().map(|truth| truth.at(elapsed)).collect();
+        true
+    }
+
     /// The parameters that methods must estimate.
     pub fn calibration(&self) -> &Calibration {
         &self.calibration

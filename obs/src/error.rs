@@ -69,6 +69,9 @@ pub enum ObservationError {
         /// What would be right.
         expected: String,
     },
+    /// The saved memory of an observing system is of another one.
+    #[error("the saved observing system is not that of this experiment")]
+    UnfitSavedSystem,
     /// Two stations have the same identifier.
     #[error("{file}, line {line}: the station `{id}` is already on line {first_line}; identifiers must differ")]
     DuplicateStation {
@@ -217,6 +220,7 @@ impl ObservationError {
             | EmptyField { .. }
             | InvalidCoordinate { .. }
             | DuplicateStation { .. }
+            | UnfitSavedSystem
             | InvalidWindow { .. } => None,
         }
     }

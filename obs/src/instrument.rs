@@ -4,9 +4,11 @@ pub mod radiosonde;
 pub mod satellite;
 
 use crate::error::{ObservationError, list, require};
+use crate::faults::Faults;
 use crate::window::Report;
 use isobar_model::Layout;
 use radiosonde::RadiosondeConfig;
+use rand_chacha::ChaCha8Rng;
 use satellite::SatelliteConfig;
 
 /// The most stations, or footprints in one cycle, that one instrument may have.
@@ -27,6 +29,14 @@ impl InstrumentConfig {
         match self {
             InstrumentConfig::Radiosonde(config) => &config.name,
             InstrumentConfig::Satellite(config) => &config.name,
+        }
+    }
+
+    /// The instrument's faults.
+    pub(crate) fn faults(&self) -> Faults {
+        match self {
+            InstrumentConfig::Radiosonde(config) => config.faults,
+            InstrumentConfig::Satellite(config) => config.faults,
         }
     }
 }
@@ -106,6 +116,9 @@ pub(crate) struct Observation {
 pub(crate) trait Instrument: Send + Sync {
     /// Appends the observations of `cycle`, from 1; to be called for one cycle after the other.
     fn observe(&mut self, cycle: usize, observations: &mut Vec<Observation>);
+
+    /// Its random streams, always in the same order.
+    fn streams(&mut self) -> Vec<&mut ChaCha8Rng>;
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 //! - [`window`]: [`ObservationWindow`], the observations of one cycle, with a [`Report`] of each
 //! - [`operator`]: [`ObservationOperator`], y = h(x, c)
 //! - [`block_angular`], [`sparse`]: its Jacobians X and G
+//! - [`quality`]: [`QualityControl`], which observations no method sees
 //! - [`calibration`]: the parameters c, and what is known of them
 //!
 //! What an experiment describes:
@@ -11,6 +12,7 @@
 //! - [`instrument`]: [`InstrumentConfig`], [`Schedule`]; [`instrument::radiosonde`], [`instrument::satellite`]
 //! - [`network`], [`stations`]: where stations come from, and station files
 //! - [`bias`]: how biases truly behave, and what methods may assume
+//! - [`faults`]: [`Faults`], reports that must not be believed
 //! - [`footprint`](mod@footprint): what a satellite averages over
 //! - [`projection`]: the plane's place on the Earth
 //! - [`error`]: [`ObservationError`], all that can be wrong with it
@@ -21,11 +23,13 @@ pub mod bias;
 pub mod block_angular;
 pub mod calibration;
 pub mod error;
+pub mod faults;
 pub mod footprint;
 pub mod instrument;
 pub mod network;
 pub mod operator;
 pub mod projection;
+pub mod quality;
 pub mod sparse;
 pub mod stations;
 pub mod system;
@@ -37,6 +41,7 @@ pub use bias::{BiasProcess, Evolution, InitialBias};
 pub use block_angular::BlockAngular;
 pub use calibration::{Calibration, Parameter, Placement};
 pub use error::ObservationError;
+pub use faults::Faults;
 pub use footprint::footprint;
 pub use instrument::radiosonde::{BiasScope, RadiosondeConfig, StationBias};
 pub use instrument::satellite::{Heading, SatelliteConfig, ScanBias, ScanTerm};
@@ -44,7 +49,8 @@ pub use instrument::{InstrumentConfig, ObservedVariable, Schedule};
 pub use network::{LeftOutStation, Station, StationSource};
 pub use operator::{LinearOperator, ObservationOperator};
 pub use projection::Projection;
+pub use quality::{QualityControl, RejectedObservation, Rejection};
 pub use sparse::SparseRows;
 pub use stations::{Position, StationRecord, Stations};
-pub use system::ObservingSystem;
+pub use system::{ObservingSystem, SavedSystem};
 pub use window::{ObservationWindow, Report};

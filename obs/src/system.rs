@@ -4,16 +4,36 @@ use crate::bias::Biases;
 use crate::block_angular::BlockAngular;
 use crate::calibration::{Calibration, Parameter};
 use crate::error::ObservationError;
+use crate::faults::Faults;
 use crate::instrument::radiosonde::Radiosondes;
 use crate::instrument::satellite::Satellite;
 use crate::instrument::{Instrument, InstrumentConfig, Observation};
 use crate::network::{LeftOutStation, Station};
 use crate::operator::LinearOperator;
 use crate::projection::Projection;
+use crate::quality::{self, Arrival, QualityControl, RejectedObservation, Rejection};
 use crate::sparse::SparseRows;
 use crate::window::ObservationWindow;
+use isobar_model::random::stream;
 use isobar_model::{Duration, Layout, State, Time};
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
+
+/// The memory of an observing system from cycle to cycle, for a checkpoint.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SavedSystem {
+    cycle: usize,
+    biases: Vec<(f64, u128)>,
+    streams: Vec<u128>,
+}
+
+impl SavedSystem {
+    /// The cycle of which it is.
+    pub fn cycle(&self) -> usize {
+        self.cycle
+    }
+}
 
 /// All instruments of an experiment, which observe the truth cycle after cycle:
 ///
@@ -49,6 +69,8 @@ pub struct ObservingSystem {
     start: Time,
     cycle: usize,
     instruments: Vec<Box<dyn Instrument>>,
+    /// The faults of each instrument, and their random stream.
+    faults: Vec<(Faults, ChaCha8Rng)>,
     biases: Biases,
     stations: Vec<Station>,
     left_out: Vec<LeftOutStation>,
@@ -77,6 +99,7 @@ impl ObservingSystem {
             start,
             cycle: 0,
             instruments: Vec::with_capacity(configs.len()),
+            faults: Vec::with_capacity(configs.len()),
             biases: Biases::new(seed, start),
             stations: Vec::new(),
             left_out: Vec::new(),
@@ -102,6 +125,8 @@ impl ObservingSystem {
                     Box::new(Satellite::new(config, layout, seed, &mut system.biases)?)
                 }
             };
+            config.faults().validate(name)?;
+            system.faults.push((config.faults(), stream(seed, &format!("faults/{name}"))));
             system.instruments.push(instrument);
         }
         Ok(system)
@@ -142,44 +167,100 @@ impl ObservingSystem {
         self.start + Duration::from_seconds(self.window.seconds() * self.cycle as i64)
     }
 
+    /// All that the next cycles depend on and that the configuration does not say.
+    pub fn save(&mut self) -> SavedSystem {
+        let (cycle, biases) = (self.cycle, self.biases.save());
+        SavedSystem { cycle, biases, streams: self.streams().iter().map(|stream| stream.get_word_pos()).collect() }
+    }
+
+    fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {
+        let of_faults = self.faults.iter_mut().map(|faults| &mut faults.1);
+        self.instruments.iter_mut().flat_map(|it| it.streams()).chain(of_faults).collect()
+    }
+
+    /// Takes back what [`Self::save`] gave, of a system of the same configuration and seed.
+    ///
+    /// # Errors
+    /// [`ObservationError::UnfitSavedSystem`] if it is of another system, which then must not be used any more.
+    pub fn restore(&mut self, saved: &SavedSystem) -> Result<(), ObservationError> {
+        self.cycle = saved.cycle;
+        let time = self.time();
+        let fits = self.biases.restore(time, &saved.biases);
+        let mut streams = self.streams();
+        if streams.len() != saved.streams.len() || !fits {
+            return Err(ObservationError::UnfitSavedSystem);
+        }
+        streams.iter_mut().zip(&saved.streams).for_each(|(stream, &place)| stream.set_word_pos(place));
+        Ok(())
+    }
+
+    /// As [`Self::observe_checked`], where the values are not checked against any other.
+    ///
+    /// # Panics
+    /// As there.
+    pub fn observe(&mut self, truth: &State) -> ObservationWindow {
+        self.observe_checked(truth, None)
+    }
+
     /// Goes on to the next cycle, lets the true biases evolve, and observes `truth`, the true state at its valid time
-    /// [`Self::time`]. The values have no known biases; `values_bias_removed` have none at all.
+    /// [`Self::time`]. The values have no known biases; `values_bias_removed` have none at all. Quality control compares
+    /// the values with the reference, if there is one.
     ///
     /// # Panics
     /// If `truth` has another layout than the observing system.
-    pub fn observe(&mut self, truth: &State) -> ObservationWindow {
+    pub fn observe_checked(
+        &mut self,
+        truth: &State,
+        reference: Option<(&QualityControl, &State)>,
+    ) -> ObservationWindow {
         assert_eq!(**truth.layout(), *self.layout, "the truth must have the observing system's layout");
         self.cycle += 1;
         self.biases.advance(self.window);
-        let mut observations: Vec<Observation> = Vec::new();
-        for instrument in &mut self.instruments {
+        let time = self.time();
+        let mut arrivals: Vec<Arrival> = Vec::new();
+        for (instrument, (faults, random)) in self.instruments.iter_mut().zip(&mut self.faults) {
+            let mut observations: Vec<Observation> = Vec::new();
             instrument.observe(self.cycle, &mut observations);
+            let arrive = |observation: Observation| {
+                let value_bias_removed = dot(&observation.state_row, truth.values()) + observation.error;
+                let value = value_bias_removed + dot(&observation.calibration_row, self.biases.values());
+                Arrival { observation, value, value_bias_removed, time }
+            };
+            let own = observations.into_iter().map(arrive).collect();
+            arrivals.extend(faults.spoil(own, self.window, &self.layout.grid, random));
         }
+        let mut rejections = quality::check_reports(&arrivals, time, &self.layout.grid);
+        if let Some((control, reference)) = reference {
+            control.check_values(&arrivals, reference, self.biases.calibration(), &mut rejections);
+        }
+        self.window(time, arrivals, &rejections)
+    }
 
-        let count = observations.len();
-        let mut reports = Vec::with_capacity(count);
-        let mut values_bias_removed = Vec::with_capacity(count);
-        let mut values = Vec::with_capacity(count);
-        let mut sigma = Vec::with_capacity(count);
+    fn window(&self, time: Time, arrivals: Vec<Arrival>, rejections: &[Option<Rejection>]) -> ObservationWindow {
+        let (mut reports, mut values, mut values_bias_removed, mut sigma) =
+            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut rejected = Vec::new();
         let mut jacobian = BlockAngular { state: SparseRows::new(), calibration: SparseRows::new() };
-        for (number, observation) in observations.into_iter().enumerate() {
-            jacobian.state.push_row(observation.state_row);
-            jacobian.calibration.push_row(observation.calibration_row);
-            let unbiased = jacobian.state.row_dot(number, truth.values()) + observation.error;
-            values_bias_removed.push(unbiased);
-            values.push(unbiased + jacobian.calibration.row_dot(number, self.biases.values()));
-            sigma.push(observation.sigma);
-            reports.push(observation.report);
+        for (arrival, rejection) in arrivals.into_iter().zip(rejections) {
+            let Arrival { observation, value, value_bias_removed, .. } = arrival;
+            let Observation { report, sigma: own, state_row, calibration_row, .. } = observation;
+            if let Some(rejection) = *rejection {
+                rejected.push(RejectedObservation { report, value, sigma: own, rejection });
+                continue;
+            }
+            jacobian.state.push_row(state_row);
+            jacobian.calibration.push_row(calibration_row);
+            values.push(value);
+            values_bias_removed.push(value_bias_removed);
+            sigma.push(own);
+            reports.push(report);
         }
         let operator = Box::new(LinearOperator { jacobian });
-        ObservationWindow {
-            time: self.time(),
-            cycle: self.cycle,
-            reports,
-            values,
-            values_bias_removed,
-            sigma,
-            operator,
-        }
+        ObservationWindow { time, cycle: self.cycle, reports, values, values_bias_removed, sigma, rejected, operator }
     }
+}
+
+/// A sparse row times a vector.
+fn dot(row: &[(usize, f64)], x: &[f64]) -> f64 {
+    row.iter().map(|&(column, value)| value * x[column]).sum()
 }

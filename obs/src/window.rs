@@ -1,6 +1,7 @@
 //! The observations of one cycle, as a method receives them.
 
 use crate::operator::ObservationOperator;
+use crate::quality::RejectedObservation;
 use isobar_model::Time;
 use std::sync::Arc;
 
@@ -35,6 +36,8 @@ pub struct ObservationWindow {
     pub values_bias_removed: Vec<f64>,
     /// Standard deviation of each random error; errors are independent.
     pub sigma: Vec<f64>,
+    /// What was reported as well, but fails quality control: no method sees it.
+    pub rejected: Vec<RejectedObservation>,
     /// h(x, c) of these observations.
     pub operator: Box<dyn ObservationOperator>,
 }

@@ -17,6 +17,7 @@ const EXAMPLES: &str = "Examples:
   isobar run quickstart                          run scenarios/quickstart.toml
   isobar run quickstart --methods free,fkf       only two of its methods
   isobar init mine.toml && isobar check mine.toml
+  isobar resume out/quickstart                   go on with a run that was interrupted
   isobar view out/quickstart                     look at a run in the rerun viewer
   isobar compare out/quickstart other/quickstart which one is better, and is that chance?
   isobar regress                                 have the scores of any scenario moved?";
@@ -27,6 +28,9 @@ pub enum Command {
     /// Run scenarios, print their scores and write their files
     #[command(after_help = RUN_EXAMPLES)]
     Run(RunArguments),
+    /// Go on with runs that were interrupted
+    #[command(after_help = RESUME_EXAMPLES)]
+    Resume(ResumeArguments),
     /// Say whether scenario files are valid, without running them
     Check(CheckArguments),
     /// List the scenarios in ./scenarios
@@ -102,6 +106,38 @@ pub struct RunArguments {
     /// With --seeds: write all files of every seed, and not only its scores
     #[arg(long, requires = "seeds")]
     pub all_files: bool,
+    /// Write a checkpoint after so many minutes; 0: none for the time alone
+    #[arg(long, value_name = "M", default_value_t = 5.0, value_parser = minutes)]
+    pub checkpoint_minutes: f64,
+    /// Write a checkpoint after so many cycles, whatever it costs
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub checkpoint_cycles: Option<u64>,
+}
+
+/// A number of minutes.
+fn minutes(text: &str) -> Result<f64, String> {
+    let wanted = "a number from 0 to 100000";
+    text.parse().ok().filter(|minutes| (0.0..=1e5).contains(minutes)).ok_or_else(|| format!("it must be {wanted}"))
+}
+
+const RESUME_EXAMPLES: &str = "Examples:
+  isobar resume out/quickstart                   what `isobar run quickstart` would have done
+  isobar resume out/jet out/vortices --threads 4";
+
+#[derive(Args, Debug)]
+pub struct ResumeArguments {
+    /// Directories of the runs, as they would be called when complete
+    #[arg(required = true, value_name = "OUT")]
+    pub runs: Vec<PathBuf>,
+    /// Number of threads [default: one for each core]; results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
+    pub threads: Option<u64>,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
+    /// Show the run in a running rerun viewer while it computes
+    #[arg(long)]
+    pub live: bool,
 }
 
 #[derive(Args, Debug)]

@@ -7,11 +7,15 @@ mod init;
 mod list;
 mod lookup;
 mod regress;
+mod resume;
 mod run;
 mod seeds;
 mod view;
 
+use crate::checkpoint::Policy;
+use crate::interrupt;
 use crate::scenario::Scenario;
+use crate::scenario::text::printable;
 use crate::sink::Sink;
 use crate::summary::Summary;
 use arguments::{Arguments, Command};
@@ -45,6 +49,10 @@ pub struct RunOptions {
     pub live: bool,
     /// Whether other runs go on in this process, so that nobody can tell whose memory is whose.
     pub concurrent: bool,
+    /// When checkpoints are written; `None`: never.
+    pub checkpoints: Option<Policy>,
+    /// Whether an interrupted run goes on from its last checkpoint.
+    pub resume: bool,
 }
 
 /// What runs an experiment: it sends a listener the run's events, and gives back the scores.
@@ -52,7 +60,7 @@ pub type Runner = dyn Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summar
 
 /// Does what the arguments of this process say.
 ///
-/// The exit code is 0 if all went well, 1 if something failed, and 2 if the arguments make no sense.
+/// The exit code is 0 if all went well, 1 if something failed, 2 if the arguments make no sense, and 130 if a signal ended it.
 pub fn main(runner: &Runner) -> ExitCode {
     let arguments = Arguments::parse();
     // A second hook is refused, and the first one stays: then messages look as its owner wants.
@@ -64,6 +72,7 @@ pub fn main(runner: &Runner) -> ExitCode {
         Command::Check(arguments) => check::check(&arguments.scenarios),
         Command::List => list::list(),
         Command::Init { path } => init::init(&path),
+        Command::Resume(arguments) => resume::resume(&arguments, runner),
         Command::Regress(arguments) => regress::regress(&arguments, runner),
         Command::View { run } => view::view(&run),
         Command::Compare(arguments) => compare::compare(&arguments),
@@ -72,7 +81,10 @@ pub fn main(runner: &Runner) -> ExitCode {
         Ok(code) => code,
         Err(report) => {
             show(&report);
-            ExitCode::FAILURE
+            match interrupt::requested() {
+                true => ExitCode::from(interrupt::EXIT_CODE),
+                false => ExitCode::FAILURE,
+            }
         }
     }
 }
@@ -87,7 +99,8 @@ fn show(report: &Report) {
 /// Prints text to standard output. A reader that has seen enough, as `head` has, is no failure.
 fn print(text: &str) -> Result<(), Report> {
     use std::io::{ErrorKind, Write};
-    match writeln!(std::io::stdout(), "{text}") {
+    // Names in it may come from files.
+    match writeln!(std::io::stdout(), "{}", printable(text)) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(miette::miette!("cannot write the output: {error}")),
         _ => Ok(()),
     }

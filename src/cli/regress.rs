@@ -2,6 +2,7 @@
 
 use super::arguments::RegressArguments;
 use super::{RunOptions, Runner, lookup, print, show};
+use crate::interrupt;
 use crate::progress::Progress;
 use crate::scenario::{Expected, Scenario, accept};
 use crate::table::Comparison;
@@ -18,6 +19,7 @@ pub fn regress(arguments: &RegressArguments, runner: &Runner) -> Result<ExitCode
     if scenarios.is_empty() {
         return Err(miette!("there are no scenarios in ./scenarios"));
     }
+    interrupt::listen();
     let mut code = ExitCode::SUCCESS;
     for scenario in &scenarios {
         match regress_one(scenario, arguments, runner) {
@@ -26,6 +28,9 @@ pub fn regress(arguments: &RegressArguments, runner: &Runner) -> Result<ExitCode
             Err(report) => {
                 show(&report);
                 code = ExitCode::FAILURE;
+                if interrupt::requested() {
+                    return Ok(ExitCode::from(interrupt::EXIT_CODE));
+                }
             }
         }
     }
@@ -60,6 +65,8 @@ fn regress_one(scenario: &Scenario, arguments: &RegressArguments, runner: &Runne
         report: false,
         live: false,
         concurrent: false,
+        checkpoints: None,
+        resume: false,
     };
     let mut progress = Progress::new(arguments.quiet);
     let summary = runner(scenario, &options, &mut progress)?;
@@ -97,6 +104,7 @@ mod tests {
                 cycles: scenario.cycle.count,
                 scored_from_cycle: scenario.cycle.score_from_cycle,
                 version: String::new(),
+                observations: Default::default(),
                 methods: scenario.methods.keys().map(|name| (name.clone(), scores.clone())).collect(),
             })
         }

@@ -2,6 +2,8 @@
 
 use super::arguments::RunArguments;
 use super::{RunOptions, Runner, lookup, print, seeds, show};
+use crate::checkpoint::Policy;
+use crate::interrupt;
 use crate::progress::Progress;
 use crate::scenario::Scenario;
 use crate::scenario::text::{clean, listed, nearest};
@@ -21,6 +23,7 @@ pub fn run(arguments: &RunArguments, runner: &Runner) -> Result<ExitCode, Report
         Ok::<_, Report>((options, seeds))
     };
     let all = scenarios.iter().map(of_scenario).collect::<Result<Vec<_>, _>>()?;
+    interrupt::listen();
     let mut code = ExitCode::SUCCESS;
     for (scenario, (options, seeds)) in scenarios.iter().zip(&all) {
         if let Some(seeds) = seeds {
@@ -29,24 +32,44 @@ pub fn run(arguments: &RunArguments, runner: &Runner) -> Result<ExitCode, Report
             }
             continue;
         }
-        let mut progress = Progress::new(arguments.quiet);
-        let summary = runner(scenario, options, &mut progress)?;
-        drop(progress);
-        let scores = table::scores(&summary, scenario.model.variables());
-        print(&format!("{}: {}\n\n{scores}\n", scenario.name, scenario.title))?;
-        print(&files(scenario, options, arguments.no_rerun))?;
-        let failed: Vec<&str> = summary.failures().map(|(name, _)| name).collect();
-        if !failed.is_empty() {
-            show(&miette!(
-                help = "the files are complete, with missing values and without scores where a method failed",
-                "{}: failed: {}",
-                scenario.name,
-                listed(failed)
-            ));
+        if !run_one(scenario, options, arguments.quiet, arguments.no_rerun, runner)? {
             code = ExitCode::FAILURE;
         }
     }
     Ok(code)
+}
+
+/// Runs a scenario, or goes on with it; whether no method failed.
+pub(super) fn run_one(
+    scenario: &Scenario,
+    options: &RunOptions,
+    quiet: bool,
+    no_rerun: bool,
+    runner: &Runner,
+) -> Result<bool, Report> {
+    let mut progress = Progress::new(quiet);
+    let summary = runner(scenario, options, &mut progress)?;
+    drop(progress);
+    let scores = table::scores(&summary, scenario.model.variables());
+    print(&format!("{}: {}\n\n{scores}\n", scenario.name, scenario.title))?;
+    print(&files(scenario, options, no_rerun))?;
+    let failed: Vec<&str> = summary.failures().map(|(name, _)| name).collect();
+    if !failed.is_empty() {
+        show(&miette!(
+            help = "the files are complete, with missing values and without scores where a method failed",
+            "{}: failed: {}",
+            scenario.name,
+            listed(failed.iter().copied())
+        ));
+    }
+    Ok(failed.is_empty())
+}
+
+/// When checkpoints are written.
+fn policy(arguments: &RunArguments) -> Option<Policy> {
+    let minutes = Some(arguments.checkpoint_minutes).filter(|&minutes| minutes > 0.0);
+    let cycles = arguments.checkpoint_cycles.map(|cycles| cycles as usize);
+    (minutes.is_some() || cycles.is_some()).then_some(Policy { minutes, cycles })
 }
 
 /// Where the files are, and which are missing that the scenario asks for.
@@ -60,6 +83,11 @@ fn files(scenario: &Scenario, options: &RunOptions, refused: bool) -> String {
 fn check_names(scenarios: &[Scenario]) -> Result<(), Report> {
     let mut seen = HashMap::new();
     for scenario in scenarios {
+        // `..toml` would be written to the parent of where it belongs.
+        if scenario.name.starts_with('.') {
+            let path = clean(&scenario.path.display().to_string());
+            return Err(miette!(help = "give the file another name", "{path}: no directory can be named after it"));
+        }
         if let Some(other) = seen.insert(&scenario.name, &scenario.path) {
             let paths = [other, &scenario.path].map(|path| clean(&path.display().to_string()));
             return Err(miette!("{} and {} would write into the same directory", paths[0], paths[1]));
@@ -107,6 +135,8 @@ fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, 
         report: scenario.output.report && !arguments.no_report,
         live: arguments.live,
         concurrent: false,
+        checkpoints: policy(arguments),
+        resume: false,
     })
 }
 
@@ -143,6 +173,8 @@ mod tests {
             report: true,
             live: false,
             concurrent: false,
+            checkpoints: Some(Policy { minutes: Some(5.0), cycles: None }),
+            resume: false,
         };
         assert_eq!(plain, all);
         let changed =

@@ -129,6 +129,7 @@ mod tests {
                 cycles: scenario.cycle.count,
                 scored_from_cycle: scenario.cycle.score_from_cycle,
                 version: String::new(),
+                observations: Default::default(),
                 methods: scenario.methods.keys().map(|name| (name.clone(), scores.clone())).collect(),
             })
         }
@@ -148,6 +149,8 @@ mod tests {
             report: true,
             live: false,
             concurrent: false,
+            checkpoints: None,
+            resume: false,
         };
         let wanted = SeedsOptions { seeds: (1..=5).collect(), against: "fkf".into(), all_files: false };
         run(&scenario, &options, &wanted, &runner(fails), true)

@@ -9,6 +9,7 @@ mod observing;
 use crate::cli::RunOptions;
 use crate::cycle::Runner;
 use crate::event::{MethodInfo, RunInfo, StationInfo};
+use crate::reference::Reference;
 use crate::scenario::{Scenario, ScenarioError};
 use crate::summary::Failure;
 use crate::truth::Truth;
@@ -74,6 +75,8 @@ pub struct Experiment {
     pub score_from_cycle: usize,
     /// The true world.
     pub truth: Truth,
+    /// What the values of observations are compared with, if they are checked.
+    pub reference: Option<Reference>,
     /// What observes it.
     pub observing: ObservingSystem,
     /// The methods, in the order of [`RunInfo::methods`].
@@ -143,8 +146,24 @@ impl Experiment {
             methods: infos,
             stations: stations.collect(),
         };
-        Ok(Self { info, score_from_cycle: scenario.cycle.score_from_cycle, truth, observing, methods })
+        let steps = problem_steps(scenario, &problem);
+        Ok(Self {
+            info,
+            score_from_cycle: scenario.cycle.score_from_cycle,
+            truth,
+            reference: scenario
+                .quality_control
+                .map(|control| Reference::new(control, problem.model, steps, problem.background)),
+            observing,
+            methods,
+        })
     }
+}
+
+/// The time steps of the methods' model in a cycle.
+fn problem_steps(scenario: &Scenario, problem: &Problem) -> usize {
+    let step = problem.model.time_step();
+    scenario.cycle.window.steps_of(step).expect("the scenario's window fits its steps")
 }
 
 fn ground(scenario: &Scenario, seed: u64) -> Result<Ground, ExperimentError> {

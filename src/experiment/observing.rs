@@ -40,6 +40,7 @@ pub(super) fn place(error: &ObservationError) -> Vec<&str> {
         "footprint_sigma_m" => "footprint_sigma_km",
         "shift_per_cycle_m" => "shift_per_cycle_km",
         "edge_margin_m" => "edge_margin_km",
+        setting if setting.starts_with("faults") => "faults",
         setting if setting.starts_with("biases") => "bias",
         setting => setting,
     }));
@@ -65,6 +66,7 @@ fn radiosondes(name: &str, network: &Network, own: &RadiosondeSettings) -> Resul
         own.observed.iter().map(|observed| ObservedVariable::new(&observed.variable, observed.sigma)).collect();
     config.schedule = schedule(network.schedule);
     config.missing_rate = network.missing_rate;
+    config.faults = network.faults;
     config.edge_margin_m = own.edge_margin_m;
     config.biases = own
         .biases
@@ -97,6 +99,7 @@ fn satellite(name: &str, network: &Network, own: &SatelliteSettings, grid: &Grid
     };
     config.track_angle_deg = own.track_angle_deg;
     config.schedule = schedule(network.schedule);
+    config.faults = network.faults;
     config.biases = own
         .biases
         .iter()
@@ -136,6 +139,10 @@ fn process<Pattern>(bias: &Bias<Pattern>) -> BiasProcess {
 
 fn read_stations(path: &Path) -> Result<Stations, ExperimentError> {
     let failure = |reason: String| ExperimentError::File { path: path.to_path_buf(), reason };
+    // A pipe might never end, nor begin.
+    if !path.is_file() {
+        return Err(failure("it is not a file".into()));
+    }
     let file = std::fs::File::open(path).map_err(|error| failure(error.to_string()))?;
     let mut text = String::new();
     file.take(LARGEST_STATION_FILE + 1).read_to_string(&mut text).map_err(|error| failure(error.to_string()))?;

@@ -52,6 +52,7 @@ impl Sink for Progress {
             Event::Finished(_) => self.display.finish(),
             Event::Warning(text) => self.display.warn(text),
             Event::Failed { method, failure } => self.failed(*method, failure),
+            Event::Resumed(_) => self.display.resume(self.done),
             Event::Truth { .. } | Event::Observed(_) | Event::CycleEnded(_) => {}
         }
         Ok(())

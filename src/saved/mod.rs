@@ -5,6 +5,7 @@ mod scores;
 
 pub use scores::{CycleScores, MethodSeries, Scores};
 
+use crate::scenario::text::clean;
 use crate::sink::directory::SUMMARY_FILE;
 use crate::summary::Summary;
 use miette::Diagnostic;
@@ -16,7 +17,7 @@ const LARGEST_FILE: u64 = 1_000_000_000;
 
 /// Why a directory is not that of a run that can be read.
 #[derive(Debug, thiserror::Error, Diagnostic)]
-#[error("{}: {reason}", path.display())]
+#[error("{}: {reason}", clean(&path.display().to_string()))]
 pub struct SavedRunError {
     /// The directory, or a file in it.
     pub path: PathBuf,
@@ -29,11 +30,12 @@ pub struct SavedRunError {
 
 impl SavedRunError {
     fn new(path: &Path, reason: impl ToString) -> Self {
-        Self { path: path.to_path_buf(), reason: reason.to_string(), help: None }
+        // Part of it may be what a file says.
+        Self { path: path.to_path_buf(), reason: clean(&reason.to_string()), help: None }
     }
 
     fn with_help(self, help: impl ToString) -> Self {
-        Self { help: Some(help.to_string()), ..self }
+        Self { help: Some(clean(&help.to_string())), ..self }
     }
 }
 
@@ -67,19 +69,27 @@ impl SavedRun {
                 runs => error.with_help(format!("below it there are: {}", runs.join(", "))),
             });
         }
-        let text = read(&path)?;
-        let version: Option<String> = serde_json::from_str::<serde_json::Value>(&text)
-            .ok()
-            .and_then(|value| Some(value.get("version")?.as_str()?.to_string()));
-        let own = env!("CARGO_PKG_VERSION");
-        if let Some(version) = version.filter(|version| version != own) {
-            let error = failure(&format!("it was written by isobar {version}, and this is isobar {own}"));
-            return Err(error.with_help(format!("run it again with this version, or use isobar {version}")));
-        }
-        let summary = serde_json::from_str(&text)
-            .map_err(|error| SavedRunError::new(&path, format!("it is not the summary of a run: {error}")))?;
+        let summary = summary(&read(&path)?, directory, &path)?;
         Ok(Self { directory: directory.to_path_buf(), summary })
     }
+}
+
+/// The summary in a file of a run's directory.
+///
+/// # Errors
+/// If it is none, or was written by another version.
+pub fn summary(text: &str, directory: &Path, path: &Path) -> Result<Summary, SavedRunError> {
+    let version: Option<String> = serde_json::from_str::<serde_json::Value>(text)
+        .ok()
+        .and_then(|value| Some(value.get("version")?.as_str()?.to_string()));
+    let own = env!("CARGO_PKG_VERSION");
+    if let Some(version) = version.filter(|version| version != own) {
+        let error =
+            SavedRunError::new(directory, format!("it was written by isobar {version}, and this is isobar {own}"));
+        return Err(error.with_help(format!("run it again with this version, or use isobar {version}")));
+    }
+    serde_json::from_str(text)
+        .map_err(|error| SavedRunError::new(path, format!("it is not the summary of a run: {error}")))
 }
 
 /// The text of a file.

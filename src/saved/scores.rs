@@ -37,6 +37,16 @@ impl SavedRun {
     }
 }
 
+impl Scores {
+    /// Reads the text of `scores.csv`.
+    ///
+    /// # Errors
+    /// In words, with the line.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        parse(text)
+    }
+}
+
 fn parse(text: &str) -> Result<Scores, String> {
     let mut reader = csv::Reader::from_reader(text.as_bytes());
     let header = reader.headers().map_err(|error| error.to_string())?.clone();

@@ -1,6 +1,7 @@
 //! Faults that only show when a scenario is built, with their place in its file.
 
 use super::error::{ScenarioError, SourceFile};
+use super::text::clean;
 use super::{Scenario, reader};
 use toml::de::DeValue;
 
@@ -26,6 +27,7 @@ impl Scenario {
                 _ => None,
             };
         }
-        file.error(span, message, label, None)
+        // It may tell what a station file says.
+        file.error(span, clean(&message), label, None)
     }
 }

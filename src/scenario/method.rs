@@ -91,12 +91,18 @@ const KINDS: &[Kind<Which>] = &[
     ),
 ];
 
+/// The most methods of a scenario.
+const MOST_METHODS: usize = 100;
+
 /// Reads `[methods]`, in the order of the file.
 pub(super) fn read(root: &Section<'_>, grid: &Grid) -> Read<IndexMap<String, Method>> {
     let mut methods: IndexMap<String, Method> = IndexMap::new();
     let field = root.required("methods")?;
     for (name, field) in field.any_section()?.fields() {
         check_name(name, &field, "method")?;
+        if methods.len() == MOST_METHODS {
+            return Err(field.misplaced(format!("there are more than {MOST_METHODS} methods"), "too many"));
+        }
         if name == TOLERANCE_KEY {
             return Err(
                 field.misplaced(format!("a method cannot be called {name}"), "[expected] has a key of that name")

@@ -15,6 +15,7 @@ mod initial;
 mod method;
 mod model;
 mod network;
+mod quality;
 mod reader;
 pub(crate) mod text;
 
@@ -35,6 +36,7 @@ pub use network::{
 use error::SourceFile;
 use indexmap::IndexMap;
 use isobar_model::Time;
+use isobar_obs::QualityControl;
 use reader::{Field, Read, Section};
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
@@ -76,6 +78,8 @@ pub struct Scenario {
     pub truth: TruthSettings,
     /// The cycles.
     pub cycle: CycleSettings,
+    /// How the values of observations are checked, if they are.
+    pub quality_control: Option<QualityControl>,
     /// The observing systems, in the order of the file.
     pub networks: IndexMap<String, Network>,
     /// The methods, in the order of the file.
@@ -140,6 +144,7 @@ impl Scenario {
         let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", truth.model.time_step)];
         let cycle = cycle::read(&root, start, &steps)?;
         let networks = network::read(&root, &grid, &model)?;
+        let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
         let methods = method::read(&root, &grid.grid)?;
         let output = cycle::read_output(&root)?;
         let regression = root.yes_or_no_or("regression", true)?;
@@ -160,6 +165,7 @@ impl Scenario {
             model_error,
             truth,
             cycle,
+            quality_control,
             networks,
             methods,
             output,
@@ -182,6 +188,7 @@ const KEYS: &[&str] = &[
     "model_error",
     "truth",
     "cycle",
+    "quality_control",
     "networks",
     "methods",
     "output",

@@ -4,10 +4,12 @@ use super::bias::{self, Bias, RadiosondeBias, ScanTerm};
 use super::covariance::variable;
 use super::grid::GridSettings;
 use super::model::ModelSettings;
+use super::quality;
 use super::reader::{Field, Kind, Limits, Read, Section};
 use super::text::clean;
 use indexmap::IndexMap;
 use isobar_model::Boundary;
+use isobar_obs::Faults;
 use std::path::PathBuf;
 
 /// An observing system: when it reports, and what it is.
@@ -17,6 +19,8 @@ pub struct Network {
     pub schedule: Schedule,
     /// Probability that a report is missing.
     pub missing_rate: f64,
+    /// Reports that must not be believed.
+    pub faults: Faults,
     /// What it is.
     pub instrument: Instrument,
 }
@@ -146,6 +150,7 @@ const KINDS: &[Kind<What>] = &[
             "sigma_wind_m_per_s",
             "observe",
             "bias",
+            "faults",
         ],
     ),
     (
@@ -166,9 +171,13 @@ const KINDS: &[Kind<What>] = &[
             "first_cycle",
             "missing_rate",
             "bias",
+            "faults",
         ],
     ),
 ];
+
+/// The most networks of a scenario.
+const MOST_NETWORKS: usize = 100;
 
 const MOST_STATIONS: usize = 100_000;
 
@@ -178,6 +187,9 @@ pub(super) fn read(root: &Section<'_>, grid: &GridSettings, model: &ModelSetting
     let Some(field) = root.optional("networks") else { return Ok(networks) };
     for (name, field) in field.any_section()?.fields() {
         check_name(name, &field, "network")?;
+        if networks.len() == MOST_NETWORKS {
+            return Err(field.misplaced(format!("there are more than {MOST_NETWORKS} networks"), "too many"));
+        }
         networks.insert(name.to_string(), network(&field, grid, model)?);
     }
     Ok(networks)
@@ -204,6 +216,7 @@ fn network(field: &Field<'_>, grid: &GridSettings, model: &ModelSettings) -> Rea
     Ok(Network {
         schedule: Schedule { interval_cycles, first_cycle },
         missing_rate: section.number_or("missing_rate", 0.0, Limits::Fraction)?,
+        faults: quality::faults(&section)?,
         instrument,
     })
 }

@@ -31,6 +31,18 @@ pub(crate) fn clean(text: &str) -> String {
     cleaned
 }
 
+/// The text with every unprintable character but line feeds written as an escape, however long it is.
+pub(crate) fn printable(text: &str) -> String {
+    let mut printable = String::with_capacity(text.len());
+    for character in text.chars() {
+        match is_unprintable(character) && character != '\n' {
+            true => printable.extend(character.escape_unicode()),
+            false => printable.push(character),
+        }
+    }
+    printable
+}
+
 /// The text with question marks for unprintable characters, one for each byte, so that places in it stay the same.
 /// Line feeds and tabs stay.
 pub(super) fn same_length(text: &str) -> String {
@@ -69,6 +81,7 @@ mod tests {
     #[test]
     fn escapes_cannot_reach_a_terminal() {
         assert_eq!(clean("a\u{1b}[2Jb\u{202e}c"), "a\\u{1b}[2Jb\\u{202e}c");
+        assert_eq!(printable("a\n\u{1b}]0;b\u{7}"), "a\n\\u{1b}]0;b\\u{7}");
         assert_eq!(clean(&"x".repeat(10_000)).chars().count(), LONGEST + 1);
         for text in ["plain", "\u{1b}[31m", "ü\u{9b}31m\r\n\tx", "\u{202e}\u{feff}"] {
             let printable = same_length(text);

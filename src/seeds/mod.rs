@@ -173,6 +173,7 @@ mod tests {
             cycles: 9,
             scored_from_cycle: 3,
             version: "0".into(),
+            observations: Default::default(),
             methods: methods.iter().map(|&(name, h)| (name.to_string(), scores(h))).collect(),
         }
     }

@@ -1,61 +1,173 @@
 //! The directory of a run's outputs: either complete under its final name, or not there at all.
+//!
+//! Beside the final directory `NAME` stands the working directory `.NAME.partial` until the run is complete:
+//!
+//! | in it | what |
+//! |---|---|
+//! | `lock` | locked by the process that works here |
+//! | `outputs/` | the outputs in the making, which become `NAME` by being renamed |
+//! | `replaced/` | for a moment: the outputs of an earlier run that they replace |
+//! | `journal`, `checkpoint-…` | what it takes to resume the run (see [`crate::checkpoint`]) |
 
+use crate::checkpoint::file::{list, sync_directory};
 use crate::sink::SinkError;
-use std::fs;
+use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
-use tempfile::TempDir;
 
 /// The file that the complete directory of a run holds; a directory without it is never replaced.
 pub const SUMMARY_FILE: &str = "summary.json";
 
 /// The file that the directory of runs with several seeds holds in its place.
 pub const SEEDS_FILE: &str = "seeds.json";
+const LOCK: &str = "lock";
+const OUTPUTS: &str = "outputs";
+const REPLACED: &str = "replaced";
 
 /// What to do about outputs that are already there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Existing {
     /// Leave them alone, and fail.
     Refuse,
-    /// Replace them, once the new ones are complete.
+    /// Replace them, once the new ones are complete; an interrupted run is discarded at once.
     Overwrite,
 }
 
-/// A directory in which outputs are written under a hidden temporary name beside the final one.
+/// A directory in which outputs are written beside the final one.
 ///
-/// [`OutputDirectory::complete`] gives it its final name; dropped without that, it is removed with all that it holds.
+/// [`OutputDirectory::complete`] gives it its final name; dropped without that, it is removed with all that it holds, unless
+/// it holds a checkpoint.
 #[derive(Debug)]
 pub struct OutputDirectory {
-    temporary: TempDir,
+    working: PathBuf,
+    outputs: PathBuf,
     destination: PathBuf,
     existing: Existing,
+    /// Locked as long as it is open.
+    lock: File,
 }
 
 impl OutputDirectory {
-    /// Opens a temporary directory for outputs that shall end in `destination`; missing parents are created.
+    /// Opens a directory for outputs that shall end in `destination`; missing parents are created.
     ///
     /// # Errors
-    /// If `destination` exists and may not be replaced, or if nothing can be written beside it.
+    /// If `destination` exists and may not be replaced, if a run is under way there or was interrupted, or if nothing can
+    /// be written beside it.
     pub fn create(destination: impl Into<PathBuf>, existing: Existing) -> Result<Self, SinkError> {
         let destination = destination.into();
-        let Some(name) = destination.file_name() else {
-            return Err(SinkError { path: destination, reason: "the path does not end in a directory's name".into() });
-        };
-        let name = name.to_string_lossy().into_owned();
+        let working = working(&destination)?;
         check_destination(&destination, existing)?;
         let parent = parent_of(&destination);
         fs::create_dir_all(parent).map_err(|error| failure(parent, "cannot create the directory", &error))?;
-        let temporary = hidden_directory(parent, &format!(".{name}.partial-"))
-            .map_err(|error| failure(parent, "cannot create a temporary directory in it", &error))?;
-        Ok(Self { temporary, destination, existing })
+        let directory = Self::lock(working, destination, existing)?;
+        let kept = list(&directory.working);
+        if let (Some((cycle, _)), Existing::Refuse) = (kept.first(), existing) {
+            return Err(SinkError {
+                reason: format!(
+                    "a run was interrupted there and is kept up to cycle {cycle}: `isobar resume {}` continues it, \
+                     --overwrite discards it",
+                    directory.destination.display()
+                ),
+                path: directory.destination.clone(),
+            });
+        }
+        for (_, checkpoint) in kept {
+            fs::remove_file(&checkpoint).map_err(|error| failure(&checkpoint, "cannot be removed", &error))?;
+        }
+        directory.clear()?;
+        Ok(directory)
+    }
+
+    /// Opens the directory of an interrupted run again. Its outputs are made anew.
+    ///
+    /// # Errors
+    /// If there is none, or a run is under way there.
+    pub fn resume(destination: impl Into<PathBuf>, existing: Existing) -> Result<Self, SinkError> {
+        let destination = destination.into();
+        let working = working(&destination)?;
+        if list(&working).is_empty() {
+            let reason = match destination.join(SUMMARY_FILE).is_file() {
+                true => "the run is complete".into(),
+                false => format!("there is no checkpoint in {}: `isobar run` begins anew", working.display()),
+            };
+            return Err(SinkError { path: destination, reason });
+        }
+        let directory = Self::lock(working, destination, existing)?;
+        if !directory.outputs.exists() && directory.destination.join(SUMMARY_FILE).is_file() {
+            // It was ended after its outputs had their final name and before all else was cleared away.
+            list(&directory.working).iter().for_each(|(_, path)| drop(fs::remove_file(path)));
+            return Err(SinkError { path: directory.destination.clone(), reason: "the run is complete".into() });
+        }
+        directory.clear()?;
+        Ok(directory)
+    }
+
+    /// Makes the working directory and locks it.
+    fn lock(working: PathBuf, destination: PathBuf, existing: Existing) -> Result<Self, SinkError> {
+        let cannot = |error: &io::Error| failure(&working, "cannot create a directory for the outputs", error);
+        let path = working.join(LOCK);
+        // Whoever was here before may be about to remove the directory, and with it the file that we lock.
+        for _ in 0..10 {
+            match fs::create_dir(&working) {
+                Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(cannot(&error)),
+                _ => {}
+            }
+            let opened = File::options().create(true).truncate(false).write(true).open(&path);
+            let lock = match opened {
+                Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
+                opened => opened.map_err(|error| cannot(&error))?,
+            };
+            match lock.try_lock() {
+                Ok(()) if is_at(&lock, &path) => {
+                    let outputs = working.join(OUTPUTS);
+                    return Ok(Self { working, outputs, destination, existing, lock });
+                }
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => {
+                    let reason = "another run writes there at this moment; wait for its end, or choose another --out";
+                    return Err(SinkError { path: destination, reason: reason.into() });
+                }
+                Err(TryLockError::Error(error)) => return Err(failure(&path, "cannot be locked", &error)),
+            }
+        }
+        Err(SinkError { path: working, reason: "it comes and goes; is another run at work there?".into() })
+    }
+
+    /// Leaves no outputs of an earlier attempt, but never loses those that one was about to replace.
+    fn clear(&self) -> Result<(), SinkError> {
+        let replaced = self.working.join(REPLACED);
+        let cannot = |path: &Path, error: &io::Error| failure(path, "cannot be cleared away", error);
+        if replaced.exists() {
+            match self.destination.exists() {
+                true => fs::remove_dir_all(&replaced).map_err(|error| cannot(&replaced, &error))?,
+                false => fs::rename(&replaced, &self.destination).map_err(|error| cannot(&replaced, &error))?,
+            }
+        }
+        // The directory itself stays: where it is missing, it has become the destination.
+        match fs::read_dir(&self.outputs) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                fs::create_dir(&self.outputs).map_err(|error| failure(&self.outputs, "cannot be created", &error))
+            }
+            Err(error) => Err(cannot(&self.outputs, &error)),
+            Ok(entries) => entries.into_iter().try_for_each(|entry| {
+                let path = entry.map_err(|error| cannot(&self.outputs, &error))?.path();
+                let removed = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+                removed.map_err(|error| cannot(&path, &error))
+            }),
+        }
     }
 
     /// Where outputs are written until they are complete.
     pub fn path(&self) -> &Path {
-        self.temporary.path()
+        &self.outputs
     }
 
-    /// Where they will be when complete.
+    /// Where journal and checkpoints are.
+    pub fn working(&self) -> &Path {
+        &self.working
+    }
+
+    /// Where the outputs will be when complete.
     pub fn destination(&self) -> &Path {
         &self.destination
     }
@@ -66,36 +178,80 @@ impl OutputDirectory {
     /// If the destination has meanwhile come to be something that may not be replaced, or if it cannot be renamed; what
     /// was there before is then there again.
     pub fn complete(self) -> Result<(), SinkError> {
-        check_destination(&self.destination, self.existing)?;
-        let Self { temporary, destination, .. } = self;
-        if fs::symlink_metadata(&destination).is_ok() {
-            return replace(temporary, &destination);
+        let Self { working, outputs, destination, existing, .. } = &self;
+        check_destination(destination, *existing)?;
+        sync_all(outputs).map_err(|error| failure(destination, "the outputs cannot be stored", &error))?;
+        let replaced = working.join(REPLACED);
+        let is_replaced = fs::symlink_metadata(destination).is_ok();
+        if is_replaced {
+            let moved = fs::rename(destination, &replaced);
+            moved.map_err(|error| failure(destination, "cannot move the old outputs away", &error))?;
         }
-        fs::rename(temporary.path(), &destination)
-            .map_err(|error| failure(&destination, "cannot move the outputs there", &error))?;
-        let _ = temporary.keep();
-        Ok(())
+        if let Err(error) = fs::rename(outputs, destination) {
+            let mut failed = failure(destination, "cannot move the outputs there", &error);
+            if is_replaced && let Err(error) = fs::rename(&replaced, destination) {
+                let place = replaced.display();
+                failed.reason += &format!("; the old outputs are in {place} and could not be put back: {error}");
+            }
+            return Err(failed);
+        }
+        let _ = sync_directory(parent_of(destination));
+        // The checkpoints first: without them nothing is left to be resumed, whatever happens now.
+        list(working).iter().for_each(|(_, path)| drop(fs::remove_file(path)));
+        fs::remove_dir_all(working)
+            .map_err(|error| failure(working, "the outputs are complete, but this remains", &error))
     }
 }
 
-/// Swaps the complete directory for the one at the destination.
-fn replace(temporary: TempDir, destination: &Path) -> Result<(), SinkError> {
-    let parent = parent_of(destination);
-    let name = destination.file_name().unwrap_or_default().to_string_lossy();
-    let attic = hidden_directory(parent, &format!(".{name}.replaced-"))
-        .map_err(|error| failure(parent, "cannot create a temporary directory in it", &error))?;
-    let old = attic.path().join("old");
-    fs::rename(destination, &old).map_err(|error| failure(destination, "cannot move the old outputs away", &error))?;
-    if let Err(error) = fs::rename(temporary.path(), destination) {
-        let mut failed = failure(destination, "cannot move the outputs there", &error);
-        if let Err(error) = fs::rename(&old, destination) {
-            let _ = attic.keep();
-            failed.reason += &format!("; the old outputs are in {} and could not be put back: {error}", old.display());
+impl Drop for OutputDirectory {
+    fn drop(&mut self) {
+        // Only the owner of the lock removes: it is still held here. Of old outputs there must be no doubt.
+        if list(&self.working).is_empty() && !self.working.join(REPLACED).exists() {
+            let _ = fs::remove_dir_all(&self.working);
         }
-        return Err(failed);
+        let _ = self.lock.unlock();
     }
-    let _ = temporary.keep();
-    attic.close().map_err(|error| failure(destination, "the new outputs are complete, the old ones remain", &error))
+}
+
+/// The working directory for a destination.
+///
+/// # Errors
+/// If the destination does not end in a name.
+pub fn working(destination: &Path) -> Result<PathBuf, SinkError> {
+    match destination.file_name() {
+        Some(name) => Ok(parent_of(destination).join(format!(".{}.partial", name.to_string_lossy()))),
+        None => Err(SinkError {
+            path: destination.to_path_buf(),
+            reason: "the path does not end in a directory's name".into(),
+        }),
+    }
+}
+
+/// Whether the file is still the one of that name.
+fn is_at(file: &File, path: &Path) -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        let same = |(a, b): (fs::Metadata, fs::Metadata)| (a.dev(), a.ino()) == (b.dev(), b.ino());
+        file.metadata().ok().zip(fs::metadata(path).ok()).is_some_and(same)
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = file;
+        path.exists()
+    }
+}
+
+/// Makes all files in a directory and below it last.
+fn sync_all(directory: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(directory)? {
+        let path = entry?.path();
+        match path.is_dir() {
+            true => sync_all(&path)?,
+            false => File::options().write(true).open(&path)?.sync_all()?,
+        }
+    }
+    sync_directory(directory)
 }
 
 /// Whether outputs may go to `destination`.
@@ -126,126 +282,10 @@ fn parent_of(path: &Path) -> &Path {
     }
 }
 
-/// A new directory with the access rights of any other (a temporary directory is otherwise its owner's alone).
-fn hidden_directory(parent: &Path, prefix: &str) -> io::Result<TempDir> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(prefix);
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o777));
-    builder.tempdir_in(parent)
-}
-
 fn failure(path: &Path, what: &str, error: &io::Error) -> SinkError {
     SinkError { path: path.to_path_buf(), reason: format!("{what}: {error}") }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn names(directory: &Path) -> Vec<String> {
-        let mut names: Vec<String> = fs::read_dir(directory)
-            .unwrap()
-            .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
-            .collect();
-        names.sort();
-        names
-    }
-
-    fn finished_run(parent: &Path, text: &str) -> PathBuf {
-        let destination = parent.join("quickstart");
-        fs::create_dir(&destination).unwrap();
-        fs::write(destination.join(SUMMARY_FILE), text).unwrap();
-        destination
-    }
-
-    #[test]
-    fn outputs_appear_under_their_name_only_when_complete() {
-        let parent = tempfile::tempdir().unwrap();
-        let destination = parent.path().join("out").join("quickstart");
-        let output = OutputDirectory::create(&destination, Existing::Refuse).unwrap();
-        fs::write(output.path().join(SUMMARY_FILE), "new").unwrap();
-        let hidden = names(&parent.path().join("out"));
-        assert!(hidden.len() == 1 && hidden[0].starts_with(".quickstart.partial-"), "{hidden:?}");
-        output.complete().unwrap();
-        assert_eq!(names(&parent.path().join("out")), ["quickstart"]);
-        assert_eq!(fs::read_to_string(destination.join(SUMMARY_FILE)).unwrap(), "new");
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn others_may_read_complete_outputs_as_they_may_any_new_directory() {
-        use std::os::unix::fs::MetadataExt;
-        let parent = tempfile::tempdir().unwrap();
-        fs::create_dir(parent.path().join("plain")).unwrap();
-        OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap().complete().unwrap();
-        let mode = |name: &str| fs::metadata(parent.path().join(name)).unwrap().mode() & 0o777;
-        assert_eq!(mode("run"), mode("plain"));
-    }
-
-    #[test]
-    fn without_completion_nothing_remains() {
-        let parent = tempfile::tempdir().unwrap();
-        let output = OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap();
-        fs::write(output.path().join("truth.nc"), "half").unwrap();
-        drop(output);
-        assert!(names(parent.path()).is_empty());
-    }
-
-    #[test]
-    fn existing_outputs_are_refused_unless_overwriting_was_asked_for() {
-        let parent = tempfile::tempdir().unwrap();
-        let destination = finished_run(parent.path(), "old");
-        let error = OutputDirectory::create(&destination, Existing::Refuse).unwrap_err();
-        assert!(error.to_string().contains("exists already"), "{error}");
-        let output = OutputDirectory::create(&destination, Existing::Overwrite).unwrap();
-        assert_eq!(fs::read_to_string(destination.join(SUMMARY_FILE)).unwrap(), "old");
-        fs::write(output.path().join(SUMMARY_FILE), "new").unwrap();
-        output.complete().unwrap();
-        assert_eq!(names(parent.path()), ["quickstart"]);
-        assert_eq!(names(&destination), [SUMMARY_FILE]);
-        assert_eq!(fs::read_to_string(destination.join(SUMMARY_FILE)).unwrap(), "new");
-    }
-
-    #[test]
-    fn a_failed_swap_brings_the_old_outputs_back() {
-        let parent = tempfile::tempdir().unwrap();
-        let destination = finished_run(parent.path(), "old");
-        let output = OutputDirectory::create(&destination, Existing::Overwrite).unwrap();
-        fs::remove_dir_all(output.path()).unwrap();
-        let error = output.complete().unwrap_err();
-        assert!(error.to_string().contains("cannot move the outputs there"), "{error}");
-        assert_eq!(names(parent.path()), ["quickstart"]);
-        assert_eq!(fs::read_to_string(destination.join(SUMMARY_FILE)).unwrap(), "old");
-    }
-
-    #[test]
-    fn what_is_not_an_output_is_never_replaced() {
-        let parent = tempfile::tempdir().unwrap();
-        let (home, file) = (parent.path().join("thesis"), parent.path().join("notes"));
-        fs::create_dir(&home).unwrap();
-        fs::write(home.join("chapter"), "1").unwrap();
-        fs::write(&file, "2").unwrap();
-        let error = OutputDirectory::create(&home, Existing::Overwrite).unwrap_err();
-        assert!(error.to_string().contains("no summary.json"), "{error}");
-        let error = OutputDirectory::create(&file, Existing::Overwrite).unwrap_err();
-        assert!(error.to_string().contains("not a directory"), "{error}");
-        // It may also come to be there during the run.
-        let output = OutputDirectory::create(parent.path().join("late"), Existing::Overwrite).unwrap();
-        fs::create_dir(parent.path().join("late")).unwrap();
-        fs::write(parent.path().join("late").join("work"), "3").unwrap();
-        assert!(output.complete().is_err());
-        assert_eq!(names(parent.path()), ["late", "notes", "thesis"]);
-        assert_eq!(names(&parent.path().join("late")), ["work"]);
-    }
-
-    #[test]
-    fn an_impossible_place_is_an_error_that_names_it() {
-        let parent = tempfile::tempdir().unwrap();
-        fs::write(parent.path().join("file"), "").unwrap();
-        let error = OutputDirectory::create(parent.path().join("file").join("run"), Existing::Refuse).unwrap_err();
-        assert!(error.to_string().contains("file"), "{error}");
-        assert!(OutputDirectory::create("/", Existing::Refuse).is_err());
-        assert!(OutputDirectory::create("..", Existing::Overwrite).is_err());
-    }
-}
+#[path = "directory_tests.rs"]
+mod tests;

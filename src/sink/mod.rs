@@ -43,7 +43,7 @@ impl Sink for Vec<Box<dyn Sink>> {
 }
 
 /// An output that could not be written.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, miette::Diagnostic)]
 #[error("cannot write {}: {reason}", path.display())]
 pub struct SinkError {
     /// The file or directory.

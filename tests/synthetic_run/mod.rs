@@ -61,6 +61,7 @@ impl SyntheticRun {
             cycles,
             scored_from_cycle: cycles / 2,
             version: "0.1.0".into(),
+            observations: Default::default(),
             methods: (0..methods).map(|method| (info.methods[method].name.clone(), last(method))).collect(),
         };
         Self { info, truth, true_calibration, windows, results, summary }
@@ -240,6 +241,7 @@ fn observe(info: &RunInfo, cycle: usize, truth: &[State], calibration: &[Vec<f64
         values_bias_removed: with_noise(unbiased),
         sigma: sigma.clone(),
         reports,
+        rejected: Vec::new(),
         operator: Box::new(LinearOperator { jacobian }),
     }
 }

@@ -44,6 +44,16 @@ impl BlockDiagonal {
         result
     }
 
+    /// All matrices, one after another.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// All matrices, one after another.
+    pub fn values_mut(&mut self) -> &mut [f64] {
+        &mut self.values
+    }
+
     pub fn block(&self, blocks: &Blocks, block: usize) -> MatRef<'_, f64> {
         let size = blocks.size(block);
         MatRef::from_column_major_slice(&self.values[blocks.matrix(block)], size, size)

@@ -27,6 +27,7 @@ mod factors;
 mod forecast;
 mod nested;
 mod residual;
+mod saved;
 mod separation;
 mod structure;
 
@@ -330,6 +331,14 @@ impl Assimilator for FastKalmanFilter {
         let (innovation_chi2, partition) = self.analyse_rows(&rows, &innovations)?;
         let analysis = self.problem.analysis(observed, innovations, self.estimate()?, innovation_chi2);
         Ok(Analysis { partition: Some(partition), ..analysis })
+    }
+
+    fn save(&self) -> Result<Vec<u8>, Error> {
+        saved::save(self)
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        saved::restore(self, saved)
     }
 
     fn structure(&self, observed: &ObservationWindow, factors: usize) -> Option<Structure> {

@@ -5,11 +5,13 @@ use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::error::Error;
 use crate::linalg::{cholesky, column, product};
 use crate::problem::{Innovations, Problem};
+use crate::saved::{Matrix, from_bytes, restore_bias, restore_state, to_bytes};
 use crate::spread::standard_deviations;
 use faer::Mat;
 use isobar_model::{Duration, State, forecast};
 use isobar_obs::{Calibration, ObservationWindow};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 /// How 3D-Var is tuned.
 #[derive(Clone, Debug, PartialEq)]
@@ -118,6 +120,31 @@ impl Assimilator for ThreeDVar {
         let estimate = self.estimate()?;
         Ok(self.problem.analysis(observed, innovations, estimate, innovation_chi2))
     }
+
+    fn save(&self) -> Result<Vec<u8>, Error> {
+        to_bytes(&Saved {
+            state: self.state.values().to_vec(),
+            bias: self.bias.clone(),
+            bias_covariance: (&self.bias_covariance).into(),
+        })
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        let Saved { state, bias, bias_covariance } = from_bytes(saved)?;
+        restore_state(&mut self.state, &state)?;
+        restore_bias(&mut self.bias, &bias)?;
+        let p = self.calibration.len();
+        self.bias_covariance = bias_covariance.restored(p, Some(p), "the covariance of the calibration")?;
+        Ok(())
+    }
+}
+
+/// What a checkpoint holds of the method.
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    state: Vec<f64>,
+    bias: Vec<f64>,
+    bias_covariance: Matrix,
 }
 
 /// The control vector (χ, β) and the operator K that takes it to whitened observations.

@@ -3,6 +3,7 @@
 use crate::bias::{BiasProcess, Biases};
 use crate::calibration::Placement;
 use crate::error::{ObservationError, list, require};
+use crate::faults::Faults;
 use crate::instrument::{Instrument, Observation, ObservedVariable, Schedule};
 use crate::network::{Network, Station, StationSource, place};
 use crate::projection::Projection;
@@ -39,6 +40,8 @@ pub struct RadiosondeConfig {
     pub edge_margin_m: f64,
     /// The biases.
     pub biases: Vec<StationBias>,
+    /// Reports that must not be believed.
+    pub faults: Faults,
 }
 
 /// A bias of one variable.
@@ -82,6 +85,7 @@ impl RadiosondeConfig {
             missing_rate: 0.0,
             edge_margin_m: 0.0,
             biases: Vec::new(),
+            faults: Faults::NONE,
         }
     }
 }
@@ -175,6 +179,10 @@ impl Instrument for Radiosondes {
                 });
             }
         }
+    }
+
+    fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {
+        vec![&mut self.errors, &mut self.missing]
     }
 }
 

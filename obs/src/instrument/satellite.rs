@@ -3,6 +3,7 @@
 use crate::bias::{BiasProcess, Biases};
 use crate::calibration::Placement;
 use crate::error::{ObservationError, require};
+use crate::faults::Faults;
 use crate::footprint::{TRUNCATION, footprint};
 use crate::instrument::{Instrument, MOST_PLATFORMS, Observation, ObservedVariable, Schedule};
 use crate::window::Report;
@@ -55,6 +56,8 @@ pub struct SatelliteConfig {
     pub schedule: Schedule,
     /// The biases; each term at most once.
     pub biases: Vec<ScanBias>,
+    /// Reports that must not be believed.
+    pub faults: Faults,
 }
 
 /// Which way a satellite flies.
@@ -138,6 +141,7 @@ impl SatelliteConfig {
             track_angle_deg: 0.0,
             schedule: Schedule::EVERY_CYCLE,
             biases: terms.into_iter().zip(SCAN_BIAS_SIGMAS).map(bias).collect(),
+            faults: Faults::NONE,
         }
     }
 
@@ -292,5 +296,9 @@ impl Instrument for Satellite {
                 calibration_row: self.terms.iter().map(|&(column, term)| (column, term.value(s))).collect(),
             });
         }
+    }
+
+    fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {
+        vec![&mut self.errors]
     }
 }

@@ -24,6 +24,8 @@ pub enum Attribute {
     Text(String),
     /// A finite number.
     Number(f64),
+    /// Integers.
+    Integers(Vec<i32>),
 }
 
 impl From<&str> for Attribute {
@@ -35,6 +37,12 @@ impl From<&str> for Attribute {
 impl From<String> for Attribute {
     fn from(text: String) -> Self {
         Attribute::Text(text)
+    }
+}
+
+impl From<Vec<i32>> for Attribute {
+    fn from(integers: Vec<i32>) -> Self {
+        Attribute::Integers(integers)
     }
 }
 
@@ -164,6 +172,7 @@ impl Definition {
             match finite(name, value)? {
                 Attribute::Text(text) => data_set.add_global_attr_string(name, text),
                 Attribute::Number(number) => data_set.add_global_attr_f64(name, vec![*number]),
+                Attribute::Integers(integers) => data_set.add_global_attr_i32(name, integers.clone()),
             }
             .map_err(in_words)?;
         }
@@ -324,6 +333,7 @@ fn add_attributes(data_set: &mut DataSet, variable: &Variable) -> Result<(), Str
         let result: Result<(), InvalidDataSet> = match finite(name, value)? {
             Attribute::Text(text) => data_set.add_var_attr_string(&variable.name, name, text),
             Attribute::Number(number) => data_set.add_var_attr_f64(&variable.name, name, vec![*number]),
+            Attribute::Integers(integers) => data_set.add_var_attr_i32(&variable.name, name, integers.clone()),
         };
         result.map_err(in_words)?;
     }

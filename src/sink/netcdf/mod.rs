@@ -90,7 +90,7 @@ impl NetcdfSink {
 impl Sink for NetcdfSink {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         match event {
-            Event::Started(_) => Ok(()),
+            Event::Started(_) | Event::Resumed(_) => Ok(()),
             Event::Truth { time, state, calibration, .. } => self.truth.append(*time, state, calibration),
             Event::Observed(window) => self.observations.add(window),
             Event::Analysed(analysed) => {

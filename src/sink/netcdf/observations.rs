@@ -4,7 +4,7 @@ use super::coordinates as cf;
 use super::file::{Definition, FILL_VALUE, NetcdfFile, Values, Variable};
 use crate::event::{Analysed, RunInfo};
 use crate::sink::SinkError;
-use isobar_obs::{ObservationWindow, Report};
+use isobar_obs::{ObservationWindow, Rejection, Report};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::PathBuf;
@@ -18,7 +18,11 @@ pub struct ObservationsFile {
     values: Vec<f64>,
     values_bias_removed: Vec<f64>,
     sigma: Vec<f64>,
-    /// The observations of each cycle.
+    /// Why each is not used; 0 for those that are.
+    codes: Vec<i32>,
+    /// The cycle of each.
+    cycle_numbers: Vec<i32>,
+    /// The observations of each cycle that are used.
     cycles: BTreeMap<usize, Range<usize>>,
     /// Background and analysis departures of each method.
     departures: Vec<[Vec<f64>; 2]>,
@@ -34,6 +38,8 @@ impl ObservationsFile {
             values: Vec::new(),
             values_bias_removed: Vec::new(),
             sigma: Vec::new(),
+            codes: Vec::new(),
+            cycle_numbers: Vec::new(),
             cycles: BTreeMap::new(),
             departures: vec![Default::default(); info.methods.len()],
         }
@@ -53,12 +59,24 @@ impl ObservationsFile {
             return Err(self.failure(format!("the observations of cycle {cycle} came twice")));
         }
         self.reports.extend_from_slice(&window.reports);
-        self.times.resize(start + n, window.time.seconds() as f64);
+        let all = start + n + window.rejected.len();
+        self.times.resize(all, window.time.seconds() as f64);
+        self.cycle_numbers.resize(all, i32::try_from(cycle).unwrap_or(i32::MAX));
         self.values.extend_from_slice(&window.values);
         self.values_bias_removed.extend_from_slice(&window.values_bias_removed);
         self.sigma.extend_from_slice(&window.sigma);
+        self.codes.resize(start + n, 0);
+        for it in &window.rejected {
+            let finite = |value: f64| if value.is_finite() { value } else { FILL_VALUE };
+            self.reports.push(it.report.clone());
+            self.values.push(finite(it.value));
+            // Nothing is known of its errors.
+            self.values_bias_removed.push(FILL_VALUE);
+            self.sigma.push(finite(it.sigma));
+            self.codes.push(i32::from(it.rejection.code()));
+        }
         for method in self.departures.iter_mut().flatten() {
-            method.resize(start + n, FILL_VALUE);
+            method.resize(all, FILL_VALUE);
         }
         Ok(())
     }
@@ -115,12 +133,9 @@ impl ObservationsFile {
             cf::add_grid_mapping(definition, projection);
             cf::add_places(definition, ["latitude", "longitude"], &["obs"], places);
         }
-        let mut cycles = vec![0; self.values.len()];
-        for (&cycle, range) in &self.cycles {
-            cycles[range.clone()].fill(i32::try_from(cycle).unwrap_or(i32::MAX));
-        }
         let variable = Variable::new("cycle", &["obs"]).with("long_name", "number of the cycle").with("units", "1");
-        definition.fixed(variable, Values::Integers(cycles));
+        definition.fixed(variable, Values::Integers(self.cycle_numbers.clone()));
+        self.add_codes(definition);
         let reports = self.reports.iter();
         let text = |name: &str, long_name: &str| Variable::new(name, &[]).with("long_name", long_name);
         let networks = reports.clone().map(|report| &*report.network);
@@ -129,6 +144,17 @@ impl ObservationsFile {
         definition.texts(text("platform", "station, or place in the swath"), "obs", platforms);
         definition.texts(text("variable", "observed variable"), "obs", reports.clone().map(|it| name(info, it)));
         definition.texts(text("unit", "unit of the observed variable"), "obs", reports.map(|it| unit(info, it)));
+    }
+
+    /// Which are used, and why the others are not.
+    fn add_codes(&self, definition: &mut Definition) {
+        let names: Vec<&str> = Rejection::ALL.iter().map(|rejection| rejection.name()).collect();
+        let codes: Vec<i32> = std::iter::once(0).chain(Rejection::ALL.map(|it| i32::from(it.code()))).collect();
+        let variable = Variable::new("quality_code", &["obs"])
+            .with("long_name", "0 for an observation that is used, else why it is not")
+            .with("flag_values", codes)
+            .with("flag_meanings", format!("used {}", names.join(" ")));
+        definition.fixed(variable, Values::Integers(self.codes.clone()));
     }
 
     /// Values and departures.
@@ -149,7 +175,8 @@ impl ObservationsFile {
         };
         let scans = self.reports.iter().map(|report| report.scan.unwrap_or(FILL_VALUE)).collect();
         definition.fixed(number("scan", "scan position, from -1 to 1").with("units", "1"), Values::Numbers(scans));
-        let biases = self.values.iter().zip(&self.values_bias_removed).map(|(value, removed)| value - removed);
+        let bias = |(value, removed): (&f64, &f64)| if *removed == FILL_VALUE { FILL_VALUE } else { value - removed };
+        let biases = self.values.iter().zip(&self.values_bias_removed).map(bias);
         for (name, long_name, values) in [
             ("value", "observed value, true bias included", self.values.clone()),
             ("value_bias_removed", "observed value without its true bias", self.values_bias_removed.clone()),

@@ -17,6 +17,7 @@ pub fn facts(info: &RunInfo, summary: &Summary) -> Vec<(String, String)> {
     add("grid", Some(grid(info)));
     add("model", scenario.get("model").and_then(Value::as_table).map(settings));
     add("observations", networks(&scenario));
+    add("quality control", summary.observations.describe_rejected());
     let parameters = info.calibration.len();
     add("biases", (parameters > 0).then(|| format!("{parameters} unknown parameters")));
     let end = info.start + Duration::from_seconds(info.window.seconds() * info.cycles as i64);

@@ -80,7 +80,7 @@ impl RerunSink {
 impl Sink for RerunSink {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         match event {
-            Event::Started(_) => Ok(()),
+            Event::Started(_) | Event::Resumed(_) => Ok(()),
             Event::Truth { cycle, time, state, calibration } => {
                 self.history.add_truth(*cycle, *time, state, calibration);
                 Ok(())

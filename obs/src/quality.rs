@@ -1,0 +1,347 @@
+//! Quality control of observations before any method sees them: the same decisions for all methods, and no truth in them.
+//!
+//! First what a report says of itself: not finite, outside of the domain, late, a duplicate. Then its value, against a
+//! *reference* x_f that no method makes (a forecast without observations) and against its neighbours: with
+//! `d = y − h(x_f)` and the covariance that departures should have,
+//!
+//! ```text
+//! S_ij = s² exp(−r_ij² / 2L²) + Σ_p G_ip G_jp σ_p² + δ_ij σ_i²
+//! ```
+//!
+//! (s² from the departures' own median, L given, σ_p the prior of bias parameter p), every observation is predicted from
+//! its nearest neighbours N of the same variable:
+//!
+//! ```text
+//! r_i = d_i − S_iN S_NN⁻¹ d_N       v_i = S_ii − S_iN S_NN⁻¹ S_Ni       z_i = r_i / √v_i
+//! ```
+//!
+//! (Lorenc 1981, Mon. Wea. Rev. 109, 701–721). Of the observations with |z| above the limit the worst among its
+//! neighbours is rejected, then its neighbours are looked at again without it: a gross error makes its neighbours look wrong,
+//! too. The limit grows with the median of |z|, so that a wrong s or L costs power and not good observations.
+
+use crate::calibration::Calibration;
+use crate::instrument::Observation;
+use crate::window::Report;
+use isobar_model::{Boundary, Grid, Layout, State, Time};
+use std::collections::HashSet;
+use std::ops::RangeInclusive;
+use std::sync::Arc;
+
+/// Why an observation is not used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Rejection {
+    /// Its value or its error is not finite.
+    NotFinite = 1,
+    /// It lies outside of the domain.
+    Outside = 2,
+    /// It is not valid at the time of the analysis.
+    Late = 3,
+    /// There is one of the same platform and variable already.
+    Duplicate = 4,
+    /// No state could have such a value.
+    Absurd = 5,
+    /// It contradicts its neighbours.
+    GrossError = 6,
+}
+
+impl Rejection {
+    /// All, in the order of their codes from 1.
+    pub const ALL: [Rejection; 6] = [
+        Rejection::NotFinite,
+        Rejection::Outside,
+        Rejection::Late,
+        Rejection::Duplicate,
+        Rejection::Absurd,
+        Rejection::GrossError,
+    ];
+
+    /// Its code: 1 and so on; 0 is that of an observation which is used.
+    pub fn code(self) -> u8 {
+        self as u8
+    }
+
+    /// Its name, in one word.
+    pub fn name(self) -> &'static str {
+        match self {
+            Rejection::NotFinite => "not_finite",
+            Rejection::Outside => "outside",
+            Rejection::Late => "late",
+            Rejection::Duplicate => "duplicate",
+            Rejection::Absurd => "absurd",
+            Rejection::GrossError => "gross_error",
+        }
+    }
+}
+
+/// An observation that no method sees.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RejectedObservation {
+    /// Where, what and by whom.
+    pub report: Report,
+    /// The reported value; it may not be finite.
+    pub value: f64,
+    /// Standard deviation of its random error, as it claims.
+    pub sigma: f64,
+    /// Why.
+    pub rejection: Rejection,
+}
+
+/// How the values of observations are checked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct QualityControl {
+    /// L: how far the errors of a forecast without observations resemble each other \[m\].
+    pub length_m: f64,
+    /// The least limit of |z|.
+    pub limit: f64,
+}
+
+/// The limit of |z| unless told otherwise: one good observation in 16 000 is beyond it.
+pub const LIMIT: f64 = 4.0;
+
+/// Neighbours that predict an observation.
+const NEIGHBOURS: usize = 16;
+
+/// How many ranges of the reference, or usual departures from it, a value may be beyond it.
+const ABSURD: f64 = 20.0;
+
+/// The median of |z| for a standard normal z.
+const NORMAL_MEDIAN: f64 = 0.674_489_750_196_081_7;
+
+/// An observation as it arrives.
+#[derive(Clone, Debug)]
+pub(crate) struct Arrival {
+    pub observation: Observation,
+    /// The reported value.
+    pub value: f64,
+    /// The same without the bias that methods estimate.
+    pub value_bias_removed: f64,
+    /// When it is valid.
+    pub time: Time,
+}
+
+/// What a report says of itself: the rejection of each, where there is one.
+pub(crate) fn check_reports(arrivals: &[Arrival], time: Time, grid: &Grid) -> Vec<Option<Rejection>> {
+    let mut seen: HashSet<(Arc<str>, Arc<str>, usize)> = HashSet::new();
+    let check = |arrival: &Arrival| {
+        let Arrival { observation, value, time: own, .. } = arrival;
+        let report = &observation.report;
+        if !value.is_finite() || !observation.sigma.is_finite() {
+            Some(Rejection::NotFinite)
+        } else if !grid.contains(report.x_m, report.y_m) {
+            Some(Rejection::Outside)
+        } else if *own != time {
+            Some(Rejection::Late)
+        } else if !seen.insert((Arc::clone(&report.network), Arc::clone(&report.platform), report.variable)) {
+            Some(Rejection::Duplicate)
+        } else {
+            None
+        }
+    };
+    arrivals.iter().map(check).collect()
+}
+
+impl QualityControl {
+    /// Checks the values of the observations that are not rejected yet.
+    pub(crate) fn check_values(
+        &self,
+        arrivals: &[Arrival],
+        reference: &State,
+        calibration: &Calibration,
+        rejections: &mut [Option<Rejection>],
+    ) {
+        let layout = Arc::clone(reference.layout());
+        for variable in 0..layout.variables.len() {
+            let of_variable = |&number: &usize| {
+                rejections[number].is_none() && arrivals[number].observation.report.variable == variable
+            };
+            let numbers: Vec<usize> = (0..arrivals.len()).filter(of_variable).collect();
+            let limits = sane_values(arrivals, &numbers, reference, variable);
+            let (sane, absurd): (Vec<usize>, Vec<usize>) =
+                numbers.into_iter().partition(|&number| limits.contains(&arrivals[number].value));
+            absurd.into_iter().for_each(|number| rejections[number] = Some(Rejection::Absurd));
+            if sane.is_empty() {
+                continue;
+            }
+            let own: Vec<&Arrival> = sane.iter().map(|&number| &arrivals[number]).collect();
+            for place in Departures::new(self, &own, reference, calibration, &layout).gross_errors(self.limit) {
+                rejections[sane[place]] = Some(Rejection::GrossError);
+            }
+        }
+    }
+}
+
+/// The values that a variable could have.
+fn sane_values(arrivals: &[Arrival], numbers: &[usize], reference: &State, variable: usize) -> RangeInclusive<f64> {
+    let field = reference.field(variable);
+    let (low, high) =
+        field.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &v| (low.min(v), high.max(v)));
+    let departures = numbers.iter().map(|&number| departure(&arrivals[number], reference).abs());
+    let usual = median(departures.collect()) / NORMAL_MEDIAN;
+    let margin = ABSURD * (high - low).max(high.abs()).max(low.abs()).max(usual);
+    low - margin..=high + margin
+}
+
+/// d of an observation.
+fn departure(arrival: &Arrival, reference: &State) -> f64 {
+    let row = &arrival.observation.state_row;
+    arrival.value - row.iter().map(|&(i, weight)| weight * reference.values()[i]).sum::<f64>()
+}
+
+/// The departures of one variable's observations from the reference, and how they should vary together.
+struct Departures<'a> {
+    own: &'a [&'a Arrival],
+    grid: &'a Grid,
+    calibration: &'a Calibration,
+    length_m: f64,
+    /// d.
+    departures: Vec<f64>,
+    /// s².
+    variance: f64,
+    /// The nearest neighbours of each, the nearest first.
+    neighbours: Vec<Vec<usize>>,
+}
+
+impl<'a> Departures<'a> {
+    fn new(
+        control: &QualityControl,
+        own: &'a [&'a Arrival],
+        reference: &State,
+        calibration: &'a Calibration,
+        layout: &'a Layout,
+    ) -> Self {
+        let departures: Vec<f64> = own.iter().map(|it| departure(it, reference)).collect();
+        let (grid, length_m) = (&layout.grid, control.length_m);
+        let mut all = Self { own, grid, calibration, length_m, departures, variance: 0.0, neighbours: Vec::new() };
+        let total = (median(all.departures.iter().map(|d| d.abs()).collect()) / NORMAL_MEDIAN).powi(2);
+        let known = median((0..own.len()).map(|i| all.covariance(i, i)).collect());
+        all.variance = (total - known).max(0.25 * total);
+        all.neighbours = all.nearest();
+        all
+    }
+
+    /// The places of the gross errors, in the order in which they are found.
+    fn gross_errors(&self, limit: f64) -> Vec<usize> {
+        let n = self.own.len();
+        let mut is_good = vec![true; n];
+        let mut scores: Vec<f64> = (0..n).map(|i| self.score(i, &is_good)).collect();
+        let mut found = Vec::new();
+        loop {
+            let good = (0..n).filter(|&i| is_good[i]).map(|i| scores[i]).collect();
+            let limit = limit * (median(good) / NORMAL_MEDIAN).max(1.0);
+            // Ties go to the first one.
+            let is_worse = |i: usize, j: usize| scores[i] > scores[j] || (scores[i] == scores[j] && i < j);
+            let is_worst = |&i: &usize| {
+                is_good[i] && scores[i] > limit && self.neighbours[i].iter().all(|&j| !is_good[j] || is_worse(i, j))
+            };
+            let worst: Vec<usize> = (0..n).filter(is_worst).collect();
+            if worst.is_empty() {
+                return found;
+            }
+            worst.iter().for_each(|&i| is_good[i] = false);
+            for i in 0..n {
+                if is_good[i] && self.neighbours[i].iter().any(|j| worst.contains(j)) {
+                    scores[i] = self.score(i, &is_good);
+                }
+            }
+            found.extend(worst);
+        }
+    }
+
+    /// |z| of an observation, from those of its neighbours that are good.
+    fn score(&self, i: usize, is_good: &[bool]) -> f64 {
+        let from: Vec<usize> = self.neighbours[i].iter().copied().filter(|&j| is_good[j]).collect();
+        let n = from.len();
+        // The Cholesky factor L of S_NN, row by row, then w = L⁻¹ S_Ni and e = L⁻¹ d_N.
+        let mut factor = vec![0.0; n * n];
+        let (mut weights, mut whitened) = (vec![0.0; n], vec![0.0; n]);
+        for row in 0..n {
+            for column in 0..=row {
+                let sum: f64 = (0..column).map(|k| factor[row * n + k] * factor[column * n + k]).sum();
+                let rest = self.covariance(from[row], from[column]) - sum;
+                factor[row * n + column] =
+                    if row == column { rest.max(f64::MIN_POSITIVE).sqrt() } else { rest / factor[column * n + column] };
+            }
+            let known: f64 = (0..row).map(|k| factor[row * n + k] * weights[k]).sum();
+            weights[row] = (self.covariance(from[row], i) - known) / factor[row * n + row];
+            let known: f64 = (0..row).map(|k| factor[row * n + k] * whitened[k]).sum();
+            whitened[row] = (self.departures[from[row]] - known) / factor[row * n + row];
+        }
+        let predicted: f64 = weights.iter().zip(&whitened).map(|(w, e)| w * e).sum();
+        let explained: f64 = weights.iter().map(|w| w * w).sum();
+        // Its own random error cannot be predicted.
+        let variance = (self.covariance(i, i) - explained).max(self.own[i].observation.sigma.powi(2));
+        (self.departures[i] - predicted).abs() / variance.sqrt()
+    }
+
+    /// S_ij.
+    fn covariance(&self, i: usize, j: usize) -> f64 {
+        let (a, b) = (&self.own[i].observation, &self.own[j].observation);
+        let r2 = self.squared_distance(i, j) / self.length_m.powi(2);
+        let mut covariance = self.variance * (-0.5 * r2).exp();
+        for &(p, g) in &a.calibration_row {
+            for &(_, other) in b.calibration_row.iter().filter(|entry| entry.0 == p) {
+                covariance += g * other * self.calibration.parameters[p].sigma_prior.powi(2);
+            }
+        }
+        if i == j { covariance + a.sigma.powi(2) } else { covariance }
+    }
+
+    /// r_ij², the shortest way round where the domain is periodic \[m²\].
+    fn squared_distance(&self, i: usize, j: usize) -> f64 {
+        let (a, b) = (&self.own[i].observation.report, &self.own[j].observation.report);
+        let around = |distance: f64, extent: f64| distance.abs().min(extent - distance.abs());
+        let dx = around(a.x_m - b.x_m, self.grid.width_m());
+        let dy = match self.grid.boundary {
+            Boundary::Periodic => around(a.y_m - b.y_m, self.grid.height_m()),
+            Boundary::Channel => a.y_m - b.y_m,
+        };
+        dx * dx + dy * dy
+    }
+
+    /// The nearest neighbours of each observation: from a mesh of bins with about four of them in each, those in the bins
+    /// around its own.
+    fn nearest(&self) -> Vec<Vec<usize>> {
+        let n = self.own.len();
+        let side = ((n as f64 / 4.0).sqrt().floor() as usize).clamp(1, 1000);
+        let bin_of = |i: usize| {
+            let report = &self.own[i].observation.report;
+            let place = |x: f64, extent: f64| ((x / extent * side as f64) as usize).min(side - 1);
+            (place(report.x_m, self.grid.width_m()), place(report.y_m, self.grid.height_m()))
+        };
+        let mut bins = vec![Vec::new(); side * side];
+        for i in 0..n {
+            let (column, row) = bin_of(i);
+            bins[row * side + column].push(i);
+        }
+        let reach = 2.min(side / 2) as isize;
+        let around = |i: usize| {
+            let (column, row) = bin_of(i);
+            let near = |at: usize| {
+                let mut all: Vec<usize> =
+                    (-reach..=reach).map(|k| (at as isize + k).rem_euclid(side as isize) as usize).collect();
+                all.sort_unstable();
+                all.dedup();
+                all
+            };
+            let mut found: Vec<(f64, usize)> = Vec::new();
+            for row in near(row) {
+                for column in near(column) {
+                    let others = bins[row * side + column].iter().filter(|&&j| j != i);
+                    found.extend(others.map(|&j| (self.squared_distance(i, j), j)));
+                }
+            }
+            found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            found.into_iter().take(NEIGHBOURS).map(|(_, j)| j).collect()
+        };
+        (0..n).map(around).collect()
+    }
+}
+
+/// The median; 0 of nothing.
+fn median(mut values: Vec<f64>) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}

@@ -1,0 +1,163 @@
+//! Quality control: what is no observation never reaches a method, and good observations do.
+
+use isobar_model::random::{standard_normals, stream};
+use isobar_model::{Boundary, Duration, Grid, Layout, Location, State, Time, Variable};
+use isobar_obs::{
+    Faults, InstrumentConfig, ObservedVariable, ObservingSystem, QualityControl, RadiosondeConfig, Rejection,
+    SatelliteConfig, StationSource,
+};
+use std::sync::Arc;
+
+const CONTROL: QualityControl = QualityControl { length_m: 800e3, limit: isobar_obs::quality::LIMIT };
+
+fn layout() -> Arc<Layout> {
+    let grid = Grid { nx: 28, ny: 20, dx_m: 185e3, dy_m: 185e3, boundary: Boundary::Channel };
+    let variable = |name, unit, location| Variable { name, long_name: name, standard_name: None, unit, location };
+    let variables = vec![
+        variable("h", "m", Location::Center),
+        variable("u", "m s-1", Location::XFace),
+        variable("v", "m s-1", Location::YFace),
+    ];
+    Arc::new(Layout { grid, variables })
+}
+
+/// A jet, and waves of this size upon it.
+fn state(layout: &Arc<Layout>, size: f64, seed: u64) -> State {
+    let mut state = State::zeros(layout);
+    let draws = standard_normals(&mut stream(seed, "waves"), 48);
+    for (number, unit) in [30.0, 4.0, 4.0].into_iter().enumerate() {
+        for j in 0..20 {
+            for i in 0..28 {
+                let waves: f64 = (0..8)
+                    .map(|k| {
+                        let (x, y) = (i as f64 / 28.0, j as f64 / 20.0);
+                        let (kx, ky) = (1.0 + f64::from(k % 3), 0.5 * f64::from(1 + k / 3));
+                        let phase = std::f64::consts::TAU * (kx * x + ky * y + draws[16 * number + 2 * k as usize]);
+                        draws[16 * number + 2 * k as usize + 1] * phase.sin()
+                    })
+                    .sum();
+                let jet = if number == 0 { 1000.0 - 100.0 * (j as f64 / 10.0 - 1.0).tanh() } else { 10.0 };
+                state.field_mut(number)[j * 28 + i] = jet + size * unit * 0.5 * waves;
+            }
+        }
+    }
+    state
+}
+
+fn system(faults: Faults, seed: u64) -> ObservingSystem {
+    let layout = layout();
+    let mut sondes = RadiosondeConfig::new("sondes", StationSource::Random { count: 90, groups: Vec::new() });
+    sondes.faults = faults;
+    let mut polar = SatelliteConfig::new("polar");
+    (polar.scan_positions, polar.along_track_spacing_m, polar.footprint_sigma_m) = (10, 185e3, 100e3);
+    polar.swath_width_m = 1600e3;
+    polar.variable = ObservedVariable::new("h", 30.0);
+    polar.faults = faults;
+    let configs = [InstrumentConfig::Radiosonde(sondes), InstrumentConfig::Satellite(polar)];
+    let window = Duration::from_seconds(6 * 3600);
+    ObservingSystem::new(&layout, None, &configs, seed, window, Time::from_seconds(0)).unwrap()
+}
+
+#[test]
+fn good_observations_pass_whatever_the_reference_is_worth() {
+    for size in [0.0, 0.3, 1.0, 2.0] {
+        let layout = layout();
+        let (mut rejected, mut used) = (0, 0);
+        for seed in 0..20 {
+            let (truth, reference) = (state(&layout, size, seed), state(&layout, 0.0, 0));
+            let window = system(Faults::NONE, seed).observe_checked(&truth, Some((&CONTROL, &reference)));
+            (rejected, used) = (rejected + window.rejected.len(), used + window.len());
+        }
+        println!("waves × {size}: {rejected} of {} rejected", used + rejected);
+        assert!(rejected * 2000 <= used, "waves × {size}: {rejected} of {}", used + rejected);
+    }
+}
+
+#[test]
+fn gross_errors_are_found_by_their_neighbours() {
+    let faults = Faults { gross_error_rate: 0.05, ..Faults::NONE };
+    let layout = layout();
+    let (mut large, mut missed, mut wrong, mut all) = (0, 0, 0, 0);
+    for seed in 0..20 {
+        let (truth, reference) = (state(&layout, 1.0, seed), state(&layout, 0.0, 0));
+        let clean = system(Faults::NONE, seed).observe(&truth);
+        let checked = system(faults, seed).observe_checked(&truth, Some((&CONTROL, &reference)));
+        let value_of = |network: &str, platform: &str, variable: usize| {
+            let same = |it: &isobar_obs::Report| {
+                &*it.network == network && &*it.platform == platform && it.variable == variable
+            };
+            clean.values[clean.reports.iter().position(same).unwrap()]
+        };
+        let error = |report: &isobar_obs::Report, value: f64, sigma: f64| {
+            (value - value_of(&report.network, &report.platform, report.variable)).abs() / sigma
+        };
+        for (number, report) in checked.reports.iter().enumerate() {
+            let error = error(report, checked.values[number], checked.sigma[number]);
+            (large, missed) = (large + usize::from(error > 15.0), missed + usize::from(error > 15.0));
+        }
+        for it in &checked.rejected {
+            let error = error(&it.report, it.value, it.sigma);
+            (large, wrong) = (large + usize::from(error > 15.0), wrong + usize::from(error == 0.0));
+            let known = [Rejection::GrossError, Rejection::Absurd].contains(&it.rejection);
+            assert!(known, "{:?}", it.rejection);
+        }
+        all += checked.len() + checked.rejected.len();
+    }
+    println!("{large} errors above 15 σ, {missed} missed; {wrong} of {all} observations rejected wrongly");
+    assert!(large > 100 && missed * 20 <= large, "{missed} of {large} missed");
+    assert!(wrong * 500 <= all, "{wrong} of {all} rejected wrongly");
+}
+
+#[test]
+fn what_a_report_says_of_itself_is_enough_for_these() {
+    let faults =
+        Faults { not_finite_rate: 0.1, duplicate_rate: 0.1, misplaced_rate: 0.1, late_rate: 0.1, ..Faults::NONE };
+    let layout = layout();
+    let (truth, reference) = (state(&layout, 1.0, 1), state(&layout, 0.0, 0));
+    let clean = system(Faults::NONE, 1).observe(&truth);
+    let window = system(faults, 1).observe_checked(&truth, Some((&CONTROL, &reference)));
+    let count = |rejection| window.rejected.iter().filter(|it| it.rejection == rejection).count();
+    for rejection in [Rejection::NotFinite, Rejection::Outside, Rejection::Late, Rejection::Duplicate] {
+        let share = count(rejection) as f64 / clean.len() as f64;
+        assert!((0.05..0.15).contains(&share), "{rejection:?}: {share}");
+    }
+    // Every observation is there once, used or not, and those that are used are as they were.
+    let lost = [Rejection::NotFinite, Rejection::Outside, Rejection::Late].map(count).iter().sum::<usize>();
+    assert_eq!(window.len() + lost, clean.len());
+    assert!(window.values.iter().all(|value| clean.values.contains(value)));
+    assert_eq!(window.operator.simulate(&truth, &[0.0; 3]).len(), window.len());
+    // A second look at the same cycle gives the same.
+    let again = system(faults, 1).observe_checked(&truth, Some((&CONTROL, &reference)));
+    assert_eq!(again.values, window.values);
+    assert_eq!(again.rejected.len(), window.rejected.len());
+}
+
+#[test]
+fn absurd_values_are_rejected_before_they_can_disturb_the_statistics() {
+    let faults = Faults { gross_error_rate: 0.3, gross_error_factor: 1e9, ..Faults::NONE };
+    let layout = layout();
+    let (truth, reference) = (state(&layout, 1.0, 1), state(&layout, 0.0, 0));
+    let window = system(faults, 1).observe_checked(&truth, Some((&CONTROL, &reference)));
+    let absurd = window.rejected.iter().filter(|it| it.rejection == Rejection::Absurd).count();
+    assert!(absurd * 10 > 9 * window.rejected.len() && absurd > 50, "{absurd} of {}", window.rejected.len());
+    assert!(window.values.iter().all(|value| value.abs() < 1e4));
+}
+
+#[test]
+fn rates_that_are_none_are_refused() {
+    let mut sondes = RadiosondeConfig::new("sondes", StationSource::Random { count: 3, groups: Vec::new() });
+    for (faults, wanted) in [
+        (Faults { late_rate: 1.5, ..Faults::NONE }, "faults.late_rate is 1.5"),
+        (Faults { late_rate: 0.6, duplicate_rate: 0.6, ..Faults::NONE }, "faults is 1.2"),
+        (Faults { gross_error_factor: 0.0, ..Faults::NONE }, "faults.gross_error_factor is 0"),
+        (Faults { gross_error_rate: f64::NAN, ..Faults::NONE }, "faults.gross_error_rate is NaN"),
+    ] {
+        sondes.faults = faults;
+        let configs = [InstrumentConfig::Radiosonde(sondes.clone())];
+        let window = Duration::from_seconds(60);
+        let Err(error) = ObservingSystem::new(&layout(), None, &configs, 1, window, Time::from_seconds(0)) else {
+            panic!("{wanted}")
+        };
+        assert!(error.to_string().contains(wanted), "{error}");
+    }
+}

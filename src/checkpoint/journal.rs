@@ -1,0 +1,184 @@
+//! The journal: the events of a run in their order, appended as they happen.
+//!
+//! Each is a frame: length (8 bytes) and CRC-32 (4 bytes, both little-endian) of an entry in postcard. The first frame is
+//! the run's [`Plan`].
+
+use super::Plan;
+use super::entry::Entry;
+use crate::event::{Event, RunInfo};
+use crate::sink::SinkError;
+use serde::{Deserialize, Serialize};
+use std::fs::{File, OpenOptions};
+use std::io::{BufReader, BufWriter, Read, Write};
+use std::path::{Path, PathBuf};
+
+/// Name of the journal in the working directory.
+pub const JOURNAL_FILE: &str = "journal";
+
+/// The journal of a run under way.
+#[derive(Debug)]
+pub struct Journal {
+    path: PathBuf,
+    output: BufWriter<File>,
+    bytes: u64,
+    frame: Vec<u8>,
+}
+
+impl Journal {
+    /// Begins a journal.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn create(directory: &Path, plan: &Plan) -> Result<Self, SinkError> {
+        let path = directory.join(JOURNAL_FILE);
+        let file = File::create(&path).map_err(|error| failure(&path, &error))?;
+        let mut journal = Self { path, output: BufWriter::with_capacity(1 << 18, file), bytes: 0, frame: Vec::new() };
+        journal.put(plan)?;
+        Ok(journal)
+    }
+
+    /// Goes on with a journal after its first bytes; what follows them is cut off.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn resume(directory: &Path, bytes: u64) -> Result<Self, SinkError> {
+        use std::io::{Seek, SeekFrom};
+        let path = directory.join(JOURNAL_FILE);
+        let failed = |error: std::io::Error| failure(&path, &error);
+        let mut file = OpenOptions::new().write(true).open(&path).map_err(failed)?;
+        file.set_len(bytes).map_err(failed)?;
+        file.seek(SeekFrom::Start(bytes)).map_err(failed)?;
+        Ok(Self { output: BufWriter::with_capacity(1 << 18, file), path, bytes, frame: Vec::new() })
+    }
+
+    /// Takes note of an event, unless the run's plan implies it.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
+        match Entry::of(event) {
+            Some(entry) => self.put(&entry),
+            None => Ok(()),
+        }
+    }
+
+    fn put(&mut self, entry: &impl Serialize) -> Result<(), SinkError> {
+        self.frame.clear();
+        self.frame = postcard::to_extend(entry, std::mem::take(&mut self.frame))
+            .map_err(|error| SinkError { path: self.path.clone(), reason: error.to_string() })?;
+        let (length, checksum) = (self.frame.len() as u64, crc32fast::hash(&self.frame));
+        for bytes in [&length.to_le_bytes()[..], &checksum.to_le_bytes(), &self.frame] {
+            self.output.write_all(bytes).map_err(|error| failure(&self.path, &error))?;
+            self.bytes += bytes.len() as u64;
+        }
+        Ok(())
+    }
+
+    /// Makes all so far last; its length \[bytes\].
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn sync(&mut self) -> Result<u64, SinkError> {
+        let written = self.output.flush().and_then(|()| self.output.get_ref().sync_data());
+        written.map_err(|error| failure(&self.path, &error))?;
+        Ok(self.bytes)
+    }
+}
+
+/// The plan at the beginning of a journal.
+///
+/// # Errors
+/// In words, if there is none.
+pub fn plan(directory: &Path) -> Result<Plan, String> {
+    let mut frames = open(directory, None)?;
+    let frame = frames.next()?.ok_or("it is empty")?;
+    decode(frame)
+}
+
+/// Tells the events in the first bytes of a journal again.
+///
+/// # Errors
+/// In words, if the journal is damaged or that of another run, or those of `tell`.
+pub fn replay(
+    directory: &Path,
+    bytes: u64,
+    info: &RunInfo,
+    tell: &mut dyn FnMut(Event<'_>) -> Result<(), SinkError>,
+) -> Result<(), String> {
+    replay_frames(open(directory, Some(bytes))?, info, tell)
+}
+
+/// As [`replay`], of a journal's contents.
+///
+/// # Errors
+/// As there.
+pub fn replay_bytes(
+    journal: &[u8],
+    info: &RunInfo,
+    tell: &mut dyn FnMut(Event<'_>) -> Result<(), SinkError>,
+) -> Result<(), String> {
+    replay_frames(Frames { input: journal, left: journal.len() as u64, frame: Vec::new() }, info, tell)
+}
+
+fn replay_frames(
+    mut frames: Frames<impl Read>,
+    info: &RunInfo,
+    tell: &mut dyn FnMut(Event<'_>) -> Result<(), SinkError>,
+) -> Result<(), String> {
+    frames.next()?;
+    while let Some(frame) = frames.next()? {
+        let entry: Entry<'_> = decode(frame)?;
+        entry.tell(info, tell)?;
+    }
+    Ok(())
+}
+
+fn decode<'a, T: Deserialize<'a>>(frame: &'a [u8]) -> Result<T, String> {
+    match postcard::take_from_bytes(frame) {
+        Ok((entry, [])) => Ok(entry),
+        Ok(_) => Err("an entry is too long".into()),
+        Err(error) => Err(format!("an entry cannot be understood: {error}")),
+    }
+}
+
+/// The frames of a journal, one after the other.
+struct Frames<R> {
+    input: R,
+    left: u64,
+    frame: Vec<u8>,
+}
+
+/// The frames of a journal, all or those in the first bytes.
+fn open(directory: &Path, bytes: Option<u64>) -> Result<Frames<BufReader<File>>, String> {
+    let file = File::open(directory.join(JOURNAL_FILE)).map_err(|error| error.to_string())?;
+    let length = file.metadata().map_err(|error| error.to_string())?.len();
+    let left = bytes.unwrap_or(length);
+    if length < left {
+        return Err(format!("it has {length} bytes, {left} are needed"));
+    }
+    Ok(Frames { input: BufReader::with_capacity(1 << 18, file), left, frame: Vec::new() })
+}
+
+impl<R: Read> Frames<R> {
+    fn next(&mut self) -> Result<Option<&[u8]>, String> {
+        if self.left == 0 {
+            return Ok(None);
+        }
+        let (mut length, mut checksum) = ([0; 8], [0; 4]);
+        let head = self.input.read_exact(&mut length).and_then(|()| self.input.read_exact(&mut checksum));
+        head.map_err(|error| error.to_string())?;
+        let length = u64::from_le_bytes(length);
+        // No longer than what is there: nothing is allocated on the word of a damaged file.
+        self.left = self.left.checked_sub(12).and_then(|left| left.checked_sub(length)).ok_or("a frame is cut off")?;
+        self.frame.resize(usize::try_from(length).map_err(|error| error.to_string())?, 0);
+        self.input.read_exact(&mut self.frame).map_err(|error| error.to_string())?;
+        match crc32fast::hash(&self.frame) == u32::from_le_bytes(checksum) {
+            true => Ok(Some(&self.frame)),
+            false => Err("it is damaged: a checksum is not that of its contents".into()),
+        }
+    }
+}
+
+fn failure(path: &Path, error: &std::io::Error) -> SinkError {
+    SinkError { path: path.to_path_buf(), reason: error.to_string() }
+}

@@ -1,0 +1,98 @@
+//! What a run was asked to do: enough to begin it again, and to see whether a checkpoint is one of it.
+
+use super::Policy;
+use crate::cli::RunOptions;
+use crate::event::RunInfo;
+use crate::scenario::{Scenario, ScenarioError};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// A run as it was asked for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// The scenario's file, beside which its station files are.
+    pub scenario_path: PathBuf,
+    /// The scenario, to the letter.
+    pub scenario_text: String,
+    /// What the command line changed.
+    pub options: PlannedOptions,
+    /// Checksum of what the scenario led to with its station files.
+    experiment: u32,
+}
+
+/// The part of [`RunOptions`] that outlasts a process.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PlannedOptions {
+    methods: Option<Vec<String>>,
+    cycles: Option<usize>,
+    seed: Option<u64>,
+    overwrite: bool,
+    netcdf: bool,
+    rerun: bool,
+    report: bool,
+    checkpoints: Option<Policy>,
+}
+
+impl Plan {
+    /// The plan of a run of a scenario.
+    pub fn new(scenario: &Scenario, options: &RunOptions, info: &RunInfo) -> Self {
+        let RunOptions { methods, cycles, seed, overwrite, netcdf, rerun, report, checkpoints, .. } = options.clone();
+        let RunInfo { layout, calibration, stations, methods: described, .. } = info;
+        let led_to = format!("{layout:?} {calibration:?} {stations:?} {described:?}");
+        Self {
+            // Whoever resumes the run may be in another directory.
+            scenario_path: std::path::absolute(&scenario.path).unwrap_or_else(|_| scenario.path.clone()),
+            scenario_text: scenario.text.clone(),
+            options: PlannedOptions { methods, cycles, seed, overwrite, netcdf, rerun, report, checkpoints },
+            experiment: crc32fast::hash(led_to.as_bytes()),
+        }
+    }
+
+    /// When checkpoints are written; `None`: never.
+    pub fn policy(&self) -> Option<Policy> {
+        self.options.checkpoints
+    }
+
+    /// The scenario, read from its text.
+    ///
+    /// # Errors
+    /// If it is not valid, or its station files are gone.
+    pub fn scenario(&self) -> Result<Scenario, ScenarioError> {
+        Scenario::parse(&self.scenario_path, &self.scenario_text)
+    }
+
+    /// The options of a run that goes on with this plan in the same place.
+    pub fn options(&self, out: &Path, threads: Option<usize>, live: bool) -> RunOptions {
+        let PlannedOptions { methods, cycles, seed, overwrite, netcdf, rerun, report, checkpoints } =
+            self.options.clone();
+        let out = out.to_path_buf();
+        RunOptions {
+            out,
+            methods,
+            cycles,
+            seed,
+            threads,
+            overwrite,
+            netcdf,
+            rerun,
+            report,
+            live,
+            concurrent: false,
+            checkpoints,
+            resume: true,
+        }
+    }
+
+    /// Why the other plan is another one; `None` if it is not.
+    pub fn difference(&self, other: &Plan) -> Option<&'static str> {
+        if self.scenario_text != other.scenario_text {
+            Some("its scenario is another one")
+        } else if self.options != other.options {
+            Some("it is of a run with other options")
+        } else if self.experiment != other.experiment {
+            Some("its stations or calibration parameters were others: a station file has changed since")
+        } else {
+            None
+        }
+    }
+}

@@ -1,0 +1,23 @@
+//! The files of a run's directory: `summary.json`, a zero byte, `scores.csv`. They are compared, or refused in words that no
+//! terminal obeys.
+#![no_main]
+
+use isobar::comparison::Comparison;
+use isobar::saved::{SavedRun, Scores, summary};
+use libfuzzer_sys::fuzz_target;
+use std::path::Path;
+
+fuzz_target!(|text: &str| {
+    let (json, csv) = text.split_once('\0').unwrap_or((text, ""));
+    let directory = Path::new("run");
+    let scores = Scores::parse(csv);
+    match summary(json, directory, &directory.join("summary.json")) {
+        Err(error) => assert!(!error.to_string().chars().any(char::is_control), "{error}"),
+        Ok(summary) => {
+            let Ok(scores) = scores else { return };
+            let run = || (SavedRun { directory: directory.into(), summary: summary.clone() }, scores.clone());
+            let comparison = Comparison::of(vec![run(), run()]);
+            let _ = (comparison.between_runs(), comparison.within_runs());
+        }
+    }
+});

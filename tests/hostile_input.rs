@@ -1,0 +1,203 @@
+//! Files that mean harm: no escape to the terminal, no markup on the page, no path out of the output directory, and no more
+//! memory or time than a file of an honest size takes.
+
+mod common;
+
+use common::{VALID, isobar, text};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+use std::time::{Duration, Instant};
+
+const MARKUP: [&str; 3] = ["</title><script>alert(1)</script>", "\"><img src=x onerror=alert(2)>", "'</svg><script>"];
+
+/// All that a command said, if nothing in it is an order to a terminal.
+fn harmless(output: &Output) -> String {
+    let said = text(&output.stdout) + &text(&output.stderr);
+    let hidden =
+        |c: char| (c.is_control() && c != '\n') || matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}');
+    assert!(!said.chars().any(hidden), "{said:?}");
+    said
+}
+
+/// All files below a directory.
+fn files(directory: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(directory).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() { found.extend(files(&path)) } else { found.push(path) }
+    }
+    found
+}
+
+/// A scenario whose stations are those of a file, with biases by country.
+fn with_stations(parent: &Path, csv: &str) -> String {
+    fs::write(parent.join("stations.csv"), csv).unwrap();
+    VALID
+        .replace("{ regular = [3, 2] }", "{ file = \"stations.csv\" }")
+        .replace("groups = [\"A\", \"B\"]\n", "group_by = \"country\"\n")
+}
+
+#[test]
+fn markup_in_any_text_stays_text_on_the_page() {
+    let parent = tempfile::tempdir().unwrap();
+    let [a, b, c] = MARKUP;
+    let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
+    let csv = format!(
+        "id,name,x_m,y_m,country\n{},{},210000,220000,A\n2,{},430000,310000,{}\n3,three,650000,400000,{}\n",
+        quoted(a),
+        quoted(b),
+        quoted(c),
+        quoted(b),
+        quoted(c)
+    );
+    let title = format!("title = '''{a}'''");
+    let scenario = with_stations(parent.path(), &csv)
+        .replace("title = \"A test\"", &title)
+        .replace("phenomenon = \"None\"", &format!("phenomenon = '''{b}'''"))
+        .replace("source = \"The tests\"", &format!("source = \"\"\"{c}\"\"\""));
+    fs::write(parent.path().join("hostile.toml"), scenario).unwrap();
+    let output = isobar(parent.path(), &["run", "hostile.toml", "--no-rerun"]);
+    assert!(output.status.success(), "{}", harmless(&output));
+    harmless(&output);
+    let compare = isobar(parent.path(), &["compare", "out/hostile", "out/hostile"]);
+    assert!(compare.status.success(), "{}", harmless(&compare));
+    let mut pages = 0;
+    for path in files(parent.path()) {
+        let is_page = path.extension().is_some_and(|it| it == "html" || it == "svg");
+        if is_page {
+            let page = fs::read_to_string(&path).unwrap();
+            for tag in ["<script", "<img src=x", "</svg><", "<title></title>"] {
+                assert!(!page.contains(tag), "{} has {tag}", path.display());
+            }
+            pages += 1;
+        }
+        let inside = path.starts_with(parent.path().join("out/hostile")) || path.parent() == Some(parent.path());
+        assert!(inside, "{}", path.display());
+    }
+    assert!(pages > 5, "only {pages} pages");
+    assert!(fs::read_to_string(parent.path().join("out/hostile/report.html")).unwrap().contains("&lt;script"));
+}
+
+#[test]
+fn orders_to_a_terminal_are_shown_and_not_obeyed() {
+    let parent = tempfile::tempdir().unwrap();
+    let order = "\u{1b}]0;owned\u{7}\u{1b}[2J\u{9b}31m\u{202e}";
+    for csv in [
+        format!("id,x_m,y_m,country\n{order},1e5,2e5,A\n{order},3e5,2e5,B\n"),
+        format!("id,x_m,y_m,country\n1,{order},2e5,A\n"),
+        format!("id,x_m,y_m,{order}\n1,1e5,2e5,A\n"),
+        format!("id,x_m,y_m,country\n1,1e5,2e5,A,{order}\n"),
+        format!("id,x_m,y_m,country\n{order},1e5,2e5,{order}\n2,3e5,2e5,B\n3,3e5,3e5,A\n"),
+    ] {
+        let scenario = with_stations(parent.path(), &csv);
+        fs::write(parent.path().join("hostile.toml"), scenario).unwrap();
+        harmless(&isobar(parent.path(), &["check", "hostile.toml"]));
+        harmless(&isobar(parent.path(), &["run", "hostile.toml", "--no-rerun", "--overwrite", "--cycles", "2"]));
+    }
+    // The directory of a run that somebody else made.
+    fs::write(parent.path().join("small.toml"), VALID).unwrap();
+    assert!(isobar(parent.path(), &["run", "small.toml", "--no-rerun", "--out", "mine"]).status.success());
+    let run = parent.path().join("mine/small");
+    let [scores, summary] = ["scores.csv", "summary.json"].map(|name| fs::read_to_string(run.join(name)).unwrap());
+    let version = format!("\"version\": \"{}\"", isobar::VERSION);
+    for (name, contents) in [
+        ("scores.csv", scores.replace("free", &format!("free{order}"))),
+        ("scores.csv", scores.replacen("1,", &format!("{order},"), 1)),
+        ("scores.csv", scores.replace(" [m]", &format!("{order} [m]"))),
+        ("summary.json", summary.replace(&version, "\"version\": \"\\u001b[2J\"")),
+        ("summary.json", summary.replace("\"seed\"", &format!("\"{order}\""))),
+        ("summary.json", summary.replace("\"small\"", "\"\\u001b[2J\\u202e\"")),
+    ] {
+        let original = if name == "scores.csv" { &scores } else { &summary };
+        assert_ne!(&contents, original, "{name}");
+        fs::write(run.join(name), contents).unwrap();
+        harmless(&isobar(parent.path(), &["compare", "mine/small", "--overwrite"]));
+        harmless(&isobar(parent.path(), &["view", "mine/small"]));
+        fs::write(run.join(name), original).unwrap();
+    }
+}
+
+#[test]
+fn no_name_leads_out_of_the_output_directory() {
+    let parent = tempfile::tempdir().unwrap();
+    let inner = parent.path().join("inner");
+    fs::create_dir(&inner).unwrap();
+    for name in ["..toml", "...toml", ".hidden.toml"] {
+        fs::write(inner.join(name), VALID).unwrap();
+        let output = isobar(&inner, &["run", name, "--no-rerun"]);
+        assert!(!output.status.success() && !inner.join("out").exists(), "{name}: {}", harmless(&output));
+    }
+    for name in ["../../fkf", "/etc/fkf", "a/b", "..", ".", "a\\u0000b", "-x"] {
+        let scenario = VALID.replace("[methods.fkf]", &format!("[methods.\"{name}\"]"));
+        fs::write(inner.join("hostile.toml"), scenario).unwrap();
+        let output = isobar(&inner, &["run", "hostile.toml", "--no-rerun"]);
+        assert_eq!(output.status.code(), Some(1), "{name}");
+        assert!(harmless(&output).contains("cannot be the name of a method"), "{name}");
+    }
+    assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn files_that_are_too_large_or_none_are_refused_at_once() {
+    let parent = tempfile::tempdir().unwrap();
+    let scenario = with_stations(parent.path(), "")
+        .replace("dx_km = 100", "dx_km = 100\ncenter_latitude_deg = 50\ncenter_longitude_deg = 10");
+    fs::write(parent.path().join("small.toml"), scenario).unwrap();
+    let refused = |arguments: &[&str], wanted: &str| {
+        let began = Instant::now();
+        let output = isobar(parent.path(), arguments);
+        assert_eq!(output.status.code(), Some(1));
+        assert!(harmless(&output).contains(wanted), "{}", harmless(&output));
+        assert!(began.elapsed() < Duration::from_secs(20), "{arguments:?}");
+    };
+    // Files with holes: their size costs nothing.
+    fs::File::create(parent.path().join("stations.csv")).unwrap().set_len(1 << 40).unwrap();
+    refused(&["check", "small.toml"], "larger than 100 MB");
+    fs::File::create(parent.path().join("large.toml")).unwrap().set_len(1 << 40).unwrap();
+    refused(&["check", "large.toml"], "larger than 1000 kB");
+    fs::create_dir(parent.path().join("run")).unwrap();
+    fs::File::create(parent.path().join("run/summary.json")).unwrap().set_len(1 << 40).unwrap();
+    refused(&["compare", "run"], "are too many");
+    #[cfg(unix)]
+    {
+        // A pipe into which nobody ever writes.
+        fs::remove_file(parent.path().join("stations.csv")).unwrap();
+        let made = std::process::Command::new("mkfifo").arg(parent.path().join("stations.csv")).status().unwrap();
+        assert!(made.success());
+        refused(&["check", "small.toml"], "does not exist");
+    }
+    for (open, close) in [("[", "]"), ("{a=", "}")] {
+        let nested = format!("{}\nx = {}{}\n", VALID, open.repeat(100_000), close.repeat(100_000));
+        fs::write(parent.path().join("nested.toml"), nested).unwrap();
+        assert_eq!(isobar(parent.path(), &["check", "nested.toml"]).status.code(), Some(1));
+    }
+}
+
+#[test]
+fn more_than_a_scenario_may_have_is_refused_before_it_takes_memory() {
+    let parent = tempfile::tempdir().unwrap();
+    let methods: String = (0..100).map(|number| format!("[methods.m{number}]\nkind = \"free\"\n")).collect();
+    let networks: String = (0..100)
+        .map(|number| {
+            format!(
+                "[networks.n{number}]\nkind = \"radiosonde\"\nstations = {{ random = 100000 }}\nsigma_height_m = 12\n"
+            )
+        })
+        .collect();
+    for (name, scenario, wanted) in [
+        ("methods", format!("{VALID}\n{methods}"), "more than 100 methods"),
+        ("networks", VALID.replace("[methods.free]", &format!("{networks}\n[methods.free]")), "more than 100 networks"),
+        ("factors", format!("{VALID}\nfactors = 100000\nmemory_limit_gb = 0.01\n"), "more than the limit of 10.0 MB"),
+        ("cells", VALID.replace("nx = 8", "nx = 5000"), "from 4 to 4096"),
+        ("stations", VALID.replace("{ regular = [3, 2] }", "{ regular = [3000, 3000] }"), "100000"),
+    ] {
+        fs::write(parent.path().join(format!("{name}.toml")), scenario).unwrap();
+        let began = Instant::now();
+        let output = isobar(parent.path(), &["run", &format!("{name}.toml"), "--no-rerun"]);
+        let said = harmless(&output);
+        assert_eq!(output.status.code(), Some(1), "{name}: {said}");
+        assert!(said.contains(wanted), "{name}: {said}");
+        assert!(began.elapsed() < Duration::from_secs(10), "{name}");
+    }
+}

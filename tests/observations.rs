@@ -1,0 +1,90 @@
+//! Bad observations: rejected with a code, counted, never assimilated, and hardly missed.
+
+mod common;
+mod runs;
+
+use common::{VALID, isobar, text};
+use isobar::progress::Progress;
+use isobar::scenario::Scenario;
+use isobar::summary::Summary;
+use netcdf_reader::NcFile;
+use runs::run_options;
+use std::fs;
+use std::path::Path;
+
+/// A run of the quickstart's methods that assimilate and know of biases, with these settings of networks and of quality
+/// control.
+fn quickstart(network: &str, control: &str) -> Summary {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/quickstart.toml");
+    let text = fs::read_to_string(&path).unwrap();
+    let text = text.split("[expected]").next().unwrap();
+    let text = ["radiosonde", "satellite"].iter().fold(text.to_string(), |text, kind| {
+        let kind = format!("kind = \"{kind}\"\n");
+        text.replace(&kind, &format!("{kind}{network}\n"))
+    });
+    let scenario = Scenario::parse(&path, &format!("{text}\n{control}\n")).unwrap();
+    let parent = tempfile::tempdir().unwrap();
+    let mut options = run_options(parent.path(), scenario.cycle.count);
+    options.methods = Some(["var", "kf", "fkf"].map(String::from).to_vec());
+    isobar::run::run(&scenario, &options, &mut Progress::new(true)).unwrap()
+}
+
+#[test]
+fn five_percent_of_gross_errors_cost_less_than_a_tenth() {
+    let gross = "faults = { gross_error_rate = 0.05 }";
+    let clean = quickstart("", "[quality_control]");
+    let checked = quickstart(gross, "");
+    let unchecked = quickstart(gross, "[quality_control]\ngross_error_limit = 1e6");
+    let wrongly: usize = clean.observations.rejected.values().sum();
+    let total = clean.observations.used + wrongly;
+    println!("clean: {wrongly} of {total} rejected. {}", checked.observations.describe_rejected().unwrap());
+    assert!(wrongly * 1000 <= total, "{wrongly} of {total} good observations are rejected");
+    let rejected: usize = checked.observations.rejected.values().sum();
+    assert!((0.02..0.06).contains(&(rejected as f64 / total as f64)), "{rejected} of {total}");
+    let mut worst = 0.0_f64;
+    for (name, scores) in &clean.methods {
+        for (variable, rmse) in &scores.rmse_analysis {
+            let ratio = |other: &Summary| other.methods[name].rmse_analysis[variable] / rmse;
+            let (with, without) = (ratio(&checked), ratio(&unchecked));
+            println!("{name} {variable}: {with:.3} times the clean error, {without:.2} without the check");
+            assert!(with <= 1.1, "{name} {variable}: {with}");
+            worst = worst.max(without);
+        }
+    }
+    assert!(worst > 1.5, "gross errors do no harm: the test says nothing");
+}
+
+#[test]
+fn rejected_observations_are_written_with_their_codes_and_counted() {
+    let parent = tempfile::tempdir().unwrap();
+    let faults = "faults = { gross_error_rate = 0.1, gross_error_factor = 1000, not_finite_rate = 0.1, \
+                  duplicate_rate = 0.1, misplaced_rate = 0.1, late_rate = 0.1 }";
+    let text_of = VALID.replace("missing_rate = 0.1", &format!("missing_rate = 0.1\n{faults}"));
+    fs::write(parent.path().join("bad.toml"), text_of).unwrap();
+    let output = isobar(parent.path(), &["run", "bad.toml", "--no-rerun"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("observations rejected by quality control:"), "{}", text(&output.stdout));
+    let run = parent.path().join("out/bad");
+    let summary: Summary = serde_json::from_str(&fs::read_to_string(run.join("summary.json")).unwrap()).unwrap();
+    let counts = &summary.observations;
+    let names: Vec<&str> = counts.rejected.keys().map(String::as_str).collect();
+    assert_eq!(names, ["absurd", "duplicate", "gross_error", "late", "not_finite", "outside"], "{counts:?}");
+
+    let file = NcFile::open(run.join("observations.nc")).unwrap();
+    let codes: Vec<i32> = file.read_variable::<i32>("quality_code").unwrap().iter().copied().collect();
+    let meanings =
+        file.variable("quality_code").unwrap().attribute("flag_meanings").unwrap().value.as_string().unwrap();
+    let meanings: Vec<&str> = meanings.split(' ').collect();
+    assert_eq!(codes.iter().filter(|&&code| code == 0).count(), counts.used);
+    for (name, &count) in &counts.rejected {
+        let code = meanings.iter().position(|meaning| meaning == name).unwrap() as i32;
+        assert_eq!(codes.iter().filter(|&&it| it == code).count(), count, "{name}");
+    }
+    let values: Vec<f64> = file.read_variable::<f64>("value").unwrap().iter().copied().collect();
+    let departures: Vec<f64> = file.read_variable::<f64>("analysis_departure_fkf").unwrap().iter().copied().collect();
+    let fill = 9.96921e36;
+    for ((value, departure), code) in values.iter().zip(&departures).zip(&codes) {
+        assert!(value.is_finite() && (*departure == fill) == (*code != 0), "{value} {departure} {code}");
+    }
+    assert!(fs::read_to_string(run.join("report.html")).unwrap().contains("rejected by quality control"));
+}
