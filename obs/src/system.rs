@@ -171,7 +171,7 @@ impl ObservingSystem {
             sigma.push(observation.sigma);
             reports.push(observation.report);
         }
-        let operator = Box::new(LinearOperator { jacobian });
+        let operator = Arc::new(LinearOperator { jacobian });
         ObservationWindow {
             time: self.time(),
             cycle: self.cycle,

@@ -22,6 +22,7 @@ pub struct Report {
 }
 
 /// All observations of one cycle, valid at its end.
+#[derive(Clone)]
 pub struct ObservationWindow {
     /// The valid time of the observations and of the analysis.
     pub time: Time,
@@ -36,7 +37,7 @@ pub struct ObservationWindow {
     /// Standard deviation of each random error; errors are independent.
     pub sigma: Vec<f64>,
     /// h(x, c) of these observations.
-    pub operator: Box<dyn ObservationOperator>,
+    pub operator: Arc<dyn ObservationOperator>,
 }
 
 impl ObservationWindow {

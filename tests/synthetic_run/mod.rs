@@ -240,7 +240,7 @@ fn observe(info: &RunInfo, cycle: usize, truth: &[State], calibration: &[Vec<f64
         values_bias_removed: with_noise(unbiased),
         sigma: sigma.clone(),
         reports,
-        operator: Box::new(LinearOperator { jacobian }),
+        operator: Arc::new(LinearOperator { jacobian }),
     }
 }
 
