@@ -5,6 +5,7 @@ use crate::covariance;
 use crate::error::Error;
 use crate::linalg::{cholesky, column, product, solve_lower, solve_lower_transposed, squared_norm};
 use crate::problem::{Innovations, Problem};
+use crate::spread::standard_deviations;
 use faer::Mat;
 use isobar_model::{Duration, State, forecast};
 use isobar_obs::{Calibration, ObservationWindow};
@@ -43,15 +44,17 @@ impl OptimalInterpolation {
         Self { problem, covariance_scale, calibration, state, bias, bias_covariance, background_spread }
     }
 
-    fn estimate(&self, state_spread: Vec<f64>) -> Estimate {
-        let spread = |i: usize| self.bias_covariance[(i, i)].max(0.0).sqrt();
-        Estimate {
+    fn estimate(&self, state_spread: Vec<f64>) -> Result<Estimate, Error> {
+        let variances: Vec<f64> = (0..self.calibration.len()).map(|i| self.bias_covariance[(i, i)]).collect();
+        let spread = standard_deviations(&variances, "the covariance of the calibration parameters", |i| {
+            self.calibration.parameters[i].name.clone()
+        })?;
+        Ok(Estimate {
             state: self.state.clone(),
             calibration: self.bias.clone(),
             state_spread: Some(state_spread),
-            calibration_spread: (!self.calibration.is_empty())
-                .then(|| (0..self.calibration.len()).map(spread).collect()),
-        }
+            calibration_spread: (!self.calibration.is_empty()).then_some(spread),
+        })
     }
 
     /// s B Hᵀ, `[m, n]`.
@@ -83,7 +86,7 @@ impl Assimilator for OptimalInterpolation {
         for (i, parameter) in self.calibration.parameters.iter().enumerate() {
             self.bias_covariance[(i, i)] += parameter.sigma_drift_per_sqrt_day.powi(2) * window.days();
         }
-        Ok(self.estimate(self.background_spread.clone()))
+        self.estimate(self.background_spread.clone())
     }
 
     fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
@@ -112,24 +115,17 @@ impl Assimilator for OptimalInterpolation {
         // What the observations took off the variances: the squares of the columns of L⁻¹ H B.
         let mut reduction = cross.transpose().to_owned();
         solve_lower(root.as_ref(), reduction.as_mut());
-        let spread = self
+        let variances: Vec<f64> = self
             .background_spread
             .iter()
             .enumerate()
-            .map(|(i, sigma)| (sigma * sigma - squared_norm(reduction.col_as_slice(i))).max(0.0).sqrt());
-        let spread = spread.collect();
+            .map(|(i, sigma)| sigma * sigma - squared_norm(reduction.col_as_slice(i)))
+            .collect();
+        let layout = self.state.layout();
+        let spread = standard_deviations(&variances, "the analysis covariance", |i| layout.describe(i))?;
         let mut reduction = bias_cross.transpose().to_owned();
         solve_lower(root.as_ref(), reduction.as_mut());
         self.bias_covariance -= product(reduction.transpose(), reduction.as_ref());
-
-        let estimate = self.estimate(spread);
-        let analysis_departures = self.problem.departures(observed, &estimate.state, &estimate.calibration);
-        Ok(Analysis {
-            estimate,
-            background_departures: innovations.departures,
-            analysis_departures,
-            innovation_chi2: Some(innovation_chi2),
-            partition: None,
-        })
+        Ok(self.problem.analysis(observed, innovations, self.estimate(spread)?, innovation_chi2))
     }
 }
