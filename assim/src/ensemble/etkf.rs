@@ -73,13 +73,6 @@ impl Assimilator for EnsembleTransformKalmanFilter {
             self.ensemble.set(&moments);
         }
         let estimate = self.ensemble.estimate(&self.problem);
-        let analysis_departures = self.problem.departures(observed, &estimate.state, &estimate.calibration);
-        Ok(Analysis {
-            estimate,
-            background_departures: members.departures,
-            analysis_departures,
-            innovation_chi2: Some(innovation_chi2),
-            partition: None,
-        })
+        Ok(self.problem.analysis(observed, members.innovations, estimate, innovation_chi2))
     }
 }

@@ -11,7 +11,7 @@ use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::covariance::LocalizedEnsemble;
 use crate::error::Error;
 use crate::linalg::product;
-use crate::problem::Problem;
+use crate::problem::{Innovations, Problem};
 use faer::Mat;
 use isobar_model::{Duration, Location};
 use isobar_obs::{ObservationWindow, Placement};
@@ -33,10 +33,12 @@ pub struct LocalSettings {
 /// variables of a cell have the same weights.
 ///
 /// Biases are estimated by augmentation. That of one station is analysed with the weights of its place. A bias that many
-/// places share has no place, and the analyses around each of its observations would each count the same evidence
-/// anew: it is analysed once, with all observations, by the same square root with the taper on the covariance
-/// instead (see `tapered`). An analysis without localisation instead would be too sure of it, as N members know N − 1
-/// directions of the errors of all observations at most.
+/// places share has no place: it is analysed with the mean of the weights where it is observed, each with the information
+/// that the observations there have on it. So members keep together what they say of the bias and of the state around,
+/// and the filter does not become too sure of the bias, as it does with the weights of one analysis of all observations:
+/// N members know at most N − 1 directions of their errors.
+///
+/// χ² is that of the innovations with the tapered covariance of the members (see `tapered`).
 pub struct LocalEnsembleTransformKalmanFilter {
     problem: Problem,
     settings: EnsembleSettings,
@@ -140,6 +142,17 @@ impl LocalEnsembleTransformKalmanFilter {
         LocalAnalysis { weights: transform(&observed, variance_factor, relaxation).weights, variance_factor }
     }
 
+    /// The cells in which observations see a shared parameter, each with the information G²/R on it.
+    fn evidence(&self, members: &ObservedEnsemble, number: usize) -> impl Iterator<Item = (usize, f64)> {
+        let Innovations { jacobian, variance, .. } = &members.innovations;
+        let grid = &self.problem.background.layout().grid;
+        (0..variance.len()).filter_map(move |row| {
+            let entry = jacobian.calibration.row(row).iter().find(|entry| entry.0 == number)?;
+            let (x_m, y_m) = members.places[row];
+            Some((grid.cell_at(x_m, y_m), entry.1 * entry.1 / variance[row]))
+        })
+    }
+
     /// Takes the analysis into the ensemble; returns χ².
     fn update(&mut self, members: &ObservedEnsemble) -> f64 {
         let m = self.problem.background.values().len();
@@ -163,13 +176,14 @@ impl LocalEnsembleTransformKalmanFilter {
             deviations.as_mut().get_mut(m + number..m + number + 1, ..).copy_from(&analysed);
         }
         let parameters = perturbations.as_ref().get(m.., ..);
+        for &number in &self.shared {
+            let row = perturbations.as_ref().get(m + number..m + number + 1, ..);
+            if let Some(mean) = self.grid.mean(&weights, self.evidence(members, number)) {
+                deviations.as_mut().get_mut(m + number..m + number + 1, ..).copy_from(product(row, mean.as_ref()));
+            }
+        }
         let shared = SharedParameters { numbers: &self.shared, perturbations: parameters };
         let tapered = TaperedInnovations::new(members, &whitened, &shared, &self.taper, self.cross);
-        let background = Mat::from_fn(self.shared.len(), perturbations.ncols(), |i, j| parameters[(self.shared[i], j)]);
-        let analysed = tapered.analyse_shared(background.as_ref());
-        for (i, &number) in self.shared.iter().enumerate() {
-            (0..perturbations.ncols()).for_each(|j| deviations[(m + number, j)] = analysed[(i, j)]);
-        }
         let mut background_spread = spread(&perturbations);
         background_spread.truncate(self.problem.background.values().len());
         let mut moments = Moments::of_deviations(mean, deviations);
@@ -189,13 +203,6 @@ impl Assimilator for LocalEnsembleTransformKalmanFilter {
         let members = self.ensemble.observe(&self.problem, observed)?;
         let innovation_chi2 = if observed.is_empty() { 0.0 } else { self.update(&members) };
         let estimate = self.ensemble.estimate(&self.problem);
-        let analysis_departures = self.problem.departures(observed, &estimate.state, &estimate.calibration);
-        Ok(Analysis {
-            estimate,
-            background_departures: members.departures,
-            analysis_departures,
-            innovation_chi2: Some(innovation_chi2),
-            partition: None,
-        })
+        Ok(self.problem.analysis(observed, members.innovations, estimate, innovation_chi2))
     }
 }

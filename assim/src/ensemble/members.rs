@@ -10,7 +10,7 @@ use crate::problem::{Innovations, Problem};
 use faer::{Mat, MatRef};
 use isobar_model::random::standard_normals;
 use isobar_model::{Duration, State, forecast};
-use isobar_obs::{BlockAngular, ObservationWindow};
+use isobar_obs::ObservationWindow;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
@@ -52,14 +52,10 @@ impl Moments {
 
 /// What the members make of the observations.
 pub(super) struct ObservedEnsemble {
-    /// d = y − the members' mean h(x, c), `[n]`.
-    pub departures: Vec<f64>,
+    /// y − the members' mean h(x, c), with the Jacobians about their mean.
+    pub innovations: Innovations,
     /// Y': the members' h(x, c) about their mean, `[n, N]`.
     pub perturbations: Mat<f64>,
-    /// Standard deviations of the observation errors, `[n]`.
-    pub sigma: Vec<f64>,
-    /// The Jacobians about the members' mean.
-    pub jacobian: BlockAngular,
     /// Where the observations are (x, y) \[m\].
     pub places: Vec<(f64, f64)>,
 }
@@ -198,21 +194,18 @@ impl Ensemble {
             })
             .collect();
         let (state, calibration) = self.unpack(problem, &self.mean());
-        let Innovations { jacobian, variance, .. } = problem.innovations(observed, &state, &calibration)?;
-        let n = variance.len();
-        let mut departures = vec![0.0; n];
-        for member in &members {
-            departures.iter_mut().zip(member).for_each(|(mean, departure)| *mean += departure / members.len() as f64);
-        }
-        if let Some(row) = departures.iter().position(|departure| !departure.is_finite()) {
+        let mut innovations = problem.innovations(observed, &state, &calibration)?;
+        let n = innovations.variance.len();
+        let mean = |row: usize| members.iter().map(|member: &Vec<f64>| member[row]).sum::<f64>() / members.len() as f64;
+        innovations.departures = (0..n).map(mean).collect();
+        if let Some(row) = innovations.departures.iter().position(|departure| !departure.is_finite()) {
             let report = &observed.reports[row];
             return Err(Error::NotFinite { what: format!("the innovation of {}/{}", report.network, report.platform) });
         }
         // h(x, c) = y − departure.
-        let perturbations = Mat::from_fn(n, members.len(), |i, j| departures[i] - members[j][i]);
-        let sigma = variance.iter().map(|variance| variance.sqrt()).collect();
+        let perturbations = Mat::from_fn(n, members.len(), |i, j| innovations.departures[i] - members[j][i]);
         let places = observed.reports.iter().map(|report| (report.x_m, report.y_m)).collect();
-        Ok(ObservedEnsemble { departures, perturbations, sigma, jacobian, places })
+        Ok(ObservedEnsemble { innovations, perturbations, places })
     }
 }
 

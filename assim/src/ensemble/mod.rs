@@ -8,7 +8,7 @@
 //! | `inflation` | multiplicative, adaptive, relaxation to the prior spread and perturbations |
 //! | `weights` | the weights of local analyses at every cell |
 //! | `localization` | the taper of Gaspari and Cohn |
-//! | `tapered` | innovations with a tapered covariance, and what they say of biases that many places share |
+//! | `tapered` | innovations with a tapered covariance of state and shared biases |
 //! | `etkf` | [`EnsembleTransformKalmanFilter`] |
 //! | `letkf` | [`LocalEnsembleTransformKalmanFilter`] |
 //! | `stochastic` | [`StochasticEnsembleKalmanFilter`] |

@@ -173,13 +173,6 @@ impl Assimilator for StochasticEnsembleKalmanFilter {
         let members = self.ensemble.observe(&self.problem, observed)?;
         let innovation_chi2 = if observed.is_empty() { 0.0 } else { self.update(&members) };
         let estimate = self.ensemble.estimate(&self.problem);
-        let analysis_departures = self.problem.departures(observed, &estimate.state, &estimate.calibration);
-        Ok(Analysis {
-            estimate,
-            background_departures: members.departures,
-            analysis_departures,
-            innovation_chi2: Some(innovation_chi2),
-            partition: None,
-        })
+        Ok(self.problem.analysis(observed, members.innovations, estimate, innovation_chi2))
     }
 }

@@ -1,9 +1,10 @@
-//! Innovations whose ensemble covariance is tapered in observation space, and the analysis of shared biases by them.
+//! Innovations whose ensemble covariance is tapered in observation space.
 
 use super::localization::Taper;
 use super::members::ObservedEnsemble;
 use super::transform::WhitenedObservations;
 use crate::linalg::{add_symmetric_product, eigen, product};
+use crate::problem::Innovations;
 use faer::{Mat, MatRef};
 use isobar_model::Grid;
 
@@ -46,13 +47,13 @@ impl<'a> TaperedInnovations<'a> {
         taper: &Taper,
         cross: f64,
     ) -> Self {
-        let ObservedEnsemble { jacobian, sigma, places, .. } = members;
+        let ObservedEnsemble { innovations: Innovations { jacobian, variance, .. }, places, .. } = members;
         let (n, columns) = (observed.perturbations.nrows(), observed.perturbations.ncols());
         let root = ((columns - 1) as f64).sqrt();
         let shared_part = Mat::from_fn(n, columns, |row, j| {
             let entries = jacobian.calibration.row(row).iter().filter(|entry| shared.numbers.contains(&entry.0));
             let sum: f64 = entries.map(|&(number, weight)| weight * shared.perturbations[(number, j)]).sum();
-            sum / (sigma[row] * root)
+            sum / (variance[row].sqrt() * root)
         });
         let state_part = &observed.perturbations - &shared_part;
         let mut covariance = Mat::zeros(n, n);
@@ -105,30 +106,6 @@ impl<'a> TaperedInnovations<'a> {
             (self.cross * self.state_part[(i, j)] + self.shared_part[(i, j)]) / root
         });
         product(deviations, tapered.as_ref())
-    }
-
-    /// Analysed deviations from the background's mean of shared parameters with background deviations C `[k, N]`:
-    ///
-    /// ```text
-    /// K d̃ + C − P_cy S^-½ (S^½ + I)⁻¹ √(N−1) Ỹ,     K = P_cy S⁻¹
-    /// ```
-    ///
-    /// (Andrews 1968). Without a taper this is the symmetric square root of the ensemble transform Kalman filter.
-    pub fn analyse_shared(&self, deviations: MatRef<'_, f64>) -> Mat<f64> {
-        let covariance = self.covariance_of_shared(deviations);
-        let n = self.values.len();
-        let d = Mat::from_fn(n, 1, |i, _| self.observed.departures[i]);
-        let increment = product(covariance.as_ref(), self.apply(|value| 1.0 / (1.0 + value), d.as_ref()).as_ref());
-        let root = ((deviations.ncols() - 1) as f64).sqrt();
-        let reduced = |value: f64| {
-            let root = (1.0 + value).sqrt();
-            1.0 / (root * (1.0 + root))
-        };
-        let reduction =
-            product(covariance.as_ref(), self.apply(reduced, self.observed.perturbations.as_ref()).as_ref());
-        Mat::from_fn(deviations.nrows(), deviations.ncols(), |i, j| {
-            increment[(i, 0)] + deviations[(i, j)] - root * reduction[(i, j)]
-        })
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::members::ObservedEnsemble;
 use crate::linalg::{add_product, add_symmetric_product, eigen, product};
+use crate::problem::Innovations;
 use faer::Mat;
 
 /// Observations as an analysis in ensemble space takes them: all divided by their standard deviations, which
@@ -17,9 +18,10 @@ impl WhitenedObservations {
     /// All observations.
     pub fn new(members: &ObservedEnsemble) -> Self {
         let root = ((members.perturbations.ncols() - 1) as f64).sqrt();
-        let departures = members.departures.iter().zip(&members.sigma).map(|(d, sigma)| d / sigma).collect();
+        let Innovations { departures, variance, .. } = &members.innovations;
+        let departures = departures.iter().zip(variance).map(|(d, variance)| d / variance.sqrt()).collect();
         let perturbations = Mat::from_fn(members.perturbations.nrows(), members.perturbations.ncols(), |i, j| {
-            members.perturbations[(i, j)] / (members.sigma[i] * root)
+            members.perturbations[(i, j)] / (variance[i].sqrt() * root)
         });
         Self { perturbations, departures }
     }

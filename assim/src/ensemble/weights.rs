@@ -82,6 +82,28 @@ impl WeightGrid {
         blend(&first, &second, column.fraction)
     }
 
+    /// The mean of the weights at some cells, each with a weight of its own; `None` if these sum up to zero.
+    pub fn mean(&self, weights: &[Mat<f64>], cells: impl Iterator<Item = (usize, f64)>) -> Option<Mat<f64>> {
+        let mut shares = vec![0.0; weights.len()];
+        for (cell, share) in cells {
+            let row = self.rows.bracket(cell / self.columns.cells);
+            let column = self.columns.bracket(cell % self.columns.cells);
+            for (j, in_y) in [(row.first, 1.0 - row.fraction), (row.second, row.fraction)] {
+                for (i, in_x) in [(column.first, 1.0 - column.fraction), (column.second, column.fraction)] {
+                    shares[j * self.columns.points.len() + i] += share * in_y * in_x;
+                }
+            }
+        }
+        let total: f64 = shares.iter().sum();
+        (total > 0.0).then(|| {
+            let mut mean = Mat::zeros(weights[0].nrows(), weights[0].ncols());
+            for (own, share) in weights.iter().zip(&shares).filter(|(_, share)| **share > 0.0) {
+                mean += own * faer::Scale(share / total);
+            }
+            mean
+        })
+    }
+
     /// X T for perturbations X `[m + p, N]`, with the weights T of each cell; the last p rows are left as they are.
     pub fn apply(&self, weights: &[Mat<f64>], perturbations: MatRef<'_, f64>) -> Mat<f64> {
         let mut result = perturbations.to_owned();
@@ -173,6 +195,12 @@ mod tests {
                 }
             }
             assert_eq!(result[(layout.len() + 1, 1)], 7.0);
+            // A mean of two cells is that of their weights.
+            let mean = weight_grid.mean(&weights, [(11, 1.0), (30, 3.0)].into_iter()).unwrap();
+            let expected = 0.25 * weight_grid.weights_at(&weights, 11)[(1, 0)]
+                + 0.75 * weight_grid.weights_at(&weights, 30)[(1, 0)];
+            assert!((mean[(1, 0)] - expected).abs() < 1e-12);
+            assert!(weight_grid.mean(&weights, std::iter::empty()).is_none());
         }
     }
 }
