@@ -6,8 +6,10 @@
 //! | [`fast_kalman`] | Lange's Fast Kalman Filter on the blocks of a grid |
 //! | [`kalman`] | the dense (extended) Kalman filter: the reference |
 //! | [`serial_kalman`] | the same, one observation at a time |
-//! | [`variational`] | 3D-Var with biases in the control vector |
-//! | [`free`] | no assimilation |
+//! | [`variational`] | 3D-Var, also with an ensemble's covariance (hybrid), and 4D-Var; biases in the control vector |
+//! | [`optimal_interpolation`] | the analysis with a static covariance, solved directly |
+//! | [`ensemble`] | ensemble Kalman filters: transform (ETKF), local (LETKF), stochastic (EnKF) |
+//! | [`free`], [`climatology`] | no assimilation |
 //!
 //! All of them are given a [`Problem`], see models and observations only through traits and Jacobians, and are an
 //! [`Assimilator`]. [`covariance`] holds B and Q as operators; `testing` (feature `testing`) the contract they must keep.
@@ -15,12 +17,15 @@
 pub mod assimilator;
 mod augmented;
 pub mod block_angular;
+pub mod climatology;
 pub mod covariance;
+pub mod ensemble;
 pub mod error;
 pub mod fast_kalman;
 pub mod free;
 pub mod kalman;
 mod linalg;
+pub mod optimal_interpolation;
 pub mod problem;
 mod propagator;
 mod saved;

@@ -255,7 +255,7 @@ impl ObservingSystem {
             sigma.push(own);
             reports.push(report);
         }
-        let operator = Box::new(LinearOperator { jacobian });
+        let operator = Arc::new(LinearOperator { jacobian });
         ObservationWindow { time, cycle: self.cycle, reports, values, values_bias_removed, sigma, rejected, operator }
     }
 }

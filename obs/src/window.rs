@@ -23,6 +23,7 @@ pub struct Report {
 }
 
 /// All observations of one cycle, valid at its end.
+#[derive(Clone)]
 pub struct ObservationWindow {
     /// The valid time of the observations and of the analysis.
     pub time: Time,
@@ -39,7 +40,7 @@ pub struct ObservationWindow {
     /// What was reported as well, but fails quality control: no method sees it.
     pub rejected: Vec<RejectedObservation>,
     /// h(x, c) of these observations.
-    pub operator: Box<dyn ObservationOperator>,
+    pub operator: Arc<dyn ObservationOperator>,
 }
 
 impl ObservationWindow {

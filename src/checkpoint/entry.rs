@@ -218,7 +218,7 @@ impl Entry<'_> {
                     sigma: sigma.into_owned(),
                     rejected,
                     // No sink asks what an estimate would have given.
-                    operator: Box::new(LinearOperator {
+                    operator: std::sync::Arc::new(LinearOperator {
                         jacobian: BlockAngular { state: SparseRows::new(), calibration: SparseRows::new() },
                     }),
                 }))

@@ -2,17 +2,32 @@
 
 use super::forecast_model;
 use crate::scenario::{Algorithm, Method, Scenario};
+use isobar_assim::climatology::Climatology;
+use isobar_assim::ensemble::{
+    BackgroundInflation, EnsembleSettings, EnsembleTransformKalmanFilter, InitialMembers,
+    LocalEnsembleTransformKalmanFilter, ModelErrorTreatment, StochasticEnsembleKalmanFilter,
+};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, Residual};
 use isobar_assim::free::FreeRun;
 use isobar_assim::kalman::KalmanFilter;
+use isobar_assim::optimal_interpolation::OptimalInterpolation;
 use isobar_assim::serial_kalman::SerialKalmanFilter;
-use isobar_assim::variational::ThreeDVar;
+use isobar_assim::variational::{FourDVar, HybridThreeDVar, ThreeDVar};
 use isobar_assim::{Assimilator, BiasTreatment, Error, Problem};
 
 pub(super) fn build(ground: &Problem, method: &Method, scenario: &Scenario) -> Result<Box<dyn Assimilator>, Error> {
     let mut problem = Problem { bias: method.bias, ..ground.clone() };
     Ok(match method.algorithm {
         Algorithm::Free => Box::new(FreeRun::new(problem)),
+        Algorithm::Climatology => Box::new(Climatology::new(problem)),
+        Algorithm::OptimalInterpolation { covariance_scale } => {
+            Box::new(OptimalInterpolation::new(problem, covariance_scale))
+        }
+        Algorithm::FourDVar(ref settings) => Box::new(FourDVar::new(problem, settings.clone())?),
+        Algorithm::HybridThreeDVar { ref settings, memory_limit_bytes } => {
+            problem.memory_limit_bytes = memory_limit_bytes;
+            Box::new(HybridThreeDVar::new(problem, settings.clone())?)
+        }
         Algorithm::ThreeDVar(ref settings) => Box::new(ThreeDVar::new(problem, settings.clone())),
         Algorithm::Kalman { memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
@@ -30,12 +45,24 @@ pub(super) fn build(ground: &Problem, method: &Method, scenario: &Scenario) -> R
             let model = forecast_model::build_coarser(scenario, factor_grid)?;
             Box::new(FastKalmanFilter::new(problem, settings)?.with_factors_on(model)?)
         }
+        Algorithm::EnsembleTransform { settings, memory_limit_bytes } => {
+            problem.memory_limit_bytes = memory_limit_bytes;
+            Box::new(EnsembleTransformKalmanFilter::new(problem, settings)?)
+        }
+        Algorithm::LocalEnsembleTransform { settings, local, memory_limit_bytes } => {
+            problem.memory_limit_bytes = memory_limit_bytes;
+            Box::new(LocalEnsembleTransformKalmanFilter::new(problem, settings, local)?)
+        }
+        Algorithm::StochasticEnsemble { settings, localization_radius_m, memory_limit_bytes } => {
+            problem.memory_limit_bytes = memory_limit_bytes;
+            Box::new(StochasticEnsembleKalmanFilter::new(problem, settings, localization_radius_m)?)
+        }
     })
 }
 
 /// Whether a method does anything with observations.
 pub(super) fn sees_observations(method: &Method) -> bool {
-    method.algorithm != Algorithm::Free
+    !matches!(method.algorithm, Algorithm::Free | Algorithm::Climatology)
 }
 
 /// A method's settings, in words.
@@ -47,6 +74,21 @@ pub(super) fn describe(method: &Method) -> String {
     };
     match &method.algorithm {
         Algorithm::Free => "no assimilation".to_string(),
+        Algorithm::Climatology => "the first background for ever".to_string(),
+        Algorithm::OptimalInterpolation { covariance_scale } => {
+            format!("optimal interpolation, B × {covariance_scale}, {bias}")
+        }
+        Algorithm::FourDVar(settings) => format!(
+            "4D-Var over {} cycles, {} outer loops, B × {}, {bias}",
+            settings.window_cycles, settings.outer_loops, settings.covariance_scale
+        ),
+        Algorithm::HybridThreeDVar { settings, .. } => format!(
+            "hybrid 3D-Var, B × {} with weight {}, {} localised within {} km, {bias}",
+            settings.variational.covariance_scale,
+            1.0 - settings.ensemble_weight,
+            describe_ensemble(&settings.ensemble),
+            settings.local.localization_radius_m / 1e3
+        ),
         Algorithm::ThreeDVar(settings) => format!("3D-Var, B × {}, {bias}", settings.covariance_scale),
         Algorithm::Kalman { .. } => format!("Kalman filter, {bias}"),
         Algorithm::SerialKalman { .. } => format!("Kalman filter, one observation at a time, {bias}"),
@@ -83,5 +125,42 @@ pub(super) fn describe(method: &Method) -> String {
                  {bias}"
             )
         }
+        Algorithm::EnsembleTransform { settings, .. } => format!("ETKF, {}, {bias}", describe_ensemble(settings)),
+        Algorithm::LocalEnsembleTransform { settings, local, .. } => {
+            let radius = local.localization_radius_m / 1e3;
+            format!("LETKF, localised within {radius} km, {}, {bias}", describe_ensemble(settings))
+        }
+        Algorithm::StochasticEnsemble { settings, localization_radius_m, .. } => {
+            let localization = match localization_radius_m.is_finite() {
+                true => format!("localised within {} km", localization_radius_m / 1e3),
+                false => "not localised".to_string(),
+            };
+            format!("stochastic EnKF, {localization}, {}, {bias}", describe_ensemble(settings))
+        }
     }
+}
+
+/// An ensemble's settings, in words.
+fn describe_ensemble(settings: &EnsembleSettings) -> String {
+    let mut words = format!("{} members", settings.members);
+    if settings.initial_members == InitialMembers::SecondOrderExact {
+        words.push_str(" drawn second-order exact");
+    }
+    if settings.model_error == ModelErrorTreatment::SquareRoot {
+        words.push_str(", model error by square root");
+    }
+    let inflation = &settings.inflation;
+    match inflation.background {
+        BackgroundInflation::Factor(1.0) => {}
+        BackgroundInflation::Factor(factor) => words.push_str(&format!(", inflation {factor}")),
+        BackgroundInflation::Adaptive { .. } => words.push_str(", adaptive inflation"),
+    }
+    for (name, value) in
+        [("RTPS", inflation.relaxation_to_prior_spread), ("RTPP", inflation.relaxation_to_prior_perturbations)]
+    {
+        if value > 0.0 {
+            words.push_str(&format!(", {name} {value}"));
+        }
+    }
+    words
 }

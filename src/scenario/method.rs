@@ -1,12 +1,14 @@
 //! `[methods.NAME]`: the data-assimilation methods that run side by side.
 
+use super::ensemble_method;
 use super::expected::TOLERANCE_KEY;
 use super::network::check_name;
 use super::reader::{Field, Kind, Limits, Read, Section};
 use indexmap::IndexMap;
 use isobar_assim::BiasTreatment;
+use isobar_assim::ensemble::{EnsembleSettings, LocalSettings};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Residual};
-use isobar_assim::variational::ThreeDVarSettings;
+use isobar_assim::variational::{FourDVarSettings, HybridSettings, ThreeDVarSettings};
 use isobar_model::Grid;
 use toml::de::DeValue;
 
@@ -36,8 +38,24 @@ pub struct Method {
 pub enum Algorithm {
     /// A forecast that never sees an observation.
     Free,
+    /// The first background for ever.
+    Climatology,
+    /// Optimal interpolation with a static covariance.
+    OptimalInterpolation {
+        /// Factor on the covariance B.
+        covariance_scale: f64,
+    },
     /// Three-dimensional variational assimilation.
     ThreeDVar(ThreeDVarSettings),
+    /// Strong-constraint four-dimensional variational assimilation.
+    FourDVar(FourDVarSettings),
+    /// Three-dimensional variational assimilation with the covariance of an ensemble beside the static one.
+    HybridThreeDVar {
+        /// Its settings.
+        settings: HybridSettings,
+        /// Memory that its ensemble may use.
+        memory_limit_bytes: u64,
+    },
     /// The full Kalman filter (extended, for a nonlinear model).
     Kalman {
         /// Memory that it may use.
@@ -57,20 +75,60 @@ pub enum Algorithm {
         /// Memory that it may use.
         memory_limit_bytes: u64,
     },
+    /// The ensemble transform Kalman filter.
+    EnsembleTransform {
+        /// Its ensemble.
+        settings: EnsembleSettings,
+        /// Memory that it may use.
+        memory_limit_bytes: u64,
+    },
+    /// The local ensemble transform Kalman filter.
+    LocalEnsembleTransform {
+        /// Its ensemble.
+        settings: EnsembleSettings,
+        /// Its localisation.
+        local: LocalSettings,
+        /// Memory that it may use.
+        memory_limit_bytes: u64,
+    },
+    /// The stochastic ensemble Kalman filter.
+    StochasticEnsemble {
+        /// Its ensemble.
+        settings: EnsembleSettings,
+        /// Distance at which the covariances' taper ends \[m\]; infinite for none.
+        localization_radius_m: f64,
+        /// Memory that it may use.
+        memory_limit_bytes: u64,
+    },
 }
 
 #[derive(Clone, Copy)]
 enum Which {
     Free,
+    Climatology,
+    OptimalInterpolation,
     ThreeDVar,
+    FourDVar,
+    HybridThreeDVar,
     Kalman,
     SerialKalman,
     FastKalman,
+    EnsembleTransform,
+    LocalEnsembleTransform,
+    StochasticEnsemble,
 }
 
 const KINDS: &[Kind<Which>] = &[
     ("free", Which::Free, &[]),
+    ("climatology", Which::Climatology, &[]),
+    ("optimal_interpolation", Which::OptimalInterpolation, &["bias", "covariance_scale"]),
     ("3dvar", Which::ThreeDVar, &["bias", "covariance_scale", "max_iterations", "tolerance"]),
+    (
+        "4dvar",
+        Which::FourDVar,
+        &["bias", "window_cycles", "outer_loops", "covariance_scale", "max_iterations", "tolerance"],
+    ),
+    ("hybrid_3dvar", Which::HybridThreeDVar, &ensemble_method::HYBRID_KEYS),
     ("kf", Which::Kalman, &["bias", "memory_limit_gb"]),
     ("serial_kf", Which::SerialKalman, &["bias", "memory_limit_gb"]),
     (
@@ -89,6 +147,9 @@ const KINDS: &[Kind<Which>] = &[
             "memory_limit_gb",
         ],
     ),
+    ("etkf", Which::EnsembleTransform, &ensemble_method::KEYS),
+    ("letkf", Which::LocalEnsembleTransform, &ensemble_method::LOCAL_KEYS),
+    ("enkf", Which::StochasticEnsemble, &ensemble_method::TAPERED_KEYS),
 ];
 
 /// The most methods of a scenario.
@@ -125,17 +186,37 @@ fn method(field: &Field<'_>, grid: &Grid) -> Read<Method> {
     const TREATMENTS: &[(&str, BiasTreatment)] =
         &[("estimate", BiasTreatment::Estimate), ("ignore", BiasTreatment::Ignore), ("known", BiasTreatment::Known)];
     let (which, section) = field.section_of_kind(KINDS)?;
-    let default = if matches!(which, Which::Free) { BiasTreatment::Ignore } else { BiasTreatment::Estimate };
+    let default =
+        if matches!(which, Which::Free | Which::Climatology) { BiasTreatment::Ignore } else { BiasTreatment::Estimate };
     let bias = section.optional("bias").map_or(Ok(default), |field| field.choice(TREATMENTS))?;
     let memory_limit_bytes =
         || Ok((section.number_or("memory_limit_gb", 2.0, Limits::Between(0.001, 10_000.0))? * 1e9) as u64);
     let algorithm = match which {
         Which::Free => Algorithm::Free,
-        Which::ThreeDVar => Algorithm::ThreeDVar(ThreeDVarSettings {
+        Which::Climatology => Algorithm::Climatology,
+        Which::OptimalInterpolation => Algorithm::OptimalInterpolation {
             covariance_scale: section.number_or("covariance_scale", 1.0, Limits::Positive)?,
-            max_iterations: section.whole_or("max_iterations", 100, 1, 100_000)?,
-            tolerance: section.number_or("tolerance", 1e-6, Limits::Between(1e-15, 0.5))?,
-        }),
+        },
+        Which::ThreeDVar => Algorithm::ThreeDVar(three_d_var(&section)?),
+        Which::FourDVar => {
+            let ThreeDVarSettings { covariance_scale, tolerance, max_iterations } = three_d_var(&section)?;
+            Algorithm::FourDVar(FourDVarSettings {
+                window_cycles: section.required("window_cycles")?.whole(1, 1000)?,
+                outer_loops: section.whole_or("outer_loops", 2, 1, 100)?,
+                covariance_scale,
+                tolerance,
+                max_iterations,
+            })
+        }
+        Which::HybridThreeDVar => Algorithm::HybridThreeDVar {
+            settings: HybridSettings {
+                ensemble_weight: section.number("ensemble_weight", Limits::Between(0.0, 1.0))?,
+                variational: three_d_var(&section)?,
+                ensemble: ensemble_method::read(&section)?,
+                local: ensemble_method::local(&section)?,
+            },
+            memory_limit_bytes: memory_limit_bytes()?,
+        },
         Which::Kalman => Algorithm::Kalman { memory_limit_bytes: memory_limit_bytes()? },
         Which::SerialKalman => Algorithm::SerialKalman { memory_limit_bytes: memory_limit_bytes()? },
         Which::FastKalman => {
@@ -143,8 +224,30 @@ fn method(field: &Field<'_>, grid: &Grid) -> Read<Method> {
             let factor_grid = factor_grid(&section, grid, settings)?;
             Algorithm::FastKalman { settings, factor_grid, memory_limit_bytes: memory_limit_bytes()? }
         }
+        Which::EnsembleTransform => Algorithm::EnsembleTransform {
+            settings: ensemble_method::read(&section)?,
+            memory_limit_bytes: memory_limit_bytes()?,
+        },
+        Which::LocalEnsembleTransform => Algorithm::LocalEnsembleTransform {
+            settings: ensemble_method::read(&section)?,
+            local: ensemble_method::local(&section)?,
+            memory_limit_bytes: memory_limit_bytes()?,
+        },
+        Which::StochasticEnsemble => Algorithm::StochasticEnsemble {
+            settings: ensemble_method::read(&section)?,
+            localization_radius_m: ensemble_method::optional_radius_m(&section)?,
+            memory_limit_bytes: memory_limit_bytes()?,
+        },
     };
     Ok(Method { bias, algorithm })
+}
+
+fn three_d_var(section: &Section<'_>) -> Read<ThreeDVarSettings> {
+    Ok(ThreeDVarSettings {
+        covariance_scale: section.number_or("covariance_scale", 1.0, Limits::Positive)?,
+        max_iterations: section.whole_or("max_iterations", 100, 1, 100_000)?,
+        tolerance: section.number_or("tolerance", 1e-6, Limits::Between(1e-15, 0.5))?,
+    })
 }
 
 fn fast_kalman(section: &Section<'_>, grid: &Grid) -> Read<FastKalmanSettings> {

@@ -7,6 +7,7 @@ mod accept;
 mod bias;
 mod covariance;
 mod cycle;
+mod ensemble_method;
 mod error;
 mod expected;
 mod fault;

@@ -242,7 +242,7 @@ fn observe(info: &RunInfo, cycle: usize, truth: &[State], calibration: &[Vec<f64
         sigma: sigma.clone(),
         reports,
         rejected: Vec::new(),
-        operator: Box::new(LinearOperator { jacobian }),
+        operator: Arc::new(LinearOperator { jacobian }),
     }
 }
 

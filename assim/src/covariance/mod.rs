@@ -3,6 +3,7 @@
 mod balanced;
 mod gaussian_filter;
 mod leading_factors;
+mod localized_ensemble;
 mod sum;
 mod univariate;
 mod white;
@@ -10,6 +11,7 @@ mod white;
 pub use balanced::{Balanced, BalancedParameters};
 pub use leading_factors::leading_factors;
 pub(crate) use leading_factors::{OVERSAMPLING, leading_columns, skip_draws};
+pub use localized_ensemble::LocalizedEnsemble;
 pub use sum::Sum;
 pub use univariate::Univariate;
 pub use white::White;
@@ -83,6 +85,11 @@ pub fn block(covariance: &dyn Covariance, indices: &[usize]) -> Mat<f64> {
         .map(|column| indices[column..].iter().map(|&row| covariance.covariance(row, indices[column])).collect())
         .collect();
     Mat::from_fn(n, n, |i, j| lower[i.min(j)][i.max(j) - i.min(j)])
+}
+
+/// The standard deviation of every value.
+pub fn standard_deviations(covariance: &dyn Covariance) -> Vec<f64> {
+    (0..covariance.len()).into_par_iter().map(|index| covariance.covariance(index, index).sqrt()).collect()
 }
 
 /// The whole covariance matrix, `[len, len]`; for small grids.

@@ -1,6 +1,11 @@
 //! Variational methods: a cost function in control space and its minimiser.
 
 mod conjugate_gradient;
+mod four_d_var;
+mod hybrid;
+mod saved_window;
 mod three_d_var;
 
+pub use four_d_var::{FourDVar, FourDVarSettings};
+pub use hybrid::{HybridSettings, HybridThreeDVar};
 pub use three_d_var::{ThreeDVar, ThreeDVarSettings};

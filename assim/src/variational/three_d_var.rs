@@ -2,6 +2,7 @@
 
 use super::conjugate_gradient::{self, Stopping};
 use crate::assimilator::{Analysis, Assimilator, Estimate};
+use crate::covariance::Covariance;
 use crate::error::Error;
 use crate::linalg::{cholesky, column, product};
 use crate::problem::{Innovations, Problem};
@@ -12,6 +13,7 @@ use isobar_model::{Duration, State, forecast};
 use isobar_obs::{Calibration, ObservationWindow};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// How 3D-Var is tuned.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,6 +57,11 @@ impl ThreeDVar {
         let state = problem.background.clone();
         let bias = vec![0.0; problem.calibration.len()];
         Self { problem, settings, calibration, state, bias, bias_covariance }
+    }
+
+    /// Replaces the covariance B of the problem.
+    pub(super) fn set_background_error(&mut self, background_error: Arc<dyn Covariance>) {
+        self.problem.background_error = background_error;
     }
 
     fn estimate(&self) -> Result<Estimate, Error> {

@@ -1,5 +1,8 @@
 //! A small linear model whose propagator is a given matrix, and random observations of it.
 
+// Each test uses a part of it.
+#![allow(dead_code)]
+
 use faer::Mat;
 use isobar_assim::covariance::{Covariance, Sum, White};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Residual};
@@ -181,7 +184,7 @@ pub fn window(problem: &Problem, count: usize, within_cell: bool, cycle: usize, 
         values,
         sigma: (0..count).map(|row| 0.5 + 0.1 * (row % 5) as f64).collect(),
         rejected: Vec::new(),
-        operator: Box::new(LinearOperator { jacobian: BlockAngular { state, calibration } }),
+        operator: Arc::new(LinearOperator { jacobian: BlockAngular { state, calibration } }),
     }
 }
 

@@ -1,0 +1,105 @@
+//! Localisation: correlations over long distances, which a small ensemble cannot know, are tapered off.
+
+use isobar_model::{Boundary, Grid};
+
+/// The compactly supported fifth-order function of Gaspari and Cohn (1999), eq. (4.10), of distance over radius: 1 at 0,
+/// near a Gaussian of standard deviation radius × 0.27, and 0 from 1 on.
+pub fn gaspari_cohn(distance_over_radius: f64) -> f64 {
+    let r = 2.0 * distance_over_radius;
+    if r >= 2.0 {
+        0.0
+    } else if r >= 1.0 {
+        4.0 - 5.0 * r + r.powi(2) * (5.0 / 3.0) + r.powi(3) * (5.0 / 8.0) - 0.5 * r.powi(4) + r.powi(5) / 12.0
+            - 2.0 / (3.0 * r)
+    } else {
+        1.0 - r.powi(2) * (5.0 / 3.0) + r.powi(3) * (5.0 / 8.0) + 0.5 * r.powi(4) - 0.25 * r.powi(5)
+    }
+}
+
+/// Beyond so many widths of a periodic domain the radius makes no difference.
+const WIDEST: f64 = 10.0;
+
+/// A taper on a plane: Gaspari and Cohn's function, where the plane is periodic summed over the images of a place and
+/// divided by the sum for the place itself. So it is positive semidefinite for any radius; with that of the nearest image
+/// alone it would not be where the radius exceeds half of the domain.
+#[derive(Clone, Debug)]
+pub(super) struct Taper {
+    radius_m: f64,
+    /// Distances between the images in x and in y \[m\], and how many there are to either side.
+    periods_m: [f64; 2],
+    images: [i32; 2],
+    /// The sum for the place itself.
+    total: f64,
+}
+
+impl Taper {
+    /// The taper that ends at a radius \[m\]; infinite for none.
+    pub fn new(grid: &Grid, radius_m: f64) -> Self {
+        let periods_m = [grid.width_m(), grid.height_m()];
+        let [x, y] = periods_m.map(|period| (radius_m / period).min(WIDEST).ceil() as i32);
+        let images = [x, if grid.boundary == Boundary::Periodic { y } else { 0 }];
+        let mut taper = Self { radius_m, periods_m, images, total: 1.0 };
+        taper.total = taper.weight((0.0, 0.0), (0.0, 0.0));
+        taper
+    }
+
+    /// The weight of one place in the analysis of another.
+    pub fn weight(&self, a: (f64, f64), b: (f64, f64)) -> f64 {
+        if self.radius_m >= WIDEST * self.periods_m[0].max(self.periods_m[1]) {
+            return 1.0;
+        }
+        let mut sum = 0.0;
+        for i in -self.images[0]..=self.images[0] {
+            let dx = a.0 - b.0 + f64::from(i) * self.periods_m[0];
+            if dx.abs() < self.radius_m {
+                for j in -self.images[1]..=self.images[1] {
+                    let dy = a.1 - b.1 + f64::from(j) * self.periods_m[1];
+                    sum += gaspari_cohn(dx.hypot(dy) / self.radius_m);
+                }
+            }
+        }
+        sum / self.total
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_taper_falls_smoothly_from_one_to_zero() {
+        assert_eq!(gaspari_cohn(0.0), 1.0);
+        // (4.10) at z = c: 5/24.
+        assert!((gaspari_cohn(0.5) - 5.0 / 24.0).abs() < 1e-15);
+        assert!(
+            gaspari_cohn(1.0 - 1e-9).abs() < 1e-12 && gaspari_cohn(1.0) == 0.0 && gaspari_cohn(f64::INFINITY) == 0.0
+        );
+        let steps: Vec<f64> = (0..=1000).map(|i| gaspari_cohn(i as f64 / 1000.0)).collect();
+        assert!(steps.windows(2).all(|pair| pair[1] <= pair[0] && pair[0] - pair[1] < 0.0025));
+    }
+
+    #[test]
+    fn distances_go_around_a_periodic_domain_but_not_through_walls() {
+        let grid = |boundary| Grid { nx: 10, ny: 8, dx_m: 1.0, dy_m: 1.0, boundary };
+        let (near, far) = ((0.5, 0.5), (9.5, 7.5));
+        let periodic = Taper::new(&grid(Boundary::Periodic), 4.0);
+        assert!((periodic.weight(near, far) - gaspari_cohn(2f64.sqrt() / 4.0)).abs() < 1e-15);
+        let channel = Taper::new(&grid(Boundary::Channel), 4.0);
+        assert_eq!(channel.weight(near, far), 0.0);
+        assert!((channel.weight(near, (9.5, 0.5)) - gaspari_cohn(0.25)).abs() < 1e-15);
+        assert_eq!(Taper::new(&grid(Boundary::Channel), f64::INFINITY).weight(near, far), 1.0);
+    }
+
+    #[test]
+    fn it_is_positive_semidefinite_for_any_radius() {
+        let grid = Grid { nx: 5, ny: 4, dx_m: 1.0, dy_m: 1.0, boundary: Boundary::Periodic };
+        for radius in [1.5, 3.5, 8.0, 30.0] {
+            let taper = Taper::new(&grid, radius);
+            let place = |cell: usize| ((cell % 5) as f64, (cell / 5) as f64);
+            let matrix = faer::Mat::from_fn(20, 20, |i, j| taper.weight(place(i), place(j)));
+            let eigenvalues = matrix.self_adjoint_eigenvalues(faer::Side::Lower).unwrap();
+            assert!(eigenvalues[0] > -1e-12, "{radius}: {}", eigenvalues[0]);
+            assert!((taper.weight(place(7), place(7)) - 1.0).abs() < 1e-15);
+        }
+    }
+}

@@ -1,0 +1,298 @@
+//! The ensemble: members (x, c) as columns.
+
+use super::model_error::add_model_error;
+use super::{EnsembleSettings, InitialMembers};
+use crate::assimilator::Estimate;
+use crate::covariance::{self, randomize};
+use crate::error::Error;
+use crate::linalg::{product, qr};
+use crate::problem::{Innovations, Problem};
+use crate::saved::unfit;
+use faer::{Mat, MatRef};
+use isobar_model::random::standard_normals;
+use isobar_model::{Duration, State, forecast};
+use isobar_obs::ObservationWindow;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+/// N members of the augmented state (x, c), each a column of m + p values; p is zero where biases are not estimated.
+#[derive(Clone)]
+pub struct Ensemble {
+    /// m.
+    state_values: usize,
+    /// m + p.
+    rows: usize,
+    /// Column-major `[m + p, N]`.
+    values: Vec<f64>,
+}
+
+/// An ensemble as its mean and the members' deviations from it.
+pub(super) struct Moments {
+    /// `[m + p]`.
+    pub mean: Vec<f64>,
+    /// `[m + p, N]`; each row has sum zero.
+    pub perturbations: Mat<f64>,
+}
+
+impl Moments {
+    /// The moments of members that deviate from `about` by the given columns, `[m + p, N]`.
+    pub fn of_deviations(mut about: Vec<f64>, mut deviations: Mat<f64>) -> Self {
+        let members = deviations.ncols();
+        let mut shift = vec![0.0; about.len()];
+        for j in 0..members {
+            shift.iter_mut().zip(deviations.col_as_slice(j)).for_each(|(sum, value)| *sum += value);
+        }
+        shift.iter_mut().for_each(|shift| *shift /= members as f64);
+        for j in 0..members {
+            deviations.col_as_slice_mut(j).iter_mut().zip(&shift).for_each(|(value, shift)| *value -= shift);
+        }
+        about.iter_mut().zip(&shift).for_each(|(mean, shift)| *mean += shift);
+        Self { mean: about, perturbations: deviations }
+    }
+}
+
+/// What the members make of the observations.
+pub(super) struct ObservedEnsemble {
+    /// y − the members' mean h(x, c), with the Jacobians about their mean.
+    pub innovations: Innovations,
+    /// Y': the members' h(x, c) about their mean, `[n, N]`.
+    pub perturbations: Mat<f64>,
+    /// Where the observations are (x, y) \[m\].
+    pub places: Vec<(f64, f64)>,
+}
+
+impl Ensemble {
+    /// Members about the background of the problem, with the spread of B and of the biases' priors.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for too few members, [`Error::TooLarge`] if they do not fit into the memory limit.
+    pub fn draw(problem: &Problem, settings: &EnsembleSettings, random: &mut ChaCha8Rng) -> Result<Self, Error> {
+        let parameters = problem.estimated_calibration().parameters;
+        let (m, p, members) = (problem.background.values().len(), parameters.len(), settings.members);
+        check(problem, settings.initial_members, m + p, p, members)?;
+        let sigmas: Vec<f64> = parameters.iter().map(|parameter| parameter.sigma_prior).collect();
+        let perturbations = match settings.initial_members {
+            InitialMembers::Random => {
+                let mut values = Vec::with_capacity((m + p) * members);
+                for _ in 0..members {
+                    values.extend(randomize(&*problem.background_error, random));
+                    values
+                        .extend(standard_normals(random, p).iter().zip(&sigmas).map(|(normal, sigma)| normal * sigma));
+                }
+                values
+            }
+            InitialMembers::SecondOrderExact => second_order_exact(problem, &sigmas, members, random),
+        };
+        let mut mean = problem.background.values().to_vec();
+        mean.resize(m + p, 0.0);
+        let mut ensemble = Self { state_values: m, rows: m + p, values: perturbations };
+        ensemble.center();
+        for member in ensemble.values.chunks_exact_mut(m + p) {
+            member.iter_mut().zip(&mean).for_each(|(value, mean)| *value += mean);
+        }
+        Ok(ensemble)
+    }
+
+    /// Number of members.
+    pub fn members(&self) -> usize {
+        self.values.len() / self.rows
+    }
+
+    /// The members, `[m + p, N]`.
+    pub fn values(&self) -> MatRef<'_, f64> {
+        MatRef::from_column_major_slice(&self.values, self.rows, self.members())
+    }
+
+    /// One member, `[m + p]`.
+    pub(super) fn member(&self, number: usize) -> &[f64] {
+        &self.values[number * self.rows..][..self.rows]
+    }
+
+    /// Takes back all members, one after another.
+    ///
+    /// # Errors
+    /// [`Error::Saved`] if they are not as many numbers.
+    pub(super) fn restore(&mut self, values: Vec<f64>) -> Result<(), Error> {
+        if values.len() != self.values.len() {
+            return Err(unfit("the ensemble"));
+        }
+        self.values = values;
+        Ok(())
+    }
+
+    /// The mean of the members, `[m + p]`.
+    pub fn mean(&self) -> Vec<f64> {
+        let mut mean = vec![0.0; self.rows];
+        for member in self.values.chunks_exact(self.rows) {
+            mean.iter_mut().zip(member).for_each(|(mean, value)| *mean += value);
+        }
+        let members = self.members() as f64;
+        mean.iter_mut().for_each(|mean| *mean /= members);
+        mean
+    }
+
+    /// Shifts the members to mean zero.
+    fn center(&mut self) {
+        let mean = self.mean();
+        for member in self.values.chunks_exact_mut(self.rows) {
+            member.iter_mut().zip(&mean).for_each(|(value, mean)| *value -= mean);
+        }
+    }
+
+    pub(super) fn moments(&self) -> Moments {
+        let mean = self.mean();
+        let perturbations = Mat::from_fn(self.rows, self.members(), |i, j| self.values[j * self.rows + i] - mean[i]);
+        Moments { mean, perturbations }
+    }
+
+    pub(super) fn set(&mut self, moments: &Moments) {
+        for (j, member) in self.values.chunks_exact_mut(self.rows).enumerate() {
+            let perturbation = moments.perturbations.col_as_slice(j);
+            for (value, (mean, perturbation)) in member.iter_mut().zip(moments.mean.iter().zip(perturbation)) {
+                *value = mean + perturbation;
+            }
+        }
+    }
+
+    /// Forecasts each member with the model, and adds what a window adds to the errors.
+    pub(super) fn forecast(
+        &mut self,
+        problem: &Problem,
+        settings: &EnsembleSettings,
+        window: Duration,
+        random: &mut ChaCha8Rng,
+    ) -> Result<(), Error> {
+        let (steps, m) = (problem.steps(window)?, self.state_values);
+        let layout = problem.background.layout();
+        self.values.par_chunks_exact_mut(self.rows).try_for_each(|member| {
+            let mut state = State::from_values(layout, member[..m].to_vec());
+            forecast::forecast(&*problem.model, &mut state, steps)?;
+            member[..m].copy_from_slice(state.values());
+            Ok::<(), Error>(())
+        })?;
+        let mut moments = self.moments();
+        add_model_error(problem, settings.model_error, window, &mut moments.perturbations, random);
+        self.set(&moments);
+        Ok(())
+    }
+
+    /// State and full calibration of a member or a mean.
+    fn unpack(&self, problem: &Problem, values: &[f64]) -> (State, Vec<f64>) {
+        let state = State::from_values(problem.background.layout(), values[..self.state_values].to_vec());
+        let mut calibration = values[self.state_values..].to_vec();
+        calibration.resize(problem.calibration.len(), 0.0);
+        (state, calibration)
+    }
+
+    /// Mean and standard deviation of the members.
+    pub(super) fn estimate(&self, problem: &Problem) -> Estimate {
+        let Moments { mean, perturbations } = self.moments();
+        let (state, calibration) = self.unpack(problem, &mean);
+        let mut spread = spread(&perturbations);
+        let calibration_spread = spread.split_off(self.state_values);
+        Estimate {
+            state,
+            calibration,
+            state_spread: Some(spread),
+            calibration_spread: (!calibration_spread.is_empty()).then_some(calibration_spread),
+        }
+    }
+
+    /// Each member as the instruments would see it.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`] if a departure is not finite.
+    pub(super) fn observe(&self, problem: &Problem, observed: &ObservationWindow) -> Result<ObservedEnsemble, Error> {
+        let members: Vec<Vec<f64>> = self
+            .values
+            .par_chunks_exact(self.rows)
+            .map(|member| {
+                let (state, calibration) = self.unpack(problem, member);
+                problem.departures(observed, &state, &calibration)
+            })
+            .collect();
+        let (state, calibration) = self.unpack(problem, &self.mean());
+        let mut innovations = problem.innovations(observed, &state, &calibration)?;
+        let n = innovations.variance.len();
+        let mean = |row: usize| members.iter().map(|member: &Vec<f64>| member[row]).sum::<f64>() / members.len() as f64;
+        innovations.departures = (0..n).map(mean).collect();
+        if let Some(row) = innovations.departures.iter().position(|departure| !departure.is_finite()) {
+            let report = &observed.reports[row];
+            return Err(Error::NotFinite { what: format!("the innovation of {}/{}", report.network, report.platform) });
+        }
+        // h(x, c) = y − departure.
+        let perturbations = Mat::from_fn(n, members.len(), |i, j| innovations.departures[i] - members[j][i]);
+        let places = observed.reports.iter().map(|report| (report.x_m, report.y_m)).collect();
+        Ok(ObservedEnsemble { innovations, perturbations, places })
+    }
+}
+
+/// Standard deviation of each row of perturbations.
+pub(super) fn spread(perturbations: &Mat<f64>) -> Vec<f64> {
+    let mut squares = vec![0.0; perturbations.nrows()];
+    for j in 0..perturbations.ncols() {
+        squares.iter_mut().zip(perturbations.col_as_slice(j)).for_each(|(sum, value)| *sum += value * value);
+    }
+    let degrees = (perturbations.ncols() - 1) as f64;
+    squares.iter().map(|square| (square / degrees).sqrt()).collect()
+}
+
+/// The standard deviation of each variable over the domain, for every value of the state: the scales of a norm in which
+/// no variable is lost beside another.
+pub(super) fn variable_scales(problem: &Problem, spread: &[f64]) -> Vec<f64> {
+    let cells = problem.background.layout().grid.cells();
+    let of_field = |field: &[f64]| {
+        let mean_square = field.iter().map(|sigma| sigma * sigma).sum::<f64>() / cells as f64;
+        if mean_square > 0.0 { mean_square.sqrt() } else { 1.0 }
+    };
+    let (state, calibration) = spread.split_at(problem.background.values().len());
+    let state = state.chunks_exact(cells).flat_map(|field| std::iter::repeat_n(of_field(field), cells));
+    state.chain(calibration.iter().map(|&sigma| if sigma > 0.0 { sigma } else { 1.0 })).collect()
+}
+
+/// √(N−1) F Ω, column-major `[m + p, N]`: F holds the leading factors of B and the priors, Ω `[N − 1, N]` orthonormal rows
+/// whose sums are zero.
+fn second_order_exact(problem: &Problem, sigmas: &[f64], members: usize, random: &mut ChaCha8Rng) -> Vec<f64> {
+    let (m, p) = (problem.background.values().len(), sigmas.len());
+    let variances: Vec<f64> = {
+        // A few draws tell the scales of the variables well enough.
+        let draws: Vec<Vec<f64>> = (0..8).map(|_| randomize(&*problem.background_error, random)).collect();
+        (0..m).map(|i| draws.iter().map(|draw| draw[i] * draw[i]).sum::<f64>() / 8.0).collect()
+    };
+    let spread: Vec<f64> = variances.iter().map(|variance| variance.sqrt()).collect();
+    let scales = variable_scales(problem, &spread);
+    let factors = covariance::leading_factors(&*problem.background_error, &scales, members - 1 - p, random);
+    let r = factors.ncols();
+    let mut all = Mat::<f64>::zeros(m + p, members - 1);
+    all.as_mut().get_mut(..m, ..r).copy_from(&factors);
+    for (i, sigma) in sigmas.iter().enumerate() {
+        all[(m + i, r + i)] = *sigma;
+    }
+    // The QR factors of [1, random]: all columns of Q but the first are orthogonal to 1.
+    let normals = standard_normals(random, members * (members - 1));
+    let start = Mat::from_fn(members, members, |i, j| if j == 0 { 1.0 } else { normals[(j - 1) * members + i] });
+    let orthonormal = qr(start.as_ref()).compute_Q();
+    let rotation = orthonormal.as_ref().get(.., 1..).transpose();
+    let members = product(all.as_ref(), rotation);
+    let scale = (members.ncols() as f64 - 1.0).sqrt();
+    (0..members.ncols()).flat_map(|j| members.col_as_slice(j).iter().map(move |value| scale * value)).collect()
+}
+
+fn check(problem: &Problem, initial: InitialMembers, rows: usize, p: usize, members: usize) -> Result<(), Error> {
+    if members < 2 {
+        return Err(Error::Setting(format!("an ensemble of {members} has no spread; it needs 2 members or more")));
+    }
+    if initial == InitialMembers::SecondOrderExact && members < p + 2 {
+        return Err(Error::Setting(format!(
+            "{members} members cannot hold {p} biases and a factor of B; second-order exact sampling needs {}",
+            p + 2
+        )));
+    }
+    // The members, their perturbations before and after, and the draws of Q.
+    let needed_bytes = 4 * 8 * (rows * members) as u64;
+    if needed_bytes > problem.memory_limit_bytes {
+        let what = format!("an ensemble of {members} members of {rows} unknowns");
+        return Err(Error::TooLarge { what, needed_bytes, limit_bytes: problem.memory_limit_bytes });
+    }
+    Ok(())
+}

@@ -1,0 +1,70 @@
+//! Ensemble Kalman filters: the covariance of the errors is that of N members.
+//!
+//! | file | what |
+//! |---|---|
+//! | `members` | [`Ensemble`]: the members, their draw, forecast and observation |
+//! | `model_error` | what a cycle adds to the members: draws of Q, or the square root that has no sampling error |
+//! | `transform` | the analysis in the space of the ensemble |
+//! | `inflation` | multiplicative, adaptive, relaxation to the prior spread and perturbations |
+//! | `weights` | the weights of local analyses at every cell |
+//! | `localization` | the taper of Gaspari and Cohn |
+//! | `tapered` | innovations with a tapered covariance of state and shared biases |
+//! | `etkf` | [`EnsembleTransformKalmanFilter`] |
+//! | `letkf` | [`LocalEnsembleTransformKalmanFilter`] |
+//! | `stochastic` | [`StochasticEnsembleKalmanFilter`] |
+//!
+//! Biases are estimated by augmentation: a member is (x, c).
+
+mod etkf;
+mod inflation;
+mod letkf;
+mod localization;
+mod members;
+mod model_error;
+mod saved;
+
+mod stochastic;
+mod tapered;
+mod transform;
+mod weights;
+
+pub use etkf::EnsembleTransformKalmanFilter;
+pub use inflation::{BackgroundInflation, Inflation};
+pub use letkf::{LocalEnsembleTransformKalmanFilter, LocalSettings};
+pub use localization::gaspari_cohn;
+pub use members::Ensemble;
+pub use stochastic::StochasticEnsembleKalmanFilter;
+
+/// How the first members are made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InitialMembers {
+    /// Independent draws from B and the priors of the biases, shifted to have the background as their mean.
+    Random,
+    /// The N − 1 leading factors of B and the priors, rotated at random (Pham 2001): no sampling error but what is cut.
+    SecondOrderExact,
+}
+
+/// What the members get of the model error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ModelErrorTreatment {
+    /// Each member gets a draw of Q; the draws are shifted to have mean zero.
+    Random,
+    /// The square root of the ensemble's covariance and Q within the ensemble's span, draws beyond it (Raanes, Carrassi
+    /// and Bertino 2015, "Sqrt-Add-Z").
+    SquareRoot,
+}
+
+/// What all ensemble methods have in common.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EnsembleSettings {
+    /// Number of members, N ≥ 2.
+    pub members: usize,
+    /// How the first members are made.
+    pub initial_members: InitialMembers,
+    /// What they get of the model error.
+    pub model_error: ModelErrorTreatment,
+    /// The remedy for the spread that a small ensemble loses.
+    pub inflation: Inflation,
+    /// The seed of the method's own random stream.
+    pub seed: u64,
+}

@@ -1,0 +1,120 @@
+//! Hybrid 3D-Var: the covariance of an ensemble beside the static one.
+
+use super::{ThreeDVar, ThreeDVarSettings};
+use crate::assimilator::{Analysis, Assimilator, Estimate};
+use crate::covariance::{Covariance, LocalizedEnsemble};
+use crate::ensemble::{EnsembleSettings, LocalEnsembleTransformKalmanFilter, LocalSettings};
+use crate::error::Error;
+use crate::problem::Problem;
+use crate::saved::{from_bytes, to_bytes};
+use isobar_model::Duration;
+use isobar_obs::ObservationWindow;
+use std::sync::Arc;
+
+/// How hybrid 3D-Var is tuned.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HybridSettings {
+    /// w in [0, 1], the weight of the ensemble's covariance; the static one has 1 − w.
+    pub ensemble_weight: f64,
+    /// Of the variational analysis, with the factor on the static covariance.
+    pub variational: ThreeDVarSettings,
+    /// Of the members.
+    pub ensemble: EnsembleSettings,
+    /// Their localisation: in the analysis that updates them, and of their covariance.
+    pub local: LocalSettings,
+}
+
+/// 3D-Var with `B = (1 − w) s B_static + w ρ ∘ P_ensemble` (Hamill and Snyder 2000; Lorenc 2003). The members are updated by
+/// a local ensemble transform Kalman filter, and shifted to have the variational analysis as their mean. The static part
+/// covers the directions that the members do not know, the ensemble's the flow of the day.
+pub struct HybridThreeDVar {
+    settings: HybridSettings,
+    static_error: Arc<dyn Covariance>,
+    variational: ThreeDVar,
+    ensemble: LocalEnsembleTransformKalmanFilter,
+}
+
+/// (1 − w) s B + w ρ ∘ P.
+struct HybridCovariance {
+    static_part: Arc<dyn Covariance>,
+    static_root: f64,
+    ensemble: LocalizedEnsemble,
+    ensemble_root: f64,
+}
+
+impl HybridThreeDVar {
+    /// Hybrid 3D-Var from the background.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for a weight that is none; that of the ensemble.
+    pub fn new(problem: Problem, settings: HybridSettings) -> Result<Self, Error> {
+        if !(0.0..=1.0).contains(&settings.ensemble_weight) {
+            return Err(Error::Setting(format!("an ensemble weight of {} is not in [0, 1]", settings.ensemble_weight)));
+        }
+        let ensemble = LocalEnsembleTransformKalmanFilter::new(problem.clone(), settings.ensemble, settings.local)?;
+        let static_error = Arc::clone(&problem.background_error);
+        let own = ThreeDVarSettings { covariance_scale: 1.0, ..settings.variational.clone() };
+        Ok(Self { variational: ThreeDVar::new(problem, own), static_error, ensemble, settings })
+    }
+
+    /// The variational estimate with the spread of the members.
+    fn with_spread(&self, estimate: Estimate) -> Estimate {
+        Estimate { state_spread: self.ensemble.estimate().state_spread, ..estimate }
+    }
+}
+
+impl Assimilator for HybridThreeDVar {
+    fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
+        self.ensemble.forecast(window)?;
+        let estimate = self.variational.forecast(window)?;
+        Ok(self.with_spread(estimate))
+    }
+
+    fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        let weight = self.settings.ensemble_weight;
+        self.variational.set_background_error(Arc::new(HybridCovariance {
+            static_part: Arc::clone(&self.static_error),
+            static_root: ((1.0 - weight) * self.settings.variational.covariance_scale).sqrt(),
+            ensemble: self.ensemble.state_covariance(self.settings.local.localization_radius_m),
+            ensemble_root: weight.sqrt(),
+        }));
+        let analysis = self.variational.analyse(observed)?;
+        self.ensemble.analyse(observed)?;
+        self.ensemble.shift_to(&analysis.estimate);
+        Ok(Analysis { estimate: self.with_spread(analysis.estimate), ..analysis })
+    }
+
+    fn save(&self) -> Result<Vec<u8>, Error> {
+        to_bytes(&(self.variational.save()?, self.ensemble.save()?))
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        let (variational, ensemble): (Vec<u8>, Vec<u8>) = from_bytes(saved)?;
+        self.variational.restore(&variational)?;
+        self.ensemble.restore(&ensemble)
+    }
+}
+
+impl Covariance for HybridCovariance {
+    fn len(&self) -> usize {
+        self.static_part.len()
+    }
+
+    fn control_len(&self) -> usize {
+        self.static_part.control_len() + self.ensemble.control_len()
+    }
+
+    fn root_add(&self, control: &[f64], increment: &mut [f64]) {
+        let (static_control, ensemble_control) = control.split_at(self.static_part.control_len());
+        let scaled = |values: &[f64], factor: f64| values.iter().map(|value| factor * value).collect::<Vec<_>>();
+        self.static_part.root_add(&scaled(static_control, self.static_root), increment);
+        self.ensemble.root_add(&scaled(ensemble_control, self.ensemble_root), increment);
+    }
+
+    fn root_transpose_add(&self, increment: &[f64], control: &mut [f64]) {
+        let (static_control, ensemble_control) = control.split_at_mut(self.static_part.control_len());
+        let scaled = |factor: f64| increment.iter().map(|value| factor * value).collect::<Vec<_>>();
+        self.static_part.root_transpose_add(&scaled(self.static_root), static_control);
+        self.ensemble.root_transpose_add(&scaled(self.ensemble_root), ensemble_control);
+    }
+}
