@@ -128,7 +128,7 @@ fn a_panic_within_a_method_is_a_failure_of_the_method() {
         values_bias_removed: Vec::new(),
         sigma: Vec::new(),
         rejected: Vec::new(),
-        operator: Box::new(LinearOperator { jacobian }),
+        operator: std::sync::Arc::new(LinearOperator { jacobian }),
     };
     let Err(fault) = runner.cycle(Duration::from_seconds(60), &nothing) else { panic!("it has a result") };
     assert_eq!(fault, Fault::Panic("index out of bounds in block 3".into()));
