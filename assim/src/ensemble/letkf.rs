@@ -35,9 +35,9 @@ pub struct LocalSettings {
 ///
 /// Biases are estimated by augmentation. That of one station is analysed with the weights of its place. A bias that many
 /// places share has no place: it is analysed with the mean of the weights where it is observed, each with the information
-/// that the observations there have on it; without any in a cycle it stays as it is. So members keep together what they say of the bias and of the state around,
-/// and the filter does not become too sure of the bias, as it does with the weights of one analysis of all observations:
-/// N members know at most N − 1 directions of their errors.
+/// that the observations there have on it, and stays as it is in a cycle without any. So members keep together what they
+/// say of the bias and of the state around, and the filter does not become too sure of the bias, as it does with the
+/// weights of one analysis of all observations: N members know at most N − 1 directions of their errors.
 ///
 /// χ² is that of the innovations with the tapered covariance of the members (see `tapered`).
 pub struct LocalEnsembleTransformKalmanFilter {
