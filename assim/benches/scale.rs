@@ -26,7 +26,7 @@ use isobar_model::{
     VectorInvariant,
 };
 use isobar_obs::{
-    BiasProcess, BiasScope, Heading, InstrumentConfig, ObservedVariable, ObservingSystem, RadiosondeConfig,
+    BiasProcess, BiasScope, Faults, Heading, InstrumentConfig, ObservedVariable, ObservingSystem, RadiosondeConfig,
     SatelliteConfig, ScanBias, ScanTerm, Schedule, StationBias, StationSource,
 };
 use peak_alloc::PeakAlloc;
@@ -273,6 +273,7 @@ fn instruments(n: usize) -> [InstrumentConfig; 2] {
         heading: Heading::Northward,
         track_angle_deg: 0.0,
         schedule: Schedule::EVERY_CYCLE,
+        faults: Faults::NONE,
         biases: vec![bias(ScanTerm::Offset), bias(ScanTerm::Linear)],
     };
     [InstrumentConfig::Radiosonde(sondes), InstrumentConfig::Satellite(satellite)]

@@ -57,6 +57,7 @@ fn observe(observations: &[(usize, f64)], sigma: f64) -> ObservationWindow {
         values_bias_removed: values.clone(),
         sigma: vec![sigma; values.len()],
         values,
+        rejected: Vec::new(),
         operator: Arc::new(LinearOperator { jacobian: BlockAngular { state, calibration } }),
     }
 }
