@@ -1,7 +1,5 @@
 //! What a viewer is shown of the Fast Kalman Filter: its parts, and its leading common factors.
 
-// Each test uses a part of it.
-#[allow(dead_code)]
 mod common;
 
 use common::*;

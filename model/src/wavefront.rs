@@ -34,7 +34,7 @@ impl Scheme<'_> {
     }
 
     /// The slopes of `row` known at a stage, with the times for which they act in the state of the next stage.
-    pub fn terms<'b>(self, stage: usize, slopes: &'b [Ring], row: isize) -> ([(f64, &'b [f64]); 8], usize) {
+    pub fn terms(self, stage: usize, slopes: &[Ring], row: isize) -> ([(f64, &[f64]); 8], usize) {
         let mut terms: [(f64, &[f64]); 8] = [(0.0, &[]); 8];
         let mut count = 0;
         if let Scheme::RungeKutta { a, b, dt } = self {
