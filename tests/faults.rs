@@ -61,7 +61,7 @@ fn wait_for_checkpoint(parent: &Path, child: &mut Child) {
 fn no_space_for_a_file_is_said_and_the_run_goes_on_once_there_is() {
     let parent = place();
     // Blocks of 512 bytes; the signal that a limit sends is ignored, so that writing fails as on a full disk.
-    let output = run_after(parent.path(), "trap '' XFSZ; ulimit -f 150").output().unwrap();
+    let output = run_after(parent.path(), "trap '' XFSZ; ulimit -f 500").output().unwrap();
     assert_eq!(output.status.code(), Some(1), "{}", said(&output));
     let message = said(&output);
     assert!(message.contains("cannot write") && message.contains("File too large"), "{message}");

@@ -57,7 +57,7 @@ fn five_percent_of_gross_errors_cost_less_than_a_tenth() {
 #[test]
 fn rejected_observations_are_written_with_their_codes_and_counted() {
     let parent = tempfile::tempdir().unwrap();
-    let faults = "faults = { gross_error_rate = 0.1, gross_error_factor = 1000, not_finite_rate = 0.1, \
+    let faults = "faults = { gross_error_rate = 0.1, gross_error_factor = 100, not_finite_rate = 0.1, \
                   duplicate_rate = 0.1, misplaced_rate = 0.1, late_rate = 0.1 }";
     let text_of = VALID.replace("missing_rate = 0.1", &format!("missing_rate = 0.1\n{faults}"));
     fs::write(parent.path().join("bad.toml"), text_of).unwrap();
