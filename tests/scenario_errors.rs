@@ -76,7 +76,12 @@ const CASES: &[Case] = &[
         "8\n",
         &["cells of 8 × 8 do not make a grid", "1, 2, 4 or 8, divide both sides and leave at least 4 cells"],
     ),
-    ("title = \"A test\"", "regression = 1\ntitle = \"A test\"", "1\n", &["`regression` is a number", "true or false"]),
+    (
+        "title = \"A test\"",
+        "regression = 1\ntitle = \"A test\"",
+        "1\n",
+        &["`regression` is a whole number", "true or false"],
+    ),
     (
         "blocks = \"cell\"",
         "largest_component = 0",

@@ -85,13 +85,12 @@ fn with_factors_from_the_start_separators_and_nested_elimination_agree_with_merg
         let mut fast = filter(&problem, FastKalmanSettings { residual: Residual::Persist, ..settings });
         fast.forecast(WINDOW).unwrap();
         let analysis = fast.analyse(&window(&problem, 40, false, 1, 5)).unwrap();
-        (analysis, fast.dense_covariance())
+        analysis
     };
-    let (merged, expected) = run(cells(9, usize::MAX, 0));
-    let (separated, covariance) = run(cells(9, 8, 1000));
-    let (nested, _) = run(cells(9, 8, 0));
+    let merged = run(cells(9, usize::MAX, 0));
+    let separated = run(cells(9, 8, 1000));
+    let nested = run(cells(9, 8, 0));
     assert!(difference(&separated, &merged) < 1e-10);
-    assert!(relative_difference(&flat(&covariance), &flat(&expected)) < 1e-10);
     assert!(difference(&nested, &merged) < 1e-10);
     let report = (separated.partition.unwrap(), nested.partition.unwrap());
     assert!(report.0.separators > 0 && !report.0.nested && report.1.nested, "{report:?}");

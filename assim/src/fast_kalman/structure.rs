@@ -1,6 +1,7 @@
 //! The filter's parts and leading common factors, for viewers.
 
 use super::FastKalmanFilter;
+use crate::block_angular;
 use crate::linalg::{eigen, product};
 use crate::structure::{CommonFactor, Structure};
 use faer::{Mat, MatRef};
@@ -10,18 +11,23 @@ use isobar_obs::ObservationWindow;
 impl FastKalmanFilter {
     /// The structure after the analysis of `observed`, with at most `count` factors.
     pub(super) fn structure_after(&self, observed: &ObservationWindow, count: usize) -> Structure {
-        let patches = self.covariance.patches(&self.blocks);
-        let mut part = vec![0; self.blocks.variables()];
-        for (number, (variables, _)) in patches.iter().enumerate() {
-            variables.iter().for_each(|&variable| part[variable] = number);
-        }
-        let mut touched = vec![false; patches.len()];
         let rows = observed.operator.linearize(&self.state, &self.bias).state;
-        for row in 0..rows.rows() {
-            rows.row(row).iter().for_each(|&(variable, _)| touched[part[variable]] = true);
+        let block_of = |variable: usize| self.blocks.place(variable).0;
+        let touched: Vec<Vec<usize>> =
+            (0..rows.rows()).map(|row| rows.row(row).iter().map(|entry| block_of(entry.0)).collect()).collect();
+        let components = block_angular::components(self.blocks.count(), &touched);
+        let mut part = vec![usize::MAX; self.blocks.count()];
+        for (number, component) in components.iter().enumerate() {
+            component.blocks.iter().for_each(|&block| part[block] = number);
         }
-        part.truncate(self.state.layout().grid.cells());
-        Structure { part_of_cell: part, observed: touched, factors: self.leading_factors(count) }
+        // Blocks that no observation touches are parts of their own.
+        let mut observed = vec![true; components.len()];
+        for part in part.iter_mut().filter(|part| **part == usize::MAX) {
+            *part = observed.len();
+            observed.push(false);
+        }
+        let part_of_cell = (0..self.state.layout().grid.cells()).map(|cell| part[block_of(cell)]).collect();
+        Structure { part_of_cell, observed, factors: self.leading_factors(count) }
     }
 
     /// The leading principal directions of Φ in the norm of the compression, Φ V with V from S⁻¹ Φ_b = U Σ Vᵀ: they are
