@@ -190,7 +190,7 @@ fn more_than_a_scenario_may_have_is_refused_before_it_takes_memory() {
         ("networks", VALID.replace("[methods.free]", &format!("{networks}\n[methods.free]")), "more than 100 networks"),
         ("factors", format!("{VALID}\nfactors = 100000\nmemory_limit_gb = 0.01\n"), "more than the 144 variables"),
         ("cells", VALID.replace("nx = 8", "nx = 5000"), "from 4 to 4096"),
-        ("stations", VALID.replace("{ regular = [3, 2] }", "{ regular = [3000, 3000] }"), "100000"),
+        ("stations", VALID.replace("{ regular = [3, 2] }", "{ regular = [3000, 3000] }"), "from 1 to 300"),
     ] {
         fs::write(parent.path().join(format!("{name}.toml")), scenario).unwrap();
         let began = Instant::now();
