@@ -84,8 +84,7 @@ fn with_factors_from_the_start_separators_and_nested_elimination_agree_with_merg
     let run = |settings: FastKalmanSettings| {
         let mut fast = filter(&problem, FastKalmanSettings { residual: Residual::Persist, ..settings });
         fast.forecast(WINDOW).unwrap();
-        let analysis = fast.analyse(&window(&problem, 40, false, 1, 5)).unwrap();
-        analysis
+        fast.analyse(&window(&problem, 40, false, 1, 5)).unwrap()
     };
     let merged = run(cells(9, usize::MAX, 0));
     let separated = run(cells(9, 8, 1000));
