@@ -9,7 +9,7 @@
 //! | [`scenario`] | reads and checks an experiment's file |
 //! | [`experiment`] | builds model, truth, observing system and methods from it |
 //! | [`truth`] | the true world |
-//! | [`reference`] | what quality control compares observations with |
+//! | [`mod@reference`] | what quality control compares observations with |
 //! | [`cycle`] | one cycle of one method |
 //! | [`monitor`] | whether its result can be believed in |
 //! | [`verify`] | the only place where truth and estimate meet |

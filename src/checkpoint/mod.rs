@@ -5,7 +5,7 @@
 //!
 //! - the [`journal`]: every event of the run, appended as it happens. The outputs are functions of the events, so that a
 //!   resumed run makes them anew from the journal: none of them needs to be found in a consistent state.
-//! - the two newest checkpoints ([`file`]): the memory of truth, observing systems and methods after a cycle, the scores so
+//! - the two newest checkpoints ([`mod@file`]): the memory of truth, observing systems and methods after a cycle, the scores so
 //!   far, and the length of the journal then. What the journal holds beyond that is cut off.
 //!
 //! A checkpoint is due after a number of minutes or of cycles, but never so soon that checkpoints take more than a hundredth
