@@ -49,7 +49,7 @@ pub struct MethodScores {
     pub innovation_chi2: Option<f64>,
     /// The partition of the cycle with the largest component or, where components are cut, the most to cut; for a method
     /// with blocks.
-    pub partition: Option<Partition>,
+    pub partition: Option<PartitionReport>,
     /// How well the errors are known, over more than one cycle.
     #[serde(default)]
     pub intervals: Option<Intervals>,
@@ -116,81 +116,4 @@ pub struct Intervals {
     pub rmse_background: IndexMap<String, Interval>,
     /// Of the bias parameters.
     pub bias_rmse: Option<Interval>,
-}
-
-/// How observations linked the blocks of a method.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Partition {
-    /// Blocks before merging.
-    pub blocks: usize,
-    /// Components with observations.
-    pub components: usize,
-    /// Components of more than one block.
-    pub merged_components: usize,
-    /// Blocks of the largest component.
-    pub largest_component_blocks: usize,
-    /// Variables of the largest component.
-    pub largest_component_variables: usize,
-    /// Blocks that no observation touches.
-    pub unobserved_blocks: usize,
-    /// The fewest common factors of any cycle, with those that carry shared parameters.
-    #[serde(default)]
-    pub fewest_factors: usize,
-    /// The most.
-    #[serde(default)]
-    pub most_factors: usize,
-    /// Separators that cut components too large to be merged.
-    #[serde(default)]
-    pub separators: usize,
-    /// Unknowns of all separators together.
-    #[serde(default)]
-    pub separator_unknowns: usize,
-    /// Whether each separator borders the parts below it alone, instead of joining the border.
-    #[serde(default)]
-    pub nested: bool,
-    /// Unknowns that border all blocks.
-    pub border: usize,
-}
-
-impl Partition {
-    /// The one with more to cut or, if there is nothing, the larger component; the numbers of factors are those of both.
-    pub fn worse(self, other: Self) -> Self {
-        let fewest_factors = self.fewest_factors.min(other.fewest_factors);
-        let most_factors = self.most_factors.max(other.most_factors);
-        let size = |it: &Self| (it.separator_unknowns, it.largest_component_variables);
-        let worse = if size(&self) >= size(&other) { self } else { other };
-        Self { fewest_factors, most_factors, ..worse }
-    }
-}
-
-impl From<&PartitionReport> for Partition {
-    fn from(report: &PartitionReport) -> Self {
-        let &PartitionReport {
-            blocks,
-            components,
-            merged_components,
-            largest_component_blocks,
-            largest_component_variables,
-            unobserved_blocks,
-            factors,
-            separators,
-            separator_unknowns,
-            nested,
-            border,
-        } = report;
-        Self {
-            blocks,
-            components,
-            merged_components,
-            largest_component_blocks,
-            largest_component_variables,
-            unobserved_blocks,
-            fewest_factors: factors,
-            most_factors: factors,
-            separators,
-            separator_unknowns,
-            nested,
-            border,
-        }
-    }
 }

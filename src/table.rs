@@ -1,8 +1,9 @@
 //! Scores as tables: at the end of a run, and against the accepted ones.
 
 use crate::scenario::{Expected, ExpectedScores};
-use crate::summary::{MethodScores, Partition, Summary};
+use crate::summary::{MethodScores, Summary};
 use comfy_table::{CellAlignment, ContentArrangement, Table};
+use isobar_assim::block_angular::PartitionReport;
 
 /// Width of all tables, on a terminal and in a pipe.
 const WIDTH: u16 = 100;
@@ -101,7 +102,7 @@ fn partitions(summary: &Summary) -> String {
 }
 
 /// The number of common factors, or from where to where it went.
-pub(crate) fn factors(partition: &Partition) -> String {
+pub(crate) fn factors(partition: &PartitionReport) -> String {
     match (partition.fewest_factors, partition.most_factors) {
         (fewest, most) if fewest == most => most.to_string(),
         (fewest, most) => format!("{fewest} to {most}"),

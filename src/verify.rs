@@ -2,8 +2,9 @@
 
 use crate::cycle::Outcome;
 use crate::statistics::root_interval;
-use crate::summary::{Intervals, MethodScores, ObservationCounts, Partition, PerVariable};
+use crate::summary::{Intervals, MethodScores, ObservationCounts, PerVariable};
 use isobar_assim::Estimate;
+use isobar_assim::block_angular::PartitionReport;
 use isobar_model::{Layout, State};
 use isobar_obs::Calibration;
 use serde::{Deserialize, Serialize};
@@ -29,7 +30,7 @@ pub struct Scorecard {
     bias_spread: Option<f64>,
     chi2: Option<f64>,
     observations: usize,
-    partition: Option<Partition>,
+    partition: Option<PartitionReport>,
     /// The errors of each cycle: analysis, background, biases.
     series: Vec<CycleErrors>,
 }
@@ -82,7 +83,7 @@ impl Scorecard {
             },
             chi2: outcome.analysis.innovation_chi2,
             observations: outcome.analysis.background_departures.len(),
-            partition: outcome.analysis.partition.as_ref().map(Partition::from),
+            partition: outcome.analysis.partition.clone(),
         }
     }
 

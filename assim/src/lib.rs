@@ -17,6 +17,7 @@
 pub mod assimilator;
 mod augmented;
 pub mod block_angular;
+mod calibrated_state;
 pub mod climatology;
 pub mod covariance;
 pub mod ensemble;

@@ -1,15 +1,16 @@
 //! Optimal interpolation.
 
 use crate::assimilator::{Analysis, Assimilator, Estimate};
+use crate::calibrated_state::CalibratedState;
 use crate::covariance;
 use crate::error::Error;
 use crate::linalg::{cholesky, column, product, solve_lower, solve_lower_transposed, squared_norm};
 use crate::problem::{Innovations, Problem};
-use crate::saved::{Matrix, from_bytes, restore_bias, restore_state, to_bytes};
+use crate::saved::{from_bytes, to_bytes};
 use crate::spread::standard_deviations;
 use faer::Mat;
-use isobar_model::{Duration, State, forecast};
-use isobar_obs::{Calibration, ObservationWindow};
+use isobar_model::Duration;
+use isobar_obs::ObservationWindow;
 use rayon::prelude::*;
 
 /// The best linear estimate with a background covariance s B that never changes (Gandin 1963; Lorenc 1981), in the space
@@ -23,11 +24,7 @@ use rayon::prelude::*;
 pub struct OptimalInterpolation {
     problem: Problem,
     covariance_scale: f64,
-    calibration: Calibration,
-    state: State,
-    bias: Vec<f64>,
-    /// P_c, `[p, p]`.
-    bias_covariance: Mat<f64>,
+    present: CalibratedState,
     /// √s of the diagonal of B.
     background_spread: Vec<f64>,
 }
@@ -35,32 +32,15 @@ pub struct OptimalInterpolation {
 impl OptimalInterpolation {
     /// Optimal interpolation from the background, with the problem's B times a factor.
     pub fn new(problem: Problem, covariance_scale: f64) -> Self {
-        let calibration = problem.estimated_calibration();
-        let p = calibration.len();
-        let bias_covariance =
-            Mat::from_fn(p, p, |i, j| if i == j { calibration.parameters[i].sigma_prior.powi(2) } else { 0.0 });
         let mut background_spread = covariance::standard_deviations(&*problem.background_error);
         background_spread.iter_mut().for_each(|sigma| *sigma *= covariance_scale.sqrt());
-        let (state, bias) = (problem.background.clone(), vec![0.0; problem.calibration.len()]);
-        Self { problem, covariance_scale, calibration, state, bias, bias_covariance, background_spread }
-    }
-
-    fn estimate(&self, state_spread: Vec<f64>) -> Result<Estimate, Error> {
-        let variances: Vec<f64> = (0..self.calibration.len()).map(|i| self.bias_covariance[(i, i)]).collect();
-        let spread = standard_deviations(&variances, "the covariance of the calibration parameters", |i| {
-            self.calibration.parameters[i].name.clone()
-        })?;
-        Ok(Estimate {
-            state: self.state.clone(),
-            calibration: self.bias.clone(),
-            state_spread: Some(state_spread),
-            calibration_spread: (!self.calibration.is_empty()).then_some(spread),
-        })
+        let present = CalibratedState::new(&problem);
+        Self { problem, covariance_scale, present, background_spread }
     }
 
     /// s B Hᵀ, `[m, n]`.
     fn cross_covariance(&self, innovations: &Innovations) -> Mat<f64> {
-        let (m, n) = (self.state.values().len(), innovations.variance.len());
+        let (m, n) = (self.present.state.values().len(), innovations.variance.len());
         let columns: Vec<Vec<f64>> = (0..n)
             .into_par_iter()
             .map(|row| {
@@ -75,23 +55,20 @@ impl OptimalInterpolation {
     /// P_c Gᵀ, `[p, n]`.
     fn bias_cross_covariance(&self, innovations: &Innovations) -> Mat<f64> {
         let rows = &innovations.jacobian.calibration;
-        Mat::from_fn(self.calibration.len(), innovations.variance.len(), |i, row| {
-            rows.row(row).iter().map(|&(parameter, weight)| weight * self.bias_covariance[(i, parameter)]).sum()
+        Mat::from_fn(self.present.parameters(), innovations.variance.len(), |i, row| {
+            rows.row(row).iter().map(|&(parameter, weight)| weight * self.present.bias_covariance[(i, parameter)]).sum()
         })
     }
 }
 
 impl Assimilator for OptimalInterpolation {
     fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
-        forecast::forecast(&*self.problem.model, &mut self.state, self.problem.steps(window)?)?;
-        for (i, parameter) in self.calibration.parameters.iter().enumerate() {
-            self.bias_covariance[(i, i)] += parameter.sigma_drift_per_sqrt_day.powi(2) * window.days();
-        }
-        self.estimate(self.background_spread.clone())
+        self.present.forecast(&self.problem, window)?;
+        self.present.estimate(Some(self.background_spread.clone()))
     }
 
     fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
-        let innovations = self.problem.innovations(observed, &self.state, &self.bias)?;
+        let innovations = self.problem.innovations(observed, &self.present.state, &self.present.bias)?;
         let (cross, bias_cross) = (self.cross_covariance(&innovations), self.bias_cross_covariance(&innovations));
         let n = innovations.variance.len();
         let jacobian = &innovations.jacobian;
@@ -108,10 +85,7 @@ impl Assimilator for OptimalInterpolation {
         solve_lower_transposed(root.as_ref(), weights.as_mut());
         let state_increment = product(cross.as_ref(), weights.as_ref());
         let bias_increment = product(bias_cross.as_ref(), weights.as_ref());
-        let changes = state_increment.col_as_slice(0);
-        self.state.values_mut().iter_mut().zip(changes).for_each(|(value, change)| *value += change);
-        let changes = bias_increment.col_as_slice(0);
-        self.bias.iter_mut().zip(changes).for_each(|(value, change)| *value += change);
+        self.present.add(state_increment.col_as_slice(0), bias_increment.col_as_slice(0));
 
         // What the observations took off the variances: the squares of the columns of L⁻¹ H B.
         let mut reduction = cross.transpose().to_owned();
@@ -122,24 +96,20 @@ impl Assimilator for OptimalInterpolation {
             .enumerate()
             .map(|(i, sigma)| sigma * sigma - squared_norm(reduction.col_as_slice(i)))
             .collect();
-        let layout = self.state.layout();
+        let layout = self.present.state.layout();
         let spread = standard_deviations(&variances, "the analysis covariance", |i| layout.describe(i))?;
         let mut reduction = bias_cross.transpose().to_owned();
         solve_lower(root.as_ref(), reduction.as_mut());
-        self.bias_covariance -= product(reduction.transpose(), reduction.as_ref());
-        Ok(self.problem.analysis(observed, innovations, self.estimate(spread)?, innovation_chi2))
+        self.present.bias_covariance -= product(reduction.transpose(), reduction.as_ref());
+        let estimate = self.present.estimate(Some(spread))?;
+        Ok(self.problem.analysis(observed, innovations, estimate, innovation_chi2))
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&(self.state.values(), &self.bias, Matrix::from(&self.bias_covariance)))
+        to_bytes(&self.present.saved())
     }
 
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        let (state, bias, bias_covariance): (Vec<f64>, Vec<f64>, Matrix) = from_bytes(saved)?;
-        restore_state(&mut self.state, &state)?;
-        restore_bias(&mut self.bias, &bias)?;
-        let p = self.calibration.len();
-        self.bias_covariance = bias_covariance.restored(p, Some(p), "the covariance of the calibration")?;
-        Ok(())
+        self.present.restore(from_bytes(saved)?)
     }
 }

@@ -104,3 +104,11 @@ pub(crate) struct Innovations {
     /// The diagonal of R.
     pub variance: Vec<f64>,
 }
+
+impl Innovations {
+    /// R^-½ dy.
+    pub fn whiten(&self, mut dy: Vec<f64>) -> Vec<f64> {
+        dy.iter_mut().zip(&self.variance).for_each(|(value, variance)| *value /= variance.sqrt());
+        dy
+    }
+}

@@ -23,12 +23,13 @@ use crate::calibration::Calibration;
 use crate::instrument::Observation;
 use crate::window::Report;
 use isobar_model::{Boundary, Grid, Layout, State, Time};
+use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 /// Why an observation is not used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Rejection {
     /// Its value or its error is not finite.
     NotFinite = 1,
@@ -74,7 +75,7 @@ impl Rejection {
 }
 
 /// An observation that no method sees.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RejectedObservation {
     /// Where, what and by whom.
     pub report: Report,

@@ -3,10 +3,11 @@
 use crate::operator::ObservationOperator;
 use crate::quality::RejectedObservation;
 use isobar_model::Time;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// What is known of one observation beside its value.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// Name of the network or satellite.
     pub network: Arc<str>,

@@ -5,7 +5,7 @@ use crate::sink::SinkError;
 use crate::summary::{Failure, MethodScores};
 use isobar_assim::{Analysis, CommonFactor, Estimate, Structure};
 use isobar_model::{Increment, State, Time};
-use isobar_obs::{BlockAngular, LinearOperator, ObservationWindow, RejectedObservation, Rejection, Report, SparseRows};
+use isobar_obs::{BlockAngular, LinearOperator, ObservationWindow, RejectedObservation, Report, SparseRows};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -25,12 +25,11 @@ pub(super) enum Entry<'a> {
     Observed {
         cycle: usize,
         seconds: i64,
-        reports: Vec<ReportEntry<'a>>,
+        reports: Cow<'a, [Report]>,
         values: Numbers<'a>,
         values_bias_removed: Numbers<'a>,
         sigma: Numbers<'a>,
-        /// Report, value, sigma and code of what no method sees.
-        rejected: Vec<(ReportEntry<'a>, f64, f64, u8)>,
+        rejected: Cow<'a, [RejectedObservation]>,
     },
     Analysed {
         method: usize,
@@ -49,16 +48,6 @@ pub(super) enum Entry<'a> {
         failure: Cow<'a, Failure>,
     },
     CycleEnded(usize),
-}
-
-#[derive(Serialize, Deserialize)]
-pub(super) struct ReportEntry<'a> {
-    network: Cow<'a, str>,
-    platform: Cow<'a, str>,
-    variable: usize,
-    x_m: f64,
-    y_m: f64,
-    scan: Option<f64>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -141,13 +130,6 @@ fn state(info: &RunInfo, values: &[f64]) -> Result<State, String> {
     Ok(state)
 }
 
-impl<'a> From<&'a Report> for ReportEntry<'a> {
-    fn from(it: &'a Report) -> Self {
-        let (network, platform) = ((&*it.network).into(), (&*it.platform).into());
-        Self { network, platform, variable: it.variable, x_m: it.x_m, y_m: it.y_m, scan: it.scan }
-    }
-}
-
 impl<'a> Entry<'a> {
     /// The event, unless the run's plan implies it.
     pub fn of(event: &'a Event<'a>) -> Option<Self> {
@@ -161,15 +143,11 @@ impl<'a> Entry<'a> {
             Event::Observed(window) => Entry::Observed {
                 cycle: window.cycle,
                 seconds: window.time.seconds(),
-                reports: window.reports.iter().map(ReportEntry::from).collect(),
+                reports: window.reports.as_slice().into(),
                 values: window.values.as_slice().into(),
                 values_bias_removed: window.values_bias_removed.as_slice().into(),
                 sigma: window.sigma.as_slice().into(),
-                rejected: window
-                    .rejected
-                    .iter()
-                    .map(|it| ((&it.report).into(), it.value, it.sigma, it.rejection.code()))
-                    .collect(),
+                rejected: window.rejected.as_slice().into(),
             },
             Event::Analysed(it) => Entry::Analysed {
                 method: it.method,
@@ -208,17 +186,16 @@ impl Entry<'_> {
                 tell(Event::Truth { cycle, time, state: &state, calibration: &calibration })
             }
             Entry::Observed { cycle, seconds, reports, values, values_bias_removed, sigma, rejected } => {
-                let rejected = rejected.into_iter().map(rejected_observation).collect::<Result<_, _>>()?;
                 tell(Event::Observed(&ObservationWindow {
                     time: Time::from_seconds(seconds),
                     cycle,
-                    reports: reports.into_iter().map(report).collect(),
+                    reports: reports.into_owned(),
                     values: values.into_owned(),
                     values_bias_removed: values_bias_removed.into_owned(),
                     sigma: sigma.into_owned(),
-                    rejected,
+                    rejected: rejected.into_owned(),
                     // No sink asks what an estimate would have given.
-                    operator: std::sync::Arc::new(LinearOperator {
+                    operator: Arc::new(LinearOperator {
                         jacobian: BlockAngular { state: SparseRows::new(), calibration: SparseRows::new() },
                     }),
                 }))
@@ -262,23 +239,4 @@ impl Entry<'_> {
         };
         told.map_err(|error| error.to_string())
     }
-}
-
-fn report(it: ReportEntry<'_>) -> Report {
-    Report {
-        network: Arc::from(&*it.network),
-        platform: Arc::from(&*it.platform),
-        variable: it.variable,
-        x_m: it.x_m,
-        y_m: it.y_m,
-        scan: it.scan,
-    }
-}
-
-fn rejected_observation(
-    (it, value, sigma, code): (ReportEntry<'_>, f64, f64, u8),
-) -> Result<RejectedObservation, String> {
-    let rejection = Rejection::ALL.into_iter().find(|rejection| rejection.code() == code);
-    let rejection = rejection.ok_or("an observation is rejected for no known reason")?;
-    Ok(RejectedObservation { report: report(it), value, sigma, rejection })
 }

@@ -5,7 +5,8 @@
 use indexmap::IndexMap;
 use isobar::event::{Analysed, Event, MethodInfo, RunInfo, StationInfo};
 use isobar::sink::{Sink, SinkError};
-use isobar::summary::{MethodScores, Partition, PerVariable, Summary};
+use isobar::summary::{MethodScores, PerVariable, Summary};
+use isobar_assim::block_angular::PartitionReport;
 use isobar_assim::{Analysis, CommonFactor, Estimate, Structure};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Boundary, Duration, Grid, Increment, Layout, Location, State, Time, Variable};
@@ -313,7 +314,7 @@ fn analyse(
         peak_memory_bytes: Some(1_500_000),
         intervals: None,
         failure: None,
-        partition: (method == 0).then_some(Partition {
+        partition: (method == 0).then_some(PartitionReport {
             blocks: 24,
             components: 3,
             merged_components: 2,

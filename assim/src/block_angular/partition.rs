@@ -1,5 +1,7 @@
 //! The automatic partition: blocks that an observation links are merged (connected components).
 
+use serde::{Deserialize, Serialize};
+
 /// Blocks that observations link with each other, directly or through others, and those observations.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Component {
@@ -9,8 +11,10 @@ pub struct Component {
     pub observations: Vec<usize>,
 }
 
-/// Number and size of the components into which observations merge the blocks.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// Number and size of the components into which observations merge the blocks: those of one analysis or, by
+/// [`PartitionReport::worse`], of several.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct PartitionReport {
     /// Blocks before merging.
     pub blocks: usize,
@@ -24,8 +28,11 @@ pub struct PartitionReport {
     pub largest_component_variables: usize,
     /// Blocks that no observation touches.
     pub unobserved_blocks: usize,
-    /// Common factors before the analysis, with those that carry shared parameters, without those of separators.
-    pub factors: usize,
+    /// The fewest common factors before an analysis, with those that carry shared parameters, without those of
+    /// separators.
+    pub fewest_factors: usize,
+    /// The most.
+    pub most_factors: usize,
     /// Separators that cut components too large to be merged.
     pub separators: usize,
     /// Unknowns of all separators together.
@@ -34,6 +41,17 @@ pub struct PartitionReport {
     pub nested: bool,
     /// Unknowns that border all blocks; those of the separators are among them if they joined it.
     pub border: usize,
+}
+
+impl PartitionReport {
+    /// The one with more to cut or, if there is nothing, the larger component; the numbers of factors are those of both.
+    pub fn worse(self, other: Self) -> Self {
+        let fewest_factors = self.fewest_factors.min(other.fewest_factors);
+        let most_factors = self.most_factors.max(other.most_factors);
+        let size = |it: &Self| (it.separator_unknowns, it.largest_component_variables);
+        let worse = if size(&self) >= size(&other) { self } else { other };
+        Self { fewest_factors, most_factors, ..worse }
+    }
 }
 
 /// The connected components of the graph that has the `blocks` as nodes and links those that one observation touches.

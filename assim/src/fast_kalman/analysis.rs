@@ -244,6 +244,7 @@ impl FastKalmanFilter {
     }
 
     pub(super) fn report(&self, components: &[Component], separation: &Separation) -> PartitionReport {
+        let factors = self.covariance.factors.columns() - separation.unknowns;
         let largest = components.iter().max_by_key(|component| self.component_size(component));
         let observed: usize = components.iter().map(|component| component.blocks.len()).sum();
         PartitionReport {
@@ -253,7 +254,8 @@ impl FastKalmanFilter {
             largest_component_blocks: largest.map_or(0, |component| component.blocks.len()),
             largest_component_variables: largest.map_or(0, |component| self.component_size(component)),
             unobserved_blocks: self.blocks.count() - observed - separation.blocks.len(),
-            factors: self.covariance.factors.columns() - separation.unknowns,
+            fewest_factors: factors,
+            most_factors: factors,
             separators: separation.separators,
             separator_unknowns: separation.unknowns,
             nested: false,

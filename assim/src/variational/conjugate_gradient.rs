@@ -1,4 +1,4 @@
-//! Conjugate gradients for a symmetric positive definite system (Hestenes and Stiefel 1952).
+//! Conjugate gradients for symmetric positive definite systems (Hestenes and Stiefel 1952).
 
 /// When the minimiser stops.
 #[derive(Clone, Copy, Debug)]
@@ -50,23 +50,9 @@ impl System {
     }
 }
 
-/// Solves A v = b from v = 0; `multiply(p, out)` writes A p.
-pub(super) fn solve(b: &[f64], stopping: Stopping, mut multiply: impl FnMut(&[f64], &mut [f64])) -> Vec<f64> {
-    let mut system = System::new(b, stopping);
-    let mut image = vec![0.0; b.len()];
-    for _ in 0..stopping.max_iterations {
-        if system.is_solved() {
-            break;
-        }
-        multiply(&system.direction, &mut image);
-        system.iterate(&image);
-    }
-    system.solution
-}
-
 /// Solves A v = b for several b, each from v = 0; `multiply` takes the directions of all that are not solved yet to A times
 /// each.
-pub(super) fn solve_many(
+pub(super) fn solve(
     right: &[Vec<f64>],
     stopping: Stopping,
     mut multiply: impl FnMut(&[Vec<f64>]) -> Vec<Vec<f64>>,
@@ -85,6 +71,7 @@ pub(super) fn solve_many(
     systems.into_iter().map(|system| system.solution).collect()
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
+/// aᵀ b.
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

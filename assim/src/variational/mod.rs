@@ -1,6 +1,7 @@
 //! Variational methods: a cost function in control space and its minimiser.
 
 mod conjugate_gradient;
+mod control_space;
 mod four_d_var;
 mod hybrid;
 mod saved_window;
