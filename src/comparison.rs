@@ -216,19 +216,9 @@ impl Comparison {
                 Some(Curve { dash, ..Curve::new(&format!("{} {}", label(entry.run), entry.name), color, points) })
             };
             let curves: Vec<Curve> = self.entries().enumerate().filter_map(curve).take(MOST_CURVES).collect();
-            let plot = CurvePlot {
-                title: format!("analysis RMSE of {title}"),
-                x_label: "cycle [1]".into(),
-                y_label: title.clone(),
-                reference: None,
-                from_zero: true,
-                highest: None,
-                legend: true,
-                curves,
-            };
-            let svg = plot.svg(&format!("f{number}")).page;
+            let plot = CurvePlot::new(format!("analysis RMSE of {title}"), "cycle [1]".into(), title.clone(), curves);
             let caption = format!("Analysis error of {title}; a colour for each method, a kind of line for each run.");
-            (!plot.curves.is_empty()).then_some(Figure { caption, svg, png: String::new() })
+            Figure::of_curves(&plot, number, caption)
         });
         drawn.collect()
     }

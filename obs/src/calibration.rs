@@ -51,4 +51,25 @@ impl Calibration {
     pub fn position(&self, name: &str) -> Option<usize> {
         self.parameters.iter().position(|parameter| parameter.name == name)
     }
+
+    /// The numbers of the parameters, by where they belong.
+    pub fn by_placement(&self) -> ByPlacement {
+        let mut result = ByPlacement { shared: Vec::new(), local: Vec::new() };
+        for (number, parameter) in self.parameters.iter().enumerate() {
+            match parameter.placement {
+                Placement::Shared => result.shared.push(number),
+                Placement::Local { x_m, y_m } => result.local.push((number, (x_m, y_m))),
+            }
+        }
+        result
+    }
+}
+
+/// The numbers of calibration parameters, by where these belong.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ByPlacement {
+    /// Those that many observations share.
+    pub shared: Vec<usize>,
+    /// Those of one place, with its x and y \[m\].
+    pub local: Vec<(usize, (f64, f64))>,
 }

@@ -39,7 +39,7 @@ pub mod window;
 
 pub use bias::{BiasProcess, Evolution, InitialBias};
 pub use block_angular::BlockAngular;
-pub use calibration::{Calibration, Parameter, Placement};
+pub use calibration::{ByPlacement, Calibration, Parameter, Placement};
 pub use error::ObservationError;
 pub use faults::Faults;
 pub use footprint::footprint;

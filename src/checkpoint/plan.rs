@@ -65,9 +65,9 @@ impl Plan {
     pub fn options(&self, out: &Path, threads: Option<usize>, live: bool) -> RunOptions {
         let PlannedOptions { methods, cycles, seed, overwrite, netcdf, rerun, report, checkpoints } =
             self.options.clone();
-        let out = out.to_path_buf();
+        let resume = true;
+        let own = RunOptions::new(out);
         RunOptions {
-            out,
             methods,
             cycles,
             seed,
@@ -77,9 +77,9 @@ impl Plan {
             rerun,
             report,
             live,
-            concurrent: false,
             checkpoints,
-            resume: true,
+            resume,
+            ..own
         }
     }
 

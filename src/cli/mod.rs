@@ -55,6 +55,27 @@ pub struct RunOptions {
     pub resume: bool,
 }
 
+impl RunOptions {
+    /// A run as the scenario says, on all cores, which writes nothing but its scores.
+    pub fn new(out: impl Into<PathBuf>) -> Self {
+        Self {
+            out: out.into(),
+            methods: None,
+            cycles: None,
+            seed: None,
+            threads: None,
+            overwrite: false,
+            netcdf: false,
+            rerun: false,
+            report: false,
+            live: false,
+            concurrent: false,
+            checkpoints: None,
+            resume: false,
+        }
+    }
+}
+
 /// What runs an experiment: it sends a listener the run's events, and gives back the scores.
 pub type Runner = dyn Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, Report> + Sync;
 

@@ -53,21 +53,8 @@ fn all() -> Result<Vec<Scenario>, Report> {
 /// Whether all is well with a scenario.
 fn regress_one(scenario: &Scenario, arguments: &RegressArguments, runner: &Runner) -> Result<bool, Report> {
     let directory = tempfile::tempdir().into_diagnostic()?;
-    let options = RunOptions {
-        out: directory.path().join(&scenario.name),
-        methods: None,
-        cycles: None,
-        seed: None,
-        threads: arguments.threads.map(|threads| threads as usize),
-        overwrite: false,
-        netcdf: false,
-        rerun: false,
-        report: false,
-        live: false,
-        concurrent: false,
-        checkpoints: None,
-        resume: false,
-    };
+    let threads = arguments.threads.map(|threads| threads as usize);
+    let options = RunOptions { threads, ..RunOptions::new(directory.path().join(&scenario.name)) };
     let mut progress = Progress::new(arguments.quiet);
     let summary = runner(scenario, &options, &mut progress)?;
     drop(progress);

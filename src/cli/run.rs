@@ -145,7 +145,7 @@ mod tests {
     use super::super::arguments::{Arguments, Command};
     use super::*;
     use clap::Parser;
-    use std::path::{Path, PathBuf};
+    use std::path::Path;
 
     fn options_of(line: &[&str]) -> Result<RunOptions, Report> {
         let text = include_str!("template.toml");
@@ -160,21 +160,12 @@ mod tests {
     #[test]
     fn options_are_the_scenarios_unless_the_user_says_otherwise() {
         let plain = options_of(&[]).unwrap();
-        let out = PathBuf::from("out/mine");
         let all = RunOptions {
-            out,
-            methods: None,
-            cycles: None,
-            seed: None,
-            threads: None,
-            overwrite: false,
             netcdf: true,
             rerun: Outputs::RERUN_AVAILABLE,
             report: true,
-            live: false,
-            concurrent: false,
             checkpoints: Some(Policy { minutes: Some(5.0), cycles: None }),
-            resume: false,
+            ..RunOptions::new("out/mine")
         };
         assert_eq!(plain, all);
         let changed =

@@ -137,21 +137,7 @@ mod tests {
 
     fn run_with(fails: &'static [u64], out: &Path) -> Result<bool, Report> {
         let scenario = Scenario::parse(Path::new("mine.toml"), include_str!("template.toml")).unwrap();
-        let options = RunOptions {
-            out: out.to_path_buf(),
-            methods: None,
-            cycles: None,
-            seed: None,
-            threads: Some(2),
-            overwrite: false,
-            netcdf: true,
-            rerun: false,
-            report: true,
-            live: false,
-            concurrent: false,
-            checkpoints: None,
-            resume: false,
-        };
+        let options = RunOptions { threads: Some(2), netcdf: true, report: true, ..RunOptions::new(out) };
         let wanted = SeedsOptions { seeds: (1..=5).collect(), against: "fkf".into(), all_files: false };
         run(&scenario, &options, &wanted, &runner(fails), true)
     }

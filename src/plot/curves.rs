@@ -104,6 +104,11 @@ pub struct Svg {
 }
 
 impl CurvePlot {
+    /// Curves with their names, all of them, from zero on.
+    pub fn new(title: String, x_label: String, y_label: String, curves: Vec<Curve>) -> Self {
+        Self { title, x_label, y_label, curves, reference: None, from_zero: true, highest: None, legend: true }
+    }
+
     /// Draws the figure. `id` is a word that no other figure of the page has.
     pub fn svg(&self, id: &str) -> Svg {
         let [_, [bottom, top]] = self.ranges();
@@ -267,16 +272,8 @@ mod tests {
     use super::*;
 
     fn plot(points: Vec<[f64; 2]>) -> CurvePlot {
-        CurvePlot {
-            title: "error of <h> & \"u\"".into(),
-            x_label: "time [d]".into(),
-            y_label: "error [m]".into(),
-            curves: vec![Curve::new("<script>", [1, 2, 3], points)],
-            reference: None,
-            from_zero: true,
-            highest: None,
-            legend: true,
-        }
+        let curves = vec![Curve::new("<script>", [1, 2, 3], points)];
+        CurvePlot::new("error of <h> & \"u\"".into(), "time [d]".into(), "error [m]".into(), curves)
     }
 
     #[test]

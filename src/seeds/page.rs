@@ -83,19 +83,8 @@ impl SeedsSummary {
                 Some(Curve { dash: Dash::Solid, ..Curve::new(method, of_method_on_paper(place), points) })
             };
             let curves: Vec<Curve> = self.methods.keys().enumerate().filter_map(curve).collect();
-            let plot = CurvePlot {
-                title: format!("analysis RMSE of {title}"),
-                x_label: "seed".into(),
-                y_label: title.clone(),
-                reference: None,
-                from_zero: true,
-                highest: None,
-                legend: true,
-                curves,
-            };
-            let svg = plot.svg(&format!("f{number}")).page;
-            let caption = format!("Analysis error of {title}, by seed.");
-            (!plot.curves.is_empty()).then_some(Figure { caption, svg, png: String::new() })
+            let plot = CurvePlot::new(format!("analysis RMSE of {title}"), "seed".into(), title.clone(), curves);
+            Figure::of_curves(&plot, number, format!("Analysis error of {title}, by seed."))
         };
         all.enumerate().filter_map(draw).collect()
     }

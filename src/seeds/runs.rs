@@ -140,16 +140,8 @@ fn trial(scenario: &Scenario, options: &RunOptions, seed: u64, run: &Run<'_>, di
     let cycles = options.cycles.unwrap_or(scenario.cycle.count).min(TRIAL_CYCLES);
     let out = directory.join("trial");
     let (cycles, seed) = (Some(cycles), Some(seed));
-    let options = RunOptions {
-        out,
-        cycles,
-        seed,
-        netcdf: false,
-        rerun: false,
-        report: false,
-        checkpoints: None,
-        ..options.clone()
-    };
+    let RunOptions { methods, threads, concurrent, .. } = options.clone();
+    let options = RunOptions { methods, cycles, seed, threads, concurrent, ..RunOptions::new(out) };
     let summary = run(scenario, &options, &mut Nobody).ok()?;
     let of_methods: u64 = summary.methods.values().filter_map(|scores| scores.peak_memory_bytes).sum();
     Some(of_methods + OTHER_BYTES)

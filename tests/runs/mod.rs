@@ -19,19 +19,5 @@ pub fn scenarios() -> Vec<Scenario> {
 
 /// A run of some cycles into a folder, without files but the summary.
 pub fn run_options(folder: &Path, cycles: usize) -> RunOptions {
-    RunOptions {
-        out: folder.join("run"),
-        methods: None,
-        cycles: Some(cycles),
-        seed: None,
-        threads: None,
-        overwrite: false,
-        netcdf: false,
-        rerun: false,
-        report: false,
-        live: false,
-        concurrent: false,
-        checkpoints: None,
-        resume: false,
-    }
+    RunOptions { cycles: Some(cycles), ..RunOptions::new(folder.join("run")) }
 }

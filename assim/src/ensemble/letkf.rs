@@ -1,10 +1,9 @@
 //! The local ensemble transform Kalman filter.
 
 use super::EnsembleSettings;
-use super::etkf::stream;
+use super::cycle::EnsembleCycle;
 use super::localization::Taper;
-use super::members::{Ensemble, Moments, ObservedEnsemble, spread};
-use super::saved;
+use super::members::{Ensemble, Moments, ObservedEnsemble};
 use super::tapered::{SharedParameters, TaperedInnovations, cross_taper};
 use super::transform::{WhitenedObservations, transform};
 use super::weights::WeightGrid;
@@ -15,8 +14,7 @@ use crate::linalg::product;
 use crate::problem::{Innovations, Problem};
 use faer::Mat;
 use isobar_model::{Duration, Location};
-use isobar_obs::{ObservationWindow, Placement};
-use rand_chacha::ChaCha8Rng;
+use isobar_obs::{ByPlacement, ObservationWindow};
 use rayon::prelude::*;
 
 /// How the analysis is localised.
@@ -41,8 +39,8 @@ pub struct LocalSettings {
 ///
 /// χ² is that of the innovations with the tapered covariance of the members (see `tapered`).
 pub struct LocalEnsembleTransformKalmanFilter {
-    problem: Problem,
-    settings: EnsembleSettings,
+    /// With an inflation for each analysed cell.
+    cycle: EnsembleCycle,
     taper: Taper,
     grid: WeightGrid,
     /// κ of the taper between state and shared parameters.
@@ -50,10 +48,6 @@ pub struct LocalEnsembleTransformKalmanFilter {
     shared: Vec<usize>,
     /// Local parameters with the cells in which they belong.
     local: Vec<(usize, usize)>,
-    ensemble: Ensemble,
-    /// Inflation of the background's covariance in the last analysis of each analysed place.
-    variance_factors: Vec<f64>,
-    random: ChaCha8Rng,
 }
 
 /// The parts of an analysis at one place.
@@ -69,45 +63,38 @@ impl LocalEnsembleTransformKalmanFilter {
     /// As [`Ensemble::draw`].
     pub fn new(problem: Problem, settings: EnsembleSettings, local: LocalSettings) -> Result<Self, Error> {
         let layout = problem.background.layout().clone();
-        let mut random = stream(&settings);
-        let ensemble = Ensemble::draw(&problem, &settings, &mut random)?;
         let grid = WeightGrid::new(&layout, local.analysis_spacing_cells);
         let taper = Taper::new(&layout.grid, local.localization_radius_m);
-        let (mut shared, mut locals) = (Vec::new(), Vec::new());
-        for (number, parameter) in problem.estimated_calibration().parameters.iter().enumerate() {
-            match parameter.placement {
-                Placement::Shared => shared.push(number),
-                Placement::Local { x_m, y_m } => locals.push((number, layout.grid.cell_at(x_m, y_m))),
-            }
-        }
         let cross = cross_taper(&layout.grid, &taper);
-        let variance_factors = vec![settings.inflation.initial_variance_factor(); grid.points().len()];
-        Ok(Self { problem, settings, taper, grid, cross, shared, local: locals, ensemble, variance_factors, random })
+        let ByPlacement { shared, local } = problem.estimated_calibration().by_placement();
+        let local = local.into_iter().map(|(number, (x_m, y_m))| (number, layout.grid.cell_at(x_m, y_m))).collect();
+        let cycle = EnsembleCycle::new(problem, settings, grid.points().len())?;
+        Ok(Self { cycle, taper, grid, cross, shared, local })
     }
 
     /// The members.
     pub fn ensemble(&self) -> &Ensemble {
-        &self.ensemble
+        &self.cycle.ensemble
     }
 
     /// Mean and spread of the members.
     pub(crate) fn estimate(&self) -> Estimate {
-        self.ensemble.estimate(&self.problem)
+        self.cycle.estimate()
     }
 
     /// The covariance of the members' states, localised.
     pub(crate) fn state_covariance(&self, localization_radius_m: f64) -> LocalizedEnsemble {
-        let layout = self.problem.background.layout();
-        let states = self.ensemble.moments().perturbations.as_ref().get(..layout.len(), ..).to_owned();
+        let layout = self.cycle.problem.background.layout();
+        let states = self.cycle.ensemble.moments().perturbations.as_ref().get(..layout.len(), ..).to_owned();
         LocalizedEnsemble::new(layout, &states, localization_radius_m)
     }
 
     /// Shifts the members to another mean.
     pub(crate) fn shift_to(&mut self, estimate: &Estimate) {
-        let mut moments = self.ensemble.moments();
+        let mut moments = self.cycle.ensemble.moments();
         let p = moments.mean.len() - estimate.state.values().len();
         moments.mean = estimate.state.values().iter().chain(&estimate.calibration[..p]).copied().collect();
-        self.ensemble.set(&moments);
+        self.cycle.ensemble.set(&moments);
     }
 
     /// The analysis at a cell, from the observations around it.
@@ -118,7 +105,7 @@ impl LocalEnsembleTransformKalmanFilter {
         whitened: &WhitenedObservations,
         places: &[(f64, f64)],
     ) -> LocalAnalysis {
-        let grid = &self.problem.background.layout().grid;
+        let grid = &self.cycle.problem.background.layout().grid;
         let (i, j) = (cell % grid.nx, cell / grid.nx);
         let here = (grid.x_m(Location::Center, i), grid.y_m(Location::Center, j));
         let near: Vec<(usize, f64)> = places
@@ -136,7 +123,7 @@ impl LocalEnsembleTransformKalmanFilter {
             perturbations: Mat::from_fn(near.len(), members, |i, j| roots[i] * whitened.perturbations[(near[i].0, j)]),
             departures: near.iter().zip(&roots).map(|((row, _), root)| root * whitened.departures[*row]).collect(),
         };
-        let inflation = &self.settings.inflation;
+        let inflation = &self.cycle.settings.inflation;
         let total: f64 = near.iter().map(|(_, weight)| weight).sum();
         let variance_factor = inflation.variance_factor(last_factor, &observed, total);
         let relaxation = inflation.relaxation_to_prior_perturbations;
@@ -146,7 +133,7 @@ impl LocalEnsembleTransformKalmanFilter {
     /// The cells in which observations see a shared parameter, each with the information G²/R on it.
     fn evidence(&self, members: &ObservedEnsemble, number: usize) -> impl Iterator<Item = (usize, f64)> {
         let Innovations { jacobian, variance, .. } = &members.innovations;
-        let grid = &self.problem.background.layout().grid;
+        let grid = &self.cycle.problem.background.layout().grid;
         (0..variance.len()).filter_map(move |row| {
             let entry = jacobian.calibration.row(row).iter().find(|entry| entry.0 == number)?;
             let (x_m, y_m) = members.places[row];
@@ -156,62 +143,57 @@ impl LocalEnsembleTransformKalmanFilter {
 
     /// Takes the analysis into the ensemble; returns χ².
     fn update(&mut self, members: &ObservedEnsemble) -> f64 {
-        let m = self.problem.background.values().len();
+        let m = self.cycle.state_values();
         let whitened = WhitenedObservations::new(members);
         let analyses: Vec<LocalAnalysis> = self
             .grid
             .points()
             .par_iter()
-            .zip(&self.variance_factors)
+            .zip(&self.cycle.variance_factors)
             .map(|(&cell, &last)| self.analyse_at(cell, last, &whitened, &members.places))
             .collect();
         let (weights, factors): (Vec<_>, Vec<_>) =
             analyses.into_iter().map(|analysis| (analysis.weights, analysis.variance_factor)).unzip();
-        self.variance_factors = factors;
+        self.cycle.variance_factors = factors;
 
-        let Moments { mean, perturbations } = self.ensemble.moments();
-        let mut deviations = self.grid.apply(&weights, perturbations.as_ref());
+        let background = self.cycle.ensemble.moments();
+        let mut deviations = self.grid.apply(&weights, background.perturbations.as_ref());
         for &(number, cell) in &self.local {
-            let row = perturbations.as_ref().get(m + number..m + number + 1, ..);
+            let row = background.perturbations.as_ref().get(m + number..m + number + 1, ..);
             let analysed = product(row, self.grid.weights_at(&weights, cell).as_ref());
             deviations.as_mut().get_mut(m + number..m + number + 1, ..).copy_from(&analysed);
         }
-        let parameters = perturbations.as_ref().get(m.., ..);
+        let parameters = background.perturbations.as_ref().get(m.., ..);
         for &number in &self.shared {
-            let row = perturbations.as_ref().get(m + number..m + number + 1, ..);
+            let row = background.perturbations.as_ref().get(m + number..m + number + 1, ..);
             if let Some(mean) = self.grid.mean(&weights, self.evidence(members, number)) {
                 deviations.as_mut().get_mut(m + number..m + number + 1, ..).copy_from(product(row, mean.as_ref()));
             }
         }
         let shared = SharedParameters { numbers: &self.shared, perturbations: parameters };
         let tapered = TaperedInnovations::new(members, &whitened, &shared, &self.taper, self.cross);
-        let mut background_spread = spread(&perturbations);
-        background_spread.truncate(self.problem.background.values().len());
-        let mut moments = Moments::of_deviations(mean, deviations);
-        self.settings.inflation.relax_spread(&background_spread, &mut moments.perturbations);
-        self.ensemble.set(&moments);
+        let analysed = Moments::of_deviations(background.mean.clone(), deviations);
+        self.cycle.set(&background, analysed);
         tapered.chi2()
     }
 }
 
 impl Assimilator for LocalEnsembleTransformKalmanFilter {
     fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
-        self.ensemble.forecast(&self.problem, &self.settings, window, &mut self.random)?;
-        Ok(self.ensemble.estimate(&self.problem))
+        self.cycle.forecast(window)
     }
 
     fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
-        let members = self.ensemble.observe(&self.problem, observed)?;
+        let members = self.cycle.ensemble.observe(&self.cycle.problem, observed)?;
         let innovation_chi2 = if observed.is_empty() { 0.0 } else { self.update(&members) };
-        let estimate = self.ensemble.estimate(&self.problem);
-        Ok(self.problem.analysis(observed, members.innovations, estimate, innovation_chi2))
+        Ok(self.cycle.analysis(observed, members, innovation_chi2))
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {
-        saved::save(&self.ensemble, &self.variance_factors, &self.random)
+        self.cycle.save()
     }
 
-    fn restore(&mut self, bytes: &[u8]) -> Result<(), Error> {
-        saved::restore(bytes, &mut self.ensemble, &mut self.variance_factors, &mut self.random)
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        self.cycle.restore(saved)
     }
 }

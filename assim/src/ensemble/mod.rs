@@ -2,6 +2,7 @@
 //!
 //! | file | what |
 //! |---|---|
+//! | `cycle` | what the methods share but for their analyses |
 //! | `members` | [`Ensemble`]: the members, their draw, forecast and observation |
 //! | `model_error` | what a cycle adds to the members: draws of Q, or the square root that has no sampling error |
 //! | `transform` | the analysis in the space of the ensemble |
@@ -15,14 +16,13 @@
 //!
 //! Biases are estimated by augmentation: a member is (x, c).
 
+mod cycle;
 mod etkf;
 mod inflation;
 mod letkf;
 mod localization;
 mod members;
 mod model_error;
-mod saved;
-
 mod stochastic;
 mod tapered;
 mod transform;

@@ -1,10 +1,9 @@
 //! The stochastic ensemble Kalman filter.
 
 use super::EnsembleSettings;
-use super::etkf::stream;
+use super::cycle::EnsembleCycle;
 use super::localization::Taper;
-use super::members::{Ensemble, Moments, ObservedEnsemble, spread};
-use super::saved;
+use super::members::{Ensemble, Moments, ObservedEnsemble};
 use super::tapered::{SharedParameters, TaperedInnovations, cross_taper};
 use super::transform::WhitenedObservations;
 use crate::assimilator::{Analysis, Assimilator, Estimate};
@@ -14,7 +13,7 @@ use crate::problem::Problem;
 use faer::{Mat, MatRef};
 use isobar_model::random::standard_normals;
 use isobar_model::{Duration, Location};
-use isobar_obs::{ObservationWindow, Placement};
+use isobar_obs::{ByPlacement, ObservationWindow};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
@@ -27,17 +26,13 @@ use rayon::prelude::*;
 ///
 /// with Gaspari and Cohn's taper ρ on the covariances (Houtekamer and Mitchell 2001); for shared biases see `tapered`.
 pub struct StochasticEnsembleKalmanFilter {
-    problem: Problem,
-    settings: EnsembleSettings,
+    cycle: EnsembleCycle,
     taper: Taper,
     /// κ of the taper between state and shared parameters.
     cross: f64,
     shared: Vec<usize>,
     /// Local parameters with their places.
     local: Vec<(usize, (f64, f64))>,
-    ensemble: Ensemble,
-    variance_factor: f64,
-    random: ChaCha8Rng,
 }
 
 impl StochasticEnsembleKalmanFilter {
@@ -46,47 +41,37 @@ impl StochasticEnsembleKalmanFilter {
     /// # Errors
     /// As [`Ensemble::draw`].
     pub fn new(problem: Problem, settings: EnsembleSettings, localization_radius_m: f64) -> Result<Self, Error> {
-        let mut random = stream(&settings);
-        let ensemble = Ensemble::draw(&problem, &settings, &mut random)?;
         let grid = &problem.background.layout().grid;
         let taper = Taper::new(grid, localization_radius_m);
         let cross = cross_taper(grid, &taper);
-        let (mut shared, mut local) = (Vec::new(), Vec::new());
-        for (number, parameter) in problem.estimated_calibration().parameters.iter().enumerate() {
-            match parameter.placement {
-                Placement::Shared => shared.push(number),
-                Placement::Local { x_m, y_m } => local.push((number, (x_m, y_m))),
-            }
-        }
-        let variance_factor = settings.inflation.initial_variance_factor();
-        Ok(Self { problem, settings, taper, cross, shared, local, ensemble, variance_factor, random })
+        let ByPlacement { shared, local } = problem.estimated_calibration().by_placement();
+        Ok(Self { cycle: EnsembleCycle::new(problem, settings, 1)?, taper, cross, shared, local })
     }
 
     /// The members.
     pub fn ensemble(&self) -> &Ensemble {
-        &self.ensemble
+        &self.cycle.ensemble
     }
 
     /// Takes the analysis into the ensemble; returns χ².
     fn update(&mut self, members: &ObservedEnsemble) -> f64 {
-        let m = self.problem.background.values().len();
-        let inflation = self.settings.inflation;
+        let m = self.cycle.state_values();
+        let inflation = self.cycle.settings.inflation;
         let mut whitened = WhitenedObservations::new(members);
         let (n, columns) = (whitened.perturbations.nrows(), whitened.perturbations.ncols());
-        self.variance_factor = inflation.variance_factor(self.variance_factor, &whitened, n as f64);
-        let factor = self.variance_factor.sqrt();
+        let variance_factor = &mut self.cycle.variance_factors[0];
+        *variance_factor = inflation.variance_factor(*variance_factor, &whitened, n as f64);
+        let factor = variance_factor.sqrt();
         whitened.perturbations *= faer::Scale(factor);
-        let Moments { mean, perturbations } = self.ensemble.moments();
-        let mut background_spread = spread(&perturbations);
-        background_spread.truncate(self.problem.background.values().len());
-        let inflated = &perturbations * faer::Scale(factor);
+        let background = self.cycle.ensemble.moments();
+        let inflated = &background.perturbations * faer::Scale(factor);
 
         let parameters = inflated.as_ref().get(m.., ..);
         let shared = SharedParameters { numbers: &self.shared, perturbations: parameters };
         let tapered = TaperedInnovations::new(members, &whitened, &shared, &self.taper, self.cross);
         // R^-½ (y + ε_i − h(x_i)), then S⁻¹ of it.
         let root = ((columns - 1) as f64).sqrt();
-        let errors = centered_normals(&mut self.random, n, columns);
+        let errors = centered_normals(&mut self.cycle.random, n, columns);
         let innovations = Mat::from_fn(n, columns, |i, j| {
             whitened.departures[i] - root * whitened.perturbations[(i, j)] + errors[(i, j)]
         });
@@ -104,14 +89,13 @@ impl StochasticEnsembleKalmanFilter {
         for (i, &number) in self.shared.iter().enumerate() {
             (0..columns).for_each(|j| deviations[(m + number, j)] += increment[(i, j)]);
         }
-        let mut moments = Moments::of_deviations(mean, deviations);
+        let mut analysed = Moments::of_deviations(background.mean.clone(), deviations);
         let relaxation = inflation.relaxation_to_prior_perturbations;
         if relaxation > 0.0 {
-            moments.perturbations =
-                &moments.perturbations * faer::Scale(1.0 - relaxation) + &perturbations * faer::Scale(relaxation);
+            analysed.perturbations = &analysed.perturbations * faer::Scale(1.0 - relaxation)
+                + &background.perturbations * faer::Scale(relaxation);
         }
-        inflation.relax_spread(&background_spread, &mut moments.perturbations);
-        self.ensemble.set(&moments);
+        self.cycle.set(&background, analysed);
         tapered.chi2()
     }
 
@@ -136,7 +120,7 @@ impl StochasticEnsembleKalmanFilter {
         members: &ObservedEnsemble,
         deviations: &mut Mat<f64>,
     ) {
-        let layout = self.problem.background.layout();
+        let layout = self.cycle.problem.background.layout();
         let (grid, cells, variables) = (&layout.grid, layout.grid.cells(), layout.variables.len());
         let increments: Vec<Mat<f64>> = (0..cells)
             .into_par_iter()
@@ -166,22 +150,20 @@ fn centered_normals(random: &mut ChaCha8Rng, rows: usize, columns: usize) -> Mat
 
 impl Assimilator for StochasticEnsembleKalmanFilter {
     fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
-        self.ensemble.forecast(&self.problem, &self.settings, window, &mut self.random)?;
-        Ok(self.ensemble.estimate(&self.problem))
+        self.cycle.forecast(window)
     }
 
     fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
-        let members = self.ensemble.observe(&self.problem, observed)?;
+        let members = self.cycle.ensemble.observe(&self.cycle.problem, observed)?;
         let innovation_chi2 = if observed.is_empty() { 0.0 } else { self.update(&members) };
-        let estimate = self.ensemble.estimate(&self.problem);
-        Ok(self.problem.analysis(observed, members.innovations, estimate, innovation_chi2))
+        Ok(self.cycle.analysis(observed, members, innovation_chi2))
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {
-        saved::save(&self.ensemble, std::slice::from_ref(&self.variance_factor), &self.random)
+        self.cycle.save()
     }
 
-    fn restore(&mut self, bytes: &[u8]) -> Result<(), Error> {
-        saved::restore(bytes, &mut self.ensemble, std::slice::from_mut(&mut self.variance_factor), &mut self.random)
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        self.cycle.restore(saved)
     }
 }

@@ -1,6 +1,7 @@
 //! The blocks b_{t,k} of the state: cells, tiles or the whole domain, with the biases of the stations that stand there.
 
 use isobar_model::Layout;
+use isobar_obs::SparseRows;
 use std::ops::Range;
 
 /// Which grid points form a block.
@@ -92,6 +93,12 @@ impl Blocks {
     /// Number of variables of a block.
     pub fn size(&self, block: usize) -> usize {
         self.starts[block + 1] - self.starts[block]
+    }
+
+    /// The blocks that each row touches, an entry for each of its variables.
+    pub fn touched(&self, rows: &SparseRows) -> Vec<Vec<usize>> {
+        let block_of = |&(variable, _): &(usize, f64)| self.place(variable).0;
+        (0..rows.rows()).map(|row| rows.row(row).iter().map(block_of).collect()).collect()
     }
 
     /// Block of a variable, and position in it.

@@ -50,7 +50,7 @@ use factors::Factors;
 use faer::{Mat, MatRef};
 use isobar_model::forecast::forecast_tl;
 use isobar_model::{Duration, Layout, State, TangentLinear, random};
-use isobar_obs::{ObservationWindow, Placement};
+use isobar_obs::{ByPlacement, ObservationWindow};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 
@@ -134,20 +134,13 @@ impl FastKalmanFilter {
     /// [`Error::TooLarge`] if the propagator and the blocks do not fit into the memory limit.
     pub fn new(problem: Problem, settings: FastKalmanSettings) -> Result<Self, Error> {
         let layout = problem.background.layout().clone();
-        let parameters = problem.estimated_calibration().parameters;
-        let (mut local, mut shared, mut local_cells) = (Vec::new(), Vec::new(), Vec::new());
-        for (number, parameter) in parameters.iter().enumerate() {
-            match parameter.placement {
-                Placement::Shared => shared.push(number),
-                Placement::Local { x_m, y_m } => {
-                    local.push(number);
-                    local_cells.push(layout.grid.cell_at(x_m, y_m));
-                }
-            }
-        }
+        let calibration = problem.estimated_calibration();
+        let ByPlacement { shared, local } = calibration.by_placement();
+        let (local, places): (Vec<usize>, Vec<(f64, f64)>) = local.into_iter().unzip();
+        let local_cells: Vec<usize> = places.into_iter().map(|(x_m, y_m)| layout.grid.cell_at(x_m, y_m)).collect();
         let blocks = Blocks::new(&layout, settings.blocks, &local_cells);
         check_settings(&problem, &blocks, shared.len() as u64, settings)?;
-        let sigma_prior = |number: usize| parameters[number].sigma_prior;
+        let sigma_prior = |number: usize| calibration.parameters[number].sigma_prior;
         let (m, p) = (layout.len(), shared.len());
         let mut scales = state_scales(&*problem.background_error, &layout);
         scales.extend(local.iter().map(|&number| sigma_prior(number)));

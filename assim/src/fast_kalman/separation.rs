@@ -71,9 +71,7 @@ impl FastKalmanFilter {
         rows: &SplitRows,
         innovations: &Innovations,
     ) -> Result<(f64, PartitionReport), Error> {
-        let block_of = |&(variable, _): &(usize, f64)| self.blocks.place(variable).0;
-        let mut touched: Vec<Vec<usize>> =
-            (0..rows.block.rows()).map(|row| rows.block.row(row).iter().map(block_of).collect()).collect();
+        let mut touched = self.blocks.touched(&rows.block);
         let mut components = block_angular::components(self.blocks.count(), &touched);
         if components.iter().all(|component| self.component_size(component) <= self.settings.largest_component) {
             let partition = self.report(&components, &Separation::default());

@@ -12,10 +12,7 @@ impl FastKalmanFilter {
     /// The structure after the analysis of `observed`, with at most `count` factors.
     pub(super) fn structure_after(&self, observed: &ObservationWindow, count: usize) -> Structure {
         let rows = observed.operator.linearize(&self.state, &self.bias).state;
-        let block_of = |variable: usize| self.blocks.place(variable).0;
-        let touched: Vec<Vec<usize>> =
-            (0..rows.rows()).map(|row| rows.row(row).iter().map(|entry| block_of(entry.0)).collect()).collect();
-        let components = block_angular::components(self.blocks.count(), &touched);
+        let components = block_angular::components(self.blocks.count(), &self.blocks.touched(&rows));
         let mut part = vec![usize::MAX; self.blocks.count()];
         for (number, component) in components.iter().enumerate() {
             component.blocks.iter().for_each(|&block| part[block] = number);
@@ -26,7 +23,7 @@ impl FastKalmanFilter {
             *part = observed.len();
             observed.push(false);
         }
-        let part_of_cell = (0..self.state.layout().grid.cells()).map(|cell| part[block_of(cell)]).collect();
+        let part_of_cell = (0..self.state.layout().grid.cells()).map(|cell| part[self.blocks.place(cell).0]).collect();
         Structure { part_of_cell, observed, factors: self.leading_factors(count) }
     }
 

@@ -126,7 +126,7 @@ impl Figures<'_> {
                      wider if it is too small.",
                     variable.long_name
                 ),
-                plot: plot(
+                plot: CurvePlot::new(
                     format!("normalised error of {}", variable.name),
                     "(analysis − truth) / spread [1]".into(),
                     "density [1]".into(),
@@ -146,7 +146,7 @@ impl Figures<'_> {
                      broken line if the spread is right.",
                     variable.long_name
                 ),
-                plot: plot(
+                plot: CurvePlot::new(
                     format!("error against spread of {}", variable.name),
                     format!("claimed spread [{}]", variable.unit),
                     format!("RMSE [{}]", variable.unit),
@@ -208,7 +208,7 @@ impl Figures<'_> {
         reference: Option<f64>,
     ) -> Drawing {
         let label = format!("days since {}", utc(self.info.start));
-        let mut plot = plot(title, label, format!("[{unit}]"), curves);
+        let mut plot = CurvePlot::new(title, label, format!("[{unit}]"), curves);
         plot.reference = reference;
         plot.highest = highest(&plot.curves);
         Drawing { stem, caption, plot }
@@ -232,10 +232,6 @@ impl Figures<'_> {
         }
         all
     }
-}
-
-fn plot(title: String, x_label: String, y_label: String, curves: Vec<Curve>) -> CurvePlot {
-    CurvePlot { title, x_label, y_label, curves, reference: None, from_zero: true, highest: None, legend: true }
 }
 
 /// A limit for y that a single method gone astray cannot push up at will: four times what nine of ten points need.

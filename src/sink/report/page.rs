@@ -6,7 +6,7 @@ use super::history::History;
 use super::maps::{self, Maps};
 use super::tables::{self, Table};
 use crate::event::RunInfo;
-use crate::plot::PlotError;
+use crate::plot::{CurvePlot, PlotError};
 use crate::summary::Summary;
 use base64::Engine;
 use minijinja::syntax::SyntaxConfig;
@@ -37,6 +37,14 @@ pub struct Figure {
     pub svg: String,
     /// The picture's bytes in base64; empty for an SVG.
     pub png: String,
+}
+
+impl Figure {
+    /// Curves as the figure of this number on its page; `None` if there are none.
+    pub fn of_curves(plot: &CurvePlot, number: usize, caption: String) -> Option<Self> {
+        let svg = || plot.svg(&format!("f{number}")).page;
+        (!plot.curves.is_empty()).then(|| Self { caption, svg: svg(), png: String::new() })
+    }
 }
 
 /// A part of the page.

@@ -12,21 +12,7 @@ use std::path::Path;
 fn experiment() -> RefCell<Experiment> {
     let text = include_str!("../../common/valid.toml");
     let scenario = Scenario::parse(Path::new("small.toml"), text).unwrap();
-    let options = RunOptions {
-        out: "nowhere".into(),
-        methods: None,
-        cycles: Some(120),
-        seed: None,
-        threads: None,
-        overwrite: false,
-        netcdf: true,
-        rerun: false,
-        report: false,
-        live: false,
-        concurrent: false,
-        checkpoints: None,
-        resume: false,
-    };
+    let options = RunOptions { cycles: Some(120), netcdf: true, ..RunOptions::new("nowhere") };
     RefCell::new(Experiment::new(&scenario, &options).unwrap())
 }
 
