@@ -1,0 +1,106 @@
+//! What the ensemble methods share but for their analyses.
+
+use super::members::{Ensemble, Moments, ObservedEnsemble, spread};
+use super::{EnsembleSettings, InitialMembers};
+use crate::assimilator::{Analysis, Estimate};
+use crate::error::Error;
+use crate::problem::Problem;
+use crate::saved::{from_bytes, to_bytes, unfit};
+use isobar_model::{Duration, random};
+use isobar_obs::ObservationWindow;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+/// Members with all that they need to go from cycle to cycle.
+pub(super) struct EnsembleCycle {
+    pub problem: Problem,
+    pub settings: EnsembleSettings,
+    pub ensemble: Ensemble,
+    /// Inflation of the background's covariance in the last analysis, of each place that is analysed.
+    pub variance_factors: Vec<f64>,
+    pub random: ChaCha8Rng,
+}
+
+/// What a checkpoint holds of it.
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    members: Vec<f64>,
+    variance_factors: Vec<f64>,
+    /// The place in the random stream.
+    random: u128,
+}
+
+impl EnsembleCycle {
+    /// Members about the background, for a method that makes so many analyses in a cycle.
+    ///
+    /// # Errors
+    /// As [`Ensemble::draw`].
+    pub fn new(problem: Problem, settings: EnsembleSettings, analyses: usize) -> Result<Self, Error> {
+        // Methods with the same seed and number of members start from the same ones.
+        let purpose = match settings.initial_members {
+            InitialMembers::Random => "ensemble",
+            InitialMembers::SecondOrderExact => "ensemble/second-order exact",
+        };
+        let mut random = random::stream(settings.seed, purpose);
+        let ensemble = Ensemble::draw(&problem, &settings, &mut random)?;
+        let variance_factors = vec![settings.inflation.initial_variance_factor(); analyses];
+        Ok(Self { problem, settings, ensemble, variance_factors, random })
+    }
+
+    /// m, the number of values of a state.
+    pub fn state_values(&self) -> usize {
+        self.problem.background.values().len()
+    }
+
+    /// Mean and spread of the members.
+    pub fn estimate(&self) -> Estimate {
+        self.ensemble.estimate(&self.problem)
+    }
+
+    /// Forecasts the members.
+    ///
+    /// # Errors
+    /// A value that is not finite.
+    pub fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
+        self.ensemble.forecast(&self.problem, &self.settings, window, &mut self.random)?;
+        Ok(self.estimate())
+    }
+
+    /// Takes the analysed members, from those of the background, and relaxes their spread.
+    pub fn set(&mut self, background: &Moments, mut analysed: Moments) {
+        let mut background_spread = spread(&background.perturbations);
+        background_spread.truncate(self.state_values());
+        self.settings.inflation.relax_spread(&background_spread, &mut analysed.perturbations);
+        self.ensemble.set(&analysed);
+    }
+
+    /// What the analysis did.
+    pub fn analysis(&self, observed: &ObservationWindow, members: ObservedEnsemble, innovation_chi2: f64) -> Analysis {
+        self.problem.analysis(observed, members.innovations, self.estimate(), innovation_chi2)
+    }
+
+    /// What a checkpoint holds of it.
+    pub fn save(&self) -> Result<Vec<u8>, Error> {
+        let members = 0..self.ensemble.members();
+        to_bytes(&Saved {
+            members: members.flat_map(|member| self.ensemble.member(member)).copied().collect(),
+            variance_factors: self.variance_factors.clone(),
+            random: self.random.get_word_pos(),
+        })
+    }
+
+    /// Takes back what [`EnsembleCycle::save`] gave.
+    ///
+    /// # Errors
+    /// [`Error::Saved`] if it is of another ensemble.
+    pub fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        let Saved { members, variance_factors, random } = from_bytes(saved)?;
+        if variance_factors.len() != self.variance_factors.len() {
+            return Err(unfit("the inflation"));
+        }
+        self.ensemble.restore(members)?;
+        self.variance_factors = variance_factors;
+        self.random.set_word_pos(random);
+        Ok(())
+    }
+}
