@@ -94,10 +94,8 @@ def main():
         for layout.chosen, names in layout.tabs():
             name = "_".join(re.sub(r"\W+", "-", part) for part in names)
             layout.connect_grpc(layout.application, url=url, make_active=True, make_default=False)
-            time.sleep(4)
             picture = out / f"recording_{name}.png"
-            client.save_screenshot(str(picture.resolve()))
-            colors = check(picture, 200)
+            colors = still(client, picture)
             assert colors not in pictures, f"{picture} is as another tab"
             pictures.add(colors)
             views = layout.shown()
@@ -111,6 +109,19 @@ def main():
     finally:
         viewer.terminate()
         viewer.wait(30)
+
+
+def still(client, picture):
+    """The colours of a picture that does not change any more: plots move into place, slowly on a busy machine."""
+    before = None
+    for _ in range(30):
+        time.sleep(3)
+        client.save_screenshot(str(picture.resolve()))
+        colors = check(picture, 200)
+        if colors == before:
+            return colors
+        before = colors
+    raise AssertionError(f"{picture} does not come to rest")
 
 
 def check(picture, least):

@@ -152,7 +152,10 @@ impl Views<'_> {
         let total = self.info.calibration.len();
         for (page, plots) in plots.chunks(PARAMETERS_PER_PAGE).enumerate() {
             let first = page * PARAMETERS_PER_PAGE + 1;
-            let name = format!("biases {first}–{} of {total}", first + plots.len() - 1);
+            let name = match plots.len() {
+                1 => format!("bias {first} of {total}"),
+                count => format!("biases {first}–{} of {total}", first + count - 1),
+            };
             pages.push(self.blueprint.container(&name, Arrangement::Horizontal, plots)?);
         }
         self.blueprint.container("biases", Arrangement::Tabs, &pages).map(Some)
