@@ -1,6 +1,7 @@
 //! What every method is: it forecasts an estimate, and analyses observations.
 
 use crate::block_angular::PartitionReport;
+use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::structure::Structure;
 use isobar_model::{Duration, State};
@@ -63,6 +64,12 @@ pub trait Assimilator: Send {
     /// The method's inner structure after the analysis of `observed`, with at most so many common factors; `None` for a
     /// method without blocks. Nothing else depends on it: it is for viewers, and is computed when they ask.
     fn structure(&self, _observed: &ObservationWindow, _factors: usize) -> Option<Structure> {
+        None
+    }
+
+    /// The covariances of one unknown's error with all others as the method has them now, found without the whole matrix;
+    /// `None` for a method that carries no covariance, or does not estimate the unknown. Nothing else depends on it.
+    fn covariance_column(&self, _unknown: Unknown) -> Option<CovarianceColumn> {
         None
     }
 

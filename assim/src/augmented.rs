@@ -2,6 +2,7 @@
 
 use crate::assimilator::Estimate;
 use crate::covariance;
+use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::linalg::{add_symmetric_product, product};
 use crate::problem::Problem;
@@ -96,6 +97,18 @@ impl AugmentedState {
         let size = self.covariance.nrows();
         self.covariance = covariance.restored(size, Some(size), "the covariance P")?;
         Ok(())
+    }
+
+    /// A column of P.
+    pub fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
+        let m = self.state.values().len();
+        let number = match unknown {
+            Unknown::Value(number) => number,
+            Unknown::Parameter(_) if self.calibration.is_empty() => return None,
+            Unknown::Parameter(number) => m + number,
+        };
+        let column = self.covariance.col_as_slice(number).to_vec();
+        Some(CovarianceColumn::of_augmented(column, m, &self.problem.calibration))
     }
 
     /// s ← s + δs.

@@ -2,6 +2,7 @@
 
 use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::augmented::{AugmentedState, entries};
+use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::linalg::{
     add_product, add_symmetric_product, cholesky, column, product, solve_lower, solve_lower_transposed, squared_norm,
@@ -58,6 +59,10 @@ impl Assimilator for KalmanFilter {
         self.update_covariance(cross, gain, jacobian, variance);
         let estimate = self.augmented.estimate()?;
         Ok(self.augmented.problem.analysis(observed, innovations, estimate, innovation_chi2))
+    }
+
+    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
+        self.augmented.covariance_column(unknown)
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {

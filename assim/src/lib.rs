@@ -20,6 +20,7 @@ pub mod block_angular;
 mod calibrated_state;
 pub mod climatology;
 pub mod covariance;
+pub mod covariance_column;
 pub mod ensemble;
 pub mod error;
 pub mod fast_kalman;
@@ -40,6 +41,7 @@ pub mod variational;
 
 pub use assimilator::{Analysis, Assimilator, BiasTreatment, Estimate};
 pub use covariance::Covariance;
+pub use covariance_column::{CovarianceColumn, Unknown, correlation};
 pub use error::Error;
 pub use problem::Problem;
 pub use structure::{CommonFactor, Structure};

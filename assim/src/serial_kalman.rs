@@ -2,6 +2,7 @@
 
 use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::augmented::{AugmentedState, entries};
+use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::linalg::{for_each_chunk, mirror_lower};
 use crate::problem::{Innovations, Problem};
@@ -80,6 +81,10 @@ impl Assimilator for SerialKalmanFilter {
         self.augmented.add(&increment);
         let estimate = self.augmented.estimate()?;
         Ok(self.augmented.problem.analysis(observed, innovations, estimate, innovation_chi2))
+    }
+
+    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
+        self.augmented.covariance_column(unknown)
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {

@@ -15,16 +15,6 @@ use isobar_assim::{Assimilator, Error, Estimate};
 use isobar_obs::{BlockAngular, LinearOperator, SparseRows};
 use std::sync::Arc;
 
-fn settings(members: usize) -> EnsembleSettings {
-    EnsembleSettings {
-        members,
-        initial_members: InitialMembers::SecondOrderExact,
-        model_error: ModelErrorTreatment::SquareRoot,
-        inflation: Inflation::NONE,
-        seed: 0,
-    }
-}
-
 const EVERYWHERE: LocalSettings = LocalSettings { localization_radius_m: f64::INFINITY, analysis_spacing_cells: 1 };
 
 /// Largest relative difference of estimates, claims and χ² of two methods over some cycles.
@@ -59,7 +49,8 @@ fn a_complete_ensemble_is_the_kalman_filter() {
     for (shared, local) in [(0, 0), (3, 2)] {
         let problem = problem(true, calibration(shared, local, 0.7), 2);
         let unknowns = problem.background.values().len() + shared + local;
-        let mut ensemble = EnsembleTransformKalmanFilter::new(problem.clone(), settings(unknowns + 1)).unwrap();
+        let mut ensemble =
+            EnsembleTransformKalmanFilter::new(problem.clone(), ensemble_settings(unknowns + 1)).unwrap();
         let mut reference = KalmanFilter::new(problem.clone()).unwrap();
         let found = difference(&mut ensemble, &mut reference, &problem);
         assert!(found < 1e-8, "{shared} shared, {local} local: {found:e}");
@@ -73,8 +64,9 @@ fn without_localisation_the_local_filter_is_the_global_one() {
         let problem = problem(true, calibration(shared, local, 0.7), 2);
         for members in [12, 30] {
             let mut local =
-                LocalEnsembleTransformKalmanFilter::new(problem.clone(), settings(members), EVERYWHERE).unwrap();
-            let mut global = EnsembleTransformKalmanFilter::new(problem.clone(), settings(members)).unwrap();
+                LocalEnsembleTransformKalmanFilter::new(problem.clone(), ensemble_settings(members), EVERYWHERE)
+                    .unwrap();
+            let mut global = EnsembleTransformKalmanFilter::new(problem.clone(), ensemble_settings(members)).unwrap();
             let found = difference(&mut local, &mut global, &problem);
             assert!(found < 1e-9, "{shared} shared, {members} members: {found:e}");
         }
@@ -86,7 +78,7 @@ fn without_localisation_the_local_filter_is_the_global_one() {
 fn inflation_acts_on_the_spread_as_its_definition_says() {
     let problem = problem(true, calibration(0, 0, 0.0), 2);
     let spreads = |inflation: Inflation| {
-        let own = EnsembleSettings { inflation, ..settings(42) };
+        let own = EnsembleSettings { inflation, ..ensemble_settings(42) };
         let mut filter = EnsembleTransformKalmanFilter::new(problem.clone(), own).unwrap();
         let background = filter.forecast(WINDOW).unwrap().state_spread.unwrap();
         let analysis = filter.analyse(&window(&problem, 14, false, 1, 5)).unwrap();
@@ -104,7 +96,7 @@ fn inflation_acts_on_the_spread_as_its_definition_says() {
     // With observations of no weight the inflated background is all that is left.
     let own = EnsembleSettings {
         inflation: Inflation { background: BackgroundInflation::Factor(1.1), ..Inflation::NONE },
-        ..settings(42)
+        ..ensemble_settings(42)
     };
     let mut filter = EnsembleTransformKalmanFilter::new(problem.clone(), own).unwrap();
     let background = filter.forecast(WINDOW).unwrap().state_spread.unwrap();
@@ -121,9 +113,10 @@ fn adaptive_inflation_follows_the_innovations() {
     let problem = problem(false, calibration(0, 0, 0.0), 2);
     let inflation = Inflation { background: BackgroundInflation::Adaptive { sigma: 0.3 }, ..Inflation::NONE };
     let ratio = |size: f64| {
-        let own = EnsembleSettings { inflation, ..settings(42) };
+        let own = EnsembleSettings { inflation, ..ensemble_settings(42) };
         let mut filter = LocalEnsembleTransformKalmanFilter::new(problem.clone(), own, EVERYWHERE).unwrap();
-        let mut plain = LocalEnsembleTransformKalmanFilter::new(problem.clone(), settings(42), EVERYWHERE).unwrap();
+        let mut plain =
+            LocalEnsembleTransformKalmanFilter::new(problem.clone(), ensemble_settings(42), EVERYWHERE).unwrap();
         filter.forecast(WINDOW).unwrap();
         plain.forecast(WINDOW).unwrap();
         let mut observed = window(&problem, 20, false, 1, 5);
@@ -151,7 +144,7 @@ fn the_stochastic_filter_converges_to_the_kalman_filter() {
                 initial_members: InitialMembers::Random,
                 model_error: ModelErrorTreatment::Random,
                 seed,
-                ..settings(members)
+                ..ensemble_settings(members)
             };
             let mut filter = StochasticEnsembleKalmanFilter::new(problem.clone(), own, f64::INFINITY).unwrap();
             filter.forecast(WINDOW).unwrap();
@@ -191,7 +184,7 @@ fn tapered_covariances_are_those_of_the_formula() {
     observed.operator = Arc::new(LinearOperator { jacobian: BlockAngular { state, calibration: biases } });
     let jacobian = observed.operator.linearize(&problem.background, &[0.0; 2]);
 
-    let own = EnsembleSettings { initial_members: InitialMembers::Random, ..settings(members) };
+    let own = EnsembleSettings { initial_members: InitialMembers::Random, ..ensemble_settings(members) };
     let mut filter = StochasticEnsembleKalmanFilter::new(problem.clone(), own, radius).unwrap();
     let background = filter.forecast(WINDOW).unwrap();
     let m = background.state.values().len();
@@ -242,9 +235,13 @@ fn results_are_the_same_bits_on_any_number_of_threads() {
     let local = LocalSettings { localization_radius_m: 3.0, analysis_spacing_cells: 2 };
     type Build<'a> = Box<dyn Fn() -> Box<dyn Assimilator> + Sync + 'a>;
     let builds: [Build<'_>; 3] = [
-        Box::new(|| Box::new(EnsembleTransformKalmanFilter::new(problem.clone(), settings(20)).unwrap())),
-        Box::new(|| Box::new(LocalEnsembleTransformKalmanFilter::new(problem.clone(), settings(20), local).unwrap())),
-        Box::new(|| Box::new(StochasticEnsembleKalmanFilter::new(problem.clone(), settings(20), 3.0).unwrap())),
+        Box::new(|| Box::new(EnsembleTransformKalmanFilter::new(problem.clone(), ensemble_settings(20)).unwrap())),
+        Box::new(|| {
+            Box::new(LocalEnsembleTransformKalmanFilter::new(problem.clone(), ensemble_settings(20), local).unwrap())
+        }),
+        Box::new(|| {
+            Box::new(StochasticEnsembleKalmanFilter::new(problem.clone(), ensemble_settings(20), 3.0).unwrap())
+        }),
     ];
     for build in &builds {
         let run = |threads: usize| -> Vec<u64> {
@@ -269,7 +266,7 @@ fn ensembles_that_cannot_be_are_errors() {
     let problem = problem(true, calibration(3, 0, 0.3), 2);
     let message = |members: usize, memory_limit_bytes: u64| {
         let problem = isobar_assim::Problem { memory_limit_bytes, ..problem.clone() };
-        match EnsembleTransformKalmanFilter::new(problem, settings(members)).err() {
+        match EnsembleTransformKalmanFilter::new(problem, ensemble_settings(members)).err() {
             Some(error @ (Error::Setting(_) | Error::TooLarge { .. })) => error.to_string(),
             other => panic!("{other:?}"),
         }

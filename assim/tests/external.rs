@@ -5,9 +5,7 @@ mod common;
 use common::relative_difference;
 use faer::{Mat, Side};
 use isobar_assim::covariance::{Covariance, LocalizedEnsemble, Sum, Univariate, White};
-use isobar_assim::ensemble::{
-    EnsembleSettings, EnsembleTransformKalmanFilter, Inflation, InitialMembers, ModelErrorTreatment,
-};
+use isobar_assim::ensemble::EnsembleTransformKalmanFilter;
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::optimal_interpolation::OptimalInterpolation;
@@ -65,16 +63,6 @@ fn observe(observations: &[(usize, f64)], sigma: f64) -> ObservationWindow {
 fn root_mean_square(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0), |(sum, count), value| (sum + value * value, count + 1));
     (sum / count as f64).sqrt()
-}
-
-fn ensemble(members: usize) -> EnsembleSettings {
-    EnsembleSettings {
-        members,
-        initial_members: InitialMembers::SecondOrderExact,
-        model_error: ModelErrorTreatment::SquareRoot,
-        inflation: Inflation::NONE,
-        seed: 0,
-    }
 }
 
 fn factors(factors: usize) -> FastKalmanSettings {
@@ -162,7 +150,7 @@ mod pdaf {
         let all = [Some(1), Some(2), Some(3)];
         check(&mut KalmanFilter::new(problem()).unwrap(), 0, all);
         check(&mut FastKalmanFilter::new(problem(), factors(2)).unwrap(), 0, all);
-        check(&mut EnsembleTransformKalmanFilter::new(problem(), ensemble(3)).unwrap(), 0, all);
+        check(&mut EnsembleTransformKalmanFilter::new(problem(), common::ensemble_settings(3)).unwrap(), 0, all);
     }
 
     #[test]
@@ -224,7 +212,7 @@ fn linear_advection_has_the_spread_of_dapper() {
     let observed = observe(&[0, 25, 50, 75].map(|index| (index, 0.0)), 0.1);
     let mut methods: [Box<dyn Assimilator>; 3] = [
         Box::new(KalmanFilter::new(problem.clone()).unwrap()),
-        Box::new(EnsembleTransformKalmanFilter::new(problem.clone(), ensemble(101)).unwrap()),
+        Box::new(EnsembleTransformKalmanFilter::new(problem.clone(), common::ensemble_settings(101)).unwrap()),
         Box::new(FastKalmanFilter::new(problem, factors(100)).unwrap()),
     ];
     for method in &mut methods {
@@ -268,7 +256,7 @@ fn a_fully_observed_plane_decouples_into_wavenumbers() {
     let observed = observe(&(0..cells).map(|index| (index, 0.0)).collect::<Vec<_>>(), r.sqrt());
     let methods: [Box<dyn Assimilator>; 2] = [
         Box::new(KalmanFilter::new(problem.clone()).unwrap()),
-        Box::new(EnsembleTransformKalmanFilter::new(problem, ensemble(cells + 1)).unwrap()),
+        Box::new(EnsembleTransformKalmanFilter::new(problem, common::ensemble_settings(cells + 1)).unwrap()),
     ];
     for mut method in methods {
         let mut found = [Vec::new(), Vec::new()];

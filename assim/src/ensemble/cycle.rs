@@ -3,6 +3,7 @@
 use super::members::{Ensemble, Moments, ObservedEnsemble, spread};
 use super::{EnsembleSettings, InitialMembers};
 use crate::assimilator::{Analysis, Estimate};
+use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::problem::Problem;
 use crate::saved::{from_bytes, to_bytes, unfit};
@@ -77,6 +78,23 @@ impl EnsembleCycle {
     /// What the analysis did.
     pub fn analysis(&self, observed: &ObservationWindow, members: ObservedEnsemble, innovation_chi2: f64) -> Analysis {
         self.problem.analysis(observed, members.innovations, self.estimate(), innovation_chi2)
+    }
+
+    /// A column of the members' covariance X Xᵀ/(N − 1), without localisation.
+    pub fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
+        let Moments { perturbations, .. } = self.ensemble.moments();
+        let number = match unknown {
+            Unknown::Value(number) => number,
+            Unknown::Parameter(number) => self.state_values() + number,
+        };
+        let mut column = vec![0.0; perturbations.nrows()];
+        let degrees = (perturbations.ncols() - 1) as f64;
+        for j in 0..perturbations.ncols() {
+            let member = perturbations.col_as_slice(j);
+            let weight = member.get(number)? / degrees;
+            column.iter_mut().zip(member).for_each(|(sum, value)| *sum += weight * value);
+        }
+        Some(CovarianceColumn::of_augmented(column, self.state_values(), &self.problem.calibration))
     }
 
     /// What a checkpoint holds of it.

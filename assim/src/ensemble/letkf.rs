@@ -9,6 +9,7 @@ use super::transform::{WhitenedObservations, transform};
 use super::weights::WeightGrid;
 use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::covariance::LocalizedEnsemble;
+use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::linalg::product;
 use crate::problem::{Innovations, Problem};
@@ -187,6 +188,10 @@ impl Assimilator for LocalEnsembleTransformKalmanFilter {
         let members = self.cycle.ensemble.observe(&self.cycle.problem, observed)?;
         let innovation_chi2 = if observed.is_empty() { 0.0 } else { self.update(&members) };
         Ok(self.cycle.analysis(observed, members, innovation_chi2))
+    }
+
+    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
+        self.cycle.covariance_column(unknown)
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {

@@ -7,6 +7,7 @@ use super::members::{Ensemble, Moments, ObservedEnsemble};
 use super::tapered::{SharedParameters, TaperedInnovations, cross_taper};
 use super::transform::WhitenedObservations;
 use crate::assimilator::{Analysis, Assimilator, Estimate};
+use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::linalg::product;
 use crate::problem::Problem;
@@ -157,6 +158,10 @@ impl Assimilator for StochasticEnsembleKalmanFilter {
         let members = self.cycle.ensemble.observe(&self.cycle.problem, observed)?;
         let innovation_chi2 = if observed.is_empty() { 0.0 } else { self.update(&members) };
         Ok(self.cycle.analysis(observed, members, innovation_chi2))
+    }
+
+    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
+        self.cycle.covariance_column(unknown)
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {

@@ -26,6 +26,7 @@ mod factored_covariance;
 mod factors;
 mod forecast;
 mod nested;
+mod query;
 mod residual;
 mod saved;
 mod separation;
@@ -35,6 +36,7 @@ pub use blocks::BlockShape;
 
 use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::covariance::{self, Covariance};
+use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::problem::Problem;
 use crate::propagator::propagator;
@@ -324,6 +326,10 @@ impl Assimilator for FastKalmanFilter {
         let (innovation_chi2, partition) = self.analyse_rows(&rows, &innovations)?;
         let analysis = self.problem.analysis(observed, innovations, self.estimate()?, innovation_chi2);
         Ok(Analysis { partition: Some(partition), ..analysis })
+    }
+
+    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
+        self.column(unknown)
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {

@@ -3,6 +3,7 @@
 use super::{ThreeDVar, ThreeDVarSettings};
 use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::covariance::{Covariance, LocalizedEnsemble};
+use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::ensemble::{EnsembleSettings, LocalEnsembleTransformKalmanFilter, LocalSettings};
 use crate::error::Error;
 use crate::problem::Problem;
@@ -82,6 +83,10 @@ impl Assimilator for HybridThreeDVar {
         self.ensemble.analyse(observed)?;
         self.ensemble.shift_to(&analysis.estimate);
         Ok(Analysis { estimate: self.with_spread(analysis.estimate), ..analysis })
+    }
+
+    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
+        self.ensemble.covariance_column(unknown)
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {

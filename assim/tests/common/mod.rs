@@ -5,6 +5,7 @@
 
 use faer::Mat;
 use isobar_assim::covariance::{Covariance, Sum, White};
+use isobar_assim::ensemble::{EnsembleSettings, Inflation, InitialMembers, ModelErrorTreatment};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Residual};
 use isobar_assim::{BiasTreatment, Problem};
 use isobar_model::random::{standard_normals, stream};
@@ -25,6 +26,17 @@ pub fn settings(blocks: BlockShape, bias_coupling: BiasCoupling) -> FastKalmanSe
         residual: Residual::Exact,
         largest_component: usize::MAX,
         separator_factors: 0,
+    }
+}
+
+/// Second-order exact members, the square root of Q, and no inflation.
+pub fn ensemble_settings(members: usize) -> EnsembleSettings {
+    EnsembleSettings {
+        members,
+        initial_members: InitialMembers::SecondOrderExact,
+        model_error: ModelErrorTreatment::SquareRoot,
+        inflation: Inflation::NONE,
+        seed: 0,
     }
 }
 

@@ -1,0 +1,47 @@
+//! What a method believes of errors that go together: a column of its covariance, without the matrix.
+
+use crate::assimilator::Assimilator;
+use isobar_obs::Calibration;
+
+/// A number that a method estimates.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unknown {
+    /// The value of the state with this number.
+    Value(usize),
+    /// The calibration parameter with this number, among all of the experiment.
+    Parameter(usize),
+}
+
+/// The covariances of the error of one unknown with the errors of all: a column of the covariance P of (x, c).
+#[derive(Clone, Debug, PartialEq)]
+pub struct CovarianceColumn {
+    /// With every value of the state, each in the unknown's unit times its own, `[m]`.
+    pub state: Vec<f64>,
+    /// With every calibration parameter of the experiment; 0 with those that the method does not estimate.
+    pub calibration: Vec<f64>,
+}
+
+impl CovarianceColumn {
+    /// From a column over (x, c), c the parameters that are estimated: all of the experiment, or none.
+    pub(crate) fn of_augmented(mut column: Vec<f64>, state_values: usize, all: &Calibration) -> Self {
+        let mut calibration = column.split_off(state_values);
+        calibration.resize(all.len(), 0.0);
+        Self { state: column, calibration }
+    }
+
+    /// The covariance with an unknown.
+    pub fn with(&self, unknown: Unknown) -> f64 {
+        match unknown {
+            Unknown::Value(number) => self.state[number],
+            Unknown::Parameter(number) => self.calibration[number],
+        }
+    }
+}
+
+/// The correlation of the errors of two unknowns, in \[−1, 1\]; `None` for a method without a covariance, or if one of
+/// them has no error.
+pub fn correlation(method: &dyn Assimilator, a: Unknown, b: Unknown) -> Option<f64> {
+    let (of_a, of_b) = (method.covariance_column(a)?, method.covariance_column(b)?);
+    let variances = of_a.with(a) * of_b.with(b);
+    (variances > 0.0).then(|| (of_a.with(b) / variances.sqrt()).clamp(-1.0, 1.0))
+}
