@@ -1,7 +1,8 @@
 //! One cycle of one method. The truth cannot enter here: there is no parameter for it.
 
+use crate::correlations::Correlations;
 use crate::monitor::{Fault, Monitor};
-use isobar_assim::{Analysis, Assimilator, Estimate, Structure};
+use isobar_assim::{Analysis, Assimilator, Estimate, Structure, Unknown};
 use isobar_model::Duration;
 use isobar_obs::ObservationWindow;
 use peak_alloc::PeakAlloc;
@@ -84,6 +85,11 @@ impl Runner {
     /// The method's blocks and leading common factors after the cycle, for viewers; no part of its cost.
     pub fn structure(&self, observed: &ObservationWindow, factors: usize) -> Option<Structure> {
         self.method.structure(observed, factors)
+    }
+
+    /// What goes together with the error of one value of the analysis, for viewers; no part of the method's cost.
+    pub fn correlations(&self, of: usize, analysis: &Estimate) -> Option<Correlations> {
+        Correlations::new(of, &self.method.covariance_column(Unknown::Value(of))?, analysis)
     }
 
     /// The method's memory, for a checkpoint, and what its cycles have cost.

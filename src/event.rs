@@ -1,5 +1,6 @@
 //! What happens during a run, as the sinks hear it.
 
+use crate::correlations::Correlations;
 use crate::summary::{Failure, MethodScores, Summary};
 use isobar_assim::{Analysis, Estimate, Structure};
 use isobar_model::{Duration, Layout, State, Time};
@@ -111,4 +112,6 @@ pub struct Analysed<'a> {
     pub scores: &'a MethodScores,
     /// Blocks and common factors after the analysis, for a method that has them and if a sink shows them.
     pub structure: Option<&'a Structure>,
+    /// What goes together with the error in the middle of the domain, for a method with a covariance and if a sink shows it.
+    pub correlations: Option<&'a Correlations>,
 }

@@ -25,6 +25,7 @@
 pub mod checkpoint;
 pub mod cli;
 pub mod comparison;
+pub mod correlations;
 pub mod cycle;
 pub mod event;
 pub mod experiment;

@@ -2,6 +2,7 @@
 
 use crate::checkpoint::{self, Keeper, Newest, Plan, journal, newest};
 use crate::cli::RunOptions;
+use crate::correlations::Correlations;
 use crate::event::{Analysed, Event};
 use crate::experiment::{Experiment, ExperimentError};
 use crate::interrupt;
@@ -213,6 +214,8 @@ fn one_cycle(
         }
         let factors = shown_factors(cycle, info.cycles);
         let structure = || method.runner.structure(&observed, factors);
+        let middle = Correlations::middle(&info.layout);
+        let correlations = || method.runner.correlations(middle, &outcome.analysis.estimate);
         send(Event::Analysed(Analysed {
             method: number,
             cycle,
@@ -225,6 +228,7 @@ fn one_cycle(
                 ..own.scores(&info.layout)
             },
             structure: shown.structure.then(structure).flatten().as_ref(),
+            correlations: (shown.structure && factors > 0).then(correlations).flatten().as_ref(),
         }))?;
     }
     send(Event::CycleEnded(cycle))?;

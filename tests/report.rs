@@ -102,9 +102,15 @@ fn every_score_has_its_place_in_the_table() {
     for method in &run.info.methods {
         assert!(text.contains(&method.description), "{}", method.description);
     }
-    for heading in
-        ["Scores", "Error over time", "Biases", "What the observations say", "Partition and cost", "Scenario"]
-    {
+    for heading in [
+        "Scores",
+        "Error over time",
+        "Biases",
+        "Which errors go together",
+        "What the observations say",
+        "Partition and cost",
+        "Scenario",
+    ] {
         assert!(text.contains(&format!("<h2>{heading}</h2>")), "{heading}");
     }
 }
@@ -123,6 +129,7 @@ fn figures_are_on_the_page_and_in_files() {
         // In the middle and at the end.
         assert_eq!((count("_truth.png"), count("_error.png"), count("_background.png")), (2, 10, 10));
         assert_eq!(count("_spread.png"), 2 * 4, "one method has no spread");
+        assert_eq!((count("_correlation.png"), count("_correlation_")), (1, 2));
         // The other variables at the end.
         for variable in ["u", "v"] {
             assert_eq!(count(&format!("_error_{variable}.png")), 5, "{variable}");

@@ -1,5 +1,6 @@
 //! The events of a run as the journal holds them.
 
+use crate::correlations::Correlations;
 use crate::event::{Analysed, Event, RunInfo};
 use crate::sink::SinkError;
 use crate::summary::{Failure, MethodScores};
@@ -42,6 +43,7 @@ pub(super) enum Entry<'a> {
         innovation_chi2: Option<f64>,
         scores: Cow<'a, MethodScores>,
         structure: Option<StructureEntry<'a>>,
+        correlations: Option<Cow<'a, Correlations>>,
     },
     Failed {
         method: usize,
@@ -160,6 +162,7 @@ impl<'a> Entry<'a> {
                 innovation_chi2: it.analysis.innovation_chi2,
                 scores: Cow::Borrowed(it.scores),
                 structure: it.structure.map(StructureEntry::from),
+                correlations: it.correlations.map(Cow::Borrowed),
             },
             Event::Failed { method, failure } => Entry::Failed { method: *method, failure: Cow::Borrowed(failure) },
             Event::CycleEnded(cycle) => Entry::CycleEnded(*cycle),
@@ -211,9 +214,17 @@ impl Entry<'_> {
                 innovation_chi2,
                 scores,
                 structure,
+                correlations,
             } => {
                 is_method(method)?;
                 let structure = structure.map(|it| it.structure(info)).transpose()?;
+                let (values, parameters) = (info.layout.len(), info.calibration.len());
+                let fits = |it: &Correlations| {
+                    it.of < values && it.state.len() == values && it.calibration.len() == parameters
+                };
+                if !correlations.as_deref().is_none_or(fits) {
+                    return Err("correlations are not those of this run".into());
+                }
                 tell(Event::Analysed(Analysed {
                     method,
                     cycle,
@@ -229,6 +240,7 @@ impl Entry<'_> {
                     },
                     scores: &scores,
                     structure: structure.as_ref(),
+                    correlations: correlations.as_deref(),
                 }))
             }
             Entry::Failed { method, failure } => {

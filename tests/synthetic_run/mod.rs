@@ -3,6 +3,7 @@
 //! A made-up run for the sinks: a vortex drifts through a channel, and each method's errors shrink at its own pace.
 
 use indexmap::IndexMap;
+use isobar::correlations::Correlations;
 use isobar::event::{Analysed, Event, MethodInfo, RunInfo, StationInfo};
 use isobar::sink::{Sink, SinkError};
 use isobar::summary::{MethodScores, PerVariable, Summary};
@@ -84,7 +85,9 @@ impl SyntheticRun {
                 let time = self.time(cycle);
                 let structure = (method == 0).then(|| self.structure(cycle));
                 let structure = structure.as_ref();
-                let analysed = Analysed { method, cycle, time, background, analysis, scores, structure };
+                let correlations = (method == 0).then(|| self.correlations());
+                let correlations = correlations.as_ref();
+                let analysed = Analysed { method, cycle, time, background, analysis, scores, structure, correlations };
                 sink.record(&Event::Analysed(analysed))?;
             }
             sink.record(&Event::CycleEnded(cycle))?;
@@ -105,6 +108,17 @@ impl SyntheticRun {
             part_of_cell: (0..layout.grid.cells()).map(|cell| cell % layout.grid.nx / 2).collect(),
             observed: (0..parts).map(|part| part % 2 == 0).collect(),
             factors: if cycle % 2 == 1 { vec![factor(0), factor(1)] } else { Vec::new() },
+        }
+    }
+
+    /// Errors of the eastern half go with that in the middle, those of the western half against it.
+    pub fn correlations(&self) -> Correlations {
+        let layout = &self.info.layout;
+        let sign = |i: usize| if i % layout.grid.nx >= layout.grid.nx / 2 { 0.5 } else { -0.5 };
+        Correlations {
+            of: Correlations::middle(layout),
+            state: (0..layout.len()).map(sign).collect(),
+            calibration: (0..self.info.calibration.len()).map(|it| if it == 0 { -0.25 } else { 0.0 }).collect(),
         }
     }
 

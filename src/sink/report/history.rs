@@ -103,6 +103,19 @@ pub struct Fields {
     pub departures: Vec<f32>,
     /// Blocks and common factors, for a method that has them.
     pub structure: Option<ShownStructure>,
+    /// What goes together with the error in the middle, for a method with a covariance.
+    pub correlations: Option<ShownCorrelations>,
+}
+
+/// Correlations with the error of one value.
+#[derive(Debug)]
+pub struct ShownCorrelations {
+    /// The number of the value.
+    pub of: usize,
+    /// By variable, thinned.
+    pub fields: Vec<Vec<f32>>,
+    /// With the calibration parameters.
+    pub calibration: Vec<f32>,
 }
 
 impl History {
@@ -156,7 +169,7 @@ impl History {
     /// # Errors
     /// If they do not fit the run.
     pub fn add_estimates(&mut self, info: &RunInfo, analysed: &Analysed<'_>) -> Result<(), String> {
-        let &Analysed { method, cycle, background, analysis, scores, structure, .. } = analysed;
+        let &Analysed { method, cycle, background, analysis, scores, structure, correlations, .. } = analysed;
         let Estimate { state, calibration, state_spread, calibration_spread } = &analysis.estimate;
         let fits = |spread: &Option<Vec<f64>>, length: usize| spread.as_ref().is_none_or(|it| it.len() == length);
         if method >= info.methods.len() || !fits(state_spread, info.layout.len()) {
@@ -179,6 +192,11 @@ impl History {
                 .map(|place| analysis.background_departures.get(place.number).map_or(f32::NAN, |&it| it as f32))
                 .collect(),
             structure: structure.map(|it| ShownStructure::new(it, info, &self.thinning)),
+            correlations: correlations.map(|it| ShownCorrelations {
+                of: it.of,
+                fields: it.state.chunks_exact(self.thinning.cells()).map(|field| self.thinning.pick(field)).collect(),
+                calibration: it.calibration.clone(),
+            }),
         });
         if let (Some(fields), Some(snapshot)) = (fields, self.snapshots.get_mut(&cycle)) {
             snapshot.methods[method] = Some(fields);

@@ -1,6 +1,6 @@
 //! The maps of the report.
 
-use super::history::{Fields, History, Snapshot};
+use super::history::{Fields, History, ShownCorrelations, Snapshot};
 use crate::event::RunInfo;
 use crate::plot::colors::{GREYS, HUES, Scale, difference};
 use crate::plot::map::contour_levels;
@@ -119,6 +119,41 @@ impl<'a> Maps<'a> {
             Some(StructureMaps { method, parts: self.parts(&it, structure), factors })
         };
         self.subjects(cycle, snapshot).filter_map(of_method).collect()
+    }
+
+    /// The correlations with the error in the middle of the domain in the last cycle, for each variable with its name.
+    pub fn correlations(&self) -> Vec<(String, Vec<Drawing>)> {
+        let Some((&cycle, snapshot)) = self.history.snapshots.last_key_value() else { return Vec::new() };
+        let of_variable = |variable: usize| {
+            let drawn = |it: Subject<'_>| Some(self.correlation(&it, it.fields.correlations.as_ref()?, variable));
+            (self.variable(variable).0.to_string(), self.subjects(cycle, snapshot).filter_map(drawn).collect())
+        };
+        (0..self.info.layout.variables.len()).map(of_variable).collect()
+    }
+
+    fn correlation(&self, it: &Subject<'_>, correlations: &ShownCorrelations, variable: usize) -> Drawing {
+        let (grid, ShownCorrelations { of, fields, calibration }) = (&self.info.layout.grid, correlations);
+        let (of_variable, cell) = (of / grid.cells(), of % grid.cells());
+        let location = self.info.layout.variables[of_variable].location;
+        let mark =
+            Mark { x_m: grid.x_m(location, cell % grid.nx), y_m: grid.y_m(location, cell / grid.nx), color: None };
+        let (name, of_name) = (self.variable(variable).0, self.variable(of_variable).0);
+        let title = format!("{}: correlation with {name}", it.method);
+        let map = self.map(variable, title, fields[variable].clone(), Scale::Difference, [-1.0, 1.0]);
+        let mut caption = format!(
+            "Correlation of the errors that {} claims for {of_name} at the dot and for {name} everywhere.",
+            it.method
+        );
+        let most = calibration.iter().zip(&self.info.calibration.parameters);
+        let most = most.filter(|it| it.0.abs() >= 0.05).max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
+        if let (Some((value, parameter)), true) = (most, variable == of_variable) {
+            caption += &format!(" Of the biases most with {}: {value:+.2}.", parameter.name);
+        }
+        Drawing {
+            stem: format!("{}_correlation{}", it.stem, self.suffix(variable)),
+            caption,
+            map: FieldMap { unit: "1".into(), marks: vec![mark], ..map },
+        }
     }
 
     fn subjects<'b>(&'b self, cycle: usize, snapshot: &'b Snapshot) -> impl Iterator<Item = Subject<'b>> + 'b {

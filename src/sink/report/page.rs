@@ -128,6 +128,7 @@ impl Report {
         };
         let maps = Maps::new(info, history);
         let structures = report.structures(maps.structures())?;
+        let correlations = report.correlations(maps.correlations(), history.mapped)?;
         let maps = report.maps(maps.all(), maps.other_variables())?;
         let biases = report.biases(info, history, &figures);
         let reliability = Section {
@@ -160,7 +161,16 @@ impl Report {
             }],
             ..Section::default()
         };
-        let all = [Some(scores), Some(errors), Some(maps), biases, Some(reliability), Some(innovations), Some(cost)];
+        let all = [
+            Some(scores),
+            Some(errors),
+            Some(maps),
+            biases,
+            Some(reliability),
+            Some(correlations),
+            Some(innovations),
+            Some(cost),
+        ];
         let filled = |it: &Section| !(it.figures.is_empty() && it.tables.is_empty() && it.folded.is_empty());
         report.page.sections = all.into_iter().flatten().chain([scenario]).filter(filled).collect();
         Ok(report)
@@ -230,6 +240,27 @@ impl Report {
                         .into();
                 let figures = factors.into_iter().map(|it| self.map(it)).collect::<Result<_, _>>()?;
                 section.folded.push(Folded { title, text, figures, ..Folded::default() });
+            }
+        }
+        Ok(section)
+    }
+
+    /// The correlations of the variable that is shown first, and folded those of the others.
+    fn correlations(&mut self, all: Vec<(String, Vec<maps::Drawing>)>, first: usize) -> Result<Section, PageError> {
+        let mut section = Section {
+            title: "Which errors go together".into(),
+            text: "For the methods that have a covariance, after the last analysis: how far the error in the middle of the \
+                   domain tells of the errors elsewhere, as the method believes."
+                .into(),
+            ..Section::default()
+        };
+        for (number, (variable, drawings)) in all.into_iter().enumerate() {
+            let figures = drawings.into_iter().map(|it| self.map(it)).collect::<Result<Vec<_>, _>>()?;
+            if number == first {
+                section.figures = figures;
+            } else if !figures.is_empty() {
+                let title = format!("Correlation with {variable}");
+                section.folded.push(Folded { title, figures, ..Folded::default() });
             }
         }
         Ok(section)

@@ -133,7 +133,7 @@ impl History {
     /// # Errors
     /// If they do not fit the run.
     pub fn add_estimates(&mut self, info: &RunInfo, analysed: &Analysed<'_>) -> Result<(), String> {
-        let &Analysed { method, cycle, time, background, analysis, scores, structure } = analysed;
+        let &Analysed { method, cycle, time, background, analysis, scores, structure, .. } = analysed;
         let Estimate { state, calibration, state_spread, calibration_spread } = &analysis.estimate;
         let length = self.thinning.cells() * info.layout.variables.len();
         let spread_length = state_spread.as_ref().map_or(length, Vec::len);
