@@ -140,6 +140,7 @@ impl<'a> Maps<'a> {
         let (name, of_name) = (self.variable(variable).0, self.variable(of_variable).0);
         let title = format!("{}: correlation with {name}", it.method);
         let map = self.map(variable, title, fields[variable].clone(), Scale::Difference, [-1.0, 1.0]);
+        let contours = contour_levels(map.range).into_iter().filter(|&level| level != 0.0);
         let mut caption = format!(
             "Correlation of the errors that {} claims for {of_name} at the dot and for {name} everywhere.",
             it.method
@@ -152,7 +153,8 @@ impl<'a> Maps<'a> {
         Drawing {
             stem: format!("{}_correlation{}", it.stem, self.suffix(variable)),
             caption,
-            map: FieldMap { unit: "1".into(), marks: vec![mark], ..map },
+            // Around nothing at all a line at zero would be noise.
+            map: FieldMap { unit: "1".into(), contours: contours.collect(), marks: vec![mark], ..map },
         }
     }
 
