@@ -52,16 +52,39 @@ fn resumed(scenario: &Scenario) -> Outputs {
     Outputs::of(&parent.path().join("run"))
 }
 
+/// Runs on one thread, on two, and on eight after an interruption, all of which must write the same files; returns these.
+fn checked(scenario: &Scenario) -> Outputs {
+    let first = complete(scenario, 1);
+    assert_eq!(first.files.len(), scenario.methods.len() + 2, "{}", scenario.name);
+    first.assert_same(&complete(scenario, 2), &scenario.name);
+    first.assert_same(&resumed(scenario), &scenario.name);
+    first
+}
+
 #[test]
 fn threads_and_interruptions_change_no_bit() {
     let mut files = 0;
     for mut scenario in scenarios() {
         scenario.cycle.score_from_cycle = 2;
-        let first = complete(&scenario, 1);
-        assert_eq!(first.files.len(), scenario.methods.len() + 2, "{}", scenario.name);
-        first.assert_same(&complete(&scenario, 2), &scenario.name);
-        first.assert_same(&resumed(&scenario), &scenario.name);
-        files += first.files.len();
+        files += checked(&scenario).files.len();
     }
     assert!(files >= 40, "only {files} files");
+}
+
+/// Those that no shipped scenario has, with all that they may keep from one cycle to the next.
+#[test]
+fn nor_in_other_methods() {
+    let methods = r#"
+        [methods]
+        climatology = { kind = "climatology" }
+        optimal_interpolation = { kind = "optimal_interpolation" }
+        four_d_var = { kind = "4dvar", window_cycles = 3 }
+        hybrid = { kind = "hybrid_3dvar", ensemble_weight = 0.5, members = 6, localization_radius_km = 400 }
+        serial_kf = { kind = "serial_kf" }
+        etkf = { kind = "etkf", members = 12, inflation = "adaptive" }
+        letkf = { kind = "letkf", members = 6, localization_radius_km = 400, inflation = "adaptive" }
+        enkf = { kind = "enkf", members = 6, localization_radius_km = 400, relaxation_to_prior_spread = 0.5 }
+    "#;
+    let text = include_str!("common/valid.toml").split("[methods.free]").next().unwrap().to_string() + methods;
+    checked(&Scenario::parse(Path::new("others.toml"), &text).unwrap());
 }
