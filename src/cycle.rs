@@ -2,7 +2,7 @@
 
 use crate::correlations::Correlations;
 use crate::monitor::{Fault, Monitor};
-use isobar_assim::{Analysis, Assimilator, Estimate, Structure, Unknown};
+use isobar_assim::{Analysis, Assimilator, Estimate, EstimatedParameter, Structure, Unknown};
 use isobar_model::Duration;
 use isobar_obs::ObservationWindow;
 use peak_alloc::PeakAlloc;
@@ -90,6 +90,11 @@ impl Runner {
     /// What goes together with the error of one value of the analysis, for viewers; no part of the method's cost.
     pub fn correlations(&self, of: usize, analysis: &Estimate) -> Option<Correlations> {
         Correlations::new(of, &self.method.covariance_column(Unknown::Value(of))?, analysis)
+    }
+
+    /// What the method has estimated in the last cycle beside state and calibration.
+    pub fn parameters(&self) -> Vec<EstimatedParameter> {
+        self.method.parameters()
     }
 
     /// The method's memory, for a checkpoint, and what its cycles have cost.

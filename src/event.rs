@@ -2,7 +2,7 @@
 
 use crate::correlations::Correlations;
 use crate::summary::{Failure, MethodScores, Summary};
-use isobar_assim::{Analysis, Estimate, Structure};
+use isobar_assim::{Analysis, Estimate, EstimatedParameter, Structure};
 use isobar_model::{Duration, Layout, State, Time};
 use isobar_obs::{Calibration, ObservationWindow, Projection};
 use std::sync::Arc;
@@ -79,6 +79,8 @@ pub enum Event<'a> {
     Observed(&'a ObservationWindow),
     /// A method has analysed the observations of a cycle.
     Analysed(Analysed<'a>),
+    /// A method has estimated parameters beside state and calibration in a cycle.
+    Estimated(Estimated<'a>),
     /// A method has failed in a cycle, and has no results in it and after it.
     Failed {
         /// Number of the method in [`RunInfo::methods`].
@@ -94,6 +96,18 @@ pub enum Event<'a> {
     Warning(&'a str),
     /// The run is complete.
     Finished(&'a Summary),
+}
+
+/// What a method has estimated in one cycle beside state and calibration.
+pub struct Estimated<'a> {
+    /// Number of the method in [`RunInfo::methods`].
+    pub method: usize,
+    /// Number of the cycle, from 1.
+    pub cycle: usize,
+    /// Valid time.
+    pub time: Time,
+    /// The parameters.
+    pub parameters: &'a [EstimatedParameter],
 }
 
 /// A method's results in one cycle.

@@ -3,7 +3,7 @@
 use crate::checkpoint::{self, Keeper, Newest, Plan, journal, newest};
 use crate::cli::RunOptions;
 use crate::correlations::Correlations;
-use crate::event::{Analysed, Event};
+use crate::event::{Analysed, Estimated, Event};
 use crate::experiment::{Experiment, ExperimentError};
 use crate::interrupt;
 use crate::reference::Reference;
@@ -230,6 +230,10 @@ fn one_cycle(
             structure: shown.structure.then(structure).flatten().as_ref(),
             correlations: (shown.structure && factors > 0).then(correlations).flatten().as_ref(),
         }))?;
+        let parameters = method.runner.parameters();
+        if !parameters.is_empty() {
+            send(Event::Estimated(Estimated { method: number, cycle, time, parameters: &parameters }))?;
+        }
     }
     send(Event::CycleEnded(cycle))?;
     Ok(())

@@ -3,7 +3,9 @@
 use crate::block_angular::PartitionReport;
 use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
+use crate::estimated::EstimatedParameter;
 use crate::structure::Structure;
+use faer::MatRef;
 use isobar_model::{Duration, State};
 use isobar_obs::ObservationWindow;
 
@@ -71,6 +73,20 @@ pub trait Assimilator: Send {
     /// `None` for a method that carries no covariance, or does not estimate the unknown. Nothing else depends on it.
     fn covariance_column(&self, _unknown: Unknown) -> Option<CovarianceColumn> {
         None
+    }
+
+    /// What the method has estimated beside state and calibration in the last analysis; most methods nothing.
+    fn parameters(&self) -> Vec<EstimatedParameter> {
+        Vec::new()
+    }
+
+    /// Takes over a calibration, `[p]` with covariance `[p, p]`, whose errors are independent of the state's, in place of
+    /// what the method believed of it.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if the method cannot; a covariance that is not positive definite.
+    fn set_calibration(&mut self, _estimate: &[f64], _covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        Err(Error::Setting("this method cannot start from another calibration than the parameters' priors".into()))
     }
 
     /// All that the next cycles depend on and that problem and settings do not say: estimates, covariances, places in

@@ -111,6 +111,19 @@ impl AugmentedState {
         Some(CovarianceColumn::of_augmented(column, m, &self.problem.calibration))
     }
 
+    /// Takes over the calibration of [`Assimilator::set_calibration`](crate::Assimilator::set_calibration).
+    pub fn set_calibration(&mut self, estimate: &[f64], covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        let (m, p) = (self.state.values().len(), self.calibration.len());
+        if estimate.len() != p || covariance.nrows() != p {
+            return Err(Error::Setting("the calibration is not the one that the method estimates".into()));
+        }
+        self.bias.copy_from_slice(estimate);
+        self.covariance.as_mut().get_mut(m.., ..m).fill(0.0);
+        self.covariance.as_mut().get_mut(..m, m..).fill(0.0);
+        self.covariance.as_mut().get_mut(m.., m..).copy_from(covariance);
+        Ok(())
+    }
+
     /// s ← s + δs.
     pub fn add(&mut self, increment: &[f64]) {
         let (state, bias) = increment.split_at(self.state.values().len());

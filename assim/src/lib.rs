@@ -9,6 +9,7 @@
 //! | [`variational`] | 3D-Var, also with an ensemble's covariance (hybrid), and 4D-Var; biases in the control vector |
 //! | [`optimal_interpolation`] | the analysis with a static covariance, solved directly |
 //! | [`ensemble`] | ensemble Kalman filters: transform (ETKF), local (LETKF), stochastic (EnKF) |
+//! | [`high_pass`], [`initialised`] | Lange's High-pass Filter, and a method that starts from it |
 //! | [`free`], [`climatology`] | no assimilation |
 //!
 //! All of them are given a [`Problem`], see models and observations only through traits and Jacobians, and are an
@@ -23,8 +24,11 @@ pub mod covariance;
 pub mod covariance_column;
 pub mod ensemble;
 pub mod error;
+pub mod estimated;
 pub mod fast_kalman;
 pub mod free;
+pub mod high_pass;
+pub mod initialised;
 pub mod kalman;
 mod linalg;
 pub mod optimal_interpolation;
@@ -43,5 +47,6 @@ pub use assimilator::{Analysis, Assimilator, BiasTreatment, Estimate};
 pub use covariance::Covariance;
 pub use covariance_column::{CovarianceColumn, Unknown, correlation};
 pub use error::Error;
+pub use estimated::EstimatedParameter;
 pub use problem::Problem;
 pub use structure::{CommonFactor, Structure};

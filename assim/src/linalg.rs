@@ -135,6 +135,14 @@ pub(crate) fn eigen(matrix: MatRef<'_, f64>) -> (Vec<f64>, Mat<f64>) {
     (values, eigen.U().to_owned())
 }
 
+/// U, σ and V of the thin singular value decomposition A = U diag(σ) Vᵀ, for at least as many rows as columns.
+pub(crate) fn singular_values(matrix: MatRef<'_, f64>) -> (Mat<f64>, Vec<f64>, Mat<f64>) {
+    faer::set_global_parallelism(Par::Seq);
+    let svd = matrix.thin_svd().expect("a finite matrix has singular values");
+    let values = (0..matrix.ncols()).map(|i| svd.S()[i]).collect();
+    (svd.U().to_owned(), values, svd.V().to_owned())
+}
+
 /// Σ aᵢ².
 pub(crate) fn squared_norm(values: &[f64]) -> f64 {
     values.iter().map(|value| value * value).sum()

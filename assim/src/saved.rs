@@ -22,6 +22,11 @@ impl From<&Mat<f64>> for Matrix {
 }
 
 impl Matrix {
+    /// Its number of rows, as it says.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
     /// The matrix, if it has so many rows; `columns` as well unless that is `None`.
     ///
     /// # Errors

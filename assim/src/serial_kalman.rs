@@ -87,6 +87,10 @@ impl Assimilator for SerialKalmanFilter {
         self.augmented.covariance_column(unknown)
     }
 
+    fn set_calibration(&mut self, estimate: &[f64], covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        self.augmented.set_calibration(estimate, covariance)
+    }
+
     fn save(&self) -> Result<Vec<u8>, Error> {
         self.augmented.save()
     }

@@ -1,10 +1,10 @@
 //! The events of a run as the journal holds them.
 
 use crate::correlations::Correlations;
-use crate::event::{Analysed, Event, RunInfo};
+use crate::event::{Analysed, Estimated, Event, RunInfo};
 use crate::sink::SinkError;
 use crate::summary::{Failure, MethodScores};
-use isobar_assim::{Analysis, CommonFactor, Estimate, Structure};
+use isobar_assim::{Analysis, CommonFactor, Estimate, EstimatedParameter, Structure};
 use isobar_model::{Increment, State, Time};
 use isobar_obs::{BlockAngular, LinearOperator, ObservationWindow, RejectedObservation, Report, SparseRows};
 use serde::{Deserialize, Serialize};
@@ -50,6 +50,13 @@ pub(super) enum Entry<'a> {
         failure: Cow<'a, Failure>,
     },
     CycleEnded(usize),
+    Estimated {
+        method: usize,
+        cycle: usize,
+        seconds: i64,
+        /// Name, unit, value, standard deviation and verdict of each.
+        parameters: Vec<(Cow<'a, str>, Cow<'a, str>, f64, Option<f64>, Cow<'a, str>)>,
+    },
 }
 
 #[derive(Serialize, Deserialize)]
@@ -166,6 +173,17 @@ impl<'a> Entry<'a> {
             },
             Event::Failed { method, failure } => Entry::Failed { method: *method, failure: Cow::Borrowed(failure) },
             Event::CycleEnded(cycle) => Entry::CycleEnded(*cycle),
+            Event::Estimated(it) => Entry::Estimated {
+                method: it.method,
+                cycle: it.cycle,
+                seconds: it.time.seconds(),
+                parameters: (it.parameters.iter())
+                    .map(|own| {
+                        let EstimatedParameter { name, unit, value, sigma, verdict } = own;
+                        (name.into(), unit.into(), *value, *sigma, verdict.into())
+                    })
+                    .collect(),
+            },
             Event::Started(_) | Event::Resumed(_) | Event::Warning(_) | Event::Finished(_) => {
                 return None;
             }
@@ -248,6 +266,20 @@ impl Entry<'_> {
                 tell(Event::Failed { method, failure: &failure })
             }
             Entry::CycleEnded(cycle) => tell(Event::CycleEnded(cycle)),
+            Entry::Estimated { method, cycle, seconds, parameters } => {
+                is_method(method)?;
+                let parameters: Vec<EstimatedParameter> = (parameters.into_iter())
+                    .map(|(name, unit, value, sigma, verdict)| EstimatedParameter {
+                        name: name.into_owned(),
+                        unit: unit.into_owned(),
+                        value,
+                        sigma,
+                        verdict: verdict.into_owned(),
+                    })
+                    .collect();
+                let time = Time::from_seconds(seconds);
+                tell(Event::Estimated(Estimated { method, cycle, time, parameters: &parameters }))
+            }
         };
         told.map_err(|error| error.to_string())
     }

@@ -9,6 +9,7 @@ use isobar_assim::ensemble::{
 };
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, Residual};
 use isobar_assim::free::FreeRun;
+use isobar_assim::initialised::Initialised;
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::optimal_interpolation::OptimalInterpolation;
 use isobar_assim::serial_kalman::SerialKalmanFilter;
@@ -60,13 +61,38 @@ pub(super) fn build(ground: &Problem, method: &Method, scenario: &Scenario) -> R
     })
 }
 
+/// The method as it starts: from its first observations if the scenario says so.
+pub(super) fn initialised(
+    method: Box<dyn Assimilator>,
+    name: &str,
+    ground: &Problem,
+    scenario: &Scenario,
+) -> Result<Box<dyn Assimilator>, Error> {
+    Ok(match &scenario.initialise {
+        Some(initialise) if initialise.methods.iter().any(|it| it == name) => {
+            Box::new(Initialised::new(method, ground.clone(), initialise.high_pass)?)
+        }
+        _ => method,
+    })
+}
+
 /// Whether a method does anything with observations.
 pub(super) fn sees_observations(method: &Method) -> bool {
     !matches!(method.algorithm, Algorithm::Free | Algorithm::Climatology)
 }
 
 /// A method's settings, in words.
-pub(super) fn describe(method: &Method) -> String {
+pub(super) fn describe(method: &Method, name: &str, scenario: &Scenario) -> String {
+    let own = describe_alone(method);
+    match &scenario.initialise {
+        Some(initialise) if initialise.methods.iter().any(|it| it == name) => {
+            format!("{own}, calibration initialised from {} cycles by a high-pass filter", initialise.high_pass.cycles)
+        }
+        _ => own,
+    }
+}
+
+fn describe_alone(method: &Method) -> String {
     let bias = match method.bias {
         BiasTreatment::Estimate => "biases estimated",
         BiasTreatment::Ignore => "biases ignored",

@@ -119,11 +119,11 @@ impl Experiment {
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
         let (mut methods, mut infos) = (Vec::new(), Vec::new());
         for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
-            let runner = Runner::new(|| methods::build(&problem, method, scenario))
-                .map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
+            let build = || methods::initialised(methods::build(&problem, method, scenario)?, name, &problem, scenario);
+            let runner = Runner::new(build).map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
             let scores_bias = methods::sees_observations(method) && method.bias != BiasTreatment::Known;
             methods.push(Competitor { runner, failure: None, scores_bias });
-            infos.push(MethodInfo { name: name.clone(), description: methods::describe(method) });
+            infos.push(MethodInfo { name: name.clone(), description: methods::describe(method, name, scenario) });
         }
         let stations = observing.stations().iter().map(|station| StationInfo {
             network: station.network.clone(),

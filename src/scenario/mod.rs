@@ -13,6 +13,7 @@ mod expected;
 mod fault;
 mod grid;
 mod initial;
+mod initialise;
 mod method;
 mod model;
 mod network;
@@ -28,6 +29,7 @@ pub use error::ScenarioError;
 pub use expected::{Expected, ExpectedScores};
 pub use grid::GridSettings;
 pub use initial::Initial;
+pub use initialise::Initialise;
 pub use method::{Algorithm, Method};
 pub use model::{AdvectionScheme, Conserved, Dynamics, ModelSettings, ShallowWaterSettings, TimeScheme, Wind};
 pub use network::{
@@ -85,6 +87,8 @@ pub struct Scenario {
     pub networks: IndexMap<String, Network>,
     /// The methods, in the order of the file.
     pub methods: IndexMap<String, Method>,
+    /// What some methods start from instead of the biases' priors.
+    pub initialise: Option<Initialise>,
     /// What is written.
     pub output: OutputSettings,
     /// Whether it is run for regression with all others; a scenario that is too dear says no.
@@ -147,6 +151,7 @@ impl Scenario {
         let networks = network::read(&root, &grid, &model)?;
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
         let methods = method::read(&root, &grid.grid)?;
+        let initialise = initialise::read(&root, &methods, cycle.count)?;
         let output = cycle::read_output(&root)?;
         let regression = root.yes_or_no_or("regression", true)?;
         let expected = expected::read(&root, &methods, &model)?;
@@ -169,6 +174,7 @@ impl Scenario {
             quality_control,
             networks,
             methods,
+            initialise,
             output,
             regression,
             expected,
@@ -192,6 +198,7 @@ const KEYS: &[&str] = &[
     "quality_control",
     "networks",
     "methods",
+    "initialise",
     "output",
     "regression",
     "expected",

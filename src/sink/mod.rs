@@ -1,10 +1,12 @@
 //! Sinks hear the events of a run and write files. None of them changes the run.
 //!
-//! Contents: [`directory`] (where outputs go), [`netcdf`], [`report`], [`scores`], [`summary`], and with the cargo feature
+//! Contents: [`directory`] (where outputs go), [`netcdf`], [`parameters`], [`report`], [`scores`],
+//! [`summary`], and with the cargo feature
 //! `rerun` the recording for the rerun viewer; [`structure`] is what report and recording show of a method's blocks.
 
 pub mod directory;
 pub mod netcdf;
+pub mod parameters;
 pub mod report;
 #[cfg(feature = "rerun")]
 pub mod rerun;
@@ -98,6 +100,7 @@ pub fn open_all(
         });
     }
     sinks.push(Box::new(scores::ScoresSink::create(info, directory)?));
+    sinks.push(Box::new(parameters::ParametersSink::new(info, directory)));
     sinks.push(Box::new(summary::SummarySink::new(directory)));
     Ok(sinks)
 }

@@ -13,12 +13,14 @@
 //! The blocks are independent given c: one parallel map, one ordered reduction of the border's information, one
 //! parallel map back. R_k is never formed.
 //!
-//! [`solve`] takes blocks as they are given. [`solve_sparse`] takes sparse rows and finds the blocks: unknowns that rows
+//! [`solve`] takes blocks as they are given; [`BorderRows`] solves without a prior for what they determine, and names the
+//! rest. [`solve_sparse`] takes sparse rows and finds the blocks: unknowns that rows
 //! link, directly or through others, are a block, and one over a size limit is cut by separators ([`Dissection`]), each of
 //! which borders what it separates.
 
 mod block;
 mod border;
+mod determined;
 mod dissection;
 mod front;
 mod graph;
@@ -30,6 +32,7 @@ pub(crate) use block::Eliminated;
 pub use block::{Block, RegressionRows, UpdateRows};
 pub(crate) use border::Information;
 pub use border::Prior;
+pub use determined::{BorderRows, DeterminedBorder};
 pub use dissection::{Dissection, Member};
 pub use graph::Graph;
 pub use partition::{Component, PartitionReport, components};

@@ -20,6 +20,7 @@
 mod analysis;
 mod block_diagonal;
 mod blocks;
+mod calibration;
 mod coarse_grid;
 mod compression;
 mod factored_covariance;
@@ -330,6 +331,10 @@ impl Assimilator for FastKalmanFilter {
 
     fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
         self.column(unknown)
+    }
+
+    fn set_calibration(&mut self, estimate: &[f64], covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        calibration::set(self, estimate, covariance)
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {

@@ -102,7 +102,7 @@ impl Sink for NetcdfSink {
                 self.failed[*method] = true;
                 Ok(())
             }
-            Event::CycleEnded(_) | Event::Warning(_) => Ok(()),
+            Event::Estimated(_) | Event::CycleEnded(_) | Event::Warning(_) => Ok(()),
         }
     }
 }

@@ -79,9 +79,12 @@ impl Sink for ReportSink {
                 added.map_err(|reason| self.failure(REPORT_FILE, reason))
             }
             Event::Finished(summary) => self.write(summary),
-            Event::Started(_) | Event::Resumed(_) | Event::Failed { .. } | Event::CycleEnded(_) | Event::Warning(_) => {
-                Ok(())
-            }
+            Event::Started(_)
+            | Event::Resumed(_)
+            | Event::Estimated(_)
+            | Event::Failed { .. }
+            | Event::CycleEnded(_)
+            | Event::Warning(_) => Ok(()),
         }
     }
 }

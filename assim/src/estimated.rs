@@ -1,0 +1,16 @@
+//! What a method estimates beside state and calibration, or finds out about them.
+
+/// A number that a method has estimated from the observations.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EstimatedParameter {
+    /// Its name: `diurnal/cosine`, `transition/mean_depth_m`.
+    pub name: String,
+    /// Unit, in UDUNITS spelling.
+    pub unit: String,
+    /// The estimate.
+    pub value: f64,
+    /// Its claimed standard deviation; `None` while the data do not determine it.
+    pub sigma: Option<f64>,
+    /// What there is to say: `determined`, or why it is not estimated and what it cannot be told from.
+    pub verdict: String,
+}
