@@ -15,8 +15,8 @@
 //! reports see it, H B Hᵀ: within a box it acts as ordinary kriging does, and it is not a prior of the mean.
 //!
 //! What is neglected is the correlation of these remainders between boxes and between cycles. It makes the claimed
-//! standard deviations too small, by a quarter in a test where a field moves on by a third of its correlation length in a
-//! cycle; a scale s of 2 makes up for that.
+//! standard deviations too small, by an eighth in a test where a field moves on by a third of its correlation length in a
+//! cycle, and by 4 % there with a scale s of 2.
 //!
 //! Boxes must hold several observations each to say anything, and be smaller than the state's errors are wide. What is
 //! determined only against a prior stays undetermined, and is named: without a reference sonde the mean height and a bias

@@ -89,6 +89,15 @@ impl TallMatrix {
         self.values.rotate_right(self.rows * columns);
     }
 
+    /// Takes the first columns out.
+    pub fn take_front(&mut self, columns: usize) -> TallMatrix {
+        let cut = self.rows * columns;
+        let front = self.values[..cut].to_vec();
+        self.values.copy_within(cut.., 0);
+        self.truncate(self.columns - columns);
+        Self::from_values(self.rows, columns, front)
+    }
+
     /// Keeps the first columns only; their memory stays reserved.
     pub fn truncate(&mut self, columns: usize) {
         self.columns = self.columns.min(columns);

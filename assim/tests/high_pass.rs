@@ -132,8 +132,8 @@ fn world(seed: u64, reference: bool) -> World {
 
 const SETTINGS: HighPassSettings = HighPassSettings { cycles: 4, box_m: 3e5, covariance_scale: 2.0 };
 
-/// With a covariance scale of 1 the mean square is 1.5: the field that the boxes leave over is carried on by one cell in a
-/// cycle, so that its errors come again.
+/// With a covariance scale of 1 the mean square is 1.24: the field that the boxes leave over is carried on by one cell in
+/// a cycle, so that its errors come again.
 #[test]
 fn a_reference_determines_all_biases_within_what_is_claimed() {
     let (mut beyond, mut count, mut square) = (0, 0, 0.0);

@@ -57,6 +57,16 @@ pub enum Evolution {
         /// By how much, of either sign.
         size: f64,
     },
+    /// It is larger by `amplitude` cos(2π (t/period − phase)), t the time of day in UTC if the period is a day: sensors
+    /// that the sun heats. Methods are not told.
+    Sinusoid {
+        /// The largest deviation.
+        amplitude: f64,
+        /// The period in hours; above 0.
+        period_hours: f64,
+        /// When it is largest, in hours since midnight UTC of 1970-01-01, and periods after that.
+        peak_hours: f64,
+    },
 }
 
 impl BiasProcess {
@@ -83,7 +93,7 @@ impl BiasProcess {
     pub fn sigma_drift_per_sqrt_day(&self) -> f64 {
         self.assumed_sigma_drift_per_sqrt_day.unwrap_or(match self.evolution {
             Evolution::RandomWalk { sigma_per_sqrt_day } => sigma_per_sqrt_day,
-            Evolution::Constant | Evolution::Jump { .. } => 0.0,
+            Evolution::Constant | Evolution::Jump { .. } | Evolution::Sinusoid { .. } => 0.0,
         })
     }
 
@@ -102,6 +112,12 @@ impl BiasProcess {
             Evolution::Jump { at_hours, size } => {
                 require(at_hours >= 0.0, instrument, "biases.evolution.at_hours", at_hours, "at least 0")?;
                 require(true, instrument, "biases.evolution.size", size, "finite")?;
+            }
+            Evolution::Sinusoid { amplitude, period_hours, peak_hours } => {
+                require(true, instrument, "biases.evolution.amplitude", amplitude, "finite")?;
+                let expected = "above 0";
+                require(period_hours > 0.0, instrument, "biases.evolution.period_hours", period_hours, expected)?;
+                require(true, instrument, "biases.evolution.peak_hours", peak_hours, "finite")?;
             }
         }
         if !self.known {
@@ -145,9 +161,15 @@ impl TrueBias {
         }
     }
 
-    fn at(&self, elapsed: Duration) -> f64 {
+    /// The value `elapsed` after the start, at a `time`.
+    fn at(&self, elapsed: Duration, time: Time) -> f64 {
         match self.process.evolution {
             Evolution::Jump { at_hours, size } if elapsed.as_f64() >= at_hours * 3600.0 => self.value + size,
+            Evolution::Sinusoid { amplitude, period_hours, peak_hours } => {
+                let hours = time.seconds() as f64 / 3600.0 - peak_hours;
+                let phase = hours.rem_euclid(period_hours) / period_hours;
+                self.value + amplitude * (std::f64::consts::TAU * phase).cos()
+            }
             _ => self.value,
         }
     }
@@ -204,7 +226,7 @@ impl Biases {
             self.known.push((parameter, truth));
             return Ok(None);
         }
-        self.values.push(truth.at(Duration::from_seconds(0)));
+        self.values.push(truth.at(Duration::from_seconds(0), self.start));
         self.truths.push(truth);
         self.calibration.parameters.push(parameter);
         Ok(Some(self.values.len() - 1))
@@ -216,7 +238,7 @@ impl Biases {
         let elapsed = self.time - self.start;
         for (truth, value) in self.truths.iter_mut().zip(&mut self.values) {
             truth.advance(span);
-            *value = truth.at(elapsed);
+            *value = truth.at(elapsed, self.time);
         }
         for (_, truth) in &mut self.known {
             truth.advance(span);
@@ -241,7 +263,7 @@ impl Biases {
         }
         self.time = time;
         let elapsed = self.time - self.start;
-        self.values = self.truths.iter().map(|truth| truth.at(elapsed)).collect();
+        self.values = self.truths.iter().map(|truth| truth.at(elapsed, time)).collect();
         true
     }
 
@@ -258,7 +280,7 @@ impl Biases {
     /// The known parameters, with their true values now.
     pub fn known(&self) -> impl Iterator<Item = (&Parameter, f64)> {
         let elapsed = self.time - self.start;
-        self.known.iter().map(move |(parameter, truth)| (parameter, truth.at(elapsed)))
+        self.known.iter().map(move |(parameter, truth)| (parameter, truth.at(elapsed, self.time)))
     }
 }
 
@@ -332,6 +354,26 @@ mod tests {
     }
 
     #[test]
+    fn a_diurnal_bias_is_largest_at_its_hour() {
+        let process = BiasProcess {
+            initial: InitialBias::Given { value: 1.0 },
+            evolution: Evolution::Sinusoid { amplitude: 2.0, period_hours: 24.0, peak_hours: 15.0 },
+            ..BiasProcess::constant(1.0)
+        };
+        let mut biases = biases(&process, 1);
+        let mut history = vec![biases.values()[0]];
+        for _ in 0..8 {
+            biases.advance(Duration::from_seconds(3 * 3600));
+            history.push(biases.values()[0]);
+        }
+        for (number, value) in history.iter().enumerate() {
+            let hours = 3.0 * number as f64 - 15.0;
+            let expected = 1.0 + 2.0 * (std::f64::consts::TAU * hours / 24.0).cos();
+            assert!((value - expected).abs() < 1e-12, "{number}: {value}");
+        }
+    }
+
+    #[test]
     fn assumptions_are_the_truth_unless_given() {
         let mut process = BiasProcess::constant(2.0);
         process.evolution = Evolution::RandomWalk { sigma_per_sqrt_day: 0.7 };
@@ -385,6 +427,13 @@ mod tests {
             (
                 BiasProcess { evolution: Evolution::RandomWalk { sigma_per_sqrt_day: -3.0 }, ..good.clone() },
                 "evolution.sigma_per_sqrt_day is -3",
+            ),
+            (
+                BiasProcess {
+                    evolution: Evolution::Sinusoid { amplitude: 1.0, period_hours: 0.0, peak_hours: 0.0 },
+                    ..good.clone()
+                },
+                "period_hours is 0",
             ),
             (
                 BiasProcess { evolution: Evolution::Jump { at_hours: -1.0, size: 1.0 }, ..good.clone() },

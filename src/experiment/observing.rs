@@ -130,6 +130,9 @@ fn process<Pattern>(bias: &Bias<Pattern>) -> BiasProcess {
             BiasEvolution::Constant => Evolution::Constant,
             BiasEvolution::RandomWalk { sigma_per_sqrt_day } => Evolution::RandomWalk { sigma_per_sqrt_day },
             BiasEvolution::Jump { at_hours, size } => Evolution::Jump { at_hours, size },
+            BiasEvolution::Sinusoid { amplitude, period_hours, peak_hours } => {
+                Evolution::Sinusoid { amplitude, period_hours, peak_hours }
+            }
         },
         assumed_sigma_prior: bias.assumed_sigma,
         assumed_sigma_drift_per_sqrt_day: bias.assumed_drift_per_sqrt_day,

@@ -45,6 +45,15 @@ pub enum BiasEvolution {
         /// Size, in the observed variable's unit.
         size: f64,
     },
+    /// As a sinusoid about its value at the start.
+    Sinusoid {
+        /// Amplitude, in the observed variable's unit.
+        amplitude: f64,
+        /// Period in hours.
+        period_hours: f64,
+        /// Hour of the largest value: of the day, in UTC, if the period is one.
+        peak_hours: f64,
+    },
 }
 
 /// Which radiosondes share a bias.
@@ -155,6 +164,7 @@ enum Change {
     None,
     Walk,
     Jump,
+    Sinusoid,
 }
 
 fn evolution(field: &Field<'_>) -> Read<BiasEvolution> {
@@ -162,6 +172,7 @@ fn evolution(field: &Field<'_>) -> Read<BiasEvolution> {
         ("constant", Change::None, &[]),
         ("random_walk", Change::Walk, &["sigma_per_sqrt_day"]),
         ("jump", Change::Jump, &["at_hours", "size"]),
+        ("sinusoid", Change::Sinusoid, &["amplitude", "period_hours", "peak_hours"]),
     ];
     let (kind, section) = field.section_of_kind(KINDS)?;
     Ok(match kind {
@@ -172,6 +183,11 @@ fn evolution(field: &Field<'_>) -> Read<BiasEvolution> {
         Change::Jump => BiasEvolution::Jump {
             at_hours: section.number("at_hours", Limits::Between(0.0, 1e9))?,
             size: section.number("size", Limits::Any)?,
+        },
+        Change::Sinusoid => BiasEvolution::Sinusoid {
+            amplitude: section.number("amplitude", Limits::Any)?,
+            period_hours: section.number("period_hours", Limits::Between(0.01, 1e6))?,
+            peak_hours: section.number_or("peak_hours", 0.0, Limits::Between(0.0, 1e6))?,
         },
     })
 }

@@ -128,7 +128,7 @@ fn triangle_of(rows: &[MatRef<'_, f64>], columns: usize) -> Mat<f64> {
 
 /// The same space by vectors each of which has an unknown that no other has (Gauss–Jordan with complete pivoting, in units
 /// of the scales), scaled to a largest coefficient of 1.
-fn reduced_basis(mut basis: Mat<f64>, scales: &[f64]) -> Vec<Vec<f64>> {
+pub(crate) fn reduced_basis(mut basis: Mat<f64>, scales: &[f64]) -> Vec<Vec<f64>> {
     let (p, count) = (basis.nrows(), basis.ncols());
     let mut is_pivot = vec![false; p];
     for k in 0..count {

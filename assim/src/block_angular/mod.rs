@@ -32,6 +32,7 @@ pub(crate) use block::Eliminated;
 pub use block::{Block, RegressionRows, UpdateRows};
 pub(crate) use border::Information;
 pub use border::Prior;
+pub(crate) use determined::reduced_basis;
 pub use determined::{BorderRows, DeterminedBorder};
 pub use dissection::{Dissection, Member};
 pub use graph::Graph;

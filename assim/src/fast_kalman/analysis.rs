@@ -74,6 +74,9 @@ impl FastKalmanFilter {
         covariance: Mat<f64>,
         mut increment: Vec<f64>,
     ) -> Result<(), Error> {
+        if self.free.is_some() {
+            return self.finish_with_free(amplitudes, covariance, increment);
+        }
         // β̂_k + Φ_b ξ̂ = β̂_k(ξ = 0) + (Φ_b − D) ξ̂.
         let factors = &mut self.covariance.factors;
         factors.multiply_add(amplitudes, &mut increment);
@@ -215,7 +218,7 @@ impl FastKalmanFilter {
         }
     }
 
-    fn add_increments(&mut self, of_block_variables: &[f64], of_shared: &[f64]) {
+    pub(super) fn add_increments(&mut self, of_block_variables: &[f64], of_shared: &[f64]) {
         let (of_state, of_local) = of_block_variables.split_at(self.state.values().len());
         self.state.values_mut().iter_mut().zip(of_state).for_each(|(value, change)| *value += change);
         for (&number, change) in self.local.iter().zip(of_local).chain(self.shared.iter().zip(of_shared)) {

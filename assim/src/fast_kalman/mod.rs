@@ -26,12 +26,14 @@ mod compression;
 mod factored_covariance;
 mod factors;
 mod forecast;
+mod free_columns;
 mod nested;
 mod query;
 mod residual;
 mod saved;
 mod separation;
 mod structure;
+pub mod time_volume;
 
 pub use blocks::BlockShape;
 
@@ -51,6 +53,7 @@ use compression::{Joining, Kept, join_and_compress};
 use factored_covariance::FactoredCovariance;
 use factors::Factors;
 use faer::{Mat, MatRef};
+use free_columns::FreeColumns;
 use isobar_model::forecast::forecast_tl;
 use isobar_model::{Duration, Layout, State, TangentLinear, random};
 use isobar_obs::{ByPlacement, ObservationWindow};
@@ -120,6 +123,8 @@ pub struct FastKalmanFilter {
     random: ChaCha8Rng,
     /// Where the factors are propagated, if not on the grid of the state.
     coarse: Option<CoarseGrid>,
+    /// The first columns of Φ, if they are not factors but sensitivities to unknowns without a prior.
+    free: Option<FreeColumns>,
 }
 
 /// Q of the state's values, as far as the filter keeps it.
@@ -192,6 +197,7 @@ impl FastKalmanFilter {
             scales,
             random,
             coarse: None,
+            free: None,
         })
     }
 
