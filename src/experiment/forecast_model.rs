@@ -15,9 +15,13 @@ pub(super) fn build(settings: &ModelSettings, grid: &Grid) -> Result<Arc<dyn Adj
         Dynamics::ShallowWater(own) => {
             Arc::new(Stepped::new(shallow_water(own, grid)?, time_step, scheme(own.time_scheme))?)
         }
-        Dynamics::LinearShallowWater { settings: own, mean_depth_m, mean_flow_m_per_s } => {
-            let nonlinear = shallow_water(own, grid)?;
-            let linear = LinearShallowWater::about_uniform_flow(nonlinear, *mean_depth_m, *mean_flow_m_per_s)?;
+        &Dynamics::LinearShallowWater {
+            settings: ref own,
+            mean_depth_m,
+            mean_flow_m_per_s: u,
+            mean_flow_y_m_per_s: v,
+        } => {
+            let linear = LinearShallowWater::about_uniform_wind(shallow_water(own, grid)?, mean_depth_m, u, v)?;
             Arc::new(Stepped::new(linear, time_step, scheme(own.time_scheme))?)
         }
         Dynamics::Advection { wind, scheme: own, time_scheme } => {

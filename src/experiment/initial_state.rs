@@ -13,11 +13,14 @@ use rand::RngExt;
 pub(super) fn build(initial: &Initial, model: &ModelSettings, grid: &Grid, seed: u64) -> Result<State, ModelError> {
     match &model.dynamics {
         Dynamics::ShallowWater(settings) => balanced(initial, &shallow_water(settings, grid)?, seed),
-        Dynamics::LinearShallowWater { settings, mean_flow_m_per_s, .. } => {
+        Dynamics::LinearShallowWater { settings, mean_flow_m_per_s, mean_flow_y_m_per_s, .. } => {
             // The initial state deviates from the flow about which the model is linearised.
             let mut state = balanced(initial, &shallow_water(settings, grid)?, seed)?;
             if let Some(u) = state.layout().variable("u") {
                 state.field_mut(u).iter_mut().for_each(|u| *u += mean_flow_m_per_s);
+            }
+            if let Some(v) = state.layout().variable("v") {
+                state.field_mut(v).iter_mut().for_each(|v| *v += mean_flow_y_m_per_s);
             }
             Ok(state)
         }

@@ -1,13 +1,13 @@
 //! `[methods.NAME]` as methods.
 
-use super::forecast_model;
+use super::{forecast_model, time_volume};
 use crate::scenario::{Algorithm, Method, Scenario};
 use isobar_assim::climatology::Climatology;
 use isobar_assim::ensemble::{
     BackgroundInflation, EnsembleSettings, EnsembleTransformKalmanFilter, InitialMembers,
     LocalEnsembleTransformKalmanFilter, ModelErrorTreatment, StochasticEnsembleKalmanFilter,
 };
-use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, Residual};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
 use isobar_assim::free::FreeRun;
 use isobar_assim::initialised::Initialised;
 use isobar_assim::kalman::KalmanFilter;
@@ -45,6 +45,10 @@ pub(super) fn build(ground: &Problem, method: &Method, scenario: &Scenario) -> R
             }
             let model = forecast_model::build_coarser(scenario, factor_grid)?;
             Box::new(FastKalmanFilter::new(problem, settings)?.with_factors_on(model)?)
+        }
+        Algorithm::TimeVolume { settings, ref options, memory_limit_bytes } => {
+            problem.memory_limit_bytes = memory_limit_bytes;
+            Box::new(time_volume::build(problem, settings, options, scenario)?)
         }
         Algorithm::EnsembleTransform { settings, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
@@ -119,38 +123,15 @@ fn describe_alone(method: &Method) -> String {
         Algorithm::Kalman { .. } => format!("Kalman filter, {bias}"),
         Algorithm::SerialKalman { .. } => format!("Kalman filter, one observation at a time, {bias}"),
         Algorithm::FastKalman { settings, factor_grid, .. } => {
-            let blocks = match settings.blocks {
-                BlockShape::Cell => "blocks of one cell".to_string(),
-                BlockShape::Tile { nx, ny } => format!("blocks of {nx} × {ny} cells"),
-                BlockShape::Domain => "one block".to_string(),
-            };
-            let residual = match settings.residual {
-                Residual::Exact => "forecast exactly".to_string(),
-                Residual::Persist => "that persist".to_string(),
-                Residual::Probe { count } => format!("forecast by {count} probes"),
-            };
-            let coupling = match settings.bias_coupling {
-                BiasCoupling::Carry => "carried",
-                BiasCoupling::Drop => "dropped",
-            };
-            let mut factors = match settings.retained_energy {
-                retained if retained < 1.0 => {
-                    format!(
-                        "up to {} common factors, which hold {} % of their energy",
-                        settings.factors,
-                        100.0 * retained
-                    )
-                }
-                _ => format!("{} common factors", settings.factors),
-            };
-            if *factor_grid > 1 {
-                factors += &format!(" on a grid {factor_grid} times as wide");
-            }
-            format!(
-                "Fast Kalman Filter, {factors}, {blocks} {residual}, covariance with biases {coupling}, \
-                 {bias}"
-            )
+            format!("Fast Kalman Filter, {}, {bias}", describe_filter(settings, *factor_grid))
         }
+        Algorithm::TimeVolume { settings, options, .. } => format!(
+            "moving time volume of {} cycles, {} factors of observations and model, {} candidates of transition, {}",
+            options.window_cycles,
+            options.factors.len(),
+            options.corrections.len(),
+            describe_filter(settings, 1)
+        ),
         Algorithm::EnsembleTransform { settings, .. } => format!("ETKF, {}, {bias}", describe_ensemble(settings)),
         Algorithm::LocalEnsembleTransform { settings, local, .. } => {
             let radius = local.localization_radius_m / 1e3;
@@ -164,6 +145,34 @@ fn describe_alone(method: &Method) -> String {
             format!("stochastic EnKF, {localization}, {}, {bias}", describe_ensemble(settings))
         }
     }
+}
+
+/// A Fast Kalman Filter's settings, in words.
+fn describe_filter(settings: &FastKalmanSettings, factor_grid: usize) -> String {
+    let blocks = match settings.blocks {
+        BlockShape::Cell => "blocks of one cell".to_string(),
+        BlockShape::Tile { nx, ny } => format!("blocks of {nx} × {ny} cells"),
+        BlockShape::Domain => "one block".to_string(),
+    };
+    let residual = match settings.residual {
+        Residual::Exact => "forecast exactly".to_string(),
+        Residual::Persist => "that persist".to_string(),
+        Residual::Probe { count } => format!("forecast by {count} probes"),
+    };
+    let coupling = match settings.bias_coupling {
+        BiasCoupling::Carry => "carried",
+        BiasCoupling::Drop => "dropped",
+    };
+    let mut factors = match settings.retained_energy {
+        retained if retained < 1.0 => {
+            format!("up to {} common factors, which hold {} % of their energy", settings.factors, 100.0 * retained)
+        }
+        _ => format!("{} common factors", settings.factors),
+    };
+    if factor_grid > 1 {
+        factors += &format!(" on a grid {factor_grid} times as wide");
+    }
+    format!("{factors}, {blocks} {residual}, covariance with biases {coupling}")
 }
 
 /// An ensemble's settings, in words.

@@ -5,12 +5,13 @@ mod forecast_model;
 mod initial_state;
 mod methods;
 mod observing;
+mod time_volume;
 
 use crate::cli::RunOptions;
 use crate::cycle::Runner;
 use crate::event::{MethodInfo, RunInfo, StationInfo};
 use crate::reference::Reference;
-use crate::scenario::{Scenario, ScenarioError};
+use crate::scenario::{Algorithm, Scenario, ScenarioError};
 use crate::summary::Failure;
 use crate::truth::Truth;
 use isobar_assim::{BiasTreatment, Problem, covariance};
@@ -105,7 +106,14 @@ struct Ground {
 /// # Errors
 /// The first thing that does not.
 pub fn check(scenario: &Scenario) -> Result<(), ExperimentError> {
-    ground(scenario, scenario.seed).map(drop)
+    let ground = ground(scenario, scenario.seed)?;
+    for (name, method) in &scenario.methods {
+        if let Algorithm::TimeVolume { options, .. } = &method.algorithm {
+            time_volume::factors(options, &ground.problem.calibration)
+                .map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
+        }
+    }
+    Ok(())
 }
 
 impl Experiment {

@@ -2,8 +2,10 @@
 
 use super::ensemble_method;
 use super::expected::TOLERANCE_KEY;
+use super::model::ModelSettings;
 use super::network::check_name;
 use super::reader::{Field, Kind, Limits, Read, Section};
+use super::time_volume::{self, TimeVolumeOptions};
 use indexmap::IndexMap;
 use isobar_assim::BiasTreatment;
 use isobar_assim::ensemble::{EnsembleSettings, LocalSettings};
@@ -75,6 +77,15 @@ pub enum Algorithm {
         /// Memory that it may use.
         memory_limit_bytes: u64,
     },
+    /// The Fast Kalman Filter of a moving time volume.
+    TimeVolume {
+        /// The filter within each cycle.
+        settings: FastKalmanSettings,
+        /// What is estimated over the window.
+        options: TimeVolumeOptions,
+        /// Memory that it may use.
+        memory_limit_bytes: u64,
+    },
     /// The ensemble transform Kalman filter.
     EnsembleTransform {
         /// Its ensemble.
@@ -113,6 +124,7 @@ enum Which {
     Kalman,
     SerialKalman,
     FastKalman,
+    TimeVolume,
     EnsembleTransform,
     LocalEnsembleTransform,
     StochasticEnsemble,
@@ -147,6 +159,25 @@ const KINDS: &[Kind<Which>] = &[
             "memory_limit_gb",
         ],
     ),
+    (
+        "time_volume",
+        Which::TimeVolume,
+        &[
+            "blocks",
+            "factors",
+            "residual",
+            "probes",
+            "largest_component",
+            "separator_factors",
+            "memory_limit_gb",
+            time_volume::KEYS[0],
+            time_volume::KEYS[1],
+            time_volume::KEYS[2],
+            time_volume::KEYS[3],
+            time_volume::KEYS[4],
+            time_volume::KEYS[5],
+        ],
+    ),
     ("etkf", Which::EnsembleTransform, &ensemble_method::KEYS),
     ("letkf", Which::LocalEnsembleTransform, &ensemble_method::LOCAL_KEYS),
     ("enkf", Which::StochasticEnsemble, &ensemble_method::TAPERED_KEYS),
@@ -155,8 +186,13 @@ const KINDS: &[Kind<Which>] = &[
 /// The most methods of a scenario.
 const MOST_METHODS: usize = 100;
 
-/// Reads `[methods]`, in the order of the file.
-pub(super) fn read(root: &Section<'_>, grid: &Grid) -> Read<IndexMap<String, Method>> {
+/// Reads `[methods]`, in the order of the file; `cycles` are those of the run.
+pub(super) fn read(
+    root: &Section<'_>,
+    grid: &Grid,
+    model: &ModelSettings,
+    cycles: usize,
+) -> Read<IndexMap<String, Method>> {
     let mut methods: IndexMap<String, Method> = IndexMap::new();
     let field = root.required("methods")?;
     for (name, field) in field.any_section()?.fields() {
@@ -174,7 +210,7 @@ pub(super) fn read(root: &Section<'_>, grid: &Grid) -> Read<IndexMap<String, Met
             let message = format!("the methods `{other}` and `{name}` differ in case only");
             return Err(field.misplaced(message, "choose another name"));
         }
-        methods.insert(name.to_string(), method(&field, grid)?);
+        methods.insert(name.to_string(), method(&field, grid, model, cycles)?);
     }
     if methods.is_empty() {
         return Err(field.misplaced("[methods] is empty".into(), "add a table such as [methods.fkf]"));
@@ -182,7 +218,7 @@ pub(super) fn read(root: &Section<'_>, grid: &Grid) -> Read<IndexMap<String, Met
     Ok(methods)
 }
 
-fn method(field: &Field<'_>, grid: &Grid) -> Read<Method> {
+fn method(field: &Field<'_>, grid: &Grid, model: &ModelSettings, cycles: usize) -> Read<Method> {
     const TREATMENTS: &[(&str, BiasTreatment)] =
         &[("estimate", BiasTreatment::Estimate), ("ignore", BiasTreatment::Ignore), ("known", BiasTreatment::Known)];
     let (which, section) = field.section_of_kind(KINDS)?;
@@ -224,6 +260,11 @@ fn method(field: &Field<'_>, grid: &Grid) -> Read<Method> {
             let factor_grid = factor_grid(&section, grid, settings)?;
             Algorithm::FastKalman { settings, factor_grid, memory_limit_bytes: memory_limit_bytes()? }
         }
+        Which::TimeVolume => Algorithm::TimeVolume {
+            settings: fast_kalman(&section, grid)?,
+            options: time_volume::read(&section, grid, model, cycles)?,
+            memory_limit_bytes: memory_limit_bytes()?,
+        },
         Which::EnsembleTransform => Algorithm::EnsembleTransform {
             settings: ensemble_method::read(&section)?,
             memory_limit_bytes: memory_limit_bytes()?,

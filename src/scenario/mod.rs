@@ -20,6 +20,7 @@ mod network;
 mod quality;
 mod reader;
 pub(crate) mod text;
+mod time_volume;
 
 pub use accept::{AcceptError, accept, with_expected};
 pub use bias::{Bias, BiasEvolution, BiasOwner, InitialBias, RadiosondeBias, ScanTerm};
@@ -35,6 +36,7 @@ pub use model::{AdvectionScheme, Conserved, Dynamics, ModelSettings, ShallowWate
 pub use network::{
     Heading, Instrument, Network, ObservedVariable, RadiosondeSettings, SatelliteSettings, Schedule, StationLayout,
 };
+pub use time_volume::{Correction, CorrectionSettings, FactorSettings, FactorTarget, TimeVolumeOptions};
 
 use error::SourceFile;
 use indexmap::IndexMap;
@@ -150,7 +152,7 @@ impl Scenario {
         let cycle = cycle::read(&root, start, &steps)?;
         let networks = network::read(&root, &grid, &model)?;
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
-        let methods = method::read(&root, &grid.grid)?;
+        let methods = method::read(&root, &grid.grid, &model, cycle.count)?;
         let initialise = initialise::read(&root, &methods, cycle.count)?;
         let output = cycle::read_output(&root)?;
         let regression = root.yes_or_no_or("regression", true)?;

@@ -26,6 +26,8 @@ pub enum Dynamics {
         mean_depth_m: f64,
         /// Eastward flow at which the equations are linearised \[m/s\].
         mean_flow_m_per_s: f64,
+        /// Northward flow at which they are linearised \[m/s\].
+        mean_flow_y_m_per_s: f64,
     },
     /// Advection of a tracer by a given wind.
     Advection {
@@ -128,7 +130,11 @@ macro_rules! shallow_water_keys {
 
 const KINDS: &[super::reader::Kind<Kind>] = &[
     ("shallow_water", Kind::ShallowWater, shallow_water_keys!()),
-    ("linear_shallow_water", Kind::Linear, shallow_water_keys!("mean_depth_m", "mean_flow_m_per_s")),
+    (
+        "linear_shallow_water",
+        Kind::Linear,
+        shallow_water_keys!("mean_depth_m", "mean_flow_m_per_s", "mean_flow_y_m_per_s"),
+    ),
     ("advection", Kind::Advection, &["time_step_s", "wind", "scheme", "time_scheme"]),
     ("exact_shift", Kind::ExactShift, &["time_step_s", "columns_per_step", "rows_per_step"]),
 ];
@@ -170,6 +176,7 @@ pub(super) fn read(field: &Field<'_>, grid: &Grid) -> Read<ModelSettings> {
             settings: shallow_water(&section, grid)?,
             mean_depth_m: section.number("mean_depth_m", Limits::Positive)?,
             mean_flow_m_per_s: section.number_or("mean_flow_m_per_s", 0.0, Limits::Between(-300.0, 300.0))?,
+            mean_flow_y_m_per_s: northward(&section, "mean_flow_y_m_per_s", grid)?,
         },
         Kind::Advection => Dynamics::Advection {
             wind: wind(&section, grid)?,
@@ -255,16 +262,23 @@ fn time_scheme(section: &Section<'_>) -> Read<TimeScheme> {
 fn wind(section: &Section<'_>, grid: &Grid) -> Read<Wind> {
     const KINDS: &[super::reader::Kind<bool>] =
         &[("uniform", false, &["u_m_per_s", "v_m_per_s"]), ("vortex", true, &["speed_m_per_s"])];
-    const SPEED: Limits = Limits::Between(-300.0, 300.0);
     let (vortex, section) = section.required("wind")?.section_of_kind(KINDS)?;
     if vortex {
         return Ok(Wind::Vortex { speed_m_per_s: section.number("speed_m_per_s", SPEED)? });
     }
-    let northward = section.optional("v_m_per_s");
-    let v_m_per_s = northward.as_ref().map_or(Ok(0.0), |field| field.number(SPEED))?;
-    if let (Some(northward), Boundary::Channel, true) = (northward, grid.boundary, v_m_per_s != 0.0) {
-        let message = "a uniform wind cannot blow through the walls of a channel".to_string();
-        return Err(northward.invalid(message, "must be 0, or grid.boundary = \"periodic\""));
-    }
+    let v_m_per_s = northward(&section, "v_m_per_s", grid)?;
     Ok(Wind::Uniform { u_m_per_s: section.number("u_m_per_s", SPEED)?, v_m_per_s })
+}
+
+const SPEED: Limits = Limits::Between(-300.0, 300.0);
+
+/// A uniform northward wind, if any.
+fn northward(section: &Section<'_>, key: &str, grid: &Grid) -> Read<f64> {
+    let field = section.optional(key);
+    let speed = field.as_ref().map_or(Ok(0.0), |field| field.number(SPEED))?;
+    if let (Some(field), Boundary::Channel, true) = (field, grid.boundary, speed != 0.0) {
+        let message = "a uniform wind cannot blow through the walls of a channel".to_string();
+        return Err(field.invalid(message, "must be 0, or grid.boundary = \"periodic\""));
+    }
+    Ok(speed)
 }

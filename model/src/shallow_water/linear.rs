@@ -1,7 +1,8 @@
 //! Shallow water linearised about a steady zonal basic state.
 
 use super::{Coefficients, ShallowWater};
-use crate::error::{ModelError, require_finite, require_positive};
+use crate::error::{ModelError, require, require_finite, require_positive};
+use crate::grid::Boundary;
 use crate::scheme::{SpectralBounds, Tendency};
 use crate::state::{Layout, State};
 use std::sync::Arc;
@@ -33,12 +34,28 @@ impl LinearShallowWater {
         mean_depth_m: f64,
         mean_flow_m_per_s: f64,
     ) -> Result<Self, ModelError> {
+        Self::about_uniform_wind(nonlinear, mean_depth_m, mean_flow_m_per_s, 0.0)
+    }
+
+    /// Linearised about h = mean depth and a uniform wind, whose northward component is 0 in a channel.
+    ///
+    /// # Errors
+    /// If the mean depth is not positive, or the wind not finite or blowing through walls.
+    pub fn about_uniform_wind(
+        nonlinear: ShallowWater,
+        mean_depth_m: f64,
+        mean_flow_m_per_s: f64,
+        mean_flow_y_m_per_s: f64,
+    ) -> Result<Self, ModelError> {
         require_positive("mean_depth_m", mean_depth_m)?;
         require_finite("mean_flow_m_per_s", mean_flow_m_per_s)?;
+        require_finite("mean_flow_y_m_per_s", mean_flow_y_m_per_s)?;
+        let walls = nonlinear.layout.grid.boundary == Boundary::Channel;
+        require(!walls || mean_flow_y_m_per_s == 0.0, "mean_flow_y_m_per_s", mean_flow_y_m_per_s, "zero in a channel")?;
         let cells = nonlinear.layout.grid.cells();
         let mut values = vec![mean_depth_m; cells];
         values.resize(2 * cells, mean_flow_m_per_s);
-        values.resize(3 * cells, 0.0);
+        values.resize(3 * cells, mean_flow_y_m_per_s);
         let basic_state = State::from_values(&nonlinear.layout, values);
         Ok(Self::about(nonlinear, basic_state))
     }
