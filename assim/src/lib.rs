@@ -10,6 +10,7 @@
 //! | [`optimal_interpolation`] | the analysis with a static covariance, solved directly |
 //! | [`ensemble`] | ensemble Kalman filters: transform (ETKF), local (LETKF), stochastic (EnKF) |
 //! | [`high_pass`], [`initialised`] | Lange's High-pass Filter, and a method that starts from it |
+//! | [`wind_finding`] | a balloon's positions and its trackers' calibration: the block-angular regression by itself |
 //! | [`free`], [`climatology`] | no assimilation |
 //!
 //! All of them are given a [`Problem`], see models and observations only through traits and Jacobians, and are an
@@ -42,6 +43,7 @@ mod tall_matrix;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 pub mod variational;
+pub mod wind_finding;
 
 pub use assimilator::{Analysis, Assimilator, BiasTreatment, Estimate};
 pub use covariance::Covariance;
