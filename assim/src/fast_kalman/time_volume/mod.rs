@@ -26,6 +26,7 @@
 
 mod factor;
 mod report;
+mod restart;
 mod rows;
 mod saved;
 mod select;
@@ -374,6 +375,7 @@ impl Assimilator for TimeVolume {
         innovation_chi2 += self.explained(&before) - self.explained(&self.window.total());
         self.posterior = posterior;
         self.move_reference(&shift)?;
+        self.restart_if_far(&shift);
         let estimate = self.estimate()?;
         let analysis_departures = self.innovations(observed, &coefficients)?.departures;
         Ok(Analysis {

@@ -40,7 +40,7 @@ impl TimeVolume {
     }
 
     /// Forward selection: the candidate with the highest score joins while one is above the threshold; one that no longer
-    /// stands out of its own uncertainty by half of it leaves.
+    /// stands out of its own uncertainty leaves.
     pub(super) fn select(&mut self) {
         let (first, q) = (self.constant.len(), self.unknowns());
         if first == q {
@@ -61,7 +61,7 @@ impl TimeVolume {
         for k in first..q {
             let unit: Vec<f64> = (0..q).map(|j| f64::from(u8::from(j == k))).collect();
             let value = self.reference[k] + shift[k];
-            active[k] &= value.abs() > 0.5 * threshold * posterior.sigma(&unit);
+            active[k] &= value.abs() > posterior.sigma(&unit);
         }
         self.active = active;
     }

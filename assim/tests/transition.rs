@@ -1,0 +1,159 @@
+//! State-transition corrections: a tracer that the truth carries faster than the model does.
+
+mod common;
+
+use common::{WINDOW, settings};
+use isobar_assim::covariance::{Sum, Univariate, White, randomize};
+use isobar_assim::fast_kalman::time_volume::{Candidate, Corrections, TimeVolume, TimeVolumeSettings};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape};
+use isobar_assim::kalman::KalmanFilter;
+use isobar_assim::{Assimilator, BiasTreatment, Covariance, Error, Problem};
+use isobar_model::random::stream;
+use isobar_model::{
+    Adjoint, Advection, AdvectionScheme, Boundary, Duration, Grid, Layout, Model, State, Stepped, Time, TimeScheme,
+    Wind, advection, forecast,
+};
+use isobar_obs::{
+    BiasProcess, BiasScope, InstrumentConfig, ObservedVariable, ObservingSystem, RadiosondeConfig, StationBias,
+    StationSource,
+};
+use std::sync::Arc;
+
+const STEP: Duration = Duration::from_seconds(3600);
+
+fn model(u_m_per_s: f64, v_m_per_s: f64) -> Stepped<Advection> {
+    let grid = Grid { nx: 16, ny: 12, dx_m: 1e5, dy_m: 1e5, boundary: Boundary::Periodic };
+    let scheme = AdvectionScheme::FourthOrderCentred;
+    let tendency = Advection::new(grid, &Wind::Uniform { u_m_per_s, v_m_per_s }, scheme).unwrap();
+    Stepped::new(tendency, STEP, TimeScheme::Rk4).unwrap()
+}
+
+/// Errors of either component of the wind, (5, 0) m/s of which the model has.
+struct Winds([Candidate; 2]);
+
+impl Winds {
+    fn new() -> Self {
+        let candidate =
+            |name: &str| Candidate { name: name.into(), unit: "m s-1".into(), step: 0.05, sigma_prior: None };
+        Self([candidate("u"), candidate("v")])
+    }
+}
+
+impl Corrections for Winds {
+    fn candidates(&self) -> &[Candidate] {
+        &self.0
+    }
+
+    fn model(&self, corrections: &[f64]) -> Result<Arc<dyn Adjoint>, Error> {
+        Ok(Arc::new(model(5.0 + corrections[0], corrections[1])))
+    }
+}
+
+struct World {
+    problem: Problem,
+    observing: ObservingSystem,
+    truth: State,
+    model_error: Arc<dyn Covariance>,
+    random: rand_chacha::ChaCha8Rng,
+}
+
+fn world(seed: u64) -> World {
+    let own = model(5.0, 0.0);
+    let layout: Arc<Layout> = own.layout().clone();
+    assert_eq!(*layout, *advection::layout(layout.grid.clone()));
+    let mut network =
+        RadiosondeConfig::new("net", StationSource::Random { count: 40, groups: vec!["A".into(), "B".into()] });
+    network.variables = vec![ObservedVariable::new("tracer", 0.3)];
+    network.reference_groups = vec!["A".into()];
+    network.biases = vec![StationBias {
+        variable: "tracer".into(),
+        scope: BiasScope::EachGroup,
+        process: BiasProcess::constant(1.0),
+    }];
+    let configs = [InstrumentConfig::Radiosonde(network)];
+    let observing = ObservingSystem::new(&layout, None, &configs, seed, WINDOW, Time::from_seconds(0)).unwrap();
+    let sum = |terms: Vec<Box<dyn Covariance>>| -> Arc<dyn Covariance> { Arc::new(Sum::new(layout.len(), terms)) };
+    let background_error = sum(vec![Box::new(Univariate::new(&layout, 0, 2.0, 3e5))]);
+    let model_error =
+        sum(vec![Box::new(Univariate::new(&layout, 0, 0.1, 3e5)), Box::new(White::new(&layout, 0, 0.02))]);
+    let mut random = stream(seed, "truth");
+    let truth = State::from_values(&layout, randomize(&*background_error, &mut random));
+    let problem = Problem {
+        model: Arc::new(own),
+        background: State::zeros(&layout),
+        background_error,
+        model_error: Some(model_error.clone()),
+        calibration: observing.calibration().clone(),
+        bias: BiasTreatment::Estimate,
+        memory_limit_bytes: 1 << 30,
+    };
+    World { problem, observing, truth, model_error, random }
+}
+
+fn volume(problem: &Problem) -> TimeVolume {
+    let settings = TimeVolumeSettings {
+        filter: settings(BlockShape::Domain, BiasCoupling::Carry),
+        cycles: 40,
+        keep_before: false,
+        factors: Vec::new(),
+        start: Time::from_seconds(0),
+        selection_threshold: 4.0,
+    };
+    TimeVolume::new(problem.clone(), settings, Some(Arc::new(Winds::new()))).unwrap()
+}
+
+/// Squared errors of the time volume with the wrong model and of the Kalman filter with the right one, and the parameters.
+fn run(seed: u64, true_wind: (f64, f64)) -> (f64, f64, Vec<isobar_assim::EstimatedParameter>) {
+    let World { problem, mut observing, mut truth, model_error, mut random } = world(seed);
+    let right = model(true_wind.0, true_wind.1);
+    let mut corrected = volume(&problem);
+    let mut reference = KalmanFilter::new(Problem { model: Arc::new(right.clone()), ..problem.clone() }).unwrap();
+    let mut squares = [0.0; 2];
+    for cycle in 1..=40 {
+        forecast::forecast(&right, &mut truth, 6).unwrap();
+        let error = randomize(&*model_error, &mut random);
+        truth.values_mut().iter_mut().zip(error).for_each(|(value, error)| *value += error);
+        let observed = observing.observe(&truth);
+        let methods: [&mut dyn Assimilator; 2] = [&mut corrected, &mut reference];
+        for (square, method) in squares.iter_mut().zip(methods) {
+            method.forecast(WINDOW).unwrap();
+            let state = method.analyse(&observed).unwrap().estimate.state;
+            if cycle > 12 {
+                *square += (&state - &truth).values().iter().map(|error| error * error).sum::<f64>();
+            }
+        }
+        if cycle == 20 {
+            // A checkpoint changes nothing, corrected model included.
+            let saved = corrected.save().unwrap();
+            corrected = volume(&problem);
+            corrected.restore(&saved).unwrap();
+        }
+    }
+    (squares[0], squares[1], corrected.parameters())
+}
+
+#[test]
+fn a_wrong_wind_is_found_and_the_analysis_is_that_of_the_right_model() {
+    let (mut squares, mut scores) = ([0.0; 2], Vec::new());
+    for seed in 0..12 {
+        let (corrected, right, found) = run(seed, (6.5, -1.0));
+        squares[0] += corrected;
+        squares[1] += right;
+        for (parameter, truth) in found.iter().zip([1.5, -1.0]) {
+            assert_eq!(parameter.verdict, "determined", "seed {seed}: {parameter:?}");
+            scores.push((parameter.value - truth) / parameter.sigma.unwrap());
+        }
+    }
+    let ratio = (squares[0] / squares[1]).sqrt();
+    assert!(ratio < 1.05, "RMSE is {ratio} times that of the right model");
+    assert!(scores.iter().all(|z| z.abs() < 3.5), "{scores:?}");
+    let square = scores.iter().map(|z| z * z).sum::<f64>() / scores.len() as f64;
+    assert!(square < 2.0, "{square}: {scores:?}");
+}
+
+#[test]
+fn of_a_right_model_nothing_is_corrected() {
+    let chosen = |seed| run(seed, (5.0, 0.0)).2.iter().filter(|it| it.verdict == "determined").count();
+    let chosen: usize = (0..8).map(chosen).sum();
+    assert!(chosen <= 1, "{chosen} of 16 candidates");
+}
