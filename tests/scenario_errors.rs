@@ -138,6 +138,64 @@ const CASES: &[Case] = &[
         "0.571",
         &["a whole number from 1 to 1000"],
     ),
+    (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"time_volume\"\nwindow_cycles = 11",
+        "11",
+        &["a window of 11 cycles is longer than the run of 10", "from 1 to 10"],
+    ),
+    (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"time_volume\"\nwindow_cycles = 5",
+        "[methods.fkf]",
+        &["has nothing to estimate over its window", "give `observation_factors`"],
+    ),
+    (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"time_volume\"\nwindow_cycles = 5\nobservation_factors = [{ name = \"f\", kind = \"constant\", \
+         biases = [\"sonde\"] }]",
+        "[methods.fkf]",
+        &["there is no bias `sonde` for a factor to act on", "sondes/h/B, polar/offset"],
+    ),
+    (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"time_volume\"\nwindow_cycles = 5\nmodel_factors = [{ name = \"f\", kind = \"constant\", variable = \"h\", \
+         patterns_file = \"no.csv\" }]",
+        "\"no.csv\"",
+        &["no.csv does not exist", "relative to this scenario"],
+    ),
+    (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"time_volume\"\nwindow_cycles = 5\nmodel_factors = [{ name = \"f\", kind = \"constant\", variable = \"h\", \
+         patterns_file = \"broken.toml\" }]",
+        "\"broken.toml\"",
+        &["line 3 does not consist of finite numbers"],
+    ),
+    (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"time_volume\"\nwindow_cycles = 5\nmodel_factors = [{ name = \"f\", kind = \"constant\", variable = \"h\", \
+         drift_per_sqrt_day = 1 }]",
+        "drift_per_sqrt_day",
+        &["need a prior", "give `sigma`"],
+    ),
+    (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"time_volume\"\nwindow_cycles = 5\ntransition_corrections = [{ candidate = \"mean_depth_m\" }]",
+        "\"mean_depth_m\"",
+        &["no parameter of this model", "possible here: gravity_m_per_s2, drag_per_s, coriolis_per_s"],
+    ),
+    (
+        "[methods.free]",
+        "[initialise]\nmethod = \"high-pass\"\ncycles = 11\nbox_km = 300\n\n[methods.free]",
+        "11",
+        &["an initialisation from 11 cycles is longer than the run of 10"],
+    ),
+    (
+        "[methods.free]",
+        "[initialise]\nmethod = \"high-pass\"\ncycles = 4\nbox_km = 300\nmethods = [\"free\"]\n\n[methods.free]",
+        "\"free\"",
+        &["the method `free` cannot be initialised", "fkf"],
+    ),
     ("term = \"offset\"", "term = \"scan_cubic\"", "\"scan_cubic\"", &["offset, scan_linear, scan_quadratic"]),
     ("swath_width_km = 300", "swath_width_km = 3000", "3000", &["not narrower than the domain (800 km)"]),
     ("footprint_sigma_km = 50", "footprint_sigma_km = 10", "10\n", &["0 for a point, or 50 km (half of a cell)"]),

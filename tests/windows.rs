@@ -1,0 +1,83 @@
+//! What the shipped scenarios of time volumes and of the first calibration promise.
+
+mod runs;
+
+use isobar::run::run;
+use isobar::scenario::Scenario;
+use isobar::sink::Sink;
+use isobar::summary::Summary;
+use runs::run_options;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Runs a shipped scenario, with its text changed; its scores, and its parameters by method and name as of the last cycle
+/// that has them: estimate, sigma, verdict.
+fn results(
+    name: &str,
+    change: impl Fn(String) -> String,
+    methods: &[&str],
+) -> (Summary, BTreeMap<(String, String), (f64, Option<f64>, String)>) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenarios/{name}.toml"));
+    let text = change(std::fs::read_to_string(&path).unwrap());
+    let scenario = Scenario::parse(&path, &text).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let mut options = run_options(folder.path(), scenario.cycle.count);
+    options.methods = Some(methods.iter().map(ToString::to_string).collect());
+    let mut listener: Vec<Box<dyn Sink>> = Vec::new();
+    let summary = run(&scenario, &options, &mut listener).unwrap();
+    let mut parameters = BTreeMap::new();
+    if let Ok(mut reader) = csv::Reader::from_path(options.out.join("parameters.csv")) {
+        for row in reader.records().map(Result::unwrap) {
+            let value = (row[5].parse().unwrap(), row[6].parse().ok(), row[7].to_string());
+            parameters.insert((row[2].to_string(), row[3].to_string()), value);
+        }
+    }
+    (summary, parameters)
+}
+
+/// The truth is 12 m cos(2π (t − 15 h)/24 h).
+#[test]
+fn the_diurnal_bias_is_recovered() {
+    let (summary, parameters) = results("diurnal_bias", |text| text, &["fkf", "window"]);
+    for (name, phase) in [("diurnal/cosine", f64::cos as fn(f64) -> f64), ("diurnal/sine", f64::sin)] {
+        let (value, sigma, verdict) = &parameters[&("window".to_string(), name.to_string())];
+        let truth = 12.0 * phase(std::f64::consts::TAU * 15.0 / 24.0);
+        assert_eq!(verdict, "determined");
+        assert!((value - truth).abs() < 3.0 * sigma.unwrap(), "{name}: {value} ± {sigma:?}, and not {truth}");
+    }
+    let biases = |name: &str| summary.methods[name].bias_rmse.unwrap();
+    assert!(biases("window") < 0.2 * biases("fkf"));
+}
+
+#[test]
+fn a_wrong_model_is_corrected_as_far_as_that_the_right_one_is_no_better() {
+    let (wrong, parameters) = results("wrong_model", |text| text, &["corrected"]);
+    for (name, truth) in [("advection_x_m_per_s", 4.0), ("mean_depth_m", 150.0)] {
+        let (value, sigma, verdict) = &parameters[&("corrected".to_string(), format!("transition/{name}"))];
+        assert_eq!(verdict, "determined", "{name}");
+        assert!((value - truth).abs() < 3.0 * sigma.unwrap(), "{name}: {value} ± {sigma:?}, and not {truth}");
+    }
+    let right = |text: String| {
+        let text = text.replace("\nmean_depth_m = 1000\n", "\nmean_depth_m = 1150\n");
+        text.replace("\nmean_flow_m_per_s = 20\n", "\nmean_flow_m_per_s = 24\n")
+    };
+    let (right, _) = results("wrong_model", right, &["fkf"]);
+    for variable in ["h", "u", "v"] {
+        let rmse = |summary: &Summary, method: &str| summary.methods[method].rmse_analysis[variable];
+        let ratio = rmse(&wrong, "corrected") / rmse(&right, "fkf");
+        assert!(ratio < 1.05, "{variable}: {ratio} times the error with the right model");
+    }
+}
+
+#[test]
+fn the_first_calibration_is_found_without_a_prior_and_what_is_not_is_named() {
+    let (summary, parameters) = results("first_calibration", |text| text, &["fkf", "fkf_high_pass"]);
+    let biases = |name: &str| summary.methods[name].bias_rmse.unwrap();
+    assert!(biases("fkf_high_pass") < 0.5 * biases("fkf"), "{} {}", biases("fkf_high_pass"), biases("fkf"));
+    assert_eq!(parameters.len(), 3);
+    assert!(parameters.values().all(|it| it.2 == "determined"), "{parameters:?}");
+    let without = |text: String| text.replace("reference_groups = [\"A\"]\n", "");
+    let (_, parameters) = results("first_calibration", without, &["fkf_high_pass"]);
+    let verdict = &parameters[&("fkf_high_pass".to_string(), "high-pass/sondes/h/B".to_string())].2;
+    assert!(verdict.starts_with("not determined: sondes/h/A + sondes/h/B"), "{verdict}");
+}
