@@ -17,6 +17,7 @@
 //! | [`checkpoint`], [`interrupt`] | how a run ends before its time, and goes on |
 //! | [`event`], [`sink`] | what happens, and the files that it is written to |
 //! | [`plot`] | curves and maps, as these files hold them |
+//! | [`diagnostics`] | what it tells beyond errors: claimed distributions, assumed covariances, worth of observations |
 //! | [`statistics`] | how well a score is known |
 //! | [`seeds`] | the same experiment over several seeds |
 //! | [`saved`], [`comparison`] | complete runs, read back and compared |
@@ -27,6 +28,7 @@ pub mod cli;
 pub mod comparison;
 pub mod correlations;
 pub mod cycle;
+pub mod diagnostics;
 pub mod event;
 pub mod experiment;
 pub mod interrupt;

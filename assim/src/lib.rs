@@ -10,6 +10,7 @@
 //! | [`optimal_interpolation`] | the analysis with a static covariance, solved directly |
 //! | [`ensemble`] | ensemble Kalman filters: transform (ETKF), local (LETKF), stochastic (EnKF) |
 //! | [`free`], [`climatology`] | no assimilation |
+//! | [`response`] | the gain of any of them, found by asking |
 //!
 //! All of them are given a [`Problem`], see models and observations only through traits and Jacobians, and are an
 //! [`Assimilator`]. [`covariance`] holds B and Q as operators; `testing` (feature `testing`) the contract they must keep.
@@ -30,6 +31,7 @@ mod linalg;
 pub mod optimal_interpolation;
 pub mod problem;
 mod propagator;
+pub mod response;
 mod saved;
 pub mod serial_kalman;
 mod spread;

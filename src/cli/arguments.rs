@@ -19,6 +19,7 @@ const EXAMPLES: &str = "Examples:
   isobar init mine.toml && isobar check mine.toml
   isobar resume out/quickstart                   go on with a run that was interrupted
   isobar view out/quickstart                     look at a run in the rerun viewer
+  isobar diagnose out/quickstart                 are claims, covariances and biases what they should be?
   isobar compare out/quickstart other/quickstart which one is better, and is that chance?
   isobar regress                                 have the scores of any scenario moved?";
 
@@ -48,6 +49,12 @@ pub enum Command {
         /// The run's directory
         #[arg(value_name = "OUT")]
         run: PathBuf,
+    },
+    /// Print what runs tell beyond errors: claimed distributions, departures, worth of observations, biases
+    Diagnose {
+        /// Directories of runs
+        #[arg(required = true, value_name = "OUT")]
+        runs: Vec<PathBuf>,
     },
     /// Make one page of the scores of several runs, with their differences and whether these are significant
     Compare(CompareArguments),

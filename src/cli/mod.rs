@@ -3,6 +3,7 @@
 mod arguments;
 mod check;
 mod compare;
+mod diagnose;
 mod init;
 mod list;
 mod lookup;
@@ -97,6 +98,7 @@ pub fn main(runner: &Runner) -> ExitCode {
         Command::Regress(arguments) => regress::regress(&arguments, runner),
         Command::View { run } => view::view(&run),
         Command::Compare(arguments) => compare::compare(&arguments),
+        Command::Diagnose { runs } => diagnose::diagnose(&runs),
     };
     match outcome {
         Ok(code) => code,

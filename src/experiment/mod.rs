@@ -73,6 +73,8 @@ pub struct Experiment {
     pub info: RunInfo,
     /// The first cycle that counts for the scores.
     pub score_from_cycle: usize,
+    /// In every so-many-th of these cycles it is found out what each type of observations did; `None`: never.
+    pub influence_every_cycles: Option<usize>,
     /// The true world.
     pub truth: Truth,
     /// What the values of observations are compared with, if they are checked.
@@ -150,6 +152,7 @@ impl Experiment {
         Ok(Self {
             info,
             score_from_cycle: scenario.cycle.score_from_cycle,
+            influence_every_cycles: scenario.influence_every_cycles,
             truth,
             reference: scenario
                 .quality_control

@@ -85,6 +85,8 @@ pub struct Scenario {
     pub networks: IndexMap<String, Network>,
     /// The methods, in the order of the file.
     pub methods: IndexMap<String, Method>,
+    /// In every so-many-th cycle it is found out what each type of observations did; `None`: never.
+    pub influence_every_cycles: Option<usize>,
     /// What is written.
     pub output: OutputSettings,
     /// Whether it is run for regression with all others; a scenario that is too dear says no.
@@ -147,6 +149,7 @@ impl Scenario {
         let networks = network::read(&root, &grid, &model)?;
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
         let methods = method::read(&root, &grid.grid)?;
+        let influence_every_cycles = cycle::read_diagnostics(&root)?;
         let output = cycle::read_output(&root)?;
         let regression = root.yes_or_no_or("regression", true)?;
         let expected = expected::read(&root, &methods, &model)?;
@@ -169,6 +172,7 @@ impl Scenario {
             quality_control,
             networks,
             methods,
+            influence_every_cycles,
             output,
             regression,
             expected,
@@ -192,6 +196,7 @@ const KEYS: &[&str] = &[
     "quality_control",
     "networks",
     "methods",
+    "diagnostics",
     "output",
     "regression",
     "expected",
