@@ -156,13 +156,18 @@ impl Runner {
     ) -> Result<Influence, Fault> {
         let Outcome { background, analysis, .. } = outcome;
         let method = &mut *self.method;
-        guarded(|| {
-            let after = method.save()?;
-            method.restore(memory)?;
-            let influence = Influence::ask(method, background, observed, &analysis.background_departures)?;
-            method.restore(&after)?;
-            Ok(influence)
-        })
+        let (influence, (_, left)) = measured(|| {
+            guarded(|| {
+                let after = method.save()?;
+                method.restore(memory)?;
+                let influence = Influence::ask(method, background, observed, &analysis.background_departures)?;
+                method.restore(&after)?;
+                Ok(influence)
+            })
+        });
+        // The peak is no part of the method's, but what it allocates anew it holds.
+        self.held_bytes += left;
+        influence
     }
 
     /// A part of the method's work, which its cost is taken of.

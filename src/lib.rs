@@ -19,6 +19,7 @@
 //! | [`plot`] | curves and maps, as these files hold them |
 //! | [`diagnostics`] | what it tells beyond errors: claimed distributions, assumed covariances, worth of observations |
 //! | [`statistics`] | how well a score is known |
+//! | [`mod@exact`] | the exact performance of linear methods in a linear world |
 //! | [`seeds`] | the same experiment over several seeds |
 //! | [`saved`], [`comparison`] | complete runs, read back and compared |
 //! | [`cli`], [`progress`], [`table`] | the command line |
@@ -30,6 +31,7 @@ pub mod correlations;
 pub mod cycle;
 pub mod diagnostics;
 pub mod event;
+pub mod exact;
 pub mod experiment;
 pub mod interrupt;
 pub mod monitor;

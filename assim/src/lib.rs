@@ -10,11 +10,12 @@
 //! | [`optimal_interpolation`] | the analysis with a static covariance, solved directly |
 //! | [`ensemble`] | ensemble Kalman filters: transform (ETKF), local (LETKF), stochastic (EnKF) |
 //! | [`free`], [`climatology`] | no assimilation |
-//! | [`response`] | the gain of any of them, found by asking |
+//! | [`response`], [`actual_errors`] | the gain of any of them, found by asking, and what it is worth |
 //!
 //! All of them are given a [`Problem`], see models and observations only through traits and Jacobians, and are an
 //! [`Assimilator`]. [`covariance`] holds B and Q as operators; `testing` (feature `testing`) the contract they must keep.
 
+pub mod actual_errors;
 pub mod assimilator;
 mod augmented;
 pub mod block_angular;

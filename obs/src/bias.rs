@@ -87,6 +87,39 @@ impl BiasProcess {
         })
     }
 
+    /// The mean of the true value over all that it might be, so long after the start.
+    pub fn mean(&self, elapsed: Duration) -> f64 {
+        let initial = match self.initial {
+            InitialBias::Drawn { .. } => 0.0,
+            InitialBias::Given { value } => value,
+        };
+        initial + self.jumped(elapsed)
+    }
+
+    /// The variance of the true value at the start.
+    pub fn initial_variance(&self) -> f64 {
+        match self.initial {
+            InitialBias::Drawn { sigma } => sigma * sigma,
+            InitialBias::Given { .. } => 0.0,
+        }
+    }
+
+    /// The variance that the true value gains in a day.
+    pub fn variance_per_day(&self) -> f64 {
+        match self.evolution {
+            Evolution::RandomWalk { sigma_per_sqrt_day } => sigma_per_sqrt_day.powi(2),
+            Evolution::Constant | Evolution::Jump { .. } => 0.0,
+        }
+    }
+
+    /// By how much it has jumped.
+    fn jumped(&self, elapsed: Duration) -> f64 {
+        match self.evolution {
+            Evolution::Jump { at_hours, size } if elapsed.as_f64() >= at_hours * 3600.0 => size,
+            _ => 0.0,
+        }
+    }
+
     fn validate(&self, instrument: &str) -> Result<(), ObservationError> {
         match self.initial {
             InitialBias::Drawn { sigma } => {
@@ -146,10 +179,7 @@ impl TrueBias {
     }
 
     fn at(&self, elapsed: Duration) -> f64 {
-        match self.process.evolution {
-            Evolution::Jump { at_hours, size } if elapsed.as_f64() >= at_hours * 3600.0 => self.value + size,
-            _ => self.value,
-        }
+        self.value + self.process.jumped(elapsed)
     }
 }
 
@@ -248,6 +278,11 @@ impl Biases {
     /// The parameters that methods must estimate.
     pub fn calibration(&self) -> &Calibration {
         &self.calibration
+    }
+
+    /// How their true values come to be.
+    pub fn processes(&self) -> impl Iterator<Item = &BiasProcess> {
+        self.truths.iter().map(|truth| &truth.process)
     }
 
     /// Their true values now.

@@ -19,6 +19,7 @@ const EXAMPLES: &str = "Examples:
   isobar init mine.toml && isobar check mine.toml
   isobar resume out/quickstart                   go on with a run that was interrupted
   isobar view out/quickstart                     look at a run in the rerun viewer
+  isobar exact fkf_linear                        the errors of infinitely many seeds, where all is linear
   isobar diagnose out/quickstart                 are claims, covariances and biases what they should be?
   isobar compare out/quickstart other/quickstart which one is better, and is that chance?
   isobar regress                                 have the scores of any scenario moved?";
@@ -50,6 +51,8 @@ pub enum Command {
         #[arg(value_name = "OUT")]
         run: PathBuf,
     },
+    /// Compute the exact errors of linear methods in a linear scenario, without a single random number
+    Exact(ExactArguments),
     /// Print what runs tell beyond errors: claimed distributions, departures, worth of observations, biases
     Diagnose {
         /// Directories of runs
@@ -145,6 +148,22 @@ pub struct ResumeArguments {
     /// Show the run in a running rerun viewer while it computes
     #[arg(long)]
     pub live: bool,
+}
+
+#[derive(Args, Debug)]
+pub struct ExactArguments {
+    /// Scenario file, or name of a scenario in ./scenarios
+    #[arg(value_name = "SCENARIO")]
+    pub scenario: String,
+    /// Only these methods of the scenario
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
+    pub methods: Option<Vec<String>>,
+    /// This number of cycles instead of the scenario's
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub cycles: Option<u64>,
+    /// Number of threads [default: one for each core]; results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
+    pub threads: Option<u64>,
 }
 
 #[derive(Args, Debug)]

@@ -10,6 +10,9 @@ use miette::{Report, miette};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+/// The most rows of a table that are printed; the report has them all.
+const MOST_ROWS: usize = 60;
+
 /// Prints the diagnostics of runs.
 pub fn diagnose(runs: &[PathBuf]) -> Result<ExitCode, Report> {
     let runs = runs.iter().map(|run| SavedRun::open(run)).collect::<Result<Vec<_>, _>>()?;
@@ -21,19 +24,22 @@ pub fn diagnose(runs: &[PathBuf]) -> Result<ExitCode, Report> {
         }
         let (first, last) = (run.summary.scored_from_cycle, run.summary.cycles);
         print(&format!("{shown}, cycles {first} to {last}; intervals hold with 95 %\n"))?;
-        for titled in &tables {
+        for titled in tables.iter().filter(|titled| titled.table.rows.len() <= MOST_ROWS) {
             print(&text(titled))?;
         }
     }
     Ok(ExitCode::SUCCESS)
 }
 
-/// The table below its heading; explanations are on the page.
+/// The most columns with notes that a terminal holds.
+const MOST_WITH_NOTES: usize = 7;
+
+/// The table below its heading; explanations are on the page, and what does not fit here.
 fn text(titled: &Titled) -> String {
     let header: Vec<&str> = titled.table.header.iter().map(String::as_str).collect();
     let cell = |cell: &Cell| match cell.note.as_str() {
-        "" => cell.text.clone(),
-        note => format!("{} ({note})", cell.text),
+        note if !note.is_empty() && header.len() <= MOST_WITH_NOTES => format!("{} ({note})", cell.text),
+        _ => cell.text.clone(),
     };
     let rows = titled.table.rows.iter().map(|row| row.iter().map(cell).collect());
     format!("{}\n{}\n", titled.title, table::plain(&header, rows.collect()))

@@ -4,6 +4,7 @@ mod arguments;
 mod check;
 mod compare;
 mod diagnose;
+mod exact;
 mod init;
 mod list;
 mod lookup;
@@ -98,6 +99,7 @@ pub fn main(runner: &Runner) -> ExitCode {
         Command::Regress(arguments) => regress::regress(&arguments, runner),
         Command::View { run } => view::view(&run),
         Command::Compare(arguments) => compare::compare(&arguments),
+        Command::Exact(arguments) => exact::run(&arguments),
         Command::Diagnose { runs } => diagnose::diagnose(&runs),
     };
     match outcome {

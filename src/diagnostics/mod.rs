@@ -127,7 +127,7 @@ impl DiagnosticSums {
         let reduction = |increment: &[f64]| -> Vec<f64> {
             let of_variable = |(sums, own): (&[f64], &[f64])| sums.iter().zip(own).map(|(sum, own)| sum * own).sum();
             let pairs = sums.chunks_exact(cells).zip(increment.chunks_exact(cells));
-            pairs.map(of_variable).map(|sum: f64| -sum / cells as f64).collect()
+            pairs.map(of_variable).map(|sum: f64| (0.0 - sum) / cells as f64).collect()
         };
         for own in &influence.types {
             let kind = (own.network.to_string(), own.variable);

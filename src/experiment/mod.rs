@@ -13,7 +13,7 @@ use crate::reference::Reference;
 use crate::scenario::{Scenario, ScenarioError};
 use crate::summary::Failure;
 use crate::truth::Truth;
-use isobar_assim::{BiasTreatment, Problem, covariance};
+use isobar_assim::{Assimilator, BiasTreatment, Problem, covariance};
 use isobar_model::random::stream;
 use isobar_model::{ModelError, check_time_step};
 use isobar_obs::{ObservationError, ObservingSystem};
@@ -96,10 +96,13 @@ pub struct Competitor {
 }
 
 /// Everything of an experiment but its methods, which cost memory and time to set up.
-struct Ground {
-    problem: Problem,
-    truth: Truth,
-    observing: ObservingSystem,
+pub struct Ground {
+    /// What the methods are given.
+    pub problem: Problem,
+    /// The true world.
+    pub truth: Truth,
+    /// What observes it.
+    pub observing: ObservingSystem,
 }
 
 /// Whether a scenario's model, initial state, covariances and observing systems fit together.
@@ -121,8 +124,7 @@ impl Experiment {
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
         let (mut methods, mut infos) = (Vec::new(), Vec::new());
         for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
-            let runner = Runner::new(|| methods::build(&problem, method, scenario))
-                .map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
+            let runner = Runner::new(|| self::method(&problem, name, scenario))?;
             let scores_bias = methods::sees_observations(method) && method.bias != BiasTreatment::Known;
             methods.push(Competitor { runner, failure: None, scores_bias });
             infos.push(MethodInfo { name: name.clone(), description: methods::describe(method) });
@@ -169,7 +171,20 @@ fn problem_steps(scenario: &Scenario, problem: &Problem) -> usize {
     scenario.cycle.window.steps_of(step).expect("the scenario's window fits its steps")
 }
 
-fn ground(scenario: &Scenario, seed: u64) -> Result<Ground, ExperimentError> {
+/// Sets up one of the scenario's methods.
+///
+/// # Errors
+/// Those of the method.
+pub fn method(problem: &Problem, name: &str, scenario: &Scenario) -> Result<Box<dyn Assimilator>, ExperimentError> {
+    methods::build(problem, &scenario.methods[name], scenario)
+        .map_err(|error| ExperimentError::Method { name: name.to_string(), error })
+}
+
+/// Sets up all of a scenario but its methods.
+///
+/// # Errors
+/// As [`Experiment::new`].
+pub fn ground(scenario: &Scenario, seed: u64) -> Result<Ground, ExperimentError> {
     let grid = &scenario.grid.grid;
     let model = forecast_model::build(&scenario.model, grid)?;
     let background = initial_state::build(&scenario.initial, &scenario.model, grid, seed)?;
