@@ -20,7 +20,7 @@
 //! | [`diagnostics`] | what it tells beyond errors: claimed distributions, assumed covariances, worth of observations |
 //! | [`statistics`] | how well a score is known |
 //! | [`mod@exact`] | the exact performance of linear methods in a linear world |
-//! | [`seeds`] | the same experiment over several seeds |
+//! | [`seeds`], [`sweep`] | the same experiment over several seeds, and over several settings |
 //! | [`saved`], [`comparison`] | complete runs, read back and compared |
 //! | [`cli`], [`progress`], [`table`] | the command line |
 
@@ -45,6 +45,7 @@ pub mod seeds;
 pub mod sink;
 pub mod statistics;
 pub mod summary;
+pub mod sweep;
 pub mod table;
 pub mod truth;
 pub mod verify;

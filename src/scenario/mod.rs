@@ -18,6 +18,7 @@ mod model;
 mod network;
 mod quality;
 mod reader;
+mod sweep;
 pub(crate) mod text;
 
 pub use accept::{AcceptError, accept, with_expected};
@@ -33,6 +34,7 @@ pub use model::{AdvectionScheme, Conserved, Dynamics, ModelSettings, ShallowWate
 pub use network::{
     Heading, Instrument, Network, ObservedVariable, RadiosondeSettings, SatelliteSettings, Schedule, StationLayout,
 };
+pub use sweep::SweepSettings;
 
 use error::SourceFile;
 use indexmap::IndexMap;
@@ -87,6 +89,8 @@ pub struct Scenario {
     pub methods: IndexMap<String, Method>,
     /// In every so-many-th cycle it is found out what each type of observations did; `None`: never.
     pub influence_every_cycles: Option<usize>,
+    /// Which keys vary in a sweep, if any do.
+    pub sweep: Option<SweepSettings>,
     /// What is written.
     pub output: OutputSettings,
     /// Whether it is run for regression with all others; a scenario that is too dear says no.
@@ -150,6 +154,7 @@ impl Scenario {
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
         let methods = method::read(&root, &grid.grid)?;
         let influence_every_cycles = cycle::read_diagnostics(&root)?;
+        let sweep = sweep::read(&root, &model)?;
         let output = cycle::read_output(&root)?;
         let regression = root.yes_or_no_or("regression", true)?;
         let expected = expected::read(&root, &methods, &model)?;
@@ -173,6 +178,7 @@ impl Scenario {
             networks,
             methods,
             influence_every_cycles,
+            sweep,
             output,
             regression,
             expected,
@@ -197,6 +203,7 @@ const KEYS: &[&str] = &[
     "networks",
     "methods",
     "diagnostics",
+    "sweep",
     "output",
     "regression",
     "expected",

@@ -168,7 +168,7 @@ impl Figures<'_> {
                 Some(Curve::new(name, of_method_on_paper(method), points))
             };
             let curves: Vec<Curve> = summary.methods.iter().enumerate().filter_map(curve).collect();
-            let mut plot = plot(
+            let mut plot = CurvePlot::new(
                 format!("place of the true {} in the claim", variable.name),
                 "Φ((truth − analysis) / spread) [1]".into(),
                 "density [1]".into(),
