@@ -28,6 +28,9 @@ pub struct ExactOptions {
     pub cycles: Option<usize>,
 }
 
+/// A method that is left out, and why.
+pub type LeftOut = (String, &'static str);
+
 /// The exact performance of a scenario's methods.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExactSummary {
@@ -38,7 +41,7 @@ pub struct ExactSummary {
     /// The methods.
     pub methods: IndexMap<String, ExactScores>,
     /// Methods without fixed gains, and why they have none.
-    pub left_out: Vec<(String, &'static str)>,
+    pub left_out: Vec<LeftOut>,
 }
 
 /// Roots of the expected mean squares over grid points and cycles.
@@ -176,10 +179,7 @@ fn add(sums: &mut [f64], values: impl Iterator<Item = f64>) {
 }
 
 /// The methods that are asked for, and those that are left out because nobody has asked for them by name.
-fn chosen(
-    scenario: &Scenario,
-    options: &ExactOptions,
-) -> Result<(Vec<String>, Vec<(String, &'static str)>), ScenarioError> {
+fn chosen(scenario: &Scenario, options: &ExactOptions) -> Result<(Vec<String>, Vec<LeftOut>), ScenarioError> {
     let (mut names, mut left_out) = (Vec::new(), Vec::new());
     for (name, method) in &scenario.methods {
         let is_named = options.methods.as_ref().map(|chosen| chosen.contains(name));

@@ -1,9 +1,8 @@
 //! Diagnostics as tables, for the report and for the terminal.
 
 use super::{BiasDiagnostics, Diagnostics, ObservationDiagnostics, StateDiagnostics};
-use crate::plot::number;
-use crate::sink::report::tables::{Cell, Table};
-use crate::summary::{MethodScores, Summary};
+use crate::sink::report::tables::{Cell, MOST_PARAMETERS, Table, figure};
+use crate::summary::{MethodScores, Summary, TypeCounts};
 
 /// A table with its heading and what there is to know before reading it.
 pub struct Titled {
@@ -184,8 +183,8 @@ fn biases(summary: &Summary) -> Table {
     let cell = |own: &BiasDiagnostics| {
         let claimed = own.spread.zip(own.normalised_rmse);
         let claimed =
-            claimed.map_or_else(String::new, |(spread, it)| format!("; σ {}, {}", number(spread), number(it)));
-        Cell { note: format!("mean {}{claimed}", number(own.mean_error)), ..Cell::figure(Some(own.rmse)) }
+            claimed.map_or_else(String::new, |(spread, it)| format!("; σ {}, {}", figure(spread), figure(it)));
+        Cell { note: format!("mean {}{claimed}", figure(own.mean_error)), ..Cell::figure(Some(own.rmse)) }
     };
     let row = |parameter: &String| -> Vec<Cell> {
         let of = |own: &Diagnostics| own.biases.get(parameter).map_or(Cell::figure(None), cell);
@@ -194,14 +193,14 @@ fn biases(summary: &Summary) -> Table {
     let names = methods.iter().map(|(name, _)| name.to_string());
     Table {
         header: std::iter::once("parameter".to_string()).chain(names).collect(),
-        rows: first.biases.keys().take(crate::sink::report::tables::MOST_PARAMETERS).map(row).collect(),
+        rows: first.biases.keys().take(MOST_PARAMETERS).map(row).collect(),
     }
 }
 
 fn quality(summary: &Summary) -> Table {
     let types = &summary.observations.by_type;
     let reasons: Vec<&String> = summary.observations.rejected.keys().collect();
-    let row = |(kind, own): (&String, &crate::summary::TypeCounts)| -> Vec<Cell> {
+    let row = |(kind, own): (&String, &TypeCounts)| -> Vec<Cell> {
         let rejected = reasons.iter().map(|reason| own.rejected.get(*reason).copied().unwrap_or(0).to_string().into());
         [kind.as_str().into(), own.used.to_string().into()].into_iter().chain(rejected).collect()
     };

@@ -12,7 +12,7 @@ mod runs;
 mod tables;
 
 pub use batch::{BatchKind, BatchPlan, describe, interrupted};
-pub use runs::{FailedSeed, Job, Run, Schedule, SeedRuns, run_all, run_jobs};
+pub use runs::{FailedSeed, Job, JobOutcome, Run, Schedule, SeedRuns, run_all, run_jobs};
 
 use crate::scenario::ExpectedScores;
 use crate::statistics::{Interval, independent_mean};

@@ -72,6 +72,9 @@ pub struct Job<'a> {
     pub out: PathBuf,
 }
 
+/// The number of a job, and what came of it.
+pub type JobOutcome = (usize, Result<Summary, Report>);
+
 /// Runs all jobs, as many at a time as threads and memory allow, with the options of all; the outcomes come in the order of
 /// the jobs. One whose files are complete is not run again. After a signal no more are begun, and the outcomes are those of
 /// the others.
@@ -85,7 +88,7 @@ pub fn run_jobs(
     options: &RunOptions,
     run: &Run<'_>,
     progress: &SeedsProgress,
-) -> Result<(Schedule, Vec<(usize, Result<Summary, Report>)>), Report> {
+) -> Result<(Schedule, Vec<JobOutcome>), Report> {
     let left = jobs.iter().filter(|job| !is_complete(job)).count();
     let schedule = schedule(jobs, options, left, run)?;
     let next = AtomicUsize::new(0);

@@ -102,7 +102,8 @@ fn with_values(scenario: &Scenario, values: &IndexMap<String, Value>) -> Result<
     let described = || values.iter().map(|(key, value)| format!("{key} = {value}")).collect::<Vec<_>>().join(", ");
     let fault = |key: &str, message: String| scenario.fault(&["sweep", "vary", key], clean(&message), "this key");
     let mut table: Table = scenario.text.parse().map_err(|error| fault("", format!("{error}")))?;
-    (table.remove("sweep"), table.remove("expected"));
+    table.remove("sweep");
+    table.remove("expected");
     for (key, value) in values {
         put(&mut table, key, value.clone()).map_err(|message| fault(key, message))?;
     }
