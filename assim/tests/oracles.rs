@@ -17,20 +17,22 @@ use std::sync::Arc;
 
 const STEP: Duration = Duration::from_seconds(3600);
 
-/// Observations with these rows of X and of G.
-fn observe(rows: &[(&[(usize, f64)], &[(usize, f64)], f64)], value: f64) -> ObservationWindow {
+/// An observation of zero: the cell, the parameter that it has, and the standard deviation of its error.
+struct Observation(usize, Option<usize>, f64);
+
+fn observe(rows: &[Observation]) -> ObservationWindow {
     let (mut state, mut calibration) = (SparseRows::new(), SparseRows::new());
-    for (x, g, _) in rows {
-        state.push_row(x.iter().copied());
-        calibration.push_row(g.iter().copied());
+    for Observation(cell, parameter, _) in rows {
+        state.push_row([(*cell, 1.0)]);
+        calibration.push_row(parameter.map(|number| (number, 1.0)));
     }
     let report = Report { network: "n".into(), platform: "p".into(), variable: 0, x_m: 0.0, y_m: 0.0, scan: None };
     ObservationWindow {
         time: Time::from_seconds(0),
         cycle: 1,
         reports: vec![report; rows.len()],
-        values: vec![value; rows.len()],
-        values_bias_removed: vec![value; rows.len()],
+        values: vec![0.0; rows.len()],
+        values_bias_removed: vec![0.0; rows.len()],
         sigma: rows.iter().map(|row| row.2).collect(),
         rejected: Vec::new(),
         operator: Arc::new(LinearOperator { jacobian: BlockAngular { state, calibration } }),
@@ -144,13 +146,10 @@ struct Affine {
     constant: f64,
 }
 
-impl Affine {
-    fn new(nx: usize, ny: usize, factor: f64, constant: f64) -> Arc<dyn Adjoint> {
-        let grid = Grid { nx, ny, dx_m: 1.0, dy_m: 1.0, boundary: Boundary::Periodic };
-        let variable =
-            Variable { name: "x", long_name: "x", standard_name: None, unit: "1", location: Location::Center };
-        Arc::new(Self { layout: Arc::new(Layout { grid, variables: vec![variable] }), factor, constant })
-    }
+fn affine(nx: usize, ny: usize, factor: f64, constant: f64) -> Arc<dyn Adjoint> {
+    let grid = Grid { nx, ny, dx_m: 1.0, dy_m: 1.0, boundary: Boundary::Periodic };
+    let variable = Variable { name: "x", long_name: "x", standard_name: None, unit: "1", location: Location::Center };
+    Arc::new(Affine { layout: Arc::new(Layout { grid, variables: vec![variable] }), factor, constant })
 }
 
 impl Model for Affine {
@@ -183,12 +182,10 @@ impl Adjoint for Affine {
 /// Leaving out the covariance between blocks, of size ε, costs ε² within them.
 #[test]
 fn truncation_to_blocks_costs_the_square_of_what_is_dropped() {
-    let model = Affine::new(5, 4, 1.0, 0.0);
-    let rows: Vec<(Vec<(usize, f64)>, f64)> =
-        (0..20).step_by(3).map(|cell| (vec![(cell, 1.0)], 0.4 + 0.02 * cell as f64)).collect();
-    let rows: Vec<(&[(usize, f64)], &[(usize, f64)], f64)> =
-        rows.iter().map(|(row, sigma)| (row.as_slice(), [].as_slice(), *sigma)).collect();
-    let observed = observe(&rows, 0.0);
+    let model = affine(5, 4, 1.0, 0.0);
+    let sigma = |cell: usize| 0.4 + 0.02 * cell as f64;
+    let rows: Vec<Observation> = (0..20).step_by(3).map(|cell| Observation(cell, None, sigma(cell))).collect();
+    let observed = observe(&rows);
     let analysed = |between: f64| {
         let prior = Arc::new(Blocks::new(20, between));
         let mut filter = KalmanFilter::new(problem(model.clone(), prior, Calibration::default())).unwrap();
@@ -227,13 +224,13 @@ fn observations_that_are_corrected_towards_the_background_keep_its_bias() {
         sigma_drift_per_sqrt_day: 1e6,
     };
     let background_bias = |weight: f64| {
-        let model = Affine::new(1, 1, 1.0 - g, g * climate);
+        let model = affine(1, 1, 1.0 - g, g * climate);
         let prior = Arc::new(Sum::new(1, vec![Box::new(White::new(model.layout(), 0, 1.0)) as Box<dyn Covariance>]));
         let calibration = Calibration { parameters: vec![bias.clone()] };
         let mut method = OptimalInterpolation::new(problem(model, prior, calibration), 1.0);
         // An anchor of variance r has the weight 1/(1 + r); the other observation is far more accurate, and of no use.
         let anchor = (1.0 / weight - 1.0).sqrt();
-        let observed = observe(&[(&[(0, 1.0)], &[], anchor), (&[(0, 1.0)], &[(0, 1.0)], 0.01)], 0.0);
+        let observed = observe(&[Observation(0, None, anchor), Observation(0, Some(0), 0.01)]);
         let mut last = 0.0;
         for _ in 0..2000 {
             last = method.forecast(STEP).unwrap().state.values()[0];
