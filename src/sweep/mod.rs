@@ -40,8 +40,9 @@ pub struct SweepSummary {
     pub failed: Vec<(String, String)>,
     /// The results, method by method.
     pub methods: IndexMap<String, Vec<SettingScores>>,
-    /// For each method the number of its best setting among them; of a method without any score there is none.
-    pub best: IndexMap<String, usize>,
+    /// For each method the numbers of its best settings among them: one for each combination of values that all methods
+    /// share, for these may change the truth. A method without any score has none.
+    pub best: IndexMap<String, Vec<usize>>,
 }
 
 /// A method's scores with one setting.
@@ -103,7 +104,7 @@ impl SweepSummary {
         }
         // In the order of the scenario.
         methods.sort_by_key(|name, _| scenario.methods.get_index_of(name));
-        let best = methods.iter().filter_map(|(name, own)| Some((name.clone(), best(own, &score)?))).collect();
+        let best = methods.iter().map(|(name, own)| (name.clone(), best(name, own, &score))).collect();
         Self {
             scenario: scenario.name.clone(),
             cycles,
@@ -141,29 +142,68 @@ fn means(all: Vec<IndexMap<String, f64>>) -> IndexMap<String, SweepScore> {
     values.into_iter().filter_map(mean).collect()
 }
 
-/// The number of the setting with the least mean, the first of several; one of which a seed has failed is none.
-fn best(settings: &[SettingScores], score: &str) -> Option<usize> {
-    let most = settings.iter().filter_map(|own| Some(own.scores.get(score)?.seeds)).max()?;
-    let scores = settings.iter().enumerate().filter_map(|(number, own)| Some((number, own.scores.get(score)?)));
-    let complete = scores.filter(|(_, score)| score.seeds == most);
-    complete.min_by(|a, b| a.1.mean.total_cmp(&b.1.mean)).map(|(number, _)| number)
+impl SettingScores {
+    /// The values that all methods share, but for that of one key.
+    fn common(&self, method: &str, but: &str) -> IndexMap<String, Value> {
+        let own = format!("methods.{method}.");
+        let common = self.values.iter().filter(|(key, _)| !key.starts_with(&own) && *key != but);
+        common.map(|(key, value)| (key.clone(), value.clone())).collect()
+    }
+}
+
+/// Shared values, and the settings that have them, with their numbers.
+type Group<'a> = (IndexMap<String, Value>, Vec<(usize, &'a SettingScores)>);
+
+/// The settings of a method in groups of the same shared values, but for that of one key.
+fn groups<'a>(method: &str, settings: &'a [SettingScores], but: &str) -> Vec<Group<'a>> {
+    let mut groups: Vec<Group<'_>> = Vec::new();
+    for (number, own) in settings.iter().enumerate() {
+        let common = own.common(method, but);
+        match groups.iter_mut().find(|group| group.0 == common) {
+            Some(group) => group.1.push((number, own)),
+            None => groups.push((common, vec![(number, own)])),
+        }
+    }
+    groups
+}
+
+/// The number of the setting with the least mean in each group, the first of several; one of which a seed has failed is none.
+fn best(method: &str, settings: &[SettingScores], score: &str) -> Vec<usize> {
+    let of_group = |(_, group): Group<'_>| {
+        let scores = || group.iter().filter_map(|(number, own)| Some((*number, own.scores.get(score)?)));
+        let most = scores().map(|(_, score)| score.seeds).max()?;
+        let complete = scores().filter(|(_, score)| score.seeds == most);
+        complete.min_by(|a, b| a.1.mean.total_cmp(&b.1.mean)).map(|(number, _)| number)
+    };
+    groups(method, settings, "").into_iter().filter_map(of_group).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn setting(mean: f64, seeds: usize) -> SettingScores {
+    fn setting(common: i64, mean: f64, seeds: usize) -> SettingScores {
         let scores = [("rmse_analysis.h".to_string(), SweepScore { mean, interval: None, seeds })].into();
-        SettingScores { directory: String::new(), values: IndexMap::new(), scores }
+        let values = [("grid.nx", common), ("methods.var.scale", seeds as i64)];
+        let values = values.map(|(key, value)| (key.to_string(), Value::Integer(value))).into();
+        SettingScores { directory: String::new(), values, scores }
     }
 
     #[test]
     fn the_best_setting_has_the_least_score_of_those_that_never_failed() {
-        let settings = [setting(3.0, 4), setting(1.0, 3), setting(2.0, 4), setting(2.0, 4)];
-        assert_eq!(best(&settings, "rmse_analysis.h"), Some(2));
-        assert_eq!(best(&settings, "rmse_analysis.u"), None);
-        assert_eq!(best(&[], "rmse_analysis.h"), None);
+        let settings = [setting(1, 3.0, 4), setting(1, 1.0, 3), setting(1, 2.0, 4), setting(1, 2.0, 4)];
+        assert_eq!(best("var", &settings, "rmse_analysis.h"), [2]);
+        assert!(best("var", &settings, "rmse_analysis.u").is_empty());
+        assert!(best("var", &[], "rmse_analysis.h").is_empty());
+    }
+
+    /// What all methods share may change the truth: scores of two truths are not compared.
+    #[test]
+    fn there_is_a_best_setting_for_each_combination_of_shared_values() {
+        let settings = [setting(1, 3.0, 4), setting(2, 9.0, 4), setting(1, 2.0, 4), setting(2, 8.0, 4)];
+        assert_eq!(best("var", &settings, "rmse_analysis.h"), [2, 3]);
+        let of_key = groups("var", &settings, "grid.nx");
+        assert_eq!((of_key.len(), of_key[0].1.len()), (1, 4));
     }
 
     #[test]

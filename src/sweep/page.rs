@@ -1,7 +1,7 @@
 //! The page of a sweep, and its figures.
 
-use super::tables::shown;
-use super::{SettingScores, SweepSummary};
+use super::tables::{short, shown};
+use super::{SettingScores, SweepSummary, groups};
 use crate::plot::colors::of_method_on_paper;
 use crate::plot::{Curve, CurvePlot, Dash};
 use crate::scenario::Scenario;
@@ -12,6 +12,9 @@ use toml::Value;
 
 /// The ratio of the largest to the least value from which on an axis is logarithmic.
 const LOGARITHMIC: f64 = 20.0;
+
+/// The lines of a method's curves, one for each combination of values that all methods share.
+const DASHES: [Dash; 3] = [Dash::Solid, Dash::Dashed, Dash::Dotted];
 
 /// A figure, and the stem of its file.
 pub struct Drawing {
@@ -37,7 +40,8 @@ impl SweepSummary {
                 title: "Scores".into(),
                 text: format!(
                     "Means over the seeds, with half the width of their 95 % intervals from three seeds on. A star: the \
-                     setting with the least {} of its method. {}",
+                     setting with the least {} of its method among those with the same values of the keys that all methods \
+                     share. {}",
                     self.score,
                     best.join("; ")
                 ),
@@ -46,7 +50,8 @@ impl SweepSummary {
             },
             Section {
                 title: format!("{} over each key", self.score),
-                text: "Of several settings with the same value the best one.".into(),
+                text: "A curve for each combination of the other values that all methods share; of a method's own, the best."
+                    .into(),
                 figures,
                 ..Section::default()
             },
@@ -100,11 +105,14 @@ impl SweepSummary {
         let mut curves = Vec::new();
         for (name, settings) in self.methods.iter().filter(|(_, own)| own.iter().any(|it| it.values.contains_key(key)))
         {
-            let points: Vec<[f64; 2]> =
-                values.iter().filter_map(|value| Some([place(value)?, self.least(settings, key, value)?])).collect();
             let color = of_method_on_paper(scenario.methods.get_index_of(name).unwrap_or(0));
-            let curve = Curve::new(name, color, points);
-            curves.extend([curve.clone(), curve.unnamed(Dash::Points)]);
+            for ((common, group), dash) in groups(name, settings, key).into_iter().zip(DASHES.into_iter().cycle()) {
+                let least = |value: &Value| Some([place(value)?, self.least(&group, key, value)?]);
+                let words = common.iter().map(|(key, value)| format!(", {} {}", short(key), shown(value)));
+                let title = format!("{name}{}", words.collect::<String>());
+                let curve = Curve { dash, ..Curve::new(&title, color, values.iter().filter_map(least).collect()) };
+                curves.extend([curve.clone(), curve.unnamed(Dash::Points)]);
+            }
         }
         let axis = match (&numbers, is_logarithmic) {
             (Some(_), false) => key.to_string(),
@@ -123,9 +131,9 @@ impl SweepSummary {
     }
 
     /// The least score of the settings with this value.
-    fn least(&self, settings: &[SettingScores], key: &str, value: &Value) -> Option<f64> {
-        let own = settings.iter().filter(|own| own.values.get(key) == Some(value));
-        own.filter_map(|own| Some(own.scores.get(&self.score)?.mean)).reduce(f64::min)
+    fn least(&self, group: &[(usize, &SettingScores)], key: &str, value: &Value) -> Option<f64> {
+        let own = group.iter().filter(|(_, own)| own.values.get(key) == Some(value));
+        own.filter_map(|(_, own)| Some(own.scores.get(&self.score)?.mean)).reduce(f64::min)
     }
 }
 

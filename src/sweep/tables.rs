@@ -1,6 +1,6 @@
 //! Scores over settings as tables, one for each method.
 
-use super::{SettingScores, SweepSummary};
+use super::{SettingScores, SweepSummary, groups};
 use crate::sink::report::tables::{Cell, NONE, Table, figure};
 use toml::Value;
 
@@ -11,6 +11,11 @@ pub fn shown(value: &Value) -> String {
         Value::Float(number) => crate::plot::number(*number),
         other => other.to_string(),
     }
+}
+
+/// The last part of a dotted key.
+pub fn short(key: &str) -> &str {
+    key.rsplit('.').next().unwrap_or(key)
 }
 
 impl SweepSummary {
@@ -33,12 +38,12 @@ impl SweepSummary {
         let keys: Vec<&String> = settings.first().map_or(Vec::new(), |own| own.values.keys().collect());
         let used: Vec<&(String, String)> =
             columns.iter().filter(|(score, _)| settings.iter().any(|own| own.scores.contains_key(score))).collect();
-        let short = |key: &String| key.rsplit('.').next().unwrap_or(key).to_string();
+        let has_choice = self.has_choice(method);
         let mut header = vec![method.to_string()];
-        header.extend(keys.iter().map(|key| short(key)));
+        header.extend(keys.iter().map(|key| short(key).to_string()));
         header.extend(used.iter().map(|(_, title)| title.clone()));
         let row = |(number, own): (usize, &SettingScores)| {
-            let is_best = self.best.get(method) == Some(&number) && settings.len() > 1;
+            let is_best = has_choice && self.best.get(method).is_some_and(|best| best.contains(&number));
             let mut row: Vec<Cell> = vec![own.directory.as_str().into()];
             row.extend(keys.iter().map(|key| Cell::from(own.values.get(*key).map_or(NONE.into(), shown))));
             row.extend(used.iter().map(|(name, _)| {
@@ -55,15 +60,19 @@ impl SweepSummary {
         Table { header, rows: settings.iter().enumerate().map(row).collect() }
     }
 
-    /// For each method that has several settings, its best one in words.
+    /// Whether a method has several settings with the same shared values.
+    fn has_choice(&self, method: &str) -> bool {
+        groups(method, &self.methods[method], "").iter().any(|(_, group)| group.len() > 1)
+    }
+
+    /// The best settings of each method that has a choice, in words.
     pub fn best_in_words(&self) -> Vec<String> {
-        let of_method = |(name, &number): (&String, &usize)| {
-            let settings = &self.methods[name];
-            let own = &settings[number];
+        let of_one = |name: &str, number: usize| {
+            let own = &self.methods[name][number];
             let values: Vec<String> = own.values.iter().map(|(key, value)| format!("{key} = {value}")).collect();
-            let score = figure(own.scores[&self.score].mean);
-            (settings.len() > 1).then(|| format!("{name}: {} ({} {score})", values.join(", "), self.score))
+            format!("{name}: {} ({} {})", values.join(", "), self.score, figure(own.scores[&self.score].mean))
         };
-        self.best.iter().filter_map(of_method).collect()
+        let with_choice = self.best.iter().filter(|(name, _)| self.has_choice(name));
+        with_choice.flat_map(|(name, best)| best.iter().map(move |&number| of_one(name, number))).collect()
     }
 }
