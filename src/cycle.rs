@@ -2,13 +2,17 @@
 
 use crate::correlations::Correlations;
 use crate::monitor::{Fault, Monitor};
-use isobar_assim::{Analysis, Assimilator, Estimate, EstimatedParameter, Structure, Unknown};
+use isobar_assim::response::Responder;
+use isobar_assim::{Analysis, Assimilator, Error, Estimate, EstimatedParameter, Structure, Unknown};
 use isobar_model::Duration;
+use isobar_model::random::stream;
 use isobar_obs::ObservationWindow;
 use peak_alloc::PeakAlloc;
+use rand::RngExt;
 use serde::{Deserialize, Serialize};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
 use std::time::Instant;
 
 #[global_allocator]
@@ -40,8 +44,69 @@ pub struct Outcome {
     pub background: Estimate,
     /// The analysis.
     pub analysis: Analysis,
+    /// What each type of observations did, if that was asked for.
+    pub influence: Option<Influence>,
     /// Wall-clock seconds that it took.
     pub seconds: f64,
+}
+
+/// What each type of observations did in an analysis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Influence {
+    /// The types, in the order of their first observations.
+    pub types: Vec<TypeInfluence>,
+}
+
+/// What the observations of one type did.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TypeInfluence {
+    /// The network.
+    pub network: Arc<str>,
+    /// Number of the variable.
+    pub variable: usize,
+    /// K d_t: the state's increment from the innovations of this type, those of all others being zero.
+    pub increment: Vec<f64>,
+    /// The type's part of tr(H K), the degrees of freedom for signal.
+    pub signal: f64,
+}
+
+impl Influence {
+    /// Asks a method that has just forecast `background` and sets it back. `innovations` are y − h(background).
+    ///
+    /// tr(H K) is estimated as Σ δ_i (H K δ)_i / σ_i² with a random sign times σ_i for each δ_i (Hutchinson 1990; Desroziers
+    /// and Ivanov 2001, Q. J. R. Meteorol. Soc. 127, eq. 13): unbiased, and for each type as well as for all. The analyses
+    /// are as many as there are types, and one.
+    fn ask(
+        method: &mut dyn Assimilator,
+        background: &Estimate,
+        observed: &ObservationWindow,
+        innovations: &[f64],
+    ) -> Result<Self, Error> {
+        let mut types: Vec<TypeInfluence> = Vec::new();
+        let mut type_of = Vec::with_capacity(observed.len());
+        for report in &observed.reports {
+            let same = |own: &TypeInfluence| own.network == report.network && own.variable == report.variable;
+            type_of.push(types.iter().position(same).unwrap_or_else(|| {
+                let (network, variable) = (Arc::clone(&report.network), report.variable);
+                types.push(TypeInfluence { network, variable, increment: Vec::new(), signal: 0.0 });
+                types.len() - 1
+            }));
+        }
+        let mut responder = Responder::new(method, background, observed)?;
+        for (number, own) in types.iter_mut().enumerate() {
+            let of_type = |(d, kind): (&f64, &usize)| if *kind == number { *d } else { 0.0 };
+            own.increment = responder.to(&innovations.iter().zip(&type_of).map(of_type).collect::<Vec<_>>())?.state;
+        }
+        let mut random = stream(observed.cycle as u64, "signal");
+        let signs: Vec<f64> = type_of.iter().map(|_| if random.random::<bool>() { 1.0 } else { -1.0 }).collect();
+        let probe: Vec<f64> = signs.iter().zip(&observed.sigma).map(|(sign, sigma)| sign * sigma).collect();
+        let fit = responder.to(&probe)?.fit;
+        for (((kind, fit), sign), sigma) in type_of.iter().zip(fit).zip(&signs).zip(&observed.sigma) {
+            types[*kind].signal += sign * fit / sigma;
+        }
+        responder.finish()?;
+        Ok(Self { types })
+    }
 }
 
 impl Runner {
@@ -57,29 +122,62 @@ impl Runner {
         Ok(runner)
     }
 
-    /// Forecasts over a window and analyses the observations at its end.
+    /// Forecasts over a window and analyses the observations at its end; `with_influence` asks also what each type of
+    /// observations did, which is no part of the method's cost and changes nothing in its results.
     ///
     /// # Errors
     /// Why the method cannot go on: see [`Fault`]. It must not be called again.
-    pub fn cycle(&mut self, window: Duration, observed: &ObservationWindow) -> Result<Outcome, Fault> {
-        let began = Instant::now();
-        let method = &mut self.method;
-        let (result, memory) = measured(|| {
-            let work = AssertUnwindSafe(|| -> Result<_, isobar_assim::Error> {
-                let background = method.forecast(window)?;
-                let analysis = method.analyse(observed)?;
-                Ok((background, analysis))
-            });
-            // A panic is a fault of this program, but no reason to lose the work of the other methods.
-            catch_unwind(work).map_err(|panic| Fault::Panic(in_words(&*panic)))
-        });
-        self.account(memory);
-        let seconds = began.elapsed().as_secs_f64();
-        self.seconds += seconds;
-        let (background, analysis) = result??;
-        let outcome = Outcome { background, analysis, seconds };
+    pub fn cycle(
+        &mut self,
+        window: Duration,
+        observed: &ObservationWindow,
+        with_influence: bool,
+    ) -> Result<Outcome, Fault> {
+        let before = self.seconds;
+        let background = self.step(|method| method.forecast(window))?;
+        let asked = with_influence && !observed.is_empty();
+        let memory = asked.then(|| self.method.save()).transpose()?;
+        let analysis = self.step(|method| method.analyse(observed))?;
+        let seconds = self.seconds - before;
+        let mut outcome = Outcome { background, analysis, influence: None, seconds };
         self.monitor.check(&outcome)?;
+        if let Some(memory) = memory {
+            outcome.influence = Some(self.influence(&memory, &outcome, observed)?);
+        }
         Ok(outcome)
+    }
+
+    /// What each type of observations did in the analysis before which the method was as in `memory`.
+    fn influence(
+        &mut self,
+        memory: &[u8],
+        outcome: &Outcome,
+        observed: &ObservationWindow,
+    ) -> Result<Influence, Fault> {
+        let Outcome { background, analysis, .. } = outcome;
+        let method = &mut *self.method;
+        let (influence, (_, left)) = measured(|| {
+            guarded(|| {
+                let after = method.save()?;
+                method.restore(memory)?;
+                let influence = Influence::ask(method, background, observed, &analysis.background_departures)?;
+                method.restore(&after)?;
+                Ok(influence)
+            })
+        });
+        // The peak is no part of the method's, but what it allocates anew it holds.
+        self.held_bytes += left;
+        influence
+    }
+
+    /// A part of the method's work, which its cost is taken of.
+    fn step<T>(&mut self, work: impl FnOnce(&mut dyn Assimilator) -> Result<T, Error>) -> Result<T, Fault> {
+        let began = Instant::now();
+        let method = &mut *self.method;
+        let (result, memory) = measured(|| guarded(|| work(method)));
+        self.account(memory);
+        self.seconds += began.elapsed().as_secs_f64();
+        result
     }
 
     /// The method's blocks and leading common factors after the cycle, for viewers; no part of its cost.
@@ -101,7 +199,7 @@ impl Runner {
     ///
     /// # Errors
     /// Those of the method.
-    pub fn save(&self) -> Result<(Vec<u8>, SavedRunner), isobar_assim::Error> {
+    pub fn save(&self) -> Result<(Vec<u8>, SavedRunner), Error> {
         let &Self { monitor, peak_bytes, seconds, .. } = self;
         Ok((self.method.save()?, SavedRunner { monitor, peak_bytes, seconds }))
     }
@@ -110,7 +208,7 @@ impl Runner {
     ///
     /// # Errors
     /// Those of the method, if it is of another one.
-    pub fn restore(&mut self, method: &[u8], saved: &SavedRunner) -> Result<(), isobar_assim::Error> {
+    pub fn restore(&mut self, method: &[u8], saved: &SavedRunner) -> Result<(), Error> {
         let (result, memory) = measured(|| self.method.restore(method));
         self.account(memory);
         self.monitor = saved.monitor;
@@ -123,6 +221,12 @@ impl Runner {
         self.peak_bytes = self.peak_bytes.max((self.held_bytes + peak).max(0) as u64);
         self.held_bytes += left;
     }
+}
+
+/// What a method does. A panic is a fault of this program, but no reason to lose the work of the other methods.
+fn guarded<T>(work: impl FnOnce() -> Result<T, Error>) -> Result<T, Fault> {
+    let result = catch_unwind(AssertUnwindSafe(work)).map_err(|panic| Fault::Panic(in_words(&*panic)))?;
+    Ok(result?)
 }
 
 /// What a panic says.

@@ -17,8 +17,10 @@
 //! | [`checkpoint`], [`interrupt`] | how a run ends before its time, and goes on |
 //! | [`event`], [`sink`] | what happens, and the files that it is written to |
 //! | [`plot`] | curves and maps, as these files hold them |
+//! | [`diagnostics`] | what it tells beyond errors: claimed distributions, assumed covariances, worth of observations |
 //! | [`statistics`] | how well a score is known |
-//! | [`seeds`] | the same experiment over several seeds |
+//! | [`mod@exact`] | the exact performance of linear methods in a linear world |
+//! | [`seeds`], [`sweep`] | the same experiment over several seeds, and over several settings |
 //! | [`saved`], [`comparison`] | complete runs, read back and compared |
 //! | [`cli`], [`progress`], [`table`] | the command line |
 
@@ -27,7 +29,9 @@ pub mod cli;
 pub mod comparison;
 pub mod correlations;
 pub mod cycle;
+pub mod diagnostics;
 pub mod event;
+pub mod exact;
 pub mod experiment;
 pub mod interrupt;
 pub mod monitor;
@@ -41,6 +45,7 @@ pub mod seeds;
 pub mod sink;
 pub mod statistics;
 pub mod summary;
+pub mod sweep;
 pub mod table;
 pub mod truth;
 pub mod verify;

@@ -121,7 +121,7 @@ mod tests {
             innovation_chi2: Some(3.0 * chi2_per_observation),
             partition: None,
         };
-        Outcome { background: estimate, analysis, seconds: 0.0 }
+        Outcome { background: estimate, analysis, influence: None, seconds: 0.0 }
     }
 
     #[test]

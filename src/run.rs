@@ -188,19 +188,22 @@ fn one_cycle(
     shown: Shown,
     send: &mut Tell<'_>,
 ) -> Result<(), RunError> {
-    let Experiment { info, score_from_cycle, truth, reference, observing, methods } = experiment;
+    let Experiment { info, score_from_cycle, influence_every_cycles, truth, reference, observing, methods } =
+        experiment;
+    let with_influence =
+        cycle >= *score_from_cycle && influence_every_cycles.is_some_and(|every| cycle.is_multiple_of(every));
     workers.install(|| truth.advance()).map_err(|error| RunError::Truth { cycle, error })?;
     if let Some(reference) = reference {
         workers.install(|| reference.advance());
     }
     let observed = observing.observe_checked(truth.state(), reference.as_ref().map(Reference::now));
-    scores.observations.add(&observed);
+    scores.observations.add(&observed, &info.layout);
     let time = observed.time;
     let truth = TrueValues { state: truth.state(), calibration: observing.true_calibration() };
     send(Event::Truth { cycle, time, state: truth.state, calibration: truth.calibration })?;
     send(Event::Observed(&observed))?;
     for (number, method) in methods.iter_mut().enumerate().filter(|(_, method)| method.failure.is_none()) {
-        let outcome = match workers.install(|| method.runner.cycle(info.window, &observed)) {
+        let outcome = match workers.install(|| method.runner.cycle(info.window, &observed, with_influence)) {
             Ok(outcome) => outcome,
             Err(fault) => {
                 let failure = method.failure.insert(Failure { cycle, reason: clean(&fault.to_string()) });
@@ -208,7 +211,7 @@ fn one_cycle(
                 continue;
             }
         };
-        let own = Scorecard::of_cycle(truth, &outcome, &info.calibration, method.scores_bias);
+        let own = Scorecard::of_cycle(truth, &outcome, &observed, &info.calibration, method.scores_bias);
         if cycle >= *score_from_cycle {
             scores.totals[number].add(&own);
         }
@@ -257,7 +260,13 @@ fn summary(experiment: &Experiment, scores: &Scores, shown: Shown) -> Summary {
             peak_memory_bytes: shown.memory.then_some(method.runner.peak_bytes),
             failure: method.failure.clone(),
             // Scores of fewer cycles could not be compared with those of the other methods.
-            ..if method.failure.is_none() { total.scores(&info.layout) } else { MethodScores::default() }
+            ..match method.failure {
+                None => MethodScores {
+                    diagnostics: Some(total.diagnostics(&info.layout, &info.calibration)),
+                    ..total.scores(&info.layout)
+                },
+                Some(_) => MethodScores::default(),
+            }
         };
         (own.name.clone(), scores)
     });

@@ -1,9 +1,11 @@
 //! The scores of a run, as `summary.json` holds them.
 
+use crate::diagnostics::Diagnostics;
 use crate::statistics::Interval;
 use indexmap::IndexMap;
 use isobar_assim::block_angular::PartitionReport;
-use isobar_obs::ObservationWindow;
+use isobar_model::Layout;
+use isobar_obs::{ObservationWindow, Report};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -53,6 +55,9 @@ pub struct MethodScores {
     /// How well the errors are known, over more than one cycle.
     #[serde(default)]
     pub intervals: Option<Intervals>,
+    /// What the run tells beyond errors, over all cycles that count.
+    #[serde(default)]
+    pub diagnostics: Option<Diagnostics>,
     /// When and why the method failed; it has no scores then.
     #[serde(default)]
     pub failure: Option<Failure>,
@@ -69,14 +74,33 @@ pub struct ObservationCounts {
     pub used: usize,
     /// Those that failed quality control, by reason.
     pub rejected: BTreeMap<String, usize>,
+    /// The same of each type, `network/variable`.
+    #[serde(default)]
+    pub by_type: BTreeMap<String, TypeCounts>,
+}
+
+/// Observations of one type, by what became of them.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TypeCounts {
+    /// Those that methods were given.
+    pub used: usize,
+    /// Those that failed quality control, by reason.
+    pub rejected: BTreeMap<String, usize>,
 }
 
 impl ObservationCounts {
     /// Counts those of a cycle.
-    pub fn add(&mut self, window: &ObservationWindow) {
+    pub fn add(&mut self, window: &ObservationWindow, layout: &Layout) {
+        let kind = |report: &Report| format!("{}/{}", report.network, layout.variables[report.variable].name);
         self.used += window.len();
+        for report in &window.reports {
+            self.by_type.entry(kind(report)).or_default().used += 1;
+        }
         for rejected in &window.rejected {
-            *self.rejected.entry(rejected.rejection.name().to_string()).or_default() += 1;
+            let reason = rejected.rejection.name().to_string();
+            let own = self.by_type.entry(kind(&rejected.report)).or_default();
+            *own.rejected.entry(reason.clone()).or_default() += 1;
+            *self.rejected.entry(reason).or_default() += 1;
         }
     }
 

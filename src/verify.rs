@@ -1,12 +1,13 @@
 //! Verification: only here do estimate and truth meet.
 
 use crate::cycle::Outcome;
+use crate::diagnostics::{DiagnosticSums, Diagnostics};
 use crate::statistics::root_interval;
 use crate::summary::{Intervals, MethodScores, ObservationCounts, PerVariable};
 use isobar_assim::Estimate;
 use isobar_assim::block_angular::PartitionReport;
 use isobar_model::{Layout, State};
-use isobar_obs::Calibration;
+use isobar_obs::{Calibration, ObservationWindow};
 use serde::{Deserialize, Serialize};
 
 /// The truth of one cycle.
@@ -33,6 +34,7 @@ pub struct Scorecard {
     partition: Option<PartitionReport>,
     /// The errors of each cycle: analysis, background, biases.
     series: Vec<CycleErrors>,
+    diagnostics: DiagnosticSums,
 }
 
 /// What a run has come to so far.
@@ -52,7 +54,13 @@ type CycleErrors = (Sums, Sums, Option<f64>);
 
 impl Scorecard {
     /// The scores of one cycle; the biases are scored only if the method estimates or ignores them.
-    pub fn of_cycle(truth: TrueValues<'_>, outcome: &Outcome, calibration: &Calibration, scores_bias: bool) -> Self {
+    pub fn of_cycle(
+        truth: TrueValues<'_>,
+        outcome: &Outcome,
+        observed: &ObservationWindow,
+        calibration: &Calibration,
+        scores_bias: bool,
+    ) -> Self {
         let (background, analysis) = (&outcome.background, &outcome.analysis.estimate);
         let layout = truth.state.layout();
         let spread = |estimate: &Estimate| {
@@ -84,6 +92,7 @@ impl Scorecard {
             chi2: outcome.analysis.innovation_chi2,
             observations: outcome.analysis.background_departures.len(),
             partition: outcome.analysis.partition.clone(),
+            diagnostics: DiagnosticSums::of_cycle(truth, outcome, observed, calibration, scores_bias),
         }
     }
 
@@ -96,6 +105,7 @@ impl Scorecard {
         self.cycles += cycle.cycles;
         self.observations += cycle.observations;
         self.series.extend_from_slice(&cycle.series);
+        self.diagnostics.add(&cycle.diagnostics);
         add_sums(&mut self.error_analysis, &cycle.error_analysis);
         add_sums(&mut self.error_background, &cycle.error_background);
         for (own, other) in [
@@ -138,10 +148,16 @@ impl Scorecard {
             innovation_chi2: self.chi2.filter(|_| self.observations > 0).map(|chi2| chi2 / self.observations as f64),
             partition: self.partition.clone(),
             intervals: (self.cycles > 1).then(|| self.intervals(layout)),
+            diagnostics: None,
             failure: None,
             seconds_per_cycle: 0.0,
             peak_memory_bytes: None,
         }
+    }
+
+    /// What the cycles tell beyond errors.
+    pub fn diagnostics(&self, layout: &Layout, calibration: &Calibration) -> Diagnostics {
+        self.diagnostics.diagnostics(layout, calibration)
     }
 
     /// How well the errors are known.

@@ -12,10 +12,12 @@
 //! | [`high_pass`], [`initialised`] | Lange's High-pass Filter, and a method that starts from it |
 //! | [`wind_finding`] | a balloon's positions and its trackers' calibration: the block-angular regression by itself |
 //! | [`free`], [`climatology`] | no assimilation |
+//! | [`response`], [`actual_errors`] | the gain of any of them, found by asking, and what it is worth |
 //!
 //! All of them are given a [`Problem`], see models and observations only through traits and Jacobians, and are an
 //! [`Assimilator`]. [`covariance`] holds B and Q as operators; `testing` (feature `testing`) the contract they must keep.
 
+pub mod actual_errors;
 pub mod assimilator;
 mod augmented;
 pub mod block_angular;
@@ -35,6 +37,7 @@ mod linalg;
 pub mod optimal_interpolation;
 pub mod problem;
 mod propagator;
+pub mod response;
 mod saved;
 pub mod serial_kalman;
 mod spread;

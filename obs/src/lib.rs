@@ -20,6 +20,7 @@
 //! `testing` (feature `testing`): the contract battery that any operator must pass.
 
 pub mod bias;
+mod biases;
 pub mod block_angular;
 pub mod calibration;
 pub mod error;

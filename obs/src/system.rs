@@ -1,6 +1,7 @@
 //! The observing system of an experiment: all of its instruments, and their true biases as time goes by.
 
-use crate::bias::Biases;
+use crate::bias::BiasProcess;
+use crate::biases::Biases;
 use crate::block_angular::BlockAngular;
 use crate::calibration::{Calibration, Parameter};
 use crate::error::ObservationError;
@@ -140,6 +141,11 @@ impl ObservingSystem {
     /// The true values of [`Self::calibration`] in the present cycle, in their units.
     pub fn true_calibration(&self) -> &[f64] {
         self.biases.values()
+    }
+
+    /// How the true values of [`Self::calibration`] come to be.
+    pub fn bias_processes(&self) -> impl Iterator<Item = &BiasProcess> {
+        self.biases.processes()
     }
 
     /// The parameters that are known, and so not part of the calibration, with their true values in the present cycle.

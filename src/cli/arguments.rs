@@ -19,6 +19,9 @@ const EXAMPLES: &str = "Examples:
   isobar init mine.toml && isobar check mine.toml
   isobar resume out/quickstart                   go on with a run that was interrupted
   isobar view out/quickstart                     look at a run in the rerun viewer
+  isobar sweep mine.toml                         all settings of its [sweep], and which are the best
+  isobar exact fkf_linear                        the errors of infinitely many seeds, where all is linear
+  isobar diagnose out/quickstart                 are claims, covariances and biases what they should be?
   isobar compare out/quickstart other/quickstart which one is better, and is that chance?
   isobar regress                                 have the scores of any scenario moved?";
 
@@ -48,6 +51,17 @@ pub enum Command {
         /// The run's directory
         #[arg(value_name = "OUT")]
         run: PathBuf,
+    },
+    /// Run a scenario with all settings of its [sweep], and say which are the best
+    #[command(after_help = SWEEP_EXAMPLES)]
+    Sweep(SweepArguments),
+    /// Compute the exact errors of linear methods in a linear scenario, without a single random number
+    Exact(ExactArguments),
+    /// Print what runs tell beyond errors: claimed distributions, departures, worth of observations, biases
+    Diagnose {
+        /// Directories of runs
+        #[arg(required = true, value_name = "OUT")]
+        runs: Vec<PathBuf>,
     },
     /// Make one page of the scores of several runs, with their differences and whether these are significant
     Compare(CompareArguments),
@@ -138,6 +152,55 @@ pub struct ResumeArguments {
     /// Show the run in a running rerun viewer while it computes
     #[arg(long)]
     pub live: bool,
+}
+
+const SWEEP_EXAMPLES: &str = "In the scenario:
+  [sweep]
+  seeds = 3                                      # of each setting; 1 if it is not given
+  score = \"rmse_analysis.h\"                    # by which the best setting is chosen; that of the first variable
+  [sweep.vary]
+  \"methods.var.covariance_scale\" = [0.5, 1, 2]
+  \"methods.letkf.localization_radius_km\" = { from = 300, to = 3000, count = 5, spacing = \"logarithmic\" }";
+
+#[derive(Args, Debug)]
+pub struct SweepArguments {
+    /// Scenario file, or name of a scenario in ./scenarios
+    #[arg(value_name = "SCENARIO")]
+    pub scenario: String,
+    /// Directory for the results, which go to a subdirectory SCENARIO-sweep
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    pub out: PathBuf,
+    /// Only these methods of the scenario
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
+    pub methods: Option<Vec<String>>,
+    /// This number of cycles instead of the scenario's
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub cycles: Option<u64>,
+    /// Number of threads [default: one for each core]; results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
+    pub threads: Option<u64>,
+    /// Replace the files of an earlier sweep
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
+}
+
+#[derive(Args, Debug)]
+pub struct ExactArguments {
+    /// Scenario file, or name of a scenario in ./scenarios
+    #[arg(value_name = "SCENARIO")]
+    pub scenario: String,
+    /// Only these methods of the scenario
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
+    pub methods: Option<Vec<String>>,
+    /// This number of cycles instead of the scenario's
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub cycles: Option<u64>,
+    /// Number of threads [default: one for each core]; results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
+    pub threads: Option<u64>,
 }
 
 #[derive(Args, Debug)]

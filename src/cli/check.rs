@@ -10,6 +10,9 @@ pub fn check(scenarios: &[String]) -> Result<ExitCode, Report> {
     let mut code = ExitCode::SUCCESS;
     for argument in scenarios {
         let checked = lookup::load(argument).and_then(|scenario| match experiment::check(&scenario) {
+            Ok(()) if scenario.sweep.is_some() => {
+                crate::sweep::settings(&scenario, None).map(|_| scenario).map_err(Report::from)
+            }
             Ok(()) => Ok(scenario),
             Err(error) => Err(error.locate(&scenario).into()),
         });

@@ -3,6 +3,8 @@
 mod arguments;
 mod check;
 mod compare;
+mod diagnose;
+mod exact;
 mod init;
 mod list;
 mod lookup;
@@ -10,6 +12,7 @@ mod regress;
 mod resume;
 mod run;
 mod seeds;
+mod sweep;
 mod view;
 
 use crate::checkpoint::Policy;
@@ -97,6 +100,9 @@ pub fn main(runner: &Runner) -> ExitCode {
         Command::Regress(arguments) => regress::regress(&arguments, runner),
         Command::View { run } => view::view(&run),
         Command::Compare(arguments) => compare::compare(&arguments),
+        Command::Sweep(arguments) => sweep::sweep(&arguments, runner),
+        Command::Exact(arguments) => exact::run(&arguments),
+        Command::Diagnose { runs } => diagnose::diagnose(&runs),
     };
     match outcome {
         Ok(code) => code,

@@ -107,6 +107,14 @@ pub(super) fn check_method(method: &str, scenario: &Scenario) -> Result<(), Repo
     Err(miette!(help = help, "{} has no method `{}`", scenario.name, clean(method)))
 }
 
+/// Whether so many cycles have any that counts.
+pub(super) fn check_cycles(cycles: Option<usize>, scenario: &Scenario) -> Result<(), Report> {
+    let first = scenario.cycle.score_from_cycle;
+    let Some(cycles) = cycles.filter(|&cycles| cycles < first) else { return Ok(()) };
+    let help = format!("--cycles {first} or more, or a smaller score_from_cycle");
+    Err(miette!(help = help, "{} counts scores from cycle {first}, so {cycles} cycles have none", scenario.name))
+}
+
 fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, Report> {
     arguments.methods.iter().flatten().try_for_each(|method| check_method(method, scenario))?;
     let methods = arguments.methods.as_deref().unwrap_or_default();
@@ -114,15 +122,7 @@ fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, 
         return Err(miette!("--methods names `{name}` twice"));
     }
     let cycles = arguments.cycles.map(|cycles| cycles as usize);
-    if let Some(cycles) = cycles.filter(|&cycles| cycles < scenario.cycle.score_from_cycle) {
-        let first = scenario.cycle.score_from_cycle;
-        let help = format!("--cycles {first} or more, or a smaller score_from_cycle");
-        return Err(miette!(
-            help = help,
-            "{} counts scores from cycle {first}, so {cycles} cycles have none",
-            scenario.name
-        ));
-    }
+    check_cycles(cycles, scenario)?;
     Ok(RunOptions {
         out: arguments.out.join(&scenario.name),
         methods: arguments.methods.clone(),

@@ -5,7 +5,7 @@ use super::{RunOptions, Runner, print};
 use crate::progress::SeedsProgress;
 use crate::scenario::Scenario;
 use crate::scenario::text::clean;
-use crate::seeds::{SeedsSummary, run_all};
+use crate::seeds::{BatchKind, BatchPlan, SeedsSummary, interrupted, run_all};
 use crate::sink::report::REPORT_FILE;
 use crate::sink::report::tables::Table;
 use crate::sink::{Existing, OutputDirectory};
@@ -18,6 +18,13 @@ pub struct SeedsOptions {
     seeds: Vec<u64>,
     against: String,
     all_files: bool,
+}
+
+impl SeedsOptions {
+    /// What an interrupted batch was asked for.
+    pub fn of_plan(seeds: Vec<u64>, against: String, all_files: bool) -> Self {
+        Self { seeds, against, all_files }
+    }
 }
 
 /// Finds out what is asked for; `None` without `--seeds`.
@@ -42,7 +49,7 @@ pub fn options(
     Ok(Some(SeedsOptions { seeds: (first..=last).collect(), against, all_files: arguments.all_files }))
 }
 
-/// Runs a scenario with every seed; whether none failed, and no method of any.
+/// Runs a scenario with every seed, or, with `resume`, those that are not complete; whether none failed, and no method of any.
 pub fn run(
     scenario: &Scenario,
     options: &RunOptions,
@@ -51,7 +58,13 @@ pub fn run(
     quiet: bool,
 ) -> Result<bool, Report> {
     let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
-    let directory = OutputDirectory::create(&options.out, existing).into_diagnostic()?;
+    let SeedsOptions { seeds, against, all_files } = wanted;
+    let kind = BatchKind::Seeds { seeds: seeds.clone(), against: against.clone(), all_files: *all_files };
+    let directory = match options.resume {
+        true => OutputDirectory::resume_batch(&options.out, existing).into_diagnostic()?,
+        false => OutputDirectory::create(&options.out, existing).into_diagnostic()?,
+    };
+    BatchPlan::new(scenario, options, kind).write(directory.working()).into_diagnostic()?;
     let mut each = RunOptions { out: directory.path().to_path_buf(), ..options.clone() };
     if !wanted.all_files {
         (each.netcdf, each.rerun, each.report) = (false, false, false);
@@ -59,8 +72,12 @@ pub fn run(
     let methods = options.methods.as_ref().map_or(scenario.methods.len(), Vec::len);
     let analyses = methods * options.cycles.unwrap_or(scenario.cycle.count);
     let progress = SeedsProgress::new(quiet, &scenario.name, wanted.seeds.len(), analyses);
-    let runs = run_all(scenario, &each, &wanted.seeds, runner, &progress)?;
+    let runs = run_all(scenario, &each, seeds, runner, &progress);
     drop(progress);
+    if let Some(error) = interrupted(&options.out, directory.path(), seeds.len()) {
+        return Err(error);
+    }
+    let runs = runs?;
     let summary = SeedsSummary::new(runs, &wanted.against).expect("a run is complete, or there is an error");
     summary.write(directory.path()).into_diagnostic()?;
     if options.report {

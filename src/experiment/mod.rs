@@ -14,7 +14,7 @@ use crate::reference::Reference;
 use crate::scenario::{Algorithm, Scenario, ScenarioError};
 use crate::summary::Failure;
 use crate::truth::Truth;
-use isobar_assim::{BiasTreatment, Problem, covariance};
+use isobar_assim::{Assimilator, BiasTreatment, Problem, covariance};
 use isobar_model::random::stream;
 use isobar_model::{ModelError, check_time_step};
 use isobar_obs::{ObservationError, ObservingSystem};
@@ -74,6 +74,8 @@ pub struct Experiment {
     pub info: RunInfo,
     /// The first cycle that counts for the scores.
     pub score_from_cycle: usize,
+    /// In every so-many-th of these cycles it is found out what each type of observations did; `None`: never.
+    pub influence_every_cycles: Option<usize>,
     /// The true world.
     pub truth: Truth,
     /// What the values of observations are compared with, if they are checked.
@@ -95,10 +97,13 @@ pub struct Competitor {
 }
 
 /// Everything of an experiment but its methods, which cost memory and time to set up.
-struct Ground {
-    problem: Problem,
-    truth: Truth,
-    observing: ObservingSystem,
+pub struct Ground {
+    /// What the methods are given.
+    pub problem: Problem,
+    /// The true world.
+    pub truth: Truth,
+    /// What observes it.
+    pub observing: ObservingSystem,
 }
 
 /// Whether a scenario's model, initial state, covariances and observing systems fit together.
@@ -127,8 +132,7 @@ impl Experiment {
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
         let (mut methods, mut infos) = (Vec::new(), Vec::new());
         for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
-            let build = || methods::initialised(methods::build(&problem, method, scenario)?, name, &problem, scenario);
-            let runner = Runner::new(build).map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
+            let runner = Runner::new(|| self::method(&problem, name, scenario))?;
             let scores_bias = methods::sees_observations(method) && method.bias != BiasTreatment::Known;
             methods.push(Competitor { runner, failure: None, scores_bias });
             infos.push(MethodInfo { name: name.clone(), description: methods::describe(method, name, scenario) });
@@ -158,6 +162,7 @@ impl Experiment {
         Ok(Self {
             info,
             score_from_cycle: scenario.cycle.score_from_cycle,
+            influence_every_cycles: scenario.influence_every_cycles,
             truth,
             reference: scenario
                 .quality_control
@@ -174,7 +179,21 @@ fn problem_steps(scenario: &Scenario, problem: &Problem) -> usize {
     scenario.cycle.window.steps_of(step).expect("the scenario's window fits its steps")
 }
 
-fn ground(scenario: &Scenario, seed: u64) -> Result<Ground, ExperimentError> {
+/// Sets up one of the scenario's methods.
+///
+/// # Errors
+/// Those of the method.
+pub fn method(problem: &Problem, name: &str, scenario: &Scenario) -> Result<Box<dyn Assimilator>, ExperimentError> {
+    methods::build(problem, &scenario.methods[name], scenario)
+        .and_then(|method| methods::initialised(method, name, problem, scenario))
+        .map_err(|error| ExperimentError::Method { name: name.to_string(), error })
+}
+
+/// Sets up all of a scenario but its methods.
+///
+/// # Errors
+/// As [`Experiment::new`].
+pub fn ground(scenario: &Scenario, seed: u64) -> Result<Ground, ExperimentError> {
     let grid = &scenario.grid.grid;
     let model = forecast_model::build(&scenario.model, grid)?;
     let background = initial_state::build(&scenario.initial, &scenario.model, grid, seed)?;

@@ -1,4 +1,5 @@
-//! `[cycle]`, `[truth]` and `[output]`: how long the run is, how the truth differs from the model, what is written.
+//! `[cycle]`, `[truth]`, `[diagnostics]` and `[output]`: how long the run is, how the truth differs from the model, what is
+//! found out and written.
 
 use super::model::{self, ModelSettings};
 use super::reader::{Field, Limits, Read, Section};
@@ -81,6 +82,13 @@ pub(super) fn read_truth(
     truth.model_error_scale = section.number_or("model_error_scale", 1.0, Limits::NonNegative)?;
     truth.background_error_scale = section.number_or("background_error_scale", 1.0, Limits::NonNegative)?;
     Ok(truth)
+}
+
+/// Reads `[diagnostics]`: in every so-many-th cycle it is found out what each type of observations did; `None`: never.
+pub(super) fn read_diagnostics(root: &Section<'_>) -> Read<Option<usize>> {
+    let Some(field) = root.optional("diagnostics") else { return Ok(None) };
+    let section = field.section(&["influence_every_cycles"])?;
+    Ok(Some(section.required("influence_every_cycles")?.whole(1, 1_000_000)?))
 }
 
 pub(super) fn read_output(root: &Section<'_>) -> Read<OutputSettings> {

@@ -19,6 +19,7 @@ mod model;
 mod network;
 mod quality;
 mod reader;
+mod sweep;
 pub(crate) mod text;
 mod time_volume;
 
@@ -37,6 +38,7 @@ pub use network::{
     Heading, Instrument, Network, ObservedVariable, RadiosondeSettings, SatelliteSettings, Schedule, StationLayout,
 };
 pub use time_volume::{Correction, CorrectionSettings, FactorSettings, FactorTarget, TimeVolumeOptions};
+pub use sweep::SweepSettings;
 
 use error::SourceFile;
 use indexmap::IndexMap;
@@ -91,6 +93,10 @@ pub struct Scenario {
     pub methods: IndexMap<String, Method>,
     /// What some methods start from instead of the biases' priors.
     pub initialise: Option<Initialise>,
+    /// In every so-many-th cycle it is found out what each type of observations did; `None`: never.
+    pub influence_every_cycles: Option<usize>,
+    /// Which keys vary in a sweep, if any do.
+    pub sweep: Option<SweepSettings>,
     /// What is written.
     pub output: OutputSettings,
     /// Whether it is run for regression with all others; a scenario that is too dear says no.
@@ -154,6 +160,8 @@ impl Scenario {
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
         let methods = method::read(&root, &grid.grid, &model, cycle.count)?;
         let initialise = initialise::read(&root, &methods, cycle.count)?;
+        let influence_every_cycles = cycle::read_diagnostics(&root)?;
+        let sweep = sweep::read(&root, &model)?;
         let output = cycle::read_output(&root)?;
         let regression = root.yes_or_no_or("regression", true)?;
         let expected = expected::read(&root, &methods, &model)?;
@@ -177,6 +185,8 @@ impl Scenario {
             networks,
             methods,
             initialise,
+            influence_every_cycles,
+            sweep,
             output,
             regression,
             expected,
@@ -201,6 +211,8 @@ const KEYS: &[&str] = &[
     "networks",
     "methods",
     "initialise",
+    "diagnostics",
+    "sweep",
     "output",
     "regression",
     "expected",

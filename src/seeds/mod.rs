@@ -5,12 +5,14 @@
 //! observations, so they are compared seed by seed: the mean of the differences has an interval of its own, far narrower
 //! than those of the two scores.
 
+mod batch;
 mod files;
 mod page;
 mod runs;
 mod tables;
 
-pub use runs::{FailedSeed, Schedule, SeedRuns, run_all};
+pub use batch::{BatchKind, BatchPlan, describe, interrupted};
+pub use runs::{FailedSeed, Job, JobOutcome, Run, Schedule, SeedRuns, run_all, run_jobs};
 
 use crate::scenario::ExpectedScores;
 use crate::statistics::{Interval, independent_mean};
@@ -147,7 +149,7 @@ impl PairedDifference {
 }
 
 /// All scores of a method by dotted name; none if it failed.
-fn entries(scores: &MethodScores) -> IndexMap<String, f64> {
+pub(crate) fn entries(scores: &MethodScores) -> IndexMap<String, f64> {
     if scores.failure.is_some() {
         return IndexMap::new();
     }

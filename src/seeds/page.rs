@@ -1,6 +1,6 @@
 //! The page of an experiment over seeds.
 
-use super::SeedsSummary;
+use super::{SeedsSummary, describe};
 use crate::plot::colors::of_method_on_paper;
 use crate::plot::{Curve, CurvePlot, Dash};
 use crate::scenario::Scenario;
@@ -58,13 +58,12 @@ impl SeedsSummary {
 
     fn facts(&self, scenario: &Scenario) -> Vec<(String, String)> {
         let seeds: Vec<String> = self.seeds.iter().map(u64::to_string).collect();
-        let schedule = self.schedule;
         [
             ("phenomenon", scenario.phenomenon.clone()),
             ("source", scenario.source.clone()),
             ("cycles", self.cycles.to_string()),
             ("seeds", seeds.join(", ")),
-            ("runs", format!("{} at a time, each on {} threads", schedule.at_once, schedule.threads_each)),
+            ("runs", describe(self.schedule)),
             ("version", format!("isobar {}", self.version)),
         ]
         .map(|(name, text)| (name.to_string(), text))

@@ -1,14 +1,17 @@
 //! The runs themselves: as many at a time as threads and memory allow.
 
 use crate::cli::RunOptions;
+use crate::interrupt;
 use crate::progress::SeedsProgress;
+use crate::saved::SavedRun;
 use crate::scenario::Scenario;
+use crate::sink::directory::SUMMARY_FILE;
 use crate::sink::{Sink, SinkError};
 use crate::summary::Summary;
 use miette::{IntoDiagnostic, Report};
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
@@ -57,9 +60,78 @@ pub struct FailedSeed {
     pub error: String,
 }
 
-/// Runs `scenario` with each of the seeds into `seed-N` below the directory of `options`, whose seed is left alone.
+/// One run of a batch.
+pub struct Job<'a> {
+    /// The scenario.
+    pub scenario: &'a Scenario,
+    /// The seed.
+    pub seed: u64,
+    /// The methods; `None`: all of the scenario.
+    pub methods: Option<Vec<String>>,
+    /// The directory of its files.
+    pub out: PathBuf,
+}
+
+/// The number of a job, and what came of it.
+pub type JobOutcome = (usize, Result<Summary, Report>);
+
+/// Runs all jobs, as many at a time as threads and memory allow, with the options of all; the outcomes come in the order of
+/// the jobs. One whose files are complete is not run again. After a signal no more are begun, and the outcomes are those of
+/// the others.
 ///
 /// A run that fails does not keep the others from being run. Whatever the schedule, every run has the same bits.
+///
+/// # Errors
+/// If nothing can be written for a trial.
+pub fn run_jobs(
+    jobs: &[Job<'_>],
+    options: &RunOptions,
+    run: &Run<'_>,
+    progress: &SeedsProgress,
+) -> Result<(Schedule, Vec<JobOutcome>), Report> {
+    let left = jobs.iter().filter(|job| !is_complete(job)).count();
+    let schedule = schedule(jobs, options, left, run)?;
+    let next = AtomicUsize::new(0);
+    let outcomes = Mutex::new(Vec::with_capacity(jobs.len()));
+    let work = || {
+        while !interrupt::requested() {
+            let number = next.fetch_add(1, Ordering::Relaxed);
+            let Some(job) = jobs.get(number) else { break };
+            let listener = &mut progress.listener(job.seed);
+            let outcome = match is_complete(job) {
+                true => SavedRun::open(&job.out).map(|saved| saved.summary).map_err(Report::from),
+                false => run(job.scenario, &options_of(job, options, schedule), listener),
+            };
+            outcomes.lock().unwrap_or_else(PoisonError::into_inner).push((number, outcome));
+        }
+    };
+    thread::scope(|scope| {
+        (0..schedule.at_once).for_each(|_| drop(scope.spawn(work)));
+    });
+    let mut outcomes = outcomes.into_inner().unwrap_or_else(PoisonError::into_inner);
+    outcomes.sort_by_key(|(number, _)| *number);
+    Ok((schedule, outcomes))
+}
+
+/// Whether a run was complete before. A run's directory has its name only when it is.
+fn is_complete(job: &Job<'_>) -> bool {
+    job.out.join(SUMMARY_FILE).is_file()
+}
+
+fn options_of(job: &Job<'_>, options: &RunOptions, schedule: Schedule) -> RunOptions {
+    RunOptions {
+        out: job.out.clone(),
+        methods: job.methods.clone(),
+        seed: Some(job.seed),
+        threads: Some(schedule.threads_each),
+        concurrent: schedule.at_once > 1,
+        checkpoints: None,
+        resume: false,
+        ..options.clone()
+    }
+}
+
+/// Runs `scenario` with each of the seeds into `seed-N` below the directory of `options`, whose seed is left alone.
 ///
 /// # Errors
 /// If all runs failed, why the first one did; or if nothing can be written for a trial.
@@ -70,31 +142,16 @@ pub fn run_all(
     run: &Run<'_>,
     progress: &SeedsProgress,
 ) -> Result<SeedRuns, Report> {
-    let schedule = schedule(scenario, options, seeds, run)?;
-    let next = AtomicUsize::new(0);
-    let outcomes = Mutex::new(Vec::with_capacity(seeds.len()));
-    let work = || {
-        while let Some(&seed) = seeds.get(next.fetch_add(1, Ordering::Relaxed)) {
-            let own = RunOptions {
-                out: options.out.join(format!("seed-{seed}")),
-                seed: Some(seed),
-                threads: Some(schedule.threads_each),
-                concurrent: schedule.at_once > 1,
-                checkpoints: None,
-                ..options.clone()
-            };
-            let outcome = run(scenario, &own, &mut progress.listener(seed));
-            outcomes.lock().unwrap_or_else(PoisonError::into_inner).push((seed, outcome));
-        }
+    let job = |&seed: &u64| {
+        let out = options.out.join(format!("seed-{seed}"));
+        Job { scenario, seed, methods: options.methods.clone(), out }
     };
-    thread::scope(|scope| {
-        (0..schedule.at_once).for_each(|_| drop(scope.spawn(work)));
-    });
-    let mut outcomes = outcomes.into_inner().unwrap_or_else(PoisonError::into_inner);
-    outcomes.sort_by_key(|(seed, _)| *seed);
+    let jobs: Vec<Job<'_>> = seeds.iter().map(job).collect();
+    let (schedule, outcomes) = run_jobs(&jobs, options, run, progress)?;
     let mut runs = SeedRuns { schedule, complete: Vec::new(), failed: Vec::new() };
     let mut first_error = None;
-    for (seed, outcome) in outcomes {
+    for (number, outcome) in outcomes {
+        let seed = seeds[number];
         match outcome {
             Ok(summary) => {
                 runs.failed.extend(summary.failures().map(|(name, failure)| FailedSeed {
@@ -119,15 +176,15 @@ pub fn run_all(
 }
 
 /// As many runs at a time as there are threads, as far as they fit into memory, and the threads divided among them.
-fn schedule(scenario: &Scenario, options: &RunOptions, seeds: &[u64], run: &Run<'_>) -> Result<Schedule, Report> {
+fn schedule(jobs: &[Job<'_>], options: &RunOptions, left: usize, run: &Run<'_>) -> Result<Schedule, Report> {
     let cores = thread::available_parallelism().map_or(1, usize::from);
     let threads = options.threads.unwrap_or(cores);
-    let wanted = threads.min(seeds.len());
+    let wanted = threads.min(left);
     let at_once = match wanted {
         0 | 1 => 1,
         _ => {
             let directory = tempfile::tempdir().into_diagnostic()?;
-            let needed_bytes = trial(scenario, options, seeds[0], run, directory.path());
+            let needed_bytes = trial(&jobs[0], options, run, directory.path());
             let both = needed_bytes.zip(available_bytes());
             both.map_or(1, |(needed_bytes, available_bytes)| fitting(wanted, needed_bytes, available_bytes))
         }
@@ -136,13 +193,13 @@ fn schedule(scenario: &Scenario, options: &RunOptions, seeds: &[u64], run: &Run<
 }
 
 /// The memory that a run takes, from its first cycles; `None` if they fail, of which the run itself will tell.
-fn trial(scenario: &Scenario, options: &RunOptions, seed: u64, run: &Run<'_>, directory: &Path) -> Option<u64> {
-    let cycles = options.cycles.unwrap_or(scenario.cycle.count).min(TRIAL_CYCLES);
+fn trial(job: &Job<'_>, options: &RunOptions, run: &Run<'_>, directory: &Path) -> Option<u64> {
+    let cycles = options.cycles.unwrap_or(job.scenario.cycle.count).min(TRIAL_CYCLES);
     let out = directory.join("trial");
-    let (cycles, seed) = (Some(cycles), Some(seed));
+    let (cycles, seed) = (Some(cycles), Some(job.seed));
     let RunOptions { methods, threads, concurrent, .. } = options.clone();
     let options = RunOptions { methods, cycles, seed, threads, concurrent, ..RunOptions::new(out) };
-    let summary = run(scenario, &options, &mut Nobody).ok()?;
+    let summary = run(job.scenario, &options, &mut Nobody).ok()?;
     let of_methods: u64 = summary.methods.values().filter_map(|scores| scores.peak_memory_bytes).sum();
     Some(of_methods + OTHER_BYTES)
 }

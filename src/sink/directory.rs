@@ -8,6 +8,7 @@
 //! | `outputs/` | the outputs in the making, which become `NAME` by being renamed |
 //! | `replaced/` | for a moment: the outputs of an earlier run that they replace |
 //! | `journal`, `checkpoint-…` | what it takes to resume the run (see [`crate::checkpoint`]) |
+//! | `batch.json` | what it takes to go on with a batch of runs, whose complete runs are in `outputs/` |
 
 use crate::checkpoint::file::{list, sync_directory};
 use crate::sink::SinkError;
@@ -20,6 +21,12 @@ pub const SUMMARY_FILE: &str = "summary.json";
 
 /// The file that the directory of runs with several seeds holds in its place.
 pub const SEEDS_FILE: &str = "seeds.json";
+
+/// The file that the directory of a sweep holds in its place.
+pub const SWEEP_FILE: &str = "sweep.json";
+
+/// The file in the working directory that says what a batch of runs was asked to do.
+pub const BATCH_FILE: &str = "batch.json";
 const LOCK: &str = "lock";
 const OUTPUTS: &str = "outputs";
 const REPLACED: &str = "replaced";
@@ -71,6 +78,21 @@ impl OutputDirectory {
                 path: directory.destination.clone(),
             });
         }
+        let batch = directory.working.join(BATCH_FILE);
+        if existing == Existing::Refuse && directory.keeps_batch() {
+            return Err(SinkError {
+                reason: format!(
+                    "{} complete runs of a batch that was interrupted are kept: `isobar resume {}` runs the others, \
+                     --overwrite discards them",
+                    complete_runs(&directory.outputs),
+                    directory.destination.display()
+                ),
+                path: directory.destination.clone(),
+            });
+        }
+        if batch.exists() {
+            fs::remove_file(&batch).map_err(|error| failure(&batch, "cannot be removed", &error))?;
+        }
         for (_, checkpoint) in kept {
             fs::remove_file(&checkpoint).map_err(|error| failure(&checkpoint, "cannot be removed", &error))?;
         }
@@ -100,6 +122,31 @@ impl OutputDirectory {
         }
         directory.clear()?;
         Ok(directory)
+    }
+
+    /// Opens the directory of an interrupted batch again, with its complete runs.
+    ///
+    /// # Errors
+    /// If there is none, or it is under way.
+    pub fn resume_batch(destination: impl Into<PathBuf>, existing: Existing) -> Result<Self, SinkError> {
+        let destination = destination.into();
+        let working = working(&destination)?;
+        if !working.join(BATCH_FILE).is_file() {
+            return Err(SinkError { path: destination, reason: "no batch was interrupted there".into() });
+        }
+        let directory = Self::lock(working, destination, existing)?;
+        if !directory.outputs.exists() {
+            // It was ended after its outputs had their final name and before all else was cleared away.
+            let _ = fs::remove_file(directory.working.join(BATCH_FILE));
+            return Err(SinkError { path: directory.destination.clone(), reason: "the batch is complete".into() });
+        }
+        directory.put_back()?;
+        Ok(directory)
+    }
+
+    /// Whether there are complete runs of a batch to go on with.
+    fn keeps_batch(&self) -> bool {
+        self.working.join(BATCH_FILE).is_file() && complete_runs(&self.outputs) > 0
     }
 
     /// Makes the working directory and locks it.
@@ -133,16 +180,21 @@ impl OutputDirectory {
         Err(SinkError { path: working, reason: "it comes and goes; is another run at work there?".into() })
     }
 
+    /// Outputs that were about to be replaced go back to their place, unless that is taken.
+    fn put_back(&self) -> Result<(), SinkError> {
+        let replaced = self.working.join(REPLACED);
+        let cannot = |error: io::Error| failure(&replaced, "cannot be cleared away", &error);
+        match (replaced.exists(), self.destination.exists()) {
+            (false, _) => Ok(()),
+            (true, true) => fs::remove_dir_all(&replaced).map_err(cannot),
+            (true, false) => fs::rename(&replaced, &self.destination).map_err(cannot),
+        }
+    }
+
     /// Leaves no outputs of an earlier attempt, but never loses those that one was about to replace.
     fn clear(&self) -> Result<(), SinkError> {
-        let replaced = self.working.join(REPLACED);
+        self.put_back()?;
         let cannot = |path: &Path, error: &io::Error| failure(path, "cannot be cleared away", error);
-        if replaced.exists() {
-            match self.destination.exists() {
-                true => fs::remove_dir_all(&replaced).map_err(|error| cannot(&replaced, &error))?,
-                false => fs::rename(&replaced, &self.destination).map_err(|error| cannot(&replaced, &error))?,
-            }
-        }
         // The directory itself stays: where it is missing, it has become the destination.
         match fs::read_dir(&self.outputs) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
@@ -206,11 +258,28 @@ impl OutputDirectory {
 impl Drop for OutputDirectory {
     fn drop(&mut self) {
         // Only the owner of the lock removes: it is still held here. Of old outputs there must be no doubt.
-        if list(&self.working).is_empty() && !self.working.join(REPLACED).exists() {
+        if list(&self.working).is_empty() && !self.working.join(REPLACED).exists() && !self.keeps_batch() {
             let _ = fs::remove_dir_all(&self.working);
         }
         let _ = self.lock.unlock();
     }
+}
+
+/// The number of complete runs in a directory and those below it, as far down as a batch has any.
+pub fn complete_runs(directory: &Path) -> usize {
+    fn count(directory: &Path, depth: usize) -> usize {
+        let Ok(entries) = fs::read_dir(directory) else { return 0 };
+        let paths = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| path.is_dir());
+        // What is in the making has a name with a dot.
+        let named = paths.filter(|path| !path.file_name().is_some_and(|it| it.to_string_lossy().starts_with('.')));
+        let of_one = |path: PathBuf| match path.join(SUMMARY_FILE).is_file() {
+            true => 1,
+            false if depth > 1 => count(&path, depth - 1),
+            false => 0,
+        };
+        named.map(of_one).sum()
+    }
+    count(directory, 2)
 }
 
 /// The working directory for a destination.
@@ -265,7 +334,9 @@ fn check_destination(destination: &Path, existing: Existing) -> Result<(), SinkE
     match existing {
         _ if !metadata.is_dir() => refuse("it exists and is not a directory"),
         Existing::Refuse => refuse("it exists already (--overwrite replaces it, once the new run is complete)"),
-        Existing::Overwrite if ![SUMMARY_FILE, SEEDS_FILE].iter().any(|file| destination.join(file).is_file()) => {
+        Existing::Overwrite
+            if ![SUMMARY_FILE, SEEDS_FILE, SWEEP_FILE].iter().any(|file| destination.join(file).is_file()) =>
+        {
             refuse(
                 "it exists and holds no summary.json, so it is not the output of a complete run, and will not be deleted",
             )

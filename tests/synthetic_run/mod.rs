@@ -327,6 +327,7 @@ fn analyse(
         seconds_per_cycle: 0.0123,
         peak_memory_bytes: Some(1_500_000),
         intervals: None,
+        diagnostics: None,
         failure: None,
         partition: (method == 0).then_some(PartitionReport {
             blocks: 24,

@@ -1,6 +1,7 @@
 //! Radiosondes: networks of stations that report the state at a point.
 
-use crate::bias::{BiasProcess, Biases};
+use crate::bias::BiasProcess;
+use crate::biases::Biases;
 use crate::calibration::Placement;
 use crate::error::{ObservationError, list, require};
 use crate::faults::Faults;

@@ -1,6 +1,7 @@
 //! Satellites: a swath of footprints that moves from cycle to cycle, with a bias that depends on the scan position.
 
-use crate::bias::{BiasProcess, Biases};
+use crate::bias::BiasProcess;
+use crate::biases::Biases;
 use crate::calibration::Placement;
 use crate::error::{ObservationError, require};
 use crate::faults::Faults;

@@ -8,7 +8,7 @@ use crate::plot::range::quantile;
 use crate::plot::{Curve, CurvePlot, Dash};
 use crate::sink::netcdf::coordinates::safe_name;
 use crate::sink::scores::utc;
-use crate::summary::{MethodScores, PerVariable};
+use crate::summary::{MethodScores, PerVariable, Summary};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -155,6 +155,35 @@ impl Figures<'_> {
             });
         }
         drawings
+    }
+
+    /// The histograms of the truth's place in the claimed distributions.
+    pub fn histograms(&self, summary: &Summary) -> Vec<Drawing> {
+        let drawing = |variable: &isobar_model::Variable| {
+            let curve = |(method, (name, scores)): (usize, (&String, &MethodScores))| {
+                let own = scores.diagnostics.as_ref()?.state.get(variable.name)?.probability_histogram.as_ref()?;
+                let bins = own.len() as f64;
+                let point = |(bin, share): (usize, &f64)| [(bin as f64 + 0.5) / bins, share * bins];
+                let points = own.iter().enumerate().map(point).collect();
+                Some(Curve::new(name, of_method_on_paper(method), points))
+            };
+            let curves: Vec<Curve> = summary.methods.iter().enumerate().filter_map(curve).collect();
+            let mut plot = CurvePlot::new(
+                format!("place of the true {} in the claim", variable.name),
+                "Φ((truth − analysis) / spread) [1]".into(),
+                "density [1]".into(),
+                curves,
+            );
+            plot.reference = Some(1.0);
+            let stem = format!("probability_{}", variable.name);
+            let caption = format!(
+                "Rank histogram of {}: the probability that the claimed normal distribution gives to values below the \
+                 truth. Flat if the claim is right, a U if the spread is too small, a hill if it is too large.",
+                variable.long_name
+            );
+            (!plot.curves.is_empty()).then_some(Drawing { stem, caption, plot })
+        };
+        self.info.layout.variables.iter().filter_map(drawing).collect()
     }
 
     /// χ²/n over time, and mean departures of each network and variable.

@@ -5,6 +5,7 @@ use super::figures::{self, Figures};
 use super::history::History;
 use super::maps::{self, Maps};
 use super::tables::{self, Table};
+use crate::diagnostics;
 use crate::event::RunInfo;
 use crate::plot::{CurvePlot, PlotError};
 use crate::summary::Summary;
@@ -134,13 +135,25 @@ impl Report {
         let reliability = Section {
             title: "Is the claimed spread right?".into(),
             text: "For the methods that claim one, over all grid points of the cycles that count.".into(),
-            figures: report.curves(figures.reliability()),
+            figures: report.curves(figures.reliability().into_iter().chain(figures.histograms(summary)).collect()),
             ..Section::default()
         };
         let innovations = Section {
             title: "What the observations say".into(),
             text: "Departures of the observations from the background, which need no truth.".into(),
             figures: report.curves(figures.innovations()),
+            ..Section::default()
+        };
+        let folded = diagnostics::tables::all(summary).into_iter().map(|titled| Folded {
+            title: titled.title.into(),
+            text: titled.text.into(),
+            tables: vec![titled.table],
+            ..Folded::default()
+        });
+        let diagnostics = Section {
+            title: "Diagnostics".into(),
+            text: "Over the cycles that count, with 95 % intervals below.".into(),
+            folded: folded.collect(),
             ..Section::default()
         };
         let cost = Section {
@@ -161,18 +174,10 @@ impl Report {
             }],
             ..Section::default()
         };
-        let all = [
-            Some(scores),
-            Some(errors),
-            Some(maps),
-            biases,
-            Some(reliability),
-            Some(correlations),
-            Some(innovations),
-            Some(cost),
-        ];
+        let parts = [reliability, correlations, innovations, diagnostics, cost];
+        let all = [Some(scores), Some(errors), Some(maps), biases].into_iter().chain(parts.map(Some));
         let filled = |it: &Section| !(it.figures.is_empty() && it.tables.is_empty() && it.folded.is_empty());
-        report.page.sections = all.into_iter().flatten().chain([scenario]).filter(filled).collect();
+        report.page.sections = all.flatten().chain([scenario]).filter(filled).collect();
         Ok(report)
     }
 

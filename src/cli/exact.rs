@@ -1,0 +1,56 @@
+//! `isobar exact`.
+
+use super::arguments::ExactArguments;
+use super::{lookup, print, run};
+use crate::exact::{ExactOptions, ExactScores, ExactSummary, exact};
+use crate::scenario::Scenario;
+use crate::sink::report::tables::Cell;
+use crate::summary::PerVariable;
+use crate::table;
+use miette::{IntoDiagnostic, Report};
+use rayon::ThreadPoolBuilder;
+use std::process::ExitCode;
+
+/// Prints the exact performance of a scenario's methods.
+pub fn run(arguments: &ExactArguments) -> Result<ExitCode, Report> {
+    let scenario = lookup::load(&arguments.scenario)?;
+    arguments.methods.iter().flatten().try_for_each(|method| run::check_method(method, &scenario))?;
+    let cycles = arguments.cycles.map(|cycles| cycles as usize);
+    run::check_cycles(cycles, &scenario)?;
+    let options = ExactOptions { methods: arguments.methods.clone(), cycles };
+    let threads = arguments.threads.map_or(0, |threads| threads as usize);
+    let workers = ThreadPoolBuilder::new().num_threads(threads).build().into_diagnostic()?;
+    let summary = workers.install(|| exact(&scenario, &options))?;
+    print(&text(&summary, &scenario))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn text(summary: &ExactSummary, scenario: &Scenario) -> String {
+    let variables = scenario.model.variables();
+    let mut header = vec!["method".to_string()];
+    for (name, unit) in variables {
+        header.extend(["background", "analysis", "claimed"].map(|what| format!("{name} [{unit}]\n{what}")));
+    }
+    header.extend(["biases\n[own units]", "claimed"].map(String::from));
+    let row = |(method, scores): (&String, &ExactScores)| {
+        let mut row = vec![method.clone()];
+        for (name, _) in variables {
+            let of = |table: &PerVariable| table.get(*name).copied();
+            let figures = [of(&scores.background), of(&scores.analysis), scores.spread.as_ref().and_then(of)];
+            row.extend(figures.map(|figure| Cell::figure(figure).text));
+        }
+        row.extend([scores.bias, scores.bias_spread].map(|figure| Cell::figure(figure).text));
+        row
+    };
+    let header: Vec<&str> = header.iter().map(String::as_str).collect();
+    let table = table::plain(&header, summary.methods.iter().map(row).collect());
+    let mut text = format!(
+        "{}: {}\n\nExact root-mean-square error of background and analysis, and what is claimed of the latter, cycles {} to \
+         {}\n{table}\n",
+        scenario.name, scenario.title, summary.scored_from_cycle, summary.cycles
+    );
+    for (name, reason) in &summary.left_out {
+        text += &format!("\n{name} is left out: {reason}");
+    }
+    text
+}

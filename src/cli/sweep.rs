@@ -1,0 +1,112 @@
+//! `isobar sweep`.
+
+use super::arguments::SweepArguments;
+use super::{RunOptions, Runner, lookup, print, run};
+use crate::interrupt;
+use crate::progress::SeedsProgress;
+use crate::scenario::Scenario;
+use crate::scenario::text::clean;
+use crate::seeds::{BatchKind, BatchPlan, Job, interrupted, run_jobs};
+use crate::sink::{Existing, OutputDirectory};
+use crate::sweep::{Outcome, SweepSummary, settings};
+use crate::table;
+use miette::{IntoDiagnostic, Report, miette};
+use std::fs;
+use std::process::ExitCode;
+
+/// Runs a scenario with all settings of its sweep. The exit code is 1 if a run or a method failed.
+pub fn sweep(arguments: &SweepArguments, runner: &Runner) -> Result<ExitCode, Report> {
+    let scenario = lookup::load(&arguments.scenario)?;
+    arguments.methods.iter().flatten().try_for_each(|method| run::check_method(method, &scenario))?;
+    let cycles = arguments.cycles.map(|cycles| cycles as usize);
+    run::check_cycles(cycles, &scenario)?;
+    let options = RunOptions {
+        methods: arguments.methods.clone(),
+        cycles,
+        threads: arguments.threads.map(|threads| threads as usize),
+        overwrite: arguments.overwrite,
+        report: scenario.output.report,
+        ..RunOptions::new(arguments.out.join(format!("{}-sweep", scenario.name)))
+    };
+    interrupt::listen();
+    match run_one(&scenario, &options, runner, arguments.quiet)? {
+        true => Ok(ExitCode::SUCCESS),
+        false => Ok(ExitCode::FAILURE),
+    }
+}
+
+/// Runs a sweep, or goes on with it; whether nothing failed.
+pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, runner: &Runner, quiet: bool) -> Result<bool, Report> {
+    let (sweep, settings) = settings(scenario, options.methods.as_deref())?;
+    let variable = scenario.model.variables().first().map_or("", |variable| variable.0);
+    let score = sweep.score.clone().unwrap_or_else(|| format!("rmse_analysis.{variable}"));
+    let seeds: Vec<u64> = (scenario.seed..).take(sweep.seeds).collect();
+    let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
+    let directory = match options.resume {
+        true => OutputDirectory::resume_batch(&options.out, existing).into_diagnostic()?,
+        false => OutputDirectory::create(&options.out, existing).into_diagnostic()?,
+    };
+    BatchPlan::new(scenario, options, BatchKind::Sweep).write(directory.working()).into_diagnostic()?;
+    let mut jobs = Vec::new();
+    for own in &settings {
+        let folder = directory.path().join(&own.directory);
+        let written =
+            fs::create_dir_all(&folder).and_then(|()| fs::write(folder.join("scenario.toml"), &own.scenario.text));
+        written.map_err(|error| miette!("cannot write {}: {error}", clean(&folder.display().to_string())))?;
+        jobs.extend(seeds.iter().map(|&seed| Job {
+            scenario: &own.scenario,
+            seed,
+            methods: Some(own.methods.clone()),
+            out: folder.join(format!("seed-{seed}")),
+        }));
+    }
+    let cycles = options.cycles.unwrap_or(scenario.cycle.count);
+    let analyses: usize = settings.iter().map(|own| own.methods.len()).sum::<usize>() * cycles;
+    let progress = SeedsProgress::new(quiet, &scenario.name, jobs.len(), analyses.div_ceil(settings.len()));
+    let each = RunOptions { report: false, ..options.clone() };
+    let outcomes = run_jobs(&jobs, &each, runner, &progress);
+    drop(progress);
+    if let Some(error) = interrupted(&options.out, directory.path(), jobs.len()) {
+        return Err(error);
+    }
+    let (schedule, outcomes) = outcomes?;
+    if let Some((_, Err(_))) = outcomes.iter().find(|(_, outcome)| outcome.is_err())
+        && outcomes.iter().all(|(_, outcome)| outcome.is_err())
+    {
+        let first = outcomes.into_iter().find_map(|(_, outcome)| outcome.err()).expect("all of them failed");
+        return Err(first.wrap_err(format!("all {} runs failed", jobs.len())));
+    }
+    let of_setting = |(job, outcome): (usize, Result<_, Report>)| -> Outcome {
+        (job / seeds.len(), outcome.map_err(|error| error.to_string()))
+    };
+    let outcomes: Vec<Outcome> = outcomes.into_iter().map(of_setting).collect();
+    let summary = SweepSummary::new(scenario, &settings, seeds.clone(), score, (schedule, outcomes), cycles);
+    summary.write(directory.path(), scenario, options.report).into_diagnostic()?;
+    directory.complete().into_diagnostic()?;
+    print(&text(&summary, scenario))?;
+    print(&format!("Files: {}\n", clean(&options.out.display().to_string())))?;
+    Ok(summary.failed.is_empty())
+}
+
+fn text(summary: &SweepSummary, scenario: &Scenario) -> String {
+    let (first, last) = (summary.scored_from_cycle, summary.cycles);
+    let mut text = format!(
+        "{}: {}\n\nMeans over {} seeds, cycles {first} to {last}\n",
+        scenario.name,
+        scenario.title,
+        summary.seeds.len()
+    );
+    for (_, table) in summary.tables(scenario.model.variables()) {
+        let header: Vec<&str> = table.header.iter().map(String::as_str).collect();
+        let rows = table.rows.iter().map(|row| row.iter().map(|cell| cell.text.clone()).collect());
+        text += &format!("\n{}\n", table::plain(&header, rows.collect()));
+    }
+    let best = summary.best_in_words();
+    if !best.is_empty() {
+        text += &format!("\nBest settings (*)\n{}\n", best.join("\n"));
+    }
+    for (place, error) in &summary.failed {
+        text += &format!("\nfailed: {place}: {error}");
+    }
+    text
+}

@@ -1,0 +1,252 @@
+//! The exact performance of linear methods in a linear world: no random numbers, no seeds, no sampling error.
+//!
+//! Where model and observations are linear, the gains of a method do not depend on the data. They are found by asking
+//! ([`isobar_assim::response`]), cycle by cycle, and the covariance of the actual errors is propagated with them and with the
+//! actual Q and R ([`isobar_assim::actual_errors`]): what the mean squares of infinitely many seeds would be. The places of
+//! random observations (missing ones, random stations) are those of the scenario's seed.
+
+use crate::experiment::{self, ExperimentError, Ground};
+use crate::scenario::{Algorithm, Dynamics, Scenario, ScenarioError};
+use crate::summary::PerVariable;
+use indexmap::IndexMap;
+use isobar_assim::actual_errors::ActualErrors;
+use isobar_assim::response::Responder;
+use isobar_assim::{BiasTreatment, Error, covariance};
+use isobar_model::{Duration, Layout, Time};
+use isobar_obs::{BiasProcess, Faults, ObservationWindow};
+use rayon::prelude::*;
+
+/// The most unknowns, of state and biases together: six matrices of that size squared, and its cube in every cycle.
+pub const MOST_UNKNOWNS: usize = 4000;
+
+/// What is computed of a scenario.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ExactOptions {
+    /// The methods, each one of the scenario's; `None`: all that have fixed gains.
+    pub methods: Option<Vec<String>>,
+    /// Number of cycles instead of the scenario's.
+    pub cycles: Option<usize>,
+}
+
+/// A method that is left out, and why.
+pub type LeftOut = (String, &'static str);
+
+/// The exact performance of a scenario's methods.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExactSummary {
+    /// The first cycle that counts.
+    pub scored_from_cycle: usize,
+    /// The last cycle.
+    pub cycles: usize,
+    /// The methods.
+    pub methods: IndexMap<String, ExactScores>,
+    /// Methods without fixed gains, and why they have none.
+    pub left_out: Vec<LeftOut>,
+}
+
+/// Roots of the expected mean squares over grid points and cycles.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ExactScores {
+    /// Error of the background, per variable, in its unit.
+    pub background: PerVariable,
+    /// Error of the analysis.
+    pub analysis: PerVariable,
+    /// Claimed standard deviation of the analysis, where the method has one.
+    pub spread: Option<PerVariable>,
+    /// Error of the bias parameters, each in its unit; `None` without parameters, or where they are known.
+    pub bias: Option<f64>,
+    /// Claimed standard deviation of the bias parameters.
+    pub bias_spread: Option<f64>,
+}
+
+/// Computes the performance of a scenario's methods.
+///
+/// # Errors
+/// With its place in the file, whatever makes the world nonlinear, or a method's gains depend on the data; a state that is
+/// too large; and what keeps the scenario from being run.
+pub fn exact(scenario: &Scenario, options: &ExactOptions) -> Result<ExactSummary, ScenarioError> {
+    check_linear(scenario)?;
+    let (names, left_out) = chosen(scenario, options)?;
+    let locate = |error: ExperimentError| error.locate(scenario);
+    let Ground { problem, mut observing, .. } = experiment::ground(scenario, scenario.seed).map_err(locate)?;
+    let layout = problem.background.layout().clone();
+    check_size(scenario, layout.len() + observing.calibration().len())?;
+    let cycles = options.cycles.unwrap_or(scenario.cycle.count);
+    let windows: Vec<ObservationWindow> = (0..cycles).map(|_| observing.observe(&problem.background)).collect();
+    let steps =
+        scenario.cycle.window.steps_of(problem.model.time_step()).expect("the scenario's window fits its steps");
+    let of_method = |name: &String, error| locate(ExperimentError::Method { name: name.clone(), error });
+    let propagator = ActualErrors::propagator(&*problem.model, &problem.background, steps)
+        .map_err(|error| of_method(&names[0], error))?;
+    let world = World {
+        background_error: covariance::dense(&*problem.background_error)
+            * faer::Scale(scenario.truth.background_error_scale),
+        model_error: problem
+            .model_error
+            .as_deref()
+            .map(|operator| covariance::dense(operator) * faer::Scale(scenario.truth.model_error_scale)),
+        propagator,
+        biases: observing.bias_processes().cloned().collect(),
+        windows,
+        start: scenario.start,
+        window: scenario.cycle.window,
+        scored_from: scenario.cycle.score_from_cycle,
+    };
+    let of_one = |name: &String| {
+        let mut method = experiment::method(&problem, name, scenario).map_err(locate)?;
+        let bias = scenario.methods[name].bias;
+        let scores_bias = bias != BiasTreatment::Known && scenario.methods[name].algorithm != Algorithm::Free;
+        let scores = world.scores(&mut *method, (bias, scores_bias), &layout);
+        Ok((name.clone(), scores.map_err(|error| of_method(name, error))?))
+    };
+    let methods = names.par_iter().map(of_one).collect::<Result<Vec<_>, ScenarioError>>()?;
+    let scored_from_cycle = scenario.cycle.score_from_cycle;
+    Ok(ExactSummary { scored_from_cycle, cycles, methods: methods.into_iter().collect(), left_out })
+}
+
+/// The true world, as far as covariances go.
+struct World {
+    background_error: faer::Mat<f64>,
+    model_error: Option<faer::Mat<f64>>,
+    propagator: faer::Mat<f64>,
+    biases: Vec<BiasProcess>,
+    windows: Vec<ObservationWindow>,
+    start: Time,
+    window: Duration,
+    scored_from: usize,
+}
+
+impl World {
+    fn scores(
+        &self,
+        method: &mut dyn isobar_assim::Assimilator,
+        (bias, scores_bias): (BiasTreatment, bool),
+        layout: &Layout,
+    ) -> Result<ExactScores, Error> {
+        let elapsed = |cycle: usize| Duration::from_seconds(self.window.seconds() * cycle as i64);
+        let mean = |own: &BiasProcess, cycle: usize| own.mean(elapsed(cycle), self.start + elapsed(cycle));
+        let means = |cycle: usize| -> Vec<f64> { self.biases.iter().map(|own| mean(own, cycle)).collect() };
+        let errors_of_zero: Vec<f64> = means(0).iter().map(|mean| -mean).collect();
+        let variances: Vec<f64> = self.biases.iter().map(BiasProcess::initial_variance).collect();
+        let walks: Vec<f64> = self.biases.iter().map(|own| own.variance_per_day() * self.window.days()).collect();
+        let mut errors = ActualErrors::new(self.background_error.as_ref(), &errors_of_zero, &variances);
+        let (m, p) = (layout.len(), self.biases.len());
+        let (mut background, mut analysis, mut spread) = (vec![0.0; m + p], vec![0.0; m + p], vec![0.0; m + p]);
+        let (mut claims_state, mut claims_biases) = (true, true);
+        for (observed, cycle) in self.windows.iter().zip(1..) {
+            let forecast = method.forecast(self.window)?;
+            let changes: Vec<f64> = means(cycle).iter().zip(means(cycle - 1)).map(|(now, then)| now - then).collect();
+            let model_error = self.model_error.as_ref().map(|matrix| matrix.as_ref());
+            errors.forecast(self.propagator.as_ref(), model_error, &walks, &changes);
+            let scored = cycle >= self.scored_from;
+            if scored {
+                add(&mut background, errors.mean_squares().into_iter());
+            }
+            let mut responder = Responder::new(method, &forecast, observed)?;
+            let gain = responder.gain()?;
+            responder.finish()?;
+            let estimate = method.analyse(observed)?.estimate;
+            let jacobian = observed.operator.linearize(&forecast.state, &forecast.calibration);
+            let variance: Vec<f64> = observed.sigma.iter().map(|sigma| sigma * sigma).collect();
+            errors.analyse(&gain, &jacobian, &variance, bias != BiasTreatment::Known);
+            if scored {
+                add(&mut analysis, errors.mean_squares().into_iter());
+                let squares = |values: &Option<Vec<f64>>, count: usize| -> Vec<f64> {
+                    values.as_ref().map_or(vec![0.0; count], |it| it.iter().map(|sigma| sigma * sigma).collect())
+                };
+                let claimed = [squares(&estimate.state_spread, m), squares(&estimate.calibration_spread, p)].concat();
+                add(&mut spread, claimed.into_iter());
+                claims_state &= estimate.state_spread.is_some();
+                claims_biases &= estimate.calibration_spread.is_some();
+            }
+        }
+        let scored = (self.windows.len() + 1 - self.scored_from) as f64;
+        let root = |values: &[f64]| (values.iter().sum::<f64>() / (values.len() as f64 * scored)).sqrt();
+        let per_variable = |sums: &[f64]| -> PerVariable {
+            let fields = sums[..m].chunks_exact(layout.grid.cells());
+            layout.variables.iter().zip(fields).map(|(own, field)| (own.name.to_string(), root(field))).collect()
+        };
+        let scores_bias = p > 0 && scores_bias;
+        Ok(ExactScores {
+            background: per_variable(&background),
+            analysis: per_variable(&analysis),
+            spread: claims_state.then(|| per_variable(&spread)),
+            bias: scores_bias.then(|| root(&analysis[m..])),
+            bias_spread: (scores_bias && claims_biases).then(|| root(&spread[m..])),
+        })
+    }
+}
+
+fn add(sums: &mut [f64], values: impl Iterator<Item = f64>) {
+    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+}
+
+/// The methods that are asked for, and those that are left out because nobody has asked for them by name.
+fn chosen(scenario: &Scenario, options: &ExactOptions) -> Result<(Vec<String>, Vec<LeftOut>), ScenarioError> {
+    let (mut names, mut left_out) = (Vec::new(), Vec::new());
+    for (name, method) in &scenario.methods {
+        let is_named = options.methods.as_ref().map(|chosen| chosen.contains(name));
+        match (without_fixed_gain(&method.algorithm), is_named) {
+            (_, Some(false)) => {}
+            (None, _) => names.push(name.clone()),
+            (Some(reason), None) => left_out.push((name.clone(), reason)),
+            (Some(reason), Some(true)) => {
+                let message = format!("the exact performance of method {name} cannot be computed: {reason}");
+                return Err(scenario.fault(&["methods", name, "kind"], message, "no fixed gain"));
+            }
+        }
+    }
+    if names.is_empty() {
+        let message = "no method of this scenario has gains that do not depend on the data".to_string();
+        return Err(scenario.fault(&["methods"], message, "none of these"));
+    }
+    Ok((names, left_out))
+}
+
+/// Why an algorithm has no gain that the covariances alone determine; `None` if it has one.
+fn without_fixed_gain(algorithm: &Algorithm) -> Option<&'static str> {
+    match algorithm {
+        Algorithm::Free
+        | Algorithm::OptimalInterpolation { .. }
+        | Algorithm::ThreeDVar(_)
+        | Algorithm::Kalman { .. }
+        | Algorithm::SerialKalman { .. }
+        | Algorithm::FastKalman { .. } => None,
+        Algorithm::Climatology => Some("its background is no forecast of the model"),
+        Algorithm::FourDVar(_) => Some("its window analyses earlier observations again"),
+        Algorithm::HybridThreeDVar { .. }
+        | Algorithm::EnsembleTransform { .. }
+        | Algorithm::LocalEnsembleTransform { .. }
+        | Algorithm::StochasticEnsemble { .. } => Some("the gain of an ensemble is random"),
+    }
+}
+
+fn check_linear(scenario: &Scenario) -> Result<(), ScenarioError> {
+    if matches!(scenario.model.dynamics, Dynamics::ShallowWater(_)) {
+        let message = "exact performance needs a linear model, and shallow_water is not linear".to_string();
+        let wanted = "it would have to be linear_shallow_water, advection or exact_shift";
+        return Err(scenario.fault(&["model", "kind"], message, wanted));
+    }
+    if scenario.truth.model != scenario.model {
+        let message =
+            "exact performance needs the same model for the truth: else errors depend on the state".to_string();
+        return Err(scenario.fault(&["truth", "model"], message, "another model"));
+    }
+    for (name, network) in &scenario.networks {
+        if network.faults != Faults::NONE {
+            let message = format!("exact performance needs normal errors, and network {name} has faults");
+            return Err(scenario.fault(&["networks", name, "faults"], message, "these"));
+        }
+    }
+    Ok(())
+}
+
+fn check_size(scenario: &Scenario, unknowns: usize) -> Result<(), ScenarioError> {
+    if unknowns <= MOST_UNKNOWNS {
+        return Ok(());
+    }
+    let message = format!(
+        "exact performance propagates the whole covariance: {unknowns} unknowns are more than the {MOST_UNKNOWNS} that it takes"
+    );
+    Err(scenario.fault(&["grid"], message, "a smaller grid"))
+}

@@ -1,0 +1,118 @@
+//! `[sweep]`: keys of the scenario, and the values that they take in turn.
+
+use super::model::ModelSettings;
+use super::reader::{Field, Limits, Read, Section};
+use indexmap::IndexMap;
+use toml::Value;
+use toml::de::DeValue;
+
+/// The most values of a key.
+const MOST_VALUES: usize = 100;
+
+/// The most keys.
+const MOST_KEYS: usize = 8;
+
+/// Which keys vary.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SweepSettings {
+    /// Number of seeds of each setting, from the scenario's on.
+    pub seeds: usize,
+    /// Dotted name of the score of which less is better; `None`: the analysis error of the first variable.
+    pub score: Option<String>,
+    /// The values of each key, by its dotted name, `methods.var.covariance_scale`; a number stands for an element of a list,
+    /// from 0.
+    pub vary: IndexMap<String, Vec<Value>>,
+}
+
+/// Reads `[sweep]`.
+pub(super) fn read(root: &Section<'_>, model: &ModelSettings) -> Read<Option<SweepSettings>> {
+    let Some(field) = root.optional("sweep") else { return Ok(None) };
+    let section = field.section(&["seeds", "score", "vary"])?;
+    let field = section.required("vary")?;
+    let mut vary = IndexMap::new();
+    for (key, field) in field.any_section()?.fields() {
+        if vary.len() == MOST_KEYS {
+            return Err(field.misplaced(format!("more than {MOST_KEYS} keys vary"), "too many"));
+        }
+        let root = key.split('.').next().unwrap_or_default();
+        if ["sweep", "expected", "output", "seed"].contains(&root) || !key.contains('.') {
+            let help = "a dotted key of this file in quotes, such as \"methods.fkf.factors\"; `seeds` varies the seed";
+            return Err(field.misplaced(format!("`{}` cannot vary", super::text::clean(key)), help));
+        }
+        vary.insert(key.to_string(), values(&field)?);
+    }
+    if vary.is_empty() {
+        return Err(field.invalid("no key varies".into(), "keys with lists of values"));
+    }
+    let seeds = section.whole_or("seeds", 1, 1, 1000)?;
+    let scores = scores(model);
+    let known: Vec<(&str, &str)> = scores.iter().map(|name| (name.as_str(), name.as_str())).collect();
+    let score = section.optional("score").map(|field| field.choice(&known)).transpose()?.map(String::from);
+    Ok(Some(SweepSettings { seeds, score, vary }))
+}
+
+/// The names of all scores that a method may have.
+fn scores(model: &ModelSettings) -> Vec<String> {
+    let per_variable = ["rmse_analysis", "rmse_background", "spread_analysis", "crps"];
+    let names = model.variables().iter().map(|variable| variable.0);
+    let of_variables = names.flat_map(|name| per_variable.map(|score| format!("{score}.{name}")));
+    let others = ["bias_rmse", "bias_spread", "innovation_chi2", "seconds_per_cycle"].map(String::from);
+    of_variables.chain(others).collect()
+}
+
+/// A list, or `{ from, to, count }`.
+fn values(field: &Field<'_>) -> Read<Vec<Value>> {
+    if !matches!(field.value.get_ref(), DeValue::Table(_)) {
+        let values = field.elements(MOST_VALUES)?.iter().map(value).collect::<Read<Vec<_>>>()?;
+        if values.is_empty() {
+            return Err(field.invalid(format!("`{}` has no values", field.title()), "at least one value"));
+        }
+        return Ok(values);
+    }
+    let section = field.section(&["from", "to", "count", "spacing"])?;
+    let (from, to) = (section.number("from", Limits::Any)?, section.number("to", Limits::Any)?);
+    let count_field = section.required("count")?;
+    let count = count_field.whole(2, MOST_VALUES)?;
+    let spacing = section.optional("spacing");
+    let is_logarithmic = match &spacing {
+        None => false,
+        Some(spacing) => spacing.choice(&[("linear", false), ("logarithmic", true)])?,
+    };
+    if let Some(spacing) = spacing.filter(|_| is_logarithmic && (from <= 0.0 || to <= 0.0)) {
+        let message = format!("values from {from:?} to {to:?} cannot be spaced logarithmically");
+        return Err(spacing.invalid(message, "both ends must be greater than 0"));
+    }
+    let is_whole =
+        |key: &str| section.optional(key).is_some_and(|field| matches!(field.value.get_ref(), DeValue::Integer(_)));
+    let step = |number: usize| number as f64 / (count - 1) as f64;
+    let value = |number: usize| match is_logarithmic {
+        // The ends to the digit.
+        _ if number == 0 => from,
+        _ if number == count - 1 => to,
+        true => from * (to / from).powf(step(number)),
+        false => from + (to - from) * step(number),
+    };
+    let all: Vec<f64> = (0..count).map(value).collect();
+    // Whole numbers where all are: a key that wants them would refuse 4.0.
+    let whole = is_whole("from") && is_whole("to") && all.iter().all(|value| value.fract() == 0.0);
+    Ok(all.into_iter().map(|value| if whole { Value::Integer(value as i64) } else { Value::Float(value) }).collect())
+}
+
+/// A value, as it is.
+fn value(field: &Field<'_>) -> Read<Value> {
+    Ok(match field.value.get_ref() {
+        DeValue::String(_) => Value::String(field.text()?),
+        DeValue::Integer(_) => Value::Integer(field.integer(i64::MIN, i64::MAX)?),
+        DeValue::Float(_) => Value::Float(field.number(Limits::Any)?),
+        DeValue::Boolean(_) => Value::Boolean(field.yes_or_no()?),
+        DeValue::Array(_) => Value::Array(field.elements(MOST_VALUES)?.iter().map(value).collect::<Read<Vec<_>>>()?),
+        DeValue::Table(_) => {
+            let section = field.any_section()?;
+            let entries = section.fields().map(|(key, field)| Ok((key.to_string(), value(&field)?)));
+            Value::Table(entries.collect::<Read<toml::Table>>()?)
+        }
+        DeValue::Datetime(_) => {
+            return Err(field.invalid(format!("`{}` cannot be a time", field.title()), "a number, text or table"));
+        }
+    })
+}

@@ -1,0 +1,127 @@
+//! What a batch of runs was asked to do, kept beside its complete runs: enough to go on with it.
+
+use super::Schedule;
+use crate::cli::RunOptions;
+use crate::interrupt;
+use crate::scenario::text::clean;
+use crate::scenario::{Scenario, ScenarioError};
+use crate::sink::SinkError;
+use crate::sink::directory::{BATCH_FILE, complete_runs};
+use miette::{Report, miette};
+use serde::{Deserialize, Serialize};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// A batch as it was asked for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BatchPlan {
+    /// Version of isobar: the runs of another one may have other scores.
+    version: String,
+    scenario_path: PathBuf,
+    scenario_text: String,
+    methods: Option<Vec<String>>,
+    cycles: Option<usize>,
+    overwrite: bool,
+    netcdf: bool,
+    rerun: bool,
+    report: bool,
+    /// What it is a batch of.
+    pub kind: BatchKind,
+}
+
+/// What a batch is made of.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum BatchKind {
+    /// Runs with several seeds.
+    Seeds {
+        /// The seeds.
+        seeds: Vec<u64>,
+        /// The method with which the others are compared.
+        against: String,
+        /// Whether all files of every seed are written.
+        all_files: bool,
+    },
+    /// Runs with several settings, as the scenario's `[sweep]` says.
+    Sweep,
+}
+
+impl BatchPlan {
+    /// The plan of a batch.
+    pub fn new(scenario: &Scenario, options: &RunOptions, kind: BatchKind) -> Self {
+        let RunOptions { methods, cycles, overwrite, netcdf, rerun, report, .. } = options.clone();
+        Self {
+            version: crate::VERSION.into(),
+            scenario_path: std::path::absolute(&scenario.path).unwrap_or_else(|_| scenario.path.clone()),
+            scenario_text: scenario.text.clone(),
+            methods,
+            cycles,
+            overwrite,
+            netcdf,
+            rerun,
+            report,
+            kind,
+        }
+    }
+
+    /// Writes it into a working directory.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write(&self, working: &Path) -> Result<(), SinkError> {
+        let path = working.join(BATCH_FILE);
+        let text = serde_json::to_string(self).map_err(|error| error.to_string());
+        let written = text.and_then(|text| fs::write(&path, text).map_err(|error| error.to_string()));
+        written.map_err(|reason| SinkError { path, reason })
+    }
+
+    /// Reads the plan of the batch in a working directory; `None` if there is no batch.
+    ///
+    /// # Errors
+    /// In words, if it cannot be used.
+    pub fn read(working: &Path) -> Result<Option<Self>, String> {
+        let path = working.join(BATCH_FILE);
+        if !path.is_file() {
+            return Ok(None);
+        }
+        let text = fs::read_to_string(&path).map_err(|error| error.to_string())?;
+        let plan: Self = serde_json::from_str(&text).map_err(|error| error.to_string())?;
+        if plan.version != crate::VERSION {
+            return Err(format!("it was begun by isobar {}, and this is isobar {}", plan.version, crate::VERSION));
+        }
+        Ok(Some(plan))
+    }
+
+    /// The scenario, read from its text.
+    ///
+    /// # Errors
+    /// If it is not valid, or its station files are gone.
+    pub fn scenario(&self) -> Result<Scenario, ScenarioError> {
+        Scenario::parse(&self.scenario_path, &self.scenario_text)
+    }
+
+    /// The options of a batch that goes on with this plan.
+    pub fn options(&self, out: &Path, threads: Option<usize>) -> RunOptions {
+        let Self { methods, cycles, overwrite, netcdf, rerun, report, .. } = self.clone();
+        RunOptions { methods, cycles, threads, overwrite, netcdf, rerun, report, resume: true, ..RunOptions::new(out) }
+    }
+}
+
+/// The end of a batch that a signal has ended before its time; `None` if none has.
+pub fn interrupted(out: &Path, outputs: &Path, jobs: usize) -> Option<Report> {
+    if !interrupt::requested() {
+        return None;
+    }
+    let complete = complete_runs(outputs);
+    let help = match complete {
+        0 => "nothing is kept".to_string(),
+        _ => {
+            format!("the complete ones are kept: `isobar resume {}` runs the others", clean(&out.display().to_string()))
+        }
+    };
+    Some(miette!(help = help, "ended by a signal after {complete} of {jobs} runs"))
+}
+
+/// How a batch is distributed, in words.
+pub fn describe(schedule: Schedule) -> String {
+    format!("{} at a time, each on {} threads", schedule.at_once, schedule.threads_each)
+}

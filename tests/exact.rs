@@ -1,0 +1,213 @@
+//! Exact performance: the Kalman filter is the best, knows what it is worth, and Monte Carlo comes to the same.
+
+mod common;
+mod runs;
+
+use common::{VALID, isobar, text};
+use isobar::event::Event;
+use isobar::exact::{ExactOptions, ExactSummary, exact};
+use isobar::scenario::Scenario;
+use isobar::sink::{Sink, SinkError};
+use isobar::statistics::independent_mean;
+use std::fs;
+use std::path::Path;
+
+/// A tracer with biased stations, all whose statistics the methods know.
+const TRACER: &str = r#"
+title = "A tracer"
+phenomenon = "None"
+source = "The tests"
+seed = 3
+start = "2026-01-15T00:00:00Z"
+[grid]
+nx = 9
+ny = 6
+dx_km = 100
+boundary = "periodic"
+[model]
+kind = "advection"
+time_step_s = 3600
+wind = { kind = "uniform", u_m_per_s = 9, v_m_per_s = 4 }
+scheme = "first_order_upwind"
+[initial]
+kind = "cosine_wave"
+amplitude = 1
+waves_x = 2
+[background_error]
+components = [{ kind = "univariate", variable = "tracer", sigma = 0.5, length_km = 200 }]
+[model_error]
+components = [{ kind = "univariate", variable = "tracer", sigma = 0.15, length_km = 200 }]
+[cycle]
+count = 12
+window_hours = 6
+score_from_cycle = 3
+[networks.fixed]
+kind = "radiosonde"
+stations = { regular = [3, 3] }
+groups = ["A", "B"]
+reference_groups = ["A"]
+missing_rate = 0.0
+observe = { tracer = 0.2 }
+[[networks.fixed.bias]]
+per = "group"
+variable = "tracer"
+sigma = 0.3
+evolution = { kind = "random_walk", sigma_per_sqrt_day = 0.1 }
+[methods.kf]
+kind = "kf"
+[methods.serial]
+kind = "serial_kf"
+[methods.fkf]
+kind = "fkf"
+blocks = "cell"
+factors = 6
+[methods.blind]
+kind = "kf"
+bias = "ignore"
+[methods.var]
+kind = "3dvar"
+covariance_scale = 0.4
+tolerance = 1e-10
+max_iterations = 500
+[methods.oi]
+kind = "optimal_interpolation"
+covariance_scale = 0.4
+[methods.free]
+kind = "free"
+[methods.known]
+kind = "kf"
+bias = "known"
+"#;
+
+fn parse(text: &str) -> Scenario {
+    Scenario::parse(Path::new("tracer.toml"), text).unwrap()
+}
+
+fn summary(text: &str) -> ExactSummary {
+    exact(&parse(text), &ExactOptions::default()).unwrap()
+}
+
+#[test]
+fn the_kalman_filter_is_the_best_and_knows_what_it_is_worth() {
+    let summary = summary(TRACER);
+    let of = |name: &str| &summary.methods[name];
+    let kf = of("kf");
+    let spread = kf.spread.as_ref().unwrap()["tracer"];
+    assert!((kf.analysis["tracer"] / spread - 1.0).abs() < 1e-9, "{kf:?}");
+    assert!((kf.bias.unwrap() / kf.bias_spread.unwrap() - 1.0).abs() < 1e-9, "{kf:?}");
+    for name in ["serial", "fkf", "blind", "var", "oi", "free"] {
+        assert!(of(name).analysis["tracer"] > kf.analysis["tracer"] * (1.0 - 1e-9), "{name}: {:?}", of(name));
+        if let Some(bias) = of(name).bias {
+            assert!(bias > kf.bias.unwrap() * (1.0 - 1e-9), "{name}");
+        }
+    }
+    assert!((of("serial").analysis["tracer"] / kf.analysis["tracer"] - 1.0).abs() < 1e-9);
+    // To the accuracy of the minimiser.
+    assert!((of("var").analysis["tracer"] / of("oi").analysis["tracer"] - 1.0).abs() < 1e-6);
+    assert!(of("known").analysis["tracer"] < kf.analysis["tracer"] && of("known").bias.is_none());
+    // Somebody who knows of no bias claims too little.
+    assert!(of("blind").analysis["tracer"] > 1.2 * of("blind").spread.as_ref().unwrap()["tracer"]);
+    assert!(of("free").analysis["tracer"] > 2.0 * kf.analysis["tracer"]);
+}
+
+#[test]
+fn a_filter_that_assumes_wrong_statistics_is_worse_than_one_that_knows() {
+    let wrong = TRACER.replace("[cycle]", "[truth]\nmodel_error_scale = 4\n[cycle]");
+    let (right, wrong) = (summary(TRACER), summary(&wrong));
+    let kf = &wrong.methods["kf"];
+    assert!(kf.analysis["tracer"] > 1.2 * kf.spread.as_ref().unwrap()["tracer"], "{kf:?}");
+    assert_eq!(kf.spread, right.methods["kf"].spread);
+}
+
+/// A bias that is given and jumps is no random one: it is a mean error, which the filter takes out over time.
+#[test]
+fn a_given_bias_and_its_jump_are_a_mean_error() {
+    let given = TRACER
+        .replace(
+            "sigma = 0.3\nevolution",
+            "value = 0.6\nassumed_sigma = 0.3\nassumed_drift_per_sqrt_day = 0.1\nevolution",
+        )
+        .replace(
+            "{ kind = \"random_walk\", sigma_per_sqrt_day = 0.1 }",
+            "{ kind = \"jump\", at_hours = 36, size = 0.5 }",
+        );
+    let summary = summary(&given);
+    let blind = &summary.methods["blind"];
+    // Cycles 3 to 5 at 0.6, then 6 to 12 at 1.1.
+    let expected = ((3.0 * 0.36 + 7.0 * 1.21) / 10.0_f64).sqrt();
+    assert!((blind.bias.unwrap() / expected - 1.0).abs() < 1e-9, "{blind:?}, {expected}");
+    assert!(summary.methods["kf"].bias.unwrap() < 0.5 * expected);
+}
+
+/// Mean square errors of each method.
+#[derive(Default)]
+struct Squares(Vec<[f64; 2]>);
+
+impl Sink for Squares {
+    fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
+        if let Event::Finished(summary) = event {
+            let of = |scores: &isobar::summary::MethodScores| {
+                [scores.rmse_analysis["tracer"].powi(2), scores.bias_rmse.unwrap_or(0.0).powi(2)]
+            };
+            self.0 = summary.methods.values().map(of).collect();
+        }
+        Ok(())
+    }
+}
+
+/// Within four standard errors of the mean over seeds, for eight methods and their biases.
+#[test]
+fn the_mean_over_seeds_comes_to_the_same() {
+    let scenario = parse(TRACER);
+    let directory = tempfile::tempdir().unwrap();
+    let runs: Vec<Vec<[f64; 2]>> = (0..150)
+        .map(|seed| {
+            let own = directory.path().join(seed.to_string());
+            let options = isobar::cli::RunOptions { seed: Some(seed), threads: Some(1), ..runs::run_options(&own, 12) };
+            let mut squares = Squares::default();
+            isobar::run::run(&scenario, &options, &mut squares).unwrap();
+            squares.0
+        })
+        .collect();
+    let exact = summary(TRACER);
+    for (number, (name, scores)) in exact.methods.iter().enumerate() {
+        let expected = [scores.analysis["tracer"].powi(2), scores.bias.unwrap_or(0.0).powi(2)];
+        for (which, expected) in expected.into_iter().enumerate() {
+            let values: Vec<f64> = runs.iter().map(|run| run[number][which]).collect();
+            let found = independent_mean(&values).unwrap();
+            // The half-width is 1.98 standard errors.
+            let tolerance = 2.0 * found.half_width.unwrap_or(0.0) + 1e-12;
+            assert!((found.mean - expected).abs() <= tolerance, "{name}: {found:?}, exactly {expected}");
+        }
+    }
+}
+
+#[test]
+fn the_program_prints_it_and_names_what_it_cannot_compute() {
+    let directory = tempfile::tempdir().unwrap();
+    let here = directory.path();
+    let write = |name: &str, text: &str| fs::write(here.join(name), text).unwrap();
+    let ensemble = "[methods.etkf]\nkind = \"etkf\"\nmembers = 10\n";
+    write("tracer.toml", &format!("{TRACER}{ensemble}"));
+    write("nonlinear.toml", VALID);
+    write("other.toml", &TRACER.replace("[cycle]", "[truth]\nmodel = { scheme = \"third_order_upwind\" }\n[cycle]"));
+    write("faulty.toml", &TRACER.replace("missing_rate = 0.0", "faults = { gross_error_rate = 0.1 }"));
+    write("large.toml", &TRACER.replace("nx = 9", "nx = 900"));
+    let output = isobar(here, &["exact", "tracer.toml"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let said = text(&output.stdout);
+    assert!(said.contains("etkf is left out: the gain of an ensemble is random") && said.contains("known"), "{said}");
+    let complaint = |arguments: &[&str]| {
+        let output = isobar(here, &[&["exact"], arguments].concat());
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}");
+        text(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ")
+    };
+    let ensemble = complaint(&["tracer.toml", "--methods", "etkf"]);
+    assert!(ensemble.contains("method etkf cannot be computed") && ensemble.contains("tracer.toml:"), "{ensemble}");
+    assert!(complaint(&["nonlinear.toml"]).contains("shallow_water is not linear"));
+    assert!(complaint(&["other.toml"]).contains("the same model for the truth"));
+    assert!(complaint(&["faulty.toml"]).contains("network fixed has faults"));
+    assert!(complaint(&["large.toml"]).contains("more than the 4000"));
+    assert!(complaint(&["tracer.toml", "--methods", "kv"]).contains("no method `kv`"));
+    assert!(complaint(&["tracer.toml", "--cycles", "2"]).contains("counts scores from cycle 3"));
+}
