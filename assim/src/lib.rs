@@ -11,13 +11,18 @@
 //! | [`ensemble`] | ensemble Kalman filters: transform (ETKF), local (LETKF), stochastic (EnKF) |
 //! | [`free`], [`climatology`] | no assimilation |
 //!
+//! [`calibrated`] is what any of them makes of what is known of its sensors: earlier calibrations, recalibrations, biases
+//! that are not to be adjusted; [`observability`] says which biases the data determine.
+//!
 //! All of them are given a [`Problem`], see models and observations only through traits and Jacobians, and are an
 //! [`Assimilator`]. [`covariance`] holds B and Q as operators; `testing` (feature `testing`) the contract they must keep.
 
 pub mod assimilator;
 mod augmented;
 pub mod block_angular;
+pub mod calibrated;
 mod calibrated_state;
+pub mod calibration_accuracy;
 pub mod climatology;
 pub mod covariance;
 pub mod covariance_column;
@@ -27,6 +32,7 @@ pub mod fast_kalman;
 pub mod free;
 pub mod kalman;
 mod linalg;
+pub mod observability;
 pub mod optimal_interpolation;
 pub mod problem;
 mod propagator;
@@ -40,8 +46,11 @@ pub mod testing;
 pub mod variational;
 
 pub use assimilator::{Analysis, Assimilator, BiasTreatment, Estimate};
+pub use calibrated::{Calibrated, Recalibration, SensorKnowledge};
+pub use calibration_accuracy::CalibrationAccuracy;
 pub use covariance::Covariance;
 pub use covariance_column::{CovarianceColumn, Unknown, correlation};
 pub use error::Error;
+pub use observability::{Combination, Observability};
 pub use problem::Problem;
 pub use structure::{CommonFactor, Structure};

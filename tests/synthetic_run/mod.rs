@@ -179,7 +179,7 @@ fn info(nx: usize, ny: usize, cycles: usize, methods: usize) -> RunInfo {
         start: Time::from_seconds(1_767_225_600),
         window: Duration::from_seconds(21_600),
         cycles,
-        calibration: Calibration { parameters },
+        calibration: Calibration { parameters, ..Calibration::default() },
         methods: METHODS[..methods]
             .iter()
             .map(|&(name, description, ..)| MethodInfo { name: name.into(), description: description.into() })
