@@ -2,7 +2,7 @@
 
 use crate::correlations::Correlations;
 use crate::monitor::{Fault, Monitor};
-use isobar_assim::{Analysis, Assimilator, Estimate, Structure, Unknown};
+use isobar_assim::{Analysis, Assimilator, Calibrated, CalibrationAccuracy, Estimate, Structure, Unknown};
 use isobar_model::Duration;
 use isobar_obs::ObservationWindow;
 use peak_alloc::PeakAlloc;
@@ -16,7 +16,7 @@ static MEMORY: PeakAlloc = PeakAlloc;
 
 /// A method, and what it has cost so far.
 pub struct Runner {
-    method: Box<dyn Assimilator>,
+    method: Calibrated,
     monitor: Monitor,
     /// Memory that the method holds between cycles \[bytes\].
     held_bytes: i64,
@@ -49,8 +49,8 @@ impl Runner {
     ///
     /// # Errors
     /// Those of `build`.
-    pub fn new<E>(build: impl FnOnce() -> Result<Box<dyn Assimilator>, E>) -> Result<Self, E> {
-        let (method, memory) = measured(build);
+    pub fn new<M: Into<Calibrated>, E>(build: impl FnOnce() -> Result<M, E>) -> Result<Self, E> {
+        let (method, memory) = measured(|| build().map(Into::into));
         let mut runner =
             Self { method: method?, monitor: Monitor::default(), held_bytes: 0, peak_bytes: 0, seconds: 0.0 };
         runner.account(memory);
@@ -90,6 +90,11 @@ impl Runner {
     /// What goes together with the error of one value of the analysis, for viewers; no part of the method's cost.
     pub fn correlations(&self, of: usize, analysis: &Estimate) -> Option<Correlations> {
         Correlations::new(of, &self.method.covariance_column(Unknown::Value(of))?, analysis)
+    }
+
+    /// What the method knows of the biases now; `None` if it does not estimate them.
+    pub fn calibration(&self) -> Option<(Vec<f64>, CalibrationAccuracy)> {
+        Some((self.method.calibration(), self.method.calibration_accuracy()?))
     }
 
     /// The method's memory, for a checkpoint, and what its cycles have cost.

@@ -17,6 +17,7 @@
 //! | [`checkpoint`], [`interrupt`] | how a run ends before its time, and goes on |
 //! | [`event`], [`sink`] | what happens, and the files that it is written to |
 //! | [`plot`] | curves and maps, as these files hold them |
+//! | [`sensors`] | what is known of each sensor, from run to run |
 //! | [`statistics`] | how well a score is known |
 //! | [`seeds`] | the same experiment over several seeds |
 //! | [`saved`], [`comparison`] | complete runs, read back and compared |
@@ -38,6 +39,7 @@ pub mod run;
 pub mod saved;
 pub mod scenario;
 pub mod seeds;
+pub mod sensors;
 pub mod sink;
 pub mod statistics;
 pub mod summary;

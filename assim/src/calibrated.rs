@@ -2,6 +2,7 @@
 
 use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::calibration_accuracy::CalibrationAccuracy;
+use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::linalg::{add_symmetric_product, eigen};
 use crate::saved::{Matrix, from_bytes, to_bytes, unfit};
@@ -117,6 +118,12 @@ impl Calibrated {
     /// does not estimate them.
     pub fn prior_covariance(&self) -> MatRef<'_, f64> {
         self.prior.as_ref()
+    }
+
+    /// The present estimate of the parameters.
+    pub fn calibration(&self) -> Vec<f64> {
+        let Memory { estimate, offset, .. } = &self.memory;
+        estimate.iter().zip(offset).map(|(estimate, offset)| estimate + offset).collect()
     }
 
     /// Which parameters are frozen.
@@ -237,6 +244,10 @@ impl Assimilator for Calibrated {
 
     fn structure(&self, observed: &ObservationWindow, factors: usize) -> Option<Structure> {
         self.method.structure(observed, factors)
+    }
+
+    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
+        self.method.covariance_column(unknown)
     }
 
     fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {

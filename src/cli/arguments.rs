@@ -1,5 +1,6 @@
 //! The arguments that the program takes.
 
+use super::sensors::SensorsCommand;
 use crate::seeds::FEWEST_SEEDS;
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
@@ -48,6 +49,11 @@ pub enum Command {
         /// The run's directory
         #[arg(value_name = "OUT")]
         run: PathBuf,
+    },
+    /// Keep what is known of sensors from run to run: calibrations, test points, recalibrations
+    Sensors {
+        #[command(subcommand)]
+        command: SensorsCommand,
     },
     /// Make one page of the scores of several runs, with their differences and whether these are significant
     Compare(CompareArguments),

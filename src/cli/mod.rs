@@ -10,6 +10,7 @@ mod regress;
 mod resume;
 mod run;
 mod seeds;
+mod sensors;
 mod view;
 
 use crate::checkpoint::Policy;
@@ -96,6 +97,7 @@ pub fn main(runner: &Runner) -> ExitCode {
         Command::Resume(arguments) => resume::resume(&arguments, runner),
         Command::Regress(arguments) => regress::regress(&arguments, runner),
         Command::View { run } => view::view(&run),
+        Command::Sensors { command } => sensors::sensors(&command),
         Command::Compare(arguments) => compare::compare(&arguments),
     };
     match outcome {

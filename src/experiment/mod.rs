@@ -11,11 +11,13 @@ use crate::cycle::Runner;
 use crate::event::{MethodInfo, RunInfo, StationInfo};
 use crate::reference::Reference;
 use crate::scenario::{Scenario, ScenarioError};
+use crate::sensors::knowledge::{WarmStart, warm_start};
+use crate::sensors::{Database, SensorError, database::Missing};
 use crate::summary::Failure;
 use crate::truth::Truth;
-use isobar_assim::{BiasTreatment, Problem, covariance};
+use isobar_assim::{BiasTreatment, Calibrated, Problem, SensorKnowledge, covariance};
 use isobar_model::random::stream;
-use isobar_model::{ModelError, check_time_step};
+use isobar_model::{Duration, ModelError, check_time_step};
 use isobar_obs::{ObservationError, ObservingSystem};
 use std::path::PathBuf;
 
@@ -42,6 +44,9 @@ pub enum ExperimentError {
         /// Why it cannot be set up.
         error: isobar_assim::Error,
     },
+    /// The database of sensors.
+    #[error(transparent)]
+    Sensors(#[from] SensorError),
     /// A station file.
     #[error("cannot read {}: {reason}", path.display())]
     File {
@@ -60,6 +65,7 @@ impl ExperimentError {
             ExperimentError::Model(_) => (vec!["initial"], "with this and [model]"),
             ExperimentError::Covariance(_) => (vec!["background_error"], "here or in [model_error]"),
             ExperimentError::Method { name, .. } => (vec!["methods", name], "this method"),
+            ExperimentError::Sensors(_) => (vec!["sensors", "database"], "this database"),
             ExperimentError::File { .. } => (vec!["networks"], "in one of these"),
             ExperimentError::Observations(error) => (observing::place(error), "here"),
         };
@@ -79,6 +85,8 @@ pub struct Experiment {
     pub reference: Option<Reference>,
     /// What observes it.
     pub observing: ObservingSystem,
+    /// What the user should know of it before it runs.
+    pub warnings: Vec<String>,
     /// The methods, in the order of [`RunInfo::methods`].
     pub methods: Vec<Competitor>,
 }
@@ -96,6 +104,7 @@ pub struct Competitor {
 /// Everything of an experiment but its methods, which cost memory and time to set up.
 struct Ground {
     problem: Problem,
+    sensors: WarmStart,
     truth: Truth,
     observing: ObservingSystem,
 }
@@ -105,7 +114,7 @@ struct Ground {
 /// # Errors
 /// The first thing that does not.
 pub fn check(scenario: &Scenario) -> Result<(), ExperimentError> {
-    ground(scenario, scenario.seed).map(drop)
+    ground(scenario, scenario.seed, scenario.cycle.count).map(drop)
 }
 
 impl Experiment {
@@ -115,15 +124,24 @@ impl Experiment {
     /// What the scenario's file alone could not tell: files, stations, time steps, memory.
     pub fn new(scenario: &Scenario, options: &RunOptions) -> Result<Self, ExperimentError> {
         let seed = options.seed.unwrap_or(scenario.seed);
-        let Ground { problem, truth, observing } = ground(scenario, seed)?;
+        let cycles = options.cycles.unwrap_or(scenario.cycle.count);
+        let Ground { problem, sensors, truth, observing } = ground(scenario, seed, cycles)?;
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
         let (mut methods, mut infos) = (Vec::new(), Vec::new());
         for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
-            let runner = Runner::new(|| methods::build(&problem, method, scenario))
-                .map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
+            let build = || -> Result<Calibrated, isobar_assim::Error> {
+                let built = methods::build(&problem, method, scenario)?;
+                Ok(match method.bias == BiasTreatment::Estimate && methods::sees_observations(method) {
+                    true => Calibrated::new(built, &problem.calibration, scenario.start, sensors.knowledge.clone()),
+                    false => built.into(),
+                })
+            };
+            let runner = Runner::new(build).map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
             let scores_bias = methods::sees_observations(method) && method.bias != BiasTreatment::Known;
             methods.push(Competitor { runner, failure: None, scores_bias });
-            infos.push(MethodInfo { name: name.clone(), description: methods::describe(method) });
+            let known = sensors_in_words(&sensors).filter(|_| method.bias == BiasTreatment::Estimate);
+            let description = [methods::describe(method)].into_iter().chain(known).collect::<Vec<_>>().join(", ");
+            infos.push(MethodInfo { name: name.clone(), description });
         }
         let stations = observing.stations().iter().map(|station| StationInfo {
             network: station.network.clone(),
@@ -141,8 +159,8 @@ impl Experiment {
             projection: scenario.grid.projection.clone(),
             start: scenario.start,
             window: scenario.cycle.window,
-            cycles: options.cycles.unwrap_or(scenario.cycle.count),
-            calibration: observing.calibration().clone(),
+            cycles,
+            calibration: problem.calibration.clone(),
             methods: infos,
             stations: stations.collect(),
         };
@@ -155,6 +173,7 @@ impl Experiment {
                 .quality_control
                 .map(|control| Reference::new(control, problem.model, steps, problem.background)),
             observing,
+            warnings: sensors.warnings,
             methods,
         })
     }
@@ -166,7 +185,7 @@ fn problem_steps(scenario: &Scenario, problem: &Problem) -> usize {
     scenario.cycle.window.steps_of(step).expect("the scenario's window fits its steps")
 }
 
-fn ground(scenario: &Scenario, seed: u64) -> Result<Ground, ExperimentError> {
+fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, ExperimentError> {
     let grid = &scenario.grid.grid;
     let model = forecast_model::build(&scenario.model, grid)?;
     let background = initial_state::build(&scenario.initial, &scenario.model, grid, seed)?;
@@ -189,14 +208,45 @@ fn ground(scenario: &Scenario, seed: u64) -> Result<Ground, ExperimentError> {
     let projection = scenario.grid.projection.as_ref();
     let observing =
         ObservingSystem::new(background.layout(), projection, &configs, seed, scenario.cycle.window, scenario.start)?;
+    let sensors = sensors(scenario, &observing, cycles)?;
     let problem = Problem {
         model,
         background,
         background_error,
         model_error,
-        calibration: observing.calibration().clone(),
+        calibration: sensors.calibration.clone(),
         bias: BiasTreatment::Estimate,
         memory_limit_bytes: u64::MAX,
     };
-    Ok(Ground { problem, truth, observing })
+    Ok(Ground { problem, sensors, truth, observing })
+}
+
+/// What the database of sensors knows at the start of a run; nothing without one.
+fn sensors(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> Result<WarmStart, SensorError> {
+    let calibration = observing.calibration();
+    let Some(settings) = &scenario.sensors else {
+        let knowledge = SensorKnowledge { mean: vec![0.0; calibration.len()], recalibrations: Vec::new() };
+        return Ok(WarmStart { calibration: calibration.clone(), knowledge, known: 0, warnings: Vec::new() });
+    };
+    // The first run of a chain finds nothing, and writes the database.
+    let records = match settings.writes.is_some() && !settings.database.exists() {
+        true => Default::default(),
+        false => Database::open(&settings.database, Missing::Refuse)?.records()?,
+    };
+    let end = scenario.start + Duration::from_seconds(scenario.cycle.window.seconds() * cycles as i64);
+    warm_start(&records, calibration, scenario.start, end)
+        .map_err(|reason| SensorError::new(&settings.database, reason))
+}
+
+/// How much was known of the sensors, in words, with a checksum: a run can be resumed only with the same knowledge.
+fn sensors_in_words(sensors: &WarmStart) -> Option<String> {
+    let WarmStart { calibration, knowledge, known, .. } = sensors;
+    let checksum = crc32fast::hash(format!("{calibration:?} {knowledge:?}").as_bytes());
+    let recalibrations = knowledge.recalibrations.len();
+    let parameters = calibration.len();
+    (*known > 0).then(|| {
+        format!(
+            "{known} of {parameters} sensors known before, {recalibrations} recalibrations announced ({checksum:08x})"
+        )
+    })
 }

@@ -18,6 +18,7 @@ mod model;
 mod network;
 mod quality;
 mod reader;
+mod sensors;
 pub(crate) mod text;
 
 pub use accept::{AcceptError, accept, with_expected};
@@ -33,6 +34,7 @@ pub use model::{AdvectionScheme, Conserved, Dynamics, ModelSettings, ShallowWate
 pub use network::{
     Heading, Instrument, Network, ObservedVariable, RadiosondeSettings, SatelliteSettings, Schedule, StationLayout,
 };
+pub use sensors::{SensorSettings, StabilitySettings};
 
 use error::SourceFile;
 use indexmap::IndexMap;
@@ -85,6 +87,10 @@ pub struct Scenario {
     pub networks: IndexMap<String, Network>,
     /// The methods, in the order of the file.
     pub methods: IndexMap<String, Method>,
+    /// What is known of sensors from run to run.
+    pub sensors: Option<SensorSettings>,
+    /// When a bias is adjusted.
+    pub stability: StabilitySettings,
     /// What is written.
     pub output: OutputSettings,
     /// Whether it is run for regression with all others; a scenario that is too dear says no.
@@ -147,6 +153,8 @@ impl Scenario {
         let networks = network::read(&root, &grid, &model)?;
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
         let methods = method::read(&root, &grid.grid)?;
+        let sensors = sensors::read(&root, &methods)?;
+        let stability = sensors::read_stability(&root, cycle.count)?;
         let output = cycle::read_output(&root)?;
         let regression = root.yes_or_no_or("regression", true)?;
         let expected = expected::read(&root, &methods, &model)?;
@@ -169,6 +177,8 @@ impl Scenario {
             quality_control,
             networks,
             methods,
+            sensors,
+            stability,
             output,
             regression,
             expected,
@@ -192,6 +202,8 @@ const KEYS: &[&str] = &[
     "quality_control",
     "networks",
     "methods",
+    "sensors",
+    "stability",
     "output",
     "regression",
     "expected",
