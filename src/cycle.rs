@@ -2,9 +2,10 @@
 
 use crate::correlations::Correlations;
 use crate::monitor::{Fault, Monitor};
+use crate::stability::{SavedWatch, Stability, Watch, judge};
 use isobar_assim::{Analysis, Assimilator, Calibrated, CalibrationAccuracy, Estimate, Structure, Unknown};
-use isobar_model::Duration;
-use isobar_obs::ObservationWindow;
+use isobar_model::{Duration, Layout};
+use isobar_obs::{Calibration, ObservationWindow};
 use peak_alloc::PeakAlloc;
 use serde::{Deserialize, Serialize};
 use std::any::Any;
@@ -18,6 +19,9 @@ static MEMORY: PeakAlloc = PeakAlloc;
 pub struct Runner {
     method: Calibrated,
     monitor: Monitor,
+    watch: Watch,
+    /// When parameters without a stable update are frozen, if ever.
+    freezing: Option<Freezing>,
     /// Memory that the method holds between cycles \[bytes\].
     held_bytes: i64,
     /// The most that it held at one time \[bytes\].
@@ -27,11 +31,23 @@ pub struct Runner {
 }
 
 /// What a checkpoint holds of a [`Runner`] beside the method itself.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SavedRunner {
     monitor: Monitor,
+    watch: SavedWatch,
     peak_bytes: u64,
     seconds: f64,
+}
+
+/// After which cycle parameters go back to their prior and are adjusted no more, and which.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Freezing {
+    /// The cycle.
+    pub after_cycle: usize,
+    /// Those that keep more than this share of their prior variance, or have no stable update for another reason.
+    pub variance_ratio: f64,
+    /// The parameters.
+    pub calibration: Calibration,
 }
 
 /// What a method made of one cycle.
@@ -51,10 +67,46 @@ impl Runner {
     /// Those of `build`.
     pub fn new<M: Into<Calibrated>, E>(build: impl FnOnce() -> Result<M, E>) -> Result<Self, E> {
         let (method, memory) = measured(|| build().map(Into::into));
-        let mut runner =
-            Self { method: method?, monitor: Monitor::default(), held_bytes: 0, peak_bytes: 0, seconds: 0.0 };
+        let mut runner = Self {
+            method: method?,
+            monitor: Monitor::default(),
+            watch: Watch::default(),
+            freezing: None,
+            held_bytes: 0,
+            peak_bytes: 0,
+            seconds: 0.0,
+        };
         runner.account(memory);
         Ok(runner)
+    }
+
+    /// The same with a stability monitor that counts from a cycle on, and perhaps freezes parameters.
+    pub fn watched(self, from_cycle: usize, freezing: Option<Freezing>) -> Self {
+        Self { watch: Watch::new(from_cycle), freezing, ..self }
+    }
+
+    /// What the stability monitor says of the parameters of `calibration`; those that keep more than `variance_ratio` of
+    /// their prior variance have no stable update.
+    ///
+    /// # Errors
+    /// If the prior of the parameters is no covariance.
+    pub fn stability(
+        &self,
+        calibration: &Calibration,
+        layout: &Layout,
+        variance_ratio: f64,
+    ) -> Result<Stability, isobar_assim::Error> {
+        judge(&self.watch, &self.method, calibration, layout, variance_ratio)
+    }
+
+    fn freeze(&mut self, cycle: usize, layout: &Layout) -> Result<(), isobar_assim::Error> {
+        let Some(freezing) = self.freezing.as_ref().filter(|freezing| freezing.after_cycle == cycle) else {
+            return Ok(());
+        };
+        let stability = self.stability(&freezing.calibration, layout, freezing.variance_ratio)?;
+        let unstable = stability.parameters.iter().enumerate().filter(|(_, own)| !own.stable);
+        let unstable: Vec<usize> = unstable.map(|(number, _)| number).collect();
+        self.method.freeze(&unstable)
     }
 
     /// Forecasts over a window and analyses the observations at its end.
@@ -79,6 +131,8 @@ impl Runner {
         let (background, analysis) = result??;
         let outcome = Outcome { background, analysis, seconds };
         self.monitor.check(&outcome)?;
+        self.watch.add(observed, &outcome);
+        self.freeze(observed.cycle, outcome.background.state.layout())?;
         Ok(outcome)
     }
 
@@ -103,17 +157,23 @@ impl Runner {
     /// Those of the method.
     pub fn save(&self) -> Result<(Vec<u8>, SavedRunner), isobar_assim::Error> {
         let &Self { monitor, peak_bytes, seconds, .. } = self;
-        Ok((self.method.save()?, SavedRunner { monitor, peak_bytes, seconds }))
+        let watch = self.watch.save();
+        Ok((self.method.save()?, SavedRunner { monitor, watch, peak_bytes, seconds }))
     }
 
     /// Takes back what [`Runner::save`] gave.
     ///
     /// # Errors
     /// Those of the method, if it is of another one.
-    pub fn restore(&mut self, method: &[u8], saved: &SavedRunner) -> Result<(), isobar_assim::Error> {
+    pub fn restore(&mut self, method: &[u8], saved: &SavedRunner, layout: &Layout) -> Result<(), isobar_assim::Error> {
         let (result, memory) = measured(|| self.method.restore(method));
         self.account(memory);
         self.monitor = saved.monitor;
+        if !self.watch.restore(&saved.watch, layout) {
+            return Err(isobar_assim::Error::Saved {
+                reason: "the stability monitor does not fit the experiment".into(),
+            });
+        }
         self.peak_bytes = self.peak_bytes.max(saved.peak_bytes);
         self.seconds = saved.seconds;
         result

@@ -18,6 +18,7 @@
 //! | [`event`], [`sink`] | what happens, and the files that it is written to |
 //! | [`plot`] | curves and maps, as these files hold them |
 //! | [`sensors`] | what is known of each sensor, from run to run |
+//! | [`stability`] | which bias estimates can be relied on, and what would help the others |
 //! | [`statistics`] | how well a score is known |
 //! | [`seeds`] | the same experiment over several seeds |
 //! | [`saved`], [`comparison`] | complete runs, read back and compared |
@@ -41,6 +42,7 @@ pub mod scenario;
 pub mod seeds;
 pub mod sensors;
 pub mod sink;
+pub mod stability;
 pub mod statistics;
 pub mod summary;
 pub mod table;

@@ -262,12 +262,16 @@ fn shown_factors(cycle: usize, cycles: usize) -> usize {
 
 /// The scores of a run.
 fn summary(experiment: &Experiment, scores: &Scores, shown: Shown) -> Summary {
-    let Experiment { info, score_from_cycle, methods, .. } = experiment;
+    let Experiment { info, score_from_cycle, methods, variance_ratio, .. } = experiment;
     let methods = info.methods.iter().zip(&scores.totals).zip(methods).map(|((own, total), method)| {
         let cycles = method.failure.as_ref().map_or(info.cycles, |failure| failure.cycle);
         let scores = MethodScores {
             seconds_per_cycle: method.runner.seconds / cycles as f64,
             peak_memory_bytes: shown.memory.then_some(method.runner.peak_bytes),
+            stability: match method.failure {
+                None => method.runner.stability(&info.calibration, &info.layout, *variance_ratio).ok(),
+                Some(_) => None,
+            },
             failure: method.failure.clone(),
             // Scores of fewer cycles could not be compared with those of the other methods.
             ..if method.failure.is_none() { total.scores(&info.layout) } else { MethodScores::default() }

@@ -1,5 +1,6 @@
 //! The scores of a run, as `summary.json` holds them.
 
+use crate::stability::Stability;
 use crate::statistics::Interval;
 use indexmap::IndexMap;
 use isobar_assim::block_angular::PartitionReport;
@@ -53,6 +54,9 @@ pub struct MethodScores {
     /// How well the errors are known, over more than one cycle.
     #[serde(default)]
     pub intervals: Option<Intervals>,
+    /// Which bias estimates can be relied on, over a whole run.
+    #[serde(default)]
+    pub stability: Option<Stability>,
     /// When and why the method failed; it has no scores then.
     #[serde(default)]
     pub failure: Option<Failure>,

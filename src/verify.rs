@@ -138,6 +138,7 @@ impl Scorecard {
             innovation_chi2: self.chi2.filter(|_| self.observations > 0).map(|chi2| chi2 / self.observations as f64),
             partition: self.partition.clone(),
             intervals: (self.cycles > 1).then(|| self.intervals(layout)),
+            stability: None,
             failure: None,
             seconds_per_cycle: 0.0,
             peak_memory_bytes: None,

@@ -51,6 +51,6 @@ pub use calibration_accuracy::CalibrationAccuracy;
 pub use covariance::Covariance;
 pub use covariance_column::{CovarianceColumn, Unknown, correlation};
 pub use error::Error;
-pub use observability::{Combination, Observability};
+pub use observability::{Combination, Inseparable, Observability};
 pub use problem::Problem;
 pub use structure::{CommonFactor, Structure};

@@ -35,9 +35,21 @@ pub struct Combination {
     pub direction: Vec<f64>,
     /// λ, the share of its prior variance that it still has.
     pub variance_ratio: f64,
-    /// Number of the state's variable from whose mean over the domain it cannot be told, with the correlation of their
-    /// errors.
-    pub mean: Option<(usize, f64)>,
+    /// The mean of the state from which it cannot be told, if there is one.
+    pub mean: Option<Inseparable>,
+}
+
+/// A mean over the domain whose error goes together with that of a combination of biases.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inseparable {
+    /// Number of the state's variable.
+    pub variable: usize,
+    /// Correlation of the errors.
+    pub correlation: f64,
+    /// The largest standard deviation of an unbiased observation of the mean that would bring the combination's share of its
+    /// prior variance to the threshold: of an observation with variance r of the mean, whose variance is V, is left
+    /// `λ (1 − ρ² V/(V + r))`.
+    pub sigma_needed: f64,
 }
 
 impl Observability {
@@ -100,12 +112,15 @@ fn undetermined(
         let mut functional = vector.to_owned();
         solve_lower_transposed(root, functional.as_mut());
         let functional = functional.col_as_slice(0);
-        let correlations = accuracy.of_means().map(|(with, variance)| {
+        let with_mean = |(variable, (with, variance)): (usize, (&[f64], f64))| {
             let covariance: f64 = functional.iter().zip(with).map(|(a, b)| a * b).sum();
-            covariance / (value * variance).sqrt()
-        });
-        let strongest = correlations.enumerate().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
-        let mean = strongest.filter(|(_, correlation)| correlation.abs() >= INSEPARABLE);
+            let correlation = covariance / (value * variance).sqrt();
+            let most = variance * (correlation * correlation * value / (value - threshold) - 1.0);
+            Inseparable { variable, correlation, sigma_needed: most.max(0.0).sqrt() }
+        };
+        let all_means = accuracy.of_means().enumerate().map(with_mean);
+        let strongest = all_means.max_by(|a, b| a.correlation.abs().total_cmp(&b.correlation.abs()));
+        let mean = strongest.filter(|mean| mean.correlation.abs() >= INSEPARABLE);
         all.push(Combination { direction, variance_ratio: value, mean });
     }
     all
@@ -165,8 +180,15 @@ mod tests {
         // Their difference is known; their mean, with variance 200, is only known in its sum with x̄, with variance 400: of
         // it stays 200 · 400/600.
         assert!(combination.direction.iter().all(|value| (value - 1.0).abs() < 1e-9), "{combination:?}");
-        let (variable, correlation) = combination.mean.unwrap();
-        assert!(variable == 0 && correlation < -0.99, "{correlation}");
+        let mean = combination.mean.unwrap();
+        assert!(mean.variable == 0 && mean.correlation < -0.99, "{mean:?}");
+        // An observation of the mean as good as it says brings the share to the threshold.
+        let scaled = |sigma: f64| [0.0, 0.0, 1.0 / sigma];
+        let told = scaled(mean.sigma_needed);
+        let with_mean: Vec<&[f64]> = observed.repeat(30).into_iter().chain([&told[..]]).collect();
+        let cured = after(&[400.0, 400.0, 400.0], &with_mean, 2);
+        let left = Observability::new(diagonal(&prior).as_ref(), &cured, 0.1).unwrap().undetermined[0].variance_ratio;
+        assert!((left - 0.25).abs() < 1e-9, "{left}");
         assert!((combination.variance_ratio - 2.0 / 3.0).abs() < 1e-3, "{combination:?}");
         // One reference is enough: the other follows from the difference.
         assert_eq!(found.references.len(), 1);

@@ -1,7 +1,7 @@
 //! `isobar sensors`.
 
 use super::print;
-use crate::scenario::text::{clean, listed, nearest};
+use crate::scenario::text::{clean, listed, nearest, printable};
 use crate::sensors::database::Missing;
 use crate::sensors::record::Key;
 use crate::sensors::{Database, Record, Records, SensorError, table};
@@ -117,11 +117,10 @@ fn check_sensor(records: &Records, sensor: &str, database: &Path) -> Result<(), 
     if records.get(&Key::Sensor(sensor.to_string())).is_some() {
         return Ok(());
     }
-    let near =
-        nearest(sensor, names(records)).map_or(String::new(), |near| format!("did you mean `{}`?\n", clean(near)));
-    let help = format!("{near}sensors: {}", listed(names(records).take(20)));
+    let near = nearest(sensor, names(records)).map_or(String::new(), |near| format!("did you mean `{near}`?\n"));
+    let help = printable(&format!("{near}sensors: {}", listed(names(records).take(20))));
     let database = clean(&database.display().to_string());
-    Err(miette!(help = clean(&help), "{database} has no sensor `{}`", clean(sensor)))
+    Err(miette!(help = help, "{database} has no sensor `{}`", clean(sensor)))
 }
 
 fn list(records: &Records) -> String {

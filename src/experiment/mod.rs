@@ -7,7 +7,7 @@ mod methods;
 mod observing;
 
 use crate::cli::RunOptions;
-use crate::cycle::Runner;
+use crate::cycle::{Freezing, Runner};
 use crate::event::{MethodInfo, RunInfo, StationInfo};
 use crate::reference::Reference;
 use crate::scenario::{Scenario, ScenarioError};
@@ -77,6 +77,8 @@ impl ExperimentError {
 pub struct Experiment {
     /// What is known before the first cycle.
     pub info: RunInfo,
+    /// The share of its prior variance above which a bias is not determined.
+    pub variance_ratio: f64,
     /// The first cycle that counts for the scores.
     pub score_from_cycle: usize,
     /// The true world.
@@ -136,7 +138,14 @@ impl Experiment {
                     false => built.into(),
                 })
             };
-            let runner = Runner::new(build).map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
+            let freezing = scenario.stability.freeze_after_cycles.map(|after_cycle| Freezing {
+                after_cycle,
+                variance_ratio: scenario.stability.variance_ratio,
+                calibration: problem.calibration.clone(),
+            });
+            let runner = Runner::new(build)
+                .map_err(|error| ExperimentError::Method { name: name.clone(), error })?
+                .watched(scenario.cycle.score_from_cycle, freezing);
             let scores_bias = methods::sees_observations(method) && method.bias != BiasTreatment::Known;
             methods.push(Competitor { runner, failure: None, scores_bias });
             let known = sensors_in_words(&sensors).filter(|_| method.bias == BiasTreatment::Estimate);
@@ -167,6 +176,7 @@ impl Experiment {
         let steps = problem_steps(scenario, &problem);
         Ok(Self {
             info,
+            variance_ratio: scenario.stability.variance_ratio,
             score_from_cycle: scenario.cycle.score_from_cycle,
             truth,
             reference: scenario

@@ -71,7 +71,7 @@ pub fn parse(path: &Path, text: &[u8]) -> Result<Vec<(u64, Record)>, SensorError
     let mut next = || -> Result<Option<(u64, csv::StringRecord)>, SensorError> {
         match rows.next() {
             None => Ok(None),
-            Some(Ok(row)) => Ok(Some((row.position().map_or(0, csv::Position::line), row))),
+            Some(Ok(row)) => Ok(Some((row.position().map_or(0, |place| place.line() + skipped(text, place)), row))),
             Some(Err(error)) => {
                 let line = error.position().map_or(0, csv::Position::line);
                 Err(SensorError::at(path, line, "this is not a line of CSV in UTF-8"))
@@ -96,6 +96,13 @@ pub fn parse(path: &Path, text: &[u8]) -> Result<Vec<(u64, Record)>, SensorError
         records.push((line, record(&field).map_err(|reason| SensorError::at(path, line, reason))?));
     }
     Ok(records)
+}
+
+/// How many lines that are empty or remarks come between a place and the record that the reader found from there on.
+fn skipped(text: &[u8], place: &csv::Position) -> u64 {
+    let rest = text.get(place.byte() as usize..).unwrap_or_default();
+    let lines = rest.split(|&byte| byte == b'\n');
+    lines.take_while(|line| line.trim_ascii().is_empty() || line.starts_with(b"#")).count() as u64
 }
 
 /// The names of the columns.
