@@ -22,6 +22,8 @@ pub struct Runner {
     watch: Watch,
     /// When parameters without a stable update are frozen, if ever.
     freezing: Option<Freezing>,
+    /// What the monitor said then.
+    when_frozen: Option<Stability>,
     /// Memory that the method holds between cycles \[bytes\].
     held_bytes: i64,
     /// The most that it held at one time \[bytes\].
@@ -35,6 +37,7 @@ pub struct Runner {
 pub struct SavedRunner {
     monitor: Monitor,
     watch: SavedWatch,
+    when_frozen: Option<Stability>,
     peak_bytes: u64,
     seconds: f64,
 }
@@ -72,6 +75,7 @@ impl Runner {
             monitor: Monitor::default(),
             watch: Watch::default(),
             freezing: None,
+            when_frozen: None,
             held_bytes: 0,
             peak_bytes: 0,
             seconds: 0.0,
@@ -96,7 +100,7 @@ impl Runner {
         layout: &Layout,
         variance_ratio: f64,
     ) -> Result<Stability, isobar_assim::Error> {
-        judge(&self.watch, &self.method, calibration, layout, variance_ratio)
+        judge(&self.watch, &self.method, calibration, layout, variance_ratio, self.when_frozen.as_ref())
     }
 
     fn freeze(&mut self, cycle: usize, layout: &Layout) -> Result<(), isobar_assim::Error> {
@@ -106,6 +110,7 @@ impl Runner {
         let stability = self.stability(&freezing.calibration, layout, freezing.variance_ratio)?;
         let unstable = stability.parameters.iter().enumerate().filter(|(_, own)| !own.stable);
         let unstable: Vec<usize> = unstable.map(|(number, _)| number).collect();
+        self.when_frozen = Some(stability);
         self.method.freeze(&unstable)
     }
 
@@ -157,8 +162,8 @@ impl Runner {
     /// Those of the method.
     pub fn save(&self) -> Result<(Vec<u8>, SavedRunner), isobar_assim::Error> {
         let &Self { monitor, peak_bytes, seconds, .. } = self;
-        let watch = self.watch.save();
-        Ok((self.method.save()?, SavedRunner { monitor, watch, peak_bytes, seconds }))
+        let (watch, when_frozen) = (self.watch.save(), self.when_frozen.clone());
+        Ok((self.method.save()?, SavedRunner { monitor, watch, when_frozen, peak_bytes, seconds }))
     }
 
     /// Takes back what [`Runner::save`] gave.
@@ -174,6 +179,7 @@ impl Runner {
                 reason: "the stability monitor does not fit the experiment".into(),
             });
         }
+        self.when_frozen.clone_from(&saved.when_frozen);
         self.peak_bytes = self.peak_bytes.max(saved.peak_bytes);
         self.seconds = saved.seconds;
         result

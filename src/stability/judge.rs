@@ -12,10 +12,14 @@ const MOST_TOGETHER: usize = 1000;
 /// Innovations that go together from one cycle to the next by more than this keep a parameter from being stable.
 const RED: f64 = 0.5;
 
+/// Beyond so many tolerances of 95 % there is no chance in it, with some hundred parameters: one in a thousand.
+const BEYOND_CHANCE: f64 = 1.68;
+
 /// Parts of a direction below this, beside the largest of 1, are left out of its name.
 const SMALL: f64 = 0.3;
 
-/// What there is to say of a method; a parameter that keeps more than `variance_ratio` of its prior variance has no stable
+/// What there is to say of a method that may have been judged before, when parameters were frozen: of these, and of what was
+/// not determined then, the verdict of that time stands. A parameter that keeps more than `variance_ratio` of its prior variance has no stable
 /// update.
 ///
 /// # Errors
@@ -26,6 +30,7 @@ pub fn judge(
     calibration: &Calibration,
     layout: &Layout,
     variance_ratio: f64,
+    when_frozen: Option<&Stability>,
 ) -> Result<Stability, Error> {
     let mut stability = Stability {
         innovation_chi2: watch.innovation_chi2(),
@@ -57,7 +62,7 @@ pub fn judge(
             } else if ratio > variance_ratio {
                 why.push(format!("the observations leave {:.0} % of its prior variance", 100.0 * ratio));
             }
-            if let Some(lag) = lag.filter(|lag| lag.value > RED && !lag.holds()) {
+            if let Some(lag) = lag.filter(|lag| lag.value > RED.max(BEYOND_CHANCE * lag.tolerance)) {
                 let (value, tolerance) = (lag.value, lag.tolerance);
                 why.push(format!(
                     "its innovations stay on one side (correlation {value:.2}, at most {tolerance:.2} by chance): it changes \
@@ -75,6 +80,12 @@ pub fn judge(
             }
         })
         .collect();
+    if let Some(before) = when_frozen.filter(|_| method.frozen().contains(&true)) {
+        stability.undetermined.clone_from(&before.undetermined);
+        stability.references.clone_from(&before.references);
+        let frozen = stability.parameters.iter_mut().zip(&before.parameters).filter(|(own, _)| own.frozen);
+        frozen.for_each(|(own, before)| *own = ParameterStability { frozen: true, ..before.clone() });
+    }
     Ok(stability)
 }
 

@@ -7,6 +7,7 @@ use super::maps::{self, Maps};
 use super::tables::{self, Table};
 use crate::event::RunInfo;
 use crate::plot::{CurvePlot, PlotError};
+use crate::stability::words;
 use crate::summary::Summary;
 use base64::Engine;
 use minijinja::syntax::SyntaxConfig;
@@ -131,6 +132,7 @@ impl Report {
         let correlations = report.correlations(maps.correlations(), history.mapped)?;
         let maps = report.maps(maps.all(), maps.other_variables())?;
         let biases = report.biases(info, history, &figures);
+        let stability = stability(summary);
         let reliability = Section {
             title: "Is the claimed spread right?".into(),
             text: "For the methods that claim one, over all grid points of the cycles that count.".into(),
@@ -166,6 +168,7 @@ impl Report {
             Some(errors),
             Some(maps),
             biases,
+            stability,
             Some(reliability),
             Some(correlations),
             Some(innovations),
@@ -324,4 +327,23 @@ impl Report {
         self.files.push((format!("{stem}.png"), bytes));
         Ok(Figure { caption, svg: String::new(), png })
     }
+}
+
+/// The stability monitor's verdicts; what it found of each method is folded.
+fn stability(summary: &Summary) -> Option<Section> {
+    let folded = summary.methods.iter().filter_map(|(name, scores)| {
+        let own = scores.stability.as_ref().filter(|own| !own.parameters.is_empty())?;
+        let findings = words::findings(own).join(". ");
+        let text = if findings.is_empty() { "Every bias has a stable update.".to_string() } else { findings + "." };
+        Some(Folded { title: format!("{name}: {}", words::in_short(own)), text, ..Folded::default() })
+    });
+    Some(Section {
+        title: "Stability of the bias estimates".into(),
+        text: "Which biases the observations determine, whether innovations are white and as large as the method claims, and \
+               what would help."
+            .into(),
+        tables: vec![tables::stability(summary)?],
+        folded: folded.collect(),
+        ..Section::default()
+    })
 }
