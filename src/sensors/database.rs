@@ -6,7 +6,7 @@ use super::record::{Record, Records};
 use crate::scenario::text::clean;
 use isobar_model::Time;
 use rusqlite::config::DbConfig;
-use rusqlite::{Connection, OpenFlags, Row, ToSql, Transaction, TransactionBehavior, params};
+use rusqlite::{Connection, OpenFlags, Row, Transaction, TransactionBehavior, params};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -203,51 +203,49 @@ impl Database {
 
 /// Writes what is different; removes what is gone.
 fn write(transaction: &Transaction<'_>, before: &Records, after: &Records) -> rusqlite::Result<usize> {
-    let gone = before.iter().filter(|record| after.get(&record.key()).is_none());
-    for record in gone {
+    let mut of_calibration =
+        transaction.prepare("DELETE FROM calibration WHERE time = ?1 AND origin = ?2 AND sensor = ?3")?;
+    let mut of_covariance =
+        transaction.prepare("DELETE FROM covariance WHERE time = ?1 AND origin = ?2 AND sensor = ?3 AND other = ?4")?;
+    for record in before.iter().filter(|record| after.get(&record.key()).is_none()) {
         match record {
-            Record::Calibration { sensor, time, origin, .. } => transaction
-                .prepare_cached("DELETE FROM calibration WHERE time = ?1 AND origin = ?2 AND sensor = ?3")?
-                .execute(params![time.seconds(), origin, sensor])?,
-            Record::Covariance { sensor, other, time, origin, .. } => transaction
-                .prepare_cached(
-                    "DELETE FROM covariance WHERE time = ?1 AND origin = ?2 AND sensor = ?3 AND other = ?4",
-                )?
-                .execute(params![time.seconds(), origin, sensor, other])?,
+            Record::Calibration { sensor, time, origin, .. } => {
+                of_calibration.execute(params![time.seconds(), origin, sensor])?
+            }
+            Record::Covariance { sensor, other, time, origin, .. } => {
+                of_covariance.execute(params![time.seconds(), origin, sensor, other])?
+            }
             // Nothing else is ever taken out.
             _ => 0,
         };
     }
+    let mut sensors = transaction.prepare(
+        "INSERT INTO sensor VALUES (?1, ?2, ?3, ?4, ?5) ON CONFLICT DO UPDATE SET x_m = ?3, y_m = ?4, note = ?5",
+    )?;
+    let mut calibrations = transaction.prepare("INSERT OR REPLACE INTO calibration VALUES (?1, ?2, ?3, ?4, ?5)")?;
+    let mut covariances = transaction.prepare("INSERT OR REPLACE INTO covariance VALUES (?1, ?2, ?3, ?4, ?5)")?;
+    let mut test_points = transaction.prepare("INSERT INTO test_point VALUES (?1, ?2, ?3, ?4, ?5)")?;
+    let mut recalibrations = transaction.prepare("INSERT INTO recalibration VALUES (?1, ?2, ?3, ?4, ?5)")?;
     let mut changed = 0;
     for record in after.iter().filter(|record| before.get(&record.key()) != Some(record)) {
         changed += 1;
-        let insert = |sql: &str, values: &[&dyn ToSql]| -> rusqlite::Result<usize> {
-            transaction.prepare_cached(sql)?.execute(values)
-        };
         match record {
             Record::Sensor { name, unit, place, note } => {
                 let (x_m, y_m) = place.unzip();
-                insert(
-                    "INSERT INTO sensor VALUES (?1, ?2, ?3, ?4, ?5) ON CONFLICT DO UPDATE SET x_m = ?3, y_m = ?4, note = ?5",
-                    &[name, unit, &x_m, &y_m, note],
-                )?
+                sensors.execute(params![name, unit, x_m, y_m, note])?
             }
-            Record::Calibration { sensor, time, origin, value, sigma } => insert(
-                "INSERT OR REPLACE INTO calibration VALUES (?1, ?2, ?3, ?4, ?5)",
-                &[&time.seconds(), origin, sensor, value, sigma],
-            )?,
-            Record::Covariance { sensor, other, time, origin, covariance } => insert(
-                "INSERT OR REPLACE INTO covariance VALUES (?1, ?2, ?3, ?4, ?5)",
-                &[&time.seconds(), origin, sensor, other, covariance],
-            )?,
-            Record::TestPoint { sensor, time, reading, reference, sigma } => insert(
-                "INSERT INTO test_point VALUES (?1, ?2, ?3, ?4, ?5)",
-                &[sensor, &time.seconds(), reading, reference, sigma],
-            )?,
-            Record::Recalibration { sensor, time, step, sigma, note } => insert(
-                "INSERT INTO recalibration VALUES (?1, ?2, ?3, ?4, ?5)",
-                &[sensor, &time.seconds(), step, sigma, note],
-            )?,
+            Record::Calibration { sensor, time, origin, value, sigma } => {
+                calibrations.execute(params![time.seconds(), origin, sensor, value, sigma])?
+            }
+            Record::Covariance { sensor, other, time, origin, covariance } => {
+                covariances.execute(params![time.seconds(), origin, sensor, other, covariance])?
+            }
+            Record::TestPoint { sensor, time, reading, reference, sigma } => {
+                test_points.execute(params![sensor, time.seconds(), reading, reference, sigma])?
+            }
+            Record::Recalibration { sensor, time, step, sigma, note } => {
+                recalibrations.execute(params![sensor, time.seconds(), step, sigma, note])?
+            }
         };
     }
     Ok(changed)
