@@ -33,6 +33,9 @@ pub struct WarmStart {
     pub warnings: Vec<String>,
 }
 
+/// What belongs to calibrations, by their time \[s\] and origin.
+type ByOrigin<'a, T> = HashMap<(i64, &'a str), Vec<T>>;
+
 /// An event of a sensor, by the number of its parameter.
 enum Event<'a> {
     Recalibrated(usize, f64, f64),
@@ -95,8 +98,8 @@ pub fn warm_start(records: &Records, calibration: &Calibration, start: Time, end
     let mut events: Vec<(Time, Event<'_>)> = Vec::new();
     let (mut recalibrations, mut late_test_points) = (Vec::new(), 0);
     // By time and origin: values, and covariances of pairs.
-    let mut calibrated: HashMap<(i64, &str), Vec<(usize, f64, f64)>> = HashMap::new();
-    let mut covariances: HashMap<(i64, &str), Vec<(usize, usize, f64)>> = HashMap::new();
+    let mut calibrated: ByOrigin<'_, (usize, f64, f64)> = HashMap::new();
+    let mut covariances: ByOrigin<'_, (usize, usize, f64)> = HashMap::new();
     for record in records.iter() {
         match record {
             Record::Sensor { name, unit, .. } => {
