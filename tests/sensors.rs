@@ -147,6 +147,9 @@ fn text_is_text_and_never_sql() {
     assert!(message.contains("did you mean `sondes/h/B`?"), "{message}");
 }
 
+/// A name, what is done to the file, and what the message must say.
+type SpoiltDatabase = (&'static str, &'static dyn Fn(&Path), &'static str);
+
 #[test]
 fn other_databases_are_refused_each_for_its_reason() {
     let parent = place();
@@ -154,7 +157,7 @@ fn other_databases_are_refused_each_for_its_reason() {
     succeeds(parent, &["sensors", "import", "known.db", "known.csv"]);
     fs::write(parent.join("run.toml"), scenario(false)).unwrap();
     let good = fs::read(parent.join("known.db")).unwrap();
-    let cases: [(&str, &dyn Fn(&Path), &str); 8] = [
+    let cases: [SpoiltDatabase; 8] = [
         ("gone", &|path| fs::remove_file(path).unwrap(), "there is no such database"),
         ("empty", &|path| fs::write(path, "").unwrap(), "it is empty"),
         ("text", &|path| fs::write(path, TABLE).unwrap(), "it is not an SQLite database"),
