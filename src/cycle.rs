@@ -2,11 +2,14 @@
 
 use crate::correlations::Correlations;
 use crate::monitor::{Fault, Monitor};
+use crate::stability::{SavedWatch, Stability, Watch, judge};
 use isobar_assim::response::Responder;
-use isobar_assim::{Analysis, Assimilator, Error, Estimate, EstimatedParameter, Structure, Unknown};
-use isobar_model::Duration;
+use isobar_assim::{
+    Analysis, Assimilator, Calibrated, CalibrationAccuracy, Error, Estimate, EstimatedParameter, Structure, Unknown,
+};
 use isobar_model::random::stream;
-use isobar_obs::ObservationWindow;
+use isobar_model::{Duration, Layout};
+use isobar_obs::{Calibration, ObservationWindow};
 use peak_alloc::PeakAlloc;
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
@@ -20,8 +23,13 @@ static MEMORY: PeakAlloc = PeakAlloc;
 
 /// A method, and what it has cost so far.
 pub struct Runner {
-    method: Box<dyn Assimilator>,
+    method: Calibrated,
     monitor: Monitor,
+    watch: Watch,
+    /// When parameters without a stable update are frozen, if ever.
+    freezing: Option<Freezing>,
+    /// What the monitor said then.
+    when_frozen: Option<Stability>,
     /// Memory that the method holds between cycles \[bytes\].
     held_bytes: i64,
     /// The most that it held at one time \[bytes\].
@@ -31,11 +39,24 @@ pub struct Runner {
 }
 
 /// What a checkpoint holds of a [`Runner`] beside the method itself.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SavedRunner {
     monitor: Monitor,
+    watch: SavedWatch,
+    when_frozen: Option<Stability>,
     peak_bytes: u64,
     seconds: f64,
+}
+
+/// After which cycle parameters go back to their prior and are adjusted no more, and which.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Freezing {
+    /// The cycle.
+    pub after_cycle: usize,
+    /// Those that keep more than this share of their prior variance, or have no stable update for another reason.
+    pub variance_ratio: f64,
+    /// The parameters.
+    pub calibration: Calibration,
 }
 
 /// What a method made of one cycle.
@@ -114,12 +135,50 @@ impl Runner {
     ///
     /// # Errors
     /// Those of `build`.
-    pub fn new<E>(build: impl FnOnce() -> Result<Box<dyn Assimilator>, E>) -> Result<Self, E> {
-        let (method, memory) = measured(build);
-        let mut runner =
-            Self { method: method?, monitor: Monitor::default(), held_bytes: 0, peak_bytes: 0, seconds: 0.0 };
+    pub fn new<M: Into<Calibrated>, E>(build: impl FnOnce() -> Result<M, E>) -> Result<Self, E> {
+        let (method, memory) = measured(|| build().map(Into::into));
+        let mut runner = Self {
+            method: method?,
+            monitor: Monitor::default(),
+            watch: Watch::default(),
+            freezing: None,
+            when_frozen: None,
+            held_bytes: 0,
+            peak_bytes: 0,
+            seconds: 0.0,
+        };
         runner.account(memory);
         Ok(runner)
+    }
+
+    /// The same with a stability monitor that counts from a cycle on, and perhaps freezes parameters.
+    pub fn watched(self, from_cycle: usize, freezing: Option<Freezing>) -> Self {
+        Self { watch: Watch::new(from_cycle), freezing, ..self }
+    }
+
+    /// What the stability monitor says of the parameters of `calibration`; those that keep more than `variance_ratio` of
+    /// their prior variance have no stable update.
+    ///
+    /// # Errors
+    /// If the prior of the parameters is no covariance.
+    pub fn stability(
+        &self,
+        calibration: &Calibration,
+        layout: &Layout,
+        variance_ratio: f64,
+    ) -> Result<Stability, isobar_assim::Error> {
+        judge(&self.watch, &self.method, calibration, layout, variance_ratio, self.when_frozen.as_ref())
+    }
+
+    fn freeze(&mut self, cycle: usize, layout: &Layout) -> Result<(), isobar_assim::Error> {
+        let Some(freezing) = self.freezing.as_ref().filter(|freezing| freezing.after_cycle == cycle) else {
+            return Ok(());
+        };
+        let stability = self.stability(&freezing.calibration, layout, freezing.variance_ratio)?;
+        let unstable = stability.parameters.iter().enumerate().filter(|(_, own)| !own.stable);
+        let unstable: Vec<usize> = unstable.map(|(number, _)| number).collect();
+        self.when_frozen = Some(stability);
+        self.method.freeze(&unstable)
     }
 
     /// Forecasts over a window and analyses the observations at its end; `with_influence` asks also what each type of
@@ -144,6 +203,8 @@ impl Runner {
         if let Some(memory) = memory {
             outcome.influence = Some(self.influence(&memory, &outcome, observed)?);
         }
+        self.watch.add(observed, &outcome);
+        self.freeze(observed.cycle, outcome.background.state.layout())?;
         Ok(outcome)
     }
 
@@ -155,7 +216,7 @@ impl Runner {
         observed: &ObservationWindow,
     ) -> Result<Influence, Fault> {
         let Outcome { background, analysis, .. } = outcome;
-        let method = &mut *self.method;
+        let method = &mut self.method;
         let (influence, (_, left)) = measured(|| {
             guarded(|| {
                 let after = method.save()?;
@@ -173,7 +234,7 @@ impl Runner {
     /// A part of the method's work, which its cost is taken of.
     fn step<T>(&mut self, work: impl FnOnce(&mut dyn Assimilator) -> Result<T, Error>) -> Result<T, Fault> {
         let began = Instant::now();
-        let method = &mut *self.method;
+        let method = &mut self.method;
         let (result, memory) = measured(|| guarded(|| work(method)));
         self.account(memory);
         self.seconds += began.elapsed().as_secs_f64();
@@ -195,23 +256,35 @@ impl Runner {
         self.method.parameters()
     }
 
+    /// What the method knows of the biases now; `None` if it does not estimate them.
+    pub fn calibration(&self) -> Option<(Vec<f64>, CalibrationAccuracy)> {
+        Some((self.method.calibration(), self.method.calibration_accuracy()?))
+    }
+
     /// The method's memory, for a checkpoint, and what its cycles have cost.
     ///
     /// # Errors
     /// Those of the method.
     pub fn save(&self) -> Result<(Vec<u8>, SavedRunner), Error> {
         let &Self { monitor, peak_bytes, seconds, .. } = self;
-        Ok((self.method.save()?, SavedRunner { monitor, peak_bytes, seconds }))
+        let (watch, when_frozen) = (self.watch.save(), self.when_frozen.clone());
+        Ok((self.method.save()?, SavedRunner { monitor, watch, when_frozen, peak_bytes, seconds }))
     }
 
     /// Takes back what [`Runner::save`] gave.
     ///
     /// # Errors
     /// Those of the method, if it is of another one.
-    pub fn restore(&mut self, method: &[u8], saved: &SavedRunner) -> Result<(), Error> {
+    pub fn restore(&mut self, method: &[u8], saved: &SavedRunner, layout: &Layout) -> Result<(), Error> {
         let (result, memory) = measured(|| self.method.restore(method));
         self.account(memory);
         self.monitor = saved.monitor;
+        if !self.watch.restore(&saved.watch, layout) {
+            return Err(isobar_assim::Error::Saved {
+                reason: "the stability monitor does not fit the experiment".into(),
+            });
+        }
+        self.when_frozen.clone_from(&saved.when_frozen);
         self.peak_bytes = self.peak_bytes.max(saved.peak_bytes);
         self.seconds = saved.seconds;
         result

@@ -68,7 +68,8 @@ pub fn exact(scenario: &Scenario, options: &ExactOptions) -> Result<ExactSummary
     check_linear(scenario)?;
     let (names, left_out) = chosen(scenario, options)?;
     let locate = |error: ExperimentError| error.locate(scenario);
-    let Ground { problem, mut observing, .. } = experiment::ground(scenario, scenario.seed).map_err(locate)?;
+    let Ground { problem, mut observing, .. } =
+        experiment::ground(scenario, scenario.seed, scenario.cycle.count).map_err(locate)?;
     let layout = problem.background.layout().clone();
     check_size(scenario, layout.len() + observing.calibration().len())?;
     let cycles = options.cycles.unwrap_or(scenario.cycle.count);
@@ -213,6 +214,7 @@ fn without_fixed_gain(algorithm: &Algorithm) -> Option<&'static str> {
         | Algorithm::SerialKalman { .. }
         | Algorithm::FastKalman { .. } => None,
         Algorithm::Climatology => Some("its background is no forecast of the model"),
+        Algorithm::TimeVolume { .. } => Some("its corrections of the model depend on the data"),
         Algorithm::FourDVar(_) => Some("its window analyses earlier observations again"),
         Algorithm::HybridThreeDVar { .. }
         | Algorithm::EnsembleTransform { .. }
@@ -231,6 +233,12 @@ fn check_linear(scenario: &Scenario) -> Result<(), ScenarioError> {
         let message =
             "exact performance needs the same model for the truth: else errors depend on the state".to_string();
         return Err(scenario.fault(&["truth", "model"], message, "another model"));
+    }
+    for (key, given) in [("sensors", scenario.sensors.is_some()), ("initialise", scenario.initialise.is_some())] {
+        if given {
+            let message = format!("exact performance is that of a start from the biases' priors, without [{key}]");
+            return Err(scenario.fault(&[key], message, "this"));
+        }
     }
     for (name, network) in &scenario.networks {
         if network.faults != Faults::NONE {

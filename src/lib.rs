@@ -18,6 +18,8 @@
 //! | [`event`], [`sink`] | what happens, and the files that it is written to |
 //! | [`plot`] | curves and maps, as these files hold them |
 //! | [`diagnostics`] | what it tells beyond errors: claimed distributions, assumed covariances, worth of observations |
+//! | [`sensors`] | what is known of each sensor, from run to run |
+//! | [`stability`] | which bias estimates can be relied on, and what would help the others |
 //! | [`statistics`] | how well a score is known |
 //! | [`mod@exact`] | the exact performance of linear methods in a linear world |
 //! | [`seeds`], [`sweep`] | the same experiment over several seeds, and over several settings |
@@ -42,7 +44,9 @@ pub mod run;
 pub mod saved;
 pub mod scenario;
 pub mod seeds;
+pub mod sensors;
 pub mod sink;
+pub mod stability;
 pub mod statistics;
 pub mod summary;
 pub mod sweep;

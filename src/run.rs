@@ -4,17 +4,19 @@ use crate::checkpoint::{self, Keeper, Newest, Plan, journal, newest};
 use crate::cli::RunOptions;
 use crate::correlations::Correlations;
 use crate::event::{Analysed, Estimated, Event};
-use crate::experiment::{Experiment, ExperimentError};
+use crate::experiment::{Competitor, Experiment, ExperimentError};
 use crate::interrupt;
 use crate::reference::Reference;
 use crate::scenario::Scenario;
 use crate::scenario::text::clean;
+use crate::sensors::table;
+use crate::sensors::write_back::{self, SENSORS_FILE};
 use crate::sink::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
 use crate::summary::{Failure, MethodScores, Summary};
 use crate::verify::{Scorecard, Scores, TrueValues};
 use isobar_model::ForecastError;
 use rayon::{ThreadPool, ThreadPoolBuilder};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Why a run ended early.
 #[derive(Debug, thiserror::Error)]
@@ -91,12 +93,27 @@ pub fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -
         }
         tell(Event::Started(&experiment.info))?;
     }
+    experiment.warnings.iter().try_for_each(|warning| tell(Event::Warning(warning)))?;
     let shown = Shown { memory: !options.concurrent, structure: rerun || report || live };
     let summary = cycles(&mut experiment, progress, &workers, shown, &mut tell)?;
+    write_sensors(scenario, &experiment, directory.path())?;
     tell(Event::Finished(&summary))?;
     drop(sinks);
     directory.complete()?;
     Ok(summary)
+}
+
+/// Writes the last calibration of the method that the scenario names, for the database of sensors.
+fn write_sensors(scenario: &Scenario, experiment: &Experiment, directory: &Path) -> Result<(), SinkError> {
+    let Some(writer) = scenario.sensors.as_ref().and_then(|sensors| sensors.writes.as_ref()) else { return Ok(()) };
+    let Experiment { info, methods, .. } = experiment;
+    let Some(number) = info.methods.iter().position(|method| method.name == *writer) else { return Ok(()) };
+    let Competitor { runner, failure, .. } = &methods[number];
+    let Some((estimate, accuracy)) = runner.calibration().filter(|_| failure.is_none()) else { return Ok(()) };
+    let path = directory.join(SENSORS_FILE);
+    let written = write_back::records(info, writer, &estimate, accuracy.covariance())
+        .and_then(|records| std::fs::write(&path, table::write(&records)).map_err(|error| error.to_string()));
+    written.map_err(|reason| SinkError { path, reason })
 }
 
 /// What is found out beside the scores.
@@ -188,7 +205,7 @@ fn one_cycle(
     shown: Shown,
     send: &mut Tell<'_>,
 ) -> Result<(), RunError> {
-    let Experiment { info, score_from_cycle, influence_every_cycles, truth, reference, observing, methods } =
+    let Experiment { info, score_from_cycle, influence_every_cycles, truth, reference, observing, methods, .. } =
         experiment;
     let with_influence =
         cycle >= *score_from_cycle && influence_every_cycles.is_some_and(|every| cycle.is_multiple_of(every));
@@ -252,12 +269,16 @@ fn shown_factors(cycle: usize, cycles: usize) -> usize {
 
 /// The scores of a run.
 fn summary(experiment: &Experiment, scores: &Scores, shown: Shown) -> Summary {
-    let Experiment { info, score_from_cycle, methods, .. } = experiment;
+    let Experiment { info, score_from_cycle, methods, variance_ratio, .. } = experiment;
     let methods = info.methods.iter().zip(&scores.totals).zip(methods).map(|((own, total), method)| {
         let cycles = method.failure.as_ref().map_or(info.cycles, |failure| failure.cycle);
         let scores = MethodScores {
             seconds_per_cycle: method.runner.seconds / cycles as f64,
             peak_memory_bytes: shown.memory.then_some(method.runner.peak_bytes),
+            stability: match method.failure {
+                None => method.runner.stability(&info.calibration, &info.layout, *variance_ratio).ok(),
+                Some(_) => None,
+            },
             failure: method.failure.clone(),
             // Scores of fewer cycles could not be compared with those of the other methods.
             ..match method.failure {

@@ -1,6 +1,7 @@
 //! The scores of a run, as `summary.json` holds them.
 
 use crate::diagnostics::Diagnostics;
+use crate::stability::Stability;
 use crate::statistics::Interval;
 use indexmap::IndexMap;
 use isobar_assim::block_angular::PartitionReport;
@@ -58,6 +59,9 @@ pub struct MethodScores {
     /// What the run tells beyond errors, over all cycles that count.
     #[serde(default)]
     pub diagnostics: Option<Diagnostics>,
+    /// Which bias estimates can be relied on, over a whole run.
+    #[serde(default)]
+    pub stability: Option<Stability>,
     /// When and why the method failed; it has no scores then.
     #[serde(default)]
     pub failure: Option<Failure>,

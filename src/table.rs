@@ -1,6 +1,7 @@
 //! Scores as tables: at the end of a run, and against the accepted ones.
 
 use crate::scenario::{Expected, ExpectedScores};
+use crate::stability::words;
 use crate::summary::{MethodScores, Summary};
 use comfy_table::{CellAlignment, ContentArrangement, Table};
 use isobar_assim::block_angular::PartitionReport;
@@ -52,7 +53,7 @@ pub fn scores(summary: &Summary, variables: &[(&str, &str)]) -> String {
         summary.cycles,
         trimmed(&state),
         trimmed(&rest),
-        partitions(summary) + &rejections(summary) + &failures(summary)
+        partitions(summary) + &words::on_terminal(summary) + &rejections(summary) + &failures(summary)
     )
 }
 

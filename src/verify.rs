@@ -149,6 +149,7 @@ impl Scorecard {
             partition: self.partition.clone(),
             intervals: (self.cycles > 1).then(|| self.intervals(layout)),
             diagnostics: None,
+            stability: None,
             failure: None,
             seconds_per_cycle: 0.0,
             peak_memory_bytes: None,

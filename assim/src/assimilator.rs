@@ -1,6 +1,7 @@
 //! What every method is: it forecasts an estimate, and analyses observations.
 
 use crate::block_angular::PartitionReport;
+use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::estimated::EstimatedParameter;
@@ -87,6 +88,21 @@ pub trait Assimilator: Send {
     /// [`Error::Setting`] if the method cannot; a covariance that is not positive definite.
     fn set_calibration(&mut self, _estimate: &[f64], _covariance: MatRef<'_, f64>) -> Result<(), Error> {
         Err(Error::Setting("this method cannot start from another calibration than the parameters' priors".into()))
+    }
+
+    /// What the method claims to know of the calibration parameters, and of the state's means with them; `None` for one
+    /// that does not estimate them.
+    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
+        None
+    }
+
+    /// Adds an independent error with this covariance, `[p, p]`, to those of the calibration parameters: a sensor that has
+    /// been recalibrated is known that much worse, [`Calibrated`](crate::Calibrated).
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for a method that has no covariance to add it to.
+    fn widen_calibration(&mut self, _covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        Err(Error::Setting("the method has no covariance of biases, which a recalibration could change".into()))
     }
 
     /// All that the next cycles depend on and that problem and settings do not say: estimates, covariances, places in

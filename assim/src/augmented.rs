@@ -1,6 +1,7 @@
 //! The augmented state s = (x, c) with its dense covariance: what the dense filters share but for their analyses.
 
 use crate::assimilator::Estimate;
+use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance;
 use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
@@ -47,9 +48,8 @@ impl AugmentedState {
         check_memory(&problem, m + p)?;
         let mut covariance = Mat::zeros(m + p, m + p);
         covariance.as_mut().get_mut(..m, ..m).copy_from(covariance::dense(&*problem.background_error));
-        for (i, parameter) in calibration.parameters.iter().enumerate() {
-            covariance[(m + i, m + i)] = parameter.sigma_prior.powi(2);
-        }
+        let prior = Mat::from_fn(p, p, |i, j| calibration.prior_covariance(i, j));
+        covariance.as_mut().get_mut(m.., m..).copy_from(prior);
         let model_error = problem.model_error.as_deref().map(covariance::dense);
         let state = problem.background.clone();
         let bias = vec![0.0; problem.calibration.len()];
@@ -78,6 +78,35 @@ impl AugmentedState {
         }
         self.covariance = forecast;
         self.estimate()
+    }
+
+    /// What is known of the parameters, and of the state's means with them; `None` if they are not estimated.
+    pub fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
+        let (m, p) = (self.state.values().len(), self.calibration.len());
+        if p == 0 {
+            return None;
+        }
+        let cells = self.state.layout().grid.cells();
+        let v = m / cells;
+        let mean_row = |variable: usize, j: usize| {
+            let column = &self.covariance.col_as_slice(j)[variable * cells..][..cells];
+            column.iter().sum::<f64>() / cells as f64
+        };
+        // Covariances of the means with everything, then of the means with each other.
+        let with_all: Vec<Vec<f64>> = (0..v).map(|it| (0..m + p).map(|j| mean_row(it, j)).collect()).collect();
+        let joint = Mat::from_fn(p + v, p + v, |i, j| match (i.max(j), i.min(j)) {
+            (i, j) if i < p => self.covariance[(m + i, m + j)],
+            (i, j) if j < p => with_all[i - p][m + j],
+            (i, j) => with_all[i - p][(j - p) * cells..][..cells].iter().sum::<f64>() / cells as f64,
+        });
+        Some(CalibrationAccuracy::new(joint, p))
+    }
+
+    /// Adds a covariance to that of the parameters.
+    pub fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) {
+        let m = self.state.values().len();
+        let mut own = self.covariance.as_mut().get_mut(m.., m..);
+        own += covariance;
     }
 
     /// What a checkpoint holds of it.

@@ -2,6 +2,7 @@
 //! covariance of the state share.
 
 use crate::assimilator::Estimate;
+use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::error::Error;
 use crate::problem::Problem;
 use crate::saved::{Matrix, restore_bias, restore_state};
@@ -36,8 +37,7 @@ impl CalibratedState {
     pub fn new(problem: &Problem) -> Self {
         let calibration = problem.estimated_calibration();
         let p = calibration.len();
-        let prior = |i: usize| calibration.parameters[i].sigma_prior.powi(2);
-        let bias_covariance = Mat::from_fn(p, p, |i, j| if i == j { prior(i) } else { 0.0 });
+        let bias_covariance = Mat::from_fn(p, p, |i, j| calibration.prior_covariance(i, j));
         let (state, bias) = (problem.background.clone(), vec![0.0; problem.calibration.len()]);
         Self { calibration, state, bias, bias_covariance }
     }
@@ -45,6 +45,11 @@ impl CalibratedState {
     /// p, the number of parameters that are estimated.
     pub fn parameters(&self) -> usize {
         self.calibration.len()
+    }
+
+    /// P_c, unless nothing is estimated.
+    pub fn accuracy(&self) -> Option<CalibrationAccuracy> {
+        (self.parameters() > 0).then(|| CalibrationAccuracy::new(self.bias_covariance.clone(), self.parameters()))
     }
 
     /// Forecasts the state; the parameters persist but for their random walks.

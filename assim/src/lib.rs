@@ -14,6 +14,9 @@
 //! | [`free`], [`climatology`] | no assimilation |
 //! | [`response`], [`actual_errors`] | the gain of any of them, found by asking, and what it is worth |
 //!
+//! [`calibrated`] is what any of them makes of what is known of its sensors: earlier calibrations, recalibrations, biases
+//! that are not to be adjusted; [`observability`] says which biases the data determine.
+//!
 //! All of them are given a [`Problem`], see models and observations only through traits and Jacobians, and are an
 //! [`Assimilator`]. [`covariance`] holds B and Q as operators; `testing` (feature `testing`) the contract they must keep.
 
@@ -21,7 +24,9 @@ pub mod actual_errors;
 pub mod assimilator;
 mod augmented;
 pub mod block_angular;
+pub mod calibrated;
 mod calibrated_state;
+pub mod calibration_accuracy;
 pub mod climatology;
 pub mod covariance;
 pub mod covariance_column;
@@ -34,6 +39,7 @@ pub mod high_pass;
 pub mod initialised;
 pub mod kalman;
 mod linalg;
+pub mod observability;
 pub mod optimal_interpolation;
 pub mod problem;
 mod propagator;
@@ -49,9 +55,12 @@ pub mod variational;
 pub mod wind_finding;
 
 pub use assimilator::{Analysis, Assimilator, BiasTreatment, Estimate};
+pub use calibrated::{Calibrated, Recalibration, SensorKnowledge};
+pub use calibration_accuracy::CalibrationAccuracy;
 pub use covariance::Covariance;
 pub use covariance_column::{CovarianceColumn, Unknown, correlation};
 pub use error::Error;
 pub use estimated::EstimatedParameter;
+pub use observability::{Combination, Inseparable, Observability};
 pub use problem::Problem;
 pub use structure::{CommonFactor, Structure};

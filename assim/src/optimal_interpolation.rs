@@ -2,13 +2,14 @@
 
 use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::calibrated_state::CalibratedState;
+use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance;
 use crate::error::Error;
 use crate::linalg::{cholesky, column, product, solve_lower, solve_lower_transposed, squared_norm};
 use crate::problem::{Innovations, Problem};
 use crate::saved::{from_bytes, to_bytes};
 use crate::spread::standard_deviations;
-use faer::Mat;
+use faer::{Mat, MatRef};
 use isobar_model::Duration;
 use isobar_obs::ObservationWindow;
 use rayon::prelude::*;
@@ -111,5 +112,14 @@ impl Assimilator for OptimalInterpolation {
 
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         self.present.restore(from_bytes(saved)?)
+    }
+
+    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
+        self.present.accuracy()
+    }
+
+    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        self.present.bias_covariance += covariance;
+        Ok(())
     }
 }

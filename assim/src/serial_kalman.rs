@@ -2,6 +2,7 @@
 
 use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::augmented::{AugmentedState, entries};
+use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::linalg::{for_each_chunk, mirror_lower};
@@ -97,6 +98,15 @@ impl Assimilator for SerialKalmanFilter {
 
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         self.augmented.restore(saved)
+    }
+
+    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
+        self.augmented.calibration_accuracy()
+    }
+
+    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        self.augmented.widen_calibration(covariance);
+        Ok(())
     }
 }
 

@@ -226,7 +226,7 @@ fn observations_that_are_corrected_towards_the_background_keep_its_bias() {
     let background_bias = |weight: f64| {
         let model = affine(1, 1, 1.0 - g, g * climate);
         let prior = Arc::new(Sum::new(1, vec![Box::new(White::new(model.layout(), 0, 1.0)) as Box<dyn Covariance>]));
-        let calibration = Calibration { parameters: vec![bias.clone()] };
+        let calibration = Calibration { parameters: vec![bias.clone()], ..Calibration::default() };
         let mut method = OptimalInterpolation::new(problem(model, prior, calibration), 1.0);
         // An anchor of variance r has the weight 1/(1 + r); the other observation is far more accurate, and of no use.
         let anchor = (1.0 / weight - 1.0).sqrt();

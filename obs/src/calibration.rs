@@ -1,5 +1,7 @@
 //! Calibration c: the observing systems' unknown bias parameters, with names, units and prior knowledge.
 
+use std::collections::BTreeMap;
+
 /// Where a calibration parameter belongs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Placement {
@@ -34,6 +36,9 @@ pub struct Parameter {
 pub struct Calibration {
     /// The parameters.
     pub parameters: Vec<Parameter>,
+    /// Prior covariances of pairs (i, j) of parameters with i > j, where they are not zero: of sensors that were calibrated
+    /// together before.
+    pub covariances: BTreeMap<(usize, usize), f64>,
 }
 
 impl Calibration {
@@ -45,6 +50,14 @@ impl Calibration {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.parameters.is_empty()
+    }
+
+    /// Prior covariance of the errors of two parameters: the matrix P_c that every method starts from.
+    pub fn prior_covariance(&self, i: usize, j: usize) -> f64 {
+        if i == j {
+            return self.parameters[i].sigma_prior.powi(2);
+        }
+        self.covariances.get(&(i.max(j), i.min(j))).copied().unwrap_or(0.0)
     }
 
     /// The number of the parameter of this name.

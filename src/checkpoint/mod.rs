@@ -116,7 +116,10 @@ impl Checkpoint {
         let mut totals = Vec::with_capacity(count);
         for ((competitor, saved), memory) in experiment.methods.iter_mut().zip(self.methods).zip(memories) {
             if let Some(runner) = &saved.runner {
-                competitor.runner.restore(memory, runner).map_err(|error| error.to_string())?;
+                competitor
+                    .runner
+                    .restore(memory, runner, &experiment.info.layout)
+                    .map_err(|error| error.to_string())?;
             }
             if saved.runner.is_some() == saved.failure.is_some() {
                 return Err("a method has neither memory nor a failure".into());

@@ -90,7 +90,9 @@ impl Plan {
         } else if self.options != other.options {
             Some("it is of a run with other options")
         } else if self.experiment != other.experiment {
-            Some("its stations or calibration parameters were others: a station file has changed since")
+            Some(
+                "its stations or calibration parameters were others: a station file or the database of sensors has changed since",
+            )
         } else {
             None
         }

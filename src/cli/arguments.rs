@@ -1,5 +1,6 @@
 //! The arguments that the program takes.
 
+use super::sensors::SensorsCommand;
 use crate::seeds::FEWEST_SEEDS;
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
@@ -62,6 +63,11 @@ pub enum Command {
         /// Directories of runs
         #[arg(required = true, value_name = "OUT")]
         runs: Vec<PathBuf>,
+    },
+    /// Keep what is known of sensors from run to run: calibrations, test points, recalibrations
+    Sensors {
+        #[command(subcommand)]
+        command: SensorsCommand,
     },
     /// Make one page of the scores of several runs, with their differences and whether these are significant
     Compare(CompareArguments),

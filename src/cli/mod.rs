@@ -12,6 +12,7 @@ mod regress;
 mod resume;
 mod run;
 mod seeds;
+mod sensors;
 mod sweep;
 mod view;
 
@@ -99,6 +100,7 @@ pub fn main(runner: &Runner) -> ExitCode {
         Command::Resume(arguments) => resume::resume(&arguments, runner),
         Command::Regress(arguments) => regress::regress(&arguments, runner),
         Command::View { run } => view::view(&run),
+        Command::Sensors { command } => sensors::sensors(&command),
         Command::Compare(arguments) => compare::compare(&arguments),
         Command::Sweep(arguments) => sweep::sweep(&arguments, runner),
         Command::Exact(arguments) => exact::run(&arguments),

@@ -7,6 +7,7 @@ use crate::interrupt;
 use crate::progress::Progress;
 use crate::scenario::Scenario;
 use crate::scenario::text::{clean, listed, nearest};
+use crate::sensors::write_back::{self, SENSORS_FILE};
 use crate::sink::Outputs;
 use crate::table;
 use miette::{Report, miette};
@@ -53,6 +54,7 @@ pub(super) fn run_one(
     let scores = table::scores(&summary, scenario.model.variables());
     print(&format!("{}: {}\n\n{scores}\n", scenario.name, scenario.title))?;
     print(&files(scenario, options, no_rerun))?;
+    write_sensors(scenario, options)?;
     let failed: Vec<&str> = summary.failures().map(|(name, _)| name).collect();
     if !failed.is_empty() {
         show(&miette!(
@@ -63,6 +65,21 @@ pub(super) fn run_one(
         ));
     }
     Ok(failed.is_empty())
+}
+
+/// Takes what the run has found out of its sensors into their database, if the scenario says so.
+fn write_sensors(scenario: &Scenario, options: &RunOptions) -> Result<(), Report> {
+    let Some(settings) = scenario.sensors.as_ref().filter(|sensors| sensors.writes.is_some()) else { return Ok(()) };
+    let table = options.out.join(SENSORS_FILE);
+    let [database, shown] = [&settings.database, &table].map(|path| clean(&path.display().to_string()));
+    if !table.is_file() {
+        return print(&format!("Sensors: nothing to write into {database}, the method did not run to the end\n"));
+    }
+    let new = write_back::write_back(&options.out, &settings.database).map_err(|error| {
+        let help = format!("the run is complete; `isobar sensors import {database} {shown}` takes its sensors in");
+        Report::from(error).wrap_err(help)
+    })?;
+    print(&format!("Sensors: {new} new records in {database}\n"))
 }
 
 /// When checkpoints are written.

@@ -8,15 +8,17 @@ mod observing;
 mod time_volume;
 
 use crate::cli::RunOptions;
-use crate::cycle::Runner;
+use crate::cycle::{Freezing, Runner};
 use crate::event::{MethodInfo, RunInfo, StationInfo};
 use crate::reference::Reference;
 use crate::scenario::{Algorithm, Scenario, ScenarioError};
+use crate::sensors::knowledge::{WarmStart, warm_start};
+use crate::sensors::{Database, SensorError, database::Missing};
 use crate::summary::Failure;
 use crate::truth::Truth;
-use isobar_assim::{Assimilator, BiasTreatment, Problem, covariance};
+use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Problem, SensorKnowledge, covariance};
 use isobar_model::random::stream;
-use isobar_model::{ModelError, check_time_step};
+use isobar_model::{Duration, ModelError, check_time_step};
 use isobar_obs::{ObservationError, ObservingSystem};
 use std::path::PathBuf;
 
@@ -43,6 +45,9 @@ pub enum ExperimentError {
         /// Why it cannot be set up.
         error: isobar_assim::Error,
     },
+    /// The database of sensors.
+    #[error(transparent)]
+    Sensors(#[from] SensorError),
     /// A station file.
     #[error("cannot read {}: {reason}", path.display())]
     File {
@@ -61,6 +66,7 @@ impl ExperimentError {
             ExperimentError::Model(_) => (vec!["initial"], "with this and [model]"),
             ExperimentError::Covariance(_) => (vec!["background_error"], "here or in [model_error]"),
             ExperimentError::Method { name, .. } => (vec!["methods", name], "this method"),
+            ExperimentError::Sensors(_) => (vec!["sensors", "database"], "this database"),
             ExperimentError::File { .. } => (vec!["networks"], "in one of these"),
             ExperimentError::Observations(error) => (observing::place(error), "here"),
         };
@@ -72,6 +78,8 @@ impl ExperimentError {
 pub struct Experiment {
     /// What is known before the first cycle.
     pub info: RunInfo,
+    /// The share of its prior variance above which a bias is not determined.
+    pub variance_ratio: f64,
     /// The first cycle that counts for the scores.
     pub score_from_cycle: usize,
     /// In every so-many-th of these cycles it is found out what each type of observations did; `None`: never.
@@ -82,6 +90,8 @@ pub struct Experiment {
     pub reference: Option<Reference>,
     /// What observes it.
     pub observing: ObservingSystem,
+    /// What the user should know of it before it runs.
+    pub warnings: Vec<String>,
     /// The methods, in the order of [`RunInfo::methods`].
     pub methods: Vec<Competitor>,
 }
@@ -100,6 +110,8 @@ pub struct Competitor {
 pub struct Ground {
     /// What the methods are given.
     pub problem: Problem,
+    /// What is known of the sensors.
+    pub sensors: WarmStart,
     /// The true world.
     pub truth: Truth,
     /// What observes it.
@@ -111,7 +123,7 @@ pub struct Ground {
 /// # Errors
 /// The first thing that does not.
 pub fn check(scenario: &Scenario) -> Result<(), ExperimentError> {
-    let ground = ground(scenario, scenario.seed)?;
+    let ground = ground(scenario, scenario.seed, scenario.cycle.count)?;
     for (name, method) in &scenario.methods {
         if let Algorithm::TimeVolume { options, .. } = &method.algorithm {
             time_volume::factors(options, &ground.problem.calibration)
@@ -128,14 +140,30 @@ impl Experiment {
     /// What the scenario's file alone could not tell: files, stations, time steps, memory.
     pub fn new(scenario: &Scenario, options: &RunOptions) -> Result<Self, ExperimentError> {
         let seed = options.seed.unwrap_or(scenario.seed);
-        let Ground { problem, truth, observing } = ground(scenario, seed)?;
+        let cycles = options.cycles.unwrap_or(scenario.cycle.count);
+        let Ground { problem, sensors, truth, observing } = ground(scenario, seed, cycles)?;
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
         let (mut methods, mut infos) = (Vec::new(), Vec::new());
         for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
-            let runner = Runner::new(|| self::method(&problem, name, scenario))?;
+            let build = || -> Result<Calibrated, ExperimentError> {
+                let built = self::method(&problem, name, scenario)?;
+                Ok(match method.bias == BiasTreatment::Estimate && methods::sees_observations(method) {
+                    true => Calibrated::new(built, &problem.calibration, scenario.start, sensors.knowledge.clone()),
+                    false => built.into(),
+                })
+            };
+            let freezing = scenario.stability.freeze_after_cycles.map(|after_cycle| Freezing {
+                after_cycle,
+                variance_ratio: scenario.stability.variance_ratio,
+                calibration: problem.calibration.clone(),
+            });
+            let runner = Runner::new(build)?.watched(scenario.cycle.score_from_cycle, freezing);
             let scores_bias = methods::sees_observations(method) && method.bias != BiasTreatment::Known;
             methods.push(Competitor { runner, failure: None, scores_bias });
-            infos.push(MethodInfo { name: name.clone(), description: methods::describe(method, name, scenario) });
+            let known = sensors_in_words(&sensors).filter(|_| method.bias == BiasTreatment::Estimate);
+            let own = methods::describe(method, name, scenario);
+            let description = [own].into_iter().chain(known).collect::<Vec<_>>().join(", ");
+            infos.push(MethodInfo { name: name.clone(), description });
         }
         let stations = observing.stations().iter().map(|station| StationInfo {
             network: station.network.clone(),
@@ -153,14 +181,15 @@ impl Experiment {
             projection: scenario.grid.projection.clone(),
             start: scenario.start,
             window: scenario.cycle.window,
-            cycles: options.cycles.unwrap_or(scenario.cycle.count),
-            calibration: observing.calibration().clone(),
+            cycles,
+            calibration: problem.calibration.clone(),
             methods: infos,
             stations: stations.collect(),
         };
         let steps = problem_steps(scenario, &problem);
         Ok(Self {
             info,
+            variance_ratio: scenario.stability.variance_ratio,
             score_from_cycle: scenario.cycle.score_from_cycle,
             influence_every_cycles: scenario.influence_every_cycles,
             truth,
@@ -168,6 +197,7 @@ impl Experiment {
                 .quality_control
                 .map(|control| Reference::new(control, problem.model, steps, problem.background)),
             observing,
+            warnings: sensors.warnings,
             methods,
         })
     }
@@ -193,7 +223,7 @@ pub fn method(problem: &Problem, name: &str, scenario: &Scenario) -> Result<Box<
 ///
 /// # Errors
 /// As [`Experiment::new`].
-pub fn ground(scenario: &Scenario, seed: u64) -> Result<Ground, ExperimentError> {
+pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, ExperimentError> {
     let grid = &scenario.grid.grid;
     let model = forecast_model::build(&scenario.model, grid)?;
     let background = initial_state::build(&scenario.initial, &scenario.model, grid, seed)?;
@@ -216,14 +246,45 @@ pub fn ground(scenario: &Scenario, seed: u64) -> Result<Ground, ExperimentError>
     let projection = scenario.grid.projection.as_ref();
     let observing =
         ObservingSystem::new(background.layout(), projection, &configs, seed, scenario.cycle.window, scenario.start)?;
+    let sensors = sensors(scenario, &observing, cycles)?;
     let problem = Problem {
         model,
         background,
         background_error,
         model_error,
-        calibration: observing.calibration().clone(),
+        calibration: sensors.calibration.clone(),
         bias: BiasTreatment::Estimate,
         memory_limit_bytes: u64::MAX,
     };
-    Ok(Ground { problem, truth, observing })
+    Ok(Ground { problem, sensors, truth, observing })
+}
+
+/// What the database of sensors knows at the start of a run; nothing without one.
+fn sensors(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> Result<WarmStart, SensorError> {
+    let calibration = observing.calibration();
+    let Some(settings) = &scenario.sensors else {
+        let knowledge = SensorKnowledge { mean: vec![0.0; calibration.len()], recalibrations: Vec::new() };
+        return Ok(WarmStart { calibration: calibration.clone(), knowledge, known: 0, warnings: Vec::new() });
+    };
+    // The first run of a chain finds nothing, and writes the database.
+    let records = match settings.writes.is_some() && !settings.database.exists() {
+        true => Default::default(),
+        false => Database::open(&settings.database, Missing::Refuse)?.records()?,
+    };
+    let end = scenario.start + Duration::from_seconds(scenario.cycle.window.seconds() * cycles as i64);
+    warm_start(&records, calibration, scenario.start, end)
+        .map_err(|reason| SensorError::new(&settings.database, reason))
+}
+
+/// How much was known of the sensors, in words, with a checksum: a run can be resumed only with the same knowledge.
+fn sensors_in_words(sensors: &WarmStart) -> Option<String> {
+    let WarmStart { calibration, knowledge, known, .. } = sensors;
+    let checksum = crc32fast::hash(format!("{calibration:?} {knowledge:?}").as_bytes());
+    let recalibrations = knowledge.recalibrations.len();
+    let parameters = calibration.len();
+    (*known > 0).then(|| {
+        format!(
+            "{known} of {parameters} sensors known before, {recalibrations} recalibrations announced ({checksum:08x})"
+        )
+    })
 }

@@ -19,6 +19,7 @@ mod model;
 mod network;
 mod quality;
 mod reader;
+mod sensors;
 mod sweep;
 pub(crate) mod text;
 mod time_volume;
@@ -37,8 +38,9 @@ pub use model::{AdvectionScheme, Conserved, Dynamics, ModelSettings, ShallowWate
 pub use network::{
     Heading, Instrument, Network, ObservedVariable, RadiosondeSettings, SatelliteSettings, Schedule, StationLayout,
 };
-pub use time_volume::{Correction, CorrectionSettings, FactorSettings, FactorTarget, TimeVolumeOptions};
+pub use sensors::{SensorSettings, StabilitySettings};
 pub use sweep::SweepSettings;
+pub use time_volume::{Correction, CorrectionSettings, FactorSettings, FactorTarget, TimeVolumeOptions};
 
 use error::SourceFile;
 use indexmap::IndexMap;
@@ -97,6 +99,10 @@ pub struct Scenario {
     pub influence_every_cycles: Option<usize>,
     /// Which keys vary in a sweep, if any do.
     pub sweep: Option<SweepSettings>,
+    /// What is known of sensors from run to run.
+    pub sensors: Option<SensorSettings>,
+    /// When a bias is adjusted.
+    pub stability: StabilitySettings,
     /// What is written.
     pub output: OutputSettings,
     /// Whether it is run for regression with all others; a scenario that is too dear says no.
@@ -160,6 +166,8 @@ impl Scenario {
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
         let methods = method::read(&root, &grid.grid, &model, cycle.count)?;
         let initialise = initialise::read(&root, &methods, cycle.count)?;
+        let sensors = sensors::read(&root, &methods)?;
+        let stability = sensors::read_stability(&root, cycle.count)?;
         let influence_every_cycles = cycle::read_diagnostics(&root)?;
         let sweep = sweep::read(&root, &model)?;
         let output = cycle::read_output(&root)?;
@@ -187,6 +195,8 @@ impl Scenario {
             initialise,
             influence_every_cycles,
             sweep,
+            sensors,
+            stability,
             output,
             regression,
             expected,
@@ -213,6 +223,8 @@ const KEYS: &[&str] = &[
     "initialise",
     "diagnostics",
     "sweep",
+    "sensors",
+    "stability",
     "output",
     "regression",
     "expected",

@@ -6,6 +6,7 @@ use indexmap::IndexMap;
 use isobar::correlations::Correlations;
 use isobar::event::{Analysed, Event, MethodInfo, RunInfo, StationInfo};
 use isobar::sink::{Sink, SinkError};
+use isobar::stability::{ParameterStability, Stability};
 use isobar::summary::{MethodScores, PerVariable, Summary};
 use isobar_assim::block_angular::PartitionReport;
 use isobar_assim::{Analysis, CommonFactor, Estimate, Structure};
@@ -179,7 +180,7 @@ fn info(nx: usize, ny: usize, cycles: usize, methods: usize) -> RunInfo {
         start: Time::from_seconds(1_767_225_600),
         window: Duration::from_seconds(21_600),
         cycles,
-        calibration: Calibration { parameters },
+        calibration: Calibration { parameters, ..Calibration::default() },
         methods: METHODS[..methods]
             .iter()
             .map(|&(name, description, ..)| MethodInfo { name: name.into(), description: description.into() })
@@ -316,7 +317,18 @@ fn analyse(
     let spread = |estimate: &Estimate| {
         estimate.state_spread.as_ref().map(|it| rms(&|number| it[number * cells..(number + 1) * cells].to_vec()))
     };
+    let parameters = info.calibration.parameters.iter().map(|parameter| ParameterStability {
+        name: parameter.name.clone(),
+        observations: 12,
+        variance_ratio: 0.5,
+        lag_correlation: None,
+        stable: false,
+        frozen: false,
+        why: vec!["the observations leave 50 % of its prior variance".into()],
+    });
+    let stability = Stability { parameters: parameters.collect(), ..Stability::default() };
     let scores = MethodScores {
+        stability: Some(stability),
         rmse_analysis: error(&analysed),
         rmse_background: error(&background),
         spread_analysis: spread(&analysed),

@@ -3,10 +3,12 @@
 use super::members::{Ensemble, Moments, ObservedEnsemble, spread};
 use super::{EnsembleSettings, InitialMembers};
 use crate::assimilator::{Analysis, Estimate};
+use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::problem::Problem;
 use crate::saved::{from_bytes, to_bytes, unfit};
+use faer::MatRef;
 use isobar_model::{Duration, random};
 use isobar_obs::ObservationWindow;
 use rand_chacha::ChaCha8Rng;
@@ -95,6 +97,16 @@ impl EnsembleCycle {
             column.iter_mut().zip(member).for_each(|(sum, value)| *sum += weight * value);
         }
         Some(CovarianceColumn::of_augmented(column, self.state_values(), &self.problem.calibration))
+    }
+
+    /// What the members know of the parameters.
+    pub fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
+        self.ensemble.calibration_accuracy(&self.problem)
+    }
+
+    /// Adds draws with a covariance to the members' parameters.
+    pub fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) {
+        self.ensemble.widen_calibration(covariance, &mut self.random);
     }
 
     /// What a checkpoint holds of it.

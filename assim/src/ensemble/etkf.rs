@@ -5,10 +5,12 @@ use super::cycle::EnsembleCycle;
 use super::members::{Ensemble, Moments, ObservedEnsemble};
 use super::transform::{WhitenedObservations, transform};
 use crate::assimilator::{Analysis, Assimilator, Estimate};
+use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::linalg::product;
 use crate::problem::Problem;
+use faer::MatRef;
 use isobar_model::Duration;
 use isobar_obs::ObservationWindow;
 
@@ -69,5 +71,14 @@ impl Assimilator for EnsembleTransformKalmanFilter {
 
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         self.cycle.restore(saved)
+    }
+
+    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
+        self.cycle.calibration_accuracy()
+    }
+
+    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        self.cycle.widen_calibration(covariance);
+        Ok(())
     }
 }

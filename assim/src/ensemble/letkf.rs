@@ -8,12 +8,13 @@ use super::tapered::{SharedParameters, TaperedInnovations, cross_taper};
 use super::transform::{WhitenedObservations, transform};
 use super::weights::WeightGrid;
 use crate::assimilator::{Analysis, Assimilator, Estimate};
+use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance::LocalizedEnsemble;
 use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::linalg::product;
 use crate::problem::{Innovations, Problem};
-use faer::Mat;
+use faer::{Mat, MatRef};
 use isobar_model::{Duration, Location};
 use isobar_obs::{ByPlacement, ObservationWindow};
 use rayon::prelude::*;
@@ -200,5 +201,14 @@ impl Assimilator for LocalEnsembleTransformKalmanFilter {
 
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         self.cycle.restore(saved)
+    }
+
+    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
+        self.cycle.calibration_accuracy()
+    }
+
+    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        self.cycle.widen_calibration(covariance);
+        Ok(())
     }
 }

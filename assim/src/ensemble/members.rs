@@ -3,9 +3,10 @@
 use super::model_error::add_model_error;
 use super::{EnsembleSettings, InitialMembers};
 use crate::assimilator::Estimate;
+use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance::{self, randomize};
 use crate::error::Error;
-use crate::linalg::{product, qr};
+use crate::linalg::{add_symmetric_product, cholesky, column, product, qr, semidefinite_root};
 use crate::problem::{Innovations, Problem};
 use crate::saved::unfit;
 use faer::{Mat, MatRef};
@@ -67,21 +68,22 @@ impl Ensemble {
     /// # Errors
     /// [`Error::Setting`] for too few members, [`Error::TooLarge`] if they do not fit into the memory limit.
     pub fn draw(problem: &Problem, settings: &EnsembleSettings, random: &mut ChaCha8Rng) -> Result<Self, Error> {
-        let parameters = problem.estimated_calibration().parameters;
-        let (m, p, members) = (problem.background.values().len(), parameters.len(), settings.members);
+        let calibration = problem.estimated_calibration();
+        let (m, p, members) = (problem.background.values().len(), calibration.len(), settings.members);
         check(problem, settings.initial_members, m + p, p, members)?;
-        let sigmas: Vec<f64> = parameters.iter().map(|parameter| parameter.sigma_prior).collect();
+        let prior = Mat::from_fn(p, p, |i, j| calibration.prior_covariance(i, j));
+        let root = cholesky(prior, || "the prior covariance of the calibration parameters".into())?;
         let perturbations = match settings.initial_members {
             InitialMembers::Random => {
                 let mut values = Vec::with_capacity((m + p) * members);
                 for _ in 0..members {
                     values.extend(randomize(&*problem.background_error, random));
-                    values
-                        .extend(standard_normals(random, p).iter().zip(&sigmas).map(|(normal, sigma)| normal * sigma));
+                    let biases = product(root.as_ref(), column(&standard_normals(random, p)).as_ref());
+                    values.extend_from_slice(biases.col_as_slice(0));
                 }
                 values
             }
-            InitialMembers::SecondOrderExact => second_order_exact(problem, &sigmas, members, random),
+            InitialMembers::SecondOrderExact => second_order_exact(problem, &root, members, random),
         };
         let mut mean = problem.background.values().to_vec();
         mean.resize(m + p, 0.0);
@@ -176,6 +178,41 @@ impl Ensemble {
         Ok(())
     }
 
+    /// The members' covariance of the parameters and of the state's means; `None` without parameters.
+    pub(super) fn calibration_accuracy(&self, problem: &Problem) -> Option<CalibrationAccuracy> {
+        let p = self.rows - self.state_values;
+        if p == 0 {
+            return None;
+        }
+        let Moments { perturbations, .. } = self.moments();
+        let (m, cells) = (self.state_values, problem.background.layout().grid.cells());
+        let row = |number: usize, member: &[f64]| match number < p {
+            true => member[m + number],
+            false => member[(number - p) * cells..][..cells].iter().sum::<f64>() / cells as f64,
+        };
+        let (rows, members) = (p + m / cells, self.members());
+        let reduced = Mat::from_fn(rows, members, |i, j| row(i, perturbations.col_as_slice(j)));
+        let mut joint = Mat::zeros(rows, rows);
+        let scale = 1.0 / (members - 1) as f64;
+        add_symmetric_product(joint.as_mut(), scale, reduced.as_ref(), reduced.transpose());
+        Some(CalibrationAccuracy::new(joint, p))
+    }
+
+    /// Adds draws with a covariance, about mean zero, to the members' parameters.
+    pub(super) fn widen_calibration(&mut self, covariance: MatRef<'_, f64>, random: &mut ChaCha8Rng) {
+        let (p, members) = (self.rows - self.state_values, self.members());
+        let root = semidefinite_root(covariance);
+        let normals = standard_normals(random, p * members);
+        let mut draws = product(root.as_ref(), MatRef::from_column_major_slice(&normals, p, members));
+        for i in 0..p {
+            let mean = (0..members).map(|j| draws[(i, j)]).sum::<f64>() / members as f64;
+            (0..members).for_each(|j| draws[(i, j)] -= mean);
+        }
+        for (j, member) in self.values.chunks_exact_mut(self.rows).enumerate() {
+            member[self.state_values..].iter_mut().zip(draws.col_as_slice(j)).for_each(|(value, draw)| *value += draw);
+        }
+    }
+
     /// State and full calibration of a member or a mean.
     fn unpack(&self, problem: &Problem, values: &[f64]) -> (State, Vec<f64>) {
         let state = State::from_values(problem.background.layout(), values[..self.state_values].to_vec());
@@ -252,8 +289,8 @@ pub(super) fn variable_scales(problem: &Problem, spread: &[f64]) -> Vec<f64> {
 
 /// √(N−1) F Ω, column-major `[m + p, N]`: F holds the leading factors of B and the priors, Ω `[N − 1, N]` orthonormal rows
 /// whose sums are zero.
-fn second_order_exact(problem: &Problem, sigmas: &[f64], members: usize, random: &mut ChaCha8Rng) -> Vec<f64> {
-    let (m, p) = (problem.background.values().len(), sigmas.len());
+fn second_order_exact(problem: &Problem, root: &Mat<f64>, members: usize, random: &mut ChaCha8Rng) -> Vec<f64> {
+    let (m, p) = (problem.background.values().len(), root.nrows());
     let variances: Vec<f64> = {
         // A few draws tell the scales of the variables well enough.
         let draws: Vec<Vec<f64>> = (0..8).map(|_| randomize(&*problem.background_error, random)).collect();
@@ -265,9 +302,7 @@ fn second_order_exact(problem: &Problem, sigmas: &[f64], members: usize, random:
     let r = factors.ncols();
     let mut all = Mat::<f64>::zeros(m + p, members - 1);
     all.as_mut().get_mut(..m, ..r).copy_from(&factors);
-    for (i, sigma) in sigmas.iter().enumerate() {
-        all[(m + i, r + i)] = *sigma;
-    }
+    all.as_mut().get_mut(m.., r..r + p).copy_from(root);
     // The QR factors of [1, random]: all columns of Q but the first are orthogonal to 1.
     let normals = standard_normals(random, members * (members - 1));
     let start = Mat::from_fn(members, members, |i, j| if j == 0 { 1.0 } else { normals[(j - 1) * members + i] });

@@ -7,6 +7,7 @@ use super::members::{Ensemble, Moments, ObservedEnsemble};
 use super::tapered::{SharedParameters, TaperedInnovations, cross_taper};
 use super::transform::WhitenedObservations;
 use crate::assimilator::{Analysis, Assimilator, Estimate};
+use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::linalg::product;
@@ -170,5 +171,14 @@ impl Assimilator for StochasticEnsembleKalmanFilter {
 
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         self.cycle.restore(saved)
+    }
+
+    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
+        self.cycle.calibration_accuracy()
+    }
+
+    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        self.cycle.widen_calibration(covariance);
+        Ok(())
     }
 }

@@ -1,10 +1,104 @@
-//! A calibration from elsewhere: see [`Assimilator::set_calibration`](crate::Assimilator::set_calibration).
+//! What the filter knows of the calibration parameters: their priors, their accuracy, and what a recalibration adds, or another source says.
 
 use super::FastKalmanFilter;
+use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::error::Error;
-use crate::linalg::cholesky;
+use crate::linalg::{add_symmetric_product, cholesky, semidefinite_root, solve_lower};
+use crate::tall_matrix::TallMatrix;
 use faer::{Mat, MatRef};
+use isobar_obs::Calibration;
 
+/// The prior covariance P_c in the filter's form: with P_c's part of the shared parameters as L Lᵀ, the local ones have
+/// `C_ls L⁻ᵀ` in the factors that carry the shared ones, which holds their covariance with these, and the rest of their
+/// covariance in the blocks. What local parameters of two blocks have in common beyond the shared ones is dropped, as
+/// whatever two blocks have in common.
+pub(super) struct Prior {
+    /// L, `[p, p]`.
+    pub shared: Mat<f64>,
+    /// (C_ls L⁻ᵀ)ᵀ = L⁻¹ C_sl, `[p, local]`.
+    of_local: Mat<f64>,
+}
+
+impl Prior {
+    pub fn new(calibration: &Calibration, shared: &[usize], local: &[usize]) -> Result<Self, Error> {
+        let covariance = |i: usize, j: usize| calibration.prior_covariance(i, j);
+        let own = Mat::from_fn(shared.len(), shared.len(), |i, j| covariance(shared[i], shared[j]));
+        let root = cholesky(own, || "the prior covariance of the shared calibration parameters".into())?;
+        let mut of_local = Mat::from_fn(shared.len(), local.len(), |i, j| covariance(shared[i], local[j]));
+        solve_lower(root.as_ref(), of_local.as_mut());
+        Ok(Self { shared: root, of_local })
+    }
+
+    /// Copies the local parameters' part into the first p factors.
+    pub fn copy_into(&self, factors: &mut TallMatrix) {
+        for column in 0..self.of_local.nrows() {
+            let target = factors.column_mut(column).iter_mut().enumerate();
+            target.for_each(|(local, value)| *value = self.of_local[(column, local)]);
+        }
+    }
+}
+
+/// The rows of the parameters, in the order of the calibration, and of the state's means, in Φ and in the block diagonal.
+pub(super) fn accuracy(filter: &FastKalmanFilter) -> Option<CalibrationAccuracy> {
+    let (m, p) = (filter.state.values().len(), filter.local.len() + filter.shared.len());
+    if p == 0 {
+        return None;
+    }
+    let cells = filter.state.layout().grid.cells();
+    let (v, factors) = (m / cells, &filter.covariance.factors);
+    let r = factors.columns();
+    let mut rows = Mat::<f64>::zeros(p + v, r);
+    for column in 0..r {
+        let target = rows.col_as_slice_mut(column);
+        for (&number, &value) in filter.local.iter().zip(factors.local.column(column)) {
+            target[number] = value;
+        }
+        for (&number, &value) in filter.shared.iter().zip(factors.shared.col_as_slice(column)) {
+            target[number] = value;
+        }
+        for (variable, field) in factors.state.column(column).chunks_exact(cells).enumerate() {
+            target[p + variable] = field.iter().sum::<f64>() / cells as f64;
+        }
+    }
+    let mut joint = Mat::zeros(p + v, p + v);
+    add_symmetric_product(joint.as_mut(), 1.0, rows.as_ref(), rows.transpose());
+    // Of the block diagonal: where each block variable belongs in the joint vector, and with which weight.
+    let place = |variable: usize| match variable < m {
+        true => (p + variable / cells, 1.0 / cells as f64),
+        false => (filter.local[variable - m], 1.0),
+    };
+    for (variables, covariance) in filter.covariance.patches(&filter.blocks) {
+        for (j, &column) in variables.iter().enumerate() {
+            let (to_column, column_weight) = place(column);
+            for (i, &row) in variables.iter().enumerate() {
+                let (to_row, row_weight) = place(row);
+                joint[(to_row, to_column)] += row_weight * column_weight * covariance[(i, j)];
+            }
+        }
+    }
+    Some(CalibrationAccuracy::new(joint, p))
+}
+
+/// Φ ← \[Φ L\], L Lᵀ the covariance that is added to that of the parameters.
+pub(super) fn widen(filter: &mut FastKalmanFilter, covariance: MatRef<'_, f64>) {
+    let root = semidefinite_root(covariance);
+    let carried: Vec<usize> =
+        (0..root.ncols()).filter(|&j| root.col_as_slice(j).iter().any(|&value| value != 0.0)).collect();
+    let factors = &mut filter.covariance.factors;
+    let first = factors.columns();
+    factors.append(carried.len());
+    for (column, &j) in (first..).zip(&carried) {
+        for (i, &number) in filter.local.iter().enumerate() {
+            factors.local.column_mut(column)[i] = root[(number, j)];
+        }
+        for (i, &number) in filter.shared.iter().enumerate() {
+            factors.shared[(i, column)] = root[(number, j)];
+        }
+    }
+}
+
+/// A calibration from elsewhere: see [`Assimilator::set_calibration`](crate::Assimilator::set_calibration).
+///
 /// With Cov(ĉ) = L Lᵀ, shared parameters before local ones, the columns of L that the shared ones have become factors; of
 /// what the local ones have beyond them each keeps its variance.
 pub(super) fn set(filter: &mut FastKalmanFilter, estimate: &[f64], covariance: MatRef<'_, f64>) -> Result<(), Error> {

@@ -38,6 +38,7 @@ pub mod time_volume;
 pub use blocks::BlockShape;
 
 use crate::assimilator::{Analysis, Assimilator, Estimate};
+use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance::{self, Covariance};
 use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
@@ -172,14 +173,21 @@ impl FastKalmanFilter {
         let mut state = leading(&*problem.background_error, &mut of_background);
         state.prepend(p);
         let r = state.columns();
-        let local_factors = TallMatrix::zeros(local.len(), r);
-        let shared_factors = Mat::from_fn(p, r, |i, j| if i == j { sigma_prior(shared[i]) } else { 0.0 });
+        let prior = calibration::Prior::new(&calibration, &shared, &local)?;
+        let mut local_factors = TallMatrix::zeros(local.len(), r);
+        prior.copy_into(&mut local_factors);
+        let shared_factors = Mat::from_fn(p, r, |i, j| if j < p { prior.shared[(i, j)] } else { 0.0 });
         let factors = Factors { state, local: local_factors, shared: shared_factors };
         let mut own = BlockDiagonal::of(&*problem.background_error, &blocks);
         own.add_factors(&blocks, -1.0, &factors);
+        // What the factors hold of it has just been taken out.
         for (i, &number) in local.iter().enumerate() {
-            let (block, position) = blocks.place(m + i);
-            own.block_mut(&blocks, block)[(position, position)] = sigma_prior(number).powi(2);
+            for (j, &other) in local.iter().enumerate() {
+                let ((block, row), (of_other, column)) = (blocks.place(m + i), blocks.place(m + j));
+                if block == of_other {
+                    own.block_mut(&blocks, block)[(row, column)] += calibration.prior_covariance(number, other);
+                }
+            }
         }
         let covariance = FactoredCovariance { own, linked: Vec::new(), factors };
         let state = problem.background.clone();
@@ -349,6 +357,15 @@ impl Assimilator for FastKalmanFilter {
 
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         saved::restore(self, saved)
+    }
+
+    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
+        calibration::accuracy(self)
+    }
+
+    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        calibration::widen(self, covariance);
+        Ok(())
     }
 
     fn structure(&self, observed: &ObservationWindow, factors: usize) -> Option<Structure> {

@@ -5,9 +5,11 @@ use super::control_space::ControlSpace;
 use super::saved_window::{Saved, SavedWindow};
 use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::calibrated_state::{CalibratedState, SavedCalibratedState};
+use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::error::Error;
 use crate::problem::{Innovations, Problem};
 use crate::saved::{from_bytes, to_bytes, unfit};
+use faer::MatRef;
 use isobar_model::{Duration, State, forecast};
 use isobar_obs::ObservationWindow;
 use rayon::prelude::*;
@@ -186,6 +188,17 @@ impl Assimilator for FourDVar {
         }
         (self.starts, self.observed) = (starts, observed);
         self.present.restore(present)
+    }
+
+    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
+        self.present.accuracy()
+    }
+
+    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        // The window's background says what was known of biases that are one and the same over the window.
+        self.starts.iter_mut().for_each(|start| start.bias_covariance += covariance);
+        self.present.bias_covariance += covariance;
+        Ok(())
     }
 }
 

@@ -2,12 +2,14 @@
 
 use super::{ThreeDVar, ThreeDVarSettings};
 use crate::assimilator::{Analysis, Assimilator, Estimate};
+use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance::{Covariance, LocalizedEnsemble};
 use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::ensemble::{EnsembleSettings, LocalEnsembleTransformKalmanFilter, LocalSettings};
 use crate::error::Error;
 use crate::problem::Problem;
 use crate::saved::{from_bytes, to_bytes};
+use faer::MatRef;
 use isobar_model::Duration;
 use isobar_obs::ObservationWindow;
 use std::sync::Arc;
@@ -97,6 +99,15 @@ impl Assimilator for HybridThreeDVar {
         let (variational, ensemble): (Vec<u8>, Vec<u8>) = from_bytes(saved)?;
         self.variational.restore(&variational)?;
         self.ensemble.restore(&ensemble)
+    }
+
+    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
+        self.variational.calibration_accuracy()
+    }
+
+    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        self.ensemble.widen_calibration(covariance)?;
+        self.variational.widen_calibration(covariance)
     }
 }
 

@@ -4,10 +4,12 @@ use super::conjugate_gradient::{self, Stopping, dot};
 use super::control_space::ControlSpace;
 use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::calibrated_state::CalibratedState;
+use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance::Covariance;
 use crate::error::Error;
 use crate::problem::{Innovations, Problem};
 use crate::saved::{from_bytes, to_bytes};
+use faer::MatRef;
 use isobar_model::Duration;
 use isobar_obs::ObservationWindow;
 use rayon::prelude::*;
@@ -87,6 +89,15 @@ impl Assimilator for ThreeDVar {
 
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         self.present.restore(from_bytes(saved)?)
+    }
+
+    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
+        self.present.accuracy()
+    }
+
+    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        self.present.bias_covariance += covariance;
+        Ok(())
     }
 }
 

@@ -140,7 +140,7 @@ pub fn calibration(shared: usize, local: usize, drift: f64) -> Calibration {
             }
         }
     });
-    Calibration { parameters }
+    Calibration { parameters, ..Calibration::default() }
 }
 
 pub fn problem(coupled: bool, calibration: Calibration, seed: u64) -> Problem {

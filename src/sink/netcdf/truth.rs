@@ -36,7 +36,7 @@ impl TruthFile {
             let field = cf::field(variable.name, &long_name, variable.unit, variable.location, projected);
             definition.record(field.with_some("standard_name", variable.standard_name));
         }
-        let Calibration { parameters } = &info.calibration;
+        let Calibration { parameters, .. } = &info.calibration;
         if !parameters.is_empty() {
             cf::add_parameters(&mut definition, &info.calibration);
             definition.record(cf::parameters(CALIBRATION, "true calibration parameters", &info.calibration));

@@ -8,6 +8,7 @@ use super::tables::{self, Table};
 use crate::diagnostics;
 use crate::event::RunInfo;
 use crate::plot::{CurvePlot, PlotError};
+use crate::stability::words;
 use crate::summary::Summary;
 use base64::Engine;
 use minijinja::syntax::SyntaxConfig;
@@ -132,6 +133,7 @@ impl Report {
         let correlations = report.correlations(maps.correlations(), history.mapped)?;
         let maps = report.maps(maps.all(), maps.other_variables())?;
         let biases = report.biases(info, history, &figures);
+        let stability = stability(summary);
         let reliability = Section {
             title: "Is the claimed spread right?".into(),
             text: "For the methods that claim one, over all grid points of the cycles that count.".into(),
@@ -175,7 +177,7 @@ impl Report {
             ..Section::default()
         };
         let parts = [reliability, correlations, innovations, diagnostics, cost];
-        let all = [Some(scores), Some(errors), Some(maps), biases].into_iter().chain(parts.map(Some));
+        let all = [Some(scores), Some(errors), Some(maps), biases, stability].into_iter().chain(parts.map(Some));
         let filled = |it: &Section| !(it.figures.is_empty() && it.tables.is_empty() && it.folded.is_empty());
         report.page.sections = all.flatten().chain([scenario]).filter(filled).collect();
         Ok(report)
@@ -329,4 +331,23 @@ impl Report {
         self.files.push((format!("{stem}.png"), bytes));
         Ok(Figure { caption, svg: String::new(), png })
     }
+}
+
+/// The stability monitor's verdicts; what it found of each method is folded.
+fn stability(summary: &Summary) -> Option<Section> {
+    let folded = summary.methods.iter().filter_map(|(name, scores)| {
+        let own = scores.stability.as_ref().filter(|own| !own.parameters.is_empty())?;
+        let findings = words::findings(own).join(". ");
+        let text = if findings.is_empty() { "Every bias has a stable update.".to_string() } else { findings + "." };
+        Some(Folded { title: format!("{name}: {}", words::in_short(own)), text, ..Folded::default() })
+    });
+    Some(Section {
+        title: "Stability of the bias estimates".into(),
+        text: "Which biases the observations determine, whether innovations are white and as large as the method claims, and \
+               what would help."
+            .into(),
+        tables: vec![tables::stability(summary)?],
+        folded: folded.collect(),
+        ..Section::default()
+    })
 }

@@ -117,6 +117,29 @@ fn unbroken(unit: &str) -> String {
 /// The most bias parameters that have a row.
 pub const MOST_PARAMETERS: usize = 500;
 
+/// The verdict on every bias, up to [`MOST_PARAMETERS`], of every method that estimates them.
+pub fn stability(summary: &Summary) -> Option<Table> {
+    let methods = summary.methods.iter().filter_map(|(name, scores)| Some((name, scores.stability.as_ref()?)));
+    let methods: Vec<_> = methods.filter(|(_, own)| !own.parameters.is_empty()).collect();
+    let (_, first) = methods.first()?;
+    let mut header = vec!["parameter".to_string(), "observations".into()];
+    header.extend(methods.iter().map(|(name, _)| name.to_string()));
+    let row = |number: usize| -> Option<Vec<Cell>> {
+        let own = first.parameters.get(number)?;
+        let mut row: Vec<Cell> = vec![own.name.as_str().into(), own.observations.to_string().into()];
+        row.extend(methods.iter().map(|(_, stability)| match stability.parameters.get(number) {
+            None => NONE.into(),
+            Some(own) => Cell {
+                text: own.verdict().into(),
+                note: format!("keeps {} % of its prior variance", figure(100.0 * own.variance_ratio)),
+                class: if own.stable { "" } else { "open" },
+            },
+        }));
+        Some(row)
+    };
+    Some(Table { header, rows: (0..first.parameters.len().min(MOST_PARAMETERS)).filter_map(row).collect() })
+}
+
 /// The last estimate of every bias, up to [`MOST_PARAMETERS`], by every method, against the truth.
 pub fn biases(info: &RunInfo, history: &History) -> Option<Table> {
     let last: &Cycle = history.cycles.last().filter(|_| !info.calibration.is_empty())?;

@@ -7,6 +7,7 @@ use super::ranges::Ranges;
 use super::{series, text, views};
 use crate::event::RunInfo;
 use crate::sink::netcdf::coordinates::safe_name;
+use crate::stability::words;
 use crate::summary::Summary;
 use ::rerun::log::ChunkBatcherConfig;
 use ::rerun::{RecordingStream, RecordingStreamBuilder, TextDocument};
@@ -115,6 +116,8 @@ pub fn log_run(
     views::send(recording, info, history, &names, &ranges)?;
     let scores = summary.map_or_else(|| text::unfinished(info), |summary| text::scores(info, summary));
     recording.log_static("text/scores", &TextDocument::from_markdown(scores))?;
+    let verdicts = summary.map_or_else(|| text::unfinished(info), words::markdown);
+    recording.log_static("text/stability", &TextDocument::from_markdown(verdicts))?;
     recording.log_static("text/scenario", &TextDocument::from_markdown(text::scenario(info)))?;
     let maps = Maps { recording, info, history, ranges: &ranges, names: &names, frame };
     maps.log_color_bars()?;

@@ -50,8 +50,9 @@ impl Views<'_> {
             innovations.map(|(name, contents)| self.blueprint.curves(name, &[contents.into()], None, true));
         let innovations = innovations.into_iter().collect::<Result<Vec<_>>>()?;
         let innovations = self.blueprint.container("innovations", Arrangement::Horizontal, &innovations)?;
-        let texts =
-            [self.blueprint.document("scores", "text/scores")?, self.blueprint.document("scenario", "text/scenario")?];
+        let texts = [("scores", "text/scores"), ("stability", "text/stability"), ("scenario", "text/scenario")];
+        let texts = texts.map(|(name, contents)| self.blueprint.document(name, contents));
+        let texts = texts.into_iter().collect::<Result<Vec<_>>>()?;
         let texts = self.blueprint.container("texts", Arrangement::Horizontal, &texts)?;
         self.blueprint.container("overview", Arrangement::Vertical(&[1.0, 0.8, 1.0]), &[plots, innovations, texts])
     }

@@ -1,0 +1,184 @@
+//! `isobar sensors`.
+
+use super::print;
+use crate::scenario::text::{clean, listed, nearest, printable};
+use crate::sensors::database::Missing;
+use crate::sensors::record::Key;
+use crate::sensors::{Database, Record, Records, SensorError, table};
+use crate::sink::scores::utc;
+use clap::Subcommand;
+use miette::{Report, miette};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// What to do with a database of sensors.
+#[derive(Debug, Subcommand)]
+pub enum SensorsCommand {
+    /// List the sensors, each with its last calibration
+    List {
+        /// The database
+        database: PathBuf,
+    },
+    /// Show all that is known of a sensor
+    Show {
+        /// The database
+        database: PathBuf,
+        /// The sensor, named as its bias parameter: sondes/h/DE
+        sensor: String,
+    },
+    /// Take the records of a table into a database, all or none; makes the database if there is none
+    Import {
+        /// The database
+        database: PathBuf,
+        /// The table, CSV as `export` writes it
+        table: PathBuf,
+    },
+    /// Print all records as CSV, which can be imported again
+    Export {
+        /// The database
+        database: PathBuf,
+        /// Write the table into this file instead
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+    },
+    /// Announce that the bias of a sensor is another one from a time on
+    Recalibrate {
+        /// The database
+        database: PathBuf,
+        /// The sensor
+        sensor: String,
+        /// From when on: 2026-03-01T00:00:00Z
+        #[arg(long, value_parser = table::time)]
+        time: isobar_model::Time,
+        /// The change of the bias, in its unit
+        #[arg(long, allow_negative_numbers = true)]
+        step: f64,
+        /// Standard deviation of the error of the change
+        #[arg(long, default_value_t = 0.0)]
+        sigma: f64,
+        /// Why
+        #[arg(long, default_value = "")]
+        note: String,
+    },
+}
+
+/// Does it.
+pub fn sensors(command: &SensorsCommand) -> Result<ExitCode, Report> {
+    let read = |path: &Path| Database::open(path, Missing::Refuse)?.records();
+    match command {
+        SensorsCommand::List { database } => print(&list(&read(database)?))?,
+        SensorsCommand::Show { database, sensor } => {
+            let records = read(database)?;
+            check_sensor(&records, sensor, database)?;
+            print(&show(&records, sensor))?;
+        }
+        SensorsCommand::Import { database, table: path } => {
+            let rows = table::read(path)?;
+            let (all, path) = (rows.len(), path.clone());
+            let new = Database::open(database, Missing::Create)?.update(|records| {
+                rows.into_iter().try_for_each(|(line, record)| {
+                    records.add(record).map(drop).map_err(|reason| SensorError::at(&path, line, reason))
+                })
+            })?;
+            print(&format!("{}: {new} of {all} records are new", clean(&database.display().to_string())))?;
+        }
+        SensorsCommand::Export { database, out } => {
+            let text = table::write(&read(database)?);
+            match out {
+                Some(path) => std::fs::write(path, text)
+                    .map_err(|error| miette!("cannot write {}: {error}", clean(&path.display().to_string())))?,
+                None => print(text.trim_end())?,
+            }
+        }
+        SensorsCommand::Recalibrate { database, sensor, time, step, sigma, note } => {
+            let mut opened = Database::open(database, Missing::Refuse)?;
+            check_sensor(&opened.records()?, sensor, database)?;
+            let (sensor, time, note) = (sensor.clone(), *time, note.clone());
+            let record = Record::Recalibration { sensor: sensor.clone(), time, step: *step, sigma: *sigma, note };
+            let new = opened
+                .update(|records| records.add(record).map(drop).map_err(|reason| SensorError::new(database, reason)))?;
+            print(&match new {
+                0 => format!("{}: it was announced before", clean(&sensor)),
+                _ => format!("{}: {step:+} from {} on", clean(&sensor), utc(time)),
+            })?;
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn names(records: &Records) -> impl Iterator<Item = &str> {
+    records.iter().filter_map(|record| match record {
+        Record::Sensor { name, .. } => Some(name.as_str()),
+        _ => None,
+    })
+}
+
+fn check_sensor(records: &Records, sensor: &str, database: &Path) -> Result<(), Report> {
+    if records.get(&Key::Sensor(sensor.to_string())).is_some() {
+        return Ok(());
+    }
+    let near = nearest(sensor, names(records)).map_or(String::new(), |near| format!("did you mean `{near}`?\n"));
+    let help = printable(&format!("{near}sensors: {}", listed(names(records).take(20))));
+    let database = clean(&database.display().to_string());
+    Err(miette!(help = help, "{database} has no sensor `{}`", clean(sensor)))
+}
+
+fn list(records: &Records) -> String {
+    let mut rows = Vec::new();
+    for record in records.iter() {
+        let Record::Sensor { name, unit, .. } = record else { continue };
+        let mut last = None;
+        let (mut calibrations, mut test_points, mut recalibrations) = (0, 0, 0);
+        for record in records.iter() {
+            match record {
+                Record::Calibration { sensor, time, value, sigma, .. } if sensor == name => {
+                    calibrations += 1;
+                    last = Some((time, value, sigma));
+                }
+                Record::TestPoint { sensor, .. } if sensor == name => test_points += 1,
+                Record::Recalibration { sensor, .. } if sensor == name => recalibrations += 1,
+                _ => {}
+            }
+        }
+        let (bias, when) = last.map_or(("–".into(), "–".into()), |(time, value, sigma)| {
+            (format!("{value:.4} ± {sigma:.4}"), utc(*time))
+        });
+        let counts = [calibrations, test_points, recalibrations].map(|count: usize| count.to_string());
+        rows.push([name.clone(), unit.clone(), bias, when].into_iter().chain(counts).collect());
+    }
+    crate::table::plain(
+        &["sensor", "unit", "last bias ± σ", "of", "calibrations", "test points", "recalibrations"],
+        rows,
+    )
+}
+
+fn show(records: &Records, wanted: &str) -> String {
+    let mut text = String::new();
+    for record in records.iter() {
+        let line = match record {
+            Record::Sensor { name, unit, place, note } if name == wanted => {
+                let place = place.map_or(String::new(), |(x_m, y_m)| format!(", at x = {x_m} m, y = {y_m} m"));
+                let note = if note.is_empty() { String::new() } else { format!("; {note}") };
+                format!("{name} [{unit}]{place}{note}")
+            }
+            Record::Calibration { sensor, time, origin, value, sigma } if sensor == wanted => {
+                format!("{}  bias {value} ± {sigma}, by {origin}", utc(*time))
+            }
+            Record::Covariance { sensor, other, time, origin, covariance } if sensor == wanted || other == wanted => {
+                let other = if sensor == wanted { other } else { sensor };
+                format!("{}  covariance {covariance} with {other}, by {origin}", utc(*time))
+            }
+            Record::TestPoint { sensor, time, reading, reference, sigma } if sensor == wanted => {
+                format!("{}  showed {reading} for {reference}, ± {sigma}", utc(*time))
+            }
+            Record::Recalibration { sensor, time, step, sigma, note } if sensor == wanted => {
+                let note = if note.is_empty() { String::new() } else { format!("; {note}") };
+                format!("{}  recalibrated by {step:+} ± {sigma}{note}", utc(*time))
+            }
+            _ => continue,
+        };
+        text.push_str(&line);
+        text.push('\n');
+    }
+    text.trim_end().to_string()
+}

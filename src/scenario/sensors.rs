@@ -1,0 +1,63 @@
+//! `[sensors]` and `[stability]`: what is known of sensors from run to run, and when a bias is adjusted.
+
+use super::method::{Algorithm, Method};
+use super::reader::{Limits, Read, Section};
+use super::text::{clean, listed};
+use indexmap::IndexMap;
+use isobar_assim::BiasTreatment;
+use std::path::PathBuf;
+
+/// Share of its prior variance above which a parameter is not determined by the data, unless the scenario says what: the
+/// data must at least halve its standard deviation.
+const DEFAULT_VARIANCE_RATIO: f64 = 0.25;
+
+/// The database of sensors.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorSettings {
+    /// The file, which every method that estimates biases reads at its start.
+    pub database: PathBuf,
+    /// The method whose last calibration is written back once the run is complete; `None`: nothing is.
+    pub writes: Option<String>,
+}
+
+/// When a bias counts as determined, and what becomes of one that does not.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StabilitySettings {
+    /// The largest share of its prior variance that a parameter may keep.
+    pub variance_ratio: f64,
+    /// After this cycle parameters without a stable update go back to their prior and are adjusted no more; `None`: never.
+    pub freeze_after_cycles: Option<usize>,
+}
+
+/// Reads `[sensors]`.
+pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>) -> Read<Option<SensorSettings>> {
+    let Some(field) = root.optional("sensors") else { return Ok(None) };
+    let section = field.section(&["database", "writes"])?;
+    let file = section.required("database")?;
+    let database = file.file.directory().join(file.text()?);
+    let Some(field) = section.optional("writes") else {
+        return Ok(Some(SensorSettings { database, writes: None }));
+    };
+    let estimates = |method: &Method| {
+        method.bias == BiasTreatment::Estimate && !matches!(method.algorithm, Algorithm::Free | Algorithm::Climatology)
+    };
+    let name = field.text()?;
+    if !methods.get(&name).is_some_and(estimates) {
+        let able: Vec<&str> = methods.iter().filter(|(_, own)| estimates(own)).map(|own| own.0.as_str()).collect();
+        let message =
+            format!("`{}` cannot be \"{}\": no method of this name estimates biases", field.title(), clean(&name));
+        return Err(field.invalid(message, &format!("one of {}", listed(able))));
+    }
+    Ok(Some(SensorSettings { database, writes: Some(name) }))
+}
+
+/// Reads `[stability]`.
+pub(super) fn read_stability(root: &Section<'_>, cycles: usize) -> Read<StabilitySettings> {
+    let mut settings = StabilitySettings { variance_ratio: DEFAULT_VARIANCE_RATIO, freeze_after_cycles: None };
+    let Some(field) = root.optional("stability") else { return Ok(settings) };
+    let section = field.section(&["variance_ratio", "freeze_after_cycles"])?;
+    settings.variance_ratio =
+        section.number_or("variance_ratio", DEFAULT_VARIANCE_RATIO, Limits::Between(1e-6, 0.999))?;
+    settings.freeze_after_cycles = section.optional("freeze_after_cycles").map(|it| it.whole(1, cycles)).transpose()?;
+    Ok(settings)
+}
