@@ -4,6 +4,7 @@ use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
+use crate::estimated::EstimatedParameter;
 use crate::linalg::{add_symmetric_product, eigen};
 use crate::saved::{Matrix, from_bytes, to_bytes, unfit};
 use crate::structure::Structure;
@@ -248,6 +249,10 @@ impl Assimilator for Calibrated {
 
     fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
         self.method.covariance_column(unknown)
+    }
+
+    fn parameters(&self) -> Vec<EstimatedParameter> {
+        self.method.parameters()
     }
 
     fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {

@@ -1,13 +1,15 @@
 //! A method whose calibration comes from its first observations, by Lange's High-pass Filter.
 
 use crate::assimilator::{Analysis, Assimilator, Estimate};
+use crate::calibration_accuracy::CalibrationAccuracy;
+use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::estimated::EstimatedParameter;
 use crate::high_pass::{HighPassFilter, HighPassSettings, HighPassSolution, in_words};
 use crate::problem::Problem;
 use crate::saved::{Matrix, from_bytes, to_bytes, unfit};
 use crate::structure::Structure;
-use faer::Mat;
+use faer::{Mat, MatRef};
 use isobar_model::{Duration, State};
 use isobar_obs::ObservationWindow;
 use serde::{Deserialize, Serialize};
@@ -111,6 +113,22 @@ impl Assimilator for Initialised {
 
     fn structure(&self, observed: &ObservationWindow, factors: usize) -> Option<Structure> {
         self.inner.structure(observed, factors)
+    }
+
+    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
+        self.inner.covariance_column(unknown)
+    }
+
+    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
+        self.inner.calibration_accuracy()
+    }
+
+    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        if self.done < self.cycles {
+            let message = "a recalibration within the cycles of [initialise] is none that their batch could take up";
+            return Err(Error::Setting(message.into()));
+        }
+        self.inner.widen_calibration(covariance)
     }
 
     fn parameters(&self) -> Vec<EstimatedParameter> {
