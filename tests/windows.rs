@@ -10,13 +10,11 @@ use runs::run_options;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Runs a shipped scenario, with its text changed; its scores, and its parameters by method and name as of the last cycle
-/// that has them: estimate, sigma, verdict.
-fn results(
-    name: &str,
-    change: impl Fn(String) -> String,
-    methods: &[&str],
-) -> (Summary, BTreeMap<(String, String), (f64, Option<f64>, String)>) {
+/// Estimate, sigma and verdict of parameters, by method and name.
+type Parameters = BTreeMap<(String, String), (f64, Option<f64>, String)>;
+
+/// Runs a shipped scenario, with its text changed; its scores, and its parameters as of the last cycle that has them.
+fn results(name: &str, change: impl Fn(String) -> String, methods: &[&str]) -> (Summary, Parameters) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenarios/{name}.toml"));
     let text = change(std::fs::read_to_string(&path).unwrap());
     let scenario = Scenario::parse(&path, &text).unwrap();

@@ -1,7 +1,9 @@
 //! What a method estimates beside state and calibration, or finds out about them.
 
+use serde::{Deserialize, Serialize};
+
 /// A number that a method has estimated from the observations.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EstimatedParameter {
     /// Its name: `diurnal/cosine`, `transition/mean_depth_m`.
     pub name: String,

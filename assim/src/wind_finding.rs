@@ -20,6 +20,7 @@ use crate::high_pass::in_words;
 use crate::linalg::product;
 use faer::Mat;
 use rayon::prelude::*;
+use std::cmp::Ordering;
 use std::f64::consts::{PI, TAU};
 
 /// A tracking sensor.
@@ -158,7 +159,7 @@ fn check(trackers: &[Tracker], fixes: &[Fix]) -> Result<(), Error> {
         if fix.readings.len() != trackers.len() {
             return fault(format!("{place} has {} readings for {} trackers", fix.readings.len(), trackers.len()));
         }
-        if number > 0 && !(fix.seconds > fixes[number - 1].seconds) {
+        if number > 0 && fix.seconds.partial_cmp(&fixes[number - 1].seconds) != Some(Ordering::Greater) {
             return fault(format!("{place} is not after the one before it"));
         }
         if fix.readings.iter().all(Option::is_none) {

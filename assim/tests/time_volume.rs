@@ -36,10 +36,13 @@ fn volume_settings(cycles: usize, factors: Vec<Factor>) -> TimeVolumeSettings {
     }
 }
 
+/// Entries, right-hand side and standard deviation of a row.
+type Row = (Vec<(usize, f64)>, f64, f64);
+
 /// Rows of a weighted least-squares problem.
 struct Dense {
     unknowns: usize,
-    rows: Vec<(Vec<(usize, f64)>, f64, f64)>,
+    rows: Vec<Row>,
 }
 
 impl Dense {

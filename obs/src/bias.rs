@@ -17,7 +17,7 @@ pub struct BiasProcess {
     /// unless the truth is a random walk.
     pub assumed_sigma_drift_per_sqrt_day: Option<f64>,
     /// Whether the instrument is calibrated: the bias is taken out of the data before any method sees them, and is no
-    /// parameter of the [`Calibration`].
+    /// parameter of the [`Calibration`](crate::Calibration).
     pub known: bool,
 }
 

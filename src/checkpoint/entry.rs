@@ -54,8 +54,7 @@ pub(super) enum Entry<'a> {
         method: usize,
         cycle: usize,
         seconds: i64,
-        /// Name, unit, value, standard deviation and verdict of each.
-        parameters: Vec<(Cow<'a, str>, Cow<'a, str>, f64, Option<f64>, Cow<'a, str>)>,
+        parameters: Cow<'a, [EstimatedParameter]>,
     },
 }
 
@@ -177,12 +176,7 @@ impl<'a> Entry<'a> {
                 method: it.method,
                 cycle: it.cycle,
                 seconds: it.time.seconds(),
-                parameters: (it.parameters.iter())
-                    .map(|own| {
-                        let EstimatedParameter { name, unit, value, sigma, verdict } = own;
-                        (name.into(), unit.into(), *value, *sigma, verdict.into())
-                    })
-                    .collect(),
+                parameters: it.parameters.into(),
             },
             Event::Started(_) | Event::Resumed(_) | Event::Warning(_) | Event::Finished(_) => {
                 return None;
@@ -268,15 +262,6 @@ impl Entry<'_> {
             Entry::CycleEnded(cycle) => tell(Event::CycleEnded(cycle)),
             Entry::Estimated { method, cycle, seconds, parameters } => {
                 is_method(method)?;
-                let parameters: Vec<EstimatedParameter> = (parameters.into_iter())
-                    .map(|(name, unit, value, sigma, verdict)| EstimatedParameter {
-                        name: name.into_owned(),
-                        unit: unit.into_owned(),
-                        value,
-                        sigma,
-                        verdict: verdict.into_owned(),
-                    })
-                    .collect();
                 let time = Time::from_seconds(seconds);
                 tell(Event::Estimated(Estimated { method, cycle, time, parameters: &parameters }))
             }
