@@ -199,6 +199,8 @@ impl Runner {
         let analysis = self.step(|method| method.analyse(observed))?;
         let seconds = self.seconds - before;
         let mut outcome = Outcome { background, analysis, influence: None, seconds };
+        // What is given back is not the method's to hold.
+        self.held_bytes -= outcome.bytes();
         self.monitor.check(&outcome)?;
         if let Some(memory) = memory {
             outcome.influence = Some(self.influence(&memory, &outcome, observed)?);
@@ -300,6 +302,20 @@ impl Runner {
 fn guarded<T>(work: impl FnOnce() -> Result<T, Error>) -> Result<T, Fault> {
     let result = catch_unwind(AssertUnwindSafe(work)).map_err(|panic| Fault::Panic(in_words(&*panic)))?;
     Ok(result?)
+}
+
+impl Outcome {
+    /// The memory of estimates and departures.
+    fn bytes(&self) -> i64 {
+        let of_estimate = |it: &Estimate| {
+            let spreads = [&it.state_spread, &it.calibration_spread].into_iter().flatten();
+            it.state.values().len() + it.calibration.len() + spreads.map(Vec::len).sum::<usize>()
+        };
+        let Analysis { estimate, background_departures, analysis_departures, .. } = &self.analysis;
+        let departures = background_departures.len() + analysis_departures.len();
+        let numbers = of_estimate(&self.background) + of_estimate(estimate) + departures;
+        (numbers * size_of::<f64>()) as i64
+    }
 }
 
 /// What a panic says.
