@@ -2,6 +2,7 @@
 
 use super::history::{Estimates, History};
 use super::recording::{Names, Result};
+use super::views::shown_parameters;
 use crate::event::RunInfo;
 use crate::plot::colors;
 use crate::summary::MethodScores;
@@ -32,7 +33,7 @@ pub fn log_since(
     for (number, method) in history.methods.iter().enumerate() {
         log_scores(recording, info, names, number, method.range(since..))?;
         log_innovations(recording, info, history, names, number, since)?;
-        for parameter in 0..info.calibration.len() {
+        for parameter in shown_parameters(&info.calibration) {
             log_parameter(recording, history, names, number, parameter, since)?;
         }
     }

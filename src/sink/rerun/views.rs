@@ -8,11 +8,20 @@ use super::recording::{Names, Result};
 use crate::event::RunInfo;
 use crate::plot::number as number_text;
 use ::rerun::RecordingStream;
-use isobar_obs::Placement;
+use isobar_obs::{Calibration, Placement};
 
 /// Plots of calibration parameters on one page, and the most pages that a method has.
 const PARAMETERS_PER_PAGE: usize = 4;
 const PAGES: usize = 12;
+
+/// The numbers of the calibration parameters that are recorded. Those that many observations share come first: where there
+/// are too many, single stations are left out.
+pub fn shown_parameters(calibration: &Calibration) -> Vec<usize> {
+    let mut numbers: Vec<usize> = (0..calibration.len()).collect();
+    numbers.sort_by_key(|&number| calibration.parameters[number].placement != Placement::Shared);
+    numbers.truncate(PAGES * PARAMETERS_PER_PAGE);
+    numbers
+}
 
 /// Sends the layout of the run's views.
 pub fn send(recording: &RecordingStream, info: &RunInfo, history: &History, names: &Names, ranges: &Ranges) -> Result {
@@ -134,10 +143,8 @@ impl Views<'_> {
             return Ok(None);
         }
         let mut plots = Vec::new();
-        // Those that many observations share come first: where there are too many, single stations are left out.
-        let mut parameters: Vec<_> = self.info.calibration.parameters.iter().enumerate().collect();
-        parameters.sort_by_key(|(_, parameter)| parameter.placement != Placement::Shared);
-        for (number, parameter) in parameters.into_iter().take(PAGES * PARAMETERS_PER_PAGE) {
+        for number in shown_parameters(&self.info.calibration) {
+            let parameter = &self.info.calibration.parameters[number];
             let name = format!("{} [{}]", parameter.name, parameter.unit);
             plots.push(self.blueprint.curves(
                 &name,
