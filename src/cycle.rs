@@ -2,7 +2,7 @@
 
 use crate::correlations::Correlations;
 use crate::monitor::{Fault, Monitor};
-use crate::stability::{SavedWatch, Stability, Watch, judge};
+use crate::stability::{Stability, Watch, judge};
 use isobar_assim::response::Responder;
 use isobar_assim::{
     Analysis, Assimilator, Calibrated, CalibrationAccuracy, Error, Estimate, EstimatedParameter, Structure, Unknown,
@@ -42,7 +42,7 @@ pub struct Runner {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SavedRunner {
     monitor: Monitor,
-    watch: SavedWatch,
+    watch: Watch,
     when_frozen: Option<Stability>,
     peak_bytes: u64,
     seconds: f64,
@@ -269,7 +269,7 @@ impl Runner {
     /// Those of the method.
     pub fn save(&self) -> Result<(Vec<u8>, SavedRunner), Error> {
         let &Self { monitor, peak_bytes, seconds, .. } = self;
-        let (watch, when_frozen) = (self.watch.save(), self.when_frozen.clone());
+        let (watch, when_frozen) = (self.watch.clone(), self.when_frozen.clone());
         Ok((self.method.save()?, SavedRunner { monitor, watch, when_frozen, peak_bytes, seconds }))
     }
 

@@ -126,6 +126,7 @@ pub struct Analysed<'a> {
     pub scores: &'a MethodScores,
     /// Blocks and common factors after the analysis, for a method that has them and if a sink shows them.
     pub structure: Option<&'a Structure>,
-    /// What goes together with the error in the middle of the domain, for a method with a covariance and if a sink shows it.
+    /// What goes together with the error in the middle of the domain, for a method with a covariance in the last cycle and
+    /// if a sink shows it.
     pub correlations: Option<&'a Correlations>,
 }

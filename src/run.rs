@@ -248,7 +248,7 @@ fn one_cycle(
                 ..own.scores(&info.layout)
             },
             structure: shown.structure.then(structure).flatten().as_ref(),
-            correlations: (shown.structure && factors > 0).then(correlations).flatten().as_ref(),
+            correlations: (shown.structure && cycle == info.cycles).then(correlations).flatten().as_ref(),
         }))?;
         let parameters = method.runner.parameters();
         if !parameters.is_empty() {

@@ -176,15 +176,8 @@ pub struct SweepArguments {
     /// Directory for the results, which go to a subdirectory SCENARIO-sweep
     #[arg(long, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
-    /// Only these methods of the scenario
-    #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
-    pub methods: Option<Vec<String>>,
-    /// This number of cycles instead of the scenario's
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
-    pub cycles: Option<u64>,
-    /// Number of threads [default: one for each core]; results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
-    pub threads: Option<u64>,
+    #[command(flatten)]
+    pub part: PartArguments,
     /// Replace the files of an earlier sweep
     #[arg(long)]
     pub overwrite: bool,
@@ -198,6 +191,13 @@ pub struct ExactArguments {
     /// Scenario file, or name of a scenario in ./scenarios
     #[arg(value_name = "SCENARIO")]
     pub scenario: String,
+    #[command(flatten)]
+    pub part: PartArguments,
+}
+
+/// Which part of a scenario is run, and on how many threads.
+#[derive(Args, Debug)]
+pub struct PartArguments {
     /// Only these methods of the scenario
     #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
     pub methods: Option<Vec<String>>,

@@ -14,11 +14,11 @@ use std::process::ExitCode;
 /// Prints the exact performance of a scenario's methods.
 pub fn run(arguments: &ExactArguments) -> Result<ExitCode, Report> {
     let scenario = lookup::load(&arguments.scenario)?;
-    arguments.methods.iter().flatten().try_for_each(|method| run::check_method(method, &scenario))?;
-    let cycles = arguments.cycles.map(|cycles| cycles as usize);
+    arguments.part.methods.iter().flatten().try_for_each(|method| run::check_method(method, &scenario))?;
+    let cycles = arguments.part.cycles.map(|cycles| cycles as usize);
     run::check_cycles(cycles, &scenario)?;
-    let options = ExactOptions { methods: arguments.methods.clone(), cycles };
-    let threads = arguments.threads.map_or(0, |threads| threads as usize);
+    let options = ExactOptions { methods: arguments.part.methods.clone(), cycles };
+    let threads = arguments.part.threads.map_or(0, |threads| threads as usize);
     let workers = ThreadPoolBuilder::new().num_threads(threads).build().into_diagnostic()?;
     let summary = workers.install(|| exact(&scenario, &options))?;
     print(&text(&summary, &scenario))?;

@@ -17,13 +17,13 @@ use std::process::ExitCode;
 /// Runs a scenario with all settings of its sweep. The exit code is 1 if a run or a method failed.
 pub fn sweep(arguments: &SweepArguments, runner: &Runner) -> Result<ExitCode, Report> {
     let scenario = lookup::load(&arguments.scenario)?;
-    arguments.methods.iter().flatten().try_for_each(|method| run::check_method(method, &scenario))?;
-    let cycles = arguments.cycles.map(|cycles| cycles as usize);
+    arguments.part.methods.iter().flatten().try_for_each(|method| run::check_method(method, &scenario))?;
+    let cycles = arguments.part.cycles.map(|cycles| cycles as usize);
     run::check_cycles(cycles, &scenario)?;
     let options = RunOptions {
-        methods: arguments.methods.clone(),
+        methods: arguments.part.methods.clone(),
         cycles,
-        threads: arguments.threads.map(|threads| threads as usize),
+        threads: arguments.part.threads.map(|threads| threads as usize),
         overwrite: arguments.overwrite,
         report: scenario.output.report,
         ..RunOptions::new(arguments.out.join(format!("{}-sweep", scenario.name)))

@@ -9,6 +9,7 @@ use isobar_assim::ensemble::{
 };
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
 use isobar_assim::free::FreeRun;
+use isobar_assim::high_pass::HighPassSettings;
 use isobar_assim::initialised::Initialised;
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::optimal_interpolation::OptimalInterpolation;
@@ -72,12 +73,16 @@ pub(super) fn initialised(
     ground: &Problem,
     scenario: &Scenario,
 ) -> Result<Box<dyn Assimilator>, Error> {
-    Ok(match &scenario.initialise {
-        Some(initialise) if initialise.methods.iter().any(|it| it == name) => {
-            Box::new(Initialised::new(method, ground.clone(), initialise.high_pass)?)
-        }
-        _ => method,
+    Ok(match initialisation(name, scenario) {
+        Some(high_pass) => Box::new(Initialised::new(method, ground.clone(), high_pass)?),
+        None => method,
     })
+}
+
+/// How the method of this name is initialised from its first observations, if it is.
+fn initialisation(name: &str, scenario: &Scenario) -> Option<HighPassSettings> {
+    let initialise = scenario.initialise.as_ref()?;
+    initialise.methods.iter().any(|it| it == name).then_some(initialise.high_pass)
 }
 
 /// Whether a method does anything with observations.
@@ -88,11 +93,11 @@ pub(super) fn sees_observations(method: &Method) -> bool {
 /// A method's settings, in words.
 pub(super) fn describe(method: &Method, name: &str, scenario: &Scenario) -> String {
     let own = describe_alone(method);
-    match &scenario.initialise {
-        Some(initialise) if initialise.methods.iter().any(|it| it == name) => {
-            format!("{own}, calibration initialised from {} cycles by a high-pass filter", initialise.high_pass.cycles)
+    match initialisation(name, scenario) {
+        Some(settings) => {
+            format!("{own}, calibration initialised from {} cycles by a high-pass filter", settings.cycles)
         }
-        _ => own,
+        None => own,
     }
 }
 

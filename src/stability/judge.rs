@@ -1,8 +1,7 @@
 //! The verdicts.
 
 use super::{InseparableMean, ParameterStability, Stability, Undetermined, Watch};
-use isobar_assim::{Assimilator, CalibrationAccuracy};
-use isobar_assim::{Calibrated, Combination, Error, Observability};
+use isobar_assim::{Assimilator, Calibrated, CalibrationAccuracy, Combination, Error, Observability};
 use isobar_model::Layout;
 use isobar_obs::Calibration;
 
@@ -19,8 +18,8 @@ const BEYOND_CHANCE: f64 = 1.68;
 const SMALL: f64 = 0.3;
 
 /// What there is to say of a method that may have been judged before, when parameters were frozen: of these, and of what was
-/// not determined then, the verdict of that time stands. A parameter that keeps more than `variance_ratio` of its prior variance has no stable
-/// update.
+/// not determined then, the verdict of that time stands. A parameter that keeps more than `variance_ratio` of its prior
+/// variance has no stable update.
 ///
 /// # Errors
 /// If the prior of the biases is no covariance.

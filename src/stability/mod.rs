@@ -14,7 +14,7 @@ mod watch;
 pub mod words;
 
 pub use judge::judge;
-pub use watch::{SavedWatch, Watch};
+pub use watch::Watch;
 
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};

@@ -57,8 +57,8 @@ struct OfParameter {
 /// A station's series: network, platform, variable.
 type Series = (Arc<str>, Arc<str>, usize);
 
-/// What the monitor remembers of a method.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// What the monitor remembers of a method; all of it is in a checkpoint.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Watch {
     from_cycle: usize,
     observations: usize,
@@ -72,20 +72,6 @@ pub struct Watch {
     growth: Vec<f64>,
     forecasts: usize,
     /// Mean claimed variances of all backgrounds, cycle by cycle.
-    backgrounds: Vec<Vec<f64>>,
-}
-
-/// The same for a checkpoint.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct SavedWatch {
-    observations: usize,
-    chi2: Option<f64>,
-    lagged: Lagged,
-    stations: Vec<(String, String, usize, f64)>,
-    parameters: Vec<OfParameter>,
-    last_variances: Option<Vec<f64>>,
-    growth: Vec<f64>,
-    forecasts: usize,
     backgrounds: Vec<Vec<f64>>,
 }
 
@@ -211,48 +197,13 @@ impl Watch {
         named.filter(|(_, own)| finite(own)).collect()
     }
 
-    /// For a checkpoint.
-    pub fn save(&self) -> SavedWatch {
-        let it = self.clone();
-        let station = |((network, platform, variable), value): (Series, f64)| {
-            (network.to_string(), platform.to_string(), variable, value)
-        };
-        SavedWatch {
-            observations: it.observations,
-            chi2: it.chi2,
-            lagged: it.lagged,
-            stations: it.stations.into_iter().map(station).collect(),
-            parameters: it.parameters,
-            last_variances: it.last_variances,
-            growth: it.growth,
-            forecasts: it.forecasts,
-            backgrounds: it.backgrounds,
-        }
-    }
-
-    /// Takes back what [`Watch::save`] gave; whether it is of an experiment with so many variables and parameters.
-    pub fn restore(&mut self, saved: &SavedWatch, layout: &Layout) -> bool {
+    /// Takes back what a checkpoint holds; whether it is of an experiment with so many variables.
+    pub fn restore(&mut self, saved: &Self, layout: &Layout) -> bool {
+        *self = Self { from_cycle: self.from_cycle, ..saved.clone() };
         let variables = layout.variables.len();
-        let it = saved.clone();
-        let lengths_fit = it.last_variances.iter().chain(&it.backgrounds).all(|own| own.len() == variables)
-            && (it.growth.is_empty() || it.growth.len() == variables)
-            && (it.forecasts == 0 || it.growth.len() == variables);
-        let station = |(network, platform, variable, value): (String, String, usize, f64)| {
-            ((Arc::from(network), Arc::from(platform), variable), value)
-        };
-        *self = Self {
-            from_cycle: self.from_cycle,
-            observations: it.observations,
-            chi2: it.chi2,
-            lagged: it.lagged,
-            stations: it.stations.into_iter().map(station).collect(),
-            parameters: it.parameters,
-            last_variances: it.last_variances,
-            growth: it.growth,
-            forecasts: it.forecasts,
-            backgrounds: it.backgrounds,
-        };
-        lengths_fit
+        self.last_variances.iter().chain(&self.backgrounds).all(|own| own.len() == variables)
+            && (self.growth.is_empty() || self.growth.len() == variables)
+            && (self.forecasts == 0 || self.growth.len() == variables)
     }
 }
 
