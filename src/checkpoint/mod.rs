@@ -18,7 +18,7 @@ mod keeper;
 mod plan;
 
 pub use keeper::Keeper;
-pub use plan::{Plan, PlannedOptions};
+pub use plan::{Plan, PlannedRun};
 
 use crate::cycle::SavedRunner;
 use crate::experiment::{Competitor, Experiment};

@@ -7,22 +7,20 @@ use crate::scenario::{Scenario, ScenarioError};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// A run as it was asked for.
+/// A scenario and the options of its runs, as they were asked for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Plan {
+pub struct PlannedRun {
     /// The scenario's file, beside which its station files are.
-    pub scenario_path: PathBuf,
+    scenario_path: PathBuf,
     /// The scenario, to the letter.
-    pub scenario_text: String,
+    scenario_text: String,
     /// What the command line changed.
-    pub options: PlannedOptions,
-    /// Checksum of what the scenario led to with its station files.
-    experiment: u32,
+    options: PlannedOptions,
 }
 
 /// The part of [`RunOptions`] that outlasts a process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PlannedOptions {
+struct PlannedOptions {
     methods: Option<Vec<String>>,
     cycles: Option<usize>,
     seed: Option<u64>,
@@ -33,24 +31,16 @@ pub struct PlannedOptions {
     checkpoints: Option<Policy>,
 }
 
-impl Plan {
-    /// The plan of a run of a scenario.
-    pub fn new(scenario: &Scenario, options: &RunOptions, info: &RunInfo) -> Self {
+impl PlannedRun {
+    /// What a run, or each run of a batch, is asked to do.
+    pub fn new(scenario: &Scenario, options: &RunOptions) -> Self {
         let RunOptions { methods, cycles, seed, overwrite, netcdf, rerun, report, checkpoints, .. } = options.clone();
-        let RunInfo { layout, calibration, stations, methods: described, .. } = info;
-        let led_to = format!("{layout:?} {calibration:?} {stations:?} {described:?}");
         Self {
             // Whoever resumes the run may be in another directory.
             scenario_path: std::path::absolute(&scenario.path).unwrap_or_else(|_| scenario.path.clone()),
             scenario_text: scenario.text.clone(),
             options: PlannedOptions { methods, cycles, seed, overwrite, netcdf, rerun, report, checkpoints },
-            experiment: crc32fast::hash(led_to.as_bytes()),
         }
-    }
-
-    /// When checkpoints are written; `None`: never.
-    pub fn policy(&self) -> Option<Policy> {
-        self.options.checkpoints
     }
 
     /// The scenario, read from its text.
@@ -82,12 +72,35 @@ impl Plan {
             ..own
         }
     }
+}
+
+/// A run as it was asked for, and what that led to.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// What was asked for.
+    pub run: PlannedRun,
+    /// Checksum of what the scenario led to with its station files.
+    experiment: u32,
+}
+
+impl Plan {
+    /// The plan of a run of a scenario.
+    pub fn new(scenario: &Scenario, options: &RunOptions, info: &RunInfo) -> Self {
+        let RunInfo { layout, calibration, stations, methods: described, .. } = info;
+        let led_to = format!("{layout:?} {calibration:?} {stations:?} {described:?}");
+        Self { run: PlannedRun::new(scenario, options), experiment: crc32fast::hash(led_to.as_bytes()) }
+    }
+
+    /// When checkpoints are written; `None`: never.
+    pub fn policy(&self) -> Option<Policy> {
+        self.run.options.checkpoints
+    }
 
     /// Why the other plan is another one; `None` if it is not.
     pub fn difference(&self, other: &Plan) -> Option<&'static str> {
-        if self.scenario_text != other.scenario_text {
+        if self.run.scenario_text != other.run.scenario_text {
             Some("its scenario is another one")
-        } else if self.options != other.options {
+        } else if self.run.options != other.run.options {
             Some("it is of a run with other options")
         } else if self.experiment != other.experiment {
             Some(

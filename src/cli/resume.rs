@@ -53,10 +53,10 @@ fn interrupted(out: &Path, arguments: &ResumeArguments) -> Result<Interrupted, R
         miette!(help = "begin it anew with --overwrite", "{shown}: its batch cannot go on: {reason}")
     })?;
     if let Some(plan) = batch {
-        return Ok((plan.scenario()?, plan.options(out, threads), Some(plan.kind)));
+        return Ok((plan.run.scenario()?, plan.run.options(out, threads, false), Some(plan.kind)));
     }
     let plan = journal::plan(&working).map_err(|reason| {
         miette!(help = "begin it anew: `isobar run`", "{shown}: its journal is of no use: {reason}")
     })?;
-    Ok((plan.scenario()?, plan.options(out, threads, arguments.live), None))
+    Ok((plan.run.scenario()?, plan.run.options(out, threads, arguments.live), None))
 }

@@ -8,7 +8,6 @@ use crate::scenario::text::clean;
 use crate::seeds::{BatchKind, BatchPlan, SeedsSummary, interrupted, run_all};
 use crate::sink::report::REPORT_FILE;
 use crate::sink::report::tables::Table;
-use crate::sink::{Existing, OutputDirectory};
 use crate::table;
 use miette::{IntoDiagnostic, Report, miette};
 use std::fs;
@@ -57,14 +56,9 @@ pub fn run(
     runner: &Runner,
     quiet: bool,
 ) -> Result<bool, Report> {
-    let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
     let SeedsOptions { seeds, against, all_files } = wanted;
     let kind = BatchKind::Seeds { seeds: seeds.clone(), against: against.clone(), all_files: *all_files };
-    let directory = match options.resume {
-        true => OutputDirectory::resume_batch(&options.out, existing).into_diagnostic()?,
-        false => OutputDirectory::create(&options.out, existing).into_diagnostic()?,
-    };
-    BatchPlan::new(scenario, options, kind).write(directory.working()).into_diagnostic()?;
+    let directory = BatchPlan::begin(scenario, options, kind)?;
     let mut each = RunOptions { out: directory.path().to_path_buf(), ..options.clone() };
     if !wanted.all_files {
         (each.netcdf, each.rerun, each.report) = (false, false, false);

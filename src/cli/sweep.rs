@@ -7,7 +7,6 @@ use crate::progress::SeedsProgress;
 use crate::scenario::Scenario;
 use crate::scenario::text::clean;
 use crate::seeds::{BatchKind, BatchPlan, Job, interrupted, run_jobs};
-use crate::sink::{Existing, OutputDirectory};
 use crate::sweep::{Outcome, SweepSummary, settings};
 use crate::table;
 use miette::{IntoDiagnostic, Report, miette};
@@ -41,12 +40,7 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, runner: &Runner
     let variable = scenario.model.variables().first().map_or("", |variable| variable.0);
     let score = sweep.score.clone().unwrap_or_else(|| format!("rmse_analysis.{variable}"));
     let seeds: Vec<u64> = (scenario.seed..).take(sweep.seeds).collect();
-    let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
-    let directory = match options.resume {
-        true => OutputDirectory::resume_batch(&options.out, existing).into_diagnostic()?,
-        false => OutputDirectory::create(&options.out, existing).into_diagnostic()?,
-    };
-    BatchPlan::new(scenario, options, BatchKind::Sweep).write(directory.working()).into_diagnostic()?;
+    let directory = BatchPlan::begin(scenario, options, BatchKind::Sweep)?;
     let mut jobs = Vec::new();
     for own in &settings {
         let folder = directory.path().join(&own.directory);

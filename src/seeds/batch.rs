@@ -1,30 +1,25 @@
 //! What a batch of runs was asked to do, kept beside its complete runs: enough to go on with it.
 
 use super::Schedule;
+use crate::checkpoint::PlannedRun;
 use crate::cli::RunOptions;
 use crate::interrupt;
+use crate::scenario::Scenario;
 use crate::scenario::text::clean;
-use crate::scenario::{Scenario, ScenarioError};
-use crate::sink::SinkError;
 use crate::sink::directory::{BATCH_FILE, complete_runs};
-use miette::{Report, miette};
+use crate::sink::{Existing, OutputDirectory, SinkError};
+use miette::{IntoDiagnostic, Report, miette};
 use serde::{Deserialize, Serialize};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// A batch as it was asked for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BatchPlan {
     /// Version of isobar: the runs of another one may have other scores.
     version: String,
-    scenario_path: PathBuf,
-    scenario_text: String,
-    methods: Option<Vec<String>>,
-    cycles: Option<usize>,
-    overwrite: bool,
-    netcdf: bool,
-    rerun: bool,
-    report: bool,
+    /// What each of its runs is asked to do.
+    pub run: PlannedRun,
     /// What it is a batch of.
     pub kind: BatchKind,
 }
@@ -46,28 +41,22 @@ pub enum BatchKind {
 }
 
 impl BatchPlan {
-    /// The plan of a batch.
-    pub fn new(scenario: &Scenario, options: &RunOptions, kind: BatchKind) -> Self {
-        let RunOptions { methods, cycles, overwrite, netcdf, rerun, report, .. } = options.clone();
-        Self {
-            version: crate::VERSION.into(),
-            scenario_path: std::path::absolute(&scenario.path).unwrap_or_else(|_| scenario.path.clone()),
-            scenario_text: scenario.text.clone(),
-            methods,
-            cycles,
-            overwrite,
-            netcdf,
-            rerun,
-            report,
-            kind,
-        }
-    }
-
-    /// Writes it into a working directory.
+    /// Creates the directory of a batch, or with `resume` takes that of one that was interrupted, and writes its plan there.
     ///
     /// # Errors
-    /// If it cannot be written.
-    pub fn write(&self, working: &Path) -> Result<(), SinkError> {
+    /// If that cannot be done, or there is something else already.
+    pub fn begin(scenario: &Scenario, options: &RunOptions, kind: BatchKind) -> Result<OutputDirectory, Report> {
+        let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
+        let directory = match options.resume {
+            true => OutputDirectory::resume_batch(&options.out, existing).into_diagnostic()?,
+            false => OutputDirectory::create(&options.out, existing).into_diagnostic()?,
+        };
+        let plan = Self { version: crate::VERSION.into(), run: PlannedRun::new(scenario, options), kind };
+        plan.write(directory.working()).into_diagnostic()?;
+        Ok(directory)
+    }
+
+    fn write(&self, working: &Path) -> Result<(), SinkError> {
         let path = working.join(BATCH_FILE);
         let text = serde_json::to_string(self).map_err(|error| error.to_string());
         let written = text.and_then(|text| fs::write(&path, text).map_err(|error| error.to_string()));
@@ -89,20 +78,6 @@ impl BatchPlan {
             return Err(format!("it was begun by isobar {}, and this is isobar {}", plan.version, crate::VERSION));
         }
         Ok(Some(plan))
-    }
-
-    /// The scenario, read from its text.
-    ///
-    /// # Errors
-    /// If it is not valid, or its station files are gone.
-    pub fn scenario(&self) -> Result<Scenario, ScenarioError> {
-        Scenario::parse(&self.scenario_path, &self.scenario_text)
-    }
-
-    /// The options of a batch that goes on with this plan.
-    pub fn options(&self, out: &Path, threads: Option<usize>) -> RunOptions {
-        let Self { methods, cycles, overwrite, netcdf, rerun, report, .. } = self.clone();
-        RunOptions { methods, cycles, threads, overwrite, netcdf, rerun, report, resume: true, ..RunOptions::new(out) }
     }
 }
 
