@@ -5,7 +5,7 @@
 //! | [`block_angular`] | the regression of eqs. (28)/(29) of WO 93/22625, a solver of its own |
 //! | [`fast_kalman`] | Lange's Fast Kalman Filter on the blocks of a grid |
 //! | [`kalman`] | the dense (extended) Kalman filter: the reference |
-//! | [`serial_kalman`] | the same, one observation at a time |
+//! | [`serial_kalman`] | the same, one observation at a time; [`dense_filter`] is what both share |
 //! | [`variational`] | 3D-Var, also with an ensemble's covariance (hybrid), and 4D-Var; biases in the control vector |
 //! | [`optimal_interpolation`] | the analysis with a static covariance, solved directly |
 //! | [`ensemble`] | ensemble Kalman filters: transform (ETKF), local (LETKF), stochastic (EnKF) |
@@ -30,6 +30,7 @@ pub mod calibration_accuracy;
 pub mod climatology;
 pub mod covariance;
 pub mod covariance_column;
+pub mod dense_filter;
 pub mod ensemble;
 pub mod error;
 pub mod estimated;

@@ -1,15 +1,11 @@
 //! The dense (extended) Kalman filter with one observation at a time: no matrix of the size of the observations.
 
-use crate::assimilator::{Analysis, Assimilator, Estimate};
-use crate::augmented::{AugmentedState, entries};
-use crate::calibration_accuracy::CalibrationAccuracy;
-use crate::covariance_column::{CovarianceColumn, Unknown};
+use crate::augmented::entries;
+use crate::dense_filter::{DenseAnalysis, DenseFilter};
 use crate::error::Error;
 use crate::linalg::{for_each_chunk, mirror_lower};
-use crate::problem::{Innovations, Problem};
-use faer::{Mat, MatMut, MatRef};
-use isobar_model::Duration;
-use isobar_obs::ObservationWindow;
+use crate::problem::Innovations;
+use faer::{Mat, MatMut};
 
 /// The Kalman filter of [`crate::kalman`], whose analysis takes one observation after the other: where their errors are
 /// uncorrelated, each is a scalar measurement of what the ones before have left (Bierman 1977, Factorization Methods for
@@ -26,28 +22,13 @@ use isobar_obs::ObservationWindow;
 ///
 /// The downdate of one triangle keeps P symmetric, and α > hᵀ v keeps it positive as far as the rounding of its entries
 /// allows: to r = 10⁻¹⁴ hᵀ P h in tests, where Joseph's form in two steps (Bierman's stabilised update) is already lost.
-pub struct SerialKalmanFilter {
-    augmented: AugmentedState,
-}
+pub type SerialKalmanFilter = DenseFilter<OneByOne>;
 
-impl SerialKalmanFilter {
-    /// A filter that starts from the background.
-    ///
-    /// # Errors
-    /// [`Error::TooLarge`] if the dense matrices do not fit into the memory limit.
-    pub fn new(problem: Problem) -> Result<Self, Error> {
-        Ok(Self { augmented: AugmentedState::new(problem)? })
-    }
+/// The analysis of the [`SerialKalmanFilter`].
+pub struct OneByOne;
 
-    /// The covariance of the errors of (x, c), `[m + p, m + p]`.
-    pub fn covariance(&self) -> MatRef<'_, f64> {
-        self.augmented.covariance.as_ref()
-    }
-
-    /// The increment δ and the normalised innovation squared; P becomes that of the analysis.
-    fn take(&mut self, innovations: &Innovations) -> Result<(Vec<f64>, f64), Error> {
-        let m = self.augmented.state.values().len();
-        let covariance = &mut self.augmented.covariance;
+impl DenseAnalysis for OneByOne {
+    fn take(covariance: &mut Mat<f64>, m: usize, innovations: &Innovations) -> Result<(Vec<f64>, f64), Error> {
         let mut increment = vec![0.0; covariance.nrows()];
         let mut chi2 = 0.0;
         let (n, mut h) = (innovations.departures.len(), Vec::new());
@@ -67,46 +48,6 @@ impl SerialKalmanFilter {
         }
         mirror_lower(covariance.as_mut());
         Ok((increment, chi2))
-    }
-}
-
-impl Assimilator for SerialKalmanFilter {
-    fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
-        self.augmented.forecast(window)
-    }
-
-    fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
-        let AugmentedState { problem, state, bias, .. } = &self.augmented;
-        let innovations = problem.innovations(observed, state, bias)?;
-        let (increment, innovation_chi2) = self.take(&innovations)?;
-        self.augmented.add(&increment);
-        let estimate = self.augmented.estimate()?;
-        Ok(self.augmented.problem.analysis(observed, innovations, estimate, innovation_chi2))
-    }
-
-    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
-        self.augmented.covariance_column(unknown)
-    }
-
-    fn set_calibration(&mut self, estimate: &[f64], covariance: MatRef<'_, f64>) -> Result<(), Error> {
-        self.augmented.set_calibration(estimate, covariance)
-    }
-
-    fn save(&self) -> Result<Vec<u8>, Error> {
-        self.augmented.save()
-    }
-
-    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        self.augmented.restore(saved)
-    }
-
-    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
-        self.augmented.calibration_accuracy()
-    }
-
-    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
-        self.augmented.widen_calibration(covariance);
-        Ok(())
     }
 }
 

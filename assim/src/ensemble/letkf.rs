@@ -2,21 +2,20 @@
 
 use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
+use super::filter::{EnsembleAnalysis, EnsembleFilter};
 use super::localization::Taper;
-use super::members::{Ensemble, Moments, ObservedEnsemble};
+use super::members::{Moments, ObservedEnsemble};
 use super::tapered::{SharedParameters, TaperedInnovations, cross_taper};
 use super::transform::{WhitenedObservations, transform};
 use super::weights::WeightGrid;
-use crate::assimilator::{Analysis, Assimilator, Estimate};
-use crate::calibration_accuracy::CalibrationAccuracy;
+use crate::assimilator::Estimate;
 use crate::covariance::LocalizedEnsemble;
-use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::linalg::product;
 use crate::problem::{Innovations, Problem};
-use faer::{Mat, MatRef};
-use isobar_model::{Duration, Location};
-use isobar_obs::{ByPlacement, ObservationWindow};
+use faer::Mat;
+use isobar_model::{Grid, Location};
+use isobar_obs::ByPlacement;
 use rayon::prelude::*;
 
 /// How the analysis is localised.
@@ -40,9 +39,10 @@ pub struct LocalSettings {
 /// weights of one analysis of all observations: N members know at most N − 1 directions of their errors.
 ///
 /// χ² is that of the innovations with the tapered covariance of the members (see `tapered`).
-pub struct LocalEnsembleTransformKalmanFilter {
-    /// With an inflation for each analysed cell.
-    cycle: EnsembleCycle,
+pub type LocalEnsembleTransformKalmanFilter = EnsembleFilter<LocalTransform>;
+
+/// The analysis of the [`LocalEnsembleTransformKalmanFilter`]; the cycle has an inflation for each analysed cell.
+pub struct LocalTransform {
     taper: Taper,
     grid: WeightGrid,
     /// κ of the taper between state and shared parameters.
@@ -62,7 +62,7 @@ impl LocalEnsembleTransformKalmanFilter {
     /// A filter with members about the background.
     ///
     /// # Errors
-    /// As [`Ensemble::draw`].
+    /// As [`Ensemble::draw`](super::Ensemble::draw).
     pub fn new(problem: Problem, settings: EnsembleSettings, local: LocalSettings) -> Result<Self, Error> {
         let layout = problem.background.layout().clone();
         let grid = WeightGrid::new(&layout, local.analysis_spacing_cells);
@@ -71,12 +71,7 @@ impl LocalEnsembleTransformKalmanFilter {
         let ByPlacement { shared, local } = problem.estimated_calibration().by_placement();
         let local = local.into_iter().map(|(number, (x_m, y_m))| (number, layout.grid.cell_at(x_m, y_m))).collect();
         let cycle = EnsembleCycle::new(problem, settings, grid.points().len())?;
-        Ok(Self { cycle, taper, grid, cross, shared, local })
-    }
-
-    /// The members.
-    pub fn ensemble(&self) -> &Ensemble {
-        &self.cycle.ensemble
+        Ok(Self { cycle, analysis: LocalTransform { taper, grid, cross, shared, local } })
     }
 
     /// Mean and spread of the members.
@@ -98,16 +93,19 @@ impl LocalEnsembleTransformKalmanFilter {
         moments.mean = estimate.state.values().iter().chain(&estimate.calibration[..p]).copied().collect();
         self.cycle.ensemble.set(&moments);
     }
+}
 
+impl LocalTransform {
     /// The analysis at a cell, from the observations around it.
     fn analyse_at(
         &self,
+        cycle: &EnsembleCycle,
         cell: usize,
         last_factor: f64,
         whitened: &WhitenedObservations,
         places: &[(f64, f64)],
     ) -> LocalAnalysis {
-        let grid = &self.cycle.problem.background.layout().grid;
+        let grid = &cycle.problem.background.layout().grid;
         let (i, j) = (cell % grid.nx, cell / grid.nx);
         let here = (grid.x_m(Location::Center, i), grid.y_m(Location::Center, j));
         let near: Vec<(usize, f64)> = places
@@ -125,7 +123,7 @@ impl LocalEnsembleTransformKalmanFilter {
             perturbations: Mat::from_fn(near.len(), members, |i, j| roots[i] * whitened.perturbations[(near[i].0, j)]),
             departures: near.iter().zip(&roots).map(|((row, _), root)| root * whitened.departures[*row]).collect(),
         };
-        let inflation = &self.cycle.settings.inflation;
+        let inflation = &cycle.settings.inflation;
         let total: f64 = near.iter().map(|(_, weight)| weight).sum();
         let variance_factor = inflation.variance_factor(last_factor, &observed, total);
         let relaxation = inflation.relaxation_to_prior_perturbations;
@@ -133,32 +131,32 @@ impl LocalEnsembleTransformKalmanFilter {
     }
 
     /// The cells in which observations see a shared parameter, each with the information G²/R on it.
-    fn evidence(&self, members: &ObservedEnsemble, number: usize) -> impl Iterator<Item = (usize, f64)> {
+    fn evidence(grid: &Grid, members: &ObservedEnsemble, number: usize) -> impl Iterator<Item = (usize, f64)> {
         let Innovations { jacobian, variance, .. } = &members.innovations;
-        let grid = &self.cycle.problem.background.layout().grid;
         (0..variance.len()).filter_map(move |row| {
             let entry = jacobian.calibration.row(row).iter().find(|entry| entry.0 == number)?;
             let (x_m, y_m) = members.places[row];
             Some((grid.cell_at(x_m, y_m), entry.1 * entry.1 / variance[row]))
         })
     }
+}
 
-    /// Takes the analysis into the ensemble; returns χ².
-    fn update(&mut self, members: &ObservedEnsemble) -> f64 {
-        let m = self.cycle.state_values();
+impl EnsembleAnalysis for LocalTransform {
+    fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> f64 {
+        let m = cycle.state_values();
         let whitened = WhitenedObservations::new(members);
         let analyses: Vec<LocalAnalysis> = self
             .grid
             .points()
             .par_iter()
-            .zip(&self.cycle.variance_factors)
-            .map(|(&cell, &last)| self.analyse_at(cell, last, &whitened, &members.places))
+            .zip(&cycle.variance_factors)
+            .map(|(&cell, &last)| self.analyse_at(cycle, cell, last, &whitened, &members.places))
             .collect();
         let (weights, factors): (Vec<_>, Vec<_>) =
             analyses.into_iter().map(|analysis| (analysis.weights, analysis.variance_factor)).unzip();
-        self.cycle.variance_factors = factors;
+        cycle.variance_factors = factors;
 
-        let background = self.cycle.ensemble.moments();
+        let background = cycle.ensemble.moments();
         let mut deviations = self.grid.apply(&weights, background.perturbations.as_ref());
         for &(number, cell) in &self.local {
             let row = background.perturbations.as_ref().get(m + number..m + number + 1, ..);
@@ -166,49 +164,17 @@ impl LocalEnsembleTransformKalmanFilter {
             deviations.as_mut().get_mut(m + number..m + number + 1, ..).copy_from(&analysed);
         }
         let parameters = background.perturbations.as_ref().get(m.., ..);
+        let grid = &cycle.problem.background.layout().grid;
         for &number in &self.shared {
             let row = background.perturbations.as_ref().get(m + number..m + number + 1, ..);
-            if let Some(mean) = self.grid.mean(&weights, self.evidence(members, number)) {
+            if let Some(mean) = self.grid.mean(&weights, Self::evidence(grid, members, number)) {
                 deviations.as_mut().get_mut(m + number..m + number + 1, ..).copy_from(product(row, mean.as_ref()));
             }
         }
         let shared = SharedParameters { numbers: &self.shared, perturbations: parameters };
         let tapered = TaperedInnovations::new(members, &whitened, &shared, &self.taper, self.cross);
         let analysed = Moments::of_deviations(background.mean.clone(), deviations);
-        self.cycle.set(&background, analysed);
+        cycle.set(&background, analysed);
         tapered.chi2()
-    }
-}
-
-impl Assimilator for LocalEnsembleTransformKalmanFilter {
-    fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
-        self.cycle.forecast(window)
-    }
-
-    fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
-        let members = self.cycle.ensemble.observe(&self.cycle.problem, observed)?;
-        let innovation_chi2 = if observed.is_empty() { 0.0 } else { self.update(&members) };
-        Ok(self.cycle.analysis(observed, members, innovation_chi2))
-    }
-
-    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
-        self.cycle.covariance_column(unknown)
-    }
-
-    fn save(&self) -> Result<Vec<u8>, Error> {
-        self.cycle.save()
-    }
-
-    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        self.cycle.restore(saved)
-    }
-
-    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
-        self.cycle.calibration_accuracy()
-    }
-
-    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
-        self.cycle.widen_calibration(covariance);
-        Ok(())
     }
 }

@@ -3,6 +3,7 @@
 //! | file | what |
 //! |---|---|
 //! | `cycle` | what the methods share but for their analyses |
+//! | `filter` | such a cycle with an analysis is a method |
 //! | `members` | [`Ensemble`]: the members, their draw, forecast and observation |
 //! | `model_error` | what a cycle adds to the members: draws of Q, or the square root that has no sampling error |
 //! | `transform` | the analysis in the space of the ensemble |
@@ -18,6 +19,7 @@
 
 mod cycle;
 mod etkf;
+mod filter;
 mod inflation;
 mod letkf;
 mod localization;
@@ -29,6 +31,7 @@ mod transform;
 mod weights;
 
 pub use etkf::EnsembleTransformKalmanFilter;
+pub use filter::EnsembleFilter;
 pub use inflation::{BackgroundInflation, Inflation};
 pub use letkf::{LocalEnsembleTransformKalmanFilter, LocalSettings};
 pub use localization::gaspari_cohn;

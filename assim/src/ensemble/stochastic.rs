@@ -2,20 +2,18 @@
 
 use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
+use super::filter::{EnsembleAnalysis, EnsembleFilter};
 use super::localization::Taper;
-use super::members::{Ensemble, Moments, ObservedEnsemble};
+use super::members::{Moments, ObservedEnsemble};
 use super::tapered::{SharedParameters, TaperedInnovations, cross_taper};
 use super::transform::WhitenedObservations;
-use crate::assimilator::{Analysis, Assimilator, Estimate};
-use crate::calibration_accuracy::CalibrationAccuracy;
-use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::linalg::product;
 use crate::problem::Problem;
 use faer::{Mat, MatRef};
 use isobar_model::random::standard_normals;
-use isobar_model::{Duration, Location};
-use isobar_obs::{ByPlacement, ObservationWindow};
+use isobar_model::{Layout, Location};
+use isobar_obs::ByPlacement;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
@@ -27,8 +25,10 @@ use rayon::prelude::*;
 /// ```
 ///
 /// with Gaspari and Cohn's taper ρ on the covariances (Houtekamer and Mitchell 2001); for shared biases see `tapered`.
-pub struct StochasticEnsembleKalmanFilter {
-    cycle: EnsembleCycle,
+pub type StochasticEnsembleKalmanFilter = EnsembleFilter<PerturbedObservations>;
+
+/// The analysis of the [`StochasticEnsembleKalmanFilter`].
+pub struct PerturbedObservations {
     taper: Taper,
     /// κ of the taper between state and shared parameters.
     cross: f64,
@@ -41,31 +41,28 @@ impl StochasticEnsembleKalmanFilter {
     /// A filter with members about the background; an infinite radius is no localisation.
     ///
     /// # Errors
-    /// As [`Ensemble::draw`].
+    /// As [`Ensemble::draw`](super::Ensemble::draw).
     pub fn new(problem: Problem, settings: EnsembleSettings, localization_radius_m: f64) -> Result<Self, Error> {
         let grid = &problem.background.layout().grid;
         let taper = Taper::new(grid, localization_radius_m);
         let cross = cross_taper(grid, &taper);
         let ByPlacement { shared, local } = problem.estimated_calibration().by_placement();
-        Ok(Self { cycle: EnsembleCycle::new(problem, settings, 1)?, taper, cross, shared, local })
+        let analysis = PerturbedObservations { taper, cross, shared, local };
+        Ok(Self { cycle: EnsembleCycle::new(problem, settings, 1)?, analysis })
     }
+}
 
-    /// The members.
-    pub fn ensemble(&self) -> &Ensemble {
-        &self.cycle.ensemble
-    }
-
-    /// Takes the analysis into the ensemble; returns χ².
-    fn update(&mut self, members: &ObservedEnsemble) -> f64 {
-        let m = self.cycle.state_values();
-        let inflation = self.cycle.settings.inflation;
+impl EnsembleAnalysis for PerturbedObservations {
+    fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> f64 {
+        let m = cycle.state_values();
+        let inflation = cycle.settings.inflation;
         let mut whitened = WhitenedObservations::new(members);
         let (n, columns) = (whitened.perturbations.nrows(), whitened.perturbations.ncols());
-        let variance_factor = &mut self.cycle.variance_factors[0];
+        let variance_factor = &mut cycle.variance_factors[0];
         *variance_factor = inflation.variance_factor(*variance_factor, &whitened, n as f64);
         let factor = variance_factor.sqrt();
         whitened.perturbations *= faer::Scale(factor);
-        let background = self.cycle.ensemble.moments();
+        let background = cycle.ensemble.moments();
         let inflated = &background.perturbations * faer::Scale(factor);
 
         let parameters = inflated.as_ref().get(m.., ..);
@@ -73,14 +70,14 @@ impl StochasticEnsembleKalmanFilter {
         let tapered = TaperedInnovations::new(members, &whitened, &shared, &self.taper, self.cross);
         // R^-½ (y + ε_i − h(x_i)), then S⁻¹ of it.
         let root = ((columns - 1) as f64).sqrt();
-        let errors = centered_normals(&mut self.cycle.random, n, columns);
+        let errors = centered_normals(&mut cycle.random, n, columns);
         let innovations = Mat::from_fn(n, columns, |i, j| {
             whitened.departures[i] - root * whitened.perturbations[(i, j)] + errors[(i, j)]
         });
         let solved = tapered.apply(|value| 1.0 / (1.0 + value), innovations.as_ref());
 
         let mut deviations = inflated.clone();
-        self.update_cells(&tapered, &solved, members, &mut deviations);
+        self.update_cells(cycle.problem.background.layout(), &tapered, &solved, members, &mut deviations);
         for &(number, place) in &self.local {
             let row = inflated.as_ref().get(m + number..m + number + 1, ..);
             let increment = self.increment(&tapered, &solved, members, row, place);
@@ -97,10 +94,12 @@ impl StochasticEnsembleKalmanFilter {
             analysed.perturbations = &analysed.perturbations * faer::Scale(1.0 - relaxation)
                 + &background.perturbations * faer::Scale(relaxation);
         }
-        self.cycle.set(&background, analysed);
+        cycle.set(&background, analysed);
         tapered.chi2()
     }
+}
 
+impl PerturbedObservations {
     /// (ρ ∘ P Hᵀ) S⁻¹ (y + ε − h) for the values `[k, N]` of one place.
     fn increment(
         &self,
@@ -117,12 +116,12 @@ impl StochasticEnsembleKalmanFilter {
     /// Adds the increments of all cells to deviations that are the background's.
     fn update_cells(
         &self,
+        layout: &Layout,
         tapered: &TaperedInnovations<'_>,
         solved: &Mat<f64>,
         members: &ObservedEnsemble,
         deviations: &mut Mat<f64>,
     ) {
-        let layout = self.cycle.problem.background.layout();
         let (grid, cells, variables) = (&layout.grid, layout.grid.cells(), layout.variables.len());
         let increments: Vec<Mat<f64>> = (0..cells)
             .into_par_iter()
@@ -148,37 +147,4 @@ fn centered_normals(random: &mut ChaCha8Rng, rows: usize, columns: usize) -> Mat
     let mean: Vec<f64> =
         (0..rows).map(|i| (0..columns).map(|j| normals[j * rows + i]).sum::<f64>() / columns as f64).collect();
     Mat::from_fn(rows, columns, |i, j| normals[j * rows + i] - mean[i])
-}
-
-impl Assimilator for StochasticEnsembleKalmanFilter {
-    fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
-        self.cycle.forecast(window)
-    }
-
-    fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
-        let members = self.cycle.ensemble.observe(&self.cycle.problem, observed)?;
-        let innovation_chi2 = if observed.is_empty() { 0.0 } else { self.update(&members) };
-        Ok(self.cycle.analysis(observed, members, innovation_chi2))
-    }
-
-    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
-        self.cycle.covariance_column(unknown)
-    }
-
-    fn save(&self) -> Result<Vec<u8>, Error> {
-        self.cycle.save()
-    }
-
-    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        self.cycle.restore(saved)
-    }
-
-    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
-        self.cycle.calibration_accuracy()
-    }
-
-    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
-        self.cycle.widen_calibration(covariance);
-        Ok(())
-    }
 }
