@@ -63,6 +63,13 @@ const CASES: &[Case] = &[
     ),
     ("kind = \"shallow_water\"\n", "", "[model]", &["`kind` is missing in [model]", "\"advection\""]),
     ("drag_per_s = 0", "mean_flow_m_per_s = 3", "mean_flow_m_per_s", &["belongs to kind \"linear_shallow_water\""]),
+    (
+        "drag_per_s = 0\n",
+        "drag_per_s = 0\nrobert_filter = 0.1\n",
+        "robert_filter",
+        &["only leapfrog has this filter", "time_scheme = \"leapfrog\""],
+    ),
+    ("drag_per_s = 0\n", "time_scheme = \"leapfrog\"\nrobert_filter = 0.7\n", "0.7", &["robert_filter", "0.5"]),
     ("window_hours = 6", "window_hours = 0.7", "0.7", &["not a whole multiple of model.time_step_s = 600 s"]),
     ("score_from_cycle = 2", "score_from_cycle = 12", "12", &["`cycle.score_from_cycle` is 12", "from 1 to 10"]),
     ("count = 10", "count = 0", "0\n", &["`cycle.count` is 0", "from 1 to 1000000"]),

@@ -14,7 +14,12 @@ pub trait Model: Send + Sync {
     /// The time step Δt.
     fn time_step(&self) -> Duration;
 
-    /// The largest stable time step at `x` \[s\]; infinite where the scheme has no limit.
+    /// The steps of the time scheme that are one [`Model::step`].
+    fn substeps(&self) -> usize {
+        1
+    }
+
+    /// The largest stable step of the time scheme at `x` \[s\]; infinite where there is no limit.
     fn largest_time_step_s(&self, x: &State) -> f64;
 
     /// Fails if `x` is no state to start from: a value is not finite or, where the model has a thickness, that is not
@@ -56,7 +61,7 @@ pub enum ForecastError {
         "the forecast is not finite after step {step}: {place} is {value} (CFL number of the step before: {cfl:.2})"
     )]
     NotFinite {
-        /// Steps done since the forecast began.
+        /// Steps of the time scheme done since the forecast began.
         step: usize,
         /// Variable, row and column.
         place: String,
@@ -163,10 +168,10 @@ fn step_checked(model: &dyn Model, x: &mut State, step: usize) -> Result<(), For
     match x.first_non_finite() {
         None => Ok(()),
         Some(index) => Err(ForecastError::NotFinite {
-            step,
+            step: step * model.substeps(),
             place: model.layout().describe(index),
             value: x.values()[index],
-            cfl: model.time_step().as_f64() / limit_s,
+            cfl: model.time_step().as_f64() / model.substeps() as f64 / limit_s,
         }),
     }
 }

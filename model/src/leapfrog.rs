@@ -149,6 +149,7 @@ impl<T: Tendency> Model for Leapfrog<T> {
         self.time_step
     }
 
+    /// `x` may be one level or two.
     fn largest_time_step_s(&self, x: &State) -> f64 {
         let bounds = self.tendency.spectral_bounds(&x.values()[..self.half()]);
         let alpha = self.robert_filter;

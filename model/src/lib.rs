@@ -8,6 +8,7 @@
 //! | [`forecast`] | the traits [`Model`], [`TangentLinear`], [`Adjoint`], and the loops over time steps |
 //! | [`scheme`] | Runge–Kutta, once for all tendencies: [`Tendency`] + [`TimeScheme`] = [`Stepped`]; stability limits |
 //! | [`leapfrog`] | [`Leapfrog`] with Robert's filter, a model whose state holds two time levels |
+//! | [`restarted`] | [`RestartedLeapfrog`]: the same from one start to the next, with one level |
 //! | [`rows`] | a tendency row by row, so that a step is one pass over memory |
 //! | [`tangent_wavefront`] | the same for eight increments at once |
 //! | [`shallow_water`] | rotating [`ShallowWater`], nonlinear, and [`LinearShallowWater`] about a zonal flow |
@@ -81,6 +82,7 @@ pub mod initial;
 pub mod invariants;
 pub mod leapfrog;
 pub mod random;
+pub mod restarted;
 pub mod rows;
 pub mod scheme;
 pub mod shallow_water;
@@ -99,6 +101,7 @@ pub use forecast::{Adjoint, ForecastError, Model, TangentLinear};
 pub use grid::{Boundary, Grid, Location};
 pub use increment::Increment;
 pub use leapfrog::Leapfrog;
+pub use restarted::RestartedLeapfrog;
 pub use rows::RowStream;
 pub use scheme::{SpectralBounds, Stepped, Tendency, TimeScheme, check_time_step};
 pub use shallow_water::{LinearShallowWater, ShallowWater, ShallowWaterParameters, VectorInvariant};

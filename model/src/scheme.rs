@@ -118,11 +118,8 @@ pub struct Stepped<T> {
 /// [`ModelError::TimeStepTooLong`] with the largest stable time step.
 pub fn check_time_step(model: &dyn Model, x: &State) -> Result<(), ModelError> {
     let largest_s = model.largest_time_step_s(x);
-    if model.time_step().as_f64() <= largest_s {
-        Ok(())
-    } else {
-        Err(ModelError::TimeStepTooLong { time_step_s: model.time_step().seconds(), largest_s })
-    }
+    let time_step_s = model.time_step().seconds() / model.substeps() as i64;
+    if time_step_s as f64 <= largest_s { Ok(()) } else { Err(ModelError::TimeStepTooLong { time_step_s, largest_s }) }
 }
 
 impl TimeScheme {

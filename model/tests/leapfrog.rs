@@ -10,8 +10,8 @@ use isobar_model::initial::{self, GaussianHill};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::testing::check_contract;
 use isobar_model::{
-    Advection, AdvectionScheme, Duration, Leapfrog, LinearShallowWater, Model, ModelError, ShallowWater,
-    ShallowWaterParameters, State, Tendency, TimeScheme, VectorInvariant, Wind, check_time_step,
+    Advection, AdvectionScheme, Duration, Leapfrog, LinearShallowWater, Model, ModelError, RestartedLeapfrog,
+    ShallowWater, ShallowWaterParameters, State, Tendency, TimeScheme, VectorInvariant, Wind, check_time_step,
 };
 
 fn leapfrog<T: Tendency>(tendency: T, step_s: i64, robert_filter: f64) -> Leapfrog<T> {
@@ -42,6 +42,26 @@ fn leapfrog_keeps_the_contract_for_every_tendency() {
         let model = leapfrog(Advection::new(grid, &wind, AdvectionScheme::ThirdOrderUpwind).unwrap(), 300, 0.1);
         let start = initial::gaussian_hills(model.tendency().layout(), 1.0, &[hill]).unwrap();
         assert_eq!(check_contract(&model, &model.start(&start)).taylor_decades, None);
+    }
+}
+
+/// From one start to the next it is the leapfrog steps between them to the bit, with one level; with one step it is Euler's.
+#[test]
+fn a_restarted_leapfrog_keeps_the_contract_and_is_the_steps_from_its_start() {
+    for (boundary, steps) in BOUNDARIES.into_iter().flat_map(|boundary| [1, 7].map(|steps| (boundary, steps))) {
+        let tendency = shallow_water(14, 11, boundary, FORMS[0]);
+        let single = leapfrog(tendency.clone(), 100, 0.05);
+        let model = RestartedLeapfrog::new(single.clone(), steps).unwrap();
+        assert_eq!((model.time_step().seconds(), model.substeps()), (100 * steps as i64, steps));
+        for at in [perturbed_jet(&tendency), turbulence(&tendency)] {
+            assert!(check_contract(&model, &at).taylor_decades >= Some(4));
+            assert_eq!(check_time_step(&model, &at), check_time_step(&single, &single.start(&at)));
+            let (mut levels, mut x) = (single.start(&at), at.clone());
+            forecast(&single, &mut levels, steps).unwrap();
+            model.step(&mut x);
+            assert_eq!(x, single.present(&levels));
+        }
+        assert!(RestartedLeapfrog::new(single, 0).is_err());
     }
 }
 

@@ -4,17 +4,16 @@ use crate::scenario::{
     AdvectionScheme, Conserved, Dynamics, ModelSettings, Scenario, ShallowWaterSettings, TimeScheme, Wind,
 };
 use isobar_model::{
-    Adjoint, Advection, Duration, ExactShift, Grid, LinearShallowWater, ModelError, ShallowWater,
-    ShallowWaterParameters, Stepped, VectorInvariant,
+    Adjoint, Advection, Duration, ExactShift, Grid, Leapfrog, LinearShallowWater, ModelError, RestartedLeapfrog,
+    ShallowWater, ShallowWaterParameters, Stepped, Tendency, VectorInvariant,
 };
 use std::sync::Arc;
 
-pub(super) fn build(settings: &ModelSettings, grid: &Grid) -> Result<Arc<dyn Adjoint>, ModelError> {
+/// The model, for cycles of so long a window.
+pub(super) fn build(settings: &ModelSettings, grid: &Grid, window: Duration) -> Result<Arc<dyn Adjoint>, ModelError> {
     let time_step = settings.time_step;
     Ok(match &settings.dynamics {
-        Dynamics::ShallowWater(own) => {
-            Arc::new(Stepped::new(shallow_water(own, grid)?, time_step, scheme(own.time_scheme))?)
-        }
+        Dynamics::ShallowWater(own) => stepped(shallow_water(own, grid)?, own.time_scheme, time_step, window)?,
         &Dynamics::LinearShallowWater {
             settings: ref own,
             mean_depth_m,
@@ -22,7 +21,7 @@ pub(super) fn build(settings: &ModelSettings, grid: &Grid) -> Result<Arc<dyn Adj
             mean_flow_y_m_per_s: v,
         } => {
             let linear = LinearShallowWater::about_uniform_wind(shallow_water(own, grid)?, mean_depth_m, u, v)?;
-            Arc::new(Stepped::new(linear, time_step, scheme(own.time_scheme))?)
+            stepped(linear, own.time_scheme, time_step, window)?
         }
         Dynamics::Advection { wind, scheme: own, time_scheme } => {
             let wind = match *wind {
@@ -35,7 +34,7 @@ pub(super) fn build(settings: &ModelSettings, grid: &Grid) -> Result<Arc<dyn Adj
                 AdvectionScheme::FourthOrderCentred => isobar_model::AdvectionScheme::FourthOrderCentred,
             };
             let advection = Advection::new(grid.clone(), &wind, own)?;
-            Arc::new(Stepped::new(advection, time_step, scheme(*time_scheme))?)
+            stepped(advection, *time_scheme, time_step, window)?
         }
         Dynamics::ExactShift { columns_per_step, rows_per_step } => {
             Arc::new(ExactShift::new(grid.clone(), *columns_per_step, *rows_per_step, time_step)?)
@@ -60,7 +59,7 @@ pub(super) fn build_coarser(scenario: &Scenario, factor: usize) -> Result<Arc<dy
         .find(|&steps| steps * factor as i64 >= least && window % steps == 0)
         .expect("the window holds whole steps of the model");
     let settings = ModelSettings { time_step: Duration::from_seconds(window / steps), ..scenario.model.clone() };
-    build(&settings, &grid).map_err(|error| fault(&error))
+    build(&settings, &grid, scenario.cycle.window).map_err(|error| fault(&error))
 }
 
 /// The nonlinear equations.
@@ -79,9 +78,19 @@ pub(super) fn shallow_water(settings: &ShallowWaterSettings, grid: &Grid) -> Res
     ShallowWater::new(grid.clone(), parameters, form)
 }
 
-fn scheme(scheme: TimeScheme) -> isobar_model::TimeScheme {
-    match scheme {
-        TimeScheme::RungeKutta4 => isobar_model::TimeScheme::Rk4,
-        TimeScheme::SspRungeKutta3 => isobar_model::TimeScheme::SspRk3,
-    }
+/// A tendency with a time scheme; leapfrog begins anew in every window.
+fn stepped<T: Tendency + 'static>(
+    tendency: T,
+    scheme: TimeScheme,
+    time_step: Duration,
+    window: Duration,
+) -> Result<Arc<dyn Adjoint>, ModelError> {
+    Ok(match scheme {
+        TimeScheme::RungeKutta4 => Arc::new(Stepped::new(tendency, time_step, isobar_model::TimeScheme::Rk4)?),
+        TimeScheme::SspRungeKutta3 => Arc::new(Stepped::new(tendency, time_step, isobar_model::TimeScheme::SspRk3)?),
+        TimeScheme::Leapfrog { robert_filter } => {
+            let steps = window.steps_of(time_step).expect("the scenario's window fits its steps");
+            Arc::new(RestartedLeapfrog::new(Leapfrog::new(tendency, time_step, robert_filter)?, steps)?)
+        }
+    })
 }

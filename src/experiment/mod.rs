@@ -225,7 +225,7 @@ pub fn method(problem: &Problem, name: &str, scenario: &Scenario) -> Result<Box<
 /// As [`Experiment::new`].
 pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, ExperimentError> {
     let grid = &scenario.grid.grid;
-    let model = forecast_model::build(&scenario.model, grid)?;
+    let model = forecast_model::build(&scenario.model, grid, scenario.cycle.window)?;
     let background = initial_state::build(&scenario.initial, &scenario.model, grid, seed)?;
     check_time_step(&*model, &background).map_err(ExperimentError::TimeStep)?;
     let build = |components| covariances::build(components, &scenario.model, background.layout());
@@ -236,7 +236,7 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
     let deviation = covariance::randomize(&*background_error, &mut stream(seed, "truth/initial"));
     let factor = scenario.truth.background_error_scale.sqrt();
     true_state.values_mut().iter_mut().zip(deviation).for_each(|(value, change)| *value += factor * change);
-    let true_model = forecast_model::build(&scenario.truth.model, grid)?;
+    let true_model = forecast_model::build(&scenario.truth.model, grid, scenario.cycle.window)?;
     check_time_step(&*true_model, &true_state).map_err(ExperimentError::TimeStep)?;
     let steps = scenario.cycle.window.steps_of(true_model.time_step()).expect("the scenario's window fits its steps");
     let true_error = model_error.clone().map(|covariance| (covariance, scenario.truth.model_error_scale.sqrt()));

@@ -6,7 +6,7 @@ use crate::scenario::{TimeVolumeOptions, Wind};
 use isobar_assim::fast_kalman::FastKalmanSettings;
 use isobar_assim::fast_kalman::time_volume::{Candidate, Corrections, Factor, Target, TimeVolume, TimeVolumeSettings};
 use isobar_assim::{Error, Problem};
-use isobar_model::{Adjoint, Grid, check_time_step};
+use isobar_model::{Adjoint, Duration, Grid, check_time_step};
 use isobar_obs::Calibration;
 use std::sync::Arc;
 
@@ -28,8 +28,8 @@ pub(super) fn build(
         let (model, grid) = (scenario.model.clone(), scenario.grid.grid.clone());
         let candidates = options.corrections.iter().map(candidate).collect();
         let kinds = options.corrections.iter().map(|it| it.candidate).collect();
-        let background = problem.background.clone();
-        Arc::new(ModelCorrections { model, grid, background, candidates, kinds }) as Arc<dyn Corrections>
+        let (window, background) = (scenario.cycle.window, problem.background.clone());
+        Arc::new(ModelCorrections { model, grid, window, background, candidates, kinds }) as Arc<dyn Corrections>
     });
     TimeVolume::new(problem, settings, corrections)
 }
@@ -82,6 +82,7 @@ fn candidate(settings: &CorrectionSettings) -> Candidate {
 struct ModelCorrections {
     model: ModelSettings,
     grid: Grid,
+    window: Duration,
     /// The state for which a corrected model must be stable.
     background: isobar_model::State,
     candidates: Vec<Candidate>,
@@ -121,7 +122,7 @@ impl Corrections for ModelCorrections {
             *place += change;
         }
         let fault = |error: isobar_model::ModelError| Error::Setting(format!("the corrected model: {error}"));
-        let model = forecast_model::build(&model, &self.grid).map_err(fault)?;
+        let model = forecast_model::build(&model, &self.grid, self.window).map_err(fault)?;
         check_time_step(&*model, &self.background).map_err(fault)?;
         Ok(model)
     }

@@ -87,12 +87,17 @@ pub enum AdvectionScheme {
 }
 
 /// How a model is integrated in time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TimeScheme {
     /// The classical Runge–Kutta scheme of fourth order.
     RungeKutta4,
     /// The strong-stability-preserving Runge–Kutta scheme of third order.
     SspRungeKutta3,
+    /// Leapfrog, begun anew with an Euler step in every cycle.
+    Leapfrog {
+        /// α of Robert's filter.
+        robert_filter: f64,
+    },
 }
 
 /// The wind of an advection model.
@@ -124,7 +129,7 @@ macro_rules! shallow_water_keys {
     ($($more:literal),*) => {
         &["time_step_s", "gravity_m_per_s2", "coriolis_per_s", "beta_per_m_per_s", "drag_per_s",
             "hyperdiffusion_m4_per_s",
-            "conserves", "time_scheme", $($more),*]
+            "conserves", "time_scheme", "robert_filter", $($more),*]
     };
 }
 
@@ -135,7 +140,7 @@ const KINDS: &[super::reader::Kind<Kind>] = &[
         Kind::Linear,
         shallow_water_keys!("mean_depth_m", "mean_flow_m_per_s", "mean_flow_y_m_per_s"),
     ),
-    ("advection", Kind::Advection, &["time_step_s", "wind", "scheme", "time_scheme"]),
+    ("advection", Kind::Advection, &["time_step_s", "wind", "scheme", "time_scheme", "robert_filter"]),
     ("exact_shift", Kind::ExactShift, &["time_step_s", "columns_per_step", "rows_per_step"]),
 ];
 
@@ -255,8 +260,20 @@ const ADVECTION_SCHEMES: &[(&str, AdvectionScheme)] = &[
 ];
 
 fn time_scheme(section: &Section<'_>) -> Read<TimeScheme> {
-    const SCHEMES: &[(&str, TimeScheme)] = &[("rk4", TimeScheme::RungeKutta4), ("ssp_rk3", TimeScheme::SspRungeKutta3)];
-    section.optional("time_scheme").map_or(Ok(TimeScheme::RungeKutta4), |field| field.choice(SCHEMES))
+    let robert_filter = section.number_or("robert_filter", 0.01, Limits::Between(0.0, 0.5))?;
+    let schemes = [
+        ("rk4", TimeScheme::RungeKutta4),
+        ("ssp_rk3", TimeScheme::SspRungeKutta3),
+        ("leapfrog", TimeScheme::Leapfrog { robert_filter }),
+    ];
+    let scheme = section.optional("time_scheme").map_or(Ok(TimeScheme::RungeKutta4), |field| field.choice(&schemes))?;
+    match (section.optional("robert_filter"), scheme) {
+        (Some(field), TimeScheme::RungeKutta4 | TimeScheme::SspRungeKutta3) => {
+            Err(field
+                .misplaced("only leapfrog has this filter".into(), "add time_scheme = \"leapfrog\", or leave it out"))
+        }
+        _ => Ok(scheme),
+    }
 }
 
 fn wind(section: &Section<'_>, grid: &Grid) -> Read<Wind> {
