@@ -211,8 +211,8 @@ impl FastKalmanFilter {
                     }
                 }
             }
-            // Other forecasts than the exact one have no use for what is linked beyond the blocks: its leading directions,
-            // if they join Φ, are not among those that the compression after the forecast keeps.
+            // Other forecasts than the exact one have no use for what is linked beyond the blocks: that its leading
+            // directions join Φ does not change the scores, since the compression after the forecast drops them again.
             if component.blocks.len() > 1 && self.settings.residual == Residual::Exact {
                 self.covariance.linked.push(Patch { variables, covariance });
             }
