@@ -6,6 +6,7 @@ use crate::stability::{Stability, Watch, judge};
 use isobar_assim::response::Responder;
 use isobar_assim::{
     Analysis, Assimilator, Calibrated, CalibrationAccuracy, Error, Estimate, EstimatedParameter, Structure, Unknown,
+    reserve_workspace,
 };
 use isobar_model::random::stream;
 use isobar_model::{Duration, Layout};
@@ -136,6 +137,7 @@ impl Runner {
     /// # Errors
     /// Those of `build`.
     pub fn new<M: Into<Calibrated>, E>(build: impl FnOnce() -> Result<M, E>) -> Result<Self, E> {
+        reserve_workspace();
         let (method, memory) = measured(|| build().map(Into::into));
         let mut runner = Self {
             method: method?,

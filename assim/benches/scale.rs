@@ -18,7 +18,7 @@
 use isobar_assim::covariance::{Balanced, BalancedParameters, Covariance, Sum, White};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
 use isobar_assim::kalman::KalmanFilter;
-use isobar_assim::{Assimilator, BiasTreatment, Problem};
+use isobar_assim::{Assimilator, BiasTreatment, Problem, reserve_workspace};
 use isobar_model::forecast::forecast_tl;
 use isobar_model::initial::{JetConfig, geostrophic_jet};
 use isobar_model::{
@@ -111,6 +111,7 @@ fn measure(n: usize, request: &Request) -> Cost {
     let (problem, mut observing) = experiment(n);
     let m = problem.background.values().len();
     let tangent_s = tangent_linear_s(&problem, request.factors + PROBES);
+    reserve_workspace();
     MEMORY.reset_peak_usage();
     let before = MEMORY.current_usage();
     let began = Instant::now();

@@ -62,6 +62,7 @@ pub use covariance::Covariance;
 pub use covariance_column::{CovarianceColumn, Unknown, correlation};
 pub use error::Error;
 pub use estimated::EstimatedParameter;
+pub use linalg::reserve_workspace;
 pub use observability::{Combination, Inseparable, Observability};
 pub use problem::Problem;
 pub use structure::{CommonFactor, Structure};

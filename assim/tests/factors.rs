@@ -71,6 +71,20 @@ fn more_factors_come_nearer_to_the_kalman_filter() {
 }
 
 #[test]
+fn the_more_energy_is_retained_the_nearer_to_the_kalman_filter() {
+    let problem = problem(true, calibration(2, 0, 0.4), 2);
+    let found: Vec<f64> = [0.5, 0.7, 0.8, 0.95, 1.0]
+        .iter()
+        .map(|&retained_energy| {
+            let settings =
+                FastKalmanSettings { factors: 40, retained_energy, ..settings(BlockShape::Cell, BiasCoupling::Carry) };
+            difference(&problem, FastKalmanFilter::new(problem.clone(), settings).unwrap())
+        })
+        .collect();
+    assert!(found.windows(2).all(|pair| pair[1] < pair[0]) && found[4] < 1e-8, "{found:?}");
+}
+
+#[test]
 fn a_forecast_keeps_the_covariance_of_every_block() {
     // With the exact forecast of the blocks, compression moves covariance from the factors to the block diagonal: within
     // a block nothing may change from A P A' + Q, P being what the filter believed before.

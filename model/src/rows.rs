@@ -1,9 +1,9 @@
 //! Time steps as one pass over memory: a sweep over the rows of the grid with what it needs of the rows around in cache.
 //!
 //! A [`RowStream`] evaluates a tendency row by row. All stages of a Runge–Kutta step follow each other at a distance of
-//! one row, so that a step reads and writes each value of the state once, in place. Bands of rows are swept in parallel,
-//! each from copies of the rows around it; as every row is the same function of the same rows whatever the bands, the
-//! bits are the same on any number of threads.
+//! one row (two, if its stencil reaches two), so that a step reads and writes each value of the state once, in place.
+//! Bands of rows are swept in parallel, each from copies of the rows around it; as every row is the same function of the
+//! same rows whatever the bands, the bits are the same on any number of threads. With a reach of one row:
 //!
 //! ```text
 //! row  j + 4   x read                       stage 1 has its slope up to row j + 3
@@ -52,8 +52,13 @@ impl<'a> Row<'a> {
     }
 }
 
-/// A tendency evaluated row by row from the south, for stencils that reach one row and one column. Rows are periodic.
+/// A tendency evaluated row by row from the south, for stencils that reach one or two rows and columns. Rows are periodic.
 pub trait RowStream: Send {
+    /// How many rows and columns the stencil reaches.
+    fn reach(&self) -> usize {
+        1
+    }
+
     /// Begins a sweep with its first row.
     fn begin(&mut self, first: Row<'_>);
 
@@ -61,9 +66,12 @@ pub trait RowStream: Send {
     fn beyond_wall(&self, x: Row<'_>, ghost: &mut [f64]);
 
     /// Takes row `row` of the grid (that beyond the northern wall being row `ny`), and says the tendency,
-    /// `[variable, x]`, of the row south of it, of which it was told before; the first tendency of a sweep is not to be
-    /// used.
+    /// `[variable, x]`, of the row as far south of it as the stencil reaches, of which it was told before; the first
+    /// tendencies of a sweep, for which rows in the south are missing, are not to be used. `south` is the row south of it.
     fn push(&mut self, row: usize, south: Row<'_>, north: Row<'_>, tendency: &mut [f64]);
+
+    /// With a reach of two rows: the tendency of the row beside the northern wall, that beyond it having been pushed.
+    fn finish(&mut self, _tendency: &mut [f64]) {}
 }
 
 /// Below this number of cells one thread is faster than the start of two.

@@ -4,8 +4,8 @@
 //!
 //! The columns of a group are interleaved, so that one vector operation does the same for all of them, whatever the
 //! length of a row; the columns missing from a last group are zero. No column knows of the others, so that its bits
-//! are those it has alone. Long rows are swept in strips; the outermost places on either side of a strip become wrong
-//! by one place with each stage, as a strip takes itself for periodic, and only what lies between them is written.
+//! are those it has alone. Long rows are swept in strips; the outermost places on either side of a strip become wrong by
+//! as many places as the stencil reaches with each stage, as a strip takes itself for periodic, and only what lies between them is written.
 
 use crate::columns::Columns;
 use crate::grid::{Boundary, Grid};
@@ -17,11 +17,16 @@ use crate::update::combine;
 use crate::wavefront::Scheme;
 use pulp::Arch;
 
-/// A tendency and its derivative, row by row from the south, for stencils that reach one row and one column.
+/// A tendency and its derivative, row by row from the south, for stencils that reach one or two rows and columns.
 ///
 /// Rows of the state are as in [`crate::rows::RowStream`], at most [`MOST_PLACES`] long; rows of increments hold
 /// `[x, variable, lane]`.
 pub trait TangentRowStream: Send {
+    /// As [`crate::rows::RowStream::reach`].
+    fn reach(&self) -> usize {
+        1
+    }
+
     /// Begins a sweep with its first row.
     fn begin(&mut self, x: Row<'_>, dx: &[f64]);
 
@@ -30,6 +35,9 @@ pub trait TangentRowStream: Send {
 
     /// As [`crate::rows::RowStream::push`], for state (`x`: southern and northern row, tendency) and increments (`dx`).
     fn push(&mut self, row: usize, x: (Row<'_>, Row<'_>, &mut [f64]), dx: (&[f64], &[f64], &mut [f64]));
+
+    /// As [`crate::rows::RowStream::finish`], for state and increments.
+    fn finish(&mut self, _tendency: &mut [f64], _d_tendency: &mut [f64]) {}
 }
 
 /// One step of the columns, eight at a time; false, and nothing done, if the tendency has no such form. The columns
@@ -64,10 +72,12 @@ struct Stages {
 }
 
 impl Stages {
-    fn new(stages: usize, row_len: usize) -> Self {
+    /// For stages each of which is `reach` rows behind the one before.
+    fn new(stages: usize, reach: usize, row_len: usize) -> Self {
+        let states = |stage: usize| Ring::new(row_len, if stage == 0 { reach * stages + 1 } else { 2 });
         Self {
-            states: (0..stages).map(|stage| Ring::new(row_len, if stage == 0 { stages + 1 } else { 2 })).collect(),
-            slopes: (0..stages).map(|stage| Ring::new(row_len, stages - stage)).collect(),
+            states: (0..stages).map(states).collect(),
+            slopes: (1..=stages).map(|stage| Ring::new(row_len, reach * (stages - stage) + 1)).collect(),
             ghost: vec![0.0; row_len],
         }
     }
@@ -89,6 +99,8 @@ struct TangentWavefront<'a> {
     variables: usize,
     streams: Vec<Box<dyn TangentRowStream + 'a>>,
     told: Vec<usize>,
+    /// Rows by which each stage is behind the one before, and all of them.
+    reach: [isize; 2],
     strip: Strip,
     x: Stages,
     dx: Stages,
@@ -103,25 +115,28 @@ impl<'a> TangentWavefront<'a> {
     /// For columns of so many variables, with a stream for each stage.
     fn new(scheme: Scheme<'a>, streams: Vec<Box<dyn TangentRowStream + 'a>>, grid: &'a Grid, variables: usize) -> Self {
         let (stages, row_len) = (streams.len(), variables * grid.nx.min(MOST_PLACES));
+        let of_stage = streams[0].reach();
+        let reach = of_stage * stages;
         Self {
             arch: Arch::new(),
             scheme,
             grid,
             variables,
             told: vec![0; stages],
-            strip: Strip::of_row(grid.nx, stages)[0],
+            reach: [of_stage as isize, reach as isize],
+            strip: Strip::of_row(grid.nx, reach)[0],
             streams,
-            x: Stages::new(stages, row_len),
-            dx: Stages::new(stages, row_len * LANES),
-            group: Group::new(variables, variables * scheme.levels(), grid.nx, grid.ny, stages),
-            first_rows: Ring::new(row_len * LANES, stages),
+            x: Stages::new(stages, of_stage, row_len),
+            dx: Stages::new(stages, of_stage, row_len * LANES),
+            group: Group::new(variables, variables * scheme.levels(), grid.nx, grid.ny, reach),
+            first_rows: Ring::new(row_len * LANES, reach),
             result: vec![0.0; row_len * LANES],
         }
     }
 
     /// Advances up to eight columns by the step linearised at `at`, in place.
     fn sweep(&mut self, at: &[f64], columns: &mut [f64]) {
-        for strip in Strip::of_row(self.grid.nx, self.streams.len()) {
+        for strip in Strip::of_row(self.grid.nx, self.reach[1] as usize) {
             self.strip = strip;
             self.sweep_strip(at, columns);
         }
@@ -130,17 +145,18 @@ impl<'a> TangentWavefront<'a> {
     fn sweep_strip(&mut self, at: &[f64], columns: &mut [f64]) {
         let stages = self.streams.len();
         let walls = self.grid.boundary == Boundary::Channel;
-        let (ny, reach) = (self.grid.ny as isize, if walls { 0 } else { stages as isize });
+        let (ny, [of_stage, of_all]) = (self.grid.ny as isize, self.reach);
+        let reach = if walls { 0 } else { of_all };
         self.told.fill(0);
         for row in -reach..ny + reach {
             self.load_state(at, row);
             let increments = self.dx.states[0].row_mut(row);
             if row >= ny {
-                increments.copy_from_slice(self.first_rows.row(row - ny));
+                increments.copy_from_slice(self.first_rows.row(row.rem_euclid(ny)));
             } else {
                 let increments = &mut increments[..self.strip.places() * self.variables * LANES];
                 self.group.read(columns, row.rem_euclid(ny) as usize, self.strip, row >= 0, increments);
-                if (0..stages as isize).contains(&row) {
+                if (0..of_all).contains(&row) {
                     self.first_rows.row_mut(row).copy_from_slice(self.dx.states[0].row(row));
                 }
             }
@@ -149,7 +165,11 @@ impl<'a> TangentWavefront<'a> {
         if walls {
             for stage in 0..stages {
                 self.push_beyond(stage, ny - 1, false);
-                self.continue_with(stage, ny - 1, columns);
+                self.continue_with(stage, ny - of_stage, columns);
+                if of_stage > 1 {
+                    self.finish(stage, ny - 1);
+                    self.continue_with(stage, ny - 1, columns);
+                }
             }
         }
     }
@@ -167,7 +187,8 @@ impl<'a> TangentWavefront<'a> {
         self.told[stage] += 1;
         let walls = self.grid.boundary == Boundary::Channel;
         if self.told[stage] == 1 && walls {
-            self.told[stage] = 2;
+            // As if it had been told of as many rows beyond the wall as it reaches.
+            self.told[stage] += self.reach[0] as usize;
             return self.push_beyond(stage, row, true);
         }
         let (places, len) = (self.strip.places(), self.strip.places() * self.variables);
@@ -178,14 +199,15 @@ impl<'a> TangentWavefront<'a> {
         if self.told[stage] == 1 {
             return self.streams[stage].begin(x_row(row), dx_row(row));
         }
-        let (slope, d_slope) = (x.slopes[stage].row_mut(row - 1), dx.slopes[stage].row_mut(row - 1));
+        let known = row - self.reach[0];
+        let (slope, d_slope) = (x.slopes[stage].row_mut(known), dx.slopes[stage].row_mut(known));
         self.streams[stage].push(
             row.rem_euclid(self.grid.ny as isize) as usize,
             (x_row(row - 1), x_row(row), &mut slope[..len]),
             (dx_row(row - 1), dx_row(row), &mut d_slope[..len * LANES]),
         );
-        if self.told[stage] > 2 {
-            self.continue_with(stage, row - 1, columns);
+        if self.told[stage] > 2 * self.reach[0] as usize {
+            self.continue_with(stage, known, columns);
         }
     }
 
@@ -197,15 +219,23 @@ impl<'a> TangentWavefront<'a> {
         let dx_row = &dx.states[stage].row(row)[..len * LANES];
         let (ghost, d_ghost) = (&mut x.ghost[..len], &mut dx.ghost[..len * LANES]);
         stream.beyond_wall(x_row, dx_row, ghost, d_ghost);
-        let (x_ghost, slope_row) = (Row::of(ghost, places), if south { row - 1 } else { row });
+        let (x_ghost, pushed) = (Row::of(ghost, places), if south { row } else { row + 1 });
+        let slope_row = pushed - self.reach[0];
         let slope = &mut x.slopes[stage].row_mut(slope_row)[..len];
         let d_slope = &mut dx.slopes[stage].row_mut(slope_row)[..len * LANES];
         if south {
             stream.begin(x_ghost, d_ghost);
-            stream.push(row as usize, (x_ghost, x_row, slope), (d_ghost, dx_row, d_slope));
+            stream.push(pushed as usize, (x_ghost, x_row, slope), (d_ghost, dx_row, d_slope));
         } else {
-            stream.push(row as usize + 1, (x_row, x_ghost, slope), (dx_row, d_ghost, d_slope));
+            stream.push(pushed as usize, (x_row, x_ghost, slope), (dx_row, d_ghost, d_slope));
         }
+    }
+
+    /// The slopes of the row beside the northern wall, that beyond it having been pushed.
+    fn finish(&mut self, stage: usize, row: isize) {
+        let len = self.strip.places() * self.variables;
+        let slope = &mut self.x.slopes[stage].row_mut(row)[..len];
+        self.streams[stage].finish(slope, &mut self.dx.slopes[stage].row_mut(row)[..len * LANES]);
     }
 
     /// The slopes of a row at a stage are known: on to the next stage, or to the end.

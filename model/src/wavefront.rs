@@ -1,4 +1,4 @@
-//! A step as one sweep: the stages of a Runge–Kutta scheme follow each other at a distance of one row (see
+//! A step as one sweep: the stages of a Runge–Kutta scheme follow each other at a distance of one row or two (see
 //! [`crate::rows`]); leapfrog has one stage.
 
 use crate::rows::{Band, Ring, Row, RowStream, bands};
@@ -58,7 +58,7 @@ pub(crate) fn sweep<T: Tendency>(tendency: &T, scheme: Scheme<'_>, x: &mut [f64]
         Some(Wavefront::new(scheme, streams?, variables, grid.nx))
     };
     let Some(mut first) = wavefront() else { return false };
-    match &mut bands(grid, x, variables, stages)[..] {
+    match &mut bands(grid, x, variables, stages * first.reach)[..] {
         [band] => first.sweep(band),
         bands => bands.par_iter_mut().for_each(|band| {
             if let Some(mut wavefront) = wavefront() {
@@ -82,22 +82,24 @@ struct Wavefront<'a> {
     told: Vec<usize>,
     ghost: Vec<f64>,
     nx: usize,
+    /// Rows by which each stage is behind the one before.
+    reach: usize,
 }
 
 impl<'a> Wavefront<'a> {
     /// For rows of `variables` times `nx` values, with a stream for each stage.
     fn new(scheme: Scheme<'a>, streams: Vec<Box<dyn RowStream + 'a>>, variables: usize, nx: usize) -> Self {
-        let (stages, row_len) = (streams.len(), variables * nx);
+        let (stages, row_len, reach) = (streams.len(), variables * nx, streams[0].reach());
         let states = (1..stages).map(|_| Ring::new(row_len, 2)).collect();
-        let slopes = (0..stages).map(|stage| Ring::new(row_len, stages - stage)).collect();
+        let slopes = (1..=stages).map(|stage| Ring::new(row_len, reach * (stages - stage) + 1)).collect();
         let ghost = vec![0.0; row_len];
-        Self { arch: Arch::new(), scheme, streams, states, slopes, told: vec![0; stages], ghost, nx }
+        Self { arch: Arch::new(), scheme, streams, states, slopes, told: vec![0; stages], ghost, nx, reach }
     }
 
     /// Advances the band by one step, in place.
     fn sweep(&mut self, band: &mut Band<'_>) {
         let stages = self.streams.len();
-        let rows = band.reached(stages);
+        let rows = band.reached(stages * self.reach);
         let (_, north_wall) = band.walls();
         for row in rows.clone() {
             self.cascade(0, row, band);
@@ -108,8 +110,13 @@ impl<'a> Wavefront<'a> {
                 let (south, stream) = (state(&self.states, self.nx, stage, last, band), &mut self.streams[stage]);
                 stream.beyond_wall(south, &mut self.ghost);
                 let ghost = Row::of(&self.ghost, self.nx);
-                stream.push(rows.end as usize, south, ghost, self.slopes[stage].row_mut(last));
-                self.continue_with(stage, last, band);
+                let newest = rows.end - self.reach as isize;
+                stream.push(rows.end as usize, south, ghost, self.slopes[stage].row_mut(newest));
+                self.continue_with(stage, newest, band);
+                if newest < last {
+                    self.streams[stage].finish(self.slopes[stage].row_mut(last));
+                    self.continue_with(stage, last, band);
+                }
             }
         }
     }
@@ -118,6 +125,7 @@ impl<'a> Wavefront<'a> {
     fn cascade(&mut self, stage: usize, row: isize, band: &mut Band<'_>) {
         let (stream, slopes) = (&mut self.streams[stage], &mut self.slopes[stage]);
         let north = state(&self.states, self.nx, stage, row, band);
+        let known = row - self.reach as isize;
         self.told[stage] += 1;
         if self.told[stage] == 1 {
             if !band.walls().0 {
@@ -126,14 +134,15 @@ impl<'a> Wavefront<'a> {
             stream.beyond_wall(north, &mut self.ghost);
             let ghost = Row::of(&self.ghost, self.nx);
             stream.begin(ghost);
-            stream.push(band.grid_row(row), ghost, north, slopes.row_mut(row - 1));
-            self.told[stage] = 2;
+            stream.push(band.grid_row(row), ghost, north, slopes.row_mut(known));
+            // As if it had been told of as many rows beyond the wall as it reaches.
+            self.told[stage] += self.reach;
             return;
         }
         let south = state(&self.states, self.nx, stage, row - 1, band);
-        stream.push(band.grid_row(row), south, north, slopes.row_mut(row - 1));
-        if self.told[stage] > 2 {
-            self.continue_with(stage, row - 1, band);
+        stream.push(band.grid_row(row), south, north, slopes.row_mut(known));
+        if self.told[stage] > 2 * self.reach {
+            self.continue_with(stage, known, band);
         }
     }
 

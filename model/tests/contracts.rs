@@ -10,7 +10,7 @@ use isobar_model::{
     ShallowWaterParameters, State, Tendency, Wind,
 };
 
-/// Without damping, with drag (row by row like without), and with hyperdiffusion as well (on whole fields).
+/// Without damping, with drag, and with hyperdiffusion as well.
 fn dampings(boundary: Boundary) -> [ShallowWaterParameters; 3] {
     let dragged = ShallowWaterParameters { drag_per_s: 1e-6, ..parameters(boundary) };
     let damped = ShallowWaterParameters { hyperdiffusion_m4_per_s: 5e14, ..dragged };

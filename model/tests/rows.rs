@@ -59,8 +59,15 @@ fn after(model: &dyn Model, start: &State, steps: usize) -> State {
 fn rows_give_the_bits_of_whole_fields() {
     for boundary in BOUNDARIES {
         for form in FORMS {
-            for (nx, ny, drag_per_s) in [(14, 11, 0.0), (4, 4, 1e-5), (33, 5, 1e-5)] {
-                let parameters = ShallowWaterParameters { drag_per_s, ..parameters(boundary) };
+            for (nx, ny, drag_per_s, hyperdiffusion_m4_per_s) in [
+                (14, 11, 0.0, 0.0),
+                (4, 4, 1e-5, 0.0),
+                (33, 5, 1e-5, 0.0),
+                (14, 11, 1e-5, 5e14),
+                (4, 4, 0.0, 5e14),
+                (33, 5, 0.0, 5e14),
+            ] {
+                let parameters = ShallowWaterParameters { drag_per_s, hyperdiffusion_m4_per_s, ..parameters(boundary) };
                 let rows = ShallowWater::new(grid(nx, ny, boundary), parameters, form).unwrap();
                 let whole = WholeFields(rows.clone());
                 assert!(rows.row_stream(nx).is_some() && whole.row_stream(nx).is_none());
@@ -82,8 +89,9 @@ fn rows_give_the_bits_of_whole_fields() {
 /// 290 × 256 cells: enough for two bands.
 #[test]
 fn bands_on_several_threads_give_the_bits_of_one() {
-    for boundary in BOUNDARIES {
-        let equations = ShallowWater::new(grid(256, 290, boundary), parameters(boundary), FORMS[0]).unwrap();
+    for (boundary, hyperdiffusion_m4_per_s) in BOUNDARIES.into_iter().flat_map(|it| [(it, 0.0), (it, 5e14)]) {
+        let parameters = ShallowWaterParameters { hyperdiffusion_m4_per_s, ..parameters(boundary) };
+        let equations = ShallowWater::new(grid(256, 290, boundary), parameters, FORMS[0]).unwrap();
         let vortex = Vortex { center_x_m: 9e6, center_y_m: 11.5e6, amplitude_m: 40.0, radius_m: 8e5 };
         let start = initial::vortices(&equations, 1000.0, &[vortex]).unwrap();
         let leapfrog = Leapfrog::new(equations.clone(), Duration::from_seconds(100), 0.02).unwrap();
@@ -108,8 +116,14 @@ fn bands_on_several_threads_give_the_bits_of_one() {
 /// a column has the bits it has alone, whatever its place in a group and the others.
 #[test]
 fn strips_give_the_tangent_linear_of_whole_fields() {
-    for (nx, ny, boundary, form) in [(150, 12, BOUNDARIES[0], FORMS[0]), (81, 9, BOUNDARIES[1], FORMS[1])] {
-        let parameters = ShallowWaterParameters { drag_per_s: 1e-5, ..parameters(boundary) };
+    for (nx, ny, boundary, form, hyperdiffusion_m4_per_s) in [
+        (150, 12, BOUNDARIES[0], FORMS[0], 0.0),
+        (81, 9, BOUNDARIES[1], FORMS[1], 0.0),
+        (150, 12, BOUNDARIES[0], FORMS[0], 5e14),
+        (81, 9, BOUNDARIES[1], FORMS[1], 5e14),
+        (20, 5, BOUNDARIES[0], FORMS[1], 5e14),
+    ] {
+        let parameters = ShallowWaterParameters { drag_per_s: 1e-5, hyperdiffusion_m4_per_s, ..parameters(boundary) };
         let rows = ShallowWater::new(grid(nx, ny, boundary), parameters, form).unwrap();
         let whole = WholeFields(rows.clone());
         let (width, height) = (rows.layout().grid.width_m(), rows.layout().grid.height_m());

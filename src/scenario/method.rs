@@ -20,8 +20,9 @@ const DEFAULT_PROBES: usize = 8;
 /// The most common factors.
 const MOST_FACTORS: usize = 100_000;
 
-/// Variables up to which blocks that observations link are merged, unless the scenario says how many.
-const DEFAULT_LARGEST_COMPONENT: usize = 1500;
+/// Variables up to which blocks that observations link are merged, unless the scenario says how many. Larger ones are
+/// dearer, and no more accurate.
+const DEFAULT_LARGEST_COMPONENT: usize = 500;
 
 /// Factors that the separators of larger components may add for an analysis, unless the scenario says how many.
 const DEFAULT_SEPARATOR_FACTORS: usize = 100;

@@ -15,7 +15,7 @@ use isobar_obs::SparseRows;
 use rayon::prelude::*;
 
 /// Components that are eliminated at a time.
-const COMPONENTS: usize = 1024;
+const COMPONENTS: usize = 128;
 
 /// The Jacobians by block variables b and shared parameters c.
 pub(super) struct SplitRows {
@@ -211,7 +211,8 @@ impl FastKalmanFilter {
                     }
                 }
             }
-            // Other forecasts than the exact one have no use for what is linked beyond the blocks.
+            // Other forecasts than the exact one have no use for what is linked beyond the blocks: that its leading
+            // directions join Φ does not change the scores, since the compression after the forecast drops them again.
             if component.blocks.len() > 1 && self.settings.residual == Residual::Exact {
                 self.covariance.linked.push(Patch { variables, covariance });
             }

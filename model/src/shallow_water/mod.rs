@@ -22,6 +22,7 @@
 //! R. Sadourny (1975): The dynamics of finite-difference models of the shallow-water equations. J. Atmos. Sci. 32.
 
 mod adjoint;
+mod hyperdiffusion;
 mod linear;
 mod rows;
 mod tangent_linear;
@@ -201,15 +202,18 @@ impl Tendency for ShallowWater {
         tendency::tendency(self, x, out, scratch);
     }
 
-    /// Without hyperdiffusion, whose stencil reaches over two rows.
     fn row_stream(&self, nx: usize) -> Option<Box<dyn RowStream + '_>> {
-        (self.parameters.hyperdiffusion_m4_per_s == 0.0)
-            .then(|| Box::new(rows::ShallowWaterRows::new(self, nx)) as Box<dyn RowStream + '_>)
+        Some(match self.parameters.hyperdiffusion_m4_per_s == 0.0 {
+            true => Box::new(rows::ShallowWaterRows::new(self, nx)),
+            false => Box::new(hyperdiffusion::HyperdiffusedRows::new(self, nx)),
+        })
     }
 
     fn tangent_row_stream(&self, nx: usize) -> Option<Box<dyn TangentRowStream + '_>> {
-        (self.parameters.hyperdiffusion_m4_per_s == 0.0)
-            .then(|| Box::new(tangent_rows::TangentRows::new(self, nx)) as Box<dyn TangentRowStream + '_>)
+        Some(match self.parameters.hyperdiffusion_m4_per_s == 0.0 {
+            true => Box::new(tangent_rows::TangentRows::new(self, nx)),
+            false => Box::new(hyperdiffusion::HyperdiffusedTangentRows::new(self, nx)),
+        })
     }
 
     fn linearise(&self, at: &[f64]) -> Coefficients {

@@ -1,0 +1,280 @@
+//! Hyperdiffusion row by row, behind a stream of the other terms: the lines of [`super::tendency`].
+//!
+//! With L the five-point Laplacian, L(L x) reaches two rows: when row j is pushed, L x is known up to row j − 1 and
+//! L(L x) up to row j − 2, so that all tendencies come one row later than those of the stream within.
+
+use super::rows::ShallowWaterRows;
+use super::tangent_rows::TangentRows;
+use super::{ShallowWater, V};
+use crate::grid::Boundary;
+use crate::rows::{Row, RowStream};
+use crate::tangent_wavefront::{LANES, MOST_PLACES, TangentRowStream};
+use pulp::{Arch, Simd, WithSimd};
+
+/// h, u and v.
+const VARIABLES: usize = 3;
+
+/// How the values of a row lie.
+#[derive(Clone, Copy, PartialEq)]
+enum Arrangement {
+    /// `[variable, x]`.
+    Fields,
+    /// `[x, variable, lane]`.
+    Places,
+}
+
+/// The tendency with hyperdiffusion.
+pub(super) struct HyperdiffusedRows<'a> {
+    inner: ShallowWaterRows<'a>,
+    damping: Damping<'a>,
+}
+
+impl<'a> HyperdiffusedRows<'a> {
+    /// For rows of `nx` places.
+    pub fn new(model: &'a ShallowWater, nx: usize) -> Self {
+        Self { inner: ShallowWaterRows::new(model, nx), damping: Damping::new(model, Arrangement::Fields, nx) }
+    }
+}
+
+impl RowStream for HyperdiffusedRows<'_> {
+    fn reach(&self) -> usize {
+        2
+    }
+
+    fn begin(&mut self, first: Row<'_>) {
+        self.inner.begin(first);
+    }
+
+    fn beyond_wall(&self, x: Row<'_>, ghost: &mut [f64]) {
+        self.inner.beyond_wall(x, ghost);
+    }
+
+    fn push(&mut self, row: usize, south: Row<'_>, north: Row<'_>, tendency: &mut [f64]) {
+        self.damping.release(tendency);
+        self.inner.push(row, south, north, &mut self.damping.pending[..tendency.len()]);
+        self.damping.push(row, &south.variables::<VARIABLES>(), &north.variables::<VARIABLES>(), tendency);
+    }
+
+    fn finish(&mut self, tendency: &mut [f64]) {
+        self.damping.finish(tendency);
+    }
+}
+
+/// The tendency with hyperdiffusion and its derivative for eight columns.
+pub(super) struct HyperdiffusedTangentRows<'a> {
+    inner: TangentRows<'a>,
+    of_state: Damping<'a>,
+    of_columns: Damping<'a>,
+}
+
+impl<'a> HyperdiffusedTangentRows<'a> {
+    /// For rows of at most `nx` places.
+    pub fn new(model: &'a ShallowWater, nx: usize) -> Self {
+        Self {
+            inner: TangentRows::new(model, nx),
+            of_state: Damping::new(model, Arrangement::Fields, nx),
+            of_columns: Damping::new(model, Arrangement::Places, nx),
+        }
+    }
+}
+
+impl TangentRowStream for HyperdiffusedTangentRows<'_> {
+    fn reach(&self) -> usize {
+        2
+    }
+
+    fn begin(&mut self, x: Row<'_>, dx: &[f64]) {
+        self.inner.begin(x, dx);
+    }
+
+    fn beyond_wall(&self, x: Row<'_>, dx: &[f64], ghost: &mut [f64], d_ghost: &mut [f64]) {
+        self.inner.beyond_wall(x, dx, ghost, d_ghost);
+    }
+
+    fn push(&mut self, row: usize, x: (Row<'_>, Row<'_>, &mut [f64]), dx: (&[f64], &[f64], &mut [f64])) {
+        let ((x_south, x_north, slope), (south, north, d_slope)) = (x, dx);
+        self.of_state.release(slope);
+        self.of_columns.release(d_slope);
+        let (pending, d_pending) = (&mut self.of_state.pending, &mut self.of_columns.pending);
+        let (pending, d_pending) = (&mut pending[..slope.len()], &mut d_pending[..d_slope.len()]);
+        self.inner.push(row, (x_south, x_north, pending), (south, north, d_pending));
+        self.of_state.push(row, &x_south.variables::<VARIABLES>(), &x_north.variables::<VARIABLES>(), slope);
+        self.of_columns.push(row, &[south], &[north], d_slope);
+    }
+
+    fn finish(&mut self, tendency: &mut [f64], d_tendency: &mut [f64]) {
+        self.of_state.finish(tendency);
+        self.of_columns.finish(d_tendency);
+    }
+}
+
+/// −ν L(L x) of a sweep over rows, and what it waits for.
+struct Damping<'a> {
+    model: &'a ShallowWater,
+    arch: Arch,
+    arrangement: Arrangement,
+    /// The row two rows south of the one pushed last.
+    before: Vec<f64>,
+    /// L x of the three rows south of it, from the south.
+    laplacians: [Vec<f64>; 3],
+    /// The other terms of the row south of it.
+    pending: Vec<f64>,
+}
+
+impl<'a> Damping<'a> {
+    fn new(model: &'a ShallowWater, arrangement: Arrangement, nx: usize) -> Self {
+        let len = match arrangement {
+            Arrangement::Fields => VARIABLES * nx,
+            Arrangement::Places => VARIABLES * LANES * nx.min(MOST_PLACES),
+        };
+        let row = || vec![0.0; len];
+        let laplacians = [row(), row(), row()];
+        Self { model, arch: Arch::new(), arrangement, before: row(), laplacians, pending: row() }
+    }
+
+    /// The other terms of the row two rows south of the one that is pushed now.
+    fn release(&self, tendency: &mut [f64]) {
+        tendency.copy_from_slice(&self.pending[..tendency.len()]);
+    }
+
+    /// Takes a row, given in its contiguous parts with the one south of it; damps the tendency of the row two rows south.
+    fn push(&mut self, row: usize, south: &[&[f64]], north: &[&[f64]], tendency: &mut [f64]) {
+        self.laplacians.rotate_left(1);
+        let (arch, weights, stride) = (self.arch, self.weights(), self.stride());
+        let mut first = 0;
+        for (south, north) in south.iter().zip(north) {
+            let part = first..first + south.len();
+            let before = &mut self.before[part.clone()];
+            let out = &mut self.laplacians[2][part];
+            arch.dispatch(Laplace { weights, stride, rows: [before, south, north], out });
+            before.copy_from_slice(south);
+            first += south.len();
+        }
+        let walls = self.model.layout.grid.boundary == Boundary::Channel;
+        if walls && row == 1 {
+            // L x is continued beyond the wall as x is; v, and L v, are zero at the wall itself.
+            let [_, beyond, beside] = &mut self.laplacians;
+            without_v(self.arrangement, &mut beside[..first]);
+            beyond[..first].copy_from_slice(&beside[..first]);
+        }
+        self.damp(tendency);
+        if walls && row == 2 {
+            without_v(self.arrangement, tendency);
+        }
+    }
+
+    /// The damped tendency of the row beside the northern wall, that beyond it having been pushed.
+    fn finish(&mut self, tendency: &mut [f64]) {
+        self.release(tendency);
+        self.laplacians.rotate_left(1);
+        let [_, beside, beyond] = &mut self.laplacians;
+        let beyond = &mut beyond[..tendency.len()];
+        beyond.copy_from_slice(&beside[..tendency.len()]);
+        without_v(self.arrangement, beyond);
+        self.damp(tendency);
+    }
+
+    /// −= ν L(L x).
+    fn damp(&self, tendency: &mut [f64]) {
+        let (weights, stride) = (self.weights(), self.stride());
+        let hyperdiffusion = self.model.parameters.hyperdiffusion_m4_per_s;
+        let part = match self.arrangement {
+            Arrangement::Fields => tendency.len() / VARIABLES,
+            Arrangement::Places => tendency.len(),
+        };
+        for (number, out) in tendency.chunks_exact_mut(part).enumerate() {
+            let rows = self.laplacians.each_ref().map(|row| &row[number * part..][..part]);
+            self.arch.dispatch(Damp { hyperdiffusion, weights, stride, rows, out });
+        }
+    }
+
+    /// 1/dx² and 1/dy².
+    fn weights(&self) -> [f64; 2] {
+        let grid = &self.model.layout.grid;
+        [grid.dx_m.powi(-2), grid.dy_m.powi(-2)]
+    }
+
+    /// From a value to that of the next place.
+    fn stride(&self) -> usize {
+        match self.arrangement {
+            Arrangement::Fields => 1,
+            Arrangement::Places => VARIABLES * LANES,
+        }
+    }
+}
+
+/// v = 0.
+fn without_v(arrangement: Arrangement, row: &mut [f64]) {
+    match arrangement {
+        Arrangement::Fields => {
+            let nx = row.len() / VARIABLES;
+            row[V * nx..].fill(0.0);
+        }
+        Arrangement::Places => row.chunks_exact_mut(LANES).skip(V).step_by(VARIABLES).for_each(|v| v.fill(0.0)),
+    }
+}
+
+/// L of the middle one of three rows, for [`pulp::Arch::dispatch`].
+struct Laplace<'a> {
+    weights: [f64; 2],
+    stride: usize,
+    rows: [&'a [f64]; 3],
+    out: &'a mut [f64],
+}
+
+impl WithSimd for Laplace<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        laplace(self.weights, self.stride, self.rows, self.out, |out, value| *out = value);
+    }
+}
+
+/// −= ν times L of the middle one of three rows, for [`pulp::Arch::dispatch`].
+struct Damp<'a> {
+    hyperdiffusion: f64,
+    weights: [f64; 2],
+    stride: usize,
+    rows: [&'a [f64]; 3],
+    out: &'a mut [f64],
+}
+
+impl WithSimd for Damp<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let hyperdiffusion = self.hyperdiffusion;
+        laplace(self.weights, self.stride, self.rows, self.out, |out, value| *out -= hyperdiffusion * value);
+    }
+}
+
+/// Calls with each value of L of the middle row, which is periodic.
+#[inline(always)]
+fn laplace(
+    [x_weight, y_weight]: [f64; 2],
+    stride: usize,
+    [south, center, north]: [&[f64]; 3],
+    out: &mut [f64],
+    store: impl Fn(&mut f64, f64),
+) {
+    let len = out.len();
+    let place = |south: f64, west: f64, center: f64, east: f64, north: f64| {
+        let (x_part, y_part) = ((east - center) - (center - west), (north - center) - (center - south));
+        x_part * x_weight + y_part * y_weight
+    };
+    let (south, center, north) = (&south[..len], &center[..len], &north[..len]);
+    for k in 0..stride {
+        let last = len - stride + k;
+        store(&mut out[k], place(south[k], center[last], center[k], center[k + stride], north[k]));
+        store(&mut out[last], place(south[last], center[last - stride], center[last], center[k], north[last]));
+    }
+    let n = len - 2 * stride;
+    let (west, east) = (&center[..n], &center[2 * stride..][..n]);
+    let (south, center, north) = (&south[stride..][..n], &center[stride..][..n], &north[stride..][..n]);
+    let out = &mut out[stride..][..n];
+    for k in 0..n {
+        store(&mut out[k], place(south[k], west[k], center[k], east[k], north[k]));
+    }
+}
