@@ -60,7 +60,8 @@ impl<A: DenseAnalysis> Assimilator for DenseFilter<A> {
     fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
         let AugmentedState { problem, state, bias, covariance, smoother, .. } = &mut self.augmented;
         let (innovations, m) = (problem.innovations(observed, state, bias)?, state.values().len());
-        let for_smoother = smoother.as_ref().map(|_| Whitened::new(covariance.as_ref(), m, &innovations)).transpose()?;
+        let for_smoother =
+            smoother.as_ref().map(|_| Whitened::new(covariance.as_ref(), m, &innovations)).transpose()?;
         let (increment, innovation_chi2) = A::take(covariance, m, &innovations)?;
         self.augmented.add(&increment);
         self.augmented.smooth(for_smoother);

@@ -126,8 +126,13 @@ fn a_complete_ensemble_smoother_is_the_dense_one() {
 #[test]
 fn the_smoothed_trajectory_is_that_of_four_d_var() {
     let problem = Problem { model_error: None, ..problem(true, calibration(3, 2, 0.0), 2) };
-    let settings =
-        FourDVarSettings { window_cycles: 5, covariance_scale: 1.0, outer_loops: 1, tolerance: 1e-13, max_iterations: 500 };
+    let settings = FourDVarSettings {
+        window_cycles: 5,
+        covariance_scale: 1.0,
+        outer_loops: 1,
+        tolerance: 1e-13,
+        max_iterations: 500,
+    };
     let mut variational = FourDVar::new(problem.clone(), settings).unwrap();
     let mut smoother = KalmanFilter::new(problem.clone()).unwrap().smoothing(5).unwrap();
     let mut analysis = None;
@@ -189,13 +194,11 @@ fn a_smoother_claims_no_more_than_its_filter() {
 #[test]
 fn a_smoother_goes_on_from_its_memory_to_the_same_bits() {
     let problem = problem(true, calibration(3, 2, 0.7), 2);
-    let make: [&dyn Fn() -> Box<dyn Assimilator>; 2] = [
-        &|| Box::new(KalmanFilter::new(problem.clone()).unwrap().smoothing(3).unwrap()),
-        &|| {
+    let make: [&dyn Fn() -> Box<dyn Assimilator>; 2] =
+        [&|| Box::new(KalmanFilter::new(problem.clone()).unwrap().smoothing(3).unwrap()), &|| {
             let filter = EnsembleTransformKalmanFilter::new(problem.clone(), complete(&problem)).unwrap();
             Box::new(filter.smoothing(3).unwrap())
-        },
-    ];
+        }];
     for make in make {
         let mut method = make();
         (1..=4).for_each(|number| drop(cycle(&mut *method, &problem, number)));

@@ -183,7 +183,11 @@ fn info(nx: usize, ny: usize, cycles: usize, methods: usize) -> RunInfo {
         calibration: Calibration { parameters, ..Calibration::default() },
         methods: METHODS[..methods]
             .iter()
-            .map(|&(name, description, ..)| MethodInfo { name: name.into(), description: description.into() })
+            .map(|&(name, description, ..)| MethodInfo {
+                name: name.into(),
+                description: description.into(),
+                smoother_lag_cycles: None,
+            })
             .collect(),
     }
 }
