@@ -119,6 +119,19 @@ pub enum Algorithm {
     },
 }
 
+impl Algorithm {
+    /// Takes the smoother off.
+    pub fn without_smoother(mut self) -> Self {
+        if let Algorithm::Kalman { smoother_lag_cycles, .. }
+        | Algorithm::SerialKalman { smoother_lag_cycles, .. }
+        | Algorithm::EnsembleTransform { smoother_lag_cycles, .. } = &mut self
+        {
+            *smoother_lag_cycles = None;
+        }
+        self
+    }
+}
+
 #[derive(Clone, Copy)]
 enum Which {
     Free,
