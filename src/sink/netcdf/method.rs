@@ -57,7 +57,7 @@ impl MethodFile {
             stages.push(("smoothed", analysis));
             smoothed.push((LATER_CYCLES.to_string(), 1));
             if let Some(analysis) = analysis {
-                let names = names(&info.layout, parameters, "smoothed", analysis);
+                let names = named_values(&info.layout, parameters, "smoothed", analysis);
                 smoothed.extend(names.into_iter().map(|(name, values)| (name, values.len())));
             }
         }
@@ -79,8 +79,8 @@ impl MethodFile {
     pub fn append(&mut self, analysed: &Analysed<'_>) -> Result<(), SinkError> {
         let time = [analysed.time.seconds() as f64];
         let mut values: Vec<(String, &[f64])> = vec![("time".into(), &time)];
-        values.extend(names(&self.layout, self.parameters, "background", analysed.background));
-        values.extend(names(&self.layout, self.parameters, "analysis", &analysed.analysis.estimate));
+        values.extend(named_values(&self.layout, self.parameters, "background", analysed.background));
+        values.extend(named_values(&self.layout, self.parameters, "analysis", &analysed.analysis.estimate));
         let missing = vec![FILL_VALUE; self.smoothed.iter().map(|(_, length)| *length).max().unwrap_or(0)];
         values.extend(self.smoothed.iter().map(|(name, length)| (name.clone(), &missing[..*length])));
         let values: Vec<(&str, &[f64])> = values.iter().map(|(name, values)| (name.as_str(), *values)).collect();
@@ -94,7 +94,7 @@ impl MethodFile {
     pub fn smooth(&mut self, smoothed: &Smoothed<'_>) -> Result<(), SinkError> {
         let later = [smoothed.later_cycles as f64];
         let mut values: Vec<(String, &[f64])> = vec![(LATER_CYCLES.into(), &later)];
-        values.extend(names(&self.layout, self.parameters, "smoothed", smoothed.estimate));
+        values.extend(named_values(&self.layout, self.parameters, "smoothed", smoothed.estimate));
         let values: Vec<(&str, &[f64])> = values.iter().map(|(name, values)| (name.as_str(), *values)).collect();
         let record = smoothed.cycle.checked_sub(1).ok_or_else(|| self.file.failure("there is no cycle 0".into()))?;
         self.file.amend(record, &values)
@@ -118,7 +118,12 @@ impl MethodFile {
 }
 
 /// The values of an estimate, by the names of their variables.
-fn names<'a>(layout: &Layout, parameters: usize, stage: &str, estimate: &'a Estimate) -> Vec<(String, &'a [f64])> {
+fn named_values<'a>(
+    layout: &Layout,
+    parameters: usize,
+    stage: &str,
+    estimate: &'a Estimate,
+) -> Vec<(String, &'a [f64])> {
     let mut values = Vec::new();
     let mut fields = |state: &'a [f64], suffix: &str| {
         let names = layout.variables.iter().map(|variable| format!("{}_{stage}{suffix}", variable.name));
