@@ -33,6 +33,9 @@ pub(crate) struct FixedLag {
     analyses: VecDeque<PastAnalysis>,
 }
 
+/// Estimates with their standard deviations.
+type ValuesAndSpread<'a> = (&'a [f64], Vec<f64>);
+
 /// An analysis j, as it is known now.
 struct PastAnalysis {
     /// ŝ_j given all observations so far, `[m + all parameters]`.
@@ -163,7 +166,7 @@ impl FixedLag {
     ///
     /// # Errors
     /// [`Error::NegativeVariance`].
-    pub fn estimate(&self, analyses_ago: usize) -> Result<Option<(&[f64], Vec<f64>)>, Error> {
+    pub fn estimate(&self, analyses_ago: usize) -> Result<Option<ValuesAndSpread<'_>>, Error> {
         let index = self.analyses.len().checked_sub(analyses_ago + 1);
         let Some(past) = index.and_then(|index| self.analyses.get(index)) else { return Ok(None) };
         let name = "the covariance of a smoothed estimate";
