@@ -1,9 +1,7 @@
 //! Runs with fixed-lag smoothers: what their files and scores say, and what is refused.
 
-mod common;
 mod runs;
 
-use common::VALID;
 use isobar::run::run;
 use isobar::scenario::Scenario;
 use isobar::sink::Sink;
@@ -11,6 +9,9 @@ use isobar::summary::Summary;
 use netcdf_reader::NcFile;
 use runs::run_options;
 use std::path::Path;
+
+/// A small scenario that uses most keys.
+const VALID: &str = include_str!("common/valid.toml");
 
 const LAG: usize = 3;
 const CYCLES: usize = 9;

@@ -332,6 +332,7 @@ fn analyse(
     });
     let stability = Stability { parameters: parameters.collect(), ..Stability::default() };
     let scores = MethodScores {
+        smoothed: None,
         stability: Some(stability),
         rmse_analysis: error(&analysed),
         rmse_background: error(&background),
