@@ -66,10 +66,21 @@ pub struct Outcome {
     pub background: Estimate,
     /// The analysis.
     pub analysis: Analysis,
+    /// The estimates of earlier cycles that it has revised for the last time, the earliest first; at the end of the run all
+    /// that are left, and the analysis itself.
+    pub smoothed: Vec<Smoothed>,
     /// What each type of observations did, if that was asked for.
     pub influence: Option<Influence>,
     /// Wall-clock seconds that it took.
     pub seconds: f64,
+}
+
+/// The estimate of an earlier cycle, given all observations so far.
+pub struct Smoothed {
+    /// How many cycles ago.
+    pub cycles_ago: usize,
+    /// The estimate.
+    pub estimate: Estimate,
 }
 
 /// What each type of observations did in an analysis.
@@ -183,8 +194,14 @@ impl Runner {
         self.method.freeze(&unstable)
     }
 
+    /// How many later cycles revise an estimate of the method, if it has a smoother.
+    pub fn smoother_lag(&self) -> Option<usize> {
+        self.method.smoother_lag()
+    }
+
     /// Forecasts over a window and analyses the observations at its end; `with_influence` asks also what each type of
-    /// observations did, which is no part of the method's cost and changes nothing in its results.
+    /// observations did, which is no part of the method's cost and changes nothing in its results. After the `last` cycle
+    /// no estimate will be revised any more.
     ///
     /// # Errors
     /// Why the method cannot go on: see [`Fault`]. It must not be called again.
@@ -193,14 +210,16 @@ impl Runner {
         window: Duration,
         observed: &ObservationWindow,
         with_influence: bool,
+        last: bool,
     ) -> Result<Outcome, Fault> {
         let before = self.seconds;
         let background = self.step(|method| method.forecast(window))?;
         let asked = with_influence && !observed.is_empty();
         let memory = asked.then(|| self.method.save()).transpose()?;
         let analysis = self.step(|method| method.analyse(observed))?;
+        let smoothed = self.step(|method| smoothed(method, last))?;
         let seconds = self.seconds - before;
-        let mut outcome = Outcome { background, analysis, influence: None, seconds };
+        let mut outcome = Outcome { background, analysis, smoothed, influence: None, seconds };
         // What is given back is not the method's to hold.
         self.held_bytes -= outcome.bytes();
         self.monitor.check(&outcome)?;
@@ -300,6 +319,17 @@ impl Runner {
     }
 }
 
+/// The estimates of a method with a smoother that no later analysis revises.
+fn smoothed(method: &dyn Assimilator, last: bool) -> Result<Vec<Smoothed>, Error> {
+    let Some(lag) = method.smoother_lag() else { return Ok(Vec::new()) };
+    let ages = if last { 0..=lag } else { lag..=lag };
+    let of_age = |cycles_ago| {
+        let estimate = method.smoothed(cycles_ago).transpose()?;
+        Some(estimate.map(|estimate| Smoothed { cycles_ago, estimate }))
+    };
+    ages.rev().filter_map(of_age).collect()
+}
+
 /// What a method does. A panic is a fault of this program, but no reason to lose the work of the other methods.
 fn guarded<T>(work: impl FnOnce() -> Result<T, Error>) -> Result<T, Fault> {
     let result = catch_unwind(AssertUnwindSafe(work)).map_err(|panic| Fault::Panic(in_words(&*panic)))?;
@@ -315,7 +345,8 @@ impl Outcome {
         };
         let Analysis { estimate, background_departures, analysis_departures, .. } = &self.analysis;
         let departures = background_departures.len() + analysis_departures.len();
-        let numbers = of_estimate(&self.background) + of_estimate(estimate) + departures;
+        let smoothed = self.smoothed.iter().map(|it| of_estimate(&it.estimate)).sum::<usize>();
+        let numbers = of_estimate(&self.background) + of_estimate(estimate) + smoothed + departures;
         (numbers * size_of::<f64>()) as i64
     }
 }

@@ -43,6 +43,8 @@ pub struct MethodInfo {
     pub name: String,
     /// Its settings, in words.
     pub description: String,
+    /// The number of later cycles whose observations revise its estimates, if it has a smoother.
+    pub smoother_lag_cycles: Option<usize>,
 }
 
 /// A station.
@@ -81,6 +83,8 @@ pub enum Event<'a> {
     Analysed(Analysed<'a>),
     /// A method has estimated parameters beside state and calibration in a cycle.
     Estimated(Estimated<'a>),
+    /// A method has revised the estimate of an earlier cycle, for the last time.
+    Smoothed(Smoothed<'a>),
     /// A method has failed in a cycle, and has no results in it and after it.
     Failed {
         /// Number of the method in [`RunInfo::methods`].
@@ -108,6 +112,18 @@ pub struct Estimated<'a> {
     pub time: Time,
     /// The parameters.
     pub parameters: &'a [EstimatedParameter],
+}
+
+/// What a method says of an earlier cycle, given the observations of later ones.
+pub struct Smoothed<'a> {
+    /// Number of the method in [`RunInfo::methods`].
+    pub method: usize,
+    /// Number of the cycle that it is of, from 1.
+    pub cycle: usize,
+    /// Number of later cycles whose observations are taken in.
+    pub later_cycles: usize,
+    /// The estimate.
+    pub estimate: &'a Estimate,
 }
 
 /// A method's results in one cycle.

@@ -67,6 +67,10 @@ pub struct ExactScores {
 pub fn exact(scenario: &Scenario, options: &ExactOptions) -> Result<ExactSummary, ScenarioError> {
     check_linear(scenario)?;
     let (names, left_out) = chosen(scenario, options)?;
+    // A smoother leaves the filter's gains as they are, and would only take part in the analyses that find them.
+    let mut scenario = scenario.clone();
+    scenario.methods.values_mut().for_each(|method| method.algorithm = method.algorithm.clone().without_smoother());
+    let scenario = &scenario;
     let locate = |error: ExperimentError| error.locate(scenario);
     let Ground { problem, mut observing, .. } =
         experiment::ground(scenario, scenario.seed, scenario.cycle.count).map_err(locate)?;

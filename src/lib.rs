@@ -46,6 +46,7 @@ pub mod scenario;
 pub mod seeds;
 pub mod sensors;
 pub mod sink;
+pub mod smoothed;
 pub mod stability;
 pub mod statistics;
 pub mod summary;

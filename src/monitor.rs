@@ -64,6 +64,9 @@ impl Monitor {
         let Outcome { background, analysis, .. } = outcome;
         check_estimate(background, "the background")?;
         check_estimate(&analysis.estimate, "the analysis")?;
+        for smoothed in &outcome.smoothed {
+            check_estimate(&smoothed.estimate, "a smoothed estimate")?;
+        }
         let observation = |number: usize| format!("that of observation {}", number + 1);
         finite(&analysis.background_departures, "a background departure", observation)?;
         finite(&analysis.analysis_departures, "an analysis departure", observation)?;
@@ -100,6 +103,7 @@ fn finite(values: &[f64], what: &str, place: impl Fn(usize) -> String) -> Result
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cycle::Smoothed;
     use isobar_assim::Analysis;
     use isobar_model::{Boundary, Grid, Layout, Location, State, Variable};
     use std::sync::Arc;
@@ -121,7 +125,8 @@ mod tests {
             innovation_chi2: Some(3.0 * chi2_per_observation),
             partition: None,
         };
-        Outcome { background: estimate, analysis, influence: None, seconds: 0.0 }
+        let smoothed = vec![Smoothed { cycles_ago: 2, estimate: estimate.clone() }];
+        Outcome { background: estimate, analysis, smoothed, influence: None, seconds: 0.0 }
     }
 
     #[test]
@@ -138,6 +143,8 @@ mod tests {
         assert_eq!(spread, "the claimed spread of the background is not finite: h at row 0, column 0 is inf");
         let departure = fault(&|it| it.analysis.analysis_departures[1] = f64::NAN);
         assert_eq!(departure, "an analysis departure is not finite: that of observation 2 is NaN");
+        let smoothed = fault(&|it| it.smoothed[0].estimate.state.values_mut()[3] = f64::NEG_INFINITY);
+        assert_eq!(smoothed, "a smoothed estimate is not finite: h at row 0, column 3 is -inf");
         assert!(fault(&|it| it.analysis.innovation_chi2 = Some(f64::NAN)).contains("χ²/n is NaN"));
         assert!(fault(&|it| it.analysis.estimate.calibration[0] = f64::NAN).contains("bias parameter 1"));
     }

@@ -3,7 +3,7 @@
 use crate::checkpoint::{self, Keeper, Newest, Plan, journal, newest};
 use crate::cli::RunOptions;
 use crate::correlations::Correlations;
-use crate::event::{Analysed, Estimated, Event};
+use crate::event::{Analysed, Estimated, Event, Smoothed};
 use crate::experiment::{Competitor, Experiment, ExperimentError};
 use crate::interrupt;
 use crate::reference::Reference;
@@ -12,6 +12,7 @@ use crate::scenario::text::clean;
 use crate::sensors::table;
 use crate::sensors::write_back::{self, SENSORS_FILE};
 use crate::sink::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
+use crate::smoothed::SmoothedScorecard;
 use crate::summary::{Failure, MethodScores, Summary};
 use crate::verify::{Scorecard, Scores, TrueValues};
 use isobar_model::ForecastError;
@@ -219,8 +220,10 @@ fn one_cycle(
     let truth = TrueValues { state: truth.state(), calibration: observing.true_calibration() };
     send(Event::Truth { cycle, time, state: truth.state, calibration: truth.calibration })?;
     send(Event::Observed(&observed))?;
+    scores.earlier_truths.add(truth, methods.iter().filter_map(|method| method.runner.smoother_lag()).max());
+    let last = cycle == info.cycles;
     for (number, method) in methods.iter_mut().enumerate().filter(|(_, method)| method.failure.is_none()) {
-        let outcome = match workers.install(|| method.runner.cycle(info.window, &observed, with_influence)) {
+        let outcome = match workers.install(|| method.runner.cycle(info.window, &observed, with_influence, last)) {
             Ok(outcome) => outcome,
             Err(fault) => {
                 let failure = method.failure.insert(Failure { cycle, reason: clean(&fault.to_string()) });
@@ -250,6 +253,17 @@ fn one_cycle(
             structure: shown.structure.then(structure).flatten().as_ref(),
             correlations: (shown.structure && cycle == info.cycles).then(correlations).flatten().as_ref(),
         }))?;
+        for smoothed in &outcome.smoothed {
+            let (ago, lag) = (smoothed.cycles_ago, method.runner.smoother_lag().unwrap_or_default());
+            let earlier = cycle - ago;
+            let truths = &scores.earlier_truths;
+            let own = SmoothedScorecard::of_cycle(truths, ago, &smoothed.estimate, lag, method.scores_bias);
+            if let Some(own) = own.filter(|_| earlier >= *score_from_cycle) {
+                scores.totals[number].add_smoothed(&own);
+            }
+            let estimate = &smoothed.estimate;
+            send(Event::Smoothed(Smoothed { method: number, cycle: earlier, later_cycles: ago, estimate }))?;
+        }
         let parameters = method.runner.parameters();
         if !parameters.is_empty() {
             send(Event::Estimated(Estimated { method: number, cycle, time, parameters: &parameters }))?;

@@ -53,6 +53,9 @@ pub struct MethodScores {
     /// The partition of the cycle with the largest component or, where components are cut, the most to cut; for a method
     /// with blocks.
     pub partition: Option<PartitionReport>,
+    /// The scores of the estimates that later observations have revised, for a method with a smoother.
+    #[serde(default)]
+    pub smoothed: Option<SmoothedScores>,
     /// How well the errors are known, over more than one cycle.
     #[serde(default)]
     pub intervals: Option<Intervals>,
@@ -69,6 +72,22 @@ pub struct MethodScores {
     pub seconds_per_cycle: f64,
     /// The most memory that the method held at one time; `None` if other runs went on in the same process.
     pub peak_memory_bytes: Option<u64>,
+}
+
+/// The scores of smoothed estimates, of the same cycles as those of the analyses: each as the observations of the following
+/// `lag_cycles` cycles have it, or of all there are at the end of the run.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SmoothedScores {
+    /// The number of later cycles whose observations revise an estimate.
+    pub lag_cycles: usize,
+    /// Root-mean-square error, per variable, in its unit.
+    pub rmse: PerVariable,
+    /// Root-mean-square claimed standard deviation.
+    pub spread: Option<PerVariable>,
+    /// Root-mean-square error of the bias parameters, each in its unit.
+    pub bias_rmse: Option<f64>,
+    /// Root-mean-square claimed standard deviation of the bias parameters.
+    pub bias_spread: Option<f64>,
 }
 
 /// Observations, by what became of them.

@@ -53,8 +53,35 @@ pub fn scores(summary: &Summary, variables: &[(&str, &str)]) -> String {
         summary.cycles,
         trimmed(&state),
         trimmed(&rest),
-        partitions(summary) + &words::on_terminal(summary) + &rejections(summary) + &failures(summary)
+        smoothed(summary, variables)
+            + &partitions(summary)
+            + &words::on_terminal(summary)
+            + &rejections(summary)
+            + &failures(summary)
     )
+}
+
+/// The errors and claims of smoothed estimates; nothing if no method has a smoother.
+fn smoothed(summary: &Summary, variables: &[(&str, &str)]) -> String {
+    let mut header = vec!["method".to_string(), "lag\n[cycles]".to_string()];
+    for (name, unit) in variables {
+        header.extend(["smoothed", "spread"].map(|what| format!("{name} [{unit}]\n{what}")));
+    }
+    header.extend(["bias RMSE", "bias spread"].map(|what| format!("{what}\n[own units]")));
+    let mut rows = table(header);
+    for (method, scores) in &summary.methods {
+        let Some(own) = &scores.smoothed else { continue };
+        let mut row = vec![method.clone(), own.lag_cycles.to_string()];
+        for (name, _) in variables {
+            row.extend([own.rmse.get(*name), own.spread.as_ref().and_then(|it| it.get(*name))].map(figure));
+        }
+        row.extend([own.bias_rmse.as_ref(), own.bias_spread.as_ref()].map(figure));
+        rows.add_row(row);
+    }
+    match rows.is_empty() {
+        true => String::new(),
+        false => format!("\n\nEstimates of the same cycles as later observations revise them\n{}", trimmed(&rows)),
+    }
 }
 
 /// The method's name, with a mark if it failed.

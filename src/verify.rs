@@ -2,6 +2,7 @@
 
 use crate::cycle::Outcome;
 use crate::diagnostics::{DiagnosticSums, Diagnostics};
+use crate::smoothed::{EarlierTruths, SmoothedScorecard};
 use crate::statistics::root_interval;
 use crate::summary::{Intervals, MethodScores, ObservationCounts, PerVariable};
 use isobar_assim::Estimate;
@@ -35,6 +36,7 @@ pub struct Scorecard {
     /// The errors of each cycle: analysis, background, biases.
     series: Vec<CycleErrors>,
     diagnostics: DiagnosticSums,
+    smoothed: Option<SmoothedScorecard>,
 }
 
 /// What a run has come to so far.
@@ -44,10 +46,12 @@ pub struct Scores {
     pub totals: Vec<Scorecard>,
     /// The observations of all cycles.
     pub observations: ObservationCounts,
+    /// What smoothed estimates are compared with.
+    pub earlier_truths: EarlierTruths,
 }
 
 /// Mean squares by variable number, summed over cycles.
-type Sums = Vec<f64>;
+pub(crate) type Sums = Vec<f64>;
 
 /// Mean square errors of a cycle: analysis, background, biases.
 type CycleErrors = (Sums, Sums, Option<f64>);
@@ -70,13 +74,10 @@ impl Scorecard {
             let errors = estimate.state.values().iter().zip(truth.state.values()).map(|(a, b)| a - b);
             mean_squares(layout, errors)
         };
-        let p = calibration.len();
-        let mean_square =
-            |values: &mut dyn Iterator<Item = f64>| values.map(|value| value * value).sum::<f64>() / p as f64;
-        let biased = scores_bias && p > 0;
+        let biased = scores_bias && !calibration.is_empty();
         let bias_errors = || analysis.calibration.iter().zip(truth.calibration).map(|(a, b)| a - b);
         let (error_analysis, error_background) = (error(analysis), error(background));
-        let bias_error = biased.then(|| mean_square(&mut bias_errors()));
+        let bias_error = biased.then(|| mean_square(bias_errors()));
         Self {
             cycles: 1,
             series: vec![(error_analysis.clone(), error_background.clone(), bias_error)],
@@ -86,20 +87,21 @@ impl Scorecard {
             spread_background: spread(background),
             bias_error,
             bias_spread: match &analysis.calibration_spread {
-                Some(spread) if biased => Some(mean_square(&mut spread.iter().copied())),
+                Some(spread) if biased => Some(mean_square(spread.iter().copied())),
                 _ => None,
             },
             chi2: outcome.analysis.innovation_chi2,
             observations: outcome.analysis.background_departures.len(),
             partition: outcome.analysis.partition.clone(),
             diagnostics: DiagnosticSums::of_cycle(truth, outcome, observed, calibration, scores_bias),
+            smoothed: None,
         }
     }
 
     /// Takes in the scores of another cycle.
     pub fn add(&mut self, cycle: &Scorecard) {
         if self.cycles == 0 {
-            *self = cycle.clone();
+            *self = Self { smoothed: self.smoothed.take(), ..cycle.clone() };
             return;
         }
         self.cycles += cycle.cycles;
@@ -131,13 +133,19 @@ impl Scorecard {
         };
     }
 
+    /// Takes in the scores of a smoothed estimate.
+    pub fn add_smoothed(&mut self, cycle: &SmoothedScorecard) {
+        match &mut self.smoothed {
+            Some(own) => own.add(cycle),
+            None => self.smoothed = Some(cycle.clone()),
+        }
+    }
+
     /// Roots of the mean squares, by name; without cost.
     pub fn scores(&self, layout: &Layout) -> MethodScores {
         let cycles = self.cycles as f64;
         let root = |sum: f64| (sum / cycles).sqrt();
-        let named = |sums: &Sums| -> PerVariable {
-            layout.variables.iter().zip(sums).map(|(variable, &sum)| (variable.name.to_string(), root(sum))).collect()
-        };
+        let named = |sums: &Sums| -> PerVariable { named_roots(layout, sums, self.cycles) };
         MethodScores {
             rmse_analysis: named(&self.error_analysis),
             rmse_background: named(&self.error_background),
@@ -147,6 +155,7 @@ impl Scorecard {
             bias_spread: self.bias_spread.map(root),
             innovation_chi2: self.chi2.filter(|_| self.observations > 0).map(|chi2| chi2 / self.observations as f64),
             partition: self.partition.clone(),
+            smoothed: self.smoothed.as_ref().map(|smoothed| smoothed.scores(layout)),
             intervals: (self.cycles > 1).then(|| self.intervals(layout)),
             diagnostics: None,
             stability: None,
@@ -178,8 +187,20 @@ impl Scorecard {
     }
 }
 
+/// Roots of mean squares that are summed over so many cycles, by the names of the variables.
+pub(crate) fn named_roots(layout: &Layout, sums: &Sums, cycles: usize) -> PerVariable {
+    let root = |sum: f64| (sum / cycles as f64).sqrt();
+    layout.variables.iter().zip(sums).map(|(variable, &sum)| (variable.name.to_string(), root(sum))).collect()
+}
+
+/// The mean of squares.
+pub(crate) fn mean_square(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len() as f64;
+    values.map(|value| value * value).sum::<f64>() / count
+}
+
 /// The mean of the squares of each variable's values.
-fn mean_squares(layout: &Layout, values: impl Iterator<Item = f64>) -> Sums {
+pub(crate) fn mean_squares(layout: &Layout, values: impl Iterator<Item = f64>) -> Sums {
     let cells = layout.grid.cells();
     let mut sums = vec![0.0; layout.variables.len()];
     for (index, value) in values.enumerate() {
@@ -189,6 +210,6 @@ fn mean_squares(layout: &Layout, values: impl Iterator<Item = f64>) -> Sums {
     sums
 }
 
-fn add_sums(own: &mut Sums, other: &Sums) {
+pub(crate) fn add_sums(own: &mut Sums, other: &Sums) {
     own.iter_mut().zip(other).for_each(|(own, other)| *own += other);
 }

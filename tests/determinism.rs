@@ -80,8 +80,8 @@ fn nor_in_other_methods() {
         optimal_interpolation = { kind = "optimal_interpolation" }
         four_d_var = { kind = "4dvar", window_cycles = 3 }
         hybrid = { kind = "hybrid_3dvar", ensemble_weight = 0.5, members = 6, localization_radius_km = 400 }
-        serial_kf = { kind = "serial_kf" }
-        etkf = { kind = "etkf", members = 12, inflation = "adaptive" }
+        serial_kf = { kind = "serial_kf", smoother_lag_cycles = 3 }
+        etkf = { kind = "etkf", members = 12, inflation = "adaptive", smoother_lag_cycles = 3 }
         letkf = { kind = "letkf", members = 6, localization_radius_km = 400, inflation = "adaptive" }
         enkf = { kind = "enkf", members = 6, localization_radius_km = 400, relaxation_to_prior_spread = 0.5 }
     "#;

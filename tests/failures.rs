@@ -130,6 +130,8 @@ fn a_panic_within_a_method_is_a_failure_of_the_method() {
         rejected: Vec::new(),
         operator: std::sync::Arc::new(LinearOperator { jacobian }),
     };
-    let Err(fault) = runner.cycle(Duration::from_seconds(60), &nothing, false) else { panic!("it has a result") };
+    let Err(fault) = runner.cycle(Duration::from_seconds(60), &nothing, false, false) else {
+        panic!("it has a result")
+    };
     assert_eq!(fault, Fault::Panic("index out of bounds in block 3".into()));
 }

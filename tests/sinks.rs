@@ -317,8 +317,10 @@ fn methods_whose_files_would_be_the_same_are_refused() {
     let directory = OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap();
     for names in [["letkf 1", "LETKF/1"], ["truth", "kalman"], ["kalman", "observations"]] {
         let mut info = SyntheticRun::new(8, 6, 1, 1).info;
-        info.methods =
-            names.map(|name| MethodInfo { name: name.into(), description: String::new() }).into_iter().collect();
+        info.methods = names
+            .map(|name| MethodInfo { name: name.into(), description: String::new(), smoother_lag_cycles: None })
+            .into_iter()
+            .collect();
         let Err(error) = open_all(&info, &directory, NETCDF) else { panic!("{names:?} were accepted") };
         assert!(error.reason.contains("another output"), "{error}");
     }

@@ -81,6 +81,20 @@ pub trait Assimilator: Send {
         Vec::new()
     }
 
+    /// How many analyses before the newest are revised by it, for a method with a fixed-lag smoother.
+    fn smoother_lag(&self) -> Option<usize> {
+        None
+    }
+
+    /// State and calibration at the analysis so many before the newest, given all observations so far; `None` if there was
+    /// none, or it is beyond [`Assimilator::smoother_lag`]. That of the newest one is its own.
+    ///
+    /// # Errors
+    /// A covariance that is not positive.
+    fn smoothed(&self, _analyses_ago: usize) -> Result<Option<Estimate>, Error> {
+        Ok(None)
+    }
+
     /// Takes over a calibration, `[p]` with covariance `[p, p]`, whose errors are independent of the state's, in place of
     /// what the method believed of it.
     ///

@@ -5,10 +5,11 @@ use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance;
 use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
+use crate::fixed_lag::{FixedLag, Whitened};
 use crate::linalg::{add_symmetric_product, product};
 use crate::problem::Problem;
 use crate::propagator::propagator;
-use crate::saved::{Matrix, from_bytes, restore_bias, restore_state, to_bytes};
+use crate::saved::{Matrix, from_bytes, restore_bias, restore_state, to_bytes, unfit};
 use crate::spread::standard_deviations;
 use faer::{Mat, MatRef};
 use isobar_model::{Duration, State};
@@ -21,6 +22,7 @@ struct Saved {
     state: Vec<f64>,
     bias: Vec<f64>,
     covariance: Matrix,
+    smoother: Option<Vec<u8>>,
 }
 
 /// An estimate of (x, c) and the covariance of its errors, on which calibration parameters are unknowns like others.
@@ -35,6 +37,7 @@ pub(crate) struct AugmentedState {
     pub covariance: Mat<f64>,
     /// Q of the state, `[m, m]`.
     model_error: Option<Mat<f64>>,
+    pub smoother: Option<FixedLag>,
 }
 
 impl AugmentedState {
@@ -45,7 +48,7 @@ impl AugmentedState {
     pub fn new(problem: Problem) -> Result<Self, Error> {
         let calibration = problem.estimated_calibration();
         let (m, p) = (problem.background.values().len(), calibration.len());
-        check_memory(&problem, m + p)?;
+        check_memory(&problem, m + p, None)?;
         let mut covariance = Mat::zeros(m + p, m + p);
         covariance.as_mut().get_mut(..m, ..m).copy_from(covariance::dense(&*problem.background_error));
         let prior = Mat::from_fn(p, p, |i, j| calibration.prior_covariance(i, j));
@@ -53,7 +56,18 @@ impl AugmentedState {
         let model_error = problem.model_error.as_deref().map(covariance::dense);
         let state = problem.background.clone();
         let bias = vec![0.0; problem.calibration.len()];
-        Ok(Self { problem, calibration, state, bias, covariance, model_error })
+        Ok(Self { problem, calibration, state, bias, covariance, model_error, smoother: None })
+    }
+
+    /// Adds a smoother of the last `lag` analyses before the newest.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] if it does not fit into the memory limit beside the filter.
+    pub fn smoothing(mut self, lag: usize) -> Result<Self, Error> {
+        let size = self.covariance.nrows();
+        check_memory(&self.problem, size, Some(lag))?;
+        self.smoother = Some(FixedLag::new(lag));
+        Ok(self)
     }
 
     /// Forecast (21), (24) of WO 93/22625: `s~ = M(ŝ)`, `P = A Cov(ŝ) Aᵀ + Q`; the parameters persist but for their
@@ -77,7 +91,36 @@ impl AugmentedState {
             forecast[(m + i, m + i)] += parameter.sigma_drift_per_sqrt_day.powi(2) * window.days();
         }
         self.covariance = forecast;
+        if let Some(smoother) = &mut self.smoother {
+            smoother.forecast(a);
+        }
         self.estimate()
+    }
+
+    /// Takes an analysis into the smoother, if there is one, once state and covariance are analysed.
+    pub fn smooth(&mut self, whitened: Option<Whitened>) {
+        if let (Some(smoother), Some(whitened)) = (&mut self.smoother, whitened) {
+            let estimate = self.state.values().iter().chain(&self.bias).copied().collect();
+            smoother.add(estimate, self.covariance.as_ref(), whitened);
+        }
+    }
+
+    /// An earlier analysis given all observations so far.
+    ///
+    /// # Errors
+    /// [`Error::NegativeVariance`].
+    pub fn smoothed(&self, analyses_ago: usize) -> Result<Option<Estimate>, Error> {
+        let Some(smoother) = &self.smoother else { return Ok(None) };
+        let m = self.state.values().len();
+        Ok(smoother.estimate(analyses_ago)?.map(|(values, mut spread)| {
+            let calibration_spread = spread.split_off(m);
+            Estimate {
+                state: State::from_values(self.state.layout(), values[..m].to_vec()),
+                calibration: values[m..].to_vec(),
+                state_spread: Some(spread),
+                calibration_spread: (!self.calibration.is_empty()).then_some(calibration_spread),
+            }
+        }))
     }
 
     /// What is known of the parameters, and of the state's means with them; `None` if they are not estimated.
@@ -115,17 +158,23 @@ impl AugmentedState {
             state: self.state.values().to_vec(),
             bias: self.bias.clone(),
             covariance: (&self.covariance).into(),
+            smoother: self.smoother.as_ref().map(FixedLag::save).transpose()?,
         })
     }
 
     /// Takes back what [`AugmentedState::save`] gave.
     pub fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        let Saved { state, bias, covariance } = from_bytes(saved)?;
+        let Saved { state, bias, covariance, smoother } = from_bytes(saved)?;
         restore_state(&mut self.state, &state)?;
         restore_bias(&mut self.bias, &bias)?;
         let size = self.covariance.nrows();
         self.covariance = covariance.restored(size, Some(size), "the covariance P")?;
-        Ok(())
+        let (m, p) = (self.state.values().len(), self.calibration.len());
+        match (&mut self.smoother, smoother) {
+            (None, None) => Ok(()),
+            (Some(own), Some(saved)) => own.restore(&saved, m, p, self.bias.len()),
+            _ => Err(unfit("the smoother")),
+        }
     }
 
     /// A column of P.
@@ -145,6 +194,9 @@ impl AugmentedState {
         let (m, p) = (self.state.values().len(), self.calibration.len());
         if estimate.len() != p || covariance.nrows() != p {
             return Err(Error::Setting("the calibration is not the one that the method estimates".into()));
+        }
+        if let Some(smoother) = &mut self.smoother {
+            smoother.clear();
         }
         self.bias.copy_from_slice(estimate);
         self.covariance.as_mut().get_mut(m.., ..m).fill(0.0);
@@ -187,12 +239,13 @@ pub(crate) fn entries(jacobian: &BlockAngular, row: usize, m: usize) -> impl Ite
     state.chain(jacobian.calibration.row(row).iter().map(move |&(parameter, weight)| (m + parameter, weight)))
 }
 
-fn check_memory(problem: &Problem, size: usize) -> Result<(), Error> {
+fn check_memory(problem: &Problem, size: usize, lag: Option<usize>) -> Result<(), Error> {
     // P, Q, the propagator A and two products of the same size.
-    let needed_bytes = 5 * 8 * (size as u64).pow(2);
+    let needed_bytes = 5 * 8 * (size as u64).pow(2) + lag.map_or(0, |lag| FixedLag::bytes(lag, size));
     if needed_bytes > problem.memory_limit_bytes {
+        let smoother = lag.map_or_else(String::new, |lag| format!(" with a smoother of {lag} analyses"));
         return Err(Error::TooLarge {
-            what: format!("the dense Kalman filter for {size} unknowns"),
+            what: format!("the dense Kalman filter for {size} unknowns{smoother}"),
             needed_bytes,
             limit_bytes: problem.memory_limit_bytes,
         });

@@ -59,6 +59,8 @@ pub struct Calibrated {
     prior: Mat<f64>,
     /// Of the last forecast.
     background: Option<State>,
+    /// Its length; no forecast, no analysis whose estimate could be smoothed.
+    window: Option<Duration>,
 }
 
 /// What is remembered from cycle to cycle.
@@ -86,6 +88,7 @@ impl From<Box<dyn Assimilator>> for Calibrated {
             memory,
             prior: Mat::zeros(0, 0),
             background: None,
+            window: None,
         }
     }
 }
@@ -112,7 +115,7 @@ impl Calibrated {
         };
         let drift = calibration.parameters.iter().map(|parameter| parameter.sigma_drift_per_sqrt_day).collect();
         let prior = Mat::from_fn(p, p, |i, j| calibration.prior_covariance(i, j));
-        Self { method, knowledge, drift, memory, prior, background: None }
+        Self { method, knowledge, drift, memory, prior, background: None, window: None }
     }
 
     /// The covariance that the parameters would have now without any observation, `[p, p]`; without rows if the method
@@ -135,11 +138,15 @@ impl Calibrated {
     /// Takes parameters back to their prior, and adjusts them no more.
     ///
     /// # Errors
-    /// [`Error::Setting`] for a method without a covariance of the biases.
+    /// [`Error::Setting`] for a method without a covariance of the biases, or with a smoother.
     pub fn freeze(&mut self, parameters: &[usize]) -> Result<(), Error> {
         let fresh: Vec<usize> = parameters.iter().copied().filter(|&number| !self.memory.frozen[number]).collect();
         if fresh.is_empty() {
             return Ok(());
+        }
+        if self.method.smoother_lag().is_some() {
+            let message = "the fixed-lag smoother would go on adjusting what frozen parameters were";
+            return Err(Error::Setting(message.into()));
         }
         let accuracy = self.method.calibration_accuracy().ok_or_else(no_accuracy)?;
         fresh.iter().for_each(|&number| self.memory.frozen[number] = true);
@@ -175,6 +182,14 @@ impl Calibrated {
             self.prior += added;
         }
         Ok(())
+    }
+
+    /// What the recalibrations from a time until now have added to the parameters.
+    fn steps_since(&self, seconds: i64) -> Vec<f64> {
+        let mut steps = vec![0.0; self.drift.len()];
+        let since = |it: &&Recalibration| (seconds + 1..=self.memory.seconds).contains(&it.time.seconds());
+        self.knowledge.recalibrations.iter().filter(since).for_each(|it| steps[it.parameter] += it.step);
+        steps
     }
 
     /// The observations y − G o.
@@ -217,6 +232,7 @@ impl Assimilator for Calibrated {
         if self.is_plain() {
             return self.method.forecast(window);
         }
+        self.window = Some(window);
         let end = self.memory.seconds + window.seconds();
         self.recalibrate(end)?;
         self.memory.seconds = end;
@@ -257,6 +273,21 @@ impl Assimilator for Calibrated {
 
     fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
         self.method.calibration_accuracy()
+    }
+
+    fn smoother_lag(&self) -> Option<usize> {
+        self.method.smoother_lag()
+    }
+
+    fn smoothed(&self, analyses_ago: usize) -> Result<Option<Estimate>, Error> {
+        let mut smoothed = self.method.smoothed(analyses_ago)?;
+        if let (Some(estimate), Some(window)) = (&mut smoothed, self.window) {
+            let steps = self.steps_since(self.memory.seconds - window.seconds() * analyses_ago as i64);
+            for ((value, offset), step) in estimate.calibration.iter_mut().zip(&self.memory.offset).zip(steps) {
+                *value += offset - step;
+            }
+        }
+        Ok(smoothed)
     }
 
     fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {

@@ -5,6 +5,7 @@ use crate::augmented::AugmentedState;
 use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
+use crate::fixed_lag::{FixedLag, Whitened};
 use crate::problem::{Innovations, Problem};
 use faer::{Mat, MatRef};
 use isobar_model::Duration;
@@ -37,6 +38,14 @@ impl<A> DenseFilter<A> {
         Ok(Self { augmented: AugmentedState::new(problem)?, analysis: PhantomData })
     }
 
+    /// The filter with a fixed-lag smoother of the last `lag` analyses before the newest.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] if it does not fit into the memory limit beside the filter.
+    pub fn smoothing(self, lag: usize) -> Result<Self, Error> {
+        Ok(Self { augmented: self.augmented.smoothing(lag)?, ..self })
+    }
+
     /// The covariance of the errors of (x, c), `[m + p, m + p]`.
     pub fn covariance(&self) -> MatRef<'_, f64> {
         self.augmented.covariance.as_ref()
@@ -49,10 +58,13 @@ impl<A: DenseAnalysis> Assimilator for DenseFilter<A> {
     }
 
     fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
-        let AugmentedState { problem, state, bias, covariance, .. } = &mut self.augmented;
-        let innovations = problem.innovations(observed, state, bias)?;
-        let (increment, innovation_chi2) = A::take(covariance, state.values().len(), &innovations)?;
+        let AugmentedState { problem, state, bias, covariance, smoother, .. } = &mut self.augmented;
+        let (innovations, m) = (problem.innovations(observed, state, bias)?, state.values().len());
+        let for_smoother =
+            smoother.as_ref().map(|_| Whitened::new(covariance.as_ref(), m, &innovations)).transpose()?;
+        let (increment, innovation_chi2) = A::take(covariance, m, &innovations)?;
         self.augmented.add(&increment);
+        self.augmented.smooth(for_smoother);
         let estimate = self.augmented.estimate()?;
         Ok(self.augmented.problem.analysis(observed, innovations, estimate, innovation_chi2))
     }
@@ -63,6 +75,14 @@ impl<A: DenseAnalysis> Assimilator for DenseFilter<A> {
 
     fn set_calibration(&mut self, estimate: &[f64], covariance: MatRef<'_, f64>) -> Result<(), Error> {
         self.augmented.set_calibration(estimate, covariance)
+    }
+
+    fn smoother_lag(&self) -> Option<usize> {
+        self.augmented.smoother.as_ref().map(FixedLag::lag)
+    }
+
+    fn smoothed(&self, analyses_ago: usize) -> Result<Option<Estimate>, Error> {
+        self.augmented.smoothed(analyses_ago)
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {

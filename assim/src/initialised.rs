@@ -123,6 +123,14 @@ impl Assimilator for Initialised {
         self.inner.calibration_accuracy()
     }
 
+    fn smoother_lag(&self) -> Option<usize> {
+        self.inner.smoother_lag()
+    }
+
+    fn smoothed(&self, analyses_ago: usize) -> Result<Option<Estimate>, Error> {
+        self.inner.smoothed(analyses_ago)
+    }
+
     fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
         if self.done < self.cycles {
             let message = "a recalibration within the cycles of [initialise] is none that their batch could take up";

@@ -21,9 +21,7 @@ impl DenseAnalysis for AllAtOnce {
     fn take(covariance: &mut Mat<f64>, m: usize, innovations: &Innovations) -> Result<(Vec<f64>, f64), Error> {
         let Innovations { departures, jacobian, variance } = innovations;
         let cross = cross_covariance(covariance.as_ref(), jacobian, m);
-        let root = cholesky(innovation_covariance(cross.as_ref(), jacobian, variance, m), || {
-            "the innovation covariance H P H' + R".into()
-        })?;
+        let root = innovation_root(cross.as_ref(), jacobian, variance, m)?;
         let mut whitened = column(departures);
         solve_lower(root.as_ref(), whitened.as_mut());
         let innovation_chi2 = squared_norm(whitened.col_as_slice(0));
@@ -64,7 +62,7 @@ fn update_covariance(
 }
 
 /// P Hᵀ for a symmetric P, `[m + p, n]`.
-fn cross_covariance(covariance: MatRef<'_, f64>, jacobian: &BlockAngular, m: usize) -> Mat<f64> {
+pub(crate) fn cross_covariance(covariance: MatRef<'_, f64>, jacobian: &BlockAngular, m: usize) -> Mat<f64> {
     let mut cross = Mat::zeros(covariance.nrows(), jacobian.rows());
     for row in 0..jacobian.rows() {
         for (column, weight) in entries(jacobian, row, m) {
@@ -77,11 +75,20 @@ fn cross_covariance(covariance: MatRef<'_, f64>, jacobian: &BlockAngular, m: usi
     cross
 }
 
-/// H P Hᵀ + R from P Hᵀ.
-fn innovation_covariance(cross: MatRef<'_, f64>, jacobian: &BlockAngular, variance: &[f64], m: usize) -> Mat<f64> {
+/// The Cholesky factor of H P Hᵀ + R, from P Hᵀ.
+///
+/// # Errors
+/// [`Error::NotPositiveDefinite`].
+pub(crate) fn innovation_root(
+    cross: MatRef<'_, f64>,
+    jacobian: &BlockAngular,
+    variance: &[f64],
+    m: usize,
+) -> Result<Mat<f64>, Error> {
     let n = variance.len();
-    Mat::from_fn(n, n, |i, j| {
+    let innovation_covariance = Mat::from_fn(n, n, |i, j| {
         let covariance: f64 = entries(jacobian, i, m).map(|(column, weight)| weight * cross[(column, j)]).sum();
         covariance + if i == j { variance[i] } else { 0.0 }
-    })
+    });
+    cholesky(innovation_covariance, || "the innovation covariance H P H' + R".into())
 }

@@ -35,6 +35,7 @@ pub mod ensemble;
 pub mod error;
 pub mod estimated;
 pub mod fast_kalman;
+mod fixed_lag;
 pub mod free;
 pub mod high_pass;
 pub mod initialised;

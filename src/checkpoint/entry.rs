@@ -1,7 +1,7 @@
 //! The events of a run as the journal holds them.
 
 use crate::correlations::Correlations;
-use crate::event::{Analysed, Estimated, Event, RunInfo};
+use crate::event::{Analysed, Estimated, Event, RunInfo, Smoothed};
 use crate::sink::SinkError;
 use crate::summary::{Failure, MethodScores};
 use isobar_assim::{Analysis, CommonFactor, Estimate, EstimatedParameter, Structure};
@@ -55,6 +55,12 @@ pub(super) enum Entry<'a> {
         cycle: usize,
         seconds: i64,
         parameters: Cow<'a, [EstimatedParameter]>,
+    },
+    Smoothed {
+        method: usize,
+        cycle: usize,
+        later_cycles: usize,
+        estimate: EstimateEntry<'a>,
     },
 }
 
@@ -178,6 +184,12 @@ impl<'a> Entry<'a> {
                 seconds: it.time.seconds(),
                 parameters: it.parameters.into(),
             },
+            Event::Smoothed(it) => Entry::Smoothed {
+                method: it.method,
+                cycle: it.cycle,
+                later_cycles: it.later_cycles,
+                estimate: it.estimate.into(),
+            },
             Event::Started(_) | Event::Resumed(_) | Event::Warning(_) | Event::Finished(_) => {
                 return None;
             }
@@ -264,6 +276,10 @@ impl Entry<'_> {
                 is_method(method)?;
                 let time = Time::from_seconds(seconds);
                 tell(Event::Estimated(Estimated { method, cycle, time, parameters: &parameters }))
+            }
+            Entry::Smoothed { method, cycle, later_cycles, estimate } => {
+                is_method(method)?;
+                tell(Event::Smoothed(Smoothed { method, cycle, later_cycles, estimate: &estimate.estimate(info)? }))
             }
         };
         told.map_err(|error| error.to_string())

@@ -24,6 +24,7 @@ use crate::cycle::SavedRunner;
 use crate::experiment::{Competitor, Experiment};
 use crate::reference::Reference;
 use crate::scenario::text::clean;
+use crate::smoothed::EarlierTruths;
 use crate::summary::{Failure, ObservationCounts};
 use crate::truth::SavedTruth;
 use crate::verify::{Scorecard, Scores};
@@ -53,6 +54,7 @@ pub struct Checkpoint {
     reference: Option<Vec<f64>>,
     observing: SavedSystem,
     observations: ObservationCounts,
+    earlier_truths: EarlierTruths,
     methods: Vec<SavedCompetitor>,
 }
 
@@ -92,6 +94,7 @@ impl Checkpoint {
             reference: experiment.reference.as_ref().map(Reference::save),
             observing: experiment.observing.save(),
             observations: scores.observations.clone(),
+            earlier_truths: scores.earlier_truths.clone(),
             methods,
         };
         Ok((checkpoint, memories))
@@ -105,6 +108,7 @@ impl Checkpoint {
         let count = experiment.methods.len();
         let fits = self.observing.cycle() == self.cycle && (1..=experiment.info.cycles).contains(&self.cycle);
         let fits = fits && self.methods.len() == count && memories.len() == count;
+        let fits = fits && self.earlier_truths.fits(experiment.info.layout.len(), experiment.info.calibration.len());
         let reference_fits = match (&mut experiment.reference, &self.reference) {
             (Some(reference), Some(saved)) => reference.restore(saved),
             (reference, saved) => reference.is_none() && saved.is_none(),
@@ -127,7 +131,7 @@ impl Checkpoint {
             competitor.failure = saved.failure;
             totals.push(saved.total);
         }
-        Ok(Scores { totals, observations: self.observations })
+        Ok(Scores { totals, observations: self.observations, earlier_truths: self.earlier_truths })
     }
 }
 

@@ -31,13 +31,21 @@ pub(super) fn build(ground: &Problem, method: &Method, scenario: &Scenario) -> R
             Box::new(HybridThreeDVar::new(problem, settings.clone())?)
         }
         Algorithm::ThreeDVar(ref settings) => Box::new(ThreeDVar::new(problem, settings.clone())),
-        Algorithm::Kalman { memory_limit_bytes } => {
+        Algorithm::Kalman { smoother_lag_cycles, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
-            Box::new(KalmanFilter::new(problem)?)
+            let filter = KalmanFilter::new(problem)?;
+            Box::new(match smoother_lag_cycles {
+                Some(lag) => filter.smoothing(lag)?,
+                None => filter,
+            })
         }
-        Algorithm::SerialKalman { memory_limit_bytes } => {
+        Algorithm::SerialKalman { smoother_lag_cycles, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
-            Box::new(SerialKalmanFilter::new(problem)?)
+            let filter = SerialKalmanFilter::new(problem)?;
+            Box::new(match smoother_lag_cycles {
+                Some(lag) => filter.smoothing(lag)?,
+                None => filter,
+            })
         }
         Algorithm::FastKalman { settings, factor_grid, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
@@ -51,9 +59,13 @@ pub(super) fn build(ground: &Problem, method: &Method, scenario: &Scenario) -> R
             problem.memory_limit_bytes = memory_limit_bytes;
             Box::new(time_volume::build(problem, settings, options, scenario)?)
         }
-        Algorithm::EnsembleTransform { settings, memory_limit_bytes } => {
+        Algorithm::EnsembleTransform { settings, smoother_lag_cycles, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
-            Box::new(EnsembleTransformKalmanFilter::new(problem, settings)?)
+            let filter = EnsembleTransformKalmanFilter::new(problem, settings)?;
+            Box::new(match smoother_lag_cycles {
+                Some(lag) => filter.smoothing(lag)?,
+                None => filter,
+            })
         }
         Algorithm::LocalEnsembleTransform { settings, local, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
@@ -125,8 +137,12 @@ fn describe_alone(method: &Method) -> String {
             settings.local.localization_radius_m / 1e3
         ),
         Algorithm::ThreeDVar(settings) => format!("3D-Var, B × {}, {bias}", settings.covariance_scale),
-        Algorithm::Kalman { .. } => format!("Kalman filter, {bias}"),
-        Algorithm::SerialKalman { .. } => format!("Kalman filter, one observation at a time, {bias}"),
+        Algorithm::Kalman { smoother_lag_cycles, .. } => {
+            format!("Kalman filter{}, {bias}", describe_smoother(*smoother_lag_cycles))
+        }
+        Algorithm::SerialKalman { smoother_lag_cycles, .. } => {
+            format!("Kalman filter, one observation at a time{}, {bias}", describe_smoother(*smoother_lag_cycles))
+        }
         Algorithm::FastKalman { settings, factor_grid, .. } => {
             format!("Fast Kalman Filter, {}, {bias}", describe_filter(settings, *factor_grid))
         }
@@ -137,7 +153,9 @@ fn describe_alone(method: &Method) -> String {
             options.corrections.len(),
             describe_filter(settings, 1)
         ),
-        Algorithm::EnsembleTransform { settings, .. } => format!("ETKF, {}, {bias}", describe_ensemble(settings)),
+        Algorithm::EnsembleTransform { settings, smoother_lag_cycles, .. } => {
+            format!("ETKF{}, {}, {bias}", describe_smoother(*smoother_lag_cycles), describe_ensemble(settings))
+        }
         Algorithm::LocalEnsembleTransform { settings, local, .. } => {
             let radius = local.localization_radius_m / 1e3;
             format!("LETKF, localised within {radius} km, {}, {bias}", describe_ensemble(settings))
@@ -178,6 +196,11 @@ fn describe_filter(settings: &FastKalmanSettings, factor_grid: usize) -> String 
         factors += &format!(" on a grid {factor_grid} times as wide");
     }
     format!("{factors}, {blocks} {residual}, covariance with biases {coupling}")
+}
+
+/// A smoother, in words; nothing if there is none.
+fn describe_smoother(lag_cycles: Option<usize>) -> String {
+    lag_cycles.map_or_else(String::new, |lag| format!(" with a smoother of lag {lag}"))
 }
 
 /// An ensemble's settings, in words.

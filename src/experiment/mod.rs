@@ -158,12 +158,13 @@ impl Experiment {
                 calibration: problem.calibration.clone(),
             });
             let runner = Runner::new(build)?.watched(scenario.cycle.score_from_cycle, freezing);
+            let smoother_lag_cycles = runner.smoother_lag();
             let scores_bias = methods::sees_observations(method) && method.bias != BiasTreatment::Known;
             methods.push(Competitor { runner, failure: None, scores_bias });
             let known = sensors_in_words(&sensors).filter(|_| method.bias == BiasTreatment::Estimate);
             let own = methods::describe(method, name, scenario);
             let description = [own].into_iter().chain(known).collect::<Vec<_>>().join(", ");
-            infos.push(MethodInfo { name: name.clone(), description });
+            infos.push(MethodInfo { name: name.clone(), description, smoother_lag_cycles });
         }
         let stations = observing.stations().iter().map(|station| StationInfo {
             network: station.network.clone(),

@@ -53,7 +53,11 @@ impl Sink for Progress {
             Event::Warning(text) => self.display.warn(text),
             Event::Failed { method, failure } => self.failed(*method, failure),
             Event::Resumed(_) => self.display.resume(self.done),
-            Event::Truth { .. } | Event::Observed(_) | Event::Estimated(_) | Event::CycleEnded(_) => {}
+            Event::Truth { .. }
+            | Event::Observed(_)
+            | Event::Estimated(_)
+            | Event::Smoothed(_)
+            | Event::CycleEnded(_) => {}
         }
         Ok(())
     }

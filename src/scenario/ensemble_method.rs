@@ -24,8 +24,8 @@ macro_rules! keys {
     };
 }
 
-/// The keys that all of them have.
-pub(super) const KEYS: [&str; 10] = keys![];
+/// Those with a smoother.
+pub(super) const SMOOTHED_KEYS: [&str; 11] = keys!["smoother_lag_cycles"];
 
 /// Those with a taper in observation space.
 pub(super) const TAPERED_KEYS: [&str; 11] = keys!["localization_radius_km"];

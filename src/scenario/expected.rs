@@ -37,25 +37,43 @@ pub struct ExpectedScores {
     pub bias_spread: Option<f64>,
     /// Normalised innovation squared per observation.
     pub innovation_chi2: Option<f64>,
+    /// Root-mean-square error of the smoothed estimates; empty for a method without a smoother, as what follows.
+    pub rmse_smoothed: PerVariable,
+    /// Root-mean-square claimed standard deviation of the smoothed estimates.
+    pub spread_smoothed: PerVariable,
+    /// Root-mean-square error of the bias parameters as they are smoothed.
+    pub bias_rmse_smoothed: Option<f64>,
 }
 
-const PER_VARIABLE: [&str; 3] = ["rmse_background", "rmse_analysis", "spread_analysis"];
-const SINGLE: [&str; 3] = ["bias_rmse", "bias_spread", "innovation_chi2"];
+const PER_VARIABLE: [&str; 5] =
+    ["rmse_background", "rmse_analysis", "spread_analysis", "rmse_smoothed", "spread_smoothed"];
+const SINGLE: [&str; 4] = ["bias_rmse", "bias_spread", "innovation_chi2", "bias_rmse_smoothed"];
 
 impl ExpectedScores {
     /// All scores by dotted name, `rmse_analysis.h`.
     pub fn entries(&self) -> IndexMap<String, f64> {
-        let tables = [&self.rmse_background, &self.rmse_analysis, &self.spread_analysis];
-        let tables = PER_VARIABLE.iter().zip(tables);
+        let tables = PER_VARIABLE.iter().zip(self.tables());
         let named =
             tables.flat_map(|(name, table)| table.iter().map(move |(key, &score)| (format!("{name}.{key}"), score)));
-        let single = SINGLE.iter().zip([self.bias_rmse, self.bias_spread, self.innovation_chi2]);
+        let single = SINGLE.iter().zip(self.single());
         named.chain(single.filter_map(|(name, score)| Some((name.to_string(), score?)))).collect()
+    }
+
+    /// In the order of [`PER_VARIABLE`].
+    fn tables(&self) -> [&PerVariable; 5] {
+        let smoothed = [&self.rmse_smoothed, &self.spread_smoothed];
+        [&self.rmse_background, &self.rmse_analysis, &self.spread_analysis, smoothed[0], smoothed[1]]
+    }
+
+    /// In the order of [`SINGLE`].
+    fn single(&self) -> [Option<f64>; 4] {
+        [self.bias_rmse, self.bias_spread, self.innovation_chi2, self.bias_rmse_smoothed]
     }
 }
 
 impl From<&MethodScores> for ExpectedScores {
     fn from(scores: &MethodScores) -> Self {
+        let smoothed = scores.smoothed.clone().unwrap_or_default();
         Self {
             rmse_background: scores.rmse_background.clone(),
             rmse_analysis: scores.rmse_analysis.clone(),
@@ -63,6 +81,9 @@ impl From<&MethodScores> for ExpectedScores {
             bias_rmse: scores.bias_rmse,
             bias_spread: scores.bias_spread,
             innovation_chi2: scores.innovation_chi2,
+            rmse_smoothed: smoothed.rmse,
+            spread_smoothed: smoothed.spread.unwrap_or_default(),
+            bias_rmse_smoothed: smoothed.bias_rmse,
         }
     }
 }
@@ -80,13 +101,12 @@ impl Expected {
         writeln!(text, "{TOLERANCE_KEY} = {}", self.relative_tolerance).expect("a String takes any text");
         for (method, scores) in &self.methods {
             write!(text, "\n[expected.{method}]\n").expect("a String takes any text");
-            let tables = [&scores.rmse_background, &scores.rmse_analysis, &scores.spread_analysis];
-            for (name, table) in PER_VARIABLE.iter().zip(tables).filter(|(_, table)| !table.is_empty()) {
+            for (name, table) in PER_VARIABLE.iter().zip(scores.tables()).filter(|(_, table)| !table.is_empty()) {
                 let entries: Vec<String> =
                     table.iter().map(|(key, &score)| format!("{key} = {}", digits(score))).collect();
                 writeln!(text, "{name} = {{ {} }}", entries.join(", ")).expect("a String takes any text");
             }
-            for (name, score) in SINGLE.iter().zip([scores.bias_rmse, scores.bias_spread, scores.innovation_chi2]) {
+            for (name, score) in SINGLE.iter().zip(scores.single()) {
                 if let Some(score) = score {
                     writeln!(text, "{name} = {}", digits(score)).expect("a String takes any text");
                 }
@@ -114,7 +134,7 @@ pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>, model
             expected.relative_tolerance = field.number(Limits::Between(1e-12, 1.0))?;
             continue;
         }
-        let section = field.section(&[PER_VARIABLE, SINGLE].concat())?;
+        let section = field.section(&[&PER_VARIABLE[..], &SINGLE].concat())?;
         let table = |key: &str| -> Read<PerVariable> {
             let Some(field) = section.optional(key) else { return Ok(PerVariable::new()) };
             let scores = field.section(&variables)?;
@@ -128,6 +148,9 @@ pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>, model
             bias_rmse: single("bias_rmse")?,
             bias_spread: single("bias_spread")?,
             innovation_chi2: single("innovation_chi2")?,
+            rmse_smoothed: table("rmse_smoothed")?,
+            spread_smoothed: table("spread_smoothed")?,
+            bias_rmse_smoothed: single("bias_rmse_smoothed")?,
         };
         expected.methods.insert(name.to_string(), scores);
     }

@@ -61,11 +61,15 @@ pub enum Algorithm {
     },
     /// The full Kalman filter (extended, for a nonlinear model).
     Kalman {
+        /// The number of later cycles that revise its estimates, if it has a smoother.
+        smoother_lag_cycles: Option<usize>,
         /// Memory that it may use.
         memory_limit_bytes: u64,
     },
     /// The same, one observation at a time.
     SerialKalman {
+        /// The number of later cycles that revise its estimates, if it has a smoother.
+        smoother_lag_cycles: Option<usize>,
         /// Memory that it may use.
         memory_limit_bytes: u64,
     },
@@ -91,6 +95,8 @@ pub enum Algorithm {
     EnsembleTransform {
         /// Its ensemble.
         settings: EnsembleSettings,
+        /// The number of later cycles that revise its estimates, if it has a smoother.
+        smoother_lag_cycles: Option<usize>,
         /// Memory that it may use.
         memory_limit_bytes: u64,
     },
@@ -112,6 +118,19 @@ pub enum Algorithm {
         /// Memory that it may use.
         memory_limit_bytes: u64,
     },
+}
+
+impl Algorithm {
+    /// Takes the smoother off.
+    pub fn without_smoother(mut self) -> Self {
+        if let Algorithm::Kalman { smoother_lag_cycles, .. }
+        | Algorithm::SerialKalman { smoother_lag_cycles, .. }
+        | Algorithm::EnsembleTransform { smoother_lag_cycles, .. } = &mut self
+        {
+            *smoother_lag_cycles = None;
+        }
+        self
+    }
 }
 
 #[derive(Clone, Copy)]
@@ -142,8 +161,8 @@ const KINDS: &[Kind<Which>] = &[
         &["bias", "window_cycles", "outer_loops", "covariance_scale", "max_iterations", "tolerance"],
     ),
     ("hybrid_3dvar", Which::HybridThreeDVar, &ensemble_method::HYBRID_KEYS),
-    ("kf", Which::Kalman, &["bias", "memory_limit_gb"]),
-    ("serial_kf", Which::SerialKalman, &["bias", "memory_limit_gb"]),
+    ("kf", Which::Kalman, &["bias", SMOOTHER_KEY, "memory_limit_gb"]),
+    ("serial_kf", Which::SerialKalman, &["bias", SMOOTHER_KEY, "memory_limit_gb"]),
     (
         "fkf",
         Which::FastKalman,
@@ -179,20 +198,24 @@ const KINDS: &[Kind<Which>] = &[
             time_volume::KEYS[5],
         ],
     ),
-    ("etkf", Which::EnsembleTransform, &ensemble_method::KEYS),
+    ("etkf", Which::EnsembleTransform, &ensemble_method::SMOOTHED_KEYS),
     ("letkf", Which::LocalEnsembleTransform, &ensemble_method::LOCAL_KEYS),
     ("enkf", Which::StochasticEnsemble, &ensemble_method::TAPERED_KEYS),
 ];
 
+/// The key of the lag of a smoother.
+pub(super) const SMOOTHER_KEY: &str = "smoother_lag_cycles";
+
 /// The most methods of a scenario.
 const MOST_METHODS: usize = 100;
 
-/// Reads `[methods]`, in the order of the file; `cycles` are those of the run.
+/// Reads `[methods]`, in the order of the file; `cycles` are those of the run, in which biases may be frozen.
 pub(super) fn read(
     root: &Section<'_>,
     grid: &Grid,
     model: &ModelSettings,
     cycles: usize,
+    freezes: bool,
 ) -> Read<IndexMap<String, Method>> {
     let mut methods: IndexMap<String, Method> = IndexMap::new();
     let field = root.required("methods")?;
@@ -211,7 +234,7 @@ pub(super) fn read(
             let message = format!("the methods `{other}` and `{name}` differ in case only");
             return Err(field.misplaced(message, "choose another name"));
         }
-        methods.insert(name.to_string(), method(&field, grid, model, cycles)?);
+        methods.insert(name.to_string(), method(&field, grid, model, cycles, freezes)?);
     }
     if methods.is_empty() {
         return Err(field.misplaced("[methods] is empty".into(), "add a table such as [methods.fkf]"));
@@ -219,7 +242,7 @@ pub(super) fn read(
     Ok(methods)
 }
 
-fn method(field: &Field<'_>, grid: &Grid, model: &ModelSettings, cycles: usize) -> Read<Method> {
+fn method(field: &Field<'_>, grid: &Grid, model: &ModelSettings, cycles: usize, freezes: bool) -> Read<Method> {
     const TREATMENTS: &[(&str, BiasTreatment)] =
         &[("estimate", BiasTreatment::Estimate), ("ignore", BiasTreatment::Ignore), ("known", BiasTreatment::Known)];
     let (which, section) = field.section_of_kind(KINDS)?;
@@ -228,6 +251,8 @@ fn method(field: &Field<'_>, grid: &Grid, model: &ModelSettings, cycles: usize) 
     let bias = section.optional("bias").map_or(Ok(default), |field| field.choice(TREATMENTS))?;
     let memory_limit_bytes =
         || Ok((section.number_or("memory_limit_gb", 2.0, Limits::Between(0.001, 10_000.0))? * 1e9) as u64);
+    let smoother_lag_cycles =
+        || section.optional(SMOOTHER_KEY).map(|field| smoother_lag_cycles(&field, freezes)).transpose();
     let algorithm = match which {
         Which::Free => Algorithm::Free,
         Which::Climatology => Algorithm::Climatology,
@@ -254,8 +279,13 @@ fn method(field: &Field<'_>, grid: &Grid, model: &ModelSettings, cycles: usize) 
             },
             memory_limit_bytes: memory_limit_bytes()?,
         },
-        Which::Kalman => Algorithm::Kalman { memory_limit_bytes: memory_limit_bytes()? },
-        Which::SerialKalman => Algorithm::SerialKalman { memory_limit_bytes: memory_limit_bytes()? },
+        Which::Kalman => {
+            Algorithm::Kalman { smoother_lag_cycles: smoother_lag_cycles()?, memory_limit_bytes: memory_limit_bytes()? }
+        }
+        Which::SerialKalman => Algorithm::SerialKalman {
+            smoother_lag_cycles: smoother_lag_cycles()?,
+            memory_limit_bytes: memory_limit_bytes()?,
+        },
         Which::FastKalman => {
             let settings = fast_kalman(&section, grid)?;
             let factor_grid = factor_grid(&section, grid, settings)?;
@@ -268,6 +298,7 @@ fn method(field: &Field<'_>, grid: &Grid, model: &ModelSettings, cycles: usize) 
         },
         Which::EnsembleTransform => Algorithm::EnsembleTransform {
             settings: ensemble_method::read(&section)?,
+            smoother_lag_cycles: smoother_lag_cycles()?,
             memory_limit_bytes: memory_limit_bytes()?,
         },
         Which::LocalEnsembleTransform => Algorithm::LocalEnsembleTransform {
@@ -282,6 +313,14 @@ fn method(field: &Field<'_>, grid: &Grid, model: &ModelSettings, cycles: usize) 
         },
     };
     Ok(Method { bias, algorithm })
+}
+
+fn smoother_lag_cycles(field: &Field<'_>, freezes: bool) -> Read<usize> {
+    if freezes {
+        let message = "a smoother would go on adjusting the biases that [stability] freezes".to_string();
+        return Err(field.misplaced(message, "leave out this key or `freeze_after_cycles`"));
+    }
+    field.whole(1, 1000)
 }
 
 fn three_d_var(section: &Section<'_>) -> Read<ThreeDVarSettings> {

@@ -164,10 +164,11 @@ impl Scenario {
         let cycle = cycle::read(&root, start, &steps)?;
         let networks = network::read(&root, &grid, &model)?;
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
-        let methods = method::read(&root, &grid.grid, &model, cycle.count)?;
+        let stability = sensors::read_stability(&root, cycle.count)?;
+        let freezes = stability.freeze_after_cycles.is_some();
+        let methods = method::read(&root, &grid.grid, &model, cycle.count, freezes)?;
         let initialise = initialise::read(&root, &methods, cycle.count)?;
         let sensors = sensors::read(&root, &methods)?;
-        let stability = sensors::read_stability(&root, cycle.count)?;
         let influence_every_cycles = cycle::read_diagnostics(&root)?;
         let sweep = sweep::read(&root, &model)?;
         let output = cycle::read_output(&root)?;

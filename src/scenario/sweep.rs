@@ -53,7 +53,7 @@ pub(super) fn read(root: &Section<'_>, model: &ModelSettings) -> Read<Option<Swe
 
 /// The names of all scores that a method may have.
 fn scores(model: &ModelSettings) -> Vec<String> {
-    let per_variable = ["rmse_analysis", "rmse_background", "spread_analysis", "crps"];
+    let per_variable = ["rmse_analysis", "rmse_background", "rmse_smoothed", "spread_analysis", "crps"];
     let names = model.variables().iter().map(|variable| variable.0);
     let of_variables = names.flat_map(|name| per_variable.map(|score| format!("{score}.{name}")));
     let others = ["bias_rmse", "bias_spread", "innovation_chi2", "seconds_per_cycle"].map(String::from);

@@ -183,7 +183,11 @@ fn info(nx: usize, ny: usize, cycles: usize, methods: usize) -> RunInfo {
         calibration: Calibration { parameters, ..Calibration::default() },
         methods: METHODS[..methods]
             .iter()
-            .map(|&(name, description, ..)| MethodInfo { name: name.into(), description: description.into() })
+            .map(|&(name, description, ..)| MethodInfo {
+                name: name.into(),
+                description: description.into(),
+                smoother_lag_cycles: None,
+            })
             .collect(),
     }
 }
@@ -328,6 +332,7 @@ fn analyse(
     });
     let stability = Stability { parameters: parameters.collect(), ..Stability::default() };
     let scores = MethodScores {
+        smoothed: None,
         stability: Some(stability),
         rmse_analysis: error(&analysed),
         rmse_background: error(&background),

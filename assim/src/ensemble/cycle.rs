@@ -1,7 +1,8 @@
 //! What the ensemble methods share but for their analyses.
 
+use super::fixed_lag::{self, FixedLag};
 use super::members::{Ensemble, Moments, ObservedEnsemble, spread};
-use super::{EnsembleSettings, InitialMembers};
+use super::{EnsembleSettings, InitialMembers, ModelErrorTreatment};
 use crate::assimilator::{Analysis, Estimate};
 use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance_column::{CovarianceColumn, Unknown};
@@ -22,6 +23,7 @@ pub(super) struct EnsembleCycle {
     /// Inflation of the background's covariance in the last analysis, of each place that is analysed.
     pub variance_factors: Vec<f64>,
     pub random: ChaCha8Rng,
+    pub smoother: Option<FixedLag>,
 }
 
 /// What a checkpoint holds of it.
@@ -31,6 +33,7 @@ struct Saved {
     variance_factors: Vec<f64>,
     /// The place in the random stream.
     random: u128,
+    smoother: Option<fixed_lag::Saved>,
 }
 
 impl EnsembleCycle {
@@ -47,7 +50,38 @@ impl EnsembleCycle {
         let mut random = random::stream(settings.seed, purpose);
         let ensemble = Ensemble::draw(&problem, &settings, &mut random)?;
         let variance_factors = vec![settings.inflation.initial_variance_factor(); analyses];
-        Ok(Self { problem, settings, ensemble, variance_factors, random })
+        Ok(Self { problem, settings, ensemble, variance_factors, random, smoother: None })
+    }
+
+    /// The same with a smoother of the last `lag` analyses before the newest.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] if their members do not fit into the memory limit; [`Error::Setting`] with
+    /// [`ModelErrorTreatment::SquareRoot`], unless nothing is added in a cycle: the square root recombines the members, which
+    /// then do not go on from the earlier ones that are to be regressed on them.
+    pub fn smoothing(mut self, lag: usize) -> Result<Self, Error> {
+        let Self { problem, settings, ensemble, .. } = &self;
+        let drifts = problem.estimated_calibration().parameters.iter().any(|it| it.sigma_drift_per_sqrt_day > 0.0);
+        if settings.model_error == ModelErrorTreatment::SquareRoot && (problem.model_error.is_some() || drifts) {
+            let message = "an ensemble smoother needs members that go on from the earlier ones: random draws of the model \
+                           error, not its square root";
+            return Err(Error::Setting(message.into()));
+        }
+        let (members, rows) = (ensemble.members(), ensemble.values().nrows());
+        // Beside the four of them that the filter needs.
+        let needed_bytes = 8 * (lag as u64 + 5) * (members * rows) as u64;
+        if needed_bytes > problem.memory_limit_bytes {
+            let what = format!("an ensemble smoother of {lag} analyses with {members} members of {rows} unknowns");
+            return Err(Error::TooLarge { what, needed_bytes, limit_bytes: problem.memory_limit_bytes });
+        }
+        self.smoother = Some(FixedLag::new(lag));
+        Ok(self)
+    }
+
+    /// Mean and spread of the members at the analysis so many before the newest.
+    pub fn smoothed(&self, analyses_ago: usize) -> Option<Estimate> {
+        let (mean, spread) = self.smoother.as_ref()?.estimate(analyses_ago)?;
+        Some(self.ensemble.estimate_of(&self.problem, mean, spread))
     }
 
     /// m, the number of values of a state.
@@ -116,6 +150,7 @@ impl EnsembleCycle {
             members: members.flat_map(|member| self.ensemble.member(member)).copied().collect(),
             variance_factors: self.variance_factors.clone(),
             random: self.random.get_word_pos(),
+            smoother: self.smoother.as_ref().map(FixedLag::save),
         })
     }
 
@@ -124,13 +159,17 @@ impl EnsembleCycle {
     /// # Errors
     /// [`Error::Saved`] if it is of another ensemble.
     pub fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        let Saved { members, variance_factors, random } = from_bytes(saved)?;
+        let Saved { members, variance_factors, random, smoother } = from_bytes(saved)?;
         if variance_factors.len() != self.variance_factors.len() {
             return Err(unfit("the inflation"));
         }
         self.ensemble.restore(members)?;
         self.variance_factors = variance_factors;
         self.random.set_word_pos(random);
-        Ok(())
+        match (&mut self.smoother, smoother) {
+            (None, None) => Ok(()),
+            (Some(own), Some(saved)) => own.restore(saved, self.ensemble.values().nrows(), self.ensemble.members()),
+            _ => Err(unfit("the smoother")),
+        }
     }
 }

@@ -25,6 +25,15 @@ impl EnsembleTransformKalmanFilter {
     pub fn new(problem: Problem, settings: EnsembleSettings) -> Result<Self, Error> {
         Ok(Self { cycle: EnsembleCycle::new(problem, settings, 1)?, analysis: Transform })
     }
+
+    /// The filter with its ensemble smoother (EnKS) of the last `lag` analyses before the newest.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] if their members do not fit into the memory limit; [`Error::Setting`] with
+    /// [`ModelErrorTreatment::SquareRoot`](super::ModelErrorTreatment::SquareRoot), unless nothing is added in a cycle.
+    pub fn smoothing(self, lag: usize) -> Result<Self, Error> {
+        Ok(Self { cycle: self.cycle.smoothing(lag)?, ..self })
+    }
 }
 
 impl EnsembleAnalysis for Transform {
@@ -33,11 +42,17 @@ impl EnsembleAnalysis for Transform {
         let inflation = cycle.settings.inflation;
         let factor = &mut cycle.variance_factors[0];
         *factor = inflation.variance_factor(*factor, &whitened, whitened.departures.len() as f64);
-        let analysis = transform(&whitened, *factor, inflation.relaxation_to_prior_perturbations);
+        let analysis = transform(&whitened, *factor);
+        if let Some(smoother) = &mut cycle.smoother {
+            let weights = analysis.earlier_weights();
+            smoother.revise(|perturbations| product(perturbations.as_ref(), weights.as_ref()));
+        }
+        let chi2 = analysis.chi2;
+        let weights = analysis.weights(inflation.relaxation_to_prior_perturbations);
         let background = cycle.ensemble.moments();
-        let deviations = product(background.perturbations.as_ref(), analysis.weights.as_ref());
+        let deviations = product(background.perturbations.as_ref(), weights.as_ref());
         let analysed = Moments::of_deviations(background.mean.clone(), deviations);
         cycle.set(&background, analysed);
-        analysis.chi2
+        chi2
     }
 }

@@ -1,6 +1,7 @@
 //! An ensemble Kalman filter: members in their cycle, and an analysis.
 
 use super::cycle::EnsembleCycle;
+use super::fixed_lag::FixedLag;
 use super::members::{Ensemble, ObservedEnsemble};
 use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::calibration_accuracy::CalibrationAccuracy;
@@ -39,12 +40,26 @@ impl<A: EnsembleAnalysis> Assimilator for EnsembleFilter<A> {
     fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
         let Self { cycle, analysis } = self;
         let members = cycle.ensemble.observe(&cycle.problem, observed)?;
+        if let Some(smoother) = &mut cycle.smoother {
+            smoother.shorten();
+        }
         let innovation_chi2 = if observed.is_empty() { 0.0 } else { analysis.update(cycle, &members) };
+        if let Some(smoother) = &mut cycle.smoother {
+            smoother.push(cycle.ensemble.moments());
+        }
         Ok(cycle.analysis(observed, members, innovation_chi2))
     }
 
     fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
         self.cycle.covariance_column(unknown)
+    }
+
+    fn smoother_lag(&self) -> Option<usize> {
+        self.cycle.smoother.as_ref().map(FixedLag::lag)
+    }
+
+    fn smoothed(&self, analyses_ago: usize) -> Result<Option<Estimate>, Error> {
+        Ok(self.cycle.smoothed(analyses_ago))
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {

@@ -127,7 +127,7 @@ impl LocalTransform {
         let total: f64 = near.iter().map(|(_, weight)| weight).sum();
         let variance_factor = inflation.variance_factor(last_factor, &observed, total);
         let relaxation = inflation.relaxation_to_prior_perturbations;
-        LocalAnalysis { weights: transform(&observed, variance_factor, relaxation).weights, variance_factor }
+        LocalAnalysis { weights: transform(&observed, variance_factor).weights(relaxation), variance_factor }
     }
 
     /// The cells in which observations see a shared parameter, each with the information G²/R on it.

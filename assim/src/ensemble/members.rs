@@ -224,8 +224,12 @@ impl Ensemble {
     /// Mean and standard deviation of the members.
     pub(super) fn estimate(&self, problem: &Problem) -> Estimate {
         let Moments { mean, perturbations } = self.moments();
-        let (state, calibration) = self.unpack(problem, &mean);
-        let mut spread = spread(&perturbations);
+        self.estimate_of(problem, &mean, spread(&perturbations))
+    }
+
+    /// An estimate from a mean and standard deviations, both `[m + p]`.
+    pub(super) fn estimate_of(&self, problem: &Problem, mean: &[f64], mut spread: Vec<f64>) -> Estimate {
+        let (state, calibration) = self.unpack(problem, mean);
         let calibration_spread = spread.split_off(self.state_values);
         Estimate {
             state,

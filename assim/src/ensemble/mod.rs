@@ -12,6 +12,7 @@
 //! | `localization` | the taper of Gaspari and Cohn |
 //! | `tapered` | innovations with a tapered covariance of state and shared biases |
 //! | `etkf` | [`EnsembleTransformKalmanFilter`] |
+//! | `fixed_lag` | its smoother, the EnKS |
 //! | `letkf` | [`LocalEnsembleTransformKalmanFilter`] |
 //! | `stochastic` | [`StochasticEnsembleKalmanFilter`] |
 //!
@@ -20,6 +21,7 @@
 mod cycle;
 mod etkf;
 mod filter;
+mod fixed_lag;
 mod inflation;
 mod letkf;
 mod localization;

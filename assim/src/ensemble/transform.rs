@@ -27,12 +27,34 @@ impl WhitenedObservations {
     }
 }
 
-/// The analysed members as combinations of the background's, and what the observations said of the covariance.
+/// An analysis in the space of the ensemble, and what the observations said of the covariance.
 pub(super) struct Transform {
-    /// T, `[N, N]`: analysed member i is x̄ + Σ_k X'_k T_ki.
-    pub weights: Mat<f64>,
+    /// A⁻¹ Ỹᵀ d̃ / √(N−1) but for a factor √f, `[N]`.
+    mean: Vec<f64>,
+    /// W, `[N, N]`.
+    root: Mat<f64>,
+    inflation: f64,
     /// dᵀ (H P Hᵀ + R)⁻¹ d.
     pub chi2: f64,
+}
+
+impl Transform {
+    /// T, `[N, N]`: analysed member i is x̄ + Σ_k X'_k T_ki. `relaxation` is that to the prior perturbations, α.
+    pub fn weights(self, relaxation: f64) -> Mat<f64> {
+        // w = √f A⁻¹ Ỹᵀ d̃ with the un-inflated Ỹ, and X' is inflated by √f again.
+        let mut weights = self.combined(self.inflation, self.inflation.sqrt() * (1.0 - relaxation));
+        (0..weights.ncols()).for_each(|j| weights[(j, j)] += relaxation);
+        weights
+    }
+
+    /// What T is for members of an earlier time, which are not inflated: `A⁻¹ Ỹᵀ d̃ 1ᵀ/√(N−1) + W`.
+    pub fn earlier_weights(&self) -> Mat<f64> {
+        self.combined(self.inflation.sqrt(), 1.0)
+    }
+
+    fn combined(&self, of_mean: f64, of_root: f64) -> Mat<f64> {
+        Mat::from_fn(self.root.nrows(), self.root.ncols(), |i, j| of_mean * self.mean[i] + of_root * self.root[(i, j)])
+    }
 }
 
 /// The symmetric square root of Bishop, Etherton and Majumdar (2001) and Hunt, Kostelich and Szunyogh (2007):
@@ -44,12 +66,11 @@ pub(super) struct Transform {
 /// with Ỹ and d̃ the whitened perturbations (times √f, the inflation of the background's covariance) and departures, and
 /// α the relaxation to the prior perturbations. The eigenvectors are those of the smaller of ỸᵀỸ `[N, N]` and ỸỸᵀ
 /// `[n, n]`: with Ỹ = V Λ^½ Uᵀ, `g(ỸᵀỸ) = g(0) I + Ỹᵀ V [(g(Λ) − g(0))/Λ] Vᵀ Ỹ`.
-pub(super) fn transform(observed: &WhitenedObservations, inflation: f64, relaxation: f64) -> Transform {
+pub(super) fn transform(observed: &WhitenedObservations, inflation: f64) -> Transform {
     let (n, members) = (observed.perturbations.nrows(), observed.perturbations.ncols());
     let y = observed.perturbations.as_ref();
     let d = Mat::from_fn(n, 1, |i, _| observed.departures[i]);
-    let scale = inflation.sqrt();
-    let mut weights = Mat::zeros(members, members);
+    let mut root = Mat::zeros(members, members);
     let (mean, chi2);
     if n < members {
         let mut gram = Mat::zeros(n, n);
@@ -66,8 +87,8 @@ pub(super) fn transform(observed: &WhitenedObservations, inflation: f64, relaxat
             -1.0 / (root * (1.0 + root))
         };
         let left = Mat::from_fn(members, n, |i, j| right[(i, j)] * factor(values[j]) * inflation);
-        add_symmetric_product(weights.as_mut(), 1.0, left.as_ref(), right.transpose());
-        (0..members).for_each(|i| weights[(i, i)] += 1.0);
+        add_symmetric_product(root.as_mut(), 1.0, left.as_ref(), right.transpose());
+        (0..members).for_each(|i| root[(i, i)] += 1.0);
     } else {
         let mut gram = Mat::zeros(members, members);
         add_symmetric_product(gram.as_mut(), inflation, y.transpose(), y);
@@ -78,18 +99,10 @@ pub(super) fn transform(observed: &WhitenedObservations, inflation: f64, relaxat
         chi2 = observed.departures.iter().map(|d| d * d).sum::<f64>() - explained;
         mean = product(vectors.as_ref(), solved.as_ref());
         let left = Mat::from_fn(members, members, |i, j| vectors[(i, j)] / (1.0 + values[j].max(0.0)).sqrt());
-        add_product(weights.as_mut(), 1.0, left.as_ref(), vectors.transpose());
+        add_product(root.as_mut(), 1.0, left.as_ref(), vectors.transpose());
     }
-    // w = √f A⁻¹ Ỹᵀ d̃ with the un-inflated Ỹ, and X' is inflated by √f again.
-    let shift: Vec<f64> = (0..members).map(|i| inflation * mean[(i, 0)] / ((members - 1) as f64).sqrt()).collect();
-    for j in 0..members {
-        let column = weights.col_as_slice_mut(j);
-        for (weight, shift) in column.iter_mut().zip(&shift) {
-            *weight = shift + scale * (1.0 - relaxation) * *weight;
-        }
-        column[j] += relaxation;
-    }
-    Transform { weights, chi2 }
+    let mean = (0..members).map(|i| mean[(i, 0)] / ((members - 1) as f64).sqrt()).collect();
+    Transform { mean, root, inflation, chi2 }
 }
 
 #[cfg(test)]
@@ -111,13 +124,15 @@ mod tests {
             let padded = Mat::from_fn(members, members, |i, j| if i < n { perturbations[(i, j)] } else { 0.0 });
             let mut padded_departures = departures.clone();
             padded_departures.resize(members, 0.0);
-            let few = transform(&WhitenedObservations { perturbations, departures }, 1.2, 0.3);
-            let many =
-                transform(&WhitenedObservations { perturbations: padded, departures: padded_departures }, 1.2, 0.3);
+            let few = transform(&WhitenedObservations { perturbations, departures }, 1.2);
+            let many = transform(&WhitenedObservations { perturbations: padded, departures: padded_departures }, 1.2);
             assert!((few.chi2 / many.chi2 - 1.0).abs() < 1e-12);
-            for i in 0..members {
-                for j in 0..members {
-                    assert!((few.weights[(i, j)] - many.weights[(i, j)]).abs() < 1e-12);
+            let earlier = [few.earlier_weights(), many.earlier_weights()];
+            for [few, many] in [[few.weights(0.3), many.weights(0.3)], earlier] {
+                for i in 0..members {
+                    for j in 0..members {
+                        assert!((few[(i, j)] - many[(i, j)]).abs() < 1e-12);
+                    }
                 }
             }
         }

@@ -260,6 +260,22 @@ impl NetcdfFile {
         Ok(())
     }
 
+    /// Writes other numbers of some record variables into a record that is there.
+    ///
+    /// # Errors
+    /// If there is no such record or variable, a number of values is wrong, or the file cannot be written.
+    pub fn amend(&mut self, record: usize, values: &[(&str, &[f64])]) -> Result<(), SinkError> {
+        if record >= self.records {
+            return Err(self.failure(format!("record {record} of {} is to be amended", self.records)));
+        }
+        let output = self.file.try_clone().map_err(|error| self.failure(error.to_string()))?;
+        let data_set = self.definition.data_set(self.records).map_err(|reason| self.failure(reason))?;
+        let written = write(&data_set, output, |writer| {
+            values.iter().try_for_each(|(name, numbers)| writer.write_record_f64(name, record, numbers))
+        });
+        written.map_err(|reason| self.failure(reason))
+    }
+
     /// Appends a record of which nothing is known but its time.
     ///
     /// # Errors

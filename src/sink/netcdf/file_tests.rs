@@ -94,6 +94,26 @@ fn numbers_are_not_written_one_by_one() {
 }
 
 #[test]
+fn a_record_can_be_amended_and_nothing_else_changes() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.nc");
+    let mut file = NetcdfFile::create(&path, definition()).unwrap();
+    for time in [1.0, 2.0, 3.0] {
+        file.append(&[("time", &[time]), ("h", &[FILL_VALUE; 3])]).unwrap();
+    }
+    file.amend(1, &[("h", &[4.0, 5.0, 6.0])]).unwrap();
+    file.append(&[("time", &[4.0]), ("h", &[7.0; 3])]).unwrap();
+    file.amend(0, &[("h", &[8.0; 3])]).unwrap();
+    let read = NcFile::open(&path).unwrap();
+    assert_eq!(numbers(&read, "time"), [1.0, 2.0, 3.0, 4.0]);
+    assert_eq!(numbers(&read, "x"), [1.0, 2.0, 4.0]);
+    let expected = [[8.0; 3], [4.0, 5.0, 6.0], [FILL_VALUE; 3], [7.0; 3]].concat();
+    assert_eq!(numbers(&read, "h"), expected);
+    assert!(file.amend(4, &[("h", &[1.0; 3])]).unwrap_err().reason.contains("record 4 of 4"));
+    assert!(file.amend(0, &[("h", &[1.0; 2])]).is_err() && file.amend(0, &[("g", &[1.0; 3])]).is_err());
+}
+
+#[test]
 fn a_record_must_be_complete() {
     let directory = tempfile::tempdir().unwrap();
     let mut file = NetcdfFile::create(&directory.path().join("a.nc"), definition()).unwrap();

@@ -1,8 +1,10 @@
-//! `<method>.nc`: backgrounds and analyses of one method, with the standard deviations it claims.
+//! `<method>.nc`: backgrounds and analyses of one method, with the standard deviations it claims, and what its smoother makes
+//! of them. A smoothed estimate has the time of the state that it is of; `smoother_later_cycles` says how many later cycles
+//! went into it: those of the smoother's lag or, at the end of the run, all there are.
 
 use super::coordinates as cf;
-use super::file::{Definition, NetcdfFile};
-use crate::event::{Analysed, MethodInfo, RunInfo};
+use super::file::{Definition, FILL_VALUE, NetcdfFile, Variable};
+use crate::event::{Analysed, MethodInfo, RunInfo, Smoothed};
 use crate::sink::SinkError;
 use isobar_assim::Estimate;
 use isobar_model::Layout;
@@ -15,7 +17,12 @@ pub struct MethodFile {
     file: NetcdfFile,
     layout: Arc<Layout>,
     parameters: usize,
+    /// The names of what is smoothed, and missing at first, with the lengths of its records.
+    smoothed: Vec<(String, usize)>,
 }
+
+/// The number of later cycles whose observations a smoothed estimate has taken in.
+const LATER_CYCLES: &str = "smoother_later_cycles";
 
 impl MethodFile {
     /// Creates the file, with spreads if `first`, the method's first result, has them.
@@ -38,10 +45,23 @@ impl MethodFile {
         if parameters > 0 {
             cf::add_parameters(&mut definition, &info.calibration);
         }
-        for (stage, estimate) in [
-            ("background", first.map(|analysed| analysed.background)),
-            ("analysis", first.map(|analysed| &analysed.analysis.estimate)),
-        ] {
+        let analysis = first.map(|analysed| &analysed.analysis.estimate);
+        let mut stages = vec![("background", first.map(|analysed| analysed.background)), ("analysis", analysis)];
+        let mut smoothed = Vec::new();
+        if let Some(lag) = method.smoother_lag_cycles {
+            definition.attribute("smoother_lag_cycles", lag as f64);
+            let name = "number of later cycles whose observations the smoothed estimate takes in";
+            let variable = Variable::new(LATER_CYCLES, &[]).with("long_name", name).with("units", "1");
+            definition.record(variable.with("_FillValue", FILL_VALUE));
+            // It has spreads where the analysis has.
+            stages.push(("smoothed", analysis));
+            smoothed.push((LATER_CYCLES.to_string(), 1));
+            if let Some(analysis) = analysis {
+                let names = named_values(&info.layout, parameters, "smoothed", analysis);
+                smoothed.extend(names.into_iter().map(|(name, values)| (name, values.len())));
+            }
+        }
+        for (stage, estimate) in stages {
             let state_spread = estimate.is_some_and(|estimate| estimate.state_spread.is_some());
             let calibration_spread = estimate.is_some_and(|estimate| estimate.calibration_spread.is_some());
             add_fields(&mut definition, info, stage, state_spread);
@@ -49,7 +69,7 @@ impl MethodFile {
                 add_calibration(&mut definition, info, stage, calibration_spread);
             }
         }
-        Ok(Self { file: NetcdfFile::create(path, definition)?, layout: Arc::clone(&info.layout), parameters })
+        Ok(Self { file: NetcdfFile::create(path, definition)?, layout: Arc::clone(&info.layout), parameters, smoothed })
     }
 
     /// Appends a cycle's estimates.
@@ -59,10 +79,25 @@ impl MethodFile {
     pub fn append(&mut self, analysed: &Analysed<'_>) -> Result<(), SinkError> {
         let time = [analysed.time.seconds() as f64];
         let mut values: Vec<(String, &[f64])> = vec![("time".into(), &time)];
-        self.collect(&mut values, "background", analysed.background);
-        self.collect(&mut values, "analysis", &analysed.analysis.estimate);
+        values.extend(named_values(&self.layout, self.parameters, "background", analysed.background));
+        values.extend(named_values(&self.layout, self.parameters, "analysis", &analysed.analysis.estimate));
+        let missing = vec![FILL_VALUE; self.smoothed.iter().map(|(_, length)| *length).max().unwrap_or(0)];
+        values.extend(self.smoothed.iter().map(|(name, length)| (name.clone(), &missing[..*length])));
         let values: Vec<(&str, &[f64])> = values.iter().map(|(name, values)| (name.as_str(), *values)).collect();
         self.file.append(&values)
+    }
+
+    /// Writes what has been found out of an earlier cycle into its record.
+    ///
+    /// # Errors
+    /// If it does not fit the run or the file, or cannot be written.
+    pub fn smooth(&mut self, smoothed: &Smoothed<'_>) -> Result<(), SinkError> {
+        let later = [smoothed.later_cycles as f64];
+        let mut values: Vec<(String, &[f64])> = vec![(LATER_CYCLES.into(), &later)];
+        values.extend(named_values(&self.layout, self.parameters, "smoothed", smoothed.estimate));
+        let values: Vec<(&str, &[f64])> = values.iter().map(|(name, values)| (name.as_str(), *values)).collect();
+        let record = smoothed.cycle.checked_sub(1).ok_or_else(|| self.file.failure("there is no cycle 0".into()))?;
+        self.file.amend(record, &values)
     }
 
     /// Appends missing values for every cycle after those that the file has, up to the run's last.
@@ -80,23 +115,31 @@ impl MethodFile {
     pub fn file(&self) -> &NetcdfFile {
         &self.file
     }
+}
 
-    fn collect<'a>(&self, values: &mut Vec<(String, &'a [f64])>, stage: &str, estimate: &'a Estimate) {
-        let mut fields = |state: &'a [f64], suffix: &str| {
-            let names = self.layout.variables.iter().map(|variable| format!("{}_{stage}{suffix}", variable.name));
-            values.extend(names.zip(state.chunks(self.layout.grid.cells())));
-        };
-        fields(estimate.state.values(), "");
-        if let Some(spread) = &estimate.state_spread {
-            fields(spread, "_spread");
-        }
-        if self.parameters > 0 {
-            values.push((format!("calibration_{stage}"), &estimate.calibration));
-            if let Some(spread) = &estimate.calibration_spread {
-                values.push((format!("calibration_{stage}_spread"), spread));
-            }
+/// The values of an estimate, by the names of their variables.
+fn named_values<'a>(
+    layout: &Layout,
+    parameters: usize,
+    stage: &str,
+    estimate: &'a Estimate,
+) -> Vec<(String, &'a [f64])> {
+    let mut values = Vec::new();
+    let mut fields = |state: &'a [f64], suffix: &str| {
+        let names = layout.variables.iter().map(|variable| format!("{}_{stage}{suffix}", variable.name));
+        values.extend(names.zip(state.chunks(layout.grid.cells())));
+    };
+    fields(estimate.state.values(), "");
+    if let Some(spread) = &estimate.state_spread {
+        fields(spread, "_spread");
+    }
+    if parameters > 0 {
+        values.push((format!("calibration_{stage}"), estimate.calibration.as_slice()));
+        if let Some(spread) = &estimate.calibration_spread {
+            values.push((format!("calibration_{stage}_spread"), spread.as_slice()));
         }
     }
+    values
 }
 
 fn add_fields(definition: &mut Definition, info: &RunInfo, stage: &str, with_spread: bool) {

@@ -97,6 +97,7 @@ impl Sink for NetcdfSink {
                 self.method(analysed.method, Some(analysed))?.append(analysed)?;
                 self.observations.add_departures(analysed)
             }
+            Event::Smoothed(smoothed) => self.method(smoothed.method, None)?.smooth(smoothed),
             Event::Finished(_) => self.finish(),
             Event::Failed { method, .. } => {
                 self.failed[*method] = true;

@@ -82,6 +82,7 @@ impl Sink for ReportSink {
             Event::Started(_)
             | Event::Resumed(_)
             | Event::Estimated(_)
+            | Event::Smoothed(_)
             | Event::Failed { .. }
             | Event::CycleEnded(_)
             | Event::Warning(_) => Ok(()),

@@ -199,12 +199,15 @@ impl Report {
             text: format!(
                 "Root-mean-square errors over cycles {} to {}; below each its 95 % interval, for which successive cycles \
                  count the less the more they resemble each other. No interval: the cycles are worth fewer than three \
-                 independent ones. Spread is what a method claims its analysis error to be.",
+                 independent ones. Spread is what a method claims its analysis error to be. Smoothed is the estimate of the \
+                 same cycles once later observations have revised it.",
                 summary.scored_from_cycle, summary.cycles
             ),
             tables: tables::failures(summary)
                 .into_iter()
-                .chain([tables::scores(info, summary), tables::methods(info)])
+                .chain([tables::scores(info, summary)])
+                .chain(tables::smoothed(info, summary))
+                .chain([tables::methods(info)])
                 .collect(),
             ..Section::default()
         }

@@ -98,6 +98,28 @@ pub fn scores(info: &RunInfo, summary: &Summary) -> Table {
     Table { header, rows: summary.methods.iter().map(row).collect() }
 }
 
+/// The scores of smoothed estimates, if a method has some.
+pub fn smoothed(info: &RunInfo, summary: &Summary) -> Option<Table> {
+    let mut header = vec!["method".to_string(), "lag [cycles]".into()];
+    for variable in &info.layout.variables {
+        let column = |what: &str| format!("{} {what} [{}]", variable.name, unbroken(variable.unit));
+        header.extend(["smoothed", "spread"].map(column));
+    }
+    header.extend(["bias RMSE", "bias spread"].map(String::from));
+    let row = |(name, scores): (&String, &MethodScores)| {
+        let own = scores.smoothed.as_ref()?;
+        let mut row: Vec<Cell> = vec![name.as_str().into(), own.lag_cycles.to_string().into()];
+        for variable in &info.layout.variables {
+            row.push(Cell::figure(own.rmse.get(variable.name).copied()));
+            row.push(Cell::figure(own.spread.as_ref().and_then(|spread| spread.get(variable.name).copied())));
+        }
+        row.extend([own.bias_rmse, own.bias_spread].map(Cell::figure));
+        Some(row)
+    };
+    let rows: Vec<Vec<Cell>> = summary.methods.iter().filter_map(row).collect();
+    (!rows.is_empty()).then_some(Table { header, rows })
+}
+
 /// When and why methods failed.
 pub fn failures(summary: &Summary) -> Option<Table> {
     let row = |(name, it): (&str, &Failure)| -> Vec<Cell> {

@@ -105,7 +105,7 @@ impl Sink for RerunSink {
                 self.tell(|live, info, history| live.finish(info, history, summary));
                 Ok(())
             }
-            Event::Estimated(_) | Event::Failed { .. } | Event::Warning(_) => Ok(()),
+            Event::Estimated(_) | Event::Smoothed(_) | Event::Failed { .. } | Event::Warning(_) => Ok(()),
         }
     }
 

@@ -12,7 +12,7 @@ use std::sync::{Arc, LazyLock};
 static INFO: LazyLock<RunInfo> = LazyLock::new(|| {
     let text = include_str!("../../common/valid.toml");
     let scenario = Scenario::parse(Path::new("small.toml"), text).unwrap();
-    let method = |name: &str| MethodInfo { name: name.into(), description: String::new() };
+    let method = |name: &str| MethodInfo { name: name.into(), description: String::new(), smoother_lag_cycles: None };
     RunInfo {
         scenario: scenario.name.clone(),
         title: scenario.title.clone(),

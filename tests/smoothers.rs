@@ -1,0 +1,128 @@
+//! Runs with fixed-lag smoothers: what their files and scores say, and what is refused.
+
+mod runs;
+
+use isobar::run::run;
+use isobar::scenario::Scenario;
+use isobar::sink::Sink;
+use isobar::summary::Summary;
+use netcdf_reader::NcFile;
+use runs::run_options;
+use std::path::Path;
+
+/// A small scenario that uses most keys.
+const VALID: &str = include_str!("common/valid.toml");
+
+const LAG: usize = 3;
+const CYCLES: usize = 9;
+const FILL_VALUE: f64 = 9.96921e36;
+
+/// The small scenario with these methods.
+fn scenario(methods: &str) -> String {
+    VALID.split("[methods.free]").next().unwrap().to_string() + methods
+}
+
+fn complete(text: &str, look: impl FnOnce(&Path, &Summary)) {
+    let scenario = Scenario::parse(Path::new("small.toml"), text).unwrap_or_else(|error| panic!("{error}"));
+    let folder = tempfile::tempdir().unwrap();
+    let options = isobar::cli::RunOptions { netcdf: true, ..run_options(folder.path(), CYCLES) };
+    let summary = run(&scenario, &options, &mut Vec::<Box<dyn Sink>>::new()).unwrap();
+    look(&folder.path().join("run"), &summary);
+}
+
+fn numbers(file: &NcFile, name: &str) -> Vec<f64> {
+    let values = file.read_variable::<f64>(name).unwrap_or_else(|error| panic!("{name}: {error}"));
+    values.iter().copied().collect()
+}
+
+fn root_mean_square(values: impl Iterator<Item = f64>) -> f64 {
+    let squares: Vec<f64> = values.map(|value| value * value).collect();
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+}
+
+const METHODS: &str = r#"
+[methods]
+kf = { kind = "kf", smoother_lag_cycles = 3 }
+serial_kf = { kind = "serial_kf", smoother_lag_cycles = 3 }
+etkf = { kind = "etkf", members = 60, smoother_lag_cycles = 3 }
+plain = { kind = "kf" }
+"#;
+
+/// Scores are counted from cycle 2 on.
+#[test]
+fn smoothed_estimates_stand_at_their_own_time_and_are_scored_there() {
+    complete(&scenario(METHODS), |run, summary| {
+        let truth = NcFile::open(run.join("truth.nc")).unwrap();
+        for method in ["kf", "serial_kf", "etkf"] {
+            let file = NcFile::open(run.join(format!("{method}.nc"))).unwrap();
+            let later: Vec<f64> = (1..=CYCLES).map(|cycle| LAG.min(CYCLES - cycle) as f64).collect();
+            assert_eq!(numbers(&file, "smoother_later_cycles"), later, "{method}");
+            let scores = &summary.methods[method];
+            let smoothed = scores.smoothed.as_ref().unwrap();
+            assert_eq!(smoothed.lag_cycles, LAG);
+            for name in ["h", "u", "v"] {
+                let read = |stage: &str| numbers(&file, &format!("{name}_{stage}"));
+                let (analysis, estimate, spread) = (read("analysis"), read("smoothed"), read("smoothed_spread"));
+                let cells = estimate.len() / CYCLES;
+                let last = (CYCLES - 1) * cells..;
+                assert_eq!(relative(&estimate[last.clone()], &analysis[last]), 0.0, "{method}, {name}");
+                assert!(relative(&estimate[..cells], &analysis[..cells]) > 1e-3);
+                // The truth has a record before the first cycle.
+                let (true_values, claims) = (numbers(&truth, name), spread.into_iter().skip(cells));
+                let errors = estimate.iter().zip(&true_values[cells..]).map(|(a, b)| a - b).skip(cells);
+                assert!((root_mean_square(errors) / smoothed.rmse[name] - 1.0).abs() < 1e-9, "{method}, {name}");
+                let claimed = smoothed.spread.as_ref().unwrap()[name];
+                assert!((root_mean_square(claims) / claimed - 1.0).abs() < 1e-9);
+                assert!(claimed < scores.spread_analysis.as_ref().unwrap()[name], "{method}, {name}");
+            }
+            let (biases, true_biases) = (numbers(&file, "calibration_smoothed"), numbers(&truth, "calibration"));
+            let parameters = biases.len() / CYCLES;
+            let errors = biases.iter().zip(&true_biases[parameters..]).map(|(a, b)| a - b);
+            let expected = smoothed.bias_rmse.unwrap();
+            assert!((root_mean_square(errors.skip(parameters)) / expected - 1.0).abs() < 1e-9, "{method}");
+            assert!(smoothed.bias_spread.unwrap() < scores.bias_spread.unwrap());
+        }
+        // The same filter, and the same smoother whichever way it analyses.
+        let of = |method: &str| &summary.methods[method];
+        assert_eq!(of("kf").rmse_analysis, of("plain").rmse_analysis);
+        assert!(of("plain").smoothed.is_none());
+        let [all, serial] = ["kf", "serial_kf"].map(|method| &of(method).smoothed.as_ref().unwrap().rmse["h"]);
+        assert!((all / serial - 1.0).abs() < 1e-6, "{all} and {serial}");
+        let table = isobar::table::scores(summary, &[("h", "m"), ("u", "m/s"), ("v", "m/s")]);
+        let part = table.split("as later observations revise them").nth(1).expect("there is a table of them");
+        let rows: Vec<&str> = part.lines().filter(|line| line.contains(" 3 ")).collect();
+        assert!(rows.len() == 3 && table.lines().all(|line| line.chars().count() <= 100), "{table}");
+    });
+}
+
+/// Largest difference relative to the largest value.
+fn relative(a: &[f64], b: &[f64]) -> f64 {
+    let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
+    largest(&mut a.iter().zip(b).map(|(a, b)| (a - b).abs())) / largest(&mut b.iter().map(|b| b.abs()))
+}
+
+/// With [initialise] the method analyses for the first time in the batch's last cycle: before it there is nothing to smooth.
+#[test]
+fn cycles_without_an_analysis_have_no_smoothed_estimate() {
+    let methods = "[methods]\nkf = { kind = \"kf\", smoother_lag_cycles = 3 }\n\
+                   [initialise]\nmethod = \"high-pass\"\ncycles = 4\nbox_km = 400\n";
+    complete(&scenario(methods), |run, summary| {
+        let file = NcFile::open(run.join("kf.nc")).unwrap();
+        let later = [FILL_VALUE, FILL_VALUE, FILL_VALUE, 3.0, 3.0, 3.0, 2.0, 1.0, 0.0];
+        assert_eq!(numbers(&file, "smoother_later_cycles"), later);
+        assert!(numbers(&file, "h_smoothed").starts_with(&[FILL_VALUE]));
+        assert!(summary.methods["kf"].smoothed.is_some());
+    });
+}
+
+#[test]
+fn what_smoothers_cannot_do_is_an_error_at_its_key() {
+    let refused = |text: &str| Scenario::parse(Path::new("small.toml"), text).unwrap_err().to_string();
+    let freezing =
+        scenario("[stability]\nfreeze_after_cycles = 4\n[methods.kf]\nkind = \"kf\"\nsmoother_lag_cycles = 3\n");
+    assert!(refused(&freezing).contains("[stability] freezes"), "{}", refused(&freezing));
+    let none = refused(&scenario("[methods.kf]\nkind = \"kf\"\nsmoother_lag_cycles = 0\n"));
+    assert!(none.contains("smoother_lag_cycles"), "{none}");
+    let other = refused(&scenario("[methods.var]\nkind = \"3dvar\"\nsmoother_lag_cycles = 3\n"));
+    assert!(other.contains("smoother_lag_cycles"), "{other}");
+}
