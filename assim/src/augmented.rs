@@ -10,7 +10,7 @@ use crate::problem::Problem;
 use crate::propagator::propagator;
 use crate::saved::{Matrix, from_bytes, restore_bias, restore_state, to_bytes};
 use crate::spread::standard_deviations;
-use faer::{Mat, MatRef};
+use faer::{Mat, MatRef, Scale};
 use isobar_model::{Duration, State};
 use isobar_obs::{BlockAngular, Calibration};
 use serde::{Deserialize, Serialize};
@@ -54,6 +54,14 @@ impl AugmentedState {
         let state = problem.background.clone();
         let bias = vec![0.0; problem.calibration.len()];
         Ok(Self { problem, calibration, state, bias, covariance, model_error })
+    }
+
+    /// Multiplies the covariances of the state's errors at the start and of the model's errors.
+    pub fn inflate(&mut self, factor: f64) {
+        let m = self.state.values().len();
+        let mut own = self.covariance.as_mut().get_mut(..m, ..m);
+        own *= Scale(factor);
+        self.model_error.iter_mut().for_each(|model_error| *model_error *= Scale(factor));
     }
 
     /// Forecast (21), (24) of WO 93/22625: `s~ = M(ŝ)`, `P = A Cov(ŝ) Aᵀ + Q`; the parameters persist but for their

@@ -24,7 +24,7 @@ pub(crate) trait DenseAnalysis: Send {
 /// A Kalman filter on the augmented state s = (x, c) with the whole covariance, and an analysis:
 /// [`KalmanFilter`](crate::kalman::KalmanFilter), [`SerialKalmanFilter`](crate::serial_kalman::SerialKalmanFilter).
 pub struct DenseFilter<A> {
-    augmented: AugmentedState,
+    pub(crate) augmented: AugmentedState,
     analysis: PhantomData<A>,
 }
 

@@ -6,6 +6,7 @@
 //! | [`fast_kalman`] | Lange's Fast Kalman Filter on the blocks of a grid |
 //! | [`kalman`] | the dense (extended) Kalman filter: the reference |
 //! | [`serial_kalman`] | the same, one observation at a time; [`dense_filter`] is what both share |
+//! | [`federated`] | a Kalman filter for each observing system, and their fusion |
 //! | [`variational`] | 3D-Var, also with an ensemble's covariance (hybrid), and 4D-Var; biases in the control vector |
 //! | [`optimal_interpolation`] | the analysis with a static covariance, solved directly |
 //! | [`ensemble`] | ensemble Kalman filters: transform (ETKF), local (LETKF), stochastic (EnKF) |
@@ -35,6 +36,7 @@ pub mod ensemble;
 pub mod error;
 pub mod estimated;
 pub mod fast_kalman;
+pub mod federated;
 pub mod free;
 pub mod high_pass;
 pub mod initialised;
