@@ -212,7 +212,12 @@ fn without_fixed_gain(algorithm: &Algorithm) -> Option<&'static str> {
         | Algorithm::ThreeDVar(_)
         | Algorithm::Kalman { .. }
         | Algorithm::SerialKalman { .. }
+        | Algorithm::BandedKalman { .. }
         | Algorithm::FastKalman { .. } => None,
+        Algorithm::FederatedKalman { settings, .. } => {
+            let is_one = settings.systems.len() == 1 || settings.reset_every_cycles == Some(1);
+            (!is_one).then_some("its local filters go on from estimates of their own")
+        }
         Algorithm::Climatology => Some("its background is no forecast of the model"),
         Algorithm::TimeVolume { .. } => Some("its corrections of the model depend on the data"),
         Algorithm::FourDVar(_) => Some("its window analyses earlier observations again"),

@@ -81,6 +81,9 @@ fn nor_in_other_methods() {
         four_d_var = { kind = "4dvar", window_cycles = 3 }
         hybrid = { kind = "hybrid_3dvar", ensemble_weight = 0.5, members = 6, localization_radius_km = 400 }
         serial_kf = { kind = "serial_kf" }
+        banded = { kind = "banded_kf", half_bandwidth = 40 }
+        federated = { kind = "federated_kf", information_sharing = { sondes = 0.7, polar = 0.3 }, reset_every_cycles = 2 }
+        federated_no_reset = { kind = "federated_kf", reset_every_cycles = 0 }
         etkf = { kind = "etkf", members = 12, inflation = "adaptive" }
         letkf = { kind = "letkf", members = 6, localization_radius_km = 400, inflation = "adaptive" }
         enkf = { kind = "enkf", members = 6, localization_radius_km = 400, relaxation_to_prior_spread = 0.5 }

@@ -6,6 +6,7 @@
 //! | [`fast_kalman`] | Lange's Fast Kalman Filter on the blocks of a grid |
 //! | [`kalman`] | the dense (extended) Kalman filter: the reference |
 //! | [`serial_kalman`] | the same, one observation at a time; [`dense_filter`] is what both share |
+//! | [`banded`] | the Kalman filter with a banded covariance: the Frobenius recursion |
 //! | [`federated`] | a Kalman filter for each observing system, and their fusion |
 //! | [`variational`] | 3D-Var, also with an ensemble's covariance (hybrid), and 4D-Var; biases in the control vector |
 //! | [`optimal_interpolation`] | the analysis with a static covariance, solved directly |
@@ -24,6 +25,7 @@
 pub mod actual_errors;
 pub mod assimilator;
 mod augmented;
+pub mod banded;
 pub mod block_angular;
 pub mod calibrated;
 mod calibrated_state;

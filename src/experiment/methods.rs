@@ -2,12 +2,14 @@
 
 use super::{forecast_model, time_volume};
 use crate::scenario::{Algorithm, Method, Scenario};
+use isobar_assim::banded::BandedKalmanFilter;
 use isobar_assim::climatology::Climatology;
 use isobar_assim::ensemble::{
     BackgroundInflation, EnsembleSettings, EnsembleTransformKalmanFilter, InitialMembers,
     LocalEnsembleTransformKalmanFilter, ModelErrorTreatment, StochasticEnsembleKalmanFilter,
 };
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
+use isobar_assim::federated::FederatedKalmanFilter;
 use isobar_assim::free::FreeRun;
 use isobar_assim::high_pass::HighPassSettings;
 use isobar_assim::initialised::Initialised;
@@ -38,6 +40,14 @@ pub(super) fn build(ground: &Problem, method: &Method, scenario: &Scenario) -> R
         Algorithm::SerialKalman { memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
             Box::new(SerialKalmanFilter::new(problem)?)
+        }
+        Algorithm::BandedKalman { half_bandwidth, memory_limit_bytes } => {
+            problem.memory_limit_bytes = memory_limit_bytes;
+            Box::new(BandedKalmanFilter::new(problem, half_bandwidth)?)
+        }
+        Algorithm::FederatedKalman { ref settings, memory_limit_bytes } => {
+            problem.memory_limit_bytes = memory_limit_bytes;
+            Box::new(FederatedKalmanFilter::new(problem, settings.clone())?)
         }
         Algorithm::FastKalman { settings, factor_grid, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
@@ -127,6 +137,19 @@ fn describe_alone(method: &Method) -> String {
         Algorithm::ThreeDVar(settings) => format!("3D-Var, B × {}, {bias}", settings.covariance_scale),
         Algorithm::Kalman { .. } => format!("Kalman filter, {bias}"),
         Algorithm::SerialKalman { .. } => format!("Kalman filter, one observation at a time, {bias}"),
+        Algorithm::BandedKalman { half_bandwidth, .. } => {
+            format!("Kalman filter, {half_bandwidth} diagonals on either side of the covariance's main one, {bias}")
+        }
+        Algorithm::FederatedKalman { settings, .. } => {
+            let reset = match settings.reset_every_cycles {
+                None => "never reset".to_string(),
+                Some(1) => "reset in every cycle".to_string(),
+                Some(cycles) => format!("reset every {cycles} cycles"),
+            };
+            let shares = settings.systems.iter().map(|(name, share)| format!("{name} {share:.3}"));
+            let shares = shares.collect::<Vec<_>>().join(", ");
+            format!("federated Kalman filter, information shared as {shares}, {reset}, {bias}")
+        }
         Algorithm::FastKalman { settings, factor_grid, .. } => {
             format!("Fast Kalman Filter, {}, {bias}", describe_filter(settings, *factor_grid))
         }

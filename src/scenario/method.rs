@@ -2,6 +2,7 @@
 
 use super::ensemble_method;
 use super::expected::TOLERANCE_KEY;
+use super::federated;
 use super::model::ModelSettings;
 use super::network::check_name;
 use super::reader::{Field, Kind, Limits, Read, Section};
@@ -10,6 +11,7 @@ use indexmap::IndexMap;
 use isobar_assim::BiasTreatment;
 use isobar_assim::ensemble::{EnsembleSettings, LocalSettings};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Residual};
+use isobar_assim::federated::FederatedSettings;
 use isobar_assim::variational::{FourDVarSettings, HybridSettings, ThreeDVarSettings};
 use isobar_model::Grid;
 use toml::de::DeValue;
@@ -19,6 +21,9 @@ const DEFAULT_PROBES: usize = 8;
 
 /// The most common factors.
 const MOST_FACTORS: usize = 100_000;
+
+/// The most diagonals of a banded covariance: more than any has.
+const MOST_DIAGONALS: usize = 1_000_000_000;
 
 /// Variables up to which blocks that observations link are merged, unless the scenario says how many.
 const DEFAULT_LARGEST_COMPONENT: usize = 1500;
@@ -65,6 +70,20 @@ pub enum Algorithm {
     },
     /// The same, one observation at a time.
     SerialKalman {
+        /// Memory that it may use.
+        memory_limit_bytes: u64,
+    },
+    /// The Kalman filter with a banded covariance.
+    BandedKalman {
+        /// Diagonals of the covariance on either side of the main one.
+        half_bandwidth: usize,
+        /// Memory that it may use.
+        memory_limit_bytes: u64,
+    },
+    /// A Kalman filter for each observing system, and their fusion.
+    FederatedKalman {
+        /// How it is divided.
+        settings: FederatedSettings,
         /// Memory that it may use.
         memory_limit_bytes: u64,
     },
@@ -123,6 +142,8 @@ enum Which {
     HybridThreeDVar,
     Kalman,
     SerialKalman,
+    FederatedKalman,
+    BandedKalman,
     FastKalman,
     TimeVolume,
     EnsembleTransform,
@@ -143,6 +164,8 @@ const KINDS: &[Kind<Which>] = &[
     ("hybrid_3dvar", Which::HybridThreeDVar, &ensemble_method::HYBRID_KEYS),
     ("kf", Which::Kalman, &["bias", "memory_limit_gb"]),
     ("serial_kf", Which::SerialKalman, &["bias", "memory_limit_gb"]),
+    ("banded_kf", Which::BandedKalman, &["bias", "half_bandwidth", "memory_limit_gb"]),
+    ("federated_kf", Which::FederatedKalman, &federated::KEYS),
     (
         "fkf",
         Which::FastKalman,
@@ -186,12 +209,13 @@ const KINDS: &[Kind<Which>] = &[
 /// The most methods of a scenario.
 const MOST_METHODS: usize = 100;
 
-/// Reads `[methods]`, in the order of the file; `cycles` are those of the run.
+/// Reads `[methods]`, in the order of the file; `cycles` are those of the run, `networks` the names of what observes.
 pub(super) fn read(
     root: &Section<'_>,
     grid: &Grid,
     model: &ModelSettings,
     cycles: usize,
+    networks: &[&str],
 ) -> Read<IndexMap<String, Method>> {
     let mut methods: IndexMap<String, Method> = IndexMap::new();
     let field = root.required("methods")?;
@@ -210,7 +234,7 @@ pub(super) fn read(
             let message = format!("the methods `{other}` and `{name}` differ in case only");
             return Err(field.misplaced(message, "choose another name"));
         }
-        methods.insert(name.to_string(), method(&field, grid, model, cycles)?);
+        methods.insert(name.to_string(), method(&field, grid, model, cycles, networks)?);
     }
     if methods.is_empty() {
         return Err(field.misplaced("[methods] is empty".into(), "add a table such as [methods.fkf]"));
@@ -218,7 +242,13 @@ pub(super) fn read(
     Ok(methods)
 }
 
-fn method(field: &Field<'_>, grid: &Grid, model: &ModelSettings, cycles: usize) -> Read<Method> {
+fn method(
+    field: &Field<'_>,
+    grid: &Grid,
+    model: &ModelSettings,
+    cycles: usize,
+    networks: &[&str],
+) -> Read<Method> {
     const TREATMENTS: &[(&str, BiasTreatment)] =
         &[("estimate", BiasTreatment::Estimate), ("ignore", BiasTreatment::Ignore), ("known", BiasTreatment::Known)];
     let (which, section) = field.section_of_kind(KINDS)?;
@@ -255,6 +285,14 @@ fn method(field: &Field<'_>, grid: &Grid, model: &ModelSettings, cycles: usize) 
         },
         Which::Kalman => Algorithm::Kalman { memory_limit_bytes: memory_limit_bytes()? },
         Which::SerialKalman => Algorithm::SerialKalman { memory_limit_bytes: memory_limit_bytes()? },
+        Which::FederatedKalman => Algorithm::FederatedKalman {
+            settings: federated::read(&section, networks)?,
+            memory_limit_bytes: memory_limit_bytes()?,
+        },
+        Which::BandedKalman => Algorithm::BandedKalman {
+            half_bandwidth: section.required("half_bandwidth")?.whole(0, MOST_DIAGONALS)?,
+            memory_limit_bytes: memory_limit_bytes()?,
+        },
         Which::FastKalman => {
             let settings = fast_kalman(&section, grid)?;
             let factor_grid = factor_grid(&section, grid, settings)?;

@@ -11,6 +11,7 @@ mod ensemble_method;
 mod error;
 mod expected;
 mod fault;
+mod federated;
 mod grid;
 mod initial;
 mod initialise;
@@ -164,7 +165,10 @@ impl Scenario {
         let cycle = cycle::read(&root, start, &steps)?;
         let networks = network::read(&root, &grid, &model)?;
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
-        let methods = method::read(&root, &grid.grid, &model, cycle.count)?;
+        let methods = {
+            let names: Vec<&str> = networks.keys().map(String::as_str).collect();
+            method::read(&root, &grid.grid, &model, cycle.count, &names)?
+        };
         let initialise = initialise::read(&root, &methods, cycle.count)?;
         let sensors = sensors::read(&root, &methods)?;
         let stability = sensors::read_stability(&root, cycle.count)?;
