@@ -187,7 +187,8 @@ fn chosen(scenario: &Scenario, options: &ExactOptions) -> Result<(Vec<String>, V
     let (mut names, mut left_out) = (Vec::new(), Vec::new());
     for (name, method) in &scenario.methods {
         let is_named = options.methods.as_ref().map(|chosen| chosen.contains(name));
-        match (without_fixed_gain(&method.algorithm), is_named) {
+        let adapts = method.adapt.map(|_| "it adapts its errors to the data");
+        match (adapts.or(without_fixed_gain(&method.algorithm)), is_named) {
             (_, Some(false)) => {}
             (None, _) => names.push(name.clone()),
             (Some(reason), None) => left_out.push((name.clone(), reason)),

@@ -84,6 +84,9 @@ fn nor_in_other_methods() {
         banded = { kind = "banded_kf", half_bandwidth = 40 }
         federated = { kind = "federated_kf", information_sharing = { sondes = 0.7, polar = 0.3 }, reset_every_cycles = 2 }
         federated_no_reset = { kind = "federated_kf", reset_every_cycles = 0 }
+        adaptive_kf = { kind = "kf", adapt = { observation_error = true, model_error = true, memory_cycles = 5 } }
+        adaptive_fkf = { kind = "fkf", factors = 20, adapt = { observation_error = true, model_error = true } }
+        adaptive_var = { kind = "3dvar", adapt = { background_error = true } }
         etkf = { kind = "etkf", members = 12, inflation = "adaptive" }
         letkf = { kind = "letkf", members = 6, localization_radius_km = 400, inflation = "adaptive" }
         enkf = { kind = "enkf", members = 6, localization_radius_km = 400, relaxation_to_prior_spread = 0.5 }

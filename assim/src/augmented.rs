@@ -35,6 +35,8 @@ pub(crate) struct AugmentedState {
     pub covariance: Mat<f64>,
     /// Q of the state, `[m, m]`.
     model_error: Option<Mat<f64>>,
+    /// What it is multiplied by.
+    pub model_error_factor: f64,
 }
 
 impl AugmentedState {
@@ -53,7 +55,7 @@ impl AugmentedState {
         let model_error = problem.model_error.as_deref().map(covariance::dense);
         let state = problem.background.clone();
         let bias = vec![0.0; problem.calibration.len()];
-        Ok(Self { problem, calibration, state, bias, covariance, model_error })
+        Ok(Self { problem, calibration, state, bias, covariance, model_error, model_error_factor: 1.0 })
     }
 
     /// Multiplies the covariances of the state's errors at the start and of the model's errors.
@@ -75,7 +77,7 @@ impl AugmentedState {
         let rows = product(a, self.covariance.as_ref().get(..m, ..));
         let mut forecast = Mat::zeros(s, s);
         if let Some(model_error) = &self.model_error {
-            forecast.as_mut().get_mut(..m, ..m).copy_from(model_error);
+            forecast.as_mut().get_mut(..m, ..m).copy_from(model_error * Scale(self.model_error_factor));
         }
         add_symmetric_product(forecast.as_mut().get_mut(..m, ..m), 1.0, rows.as_ref().get(.., ..m), a.transpose());
         forecast.as_mut().get_mut(..m, m..).copy_from(rows.as_ref().get(.., m..));

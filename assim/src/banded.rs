@@ -59,6 +59,8 @@ pub struct BandedKalmanFilter {
     position: Vec<usize>,
     /// Q, in the order of the band.
     model_error: Band,
+    /// What it is multiplied by.
+    model_error_factor: f64,
     /// L, in the order of the band.
     root: Band,
     /// The Cholesky factor of W; `None` for I.
@@ -126,6 +128,7 @@ impl BandedKalmanFilter {
             order,
             position,
             model_error,
+            model_error_factor: 1.0,
             root,
             information: None,
             coupling: Mat::zeros(m, p),
@@ -309,6 +312,11 @@ impl Assimilator for BandedKalmanFilter {
 
     fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
         self.widening += covariance;
+        Ok(())
+    }
+
+    fn set_error_factor(&mut self, factor: f64) -> Result<(), Error> {
+        self.model_error_factor = factor;
         Ok(())
     }
 

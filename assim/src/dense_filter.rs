@@ -65,6 +65,11 @@ impl<A: DenseAnalysis> Assimilator for DenseFilter<A> {
         self.augmented.set_calibration(estimate, covariance)
     }
 
+    fn set_error_factor(&mut self, factor: f64) -> Result<(), Error> {
+        self.augmented.model_error_factor = factor;
+        Ok(())
+    }
+
     fn save(&self) -> Result<Vec<u8>, Error> {
         self.augmented.save()
     }

@@ -207,6 +207,10 @@ impl Assimilator for FederatedKalmanFilter {
         Ok(())
     }
 
+    fn set_error_factor(&mut self, factor: f64) -> Result<(), Error> {
+        self.local.iter_mut().try_for_each(|local| local.filter.set_error_factor(factor))
+    }
+
     fn save(&self) -> Result<Vec<u8>, Error> {
         let local = self.local.iter().map(|local| local.filter.save()).collect::<Result<Vec<_>, _>>()?;
         to_bytes(&(self.master.save()?, local, self.cycle))

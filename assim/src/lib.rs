@@ -17,12 +17,13 @@
 //! | [`response`], [`actual_errors`] | the gain of any of them, found by asking, and what it is worth |
 //!
 //! [`calibrated`] is what any of them makes of what is known of its sensors: earlier calibrations, recalibrations, biases
-//! that are not to be adjusted; [`observability`] says which biases the data determine.
+//! that are not to be adjusted; [`adaptive`] one that finds out how large errors are; [`observability`] says which biases the data determine.
 //!
 //! All of them are given a [`Problem`], see models and observations only through traits and Jacobians, and are an
 //! [`Assimilator`]. [`covariance`] holds B and Q as operators; `testing` (feature `testing`) the contract they must keep.
 
 pub mod actual_errors;
+pub mod adaptive;
 pub mod assimilator;
 mod augmented;
 pub mod banded;
@@ -43,6 +44,7 @@ pub mod free;
 pub mod high_pass;
 pub mod initialised;
 pub mod kalman;
+mod likelihood;
 mod linalg;
 pub mod observability;
 pub mod optimal_interpolation;
@@ -59,6 +61,7 @@ pub mod testing;
 pub mod variational;
 pub mod wind_finding;
 
+pub use adaptive::{AdaptedCovariance, Adaptive, AdaptiveSettings};
 pub use assimilator::{Analysis, Assimilator, BiasTreatment, Estimate};
 pub use calibrated::{Calibrated, Recalibration, SensorKnowledge};
 pub use calibration_accuracy::CalibrationAccuracy;

@@ -106,10 +106,12 @@ fn with_a_reset_in_every_cycle_and_without_biases_it_is_the_kalman_filter() {
 #[test]
 fn without_model_error_it_is_the_kalman_filter_with_biases_and_with_any_reset() {
     let problem = Problem { model_error: None, ..problem(true, biases(0.0), 2) };
+    // The model contracts, so that each cycle leaves directions with less variance beside the largest; in these the fusion has
+    // fewer digits.
     for reset in [None, Some(1), Some(3)] {
-        for (cycles, tolerance) in [(1, 1e-9), (2, 1e-9), (3, 1e-9), (4, 1e-8), (5, 1e-8), (6, 1e-8)] {
+        for (cycles, tolerance) in [(1, 1e-9), (3, 1e-7)] {
             let found = difference(&problem, federated(&problem, SHARES, reset), cycles);
-            eprintln!("reset {reset:?}, {cycles} cycles: {found:e} {tolerance:e}");
+            assert!(found < tolerance, "reset {reset:?}, {cycles} cycles: {found:e}");
         }
     }
 }

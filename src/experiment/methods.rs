@@ -17,7 +17,8 @@ use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::optimal_interpolation::OptimalInterpolation;
 use isobar_assim::serial_kalman::SerialKalmanFilter;
 use isobar_assim::variational::{FourDVar, HybridThreeDVar, ThreeDVar};
-use isobar_assim::{Assimilator, BiasTreatment, Error, Problem};
+use isobar_assim::{AdaptedCovariance, Adaptive, AdaptiveSettings, Assimilator, BiasTreatment, Error, Problem};
+use std::sync::Arc;
 
 pub(super) fn build(ground: &Problem, method: &Method, scenario: &Scenario) -> Result<Box<dyn Assimilator>, Error> {
     let mut problem = Problem { bias: method.bias, ..ground.clone() };
@@ -76,6 +77,36 @@ pub(super) fn build(ground: &Problem, method: &Method, scenario: &Scenario) -> R
     })
 }
 
+/// The method, with factors on its errors' covariances if the scenario says so.
+pub(super) fn adapted(
+    method: Box<dyn Assimilator>,
+    name: &str,
+    ground: &Problem,
+    scenario: &Scenario,
+) -> Result<Box<dyn Assimilator>, Error> {
+    let Method { adapt, algorithm, .. } = &scenario.methods[name];
+    let Some(adapt) = adapt else { return Ok(method) };
+    let background = |scale: f64| AdaptedCovariance {
+        name: "background_error",
+        covariance: Arc::clone(&ground.background_error),
+        scale,
+    };
+    let covariance = match algorithm {
+        Algorithm::OptimalInterpolation { covariance_scale } => Some(background(*covariance_scale)),
+        Algorithm::ThreeDVar(settings) => Some(background(settings.covariance_scale)),
+        _ => {
+            let model_error = ground.model_error.clone();
+            model_error.map(|covariance| AdaptedCovariance { name: "model_error", covariance, scale: 1.0 })
+        }
+    };
+    let settings = AdaptiveSettings {
+        observation_error: adapt.observation_error,
+        state_error: covariance.filter(|_| adapt.state_error),
+        memory_cycles: adapt.memory_cycles,
+    };
+    Ok(Box::new(Adaptive::new(method, ground.background.layout().clone(), settings)?))
+}
+
 /// The method as it starts: from its first observations if the scenario says so.
 pub(super) fn initialised(
     method: Box<dyn Assimilator>,
@@ -102,7 +133,15 @@ pub(super) fn sees_observations(method: &Method) -> bool {
 
 /// A method's settings, in words.
 pub(super) fn describe(method: &Method, name: &str, scenario: &Scenario) -> String {
-    let own = describe_alone(method);
+    let mut own = describe_alone(method);
+    if let Some(adapt) = &method.adapt {
+        let errors = match (adapt.observation_error, adapt.state_error) {
+            (true, true) => "observations and its own",
+            (true, false) => "observations",
+            (false, _) => "its own",
+        };
+        own += &format!(", errors of {errors} adapted over {} cycles", adapt.memory_cycles);
+    }
     match initialisation(name, scenario) {
         Some(settings) => {
             format!("{own}, calibration initialised from {} cycles by a high-pass filter", settings.cycles)

@@ -3,7 +3,7 @@
 use super::reader::{Limits, Read, Section};
 use isobar_assim::federated::FederatedSettings;
 
-pub(super) const KEYS: [&str; 4] = ["bias", "information_sharing", "reset_every_cycles", "memory_limit_gb"];
+pub(super) const KEYS: [&str; 5] = ["bias", "adapt", "information_sharing", "reset_every_cycles", "memory_limit_gb"];
 
 /// How far the sum of information-sharing factors may be from 1, for factors such as 0.333.
 const ROUNDING: f64 = 0.005;

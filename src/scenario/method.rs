@@ -1,5 +1,6 @@
 //! `[methods.NAME]`: the data-assimilation methods that run side by side.
 
+use super::adapt::{self, Adapt, StateError};
 use super::ensemble_method;
 use super::expected::TOLERANCE_KEY;
 use super::federated;
@@ -38,6 +39,8 @@ pub struct Method {
     pub bias: BiasTreatment,
     /// What it does.
     pub algorithm: Algorithm,
+    /// Which errors it estimates from its innovations, if any.
+    pub adapt: Option<Adapt>,
 }
 
 /// What a method does.
@@ -154,23 +157,24 @@ enum Which {
 const KINDS: &[Kind<Which>] = &[
     ("free", Which::Free, &[]),
     ("climatology", Which::Climatology, &[]),
-    ("optimal_interpolation", Which::OptimalInterpolation, &["bias", "covariance_scale"]),
-    ("3dvar", Which::ThreeDVar, &["bias", "covariance_scale", "max_iterations", "tolerance"]),
+    ("optimal_interpolation", Which::OptimalInterpolation, &["bias", "covariance_scale", "adapt"]),
+    ("3dvar", Which::ThreeDVar, &["bias", "adapt", "covariance_scale", "max_iterations", "tolerance"]),
     (
         "4dvar",
         Which::FourDVar,
         &["bias", "window_cycles", "outer_loops", "covariance_scale", "max_iterations", "tolerance"],
     ),
     ("hybrid_3dvar", Which::HybridThreeDVar, &ensemble_method::HYBRID_KEYS),
-    ("kf", Which::Kalman, &["bias", "memory_limit_gb"]),
-    ("serial_kf", Which::SerialKalman, &["bias", "memory_limit_gb"]),
-    ("banded_kf", Which::BandedKalman, &["bias", "half_bandwidth", "memory_limit_gb"]),
+    ("kf", Which::Kalman, &["bias", "adapt", "memory_limit_gb"]),
+    ("serial_kf", Which::SerialKalman, &["bias", "adapt", "memory_limit_gb"]),
+    ("banded_kf", Which::BandedKalman, &["bias", "adapt", "half_bandwidth", "memory_limit_gb"]),
     ("federated_kf", Which::FederatedKalman, &federated::KEYS),
     (
         "fkf",
         Which::FastKalman,
         &[
             "bias",
+            "adapt",
             "blocks",
             "bias_coupling",
             "factors",
@@ -209,14 +213,19 @@ const KINDS: &[Kind<Which>] = &[
 /// The most methods of a scenario.
 const MOST_METHODS: usize = 100;
 
-/// Reads `[methods]`, in the order of the file; `cycles` are those of the run, `networks` the names of what observes.
-pub(super) fn read(
-    root: &Section<'_>,
-    grid: &Grid,
-    model: &ModelSettings,
-    cycles: usize,
-    networks: &[&str],
-) -> Read<IndexMap<String, Method>> {
+/// What the rest of the scenario says that a method must fit to.
+pub(super) struct Surroundings<'a> {
+    pub grid: &'a Grid,
+    pub model: &'a ModelSettings,
+    /// Cycles of the run.
+    pub cycles: usize,
+    /// The names of what observes.
+    pub networks: Vec<&'a str>,
+    pub has_model_error: bool,
+}
+
+/// Reads `[methods]`, in the order of the file.
+pub(super) fn read(root: &Section<'_>, surroundings: &Surroundings<'_>) -> Read<IndexMap<String, Method>> {
     let mut methods: IndexMap<String, Method> = IndexMap::new();
     let field = root.required("methods")?;
     for (name, field) in field.any_section()?.fields() {
@@ -234,7 +243,7 @@ pub(super) fn read(
             let message = format!("the methods `{other}` and `{name}` differ in case only");
             return Err(field.misplaced(message, "choose another name"));
         }
-        methods.insert(name.to_string(), method(&field, grid, model, cycles, networks)?);
+        methods.insert(name.to_string(), method(&field, surroundings)?);
     }
     if methods.is_empty() {
         return Err(field.misplaced("[methods] is empty".into(), "add a table such as [methods.fkf]"));
@@ -242,13 +251,8 @@ pub(super) fn read(
     Ok(methods)
 }
 
-fn method(
-    field: &Field<'_>,
-    grid: &Grid,
-    model: &ModelSettings,
-    cycles: usize,
-    networks: &[&str],
-) -> Read<Method> {
+fn method(field: &Field<'_>, surroundings: &Surroundings<'_>) -> Read<Method> {
+    let &Surroundings { grid, model, cycles, ref networks, has_model_error } = surroundings;
     const TREATMENTS: &[(&str, BiasTreatment)] =
         &[("estimate", BiasTreatment::Estimate), ("ignore", BiasTreatment::Ignore), ("known", BiasTreatment::Known)];
     let (which, section) = field.section_of_kind(KINDS)?;
@@ -257,6 +261,11 @@ fn method(
     let bias = section.optional("bias").map_or(Ok(default), |field| field.choice(TREATMENTS))?;
     let memory_limit_bytes =
         || Ok((section.number_or("memory_limit_gb", 2.0, Limits::Between(0.001, 10_000.0))? * 1e9) as u64);
+    let state_error = match which {
+        Which::OptimalInterpolation | Which::ThreeDVar => StateError::Background,
+        _ => StateError::Model,
+    };
+    let adapt = adapt::read(&section, state_error, has_model_error)?;
     let algorithm = match which {
         Which::Free => Algorithm::Free,
         Which::Climatology => Algorithm::Climatology,
@@ -318,7 +327,7 @@ fn method(
             memory_limit_bytes: memory_limit_bytes()?,
         },
     };
-    Ok(Method { bias, algorithm })
+    Ok(Method { bias, algorithm, adapt })
 }
 
 fn three_d_var(section: &Section<'_>) -> Read<ThreeDVarSettings> {

@@ -4,6 +4,7 @@
 //! No default is hidden from a reader of the file but those that the settings' documentation names.
 
 mod accept;
+mod adapt;
 mod bias;
 mod covariance;
 mod cycle;
@@ -34,6 +35,7 @@ pub use expected::{Expected, ExpectedScores};
 pub use grid::GridSettings;
 pub use initial::Initial;
 pub use initialise::Initialise;
+pub use adapt::Adapt;
 pub use method::{Algorithm, Method};
 pub use model::{AdvectionScheme, Conserved, Dynamics, ModelSettings, ShallowWaterSettings, TimeScheme, Wind};
 pub use network::{
@@ -165,10 +167,16 @@ impl Scenario {
         let cycle = cycle::read(&root, start, &steps)?;
         let networks = network::read(&root, &grid, &model)?;
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
-        let methods = {
-            let names: Vec<&str> = networks.keys().map(String::as_str).collect();
-            method::read(&root, &grid.grid, &model, cycle.count, &names)?
-        };
+        let methods = method::read(
+            &root,
+            &method::Surroundings {
+                grid: &grid.grid,
+                model: &model,
+                cycles: cycle.count,
+                networks: networks.keys().map(String::as_str).collect(),
+                has_model_error: !model_error.is_empty(),
+            },
+        )?;
         let initialise = initialise::read(&root, &methods, cycle.count)?;
         let sensors = sensors::read(&root, &methods)?;
         let stability = sensors::read_stability(&root, cycle.count)?;

@@ -25,6 +25,7 @@ impl BandedKalmanFilter {
         let (m, p) = (self.state.values().len(), self.calibration.len());
         let start = self.state.clone();
         let mut band = self.model_error.clone();
+        band.values_mut().iter_mut().for_each(|entry| *entry *= self.model_error_factor);
         for first in (0..m).step_by(BATCH) {
             let count = BATCH.min(m - first);
             let mut columns = vec![0.0; m * count];
