@@ -41,8 +41,8 @@ use serde::{Deserialize, Serialize};
 /// ```
 ///
 /// The analysis is exact. What is dropped is dropped in the forecast: of A L W⁻¹ Lᵀ Aᵀ + Q only the band is kept, which need
-/// be no covariance; its diagonal is raised where it is none (`Band::modified_cholesky`), by how much is among the
-/// [`EstimatedParameter`]s. With the full band it equals the Kalman filter, with no diagonal beside the main one every
+/// be no covariance; its correlations are tapered until it is one (`Band::covariance_factor`), by how much is among the
+/// [`EstimatedParameter`]s. Variances are kept in any case. With the full band it equals the Kalman filter, with no diagonal beside the main one every
 /// value's errors are taken to be independent of all others' but for what they have in common with the biases.
 ///
 /// With m values, a half-bandwidth h and n observations: m h² + n h² operations for an analysis, m² h for its claimed
@@ -71,8 +71,8 @@ pub struct BandedKalmanFilter {
     bias_covariance: Mat<f64>,
     /// What is to be added to it before the next forecast.
     widening: Mat<f64>,
-    /// The variance that made the last band a covariance, as a share of all.
-    added_variance: f64,
+    /// How far the last band was tapered to be a covariance, from 0 to 1.
+    taper: f64,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -84,7 +84,7 @@ struct Saved {
     coupling: Matrix,
     bias_covariance: Matrix,
     widening: Matrix,
-    added_variance: f64,
+    taper: f64,
 }
 
 impl BandedKalmanFilter {
@@ -119,7 +119,7 @@ impl BandedKalmanFilter {
             band
         };
         let model_error = problem.model_error.as_deref().map_or_else(|| Band::zeros(m, half_bandwidth), banded);
-        let (root, added_variance) = banded(&*problem.background_error).modified_cholesky();
+        let (root, taper) = banded(&*problem.background_error).covariance_factor();
         let calibration = problem.estimated_calibration();
         let p = calibration.len();
         Ok(Self {
@@ -134,7 +134,7 @@ impl BandedKalmanFilter {
             coupling: Mat::zeros(m, p),
             bias_covariance: Mat::from_fn(p, p, |i, j| calibration.prior_covariance(i, j)),
             widening: Mat::zeros(p, p),
-            added_variance,
+            taper,
             calibration,
             problem,
         })
@@ -253,15 +253,14 @@ impl Assimilator for BandedKalmanFilter {
     }
 
     fn parameters(&self) -> Vec<EstimatedParameter> {
-        let verdict = match self.added_variance {
-            // Rounding of sums of squares.
-            added if added < 1e-9 => "the band is a covariance",
-            _ => "share of variance added to make the band a covariance",
+        let verdict = match self.taper {
+            0.0 => "the band is a covariance as it is",
+            _ => "how far the band is tapered to be a covariance, from 0 to 1",
         };
         vec![EstimatedParameter {
-            name: "band/added_variance".into(),
+            name: "band/taper".into(),
             unit: "1".into(),
-            value: self.added_variance,
+            value: self.taper,
             sigma: None,
             verdict: verdict.into(),
         }]
@@ -329,7 +328,7 @@ impl Assimilator for BandedKalmanFilter {
             coupling: (&self.coupling).into(),
             bias_covariance: (&self.bias_covariance).into(),
             widening: (&self.widening).into(),
-            added_variance: self.added_variance,
+            taper: self.taper,
         })
     }
 
@@ -348,7 +347,7 @@ impl Assimilator for BandedKalmanFilter {
         self.coupling = saved.coupling.restored(m, Some(p), "the covariance of state and calibration")?;
         self.bias_covariance = saved.bias_covariance.restored(p, Some(p), "the covariance of the calibration")?;
         self.widening = saved.widening.restored(p, Some(p), "the covariance of the calibration")?;
-        self.added_variance = saved.added_variance;
+        self.taper = saved.taper;
         Ok(())
     }
 }

@@ -15,6 +15,9 @@ pub(super) struct Band {
 /// The least pivot of a correlation matrix: what it has less of is rounding.
 const LEAST_PIVOT: f64 = 1e-10;
 
+/// By how much pivots of positive semidefinite matrices of correlations are raised at most.
+const ROUNDING: f64 = 1e-7;
+
 impl Band {
     /// Zero, with the band no wider than the matrix.
     pub fn zeros(size: usize, half: usize) -> Self {
@@ -93,17 +96,17 @@ impl Band {
         Ok(self)
     }
 
-    /// The factor L of the covariance `self + E`, and the trace of E as a share of the whole variance. What is left of a
-    /// covariance within a band need not be one; E is a diagonal that makes it positive definite, and zero where it is
-    /// (Gill, Murray and Wright 1981, Practical Optimization, section 4.4.2.2, on the scale of correlations): the pivots are
+    /// The factor L of a covariance with these variances and with the nearest correlations of a family to those of the matrix,
+    /// and where in the family it is. What is left of a covariance P within a band need not be one; what is left of it with a
+    /// taper is, by Schur's product theorem, for 1 − d/(h + 1) is a correlation function of the distance d in the order of
+    /// the band (Bartlett 1950). Between the two,
     ///
     /// ```text
-    /// d_j = max(c_jj, max_i c_ij², δ),   i > j,
+    /// ρ_ij (1 − t |i − j|/(h + 1)),    0 ≤ t ≤ 1,
     /// ```
     ///
-    /// with what is left of the correlations, c, so that no entry of L is above 1 on that scale. Where the matrix is positive
-    /// definite no c_ij² is above c_jj. A value without variance stays without.
-    pub fn modified_cholesky(mut self) -> (Self, f64) {
+    /// t is the least of 16 steps with which there is a Cholesky factor: 0 where the band of P is a covariance as it is.
+    pub fn covariance_factor(mut self) -> (Self, f64) {
         let sigma: Vec<f64> = (0..self.size).map(|j| self.column(j)[0].max(0.0).sqrt()).collect();
         for j in 0..self.size {
             let own = sigma[j];
@@ -112,19 +115,55 @@ impl Band {
                 *entry = if d == 0 { 1.0 } else if scale > 0.0 { *entry / scale } else { 0.0 };
             }
         }
-        let (mut added, mut variance) = (0.0, 0.0);
+        let tapered = |taper: f64| {
+            let mut own = self.clone();
+            for j in 0..own.size {
+                let reach = (own.half + 1) as f64;
+                let column = own.column_mut(j).iter_mut().enumerate();
+                column.for_each(|(d, entry)| *entry *= 1.0 - taper * d as f64 / reach);
+            }
+            own.nearly_positive_factor()
+        };
+        let (mut root, mut rise) = tapered(0.0);
+        let (mut least, mut taper) = (0.0, 0.0);
+        if rise > ROUNDING {
+            taper = 1.0;
+            (root, _) = tapered(taper);
+            for _ in 0..4 {
+                let middle = 0.5 * (least + taper);
+                let factored = tapered(middle);
+                rise = factored.1;
+                if rise > ROUNDING {
+                    least = middle;
+                } else {
+                    (root, taper) = (factored.0, middle);
+                }
+            }
+        }
+        for j in 0..root.size {
+            root.column_mut(j).iter_mut().zip(&sigma[j..]).for_each(|(entry, sigma)| *entry *= sigma);
+        }
+        (root, taper)
+    }
+
+    /// The Cholesky factor of a matrix of correlations, whose pivots are raised to
+    ///
+    /// ```text
+    /// d_j = max(c_jj, max_i c_ij², δ),   i > j,
+    /// ```
+    ///
+    /// with what is left of the correlations, c (Gill, Murray and Wright 1981, Practical Optimization, section 4.4.2.2), and
+    /// the most that one was raised by: nothing but rounding where the matrix is positive semidefinite.
+    fn nearly_positive_factor(mut self) -> (Self, f64) {
+        let mut rise: f64 = 0.0;
         for j in 0..self.size {
             let column = self.column(j);
             let largest = column[1..].iter().fold(0.0f64, |largest, entry| largest.max(entry * entry));
             let pivot = column[0].max(largest).max(LEAST_PIVOT);
-            added += (pivot - column[0]) * sigma[j] * sigma[j];
-            variance += sigma[j] * sigma[j];
+            rise = rise.max(pivot - column[0]);
             self.eliminate(j, pivot.sqrt());
         }
-        for j in 0..self.size {
-            self.column_mut(j).iter_mut().zip(&sigma[j..]).for_each(|(entry, sigma)| *entry *= sigma);
-        }
-        (self, if variance > 0.0 { added / variance } else { 0.0 })
+        (self, rise)
     }
 
     /// Makes column j that of the factor, and takes what it explains off the columns to come.
@@ -216,16 +255,16 @@ mod tests {
     }
 
     #[test]
-    fn factors_of_positive_matrices_are_exact_and_unchanged_by_the_modification() {
+    fn factors_of_positive_matrices_are_exact_and_need_no_taper() {
         for half in [0, 1, 4, 11, 50] {
             let band = positive(12, half);
             assert_eq!(band.half(), half.min(11));
             let (expected, scale) = (dense(&band, true), 30.0);
             let plain = band.clone().cholesky("a matrix").unwrap();
             assert!(largest_difference(&square(&plain), &expected) < 1e-13 * scale);
-            let (modified, added) = band.modified_cholesky();
-            assert!(largest_difference(&square(&modified), &expected) < 1e-13 * scale && added.abs() < 1e-13);
-            let x = standard_normals(&mut stream(1, "x"), 12);
+            let (factor, taper) = band.covariance_factor();
+            assert!(largest_difference(&square(&factor), &expected) < 1e-13 * scale && taper == 0.0);
+        let x = standard_normals(&mut stream(1, "x"), 12);
             let mut y = plain.multiply(&x);
             plain.solve_lower(0, &mut y);
             let mut z = plain.multiply_transposed(&x);
@@ -238,22 +277,37 @@ mod tests {
 
     /// Of a matrix of ones a band is left: with correlations of 1 between neighbours and 0 beyond, which no values have.
     #[test]
-    fn a_band_that_is_no_covariance_becomes_one_with_its_correlations_kept() {
+    fn a_band_that_is_no_covariance_becomes_one_with_its_variances() {
         let mut band = Band::zeros(6, 1);
         band.values.fill(4.0);
-        let before = dense(&band, true);
         let error = band.clone().cholesky("ones").unwrap_err();
         assert!(matches!(error, Error::NotPositiveDefinite { pivot: 1, size: 6, .. }), "{error}");
-        let (root, added) = band.modified_cholesky();
+        let (root, taper) = band.covariance_factor();
+        // Positive definite are correlations below 1/(2 cos π/7) = 0.555.
+        assert_eq!(taper, 15.0 / 16.0);
         let after = square(&root);
-        for i in 0..6 {
+        for i in 0..6usize {
             for j in 0..6 {
-                let change = after[i][j] - before[i][j];
-                assert!(if i == j { change > -1e-12 } else { change.abs() < 1e-12 }, "({i}, {j}): {change}");
+                let expected = [4.0, 4.0 * (1.0 - taper / 2.0)].get(i.abs_diff(j)).copied().unwrap_or(0.0);
+                assert!((after[i][j] - expected).abs() < 1e-12, "({i}, {j}): {}", after[i][j]);
             }
         }
-        let trace: f64 = (0..6).map(|i| after[i][i] - before[i][i]).sum();
-        assert!(added > 0.1 && (added - trace / 24.0).abs() < 1e-12, "{added}");
+    }
+
+    /// With two variables that are the same, and a smooth one: covariances without full rank.
+    #[test]
+    fn rank_deficient_covariances_need_no_taper() {
+        for (half, correlation) in [(7, (|_, _| 1.0) as fn(usize, usize) -> f64), (7, |i, j| {
+            (-(i.abs_diff(j) as f64 / 8.0).powi(2)).exp()
+        })] {
+            let mut band = Band::zeros(8, half);
+            for j in 0..8 {
+                band.column_mut(j).iter_mut().enumerate().for_each(|(d, entry)| *entry = 9.0 * correlation(j + d, j));
+            }
+            let expected = dense(&band, true);
+            let (root, taper) = band.covariance_factor();
+            assert!(taper == 0.0 && largest_difference(&square(&root), &expected) < 1e-8);
+        }
     }
 
     #[test]
@@ -263,7 +317,7 @@ mod tests {
             band.values[j * 3 + i - j] = 0.0;
         }
         let expected = dense(&band, true);
-        let (root, added) = band.modified_cholesky();
-        assert!(largest_difference(&square(&root), &expected) < 1e-12 && added.abs() < 1e-12);
+        let (root, taper) = band.covariance_factor();
+        assert!(largest_difference(&square(&root), &expected) < 1e-12 && taper == 0.0);
     }
 }

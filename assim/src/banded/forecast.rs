@@ -51,7 +51,7 @@ impl BandedKalmanFilter {
             }
         }
         self.information = None;
-        (self.root, self.added_variance) = band.modified_cholesky();
+        (self.root, self.taper) = band.covariance_factor();
         Ok(())
     }
 
