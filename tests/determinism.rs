@@ -91,6 +91,8 @@ fn nor_in_other_methods() {
         letkf = { kind = "letkf", members = 6, localization_radius_km = 400, inflation = "adaptive" }
         enkf = { kind = "enkf", members = 6, localization_radius_km = 400, relaxation_to_prior_spread = 0.5 }
     "#;
-    let text = include_str!("common/valid.toml").split("[methods.free]").next().unwrap().to_string() + methods;
+    let model_error = "[model_error]\ncomponents = [{ kind = \"white\", variable = \"h\", sigma = 1 }]\n";
+    let valid = include_str!("common/valid.toml").split("[methods.free]").next().unwrap().to_string();
+    let text = valid + model_error + methods;
     checked(&Scenario::parse(Path::new("others.toml"), &text).unwrap());
 }

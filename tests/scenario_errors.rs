@@ -109,6 +109,30 @@ const CASES: &[Case] = &[
     ),
     (
         "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"banded_kf\"\nhalf_bandwidth = -1",
+        "-1",
+        &["`methods.fkf.half_bandwidth` is -1"],
+    ),
+    (
+        "blocks = \"cell\"",
+        "adapt = { memory_cycles = 5 }",
+        "{ memory_cycles",
+        &["`methods.fkf.adapt` adapts nothing", "needs `observation_error = true` or `model_error = true`"],
+    ),
+    (
+        "blocks = \"cell\"",
+        "adapt = { model_error = true }",
+        "{ model_error",
+        &["there is no model error that could be adapted", "needs components in [model_error]"],
+    ),
+    (
+        "blocks = \"cell\"",
+        "adapt = { background_error = true }",
+        "background_error",
+        &["unknown key `background_error` in [methods.fkf.adapt]"],
+    ),
+    (
+        "kind = \"fkf\"\nblocks = \"cell\"",
         "kind = \"federated_kf\"\ninformation_sharing = { sondes = 1 }",
         "{ sondes = 1",
         &["`polar` is missing in [methods.fkf.information_sharing]"],

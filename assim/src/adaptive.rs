@@ -160,7 +160,8 @@ impl Adaptive {
             Ok((0..n).map(|i| (v[i] - fit[i]) / variance[i]).collect())
         };
 
-        let w: Vec<f64> = departures[1].iter().zip(&variance).map(|(departure, variance)| departure / variance).collect();
+        let w: Vec<f64> =
+            departures[1].iter().zip(&variance).map(|(departure, variance)| departure / variance).collect();
         let parts: Vec<Vec<f64>> = present.iter().map(|&k| part(k, &w)).collect();
         let mut score: Vec<f64> = parts.iter().map(|part| 0.5 * dot(&w, part)).collect();
         let weight = n as f64 / dot(&w, departures[0]).max(f64::MIN_POSITIVE);
@@ -238,8 +239,7 @@ impl Assimilator for Adaptive {
         let after = self.method.save()?;
         self.method.restore(&before)?;
         let background = self.background.clone();
-        let background =
-            background.ok_or_else(|| Error::Setting("an analysis needs a forecast before it".into()))?;
+        let background = background.ok_or_else(|| Error::Setting("an analysis needs a forecast before it".into()))?;
         let departures = [&*analysis.background_departures, &*analysis.analysis_departures];
         self.adapt(&background, &given, departures, numbers.as_deref())?;
         self.method.restore(&after)?;

@@ -70,9 +70,10 @@ pub(crate) fn normalised_innovation_squared(
     m: usize,
 ) -> Result<f64, Error> {
     let cross = cross_covariance(covariance, &innovations.jacobian, m);
-    let root = cholesky(innovation_covariance(cross.as_ref(), &innovations.jacobian, &innovations.variance, m), || {
-        "the innovation covariance H P H' + R".into()
-    })?;
+    let root =
+        cholesky(innovation_covariance(cross.as_ref(), &innovations.jacobian, &innovations.variance, m), || {
+            "the innovation covariance H P H' + R".into()
+        })?;
     let mut whitened = column(&innovations.departures);
     solve_lower(root.as_ref(), whitened.as_mut());
     Ok(squared_norm(whitened.col_as_slice(0)))

@@ -65,9 +65,9 @@ impl ErrorFactors {
         let with_prior = Mat::from_fn(n, n, |i, j| self.information[i][j] + if i == j { 1.0 } else { 0.0 });
         match cholesky(with_prior, String::new) {
             Ok(root) => inverse_from_cholesky(root.as_ref()),
-            Err(_) => Mat::from_fn(n, n, |i, j| {
-                if i == j { 1.0 / (1.0 + self.information[i][i].max(0.0)) } else { 0.0 }
-            }),
+            Err(_) => {
+                Mat::from_fn(n, n, |i, j| if i == j { 1.0 / (1.0 + self.information[i][i].max(0.0)) } else { 0.0 })
+            }
         }
     }
 

@@ -73,7 +73,13 @@ fn adaptive(problem: &Problem, method: Box<dyn Assimilator>, observation_error: 
 }
 
 /// The factors after so many cycles, and the mean square error of the state over the second half of them.
-fn run(problem: &Problem, method: &mut dyn Assimilator, truth: Truth, cycles: usize, seed: u64) -> (Vec<EstimatedParameter>, f64) {
+fn run(
+    problem: &Problem,
+    method: &mut dyn Assimilator,
+    truth: Truth,
+    cycles: usize,
+    seed: u64,
+) -> (Vec<EstimatedParameter>, f64) {
     let mut world = World::new(problem, truth, seed);
     let (mut sum, mut count) = (0.0, 0);
     for cycle in 1..=cycles {

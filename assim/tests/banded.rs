@@ -113,7 +113,8 @@ fn every_analysis_is_exact_for_the_covariance_of_its_forecast() {
             assert!(relative_difference(&values(&analysis.estimate), &expected) < 1e-10);
             let posterior = &prior - &gain * &h * &prior;
             assert!(relative_difference(&flat(&matrix(&banded, m, p)), &flat(&posterior)) < 1e-10);
-            let spread = [analysis.estimate.state_spread.unwrap(), analysis.estimate.calibration_spread.unwrap()].concat();
+            let spread =
+                [analysis.estimate.state_spread.unwrap(), analysis.estimate.calibration_spread.unwrap()].concat();
             let expected: Vec<f64> = (0..m + p).map(|i| posterior[(i, i)].sqrt()).collect();
             assert!(relative_difference(&spread, &expected) < 1e-10);
             let chi2 = (d.transpose() * inverse * &d)[(0, 0)];
@@ -133,7 +134,9 @@ fn what_does_not_fit_is_refused_and_biases_may_be_known() {
     reference.forecast(WINDOW).unwrap();
     let found = banded.analyse(&observed).unwrap().estimate;
     assert!(found.calibration_spread.is_none() && banded.calibration_accuracy().is_none());
-    assert!(relative_difference(found.state.values(), reference.analyse(&observed).unwrap().estimate.state.values()) < 1e-9);
+    assert!(
+        relative_difference(found.state.values(), reference.analyse(&observed).unwrap().estimate.state.values()) < 1e-9
+    );
     assert!(banded.analyse(&observed).unwrap_err().to_string().contains("needs a forecast before it"));
     problem.memory_limit_bytes = 50_000;
     let error = BandedKalmanFilter::new(problem, 39).err().unwrap();

@@ -156,8 +156,7 @@ fn its_errors_are_nowhere_more_than_it_claims() {
     let problem = problem(true, biases(0.5), 2);
     let parameters = &problem.calibration.parameters;
     let variance: Vec<f64> = parameters.iter().map(|it| it.sigma_prior.powi(2)).collect();
-    let walks: Vec<f64> =
-        parameters.iter().map(|it| it.sigma_drift_per_sqrt_day.powi(2) * WINDOW.days()).collect();
+    let walks: Vec<f64> = parameters.iter().map(|it| it.sigma_drift_per_sqrt_day.powi(2) * WINDOW.days()).collect();
     let mut actual = ActualErrors::new(dense(&*problem.background_error).as_ref(), &[0.0; 5], &variance);
     let a = ActualErrors::propagator(&*problem.model, &problem.background, 1).unwrap();
     let q = dense(&**problem.model_error.as_ref().unwrap());

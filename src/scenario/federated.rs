@@ -10,7 +10,8 @@ const ROUNDING: f64 = 0.005;
 
 /// Reads the division of a filter among the observing systems of these names.
 pub(super) fn read(section: &Section<'_>, networks: &[&str]) -> Read<FederatedSettings> {
-    let reset_every_cycles = Some(section.whole_or("reset_every_cycles", 1, 0, 1_000_000)?).filter(|&cycles| cycles > 0);
+    let reset_every_cycles =
+        Some(section.whole_or("reset_every_cycles", 1, 0, 1_000_000)?).filter(|&cycles| cycles > 0);
     let share = match section.optional("information_sharing") {
         None => vec![1.0; networks.len()],
         Some(field) => {

@@ -48,9 +48,10 @@ pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>, cycle
     };
     if chosen.is_empty() {
         let message = "[initialise] has no method to initialise".to_string();
-        return Err(
-            field.misplaced(message, "it needs one of kind kf, serial_kf, banded_kf, fkf or time_volume with bias = \"estimate\"")
-        );
+        return Err(field.misplaced(
+            message,
+            "it needs one of kind kf, serial_kf, banded_kf, fkf or time_volume with bias = \"estimate\"",
+        ));
     }
     let high_pass = HighPassSettings { cycles: batch, box_m, covariance_scale };
     Ok(Some(Initialise { high_pass, methods: chosen }))

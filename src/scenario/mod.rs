@@ -27,6 +27,7 @@ pub(crate) mod text;
 mod time_volume;
 
 pub use accept::{AcceptError, accept, with_expected};
+pub use adapt::Adapt;
 pub use bias::{Bias, BiasEvolution, BiasOwner, InitialBias, RadiosondeBias, ScanTerm};
 pub use covariance::CovarianceComponent;
 pub use cycle::{CycleSettings, OutputSettings, TruthSettings};
@@ -35,7 +36,6 @@ pub use expected::{Expected, ExpectedScores};
 pub use grid::GridSettings;
 pub use initial::Initial;
 pub use initialise::Initialise;
-pub use adapt::Adapt;
 pub use method::{Algorithm, Method};
 pub use model::{AdvectionScheme, Conserved, Dynamics, ModelSettings, ShallowWaterSettings, TimeScheme, Wind};
 pub use network::{

@@ -5,9 +5,10 @@ use crate::error::Error;
 use crate::linalg::{add_symmetric_product, cholesky, column, product, solve_lower};
 use faer::{Mat, MatRef};
 
-/// What is added to each variance before it is factored, as a share of it. Covariances such as a balanced B have no full
-/// rank; in directions in which both estimates have less than this share of the variances nothing is to be gained.
-const NUGGET: f64 = 1e-11;
+/// What is added to each variance before it is factored, as a share of it: the first with which there is a factor.
+/// Covariances such as a balanced B have no full rank; in directions in which both estimates have less than this share of the
+/// variances nothing is to be gained.
+const NUGGETS: [f64; 4] = [1e-11, 1e-9, 1e-7, 1e-5];
 
 /// An estimate of x and of the biases of some systems, (x, c_1, …, c_k).
 pub(super) struct Fused {
@@ -42,9 +43,8 @@ impl Fused {
         let (m, known) = (self.values, self.covariance.nrows());
         let size = known + other.covariance.nrows() - m;
         let (p, q) = (self.covariance.as_ref(), other.covariance.as_ref());
-        let root = cholesky(with_nugget(Mat::from_fn(m, m, |i, j| p[(i, j)] + q[(i, j)])), || {
-            "the sum of two fused covariances".into()
-        })?;
+        let sum = Mat::from_fn(m, m, |i, j| p[(i, j)] + q[(i, j)]);
+        let root = semidefinite_cholesky(sum.as_ref(), "the sum of two fused covariances")?;
         let mut w = Mat::zeros(m, size);
         w.as_mut().get_mut(.., ..known).copy_from(p.get(..m, ..));
         w.as_mut().get_mut(.., known..).copy_from(-q.get(..m, m..));
@@ -88,7 +88,7 @@ pub(super) fn explained_by_state(master: &AugmentedState) -> Result<Mat<f64>, Er
         return Ok(Mat::zeros(0, 0));
     }
     let states = master.covariance.as_ref().get(..m, ..m);
-    let root = cholesky(with_nugget(states.to_owned()), || "the fused covariance of the state".into())?;
+    let root = semidefinite_cholesky(states, "the fused covariance of the state")?;
     let mut w = master.covariance.as_ref().get(..m, m..).to_owned();
     solve_lower(root.as_ref(), w.as_mut());
     Ok(product(w.transpose(), w.as_ref()))
@@ -122,12 +122,17 @@ pub(super) fn divide(
     });
 }
 
-/// The matrix with a little more on its diagonal; a value without any variance, such as that on a wall, is left alone by
+/// The Cholesky factor of a covariance with a nugget; a value without any variance, such as that on a wall, is left alone by
 /// any unit in its place.
-fn with_nugget(mut matrix: Mat<f64>) -> Mat<f64> {
-    for i in 0..matrix.nrows() {
-        let variance = matrix[(i, i)];
-        matrix[(i, i)] = if variance == 0.0 { 1.0 } else { variance * (1.0 + NUGGET) };
-    }
-    matrix
+fn semidefinite_cholesky(matrix: MatRef<'_, f64>, name: &str) -> Result<Mat<f64>, Error> {
+    let factor = |nugget: f64| {
+        let mut matrix = matrix.to_owned();
+        for i in 0..matrix.nrows() {
+            let variance = matrix[(i, i)];
+            matrix[(i, i)] = if variance == 0.0 { 1.0 } else { variance * (1.0 + nugget) };
+        }
+        cholesky(matrix, || name.into())
+    };
+    let [least, larger @ ..] = NUGGETS;
+    larger.into_iter().fold(factor(least), |found, nugget| found.or_else(|_| factor(nugget)))
 }
