@@ -191,7 +191,8 @@ fn chosen(scenario: &Scenario, options: &ExactOptions) -> Result<(Vec<String>, V
     let (mut names, mut left_out) = (Vec::new(), Vec::new());
     for (name, method) in &scenario.methods {
         let is_named = options.methods.as_ref().map(|chosen| chosen.contains(name));
-        match (without_fixed_gain(&method.algorithm), is_named) {
+        let adapts = method.adapt.map(|_| "it adapts its errors to the data");
+        match (adapts.or(without_fixed_gain(&method.algorithm)), is_named) {
             (_, Some(false)) => {}
             (None, _) => names.push(name.clone()),
             (Some(reason), None) => left_out.push((name.clone(), reason)),
@@ -216,7 +217,12 @@ fn without_fixed_gain(algorithm: &Algorithm) -> Option<&'static str> {
         | Algorithm::ThreeDVar(_)
         | Algorithm::Kalman { .. }
         | Algorithm::SerialKalman { .. }
+        | Algorithm::BandedKalman { .. }
         | Algorithm::FastKalman { .. } => None,
+        Algorithm::FederatedKalman { settings, .. } => {
+            let is_one = settings.systems.len() == 1 || settings.reset_every_cycles == Some(1);
+            (!is_one).then_some("its local filters go on from estimates of their own")
+        }
         Algorithm::Climatology => Some("its background is no forecast of the model"),
         Algorithm::TimeVolume { .. } => Some("its corrections of the model depend on the data"),
         Algorithm::FourDVar(_) => Some("its window analyses earlier observations again"),

@@ -65,7 +65,7 @@ fn one_block_equals_the_kalman_filter_on_every_small_scenario() {
             scenario.methods = ["kf", "fkf"]
                 .map(String::from)
                 .into_iter()
-                .zip(algorithms.map(|algorithm| Method { bias, algorithm }))
+                .zip(algorithms.map(|algorithm| Method { bias, algorithm, adapt: None }))
                 .collect();
             let directory = tempfile::tempdir().unwrap();
             let mut estimates = Estimates::default();

@@ -81,10 +81,18 @@ fn nor_in_other_methods() {
         four_d_var = { kind = "4dvar", window_cycles = 3 }
         hybrid = { kind = "hybrid_3dvar", ensemble_weight = 0.5, members = 6, localization_radius_km = 400 }
         serial_kf = { kind = "serial_kf", smoother_lag_cycles = 3 }
+        banded = { kind = "banded_kf", half_bandwidth = 40 }
+        federated = { kind = "federated_kf", information_sharing = { sondes = 0.7, polar = 0.3 }, reset_every_cycles = 2 }
+        federated_no_reset = { kind = "federated_kf", reset_every_cycles = 0 }
+        adaptive_kf = { kind = "kf", smoother_lag_cycles = 2, adapt = { observation_error = true, model_error = true, memory_cycles = 5 } }
+        adaptive_fkf = { kind = "fkf", factors = 20, adapt = { observation_error = true, model_error = true } }
+        adaptive_var = { kind = "3dvar", adapt = { background_error = true } }
         etkf = { kind = "etkf", members = 12, inflation = "adaptive", smoother_lag_cycles = 3 }
         letkf = { kind = "letkf", members = 6, localization_radius_km = 400, inflation = "adaptive" }
         enkf = { kind = "enkf", members = 6, localization_radius_km = 400, relaxation_to_prior_spread = 0.5 }
     "#;
-    let text = include_str!("common/valid.toml").split("[methods.free]").next().unwrap().to_string() + methods;
+    let model_error = "[model_error]\ncomponents = [{ kind = \"white\", variable = \"h\", sigma = 1 }]\n";
+    let valid = include_str!("common/valid.toml").split("[methods.free]").next().unwrap().to_string();
+    let text = valid + model_error + methods;
     checked(&Scenario::parse(Path::new("others.toml"), &text).unwrap());
 }

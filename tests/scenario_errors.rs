@@ -103,6 +103,48 @@ const CASES: &[Case] = &[
     ("blocks = \"cell\"", "blocks = \"cel\"", "\"cel\"", &["did you mean \"cell\"?"]),
     ("blocks = \"cell\"", "blocks = { tile = [9, 2] }", "9,", &["`methods.fkf.blocks.tile[0]` is 9", "from 1 to 8"]),
     (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"federated_kf\"\ninformation_sharing = { sondes = 0.5, polar = 0.4 }",
+        "{ sondes = 0.5",
+        &["the factors of `methods.fkf.information_sharing` sum to 0.9", "must sum to 1"],
+    ),
+    (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"federated_kf\"\ninformation_sharing = { sondes = 0.5, polars = 0.5 }",
+        "polars",
+        &["unknown key `polars`", "did you mean `polar`?"],
+    ),
+    (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"banded_kf\"\nhalf_bandwidth = -1",
+        "-1",
+        &["`methods.fkf.half_bandwidth` is -1"],
+    ),
+    (
+        "blocks = \"cell\"",
+        "adapt = { memory_cycles = 5 }",
+        "{ memory_cycles",
+        &["`methods.fkf.adapt` adapts nothing", "needs `observation_error = true` or `model_error = true`"],
+    ),
+    (
+        "blocks = \"cell\"",
+        "adapt = { model_error = true }",
+        "{ model_error",
+        &["there is no model error that could be adapted", "needs components in [model_error]"],
+    ),
+    (
+        "blocks = \"cell\"",
+        "adapt = { background_error = true }",
+        "background_error",
+        &["unknown key `background_error` in [methods.fkf.adapt]"],
+    ),
+    (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"federated_kf\"\ninformation_sharing = { sondes = 1 }",
+        "{ sondes = 1",
+        &["`polar` is missing in [methods.fkf.information_sharing]"],
+    ),
+    (
         "blocks = \"cell\"",
         "factors = 4\nfactor_grid = 8",
         "8\n",

@@ -119,6 +119,15 @@ pub trait Assimilator: Send {
         Err(Error::Setting("the method has no covariance of biases, which a recalibration could change".into()))
     }
 
+    /// Multiplies, from now on, the covariance that the problem gives it: of the model error Q for a filter, of the background
+    /// error B for a method with a static one, [`Adaptive`](crate::Adaptive). It is no part of [`Assimilator::save`].
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for a method that has none, or cannot.
+    fn set_error_factor(&mut self, _factor: f64) -> Result<(), Error> {
+        Err(Error::Setting("the method has no covariance of its own errors that could be adapted".into()))
+    }
+
     /// All that the next cycles depend on and that problem and settings do not say: estimates, covariances, places in
     /// random streams.
     ///

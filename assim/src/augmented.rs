@@ -11,7 +11,7 @@ use crate::problem::Problem;
 use crate::propagator::propagator;
 use crate::saved::{Matrix, from_bytes, restore_bias, restore_state, to_bytes, unfit};
 use crate::spread::standard_deviations;
-use faer::{Mat, MatRef};
+use faer::{Mat, MatRef, Scale};
 use isobar_model::{Duration, State};
 use isobar_obs::{BlockAngular, Calibration};
 use serde::{Deserialize, Serialize};
@@ -38,6 +38,8 @@ pub(crate) struct AugmentedState {
     /// Q of the state, `[m, m]`.
     model_error: Option<Mat<f64>>,
     pub smoother: Option<FixedLag>,
+    /// What Q is multiplied by.
+    pub model_error_factor: f64,
 }
 
 impl AugmentedState {
@@ -56,7 +58,8 @@ impl AugmentedState {
         let model_error = problem.model_error.as_deref().map(covariance::dense);
         let state = problem.background.clone();
         let bias = vec![0.0; problem.calibration.len()];
-        Ok(Self { problem, calibration, state, bias, covariance, model_error, smoother: None })
+        let (smoother, model_error_factor) = (None, 1.0);
+        Ok(Self { problem, calibration, state, bias, covariance, model_error, smoother, model_error_factor })
     }
 
     /// Adds a smoother of the last `lag` analyses before the newest.
@@ -70,6 +73,14 @@ impl AugmentedState {
         Ok(self)
     }
 
+    /// Multiplies the covariances of the state's errors at the start and of the model's errors.
+    pub fn inflate(&mut self, factor: f64) {
+        let m = self.state.values().len();
+        let mut own = self.covariance.as_mut().get_mut(..m, ..m);
+        own *= Scale(factor);
+        self.model_error.iter_mut().for_each(|model_error| *model_error *= Scale(factor));
+    }
+
     /// Forecast (21), (24) of WO 93/22625: `s~ = M(ŝ)`, `P = A Cov(ŝ) Aᵀ + Q`; the parameters persist but for their
     /// random walks.
     pub fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
@@ -81,7 +92,7 @@ impl AugmentedState {
         let rows = product(a, self.covariance.as_ref().get(..m, ..));
         let mut forecast = Mat::zeros(s, s);
         if let Some(model_error) = &self.model_error {
-            forecast.as_mut().get_mut(..m, ..m).copy_from(model_error);
+            forecast.as_mut().get_mut(..m, ..m).copy_from(model_error * Scale(self.model_error_factor));
         }
         add_symmetric_product(forecast.as_mut().get_mut(..m, ..m), 1.0, rows.as_ref().get(.., ..m), a.transpose());
         forecast.as_mut().get_mut(..m, m..).copy_from(rows.as_ref().get(.., m..));

@@ -25,7 +25,7 @@ pub(crate) trait DenseAnalysis: Send {
 /// A Kalman filter on the augmented state s = (x, c) with the whole covariance, and an analysis:
 /// [`KalmanFilter`](crate::kalman::KalmanFilter), [`SerialKalmanFilter`](crate::serial_kalman::SerialKalmanFilter).
 pub struct DenseFilter<A> {
-    augmented: AugmentedState,
+    pub(crate) augmented: AugmentedState,
     analysis: PhantomData<A>,
 }
 
@@ -83,6 +83,11 @@ impl<A: DenseAnalysis> Assimilator for DenseFilter<A> {
 
     fn smoothed(&self, analyses_ago: usize) -> Result<Option<Estimate>, Error> {
         self.augmented.smoothed(analyses_ago)
+    }
+
+    fn set_error_factor(&mut self, factor: f64) -> Result<(), Error> {
+        self.augmented.model_error_factor = factor;
+        Ok(())
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {

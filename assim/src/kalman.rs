@@ -61,6 +61,22 @@ fn update_covariance(
     add_symmetric_product(p.as_mut(), 1.0, left.as_ref(), gain.transpose());
 }
 
+/// dᵀ (H P Hᵀ + R)⁻¹ d; the state has `m` values.
+pub(crate) fn normalised_innovation_squared(
+    covariance: MatRef<'_, f64>,
+    innovations: &Innovations,
+    m: usize,
+) -> Result<f64, Error> {
+    let cross = cross_covariance(covariance, &innovations.jacobian, m);
+    let root =
+        cholesky(innovation_covariance(cross.as_ref(), &innovations.jacobian, &innovations.variance, m), || {
+            "the innovation covariance H P H' + R".into()
+        })?;
+    let mut whitened = column(&innovations.departures);
+    solve_lower(root.as_ref(), whitened.as_mut());
+    Ok(squared_norm(whitened.col_as_slice(0)))
+}
+
 /// P Hᵀ for a symmetric P, `[m + p, n]`.
 pub(crate) fn cross_covariance(covariance: MatRef<'_, f64>, jacobian: &BlockAngular, m: usize) -> Mat<f64> {
     let mut cross = Mat::zeros(covariance.nrows(), jacobian.rows());

@@ -25,6 +25,8 @@ use rayon::prelude::*;
 pub struct OptimalInterpolation {
     problem: Problem,
     covariance_scale: f64,
+    /// What B is multiplied by besides.
+    error_factor: f64,
     present: CalibratedState,
     /// √s of the diagonal of B.
     background_spread: Vec<f64>,
@@ -36,7 +38,12 @@ impl OptimalInterpolation {
         let mut background_spread = covariance::standard_deviations(&*problem.background_error);
         background_spread.iter_mut().for_each(|sigma| *sigma *= covariance_scale.sqrt());
         let present = CalibratedState::new(&problem);
-        Self { problem, covariance_scale, present, background_spread }
+        Self { problem, covariance_scale, error_factor: 1.0, present, background_spread }
+    }
+
+    /// The standard deviations of the background's errors.
+    fn background_spread(&self) -> impl Iterator<Item = f64> {
+        self.background_spread.iter().map(|sigma| sigma * self.error_factor.sqrt())
     }
 
     /// s B Hᵀ, `[m, n]`.
@@ -50,7 +57,8 @@ impl OptimalInterpolation {
                 covariance::multiply(&*self.problem.background_error, &unit)
             })
             .collect();
-        Mat::from_fn(m, n, |i, j| self.covariance_scale * columns[j][i])
+        let scale = self.covariance_scale * self.error_factor;
+        Mat::from_fn(m, n, |i, j| scale * columns[j][i])
     }
 
     /// P_c Gᵀ, `[p, n]`.
@@ -65,7 +73,7 @@ impl OptimalInterpolation {
 impl Assimilator for OptimalInterpolation {
     fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
         self.present.forecast(&self.problem, window)?;
-        self.present.estimate(Some(self.background_spread.clone()))
+        self.present.estimate(Some(self.background_spread().collect()))
     }
 
     fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
@@ -92,8 +100,7 @@ impl Assimilator for OptimalInterpolation {
         let mut reduction = cross.transpose().to_owned();
         solve_lower(root.as_ref(), reduction.as_mut());
         let variances: Vec<f64> = self
-            .background_spread
-            .iter()
+            .background_spread()
             .enumerate()
             .map(|(i, sigma)| sigma * sigma - squared_norm(reduction.col_as_slice(i)))
             .collect();
@@ -104,6 +111,11 @@ impl Assimilator for OptimalInterpolation {
         self.present.bias_covariance -= product(reduction.transpose(), reduction.as_ref());
         let estimate = self.present.estimate(Some(spread))?;
         Ok(self.problem.analysis(observed, innovations, estimate, innovation_chi2))
+    }
+
+    fn set_error_factor(&mut self, factor: f64) -> Result<(), Error> {
+        self.error_factor = factor;
+        Ok(())
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {

@@ -2,12 +2,14 @@
 
 use super::{forecast_model, time_volume};
 use crate::scenario::{Algorithm, Method, Scenario};
+use isobar_assim::banded::BandedKalmanFilter;
 use isobar_assim::climatology::Climatology;
 use isobar_assim::ensemble::{
     BackgroundInflation, EnsembleSettings, EnsembleTransformKalmanFilter, InitialMembers,
     LocalEnsembleTransformKalmanFilter, ModelErrorTreatment, StochasticEnsembleKalmanFilter,
 };
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
+use isobar_assim::federated::FederatedKalmanFilter;
 use isobar_assim::free::FreeRun;
 use isobar_assim::high_pass::HighPassSettings;
 use isobar_assim::initialised::Initialised;
@@ -15,7 +17,8 @@ use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::optimal_interpolation::OptimalInterpolation;
 use isobar_assim::serial_kalman::SerialKalmanFilter;
 use isobar_assim::variational::{FourDVar, HybridThreeDVar, ThreeDVar};
-use isobar_assim::{Assimilator, BiasTreatment, Error, Problem};
+use isobar_assim::{AdaptedCovariance, Adaptive, AdaptiveSettings, Assimilator, BiasTreatment, Error, Problem};
+use std::sync::Arc;
 
 pub(super) fn build(ground: &Problem, method: &Method, scenario: &Scenario) -> Result<Box<dyn Assimilator>, Error> {
     let mut problem = Problem { bias: method.bias, ..ground.clone() };
@@ -46,6 +49,14 @@ pub(super) fn build(ground: &Problem, method: &Method, scenario: &Scenario) -> R
                 Some(lag) => filter.smoothing(lag)?,
                 None => filter,
             })
+        }
+        Algorithm::BandedKalman { half_bandwidth, memory_limit_bytes } => {
+            problem.memory_limit_bytes = memory_limit_bytes;
+            Box::new(BandedKalmanFilter::new(problem, half_bandwidth)?)
+        }
+        Algorithm::FederatedKalman { ref settings, memory_limit_bytes } => {
+            problem.memory_limit_bytes = memory_limit_bytes;
+            Box::new(FederatedKalmanFilter::new(problem, settings.clone())?)
         }
         Algorithm::FastKalman { settings, factor_grid, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
@@ -78,6 +89,36 @@ pub(super) fn build(ground: &Problem, method: &Method, scenario: &Scenario) -> R
     })
 }
 
+/// The method, with factors on its errors' covariances if the scenario says so.
+pub(super) fn adapted(
+    method: Box<dyn Assimilator>,
+    name: &str,
+    ground: &Problem,
+    scenario: &Scenario,
+) -> Result<Box<dyn Assimilator>, Error> {
+    let Method { adapt, algorithm, .. } = &scenario.methods[name];
+    let Some(adapt) = adapt else { return Ok(method) };
+    let background = |scale: f64| AdaptedCovariance {
+        name: "background_error",
+        covariance: Arc::clone(&ground.background_error),
+        scale,
+    };
+    let covariance = match algorithm {
+        Algorithm::OptimalInterpolation { covariance_scale } => Some(background(*covariance_scale)),
+        Algorithm::ThreeDVar(settings) => Some(background(settings.covariance_scale)),
+        _ => {
+            let model_error = ground.model_error.clone();
+            model_error.map(|covariance| AdaptedCovariance { name: "model_error", covariance, scale: 1.0 })
+        }
+    };
+    let settings = AdaptiveSettings {
+        observation_error: adapt.observation_error,
+        state_error: covariance.filter(|_| adapt.state_error),
+        memory_cycles: adapt.memory_cycles,
+    };
+    Ok(Box::new(Adaptive::new(method, ground.background.layout().clone(), settings)?))
+}
+
 /// The method as it starts: from its first observations if the scenario says so.
 pub(super) fn initialised(
     method: Box<dyn Assimilator>,
@@ -104,7 +145,15 @@ pub(super) fn sees_observations(method: &Method) -> bool {
 
 /// A method's settings, in words.
 pub(super) fn describe(method: &Method, name: &str, scenario: &Scenario) -> String {
-    let own = describe_alone(method);
+    let mut own = describe_alone(method);
+    if let Some(adapt) = &method.adapt {
+        let errors = match (adapt.observation_error, adapt.state_error) {
+            (true, true) => "observations and its own",
+            (true, false) => "observations",
+            (false, _) => "its own",
+        };
+        own += &format!(", errors of {errors} adapted over {} cycles", adapt.memory_cycles);
+    }
     match initialisation(name, scenario) {
         Some(settings) => {
             format!("{own}, calibration initialised from {} cycles by a high-pass filter", settings.cycles)
@@ -142,6 +191,19 @@ fn describe_alone(method: &Method) -> String {
         }
         Algorithm::SerialKalman { smoother_lag_cycles, .. } => {
             format!("Kalman filter, one observation at a time{}, {bias}", describe_smoother(*smoother_lag_cycles))
+        }
+        Algorithm::BandedKalman { half_bandwidth, .. } => {
+            format!("Kalman filter, {half_bandwidth} diagonals on either side of the covariance's main one, {bias}")
+        }
+        Algorithm::FederatedKalman { settings, .. } => {
+            let reset = match settings.reset_every_cycles {
+                None => "never reset".to_string(),
+                Some(1) => "reset in every cycle".to_string(),
+                Some(cycles) => format!("reset every {cycles} cycles"),
+            };
+            let shares = settings.systems.iter().map(|(name, share)| format!("{name} {share:.3}"));
+            let shares = shares.collect::<Vec<_>>().join(", ");
+            format!("federated Kalman filter, information shared as {shares}, {reset}, {bias}")
         }
         Algorithm::FastKalman { settings, factor_grid, .. } => {
             format!("Fast Kalman Filter, {}, {bias}", describe_filter(settings, *factor_grid))

@@ -216,6 +216,7 @@ fn problem_steps(scenario: &Scenario, problem: &Problem) -> usize {
 /// Those of the method.
 pub fn method(problem: &Problem, name: &str, scenario: &Scenario) -> Result<Box<dyn Assimilator>, ExperimentError> {
     methods::build(problem, &scenario.methods[name], scenario)
+        .and_then(|method| methods::adapted(method, name, problem, scenario))
         .and_then(|method| methods::initialised(method, name, problem, scenario))
         .map_err(|error| ExperimentError::Method { name: name.to_string(), error })
 }

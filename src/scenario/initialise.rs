@@ -37,7 +37,7 @@ pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>, cycle
                 if !able.contains(&name.as_str()) {
                     let message = format!("the method `{}` cannot be initialised", super::text::clean(&name));
                     let help = format!(
-                        "must be a method of kind kf, serial_kf, fkf or time_volume with bias = \"estimate\": {}",
+                        "must be a method of kind kf, serial_kf, banded_kf, fkf or time_volume with bias = \"estimate\": {}",
                         super::text::listed(able.iter().copied())
                     );
                     return Err(element.invalid(message, &help));
@@ -48,9 +48,10 @@ pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>, cycle
     };
     if chosen.is_empty() {
         let message = "[initialise] has no method to initialise".to_string();
-        return Err(
-            field.misplaced(message, "it needs one of kind kf, serial_kf, fkf or time_volume with bias = \"estimate\"")
-        );
+        return Err(field.misplaced(
+            message,
+            "it needs one of kind kf, serial_kf, banded_kf, fkf or time_volume with bias = \"estimate\"",
+        ));
     }
     let high_pass = HighPassSettings { cycles: batch, box_m, covariance_scale };
     Ok(Some(Initialise { high_pass, methods: chosen }))
@@ -61,6 +62,7 @@ fn is_able(method: &Method) -> bool {
         method.algorithm,
         Algorithm::Kalman { .. }
             | Algorithm::SerialKalman { .. }
+            | Algorithm::BandedKalman { .. }
             | Algorithm::FastKalman { .. }
             | Algorithm::TimeVolume { .. }
     );

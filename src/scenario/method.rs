@@ -1,7 +1,9 @@
 //! `[methods.NAME]`: the data-assimilation methods that run side by side.
 
+use super::adapt::{self, Adapt, StateError};
 use super::ensemble_method;
 use super::expected::TOLERANCE_KEY;
+use super::federated;
 use super::model::ModelSettings;
 use super::network::check_name;
 use super::reader::{Field, Kind, Limits, Read, Section};
@@ -10,6 +12,7 @@ use indexmap::IndexMap;
 use isobar_assim::BiasTreatment;
 use isobar_assim::ensemble::{EnsembleSettings, LocalSettings};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Residual};
+use isobar_assim::federated::FederatedSettings;
 use isobar_assim::variational::{FourDVarSettings, HybridSettings, ThreeDVarSettings};
 use isobar_model::Grid;
 use toml::de::DeValue;
@@ -19,6 +22,9 @@ const DEFAULT_PROBES: usize = 8;
 
 /// The most common factors.
 const MOST_FACTORS: usize = 100_000;
+
+/// The most diagonals of a banded covariance: more than any has.
+const MOST_DIAGONALS: usize = 1_000_000_000;
 
 /// Variables up to which blocks that observations link are merged, unless the scenario says how many. Larger ones are
 /// dearer, and no more accurate.
@@ -34,6 +40,8 @@ pub struct Method {
     pub bias: BiasTreatment,
     /// What it does.
     pub algorithm: Algorithm,
+    /// Which errors it estimates from its innovations, if any.
+    pub adapt: Option<Adapt>,
 }
 
 /// What a method does.
@@ -70,6 +78,20 @@ pub enum Algorithm {
     SerialKalman {
         /// The number of later cycles that revise its estimates, if it has a smoother.
         smoother_lag_cycles: Option<usize>,
+        /// Memory that it may use.
+        memory_limit_bytes: u64,
+    },
+    /// The Kalman filter with a banded covariance.
+    BandedKalman {
+        /// Diagonals of the covariance on either side of the main one.
+        half_bandwidth: usize,
+        /// Memory that it may use.
+        memory_limit_bytes: u64,
+    },
+    /// A Kalman filter for each observing system, and their fusion.
+    FederatedKalman {
+        /// How it is divided.
+        settings: FederatedSettings,
         /// Memory that it may use.
         memory_limit_bytes: u64,
     },
@@ -143,6 +165,8 @@ enum Which {
     HybridThreeDVar,
     Kalman,
     SerialKalman,
+    FederatedKalman,
+    BandedKalman,
     FastKalman,
     TimeVolume,
     EnsembleTransform,
@@ -153,21 +177,24 @@ enum Which {
 const KINDS: &[Kind<Which>] = &[
     ("free", Which::Free, &[]),
     ("climatology", Which::Climatology, &[]),
-    ("optimal_interpolation", Which::OptimalInterpolation, &["bias", "covariance_scale"]),
-    ("3dvar", Which::ThreeDVar, &["bias", "covariance_scale", "max_iterations", "tolerance"]),
+    ("optimal_interpolation", Which::OptimalInterpolation, &["bias", "covariance_scale", "adapt"]),
+    ("3dvar", Which::ThreeDVar, &["bias", "adapt", "covariance_scale", "max_iterations", "tolerance"]),
     (
         "4dvar",
         Which::FourDVar,
         &["bias", "window_cycles", "outer_loops", "covariance_scale", "max_iterations", "tolerance"],
     ),
     ("hybrid_3dvar", Which::HybridThreeDVar, &ensemble_method::HYBRID_KEYS),
-    ("kf", Which::Kalman, &["bias", SMOOTHER_KEY, "memory_limit_gb"]),
-    ("serial_kf", Which::SerialKalman, &["bias", SMOOTHER_KEY, "memory_limit_gb"]),
+    ("kf", Which::Kalman, &["bias", "adapt", SMOOTHER_KEY, "memory_limit_gb"]),
+    ("serial_kf", Which::SerialKalman, &["bias", "adapt", SMOOTHER_KEY, "memory_limit_gb"]),
+    ("banded_kf", Which::BandedKalman, &["bias", "adapt", "half_bandwidth", "memory_limit_gb"]),
+    ("federated_kf", Which::FederatedKalman, &federated::KEYS),
     (
         "fkf",
         Which::FastKalman,
         &[
             "bias",
+            "adapt",
             "blocks",
             "bias_coupling",
             "factors",
@@ -209,14 +236,21 @@ pub(super) const SMOOTHER_KEY: &str = "smoother_lag_cycles";
 /// The most methods of a scenario.
 const MOST_METHODS: usize = 100;
 
-/// Reads `[methods]`, in the order of the file; `cycles` are those of the run, in which biases may be frozen.
-pub(super) fn read(
-    root: &Section<'_>,
-    grid: &Grid,
-    model: &ModelSettings,
-    cycles: usize,
-    freezes: bool,
-) -> Read<IndexMap<String, Method>> {
+/// What the rest of the scenario says that a method must fit to.
+pub(super) struct Surroundings<'a> {
+    pub grid: &'a Grid,
+    pub model: &'a ModelSettings,
+    /// Cycles of the run.
+    pub cycles: usize,
+    /// Whether biases may be frozen in a run.
+    pub freezes: bool,
+    /// The names of what observes.
+    pub networks: Vec<&'a str>,
+    pub has_model_error: bool,
+}
+
+/// Reads `[methods]`, in the order of the file.
+pub(super) fn read(root: &Section<'_>, surroundings: &Surroundings<'_>) -> Read<IndexMap<String, Method>> {
     let mut methods: IndexMap<String, Method> = IndexMap::new();
     let field = root.required("methods")?;
     for (name, field) in field.any_section()?.fields() {
@@ -234,7 +268,7 @@ pub(super) fn read(
             let message = format!("the methods `{other}` and `{name}` differ in case only");
             return Err(field.misplaced(message, "choose another name"));
         }
-        methods.insert(name.to_string(), method(&field, grid, model, cycles, freezes)?);
+        methods.insert(name.to_string(), method(&field, surroundings)?);
     }
     if methods.is_empty() {
         return Err(field.misplaced("[methods] is empty".into(), "add a table such as [methods.fkf]"));
@@ -242,7 +276,8 @@ pub(super) fn read(
     Ok(methods)
 }
 
-fn method(field: &Field<'_>, grid: &Grid, model: &ModelSettings, cycles: usize, freezes: bool) -> Read<Method> {
+fn method(field: &Field<'_>, surroundings: &Surroundings<'_>) -> Read<Method> {
+    let &Surroundings { grid, model, cycles, freezes, ref networks, has_model_error } = surroundings;
     const TREATMENTS: &[(&str, BiasTreatment)] =
         &[("estimate", BiasTreatment::Estimate), ("ignore", BiasTreatment::Ignore), ("known", BiasTreatment::Known)];
     let (which, section) = field.section_of_kind(KINDS)?;
@@ -253,6 +288,11 @@ fn method(field: &Field<'_>, grid: &Grid, model: &ModelSettings, cycles: usize, 
         || Ok((section.number_or("memory_limit_gb", 2.0, Limits::Between(0.001, 10_000.0))? * 1e9) as u64);
     let smoother_lag_cycles =
         || section.optional(SMOOTHER_KEY).map(|field| smoother_lag_cycles(&field, freezes)).transpose();
+    let state_error = match which {
+        Which::OptimalInterpolation | Which::ThreeDVar => StateError::Background,
+        _ => StateError::Model,
+    };
+    let adapt = adapt::read(&section, state_error, has_model_error)?;
     let algorithm = match which {
         Which::Free => Algorithm::Free,
         Which::Climatology => Algorithm::Climatology,
@@ -286,6 +326,14 @@ fn method(field: &Field<'_>, grid: &Grid, model: &ModelSettings, cycles: usize, 
             smoother_lag_cycles: smoother_lag_cycles()?,
             memory_limit_bytes: memory_limit_bytes()?,
         },
+        Which::FederatedKalman => Algorithm::FederatedKalman {
+            settings: federated::read(&section, networks)?,
+            memory_limit_bytes: memory_limit_bytes()?,
+        },
+        Which::BandedKalman => Algorithm::BandedKalman {
+            half_bandwidth: section.required("half_bandwidth")?.whole(0, MOST_DIAGONALS)?,
+            memory_limit_bytes: memory_limit_bytes()?,
+        },
         Which::FastKalman => {
             let settings = fast_kalman(&section, grid)?;
             let factor_grid = factor_grid(&section, grid, settings)?;
@@ -312,7 +360,7 @@ fn method(field: &Field<'_>, grid: &Grid, model: &ModelSettings, cycles: usize, 
             memory_limit_bytes: memory_limit_bytes()?,
         },
     };
-    Ok(Method { bias, algorithm })
+    Ok(Method { bias, algorithm, adapt })
 }
 
 fn smoother_lag_cycles(field: &Field<'_>, freezes: bool) -> Read<usize> {

@@ -4,6 +4,7 @@
 //! No default is hidden from a reader of the file but those that the settings' documentation names.
 
 mod accept;
+mod adapt;
 mod bias;
 mod covariance;
 mod cycle;
@@ -11,6 +12,7 @@ mod ensemble_method;
 mod error;
 mod expected;
 mod fault;
+mod federated;
 mod grid;
 mod initial;
 mod initialise;
@@ -25,6 +27,7 @@ pub(crate) mod text;
 mod time_volume;
 
 pub use accept::{AcceptError, accept, with_expected};
+pub use adapt::Adapt;
 pub use bias::{Bias, BiasEvolution, BiasOwner, InitialBias, RadiosondeBias, ScanTerm};
 pub use covariance::CovarianceComponent;
 pub use cycle::{CycleSettings, OutputSettings, TruthSettings};
@@ -165,8 +168,17 @@ impl Scenario {
         let networks = network::read(&root, &grid, &model)?;
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
         let stability = sensors::read_stability(&root, cycle.count)?;
-        let freezes = stability.freeze_after_cycles.is_some();
-        let methods = method::read(&root, &grid.grid, &model, cycle.count, freezes)?;
+        let methods = method::read(
+            &root,
+            &method::Surroundings {
+                grid: &grid.grid,
+                model: &model,
+                cycles: cycle.count,
+                freezes: stability.freeze_after_cycles.is_some(),
+                networks: networks.keys().map(String::as_str).collect(),
+                has_model_error: !model_error.is_empty(),
+            },
+        )?;
         let initialise = initialise::read(&root, &methods, cycle.count)?;
         let sensors = sensors::read(&root, &methods)?;
         let influence_every_cycles = cycle::read_diagnostics(&root)?;

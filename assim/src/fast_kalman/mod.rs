@@ -118,6 +118,8 @@ pub struct FastKalmanFilter {
     bias: Vec<f64>,
     covariance: FactoredCovariance,
     model_error: Option<ModelError>,
+    /// The same times a factor, if it has one.
+    adapted_model_error: Option<ModelError>,
     /// The scale of each block variable in the norm by which factors are compressed: its standard deviation in B.
     scales: Vec<f64>,
     /// Draws the probes.
@@ -134,6 +136,16 @@ struct ModelError {
     factors: TallMatrix,
     /// All of the blocks Q_k, what F_Q holds of them included.
     blocks: BlockDiagonal,
+}
+
+impl ModelError {
+    /// That of α Q.
+    fn times(&self, factor: f64) -> Self {
+        let (mut factors, mut blocks) = (self.factors.clone(), self.blocks.clone());
+        factors.values_mut().iter_mut().for_each(|value| *value *= factor.sqrt());
+        blocks.values_mut().iter_mut().for_each(|value| *value *= factor);
+        Self { factors, blocks }
+    }
 }
 
 impl FastKalmanFilter {
@@ -202,6 +214,7 @@ impl FastKalmanFilter {
             bias,
             covariance,
             model_error,
+            adapted_model_error: None,
             scales,
             random,
             coarse: None,
@@ -309,7 +322,8 @@ impl FastKalmanFilter {
         let m = self.state.values().len();
         let (local_drift, shared_drift) = (self.drift(&self.local, window), self.drift(&self.shared, window));
         let covariance = &mut self.covariance;
-        if let Some(model_error) = &self.model_error {
+        let model_error = self.adapted_model_error.as_ref().or(self.model_error.as_ref());
+        if let Some(model_error) = model_error {
             covariance.own.add(&model_error.blocks);
         }
         for (number, sigma) in local_drift.iter().enumerate() {
@@ -320,7 +334,7 @@ impl FastKalmanFilter {
             return forecast::drop_coupling(covariance, &shared_drift, &self.blocks);
         }
         let none = MatRef::from_column_major_slice(&[], m, 0);
-        let model_error = self.model_error.as_ref().map_or(none, |model_error| model_error.factors.as_ref());
+        let model_error = model_error.map_or(none, |model_error| model_error.factors.as_ref());
         let joining = Joining { model_error, drift: &shared_drift };
         let kept = Kept { at_most: self.settings.factors, retained: self.settings.retained_energy };
         join_and_compress(covariance, &joining, kept, &self.scales, &self.blocks);
@@ -349,6 +363,11 @@ impl Assimilator for FastKalmanFilter {
 
     fn set_calibration(&mut self, estimate: &[f64], covariance: MatRef<'_, f64>) -> Result<(), Error> {
         calibration::set(self, estimate, covariance)
+    }
+
+    fn set_error_factor(&mut self, factor: f64) -> Result<(), Error> {
+        self.adapted_model_error = self.model_error.as_ref().map(|model_error| model_error.times(factor));
+        Ok(())
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {

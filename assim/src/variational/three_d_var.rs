@@ -40,13 +40,15 @@ pub struct ThreeDVarSettings {
 pub struct ThreeDVar {
     problem: Problem,
     settings: ThreeDVarSettings,
+    /// What B is multiplied by besides.
+    error_factor: f64,
     present: CalibratedState,
 }
 
 impl ThreeDVar {
     /// 3D-Var from the background.
     pub fn new(problem: Problem, settings: ThreeDVarSettings) -> Self {
-        Self { present: CalibratedState::new(&problem), problem, settings }
+        Self { present: CalibratedState::new(&problem), problem, settings, error_factor: 1.0 }
     }
 
     /// Replaces the covariance B of the problem.
@@ -64,8 +66,8 @@ impl Assimilator for ThreeDVar {
     fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
         let innovations = self.problem.innovations(observed, &self.present.state, &self.present.bias)?;
         let background_error = &*self.problem.background_error;
-        let control =
-            ControlSpace::new(background_error, self.settings.covariance_scale, &self.present.bias_covariance)?;
+        let scale = self.settings.covariance_scale * self.error_factor;
+        let control = ControlSpace::new(background_error, scale, &self.present.bias_covariance)?;
         let cost = Cost { control: &control, innovations: &innovations };
         let whitened = innovations.whiten(innovations.departures.clone());
         let right = cost.multiply_transposed(&whitened);
@@ -81,6 +83,11 @@ impl Assimilator for ThreeDVar {
         self.present.add(&state_increment, &bias_increment);
         self.present.bias_covariance = bias_covariance;
         Ok(self.problem.analysis(observed, innovations, self.present.estimate(None)?, innovation_chi2))
+    }
+
+    fn set_error_factor(&mut self, factor: f64) -> Result<(), Error> {
+        self.error_factor = factor;
+        Ok(())
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {

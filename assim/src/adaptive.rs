@@ -1,0 +1,300 @@
+//! A method that estimates from its innovations how large the errors of observations and of its forecasts are.
+
+use crate::assimilator::{Analysis, Assimilator, Estimate};
+use crate::calibration_accuracy::CalibrationAccuracy;
+use crate::covariance::{Covariance, multiply};
+use crate::covariance_column::{CovarianceColumn, Unknown};
+use crate::error::Error;
+use crate::estimated::EstimatedParameter;
+use crate::likelihood::ErrorFactors;
+use crate::response::Responder;
+use crate::saved::{from_bytes, to_bytes};
+use crate::structure::Structure;
+use faer::MatRef;
+use isobar_model::random::stream;
+use isobar_model::{Duration, Layout};
+use isobar_obs::{ObservationWindow, SparseRows};
+use rand::RngExt;
+use std::sync::Arc;
+
+/// Random signs by which traces are estimated in each cycle.
+const PROBES: usize = 2;
+
+/// A covariance of the state that a method is given, and multiplies by a factor.
+#[derive(Clone)]
+pub struct AdaptedCovariance {
+    /// What it is: `model_error`, `background_error`.
+    pub name: &'static str,
+    /// The problem's.
+    pub covariance: Arc<dyn Covariance>,
+    /// What the method multiplies it by as it is.
+    pub scale: f64,
+}
+
+/// Which factors are estimated.
+#[derive(Clone)]
+pub struct AdaptiveSettings {
+    /// Whether the variance of the observations' errors has a factor for each type: each variable of each network.
+    pub observation_error: bool,
+    /// The covariance that has a factor: Q of a filter, B of a method with a static one.
+    pub state_error: Option<AdaptedCovariance>,
+    /// M: how many cycles are remembered.
+    pub memory_cycles: usize,
+}
+
+/// Finds factors on R and on Q (or B) of any method by the likelihood of its innovations (Dee 1995, Mon. Wea. Rev. 123,
+/// 1128–1145; Mitchell and Houtekamer 2000, Mon. Wea. Rev. 128, 416–433), cycle after cycle. With S = H P_f Hᵀ + R,
+/// D_k the part of S that is proportional to the factor α_k, θ_k = ln α_k and w = S⁻¹ d,
+///
+/// ```text
+/// −2 ln p(d) = ln det S + dᵀ S⁻¹ d,    ∂ ln p/∂θ_k = ½ (wᵀ D_k w − tr S⁻¹ D_k) = g_k,    I_kl = ½ tr S⁻¹ D_k S⁻¹ D_l
+/// ```
+///
+/// where D_k is α_k R of one type of observations, or α H Q Hᵀ; what P_f keeps of earlier errors counts as given (Dee 1995,
+/// section 3). The factors move by a Newton step for the likelihood of all cycles, older ones fading with the memory M
+/// (Titterington 1984, J. R. Stat. Soc. B 46, 257–267), with the prior θ ~ N(0, 1), that is J_0 = I:
+///
+/// ```text
+/// J ← (1 − 1/M) J + I,    θ ← θ + (J + J_0)⁻¹ (g − J_0 θ/M),    Cov(θ) = (J + J_0)⁻¹.
+/// ```
+///
+/// For R alone the fixed point `wᵀ D_k w = tr S⁻¹ D_k` is that of Desroziers and Ivanov (2001, Q. J. R. Meteorol. Soc. 127,
+/// 1433–1452; for the equality Chapnik et al. 2004, Q. J. 130, 2253–2275). The sum over observations of their departures
+/// from analysis and background (Desroziers et al. 2005) is no condition of its own for Q: with one factor on all of R it
+/// says the same as χ² = n.
+///
+/// *Without a look into the method.* R w are the departures from the analysis, so that no S is needed; S⁻¹ v = R⁻¹ (v −
+/// H K v) by the method's own analysis of innovations v ([`Responder`]); the information in its average form
+/// `½ wᵀ D_k S⁻¹ D_l w` (Gilmour, Thompson and Cullis 1995, Biometrics 51, 1440–1450), times n/χ² lest wrong factors claim
+/// the wrong weight; traces by random signs (Hutchinson 1990). That takes 2 analyses of the method more than there are
+/// factors, in each cycle.
+///
+/// The claimed σ is that of a true factor that changes within the memory; where it does not, the estimate is better by up to
+/// √2. That Q acts through earlier cycles as well makes it better still. A factor that the innovations do not tell from its
+/// prior, or from another factor, is named.
+pub struct Adaptive {
+    method: Box<dyn Assimilator>,
+    settings: AdaptiveSettings,
+    layout: Arc<Layout>,
+    factors: ErrorFactors,
+    /// Of the last forecast.
+    background: Option<Estimate>,
+}
+
+/// The type of an observation: network and variable.
+type Type = (Arc<str>, usize);
+
+/// Types in the order of their first observations, and the type of each observation.
+fn types(observed: &ObservationWindow) -> (Vec<Type>, Vec<usize>) {
+    let mut types: Vec<Type> = Vec::new();
+    let of_report = observed.reports.iter().map(|report| {
+        let same = |own: &Type| own.0 == report.network && own.1 == report.variable;
+        types.iter().position(same).unwrap_or_else(|| {
+            types.push((Arc::clone(&report.network), report.variable));
+            types.len() - 1
+        })
+    });
+    let of_report = of_report.collect();
+    (types, of_report)
+}
+
+impl Adaptive {
+    /// A method of states with this layout, all of whose factors are 1 at the start.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if nothing is to be adapted, for a memory of no cycle, and for a method that has no such covariance.
+    pub fn new(
+        mut method: Box<dyn Assimilator>,
+        layout: Arc<Layout>,
+        settings: AdaptiveSettings,
+    ) -> Result<Self, Error> {
+        if settings.memory_cycles == 0 || !(settings.observation_error || settings.state_error.is_some()) {
+            return Err(Error::Setting("there is nothing to adapt, or no memory to adapt it from".into()));
+        }
+        let mut factors = ErrorFactors::default();
+        if let Some(adapted) = &settings.state_error {
+            method.set_error_factor(1.0)?;
+            factors.number(adapted.name);
+        }
+        Ok(Self { method, settings, layout, factors, background: None })
+    }
+
+    /// The number of the factor on each type, if there are such.
+    fn numbers(&mut self, types: &[Type]) -> Vec<usize> {
+        let name = |it: &Type| format!("observation_error/{}/{}", it.0, self.layout.variables[it.1].name);
+        let names: Vec<String> = types.iter().map(name).collect();
+        names.iter().map(|name| self.factors.number(name)).collect()
+    }
+
+    /// Takes the innovations of a cycle into the factors; the method is as it was before it analysed `observed`, which has
+    /// the errors that were assumed. `departures` are those from background and analysis; `numbers[row]` the factor of an
+    /// observation, if it has one.
+    fn adapt(
+        &mut self,
+        background: &Estimate,
+        observed: &ObservationWindow,
+        departures: [&[f64]; 2],
+        numbers: Option<&[usize]>,
+    ) -> Result<(), Error> {
+        let Self { method, settings, factors, .. } = self;
+        let n = observed.len();
+        let variance: Vec<f64> = observed.sigma.iter().map(|sigma| sigma * sigma).collect();
+        let state_error = settings.state_error.as_ref().map(|adapted| StateError {
+            covariance: &*adapted.covariance,
+            factor: adapted.scale * factors.value(0),
+            rows: observed.operator.linearize(&background.state, &background.calibration).state,
+        });
+        let mut present: Vec<usize> = numbers.map(<[usize]>::to_vec).unwrap_or_default();
+        present.extend(state_error.is_some().then_some(0));
+        present.sort_unstable();
+        present.dedup();
+        // D_k v.
+        let part = |k: usize, v: &[f64]| match (&state_error, numbers) {
+            (Some(state_error), _) if k == 0 => state_error.multiply(v),
+            (_, Some(numbers)) => (0..n).map(|i| if numbers[i] == k { variance[i] * v[i] } else { 0.0 }).collect(),
+            _ => vec![0.0; n],
+        };
+        let mut responder = Responder::new(&mut **method, background, observed)?;
+        let mut inverse = |v: &[f64]| -> Result<Vec<f64>, Error> {
+            let fit = responder.to(v)?.fit;
+            Ok((0..n).map(|i| (v[i] - fit[i]) / variance[i]).collect())
+        };
+
+        let w: Vec<f64> =
+            departures[1].iter().zip(&variance).map(|(departure, variance)| departure / variance).collect();
+        let parts: Vec<Vec<f64>> = present.iter().map(|&k| part(k, &w)).collect();
+        let mut score: Vec<f64> = parts.iter().map(|part| 0.5 * dot(&w, part)).collect();
+        let weight = n as f64 / dot(&w, departures[0]).max(f64::MIN_POSITIVE);
+        let mut information = vec![vec![0.0; present.len()]; present.len()];
+        for (column, part) in parts.iter().enumerate() {
+            let solved = inverse(part)?;
+            for (row, other) in parts.iter().enumerate() {
+                // Half into either triangle: a gain that is found by iteration is symmetric only nearly.
+                let value = 0.25 * weight * dot(other, &solved);
+                information[row][column] += value;
+                information[column][row] += value;
+            }
+        }
+        let mut random = stream(observed.cycle as u64, "adaptive error factors");
+        for _ in 0..PROBES {
+            let signs: Vec<f64> = (0..n).map(|_| if random.random::<bool>() { 1.0 } else { -1.0 }).collect();
+            let scaled: Vec<f64> = signs.iter().zip(&observed.sigma).map(|(sign, sigma)| sign * sigma).collect();
+            let unscaled: Vec<f64> = signs.iter().zip(&observed.sigma).map(|(sign, sigma)| sign / sigma).collect();
+            let solved = inverse(&scaled)?;
+            for (score, &k) in score.iter_mut().zip(&present) {
+                *score -= 0.5 * dot(&unscaled, &part(k, &solved)) / PROBES as f64;
+            }
+        }
+        responder.finish()?;
+        factors.update(settings.memory_cycles, &present, &score, &information);
+        if settings.state_error.is_some() {
+            method.set_error_factor(factors.value(0))?;
+        }
+        Ok(())
+    }
+}
+
+/// α H Q Hᵀ.
+struct StateError<'a> {
+    covariance: &'a dyn Covariance,
+    factor: f64,
+    rows: SparseRows,
+}
+
+impl StateError<'_> {
+    fn multiply(&self, v: &[f64]) -> Vec<f64> {
+        let mut at_state = vec![0.0; self.covariance.len()];
+        self.rows.transpose_multiply_add(v, &mut at_state);
+        let mut result = vec![0.0; v.len()];
+        self.rows.multiply_add(&multiply(self.covariance, &at_state), &mut result);
+        result.iter_mut().for_each(|value| *value *= self.factor);
+        result
+    }
+}
+
+impl Assimilator for Adaptive {
+    fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
+        let estimate = self.method.forecast(window)?;
+        self.background = Some(estimate.clone());
+        Ok(estimate)
+    }
+
+    fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        let mut given = observed.clone();
+        let (types, of_row) = types(observed);
+        let numbers: Option<Vec<usize>> = self.settings.observation_error.then(|| {
+            let numbers = self.numbers(&types);
+            of_row.iter().map(|&of_type| numbers[of_type]).collect()
+        });
+        if let Some(numbers) = &numbers {
+            for (sigma, &number) in given.sigma.iter_mut().zip(numbers) {
+                *sigma *= self.factors.value(number).sqrt();
+            }
+        }
+        let before = self.method.save()?;
+        let analysis = self.method.analyse(&given)?;
+        if observed.is_empty() {
+            return Ok(analysis);
+        }
+        let after = self.method.save()?;
+        self.method.restore(&before)?;
+        let background = self.background.clone();
+        let background = background.ok_or_else(|| Error::Setting("an analysis needs a forecast before it".into()))?;
+        let departures = [&*analysis.background_departures, &*analysis.analysis_departures];
+        self.adapt(&background, &given, departures, numbers.as_deref())?;
+        self.method.restore(&after)?;
+        Ok(analysis)
+    }
+
+    fn structure(&self, observed: &ObservationWindow, factors: usize) -> Option<Structure> {
+        self.method.structure(observed, factors)
+    }
+
+    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
+        self.method.covariance_column(unknown)
+    }
+
+    fn parameters(&self) -> Vec<EstimatedParameter> {
+        let mut parameters = self.method.parameters();
+        parameters.extend(self.factors.parameters());
+        parameters
+    }
+
+    fn set_calibration(&mut self, estimate: &[f64], covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        self.method.set_calibration(estimate, covariance)
+    }
+
+    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
+        self.method.calibration_accuracy()
+    }
+
+    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        self.method.widen_calibration(covariance)
+    }
+
+    fn smoother_lag(&self) -> Option<usize> {
+        self.method.smoother_lag()
+    }
+
+    fn smoothed(&self, analyses_ago: usize) -> Result<Option<Estimate>, Error> {
+        self.method.smoothed(analyses_ago)
+    }
+
+    fn save(&self) -> Result<Vec<u8>, Error> {
+        to_bytes(&(self.method.save()?, &self.factors))
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        let (method, factors): (Vec<u8>, ErrorFactors) = from_bytes(saved)?;
+        self.method.restore(&method)?;
+        self.factors = factors.checked(self.settings.state_error.as_ref().map(|adapted| adapted.name))?;
+        if self.settings.state_error.is_some() {
+            self.method.set_error_factor(self.factors.value(0))?;
+        }
+        Ok(())
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}

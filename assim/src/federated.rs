@@ -1,0 +1,270 @@
+//! The federated Kalman filter: a local filter for each observing system, and a master that fuses them.
+
+mod fusion;
+mod system;
+
+use crate::assimilator::{Analysis, Assimilator, Estimate};
+use crate::augmented::AugmentedState;
+use crate::calibration_accuracy::CalibrationAccuracy;
+use crate::covariance_column::{CovarianceColumn, Unknown};
+use crate::error::Error;
+use crate::kalman::{KalmanFilter, normalised_innovation_squared};
+use crate::problem::{Innovations, Problem};
+use crate::saved::{from_bytes, to_bytes, unfit};
+use faer::MatRef;
+use fusion::Fused;
+use isobar_model::Duration;
+use isobar_obs::{Calibration, ObservationWindow};
+use rayon::prelude::*;
+use system::observations_of;
+
+/// How the filter is divided.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FederatedSettings {
+    /// The observing systems, each with its information-sharing factor β > 0; the factors sum to 1.
+    pub systems: Vec<(String, f64)>,
+    /// After the analyses of how many cycles the local filters are given what the master has fused; `None` for never.
+    pub reset_every_cycles: Option<usize>,
+}
+
+/// The decentralised filter of WO 90/13794, fig. 2 (Carlson 1990, Federated square root filter for decentralized parallel
+/// processes, IEEE Trans. Aerosp. Electron. Syst. 26, 517–525). The local filter i sees the observations of one observing
+/// system alone, and estimates the state x and that system's biases `c_i`. Its prior and its model error are inflated,
+///
+/// ```text
+/// P_i(0) = P(0)/β_i,    Q_i = Q/β_i,    Σ β_i = 1,
+/// ```
+///
+/// for then errors that are common to all local filters, being fully correlated between them, are bounded by errors that
+/// are independent: `1 1ᵀ ⊗ P ≤ diag(P/β_i)`. The master fuses the local estimates as if they were,
+///
+/// ```text
+/// P⁻¹ = Σ P_i⁻¹,    x̂ = P Σ P_i⁻¹ x̂_i
+/// ```
+///
+/// in gain form, with the biases going along by their regression on the state (`fusion`). So the covariance that it claims
+/// is never less than that of its actual errors where model and observations are linear, and therefore never less than that
+/// of the centralised Kalman filter.
+///
+/// *Reset.* The local filters get back x̂ with P/β_i, and each `c_i` given x stays what it was. After every analysis
+/// this loses nothing of a state without biases: the filter equals the centralised one (WO 90/13794, p. 14). With biases
+/// it forgets what model error lets the biases of different systems have in common, given the state. Without reset the
+/// local filters weigh old observations with their own inflated Q: equal to the centralised filter without model error.
+///
+/// It costs as many Kalman filters as there are systems, and two fusions. Covariances between the biases of different
+/// systems that a prior may have cannot be represented, and are refused.
+pub struct FederatedKalmanFilter {
+    /// The fused estimate of x and all biases.
+    master: AugmentedState,
+    local: Vec<LocalFilter>,
+    reset_every_cycles: Option<usize>,
+    /// Analyses so far.
+    cycle: usize,
+}
+
+struct LocalFilter {
+    system: String,
+    /// β.
+    share: f64,
+    /// The numbers of its biases among all, ascending.
+    parameters: Vec<usize>,
+    filter: KalmanFilter,
+}
+
+impl FederatedKalmanFilter {
+    /// A filter that starts from the background.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] if the dense matrices do not fit into the memory limit; [`Error::Setting`] for a bias of no
+    /// system, for biases of two systems whose priors are correlated, and for shares that do not sum to 1.
+    pub fn new(problem: Problem, settings: FederatedSettings) -> Result<Self, Error> {
+        let total: f64 = settings.systems.iter().map(|(_, share)| share).sum();
+        if settings.systems.iter().any(|(_, share)| *share <= 0.0) || (total - 1.0).abs() > 1e-9 {
+            let message = format!("the information-sharing factors must be positive and sum to 1, but sum to {total}");
+            return Err(Error::Setting(message));
+        }
+        let parameters = biases_of_systems(&problem.calibration, &settings.systems)?;
+        check_memory(&problem, &parameters)?;
+        let local = settings.systems.into_iter().zip(parameters).map(|((system, share), parameters)| {
+            let own = parameters.iter().map(|&number| problem.calibration.parameters[number].clone()).collect();
+            let within = |&(i, j): &(usize, usize)| {
+                Some((parameters.binary_search(&i).ok()?, parameters.binary_search(&j).ok()?))
+            };
+            let covariances = problem.calibration.covariances.iter();
+            let covariances = covariances.filter_map(|(pair, value)| Some((within(pair)?, *value))).collect();
+            let calibration = Calibration { parameters: own, covariances };
+            let mut filter = KalmanFilter::new(Problem { calibration, ..problem.clone() })?;
+            filter.augmented.inflate(1.0 / share);
+            Ok(LocalFilter { system, share, parameters, filter })
+        });
+        let local = local.collect::<Result<_, Error>>()?;
+        // The master forecasts nothing.
+        let master = AugmentedState::new(Problem { model_error: None, ..problem })?;
+        Ok(Self { master, local, reset_every_cycles: settings.reset_every_cycles, cycle: 0 })
+    }
+
+    /// The fused covariance of the errors of (x, c), `[m + p, m + p]`.
+    pub fn covariance(&self) -> MatRef<'_, f64> {
+        self.master.covariance.as_ref()
+    }
+
+    /// The observations of each local filter, by number.
+    fn rows(&self, observed: &ObservationWindow, innovations: &Innovations) -> Result<Vec<Vec<usize>>, Error> {
+        let mut rows = vec![Vec::new(); self.local.len()];
+        for (row, report) in observed.reports.iter().enumerate() {
+            let found = self.local.iter().position(|local| *local.system == *report.network);
+            let Some(number) = found else {
+                return Err(Error::Setting(format!("there is no local filter for the network {}", report.network)));
+            };
+            let own = &self.local[number].parameters;
+            let read = innovations.jacobian.calibration.row(row);
+            if let Some(&(parameter, _)) = read.iter().find(|(parameter, _)| !own.contains(parameter)) {
+                let name = &self.master.problem.calibration.parameters[parameter].name;
+                let message = format!("an observation of {} has the bias {name} of another system", report.network);
+                return Err(Error::Setting(message));
+            }
+            rows[number].push(row);
+        }
+        Ok(rows)
+    }
+
+    /// Fuses the local estimates into the master's.
+    fn fuse(&mut self) -> Result<(), Error> {
+        let m = self.master.state.values().len();
+        let (first, rest) = self.local.split_first().expect("there is a system at least");
+        let mut fused = Fused::from(&first.filter.augmented);
+        for local in rest {
+            fused.fuse(&local.filter.augmented)?;
+        }
+        // The biases stand there system after system.
+        let order: Vec<usize> = match self.master.covariance.nrows() - m {
+            0 => (0..m).collect(),
+            _ => (0..m).chain(self.local.iter().flat_map(|it| &it.parameters).map(|number| m + number)).collect(),
+        };
+        fused.store(&order, &mut self.master);
+        Ok(())
+    }
+
+    /// Divides the master's estimate among the local filters.
+    fn reset(&mut self) -> Result<(), Error> {
+        let given_state = fusion::explained_by_state(&self.master)?;
+        for local in &mut self.local {
+            let biases: &[usize] = if given_state.nrows() == 0 { &[] } else { &local.parameters };
+            fusion::divide(&self.master, given_state.as_ref(), local.share, biases, &mut local.filter.augmented);
+        }
+        Ok(())
+    }
+}
+
+impl Assimilator for FederatedKalmanFilter {
+    fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
+        let forecasts: Vec<_> = self.local.par_iter_mut().map(|local| local.filter.forecast(window)).collect();
+        forecasts.into_iter().try_for_each(|forecast| forecast.map(drop))?;
+        self.fuse()?;
+        self.master.estimate()
+    }
+
+    fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        let AugmentedState { problem, state, bias, covariance, .. } = &self.master;
+        let innovations = problem.innovations(observed, state, bias)?;
+        let innovation_chi2 = normalised_innovation_squared(covariance.as_ref(), &innovations, state.values().len())?;
+        let rows = self.rows(observed, &innovations)?;
+        let all = bias.len();
+        let analyses: Vec<_> = self
+            .local
+            .par_iter_mut()
+            .zip(rows)
+            .map(|(local, rows)| local.filter.analyse(&observations_of(observed, rows, &local.parameters, all)))
+            .collect();
+        analyses.into_iter().try_for_each(|analysis| analysis.map(drop))?;
+        self.fuse()?;
+        self.cycle += 1;
+        // One filter has nothing to share.
+        let is_due = self.reset_every_cycles.is_some_and(|cycles| self.cycle.is_multiple_of(cycles));
+        if is_due && self.local.len() > 1 {
+            self.reset()?;
+        }
+        let estimate = self.master.estimate()?;
+        Ok(self.master.problem.analysis(observed, innovations, estimate, innovation_chi2))
+    }
+
+    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
+        self.master.covariance_column(unknown)
+    }
+
+    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
+        self.master.calibration_accuracy()
+    }
+
+    /// Each local filter takes the covariance of its own biases; it has no place for those between systems.
+    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        for local in &mut self.local {
+            let own = &local.parameters;
+            let covariance = faer::Mat::from_fn(own.len(), own.len(), |i, j| covariance[(own[i], own[j])]);
+            local.filter.widen_calibration(covariance.as_ref())?;
+        }
+        self.master.widen_calibration(covariance);
+        Ok(())
+    }
+
+    fn set_error_factor(&mut self, factor: f64) -> Result<(), Error> {
+        self.local.iter_mut().try_for_each(|local| local.filter.set_error_factor(factor))
+    }
+
+    fn save(&self) -> Result<Vec<u8>, Error> {
+        let local = self.local.iter().map(|local| local.filter.save()).collect::<Result<Vec<_>, _>>()?;
+        to_bytes(&(self.master.save()?, local, self.cycle))
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        let (master, local, cycle): (Vec<u8>, Vec<Vec<u8>>, usize) = from_bytes(saved)?;
+        if local.len() != self.local.len() {
+            return Err(unfit("the number of local filters"));
+        }
+        self.master.restore(&master)?;
+        self.local.iter_mut().zip(&local).try_for_each(|(local, saved)| local.filter.restore(saved))?;
+        self.cycle = cycle;
+        Ok(())
+    }
+}
+
+/// The numbers of each system's biases, which are called `system/…`.
+fn biases_of_systems(calibration: &Calibration, systems: &[(String, f64)]) -> Result<Vec<Vec<usize>>, Error> {
+    let system_of = |number: usize| {
+        let name = &calibration.parameters[number].name;
+        let system = name.split('/').next().unwrap_or_default();
+        let found = systems.iter().position(|(own, _)| own == system);
+        found.ok_or_else(|| Error::Setting(format!("the bias {name} is of no observing system")))
+    };
+    let mut numbers = vec![Vec::new(); systems.len()];
+    for number in 0..calibration.len() {
+        numbers[system_of(number)?].push(number);
+    }
+    for (&(i, j), &covariance) in &calibration.covariances {
+        if covariance != 0.0 && system_of(i)? != system_of(j)? {
+            let name = |number: usize| &calibration.parameters[number].name;
+            return Err(Error::Setting(format!(
+                "the biases {} and {} are known to be correlated, which local filters of two systems cannot be told",
+                name(i),
+                name(j)
+            )));
+        }
+    }
+    Ok(numbers)
+}
+
+fn check_memory(problem: &Problem, parameters: &[Vec<usize>]) -> Result<(), Error> {
+    let m = problem.background.values().len() as u64;
+    let sizes = parameters.iter().map(|own| m + own.len() as u64);
+    // Covariance, model error, propagator and two products for each, the master and what it fuses.
+    let master = m + problem.calibration.len() as u64;
+    let needed_bytes = 8 * (sizes.map(|size| 5 * size.pow(2)).sum::<u64>() + 5 * master.pow(2));
+    if needed_bytes > problem.memory_limit_bytes {
+        return Err(Error::TooLarge {
+            what: format!("{} dense Kalman filters for {m} values each, and their fusion", parameters.len()),
+            needed_bytes,
+            limit_bytes: problem.memory_limit_bytes,
+        });
+    }
+    Ok(())
+}
