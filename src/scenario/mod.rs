@@ -11,6 +11,7 @@ mod ensemble_method;
 mod error;
 mod expected;
 mod fault;
+mod fields;
 mod grid;
 mod initial;
 mod initialise;
@@ -36,7 +37,7 @@ pub use initialise::Initialise;
 pub use method::{Algorithm, Method};
 pub use model::{AdvectionScheme, Conserved, Dynamics, ModelSettings, ShallowWaterSettings, TimeScheme, Wind};
 pub use network::{
-    Heading, Instrument, Network, ObservedVariable, RadiosondeSettings, SatelliteSettings, Schedule, StationLayout,
+    FileSettings, Heading, Instrument, Network, ObservedVariable, RadiosondeSettings, SatelliteSettings, Schedule, StationLayout,
 };
 pub use sensors::{SensorSettings, StabilitySettings};
 pub use sweep::SweepSettings;
@@ -155,10 +156,10 @@ impl Scenario {
         let grid = grid::read(&root)?;
         let model_field = root.required("model")?;
         let model = model::read(&model_field, &grid.grid)?;
-        let initial = initial::read(&root, &model)?;
-        let background_error = covariance::read(&root.required("background_error")?, &model)?;
+        let initial = initial::read(&root.required("initial")?, &model, &grid.grid)?;
+        let background_error = covariance::read(&root.required("background_error")?, &model, &grid.grid)?;
         let model_error =
-            root.optional("model_error").map_or(Ok(Vec::new()), |field| covariance::read(&field, &model))?;
+            root.optional("model_error").map_or(Ok(Vec::new()), |field| covariance::read(&field, &model, &grid.grid))?;
         let truth = cycle::read_truth(&root, &model_field, &model, &grid.grid)?;
         let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", truth.model.time_step)];
         let cycle = cycle::read(&root, start, &steps)?;
