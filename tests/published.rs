@@ -103,9 +103,8 @@ fn linear_advection_has_the_covariances_of_dapper() {
 /// |g|² of a wave in one step of the Runge–Kutta scheme of fourth order, g = 1 + z + z²/2 + z³/6 + z⁴/24, where upwind
 /// differences of first order have z = −c_x (1 − e^(−iθ)) − c_y (1 − e^(−iφ)).
 fn damping(courant: [f64; 2], phase: [f64; 2]) -> f64 {
-    let z: (f64, f64) = (0..2).fold((0.0, 0.0), |(re, im), i| {
-        (re - courant[i] * (1.0 - phase[i].cos()), im - courant[i] * phase[i].sin())
-    });
+    let z: (f64, f64) = (0..2)
+        .fold((0.0, 0.0), |(re, im), i| (re - courant[i] * (1.0 - phase[i].cos()), im - courant[i] * phase[i].sin()));
     let (mut power, mut g) = ((1.0, 0.0), (1.0, 0.0));
     for divisor in 1..=4 {
         let (re, im) = (power.0 * z.0 - power.1 * z.1, power.0 * z.1 + power.1 * z.0);

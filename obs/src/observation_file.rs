@@ -296,7 +296,10 @@ mod tests {
         assert_eq!((second.line, second.valid), (6, ValidTime::Time(Time::from_seconds(six.seconds() + 6 * 3600))));
         let short = ObservationFile::parse("cycle,column,row,value\r\n2,4,5,0.5\r\n", "short.csv").unwrap();
         let record = &short.records()[0];
-        assert_eq!((record.valid, record.place), (ValidTime::Cycle(2), ObservationPlace::GridPoint { column: 4, row: 5 }));
+        assert_eq!(
+            (record.valid, record.place),
+            (ValidTime::Cycle(2), ObservationPlace::GridPoint { column: 4, row: 5 })
+        );
         assert_eq!((&record.variable, record.sigma, &record.id), (&None, None, &None));
     }
 

@@ -103,7 +103,9 @@ fn tracer(initial: &Initial, grid: &Grid) -> Result<State, ModelError> {
         | Initial::Vortices { .. }
         | Initial::RandomBalanced { .. }
         | Initial::File(_) => {
-            unreachable!("the scenario's reader refuses states of shallow water for a tracer, and files are read before")
+            unreachable!(
+                "the scenario's reader refuses states of shallow water for a tracer, and files are read before"
+            )
         }
     }
 }

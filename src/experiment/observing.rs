@@ -2,14 +2,14 @@
 
 use super::ExperimentError;
 use crate::scenario::{
-    Bias, BiasEvolution, BiasOwner, FileSettings, InitialBias, Instrument, Network, RadiosondeSettings, SatelliteSettings, Schedule,
-    StationLayout,
+    Bias, BiasEvolution, BiasOwner, FileSettings, InitialBias, Instrument, Network, RadiosondeSettings,
+    SatelliteSettings, Schedule, StationLayout,
 };
 use indexmap::IndexMap;
 use isobar_model::Grid;
 use isobar_obs::{
-    BiasProcess, BiasScope, Evolution, Heading, InstrumentConfig, ObservationError, ObservationFile, ObservedVariable, RadiosondeConfig, RecordedConfig,
-    SatelliteConfig, ScanBias, ScanTerm, StationBias, StationSource, Stations,
+    BiasProcess, BiasScope, Evolution, Heading, InstrumentConfig, ObservationError, ObservationFile, ObservedVariable,
+    RadiosondeConfig, RecordedConfig, SatelliteConfig, ScanBias, ScanTerm, StationBias, StationSource, Stations,
 };
 use std::io::Read as _;
 use std::path::Path;

@@ -68,11 +68,7 @@ enum Part {
 const KINDS: &[Kind<Part>] = &[
     ("balanced", Part::Balanced, &["sigma_height_m", "length_km"]),
     ("univariate", Part::Univariate, &["variable", "sigma", "length_km"]),
-    (
-        "by_distance",
-        Part::ByDistance,
-        &["variable", "correlation", "sigma", "length_km", "uncorrelated_fraction"],
-    ),
+    ("by_distance", Part::ByDistance, &["variable", "correlation", "sigma", "length_km", "uncorrelated_fraction"]),
     ("members", Part::Members, &["variable", "file", "localization_radius_km"]),
     ("white", Part::White, &["variable", "sigma"]),
 ];

@@ -76,7 +76,8 @@ pub(super) fn read_truth(
     model: &ModelSettings,
     grid: &Grid,
 ) -> Read<TruthSettings> {
-    let mut truth = TruthSettings { model: model.clone(), initial: None, model_error_scale: 1.0, background_error_scale: 1.0 };
+    let mut truth =
+        TruthSettings { model: model.clone(), initial: None, model_error_scale: 1.0, background_error_scale: 1.0 };
     let Some(field) = root.optional("truth") else { return Ok(truth) };
     let section = field.section(&["model", "initial", "model_error_scale", "background_error_scale"])?;
     if let Some(overrides) = section.optional("model") {
@@ -85,7 +86,8 @@ pub(super) fn read_truth(
     if let Some(field) = section.optional("initial") {
         truth.initial = Some(initial::read(&field, &truth.model, grid)?);
         if let Some(scale) = section.optional("background_error_scale") {
-            let message = "a truth that starts at a given state does not start at a draw of the background error".into();
+            let message =
+                "a truth that starts at a given state does not start at a draw of the background error".into();
             return Err(scale.misplaced(message, "leave out this key or truth.initial"));
         }
     }

@@ -32,7 +32,8 @@ pub(super) fn read(field: &Field<'_>, grid: &Grid, most: usize) -> Read<Fields> 
     if text.len() as u64 > LARGEST_FILE {
         return Err(fault(format!(": it is larger than {} MB", LARGEST_FILE / 1_000_000)));
     }
-    parse(&text, grid.cells(), most).map_err(|reason| fault(format!("{reason} (the grid is {} × {})", grid.nx, grid.ny)))
+    parse(&text, grid.cells(), most)
+        .map_err(|reason| fault(format!("{reason} (the grid is {} × {})", grid.nx, grid.ny)))
 }
 
 /// The fields of a text, with `cells` values each.
@@ -56,7 +57,9 @@ fn parse(text: &str, cells: usize, most: usize) -> Result<Fields, String> {
     let mut columns = vec![Vec::with_capacity(cells); count];
     for (number, (line, row)) in rows.enumerate() {
         if number == cells {
-            return Err(format!(", line {line}: there are more than the {cells} rows of numbers that the grid has cells"));
+            return Err(format!(
+                ", line {line}: there are more than the {cells} rows of numbers that the grid has cells"
+            ));
         }
         let found = row.split(',').count();
         if found != count {
@@ -74,7 +77,9 @@ fn parse(text: &str, cells: usize, most: usize) -> Result<Fields, String> {
     }
     match columns[0].len() {
         rows if rows == cells => Ok(Fields { names, columns }),
-        rows => Err(format!(": there are {rows} rows of numbers, but should be {cells}, one for each cell of the grid")),
+        rows => {
+            Err(format!(": there are {rows} rows of numbers, but should be {cells}, one for each cell of the grid"))
+        }
     }
 }
 
@@ -85,7 +90,10 @@ mod tests {
     #[test]
     fn fields_are_read_with_and_without_names() {
         let named = parse("# two\n\nh, u\n1,2\r\n-3e-2,4\n", 2, 2).unwrap();
-        assert_eq!((named.names, named.columns), (Some(vec!["h".into(), "u".into()]), vec![vec![1.0, -0.03], vec![2.0, 4.0]]));
+        assert_eq!(
+            (named.names, named.columns),
+            (Some(vec!["h".into(), "u".into()]), vec![vec![1.0, -0.03], vec![2.0, 4.0]])
+        );
         let plain = parse("\u{feff}1\n2\n3", 3, 1).unwrap();
         assert_eq!((plain.names, plain.columns), (None, vec![vec![1.0, 2.0, 3.0]]));
     }

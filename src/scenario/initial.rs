@@ -211,7 +211,8 @@ fn values(field: &Field<'_>, model: &ModelSettings, grid: &Grid) -> Read<Vec<f64
             return Err(field.invalid(message, "must be greater than 0 everywhere"));
         }
         if let (Boundary::Channel, Some(cell)) = (grid.boundary, v[..grid.nx].iter().position(|v| *v != 0.0)) {
-            let message = format!("v is {} in row {} of the numbers, which lies on the southern wall", v[cell], cell + 1);
+            let message =
+                format!("v is {} in row {} of the numbers, which lies on the southern wall", v[cell], cell + 1);
             return Err(field.invalid(message, "must be 0 in the first nx rows"));
         }
     }

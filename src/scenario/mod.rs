@@ -37,7 +37,8 @@ pub use initialise::Initialise;
 pub use method::{Algorithm, Method};
 pub use model::{AdvectionScheme, Conserved, Dynamics, ModelSettings, ShallowWaterSettings, TimeScheme, Wind};
 pub use network::{
-    FileSettings, Heading, Instrument, Network, ObservedVariable, RadiosondeSettings, SatelliteSettings, Schedule, StationLayout,
+    FileSettings, Heading, Instrument, Network, ObservedVariable, RadiosondeSettings, SatelliteSettings, Schedule,
+    StationLayout,
 };
 pub use sensors::{SensorSettings, StabilitySettings};
 pub use sweep::SweepSettings;
@@ -158,8 +159,9 @@ impl Scenario {
         let model = model::read(&model_field, &grid.grid)?;
         let initial = initial::read(&root.required("initial")?, &model, &grid.grid)?;
         let background_error = covariance::read(&root.required("background_error")?, &model, &grid.grid)?;
-        let model_error =
-            root.optional("model_error").map_or(Ok(Vec::new()), |field| covariance::read(&field, &model, &grid.grid))?;
+        let model_error = root
+            .optional("model_error")
+            .map_or(Ok(Vec::new()), |field| covariance::read(&field, &model, &grid.grid))?;
         let truth = cycle::read_truth(&root, &model_field, &model, &grid.grid)?;
         let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", truth.model.time_step)];
         let cycle = cycle::read(&root, start, &steps)?;

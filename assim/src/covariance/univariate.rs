@@ -1,8 +1,8 @@
 //! Homogeneous errors of one variable.
 
+use super::homogeneous_filter::HomogeneousFilter;
 use super::{CorrelationFunction, Covariance};
 use crate::error::Error;
-use super::homogeneous_filter::HomogeneousFilter;
 use isobar_model::{Boundary, Layout, Location};
 
 /// In a channel the field is continued over this many lengths beyond its walls.
@@ -127,7 +127,8 @@ mod tests {
 
     #[test]
     fn by_distance_is_the_function_of_the_shortest_distance() {
-        for (boundary, function) in [Boundary::Periodic, Boundary::Channel].into_iter().flat_map(|b| ALL.map(|f| (b, f)))
+        for (boundary, function) in
+            [Boundary::Periodic, Boundary::Channel].into_iter().flat_map(|b| ALL.map(|f| (b, f)))
         {
             let layout = shallow_water::layout(Grid { nx: 12, ny: 7, dx_m: 2.0, dy_m: 3.0, boundary });
             let (variable, sigma, length) = (2, 1.7, 1.5);

@@ -56,8 +56,7 @@ impl Recorded {
             let (variable, sigma) = kind(config, record, layout)?;
             let (x_m, y_m, state_row) = place(config, record, variable, layout, projection)?;
             let platform = record.id.clone().unwrap_or_else(|| words(record.place));
-            let report =
-                Report { network: network.clone(), platform: platform.into(), variable, x_m, y_m, scan: None };
+            let report = Report { network: network.clone(), platform: platform.into(), variable, x_m, y_m, scan: None };
             let reading = Reading::Value(record.value, time);
             Ok((cycle, Observation { report, sigma, reading, state_row, calibration_row: Vec::new() }))
         });

@@ -6,7 +6,7 @@ use crate::calibration::Placement;
 use crate::error::{ObservationError, require};
 use crate::faults::Faults;
 use crate::footprint::{TRUNCATION, footprint};
-use crate::instrument::{Instrument, MOST_PLATFORMS, Observation, ObservedVariable, Schedule, Reading};
+use crate::instrument::{Instrument, MOST_PLATFORMS, Observation, ObservedVariable, Reading, Schedule};
 use crate::window::Report;
 use isobar_model::random::stream;
 use isobar_model::{Boundary, Grid, Layout};
