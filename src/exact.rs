@@ -244,6 +244,10 @@ fn check_linear(scenario: &Scenario) -> Result<(), ScenarioError> {
             "exact performance needs the same model for the truth: else errors depend on the state".to_string();
         return Err(scenario.fault(&["truth", "model"], message, "another model"));
     }
+    if scenario.truth.initial.is_some() {
+        let message = "exact performance is that of a truth which starts at a draw of the background error".to_string();
+        return Err(scenario.fault(&["truth", "initial"], message, "a given start"));
+    }
     for (key, given) in [("sensors", scenario.sensors.is_some()), ("initialise", scenario.initialise.is_some())] {
         if given {
             let message = format!("exact performance is that of a start from the biases' priors, without [{key}]");

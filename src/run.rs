@@ -73,7 +73,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -
         false => OutputDirectory::create(&options.out, existing).map_err(RunError::Place)?,
     };
     let mut experiment = workers.install(|| Experiment::new(scenario, options))?;
-    let plan = Plan::new(scenario, options, &experiment.info);
+    let plan = Plan::new(scenario, options, &experiment);
     let RunOptions { netcdf, rerun, report, live, .. } = *options;
     let mut sinks = open_all(&experiment.info, &directory, Outputs { netcdf, rerun, report, live })?;
     let mut tell = |event: Event<'_>| {

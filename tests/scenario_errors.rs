@@ -243,7 +243,7 @@ const CASES: &[Case] = &[
         "kind = \"time_volume\"\nwindow_cycles = 5\nmodel_factors = [{ name = \"f\", kind = \"constant\", variable = \"h\", \
          patterns_file = \"broken.toml\" }]",
         "\"broken.toml\"",
-        &["line 2 does not consist of finite numbers"],
+        &["broken.toml, line 3, column 1: `phenomenon", "is not a finite number"],
     ),
     (
         "kind = \"fkf\"\nblocks = \"cell\"",

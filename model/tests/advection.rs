@@ -20,7 +20,7 @@ fn square(n: usize, boundary: Boundary) -> Grid {
 fn wave_error(n: usize, kind: AdvectionScheme) -> f64 {
     let grid = square(n, Boundary::Periodic);
     let wind = Wind::Uniform { u_m_per_s: 20.0, v_m_per_s: -10.0 };
-    let wave = CosineWave { mean: 3.0, amplitude: 1.0, waves_x: 1, waves_y: 2 };
+    let wave = CosineWave { mean: 3.0, amplitude: 1.0, waves_x: 1, waves_y: 2, phase: 0.0 };
     let model = stepped(Advection::new(grid.clone(), &wind, kind).unwrap(), (800 * 16 / n) as i64, TimeScheme::Rk4);
     let mut x = initial::cosine_wave(model.tendency().layout(), &wave).unwrap();
     forecast(&model, &mut x, 10 * n / 16).unwrap();
@@ -104,7 +104,7 @@ fn first_order_upwind_damps_a_wave_as_its_symbol_says() {
     let grid = square(16, Boundary::Periodic);
     let wind = Wind::Uniform { u_m_per_s: 10.0, v_m_per_s: 0.0 };
     let model = stepped(Advection::new(grid, &wind, AdvectionScheme::FirstOrderUpwind).unwrap(), 100, TimeScheme::Rk4);
-    let wave = CosineWave { mean: 0.0, amplitude: 1.0, waves_x: 4, waves_y: 0 };
+    let wave = CosineWave { mean: 0.0, amplitude: 1.0, waves_x: 4, waves_y: 0, phase: 0.0 };
     let mut x = initial::cosine_wave(model.tendency().layout(), &wave).unwrap();
     let start = norm(x.values());
     forecast(&model, &mut x, 100).unwrap();

@@ -1,14 +1,14 @@
-//! What can be wrong with a station file or with the description of an observing system.
+//! What can be wrong with a file of stations or observations or with the description of an observing system.
 
-/// Everything that can be wrong with a station file or with the configuration of an instrument. Variants about a file
+/// Everything that can be wrong with a file of stations or observations or with the configuration of an instrument. Variants about a file
 /// carry its name and the line; variants about a configuration carry the instrument and the setting.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ObservationError {
-    /// A line of a station file is not a row of the table.
+    /// A line of a file is not a row of the table.
     #[error("{file}, line {line}: {problem}")]
     MalformedLine {
-        /// The station file.
+        /// The file.
         file: String,
         /// Line number, from 1.
         line: usize,
@@ -22,6 +22,34 @@ pub enum ObservationError {
     NoStations {
         /// The station file.
         file: String,
+    },
+    /// A file of observations has no row, or no header.
+    #[error(
+        "{file} has no observations: it needs a header line such as `cycle,x_m,y_m,variable,value,sigma` and a line for each observation"
+    )]
+    NoObservations {
+        /// The file.
+        file: String,
+    },
+    /// A file of observations does not say what its network does not say either.
+    #[error("{instrument}: {file} has no column `{setting}`; add it, or give `{setting}` for the network")]
+    NotSaid {
+        /// The network.
+        instrument: String,
+        /// The file.
+        file: String,
+        /// The setting, which is also the name of the column.
+        setting: &'static str,
+    },
+    /// No observation of a file is valid after the start.
+    #[error("{instrument}: none of the {observations} observations of {file} is valid after the start of the run")]
+    NoneAfterStart {
+        /// The network.
+        instrument: String,
+        /// The file.
+        file: String,
+        /// Number of observations.
+        observations: usize,
     },
     /// A necessary column is not there.
     #[error("{file}, line {line}: the header has no column {missing}; it has {present}")]
@@ -55,7 +83,7 @@ pub enum ObservationError {
         /// The column.
         column: String,
     },
-    /// A coordinate is not a number, not finite, or out of range.
+    /// A field is not what it must be: not a number, not finite, out of range, of no known name.
     #[error("{file}, line {line}: `{column}` is `{value}`, but must be {expected}")]
     InvalidCoordinate {
         /// The station file.
@@ -205,6 +233,8 @@ impl ObservationError {
         match self {
             NoProjection { instrument, .. }
             | NoStationInDomain { instrument, .. }
+            | NoneAfterStart { instrument, .. }
+            | NotSaid { instrument, .. }
             | UnknownGroupColumn { instrument, .. }
             | UnknownName { instrument, .. }
             | DuplicateName { instrument, .. }
@@ -215,6 +245,7 @@ impl ObservationError {
             InvalidInstrumentName { value } => Some(value),
             MalformedLine { .. }
             | NoStations { .. }
+            | NoObservations { .. }
             | MissingColumn { .. }
             | AmbiguousColumns { .. }
             | EmptyField { .. }
@@ -235,6 +266,7 @@ impl ObservationError {
             | EmptyList { setting, .. }
             | InvalidNumber { setting, .. } => Some(setting),
             UnknownGroupColumn { .. } => Some("group_by"),
+            NoneAfterStart { .. } | NotSaid { .. } => Some("file"),
             NoStationInDomain { .. } | NoProjection { .. } => Some("stations"),
             BiasOnReference { .. } | BiasOnNothing { .. } => Some("biases"),
             InvalidInstrumentName { .. } => Some("name"),

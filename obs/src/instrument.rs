@@ -1,14 +1,16 @@
 //! Instruments: what is common to the configurations of all of them, and what each produces in a cycle.
 
 pub mod radiosonde;
+pub mod recorded;
 pub mod satellite;
 
 use crate::error::{ObservationError, list, require};
 use crate::faults::Faults;
 use crate::window::Report;
-use isobar_model::Layout;
+use isobar_model::{Layout, Time};
 use radiosonde::RadiosondeConfig;
 use rand_chacha::ChaCha8Rng;
+use recorded::RecordedConfig;
 use satellite::SatelliteConfig;
 
 /// The most stations, or footprints in one cycle, that one instrument may have.
@@ -21,6 +23,8 @@ pub enum InstrumentConfig {
     Radiosonde(RadiosondeConfig),
     /// A satellite with a swath.
     Satellite(SatelliteConfig),
+    /// Observations that somebody else made.
+    Recorded(RecordedConfig),
 }
 
 impl InstrumentConfig {
@@ -29,6 +33,7 @@ impl InstrumentConfig {
         match self {
             InstrumentConfig::Radiosonde(config) => &config.name,
             InstrumentConfig::Satellite(config) => &config.name,
+            InstrumentConfig::Recorded(config) => &config.name,
         }
     }
 
@@ -37,6 +42,7 @@ impl InstrumentConfig {
         match self {
             InstrumentConfig::Radiosonde(config) => config.faults,
             InstrumentConfig::Satellite(config) => config.faults,
+            InstrumentConfig::Recorded(_) => Faults::NONE,
         }
     }
 }
@@ -101,15 +107,23 @@ impl ObservedVariable {
     }
 }
 
-/// One observation before its value is known: its rows of X and G, and its error.
+/// One observation before it arrives: its rows of X and G, and what it reads.
 #[derive(Clone, Debug)]
 pub(crate) struct Observation {
     pub report: Report,
     pub sigma: f64,
-    /// The random error, drawn from N(0, sigma²).
-    pub error: f64,
+    pub reading: Reading,
     pub state_row: Vec<(usize, f64)>,
     pub calibration_row: Vec<(usize, f64)>,
+}
+
+/// What an observation reads.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Reading {
+    /// The truth, its bias and this random error, drawn from N(0, sigma²).
+    Error(f64),
+    /// This value, as it was valid then.
+    Value(f64, Time),
 }
 
 /// An instrument in operation.

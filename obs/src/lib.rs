@@ -11,6 +11,7 @@
 //! - [`system`]: [`ObservingSystem`], all instruments together
 //! - [`instrument`]: [`InstrumentConfig`], [`Schedule`]; [`instrument::radiosonde`], [`instrument::satellite`]
 //! - [`network`], [`stations`]: where stations come from, and station files
+//! - [`observation_file`], [`instrument::recorded`]: observations that somebody else made
 //! - [`bias`]: how biases truly behave, and what methods may assume
 //! - [`faults`]: [`Faults`], reports that must not be believed
 //! - [`footprint`](mod@footprint): what a satellite averages over
@@ -28,6 +29,7 @@ pub mod faults;
 pub mod footprint;
 pub mod instrument;
 pub mod network;
+pub mod observation_file;
 pub mod operator;
 pub mod projection;
 pub mod quality;
@@ -45,9 +47,11 @@ pub use error::ObservationError;
 pub use faults::Faults;
 pub use footprint::footprint;
 pub use instrument::radiosonde::{BiasScope, RadiosondeConfig, StationBias};
+pub use instrument::recorded::RecordedConfig;
 pub use instrument::satellite::{Heading, SatelliteConfig, ScanBias, ScanTerm};
 pub use instrument::{InstrumentConfig, ObservedVariable, Schedule};
 pub use network::{LeftOutStation, Station, StationSource};
+pub use observation_file::{ObservationFile, ObservationPlace, ObservationRecord, ValidTime};
 pub use operator::{LinearOperator, ObservationOperator};
 pub use projection::Projection;
 pub use quality::{QualityControl, RejectedObservation, Rejection};

@@ -63,12 +63,7 @@ impl Stations {
     /// Lines that are not rows of the table, missing or ambiguous columns, coordinates that are not numbers or out of
     /// range, empty or repeated identifiers, each with its line; a file without stations.
     pub fn parse(text: &str, file: &str) -> Result<Self, ObservationError> {
-        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-        let mut rows = text
-            .lines()
-            .enumerate()
-            .map(|(index, line)| (index + 1, line))
-            .filter(|(_, line)| !line.trim().is_empty() && !line.trim_start().starts_with('#'));
+        let mut rows = rows(text);
         let no_stations = || ObservationError::NoStations { file: file.to_owned() };
         let (header_line, header) = rows.next().ok_or_else(no_stations)?;
         let columns = split(header, file, header_line)?;
@@ -170,8 +165,15 @@ impl Stations {
     }
 }
 
+/// The lines of a table with their numbers from 1, without empty ones and remarks.
+pub(crate) fn rows(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let lines = text.lines().enumerate().map(|(index, line)| (index + 1, line));
+    lines.filter(|(_, line)| !line.trim().is_empty() && !line.trim_start().starts_with('#'))
+}
+
 /// The fields of one line of CSV, without the blanks around them.
-fn split(line: &str, file: &str, number: usize) -> Result<Vec<String>, ObservationError> {
+pub(crate) fn split(line: &str, file: &str, number: usize) -> Result<Vec<String>, ObservationError> {
     let malformed = |problem: String| ObservationError::MalformedLine { file: file.to_owned(), line: number, problem };
     if line.matches('"').count() % 2 == 1 {
         return Err(malformed("a quotation mark is not closed on its line".to_owned()));

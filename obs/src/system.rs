@@ -7,8 +7,9 @@ use crate::calibration::{Calibration, Parameter};
 use crate::error::ObservationError;
 use crate::faults::Faults;
 use crate::instrument::radiosonde::Radiosondes;
+use crate::instrument::recorded::Recorded;
 use crate::instrument::satellite::Satellite;
-use crate::instrument::{Instrument, InstrumentConfig, Observation};
+use crate::instrument::{Instrument, InstrumentConfig, Observation, Reading};
 use crate::network::{LeftOutStation, Station};
 use crate::operator::LinearOperator;
 use crate::projection::Projection;
@@ -75,6 +76,8 @@ pub struct ObservingSystem {
     biases: Biases,
     stations: Vec<Station>,
     left_out: Vec<LeftOutStation>,
+    /// Networks of recorded observations, with the cycle of each of these.
+    recorded: Vec<(Arc<str>, Vec<usize>)>,
 }
 
 impl ObservingSystem {
@@ -104,6 +107,7 @@ impl ObservingSystem {
             biases: Biases::new(seed, start),
             stations: Vec::new(),
             left_out: Vec::new(),
+            recorded: Vec::new(),
         };
         for (index, config) in configs.iter().enumerate() {
             let name = config.name();
@@ -124,6 +128,11 @@ impl ObservingSystem {
                 }
                 InstrumentConfig::Satellite(config) => {
                     Box::new(Satellite::new(config, layout, seed, &mut system.biases)?)
+                }
+                InstrumentConfig::Recorded(config) => {
+                    let recorded = Recorded::new(config, layout, projection, window, start)?;
+                    system.recorded.push((name.into(), recorded.cycles()));
+                    Box::new(recorded)
                 }
             };
             config.faults().validate(name)?;
@@ -161,6 +170,15 @@ impl ObservingSystem {
     /// The stations that lie outside of the domain, or too near to its edges.
     pub fn left_out(&self) -> &[LeftOutStation] {
         &self.left_out
+    }
+
+    /// The networks of which recorded observations are valid before the first or after the last of so many cycles, and of how
+    /// many of all.
+    pub fn unused(&self, cycles: usize) -> impl Iterator<Item = (&str, usize, usize)> {
+        self.recorded.iter().filter_map(move |(name, own)| {
+            let unused = own.iter().filter(|cycle| !(1..=cycles).contains(cycle)).count();
+            (unused > 0).then_some((&**name, unused, own.len()))
+        })
     }
 
     /// The present cycle: that of the last observations, 0 before the first.
@@ -228,7 +246,10 @@ impl ObservingSystem {
             let mut observations: Vec<Observation> = Vec::new();
             instrument.observe(self.cycle, &mut observations);
             let arrive = |observation: Observation| {
-                let value_bias_removed = dot(&observation.state_row, truth.values()) + observation.error;
+                let (value_bias_removed, time) = match observation.reading {
+                    Reading::Error(error) => (dot(&observation.state_row, truth.values()) + error, time),
+                    Reading::Value(value, time) => (value, time),
+                };
                 let value = value_bias_removed + dot(&observation.calibration_row, self.biases.values());
                 Arrival { observation, value, value_bias_removed, time }
             };

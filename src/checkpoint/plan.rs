@@ -3,6 +3,7 @@
 use super::Policy;
 use crate::cli::RunOptions;
 use crate::event::RunInfo;
+use crate::experiment::Experiment;
 use crate::scenario::{Scenario, ScenarioError};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -79,15 +80,15 @@ impl PlannedRun {
 pub struct Plan {
     /// What was asked for.
     pub run: PlannedRun,
-    /// Checksum of what the scenario led to with its station files.
+    /// Checksum of what the scenario led to with its files.
     experiment: u32,
 }
 
 impl Plan {
     /// The plan of a run of a scenario.
-    pub fn new(scenario: &Scenario, options: &RunOptions, info: &RunInfo) -> Self {
-        let RunInfo { layout, calibration, stations, methods: described, .. } = info;
-        let led_to = format!("{layout:?} {calibration:?} {stations:?} {described:?}");
+    pub fn new(scenario: &Scenario, options: &RunOptions, experiment: &Experiment) -> Self {
+        let RunInfo { layout, calibration, stations, methods: described, .. } = &experiment.info;
+        let led_to = format!("{layout:?} {calibration:?} {stations:?} {described:?} {}", experiment.files);
         Self { run: PlannedRun::new(scenario, options), experiment: crc32fast::hash(led_to.as_bytes()) }
     }
 
@@ -104,7 +105,7 @@ impl Plan {
             Some("it is of a run with other options")
         } else if self.experiment != other.experiment {
             Some(
-                "its stations or calibration parameters were others: a station file or the database of sensors has changed since",
+                "what it reads was different: a file of stations, observations or fields, or the database of sensors has changed since",
             )
         } else {
             None

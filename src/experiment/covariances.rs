@@ -2,8 +2,9 @@
 
 use super::ExperimentError;
 use crate::scenario::{CovarianceComponent, Dynamics, ModelSettings};
+use faer::Mat;
 use isobar_assim::Covariance;
-use isobar_assim::covariance::{Balanced, BalancedParameters, Sum, Univariate, White};
+use isobar_assim::covariance::{Balanced, BalancedParameters, LocalizedEnsemble, Sum, Univariate, White};
 use isobar_model::Layout;
 use std::sync::Arc;
 
@@ -45,6 +46,23 @@ fn term(
         }
         CovarianceComponent::Univariate { variable, sigma, length_m } => {
             Box::new(Univariate::new(layout, number(variable), *sigma, *length_m))
+        }
+        CovarianceComponent::ByDistance { variable, correlation, sigma, length_m, uncorrelated_fraction } => {
+            let function = (*correlation, *length_m);
+            let covariance =
+                Univariate::by_distance(layout, number(variable), *sigma, function, *uncorrelated_fraction);
+            Box::new(covariance.map_err(ExperimentError::Covariance)?)
+        }
+        CovarianceComponent::Members { variable, members, localization_radius_m } => {
+            let (cells, count) = (layout.grid.cells(), members.len());
+            let own = number(variable) * cells..(number(variable) + 1) * cells;
+            let mut perturbations = Mat::zeros(layout.len(), count);
+            for (cell, index) in own.enumerate() {
+                let mean = members.iter().map(|member| member[cell]).sum::<f64>() / count as f64;
+                (0..count).for_each(|k| perturbations[(index, k)] = members[k][cell] - mean);
+            }
+            let radius_m = localization_radius_m.unwrap_or(f64::INFINITY);
+            Box::new(LocalizedEnsemble::new(layout, &perturbations, radius_m))
         }
         CovarianceComponent::White { variable, sigma } => Box::new(White::new(layout, number(variable), *sigma)),
     })

@@ -11,6 +11,13 @@ use isobar_model::{Grid, ModelError, ShallowWater, State, advection};
 use rand::RngExt;
 
 pub(super) fn build(initial: &Initial, model: &ModelSettings, grid: &Grid, seed: u64) -> Result<State, ModelError> {
+    if let Initial::File(values) = initial {
+        let layout = match model.is_shallow_water() {
+            true => isobar_model::shallow_water::layout(grid.clone()),
+            false => advection::layout(grid.clone()),
+        };
+        return Ok(State::from_values(&layout, values.clone()));
+    }
     match &model.dynamics {
         Dynamics::ShallowWater(settings) => balanced(initial, &shallow_water(settings, grid)?, seed),
         Dynamics::LinearShallowWater { settings, mean_flow_m_per_s, mean_flow_y_m_per_s, .. } => {
@@ -69,8 +76,8 @@ fn balanced(initial: &Initial, model: &ShallowWater, seed: u64) -> Result<State,
                 RandomConfig { mean_depth_m, height_standard_deviation_m: sigma_height_m, length_scale_m: length_m };
             random_balanced(model, &config, random)
         }
-        Initial::GaussianHill { .. } | Initial::CosineWave { .. } => {
-            unreachable!("the scenario's reader refuses tracers for shallow water")
+        Initial::GaussianHill { .. } | Initial::CosineWave { .. } | Initial::File(_) => {
+            unreachable!("the scenario's reader refuses tracers for shallow water, and files are read before")
         }
     }
 }
@@ -87,12 +94,18 @@ fn tracer(initial: &Initial, grid: &Grid) -> Result<State, ModelError> {
             };
             gaussian_hills(&layout, 0.0, &[hill])
         }
-        Initial::CosineWave { mean, amplitude, waves_x, waves_y } => {
-            let wave = CosineWave { mean, amplitude, waves_x, waves_y };
+        Initial::CosineWave { mean, amplitude, waves_x, waves_y, phase_deg } => {
+            let wave = CosineWave { mean, amplitude, waves_x, waves_y, phase: phase_deg.to_radians() };
             cosine_wave(&layout, &wave)
         }
-        Initial::Rest { .. } | Initial::Jet { .. } | Initial::Vortices { .. } | Initial::RandomBalanced { .. } => {
-            unreachable!("the scenario's reader refuses states of shallow water for a tracer")
+        Initial::Rest { .. }
+        | Initial::Jet { .. }
+        | Initial::Vortices { .. }
+        | Initial::RandomBalanced { .. }
+        | Initial::File(_) => {
+            unreachable!(
+                "the scenario's reader refuses states of shallow water for a tracer, and files are read before"
+            )
         }
     }
 }

@@ -19,7 +19,7 @@ use crate::truth::Truth;
 use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Problem, SensorKnowledge, covariance};
 use isobar_model::random::stream;
 use isobar_model::{Duration, ModelError, check_time_step};
-use isobar_obs::{ObservationError, ObservingSystem};
+use isobar_obs::{InstrumentConfig, ObservationError, ObservingSystem};
 use std::path::PathBuf;
 
 /// Why a scenario cannot become an experiment.
@@ -48,7 +48,7 @@ pub enum ExperimentError {
     /// The database of sensors.
     #[error(transparent)]
     Sensors(#[from] SensorError),
-    /// A station file.
+    /// A file of stations or observations.
     #[error("cannot read {}: {reason}", path.display())]
     File {
         /// The file.
@@ -90,6 +90,8 @@ pub struct Experiment {
     pub reference: Option<Reference>,
     /// What observes it.
     pub observing: ObservingSystem,
+    /// Checksum of what files beside the scenario say of the world.
+    pub files: u32,
     /// What the user should know of it before it runs.
     pub warnings: Vec<String>,
     /// The methods, in the order of [`RunInfo::methods`].
@@ -116,6 +118,8 @@ pub struct Ground {
     pub truth: Truth,
     /// What observes it.
     pub observing: ObservingSystem,
+    /// Checksum of what files beside the scenario say of the world.
+    pub files: u32,
 }
 
 /// Whether a scenario's model, initial state, covariances and observing systems fit together.
@@ -141,7 +145,7 @@ impl Experiment {
     pub fn new(scenario: &Scenario, options: &RunOptions) -> Result<Self, ExperimentError> {
         let seed = options.seed.unwrap_or(scenario.seed);
         let cycles = options.cycles.unwrap_or(scenario.cycle.count);
-        let Ground { problem, sensors, truth, observing } = ground(scenario, seed, cycles)?;
+        let Ground { problem, sensors, truth, observing, files } = ground(scenario, seed, cycles)?;
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
         let (mut methods, mut infos) = (Vec::new(), Vec::new());
         for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
@@ -188,6 +192,10 @@ impl Experiment {
             stations: stations.collect(),
         };
         let steps = problem_steps(scenario, &problem);
+        let mut warnings = sensors.warnings;
+        warnings.extend(observing.unused(cycles).map(|(network, unused, all)| {
+            format!("networks.{network}: {unused} of {all} observations are not valid in any of the {cycles} cycles")
+        }));
         Ok(Self {
             info,
             variance_ratio: scenario.stability.variance_ratio,
@@ -198,7 +206,8 @@ impl Experiment {
                 .quality_control
                 .map(|control| Reference::new(control, problem.model, steps, problem.background)),
             observing,
-            warnings: sensors.warnings,
+            files,
+            warnings,
             methods,
         })
     }
@@ -234,10 +243,16 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
     let background_error = build(&scenario.background_error)?.unwrap_or_else(|| covariances::none(background.layout()));
     let model_error = build(&scenario.model_error)?;
 
-    let mut true_state = background.clone();
-    let deviation = covariance::randomize(&*background_error, &mut stream(seed, "truth/initial"));
-    let factor = scenario.truth.background_error_scale.sqrt();
-    true_state.values_mut().iter_mut().zip(deviation).for_each(|(value, change)| *value += factor * change);
+    let true_state = match &scenario.truth.initial {
+        Some(initial) => initial_state::build(initial, &scenario.truth.model, grid, seed)?,
+        None => {
+            let mut state = background.clone();
+            let deviation = covariance::randomize(&*background_error, &mut stream(seed, "truth/initial"));
+            let factor = scenario.truth.background_error_scale.sqrt();
+            state.values_mut().iter_mut().zip(deviation).for_each(|(value, change)| *value += factor * change);
+            state
+        }
+    };
     let true_model = forecast_model::build(&scenario.truth.model, grid, scenario.cycle.window)?;
     check_time_step(&*true_model, &true_state).map_err(ExperimentError::TimeStep)?;
     let steps = scenario.cycle.window.steps_of(true_model.time_step()).expect("the scenario's window fits its steps");
@@ -258,7 +273,14 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
         bias: BiasTreatment::Estimate,
         memory_limit_bytes: u64::MAX,
     };
-    Ok(Ground { problem, sensors, truth, observing })
+    Ok(Ground { problem, sensors, truth, observing, files: checksum(scenario, &configs) })
+}
+
+/// A checksum of the fields, stations and observations that were read from files: a run can be resumed only with the same.
+fn checksum(scenario: &Scenario, configs: &[InstrumentConfig]) -> u32 {
+    let Scenario { initial, background_error, model_error, truth, methods, .. } = scenario;
+    let read = format!("{initial:?} {background_error:?} {model_error:?} {truth:?} {methods:?} {configs:?}");
+    crc32fast::hash(read.as_bytes())
 }
 
 /// What the database of sensors knows at the start of a run; nothing without one.

@@ -2,20 +2,20 @@
 
 use super::ExperimentError;
 use crate::scenario::{
-    Bias, BiasEvolution, BiasOwner, InitialBias, Instrument, Network, RadiosondeSettings, SatelliteSettings, Schedule,
-    StationLayout,
+    Bias, BiasEvolution, BiasOwner, FileSettings, InitialBias, Instrument, Network, RadiosondeSettings,
+    SatelliteSettings, Schedule, StationLayout,
 };
 use indexmap::IndexMap;
 use isobar_model::Grid;
 use isobar_obs::{
-    BiasProcess, BiasScope, Evolution, Heading, InstrumentConfig, ObservationError, ObservedVariable, RadiosondeConfig,
-    SatelliteConfig, ScanBias, ScanTerm, StationBias, StationSource, Stations,
+    BiasProcess, BiasScope, Evolution, Heading, InstrumentConfig, ObservationError, ObservationFile, ObservedVariable,
+    RadiosondeConfig, RecordedConfig, SatelliteConfig, ScanBias, ScanTerm, StationBias, StationSource, Stations,
 };
-use std::io::Read;
+use std::io::Read as _;
 use std::path::Path;
 
-/// The largest station file \[bytes\].
-const LARGEST_STATION_FILE: u64 = 100_000_000;
+/// The largest file of stations or observations \[bytes\].
+const LARGEST_FILE: u64 = 100_000_000;
 
 pub(super) fn configs(
     networks: &IndexMap<String, Network>,
@@ -26,6 +26,7 @@ pub(super) fn configs(
         .map(|(name, network)| match &network.instrument {
             Instrument::Radiosonde(own) => Ok(InstrumentConfig::Radiosonde(radiosondes(name, network, own)?)),
             Instrument::Satellite(own) => Ok(InstrumentConfig::Satellite(satellite(name, network, own, grid))),
+            Instrument::File(own) => Ok(InstrumentConfig::Recorded(recorded(name, own)?)),
         })
         .collect()
 }
@@ -51,7 +52,7 @@ fn radiosondes(name: &str, network: &Network, own: &RadiosondeSettings) -> Resul
     let groups = own.groups.clone();
     let stations = match &own.stations {
         StationLayout::File(path) => {
-            let mut stations = read_stations(path)?;
+            let mut stations = Stations::parse(&read(path)?, &path.display().to_string())?;
             if let (Some(column), false) = (&own.group_by, groups.is_empty()) {
                 stations = stations.only(name, column, &groups)?;
             }
@@ -115,6 +116,12 @@ fn satellite(name: &str, network: &Network, own: &SatelliteSettings, grid: &Grid
     config
 }
 
+fn recorded(name: &str, own: &FileSettings) -> Result<RecordedConfig, ExperimentError> {
+    let text = read(&own.path)?;
+    let observations = ObservationFile::parse(&text, &own.path.display().to_string())?;
+    Ok(RecordedConfig { name: name.to_string(), observations, variable: own.variable.clone(), sigma: own.sigma })
+}
+
 fn schedule(schedule: Schedule) -> isobar_obs::Schedule {
     let every_cycles = schedule.interval_cycles;
     isobar_obs::Schedule { every_cycles, offset_cycles: schedule.first_cycle % every_cycles }
@@ -140,7 +147,8 @@ fn process<Pattern>(bias: &Bias<Pattern>) -> BiasProcess {
     }
 }
 
-fn read_stations(path: &Path) -> Result<Stations, ExperimentError> {
+/// The text of a file.
+fn read(path: &Path) -> Result<String, ExperimentError> {
     let failure = |reason: String| ExperimentError::File { path: path.to_path_buf(), reason };
     // A pipe might never end, nor begin.
     if !path.is_file() {
@@ -148,9 +156,9 @@ fn read_stations(path: &Path) -> Result<Stations, ExperimentError> {
     }
     let file = std::fs::File::open(path).map_err(|error| failure(error.to_string()))?;
     let mut text = String::new();
-    file.take(LARGEST_STATION_FILE + 1).read_to_string(&mut text).map_err(|error| failure(error.to_string()))?;
-    if text.len() as u64 > LARGEST_STATION_FILE {
-        return Err(failure(format!("it is larger than {} MB", LARGEST_STATION_FILE / 1_000_000)));
+    file.take(LARGEST_FILE + 1).read_to_string(&mut text).map_err(|error| failure(error.to_string()))?;
+    if text.len() as u64 > LARGEST_FILE {
+        return Err(failure(format!("it is larger than {} MB", LARGEST_FILE / 1_000_000)));
     }
-    Ok(Stations::parse(&text, &path.display().to_string())?)
+    Ok(text)
 }

@@ -1,6 +1,7 @@
 //! `[cycle]`, `[truth]`, `[diagnostics]` and `[output]`: how long the run is, how the truth differs from the model, what is
 //! found out and written.
 
+use super::initial::{self, Initial};
 use super::model::{self, ModelSettings};
 use super::reader::{Field, Limits, Read, Section};
 use isobar_model::{Duration, Grid, Time};
@@ -21,6 +22,8 @@ pub struct CycleSettings {
 pub struct TruthSettings {
     /// The model of the truth.
     pub model: ModelSettings,
+    /// Where it starts; `None`: at a draw of the background error from the first background.
+    pub initial: Option<Initial>,
     /// Factor on the variance of the model error that is really added each cycle; 0 for a perfect model.
     pub model_error_scale: f64,
     /// Factor on the variance of the truth's deviation from the first background; 0 for a perfect start.
@@ -73,11 +76,20 @@ pub(super) fn read_truth(
     model: &ModelSettings,
     grid: &Grid,
 ) -> Read<TruthSettings> {
-    let mut truth = TruthSettings { model: model.clone(), model_error_scale: 1.0, background_error_scale: 1.0 };
+    let mut truth =
+        TruthSettings { model: model.clone(), initial: None, model_error_scale: 1.0, background_error_scale: 1.0 };
     let Some(field) = root.optional("truth") else { return Ok(truth) };
-    let section = field.section(&["model", "model_error_scale", "background_error_scale"])?;
+    let section = field.section(&["model", "initial", "model_error_scale", "background_error_scale"])?;
     if let Some(overrides) = section.optional("model") {
         truth.model = model::read_with_overrides(model_field, &overrides, grid)?;
+    }
+    if let Some(field) = section.optional("initial") {
+        truth.initial = Some(initial::read(&field, &truth.model, grid)?);
+        if let Some(scale) = section.optional("background_error_scale") {
+            let message =
+                "a truth that starts at a given state does not start at a draw of the background error".into();
+            return Err(scale.misplaced(message, "leave out this key or truth.initial"));
+        }
     }
     truth.model_error_scale = section.number_or("model_error_scale", 1.0, Limits::NonNegative)?;
     truth.background_error_scale = section.number_or("background_error_scale", 1.0, Limits::NonNegative)?;

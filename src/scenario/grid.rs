@@ -1,5 +1,6 @@
 //! `[grid]`: the plane, and its place on the Earth.
 
+use super::model;
 use super::reader::{Limits, Read, Section};
 use isobar_model::{Boundary, Grid};
 use isobar_obs::Projection;
@@ -16,11 +17,12 @@ pub struct GridSettings {
 pub(super) fn read(root: &Section<'_>) -> Read<GridSettings> {
     const KEYS: &[&str] = &["nx", "ny", "dx_km", "dy_km", "boundary", "center_latitude_deg", "center_longitude_deg"];
     const SPACING: Limits = Limits::Between(1e-3, 1e4);
+    let least = if model::is_exact_shift(root) { 1 } else { 4 };
     let section = root.required("grid")?.section(KEYS)?;
     let dx_km = section.number("dx_km", SPACING)?;
     let grid = Grid {
-        nx: section.required("nx")?.whole(4, 4096)?,
-        ny: section.required("ny")?.whole(4, 4096)?,
+        nx: section.required("nx")?.whole(least, 4096)?,
+        ny: section.required("ny")?.whole(least, 4096)?,
         dx_m: dx_km * 1e3,
         dy_m: section.number_or("dy_km", dx_km, SPACING)? * 1e3,
         boundary: section

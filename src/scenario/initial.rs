@@ -1,13 +1,16 @@
 //! `[initial]`: the background at the start.
 
+use super::fields;
 use super::model::{Dynamics, ModelSettings};
-use super::reader::{Kind, Limits, Read, Section};
+use super::reader::{Field, Kind, Limits, Read, Section};
+use super::text::clean;
+use isobar_model::{Boundary, Grid};
 
-/// The state from which every method starts; the truth starts at a draw of the background error from it.
+/// The state from which every method starts, and the truth at a draw of the background error from it; or that of the truth.
 ///
 /// `mean_depth_m` is that of the model where the model is linear, and else given in the file. Fractions are of the
 /// domain's extent, from the west and from the south.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Initial {
     /// Still water.
     Rest {
@@ -70,7 +73,11 @@ pub enum Initial {
         waves_x: i32,
         /// Waves along y.
         waves_y: i32,
+        /// Phase in the south-west corner \[degrees\].
+        phase_deg: f64,
     },
+    /// The values of a file, `[variable, y, x]`.
+    File(Vec<f64>),
 }
 
 #[derive(Clone, Copy)]
@@ -81,6 +88,7 @@ enum Shape {
     RandomBalanced,
     GaussianHill,
     CosineWave,
+    File,
 }
 
 const SHALLOW_WATER: &[Kind<Shape>] = &[
@@ -99,18 +107,22 @@ const SHALLOW_WATER: &[Kind<Shape>] = &[
     ),
     ("vortices", Shape::Vortices, &["mean_depth_m", "count", "height_m", "radius_km"]),
     ("random_balanced", Shape::RandomBalanced, &["mean_depth_m", "sigma_height_m", "length_km"]),
+    ("file", Shape::File, &["file"]),
 ];
 
 const TRACER: &[Kind<Shape>] = &[
     ("gaussian_hill", Shape::GaussianHill, &["amplitude", "width_km", "center_x_fraction", "center_y_fraction"]),
-    ("cosine_wave", Shape::CosineWave, &["mean", "amplitude", "waves_x", "waves_y"]),
+    ("cosine_wave", Shape::CosineWave, &["mean", "amplitude", "waves_x", "waves_y", "phase_deg"]),
+    ("file", Shape::File, &["file"]),
 ];
+
+/// The most columns of a file of states.
+const MOST_COLUMNS: usize = 100;
 
 const FRACTION: Limits = Limits::Between(0.0, 1.0);
 
-/// Reads `[initial]`: the kinds are those that fit the model.
-pub(super) fn read(root: &Section<'_>, model: &ModelSettings) -> Read<Initial> {
-    let field = root.required("initial")?;
+/// Reads `[initial]` or `[truth.initial]`: the kinds are those that fit the model.
+pub(super) fn read(field: &Field<'_>, model: &ModelSettings, grid: &Grid) -> Read<Initial> {
     let (shape, section) = field.section_of_kind(if model.is_shallow_water() { SHALLOW_WATER } else { TRACER })?;
     if matches!(shape, Shape::Jet | Shape::Vortices | Shape::RandomBalanced) && !model.is_rotating() {
         let kind = section.required("kind")?;
@@ -157,7 +169,9 @@ pub(super) fn read(root: &Section<'_>, model: &ModelSettings) -> Read<Initial> {
             amplitude: number("amplitude")?,
             waves_x: waves("waves_x", 1)?,
             waves_y: waves("waves_y", 0)?,
+            phase_deg: section.number_or("phase_deg", 0.0, Limits::Between(-360.0, 360.0))?,
         },
+        Shape::File => Initial::File(values(&section.required("file")?, model, grid)?),
     })
 }
 
@@ -170,4 +184,37 @@ fn mean_depth_m(section: &Section<'_>, model: &ModelSettings) -> Read<f64> {
         }
         _ => section.number("mean_depth_m", Limits::Positive),
     }
+}
+
+/// The state of a file that has a column for each of the model's variables.
+fn values(field: &Field<'_>, model: &ModelSettings, grid: &Grid) -> Read<Vec<f64>> {
+    let variables = model.variables();
+    let fields = fields::read(field, grid, MOST_COLUMNS)?;
+    let names = fields.names.unwrap_or_default();
+    let mut values = Vec::with_capacity(variables.len() * grid.cells());
+    for &(name, _) in variables {
+        let mut columns = names.iter().zip(&fields.columns).filter(|(column, _)| *column == name);
+        match (columns.next(), columns.next()) {
+            (Some((_, column)), None) => values.extend_from_slice(column),
+            (found, _) => {
+                let count = if found.is_some() { "two columns" } else { "no column" };
+                let all: Vec<&str> = variables.iter().map(|variable| variable.0).collect();
+                let message = format!("{} has {count} `{name}` in its header", clean(&field.text()?));
+                return Err(field.invalid(message, &format!("needs the columns {}", all.join(", "))));
+            }
+        }
+    }
+    if model.is_shallow_water() {
+        let (h, v) = (&values[..grid.cells()], &values[2 * grid.cells()..]);
+        if let Some(cell) = h.iter().position(|depth| *depth <= 0.0) {
+            let message = format!("the depth h is {} in row {} of the numbers", h[cell], cell + 1);
+            return Err(field.invalid(message, "must be greater than 0 everywhere"));
+        }
+        if let (Boundary::Channel, Some(cell)) = (grid.boundary, v[..grid.nx].iter().position(|v| *v != 0.0)) {
+            let message =
+                format!("v is {} in row {} of the numbers, which lies on the southern wall", v[cell], cell + 1);
+            return Err(field.invalid(message, "must be 0 in the first nx rows"));
+        }
+    }
+    Ok(values)
 }

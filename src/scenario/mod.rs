@@ -13,6 +13,7 @@ mod error;
 mod expected;
 mod fault;
 mod federated;
+mod fields;
 mod grid;
 mod initial;
 mod initialise;
@@ -39,7 +40,8 @@ pub use initialise::Initialise;
 pub use method::{Algorithm, Method};
 pub use model::{AdvectionScheme, Conserved, Dynamics, ModelSettings, ShallowWaterSettings, TimeScheme, Wind};
 pub use network::{
-    Heading, Instrument, Network, ObservedVariable, RadiosondeSettings, SatelliteSettings, Schedule, StationLayout,
+    FileSettings, Heading, Instrument, Network, ObservedVariable, RadiosondeSettings, SatelliteSettings, Schedule,
+    StationLayout,
 };
 pub use sensors::{SensorSettings, StabilitySettings};
 pub use sweep::SweepSettings;
@@ -158,10 +160,11 @@ impl Scenario {
         let grid = grid::read(&root)?;
         let model_field = root.required("model")?;
         let model = model::read(&model_field, &grid.grid)?;
-        let initial = initial::read(&root, &model)?;
-        let background_error = covariance::read(&root.required("background_error")?, &model)?;
-        let model_error =
-            root.optional("model_error").map_or(Ok(Vec::new()), |field| covariance::read(&field, &model))?;
+        let initial = initial::read(&root.required("initial")?, &model, &grid.grid)?;
+        let background_error = covariance::read(&root.required("background_error")?, &model, &grid.grid)?;
+        let model_error = root
+            .optional("model_error")
+            .map_or(Ok(Vec::new()), |field| covariance::read(&field, &model, &grid.grid))?;
         let truth = cycle::read_truth(&root, &model_field, &model, &grid.grid)?;
         let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", truth.model.time_step)];
         let cycle = cycle::read(&root, start, &steps)?;

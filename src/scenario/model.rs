@@ -171,6 +171,12 @@ impl ModelSettings {
     }
 }
 
+/// Whether the file asks for exact shifts, the only model that needs no neighbours and may have a ring of points for its grid.
+pub(super) fn is_exact_shift(root: &Section<'_>) -> bool {
+    let kind = root.optional("model").and_then(|field| field.any_section().ok()?.optional("kind"));
+    kind.is_some_and(|kind| kind.value.get_ref().as_str() == Some("exact_shift"))
+}
+
 /// Reads `[model]`.
 pub(super) fn read(field: &Field<'_>, grid: &Grid) -> Read<ModelSettings> {
     let (kind, section) = field.section_of_kind(KINDS)?;

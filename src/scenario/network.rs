@@ -41,6 +41,8 @@ pub enum Instrument {
     Radiosonde(RadiosondeSettings),
     /// A polar-orbiting satellite with a cross-track scanner.
     Satellite(SatelliteSettings),
+    /// Observations of a file.
+    File(FileSettings),
 }
 
 /// A network of radiosonde stations.
@@ -80,6 +82,17 @@ pub enum StationLayout {
         /// Number of stations.
         count: usize,
     },
+}
+
+/// Observations that somebody else made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FileSettings {
+    /// The file.
+    pub path: PathBuf,
+    /// The variable of those of which the file does not say it.
+    pub variable: Option<String>,
+    /// Standard deviation of the random error of those of which the file does not say it.
+    pub sigma: Option<f64>,
 }
 
 /// A variable that an instrument observes.
@@ -131,6 +144,7 @@ pub enum Heading {
 enum What {
     Radiosonde,
     Satellite,
+    File,
 }
 
 const KINDS: &[Kind<What>] = &[
@@ -174,6 +188,7 @@ const KINDS: &[Kind<What>] = &[
             "faults",
         ],
     ),
+    ("file", What::File, &["file", "variable", "sigma"]),
 ];
 
 /// The most networks of a scenario.
@@ -210,6 +225,7 @@ fn network(field: &Field<'_>, grid: &GridSettings, model: &ModelSettings) -> Rea
     let instrument = match what {
         What::Radiosonde => Instrument::Radiosonde(radiosonde(&section, grid, model)?),
         What::Satellite => Instrument::Satellite(satellite(&section, grid, model)?),
+        What::File => Instrument::File(file(&section, model)?),
     };
     let interval_cycles = section.whole_or("interval_cycles", 1, 1, 1_000_000)?;
     let first_cycle = section.whole_or("first_cycle", 1, 1, interval_cycles)?;
@@ -248,6 +264,22 @@ fn radiosonde(section: &Section<'_>, grid: &GridSettings, model: &ModelSettings)
     let biases = bias::read_radiosonde(section.optional("bias"), &names)?;
     let edge_margin_m = section.number_or("edge_margin_km", 0.0, Limits::Between(0.0, 1e5))? * 1e3;
     Ok(RadiosondeSettings { stations, group_by, groups, reference_groups, edge_margin_m, observed, biases })
+}
+
+fn file(section: &Section<'_>, model: &ModelSettings) -> Read<FileSettings> {
+    let field = section.required("file")?;
+    let path = field.file.directory().join(field.text()?);
+    if !path.is_file() {
+        let message = format!("the file of observations {} does not exist", clean(&path.display().to_string()));
+        return Err(field.invalid(message, "a path relative to this scenario"));
+    }
+    let sole = match model.variables() {
+        [(name, _)] => Some(name.to_string()),
+        _ => None,
+    };
+    let named = section.optional("variable").map(|field| variable(&field, model)).transpose()?;
+    let sigma = section.optional("sigma").map(|field| field.number(Limits::Positive)).transpose()?;
+    Ok(FileSettings { path, variable: named.or(sole), sigma })
 }
 
 /// What a radiosonde observes: `sigma_height_m` and `sigma_wind_m_per_s`, or `observe`.

@@ -18,9 +18,10 @@ pub(super) fn read(
     networks: &IndexMap<String, Network>,
 ) -> Read<Option<QualityControl>> {
     let lengths = background_error.iter().filter_map(|component| match component {
-        CovarianceComponent::Balanced { length_m, .. } | CovarianceComponent::Univariate { length_m, .. } => {
-            Some(*length_m)
-        }
+        CovarianceComponent::Balanced { length_m, .. }
+        | CovarianceComponent::Univariate { length_m, .. }
+        | CovarianceComponent::ByDistance { length_m, .. } => Some(*length_m),
+        CovarianceComponent::Members { localization_radius_m, .. } => localization_radius_m.map(|radius| 0.25 * radius),
         CovarianceComponent::White { .. } => None,
     });
     let cell_m = grid.grid.dx_m.max(grid.grid.dy_m);

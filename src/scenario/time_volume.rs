@@ -1,11 +1,11 @@
 //! `kind = "time_volume"`: the Fast Kalman Filter over a moving window, with factors and state-transition corrections.
 
+use super::fields;
 use super::model::{Dynamics, ModelSettings, Wind};
 use super::reader::{Field, Kind, Limits, Read, Section};
 use super::text::{clean, listed};
 use isobar_assim::fast_kalman::time_volume::{AmplitudeEvolution, TimeShape};
 use isobar_model::{Boundary, Duration, Grid};
-use std::io::Read as _;
 
 /// What is estimated over a moving window of cycles.
 #[derive(Clone, Debug, PartialEq)]
@@ -84,9 +84,6 @@ pub(super) const KEYS: [&str; 6] = [
 
 /// The most factors of a method, and the most amplitudes of a factor.
 const MOST: usize = 100;
-
-/// The largest file of patterns \[bytes\].
-const LARGEST_FILE: u64 = 100_000_000;
 
 pub(super) fn read(
     section: &Section<'_>,
@@ -184,7 +181,8 @@ fn factor(field: &Field<'_>, of_model: bool, grid: &Grid, model: &ModelSettings)
         Shape::Square => TimeShape::SquareWave { period: period()? },
         Shape::Hats => TimeShape::Hats { period: period()?, count: section.required("count")?.whole(2, MOST)? },
     };
-    let patterns = section.optional("patterns_file").map_or(Ok(Vec::new()), |field| patterns(&field, grid))?;
+    let patterns = section.optional("patterns_file").map(|field| fields::read(&field, grid, MOST)).transpose()?;
+    let patterns = patterns.map_or(Vec::new(), |fields| fields.columns);
     Ok(FactorSettings { name, target, shape, patterns, evolution: evolution(&section)? })
 }
 
@@ -212,48 +210,6 @@ fn evolution(section: &Section<'_>) -> Read<AmplitudeEvolution> {
             Err(hours.misplaced(message, "amplitudes are a random walk or an AR(1) process, not both"))
         }
     }
-}
-
-/// Patterns such as EOFs: a column of the CSV file for each, a row for each cell, row by row of the grid from the south; its
-/// first line may be a header.
-fn patterns(field: &Field<'_>, grid: &Grid) -> Read<Vec<Vec<f64>>> {
-    let path = field.file.directory().join(field.text()?);
-    let shown = clean(&path.display().to_string());
-    if !path.is_file() {
-        let message = format!("the file of patterns {shown} does not exist");
-        return Err(field.invalid(message, "a path relative to this scenario"));
-    }
-    let fault = |reason: String| field.invalid(format!("{shown}: {reason}"), "cannot be used as patterns");
-    let file = std::fs::File::open(&path).map_err(|error| fault(error.to_string()))?;
-    let mut text = String::new();
-    file.take(LARGEST_FILE + 1).read_to_string(&mut text).map_err(|error| fault(error.to_string()))?;
-    if text.len() as u64 > LARGEST_FILE {
-        return Err(fault(format!("it is larger than {} MB", LARGEST_FILE / 1_000_000)));
-    }
-    let mut columns: Vec<Vec<f64>> = Vec::new();
-    for (number, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
-        let values: Result<Vec<f64>, _> = line.split(',').map(|value| value.trim().parse::<f64>()).collect();
-        let values = match values {
-            Ok(values) if values.iter().all(|value| value.is_finite()) => values,
-            Err(_) if number == 0 => continue,
-            _ => return Err(fault(format!("line {} does not consist of finite numbers", number + 1))),
-        };
-        if columns.is_empty() {
-            columns.resize(values.len(), Vec::with_capacity(grid.cells()));
-        }
-        if values.len() != columns.len() || values.len() > MOST {
-            let expected = if values.len() > MOST { MOST } else { columns.len() };
-            let reason = format!("line {} has {} values, but should have {expected}", number + 1, values.len());
-            return Err(fault(reason));
-        }
-        columns.iter_mut().zip(values).for_each(|(column, value)| column.push(value));
-    }
-    let rows = columns.first().map_or(0, Vec::len);
-    if rows != grid.cells() {
-        let reason = format!("it has {rows} rows of numbers, but the grid has {} × {} cells", grid.nx, grid.ny);
-        return Err(fault(reason));
-    }
-    Ok(columns)
 }
 
 fn correction(field: &Field<'_>, grid: &Grid, model: &ModelSettings) -> Read<CorrectionSettings> {

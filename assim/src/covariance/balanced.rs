@@ -1,7 +1,7 @@
 //! Geostrophically balanced errors of h, u and v.
 
 use super::Covariance;
-use super::gaussian_filter::GaussianFilter;
+use super::homogeneous_filter::HomogeneousFilter;
 use crate::error::Error;
 use isobar_model::{Boundary, Grid, Layout};
 
@@ -33,7 +33,7 @@ pub struct Balanced {
     /// Number of the first value of h, u and v.
     offsets: [usize; 3],
     len: usize,
-    filter: GaussianFilter,
+    filter: HomogeneousFilter,
     sigma_streamfunction: f64,
     /// f / g at the rows of h.
     height_per_streamfunction: Vec<f64>,
@@ -55,7 +55,7 @@ impl Balanced {
         if parameters.coriolis_per_s == 0.0 {
             return Err(Error::Setting("a balanced covariance needs rotation: coriolis_per_s is 0".into()));
         }
-        let filter = GaussianFilter::new(grid, parameters.length_m);
+        let filter = HomogeneousFilter::gaussian(grid, parameters.length_m);
         let averaged = filter.variance_after(|k, l| (0.5 * k).cos().powi(2) * (0.5 * l).cos().powi(2));
         let gravity = parameters.gravity_m_per_s2;
         let middle = 0.5 * grid.height_m();

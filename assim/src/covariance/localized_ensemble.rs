@@ -1,7 +1,7 @@
 //! The localised covariance of an ensemble, as an operator.
 
 use super::Covariance;
-use super::gaussian_filter::GaussianFilter;
+use super::homogeneous_filter::HomogeneousFilter;
 use faer::Mat;
 use isobar_model::Layout;
 
@@ -16,7 +16,7 @@ pub struct LocalizedEnsemble {
     /// X'/√(N−1), `[m, N]`.
     factors: Mat<f64>,
     cells: usize,
-    filter: Option<GaussianFilter>,
+    filter: Option<HomogeneousFilter>,
 }
 
 /// The length of the Gaussian that is nearest to Gaspari and Cohn's function, over the radius where that ends: the
@@ -34,13 +34,13 @@ impl LocalizedEnsemble {
         let root = ((perturbations.ncols() - 1) as f64).sqrt();
         let filter = localization_radius_m
             .is_finite()
-            .then(|| GaussianFilter::new(&layout.grid, LENGTH_OVER_RADIUS * localization_radius_m));
+            .then(|| HomogeneousFilter::gaussian(&layout.grid, LENGTH_OVER_RADIUS * localization_radius_m));
         Self { factors: perturbations * faer::Scale(1.0 / root), cells: layout.grid.cells(), filter }
     }
 
     /// Length of each α_k.
     fn part(&self) -> usize {
-        self.filter.as_ref().map_or(1, GaussianFilter::len)
+        self.filter.as_ref().map_or(1, HomogeneousFilter::len)
     }
 }
 
@@ -55,7 +55,7 @@ impl Covariance for LocalizedEnsemble {
 
     fn covariance(&self, first: usize, second: usize) -> f64 {
         let products = (0..self.factors.ncols()).map(|k| self.factors[(first, k)] * self.factors[(second, k)]);
-        let taper = |filter: &GaussianFilter| filter.correlation(first % self.cells, second % self.cells);
+        let taper = |filter: &HomogeneousFilter| filter.correlation(first % self.cells, second % self.cells);
         products.sum::<f64>() * self.filter.as_ref().map_or(1.0, taper)
     }
 

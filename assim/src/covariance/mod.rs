@@ -1,7 +1,8 @@
 //! Covariances B and Q as operators U Uᵀ: never formed as matrices unless a method asks for one.
 
 mod balanced;
-mod gaussian_filter;
+mod correlation_function;
+mod homogeneous_filter;
 mod leading_factors;
 mod localized_ensemble;
 mod sum;
@@ -9,6 +10,7 @@ mod univariate;
 mod white;
 
 pub use balanced::{Balanced, BalancedParameters};
+pub use correlation_function::CorrelationFunction;
 pub use leading_factors::leading_factors;
 pub(crate) use leading_factors::{OVERSAMPLING, leading_columns, skip_draws};
 pub use localized_ensemble::LocalizedEnsemble;

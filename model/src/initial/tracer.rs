@@ -20,7 +20,7 @@ pub struct GaussianHill {
     pub radius_m: f64,
 }
 
-/// A wave mean + a cos(2π (m x/L_x + n y/L_y)) of tracer.
+/// A wave mean + a cos(2π (m x/L_x + n y/L_y) + φ) of tracer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CosineWave {
     /// Mean value \[1\].
@@ -31,6 +31,8 @@ pub struct CosineWave {
     pub waves_x: i32,
     /// Number n of wavelengths in the domain's height.
     pub waves_y: i32,
+    /// Phase φ \[rad\].
+    pub phase: f64,
 }
 
 /// A background value and hills on it, at the cells' centres; distances are to the nearest periodic image.
@@ -67,10 +69,11 @@ pub fn gaussian_hills(layout: &Arc<Layout>, background: f64, hills: &[GaussianHi
 pub fn cosine_wave(layout: &Arc<Layout>, wave: &CosineWave) -> Result<State, ModelError> {
     require_finite("mean", wave.mean)?;
     require_finite("amplitude", wave.amplitude)?;
+    require_finite("phase", wave.phase)?;
     let grid = &layout.grid;
     Ok(tracer(layout, |x_m, y_m| {
         let (m, n) = (f64::from(wave.waves_x), f64::from(wave.waves_y));
-        wave.mean + wave.amplitude * (TAU * (m * x_m / grid.width_m() + n * y_m / grid.height_m())).cos()
+        wave.mean + wave.amplitude * (TAU * (m * x_m / grid.width_m() + n * y_m / grid.height_m()) + wave.phase).cos()
     }))
 }
 

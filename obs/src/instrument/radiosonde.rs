@@ -5,7 +5,7 @@ use crate::biases::Biases;
 use crate::calibration::Placement;
 use crate::error::{ObservationError, list, require};
 use crate::faults::Faults;
-use crate::instrument::{Instrument, Observation, ObservedVariable, Schedule};
+use crate::instrument::{Instrument, Observation, ObservedVariable, Reading, Schedule};
 use crate::network::{Network, Station, StationSource, place};
 use crate::projection::Projection;
 use crate::window::Report;
@@ -174,7 +174,7 @@ impl Instrument for Radiosondes {
                         scan: None,
                     },
                     sigma: channel.sigma,
-                    error: channel.sigma * normal,
+                    reading: Reading::Error(channel.sigma * normal),
                     state_row: channel.state_row.clone(),
                     calibration_row: channel.calibration_row.clone(),
                 });

@@ -6,7 +6,7 @@ use crate::calibration::Placement;
 use crate::error::{ObservationError, require};
 use crate::faults::Faults;
 use crate::footprint::{TRUNCATION, footprint};
-use crate::instrument::{Instrument, MOST_PLATFORMS, Observation, ObservedVariable, Schedule};
+use crate::instrument::{Instrument, MOST_PLATFORMS, Observation, ObservedVariable, Reading, Schedule};
 use crate::window::Report;
 use isobar_model::random::stream;
 use isobar_model::{Boundary, Grid, Layout};
@@ -292,7 +292,7 @@ impl Instrument for Satellite {
                     scan: Some(s),
                 },
                 sigma,
-                error: sigma * normal,
+                reading: Reading::Error(sigma * normal),
                 state_row: entries.into_iter().map(|(index, weight)| (first + index, weight)).collect(),
                 calibration_row: self.terms.iter().map(|&(column, term)| (column, term.value(s))).collect(),
             });

@@ -1,5 +1,6 @@
-//! The symmetric square root of a homogeneous Gaussian correlation, applied by FFT.
+//! The symmetric square root of a homogeneous correlation, applied by FFT.
 
+use crate::error::Error;
 use isobar_model::{Boundary, Grid};
 use rustfft::num_complex::Complex;
 use rustfft::{Fft, FftPlanner};
@@ -9,40 +10,88 @@ use std::sync::Arc;
 /// walls are correlated by less than exp(−8) of the variance.
 const PADDING_LENGTHS: f64 = 4.0;
 
-/// F⁻¹ Λ^½ F on an `nx × rows` array, Λ the eigenvalues of the circulant matrix of exp(−r²/2L²) summed over the
-/// periodic images (so that Λ is positive). The root is symmetric: it is its own transpose.
-pub(super) struct GaussianFilter {
+/// An eigenvalue below minus this share of the largest is no rounding error.
+const ROUNDING: f64 = 1e-13;
+
+/// F⁻¹ Λ^½ F on an `nx × rows` array, Λ the eigenvalues of the circulant matrix of a correlation. The root is symmetric: it
+/// is its own transpose.
+pub(super) struct HomogeneousFilter {
     nx: usize,
     /// Rows of the filtered array: those of the grid, the northern wall's corners and padding in a channel.
     rows: usize,
     /// Λ^½ / (nx · rows), transposed `[column, row]`.
     root_eigenvalues: Vec<f64>,
-    /// Correlation at each lag along x and along y; that at a lag in both is their product.
-    correlation: [Vec<f64>; 2],
+    correlation: Correlation,
     forward: [Arc<dyn Fft<f64>>; 2],
     backward: [Arc<dyn Fft<f64>>; 2],
 }
 
-impl GaussianFilter {
-    pub fn new(grid: &Grid, length_m: f64) -> Self {
+/// The correlation at the lag of so many columns and rows.
+enum Correlation {
+    /// The product of those along x and along y.
+    Product([Vec<f64>; 2]),
+    /// `[row, column]`.
+    Table(Vec<f64>),
+}
+
+impl HomogeneousFilter {
+    /// exp(−r²/2L²) summed over the periodic images, so that Λ is positive for any L.
+    pub fn gaussian(grid: &Grid, length_m: f64) -> Self {
         let nx = grid.nx;
         let rows = match grid.boundary {
             Boundary::Periodic => grid.ny,
             Boundary::Channel => good_fft_size(grid.ny + 1 + (PADDING_LENGTHS * length_m / grid.dy_m).ceil() as usize),
         };
-        let mut planner = FftPlanner::new();
-        let forward = [planner.plan_fft_forward(nx), planner.plan_fft_forward(rows)];
-        let backward = [planner.plan_fft_inverse(nx), planner.plan_fft_inverse(rows)];
+        let [forward, backward] = plans(nx, rows);
         let eigenvalues_x = correlation_eigenvalues(nx, grid.dx_m, length_m, forward[0].as_ref());
         let eigenvalues_y = correlation_eigenvalues(rows, grid.dy_m, length_m, forward[1].as_ref());
-        let correlation = [
+        let correlation = Correlation::Product([
             correlation_of(&eigenvalues_x, backward[0].as_ref()),
             correlation_of(&eigenvalues_y, backward[1].as_ref()),
-        ];
+        ]);
         let scale = 1.0 / (nx * rows) as f64;
         let root_eigenvalues =
             eigenvalues_x.iter().flat_map(|&x| eigenvalues_y.iter().map(move |&y| (x * y).sqrt() * scale)).collect();
         Self { nx, rows, root_eigenvalues, correlation, forward, backward }
+    }
+
+    /// A function of the distance \[m\], the shortest one where the plane is periodic, to which nothing is added. In a channel
+    /// the array has twice the grid's rows at least, and `padding_m` beyond the wall, so that no distance goes round.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if there is an eigenvalue below 0: it is then no correlation on this plane.
+    pub fn by_distance(grid: &Grid, padding_m: f64, correlation: impl Fn(f64) -> f64) -> Result<Self, Error> {
+        let nx = grid.nx;
+        let rows = match grid.boundary {
+            Boundary::Periodic => grid.ny,
+            Boundary::Channel => {
+                good_fft_size((2 * grid.ny).max(grid.ny + 1 + (padding_m / grid.dy_m).ceil() as usize))
+            }
+        };
+        let around = |index: usize, n: usize, spacing_m: f64| index.min(n - index) as f64 * spacing_m;
+        let table: Vec<f64> = (0..rows)
+            .flat_map(|j| (0..nx).map(move |i| (i, j)))
+            .map(|(i, j)| correlation(around(i, nx, grid.dx_m).hypot(around(j, rows, grid.dy_m))))
+            .collect();
+        let [forward, backward] = plans(nx, rows);
+        let mut array: Vec<Complex<f64>> = table.iter().map(|&value| Complex::new(value, 0.0)).collect();
+        let mut eigenvalues = vec![Complex::default(); nx * rows];
+        forward[0].process(&mut array);
+        transpose(&array, &mut eigenvalues, rows, nx);
+        forward[1].process(&mut eigenvalues);
+        let limits = |(low, high): (f64, f64), value: &Complex<f64>| (low.min(value.re), high.max(value.re));
+        let (least, largest) = eigenvalues.iter().fold((f64::INFINITY, 0.0), limits);
+        if least < -ROUNDING * largest {
+            return Err(Error::Setting(format!(
+                "this function of distance is no covariance on this domain: its spectrum falls to {:.1e} of its largest value; \
+                 a shorter length, or {:.1e} more of the variance uncorrelated, makes it one",
+                least / largest,
+                least / (least - 1.0)
+            )));
+        }
+        let scale = 1.0 / (nx * rows) as f64;
+        let root_eigenvalues = eigenvalues.iter().map(|value| value.re.max(0.0).sqrt() * scale).collect();
+        Ok(Self { nx, rows, root_eigenvalues, correlation: Correlation::Table(table), forward, backward })
     }
 
     /// Values of the filtered array.
@@ -58,7 +107,11 @@ impl GaussianFilter {
     pub fn correlation(&self, first: usize, second: usize) -> f64 {
         let (row, column) = (first / self.nx, first % self.nx);
         let (other_row, other_column) = (second / self.nx, second % self.nx);
-        self.correlation[0][column.abs_diff(other_column)] * self.correlation[1][row.abs_diff(other_row)]
+        let (rows, columns) = (row.abs_diff(other_row), column.abs_diff(other_column));
+        match &self.correlation {
+            Correlation::Product([x, y]) => x[columns] * y[rows],
+            Correlation::Table(table) => table[rows * self.nx + columns],
+        }
     }
 
     /// The mean over all wave numbers of Λ times a transfer function of the phases (k dx, l dy): the variance of a
@@ -102,6 +155,15 @@ impl GaussianFilter {
         self.backward[0].process(&mut array);
         field.iter_mut().zip(&array).for_each(|(value, filtered)| *value = filtered.re);
     }
+}
+
+/// Transforms along x and along y, forward and backward.
+fn plans(nx: usize, rows: usize) -> [[Arc<dyn Fft<f64>>; 2]; 2] {
+    let mut planner = FftPlanner::new();
+    [
+        [planner.plan_fft_forward(nx), planner.plan_fft_forward(rows)],
+        [planner.plan_fft_inverse(nx), planner.plan_fft_inverse(rows)],
+    ]
 }
 
 /// `to[j, i] = from[i, j]`, where `from` has `rows` rows of `columns`; tile by tile, so that both stay in the cache.
