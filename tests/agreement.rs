@@ -47,7 +47,7 @@ fn one_block_equals_the_kalman_filter_on_every_small_scenario() {
         }
         for bias in [BiasTreatment::Estimate, BiasTreatment::Ignore] {
             let algorithms = [
-                Algorithm::Kalman { memory_limit_bytes: MEMORY },
+                Algorithm::Kalman { smoother_lag_cycles: None, memory_limit_bytes: MEMORY },
                 Algorithm::FastKalman {
                     settings: FastKalmanSettings {
                         blocks: BlockShape::Domain,

@@ -179,9 +179,8 @@ impl BandedKalmanFilter {
                     let first = self.root.first(i);
                     row[first..].fill(0.0);
                     (first..=i).for_each(|j| row[j] = self.root.entry(i, j));
-                    match &self.information {
-                        Some(information) => information.solve_lower(first, row),
-                        None => {}
+                    if let Some(information) = &self.information {
+                        information.solve_lower(first, row);
                     }
                     row[first..].iter().map(|value| value * value).sum()
                 },

@@ -68,10 +68,7 @@ pub(crate) fn normalised_innovation_squared(
     m: usize,
 ) -> Result<f64, Error> {
     let cross = cross_covariance(covariance, &innovations.jacobian, m);
-    let root =
-        cholesky(innovation_covariance(cross.as_ref(), &innovations.jacobian, &innovations.variance, m), || {
-            "the innovation covariance H P H' + R".into()
-        })?;
+    let root = innovation_root(cross.as_ref(), &innovations.jacobian, &innovations.variance, m)?;
     let mut whitened = column(&innovations.departures);
     solve_lower(root.as_ref(), whitened.as_mut());
     Ok(squared_norm(whitened.col_as_slice(0)))

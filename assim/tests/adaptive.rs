@@ -121,7 +121,6 @@ fn check(problem: &Problem, truth: Truth, of_model: bool) {
         assert_eq!(parameters.len(), 4 + of_model as usize);
         for parameter in &parameters {
             let own = deviation(parameter, truth_of(parameter, truth));
-            eprintln!("{seed} {parameter:?} {own:.2}");
             assert_eq!(parameter.verdict, "determined", "{parameter:?}");
             squares += own * own;
             count += 1;
@@ -129,7 +128,6 @@ fn check(problem: &Problem, truth: Truth, of_model: bool) {
         }
     }
     let mean = squares / count as f64;
-    eprintln!("mean square {mean:.2}, widest {widest:.2}");
     assert!(mean > 0.1 && mean < 1.6 && widest < 3.5, "mean square {mean}, widest {widest}");
 }
 
@@ -156,7 +154,8 @@ fn wrong_errors_of_observations_and_model_are_found_together() {
 fn scores_improve_where_the_errors_are_wrong() {
     let problem = problem(true, calibration(2, 0, 0.0), 2);
     let truth = Truth { observations: [4.0, 0.25], model: 4.0 };
-    let methods: [(&str, fn(&Problem) -> Box<dyn Assimilator>); 3] = [
+    type Method = fn(&Problem) -> Box<dyn Assimilator>;
+    let methods: [(&str, Method); 3] = [
         ("kf", kalman),
         ("fkf", |problem| {
             let settings = settings(BlockShape::Domain, BiasCoupling::Carry);
@@ -170,7 +169,6 @@ fn scores_improve_where_the_errors_are_wrong() {
             untuned += run(&problem, &mut *method(&problem), truth, 120, seed).1;
             tuned += run(&problem, &mut adaptive(&problem, method(&problem), true, true), truth, 120, seed).1;
         }
-        eprintln!("{name}: {tuned} {untuned}");
         assert!(tuned < 0.95 * untuned, "{name}: {tuned} beside {untuned}");
     }
 }

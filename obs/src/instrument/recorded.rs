@@ -118,6 +118,9 @@ fn kind(
     Ok((variable, record.sigma.or(config.sigma).ok_or_else(|| missing("sigma"))?))
 }
 
+/// A row of X: values of the state with their weights.
+type StateRow = Vec<(usize, f64)>;
+
 /// Where an observation is on the plane, and its row of X; the row is empty outside of the domain.
 fn place(
     config: &RecordedConfig,
@@ -125,7 +128,7 @@ fn place(
     variable: usize,
     layout: &Layout,
     projection: Option<&Projection>,
-) -> Result<(f64, f64, Vec<(usize, f64)>), ObservationError> {
+) -> Result<(f64, f64, StateRow), ObservationError> {
     let (grid, location, offset) = (&layout.grid, layout.variables[variable].location, variable * layout.grid.cells());
     let at = |x_m: f64, y_m: f64| {
         let entries = grid.stencil(location, x_m, y_m).map_or_else(Vec::new, |stencil| stencil.entries);

@@ -3,13 +3,9 @@
 mod common;
 
 use common::relative_difference;
-use faer::{Mat, Side};
-use isobar_assim::covariance::{Covariance, LocalizedEnsemble, Sum, Univariate, White};
+use isobar_assim::covariance::{Covariance, Sum, Univariate, White};
 use isobar_assim::ensemble::EnsembleTransformKalmanFilter;
-use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
 use isobar_assim::kalman::KalmanFilter;
-use isobar_assim::optimal_interpolation::OptimalInterpolation;
-use isobar_assim::variational::{ThreeDVar, ThreeDVarSettings};
 use isobar_assim::{Assimilator, BiasTreatment, Problem};
 use isobar_model::{Boundary, Duration, ExactShift, Grid, Layout, Location, State, Time, Variable};
 use isobar_obs::{BlockAngular, Calibration, LinearOperator, ObservationWindow, Report, SparseRows};
