@@ -9,7 +9,7 @@ use isobar_assim::fast_kalman::time_volume::{
     AmplitudeEvolution, Factor, Target, TimeShape, TimeVolume, TimeVolumeSettings,
 };
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter};
-use isobar_assim::{Assimilator, BiasTreatment, Problem};
+use isobar_assim::{Assimilator, BiasTreatment, Problem, Unknown};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Duration, State, Time};
 use isobar_obs::{BlockAngular, LinearOperator, ObservationWindow, SparseRows};
@@ -190,6 +190,64 @@ impl Whole {
     }
 }
 
+impl Whole {
+    /// Every column of the covariance of the last state and the parameters as they are now, and what is said of the
+    /// parameters and the state's means, against the dense matrix.
+    fn compare_covariances(
+        &self,
+        volume: &TimeVolume,
+        covariance: &Mat<f64>,
+        factors: &[Factor],
+        now: Time,
+        name: &str,
+    ) {
+        let (m, p) = (self.m, self.p);
+        let mut weights = Mat::<f64>::zeros(m + p, self.dense.unknowns);
+        (0..m).for_each(|i| weights[(i, self.state(self.cycles, i))] = 1.0);
+        for number in 0..p {
+            weights[(m + number, self.parameter(number))] = 1.0;
+            for (unknown, factor, function) in self.amplitudes(self.cycles) {
+                if matches!(&factors[factor].target, Target::Observations(numbers) if numbers.contains(&number)) {
+                    weights[(m + number, unknown)] = factors[factor].shape.value(function, now);
+                }
+            }
+        }
+        let dense = &weights * covariance * weights.transpose();
+        let sigma = |i: usize| dense[(i, i)].sqrt();
+        let unknown = |i: usize| if i < m { Unknown::Value(i) } else { Unknown::Parameter(i - m) };
+        for j in 0..m + p {
+            let column = volume.covariance_column(unknown(j)).unwrap();
+            assert_eq!((column.state.len(), column.calibration.len()), (m, p));
+            for i in 0..m + p {
+                let off = (column.with(unknown(i)) - dense[(i, j)]).abs() / (sigma(i) * sigma(j));
+                assert!(off < 1e-8, "{name}: covariance of {i} with {j}: off by {off} in units of correlation");
+            }
+        }
+        assert!(volume.covariance_column(Unknown::Parameter(p)).is_none(), "an amplitude is no parameter");
+        let cells = m / 2;
+        let accuracy = volume.calibration_accuracy().unwrap();
+        let close = |value: f64, expected: f64, scale: f64| (value - expected).abs() < 1e-8 * scale;
+        for j in 0..p {
+            for i in 0..p {
+                let (value, expected) = (accuracy.covariance()[(i, j)], dense[(m + i, m + j)]);
+                assert!(close(value, expected, sigma(m + i) * sigma(m + j)), "{name}: {value} and not {expected}");
+            }
+        }
+        let means: Vec<_> = accuracy.of_means().collect();
+        assert_eq!(means.len(), m / cells);
+        for (variable, (with, variance)) in means.into_iter().enumerate() {
+            let range = variable * cells..(variable + 1) * cells;
+            let mean = |j: usize| range.clone().map(|i| dense[(i, j)]).sum::<f64>() / cells as f64;
+            let expected = range.clone().map(mean).sum::<f64>() / cells as f64;
+            assert!(close(variance, expected, expected), "{name}: variance {variance} of a mean and not {expected}");
+            for (number, &value) in with.iter().enumerate() {
+                let scale = expected.sqrt() * sigma(m + number);
+                assert!(close(value, mean(m + number), scale), "{name}: a mean with a parameter: {value}");
+            }
+        }
+    }
+}
+
 fn windows(problem: &Problem, count: usize) -> Vec<ObservationWindow> {
     (1..=count).map(|cycle| window(problem, 30, false, cycle, 11)).collect()
 }
@@ -263,6 +321,7 @@ fn it_is_the_least_squares_solution_of_all_cycles() {
         let sigma = (weights.transpose() * &covariance * &weights)[(0, 0)].sqrt();
         assert!((estimate.calibration[0] - value).abs() < 1e-8 * sigma);
         assert!((estimate.calibration_spread.as_ref().unwrap()[0] / sigma - 1.0).abs() < 1e-8);
+        whole.compare_covariances(&volume, &covariance, &factors, now, name);
     }
 }
 
