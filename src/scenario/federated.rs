@@ -1,5 +1,6 @@
 //! What a method of kind `federated_kf` may say.
 
+use super::method::Surroundings;
 use super::reader::{Limits, Read, Section};
 use isobar_assim::federated::FederatedSettings;
 
@@ -8,8 +9,14 @@ pub(super) const KEYS: [&str; 5] = ["bias", "adapt", "information_sharing", "res
 /// How far the sum of information-sharing factors may be from 1, for factors such as 0.333.
 const ROUNDING: f64 = 0.005;
 
-/// Reads the division of a filter among the observing systems of these names.
-pub(super) fn read(section: &Section<'_>, networks: &[&str]) -> Read<FederatedSettings> {
+/// Reads the division of a filter among the observing systems.
+pub(super) fn read(section: &Section<'_>, surroundings: &Surroundings<'_>) -> Read<FederatedSettings> {
+    if surroundings.freezes {
+        let message = "local filters have no place for what frozen biases of two systems have in common".to_string();
+        let label = "choose another kind of method, or leave out `freeze_after_cycles`";
+        return Err(section.required("kind")?.misplaced(message, label));
+    }
+    let networks = surroundings.networks.as_slice();
     let reset_every_cycles =
         Some(section.whole_or("reset_every_cycles", 1, 0, 1_000_000)?).filter(|&cycles| cycles > 0);
     let share = match section.optional("information_sharing") {

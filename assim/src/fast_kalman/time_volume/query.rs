@@ -105,9 +105,7 @@ impl TimeVolume {
         let weights = heights.weights(self);
         let mut found = self.filter.column(unknown)?;
         let own = match unknown {
-            Unknown::Value(number) => {
-                Mat::from_fn(self.unknowns(), 1, |k, _| self.sensitivity.state.column(k)[number])
-            }
+            Unknown::Value(number) => Mat::from_fn(self.unknowns(), 1, |k, _| self.sensitivity.state.column(k)[number]),
             Unknown::Parameter(number) => {
                 for k in (0..self.evolving.len()).filter(|&k| heights.evolving[(number, k)] != 0.0) {
                     let further = self.filter.column(Unknown::Parameter(p + k))?;
