@@ -87,7 +87,7 @@ fn of_observations() {
 }
 
 #[test]
-fn of_covariances_by_distance() {
+fn of_covariances() {
     const OLD: &str = "{ kind = \"white\", variable = \"u\", sigma = 1 }";
     let case = |new: &str, at, wanted| Case { change: (OLD, new.to_string()), at, file: None, wanted };
     assert_named(&[
@@ -117,6 +117,12 @@ fn of_covariances_by_distance() {
             "\"z\"",
             &["valid values: h, u, v"],
         ),
+        Case {
+            change: (OLD, "{ kind = \"members\", variable = \"u\", file = \"members.csv\" }".to_string()),
+            at: "\"members.csv\"",
+            file: Some(("members.csv", "1\n".repeat(48))),
+            wanted: &["one member has no covariance", "two columns or more"],
+        },
     ]);
 }
 
