@@ -52,7 +52,7 @@ pub struct FederatedSettings {
 /// local filters weigh old observations with their own inflated Q: equal to the centralised filter without model error.
 ///
 /// It costs as many Kalman filters as there are systems, and two fusions. Covariances between the biases of different
-/// systems that a prior may have cannot be represented, and are refused.
+/// systems that a prior, or frozen biases, may have cannot be represented, and are refused.
 pub struct FederatedKalmanFilter {
     /// The fused estimate of x and all biases.
     master: AugmentedState,
