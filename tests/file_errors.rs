@@ -47,7 +47,7 @@ fn of_observations() {
     const NETWORK: &str = "[networks.buoys]\nkind = \"file\"\nfile = \"buoys.csv\"\nvariable = \"h\"\nsigma = 5\n";
     let with = |network: &str, contents: Option<&str>, wanted| Case {
         change: ("[methods.free]", format!("{network}\n[methods.free]")),
-        at: if contents.is_some() { "[networks.buoys]" } else { "\"buoys.csv\"" },
+        at: "\"buoys.csv\"",
         file: contents.map(|contents| ("buoys.csv", contents.to_string())),
         wanted,
     };
@@ -58,7 +58,7 @@ fn of_observations() {
         with(
             whole,
             Some("# buoys\ncycle,x,y,value\n1,1e5,1e5,1000\n"),
-            &["buoys.csv, line 2: the header has no column `x_m` and `y_m`", "it has cycle, x, y, value"],
+            &["buoys.csv, line 2: the header has no column `x_m` and `y_m`", "it has `cycle`, `x`, `y`, `value`"],
         ),
         with(whole, Some("x_m,y_m,value\n1e5,1e5,1000\n"), &["buoys.csv, line 1", "no column `cycle` (or `time`)"]),
         with(
@@ -69,7 +69,7 @@ fn of_observations() {
         with(
             whole,
             Some("cycle,x_m,y_m,value,variable\n1,1e5,1e5,1000,z\n"),
-            &["buoys.csv, line 2: `variable` is `z`, but must be one of h, u, v"],
+            &["buoys.csv, line 2: `variable` is `z`, but must be one of `h`, `u`, `v`"],
         ),
         with(whole, Some("cycle,column,row,value\n1,9,2,1000\n"), &["buoys.csv, line 2: `column` is `9`"]),
         with(

@@ -239,7 +239,7 @@ fn a_recalibration_widens_the_fused_covariance_by_just_that() {
         }
         // The biases 0 and 1 are of sondes and polar.
         (added[(0, 1)], added[(1, 0)], added[(1, 1)]) = (0.1, 0.1, 0.5);
-        let refused = widened.widen_calibration(added.as_ref()).err().expect("it is refused").to_string();
+        let refused = widened.widen_calibration(added.as_ref()).expect_err("it is refused").to_string();
         assert!(refused.contains("between the biases sondes/0 and polar/0"), "{refused}");
     }
 }
