@@ -64,14 +64,19 @@ fn checkpoints(parent: &Path) -> Vec<PathBuf> {
 /// A run that was killed when it had at least two checkpoints.
 fn interrupted(cycles: usize) -> TempDir {
     let parent = place();
-    let mut child = start(parent.path(), cycles);
-    while checkpoints(parent.path()).len() < 2 {
+    interrupt(parent.path(), cycles);
+    parent
+}
+
+/// Starts a run, and kills it when it has two checkpoints.
+fn interrupt(parent: &Path, cycles: usize) {
+    let mut child = start(parent, cycles);
+    while checkpoints(parent).len() < 2 {
         assert!(child.try_wait().unwrap().is_none(), "the run was too fast");
         std::thread::sleep(Duration::from_millis(1));
     }
     child.kill().unwrap();
     child.wait().unwrap();
-    parent
 }
 
 #[test]
@@ -205,6 +210,42 @@ fn what_is_of_another_version_or_scenario_is_refused_and_stays() {
     assert!(resume(parent.path()).wait().unwrap().success());
     let complete = isobar(parent.path(), &["resume", "out/small"]);
     assert!(text(&complete.stderr).contains("the run is complete"), "{}", text(&complete.stderr));
+}
+
+#[test]
+fn a_run_goes_on_only_with_the_files_with_which_it_began() {
+    let parent = tempfile::tempdir().unwrap();
+    let buoys = "[networks.buoys]\nkind = \"file\"\nfile = \"buoys.csv\"\nvariable = \"h\"\nsigma = 5\n";
+    let jet = "kind = \"jet\"\nmean_depth_m = 1000\nspeed_m_per_s = 10\nwidth_km = 200";
+    assert!(VALID.contains(jet));
+    let scenario = VALID
+        .replace("{ regular = [3, 2] }", "{ file = \"stations.csv\" }")
+        .replace("groups = [\"A\", \"B\"]\n", "group_by = \"group\"\n")
+        .replace("[methods.free]", &format!("{buoys}\n[methods.free]"))
+        .replace(jet, "kind = \"file\"\nfile = \"state.csv\"");
+    let rows = |count, row: &dyn Fn(usize) -> String| (1..=count).map(row).collect::<String>();
+    let files = [
+        ("small.toml", scenario),
+        ("stations.csv", "id,x_m,y_m,group\n1,210000,220000,A\n2,430000,310000,B\n".to_string()),
+        ("buoys.csv", "cycle,x_m,y_m,value\n".to_string() + &rows(CYCLES, &|cycle| format!("{cycle},3e5,2e5,1000\n"))),
+        ("state.csv", "h,u,v\n".to_string() + &rows(48, &|_| "1000,0,0\n".to_string())),
+    ];
+    let write = |name: &str, contents: &str| fs::write(parent.path().join(name), contents).unwrap();
+    files.iter().for_each(|(name, contents)| write(name, contents));
+    interrupt(parent.path(), CYCLES);
+    for ((name, contents), (old, new)) in files[1..].iter().zip([
+        ("430000", "430001"),
+        ("50,3e5,2e5,1000", "50,3e5,2e5,1001"),
+        ("1000,0,0", "1000,0.1,0"),
+    ]) {
+        assert!(contents.contains(old));
+        write(name, &contents.replacen(old, new, 1));
+        let refused = refusal(parent.path());
+        let wanted = "a file of stations, observations or fields, or the database of sensors has changed since";
+        assert!(refused.contains(wanted), "{name}: {refused}");
+        write(name, contents);
+    }
+    assert!(resume(parent.path()).wait().unwrap().success());
 }
 
 #[test]

@@ -118,6 +118,71 @@ fn orders_to_a_terminal_are_shown_and_not_obeyed() {
     }
 }
 
+/// A scenario with observations and the first state of files, `buoys.csv` and `state.csv`.
+fn with_observations_and_state() -> String {
+    let jet = "kind = \"jet\"\nmean_depth_m = 1000\nspeed_m_per_s = 10\nwidth_km = 200";
+    let buoys = "[networks.buoys]\nkind = \"file\"\nfile = \"buoys.csv\"\nsigma = 5\n\n[methods.free]";
+    assert!(VALID.contains(jet));
+    VALID.replace(jet, "kind = \"file\"\nfile = \"state.csv\"").replace("[methods.free]", buoys)
+}
+
+#[test]
+fn text_of_observations_and_fields_is_text() {
+    let parent = tempfile::tempdir().unwrap();
+    let state = |header: &str, first: &str| format!("{header}\n{first}\n{}", "1000,0,0\n".repeat(47));
+    let good_state = state("h,u,v", "1000,0,0");
+    let [a, b, _] = MARKUP.map(|text| format!("\"{}\"", text.replace('"', "\"\"")));
+    let buoys = format!(
+        "cycle,x_m,y_m,value,variable,id,{a}\n1,3e5,2e5,1000,h,{a},{b}\n1,4e5,2e5,1000,h,{b},\n2,4e5,2e5,1003,h,{b},\n"
+    );
+    let write = |buoys: &str, state: &str| {
+        for (name, contents) in
+            [("hostile.toml", &*with_observations_and_state()), ("buoys.csv", buoys), ("state.csv", state)]
+        {
+            fs::write(parent.path().join(name), contents).unwrap();
+        }
+    };
+    write(&buoys, &good_state);
+    let output = isobar(parent.path(), &["run", "hostile.toml", "--no-rerun"]);
+    assert!(output.status.success(), "{}", harmless(&output));
+    harmless(&output);
+    let page = fs::read_to_string(parent.path().join("out/hostile/report.html")).unwrap();
+    for tag in ["<script", "<img src=x", "</svg><script"] {
+        assert!(!page.contains(tag), "the page has {tag}");
+    }
+    let order = "\u{1b}]0;owned\u{7}\u{1b}[2J\u{9b}31m\u{202e}";
+    let head = "cycle,x_m,y_m,value,variable,id";
+    for (buoys, state) in [
+        (format!("{head}\n1,3e5,2e5,1000,h,{order}\n"), good_state.clone()),
+        (format!("{head}\n1,3e5,2e5,1000,h,{order}\n1,3e5,2e5,1000,h,{order}\n"), good_state.clone()),
+        (format!("{head}\n1,3e5,2e5,1000,{order},a\n"), good_state.clone()),
+        (format!("{head}\n1,3e5,2e5,{order},h,a\n"), good_state.clone()),
+        (format!("{head}\n{order},3e5,2e5,1000,h,a\n"), good_state.clone()),
+        (format!("time,x_m,y_m,value\n{order},3e5,2e5,1000\n"), good_state.clone()),
+        (format!("cycle,x_m,{order},value\n1,3e5,2e5,1000\n"), good_state.clone()),
+        (buoys.clone(), state(order, "1000,0,0")),
+        (buoys.clone(), state(&format!("h,u,{order}"), "1000,0,0")),
+        (buoys.clone(), state("h,u,v", &format!("1000,{order},0"))),
+        (buoys.clone(), state("h,u,v", &format!("1000,0,0,{order}"))),
+    ] {
+        write(&buoys, &state);
+        harmless(&isobar(parent.path(), &["check", "hostile.toml"]));
+        harmless(&isobar(parent.path(), &["run", "hostile.toml", "--no-rerun", "--overwrite", "--cycles", "2"]));
+    }
+    // A file with a hole as long as a terabyte.
+    write(&buoys, &good_state);
+    for name in ["buoys.csv", "state.csv"] {
+        let contents = fs::read(parent.path().join(name)).unwrap();
+        fs::File::create(parent.path().join(name)).unwrap().set_len(1 << 40).unwrap();
+        let began = Instant::now();
+        let output = isobar(parent.path(), &["check", "hostile.toml"]);
+        assert_eq!(output.status.code(), Some(1));
+        assert!(harmless(&output).contains("larger than 100 MB"), "{}", harmless(&output));
+        assert!(began.elapsed() < Duration::from_secs(20), "{name}");
+        fs::write(parent.path().join(name), contents).unwrap();
+    }
+}
+
 #[test]
 fn no_name_leads_out_of_the_output_directory() {
     let parent = tempfile::tempdir().unwrap();

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{VALID, isobar, text};
+use common::{VALID, isobar, place, text};
 use std::fs;
 use tempfile::tempdir;
 
@@ -282,13 +282,6 @@ const CASES: &[Case] = &[
     ("nx = 8", "nx = 8\nnx = 9", "nx = 9", &["not valid TOML", "duplicate key"]),
     ("title = \"A test\"", "title = \"a\\u001b[31mb\"", "\"a\\u001b", &["contains a control character"]),
 ];
-
-/// Line and column, from 1, of `part` in `text`.
-fn place(text: &str, part: &str) -> String {
-    let start = text.find(part).unwrap_or_else(|| panic!("{part} is not in the scenario"));
-    let line_start = text[..start].rfind('\n').map_or(0, |newline| newline + 1);
-    format!("{}:{}", text[..start].matches('\n').count() + 1, start - line_start + 1)
-}
 
 #[test]
 fn every_fault_is_shown_with_its_place_and_what_is_allowed() {

@@ -45,6 +45,15 @@ fn the_diurnal_bias_is_recovered() {
     }
     let biases = |name: &str| summary.methods[name].bias_rmse.unwrap();
     assert!(biases("window") < 0.2 * biases("fkf"));
+    // The monitor's verdict: biases stand firm, and only who knows of the cycle has innovations as large as claimed.
+    let verdict = |name: &str| summary.methods[name].stability.as_ref().unwrap();
+    let own = verdict("window");
+    assert_eq!((own.parameters.len(), own.undetermined.len(), own.references.len()), (2, 0, 0));
+    for parameter in &own.parameters {
+        assert!(parameter.stable && parameter.observations > 0, "{parameter:?}");
+        assert!(parameter.variance_ratio > 0.0 && parameter.variance_ratio < 0.05, "{parameter:?}");
+    }
+    assert!(own.innovation_chi2.unwrap().holds() && !verdict("fkf").innovation_chi2.unwrap().holds(), "{own:?}");
 }
 
 #[test]

@@ -52,7 +52,7 @@ pub struct FederatedSettings {
 /// local filters weigh old observations with their own inflated Q: equal to the centralised filter without model error.
 ///
 /// It costs as many Kalman filters as there are systems, and two fusions. Covariances between the biases of different
-/// systems that a prior may have cannot be represented, and are refused.
+/// systems that a prior, or frozen biases, may have cannot be represented, and are refused.
 pub struct FederatedKalmanFilter {
     /// The fused estimate of x and all biases.
     master: AugmentedState,
@@ -61,6 +61,9 @@ pub struct FederatedKalmanFilter {
     /// Analyses so far.
     cycle: usize,
 }
+
+/// A correlation below this is rounding.
+const ROUNDING: f64 = 1e-9;
 
 struct LocalFilter {
     system: String,
@@ -196,8 +199,26 @@ impl Assimilator for FederatedKalmanFilter {
         self.master.calibration_accuracy()
     }
 
-    /// Each local filter takes the covariance of its own biases; it has no place for those between systems.
+    /// Each local filter takes the covariance of its own biases, so that the fused one is wider by just that. For a
+    /// covariance between biases of two systems there is no place, and it is refused; recalibrations have none.
     fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        let p = covariance.nrows();
+        let mut system_of = vec![0; p];
+        for (number, local) in self.local.iter().enumerate() {
+            local.parameters.iter().for_each(|&parameter| system_of[parameter] = number);
+        }
+        let is_between = |i: usize, j: usize| {
+            let largest = (covariance[(i, i)] * covariance[(j, j)]).max(0.0).sqrt();
+            system_of[i] != system_of[j] && covariance[(i, j)].abs() > ROUNDING * largest
+        };
+        if let Some((i, j)) = (0..p).flat_map(|i| (0..i).map(move |j| (i, j))).find(|&(i, j)| is_between(i, j)) {
+            let name = |number: usize| &self.master.problem.calibration.parameters[number].name;
+            return Err(Error::Setting(format!(
+                "local filters of two systems cannot be told of a covariance between the biases {} and {}",
+                name(j),
+                name(i)
+            )));
+        }
         for local in &mut self.local {
             let own = &local.parameters;
             let covariance = faer::Mat::from_fn(own.len(), own.len(), |i, j| covariance[(own[i], own[j])]);

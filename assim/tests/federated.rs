@@ -208,3 +208,38 @@ fn what_cannot_be_divided_is_refused() {
     problem.memory_limit_bytes = 100_000;
     assert!(message(&problem, &[("sondes", 0.5), ("polar", 0.5)]).contains("2 dense Kalman filters for 40 values"));
 }
+
+/// A recalibration is told to the local filter whose bias it is: the fused covariance is wider by what it adds, and nothing
+/// else in it changes. What goes together between systems has no place.
+#[test]
+fn a_recalibration_widens_the_fused_covariance_by_just_that() {
+    let problem = problem(true, biases(0.5), 2);
+    let m = problem.background.values().len();
+    for reset_every_cycles in [None, Some(1)] {
+        let [mut widened, mut same] = [(); 2].map(|()| federated(&problem, SHARES, reset_every_cycles));
+        for filter in [&mut widened, &mut same] {
+            filter.forecast(WINDOW).unwrap();
+            filter.analyse(&observations(&problem, 1)).unwrap();
+        }
+        let mut added = Mat::<f64>::zeros(5, 5);
+        (added[(0, 0)], added[(2, 2)], added[(3, 3)]) = (0.7, 0.4, 1.1);
+        (added[(0, 2)], added[(2, 0)]) = (0.3, 0.3);
+        widened.widen_calibration(added.as_ref()).unwrap();
+        // Once at once, and once out of the local filters, by a forecast that mixes nothing into the biases but their drift.
+        for cycle in 1..=2 {
+            let difference = widened.covariance() - same.covariance();
+            for (i, j) in (0..m + 5).flat_map(|i| (0..m + 5).map(move |j| (i, j))) {
+                let expected = if i >= m && j >= m { added[(i - m, j - m)] } else { 0.0 };
+                assert!((difference[(i, j)] - expected).abs() < 1e-10, "{i} {j}: {}", difference[(i, j)]);
+            }
+            if cycle == 1 {
+                widened.forecast(WINDOW).unwrap();
+                same.forecast(WINDOW).unwrap();
+            }
+        }
+        // The biases 0 and 1 are of sondes and polar.
+        (added[(0, 1)], added[(1, 0)], added[(1, 1)]) = (0.1, 0.1, 0.5);
+        let refused = widened.widen_calibration(added.as_ref()).expect_err("it is refused").to_string();
+        assert!(refused.contains("between the biases sondes/0 and polar/0"), "{refused}");
+    }
+}

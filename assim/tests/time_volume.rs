@@ -2,39 +2,19 @@
 
 mod common;
 
-use common::{WINDOW, calibration, problem, relative_difference, settings, window};
+use common::{
+    DAY, WINDOW, calibration, constant, factor, problem, relative_difference, settings, volume_settings, window,
+};
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
 use isobar_assim::fast_kalman::time_volume::{
     AmplitudeEvolution, Factor, Target, TimeShape, TimeVolume, TimeVolumeSettings,
 };
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter};
-use isobar_assim::{Assimilator, BiasTreatment, Problem};
-use isobar_model::random::{standard_normals, stream};
-use isobar_model::{Duration, State, Time};
+use isobar_assim::{Assimilator, BiasTreatment, Problem, Unknown};
+use isobar_model::{Duration, Time};
 use isobar_obs::{BlockAngular, LinearOperator, ObservationWindow, SparseRows};
 use std::sync::Arc;
-
-const DAY: Duration = Duration::from_seconds(86_400);
-
-fn factor(name: &str, target: Target, shape: TimeShape, evolution: AmplitudeEvolution) -> Factor {
-    Factor { name: name.into(), target, shape, patterns: Vec::new(), evolution }
-}
-
-fn constant(sigma_prior: Option<f64>) -> AmplitudeEvolution {
-    AmplitudeEvolution::Constant { sigma_prior }
-}
-
-fn volume_settings(cycles: usize, factors: Vec<Factor>) -> TimeVolumeSettings {
-    TimeVolumeSettings {
-        filter: settings(BlockShape::Domain, BiasCoupling::Carry),
-        cycles,
-        keep_before: false,
-        factors,
-        start: Time::from_seconds(0),
-        selection_threshold: 4.0,
-    }
-}
 
 /// Entries, right-hand side and standard deviation of a row.
 type Row = (Vec<(usize, f64)>, f64, f64);
@@ -190,6 +170,65 @@ impl Whole {
     }
 }
 
+impl Whole {
+    /// Every column of the covariance of the last state and the parameters as they are now, and what is said of the
+    /// parameters and the state's means, against the dense matrix.
+    fn compare_covariances(
+        &self,
+        volume: &TimeVolume,
+        covariance: &Mat<f64>,
+        factors: &[Factor],
+        now: Time,
+        name: &str,
+    ) {
+        let (m, p) = (self.m, self.p);
+        let mut weights = Mat::<f64>::zeros(m + p, self.dense.unknowns);
+        (0..m).for_each(|i| weights[(i, self.state(self.cycles, i))] = 1.0);
+        for number in 0..p {
+            weights[(m + number, self.parameter(number))] = 1.0;
+            for (unknown, factor, function) in self.amplitudes(self.cycles) {
+                if matches!(&factors[factor].target, Target::Observations(numbers) if numbers.contains(&number)) {
+                    weights[(m + number, unknown)] = factors[factor].shape.value(function, now);
+                }
+            }
+        }
+        let dense = &weights * covariance * weights.transpose();
+        let sigma = |i: usize| dense[(i, i)].sqrt();
+        let unknown = |i: usize| if i < m { Unknown::Value(i) } else { Unknown::Parameter(i - m) };
+        for j in 0..m + p {
+            let column = volume.covariance_column(unknown(j)).unwrap();
+            assert_eq!((column.state.len(), column.calibration.len()), (m, p));
+            for i in 0..m + p {
+                let off = (column.with(unknown(i)) - dense[(i, j)]).abs() / (sigma(i) * sigma(j));
+                assert!(off < 1e-8, "{name}: covariance of {i} with {j}: off by {off} in units of correlation");
+            }
+        }
+        assert!(volume.covariance_column(Unknown::Parameter(p)).is_none(), "an amplitude is no parameter");
+        // Two variables.
+        let cells = m / 2;
+        let accuracy = volume.calibration_accuracy().unwrap();
+        let close = |value: f64, expected: f64, scale: f64| (value - expected).abs() < 1e-8 * scale;
+        for j in 0..p {
+            for i in 0..p {
+                let (value, expected) = (accuracy.covariance()[(i, j)], dense[(m + i, m + j)]);
+                assert!(close(value, expected, sigma(m + i) * sigma(m + j)), "{name}: {value} and not {expected}");
+            }
+        }
+        let means: Vec<_> = accuracy.of_means().collect();
+        assert_eq!(means.len(), m / cells);
+        for (variable, (with, variance)) in means.into_iter().enumerate() {
+            let range = variable * cells..(variable + 1) * cells;
+            let mean = |j: usize| range.clone().map(|i| dense[(i, j)]).sum::<f64>() / cells as f64;
+            let expected = range.clone().map(mean).sum::<f64>() / cells as f64;
+            assert!(close(variance, expected, expected), "{name}: variance {variance} of a mean and not {expected}");
+            for (number, &value) in with.iter().enumerate() {
+                let scale = expected.sqrt() * sigma(m + number);
+                assert!(close(value, mean(m + number), scale), "{name}: a mean with a parameter: {value}");
+            }
+        }
+    }
+}
+
 fn windows(problem: &Problem, count: usize) -> Vec<ObservationWindow> {
     (1..=count).map(|cycle| window(problem, 30, false, cycle, 11)).collect()
 }
@@ -263,6 +302,7 @@ fn it_is_the_least_squares_solution_of_all_cycles() {
         let sigma = (weights.transpose() * &covariance * &weights)[(0, 0)].sqrt();
         assert!((estimate.calibration[0] - value).abs() < 1e-8 * sigma);
         assert!((estimate.calibration_spread.as_ref().unwrap()[0] / sigma - 1.0).abs() < 1e-8);
+        whole.compare_covariances(&volume, &covariance, &factors, now, name);
     }
 }
 
@@ -316,53 +356,6 @@ fn with_the_prior_row_any_length_is_the_recursion() {
     }
 }
 
-/// Draws a truth with a diurnal bias and observations of it, and returns (C − truth)/σ of each amplitude.
-fn diurnal_scores(seed: u64) -> Vec<f64> {
-    let problem = problem(true, calibration(2, 0, 0.0), 7);
-    let layout = problem.background.layout().clone();
-    let (m, p) = (layout.len(), 2);
-    let random = &mut stream(seed, "diurnal");
-    let normal = |random: &mut _, n: usize| standard_normals(random, n);
-    let mut truth: Vec<f64> = normal(random, m).iter().map(|it| 1.5 * it).collect();
-    let bias: Vec<f64> =
-        normal(random, p).iter().zip(&problem.calibration.parameters).map(|(n, it)| n * it.sigma_prior).collect();
-    let amplitudes = normal(random, 2);
-    let shape = TimeShape::Sinusoid { period: DAY };
-    let factors = vec![factor("diurnal", Target::Observations(vec![0]), shape, constant(None))];
-    let mut volume = TimeVolume::new(problem.clone(), volume_settings(12, factors), None).unwrap();
-    for cycle in 1..=12 {
-        let mut state = State::from_values(&layout, truth);
-        problem.model.step(&mut state);
-        truth = state.values().to_vec();
-        truth.iter_mut().zip(normal(random, m)).for_each(|(value, error)| *value += 0.4 * error);
-        let mut observed = window(&problem, 24, false, cycle, 1000 + seed);
-        let state = State::from_values(&layout, truth.clone());
-        let jacobian = observed.operator.linearize(&state, &bias);
-        let errors = normal(random, observed.len());
-        let mut values = observed.operator.simulate(&state, &bias);
-        for (row, value) in values.iter_mut().enumerate() {
-            let own = jacobian.calibration.row(row).iter().filter(|entry| entry.0 == 0).map(|entry| entry.1);
-            let height: f64 = (0..2).map(|f| amplitudes[f] * shape.value(f, observed.time)).sum();
-            *value += own.sum::<f64>() * height + observed.sigma[row] * errors[row];
-        }
-        observed.values = values;
-        volume.forecast(WINDOW).unwrap();
-        volume.analyse(&observed).unwrap();
-    }
-    let found = volume.parameters();
-    found.iter().zip(amplitudes).map(|(it, truth)| (it.value - truth) / it.sigma.unwrap()).collect()
-}
-
-#[test]
-fn a_diurnal_bias_is_recovered_within_what_is_claimed() {
-    let scores: Vec<f64> = (0..200).flat_map(diurnal_scores).collect();
-    let beyond = scores.iter().filter(|z| z.abs() > 3.0).count();
-    assert!(beyond * 100 <= scores.len(), "{beyond} of {}", scores.len());
-    let square = scores.iter().map(|z| z * z).sum::<f64>() / scores.len() as f64;
-    // Five standard errors of the mean of 400 squares.
-    assert!((square - 1.0).abs() < 5.0 * (2.0 / 400.0f64).sqrt(), "{square}");
-}
-
 #[test]
 fn factors_that_depend_on_each_other_are_named() {
     let problem = problem(true, calibration(2, 0, 0.0), 7);
@@ -373,9 +366,17 @@ fn factors_that_depend_on_each_other_are_named() {
         factor("hats", target(), TimeShape::Hats { period: DAY, count: 2 }, constant(None)),
     ];
     let windows = windows(&problem, 8);
+    let prior = problem.calibration.parameters[0].sigma_prior.powi(2);
     let mut volume = TimeVolume::new(problem, volume_settings(20, factors), None).unwrap();
+    // Before any observation three of the amplitudes move the bias without limit, each of them counted as one more prior:
+    // two cosines and a hat at midnight.
+    let first = volume.calibration_accuracy().unwrap();
+    assert!((first.covariance()[(0, 0)] / prior - 4.0).abs() < 1e-12, "{:?}", first.covariance());
     let analysis = run(&mut volume, &windows);
     assert!(analysis.estimate.state_spread.unwrap().iter().all(|sigma| sigma.is_finite()));
+    // Now what is not determined does not move it.
+    let (last, sigma) = (volume.calibration_accuracy().unwrap(), analysis.estimate.calibration_spread.unwrap()[0]);
+    assert!((last.covariance()[(0, 0)] / sigma.powi(2) - 1.0).abs() < 1e-8, "{:?}", last.covariance());
     let found = volume.parameters();
     let verdict = |name: &str| found.iter().find(|it| it.name == name).unwrap();
     let sine = verdict("day/sine");

@@ -256,6 +256,22 @@ impl ObservationError {
         }
     }
 
+    /// The file in which the fault is, as it was called; `None` if it is not within a file.
+    pub fn file(&self) -> Option<&str> {
+        use ObservationError::*;
+        match self {
+            MalformedLine { file, .. }
+            | NoStations { file }
+            | NoObservations { file }
+            | MissingColumn { file, .. }
+            | AmbiguousColumns { file, .. }
+            | EmptyField { file, .. }
+            | InvalidCoordinate { file, .. }
+            | DuplicateStation { file, .. } => Some(file),
+            _ => None,
+        }
+    }
+
     /// The setting of the instrument that is concerned: the path of fields in its configuration, without the numbers of
     /// list entries (`biases.initial.sigma`).
     pub fn setting(&self) -> Option<&'static str> {

@@ -68,7 +68,7 @@ impl ExperimentError {
             ExperimentError::Method { name, .. } => (vec!["methods", name], "this method"),
             ExperimentError::Sensors(_) => (vec!["sensors", "database"], "this database"),
             ExperimentError::File { .. } => (vec!["networks"], "in one of these"),
-            ExperimentError::Observations(error) => (observing::place(error), "here"),
+            ExperimentError::Observations(error) => (observing::place(error, scenario), "here"),
         };
         scenario.fault(&path, self.to_string(), label)
     }
@@ -259,7 +259,7 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
     let true_error = model_error.clone().map(|covariance| (covariance, scenario.truth.model_error_scale.sqrt()));
     let truth = Truth::new(true_model, steps, true_error, stream(seed, "truth/model error"), true_state);
 
-    let configs = observing::configs(&scenario.networks, grid)?;
+    let configs = observing::configs(scenario)?;
     let projection = scenario.grid.projection.as_ref();
     let observing =
         ObservingSystem::new(background.layout(), projection, &configs, seed, scenario.cycle.window, scenario.start)?;

@@ -3,9 +3,8 @@
 use super::ExperimentError;
 use crate::scenario::{
     Bias, BiasEvolution, BiasOwner, FileSettings, InitialBias, Instrument, Network, RadiosondeSettings,
-    SatelliteSettings, Schedule, StationLayout,
+    SatelliteSettings, Scenario, Schedule, StationLayout,
 };
-use indexmap::IndexMap;
 use isobar_model::Grid;
 use isobar_obs::{
     BiasProcess, BiasScope, Evolution, Heading, InstrumentConfig, ObservationError, ObservationFile, ObservedVariable,
@@ -17,23 +16,39 @@ use std::path::Path;
 /// The largest file of stations or observations \[bytes\].
 const LARGEST_FILE: u64 = 100_000_000;
 
-pub(super) fn configs(
-    networks: &IndexMap<String, Network>,
-    grid: &Grid,
-) -> Result<Vec<InstrumentConfig>, ExperimentError> {
-    networks
-        .iter()
-        .map(|(name, network)| match &network.instrument {
-            Instrument::Radiosonde(own) => Ok(InstrumentConfig::Radiosonde(radiosondes(name, network, own)?)),
-            Instrument::Satellite(own) => Ok(InstrumentConfig::Satellite(satellite(name, network, own, grid))),
-            Instrument::File(own) => Ok(InstrumentConfig::Recorded(recorded(name, own)?)),
-        })
-        .collect()
+pub(super) fn configs(scenario: &Scenario) -> Result<Vec<InstrumentConfig>, ExperimentError> {
+    let grid = &scenario.grid.grid;
+    let config = |(name, network): (&String, &Network)| match &network.instrument {
+        Instrument::Radiosonde(own) => Ok(InstrumentConfig::Radiosonde(radiosondes(name, network, own, scenario)?)),
+        Instrument::Satellite(own) => Ok(InstrumentConfig::Satellite(satellite(name, network, own, grid))),
+        Instrument::File(own) => Ok(InstrumentConfig::Recorded(recorded(name, own, scenario)?)),
+    };
+    scenario.networks.iter().map(config).collect()
+}
+
+/// What a file is called: as in the scenario, wherever that is. A run is resumed by its scenario's absolute path, and must
+/// find the same.
+fn called(file: &Path, scenario: &Scenario) -> String {
+    let folder = scenario.path.parent().unwrap_or(Path::new(""));
+    file.strip_prefix(folder).unwrap_or(file).display().to_string()
 }
 
 /// The keys that lead to the setting of which an error speaks.
-pub(super) fn place(error: &ObservationError) -> Vec<&str> {
+pub(super) fn place<'a>(error: &'a ObservationError, scenario: &'a Scenario) -> Vec<&'a str> {
     let mut path = vec!["networks"];
+    if let Some(file) = error.file() {
+        let keys = |(name, network): (&'a String, &Network)| match &network.instrument {
+            Instrument::File(own) if called(&own.path, scenario) == file => Some(vec![name.as_str(), "file"]),
+            Instrument::Radiosonde(RadiosondeSettings { stations: StationLayout::File(own), .. })
+                if called(own, scenario) == file =>
+            {
+                Some(vec![name.as_str(), "stations", "file"])
+            }
+            _ => None,
+        };
+        path.extend(scenario.networks.iter().find_map(keys).unwrap_or_default());
+        return path;
+    }
     path.extend(error.instrument());
     path.extend(error.setting().map(|setting| match setting {
         "swath_width_m" => "swath_width_km",
@@ -48,11 +63,16 @@ pub(super) fn place(error: &ObservationError) -> Vec<&str> {
     path
 }
 
-fn radiosondes(name: &str, network: &Network, own: &RadiosondeSettings) -> Result<RadiosondeConfig, ExperimentError> {
+fn radiosondes(
+    name: &str,
+    network: &Network,
+    own: &RadiosondeSettings,
+    scenario: &Scenario,
+) -> Result<RadiosondeConfig, ExperimentError> {
     let groups = own.groups.clone();
     let stations = match &own.stations {
         StationLayout::File(path) => {
-            let mut stations = Stations::parse(&read(path)?, &path.display().to_string())?;
+            let mut stations = Stations::parse(&read(path)?, &called(path, scenario))?;
             if let (Some(column), false) = (&own.group_by, groups.is_empty()) {
                 stations = stations.only(name, column, &groups)?;
             }
@@ -116,9 +136,9 @@ fn satellite(name: &str, network: &Network, own: &SatelliteSettings, grid: &Grid
     config
 }
 
-fn recorded(name: &str, own: &FileSettings) -> Result<RecordedConfig, ExperimentError> {
+fn recorded(name: &str, own: &FileSettings, scenario: &Scenario) -> Result<RecordedConfig, ExperimentError> {
     let text = read(&own.path)?;
-    let observations = ObservationFile::parse(&text, &own.path.display().to_string())?;
+    let observations = ObservationFile::parse(&text, &called(&own.path, scenario))?;
     Ok(RecordedConfig { name: name.to_string(), observations, variable: own.variable.clone(), sigma: own.sigma })
 }
 

@@ -8,8 +8,13 @@ pub(super) const KEYS: [&str; 5] = ["bias", "adapt", "information_sharing", "res
 /// How far the sum of information-sharing factors may be from 1, for factors such as 0.333.
 const ROUNDING: f64 = 0.005;
 
-/// Reads the division of a filter among the observing systems of these names.
-pub(super) fn read(section: &Section<'_>, networks: &[&str]) -> Read<FederatedSettings> {
+/// Reads the division of a filter among the observing systems of these names, of which biases may be frozen in a run.
+pub(super) fn read(section: &Section<'_>, networks: &[&str], freezes: bool) -> Read<FederatedSettings> {
+    if freezes {
+        let message = "local filters have no place for what frozen biases of two systems have in common".to_string();
+        let label = "choose another kind of method, or leave out `freeze_after_cycles`";
+        return Err(section.required("kind")?.misplaced(message, label));
+    }
     let reset_every_cycles =
         Some(section.whole_or("reset_every_cycles", 1, 0, 1_000_000)?).filter(|&cycles| cycles > 0);
     let share = match section.optional("information_sharing") {

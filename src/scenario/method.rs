@@ -277,7 +277,7 @@ pub(super) fn read(root: &Section<'_>, surroundings: &Surroundings<'_>) -> Read<
 }
 
 fn method(field: &Field<'_>, surroundings: &Surroundings<'_>) -> Read<Method> {
-    let &Surroundings { grid, model, cycles, freezes, ref networks, has_model_error } = surroundings;
+    let &Surroundings { grid, freezes, ref networks, has_model_error, .. } = surroundings;
     const TREATMENTS: &[(&str, BiasTreatment)] =
         &[("estimate", BiasTreatment::Estimate), ("ignore", BiasTreatment::Ignore), ("known", BiasTreatment::Known)];
     let (which, section) = field.section_of_kind(KINDS)?;
@@ -327,7 +327,7 @@ fn method(field: &Field<'_>, surroundings: &Surroundings<'_>) -> Read<Method> {
             memory_limit_bytes: memory_limit_bytes()?,
         },
         Which::FederatedKalman => Algorithm::FederatedKalman {
-            settings: federated::read(&section, networks)?,
+            settings: federated::read(&section, networks, freezes && bias == BiasTreatment::Estimate)?,
             memory_limit_bytes: memory_limit_bytes()?,
         },
         Which::BandedKalman => Algorithm::BandedKalman {
@@ -341,7 +341,7 @@ fn method(field: &Field<'_>, surroundings: &Surroundings<'_>) -> Read<Method> {
         }
         Which::TimeVolume => Algorithm::TimeVolume {
             settings: fast_kalman(&section, grid)?,
-            options: time_volume::read(&section, grid, model, cycles)?,
+            options: time_volume::read(&section, surroundings)?,
             memory_limit_bytes: memory_limit_bytes()?,
         },
         Which::EnsembleTransform => Algorithm::EnsembleTransform {

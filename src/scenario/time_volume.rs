@@ -1,6 +1,7 @@
 //! `kind = "time_volume"`: the Fast Kalman Filter over a moving window, with factors and state-transition corrections.
 
 use super::fields;
+use super::method::Surroundings;
 use super::model::{Dynamics, ModelSettings, Wind};
 use super::reader::{Field, Kind, Limits, Read, Section};
 use super::text::{clean, listed};
@@ -85,12 +86,13 @@ pub(super) const KEYS: [&str; 6] = [
 /// The most factors of a method, and the most amplitudes of a factor.
 const MOST: usize = 100;
 
-pub(super) fn read(
-    section: &Section<'_>,
-    grid: &Grid,
-    model: &ModelSettings,
-    cycles: usize,
-) -> Read<TimeVolumeOptions> {
+pub(super) fn read(section: &Section<'_>, surroundings: &Surroundings<'_>) -> Read<TimeVolumeOptions> {
+    let &Surroundings { grid, model, cycles, freezes, .. } = surroundings;
+    if freezes {
+        let message = "factors of a time volume would go on changing the biases that [stability] freezes".to_string();
+        let label = "choose another kind of method, or leave out `freeze_after_cycles`";
+        return Err(section.required("kind")?.misplaced(message, label));
+    }
     let window = section.required("window_cycles")?;
     let window_cycles = window.whole(1, 1_000_000)?;
     if window_cycles > cycles {

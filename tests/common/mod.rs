@@ -18,3 +18,11 @@ pub fn isobar(directory: &Path, arguments: &[&str]) -> Output {
 pub fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).expect("the program writes UTF-8")
 }
+
+/// Line and column, from 1, of `part` in `text`.
+#[allow(dead_code, reason = "not every test needs it")]
+pub fn place(text: &str, part: &str) -> String {
+    let start = text.find(part).unwrap_or_else(|| panic!("{part} is not in the scenario"));
+    let line_start = text[..start].rfind('\n').map_or(0, |newline| newline + 1);
+    format!("{}:{}", text[..start].matches('\n').count() + 1, start - line_start + 1)
+}

@@ -1,6 +1,7 @@
 //! What the filter knows of the calibration parameters: their priors, their accuracy, and what a recalibration adds, or another source says.
 
 use super::FastKalmanFilter;
+use super::factors::Factors;
 use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::error::Error;
 use crate::linalg::{add_symmetric_product, cholesky, semidefinite_root, solve_lower};
@@ -38,17 +39,19 @@ impl Prior {
     }
 }
 
-/// The rows of the parameters, in the order of the calibration, and of the state's means, in Φ and in the block diagonal.
+/// The covariance of all parameters and of the state's means; see [`CalibrationAccuracy`].
 pub(super) fn accuracy(filter: &FastKalmanFilter) -> Option<CalibrationAccuracy> {
-    let (m, p) = (filter.state.values().len(), filter.local.len() + filter.shared.len());
-    if p == 0 {
-        return None;
-    }
+    let p = filter.local.len() + filter.shared.len();
+    (p > 0).then(|| CalibrationAccuracy::new(joint_covariance(filter), p))
+}
+
+/// The rows of the parameters, in the order of the calibration, and of the state's means, `[p + v, r]`, of factors.
+pub(super) fn joint_rows(filter: &FastKalmanFilter, factors: &Factors) -> Mat<f64> {
+    let p = filter.local.len() + filter.shared.len();
     let cells = filter.state.layout().grid.cells();
-    let (v, factors) = (m / cells, &filter.covariance.factors);
-    let r = factors.columns();
-    let mut rows = Mat::<f64>::zeros(p + v, r);
-    for column in 0..r {
+    let v = filter.state.values().len() / cells;
+    let mut rows = Mat::<f64>::zeros(p + v, factors.columns());
+    for column in 0..factors.columns() {
         let target = rows.col_as_slice_mut(column);
         for (&number, &value) in filter.local.iter().zip(factors.local.column(column)) {
             target[number] = value;
@@ -60,7 +63,16 @@ pub(super) fn accuracy(filter: &FastKalmanFilter) -> Option<CalibrationAccuracy>
             target[p + variable] = field.iter().sum::<f64>() / cells as f64;
         }
     }
-    let mut joint = Mat::zeros(p + v, p + v);
+    rows
+}
+
+/// The covariance of the parameters, in the order of the calibration, and of the state's means, `[p + v, p + v]`: what Φ and
+/// the block diagonal have of it.
+pub(super) fn joint_covariance(filter: &FastKalmanFilter) -> Mat<f64> {
+    let (m, p) = (filter.state.values().len(), filter.local.len() + filter.shared.len());
+    let cells = filter.state.layout().grid.cells();
+    let rows = joint_rows(filter, &filter.covariance.factors);
+    let mut joint = Mat::zeros(rows.nrows(), rows.nrows());
     add_symmetric_product(joint.as_mut(), 1.0, rows.as_ref(), rows.transpose());
     // Of the block diagonal: where each block variable belongs in the joint vector, and with which weight.
     let place = |variable: usize| match variable < m {
@@ -76,7 +88,7 @@ pub(super) fn accuracy(filter: &FastKalmanFilter) -> Option<CalibrationAccuracy>
             }
         }
     }
-    Some(CalibrationAccuracy::new(joint, p))
+    joint
 }
 
 /// Φ ← \[Φ L\], L Lᵀ the covariance that is added to that of the parameters.

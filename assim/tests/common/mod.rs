@@ -6,6 +6,7 @@
 use faer::Mat;
 use isobar_assim::covariance::{Covariance, Sum, White};
 use isobar_assim::ensemble::{EnsembleSettings, Inflation, InitialMembers, ModelErrorTreatment};
+use isobar_assim::fast_kalman::time_volume::{AmplitudeEvolution, Factor, Target, TimeShape, TimeVolumeSettings};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Residual};
 use isobar_assim::{BiasTreatment, Problem};
 use isobar_model::random::{standard_normals, stream};
@@ -26,6 +27,30 @@ pub fn settings(blocks: BlockShape, bias_coupling: BiasCoupling) -> FastKalmanSe
         residual: Residual::Exact,
         largest_component: usize::MAX,
         separator_factors: 0,
+    }
+}
+
+pub const DAY: Duration = Duration::from_seconds(86_400);
+
+/// A factor that is the same everywhere.
+pub fn factor(name: &str, target: Target, shape: TimeShape, evolution: AmplitudeEvolution) -> Factor {
+    Factor { name: name.into(), target, shape, patterns: Vec::new(), evolution }
+}
+
+/// Amplitudes that are constant over the window.
+pub fn constant(sigma_prior: Option<f64>) -> AmplitudeEvolution {
+    AmplitudeEvolution::Constant { sigma_prior }
+}
+
+/// A window of so many cycles that forgets what is older, with one block.
+pub fn volume_settings(cycles: usize, factors: Vec<Factor>) -> TimeVolumeSettings {
+    TimeVolumeSettings {
+        filter: settings(BlockShape::Domain, BiasCoupling::Carry),
+        cycles,
+        keep_before: false,
+        factors,
+        start: Time::from_seconds(0),
+        selection_threshold: 4.0,
     }
 }
 

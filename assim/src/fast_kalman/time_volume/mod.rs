@@ -25,6 +25,7 @@
 //! beside the calibration parameters, and common factors carry their covariance with the state.
 
 mod factor;
+mod query;
 mod report;
 mod restart;
 mod rows;
@@ -40,6 +41,8 @@ use super::factors::Factors;
 use super::free_columns::FreeColumns;
 use super::{BiasCoupling, FastKalmanFilter, FastKalmanSettings};
 use crate::assimilator::{Analysis, Assimilator, BiasTreatment, Estimate};
+use crate::calibration_accuracy::CalibrationAccuracy;
+use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::estimated::EstimatedParameter;
 use crate::problem::Problem;
@@ -391,6 +394,14 @@ impl Assimilator for TimeVolume {
         let mut structure = self.filter.structure_after(observed, factors);
         structure.factors.iter_mut().for_each(|factor| factor.calibration.truncate(self.parameters));
         Some(structure)
+    }
+
+    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
+        self.column(unknown)
+    }
+
+    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
+        self.accuracy()
     }
 
     fn parameters(&self) -> Vec<EstimatedParameter> {

@@ -33,6 +33,20 @@ impl TimeVolume {
         Ok(estimate)
     }
 
+    /// With which weights constant and evolving amplitudes add to a calibration parameter now.
+    pub(super) fn heights(&self, number: usize) -> (Vec<f64>, Vec<f64>) {
+        let height = |amplitude: &Amplitude| {
+            let factor = &self.settings.factors[amplitude.factor];
+            match &factor.target {
+                Target::Observations(numbers) if numbers.contains(&number) && amplitude.pattern.is_none() => {
+                    factor.shape.value(amplitude.function, self.time)
+                }
+                _ => 0.0,
+            }
+        };
+        (self.constant.iter().map(height).collect(), self.evolving.iter().map(height).collect())
+    }
+
     /// What factors add to a calibration parameter now, and the variance of the sum.
     fn parameter_now(&self, number: usize) -> (f64, f64) {
         let filter = &self.filter;
@@ -50,24 +64,14 @@ impl TimeVolume {
                 (of(factors), of(&self.sensitivity))
             }
         };
-        let height = |amplitude: &Amplitude| {
-            let factor = &self.settings.factors[amplitude.factor];
-            match &factor.target {
-                Target::Observations(numbers) if numbers.contains(&number) && amplitude.pattern.is_none() => {
-                    factor.shape.value(amplitude.function, self.time)
-                }
-                _ => 0.0,
-            }
-        };
+        let (of_constant, of_evolving) = self.heights(number);
         let mut value = 0.0;
-        for (k, amplitude) in self.constant.iter().enumerate() {
-            let height = height(amplitude);
+        for (k, height) in of_constant.into_iter().enumerate() {
             value += height * self.reference[k];
             weights[k] += height;
         }
         let first = filter.shared.len() - self.evolving.len();
-        for (k, amplitude) in self.evolving.iter().enumerate() {
-            let height = height(amplitude);
+        for (k, height) in of_evolving.into_iter().enumerate() {
             value += height * filter.bias[self.parameters + k];
             for (own, row) in [(&mut common, &factors.shared), (&mut weights, &self.sensitivity.shared)] {
                 own.iter_mut().enumerate().for_each(|(j, own)| *own += height * row[(first + k, j)]);
