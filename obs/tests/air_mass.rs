@@ -5,7 +5,6 @@ mod common;
 use common::*;
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Boundary, State};
-use isobar_obs::testing::check_operator;
 use isobar_obs::{
     AirMassBias, BiasProcess, InitialBias, InstrumentConfig, ObservingSystem, QualityControl, SatelliteConfig,
 };
@@ -89,18 +88,6 @@ fn anchored_at_a_background_the_operator_is_linear_and_misses_what_it_says() {
     let left: Vec<f64> = whole.iter().zip(&fixed).map(|(whole, fixed)| whole - fixed).collect();
     let stated: Vec<f64> = (0..observed.len()).map(|row| there.row_dot(row, &c) - here.row_dot(row, &c)).collect();
     assert!(close(&left, &stated) && left.iter().any(|left| left.abs() > 0.1));
-}
-
-/// Derivative and adjoint dot product of both.
-#[test]
-fn both_operators_keep_the_contract() {
-    let mut system = system_with(two());
-    for cycle in 1..=3 {
-        let observed = system.observe(&state(cycle));
-        let c = system.true_calibration();
-        check_operator(&*observed.operator, &state(5), c, 6).unwrap();
-        check_operator(&*observed.anchored(&state(7)).operator, &state(5), c, 6).unwrap();
-    }
 }
 
 #[test]
