@@ -117,7 +117,8 @@ fn quality_control_expects_the_bias_that_the_reference_predicts() {
         })
     };
     let control = QualityControl { length_m: 300e3, limit: 4.0 };
-    let reference = only_here(3, 40.0);
+    // The footprints around the cell are points halfway between its centre and its neighbours': they see a quarter of it.
+    let reference = only_here(3, 160.0);
     let rejected = |air_mass_biases, truth: &State| {
         let sharp = SatelliteConfig { footprint_sigma_m: 0.0, ..satellite("polar") };
         let config = SatelliteConfig { biases: Vec::new(), air_mass_biases, ..sharp };
@@ -127,5 +128,5 @@ fn quality_control_expects_the_bias_that_the_reference_predicts() {
     let mut bias = air_mass("tracer", 0.0, 1.0, 10.0);
     bias.process.assumed_sigma_prior = Some(10.0);
     assert_eq!(rejected(vec![bias], &reference), 0, "a bias of 400 m, of which σ is 400 m");
-    assert!(rejected(Vec::new(), &only_here(0, 400.0)) > 0, "the same with no predictor to explain it");
+    assert!(rejected(Vec::new(), &only_here(0, 1600.0)) > 0, "the same with no predictor to explain it");
 }
