@@ -9,7 +9,7 @@ use isobar_assim::{
     reserve_workspace,
 };
 use isobar_model::random::stream;
-use isobar_model::{Duration, Layout};
+use isobar_model::{Duration, Layout, State};
 use isobar_obs::{Calibration, ObservationWindow};
 use peak_alloc::PeakAlloc;
 use rand::RngExt;
@@ -199,7 +199,7 @@ impl Runner {
         self.method.smoother_lag()
     }
 
-    /// Forecasts over a window and analyses the observations at its end; `with_influence` asks also what each type of
+    /// Forecasts over a window and analyses the observations at its end, with bias predictors of that forecast; `with_influence` asks also what each type of
     /// observations did, which is no part of the method's cost and changes nothing in its results. After the `last` cycle
     /// no estimate will be revised any more.
     ///
@@ -214,6 +214,8 @@ impl Runner {
     ) -> Result<Outcome, Fault> {
         let before = self.seconds;
         let background = self.step(|method| method.forecast(window))?;
+        // All members of an ensemble share the predictors of its mean.
+        let observed = &*observed.anchored(&background.state);
         let asked = with_influence && !observed.is_empty();
         let memory = asked.then(|| self.method.save()).transpose()?;
         let analysis = self.step(|method| method.analyse(observed))?;
@@ -264,9 +266,9 @@ impl Runner {
         result
     }
 
-    /// The method's blocks and leading common factors after the cycle, for viewers; no part of its cost.
-    pub fn structure(&self, observed: &ObservationWindow, factors: usize) -> Option<Structure> {
-        self.method.structure(observed, factors)
+    /// The method's blocks and leading common factors after the cycle with this background, for viewers; no part of its cost.
+    pub fn structure(&self, observed: &ObservationWindow, background: &State, factors: usize) -> Option<Structure> {
+        self.method.structure(&observed.anchored(background), factors)
     }
 
     /// What goes together with the error of one value of the analysis, for viewers; no part of the method's cost.

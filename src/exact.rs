@@ -259,6 +259,12 @@ fn check_linear(scenario: &Scenario) -> Result<(), ScenarioError> {
             let message = format!("exact performance needs normal errors, and network {name} has faults");
             return Err(scenario.fault(&["networks", name, "faults"], message, "these"));
         }
+        if network.has_air_mass_bias() {
+            let message = format!(
+                "exact performance needs biases that do not depend on the state, and network {name} has air_mass terms"
+            );
+            return Err(scenario.fault(&["networks", name, "bias"], message, "in one of these"));
+        }
     }
     Ok(())
 }

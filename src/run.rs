@@ -236,7 +236,7 @@ fn one_cycle(
             scores.totals[number].add(&own);
         }
         let factors = shown_factors(cycle, info.cycles);
-        let structure = || method.runner.structure(&observed, factors);
+        let structure = || method.runner.structure(&observed, &outcome.background.state, factors);
         let middle = Correlations::middle(&info.layout);
         let correlations = || method.runner.correlations(middle, &outcome.analysis.estimate);
         send(Event::Analysed(Analysed {

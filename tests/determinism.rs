@@ -93,6 +93,7 @@ fn nor_in_other_methods() {
     "#;
     let model_error = "[model_error]\ncomponents = [{ kind = \"white\", variable = \"h\", sigma = 1 }]\n";
     let valid = include_str!("common/valid.toml").split("[methods.free]").next().unwrap().to_string();
-    let text = valid + model_error + methods;
+    let air_mass = "[[networks.polar.bias]]\nterm = \"air_mass\"\nvariable = \"u\"\nmean = 3\nscale = 5\nsigma = 8\n";
+    let text = valid + air_mass + model_error + methods;
     checked(&Scenario::parse(Path::new("others.toml"), &text).unwrap());
 }

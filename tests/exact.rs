@@ -192,6 +192,10 @@ fn the_program_prints_it_and_names_what_it_cannot_compute() {
     write("nonlinear.toml", VALID);
     write("other.toml", &TRACER.replace("[cycle]", "[truth]\nmodel = { scheme = \"third_order_upwind\" }\n[cycle]"));
     write("faulty.toml", &TRACER.replace("missing_rate = 0.0", "faults = { gross_error_rate = 0.1 }"));
+    let satellite = "[networks.polar]\nkind = \"satellite\"\nvariable = \"tracer\"\nsigma = 0.3\nswath_width_km = 300\n\
+                     scan_positions = 3\nalong_track_spacing_km = 100\nfootprint_sigma_km = 0\n[[networks.polar.bias]]\n\
+                     term = \"air_mass\"\nvariable = \"tracer\"\nmean = 0\nscale = 1\nsigma = 0.1\n[methods.kf]";
+    write("air_mass.toml", &TRACER.replacen("[methods.kf]", satellite, 1));
     write("large.toml", &TRACER.replace("nx = 9", "nx = 900"));
     let output = isobar(here, &["exact", "tracer.toml"]);
     assert!(output.status.success(), "{}", text(&output.stderr));
@@ -207,6 +211,7 @@ fn the_program_prints_it_and_names_what_it_cannot_compute() {
     assert!(complaint(&["nonlinear.toml"]).contains("shallow_water is not linear"));
     assert!(complaint(&["other.toml"]).contains("the same model for the truth"));
     assert!(complaint(&["faulty.toml"]).contains("network fixed has faults"));
+    assert!(complaint(&["air_mass.toml"]).contains("network polar has air_mass"));
     assert!(complaint(&["large.toml"]).contains("more than the 4000"));
     assert!(complaint(&["tracer.toml", "--methods", "kv"]).contains("no method `kv`"));
     assert!(complaint(&["tracer.toml", "--cycles", "2"]).contains("counts scores from cycle 3"));

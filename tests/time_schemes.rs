@@ -10,7 +10,8 @@ use std::path::Path;
 /// RMSE of the analysis of h for `fkf` and `four_d_var` in the quickstart with a time scheme and a step \[s\].
 fn errors(time_scheme: &str, time_step_s: i64) -> [f64; 2] {
     let text = include_str!("../scenarios/quickstart.toml").split("[methods.").next().unwrap();
-    let methods = "[methods]\nfkf = { kind = \"fkf\", factors = 40 }\nfour_d_var = { kind = \"4dvar\", window_cycles = 2 }\n";
+    let methods =
+        "[methods]\nfkf = { kind = \"fkf\", factors = 40 }\nfour_d_var = { kind = \"4dvar\", window_cycles = 2 }\n";
     let text = format!("{text}{methods}")
         .replace("time_scheme = \"rk4\"", &format!("time_scheme = \"{time_scheme}\""))
         .replace("time_step_s = 1200", &format!("time_step_s = {time_step_s}"));

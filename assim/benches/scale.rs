@@ -276,6 +276,7 @@ fn instruments(n: usize) -> [InstrumentConfig; 2] {
         schedule: Schedule::EVERY_CYCLE,
         faults: Faults::NONE,
         biases: vec![bias(ScanTerm::Offset), bias(ScanTerm::Linear)],
+        air_mass_biases: Vec::new(),
     };
     [InstrumentConfig::Radiosonde(sondes), InstrumentConfig::Satellite(satellite)]
 }

@@ -4,10 +4,11 @@ pub mod radiosonde;
 pub mod recorded;
 pub mod satellite;
 
+use crate::air_mass::Predictor;
 use crate::error::{ObservationError, list, require};
 use crate::faults::Faults;
 use crate::window::Report;
-use isobar_model::{Layout, Time};
+use isobar_model::{Layout, State, Time};
 use radiosonde::RadiosondeConfig;
 use rand_chacha::ChaCha8Rng;
 use recorded::RecordedConfig;
@@ -114,7 +115,23 @@ pub(crate) struct Observation {
     pub sigma: f64,
     pub reading: Reading,
     pub state_row: Vec<(usize, f64)>,
+    /// G: what of its biases does not depend on the state.
     pub calibration_row: Vec<(usize, f64)>,
+    /// What does.
+    pub predictors: Vec<Predictor>,
+}
+
+impl Observation {
+    /// (G + P(x)) c.
+    pub fn bias(&self, x: &State, calibration: &[f64]) -> f64 {
+        let fixed: f64 = self.calibration_row.iter().map(|&(column, value)| value * calibration[column]).sum();
+        fixed + self.predictors.iter().map(|own| own.bias(x, calibration)).sum::<f64>()
+    }
+
+    /// Its row of G + P(x).
+    pub fn calibration_row_at(&self, x: &State) -> Vec<(usize, f64)> {
+        self.calibration_row.iter().copied().chain(self.predictors.iter().map(|own| own.entry(x))).collect()
+    }
 }
 
 /// What an observation reads.

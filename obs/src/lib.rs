@@ -12,7 +12,7 @@
 //! - [`instrument`]: [`InstrumentConfig`], [`Schedule`]; [`instrument::radiosonde`], [`instrument::satellite`]
 //! - [`network`], [`stations`]: where stations come from, and station files
 //! - [`observation_file`], [`instrument::recorded`]: observations that somebody else made
-//! - [`bias`]: how biases truly behave, and what methods may assume
+//! - [`bias`]: how biases truly behave, and what methods may assume; [`air_mass`]: those that depend on the state
 //! - [`faults`]: [`Faults`], reports that must not be believed
 //! - [`footprint`](mod@footprint): what a satellite averages over
 //! - [`projection`]: the plane's place on the Earth
@@ -20,6 +20,7 @@
 //!
 //! `testing` (feature `testing`): the contract battery that any operator must pass.
 
+pub mod air_mass;
 pub mod bias;
 mod biases;
 pub mod block_angular;
@@ -40,6 +41,7 @@ pub mod system;
 pub mod testing;
 pub mod window;
 
+pub use air_mass::AirMassBias;
 pub use bias::{BiasProcess, Evolution, InitialBias};
 pub use block_angular::BlockAngular;
 pub use calibration::{ByPlacement, Calibration, Parameter, Placement};

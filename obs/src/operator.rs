@@ -19,6 +19,22 @@ pub trait ObservationOperator: Send + Sync {
 
     /// The Jacobians of h at (x, c), as a value.
     fn linearize(&self, x: &State, calibration: &[f64]) -> BlockAngular;
+
+    /// The operator with its bias predictors fixed at those of a background x_b, which makes it linear in state and calibration;
+    /// `None` if it has no predictors that depend on the state.
+    ///
+    /// ```text
+    /// h_b(x, c) = X x + (G + P(x_b)) c
+    /// ```
+    ///
+    /// This is what variational bias correction does in practice: a bias must not pull the state by way of its predictor (Dee
+    /// 2005, Q. J. R. Meteorol. Soc. 131, 3323–3343). The error that it leaves in observation i is Σ_j β_j (p_j(x_true) −
+    /// p_j(x_b)), of the size of β times the background's error in units of the predictor's scale; methods are not told of it.
+    /// Where x_b is the conditional mean of x_true, that error has mean 0 and is uncorrelated with p(x_b), so it adds to the
+    /// random error but leaves estimates of β unbiased; of a worse background it biases them.
+    fn anchored(&self, _background: &State) -> Option<LinearOperator> {
+        None
+    }
 }
 
 /// An operator that is linear in both arguments: interpolation, footprints, additive biases.

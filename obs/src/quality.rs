@@ -8,7 +8,7 @@
 //! S_ij = s² exp(−r_ij² / 2L²) + Σ_p G_ip G_jp σ_p² + δ_ij σ_i²
 //! ```
 //!
-//! (s² from the departures' own median, L given, σ_p the prior of bias parameter p), every observation is predicted from
+//! (G with the bias predictors of x_f; s² from the departures' own median, L given, σ_p the prior of bias parameter p), every observation is predicted from
 //! its nearest neighbours N of the same variable:
 //!
 //! ```text
@@ -194,6 +194,8 @@ struct Departures<'a> {
     grid: &'a Grid,
     calibration: &'a Calibration,
     length_m: f64,
+    /// G of each, predictors being those of the reference.
+    calibration_rows: Vec<Vec<(usize, f64)>>,
     /// d.
     departures: Vec<f64>,
     /// s².
@@ -212,7 +214,9 @@ impl<'a> Departures<'a> {
     ) -> Self {
         let departures: Vec<f64> = own.iter().map(|it| departure(it, reference)).collect();
         let (grid, length_m) = (&layout.grid, control.length_m);
-        let mut all = Self { own, grid, calibration, length_m, departures, variance: 0.0, neighbours: Vec::new() };
+        let calibration_rows = own.iter().map(|it| it.observation.calibration_row_at(reference)).collect();
+        let (variance, neighbours) = (0.0, Vec::new());
+        let mut all = Self { own, grid, calibration, length_m, calibration_rows, departures, variance, neighbours };
         let total = (median(all.departures.iter().map(|d| d.abs()).collect()) / NORMAL_MEDIAN).powi(2);
         let known = median((0..own.len()).map(|i| all.covariance(i, i)).collect());
         all.variance = (total - known).max(0.25 * total);
@@ -276,15 +280,14 @@ impl<'a> Departures<'a> {
 
     /// S_ij.
     fn covariance(&self, i: usize, j: usize) -> f64 {
-        let (a, b) = (&self.own[i].observation, &self.own[j].observation);
         let r2 = self.squared_distance(i, j) / self.length_m.powi(2);
         let mut covariance = self.variance * (-0.5 * r2).exp();
-        for &(p, g) in &a.calibration_row {
-            for &(_, other) in b.calibration_row.iter().filter(|entry| entry.0 == p) {
+        for &(p, g) in &self.calibration_rows[i] {
+            for &(_, other) in self.calibration_rows[j].iter().filter(|entry| entry.0 == p) {
                 covariance += g * other * self.calibration.parameters[p].sigma_prior.powi(2);
             }
         }
-        if i == j { covariance + a.sigma.powi(2) } else { covariance }
+        if i == j { covariance + self.own[i].observation.sigma.powi(2) } else { covariance }
     }
 
     /// r_ij², the shortest way round where the domain is periodic \[m²\].

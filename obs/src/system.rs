@@ -1,5 +1,6 @@
 //! The observing system of an experiment: all of its instruments, and their true biases as time goes by.
 
+use crate::air_mass::AirMassOperator;
 use crate::bias::BiasProcess;
 use crate::biases::Biases;
 use crate::block_angular::BlockAngular;
@@ -11,7 +12,7 @@ use crate::instrument::recorded::Recorded;
 use crate::instrument::satellite::Satellite;
 use crate::instrument::{Instrument, InstrumentConfig, Observation, Reading};
 use crate::network::{LeftOutStation, Station};
-use crate::operator::LinearOperator;
+use crate::operator::{LinearOperator, ObservationOperator};
 use crate::projection::Projection;
 use crate::quality::{self, Arrival, QualityControl, RejectedObservation, Rejection};
 use crate::sparse::SparseRows;
@@ -44,7 +45,7 @@ impl SavedSystem {
 /// ```
 ///
 /// X interpolates the state x to the stations or averages it over footprints; G says which parameters c (biases)
-/// each observation has. Every instrument, and every parameter, has its own random stream (`observations/europe`,
+/// each observation has, and has beside them the predictors p(x) of an [air-mass bias](crate::AirMassBias). Every instrument, and every parameter, has its own random stream (`observations/europe`,
 /// `missing/europe`, `stations/europe`, `bias/europe/h/Germany`), so that adding one changes none of the others.
 ///
 /// ```
@@ -250,7 +251,7 @@ impl ObservingSystem {
                     Reading::Error(error) => (dot(&observation.state_row, truth.values()) + error, time),
                     Reading::Value(value, time) => (value, time),
                 };
-                let value = value_bias_removed + dot(&observation.calibration_row, self.biases.values());
+                let value = value_bias_removed + observation.bias(truth, self.biases.values());
                 Arrival { observation, value, value_bias_removed, time }
             };
             let own = observations.into_iter().map(arrive).collect();
@@ -266,23 +267,28 @@ impl ObservingSystem {
     fn window(&self, time: Time, arrivals: Vec<Arrival>, rejections: &[Option<Rejection>]) -> ObservationWindow {
         let (mut reports, mut values, mut values_bias_removed, mut sigma) =
             (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let mut rejected = Vec::new();
+        let (mut rejected, mut predictors) = (Vec::new(), Vec::new());
         let mut jacobian = BlockAngular { state: SparseRows::new(), calibration: SparseRows::new() };
         for (arrival, rejection) in arrivals.into_iter().zip(rejections) {
             let Arrival { observation, value, value_bias_removed, .. } = arrival;
-            let Observation { report, sigma: own, state_row, calibration_row, .. } = observation;
+            let Observation { report, sigma: own, state_row, calibration_row, predictors: of_state, .. } = observation;
             if let Some(rejection) = *rejection {
                 rejected.push(RejectedObservation { report, value, sigma: own, rejection });
                 continue;
             }
             jacobian.state.push_row(state_row);
             jacobian.calibration.push_row(calibration_row);
+            predictors.push(of_state);
             values.push(value);
             values_bias_removed.push(value_bias_removed);
             sigma.push(own);
             reports.push(report);
         }
-        let operator = Arc::new(LinearOperator { jacobian });
+        let linear = LinearOperator { jacobian };
+        let operator: Arc<dyn ObservationOperator> = match predictors.iter().all(Vec::is_empty) {
+            true => Arc::new(linear),
+            false => Arc::new(AirMassOperator::new(linear, predictors)),
+        };
         ObservationWindow { time, cycle: self.cycle, reports, values, values_bias_removed, sigma, rejected, operator }
     }
 }

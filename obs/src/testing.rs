@@ -164,8 +164,8 @@ fn falls_quadratically(residuals: &[f64]) -> bool {
 mod tests {
     use super::*;
     use crate::{
-        BiasProcess, BiasScope, BlockAngular, InstrumentConfig, ObservingSystem, RadiosondeConfig, SatelliteConfig,
-        SparseRows, StationBias, StationSource,
+        AirMassBias, BiasProcess, BiasScope, BlockAngular, InstrumentConfig, ObservingSystem, RadiosondeConfig,
+        SatelliteConfig, SparseRows, StationBias, StationSource,
     };
     use isobar_model::{Boundary, Duration, Grid, Layout, Location, Time, Variable};
     use std::sync::Arc;
@@ -198,6 +198,10 @@ mod tests {
             let mut satellite = SatelliteConfig::new("polar");
             (satellite.swath_width_m, satellite.footprint_sigma_m) = (1e6, 1.5e5);
             satellite.track_angle_deg = 10.0;
+            for (variable, scale) in [("h", 2.0), ("u", 0.5)] {
+                let (variable, process) = (variable.to_owned(), BiasProcess::constant(3.0));
+                satellite.air_mass_biases.push(AirMassBias { variable, mean: 0.7, scale, process });
+            }
             let configs = [InstrumentConfig::Radiosonde(network), InstrumentConfig::Satellite(satellite)];
             let (start, window) = (Time::from_seconds(0), Duration::from_seconds(21_600));
             let mut system = ObservingSystem::new(&layout, None, &configs, 3, window, start).unwrap();
@@ -206,6 +210,8 @@ mod tests {
                 assert!(observed.len() > 180);
                 let x = random_state(&layout, 2);
                 check_operator(&*observed.operator, &x, system.true_calibration(), 5).unwrap();
+                let anchored = observed.anchored(&random_state(&layout, 3));
+                check_operator(&*anchored.operator, &x, system.true_calibration(), 5).unwrap();
             }
         }
     }

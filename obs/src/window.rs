@@ -2,8 +2,9 @@
 
 use crate::operator::ObservationOperator;
 use crate::quality::RejectedObservation;
-use isobar_model::Time;
+use isobar_model::{State, Time};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// What is known of one observation beside its value.
@@ -53,5 +54,14 @@ impl ObservationWindow {
     /// Whether nothing was reported.
     pub fn is_empty(&self) -> bool {
         self.values.is_empty()
+    }
+
+    /// The same observations with bias predictors that are those of a background:
+    /// [`anchored`](ObservationOperator::anchored).
+    pub fn anchored(&self, background: &State) -> Cow<'_, Self> {
+        match self.operator.anchored(background) {
+            Some(operator) => Cow::Owned(Self { operator: Arc::new(operator), ..self.clone() }),
+            None => Cow::Borrowed(self),
+        }
     }
 }

@@ -5,8 +5,8 @@ mod common;
 use common::*;
 use isobar_model::{Boundary, Duration, Time};
 use isobar_obs::{
-    BiasProcess, BiasScope, InstrumentConfig, ObservationError, ObservedVariable, ObservingSystem, RadiosondeConfig,
-    SatelliteConfig, ScanBias, ScanTerm, Schedule, StationBias, StationSource, Stations,
+    AirMassBias, BiasProcess, BiasScope, InstrumentConfig, ObservationError, ObservedVariable, ObservingSystem,
+    RadiosondeConfig, SatelliteConfig, ScanBias, ScanTerm, Schedule, StationBias, StationSource, Stations,
 };
 
 fn error(configs: &[InstrumentConfig]) -> ObservationError {
@@ -169,6 +169,22 @@ fn what_a_satellite_scans() {
     for angle in [90.0, f64::NAN] {
         satellite_error("track_angle_deg", "from -60 to 60", |config| config.track_angle_deg = angle);
     }
+    let air_mass = |variable: &str, mean, scale| AirMassBias {
+        variable: variable.to_owned(),
+        mean,
+        scale,
+        process: BiasProcess::constant(1.0),
+    };
+    satellite_error("biases.variable", "names `q`", |config| config.air_mass_biases = vec![air_mass("q", 0.0, 1.0)]);
+    for scale in [0.0, -1.0, f64::NAN] {
+        satellite_error("biases.scale", "above 0", |config| config.air_mass_biases = vec![air_mass("h", 0.0, scale)]);
+    }
+    satellite_error("biases.mean", "must be finite", |config| {
+        config.air_mass_biases = vec![air_mass("h", f64::INFINITY, 1.0)];
+    });
+    satellite_error("biases", "has `polar/air_mass_h` twice", |config| {
+        config.air_mass_biases = vec![air_mass("h", 0.0, 1.0), air_mass("h", 5.0, 1.0)];
+    });
     satellite_error("biases", "has `polar/offset` twice", |config| {
         config.biases.push(ScanBias { term: ScanTerm::Offset, process: BiasProcess::constant(1.0) });
     });

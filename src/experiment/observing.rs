@@ -2,13 +2,14 @@
 
 use super::ExperimentError;
 use crate::scenario::{
-    Bias, BiasEvolution, BiasOwner, FileSettings, InitialBias, Instrument, Network, RadiosondeSettings,
+    Bias, BiasEvolution, BiasOwner, FileSettings, InitialBias, Instrument, Network, RadiosondeSettings, SatelliteBias,
     SatelliteSettings, Scenario, Schedule, StationLayout,
 };
 use isobar_model::Grid;
 use isobar_obs::{
-    BiasProcess, BiasScope, Evolution, Heading, InstrumentConfig, ObservationError, ObservationFile, ObservedVariable,
-    RadiosondeConfig, RecordedConfig, SatelliteConfig, ScanBias, ScanTerm, StationBias, StationSource, Stations,
+    AirMassBias, BiasProcess, BiasScope, Evolution, Heading, InstrumentConfig, ObservationError, ObservationFile,
+    ObservedVariable, RadiosondeConfig, RecordedConfig, SatelliteConfig, ScanBias, ScanTerm, StationBias,
+    StationSource, Stations,
 };
 use std::io::Read as _;
 use std::path::Path;
@@ -121,19 +122,25 @@ fn satellite(name: &str, network: &Network, own: &SatelliteSettings, grid: &Grid
     config.track_angle_deg = own.track_angle_deg;
     config.schedule = schedule(network.schedule);
     config.faults = network.faults;
-    config.biases = own
-        .biases
-        .iter()
-        .map(|bias| ScanBias {
-            term: match bias.pattern {
-                crate::scenario::ScanTerm::Offset => ScanTerm::Offset,
-                crate::scenario::ScanTerm::Linear => ScanTerm::Linear,
-                crate::scenario::ScanTerm::Quadratic => ScanTerm::Quadratic,
-            },
-            process: process(bias),
-        })
-        .collect();
+    config.biases.clear();
+    for bias in &own.biases {
+        let process = process(bias);
+        match &bias.pattern {
+            SatelliteBias::Scan(term) => config.biases.push(ScanBias { term: scan_term(*term), process }),
+            &SatelliteBias::AirMass { ref variable, mean, scale } => {
+                config.air_mass_biases.push(AirMassBias { variable: variable.clone(), mean, scale, process });
+            }
+        }
+    }
     config
+}
+
+fn scan_term(term: crate::scenario::ScanTerm) -> ScanTerm {
+    match term {
+        crate::scenario::ScanTerm::Offset => ScanTerm::Offset,
+        crate::scenario::ScanTerm::Linear => ScanTerm::Linear,
+        crate::scenario::ScanTerm::Quadratic => ScanTerm::Quadratic,
+    }
 }
 
 fn recorded(name: &str, own: &FileSettings, scenario: &Scenario) -> Result<RecordedConfig, ExperimentError> {

@@ -1,5 +1,7 @@
 //! `[[networks.NAME.bias]]`: the biases of an observing system.
 
+use super::covariance::variable;
+use super::model::ModelSettings;
 use super::reader::{Field, Kind, Limits, Read, Section};
 
 /// A bias, or one for each group or station.
@@ -85,39 +87,76 @@ pub enum ScanTerm {
     Quadratic,
 }
 
+/// What a satellite bias depends on.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SatelliteBias {
+    /// The scan position.
+    Scan(ScanTerm),
+    /// The state where the satellite looks.
+    AirMass {
+        /// The variable.
+        variable: String,
+        /// What is subtracted from it, in its unit.
+        mean: f64,
+        /// What it is then divided by, in its unit.
+        scale: f64,
+    },
+}
+
 const COMMON: [&str; 6] = ["sigma", "value", "evolution", "known", "assumed_sigma", "assumed_drift_per_sqrt_day"];
 
 /// The biases of radiosondes that observe `observed`.
 pub(super) fn read_radiosonde(field: Option<Field<'_>>, observed: &[String]) -> Read<Vec<Bias<RadiosondeBias>>> {
-    read(field, &["per", "variable"], |section| {
+    let keys: Vec<&str> = ["per", "variable"].into_iter().chain(COMMON).collect();
+    read(field, "per", |element| {
+        let section = element.section(&keys)?;
         let names: Vec<(&str, &str)> = observed.iter().map(|name| (name.as_str(), name.as_str())).collect();
-        Ok(RadiosondeBias {
+        let bias = RadiosondeBias {
             per: section.required("per")?.choice(&[("group", BiasOwner::Group), ("station", BiasOwner::Station)])?,
             variable: section.required("variable")?.choice(&names)?.to_string(),
-        })
+        };
+        Ok((bias, section))
     })
 }
 
 /// The biases of a satellite.
-pub(super) fn read_satellite(field: Option<Field<'_>>) -> Read<Vec<Bias<ScanTerm>>> {
-    const TERMS: &[(&str, ScanTerm)] =
-        &[("offset", ScanTerm::Offset), ("scan_linear", ScanTerm::Linear), ("scan_quadratic", ScanTerm::Quadratic)];
-    read(field, &["term"], |section| section.required("term")?.choice(TERMS))
+pub(super) fn read_satellite(field: Option<Field<'_>>, model: &ModelSettings) -> Read<Vec<Bias<SatelliteBias>>> {
+    const AIR_MASS: [&str; 9] = {
+        let [a, b, c, d, e, f] = COMMON;
+        ["variable", "mean", "scale", a, b, c, d, e, f]
+    };
+    const TERMS: &[Kind<Option<ScanTerm>>] = &[
+        ("offset", Some(ScanTerm::Offset), &COMMON),
+        ("scan_linear", Some(ScanTerm::Linear), &COMMON),
+        ("scan_quadratic", Some(ScanTerm::Quadratic), &COMMON),
+        ("air_mass", None, &AIR_MASS),
+    ];
+    read(field, "term", |element| {
+        let (term, section) = element.section_by("term", TERMS)?;
+        let bias = match term {
+            Some(term) => SatelliteBias::Scan(term),
+            None => SatelliteBias::AirMass {
+                variable: variable(&section.required("variable")?, model)?,
+                mean: section.number("mean", Limits::Any)?,
+                scale: section.number("scale", Limits::Positive)?,
+            },
+        };
+        Ok((bias, section))
+    })
 }
 
-fn read<Pattern: PartialEq>(
-    field: Option<Field<'_>>,
-    keys: &[&str],
-    pattern: impl Fn(&Section<'_>) -> Read<Pattern>,
+/// Biases, of which two must not be the same in what `pattern` finds; `key` is where they say so.
+fn read<'a, Pattern: PartialEq>(
+    field: Option<Field<'a>>,
+    key: &str,
+    pattern: impl Fn(&Field<'a>) -> Read<(Pattern, Section<'a>)>,
 ) -> Read<Vec<Bias<Pattern>>> {
-    let keys: Vec<&str> = keys.iter().copied().chain(COMMON).collect();
     let mut biases: Vec<Bias<Pattern>> = Vec::new();
     for element in field.map_or(Ok(Vec::new()), |field| field.elements(100))? {
-        let section = element.section(&keys)?;
-        let pattern = pattern(&section)?;
+        let (pattern, section) = pattern(&element)?;
         if biases.iter().any(|bias| bias.pattern == pattern) {
             let message = format!("[{}] is the same bias as one before it", section.title());
-            return Err(section.required(keys[0])?.invalid(message, "there is one such bias already"));
+            return Err(section.required(key)?.invalid(message, "there is one such bias already"));
         }
         biases.push(bias(&section, pattern)?);
     }

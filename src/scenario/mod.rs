@@ -29,7 +29,7 @@ mod time_volume;
 
 pub use accept::{AcceptError, accept, with_expected};
 pub use adapt::Adapt;
-pub use bias::{Bias, BiasEvolution, BiasOwner, InitialBias, RadiosondeBias, ScanTerm};
+pub use bias::{Bias, BiasEvolution, BiasOwner, InitialBias, RadiosondeBias, SatelliteBias, ScanTerm};
 pub use covariance::CovarianceComponent;
 pub use cycle::{CycleSettings, OutputSettings, TruthSettings};
 pub use error::ScenarioError;

@@ -1,6 +1,6 @@
 //! `[networks.NAME]`: the observing systems.
 
-use super::bias::{self, Bias, RadiosondeBias, ScanTerm};
+use super::bias::{self, Bias, RadiosondeBias, SatelliteBias};
 use super::covariance::variable;
 use super::grid::GridSettings;
 use super::model::ModelSettings;
@@ -23,6 +23,14 @@ pub struct Network {
     pub faults: Faults,
     /// What it is.
     pub instrument: Instrument,
+}
+
+impl Network {
+    /// Whether a bias that methods must estimate depends on the state.
+    pub fn has_air_mass_bias(&self) -> bool {
+        let Instrument::Satellite(own) = &self.instrument else { return false };
+        own.biases.iter().any(|bias| !bias.known && matches!(bias.pattern, SatelliteBias::AirMass { .. }))
+    }
 }
 
 /// The cycles in which an observing system reports: `first_cycle`, and every `interval_cycles` from there.
@@ -126,7 +134,7 @@ pub struct SatelliteSettings {
     /// Angle of the track to the y axis, positive when the satellite moves to the east \[degrees\].
     pub track_angle_deg: f64,
     /// The biases: one factor for each term.
-    pub biases: Vec<Bias<ScanTerm>>,
+    pub biases: Vec<Bias<SatelliteBias>>,
 }
 
 /// Which way a satellite flies.
@@ -372,7 +380,7 @@ fn satellite(section: &Section<'_>, grid: &GridSettings, model: &ModelSettings) 
         shift_per_cycle_m: section.number_or("shift_per_cycle_km", 0.0, Limits::Between(-1e5, 1e5))? * 1e3,
         heading: section.optional("heading").map_or(Ok(Heading::Northward), |field| field.choice(HEADINGS))?,
         track_angle_deg: section.number_or("track_angle_deg", 0.0, Limits::Between(-60.0, 60.0))?,
-        biases: bias::read_satellite(section.optional("bias"))?,
+        biases: bias::read_satellite(section.optional("bias"), model)?,
     };
     let lines = grid.grid.height_m() / settings.along_track_spacing_m;
     if lines * settings.scan_positions as f64 > 1e6 {

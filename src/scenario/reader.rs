@@ -297,21 +297,31 @@ impl<'a> Field<'a> {
 
     /// A table whose `kind` says what it is, with the keys of that kind at most.
     pub fn section_of_kind<T: Copy>(&self, kinds: &[Kind<T>]) -> Read<(T, Section<'a>)> {
+        self.section_by("kind", kinds)
+    }
+
+    /// The same, where another key says what it is.
+    pub fn section_by<T: Copy>(&self, key: &str, kinds: &[Kind<T>]) -> Read<(T, Section<'a>)> {
         let section = self.any_section()?;
         let names: Vec<(&str, usize)> = kinds.iter().enumerate().map(|(number, kind)| (kind.0, number)).collect();
-        let Some(kind) = section.optional("kind") else {
+        let Some(kind) = section.optional(key) else {
             let union: Vec<&str> =
-                std::iter::once("kind").chain(kinds.iter().flat_map(|kind| kind.2.iter().copied())).collect();
+                std::iter::once(key).chain(kinds.iter().flat_map(|kind| kind.2.iter().copied())).collect();
             section.check_keys(&union, &[])?;
             let help = format!(
-                "kind = {}",
+                "{key} = {}",
                 names.iter().map(|(name, _)| format!("\"{name}\"")).collect::<Vec<_>>().join(" or ")
             );
-            let message = format!("`kind` is missing in [{}]", section.title());
-            return Err(self.file.error(section.span.clone(), message, "`kind` must be given here", Some(help)));
+            let message = format!("`{key}` is missing in [{}]", section.title());
+            return Err(self.file.error(
+                section.span.clone(),
+                message,
+                &format!("`{key}` must be given here"),
+                Some(help),
+            ));
         };
         let (_, meaning, keys) = kinds[kind.choice(&names)?];
-        let keys: Vec<&str> = std::iter::once("kind").chain(keys.iter().copied()).collect();
+        let keys: Vec<&str> = std::iter::once(key).chain(keys.iter().copied()).collect();
         let elsewhere: Vec<(&str, &[&str])> = kinds.iter().map(|kind| (kind.0, kind.2)).collect();
         section.check_keys(&keys, &elsewhere)?;
         Ok((meaning, section))

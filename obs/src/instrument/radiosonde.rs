@@ -177,6 +177,7 @@ impl Instrument for Radiosondes {
                     reading: Reading::Error(channel.sigma * normal),
                     state_row: channel.state_row.clone(),
                     calibration_row: channel.calibration_row.clone(),
+                    predictors: Vec::new(),
                 });
             }
         }

@@ -58,7 +58,10 @@ impl Recorded {
             let platform = record.id.clone().unwrap_or_else(|| words(record.place));
             let report = Report { network: network.clone(), platform: platform.into(), variable, x_m, y_m, scan: None };
             let reading = Reading::Value(record.value, time);
-            Ok((cycle, Observation { report, sigma, reading, state_row, calibration_row: Vec::new() }))
+            Ok((
+                cycle,
+                Observation { report, sigma, reading, state_row, calibration_row: Vec::new(), predictors: Vec::new() },
+            ))
         });
         let mut observations = all.collect::<Result<Vec<_>, ObservationError>>()?;
         if observations.iter().all(|observation| observation.0 == 0) {

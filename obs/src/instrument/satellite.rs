@@ -1,5 +1,6 @@
 //! Satellites: a swath of footprints that moves from cycle to cycle, with a bias that depends on the scan position.
 
+use crate::air_mass::{AirMassBias, Predictor};
 use crate::bias::BiasProcess;
 use crate::biases::Biases;
 use crate::calibration::Placement;
@@ -9,7 +10,7 @@ use crate::footprint::{TRUNCATION, footprint};
 use crate::instrument::{Instrument, MOST_PLATFORMS, Observation, ObservedVariable, Reading, Schedule};
 use crate::window::Report;
 use isobar_model::random::stream;
-use isobar_model::{Boundary, Grid, Layout};
+use isobar_model::{Boundary, Grid, Layout, Location};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::sync::Arc;
@@ -55,8 +56,10 @@ pub struct SatelliteConfig {
     pub track_angle_deg: f64,
     /// In which cycles it passes.
     pub schedule: Schedule,
-    /// The biases; each term at most once.
+    /// The biases that depend on the scan position; each term at most once.
     pub biases: Vec<ScanBias>,
+    /// The biases that depend on the state.
+    pub air_mass_biases: Vec<AirMassBias>,
     /// Reports that must not be believed.
     pub faults: Faults,
 }
@@ -142,6 +145,7 @@ impl SatelliteConfig {
             track_angle_deg: 0.0,
             schedule: Schedule::EVERY_CYCLE,
             biases: terms.into_iter().zip(SCAN_BIAS_SIGMAS).map(bias).collect(),
+            air_mass_biases: Vec::new(),
             faults: Faults::NONE,
         }
     }
@@ -192,10 +196,22 @@ pub(crate) struct Satellite {
     grid: Grid,
     /// Number of the observed variable, and where it lives.
     variable: usize,
-    location: isobar_model::Location,
+    location: Location,
     /// (number in the calibration, term) of each unknown parameter.
     terms: Vec<(usize, ScanTerm)>,
+    air_mass_terms: Vec<AirMassTerm>,
     errors: ChaCha8Rng,
+}
+
+/// An unknown parameter whose bias depends on the state.
+struct AirMassTerm {
+    /// Its number in the calibration.
+    parameter: usize,
+    /// Number of the predictor's variable, and where it lives.
+    variable: usize,
+    location: Location,
+    mean: f64,
+    scale: f64,
 }
 
 /// The centre of a footprint.
@@ -219,15 +235,26 @@ impl Satellite {
         let name = &config.name;
         let variable = config.variable.find(layout, name, ["variable", "variable.sigma"])?;
         config.validate(&layout.grid)?;
+        let unit = layout.variables[variable].unit;
         let mut terms = Vec::new();
         for ScanBias { term, process } in &config.biases {
             let least = term.least_positions();
             let expected = format!("at least {least} for the bias `{}`", term.name());
             let positions = config.scan_positions;
             require(positions >= least, name, "scan_positions", positions as f64, expected)?;
-            let (parameter, unit) = (format!("{name}/{}", term.name()), layout.variables[variable].unit);
+            let parameter = format!("{name}/{}", term.name());
             if let Some(column) = biases.add(name, parameter, unit, Placement::Shared, process)? {
                 terms.push((column, *term));
+            }
+        }
+        let mut air_mass_terms = Vec::new();
+        for bias in &config.air_mass_biases {
+            let &AirMassBias { mean, scale, ref process, .. } = bias;
+            let variable = bias.find(layout, name)?;
+            let parameter = format!("{name}/{}", bias.name());
+            if let Some(parameter) = biases.add(name, parameter, unit, Placement::Shared, process)? {
+                let location = layout.variables[variable].location;
+                air_mass_terms.push(AirMassTerm { parameter, variable, location, mean, scale });
             }
         }
         Ok(Self {
@@ -237,8 +264,20 @@ impl Satellite {
             variable,
             location: layout.variables[variable].location,
             terms,
+            air_mass_terms,
             errors: stream(seed, &format!("observations/{name}")),
         })
+    }
+
+    /// The predictors at a footprint.
+    fn predictors(&self, x_m: f64, y_m: f64) -> Vec<Predictor> {
+        let predictor = |&AirMassTerm { parameter, variable, location, mean, scale }: &AirMassTerm| {
+            let entries = footprint(&self.grid, location, x_m, y_m, self.config.footprint_sigma_m);
+            let first = variable * self.grid.cells();
+            let row = entries.into_iter().map(|(index, weight)| (first + index, weight / scale)).collect();
+            Predictor { parameter, constant: -mean / scale, row }
+        };
+        self.air_mass_terms.iter().map(predictor).collect()
     }
 
     /// The footprints' centres in `cycle`, which is pass number `pass`, line by line along the heading.
@@ -295,6 +334,7 @@ impl Instrument for Satellite {
                 reading: Reading::Error(sigma * normal),
                 state_row: entries.into_iter().map(|(index, weight)| (first + index, weight)).collect(),
                 calibration_row: self.terms.iter().map(|&(column, term)| (column, term.value(s))).collect(),
+                predictors: self.predictors(x_m, y_m),
             });
         }
     }
