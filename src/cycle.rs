@@ -199,9 +199,9 @@ impl Runner {
         self.method.smoother_lag()
     }
 
-    /// Forecasts over a window and analyses the observations at its end, with bias predictors of that forecast; `with_influence` asks also what each type of
-    /// observations did, which is no part of the method's cost and changes nothing in its results. After the `last` cycle
-    /// no estimate will be revised any more.
+    /// Forecasts over a window and analyses the observations at its end, with bias predictors of that forecast;
+    /// `with_influence` asks also what each type of observations did, which is no part of the method's cost and changes
+    /// nothing in its results. After the `last` cycle no estimate will be revised any more.
     ///
     /// # Errors
     /// Why the method cannot go on: see [`Fault`]. It must not be called again.

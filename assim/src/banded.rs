@@ -42,8 +42,9 @@ use serde::{Deserialize, Serialize};
 ///
 /// The analysis is exact. What is dropped is dropped in the forecast: of A L W⁻¹ Lᵀ Aᵀ + Q only the band is kept, which need
 /// be no covariance; its correlations are tapered until it is one (`Band::covariance_factor`), by how much is among the
-/// [`EstimatedParameter`]s. Variances are kept in any case. With the full band it equals the Kalman filter, with no diagonal beside the main one every
-/// value's errors are taken to be independent of all others' but for what they have in common with the biases.
+/// [`EstimatedParameter`]s. Variances are kept in any case. With the full band it equals the Kalman filter, with no
+/// diagonal beside the main one every value's errors are taken to be independent of all others' but for what they have
+/// in common with the biases.
 ///
 /// With m values, a half-bandwidth h and n observations: m h² + n h² operations for an analysis, m² h for its claimed
 /// variances and for the forecast, whose m tangent-linear columns are made a few at a time; memory 3 m h.

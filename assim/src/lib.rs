@@ -17,7 +17,8 @@
 //! | [`response`], [`actual_errors`] | the gain of any of them, found by asking, and what it is worth |
 //!
 //! [`calibrated`] is what any of them makes of what is known of its sensors: earlier calibrations, recalibrations, biases
-//! that are not to be adjusted; [`adaptive`] one that finds out how large errors are; [`observability`] says which biases the data determine.
+//! that are not to be adjusted; [`adaptive`] one that finds out how large errors are; [`observability`] says which
+//! biases the data determine.
 //!
 //! All of them are given a [`Problem`], see models and observations only through traits and Jacobians, and are an
 //! [`Assimilator`]. [`covariance`] holds B and Q as operators; `testing` (feature `testing`) the contract they must keep.

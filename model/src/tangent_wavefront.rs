@@ -5,7 +5,8 @@
 //! The columns of a group are interleaved, so that one vector operation does the same for all of them, whatever the
 //! length of a row; the columns missing from a last group are zero. No column knows of the others, so that its bits
 //! are those it has alone. Long rows are swept in strips; the outermost places on either side of a strip become wrong by
-//! as many places as the stencil reaches with each stage, as a strip takes itself for periodic, and only what lies between them is written.
+//! as many places as the stencil reaches with each stage, as a strip takes itself for periodic, and only what lies
+//! between them is written.
 
 use crate::columns::Columns;
 use crate::grid::{Boundary, Grid};

@@ -1,7 +1,8 @@
 //! What can be wrong with a file of stations or observations or with the description of an observing system.
 
-/// Everything that can be wrong with a file of stations or observations or with the configuration of an instrument. Variants about a file
-/// carry its name and the line; variants about a configuration carry the instrument and the setting.
+/// Everything that can be wrong with a file of stations or observations or with the configuration of an instrument.
+/// Variants about a file carry its name and the line; variants about a configuration carry the instrument and the
+/// setting.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ObservationError {

@@ -8,8 +8,8 @@
 //! S_ij = s² exp(−r_ij² / 2L²) + Σ_p G_ip G_jp σ_p² + δ_ij σ_i²
 //! ```
 //!
-//! (G with the bias predictors of x_f; s² from the departures' own median, L given, σ_p the prior of bias parameter p), every observation is predicted from
-//! its nearest neighbours N of the same variable:
+//! (G with the bias predictors of x_f; s² from the departures' own median, L given, σ_p the prior of bias parameter p),
+//! every observation is predicted from its nearest neighbours N of the same variable:
 //!
 //! ```text
 //! r_i = d_i − S_iN S_NN⁻¹ d_N       v_i = S_ii − S_iN S_NN⁻¹ S_Ni       z_i = r_i / √v_i

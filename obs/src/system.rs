@@ -45,8 +45,9 @@ impl SavedSystem {
 /// ```
 ///
 /// X interpolates the state x to the stations or averages it over footprints; G says which parameters c (biases)
-/// each observation has, and has beside them the predictors p(x) of an [air-mass bias](crate::AirMassBias). Every instrument, and every parameter, has its own random stream (`observations/europe`,
-/// `missing/europe`, `stations/europe`, `bias/europe/h/Germany`), so that adding one changes none of the others.
+/// each observation has, and has beside them the predictors p(x) of an [air-mass bias](crate::AirMassBias). Every
+/// instrument, and every parameter, has its own random stream (`observations/europe`, `missing/europe`,
+/// `stations/europe`, `bias/europe/h/Germany`), so that adding one changes none of the others.
 ///
 /// ```
 /// use isobar_model::{Boundary, Duration, Grid, Layout, Location, State, Time, Variable};

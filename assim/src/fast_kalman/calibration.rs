@@ -1,4 +1,5 @@
-//! What the filter knows of the calibration parameters: their priors, their accuracy, and what a recalibration adds, or another source says.
+//! What the filter knows of the calibration parameters: their priors, their accuracy, and what a recalibration adds, or
+//! another source says.
 
 use super::FastKalmanFilter;
 use super::factors::Factors;
