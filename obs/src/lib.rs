@@ -37,6 +37,7 @@ pub mod quality;
 pub mod sparse;
 pub mod stations;
 pub mod system;
+mod table;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 pub mod window;

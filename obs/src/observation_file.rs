@@ -1,7 +1,7 @@
 //! Files of observations: a table in CSV of what was observed, where and when.
 
-use crate::error::{ObservationError, list};
-use crate::stations::{rows, split};
+use crate::error::ObservationError;
+use crate::table::Table;
 use isobar_model::Time;
 
 /// The observations of a file, in its order.
@@ -108,25 +108,18 @@ impl ObservationFile {
     /// Lines that are not rows of the table, missing or ambiguous columns, fields that are not what they must be, each with
     /// its line; a file without observations.
     pub fn parse(text: &str, file: &str) -> Result<Self, ObservationError> {
-        let mut rows = rows(text);
         let no_observations = || ObservationError::NoObservations { file: file.to_owned() };
-        let (header_line, header) = rows.next().ok_or_else(no_observations)?;
-        let columns = split(header, file, header_line)?;
-        let numbers = find_columns(&columns, file, header_line)?;
+        let table = Table::new(text, file)?.ok_or_else(no_observations)?;
+        let numbers = find_columns(&table)?;
         let mut records = Vec::new();
-        for (line, row) in rows {
-            let fields = split(row, file, line)?;
-            if fields.len() != columns.len() {
-                let problem =
-                    format!("there are {} fields, but the header has {} columns", fields.len(), columns.len());
-                return Err(ObservationError::MalformedLine { file: file.to_owned(), line, problem });
-            }
-            records.push(Row { file, line, columns: &columns, fields: &fields }.record(&numbers)?);
+        for row in table.lines() {
+            let (line, fields) = row?;
+            records.push(Row { file, line, columns: &table.columns, fields: &fields }.record(&numbers)?);
         }
         if records.is_empty() {
             return Err(no_observations());
         }
-        Ok(Self { file: file.to_owned(), columns, records })
+        Ok(Self { file: file.to_owned(), columns: table.columns, records })
     }
 
     /// Name of the file.
@@ -237,24 +230,13 @@ impl Row<'_> {
     }
 }
 
-fn find_columns(columns: &[String], file: &str, line: usize) -> Result<Columns, ObservationError> {
-    let ambiguous = |problem: String| ObservationError::AmbiguousColumns { file: file.to_owned(), line, problem };
-    let missing = |missing: &str| ObservationError::MissingColumn {
-        file: file.to_owned(),
-        line,
-        missing: missing.to_owned(),
-        present: list(columns),
-    };
-    for (index, column) in columns.iter().enumerate() {
-        if columns[..index].contains(column) {
-            return Err(ambiguous(format!("the header has two columns `{column}`; names of columns must differ")));
-        }
-    }
-    let find = |name: &str| columns.iter().position(|column| column == name);
+fn find_columns(table: &Table<'_>) -> Result<Columns, ObservationError> {
+    let (find, missing) = (|name| table.find(name), |name: &str| table.missing(name));
+    let ambiguous = |problem: &str| table.ambiguous(problem.to_owned());
     let (cycle, time) = (find("cycle"), find("time"));
     match (cycle, time) {
         (None, None) => return Err(missing("`cycle` (or `time`)")),
-        (Some(_), Some(_)) => return Err(ambiguous("the header has both `cycle` and `time`; keep one".to_owned())),
+        (Some(_), Some(_)) => return Err(ambiguous("the header has both `cycle` and `time`; keep one")),
         _ => {}
     }
     let pairs = [("x_m", "y_m"), ("latitude_deg", "longitude_deg"), ("column", "row")];
@@ -272,7 +254,7 @@ fn find_columns(columns: &[String], file: &str, line: usize) -> Result<Columns, 
         [(1, latitude, longitude)] => PlaceColumns::Geographic(latitude, longitude),
         [(_, column, row)] => PlaceColumns::GridPoint(column, row),
         [] => return Err(missing("`x_m` and `y_m` (or `latitude_deg` and `longitude_deg`, or `column` and `row`)")),
-        _ => return Err(ambiguous("the header has several kinds of position; keep one".to_owned())),
+        _ => return Err(ambiguous("the header has several kinds of position; keep one")),
     };
     let value = find("value").ok_or_else(|| missing("`value`"))?;
     Ok(Columns { cycle, time, place, value, variable: find("variable"), sigma: find("sigma"), id: find("id") })

@@ -1,6 +1,7 @@
 //! Station files: a table of stations in CSV, with any further columns to group them by.
 
 use crate::error::{ObservationError, list};
+use crate::table::Table;
 use std::collections::HashMap;
 
 /// The stations of a file, in its order.
@@ -63,21 +64,14 @@ impl Stations {
     /// Lines that are not rows of the table, missing or ambiguous columns, coordinates that are not numbers or out of
     /// range, empty or repeated identifiers, each with its line; a file without stations.
     pub fn parse(text: &str, file: &str) -> Result<Self, ObservationError> {
-        let mut rows = rows(text);
         let no_stations = || ObservationError::NoStations { file: file.to_owned() };
-        let (header_line, header) = rows.next().ok_or_else(no_stations)?;
-        let columns = split(header, file, header_line)?;
-        let (id_column, position_columns) = find_columns(&columns, file, header_line)?;
+        let table = Table::new(text, file)?.ok_or_else(no_stations)?;
+        let (id_column, position_columns) = find_columns(&table)?;
 
         let mut records = Vec::new();
         let mut line_of_id: HashMap<String, usize> = HashMap::new();
-        for (line, row) in rows {
-            let fields = split(row, file, line)?;
-            if fields.len() != columns.len() {
-                let problem =
-                    format!("there are {} fields, but the header has {} columns", fields.len(), columns.len());
-                return Err(ObservationError::MalformedLine { file: file.to_owned(), line, problem });
-            }
+        for row in table.lines() {
+            let (line, fields) = row?;
             let id = fields[id_column].clone();
             if id.is_empty() {
                 return Err(ObservationError::EmptyField { file: file.to_owned(), line, column: "id".to_owned() });
@@ -85,7 +79,7 @@ impl Stations {
             if let Some(first_line) = line_of_id.insert(id.clone(), line) {
                 return Err(ObservationError::DuplicateStation { file: file.to_owned(), line, id, first_line });
             }
-            let number = |column: usize, range| coordinate(&columns[column], &fields[column], range, file, line);
+            let number = |column: usize, range| coordinate(&table.columns[column], &fields[column], range, file, line);
             let position = match position_columns {
                 PositionColumns::Geographic(latitude, longitude) => Position::Geographic {
                     latitude_deg: number(latitude, Some((-90.0, 90.0)))?,
@@ -98,7 +92,7 @@ impl Stations {
         if records.is_empty() {
             return Err(no_stations());
         }
-        Ok(Self { file: file.to_owned(), columns, records })
+        Ok(Self { file: file.to_owned(), columns: table.columns, records })
     }
 
     /// Name of the file.
@@ -165,41 +159,9 @@ impl Stations {
     }
 }
 
-/// The lines of a table with their numbers from 1, without empty ones and remarks.
-pub(crate) fn rows(text: &str) -> impl Iterator<Item = (usize, &str)> {
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let lines = text.lines().enumerate().map(|(index, line)| (index + 1, line));
-    lines.filter(|(_, line)| !line.trim().is_empty() && !line.trim_start().starts_with('#'))
-}
-
-/// The fields of one line of CSV, without the blanks around them.
-pub(crate) fn split(line: &str, file: &str, number: usize) -> Result<Vec<String>, ObservationError> {
-    let malformed = |problem: String| ObservationError::MalformedLine { file: file.to_owned(), line: number, problem };
-    if line.matches('"').count() % 2 == 1 {
-        return Err(malformed("a quotation mark is not closed on its line".to_owned()));
-    }
-    let mut reader =
-        csv::ReaderBuilder::new().has_headers(false).trim(csv::Trim::All).from_reader(line.trim().as_bytes());
-    let mut record = csv::StringRecord::new();
-    reader.read_record(&mut record).map_err(|error| malformed(format!("this is not a line of CSV: {error}")))?;
-    Ok(record.iter().map(str::to_owned).collect())
-}
-
 /// The columns of the identifier and of the position.
-fn find_columns(columns: &[String], file: &str, line: usize) -> Result<(usize, PositionColumns), ObservationError> {
-    let ambiguous = |problem: String| ObservationError::AmbiguousColumns { file: file.to_owned(), line, problem };
-    let missing = |missing: &str| ObservationError::MissingColumn {
-        file: file.to_owned(),
-        line,
-        missing: missing.to_owned(),
-        present: list(columns),
-    };
-    for (index, column) in columns.iter().enumerate() {
-        if columns[..index].contains(column) {
-            return Err(ambiguous(format!("the header has two columns `{column}`; names of columns must differ")));
-        }
-    }
-    let find = |name: &str| columns.iter().position(|column| column == name);
+fn find_columns(table: &Table<'_>) -> Result<(usize, PositionColumns), ObservationError> {
+    let (find, missing) = (|name| table.find(name), |name| table.missing(name));
     let id = find("id").ok_or_else(|| missing("`id`"))?;
     let position = match (find("latitude_deg"), find("longitude_deg"), find("x_m"), find("y_m")) {
         (Some(latitude), Some(longitude), None, None) => PositionColumns::Geographic(latitude, longitude),
@@ -212,7 +174,7 @@ fn find_columns(columns: &[String], file: &str, line: usize) -> Result<(usize, P
         _ => {
             let problem = "the header has columns of both kinds of position; \
                            keep `latitude_deg` and `longitude_deg`, or `x_m` and `y_m`";
-            return Err(ambiguous(problem.to_owned()));
+            return Err(table.ambiguous(problem.to_owned()));
         }
     };
     Ok((id, position))
