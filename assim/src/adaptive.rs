@@ -1,15 +1,12 @@
 //! A method that estimates from its innovations how large the errors of observations and of its forecasts are.
 
 use crate::assimilator::{Analysis, Assimilator, Estimate};
-use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance::{Covariance, multiply};
-use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::estimated::EstimatedParameter;
 use crate::likelihood::ErrorFactors;
 use crate::response::Responder;
 use crate::saved::{from_bytes, to_bytes};
-use crate::structure::Structure;
 use faer::MatRef;
 use isobar_model::random::stream;
 use isobar_model::{Duration, Layout};
@@ -246,12 +243,8 @@ impl Assimilator for Adaptive {
         Ok(analysis)
     }
 
-    fn structure(&self, observed: &ObservationWindow, factors: usize) -> Option<Structure> {
-        self.method.structure(observed, factors)
-    }
-
-    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
-        self.method.covariance_column(unknown)
+    fn inner(&self) -> Option<&dyn Assimilator> {
+        Some(&*self.method)
     }
 
     fn parameters(&self) -> Vec<EstimatedParameter> {
@@ -264,20 +257,8 @@ impl Assimilator for Adaptive {
         self.method.set_calibration(estimate, covariance)
     }
 
-    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
-        self.method.calibration_accuracy()
-    }
-
     fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
         self.method.widen_calibration(covariance)
-    }
-
-    fn smoother_lag(&self) -> Option<usize> {
-        self.method.smoother_lag()
-    }
-
-    fn smoothed(&self, analyses_ago: usize) -> Result<Option<Estimate>, Error> {
-        self.method.smoothed(analyses_ago)
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {

@@ -64,26 +64,32 @@ pub trait Assimilator: Send {
     /// As [`Assimilator::forecast`].
     fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error>;
 
+    /// The method to which this one adds something. What is asked of this one, by the methods that follow and return nothing
+    /// of their own, is asked of that.
+    fn inner(&self) -> Option<&dyn Assimilator> {
+        None
+    }
+
     /// The method's inner structure after the analysis of `observed`, with at most so many common factors; `None` for a
     /// method without blocks. Nothing else depends on it: it is for viewers, and is computed when they ask.
-    fn structure(&self, _observed: &ObservationWindow, _factors: usize) -> Option<Structure> {
-        None
+    fn structure(&self, observed: &ObservationWindow, factors: usize) -> Option<Structure> {
+        self.inner()?.structure(observed, factors)
     }
 
     /// The covariances of one unknown's error with all others as the method has them now, found without the whole matrix;
     /// `None` for a method that carries no covariance, or does not estimate the unknown. Nothing else depends on it.
-    fn covariance_column(&self, _unknown: Unknown) -> Option<CovarianceColumn> {
-        None
+    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
+        self.inner()?.covariance_column(unknown)
     }
 
     /// What the method has estimated beside state and calibration in the last analysis; most methods nothing.
     fn parameters(&self) -> Vec<EstimatedParameter> {
-        Vec::new()
+        self.inner().map_or_else(Vec::new, |inner| inner.parameters())
     }
 
     /// How many analyses before the newest are revised by it, for a method with a fixed-lag smoother.
     fn smoother_lag(&self) -> Option<usize> {
-        None
+        self.inner()?.smoother_lag()
     }
 
     /// State and calibration at the analysis so many before the newest, given all observations so far; `None` if there was
@@ -91,8 +97,8 @@ pub trait Assimilator: Send {
     ///
     /// # Errors
     /// A covariance that is not positive.
-    fn smoothed(&self, _analyses_ago: usize) -> Result<Option<Estimate>, Error> {
-        Ok(None)
+    fn smoothed(&self, analyses_ago: usize) -> Result<Option<Estimate>, Error> {
+        self.inner().map_or(Ok(None), |inner| inner.smoothed(analyses_ago))
     }
 
     /// Takes over a calibration, `[p]` with covariance `[p, p]`, whose errors are independent of the state's, in place of
@@ -107,7 +113,7 @@ pub trait Assimilator: Send {
     /// What the method claims to know of the calibration parameters, and of the state's means with them; `None` for one
     /// that does not estimate them.
     fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
-        None
+        self.inner()?.calibration_accuracy()
     }
 
     /// Adds an independent error with this covariance, `[p, p]`, to those of the calibration parameters: a sensor that has

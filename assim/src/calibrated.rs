@@ -1,13 +1,9 @@
 //! A method with what is known of its sensors: earlier calibrations, announced recalibrations, frozen parameters.
 
 use crate::assimilator::{Analysis, Assimilator, Estimate};
-use crate::calibration_accuracy::CalibrationAccuracy;
-use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
-use crate::estimated::EstimatedParameter;
 use crate::linalg::{add_symmetric_product, eigen};
 use crate::saved::{Matrix, from_bytes, to_bytes, unfit};
-use crate::structure::Structure;
 use faer::{Mat, MatRef};
 use isobar_model::{Duration, State, Time};
 use isobar_obs::{Calibration, ObservationWindow};
@@ -259,24 +255,8 @@ impl Assimilator for Calibrated {
         Ok(analysis)
     }
 
-    fn structure(&self, observed: &ObservationWindow, factors: usize) -> Option<Structure> {
-        self.method.structure(observed, factors)
-    }
-
-    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
-        self.method.covariance_column(unknown)
-    }
-
-    fn parameters(&self) -> Vec<EstimatedParameter> {
-        self.method.parameters()
-    }
-
-    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
-        self.method.calibration_accuracy()
-    }
-
-    fn smoother_lag(&self) -> Option<usize> {
-        self.method.smoother_lag()
+    fn inner(&self) -> Option<&dyn Assimilator> {
+        Some(&*self.method)
     }
 
     fn smoothed(&self, analyses_ago: usize) -> Result<Option<Estimate>, Error> {

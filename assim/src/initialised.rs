@@ -1,14 +1,11 @@
 //! A method whose calibration comes from its first observations, by Lange's High-pass Filter.
 
 use crate::assimilator::{Analysis, Assimilator, Estimate};
-use crate::calibration_accuracy::CalibrationAccuracy;
-use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::estimated::EstimatedParameter;
 use crate::high_pass::{HighPassFilter, HighPassSettings, HighPassSolution, in_words};
 use crate::problem::Problem;
 use crate::saved::{Matrix, from_bytes, to_bytes, unfit};
-use crate::structure::Structure;
 use faer::{Mat, MatRef};
 use isobar_model::{Duration, State};
 use isobar_obs::ObservationWindow;
@@ -111,24 +108,8 @@ impl Assimilator for Initialised {
         })
     }
 
-    fn structure(&self, observed: &ObservationWindow, factors: usize) -> Option<Structure> {
-        self.inner.structure(observed, factors)
-    }
-
-    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
-        self.inner.covariance_column(unknown)
-    }
-
-    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
-        self.inner.calibration_accuracy()
-    }
-
-    fn smoother_lag(&self) -> Option<usize> {
-        self.inner.smoother_lag()
-    }
-
-    fn smoothed(&self, analyses_ago: usize) -> Result<Option<Estimate>, Error> {
-        self.inner.smoothed(analyses_ago)
+    fn inner(&self) -> Option<&dyn Assimilator> {
+        Some(&*self.inner)
     }
 
     fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
