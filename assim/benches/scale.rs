@@ -158,8 +158,8 @@ fn measure(n: usize, request: &Request) -> Cost {
         memory / factors_bytes,
     );
     if request.kalman {
+        let observed = observing.observe(&problem.background);
         let mut kalman = KalmanFilter::new(problem).expect("a Kalman filter");
-        let observed = observing.observe(&kalman.forecast(Duration::from_seconds(0)).expect("no forecast").state);
         let began = Instant::now();
         kalman.forecast(WINDOW).expect("a forecast");
         kalman.analyse(&observed).expect("an analysis");
