@@ -11,6 +11,7 @@ mod cycle;
 mod ensemble_method;
 mod error;
 mod expected;
+mod fast_kalman;
 mod fault;
 mod federated;
 mod fields;

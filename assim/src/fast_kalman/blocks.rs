@@ -1,6 +1,6 @@
 //! The blocks b_{t,k} of the state: cells, tiles or the whole domain, with the biases of the stations that stand there.
 
-use isobar_model::Layout;
+use isobar_model::{Grid, Layout};
 use isobar_obs::SparseRows;
 use std::ops::Range;
 
@@ -19,6 +19,17 @@ pub enum BlockShape {
     },
     /// One block for everything: the full Kalman filter.
     Domain,
+}
+
+impl BlockShape {
+    /// Columns and rows of cells in a block that is not cut off by the edge.
+    pub fn cells(self, grid: &Grid) -> (usize, usize) {
+        match self {
+            BlockShape::Cell => (1, 1),
+            BlockShape::Tile { nx, ny } => (nx.clamp(1, grid.nx), ny.clamp(1, grid.ny)),
+            BlockShape::Domain => (grid.nx, grid.ny),
+        }
+    }
 }
 
 /// The partition of all block variables b: the state's values, then the local calibration parameters.
@@ -40,11 +51,7 @@ impl Blocks {
     /// The blocks of a layout; `local_cells` are the cells in which the local parameters' stations stand.
     pub fn new(layout: &Layout, shape: BlockShape, local_cells: &[usize]) -> Self {
         let grid = &layout.grid;
-        let (tile_nx, tile_ny) = match shape {
-            BlockShape::Cell => (1, 1),
-            BlockShape::Tile { nx, ny } => (nx.clamp(1, grid.nx), ny.clamp(1, grid.ny)),
-            BlockShape::Domain => (grid.nx, grid.ny),
-        };
+        let (tile_nx, tile_ny) = shape.cells(grid);
         let (columns, rows) = (grid.nx.div_ceil(tile_nx), grid.ny.div_ceil(tile_ny));
         let cell_of = |variable: usize| {
             if variable < layout.len() { variable % grid.cells() } else { local_cells[variable - layout.len()] }
