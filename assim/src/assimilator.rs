@@ -5,10 +5,11 @@ use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::error::Error;
 use crate::estimated::EstimatedParameter;
+use crate::spread::standard_deviations;
 use crate::structure::Structure;
 use faer::MatRef;
 use isobar_model::{Duration, State};
-use isobar_obs::ObservationWindow;
+use isobar_obs::{Calibration, ObservationWindow};
 
 /// How a method treats the observations' biases.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,12 +27,41 @@ pub enum BiasTreatment {
 pub struct Estimate {
     /// The state.
     pub state: State,
-    /// The calibration parameters, in the order of [`Calibration`](isobar_obs::Calibration).
+    /// The calibration parameters, in the order of [`Calibration`].
     pub calibration: Vec<f64>,
     /// Claimed standard deviation of each value of the state, where the method has one.
     pub state_spread: Option<Vec<f64>>,
     /// Claimed standard deviation of each calibration parameter, where the method has one.
     pub calibration_spread: Option<Vec<f64>>,
+}
+
+impl Estimate {
+    /// With the standard deviations of the state and of the parameters that are estimated, `[m + p]`.
+    pub(crate) fn with_spread(state: State, calibration: Vec<f64>, mut spread: Vec<f64>) -> Self {
+        let of_parameters = spread.split_off(state.values().len());
+        let calibration_spread = (!of_parameters.is_empty()).then_some(of_parameters);
+        Self { state, calibration, state_spread: Some(spread), calibration_spread }
+    }
+
+    /// With variances `[m + p]`, the diagonal of a covariance of this name, of the state and of the parameters that are
+    /// estimated.
+    ///
+    /// # Errors
+    /// [`Error::NegativeVariance`] if the covariance has lost its meaning.
+    pub(crate) fn with_variances(
+        state: State,
+        calibration: Vec<f64>,
+        estimated: &Calibration,
+        variances: &[f64],
+        covariance: &str,
+    ) -> Result<Self, Error> {
+        let m = state.values().len();
+        let spread = standard_deviations(variances, covariance, |i| match i < m {
+            true => state.layout().describe(i),
+            false => estimated.parameters[i - m].name.clone(),
+        })?;
+        Ok(Self::with_spread(state, calibration, spread))
+    }
 }
 
 /// What an analysis did with the observations of one cycle.

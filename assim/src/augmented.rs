@@ -10,7 +10,6 @@ use crate::linalg::{add_symmetric_product, product};
 use crate::problem::Problem;
 use crate::propagator::propagator;
 use crate::saved::{Matrix, from_bytes, restore_bias, restore_state, to_bytes, unfit};
-use crate::spread::standard_deviations;
 use faer::{Mat, MatRef, Scale};
 use isobar_model::{Duration, State};
 use isobar_obs::{BlockAngular, Calibration};
@@ -123,15 +122,13 @@ impl AugmentedState {
     pub fn smoothed(&self, analyses_ago: usize) -> Result<Option<Estimate>, Error> {
         let Some(smoother) = &self.smoother else { return Ok(None) };
         let m = self.state.values().len();
-        Ok(smoother.estimate(analyses_ago)?.map(|(values, mut spread)| {
-            let calibration_spread = spread.split_off(m);
-            Estimate {
-                state: State::from_values(self.state.layout(), values[..m].to_vec()),
-                calibration: values[m..].to_vec(),
-                state_spread: Some(spread),
-                calibration_spread: (!self.calibration.is_empty()).then_some(calibration_spread),
-            }
-        }))
+        let estimate = smoother.estimate(analyses_ago).map(|(values, variances)| {
+            let (state, calibration) = values.split_at(m);
+            let state = State::from_values(self.state.layout(), state.to_vec());
+            let covariance = "the covariance of a smoothed estimate";
+            Estimate::with_variances(state, calibration.to_vec(), &self.calibration, variances, covariance)
+        });
+        estimate.transpose()
     }
 
     /// What is known of the parameters, and of the state's means with them; `None` if they are not estimated.
@@ -228,19 +225,9 @@ impl AugmentedState {
     /// # Errors
     /// [`Error::NegativeVariance`] if P has lost its meaning.
     pub fn estimate(&self) -> Result<Estimate, Error> {
-        let m = self.state.values().len();
         let variances: Vec<f64> = (0..self.covariance.nrows()).map(|i| self.covariance[(i, i)]).collect();
-        let mut spread = standard_deviations(&variances, "the covariance P", |i| match i < m {
-            true => self.state.layout().describe(i),
-            false => self.calibration.parameters[i - m].name.clone(),
-        })?;
-        let calibration_spread = spread.split_off(m);
-        Ok(Estimate {
-            state: self.state.clone(),
-            calibration: self.bias.clone(),
-            state_spread: Some(spread),
-            calibration_spread: (!self.calibration.is_empty()).then_some(calibration_spread),
-        })
+        let (state, bias) = (self.state.clone(), self.bias.clone());
+        Estimate::with_variances(state, bias, &self.calibration, &variances, "the covariance P")
     }
 }
 

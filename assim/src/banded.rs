@@ -13,7 +13,6 @@ use crate::error::Error;
 use crate::estimated::EstimatedParameter;
 use crate::problem::Problem;
 use crate::saved::{Matrix, from_bytes, restore_bias, restore_state, to_bytes, unfit};
-use crate::spread::standard_deviations;
 use band::Band;
 use faer::{Mat, MatRef};
 use isobar_model::{Duration, State};
@@ -195,17 +194,8 @@ impl BandedKalmanFilter {
             })
             .collect();
         variances.extend((0..p).map(|k| self.bias_covariance[(k, k)] + self.widening[(k, k)]));
-        let mut spread = standard_deviations(&variances, "the banded covariance", |i| match i < m {
-            true => self.state.layout().describe(i),
-            false => self.calibration.parameters[i - m].name.clone(),
-        })?;
-        let calibration_spread = spread.split_off(m);
-        Ok(Estimate {
-            state: self.state.clone(),
-            calibration: self.bias.clone(),
-            state_spread: Some(spread),
-            calibration_spread: (p > 0).then_some(calibration_spread),
-        })
+        let (state, bias) = (self.state.clone(), self.bias.clone());
+        Estimate::with_variances(state, bias, &self.calibration, &variances, "the banded covariance")
     }
 }
 

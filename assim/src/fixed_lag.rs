@@ -2,11 +2,10 @@
 
 use crate::augmented::entries;
 use crate::error::Error;
-use crate::kalman::{cross_covariance, innovation_root};
-use crate::linalg::{add_product, column, product, solve_lower, squared_norm};
+use crate::kalman::InnovationCovariance;
+use crate::linalg::{add_product, column, product, solved_lower, squared_norm};
 use crate::problem::Innovations;
 use crate::saved::{Matrix, from_bytes, to_bytes, unfit};
-use crate::spread::standard_deviations;
 use faer::{Mat, MatRef};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
@@ -32,9 +31,6 @@ pub(crate) struct FixedLag {
     /// The oldest first, at most `lag` and the last one.
     analyses: VecDeque<PastAnalysis>,
 }
-
-/// Estimates with their standard deviations.
-type ValuesAndSpread<'a> = (&'a [f64], Vec<f64>);
 
 /// An analysis j, as it is known now.
 struct PastAnalysis {
@@ -66,18 +62,15 @@ impl Whitened {
     /// # Errors
     /// [`Error::NotPositiveDefinite`]: H P Hᵀ + R is not.
     pub fn new(covariance: MatRef<'_, f64>, m: usize, innovations: &Innovations) -> Result<Self, Error> {
-        let Innovations { departures, jacobian, variance } = innovations;
-        let (n, cross) = (departures.len(), cross_covariance(covariance, jacobian, m));
-        let root = innovation_root(cross.as_ref(), jacobian, variance, m)?;
+        let InnovationCovariance { cross, root } = InnovationCovariance::new(covariance, innovations, m)?;
+        let (jacobian, n) = (&innovations.jacobian, innovations.departures.len());
         let mut rows = Mat::zeros(n, covariance.nrows());
         for row in 0..n {
             entries(jacobian, row, m).for_each(|(column, weight)| rows[(row, column)] += weight);
         }
-        let mut whitened = Self { jacobian: rows, cross: cross.transpose().to_owned(), departures: column(departures) };
-        for part in [&mut whitened.jacobian, &mut whitened.cross, &mut whitened.departures] {
-            solve_lower(root.as_ref(), part.as_mut());
-        }
-        Ok(whitened)
+        let [jacobian, cross, departures] = [rows, cross.transpose().to_owned(), column(&innovations.departures)]
+            .map(|part| solved_lower(root.as_ref(), part));
+        Ok(Self { jacobian, cross, departures })
     }
 }
 
@@ -161,17 +154,11 @@ impl FixedLag {
         self.analyses.clear();
     }
 
-    /// State and all parameters at the analysis so many before the newest, and their standard deviations `[m + p]`; `None` if
-    /// there was none, or it is out of reach.
-    ///
-    /// # Errors
-    /// [`Error::NegativeVariance`].
-    pub fn estimate(&self, analyses_ago: usize) -> Result<Option<ValuesAndSpread<'_>>, Error> {
-        let index = self.analyses.len().checked_sub(analyses_ago + 1);
-        let Some(past) = index.and_then(|index| self.analyses.get(index)) else { return Ok(None) };
-        let name = "the covariance of a smoothed estimate";
-        let spread = standard_deviations(&past.variances, name, |number| format!("unknown {}", number + 1))?;
-        Ok(Some((&past.estimate, spread)))
+    /// State and all parameters at the analysis so many before the newest, and the variances `[m + p]` of those that are
+    /// estimated; `None` if there was none, or it is out of reach.
+    pub fn estimate(&self, analyses_ago: usize) -> Option<(&[f64], &[f64])> {
+        let past = self.analyses.get(self.analyses.len().checked_sub(analyses_ago + 1)?)?;
+        Some((&past.estimate, &past.variances))
     }
 
     /// What a checkpoint holds of it.

@@ -4,7 +4,7 @@ use crate::augmented::entries;
 use crate::dense_filter::{DenseAnalysis, DenseFilter};
 use crate::error::Error;
 use crate::linalg::{
-    add_product, add_symmetric_product, cholesky, column, product, solve_lower, solve_lower_transposed, squared_norm,
+    add_product, add_symmetric_product, cholesky, column, product, solve_lower_transposed, solved_lower, squared_norm,
 };
 use crate::problem::Innovations;
 use faer::{Mat, MatRef};
@@ -19,14 +19,11 @@ pub struct AllAtOnce;
 
 impl DenseAnalysis for AllAtOnce {
     fn take(covariance: &mut Mat<f64>, m: usize, innovations: &Innovations) -> Result<(Vec<f64>, f64), Error> {
+        let innovation = InnovationCovariance::new(covariance.as_ref(), innovations, m)?;
+        let innovation_chi2 = innovation.normalised_square(&innovations.departures);
         let Innovations { departures, jacobian, variance } = innovations;
-        let cross = cross_covariance(covariance.as_ref(), jacobian, m);
-        let root = innovation_root(cross.as_ref(), jacobian, variance, m)?;
-        let mut whitened = column(departures);
-        solve_lower(root.as_ref(), whitened.as_mut());
-        let innovation_chi2 = squared_norm(whitened.col_as_slice(0));
-        let mut transposed_gain = cross.transpose().to_owned();
-        solve_lower(root.as_ref(), transposed_gain.as_mut());
+        let InnovationCovariance { cross, root } = innovation;
+        let mut transposed_gain = solved_lower(root.as_ref(), cross.transpose().to_owned());
         solve_lower_transposed(root.as_ref(), transposed_gain.as_mut());
         let gain = transposed_gain.transpose();
         let increment = product(gain, column(departures).as_ref());
@@ -67,15 +64,36 @@ pub(crate) fn normalised_innovation_squared(
     innovations: &Innovations,
     m: usize,
 ) -> Result<f64, Error> {
-    let cross = cross_covariance(covariance, &innovations.jacobian, m);
-    let root = innovation_root(cross.as_ref(), &innovations.jacobian, &innovations.variance, m)?;
-    let mut whitened = column(&innovations.departures);
-    solve_lower(root.as_ref(), whitened.as_mut());
-    Ok(squared_norm(whitened.col_as_slice(0)))
+    Ok(InnovationCovariance::new(covariance, innovations, m)?.normalised_square(&innovations.departures))
+}
+
+/// The covariance H P Hᵀ + R of the innovations.
+pub(crate) struct InnovationCovariance {
+    /// P Hᵀ, `[m + p, n]`.
+    pub cross: Mat<f64>,
+    /// The Cholesky factor of H P Hᵀ + R, `[n, n]`.
+    pub root: Mat<f64>,
+}
+
+impl InnovationCovariance {
+    /// From the background's P, `[m + p, m + p]`; the state has `m` values.
+    ///
+    /// # Errors
+    /// [`Error::NotPositiveDefinite`].
+    pub fn new(covariance: MatRef<'_, f64>, innovations: &Innovations, m: usize) -> Result<Self, Error> {
+        let cross = cross_covariance(covariance, &innovations.jacobian, m);
+        let root = innovation_root(cross.as_ref(), &innovations.jacobian, &innovations.variance, m)?;
+        Ok(Self { cross, root })
+    }
+
+    /// dᵀ (H P Hᵀ + R)⁻¹ d.
+    fn normalised_square(&self, departures: &[f64]) -> f64 {
+        squared_norm(solved_lower(self.root.as_ref(), column(departures)).col_as_slice(0))
+    }
 }
 
 /// P Hᵀ for a symmetric P, `[m + p, n]`.
-pub(crate) fn cross_covariance(covariance: MatRef<'_, f64>, jacobian: &BlockAngular, m: usize) -> Mat<f64> {
+fn cross_covariance(covariance: MatRef<'_, f64>, jacobian: &BlockAngular, m: usize) -> Mat<f64> {
     let mut cross = Mat::zeros(covariance.nrows(), jacobian.rows());
     for row in 0..jacobian.rows() {
         for (column, weight) in entries(jacobian, row, m) {
@@ -92,7 +110,7 @@ pub(crate) fn cross_covariance(covariance: MatRef<'_, f64>, jacobian: &BlockAngu
 ///
 /// # Errors
 /// [`Error::NotPositiveDefinite`].
-pub(crate) fn innovation_root(
+fn innovation_root(
     cross: MatRef<'_, f64>,
     jacobian: &BlockAngular,
     variance: &[f64],

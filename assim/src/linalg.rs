@@ -91,6 +91,12 @@ pub(crate) fn solve_lower(l: MatRef<'_, f64>, b: MatMut<'_, f64>) {
     for_each_chunk(b, 0, &|_, chunk| triangular_solve::solve_lower_triangular_in_place(l, chunk, Par::Seq));
 }
 
+/// L⁻¹ B.
+pub(crate) fn solved_lower(l: MatRef<'_, f64>, mut b: Mat<f64>) -> Mat<f64> {
+    solve_lower(l, b.as_mut());
+    b
+}
+
 /// B ← L⁻ᵀ B.
 pub(crate) fn solve_lower_transposed(l: MatRef<'_, f64>, b: MatMut<'_, f64>) {
     for_each_chunk(b, 0, &|_, chunk| triangular_solve::solve_upper_triangular_in_place(l.transpose(), chunk, Par::Seq));

@@ -36,19 +36,11 @@ pub(super) fn build(ground: &Problem, method: &Method, scenario: &Scenario) -> R
         Algorithm::ThreeDVar(ref settings) => Box::new(ThreeDVar::new(problem, settings.clone())),
         Algorithm::Kalman { smoother_lag_cycles, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
-            let filter = KalmanFilter::new(problem)?;
-            Box::new(match smoother_lag_cycles {
-                Some(lag) => filter.smoothing(lag)?,
-                None => filter,
-            })
+            Box::new(smoothing(KalmanFilter::new(problem)?, smoother_lag_cycles, KalmanFilter::smoothing)?)
         }
         Algorithm::SerialKalman { smoother_lag_cycles, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
-            let filter = SerialKalmanFilter::new(problem)?;
-            Box::new(match smoother_lag_cycles {
-                Some(lag) => filter.smoothing(lag)?,
-                None => filter,
-            })
+            Box::new(smoothing(SerialKalmanFilter::new(problem)?, smoother_lag_cycles, SerialKalmanFilter::smoothing)?)
         }
         Algorithm::BandedKalman { half_bandwidth, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
@@ -73,10 +65,7 @@ pub(super) fn build(ground: &Problem, method: &Method, scenario: &Scenario) -> R
         Algorithm::EnsembleTransform { settings, smoother_lag_cycles, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
             let filter = EnsembleTransformKalmanFilter::new(problem, settings)?;
-            Box::new(match smoother_lag_cycles {
-                Some(lag) => filter.smoothing(lag)?,
-                None => filter,
-            })
+            Box::new(smoothing(filter, smoother_lag_cycles, EnsembleTransformKalmanFilter::smoothing)?)
         }
         Algorithm::LocalEnsembleTransform { settings, local, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
@@ -136,6 +125,14 @@ pub(super) fn initialised(
 fn initialisation(name: &str, scenario: &Scenario) -> Option<HighPassSettings> {
     let initialise = scenario.initialise.as_ref()?;
     initialise.methods.iter().any(|it| it == name).then_some(initialise.high_pass)
+}
+
+/// The method with its smoother, if it has one.
+fn smoothing<M>(method: M, lag: Option<usize>, add: impl FnOnce(M, usize) -> Result<M, Error>) -> Result<M, Error> {
+    match lag {
+        Some(lag) => add(method, lag),
+        None => Ok(method),
+    }
 }
 
 /// Whether a method does anything with observations.

@@ -228,15 +228,9 @@ impl Ensemble {
     }
 
     /// An estimate from a mean and standard deviations, both `[m + p]`.
-    pub(super) fn estimate_of(&self, problem: &Problem, mean: &[f64], mut spread: Vec<f64>) -> Estimate {
+    pub(super) fn estimate_of(&self, problem: &Problem, mean: &[f64], spread: Vec<f64>) -> Estimate {
         let (state, calibration) = self.unpack(problem, mean);
-        let calibration_spread = spread.split_off(self.state_values);
-        Estimate {
-            state,
-            calibration,
-            state_spread: Some(spread),
-            calibration_spread: (!calibration_spread.is_empty()).then_some(calibration_spread),
-        }
+        Estimate::with_spread(state, calibration, spread)
     }
 
     /// Each member as the instruments would see it.

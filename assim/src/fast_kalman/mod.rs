@@ -257,20 +257,16 @@ impl FastKalmanFilter {
         };
         let variances = self.covariance.block_variances(&self.blocks);
         let mut spread = standard_deviations(&variances, "the covariance of the blocks", place)?;
-        let mut calibration_spread = vec![0.0; self.local.len() + self.shared.len()];
-        for (&number, sigma) in self.local.iter().zip(spread.split_off(m)) {
-            calibration_spread[number] = sigma;
+        let of_local = spread.split_off(m);
+        spread.resize(m + self.local.len() + self.shared.len(), 0.0);
+        for (&number, sigma) in self.local.iter().zip(of_local) {
+            spread[m + number] = sigma;
         }
         // Sums of squares, none of which can be negative.
         for (&number, variance) in self.shared.iter().zip(&self.covariance.factors.shared_variances()) {
-            calibration_spread[number] = variance.sqrt();
+            spread[m + number] = variance.sqrt();
         }
-        Ok(Estimate {
-            state: self.state.clone(),
-            calibration: self.bias.clone(),
-            state_spread: Some(spread),
-            calibration_spread: (!calibration_spread.is_empty()).then_some(calibration_spread),
-        })
+        Ok(Estimate::with_spread(self.state.clone(), self.bias.clone(), spread))
     }
 
     /// Standard deviations of what the parameters' random walks add over a window.

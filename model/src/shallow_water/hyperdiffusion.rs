@@ -146,7 +146,8 @@ impl<'a> Damping<'a> {
             let part = first..first + south.len();
             let before = &mut self.before[part.clone()];
             let out = &mut self.laplacians[2][part];
-            arch.dispatch(Laplace { weights, stride, rows: [before, south, north], out });
+            let store = |out: &mut f64, value: f64| *out = value;
+            arch.dispatch(Laplace { weights, stride, rows: [before, south, north], out, store });
             before.copy_from_slice(south);
             first += south.len();
         }
@@ -184,7 +185,8 @@ impl<'a> Damping<'a> {
         };
         for (number, out) in tendency.chunks_exact_mut(part).enumerate() {
             let rows = self.laplacians.each_ref().map(|row| &row[number * part..][..part]);
-            self.arch.dispatch(Damp { hyperdiffusion, weights, stride, rows, out });
+            let store = |out: &mut f64, value: f64| *out -= hyperdiffusion * value;
+            self.arch.dispatch(Laplace { weights, stride, rows, out, store });
         }
     }
 
@@ -214,67 +216,38 @@ fn without_v(arrangement: Arrangement, row: &mut [f64]) {
     }
 }
 
-/// L of the middle one of three rows, for [`pulp::Arch::dispatch`].
-struct Laplace<'a> {
+/// Stores each value of L of the middle one of three rows, which is periodic; for [`pulp::Arch::dispatch`].
+struct Laplace<'a, F> {
     weights: [f64; 2],
     stride: usize,
     rows: [&'a [f64]; 3],
     out: &'a mut [f64],
+    store: F,
 }
 
-impl WithSimd for Laplace<'_> {
+impl<F: Fn(&mut f64, f64)> WithSimd for Laplace<'_, F> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) {
-        laplace(self.weights, self.stride, self.rows, self.out, |out, value| *out = value);
-    }
-}
-
-/// −= ν times L of the middle one of three rows, for [`pulp::Arch::dispatch`].
-struct Damp<'a> {
-    hyperdiffusion: f64,
-    weights: [f64; 2],
-    stride: usize,
-    rows: [&'a [f64]; 3],
-    out: &'a mut [f64],
-}
-
-impl WithSimd for Damp<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
-        let hyperdiffusion = self.hyperdiffusion;
-        laplace(self.weights, self.stride, self.rows, self.out, |out, value| *out -= hyperdiffusion * value);
-    }
-}
-
-/// Calls with each value of L of the middle row, which is periodic.
-#[inline(always)]
-fn laplace(
-    [x_weight, y_weight]: [f64; 2],
-    stride: usize,
-    [south, center, north]: [&[f64]; 3],
-    out: &mut [f64],
-    store: impl Fn(&mut f64, f64),
-) {
-    let len = out.len();
-    let place = |south: f64, west: f64, center: f64, east: f64, north: f64| {
-        let (x_part, y_part) = ((east - center) - (center - west), (north - center) - (center - south));
-        x_part * x_weight + y_part * y_weight
-    };
-    let (south, center, north) = (&south[..len], &center[..len], &north[..len]);
-    for k in 0..stride {
-        let last = len - stride + k;
-        store(&mut out[k], place(south[k], center[last], center[k], center[k + stride], north[k]));
-        store(&mut out[last], place(south[last], center[last - stride], center[last], center[k], north[last]));
-    }
-    let n = len - 2 * stride;
-    let (west, east) = (&center[..n], &center[2 * stride..][..n]);
-    let (south, center, north) = (&south[stride..][..n], &center[stride..][..n], &north[stride..][..n]);
-    let out = &mut out[stride..][..n];
-    for k in 0..n {
-        store(&mut out[k], place(south[k], west[k], center[k], east[k], north[k]));
+        let Self { weights: [x_weight, y_weight], stride, rows: [south, center, north], out, store } = self;
+        let len = out.len();
+        let place = |south: f64, west: f64, center: f64, east: f64, north: f64| {
+            let (x_part, y_part) = ((east - center) - (center - west), (north - center) - (center - south));
+            x_part * x_weight + y_part * y_weight
+        };
+        let (south, center, north) = (&south[..len], &center[..len], &north[..len]);
+        for k in 0..stride {
+            let last = len - stride + k;
+            store(&mut out[k], place(south[k], center[last], center[k], center[k + stride], north[k]));
+            store(&mut out[last], place(south[last], center[last - stride], center[last], center[k], north[last]));
+        }
+        let n = len - 2 * stride;
+        let (west, east) = (&center[..n], &center[2 * stride..][..n]);
+        let (south, center, north) = (&south[stride..][..n], &center[stride..][..n], &north[stride..][..n]);
+        let out = &mut out[stride..][..n];
+        for k in 0..n {
+            store(&mut out[k], place(south[k], west[k], center[k], east[k], north[k]));
+        }
     }
 }
