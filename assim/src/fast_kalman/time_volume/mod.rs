@@ -412,6 +412,11 @@ impl Assimilator for TimeVolume {
         self.take_calibration(estimate, covariance)
     }
 
+    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        self.widen(covariance);
+        Ok(())
+    }
+
     fn save(&self) -> Result<Vec<u8>, Error> {
         saved::save(self)
     }

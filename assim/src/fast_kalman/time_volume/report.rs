@@ -144,6 +144,14 @@ impl TimeVolume {
         });
         super::super::calibration::set(&mut self.filter, &extended, joint.as_ref())
     }
+
+    /// Adds a covariance to that of the parameters given C: what is added is independent of C, and of what the cycles of the
+    /// window have said of it.
+    pub(super) fn widen(&mut self, covariance: MatRef<'_, f64>) {
+        let (p, all) = (self.parameters, self.filter.bias.len());
+        let joint = Mat::from_fn(all, all, |i, j| if i < p && j < p { covariance[(i, j)] } else { 0.0 });
+        super::super::calibration::widen(&mut self.filter, joint.as_ref());
+    }
 }
 
 fn row_of(matrix: &Mat<f64>, row: usize) -> Vec<f64> {
