@@ -51,6 +51,16 @@ fn fails(parent: &Path, arguments: &[&str]) -> String {
 }
 
 #[test]
+fn the_table_in_the_help_can_be_imported() {
+    let parent = place();
+    let help = succeeds(parent.path(), &["sensors", "import", "--help"]);
+    let (_, table) = help.split_once("\n\nrecord,").expect("the help has a table");
+    fs::write(parent.path().join("example.csv"), format!("record,{table}")).unwrap();
+    let imported = succeeds(parent.path(), &["sensors", "import", "example.db", "example.csv"]);
+    assert!(imported.contains("7 of 7 records are new"), "{imported}");
+}
+
+#[test]
 fn what_is_exported_can_be_imported_to_the_bit_and_twice_is_once() {
     let parent = place();
     let parent = parent.path();

@@ -27,10 +27,11 @@ pub enum SensorsCommand {
         sensor: String,
     },
     /// Take the records of a table into a database, all or none; makes the database if there is none
+    #[command(after_help = import_help())]
     Import {
         /// The database
         database: PathBuf,
-        /// The table, CSV as `export` writes it
+        /// The table, CSV as `export` writes it: see below
         table: PathBuf,
     },
     /// Print all records as CSV, which can be imported again
@@ -104,6 +105,16 @@ pub fn sensors(command: &SensorsCommand) -> Result<ExitCode, Report> {
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// What a table looks like.
+fn import_help() -> String {
+    format!(
+        "`value` is the bias of a calibration, the covariance of two, the reading of a test point whose true value is \
+         `reference`,\nor the step of a recalibration. Columns may come in any order; those that are empty in all records \
+         may be left out:\n\n{}",
+        table::EXAMPLE
+    )
 }
 
 fn names(records: &Records) -> impl Iterator<Item = &str> {

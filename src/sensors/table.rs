@@ -1,16 +1,4 @@
 //! Records as CSV, for people and their spreadsheets; what is exported can be imported, to the bit.
-//!
-//! ```text
-//! record,sensor,time,value,sigma,reference,other_sensor,unit,x_m,y_m,origin,note
-//! sensor,sondes/h/DE,,,,,,m,,,,"type RS41"
-//! calibration,sondes/h/DE,2026-01-15T00:00:00Z,3.5,0.8,,,,,,laboratory,
-//! covariance,sondes/h/DE,2026-01-15T00:00:00Z,0.2,,,sondes/h/FR,,,,laboratory,
-//! test_point,sondes/h/DE,2026-02-01T12:00:00Z,1003.1,0.5,1000,,,,,,
-//! recalibration,sondes/h/DE,2026-03-01T00:00:00Z,-4,0.3,,,,,,,"new software"
-//! ```
-//!
-//! `value` is the bias of a calibration, the covariance, the reading of a test point, the step of a recalibration. Columns
-//! may come in any order; those that are empty in all records may be left out.
 
 use super::SensorError;
 use super::record::{MOST_RECORDS, Record, Records};
@@ -26,6 +14,18 @@ const LARGEST_TABLE: u64 = 500_000_000;
 
 const COLUMNS: [&str; 12] =
     ["record", "sensor", "time", "value", "sigma", "reference", "other_sensor", "unit", "x_m", "y_m", "origin", "note"];
+
+/// A table, for people.
+pub const EXAMPLE: &str = "\
+record,sensor,time,value,sigma,reference,other_sensor,unit,x_m,y_m,origin,note
+sensor,sondes/h/DE,,,,,,m,,,,type RS41
+sensor,sondes/h/FR,,,,,,m,,,,
+calibration,sondes/h/DE,2026-01-15T00:00:00Z,3.5,0.8,,,,,,laboratory,
+calibration,sondes/h/FR,2026-01-15T00:00:00Z,-1,0.8,,,,,,laboratory,
+covariance,sondes/h/DE,2026-01-15T00:00:00Z,0.2,,,sondes/h/FR,,,,laboratory,
+test_point,sondes/h/DE,2026-02-01T12:00:00Z,1003.1,0.5,1000,,,,,,
+recalibration,sondes/h/DE,2026-03-01T00:00:00Z,-4,0.3,,,,,,,new software
+";
 
 /// The columns that a record of each kind must and may have beside `record` and `sensor`.
 const KINDS: [(&str, &[&str], &[&str]); 5] = [
