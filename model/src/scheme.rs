@@ -73,6 +73,12 @@ pub trait Tendency: Send + Sync {
         None
     }
 
+    /// The state at which f' is taken where the model's is `at`: another one only if f is itself linearised, about a state
+    /// for which [`Tendency::tangent_row_stream`] has no tendency.
+    fn linearised_at<'a>(&'a self, at: &'a [f64]) -> &'a [f64] {
+        at
+    }
+
     /// The coefficients of f' at a state.
     fn linearise(&self, at: &[f64]) -> Self::Linearisation;
 

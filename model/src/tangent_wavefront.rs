@@ -53,7 +53,7 @@ pub(crate) fn sweep_tl<T: Tendency>(tendency: &T, scheme: Scheme<'_>, at: &[f64]
     if tendency.tangent_row_stream(grid.nx.min(MOST_PLACES)).is_none() {
         return false;
     }
-    let mut at = at.to_vec();
+    let mut at = tendency.linearised_at(at).to_vec();
     tendency.constrain(&mut at);
     let level = tendency.layout().len();
     Columns::new(columns, level * scheme.levels()).for_each_group(LANES, wavefront, |group, wavefront| {
