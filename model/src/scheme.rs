@@ -21,7 +21,7 @@
 
 use crate::columns::{Columns, add_scaled};
 use crate::error::ModelError;
-use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state};
+use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step};
 use crate::rows::RowStream;
 use crate::state::{Layout, State};
 use crate::tangent_wavefront::{TangentRowStream, sweep_tl};
@@ -269,7 +269,7 @@ impl<T: Tendency> Model for Stepped<T> {
 impl<T: Tendency> TangentLinear for Stepped<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
         self.check_layout(at);
-        if sweep_tl(&self.tendency, self.numbers(), at.values(), columns) {
+        if sweep_tl(&self.tendency, self.numbers(), at.values(), columns, 1) {
             return;
         }
         let linearisations = self.linearise_stages(at);
@@ -287,6 +287,13 @@ impl<T: Tendency> TangentLinear for Stepped<T> {
                 );
             },
         );
+    }
+
+    fn steps_tl(&self, at: &State, columns: &mut [f64], steps: usize) {
+        self.check_layout(at);
+        if steps > 0 && !sweep_tl(&self.tendency, self.numbers(), at.values(), columns, steps) {
+            step_by_step(self, at, columns, steps);
+        }
     }
 }
 
