@@ -262,7 +262,18 @@ impl<T: Tendency> Model for Stepped<T> {
         if sweep(&self.tendency, self.numbers(), x.values_mut()) {
             return;
         }
-        self.advance(x.values_mut(), &mut self.work(), |_, x, k, scratch| self.tendency.tendency(x, k, scratch));
+        Columns::new(x.values_mut(), self.layout().len()).for_each(
+            || self.work(),
+            #[inline(always)]
+            |x, work| {
+                self.advance(
+                    x,
+                    work,
+                    #[inline(always)]
+                    |_, x, k, scratch| self.tendency.tendency(x, k, scratch),
+                );
+            },
+        );
     }
 }
 
