@@ -1,12 +1,12 @@
-//! A tangent-linear step of eight columns at once as one sweep over the rows, beside the step of the state they are
+//! Tangent-linear steps of eight columns at once, each as one sweep over the rows, beside the step of the state they are
 //! linearised at: what the derivative needs to know of a row of the state is computed once for the eight, and neither
-//! the stages' states nor their coefficients are ever stored for the whole grid.
+//! the trajectory nor the stages' states nor their coefficients are ever stored for the whole grid.
 //!
-//! The columns of a group are interleaved, so that one vector operation does the same for all of them, whatever the
-//! length of a row; the columns missing from a last group are zero. No column knows of the others, so that its bits
-//! are those it has alone. Long rows are swept in strips; the outermost places on either side of a strip become wrong by
-//! as many places as the stencil reaches with each stage, as a strip takes itself for periodic, and only what lies
-//! between them is written.
+//! The columns of a group are interleaved for all steps of a forecast, so that one vector operation does the same for all
+//! of them, whatever the length of a row, and a sweep reads and writes memory from end to end; the columns missing from a
+//! last group are zero. No column knows of the others, so that its bits are those it has alone. Long rows are swept in
+//! strips; the outermost places on either side of a strip become wrong by as many places as the stencil reaches with each
+//! stage, as a strip takes itself for periodic: the next stage leaves them out.
 
 use crate::columns::Columns;
 use crate::grid::{Boundary, Grid};
