@@ -4,21 +4,25 @@
 //!   two threads, by leapfrog and by the Runge–Kutta scheme of fourth order;
 //! * the bandwidth of a memory copy on as many threads, of arrays far larger than any cache and of arrays as large as the
 //!   state, and the fraction reached of the step rate at which the state would move through memory just once;
-//! * the cost of one tangent-linear column, in a batch of 32 and of one, in nonlinear steps of the same scheme.
+//! * the cost of one tangent-linear column, in a batch of 32 and of one, of the nonlinear and the linear equations, in
+//!   nonlinear steps of the same scheme: of each of twelve steps at once, as filters take them, and of a single one.
 //!
 //! `cargo bench -p isobar-model`, or with grid sizes: `cargo bench -p isobar-model -- 64 256`. Times are medians.
 
 use isobar_model::initial::{self, RandomConfig};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{
-    Adjoint, Boundary, Duration, Grid, Leapfrog, Model, ShallowWater, ShallowWaterParameters, State, Stepped,
-    TimeScheme, VectorInvariant,
+    Adjoint, Boundary, Duration, Grid, Leapfrog, LinearShallowWater, Model, ShallowWater, ShallowWaterParameters,
+    State, Stepped, TimeScheme, VectorInvariant,
 };
 use std::hint::black_box;
 use std::time::Instant;
 
 /// Bytes read and written for each cell if a step reads and writes h, u and v once.
 const ONE_LEVEL_BYTES: f64 = 48.0;
+
+/// Steps of a tangent-linear forecast.
+const STEPS: usize = 12;
 
 fn main() {
     let sizes: Vec<usize> = std::env::args().filter_map(|argument| argument.parse().ok()).collect();
@@ -120,14 +124,20 @@ fn nonlinear(n: usize, threads: usize, single: &mut [f64; 2]) {
 /// Tangent-linear and adjoint against nonlinear, on one thread.
 fn tangent_linear(n: usize) {
     let (equations, start) = shallow_water(n);
-    let leapfrog = Leapfrog::new(equations.clone(), Duration::from_seconds(90), 0.001).expect("valid numbers");
-    let runge_kutta = Stepped::new(equations, Duration::from_seconds(90), TimeScheme::Rk4).expect("a positive step");
+    let (dt, scheme) = (Duration::from_seconds(90), TimeScheme::Rk4);
+    let leapfrog = Leapfrog::new(equations.clone(), dt, 0.001).expect("valid numbers");
+    let runge_kutta = Stepped::new(equations.clone(), dt, scheme).expect("a positive step");
+    let linear = LinearShallowWater::about_uniform_flow(equations, 1000.0, 10.0).expect("a thin layer");
+    let linear = Stepped::new(linear, dt, scheme).expect("a positive step");
     let begin = leapfrog.start(&start);
-    let cases: [(&str, &dyn Adjoint, &State); 2] =
-        [("leapfrog", &leapfrog, &begin), ("Runge-Kutta 4", &runge_kutta, &start)];
-    for (name, model, at) in cases {
+    let cases: [(&str, &dyn Model, &dyn Adjoint, &State); 3] = [
+        ("leapfrog", &leapfrog, &leapfrog, &begin),
+        ("Runge-Kutta 4", &runge_kutta, &runge_kutta, &start),
+        ("the same, linear equations", &runge_kutta, &linear, &start),
+    ];
+    for (name, nonlinear, model, at) in cases {
         let mut x = at.clone();
-        let step = median_seconds(|| model.step(black_box(&mut x)));
+        let step = median_seconds(|| nonlinear.step(black_box(&mut x)));
         for batch in [1, 32] {
             let len = at.values().len();
             if batch * len > 1 << 28 {
@@ -135,15 +145,17 @@ fn tangent_linear(n: usize) {
             }
             let one = standard_normals(&mut stream(1, "columns"), len);
             let mut columns: Vec<f64> = one.iter().cycle().take(batch * len).copied().collect();
+            let forecast = median_seconds(|| model.steps_tl(at, black_box(&mut columns), STEPS)) / STEPS as f64;
             let forward = median_seconds(|| model.step_tl(at, black_box(&mut columns)));
             columns.iter_mut().zip(one.iter().cycle()).for_each(|(column, one)| *column = *one);
             let backward = median_seconds(|| model.step_ad(at, black_box(&mut columns)));
             let per_column = |seconds: f64| seconds / batch as f64;
             println!(
-                "{n:4}² 1 thread, {name:13}: a column in a batch of {batch:2} costs {:5.2} nonlinear steps tangent-linear \
-                 ({:5.2} ns/cell), {:5.2} adjoint",
+                "{n:4}² 1 thread, {name}: a column in a batch of {batch:2} costs {:5.2} nonlinear steps tangent-linear \
+                 ({:5.2} ns/cell), {:5.2} by single steps, {:5.2} adjoint",
+                per_column(forecast) / step,
+                1e9 * per_column(forecast) / (n * n) as f64,
                 per_column(forward) / step,
-                1e9 * per_column(forward) / (n * n) as f64,
                 per_column(backward) / step
             );
         }

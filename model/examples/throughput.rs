@@ -35,13 +35,13 @@ fn main() {
         for adjoint in [false, true] {
             let mut x = start.clone();
             let clock = Instant::now();
-            for _ in 0..steps {
-                if adjoint {
+            if adjoint {
+                for _ in 0..steps {
                     model.step_ad(&x, &mut columns);
-                } else {
-                    model.step_tl(&x, &mut columns);
+                    model.step(&mut x);
                 }
-                model.step(&mut x);
+            } else {
+                model.steps_tl(&x, &mut columns, steps);
             }
             let seconds = clock.elapsed().as_secs_f64();
             println!(

@@ -41,6 +41,12 @@ pub trait TangentLinear: Model {
     ///
     /// `columns` holds any number of increments one after another, each `[variable, y, x]`: a column-major matrix.
     fn step_tl(&self, at: &State, columns: &mut [f64]);
+
+    /// Advances increments by so many time steps along the trajectory from `at`: the bits of as many single steps, which
+    /// it is unless a model knows something faster.
+    fn steps_tl(&self, at: &State, columns: &mut [f64], steps: usize) {
+        step_by_step(self, at, columns, steps);
+    }
 }
 
 /// A model with the adjoint of its tangent-linear: δx*(t) = M'(x(t))ᵀ δx*(t + Δt).
@@ -107,13 +113,25 @@ pub fn forecast_tl(
     steps: usize,
 ) -> Result<(), ForecastError> {
     model.check_state(x)?;
-    let mut at = x.clone();
-    for step in 1..=steps {
-        at.values_mut().copy_from_slice(x.values());
-        // The state's own step is as good as that of a further column, on whichever thread has time for it.
-        rayon::join(|| model.step_tl(&at, columns), || step_checked(model, x, step)).1?;
-    }
+    let at = x.clone();
+    // The state's own forecast is as good as that of a further column, on whichever thread has time for it.
+    let forecast = || (1..=steps).try_for_each(|step| step_checked(model, x, step));
+    rayon::join(|| model.steps_tl(&at, columns, steps), forecast).1?;
     require_finite_increments(model.layout(), columns, steps)
+}
+
+/// [`TangentLinear::steps_tl`] by single steps, up to that after which the state is not finite.
+pub(crate) fn step_by_step<M: TangentLinear + ?Sized>(model: &M, at: &State, columns: &mut [f64], steps: usize) {
+    let mut at = at.clone();
+    for step in 1..=steps {
+        model.step_tl(&at, columns);
+        if step < steps {
+            model.step(&mut at);
+            if at.first_non_finite().is_some() {
+                return;
+            }
+        }
+    }
 }
 
 /// Fails at the first value of the increments in `columns` (as in [`TangentLinear::step_tl`]) that is not finite.

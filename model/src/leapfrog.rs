@@ -19,7 +19,7 @@
 
 use crate::columns::{Columns, add_scaled};
 use crate::error::{ModelError, require};
-use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state};
+use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step};
 use crate::scheme::Tendency;
 use crate::state::{Layout, State};
 use crate::tangent_wavefront::sweep_tl;
@@ -180,8 +180,7 @@ impl<T: Tendency> Model for Leapfrog<T> {
 
 impl<T: Tendency> TangentLinear for Leapfrog<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
-        let now = &at.values()[..self.half()];
-        if sweep_tl(&self.tendency, Scheme::Leapfrog(self.leap()), now, columns) {
+        if sweep_tl(&self.tendency, Scheme::Leapfrog(self.leap()), at.values(), columns, 1) {
             return;
         }
         let linearisation = self.linearise(at.values());
@@ -195,6 +194,13 @@ impl<T: Tendency> TangentLinear for Leapfrog<T> {
                 self.leap().advance(now, before, slope);
             },
         );
+    }
+
+    fn steps_tl(&self, at: &State, columns: &mut [f64], steps: usize) {
+        let scheme = Scheme::Leapfrog(self.leap());
+        if steps > 0 && !sweep_tl(&self.tendency, scheme, at.values(), columns, steps) {
+            step_by_step(self, at, columns, steps);
+        }
     }
 }
 

@@ -78,7 +78,7 @@ impl<T: Tendency> Model for RestartedLeapfrog<T> {
 impl<T: Tendency> TangentLinear for RestartedLeapfrog<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
         let mut levels = self.leapfrog.start_tl(at, columns);
-        self.run(at, |at| self.leapfrog.step_tl(at, &mut levels));
+        self.leapfrog.steps_tl(&self.leapfrog.start(at), &mut levels, self.steps);
         let one = self.layout().len();
         for (column, levels) in columns.chunks_exact_mut(one).zip(levels.chunks_exact(2 * one)) {
             column.copy_from_slice(&levels[..one]);

@@ -37,6 +37,14 @@ impl<'a> Row<'a> {
         row
     }
 
+    /// Some of its places.
+    pub(crate) fn part(mut self, places: std::ops::Range<usize>) -> Self {
+        for row in self.0.iter_mut().filter(|row| !row.is_empty()) {
+            *row = &row[places.clone()];
+        }
+        self
+    }
+
     /// The rows of the first variables.
     #[inline(always)]
     pub fn variables<const N: usize>(&self) -> [&'a [f64]; N] {

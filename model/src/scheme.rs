@@ -21,7 +21,7 @@
 
 use crate::columns::{Columns, add_scaled};
 use crate::error::ModelError;
-use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state};
+use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step};
 use crate::rows::RowStream;
 use crate::state::{Layout, State};
 use crate::tangent_wavefront::{TangentRowStream, sweep_tl};
@@ -71,6 +71,12 @@ pub trait Tendency: Send + Sync {
     /// [`Tendency::row_stream`].
     fn tangent_row_stream(&self, _nx: usize) -> Option<Box<dyn TangentRowStream + '_>> {
         None
+    }
+
+    /// The state at which f' is taken where the model's is `at`: another one only if f is itself linearised, about a state
+    /// for which [`Tendency::tangent_row_stream`] has no tendency.
+    fn linearised_at<'a>(&'a self, at: &'a [f64]) -> &'a [f64] {
+        at
     }
 
     /// The coefficients of f' at a state.
@@ -256,14 +262,25 @@ impl<T: Tendency> Model for Stepped<T> {
         if sweep(&self.tendency, self.numbers(), x.values_mut()) {
             return;
         }
-        self.advance(x.values_mut(), &mut self.work(), |_, x, k, scratch| self.tendency.tendency(x, k, scratch));
+        Columns::new(x.values_mut(), self.layout().len()).for_each(
+            || self.work(),
+            #[inline(always)]
+            |x, work| {
+                self.advance(
+                    x,
+                    work,
+                    #[inline(always)]
+                    |_, x, k, scratch| self.tendency.tendency(x, k, scratch),
+                );
+            },
+        );
     }
 }
 
 impl<T: Tendency> TangentLinear for Stepped<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
         self.check_layout(at);
-        if sweep_tl(&self.tendency, self.numbers(), at.values(), columns) {
+        if sweep_tl(&self.tendency, self.numbers(), at.values(), columns, 1) {
             return;
         }
         let linearisations = self.linearise_stages(at);
@@ -281,6 +298,13 @@ impl<T: Tendency> TangentLinear for Stepped<T> {
                 );
             },
         );
+    }
+
+    fn steps_tl(&self, at: &State, columns: &mut [f64], steps: usize) {
+        self.check_layout(at);
+        if steps > 0 && !sweep_tl(&self.tendency, self.numbers(), at.values(), columns, steps) {
+            step_by_step(self, at, columns, steps);
+        }
     }
 }
 

@@ -1,12 +1,12 @@
-//! Groups of eight columns, interleaved row by row and strip by strip: a strip of so many places of each row that all
-//! that a sweep over it works with stays in cache.
+//! Groups of eight columns, interleaved and cut into strips: so many places of each row that all that a sweep over a strip
+//! works with stays in cache.
 //!
 //! A strip is advanced in place and needs some places on either side of it as they were before the step: those in the
 //! west have been overwritten by the strip before, and those east of the last strip by the first, so each leaves copies
 //! behind.
 
-use crate::update::Leap;
 use pulp::{Arch, Simd, WithSimd};
+use std::ops::Range;
 
 /// Columns of a group.
 pub const LANES: usize = 8;
@@ -16,6 +16,9 @@ pub const MOST_PLACES: usize = 80;
 
 /// Rows with more than [`MOST_PLACES`] are cut into strips of no more than this, to which come those on either side.
 const STRIP: usize = 64;
+
+/// Places that are interleaved or separated at a time: few enough for cache, and whole pages of each column.
+const BLOCK: usize = 512;
 
 /// Some places of each row.
 #[derive(Clone, Copy)]
@@ -49,6 +52,18 @@ impl Strip {
         self.width + 2 * self.reach
     }
 
+    /// Those of the places that are left without so many on either side.
+    pub fn without(self, outermost: usize) -> Range<usize> {
+        let outermost = outermost.min(self.reach);
+        outermost..self.places() - outermost
+    }
+
+    /// The strip's own places of a row of the whole grid.
+    pub fn of_grid(self, row: usize) -> Range<usize> {
+        let start = row * self.nx + self.first;
+        start..start + self.width
+    }
+
     /// Copies the strip of a whole row.
     pub fn copy_row(self, row: &[f64], out: &mut [f64]) {
         let end = self.first + self.width;
@@ -60,122 +75,113 @@ impl Strip {
     }
 }
 
-/// Reads and writes rows `[x, variable, lane]` of a group of columns `[variable, y, x]`.
+/// A group of columns, `[level, y, x, variable, lane]`.
 pub(crate) struct Group {
     arch: Arch,
     variables: usize,
-    /// Values of one variable of a column, and of a whole column.
+    nx: usize,
+    /// Values of one variable of a column, and of one level of the group.
     cells: usize,
-    column_len: usize,
-    /// Of each row, `reach` places west of the strip, and the first of the row.
+    level: usize,
+    values: Vec<f64>,
+    /// Of each row of the present level, `reach` places west of the strip, and the first of the row.
     west: Vec<f64>,
     first: Vec<f64>,
-    /// What stands for the columns that are missing in a last group.
-    zeros: Vec<f64>,
-    /// A row `[variable, lane, x]`.
-    apart: Vec<f64>,
 }
 
 impl Group {
-    /// For columns of `fields` fields of `ny` rows of `nx`, of which the first `variables` are read.
-    pub fn new(variables: usize, fields: usize, nx: usize, ny: usize, reach: usize) -> Self {
+    /// For columns of so many levels of `variables` fields of `ny` rows of `nx`.
+    pub fn new(levels: usize, variables: usize, [nx, ny]: [usize; 2], reach: usize) -> Self {
         let edges = if nx <= MOST_PLACES { 0 } else { ny * reach * variables * LANES };
+        let level = nx * ny * variables * LANES;
         Self {
             arch: Arch::new(),
             variables,
+            nx,
             cells: nx * ny,
-            column_len: fields * nx * ny,
+            level,
+            values: vec![0.0; levels * level],
             west: vec![0.0; edges],
             first: vec![0.0; edges],
-            zeros: vec![0.0; nx.min(MOST_PLACES)],
-            apart: vec![0.0; variables * LANES * MOST_PLACES],
         }
     }
 
-    /// Reads the strip of a row; it is yet to be `advanced`, or will be read once more before it is.
-    pub fn read(&mut self, columns: &[f64], row: usize, strip: Strip, to_be_advanced: bool, out: &mut [f64]) {
-        let (nx, reach, end) = (strip.nx, strip.reach, strip.first + strip.width);
+    /// Takes columns `[level, variable, y, x]`, of which a last group has fewer than [`LANES`]: the others are zero.
+    pub fn load(&mut self, columns: &[f64]) {
+        let (cells, variables, column_len, arch) = (self.cells, self.variables, self.values.len() / LANES, self.arch);
+        let zeros = [0.0; BLOCK];
+        for (number, level) in self.values.chunks_exact_mut(self.level).enumerate() {
+            for (block, values) in level.chunks_mut(BLOCK * variables * LANES).enumerate() {
+                let n = values.len() / (variables * LANES);
+                for variable in 0..variables {
+                    let start = (number * variables + variable) * cells + block * BLOCK;
+                    let sources = std::array::from_fn(|lane| {
+                        let from = lane * column_len + start;
+                        columns.get(from..from + n).unwrap_or(&zeros[..n])
+                    });
+                    let out = &mut values.as_chunks_mut::<LANES>().0[variable..];
+                    arch.dispatch(Interleave { sources, out, variables });
+                }
+            }
+        }
+    }
+
+    /// Gives the columns back.
+    pub fn store(&self, columns: &mut [f64]) {
+        let (cells, variables, column_len) = (self.cells, self.variables, self.values.len() / LANES);
+        for (number, level) in self.values.chunks_exact(self.level).enumerate() {
+            for (block, values) in level.chunks(BLOCK * variables * LANES).enumerate() {
+                let n = values.len() / (variables * LANES);
+                for (lane, column) in columns.chunks_exact_mut(column_len).enumerate() {
+                    for variable in 0..variables {
+                        let start = (number * variables + variable) * cells + block * BLOCK;
+                        let from = &values.as_chunks::<LANES>().0[variable..];
+                        self.arch.dispatch(Separate { from, variables, lane, out: &mut column[start..start + n] });
+                    }
+                }
+            }
+        }
+    }
+
+    /// Reads the strip of a row of the present level; it is yet to be advanced, or will be read once more before it is.
+    pub fn read(&mut self, row: usize, strip: Strip, to_be_advanced: bool, out: &mut [f64]) {
         let place = self.variables * LANES;
-        let edge = row * reach * place..(row + 1) * reach * place;
-        let (west, rest) = out.split_at_mut(reach * place);
-        let (own, east) = rest.split_at_mut(strip.width * place);
-        let start = row * nx;
-        self.interleave(columns, start + strip.first, own);
+        let (own, reach) = (self.own(row, strip), strip.reach * place);
+        let (west, rest) = out.split_at_mut(reach);
+        let (middle, east) = rest.split_at_mut(own.len());
+        middle.copy_from_slice(&self.values[own.clone()]);
         if reach == 0 {
             return;
         }
+        let edge = row * reach..(row + 1) * reach;
+        let end_of_row = (row + 1) * self.nx * place;
         match strip.first {
-            0 => self.interleave(columns, start + nx - reach, west),
+            0 => west.copy_from_slice(&self.values[end_of_row - reach..end_of_row]),
             _ => west.copy_from_slice(&self.west[edge.clone()]),
         }
-        if end == nx {
+        if own.end == end_of_row {
             east.copy_from_slice(&self.first[edge.clone()]);
         } else {
-            self.interleave(columns, start + end, east);
+            east.copy_from_slice(&self.values[own.end..own.end + reach]);
         }
         if to_be_advanced {
-            self.west[edge.clone()].copy_from_slice(&own[own.len() - reach * place..]);
+            self.west[edge.clone()].copy_from_slice(&middle[middle.len() - reach..]);
             if strip.first == 0 {
-                self.first[edge].copy_from_slice(&own[..reach * place]);
+                self.first[edge].copy_from_slice(&middle[..reach]);
             }
         }
     }
 
-    fn interleave(&self, columns: &[f64], start: usize, out: &mut [f64]) {
-        let n = out.len() / (self.variables * LANES);
-        for variable in 0..self.variables {
-            let sources: [&[f64]; LANES] = std::array::from_fn(|lane| {
-                let from = lane * self.column_len + variable * self.cells + start;
-                columns.get(from..from + n).unwrap_or(&self.zeros[..n])
-            });
-            let out = &mut out.as_chunks_mut::<LANES>().0[variable..];
-            self.arch.dispatch(Interleave { sources, out, variables: self.variables });
-        }
+    /// The strip of a row of the present level, and of that before (if there is one).
+    pub fn row_mut(&mut self, row: usize, strip: Strip) -> (&mut [f64], &mut [f64]) {
+        let own = self.own(row, strip);
+        let (now, before) = self.values.split_at_mut(self.level);
+        (&mut now[own.clone()], before.get_mut(own).unwrap_or_default())
     }
 
-    /// Writes the strip of a row.
-    pub fn write(&mut self, columns: &mut [f64], row: usize, strip: Strip, values: &[f64]) {
-        self.separate(strip, values);
-        self.for_each_row(columns, row, strip, |own, _, values| own.copy_from_slice(values));
-    }
-
-    /// Advances the strip of a row of two levels by its slopes.
-    pub fn leap(&mut self, columns: &mut [f64], row: usize, strip: Strip, leapfrog: Leap, slopes: &[f64]) {
-        self.separate(strip, slopes);
-        let arch = self.arch;
-        self.for_each_row(columns, row, strip, |now, before, slope| {
-            arch.dispatch(LeapLane { leapfrog, now, before, slope });
-        });
-    }
-
-    /// The row `[variable, lane, x]`, without the places on either side.
-    fn separate(&mut self, strip: Strip, values: &[f64]) {
-        let (from, _) = values[strip.reach * self.variables * LANES..].as_chunks::<LANES>();
-        for (variable, out) in self.apart.chunks_exact_mut(LANES * strip.width).take(self.variables).enumerate() {
-            self.arch.dispatch(Separate { from: &from[variable..], variables: self.variables, out });
-        }
-    }
-
-    /// Calls with the strip of a row in each column and variable, that in the second half of the fields (if there is
-    /// one), and the row's separated values.
-    fn for_each_row(
-        &self,
-        columns: &mut [f64],
-        row: usize,
-        strip: Strip,
-        mut process: impl FnMut(&mut [f64], &mut [f64], &[f64]),
-    ) {
-        let start = row * strip.nx + strip.first;
-        let first_level = self.variables * self.cells;
-        for (lane, column) in columns.chunks_exact_mut(self.column_len).enumerate() {
-            let (now, before) = column.split_at_mut(first_level);
-            for variable in 0..self.variables {
-                let values = &self.apart[(variable * LANES + lane) * strip.width..][..strip.width];
-                let start = variable * self.cells + start;
-                let before = before.get_mut(start..start + strip.width).unwrap_or_default();
-                process(&mut now[start..start + strip.width], before, values);
-            }
-        }
+    fn own(&self, row: usize, strip: Strip) -> Range<usize> {
+        let (places, place) = (strip.of_grid(row), self.variables * LANES);
+        places.start * place..places.end * place
     }
 }
 
@@ -202,6 +208,7 @@ impl WithSimd for Interleave<'_> {
 struct Separate<'a> {
     from: &'a [[f64; LANES]],
     variables: usize,
+    lane: usize,
     out: &'a mut [f64],
 }
 
@@ -210,27 +217,8 @@ impl WithSimd for Separate<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) {
-        let n = self.out.len() / LANES;
-        for (lane, out) in self.out.chunks_exact_mut(n).enumerate() {
-            for (out, from) in out.iter_mut().zip(self.from.iter().step_by(self.variables)) {
-                *out = from[lane];
-            }
+        for (out, from) in self.out.iter_mut().zip(self.from.iter().step_by(self.variables)) {
+            *out = from[self.lane];
         }
-    }
-}
-
-struct LeapLane<'a> {
-    leapfrog: Leap,
-    now: &'a mut [f64],
-    before: &'a mut [f64],
-    slope: &'a [f64],
-}
-
-impl WithSimd for LeapLane<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
-        self.leapfrog.advance(self.now, self.before, self.slope);
     }
 }

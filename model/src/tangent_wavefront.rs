@@ -1,12 +1,12 @@
-//! A tangent-linear step of eight columns at once as one sweep over the rows, beside the step of the state they are
+//! Tangent-linear steps of eight columns at once, each as one sweep over the rows, beside the step of the state they are
 //! linearised at: what the derivative needs to know of a row of the state is computed once for the eight, and neither
-//! the stages' states nor their coefficients are ever stored for the whole grid.
+//! the trajectory nor the stages' states nor their coefficients are ever stored for the whole grid.
 //!
-//! The columns of a group are interleaved, so that one vector operation does the same for all of them, whatever the
-//! length of a row; the columns missing from a last group are zero. No column knows of the others, so that its bits
-//! are those it has alone. Long rows are swept in strips; the outermost places on either side of a strip become wrong by
-//! as many places as the stencil reaches with each stage, as a strip takes itself for periodic, and only what lies
-//! between them is written.
+//! The columns of a group are interleaved for all steps of a forecast, so that one vector operation does the same for all
+//! of them, whatever the length of a row, and a sweep reads and writes memory from end to end; the columns missing from a
+//! last group are zero. No column knows of the others, so that its bits are those it has alone. Long rows are swept in
+//! strips; the outermost places on either side of a strip become wrong by as many places as the stencil reaches with each
+//! stage, as a strip takes itself for periodic: the next stage leaves them out.
 
 use crate::columns::Columns;
 use crate::grid::{Boundary, Grid};
@@ -14,9 +14,10 @@ use crate::rows::{Ring, Row};
 use crate::scheme::Tendency;
 use crate::strips::{Group, Strip};
 pub use crate::strips::{LANES, MOST_PLACES};
-use crate::update::combine;
+use crate::update::{combine, leap};
 use crate::wavefront::Scheme;
 use pulp::Arch;
+use std::ops::Range;
 
 /// A tendency and its derivative, row by row from the south, for stencils that reach one or two rows and columns.
 ///
@@ -41,9 +42,15 @@ pub trait TangentRowStream: Send {
     fn finish(&mut self, _tendency: &mut [f64], _d_tendency: &mut [f64]) {}
 }
 
-/// One step of the columns, eight at a time; false, and nothing done, if the tendency has no such form. The columns
-/// have all levels of the scheme, `at` has the present one.
-pub(crate) fn sweep_tl<T: Tendency>(tendency: &T, scheme: Scheme<'_>, at: &[f64], columns: &mut [f64]) -> bool {
+/// So many steps of the columns, eight at a time, along the trajectory from `at`; false, and nothing done, if the tendency
+/// has no such form. State and columns have all levels of the scheme.
+pub(crate) fn sweep_tl<T: Tendency>(
+    tendency: &T,
+    scheme: Scheme<'_>,
+    at: &[f64],
+    columns: &mut [f64],
+    steps: usize,
+) -> bool {
     let (grid, variables) = (&tendency.layout().grid, tendency.layout().variables.len());
     let wavefront = || {
         let stream = |_| tendency.tangent_row_stream(grid.nx.min(MOST_PLACES));
@@ -53,13 +60,14 @@ pub(crate) fn sweep_tl<T: Tendency>(tendency: &T, scheme: Scheme<'_>, at: &[f64]
     if tendency.tangent_row_stream(grid.nx.min(MOST_PLACES)).is_none() {
         return false;
     }
-    let mut at = at.to_vec();
-    tendency.constrain(&mut at);
     let level = tendency.layout().len();
-    Columns::new(columns, level * scheme.levels()).for_each_group(LANES, wavefront, |group, wavefront| {
-        group.chunks_exact_mut(level).for_each(|column| tendency.constrain(column));
+    let constrain = |levels: &mut [f64]| levels.chunks_exact_mut(level).for_each(|level| tendency.constrain(level));
+    let mut start: Vec<f64> = at.chunks_exact(level).flat_map(|at| tendency.linearised_at(at)).copied().collect();
+    constrain(&mut start);
+    Columns::new(columns, at.len()).for_each_group(LANES, wavefront, |group, wavefront| {
+        constrain(group);
         if let Some(wavefront) = wavefront {
-            wavefront.sweep(&at, group);
+            wavefront.advance(&start, group, steps);
         }
     });
     true
@@ -83,12 +91,12 @@ impl Stages {
         }
     }
 
-    /// The state at the next stage.
-    fn continue_with(&mut self, arch: Arch, scheme: Scheme<'_>, stage: usize, row: isize, len: usize) {
-        let (terms, count) = scheme.terms(stage, &self.slopes, row);
+    /// Part of a row's state at the next stage.
+    fn continue_with(&mut self, arch: Arch, scheme: Scheme<'_>, stage: usize, row: isize, part: Range<usize>) {
+        let (terms, count) = scheme.terms(stage, &self.slopes, row, part.clone());
         let (first, later) = self.states.split_at_mut(1);
-        let x = Row::of(&first[0].row(row)[..len], len);
-        combine(arch, &mut later[stage].row_mut(row)[..len], x, len, &terms[..count]);
+        let x = Row::of(&first[0].row(row)[part.clone()], part.len());
+        combine(arch, &mut later[stage].row_mut(row)[part.clone()], x, part.len(), &terms[..count]);
     }
 }
 
@@ -108,8 +116,11 @@ struct TangentWavefront<'a> {
     group: Group,
     /// The first rows of the columns, which come again at the end of a periodic sweep.
     first_rows: Ring,
-    /// The columns' last row of a step.
-    result: Vec<f64>,
+    /// The state before and after the step, all levels `[variable, y, x]`.
+    at: [Vec<f64>; 2],
+    /// The state's row of a stage's slopes or of the step, `[variable, x]`.
+    row: Vec<f64>,
+    last_step: bool,
 }
 
 impl<'a> TangentWavefront<'a> {
@@ -129,62 +140,75 @@ impl<'a> TangentWavefront<'a> {
             streams,
             x: Stages::new(stages, of_stage, row_len),
             dx: Stages::new(stages, of_stage, row_len * LANES),
-            group: Group::new(variables, variables * scheme.levels(), grid.nx, grid.ny, reach),
+            group: Group::new(scheme.levels(), variables, [grid.nx, grid.ny], reach),
             first_rows: Ring::new(row_len * LANES, reach),
-            result: vec![0.0; row_len * LANES],
+            at: [Vec::new(), Vec::new()],
+            row: vec![0.0; row_len],
+            last_step: false,
         }
     }
 
-    /// Advances up to eight columns by the step linearised at `at`, in place.
-    fn sweep(&mut self, at: &[f64], columns: &mut [f64]) {
-        for strip in Strip::of_row(self.grid.nx, self.reach[1] as usize) {
-            self.strip = strip;
-            self.sweep_strip(at, columns);
+    /// Advances up to eight columns by so many steps along the trajectory from `start`, in place.
+    fn advance(&mut self, start: &[f64], columns: &mut [f64], steps: usize) {
+        self.at[0].clear();
+        self.at[0].extend_from_slice(start);
+        self.at[1].resize(if steps > 1 { start.len() } else { 0 }, 0.0);
+        self.group.load(columns);
+        for step in 1..=steps {
+            self.last_step = step == steps;
+            for strip in Strip::of_row(self.grid.nx, self.reach[1] as usize) {
+                self.strip = strip;
+                self.sweep_strip();
+            }
+            if !self.last_step {
+                self.at.swap(0, 1);
+            }
         }
+        self.group.store(columns);
     }
 
-    fn sweep_strip(&mut self, at: &[f64], columns: &mut [f64]) {
+    fn sweep_strip(&mut self) {
         let stages = self.streams.len();
         let walls = self.grid.boundary == Boundary::Channel;
         let (ny, [of_stage, of_all]) = (self.grid.ny as isize, self.reach);
         let reach = if walls { 0 } else { of_all };
         self.told.fill(0);
         for row in -reach..ny + reach {
-            self.load_state(at, row);
+            self.load_state(row);
             let increments = self.dx.states[0].row_mut(row);
             if row >= ny {
                 increments.copy_from_slice(self.first_rows.row(row.rem_euclid(ny)));
             } else {
                 let increments = &mut increments[..self.strip.places() * self.variables * LANES];
-                self.group.read(columns, row.rem_euclid(ny) as usize, self.strip, row >= 0, increments);
+                self.group.read(row.rem_euclid(ny) as usize, self.strip, row >= 0, increments);
                 if (0..of_all).contains(&row) {
                     self.first_rows.row_mut(row).copy_from_slice(self.dx.states[0].row(row));
                 }
             }
-            self.cascade(0, row, columns);
+            self.cascade(0, row);
         }
         if walls {
             for stage in 0..stages {
                 self.push_beyond(stage, ny - 1, false);
-                self.continue_with(stage, ny - of_stage, columns);
+                self.continue_with(stage, ny - of_stage);
                 if of_stage > 1 {
                     self.finish(stage, ny - 1);
-                    self.continue_with(stage, ny - 1, columns);
+                    self.continue_with(stage, ny - 1);
                 }
             }
         }
     }
 
-    fn load_state(&mut self, at: &[f64], row: isize) {
+    fn load_state(&mut self, row: isize) {
         let (nx, cells) = (self.grid.nx, self.grid.cells());
         let start = row.rem_euclid(self.grid.ny as isize) as usize * nx;
         let out = self.x.states[0].row_mut(row);
-        for (out, field) in out.chunks_exact_mut(self.strip.places()).zip(at.chunks_exact(cells)) {
+        for (out, field) in out.chunks_exact_mut(self.strip.places()).zip(self.at[0].chunks_exact(cells)) {
             self.strip.copy_row(&field[start..start + nx], out);
         }
     }
 
-    fn cascade(&mut self, stage: usize, row: isize, columns: &mut [f64]) {
+    fn cascade(&mut self, stage: usize, row: isize) {
         self.told[stage] += 1;
         let walls = self.grid.boundary == Boundary::Channel;
         if self.told[stage] == 1 && walls {
@@ -192,73 +216,142 @@ impl<'a> TangentWavefront<'a> {
             self.told[stage] += self.reach[0] as usize;
             return self.push_beyond(stage, row, true);
         }
-        let (places, len) = (self.strip.places(), self.strip.places() * self.variables);
-        let (x, dx) = (&mut self.x, &mut self.dx);
-        let (x_states, dx_states) = (&x.states[stage], &dx.states[stage]);
-        let (x_row, dx_row) =
-            (|row| Row::of(&x_states.row(row)[..len], places), |row| &dx_states.row(row)[..len * LANES]);
+        let span = self.span(stage);
         if self.told[stage] == 1 {
-            return self.streams[stage].begin(x_row(row), dx_row(row));
+            let x = span.of_state(&self.x.states[stage], row);
+            return self.streams[stage].begin(x, &self.dx.states[stage].row(row)[span.increments()]);
         }
         let known = row - self.reach[0];
-        let (slope, d_slope) = (x.slopes[stage].row_mut(known), dx.slopes[stage].row_mut(known));
+        let (x, dx) = (&self.x.states[stage], &self.dx.states[stage]);
+        let d_slope = &mut self.dx.slopes[stage].row_mut(known)[span.increments()];
         self.streams[stage].push(
             row.rem_euclid(self.grid.ny as isize) as usize,
-            (x_row(row - 1), x_row(row), &mut slope[..len]),
-            (dx_row(row - 1), dx_row(row), &mut d_slope[..len * LANES]),
+            (span.of_state(x, row - 1), span.of_state(x, row), &mut self.row[..span.len()]),
+            (&dx.row(row - 1)[span.increments()], &dx.row(row)[span.increments()], d_slope),
         );
+        span.keep(&self.row, self.x.slopes[stage].row_mut(known));
         if self.told[stage] > 2 * self.reach[0] as usize {
-            self.continue_with(stage, known, columns);
+            self.continue_with(stage, known);
         }
     }
 
     /// Pushes the row beyond a wall, given the row beside it: before that row in the south, after it in the north.
     fn push_beyond(&mut self, stage: usize, row: isize, south: bool) {
-        let (places, len) = (self.strip.places(), self.strip.places() * self.variables);
+        let span = self.span(stage);
         let (stream, x, dx) = (&mut self.streams[stage], &mut self.x, &mut self.dx);
-        let x_row = Row::of(&x.states[stage].row(row)[..len], places);
-        let dx_row = &dx.states[stage].row(row)[..len * LANES];
-        let (ghost, d_ghost) = (&mut x.ghost[..len], &mut dx.ghost[..len * LANES]);
+        let x_row = span.of_state(&x.states[stage], row);
+        let dx_row = &dx.states[stage].row(row)[span.increments()];
+        let (ghost, d_ghost) = (&mut x.ghost[..span.len()], &mut dx.ghost[..span.len() * LANES]);
         stream.beyond_wall(x_row, dx_row, ghost, d_ghost);
-        let (x_ghost, pushed) = (Row::of(ghost, places), if south { row } else { row + 1 });
-        let slope_row = pushed - self.reach[0];
-        let slope = &mut x.slopes[stage].row_mut(slope_row)[..len];
-        let d_slope = &mut dx.slopes[stage].row_mut(slope_row)[..len * LANES];
+        let (x_ghost, pushed) = (Row::of(ghost, span.own.len()), if south { row } else { row + 1 });
+        let known = pushed - self.reach[0];
+        let (slope, d_slope) = (&mut self.row[..span.len()], &mut dx.slopes[stage].row_mut(known)[span.increments()]);
         if south {
             stream.begin(x_ghost, d_ghost);
             stream.push(pushed as usize, (x_ghost, x_row, slope), (d_ghost, dx_row, d_slope));
         } else {
             stream.push(pushed as usize, (x_row, x_ghost, slope), (dx_row, d_ghost, d_slope));
         }
+        span.keep(&self.row, x.slopes[stage].row_mut(known));
     }
 
     /// The slopes of the row beside the northern wall, that beyond it having been pushed.
     fn finish(&mut self, stage: usize, row: isize) {
-        let len = self.strip.places() * self.variables;
-        let slope = &mut self.x.slopes[stage].row_mut(row)[..len];
-        self.streams[stage].finish(slope, &mut self.dx.slopes[stage].row_mut(row)[..len * LANES]);
+        let span = self.span(stage);
+        let d_slope = &mut self.dx.slopes[stage].row_mut(row)[span.increments()];
+        self.streams[stage].finish(&mut self.row[..span.len()], d_slope);
+        span.keep(&self.row, self.x.slopes[stage].row_mut(row));
     }
 
     /// The slopes of a row at a stage are known: on to the next stage, or to the end.
-    fn continue_with(&mut self, stage: usize, row: isize, columns: &mut [f64]) {
-        let (arch, scheme, len) = (self.arch, self.scheme, self.strip.places() * self.variables);
+    fn continue_with(&mut self, stage: usize, row: isize) {
+        let (arch, scheme, span) = (self.arch, self.scheme, self.span(stage + 1));
         if stage + 1 < self.streams.len() {
-            self.x.continue_with(arch, scheme, stage, row, len);
-            self.dx.continue_with(arch, scheme, stage, row, len * LANES);
-            return self.cascade(stage + 1, row, columns);
+            self.x.continue_with(arch, scheme, stage, row, 0..self.strip.places() * self.variables);
+            self.dx.continue_with(arch, scheme, stage, row, span.increments());
+            return self.cascade(stage + 1, row);
         }
-        let len = len * LANES;
+        let part = span.increments();
+        let (terms, count) = scheme.terms(stage, &self.dx.slopes, row, part.clone());
+        let (now, before) = self.group.row_mut(row as usize, self.strip);
         match scheme {
             Scheme::RungeKutta { .. } => {
-                let (terms, count) = scheme.terms(stage, &self.dx.slopes, row);
-                let x = Row::of(&self.dx.states[0].row(row)[..len], len);
-                combine(arch, &mut self.result[..len], x, len, &terms[..count]);
-                self.group.write(columns, row as usize, self.strip, &self.result[..len]);
+                let x = Row::of(&self.dx.states[0].row(row)[part], now.len());
+                combine(arch, now, x, now.len(), &terms[..count]);
             }
             Scheme::Leapfrog(leapfrog) => {
-                let slopes = &self.dx.slopes[0].row(row)[..len];
-                self.group.leap(columns, row as usize, self.strip, leapfrog, slopes);
+                leap(arch, leapfrog, &mut [now, before], 0, part.len(), &self.dx.slopes[0].row(row)[part]);
             }
+        }
+        if !self.last_step {
+            self.advance_state(row);
+        }
+    }
+
+    /// The state's row after the step.
+    fn advance_state(&mut self, row: isize) {
+        let (places, cells, reach, strip) = (self.strip.places(), self.grid.cells(), self.strip.reach, self.strip);
+        let (own, inner) = (strip.of_grid(row as usize), reach..reach + strip.width);
+        let (stages, len) = (self.streams.len(), places * self.variables);
+        let [before, after] = &mut self.at;
+        if let Scheme::RungeKutta { .. } = self.scheme {
+            let (terms, count) = self.scheme.terms(stages - 1, &self.x.slopes, row, 0..len);
+            let x = Row::of(&self.x.states[0].row(row)[..len], len);
+            combine(self.arch, &mut self.row[..len], x, len, &terms[..count]);
+            for (field, values) in after.chunks_exact_mut(cells).zip(self.row.chunks_exact(places)) {
+                field[own.clone()].copy_from_slice(&values[inner.clone()]);
+            }
+        }
+        if let Scheme::Leapfrog(leapfrog) = self.scheme {
+            for (field, from) in after.chunks_exact_mut(cells).zip(before.chunks_exact(cells)) {
+                field[own.clone()].copy_from_slice(&from[own.clone()]);
+            }
+            let (new, filtered) = after.split_at_mut(self.variables * cells);
+            let fields = new.chunks_exact_mut(cells).zip(filtered.chunks_exact_mut(cells));
+            for ((new, filtered), slope) in fields.zip(self.x.slopes[0].row(row).chunks_exact(places)) {
+                let levels = &mut [&mut new[own.clone()], &mut filtered[own.clone()]];
+                leap(self.arch, leapfrog, levels, 0, strip.width, &slope[inner.clone()]);
+            }
+        }
+    }
+
+    /// What a stage works with.
+    fn span(&self, stage: usize) -> Span {
+        let own = self.strip.without(stage * self.reach[0] as usize);
+        Span { own, places: self.strip.places(), variables: self.variables }
+    }
+}
+
+/// The places of a row that a stage works with.
+struct Span {
+    own: Range<usize>,
+    /// Places of the whole row.
+    places: usize,
+    variables: usize,
+}
+
+impl Span {
+    /// Values of the state.
+    fn len(&self) -> usize {
+        self.own.len() * self.variables
+    }
+
+    /// Where they are in a row of increments.
+    fn increments(&self) -> Range<usize> {
+        let place = self.variables * LANES;
+        self.own.start * place..self.own.end * place
+    }
+
+    /// The state's.
+    fn of_state<'a>(&self, states: &'a Ring, row: isize) -> Row<'a> {
+        Row::of(&states.row(row)[..self.places * self.variables], self.places).part(self.own.clone())
+    }
+
+    /// Puts them where they are in a row of the state's slopes.
+    fn keep(&self, slopes: &[f64], row: &mut [f64]) {
+        let variables = row.chunks_exact_mut(self.places).take(self.variables);
+        for (row, slopes) in variables.zip(slopes.chunks_exact(self.own.len())) {
+            row[self.own.clone()].copy_from_slice(slopes);
         }
     }
 }

@@ -14,7 +14,7 @@ pub struct Contract {
     pub dot_product_error: f64,
 }
 
-/// Runs the battery at a state: zero, linearity, Taylor ladder, dot product, batches, threads.
+/// Runs the battery at a state: zero, linearity, Taylor ladder, dot product, batches, threads, several steps.
 ///
 /// * Zero: M'0 = 0 and M'ᵀ0 = 0.
 /// * Linearity: M'(2a − 3b) = 2 M'a − 3 M'b to rounding, and the same for M'ᵀ.
@@ -23,6 +23,8 @@ pub struct Contract {
 /// * Dot product: ⟨M'δx, y⟩ = ⟨δx, M'ᵀy⟩ to 100 machine epsilons, relative, for y = M'δx, and for a random y relative
 ///   to the sum of the products' absolute values.
 /// * Batches and threads: a matrix of columns gives the bits that single columns give, on one thread and on two.
+/// * Several steps: [`TangentLinear::steps_tl`](crate::TangentLinear::steps_tl) gives the bits that single steps along the
+///   trajectory give.
 ///
 /// Increments are random, scaled for each variable by the largest deviation from its mean (if there is none, by a
 /// hundredth of its largest value, or 1).
@@ -42,6 +44,7 @@ pub fn check_contract(model: &dyn Adjoint, at: &State) -> Contract {
     check_zero(model, at);
     check_linearity(model, at, &a, &b, &scales);
     check_batches_and_threads(model, at, &increment);
+    check_several_steps(model, at, &increment);
     Contract {
         taylor_decades: taylor_ladder(model, at, &a, &scales),
         dot_product_error: dot_product_error(model, at, &a, &b, &scales),
@@ -159,6 +162,18 @@ fn check_batches_and_threads(model: &dyn Adjoint, at: &State, increment: &dyn Fn
         let mut single = columns.clone();
         single.chunks_exact_mut(len).for_each(step);
         assert!(bits(&one).eq(bits(&single)), "the {name} gives other bits for many columns than for single ones");
+    }
+}
+
+fn check_several_steps(model: &dyn Adjoint, at: &State, increment: &dyn Fn(&str) -> Vec<f64>) {
+    let columns: Vec<f64> = (0..11).flat_map(|column| increment(&format!("contract/column{column}"))).collect();
+    let (mut x, mut single) = (at.clone(), columns.clone());
+    for steps in 0..=3 {
+        let mut together = columns.clone();
+        model.steps_tl(at, &mut together, steps);
+        assert!(bits(&together).eq(bits(&single)), "{steps} steps at once give other bits than one after another");
+        model.step_tl(&x, &mut single);
+        model.step(&mut x);
     }
 }
 

@@ -6,6 +6,7 @@ use crate::scheme::Tendency;
 use crate::update::{Leap, add_slopes, combine, leap};
 use pulp::Arch;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// How slopes make a step.
 #[derive(Clone, Copy)]
@@ -33,15 +34,15 @@ impl Scheme<'_> {
         }
     }
 
-    /// The slopes of `row` known at a stage, with the times for which they act in the state of the next stage.
-    pub fn terms(self, stage: usize, slopes: &[Ring], row: isize) -> ([(f64, &[f64]); 8], usize) {
+    /// Part of the slopes of `row` known at a stage, with the times for which they act in the state of the next stage.
+    pub fn terms(self, stage: usize, slopes: &[Ring], row: isize, part: Range<usize>) -> ([(f64, &[f64]); 8], usize) {
         let mut terms: [(f64, &[f64]); 8] = [(0.0, &[]); 8];
         let mut count = 0;
         if let Scheme::RungeKutta { a, b, dt } = self {
             let weights = if stage + 1 == b.len() { b } else { a[stage + 1] };
             for (&weight, slopes) in weights.iter().zip(slopes) {
                 if weight != 0.0 {
-                    terms[count] = (dt * weight, slopes.row(row));
+                    terms[count] = (dt * weight, &slopes.row(row)[part.clone()]);
                     count += 1;
                 }
             }
@@ -149,7 +150,7 @@ impl<'a> Wavefront<'a> {
     /// The slope of a row at a stage is known: on to the next stage, or to the end.
     fn continue_with(&mut self, stage: usize, row: isize, band: &mut Band<'_>) {
         let (arch, nx) = (self.arch, self.nx);
-        let (terms, count) = self.scheme.terms(stage, &self.slopes, row);
+        let (terms, count) = self.scheme.terms(stage, &self.slopes, row, 0..self.ghost.len());
         if stage + 1 < self.streams.len() {
             combine(arch, self.states[stage].row_mut(row), band.row(row), nx, &terms[..count]);
             return self.cascade(stage + 1, row, band);

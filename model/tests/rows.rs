@@ -2,21 +2,21 @@
 
 mod common;
 
-use common::{BOUNDARIES, FORMS, SCHEMES, difference, grid, largest, parameters, stepped, turbulence};
+use common::{BOUNDARIES, FORMS, SCHEMES, difference, grid, jet, largest, parameters, stepped, turbulence};
 use isobar_model::initial::{self, Vortex};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{
-    Duration, Layout, Leapfrog, Model, ShallowWater, ShallowWaterParameters, SpectralBounds, State, TangentLinear,
-    Tendency,
+    Boundary, Duration, Layout, Leapfrog, LinearShallowWater, Model, ShallowWater, ShallowWaterParameters,
+    SpectralBounds, State, TangentLinear, Tendency,
 };
 use std::sync::Arc;
 
-/// Shallow water that hides its form by rows.
+/// A tendency that hides its forms by rows.
 #[derive(Clone)]
-struct WholeFields(ShallowWater);
+struct WholeFields<T>(T);
 
-impl Tendency for WholeFields {
-    type Linearisation = <ShallowWater as Tendency>::Linearisation;
+impl<T: Tendency> Tendency for WholeFields<T> {
+    type Linearisation = T::Linearisation;
 
     fn layout(&self) -> &Arc<Layout> {
         self.0.layout()
@@ -113,7 +113,7 @@ fn bands_on_several_threads_give_the_bits_of_one() {
 }
 
 /// Rows of 150 places are swept in three strips, rows of 81 in two: the tangent-linear of whole fields to rounding, and
-/// a column has the bits it has alone, whatever its place in a group and the others.
+/// a column has the bits it has alone, whatever its place in a group, the others, and the steps taken at once.
 #[test]
 fn strips_give_the_tangent_linear_of_whole_fields() {
     for (nx, ny, boundary, form, hyperdiffusion_m4_per_s) in [
@@ -124,37 +124,50 @@ fn strips_give_the_tangent_linear_of_whole_fields() {
         (20, 5, BOUNDARIES[0], FORMS[1], 5e14),
     ] {
         let parameters = ShallowWaterParameters { drag_per_s: 1e-5, hyperdiffusion_m4_per_s, ..parameters(boundary) };
-        let rows = ShallowWater::new(grid(nx, ny, boundary), parameters, form).unwrap();
-        let whole = WholeFields(rows.clone());
-        let (width, height) = (rows.layout().grid.width_m(), rows.layout().grid.height_m());
+        let nonlinear = ShallowWater::new(grid(nx, ny, boundary), parameters, form).unwrap();
+        let (width, height) = (nonlinear.layout().grid.width_m(), nonlinear.layout().grid.height_m());
         let vortex = Vortex { center_x_m: 0.9 * width, center_y_m: 0.4 * height, amplitude_m: 40.0, radius_m: 3e5 };
-        let start = initial::vortices(&rows, 1000.0, &[vortex]).unwrap();
-        let step = Duration::from_seconds(100);
-        let leapfrog = Leapfrog::new(rows.clone(), step, 0.02).unwrap();
-        let pair = |scheme| -> (Box<dyn TangentLinear>, Box<dyn TangentLinear>, State) {
-            let (rows, whole) = (rows.clone(), whole.clone());
-            (Box::new(stepped(rows, 200, scheme)), Box::new(stepped(whole, 200, scheme)), start.clone())
-        };
-        let leap: (Box<dyn TangentLinear>, Box<dyn TangentLinear>, State) = (
-            Box::new(leapfrog.clone()),
-            Box::new(Leapfrog::new(whole.clone(), step, 0.02).unwrap()),
-            leapfrog.start(&start),
-        );
-        for (swept, fields, at) in SCHEMES.map(pair).into_iter().chain([leap]) {
-            let len = at.values().len();
-            let columns = standard_normals(&mut stream(3, "columns"), 11 * len);
-            let [mut together, mut expected, mut alone] =
-                [columns.clone(), columns.clone(), columns[9 * len..10 * len].to_vec()];
-            for _ in 0..2 {
-                swept.step_tl(&at, &mut together);
-                fields.step_tl(&at, &mut expected);
-                swept.step_tl(&at, &mut alone);
-            }
-            let scale = largest(&expected);
-            assert!(largest(&difference(&together, &columns)) > 0.1 * scale, "the columns must have moved");
-            let error = largest(&difference(&together, &expected)) / scale;
-            assert!(error < 1e-14, "relative error {error:e}");
-            assert!(together[9 * len..10 * len] == alone, "a column knows of the others");
+        let start = initial::vortices(&nonlinear, 1000.0, &[vortex]).unwrap();
+        let northward = if boundary == Boundary::Channel { 0.0 } else { -7.0 };
+        let uniform = LinearShallowWater::about_uniform_wind(nonlinear.clone(), 900.0, 20.0, northward).unwrap();
+        let jet = initial::geostrophic_jet(&nonlinear, &jet(&nonlinear)).unwrap();
+        let zonal = LinearShallowWater::about_steady_flow(nonlinear.clone(), jet).unwrap();
+        check_strips(&nonlinear, &start);
+        check_strips(&uniform, &start);
+        check_strips(&zonal, &start);
+    }
+}
+
+fn check_strips<T: Tendency + Clone>(rows: &T, start: &State) {
+    let whole = WholeFields(rows.clone());
+    assert!(rows.tangent_row_stream(20).is_some() && whole.tangent_row_stream(20).is_none());
+    for scheme in SCHEMES {
+        check_sweep(&stepped(rows.clone(), 200, scheme), &stepped(whole.clone(), 200, scheme), start);
+    }
+    let step = Duration::from_seconds(100);
+    let (rows, whole) = (Leapfrog::new(rows.clone(), step, 0.02).unwrap(), Leapfrog::new(whole, step, 0.02).unwrap());
+    check_sweep(&rows, &whole, &rows.start(start));
+}
+
+fn check_sweep(swept: &dyn TangentLinear, fields: &dyn TangentLinear, start: &State) {
+    let (len, mut at) = (start.values().len(), start.clone());
+    let columns = standard_normals(&mut stream(3, "columns"), 11 * len);
+    let [mut single, mut expected, mut alone] = [columns.clone(), columns.clone(), columns[9 * len..10 * len].to_vec()];
+    for steps in 1..=3 {
+        swept.step_tl(&at, &mut single);
+        fields.step_tl(&at, &mut expected);
+        swept.step(&mut at);
+        for threads in [1, 2] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let mut together = columns.clone();
+            pool.install(|| swept.steps_tl(start, &mut together, steps));
+            assert!(together == single, "{steps} steps at once on {threads} threads");
         }
     }
+    swept.steps_tl(start, &mut alone, 3);
+    assert!(single[9 * len..10 * len] == alone, "a column knows of the others");
+    let scale = largest(&expected);
+    assert!(largest(&difference(&single, &columns)) > 0.1 * scale, "the columns must have moved");
+    let error = largest(&difference(&single, &expected)) / scale;
+    assert!(error < 1e-14, "relative error {error:e}");
 }

@@ -218,9 +218,7 @@ impl Cost<'_> {
         let m = self.control.state_values();
         let mut result: Vec<Vec<Vec<f64>>> = vec![Vec::with_capacity(self.trajectory.len()); biases.len()];
         for (cycle, own) in self.trajectory.iter().zip(self.innovations) {
-            for at in &cycle[..cycle.len() - 1] {
-                self.problem.model.step_tl(at, &mut columns);
-            }
+            self.problem.model.steps_tl(&cycle[0], &mut columns, cycle.len() - 1);
             for (number, dc) in biases.iter().enumerate() {
                 let dy = own.jacobian.apply(&columns[number * m..][..m], dc);
                 result[number].push(own.whiten(dy));

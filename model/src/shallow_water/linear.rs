@@ -3,14 +3,16 @@
 use super::{Coefficients, ShallowWater};
 use crate::error::{ModelError, require, require_finite, require_positive};
 use crate::grid::Boundary;
+use crate::rows::Row;
 use crate::scheme::{SpectralBounds, Tendency};
 use crate::state::{Layout, State};
+use crate::tangent_wavefront::TangentRowStream;
 use std::sync::Arc;
 
 /// dx/dt = N'(x̄)(x − x̄): the [`ShallowWater`] tendency N linearised about a steady zonal flow x̄.
 ///
-/// There is one implementation of N'(x̄), the tangent-linear of the nonlinear model, with coefficients computed once.
-/// The forecast of a total state x then differs from that of its increment by x̄, which stays as it is; drag and
+/// There is one implementation of N'(x̄), the tangent-linear of the nonlinear model: row by row for increments, and on whole
+/// fields, with coefficients computed once, for the state and the adjoint. The forecast of a total state x then differs from that of its increment by x̄, which stays as it is; drag and
 /// hyperdiffusion act on the increment alone.
 ///
 /// For [`LinearShallowWater::about_uniform_flow`] the mean depth is uniform although the mean flow would need a
@@ -134,6 +136,14 @@ impl Tendency for LinearShallowWater {
         self.nonlinear.tendency_tl(&self.coefficients, increment, out, scratch);
     }
 
+    fn linearised_at<'a>(&'a self, _at: &'a [f64]) -> &'a [f64] {
+        self.basic_state.values()
+    }
+
+    fn tangent_row_stream(&self, nx: usize) -> Option<Box<dyn TangentRowStream + '_>> {
+        Some(Box::new(SteadyRows(self.nonlinear.tangent_row_stream(nx)?)))
+    }
+
     fn linearise(&self, _at: &[f64]) {}
 
     #[inline(always)]
@@ -149,5 +159,33 @@ impl Tendency for LinearShallowWater {
     /// Those of the nonlinear model at x̄, whatever x.
     fn spectral_bounds(&self, _x: &[f64]) -> SpectralBounds {
         self.bounds
+    }
+}
+
+/// N' row by row at a state that stays as it is, whatever N of it: the basic state at every stage of every step.
+struct SteadyRows<'a>(Box<dyn TangentRowStream + 'a>);
+
+impl TangentRowStream for SteadyRows<'_> {
+    fn reach(&self) -> usize {
+        self.0.reach()
+    }
+
+    fn begin(&mut self, x: Row<'_>, dx: &[f64]) {
+        self.0.begin(x, dx);
+    }
+
+    fn beyond_wall(&self, x: Row<'_>, dx: &[f64], ghost: &mut [f64], d_ghost: &mut [f64]) {
+        self.0.beyond_wall(x, dx, ghost, d_ghost);
+    }
+
+    fn push(&mut self, row: usize, x: (Row<'_>, Row<'_>, &mut [f64]), dx: (&[f64], &[f64], &mut [f64])) {
+        let (south, north, tendency) = x;
+        self.0.push(row, (south, north, &mut *tendency), dx);
+        tendency.fill(0.0);
+    }
+
+    fn finish(&mut self, tendency: &mut [f64], d_tendency: &mut [f64]) {
+        self.0.finish(tendency, d_tendency);
+        tendency.fill(0.0);
     }
 }
