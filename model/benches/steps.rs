@@ -4,7 +4,8 @@
 //!   two threads, by leapfrog and by the Runge–Kutta scheme of fourth order;
 //! * the bandwidth of a memory copy on as many threads, of arrays far larger than any cache and of arrays as large as the
 //!   state, and the fraction reached of the step rate at which the state would move through memory just once;
-//! * the cost of one tangent-linear column, in a batch of 32 and of one, in nonlinear steps of the same scheme.
+//! * the cost of one tangent-linear column, in a batch of 32 and of one, in nonlinear steps of the same scheme, and of one
+//!   that is stored in single precision in times of that.
 //!
 //! `cargo bench -p isobar-model`, or with grid sizes: `cargo bench -p isobar-model -- 64 256`. Times are medians.
 
@@ -136,14 +137,17 @@ fn tangent_linear(n: usize) {
             let one = standard_normals(&mut stream(1, "columns"), len);
             let mut columns: Vec<f64> = one.iter().cycle().take(batch * len).copied().collect();
             let forward = median_seconds(|| model.step_tl(at, black_box(&mut columns)));
+            let mut stored: Vec<f32> = one.iter().cycle().take(batch * len).map(|&value| value as f32).collect();
+            let single = median_seconds(|| model.step_tl_single(at, black_box(&mut stored)));
             columns.iter_mut().zip(one.iter().cycle()).for_each(|(column, one)| *column = *one);
             let backward = median_seconds(|| model.step_ad(at, black_box(&mut columns)));
             let per_column = |seconds: f64| seconds / batch as f64;
             println!(
                 "{n:4}² 1 thread, {name:13}: a column in a batch of {batch:2} costs {:5.2} nonlinear steps tangent-linear \
-                 ({:5.2} ns/cell), {:5.2} adjoint",
+                 ({:5.2} ns/cell; in single precision {:4.2} of it), {:5.2} adjoint",
                 per_column(forward) / step,
                 1e9 * per_column(forward) / (n * n) as f64,
+                single / forward,
                 per_column(backward) / step
             );
         }

@@ -1,20 +1,21 @@
 //! Columns of increments, processed in parallel by code for the processor's widest vectors.
 
+use crate::stored::Stored;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 /// Increments one after another.
-pub(crate) struct Columns<'a> {
-    values: &'a mut [f64],
+pub(crate) struct Columns<'a, S> {
+    values: &'a mut [S],
     len: usize,
 }
 
-impl<'a> Columns<'a> {
+impl<'a, S: Stored> Columns<'a, S> {
     /// Whole increments of `len` values.
     ///
     /// # Panics
     /// If they are not whole.
-    pub fn new(values: &'a mut [f64], len: usize) -> Self {
+    pub fn new(values: &'a mut [S], len: usize) -> Self {
         assert_eq!(values.len() % len, 0, "columns must be whole increments of {len} values");
         Self { values, len }
     }
@@ -24,7 +25,7 @@ impl<'a> Columns<'a> {
         self,
         columns: usize,
         work: impl Fn() -> W + Sync + Send,
-        process: impl Fn(&mut [f64], &mut W) + Sync + Send,
+        process: impl Fn(&mut [S], &mut W) + Sync + Send,
     ) {
         let groups = (self.values.len() / self.len).div_ceil(columns);
         let least = groups.div_ceil(8 * rayon::current_num_threads()).max(1);
@@ -32,7 +33,7 @@ impl<'a> Columns<'a> {
         groups.for_each_init(work, |work, group| process(group, work));
     }
 
-    /// Applies `process` to each column, with a workspace for each worker; which thread does which column has no
+    /// Applies `process` to each column in double precision, with a workspace for each worker; which thread does which column has no
     /// influence on the result.
     ///
     /// What is inlined into `process` is compiled for the processor's widest vectors, chosen at run time. The bits are
@@ -40,25 +41,33 @@ impl<'a> Columns<'a> {
     pub fn for_each<W: Send>(self, work: impl Fn() -> W + Sync + Send, process: impl Fn(&mut [f64], &mut W) + Sync) {
         let arch = Arch::new();
         let least = (self.values.len() / self.len).div_ceil(8 * rayon::current_num_threads());
-        self.values.par_chunks_exact_mut(self.len).with_min_len(least.max(1)).for_each_init(work, |work, column| {
-            arch.dispatch(Vectorised { process: &process, column, work });
-        });
+        let columns = self.values.par_chunks_exact_mut(self.len).with_min_len(least.max(1));
+        columns.for_each_init(
+            || (work(), Vec::new()),
+            |(work, scratch), column| arch.dispatch(Vectorised { process: &process, column, work, scratch }),
+        );
     }
 }
 
 /// A column to process, for [`pulp::Arch::dispatch`].
-struct Vectorised<'a, F, W> {
+struct Vectorised<'a, F, S, W> {
     process: &'a F,
-    column: &'a mut [f64],
+    column: &'a mut [S],
     work: &'a mut W,
+    scratch: &'a mut Vec<f64>,
 }
 
-impl<W, F: Fn(&mut [f64], &mut W)> WithSimd for Vectorised<'_, F, W> {
+impl<W, S: Stored, F: Fn(&mut [f64], &mut W)> WithSimd for Vectorised<'_, F, S, W> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
-        (self.process)(self.column, self.work);
+    fn with_simd<V: Simd>(self, _simd: V) {
+        S::in_double(
+            self.column,
+            self.scratch,
+            #[inline(always)]
+            |column| (self.process)(column, self.work),
+        );
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::error::ModelError;
 use crate::state::{Layout, State};
+use crate::stored::Stored;
 use crate::time::Duration;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -41,6 +42,19 @@ pub trait TangentLinear: Model {
     ///
     /// `columns` holds any number of increments one after another, each `[variable, y, x]`: a column-major matrix.
     fn step_tl(&self, at: &State, columns: &mut [f64]);
+
+    /// [`TangentLinear::step_tl`] of increments stored in single precision: the same arithmetic, in double, on what is
+    /// stored, and its result rounded.
+    ///
+    /// As provided it goes by a copy of some columns at a time, which a model that rounds only what it writes has no
+    /// need of.
+    fn step_tl_single(&self, at: &State, columns: &mut [f32]) {
+        let group = 8 * rayon::current_num_threads() * self.layout().len().max(1);
+        let mut scratch = Vec::new();
+        for group in columns.chunks_mut(group) {
+            f32::in_double(group, &mut scratch, |columns| self.step_tl(at, columns));
+        }
+    }
 }
 
 /// A model with the adjoint of its tangent-linear: δx*(t) = M'(x(t))ᵀ δx*(t + Δt).
@@ -96,14 +110,14 @@ pub fn forecast(model: &dyn Model, x: &mut State, steps: usize) -> Result<(), Fo
 }
 
 /// Advances `x` by `steps` time steps and, in lockstep along that trajectory, the increments in `columns`
-/// (as in [`TangentLinear::step_tl`]); no trajectory is stored.
+/// (as in [`TangentLinear::step_tl`], in double or single precision); no trajectory is stored.
 ///
 /// # Errors
 /// [`ForecastError`] at the first step after which the state, or at the end an increment, is not finite.
-pub fn forecast_tl(
+pub fn forecast_tl<S: Stored>(
     model: &dyn TangentLinear,
     x: &mut State,
-    columns: &mut [f64],
+    columns: &mut [S],
     steps: usize,
 ) -> Result<(), ForecastError> {
     model.check_state(x)?;
@@ -111,7 +125,7 @@ pub fn forecast_tl(
     for step in 1..=steps {
         at.values_mut().copy_from_slice(x.values());
         // The state's own step is as good as that of a further column, on whichever thread has time for it.
-        rayon::join(|| model.step_tl(&at, columns), || step_checked(model, x, step)).1?;
+        rayon::join(|| S::step_tl(model, &at, columns), || step_checked(model, x, step)).1?;
     }
     require_finite_increments(model.layout(), columns, steps)
 }
@@ -120,11 +134,11 @@ pub fn forecast_tl(
 ///
 /// # Errors
 /// [`ForecastError::IncrementNotFinite`] after so many `steps`.
-pub fn require_finite_increments(layout: &Layout, columns: &[f64], steps: usize) -> Result<(), ForecastError> {
+pub fn require_finite_increments<S: Stored>(layout: &Layout, columns: &[S], steps: usize) -> Result<(), ForecastError> {
     const CHUNK: usize = 8192;
-    let bad = columns.par_chunks(CHUNK).position_first(|chunk| chunk.iter().any(|value| !value.is_finite()));
+    let bad = columns.par_chunks(CHUNK).position_first(|chunk| chunk.iter().any(|value| !value.widen().is_finite()));
     let Some(chunk) = bad else { return Ok(()) };
-    let within = columns[chunk * CHUNK..].iter().position(|value| !value.is_finite());
+    let within = columns[chunk * CHUNK..].iter().position(|value| !value.widen().is_finite());
     let index = chunk * CHUNK + within.expect("the chunk has such a value");
     let place = layout.describe(index % layout.len());
     Err(ForecastError::IncrementNotFinite { step: steps, column: index / layout.len(), place })

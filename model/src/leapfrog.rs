@@ -22,6 +22,7 @@ use crate::error::{ModelError, require};
 use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state};
 use crate::scheme::Tendency;
 use crate::state::{Layout, State};
+use crate::stored::Stored;
 use crate::tangent_wavefront::sweep_tl;
 use crate::time::Duration;
 use crate::update::Leap;
@@ -129,8 +130,27 @@ impl<T: Tendency> Leapfrog<T> {
         Leap { dt: self.time_step.as_f64(), alpha: self.robert_filter }
     }
 
-    fn columns<'a>(&self, columns: &'a mut [f64]) -> Columns<'a> {
+    fn columns<'a, S: Stored>(&self, columns: &'a mut [S]) -> Columns<'a, S> {
         Columns::new(columns, self.layout.len())
+    }
+
+    /// Advances increments by the step linearised at `at`.
+    fn advance_columns<S: Stored>(&self, at: &State, columns: &mut [S]) {
+        let now = &at.values()[..self.half()];
+        if sweep_tl(&self.tendency, Scheme::Leapfrog(self.leap()), now, columns) {
+            return;
+        }
+        let linearisation = self.linearise(at.values());
+        self.columns(columns).for_each(
+            || (vec![0.0; self.half()], vec![0.0; self.tendency.scratch_len()]),
+            #[inline(always)]
+            |column, (slope, scratch)| {
+                self.constrain(column);
+                let (now, before) = column.split_at_mut(self.half());
+                self.tendency.tendency_tl(&linearisation, now, slope, scratch);
+                self.leap().advance(now, before, slope);
+            },
+        );
     }
 
     fn constrain(&self, x: &mut [f64]) {
@@ -180,21 +200,11 @@ impl<T: Tendency> Model for Leapfrog<T> {
 
 impl<T: Tendency> TangentLinear for Leapfrog<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
-        let now = &at.values()[..self.half()];
-        if sweep_tl(&self.tendency, Scheme::Leapfrog(self.leap()), now, columns) {
-            return;
-        }
-        let linearisation = self.linearise(at.values());
-        self.columns(columns).for_each(
-            || (vec![0.0; self.half()], vec![0.0; self.tendency.scratch_len()]),
-            #[inline(always)]
-            |column, (slope, scratch)| {
-                self.constrain(column);
-                let (now, before) = column.split_at_mut(self.half());
-                self.tendency.tendency_tl(&linearisation, now, slope, scratch);
-                self.leap().advance(now, before, slope);
-            },
-        );
+        self.advance_columns(at, columns);
+    }
+
+    fn step_tl_single(&self, at: &State, columns: &mut [f32]) {
+        self.advance_columns(at, columns);
     }
 }
 

@@ -24,6 +24,7 @@ use crate::error::ModelError;
 use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state};
 use crate::rows::RowStream;
 use crate::state::{Layout, State};
+use crate::stored::Stored;
 use crate::tangent_wavefront::{TangentRowStream, sweep_tl};
 use crate::time::Duration;
 use crate::wavefront::{Scheme, sweep};
@@ -45,7 +46,7 @@ pub trait Tendency: Send + Sync {
 
     /// Sets to zero the values that must be zero (the flow through a wall): a projection on coordinates, applied
     /// to a state or an increment at the beginning of each step.
-    fn constrain(&self, _x: &mut [f64]) {}
+    fn constrain<S: Stored>(&self, _x: &mut [S]) {}
 
     /// Fails if x is outside of the domain of f: a thickness that is not positive. All its values are finite.
     ///
@@ -217,6 +218,29 @@ impl<T: Tendency> Stepped<T> {
         Scheme::RungeKutta { a, b, dt: self.time_step.as_f64() }
     }
 
+    /// Advances increments by the step linearised at `at`.
+    fn advance_columns<S: Stored>(&self, at: &State, columns: &mut [S]) {
+        self.check_layout(at);
+        if sweep_tl(&self.tendency, self.numbers(), at.values(), columns) {
+            return;
+        }
+        let linearisations = self.linearise_stages(at);
+        Columns::new(columns, self.layout().len()).for_each(
+            || self.work(),
+            #[inline(always)]
+            |column, work| {
+                self.advance(
+                    column,
+                    work,
+                    #[inline(always)]
+                    |stage, dx, k, scratch| {
+                        self.tendency.tendency_tl(&linearisations[stage], dx, k, scratch);
+                    },
+                );
+            },
+        );
+    }
+
     fn work(&self) -> Work {
         let len = self.layout().len();
         let stages = self.scheme.coefficients().1.len();
@@ -262,25 +286,11 @@ impl<T: Tendency> Model for Stepped<T> {
 
 impl<T: Tendency> TangentLinear for Stepped<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
-        self.check_layout(at);
-        if sweep_tl(&self.tendency, self.numbers(), at.values(), columns) {
-            return;
-        }
-        let linearisations = self.linearise_stages(at);
-        Columns::new(columns, self.layout().len()).for_each(
-            || self.work(),
-            #[inline(always)]
-            |column, work| {
-                self.advance(
-                    column,
-                    work,
-                    #[inline(always)]
-                    |stage, dx, k, scratch| {
-                        self.tendency.tendency_tl(&linearisations[stage], dx, k, scratch);
-                    },
-                );
-            },
-        );
+        self.advance_columns(at, columns);
+    }
+
+    fn step_tl_single(&self, at: &State, columns: &mut [f32]) {
+        self.advance_columns(at, columns);
     }
 }
 

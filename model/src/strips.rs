@@ -5,6 +5,7 @@
 //! west have been overwritten by the strip before, and those east of the last strip by the first, so each leaves copies
 //! behind.
 
+use crate::stored::Stored;
 use crate::update::Leap;
 use pulp::{Arch, Simd, WithSimd};
 
@@ -60,8 +61,8 @@ impl Strip {
     }
 }
 
-/// Reads and writes rows `[x, variable, lane]` of a group of columns `[variable, y, x]`.
-pub(crate) struct Group {
+/// Reads and writes rows `[x, variable, lane]`, in double precision, of a group of columns `[variable, y, x]`.
+pub(crate) struct Group<S> {
     arch: Arch,
     variables: usize,
     /// Values of one variable of a column, and of a whole column.
@@ -71,12 +72,12 @@ pub(crate) struct Group {
     west: Vec<f64>,
     first: Vec<f64>,
     /// What stands for the columns that are missing in a last group.
-    zeros: Vec<f64>,
+    zeros: Vec<S>,
     /// A row `[variable, lane, x]`.
     apart: Vec<f64>,
 }
 
-impl Group {
+impl<S: Stored> Group<S> {
     /// For columns of `fields` fields of `ny` rows of `nx`, of which the first `variables` are read.
     pub fn new(variables: usize, fields: usize, nx: usize, ny: usize, reach: usize) -> Self {
         let edges = if nx <= MOST_PLACES { 0 } else { ny * reach * variables * LANES };
@@ -87,13 +88,13 @@ impl Group {
             column_len: fields * nx * ny,
             west: vec![0.0; edges],
             first: vec![0.0; edges],
-            zeros: vec![0.0; nx.min(MOST_PLACES)],
+            zeros: vec![S::default(); nx.min(MOST_PLACES)],
             apart: vec![0.0; variables * LANES * MOST_PLACES],
         }
     }
 
     /// Reads the strip of a row; it is yet to be `advanced`, or will be read once more before it is.
-    pub fn read(&mut self, columns: &[f64], row: usize, strip: Strip, to_be_advanced: bool, out: &mut [f64]) {
+    pub fn read(&mut self, columns: &[S], row: usize, strip: Strip, to_be_advanced: bool, out: &mut [f64]) {
         let (nx, reach, end) = (strip.nx, strip.reach, strip.first + strip.width);
         let place = self.variables * LANES;
         let edge = row * reach * place..(row + 1) * reach * place;
@@ -121,10 +122,10 @@ impl Group {
         }
     }
 
-    fn interleave(&self, columns: &[f64], start: usize, out: &mut [f64]) {
+    fn interleave(&self, columns: &[S], start: usize, out: &mut [f64]) {
         let n = out.len() / (self.variables * LANES);
         for variable in 0..self.variables {
-            let sources: [&[f64]; LANES] = std::array::from_fn(|lane| {
+            let sources: [&[S]; LANES] = std::array::from_fn(|lane| {
                 let from = lane * self.column_len + variable * self.cells + start;
                 columns.get(from..from + n).unwrap_or(&self.zeros[..n])
             });
@@ -134,13 +135,14 @@ impl Group {
     }
 
     /// Writes the strip of a row.
-    pub fn write(&mut self, columns: &mut [f64], row: usize, strip: Strip, values: &[f64]) {
+    pub fn write(&mut self, columns: &mut [S], row: usize, strip: Strip, values: &[f64]) {
         self.separate(strip, values);
-        self.for_each_row(columns, row, strip, |own, _, values| own.copy_from_slice(values));
+        let arch = self.arch;
+        self.for_each_row(columns, row, strip, |own, _, values| arch.dispatch(Narrow { values, own }));
     }
 
     /// Advances the strip of a row of two levels by its slopes.
-    pub fn leap(&mut self, columns: &mut [f64], row: usize, strip: Strip, leapfrog: Leap, slopes: &[f64]) {
+    pub fn leap(&mut self, columns: &mut [S], row: usize, strip: Strip, leapfrog: Leap, slopes: &[f64]) {
         self.separate(strip, slopes);
         let arch = self.arch;
         self.for_each_row(columns, row, strip, |now, before, slope| {
@@ -160,10 +162,10 @@ impl Group {
     /// one), and the row's separated values.
     fn for_each_row(
         &self,
-        columns: &mut [f64],
+        columns: &mut [S],
         row: usize,
         strip: Strip,
-        mut process: impl FnMut(&mut [f64], &mut [f64], &[f64]),
+        mut process: impl FnMut(&mut [S], &mut [S], &[f64]),
     ) {
         let start = row * strip.nx + strip.first;
         let first_level = self.variables * self.cells;
@@ -179,22 +181,22 @@ impl Group {
     }
 }
 
-struct Interleave<'a> {
-    sources: [&'a [f64]; LANES],
+struct Interleave<'a, S> {
+    sources: [&'a [S]; LANES],
     out: &'a mut [[f64; LANES]],
     variables: usize,
 }
 
-impl WithSimd for Interleave<'_> {
+impl<S: Stored> WithSimd for Interleave<'_, S> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
+    fn with_simd<V: Simd>(self, _simd: V) {
         let n = self.sources[0].len();
         let [a, b, c, d, e, f, g, h] = self.sources.map(|source| &source[..n]);
         let out = &mut self.out[..(n - 1) * self.variables + 1];
         for i in 0..n {
-            out[i * self.variables] = [a[i], b[i], c[i], d[i], e[i], f[i], g[i], h[i]];
+            out[i * self.variables] = [a[i], b[i], c[i], d[i], e[i], f[i], g[i], h[i]].map(S::widen);
         }
     }
 }
@@ -219,18 +221,32 @@ impl WithSimd for Separate<'_> {
     }
 }
 
-struct LeapLane<'a> {
-    leapfrog: Leap,
-    now: &'a mut [f64],
-    before: &'a mut [f64],
-    slope: &'a [f64],
+struct Narrow<'a, S> {
+    values: &'a [f64],
+    own: &'a mut [S],
 }
 
-impl WithSimd for LeapLane<'_> {
+impl<S: Stored> WithSimd for Narrow<'_, S> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
+    fn with_simd<V: Simd>(self, _simd: V) {
+        S::narrow_all(self.values, self.own);
+    }
+}
+
+struct LeapLane<'a, S> {
+    leapfrog: Leap,
+    now: &'a mut [S],
+    before: &'a mut [S],
+    slope: &'a [f64],
+}
+
+impl<S: Stored> WithSimd for LeapLane<'_, S> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<V: Simd>(self, _simd: V) {
         self.leapfrog.advance(self.now, self.before, self.slope);
     }
 }

@@ -12,6 +12,7 @@ use crate::columns::Columns;
 use crate::grid::{Boundary, Grid};
 use crate::rows::{Ring, Row};
 use crate::scheme::Tendency;
+use crate::stored::Stored;
 use crate::strips::{Group, Strip};
 pub use crate::strips::{LANES, MOST_PLACES};
 use crate::update::combine;
@@ -43,7 +44,12 @@ pub trait TangentRowStream: Send {
 
 /// One step of the columns, eight at a time; false, and nothing done, if the tendency has no such form. The columns
 /// have all levels of the scheme, `at` has the present one.
-pub(crate) fn sweep_tl<T: Tendency>(tendency: &T, scheme: Scheme<'_>, at: &[f64], columns: &mut [f64]) -> bool {
+pub(crate) fn sweep_tl<T: Tendency, S: Stored>(
+    tendency: &T,
+    scheme: Scheme<'_>,
+    at: &[f64],
+    columns: &mut [S],
+) -> bool {
     let (grid, variables) = (&tendency.layout().grid, tendency.layout().variables.len());
     let wavefront = || {
         let stream = |_| tendency.tangent_row_stream(grid.nx.min(MOST_PLACES));
@@ -93,7 +99,7 @@ impl Stages {
 }
 
 /// The sweep over the whole grid.
-struct TangentWavefront<'a> {
+struct TangentWavefront<'a, S> {
     arch: Arch,
     scheme: Scheme<'a>,
     grid: &'a Grid,
@@ -105,14 +111,14 @@ struct TangentWavefront<'a> {
     strip: Strip,
     x: Stages,
     dx: Stages,
-    group: Group,
+    group: Group<S>,
     /// The first rows of the columns, which come again at the end of a periodic sweep.
     first_rows: Ring,
     /// The columns' last row of a step.
     result: Vec<f64>,
 }
 
-impl<'a> TangentWavefront<'a> {
+impl<'a, S: Stored> TangentWavefront<'a, S> {
     /// For columns of so many variables, with a stream for each stage.
     fn new(scheme: Scheme<'a>, streams: Vec<Box<dyn TangentRowStream + 'a>>, grid: &'a Grid, variables: usize) -> Self {
         let (stages, row_len) = (streams.len(), variables * grid.nx.min(MOST_PLACES));
@@ -136,14 +142,14 @@ impl<'a> TangentWavefront<'a> {
     }
 
     /// Advances up to eight columns by the step linearised at `at`, in place.
-    fn sweep(&mut self, at: &[f64], columns: &mut [f64]) {
+    fn sweep(&mut self, at: &[f64], columns: &mut [S]) {
         for strip in Strip::of_row(self.grid.nx, self.reach[1] as usize) {
             self.strip = strip;
             self.sweep_strip(at, columns);
         }
     }
 
-    fn sweep_strip(&mut self, at: &[f64], columns: &mut [f64]) {
+    fn sweep_strip(&mut self, at: &[f64], columns: &mut [S]) {
         let stages = self.streams.len();
         let walls = self.grid.boundary == Boundary::Channel;
         let (ny, [of_stage, of_all]) = (self.grid.ny as isize, self.reach);
@@ -184,7 +190,7 @@ impl<'a> TangentWavefront<'a> {
         }
     }
 
-    fn cascade(&mut self, stage: usize, row: isize, columns: &mut [f64]) {
+    fn cascade(&mut self, stage: usize, row: isize, columns: &mut [S]) {
         self.told[stage] += 1;
         let walls = self.grid.boundary == Boundary::Channel;
         if self.told[stage] == 1 && walls {
@@ -240,7 +246,7 @@ impl<'a> TangentWavefront<'a> {
     }
 
     /// The slopes of a row at a stage are known: on to the next stage, or to the end.
-    fn continue_with(&mut self, stage: usize, row: isize, columns: &mut [f64]) {
+    fn continue_with(&mut self, stage: usize, row: isize, columns: &mut [S]) {
         let (arch, scheme, len) = (self.arch, self.scheme, self.strip.places() * self.variables);
         if stage + 1 < self.streams.len() {
             self.x.continue_with(arch, scheme, stage, row, len);

@@ -3,6 +3,7 @@
 use crate::forecast::Adjoint;
 use crate::random::{standard_normals, stream};
 use crate::state::State;
+use crate::stored::Stored;
 
 /// What [`check_contract`] measured.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,7 +15,7 @@ pub struct Contract {
     pub dot_product_error: f64,
 }
 
-/// Runs the battery at a state: zero, linearity, Taylor ladder, dot product, batches, threads.
+/// Runs the battery at a state: zero, linearity, Taylor ladder, dot product, batches, threads, single precision.
 ///
 /// * Zero: M'0 = 0 and M'ᵀ0 = 0.
 /// * Linearity: M'(2a − 3b) = 2 M'a − 3 M'b to rounding, and the same for M'ᵀ.
@@ -23,6 +24,7 @@ pub struct Contract {
 /// * Dot product: ⟨M'δx, y⟩ = ⟨δx, M'ᵀy⟩ to 100 machine epsilons, relative, for y = M'δx, and for a random y relative
 ///   to the sum of the products' absolute values.
 /// * Batches and threads: a matrix of columns gives the bits that single columns give, on one thread and on two.
+/// * Single precision: columns stored so become those of M' in double precision, rounded, to the bit.
 ///
 /// Increments are random, scaled for each variable by the largest deviation from its mean (if there is none, by a
 /// hundredth of its largest value, or 1).
@@ -42,6 +44,7 @@ pub fn check_contract(model: &dyn Adjoint, at: &State) -> Contract {
     check_zero(model, at);
     check_linearity(model, at, &a, &b, &scales);
     check_batches_and_threads(model, at, &increment);
+    check_single_precision(model, at, &increment);
     Contract {
         taylor_decades: taylor_ladder(model, at, &a, &scales),
         dot_product_error: dot_product_error(model, at, &a, &b, &scales),
@@ -160,6 +163,17 @@ fn check_batches_and_threads(model: &dyn Adjoint, at: &State, increment: &dyn Fn
         single.chunks_exact_mut(len).for_each(step);
         assert!(bits(&one).eq(bits(&single)), "the {name} gives other bits for many columns than for single ones");
     }
+}
+
+fn check_single_precision(model: &dyn Adjoint, at: &State, increment: &dyn Fn(&str) -> Vec<f64>) {
+    let columns = (0..11).flat_map(|column| increment(&format!("contract/column{column}")));
+    let mut stored: Vec<f32> = columns.map(f32::narrow).collect();
+    let mut expected: Vec<f64> = stored.iter().map(|value| value.widen()).collect();
+    model.step_tl_single(at, &mut stored);
+    model.step_tl(at, &mut expected);
+    let same =
+        stored.iter().zip(&expected).all(|(found, &expected)| found.to_bits() == f32::narrow(expected).to_bits());
+    assert!(same, "the tangent-linear in single precision is not that in double, rounded");
 }
 
 fn bits(values: &[f64]) -> impl Iterator<Item = u64> + '_ {

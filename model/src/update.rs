@@ -1,6 +1,7 @@
 //! What becomes of a row whose slopes are known, compiled for the processor's widest vectors.
 
 use crate::rows::Row;
+use crate::stored::Stored;
 use pulp::{Arch, Simd, WithSimd};
 
 /// Slopes of a row, `[variable, x]`, each with the time it acts for; added up in this order.
@@ -116,14 +117,15 @@ pub(crate) struct Leap {
 impl Leap {
     /// (now, before) to (new, filtered).
     #[inline(always)]
-    pub fn advance(self, now: &mut [f64], before: &mut [f64], slope: &[f64]) {
+    pub fn advance<S: Stored>(self, now: &mut [S], before: &mut [S], slope: &[f64]) {
         let two_dt = 2.0 * self.dt;
         let n = now.len();
         let (before, slope) = (&mut before[..n], &slope[..n]);
         for i in 0..n {
-            let new = before[i] + two_dt * slope[i];
-            before[i] = now[i] + self.alpha * (new - 2.0 * now[i] + before[i]);
-            now[i] = new;
+            let (present, past) = (now[i].widen(), before[i].widen());
+            let new = past + two_dt * slope[i];
+            before[i] = S::narrow(present + self.alpha * (new - 2.0 * present + past));
+            now[i] = S::narrow(new);
         }
     }
 }

@@ -3,11 +3,12 @@
 mod common;
 
 use common::{BOUNDARIES, FORMS, SCHEMES, difference, grid, largest, parameters, stepped, turbulence};
+use isobar_model::forecast::forecast_tl;
 use isobar_model::initial::{self, Vortex};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{
-    Duration, Layout, Leapfrog, Model, ShallowWater, ShallowWaterParameters, SpectralBounds, State, TangentLinear,
-    Tendency,
+    Duration, ForecastError, Layout, Leapfrog, Model, ShallowWater, ShallowWaterParameters, SpectralBounds, State,
+    Stored, TangentLinear, Tendency,
 };
 use std::sync::Arc;
 
@@ -24,7 +25,7 @@ impl Tendency for WholeFields {
     fn scratch_len(&self) -> usize {
         self.0.scratch_len()
     }
-    fn constrain(&self, x: &mut [f64]) {
+    fn constrain<S: Stored>(&self, x: &mut [S]) {
         self.0.constrain(x);
     }
     fn tendency(&self, x: &[f64], out: &mut [f64], scratch: &mut [f64]) {
@@ -157,4 +158,48 @@ fn strips_give_the_tangent_linear_of_whole_fields() {
             assert!(together[9 * len..10 * len] == alone, "a column knows of the others");
         }
     }
+}
+
+/// Columns stored in single precision: after one step those in double precision, rounded to the bit, whatever the strips;
+/// after many within a rounding for each.
+#[test]
+fn columns_in_single_precision_are_rounded_when_they_are_written() {
+    const STEPS: usize = 40;
+    for (nx, ny, boundary, form) in [(150, 12, BOUNDARIES[0], FORMS[0]), (20, 9, BOUNDARIES[1], FORMS[1])] {
+        let parameters = ShallowWaterParameters { hyperdiffusion_m4_per_s: 5e14, ..parameters(boundary) };
+        let equations = ShallowWater::new(grid(nx, ny, boundary), parameters, form).unwrap();
+        let start = turbulence(&equations);
+        let leapfrog = Leapfrog::new(equations.clone(), Duration::from_seconds(100), 0.05).unwrap();
+        let cases: [(Box<dyn TangentLinear>, State); 3] = [
+            (Box::new(stepped(equations.clone(), 200, SCHEMES[0])), start.clone()),
+            (Box::new(stepped(WholeFields(equations), 200, SCHEMES[1])), start.clone()),
+            (Box::new(leapfrog.clone()), leapfrog.start(&start)),
+        ];
+        for (model, at) in cases {
+            let len = at.values().len();
+            let normals = standard_normals(&mut stream(4, "columns"), 11 * len);
+            let mut single: Vec<f32> = normals.into_iter().map(f32::narrow).collect();
+            let mut double: Vec<f64> = single.iter().map(|value| value.widen()).collect();
+            model.step_tl_single(&at, &mut single);
+            model.step_tl(&at, &mut double);
+            assert!(single.iter().zip(&double).all(|(single, &double)| *single == f32::narrow(double)));
+            forecast_tl(&*model, &mut at.clone(), &mut single, STEPS).unwrap();
+            forecast_tl(&*model, &mut at.clone(), &mut double, STEPS).unwrap();
+            let widened: Vec<f64> = single.iter().map(|value| value.widen()).collect();
+            let error = largest(&difference(&widened, &double)) / largest(&double);
+            let most = (STEPS + 1) as f64 * 0.5 * f64::from(f32::EPSILON);
+            assert!(0.0 < error && error < most, "relative error {error:e}, at most {most:e}");
+        }
+    }
+}
+
+#[test]
+fn an_increment_beyond_single_precision_is_an_error() {
+    let equations = ShallowWater::new(grid(8, 6, BOUNDARIES[0]), parameters(BOUNDARIES[0]), FORMS[0]).unwrap();
+    let mut at = turbulence(&equations);
+    let mut columns = vec![f32::MAX; at.values().len()];
+    columns.iter_mut().step_by(2).for_each(|value| *value = -f32::MAX);
+    let model = stepped(equations, 200, SCHEMES[0]);
+    let error = forecast_tl(&model, &mut at, &mut columns, 1).unwrap_err();
+    assert!(matches!(error, ForecastError::IncrementNotFinite { step: 1, column: 0, .. }), "{error}");
 }

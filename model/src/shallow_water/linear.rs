@@ -5,6 +5,7 @@ use crate::error::{ModelError, require, require_finite, require_positive};
 use crate::grid::Boundary;
 use crate::scheme::{SpectralBounds, Tendency};
 use crate::state::{Layout, State};
+use crate::stored::Stored;
 use std::sync::Arc;
 
 /// dx/dt = N'(x̄)(x − x̄): the [`ShallowWater`] tendency N linearised about a steady zonal flow x̄.
@@ -121,7 +122,7 @@ impl Tendency for LinearShallowWater {
     }
 
     #[inline(always)]
-    fn constrain(&self, x: &mut [f64]) {
+    fn constrain<S: Stored>(&self, x: &mut [S]) {
         self.nonlinear.constrain(x);
     }
 

@@ -38,6 +38,7 @@ use crate::halo::Halo;
 use crate::rows::RowStream;
 use crate::scheme::{SpectralBounds, Tendency};
 use crate::state::{Layout, Variable};
+use crate::stored::Stored;
 use crate::tangent_wavefront::TangentRowStream;
 use pulp::{Arch, Simd, WithSimd};
 use std::sync::Arc;
@@ -180,9 +181,9 @@ impl Tendency for ShallowWater {
 
     /// v = 0 at the walls.
     #[inline(always)]
-    fn constrain(&self, x: &mut [f64]) {
+    fn constrain<S: Stored>(&self, x: &mut [S]) {
         let walls = self.halo.first_row(Location::YFace) * self.layout.grid.nx;
-        x[2 * self.layout.grid.cells()..][..walls].fill(0.0);
+        x[2 * self.layout.grid.cells()..][..walls].fill(S::default());
     }
 
     /// The thickness must be positive everywhere.
