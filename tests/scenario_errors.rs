@@ -154,7 +154,7 @@ const CASES: &[Case] = &[
         "blocks = \"cell\"",
         "factors = 4\nfactor_precision = \"half\"",
         "\"half\"",
-        &["`methods.fkf.factor_precision`", "\"double\"", "\"single\""],
+        &["`methods.fkf.factor_precision` cannot be \"half\"", "valid values: double, single"],
     ),
     (
         "kind = \"fkf\"\nblocks = \"cell\"",
