@@ -9,15 +9,15 @@ use isobar_model::random::standard_normals;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-/// Draws of the state's part of N(0, blkdiag(C_k)), one in each column from `first` on.
+/// Draws of the state's part of N(0, blkdiag(C_k)), one in each column from the first probe on.
 pub(super) fn draw_probes(
     covariance: &BlockDiagonal,
     blocks: &Blocks,
     columns: &mut TallMatrix,
-    first: usize,
+    first_probe: usize,
     random: &mut ChaCha8Rng,
 ) {
-    if first == columns.columns() {
+    if first_probe == columns.columns() {
         return;
     }
     let mut roots = covariance.clone();
@@ -25,7 +25,7 @@ pub(super) fn draw_probes(
         let root = semidefinite_root(matrix.as_ref());
         matrix.copy_from(root);
     });
-    for number in first..columns.columns() {
+    for number in first_probe..columns.columns() {
         let normals = standard_normals(random, blocks.variables());
         let draw = |(variable, value): (usize, &mut f64)| {
             let (block, row) = blocks.place(variable);
@@ -36,11 +36,11 @@ pub(super) fn draw_probes(
     }
 }
 
-/// Sum of the squares of each variable over all columns from `first` on.
-pub(super) fn energy(layout: &Layout, columns: &TallMatrix, first: usize) -> Vec<f64> {
+/// Sum of the squares of each variable over all probes.
+pub(super) fn energy(layout: &Layout, columns: &TallMatrix, first_probe: usize) -> Vec<f64> {
     let cells = layout.grid.cells();
     let mut sums = vec![0.0; layout.variables.len()];
-    for number in first..columns.columns() {
+    for number in first_probe..columns.columns() {
         for (sum, field) in sums.iter_mut().zip(columns.column(number).chunks_exact(cells)) {
             field.iter().for_each(|value| *sum += value * value);
         }
