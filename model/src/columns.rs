@@ -33,8 +33,8 @@ impl<'a, S: Stored> Columns<'a, S> {
         groups.for_each_init(work, |work, group| process(group, work));
     }
 
-    /// Applies `process` to each column in double precision, with a workspace for each worker; which thread does which column has no
-    /// influence on the result.
+    /// Applies `process` to each column, in double precision, with a workspace for each worker; which thread does which
+    /// column has no influence on the result.
     ///
     /// What is inlined into `process` is compiled for the processor's widest vectors, chosen at run time. The bits are
     /// the same on all: no operations are fused or reordered.
