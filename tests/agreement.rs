@@ -6,7 +6,7 @@ mod runs;
 use isobar::event::Event;
 use isobar::scenario::{Algorithm, Method};
 use isobar::sink::{Sink, SinkError};
-use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Residual};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Precision, Residual};
 use isobar_assim::{BiasTreatment, Estimate};
 use runs::{run_options, scenarios};
 
@@ -57,6 +57,7 @@ fn one_block_equals_the_kalman_filter_on_every_small_scenario() {
                         residual: Residual::Exact,
                         largest_component: usize::MAX,
                         separator_factors: 0,
+                        factor_precision: Precision::Double,
                     },
                     factor_grid: 1,
                     memory_limit_bytes: MEMORY,

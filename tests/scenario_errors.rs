@@ -151,6 +151,18 @@ const CASES: &[Case] = &[
         &["cells of 8 × 8 do not make a grid", "1, 2, 4 or 8, divide both sides and leave at least 4 cells"],
     ),
     (
+        "blocks = \"cell\"",
+        "factors = 4\nfactor_precision = \"half\"",
+        "\"half\"",
+        &["`methods.fkf.factor_precision` cannot be \"half\"", "valid values: double, single"],
+    ),
+    (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"time_volume\"\nwindow_cycles = 2\nfactor_precision = \"single\"",
+        "factor_precision",
+        &["unknown key `factor_precision` in [methods.fkf]"],
+    ),
+    (
         "title = \"A test\"",
         "regression = 1\ntitle = \"A test\"",
         "1\n",

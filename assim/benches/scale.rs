@@ -7,22 +7,23 @@
 //! number of factors is fixed too, although a larger domain would want more of them.
 //!
 //! `cargo bench -p isobar-assim --bench scale`, or with sizes and settings:
-//! `cargo bench -p isobar-assim --bench scale -- 64 128 factors=80 threads=1 cycles=3 grid=2 kf`, where `grid` is the
-//! width in cells of those on which the factors are propagated.
+//! `cargo bench -p isobar-assim --bench scale -- 64 128 factors=80 threads=1 cycles=3 grid=2 single kf`, where `grid` is the
+//! width in cells of those on which the factors are propagated, and with `single` each size is measured with factors in
+//! double precision and then with factors in single.
 //!
 //! For each size: seconds of a cycle; of as many tangent-linear runs as the cycle has, measured alone; of the rest of the
 //! forecast (compression) and of the analysis; the most memory that the filter took, setting it up included, over that
-//! of Φ; and, with `kf`, the full Kalman filter's time. From the first size to the last the exponent of the cost by the
+//! of Φ in double precision; and, with `kf`, the full Kalman filter's time. From the first size to the last the exponent of the cost by the
 //! number of variables.
 
 use isobar_assim::covariance::{Balanced, BalancedParameters, Covariance, Sum, White};
-use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::{Assimilator, BiasTreatment, Problem, reserve_workspace};
 use isobar_model::forecast::forecast_tl;
 use isobar_model::initial::{JetConfig, geostrophic_jet};
 use isobar_model::{
-    Boundary, Duration, Grid, Layout, ShallowWater, ShallowWaterParameters, State, Stepped, Time, TimeScheme,
+    Boundary, Duration, Grid, Layout, ShallowWater, ShallowWaterParameters, State, Stepped, Stored, Time, TimeScheme,
     VectorInvariant,
 };
 use isobar_obs::{
@@ -55,13 +56,17 @@ struct Request {
     cycles: usize,
     /// Cells on a side of those on which the factors are propagated.
     grid: usize,
+    /// Whether factors in single precision are measured beside those in double.
+    single: bool,
     kalman: bool,
 }
 
-/// Seconds of the parts of a cycle, and memory.
+/// Seconds of a cycle and of its tangent-linear runs, and memory.
 struct Cost {
     variables: f64,
     cycle_s: f64,
+    tangent_s: f64,
+    memory: f64,
 }
 
 fn main() {
@@ -79,7 +84,20 @@ fn main() {
         "    n  variables    obs  biases   cycle s  tangent s  compression s  analysis s  cycle/tangent  memory MB  \
          memory/Φ  setup s"
     );
-    let costs: Vec<Cost> = request.sizes.iter().map(|&n| pool.install(|| measure(n, &request))).collect();
+    let measure = |n: usize| {
+        let double = measure::<f64>(n, Precision::Double, &request);
+        if request.single {
+            let single = measure::<f32>(n, Precision::Single, &request);
+            println!(
+                "      single / double: cycle {:.2}, tangent {:.2}, memory {:.2}",
+                single.cycle_s / double.cycle_s,
+                single.tangent_s / double.tangent_s,
+                single.memory / double.memory
+            );
+        }
+        double
+    };
+    let costs: Vec<Cost> = request.sizes.iter().map(|&n| pool.install(|| measure(n))).collect();
     if let [first, .., last] = costs.as_slice() {
         let exponent = (last.cycle_s / first.cycle_s).ln() / (last.variables / first.variables).ln();
         println!("seconds per cycle grow with the number of variables to the power {exponent:.3}");
@@ -87,7 +105,8 @@ fn main() {
 }
 
 fn request() -> Request {
-    let mut request = Request { sizes: Vec::new(), factors: 64, threads: 0, cycles: 2, grid: 1, kalman: false };
+    let mut request =
+        Request { sizes: Vec::new(), factors: 64, threads: 0, cycles: 2, grid: 1, single: false, kalman: false };
     for argument in std::env::args().skip(1) {
         let number = |text: &str| text.parse().unwrap_or_else(|_| panic!("{argument} is not a whole number"));
         match argument.split_once('=') {
@@ -96,6 +115,7 @@ fn request() -> Request {
             Some(("cycles", value)) => request.cycles = number(value),
             Some(("grid", value)) => request.grid = number(value),
             _ if argument == "kf" => request.kalman = true,
+            _ if argument == "single" => request.single = true,
             // Cargo's own.
             _ if argument == "--bench" => {}
             _ => request.sizes.push(number(&argument)),
@@ -107,10 +127,11 @@ fn request() -> Request {
     request
 }
 
-fn measure(n: usize, request: &Request) -> Cost {
+/// Prints a line for factors of this precision, S.
+fn measure<S: Stored>(n: usize, factor_precision: Precision, request: &Request) -> Cost {
     let (problem, mut observing) = experiment(n);
     let m = problem.background.values().len();
-    let tangent_s = tangent_linear_s(&problem, request.factors + PROBES);
+    let tangent_s = tangent_linear_s::<S>(&problem, request.factors + PROBES);
     reserve_workspace();
     MEMORY.reset_peak_usage();
     let before = MEMORY.current_usage();
@@ -123,6 +144,7 @@ fn measure(n: usize, request: &Request) -> Cost {
         retained_energy: 1.0,
         largest_component: usize::MAX,
         separator_factors: 0,
+        factor_precision,
     };
     let mut filter = FastKalmanFilter::new(problem.clone(), settings).expect("a filter");
     if request.grid > 1 {
@@ -166,16 +188,16 @@ fn measure(n: usize, request: &Request) -> Cost {
         let seconds = began.elapsed().as_secs_f64();
         println!("      full Kalman filter {seconds:.2} s: {:.1} times the cycle", seconds / cycle_s);
     }
-    Cost { variables: m as f64, cycle_s }
+    Cost { variables: m as f64, cycle_s, tangent_s, memory }
 }
 
 /// Seconds of as many tangent-linear runs over the window: the lesser of two measurements, if they do not take long.
-fn tangent_linear_s(problem: &Problem, columns: usize) -> f64 {
+fn tangent_linear_s<S: Stored>(problem: &Problem, columns: usize) -> f64 {
     let m = problem.background.values().len();
-    let pattern = |index: usize| 1e-3 * ((index % 1013) as f64 / 1013.0 - 0.5);
-    let mut increments: Vec<f64> = (0..m * columns).map(pattern).collect();
+    let pattern = |index: usize| S::narrow(1e-3 * ((index % 1013) as f64 / 1013.0 - 0.5));
+    let mut increments: Vec<S> = (0..m * columns).map(pattern).collect();
     let steps = WINDOW_STEPS[1];
-    let run = |increments: &mut [f64]| {
+    let run = |increments: &mut [S]| {
         let mut state = problem.background.clone();
         let began = Instant::now();
         forecast_tl(&*problem.model, &mut state, increments, steps).expect("a forecast");

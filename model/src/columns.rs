@@ -1,20 +1,21 @@
 //! Columns of increments, processed in parallel by code for the processor's widest vectors.
 
+use crate::stored::Stored;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 /// Increments one after another.
-pub(crate) struct Columns<'a> {
-    values: &'a mut [f64],
+pub(crate) struct Columns<'a, S> {
+    values: &'a mut [S],
     len: usize,
 }
 
-impl<'a> Columns<'a> {
+impl<'a, S: Stored> Columns<'a, S> {
     /// Whole increments of `len` values.
     ///
     /// # Panics
     /// If they are not whole.
-    pub fn new(values: &'a mut [f64], len: usize) -> Self {
+    pub fn new(values: &'a mut [S], len: usize) -> Self {
         assert_eq!(values.len() % len, 0, "columns must be whole increments of {len} values");
         Self { values, len }
     }
@@ -24,14 +25,16 @@ impl<'a> Columns<'a> {
         self,
         columns: usize,
         work: impl Fn() -> W + Sync + Send,
-        process: impl Fn(&mut [f64], &mut W) + Sync + Send,
+        process: impl Fn(&mut [S], &mut W) + Sync + Send,
     ) {
         let groups = (self.values.len() / self.len).div_ceil(columns);
         let least = groups.div_ceil(8 * rayon::current_num_threads()).max(1);
         let groups = self.values.par_chunks_mut(columns * self.len).with_min_len(least);
         groups.for_each_init(work, |work, group| process(group, work));
     }
+}
 
+impl Columns<'_, f64> {
     /// Applies `process` to each column, with a workspace for each worker; which thread does which column has no
     /// influence on the result.
     ///

@@ -2,6 +2,8 @@
 
 use crate::error::ModelError;
 use crate::state::{Layout, State};
+use crate::stored::Stored;
+use crate::tangent_wavefront::LANES;
 use crate::time::Duration;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -46,6 +48,12 @@ pub trait TangentLinear: Model {
     /// it is unless a model knows something faster.
     fn steps_tl(&self, at: &State, columns: &mut [f64], steps: usize) {
         step_by_step(self, at, columns, steps);
+    }
+
+    /// [`TangentLinear::steps_tl`] of increments stored in single precision: the same arithmetic, in double, on what is
+    /// stored, and what comes of it rounded after the last step.
+    fn steps_tl_single(&self, at: &State, columns: &mut [f32], steps: usize) {
+        steps_of_copies(self, at, columns, steps);
     }
 }
 
@@ -102,21 +110,21 @@ pub fn forecast(model: &dyn Model, x: &mut State, steps: usize) -> Result<(), Fo
 }
 
 /// Advances `x` by `steps` time steps and, in lockstep along that trajectory, the increments in `columns`
-/// (as in [`TangentLinear::step_tl`]); no trajectory is stored.
+/// (as in [`TangentLinear::step_tl`], in double or single precision); no trajectory is stored.
 ///
 /// # Errors
 /// [`ForecastError`] at the first step after which the state, or at the end an increment, is not finite.
-pub fn forecast_tl(
+pub fn forecast_tl<S: Stored>(
     model: &dyn TangentLinear,
     x: &mut State,
-    columns: &mut [f64],
+    columns: &mut [S],
     steps: usize,
 ) -> Result<(), ForecastError> {
     model.check_state(x)?;
     let at = x.clone();
     // The state's own forecast is as good as that of a further column, on whichever thread has time for it.
     let forecast = || (1..=steps).try_for_each(|step| step_checked(model, x, step));
-    rayon::join(|| model.steps_tl(&at, columns, steps), forecast).1?;
+    rayon::join(|| S::steps_tl(model, &at, columns, steps), forecast).1?;
     require_finite_increments(model.layout(), columns, steps)
 }
 
@@ -134,15 +142,24 @@ pub(crate) fn step_by_step<M: TangentLinear + ?Sized>(model: &M, at: &State, col
     }
 }
 
+/// [`TangentLinear::steps_tl_single`] by copies in double precision, of as many columns at a time as all threads take.
+pub(crate) fn steps_of_copies<M: TangentLinear + ?Sized>(model: &M, at: &State, columns: &mut [f32], steps: usize) {
+    let group = LANES * rayon::current_num_threads() * model.layout().len().max(1);
+    let mut copy = Vec::new();
+    for group in columns.chunks_mut(group) {
+        f32::in_double(group, &mut copy, |columns| model.steps_tl(at, columns, steps));
+    }
+}
+
 /// Fails at the first value of the increments in `columns` (as in [`TangentLinear::step_tl`]) that is not finite.
 ///
 /// # Errors
 /// [`ForecastError::IncrementNotFinite`] after so many `steps`.
-pub fn require_finite_increments(layout: &Layout, columns: &[f64], steps: usize) -> Result<(), ForecastError> {
+pub fn require_finite_increments<S: Stored>(layout: &Layout, columns: &[S], steps: usize) -> Result<(), ForecastError> {
     const CHUNK: usize = 8192;
-    let bad = columns.par_chunks(CHUNK).position_first(|chunk| chunk.iter().any(|value| !value.is_finite()));
+    let bad = columns.par_chunks(CHUNK).position_first(|chunk| chunk.iter().any(|value| !value.widen().is_finite()));
     let Some(chunk) = bad else { return Ok(()) };
-    let within = columns[chunk * CHUNK..].iter().position(|value| !value.is_finite());
+    let within = columns[chunk * CHUNK..].iter().position(|value| !value.widen().is_finite());
     let index = chunk * CHUNK + within.expect("the chunk has such a value");
     let place = layout.describe(index % layout.len());
     Err(ForecastError::IncrementNotFinite { step: steps, column: index / layout.len(), place })

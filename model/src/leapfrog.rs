@@ -19,7 +19,7 @@
 
 use crate::columns::{Columns, add_scaled};
 use crate::error::{ModelError, require};
-use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step};
+use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step, steps_of_copies};
 use crate::scheme::Tendency;
 use crate::state::{Layout, State};
 use crate::tangent_wavefront::sweep_tl;
@@ -129,7 +129,7 @@ impl<T: Tendency> Leapfrog<T> {
         Leap { dt: self.time_step.as_f64(), alpha: self.robert_filter }
     }
 
-    fn columns<'a>(&self, columns: &'a mut [f64]) -> Columns<'a> {
+    fn columns<'a>(&self, columns: &'a mut [f64]) -> Columns<'a, f64> {
         Columns::new(columns, self.layout.len())
     }
 
@@ -200,6 +200,13 @@ impl<T: Tendency> TangentLinear for Leapfrog<T> {
         let scheme = Scheme::Leapfrog(self.leap());
         if steps > 0 && !sweep_tl(&self.tendency, scheme, at.values(), columns, steps) {
             step_by_step(self, at, columns, steps);
+        }
+    }
+
+    fn steps_tl_single(&self, at: &State, columns: &mut [f32], steps: usize) {
+        let scheme = Scheme::Leapfrog(self.leap());
+        if steps > 0 && !sweep_tl(&self.tendency, scheme, at.values(), columns, steps) {
+            steps_of_copies(self, at, columns, steps);
         }
     }
 }

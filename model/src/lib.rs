@@ -5,6 +5,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`time`], [`grid`], [`state`], [`increment`] | the nouns: when, where, x and δx |
+//! | [`stored`] | increments in double precision or in single |
 //! | [`forecast`] | the traits [`Model`], [`TangentLinear`], [`Adjoint`], and the loops over time steps |
 //! | [`scheme`] | Runge–Kutta, once for all tendencies: [`Tendency`] + [`TimeScheme`] = [`Stepped`]; stability limits |
 //! | [`leapfrog`] | [`Leapfrog`] with Robert's filter, a model whose state holds two time levels |
@@ -87,6 +88,7 @@ pub mod rows;
 pub mod scheme;
 pub mod shallow_water;
 pub mod state;
+pub mod stored;
 mod strips;
 pub mod tangent_wavefront;
 #[cfg(any(test, feature = "testing"))]
@@ -106,5 +108,6 @@ pub use rows::RowStream;
 pub use scheme::{SpectralBounds, Stepped, Tendency, TimeScheme, check_time_step};
 pub use shallow_water::{LinearShallowWater, ShallowWater, ShallowWaterParameters, VectorInvariant};
 pub use state::{Layout, State, Variable};
+pub use stored::Stored;
 pub use tangent_wavefront::TangentRowStream;
 pub use time::{Duration, Time};

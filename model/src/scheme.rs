@@ -21,7 +21,7 @@
 
 use crate::columns::{Columns, add_scaled};
 use crate::error::ModelError;
-use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step};
+use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step, steps_of_copies};
 use crate::rows::RowStream;
 use crate::state::{Layout, State};
 use crate::tangent_wavefront::{TangentRowStream, sweep_tl};
@@ -304,6 +304,13 @@ impl<T: Tendency> TangentLinear for Stepped<T> {
         self.check_layout(at);
         if steps > 0 && !sweep_tl(&self.tendency, self.numbers(), at.values(), columns, steps) {
             step_by_step(self, at, columns, steps);
+        }
+    }
+
+    fn steps_tl_single(&self, at: &State, columns: &mut [f32], steps: usize) {
+        self.check_layout(at);
+        if steps > 0 && !sweep_tl(&self.tendency, self.numbers(), at.values(), columns, steps) {
+            steps_of_copies(self, at, columns, steps);
         }
     }
 }

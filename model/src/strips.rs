@@ -5,6 +5,7 @@
 //! west have been overwritten by the strip before, and those east of the last strip by the first, so each leaves copies
 //! behind.
 
+use crate::stored::Stored;
 use pulp::{Arch, Simd, WithSimd};
 use std::ops::Range;
 
@@ -75,7 +76,7 @@ impl Strip {
     }
 }
 
-/// A group of columns, `[level, y, x, variable, lane]`.
+/// A group of columns, `[level, y, x, variable, lane]`, in double precision.
 pub(crate) struct Group {
     arch: Arch,
     variables: usize,
@@ -107,9 +108,9 @@ impl Group {
     }
 
     /// Takes columns `[level, variable, y, x]`, of which a last group has fewer than [`LANES`]: the others are zero.
-    pub fn load(&mut self, columns: &[f64]) {
+    pub fn load<S: Stored>(&mut self, columns: &[S]) {
         let (cells, variables, column_len, arch) = (self.cells, self.variables, self.values.len() / LANES, self.arch);
-        let zeros = [0.0; BLOCK];
+        let zeros = [S::default(); BLOCK];
         for (number, level) in self.values.chunks_exact_mut(self.level).enumerate() {
             for (block, values) in level.chunks_mut(BLOCK * variables * LANES).enumerate() {
                 let n = values.len() / (variables * LANES);
@@ -127,7 +128,7 @@ impl Group {
     }
 
     /// Gives the columns back.
-    pub fn store(&self, columns: &mut [f64]) {
+    pub fn store<S: Stored>(&self, columns: &mut [S]) {
         let (cells, variables, column_len) = (self.cells, self.variables, self.values.len() / LANES);
         for (number, level) in self.values.chunks_exact(self.level).enumerate() {
             for (block, values) in level.chunks(BLOCK * variables * LANES).enumerate() {
@@ -185,40 +186,40 @@ impl Group {
     }
 }
 
-struct Interleave<'a> {
-    sources: [&'a [f64]; LANES],
+struct Interleave<'a, S> {
+    sources: [&'a [S]; LANES],
     out: &'a mut [[f64; LANES]],
     variables: usize,
 }
 
-impl WithSimd for Interleave<'_> {
+impl<S: Stored> WithSimd for Interleave<'_, S> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
+    fn with_simd<V: Simd>(self, _simd: V) {
         let n = self.sources[0].len();
         let [a, b, c, d, e, f, g, h] = self.sources.map(|source| &source[..n]);
         let out = &mut self.out[..(n - 1) * self.variables + 1];
         for i in 0..n {
-            out[i * self.variables] = [a[i], b[i], c[i], d[i], e[i], f[i], g[i], h[i]];
+            out[i * self.variables] = [a[i], b[i], c[i], d[i], e[i], f[i], g[i], h[i]].map(S::widen);
         }
     }
 }
 
-struct Separate<'a> {
+struct Separate<'a, S> {
     from: &'a [[f64; LANES]],
     variables: usize,
     lane: usize,
-    out: &'a mut [f64],
+    out: &'a mut [S],
 }
 
-impl WithSimd for Separate<'_> {
+impl<S: Stored> WithSimd for Separate<'_, S> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
+    fn with_simd<V: Simd>(self, _simd: V) {
         for (out, from) in self.out.iter_mut().zip(self.from.iter().step_by(self.variables)) {
-            *out = from[self.lane];
+            *out = S::narrow(from[self.lane]);
         }
     }
 }

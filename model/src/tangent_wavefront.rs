@@ -12,6 +12,7 @@ use crate::columns::Columns;
 use crate::grid::{Boundary, Grid};
 use crate::rows::{Ring, Row};
 use crate::scheme::Tendency;
+use crate::stored::Stored;
 use crate::strips::{Group, Strip};
 pub use crate::strips::{LANES, MOST_PLACES};
 use crate::update::{combine, leap};
@@ -44,11 +45,11 @@ pub trait TangentRowStream: Send {
 
 /// So many steps of the columns, eight at a time, along the trajectory from `at`; false, and nothing done, if the tendency
 /// has no such form. State and columns have all levels of the scheme.
-pub(crate) fn sweep_tl<T: Tendency>(
+pub(crate) fn sweep_tl<T: Tendency, S: Stored>(
     tendency: &T,
     scheme: Scheme<'_>,
     at: &[f64],
-    columns: &mut [f64],
+    columns: &mut [S],
     steps: usize,
 ) -> bool {
     let (grid, variables) = (&tendency.layout().grid, tendency.layout().variables.len());
@@ -65,7 +66,7 @@ pub(crate) fn sweep_tl<T: Tendency>(
     let mut start: Vec<f64> = at.chunks_exact(level).flat_map(|at| tendency.linearised_at(at)).copied().collect();
     constrain(&mut start);
     Columns::new(columns, at.len()).for_each_group(LANES, wavefront, |group, wavefront| {
-        constrain(group);
+        S::in_double(group, &mut Vec::new(), constrain);
         if let Some(wavefront) = wavefront {
             wavefront.advance(&start, group, steps);
         }
@@ -149,7 +150,7 @@ impl<'a> TangentWavefront<'a> {
     }
 
     /// Advances up to eight columns by so many steps along the trajectory from `start`, in place.
-    fn advance(&mut self, start: &[f64], columns: &mut [f64], steps: usize) {
+    fn advance<S: Stored>(&mut self, start: &[f64], columns: &mut [S], steps: usize) {
         self.at[0].clear();
         self.at[0].extend_from_slice(start);
         self.at[1].resize(if steps > 1 { start.len() } else { 0 }, 0.0);

@@ -3,6 +3,7 @@
 use crate::forecast::Adjoint;
 use crate::random::{standard_normals, stream};
 use crate::state::State;
+use crate::stored::Stored;
 
 /// What [`check_contract`] measured.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,7 +15,8 @@ pub struct Contract {
     pub dot_product_error: f64,
 }
 
-/// Runs the battery at a state: zero, linearity, Taylor ladder, dot product, batches, threads, several steps.
+/// Runs the battery at a state: zero, linearity, Taylor ladder, dot product, batches, threads, several steps, single
+/// precision.
 ///
 /// * Zero: M'0 = 0 and M'ᵀ0 = 0.
 /// * Linearity: M'(2a − 3b) = 2 M'a − 3 M'b to rounding, and the same for M'ᵀ.
@@ -25,6 +27,7 @@ pub struct Contract {
 /// * Batches and threads: a matrix of columns gives the bits that single columns give, on one thread and on two.
 /// * Several steps: [`TangentLinear::steps_tl`](crate::TangentLinear::steps_tl) gives the bits that single steps along the
 ///   trajectory give.
+/// * Single precision: columns stored so become those of M' in double precision, rounded, to the bit.
 ///
 /// Increments are random, scaled for each variable by the largest deviation from its mean (if there is none, by a
 /// hundredth of its largest value, or 1).
@@ -45,6 +48,7 @@ pub fn check_contract(model: &dyn Adjoint, at: &State) -> Contract {
     check_linearity(model, at, &a, &b, &scales);
     check_batches_and_threads(model, at, &increment);
     check_several_steps(model, at, &increment);
+    check_single_precision(model, at, &increment);
     Contract {
         taylor_decades: taylor_ladder(model, at, &a, &scales),
         dot_product_error: dot_product_error(model, at, &a, &b, &scales),
@@ -174,6 +178,19 @@ fn check_several_steps(model: &dyn Adjoint, at: &State, increment: &dyn Fn(&str)
         assert!(bits(&together).eq(bits(&single)), "{steps} steps at once give other bits than one after another");
         model.step_tl(&x, &mut single);
         model.step(&mut x);
+    }
+}
+
+fn check_single_precision(model: &dyn Adjoint, at: &State, increment: &dyn Fn(&str) -> Vec<f64>) {
+    let columns = (0..11).flat_map(|column| increment(&format!("contract/column{column}")));
+    let stored: Vec<f32> = columns.map(f32::narrow).collect();
+    for steps in [1, 3] {
+        let mut single = stored.clone();
+        let mut double: Vec<f64> = stored.iter().map(|value| value.widen()).collect();
+        model.steps_tl_single(at, &mut single, steps);
+        model.steps_tl(at, &mut double, steps);
+        let same = single.iter().zip(&double).all(|(own, &double)| own.to_bits() == f32::narrow(double).to_bits());
+        assert!(same, "the tangent-linear in single precision is not that in double, rounded");
     }
 }
 

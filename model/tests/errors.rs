@@ -17,7 +17,7 @@ fn a_forecast_does_not_start_without_depth_or_with_a_value_that_is_not_finite() 
         x.values_mut()[2 * 8 + 5] = depth_m;
         let expected = ForecastError::Start(ModelError::Thickness { row: 2, column: 5, thickness_m: depth_m });
         assert_eq!(forecast(&model, &mut x, 1), Err(expected.clone()));
-        assert_eq!(forecast_tl(&model, &mut x, &mut [], 1), Err(expected.clone()));
+        assert_eq!(forecast_tl::<f64>(&model, &mut x, &mut [], 1), Err(expected.clone()));
         assert_eq!(trajectory(&model, &x, 1), Err(expected.clone()));
         let mut pair = leapfrog.start(&good);
         pair.values_mut()[3 * 72 + 2 * 8 + 5] = depth_m;

@@ -3,11 +3,12 @@
 mod common;
 
 use common::{BOUNDARIES, FORMS, SCHEMES, difference, grid, jet, largest, parameters, stepped, turbulence};
+use isobar_model::forecast::forecast_tl;
 use isobar_model::initial::{self, Vortex};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{
-    Boundary, Duration, Layout, Leapfrog, LinearShallowWater, Model, ShallowWater, ShallowWaterParameters,
-    SpectralBounds, State, TangentLinear, Tendency,
+    Boundary, Duration, ForecastError, Layout, Leapfrog, LinearShallowWater, Model, ShallowWater,
+    ShallowWaterParameters, SpectralBounds, State, Stored, TangentLinear, Tendency,
 };
 use std::sync::Arc;
 
@@ -170,4 +171,39 @@ fn check_sweep(swept: &dyn TangentLinear, fields: &dyn TangentLinear, start: &St
     assert!(largest(&difference(&single, &columns)) > 0.1 * scale, "the columns must have moved");
     let error = largest(&difference(&single, &expected)) / scale;
     assert!(error < 1e-14, "relative error {error:e}");
+}
+
+/// Columns stored in single precision: after a forecast those in double precision, rounded to the bit, whatever the strips.
+#[test]
+fn columns_in_single_precision_are_rounded_when_they_are_written() {
+    for (nx, ny, boundary, form) in [(150, 12, BOUNDARIES[0], FORMS[0]), (20, 9, BOUNDARIES[1], FORMS[1])] {
+        let parameters = ShallowWaterParameters { hyperdiffusion_m4_per_s: 5e14, ..parameters(boundary) };
+        let equations = ShallowWater::new(grid(nx, ny, boundary), parameters, form).unwrap();
+        let start = turbulence(&equations);
+        let leapfrog = Leapfrog::new(equations.clone(), Duration::from_seconds(100), 0.05).unwrap();
+        let cases: [(Box<dyn TangentLinear>, State); 3] = [
+            (Box::new(stepped(equations.clone(), 200, SCHEMES[0])), start.clone()),
+            (Box::new(stepped(WholeFields(equations), 200, SCHEMES[1])), start.clone()),
+            (Box::new(leapfrog.clone()), leapfrog.start(&start)),
+        ];
+        for (model, at) in cases {
+            let normals = standard_normals(&mut stream(4, "columns"), 11 * at.values().len());
+            let mut single: Vec<f32> = normals.into_iter().map(f32::narrow).collect();
+            let mut double: Vec<f64> = single.iter().map(|value| value.widen()).collect();
+            forecast_tl(&*model, &mut at.clone(), &mut single, 12).unwrap();
+            forecast_tl(&*model, &mut at.clone(), &mut double, 12).unwrap();
+            assert!(single.iter().zip(&double).all(|(single, &double)| *single == f32::narrow(double)));
+        }
+    }
+}
+
+#[test]
+fn an_increment_beyond_single_precision_is_an_error() {
+    let equations = ShallowWater::new(grid(8, 6, BOUNDARIES[0]), parameters(BOUNDARIES[0]), FORMS[0]).unwrap();
+    let mut at = turbulence(&equations);
+    let mut columns = vec![f32::MAX; at.values().len()];
+    columns.iter_mut().step_by(2).for_each(|value| *value = -f32::MAX);
+    let model = stepped(equations, 200, SCHEMES[0]);
+    let error = forecast_tl(&model, &mut at, &mut columns, 1).unwrap_err();
+    assert!(matches!(error, ForecastError::IncrementNotFinite { step: 1, column: 0, .. }), "{error}");
 }

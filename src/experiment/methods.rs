@@ -8,7 +8,7 @@ use isobar_assim::ensemble::{
     BackgroundInflation, EnsembleSettings, EnsembleTransformKalmanFilter, InitialMembers,
     LocalEnsembleTransformKalmanFilter, ModelErrorTreatment, StochasticEnsembleKalmanFilter,
 };
-use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
 use isobar_assim::federated::FederatedKalmanFilter;
 use isobar_assim::free::FreeRun;
 use isobar_assim::high_pass::HighPassSettings;
@@ -251,6 +251,9 @@ fn describe_filter(settings: &FastKalmanSettings, factor_grid: usize) -> String 
         }
         _ => format!("{} common factors", settings.factors),
     };
+    if settings.factor_precision == Precision::Single {
+        factors += " in single precision";
+    }
     if factor_grid > 1 {
         factors += &format!(" on a grid {factor_grid} times as wide");
     }

@@ -2,7 +2,7 @@
 
 use super::method::Surroundings;
 use super::reader::{Field, Limits, Read, Section};
-use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Residual};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Precision, Residual};
 use isobar_model::Grid;
 use toml::de::DeValue;
 
@@ -22,10 +22,11 @@ const DEFAULT_MERGED_BLOCKS: usize = 4;
 /// Factors that the separators of larger components may add for an analysis, unless the scenario says how many.
 const DEFAULT_SEPARATOR_FACTORS: usize = 100;
 
-/// Reads the settings that `fkf` and `time_volume` share.
+/// Reads the settings that `fkf` and `time_volume` share, and the precision of the factors, which is no key of the latter.
 pub(super) fn read(section: &Section<'_>, surroundings: &Surroundings<'_>) -> Read<FastKalmanSettings> {
     let &Surroundings { grid, model, .. } = surroundings;
     const COUPLINGS: &[(&str, BiasCoupling)] = &[("carry", BiasCoupling::Carry), ("drop", BiasCoupling::Drop)];
+    const PRECISIONS: &[(&str, Precision)] = &[("double", Precision::Double), ("single", Precision::Single)];
     let (factors, retained_energy) = section.optional("factors").map_or(Ok((0, 1.0)), |field| factors(&field))?;
     let probe = Residual::Probe { count: section.whole_or("probes", DEFAULT_PROBES, 1, 1000)? };
     let residuals = [("exact", Residual::Exact), ("persist", Residual::Persist), ("probe", probe)];
@@ -46,6 +47,9 @@ pub(super) fn read(section: &Section<'_>, surroundings: &Surroundings<'_>) -> Re
         bias_coupling,
         factors,
         retained_energy,
+        factor_precision: section
+            .optional("factor_precision")
+            .map_or(Ok(Precision::Double), |field| field.choice(PRECISIONS))?,
         residual: section.optional("residual").map_or(Ok(default), |field| field.choice(&residuals))?,
         largest_component: section.whole_or("largest_component", largest_component, 1, 1_000_000)?,
         separator_factors: section.whole_or("separator_factors", DEFAULT_SEPARATOR_FACTORS, 0, 100_000)?,

@@ -186,6 +186,7 @@ const KINDS: &[Kind<Which>] = &[
             "bias_coupling",
             "factors",
             "factor_grid",
+            "factor_precision",
             "residual",
             "probes",
             "largest_component",

@@ -2,11 +2,10 @@
 
 use super::Covariance;
 use crate::linalg::{cholesky, eigen, product, solve_lower};
-use crate::tall_matrix::{TallMatrix, cross_product, scaled_gram};
+use crate::tall_matrix::{Precision, TallMatrix, cross_product, scaled_gram};
 use faer::{Mat, MatRef};
 use isobar_model::random::standard_normals;
 use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
 
 /// Directions beyond the wanted ones that the range finder draws.
 pub(crate) const OVERSAMPLING: usize = 10;
@@ -24,32 +23,37 @@ const IMAGES: usize = 4;
 /// 4.4 and 5.5): with a basis Q of the range of A = S⁻¹ U Uᵀ S⁻¹, `A ≈ (A Q)(Qᵀ A Q)⁻¹(A Q)ᵀ`, whose remainder is positive
 /// semidefinite, and of this the leading eigenvectors. Columns are in the order of their energy.
 pub fn leading_factors(covariance: &dyn Covariance, scales: &[f64], rank: usize, stream: &mut ChaCha8Rng) -> Mat<f64> {
-    leading_columns(covariance, scales, rank, stream).as_ref().to_owned()
+    let columns = leading_columns(covariance, scales, rank, Precision::Double, stream);
+    columns.part(0, columns.rows(), 0, &mut Vec::new()).to_owned()
 }
 
-/// [`leading_factors`], all in the memory of one matrix `[len, rank + 10]`, which stays reserved.
+/// [`leading_factors`], all in the memory of one matrix `[len, rank + 10]` of this precision, which stays reserved.
+///
+/// In single precision the basis Q is what is stored, and Qᵀ A Q is right for it to double precision; A Q is rounded.
 pub(crate) fn leading_columns(
     covariance: &dyn Covariance,
     scales: &[f64],
     rank: usize,
+    precision: Precision,
     stream: &mut ChaCha8Rng,
 ) -> TallMatrix {
     let m = covariance.len();
     let rank = rank.min(m);
     let drawn = drawn(m, rank);
-    let mut basis = TallMatrix::from_values(m, drawn, standard_normals(stream, m * drawn));
+    let mut basis = TallMatrix::zeros(m, drawn, precision);
+    (0..drawn).for_each(|j| basis.edit_column(j, |column| column.copy_from_slice(&standard_normals(stream, m))));
     for _ in 0..=POWER_ITERATIONS {
-        basis.par_columns_mut().for_each(|column| multiply(covariance, scales, column));
+        basis.edit_columns(|column| multiply(covariance, scales, column));
         orthonormalise(&mut basis);
     }
     let core = multiply_all(covariance, scales, &mut basis);
     // A ≈ G Gᵀ with G = (A Q) root; its eigenvectors by the small Gram matrix.
-    let root = pseudo_root(core);
-    let gram = scaled_gram(&[basis.as_ref()], &vec![1.0; m]);
+    let root = pseudo_root(core, precision);
+    let gram = scaled_gram(&[&basis], &vec![1.0; m]);
     let gram = product(root.transpose(), product(gram.as_ref(), root.as_ref()).as_ref());
     let rotation = product(root.as_ref(), leading_eigenvectors(gram.as_ref(), rank).as_ref());
-    basis.recombine(MatRef::from_column_major_slice(&[], m, 0), rotation.as_ref());
-    basis.par_columns_mut().for_each(|column| {
+    basis.recombine(None, rotation.as_ref());
+    basis.edit_columns(|column| {
         column.iter_mut().zip(scales).for_each(|(value, scale)| *value *= scale);
     });
     basis
@@ -80,12 +84,17 @@ fn multiply_all(covariance: &dyn Covariance, scales: &[f64], basis: &mut TallMat
     let mut core = Mat::zeros(n, n);
     for first in (0..n).step_by(IMAGES) {
         let count = IMAGES.min(n - first);
-        let mut images = TallMatrix::from_values(m, count, basis.values_mut()[first * m..(first + count) * m].to_vec());
-        images.par_columns_mut().for_each(|column| multiply(covariance, scales, column));
-        let rows = cross_product(basis.as_ref().get(.., first..), images.as_ref());
+        let mut images = TallMatrix::zeros(m, count, Precision::Double);
+        for j in 0..count {
+            images.edit_column(j, |image| image.copy_from_slice(&basis.column(first + j)));
+        }
+        images.edit_columns(|column| multiply(covariance, scales, column));
+        let rows = cross_product(basis, first, &images);
         core.as_mut().get_mut(first.., first..first + count).copy_from(&rows);
         core.as_mut().get_mut(first..first + count, first..).copy_from(rows.transpose());
-        basis.values_mut()[first * m..(first + count) * m].copy_from_slice(images.values_mut());
+        for j in 0..count {
+            basis.edit_column(first + j, |column| column.copy_from_slice(&images.column(j)));
+        }
     }
     core
 }
@@ -103,7 +112,7 @@ fn orthonormalise(basis: &mut TallMatrix) {
     let (m, n) = (basis.rows(), basis.columns());
     let ones = vec![1.0; m];
     for _ in 0..PASSES {
-        let gram = scaled_gram(&[basis.as_ref()], &ones);
+        let gram = scaled_gram(&[basis], &ones);
         let off = (0..n).flat_map(|j| (0..n).map(move |i| (i, j)));
         if off.map(|(i, j)| (gram[(i, j)] - f64::from(i == j)).abs()).fold(0.0, f64::max) < 1e-6 {
             return;
@@ -120,24 +129,31 @@ fn orthonormalise(basis: &mut TallMatrix) {
         let mut inverse = Mat::identity(n, n);
         solve_lower(root.as_ref(), inverse.as_mut());
         let t = Mat::from_fn(n, n, |i, j| scale[i] * inverse[(j, i)]);
-        basis.recombine(MatRef::from_column_major_slice(&[], m, 0), t.as_ref());
+        basis.recombine(None, t.as_ref());
     }
 }
 
 /// W with W Wᵀ = M⁺ for a symmetric positive semidefinite M, whose lower triangle is read.
-fn pseudo_root(matrix: Mat<f64>) -> Mat<f64> {
+///
+/// Directions whose eigenvalue is nothing but rounding are left out: that of M, or that of the columns which are multiplied
+/// by W, if these are stored in single precision.
+fn pseudo_root(matrix: Mat<f64>, precision: Precision) -> Mat<f64> {
+    let (least_pivot, least_eigenvalue) = match precision {
+        Precision::Double => (1e-7, 1e-13),
+        Precision::Single => (3e-4, 1e-7),
+    };
     let n = matrix.nrows();
     if let Ok(l) = cholesky(matrix.clone(), String::new) {
         let diagonal = (0..n).map(|i| l[(i, i)]);
         let (least, largest) = diagonal.fold((f64::INFINITY, 0.0), |(a, b): (f64, f64), x| (a.min(x), b.max(x)));
-        if least > 1e-7 * largest {
+        if least > least_pivot * largest {
             let mut inverse = Mat::identity(n, n);
             solve_lower(l.as_ref(), inverse.as_mut());
             return inverse.transpose().to_owned();
         }
     }
     let (values, vectors) = eigen(matrix.as_ref());
-    let threshold = 1e-13 * values.iter().fold(0.0, |a: f64, &b| a.max(b));
+    let threshold = least_eigenvalue * values.iter().fold(0.0, |a: f64, &b| a.max(b));
     Mat::from_fn(n, n, |i, j| if values[j] > threshold { vectors[(i, j)] / values[j].sqrt() } else { 0.0 })
 }
 

@@ -184,11 +184,13 @@ impl FastKalmanFilter {
         increment: &mut [f64],
     ) {
         let m = self.state.values().len();
-        self.covariance.factors.for_each_column(|factor, of_state, of_local| {
+        self.covariance.factors.for_each_column(|factor, mut of_state, mut of_local| {
             for (variables, eliminated) in &observed {
-                for (&variable, sensitivity) in variables.iter().zip(eliminated.sensitivity.col_as_slice(factor)) {
-                    let own = if variable < m { &mut of_state[variable] } else { &mut of_local[variable - m] };
-                    *own -= sensitivity;
+                for (&variable, &sensitivity) in variables.iter().zip(eliminated.sensitivity.col_as_slice(factor)) {
+                    match variable < m {
+                        true => of_state.subtract(variable, sensitivity),
+                        false => of_local.subtract(variable - m, sensitivity),
+                    }
                 }
             }
         });

@@ -109,9 +109,7 @@ impl BlockDiagonal {
                     let (own, others) = rest.split_at_mut(size * size);
                     if size <= SMALL {
                         let mut values = [0.0; SMALL];
-                        for (value, &variable) in values.iter_mut().zip(members) {
-                            *value = factors.value(variable, column);
-                        }
+                        factors.values(members, column, &mut values[..size]);
                         for (own, &right) in own.chunks_exact_mut(size).zip(&values) {
                             own.iter_mut().zip(&values).for_each(|(own, left)| *own += sign * (left * right));
                         }

@@ -34,8 +34,7 @@ impl Prior {
     /// Copies the local parameters' part into the first p factors.
     pub fn copy_into(&self, factors: &mut TallMatrix) {
         for column in 0..self.of_local.nrows() {
-            let target = factors.column_mut(column).iter_mut().enumerate();
-            target.for_each(|(local, value)| *value = self.of_local[(column, local)]);
+            (0..factors.rows()).for_each(|local| factors.set(local, column, self.of_local[(column, local)]));
         }
     }
 }
@@ -54,7 +53,7 @@ pub(super) fn joint_rows(filter: &FastKalmanFilter, factors: &Factors) -> Mat<f6
     let mut rows = Mat::<f64>::zeros(p + v, factors.columns());
     for column in 0..factors.columns() {
         let target = rows.col_as_slice_mut(column);
-        for (&number, &value) in filter.local.iter().zip(factors.local.column(column)) {
+        for (&number, &value) in filter.local.iter().zip(factors.local.column(column).iter()) {
             target[number] = value;
         }
         for (&number, &value) in filter.shared.iter().zip(factors.shared.col_as_slice(column)) {
@@ -102,7 +101,7 @@ pub(super) fn widen(filter: &mut FastKalmanFilter, covariance: MatRef<'_, f64>) 
     factors.append(carried.len());
     for (column, &j) in (first..).zip(&carried) {
         for (i, &number) in filter.local.iter().enumerate() {
-            factors.local.column_mut(column)[i] = root[(number, j)];
+            factors.local.set(i, column, root[(number, j)]);
         }
         for (i, &number) in filter.shared.iter().enumerate() {
             factors.shared[(i, column)] = root[(number, j)];
@@ -127,13 +126,13 @@ pub(super) fn set(filter: &mut FastKalmanFilter, estimate: &[f64], covariance: M
     let factors = &mut filter.covariance.factors;
     factors.shared.fill(0.0);
     for column in 0..factors.columns() {
-        factors.local.column_mut(column).fill(0.0);
+        factors.local.edit_column(column, |values| values.fill(0.0));
     }
     let before = factors.columns();
     factors.append(shared);
     for j in 0..shared {
         (0..shared).for_each(|i| factors.shared[(i, before + j)] = root[(i, j)]);
-        (shared..p).for_each(|i| factors.local.column_mut(before + j)[i - shared] = root[(i, j)]);
+        (shared..p).for_each(|i| factors.local.set(i - shared, before + j, root[(i, j)]));
     }
     filter.covariance.linked.clear();
     for i in shared..p {

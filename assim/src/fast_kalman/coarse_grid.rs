@@ -13,7 +13,7 @@
 
 use crate::error::Error;
 use isobar_model::forecast::{ForecastError, forecast_tl, require_finite_increments};
-use isobar_model::{Boundary, Duration, Layout, State, TangentLinear};
+use isobar_model::{Boundary, Duration, Layout, State, Stored, TangentLinear};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -69,13 +69,13 @@ impl CoarseGrid {
     ///
     /// # Errors
     /// As a forecast; [`Error::Setting`] if the window does not hold whole steps of the coarse model, or more of them.
-    pub fn forecast(
+    pub fn forecast<S: Stored>(
         &self,
         model: &dyn TangentLinear,
         state: &mut State,
         (window, steps): (Duration, usize),
-        factors: &mut [f64],
-        probes: &mut [f64],
+        factors: &mut [S],
+        probes: &mut [S],
     ) -> Result<(), Error> {
         let coarse_steps =
             window.steps_of(self.model.time_step()).filter(|&coarse| coarse <= steps).ok_or_else(|| {
@@ -85,21 +85,29 @@ impl CoarseGrid {
                 ))
             })?;
         let (m, coarse_m) = (state.values().len(), self.model.layout().len());
-        let mut coarse = vec![0.0; factors.len() / m * coarse_m];
-        factors.par_chunks_exact_mut(m).zip(coarse.par_chunks_exact_mut(coarse_m)).for_each(|(factor, coarse)| {
-            self.restrict(factor, coarse);
-            self.add_interpolated(-1.0, coarse, factor);
+        let mut coarse = vec![S::default(); factors.len() / m * coarse_m];
+        let columns = factors.par_chunks_exact_mut(m).zip(coarse.par_chunks_exact_mut(coarse_m));
+        columns.for_each_init(Default::default, |(fine, own), (factor, coarse)| {
+            S::in_double(factor, fine, |factor| {
+                S::in_double(coarse, own, |coarse| {
+                    self.restrict(factor, coarse);
+                    self.add_interpolated(-1.0, coarse, factor);
+                });
+            });
         });
         let mut at = State::zeros(self.model.layout());
         for step in 0..coarse_steps {
             let (done, next) = (step * steps / coarse_steps, (step + 1) * steps / coarse_steps);
             self.restrict(state.values(), at.values_mut());
             let advance = || forecast_tl(model, state, probes, next - done).map_err(|error| later(error, done));
-            rayon::join(advance, || self.model.step_tl(&at, &mut coarse)).0?;
+            rayon::join(advance, || S::steps_tl(&*self.model, &at, &mut coarse, 1)).0?;
         }
         require_finite_increments(self.model.layout(), &coarse, steps)?;
-        factors.par_chunks_exact_mut(m).zip(coarse.par_chunks_exact(coarse_m)).for_each(|(factor, coarse)| {
-            self.add_interpolated(1.0, coarse, factor);
+        let columns = factors.par_chunks_exact_mut(m).zip(coarse.par_chunks_exact_mut(coarse_m));
+        columns.for_each_init(Default::default, |(fine, own), (factor, coarse)| {
+            S::in_double(factor, fine, |factor| {
+                S::in_double(coarse, own, |coarse| self.add_interpolated(1.0, coarse, factor));
+            });
         });
         Ok(())
     }

@@ -3,12 +3,13 @@
 use super::blocks::Blocks;
 use super::factored_covariance::FactoredCovariance;
 use crate::linalg::{eigen, product, qr};
-use faer::{Mat, MatRef};
+use crate::tall_matrix::TallMatrix;
+use faer::Mat;
 
 /// What joins the factors in a forecast.
 pub(super) struct Joining<'a> {
-    /// Factors of the model error, `[state values, q]`.
-    pub model_error: MatRef<'a, f64>,
+    /// Factors of the model error, `[state values, q]`, if there is one.
+    pub model_error: Option<&'a TallMatrix>,
     /// Standard deviations of what the shared parameters' random walks add, `[p]`.
     pub drift: &'a [f64],
 }
@@ -54,7 +55,7 @@ pub(super) fn join_and_compress(
 ) {
     let FactoredCovariance { own, factors, .. } = covariance;
     let p = joining.drift.len();
-    let (r, q) = (factors.columns(), joining.model_error.ncols());
+    let (r, q) = (factors.columns(), joining.model_error.map_or(0, TallMatrix::columns));
     let walks = if joining.drift.iter().any(|&sigma| sigma > 0.0) { p } else { 0 };
     if q + walks == 0 && r <= p + kept.at_most && kept.retained >= 1.0 {
         return;

@@ -1,8 +1,9 @@
 //! The common factors Φ = [Φ_b; Φ_c].
 
 use crate::linalg::product;
-use crate::tall_matrix::{TallMatrix, scaled_gram};
+use crate::tall_matrix::{ColumnMut, TallMatrix, scaled_gram, stored};
 use faer::{Mat, MatRef};
+use isobar_model::Stored;
 use rayon::prelude::*;
 
 /// Φ, of which each row is a variable and each column a direction of errors that many blocks have in common.
@@ -11,9 +12,9 @@ use rayon::prelude::*;
 /// tangent-linear model advances where it lies.
 #[derive(Clone, Debug)]
 pub(super) struct Factors {
-    /// Rows of Φ_b of the state's values, `[m, r]`.
+    /// Rows of Φ_b of the state's values, `[m, r]`, in the precision of the settings.
     pub state: TallMatrix,
-    /// Rows of Φ_b of the local parameters, `[local, r]`.
+    /// Rows of Φ_b of the local parameters, `[local, r]`, in double precision: they are few.
     pub local: TallMatrix,
     /// Φ_c, `[shared parameters, r]`.
     pub shared: Mat<f64>,
@@ -28,15 +29,29 @@ impl Factors {
     /// Entry of a block variable.
     pub fn value(&self, variable: usize, column: usize) -> f64 {
         let m = self.state.rows();
-        if variable < m { self.state.column(column)[variable] } else { self.local.column(column)[variable - m] }
+        if variable < m { self.state.value(variable, column) } else { self.local.value(variable - m, column) }
+    }
+
+    /// Entries of some block variables, in their order.
+    pub fn values(&self, variables: &[usize], column: usize, entries: &mut [f64]) {
+        let m = self.state.rows();
+        stored!(self.state.values(), values => {
+            let of_state = &values[column * m..][..m];
+            for (entry, &variable) in entries.iter_mut().zip(variables) {
+                *entry = match of_state.get(variable) {
+                    Some(value) => value.widen(),
+                    None => self.local.value(variable - m, column),
+                };
+            }
+        });
     }
 
     /// Sets an entry of a block variable.
     pub fn set(&mut self, variable: usize, column: usize, value: f64) {
         let m = self.state.rows();
         match variable < m {
-            true => self.state.column_mut(column)[variable] = value,
-            false => self.local.column_mut(column)[variable - m] = value,
+            true => self.state.set(variable, column, value),
+            false => self.local.set(variable - m, column, value),
         }
     }
 
@@ -51,24 +66,25 @@ impl Factors {
 
     /// Φ ← Φ T.
     pub fn rotate(&mut self, t: MatRef<'_, f64>) {
-        self.recombine(MatRef::from_column_major_slice(&[], self.state.rows(), 0), t);
+        self.recombine(None, t);
         self.shared = product(self.shared.as_ref(), t);
     }
 
     /// Φ_b ← \[Φ_b \[F; 0\]\] T, where F are further factors of the state.
-    pub fn recombine(&mut self, further: MatRef<'_, f64>, t: MatRef<'_, f64>) {
+    pub fn recombine(&mut self, further: Option<&TallMatrix>, t: MatRef<'_, f64>) {
         let own = self.columns();
         self.state.recombine(further, t);
-        self.local.recombine(MatRef::from_column_major_slice(&[], self.local.rows(), 0), t.get(..own, ..));
+        self.local.recombine(None, t.get(..own, ..));
     }
 
     /// \[Φ_b \[F; 0\]\]ᵀ S⁻² \[Φ_b \[F; 0\]\], S the scales of the block variables.
-    pub fn scaled_gram(&self, further: MatRef<'_, f64>, scales: &[f64]) -> Mat<f64> {
+    pub fn scaled_gram(&self, further: Option<&TallMatrix>, scales: &[f64]) -> Mat<f64> {
         let (of_state, of_local) = scales.split_at(self.state.rows());
-        let mut gram = scaled_gram(&[self.state.as_ref(), further], of_state);
+        let parts: Vec<&TallMatrix> = std::iter::once(&self.state).chain(further).collect();
+        let mut gram = scaled_gram(&parts, of_state);
         let r = self.columns();
         let mut own = gram.as_mut().get_mut(..r, ..r);
-        own += scaled_gram(&[self.local.as_ref()], of_local);
+        own += scaled_gram(&[&self.local], of_local);
         gram
     }
 
@@ -94,12 +110,8 @@ impl Factors {
     }
 
     /// Calls `work` with the number of each factor and its rows of state and local parameters, in parallel.
-    pub fn for_each_column(&mut self, work: impl Fn(usize, &mut [f64], &mut [f64]) + Sync) {
-        if self.local.rows() == 0 {
-            let columns = self.state.par_columns_mut().enumerate();
-            return columns.for_each(|(number, of_state)| work(number, of_state, &mut []));
-        }
-        let columns = self.state.par_columns_mut().zip(self.local.par_columns_mut()).enumerate();
+    pub fn for_each_column(&mut self, work: impl Fn(usize, ColumnMut<'_>, ColumnMut<'_>) + Sync) {
+        let columns = self.state.columns_mut().into_par_iter().zip(self.local.columns_mut()).enumerate();
         columns.for_each(|(number, (of_state, of_local))| work(number, of_state, of_local));
     }
 }

@@ -6,7 +6,7 @@ use super::factored_covariance::FactoredCovariance;
 use super::factors::Factors;
 use crate::error::Error;
 use crate::linalg::{add_symmetric_product, cholesky, mirror_lower, product};
-use crate::tall_matrix::TallMatrix;
+use crate::tall_matrix::{Precision, TallMatrix};
 use faer::{Mat, MatRef};
 use rayon::prelude::*;
 
@@ -62,9 +62,10 @@ pub(super) fn propagate_blocks(a: MatRef<'_, f64>, analysed: &FactoredCovariance
 
 /// Φ_b ← A Φ_b on the state's values; local parameters persist.
 pub(super) fn propagate_factors(a: MatRef<'_, f64>, factors: &mut Factors) {
-    let propagated = product(a, factors.state.as_ref());
+    let mut scratch = Vec::new();
+    let propagated = product(a, factors.state.part(0, factors.state.rows(), 0, &mut scratch));
     for column in 0..factors.columns() {
-        factors.state.column_mut(column).copy_from_slice(propagated.col_as_slice(column));
+        factors.state.edit_column(column, |values| values.copy_from_slice(propagated.col_as_slice(column)));
     }
 }
 
@@ -81,8 +82,8 @@ pub(super) fn drop_coupling(covariance: &mut FactoredCovariance, drift: &[f64], 
         shared[(i, i)] += sigma * sigma;
     }
     *factors = Factors {
-        state: TallMatrix::zeros(factors.state.rows(), drift.len()),
-        local: TallMatrix::zeros(factors.local.rows(), drift.len()),
+        state: TallMatrix::zeros(factors.state.rows(), drift.len(), factors.state.precision()),
+        local: TallMatrix::zeros(factors.local.rows(), drift.len(), Precision::Double),
         shared: cholesky(shared, || "the covariance of the shared calibration parameters".into())?,
     };
     Ok(())

@@ -35,6 +35,7 @@ mod separation;
 mod structure;
 pub mod time_volume;
 
+pub use crate::tall_matrix::Precision;
 pub use blocks::BlockShape;
 
 use crate::assimilator::{Analysis, Assimilator, Estimate};
@@ -46,7 +47,7 @@ use crate::problem::Problem;
 use crate::propagator::propagator;
 use crate::spread::standard_deviations;
 use crate::structure::Structure;
-use crate::tall_matrix::TallMatrix;
+use crate::tall_matrix::{TallMatrix, stored};
 use block_diagonal::BlockDiagonal;
 use blocks::Blocks;
 use coarse_grid::CoarseGrid;
@@ -82,6 +83,8 @@ pub struct FastKalmanSettings {
     /// The share of the factors' energy, each variable divided by its scale, for which a forecast keeps the leading
     /// ones; 1 for as many as there may be.
     pub retained_energy: f64,
+    /// How the common factors and those of the model error are stored: they take up nearly all of the filter's memory.
+    pub factor_precision: Precision,
     /// The forecast of the blocks.
     pub residual: Residual,
     /// Variables of the largest component that observations may merge; a larger one is cut by separators.
@@ -142,7 +145,7 @@ impl ModelError {
     /// That of α Q.
     fn times(&self, factor: f64) -> Self {
         let (mut factors, mut blocks) = (self.factors.clone(), self.blocks.clone());
-        factors.values_mut().iter_mut().for_each(|value| *value *= factor.sqrt());
+        factors.scale(factor.sqrt());
         blocks.values_mut().iter_mut().for_each(|value| *value *= factor);
         Self { factors, blocks }
     }
@@ -166,8 +169,8 @@ impl FastKalmanFilter {
         let mut scales = state_scales(&*problem.background_error, &layout);
         scales.extend(local.iter().map(|&number| sigma_prior(number)));
         let leading = |operator: &dyn Covariance, random: &mut ChaCha8Rng| match settings.factors {
-            0 => TallMatrix::zeros(m, 0),
-            rank => covariance::leading_columns(operator, &scales[..m], rank, random),
+            0 => TallMatrix::zeros(m, 0, settings.factor_precision),
+            rank => covariance::leading_columns(operator, &scales[..m], rank, settings.factor_precision, random),
         };
         // What is drawn for B comes first in the stream, then what is for Q, then the probes. But Q is factored first:
         // its working space is gone when Φ comes, whose own is needed later for the probes.
@@ -186,7 +189,7 @@ impl FastKalmanFilter {
         state.prepend(p);
         let r = state.columns();
         let prior = calibration::Prior::new(&calibration, &shared, &local)?;
-        let mut local_factors = TallMatrix::zeros(local.len(), r);
+        let mut local_factors = TallMatrix::zeros(local.len(), r, Precision::Double);
         prior.copy_into(&mut local_factors);
         let shared_factors = Mat::from_fn(p, r, |i, j| if j < p { prior.shared[(i, j)] } else { 0.0 });
         let factors = Factors { state, local: local_factors, shared: shared_factors };
@@ -292,18 +295,18 @@ impl FastKalmanFilter {
         let count = if let Residual::Probe { count } = self.settings.residual { count } else { 0 };
         let columns = &mut covariance.factors.state;
         let r = columns.columns();
-        let probes = columns.append(count);
-        residual::draw_probes(&covariance.own, &self.blocks, &layout, probes, &mut self.random);
-        let before = residual::energy(&layout, probes);
+        columns.append(count);
+        residual::draw_probes(&covariance.own, &self.blocks, columns, r, &mut self.random);
+        let before = residual::energy(&layout, columns, r);
         let model = &*self.problem.model;
-        let outcome = match &self.coarse {
-            None => forecast_tl(model, &mut self.state, columns.values_mut(), steps).map_err(Error::from),
+        let outcome = stored!(columns.values_mut(), columns => match &self.coarse {
+            None => forecast_tl(model, &mut self.state, columns, steps).map_err(Error::from),
             Some(coarse) => {
-                let (factors, probes) = columns.values_mut().split_at_mut(r * m);
+                let (factors, probes) = columns.split_at_mut(r * m);
                 coarse.forecast(model, &mut self.state, (window, steps), factors, probes)
             }
-        };
-        let after = residual::energy(&layout, &columns.values_mut()[r * m..]);
+        });
+        let after = residual::energy(&layout, columns, r);
         columns.truncate(r);
         outcome?;
         if count > 0 {
@@ -329,8 +332,7 @@ impl FastKalmanFilter {
         if self.settings.bias_coupling == BiasCoupling::Drop {
             return forecast::drop_coupling(covariance, &shared_drift, &self.blocks);
         }
-        let none = MatRef::from_column_major_slice(&[], m, 0);
-        let model_error = model_error.map_or(none, |model_error| model_error.factors.as_ref());
+        let model_error = model_error.map(|model_error| &model_error.factors);
         let joining = Joining { model_error, drift: &shared_drift };
         let kept = Kept { at_most: self.settings.factors, retained: self.settings.retained_energy };
         join_and_compress(covariance, &joining, kept, &self.scales, &self.blocks);
@@ -410,7 +412,8 @@ fn check_settings(problem: &Problem, blocks: &Blocks, shared: u64, settings: Fas
     let probes = if let Residual::Probe { count } = settings.residual { count as u64 } else { 0 };
     let extra = probes.max(covariance::OVERSAMPLING as u64);
     // The blocks, those of Q and their roots; the factors with the probes, and the factors of Q.
-    let mut needed_bytes = 8 * (3 * blocks.matrices_len() as u64 + b * (2 * r + shared + extra));
+    let mut needed_bytes =
+        8 * 3 * blocks.matrices_len() as u64 + settings.factor_precision.bytes() * b * (2 * r + shared + extra);
     if settings.residual == Residual::Exact {
         // The propagator A, and A C as products and as a whole.
         needed_bytes += 8 * (m * m + 2 * m * b);

@@ -3,20 +3,21 @@
 use super::block_diagonal::BlockDiagonal;
 use super::blocks::Blocks;
 use crate::linalg::semidefinite_root;
+use crate::tall_matrix::TallMatrix;
 use isobar_model::Layout;
 use isobar_model::random::standard_normals;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-/// Draws of the state's part of N(0, blkdiag(C_k)), one in each of the `probes`' columns.
+/// Draws of the state's part of N(0, blkdiag(C_k)), one in each column from the first probe on.
 pub(super) fn draw_probes(
     covariance: &BlockDiagonal,
     blocks: &Blocks,
-    layout: &Layout,
-    probes: &mut [f64],
+    columns: &mut TallMatrix,
+    first_probe: usize,
     random: &mut ChaCha8Rng,
 ) {
-    if probes.is_empty() {
+    if first_probe == columns.columns() {
         return;
     }
     let mut roots = covariance.clone();
@@ -24,23 +25,25 @@ pub(super) fn draw_probes(
         let root = semidefinite_root(matrix.as_ref());
         matrix.copy_from(root);
     });
-    for probe in probes.chunks_exact_mut(layout.len()) {
+    for number in first_probe..columns.columns() {
         let normals = standard_normals(random, blocks.variables());
-        probe.par_iter_mut().enumerate().for_each(|(variable, value)| {
+        let draw = |(variable, value): (usize, &mut f64)| {
             let (block, row) = blocks.place(variable);
             let (root, first) = (roots.block(blocks, block), blocks.position(variable) - row);
             *value = (0..=row).map(|j| root[(row, j)] * normals[first + j]).sum();
-        });
+        };
+        columns.edit_column(number, |probe| probe.par_iter_mut().enumerate().for_each(draw));
     }
 }
 
 /// Sum of the squares of each variable over all probes.
-pub(super) fn energy(layout: &Layout, probes: &[f64]) -> Vec<f64> {
+pub(super) fn energy(layout: &Layout, columns: &TallMatrix, first_probe: usize) -> Vec<f64> {
     let cells = layout.grid.cells();
     let mut sums = vec![0.0; layout.variables.len()];
-    for (number, field) in probes.chunks_exact(cells).enumerate() {
-        let sum = &mut sums[number % layout.variables.len()];
-        field.iter().for_each(|value| *sum += value * value);
+    for number in first_probe..columns.columns() {
+        for (sum, field) in sums.iter_mut().zip(columns.column(number).chunks_exact(cells)) {
+            field.iter().for_each(|value| *sum += value * value);
+        }
     }
     sums
 }

@@ -1,16 +1,17 @@
 //! The filter's memory from cycle to cycle, for a checkpoint.
 
-use super::FastKalmanFilter;
 use super::factored_covariance::{FactoredCovariance, Patch};
 use super::factors::Factors;
+use super::{FastKalmanFilter, Precision};
 use crate::error::Error;
 use crate::saved::{Matrix, from_bytes, restore_bias, restore_state, to_bytes, unfit};
-use crate::tall_matrix::TallMatrix;
-use faer::MatRef;
+use crate::tall_matrix::{TallMatrix, Values, stored};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
+/// The factors of the state are in the precision of the settings.
 #[derive(Serialize, Deserialize)]
-struct Saved {
+struct Saved<S> {
     state: Vec<f64>,
     bias: Vec<f64>,
     /// The matrices of all blocks, one after another.
@@ -19,36 +20,40 @@ struct Saved {
     linked: Vec<(Vec<usize>, Matrix)>,
     /// Number of factors, and their rows of the state, of the local parameters and of the shared ones.
     columns: usize,
-    state_factors: Vec<f64>,
+    state_factors: Vec<S>,
     local_factors: Vec<f64>,
     shared_factors: Matrix,
     /// Place in the random stream of the probes.
     random: u128,
 }
 
-/// The columns of a matrix, one after another.
-fn values(matrix: MatRef<'_, f64>) -> Vec<f64> {
-    let columns = matrix.col_iter().map(|it| it.try_as_col_major().expect("columns are contiguous").as_slice());
-    columns.flatten().copied().collect()
-}
-
 pub(super) fn save(filter: &FastKalmanFilter) -> Result<Vec<u8>, Error> {
     let FactoredCovariance { own, linked, factors } = &filter.covariance;
-    to_bytes(&Saved {
+    stored!(factors.state.values(), of_state => to_bytes(&Saved {
         state: filter.state.values().to_vec(),
         bias: filter.bias.clone(),
         own: own.values().to_vec(),
         linked: linked.iter().map(|it| (it.variables.clone(), (&it.covariance).into())).collect(),
         columns: factors.columns(),
-        state_factors: values(factors.state.as_ref()),
-        local_factors: values(factors.local.as_ref()),
+        state_factors: of_state.clone(),
+        local_factors: (0..factors.columns()).flat_map(|column| factors.local.column(column).into_owned()).collect(),
         shared_factors: (&factors.shared).into(),
         random: filter.random.get_word_pos(),
-    })
+    }))
 }
 
 pub(super) fn restore(filter: &mut FastKalmanFilter, saved: &[u8]) -> Result<(), Error> {
-    let Saved { state, bias, own, linked, columns, state_factors, local_factors, shared_factors, random } =
+    match filter.settings.factor_precision {
+        Precision::Double => restore_as::<f64>(filter, saved),
+        Precision::Single => restore_as::<f32>(filter, saved),
+    }
+}
+
+fn restore_as<S: DeserializeOwned>(filter: &mut FastKalmanFilter, saved: &[u8]) -> Result<(), Error>
+where
+    Values: From<Vec<S>>,
+{
+    let Saved::<S> { state, bias, own, linked, columns, state_factors, local_factors, shared_factors, random } =
         from_bytes(saved)?;
     restore_state(&mut filter.state, &state)?;
     restore_bias(&mut filter.bias, &bias)?;
@@ -57,13 +62,15 @@ pub(super) fn restore(filter: &mut FastKalmanFilter, saved: &[u8]) -> Result<(),
         return Err(unfit("the covariance of the blocks"));
     }
     blocks.values_mut().copy_from_slice(&own);
-    let tall = |rows: usize, values: Vec<f64>| match rows.checked_mul(columns) {
-        Some(length) if length == values.len() => Ok(TallMatrix::from_values(rows, columns, values)),
-        _ => Err(unfit("the matrix of the factors")),
+    let fits = |rows: usize, length: usize| match rows.checked_mul(columns) == Some(length) {
+        true => Ok(rows),
+        false => Err(unfit("the matrix of the factors")),
     };
+    let (of_state, of_local) =
+        (fits(factors.state.rows(), state_factors.len())?, fits(factors.local.rows(), local_factors.len())?);
     let factors = Factors {
-        state: tall(factors.state.rows(), state_factors)?,
-        local: tall(factors.local.rows(), local_factors)?,
+        state: TallMatrix::from_values(of_state, columns, state_factors),
+        local: TallMatrix::from_values(of_local, columns, local_factors),
         shared: shared_factors.restored(filter.shared.len(), Some(columns), "the shared parameters' factors")?,
     };
     // No variable is in two patches, and those of a patch ascend.

@@ -96,7 +96,8 @@ impl FastKalmanFilter {
     /// Whether there is memory for so many factors more, beside the blocks, those of Q, and the factors of both.
     fn fits(&self, more_factors: usize) -> bool {
         let (b, r) = (self.blocks.variables() as u64, self.covariance.factors.columns() as u64);
-        let needed_bytes = 8 * (3 * self.blocks.matrices_len() as u64 + b * (2 * r + more_factors as u64));
+        let factor_bytes = self.settings.factor_precision.bytes();
+        let needed_bytes = 8 * 3 * self.blocks.matrices_len() as u64 + factor_bytes * b * (2 * r + more_factors as u64);
         needed_bytes <= self.problem.memory_limit_bytes
     }
 

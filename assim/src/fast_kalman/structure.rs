@@ -4,7 +4,7 @@ use super::FastKalmanFilter;
 use crate::block_angular;
 use crate::linalg::{eigen, product};
 use crate::structure::{CommonFactor, Structure};
-use faer::{Mat, MatRef};
+use faer::Mat;
 use isobar_model::Increment;
 use isobar_obs::ObservationWindow;
 
@@ -36,7 +36,7 @@ impl FastKalmanFilter {
         if count == 0 {
             return Vec::new();
         }
-        let gram = factors.scaled_gram(MatRef::from_column_major_slice(&[], m, 0), &self.scales);
+        let gram = factors.scaled_gram(None, &self.scales);
         let (energies, vectors) = eigen(gram.as_ref());
         // In descending order.
         let rotation = Mat::from_fn(r, count, |i, j| vectors[(i, r - 1 - j)]);

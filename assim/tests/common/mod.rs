@@ -7,7 +7,7 @@ use faer::Mat;
 use isobar_assim::covariance::{Covariance, Sum, White};
 use isobar_assim::ensemble::{EnsembleSettings, Inflation, InitialMembers, ModelErrorTreatment};
 use isobar_assim::fast_kalman::time_volume::{AmplitudeEvolution, Factor, Target, TimeShape, TimeVolumeSettings};
-use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Residual};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Precision, Residual};
 use isobar_assim::{BiasTreatment, Problem};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Adjoint, Boundary, Duration, Grid, Layout, Location, Model, State, TangentLinear, Time, Variable};
@@ -27,6 +27,7 @@ pub fn settings(blocks: BlockShape, bias_coupling: BiasCoupling) -> FastKalmanSe
         residual: Residual::Exact,
         largest_component: usize::MAX,
         separator_factors: 0,
+        factor_precision: Precision::Double,
     }
 }
 

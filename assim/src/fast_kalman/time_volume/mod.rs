@@ -47,7 +47,7 @@ use crate::error::Error;
 use crate::estimated::EstimatedParameter;
 use crate::problem::Problem;
 use crate::structure::Structure;
-use crate::tall_matrix::TallMatrix;
+use crate::tall_matrix::{Precision, TallMatrix};
 use faer::{Mat, MatRef};
 use isobar_model::{Duration, Time};
 use isobar_obs::{ObservationWindow, Parameter, Placement, SparseRows};
@@ -126,6 +126,10 @@ impl TimeVolume {
         if problem.bias != BiasTreatment::Estimate || settings.filter.bias_coupling == BiasCoupling::Drop {
             return fault("estimates biases, and carries their covariance with the state");
         }
+        if settings.filter.factor_precision == Precision::Single {
+            // What is known of C is the difference between the posterior's information and a nominal prior's.
+            return fault("needs its factors in double precision");
+        }
         if settings.cycles == 0 {
             return fault("needs one cycle at least");
         }
@@ -171,8 +175,8 @@ impl TimeVolume {
         let filter = FastKalmanFilter::new(Problem { calibration, ..problem }, settings.filter)?;
         let own = &filter.covariance.factors;
         let sensitivity = Factors {
-            state: TallMatrix::zeros(layout.len(), q),
-            local: TallMatrix::zeros(own.local.rows(), q),
+            state: TallMatrix::zeros(layout.len(), q, Precision::Double),
+            local: TallMatrix::zeros(own.local.rows(), q, Precision::Double),
             shared: Mat::zeros(own.shared.nrows(), q),
         };
         let window = Window::new(&priors);
@@ -210,8 +214,9 @@ impl TimeVolume {
             let scaled = |target: &mut [f64], source: &[f64]| {
                 target.iter_mut().zip(source).for_each(|(target, source)| *target = scale * source);
             };
-            scaled(factors.state.column_mut(k), self.sensitivity.state.column(k));
-            scaled(factors.local.column_mut(k), self.sensitivity.local.column(k));
+            let own = &self.sensitivity;
+            factors.state.edit_column(k, |target| scaled(target, &own.state.column(k)));
+            factors.local.edit_column(k, |target| scaled(target, &own.local.column(k)));
         }
         let (before, own) = (&factors.shared, &self.sensitivity.shared);
         let (p, rows) = (before.nrows(), before.nrows() + if with_own_rows { q } else { 0 });
@@ -235,7 +240,9 @@ impl TimeVolume {
         let p = self.sensitivity.shared.nrows();
         let (mut state, mut local) = (factors.state.take_front(q), factors.local.take_front(q));
         for (k, scale) in scales.iter().enumerate() {
-            state.column_mut(k).iter_mut().chain(local.column_mut(k)).for_each(|value| *value /= scale);
+            for own in [&mut state, &mut local] {
+                own.edit_column(k, |column| column.iter_mut().for_each(|value| *value /= scale));
+            }
         }
         let joint = &factors.shared;
         let shared = Mat::from_fn(p, q, |i, j| joint[(i, j)] / scales[j]);
@@ -259,7 +266,7 @@ impl TimeVolume {
             };
             if is_constant {
                 add(self.filter.state.values_mut(), self.reference[k]);
-                add(self.sensitivity.state.column_mut(k), 1.0);
+                self.sensitivity.state.edit_column(k, |column| add(column, 1.0));
                 continue;
             }
             // It is an unknown of the filter: whatever changes it changes the forecast.
@@ -267,7 +274,7 @@ impl TimeVolume {
             add(self.filter.state.values_mut(), self.filter.bias[self.parameters + k]);
             let factors = &mut self.filter.covariance.factors;
             for own in [factors, &mut self.sensitivity] {
-                (0..own.columns()).for_each(|j| add(own.state.column_mut(j), own.shared[(row, j)]));
+                (0..own.columns()).for_each(|j| own.state.edit_column(j, |column| add(column, own.shared[(row, j)])));
             }
         }
     }
@@ -335,8 +342,9 @@ impl Assimilator for TimeVolume {
         self.add_model_factors();
         self.decay(window);
         for (k, columns) in transitions.iter().flat_map(|it| (0..it.columns()).map(move |k| (k, it.column(k)))) {
-            let own = self.sensitivity.state.column_mut(first + k);
-            own.iter_mut().zip(columns).for_each(|(own, change)| *own += change);
+            self.sensitivity.state.edit_column(first + k, |own| {
+                own.iter_mut().zip(columns.iter()).for_each(|(own, change)| *own += change);
+            });
         }
         self.filter.add_errors(window)?;
         self.estimate()

@@ -17,7 +17,7 @@ impl TimeVolume {
         if let Some(spread) = &mut estimate.state_spread {
             let mut variances: Vec<f64> = spread.iter().map(|sigma| sigma * sigma).collect();
             let mut columns = self.sensitivity.state.clone();
-            columns.recombine(MatRef::from_column_major_slice(&[], columns.rows(), 0), root.as_ref());
+            columns.recombine(None, root.as_ref());
             columns.add_squared_rows(&mut variances);
             *spread = variances.into_iter().map(f64::sqrt).collect();
         }

@@ -46,8 +46,9 @@ impl TimeVolume {
                 let add = |target: &mut [f64], source: &[f64]| {
                     target.iter_mut().zip(source).for_each(|(target, source)| *target += weight * source);
                 };
-                add(factors.state.column_mut(before + j), self.sensitivity.state.column(k));
-                add(factors.local.column_mut(before + j), self.sensitivity.local.column(k));
+                let own = &self.sensitivity;
+                factors.state.edit_column(before + j, |target| add(target, &own.state.column(k)));
+                factors.local.edit_column(before + j, |target| add(target, &own.local.column(k)));
                 for row in 0..factors.shared.nrows() {
                     factors.shared[(row, before + j)] += weight * self.sensitivity.shared[(row, k)];
                 }
@@ -57,8 +58,8 @@ impl TimeVolume {
         let own = std::iter::once(&mut self.window.before).chain(&mut self.window.cycles);
         own.for_each(|it| *it = it.without(&is_correction));
         for k in first..q {
-            self.sensitivity.state.column_mut(k).fill(0.0);
-            self.sensitivity.local.column_mut(k).fill(0.0);
+            self.sensitivity.state.edit_column(k, |column| column.fill(0.0));
+            self.sensitivity.local.edit_column(k, |column| column.fill(0.0));
             (0..self.sensitivity.shared.nrows()).for_each(|row| self.sensitivity.shared[(row, k)] = 0.0);
         }
         for (&k, sigma) in chosen.iter().zip(&sigma) {

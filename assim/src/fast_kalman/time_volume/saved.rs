@@ -28,7 +28,8 @@ struct Saved {
 }
 
 pub(super) fn save(volume: &TimeVolume) -> Result<Vec<u8>, Error> {
-    let columns = |matrix: &TallMatrix| (0..matrix.columns()).flat_map(|k| matrix.column(k)).copied().collect();
+    let columns =
+        |matrix: &TallMatrix| (0..matrix.columns()).flat_map(|k| matrix.column(k).into_owned()).collect::<Vec<f64>>();
     let cycles = std::iter::once(&volume.window.before).chain(&volume.window.cycles);
     to_bytes(&Saved {
         filter: filter_memory::save(&volume.filter)?,

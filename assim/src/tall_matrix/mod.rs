@@ -1,0 +1,257 @@
+//! Tall matrices: factors, each column of which is an increment.
+//!
+//! Millions of rows and some tens of columns: every operation goes through the rows in chunks of a fixed number, over
+//! threads, and sums are taken in the order of a fixed tree, so that the bits are the same on any number of threads.
+//! Nothing here allocates a second matrix of that size.
+//!
+//! They may be stored in single precision. Then a chunk is widened when it is read and rounded when it is written, and all
+//! that is done with it is done in double precision.
+
+mod products;
+
+pub(crate) use products::{cross_product, scaled_gram};
+
+use isobar_model::Stored;
+use rayon::prelude::*;
+use std::borrow::Cow;
+
+/// How numbers are stored; all arithmetic is in double precision.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Precision {
+    /// In 8 bytes.
+    Double,
+    /// In 4 bytes, with a relative error of 2⁻²⁴ whenever they are written.
+    Single,
+}
+
+impl Precision {
+    /// Bytes of a number.
+    pub(crate) fn bytes(self) -> u64 {
+        match self {
+            Precision::Double => 8,
+            Precision::Single => 4,
+        }
+    }
+}
+
+/// All columns, one after another.
+#[derive(Clone, Debug)]
+pub(crate) enum Values {
+    Double(Vec<f64>),
+    Single(Vec<f32>),
+}
+
+impl From<Vec<f64>> for Values {
+    fn from(values: Vec<f64>) -> Self {
+        Values::Double(values)
+    }
+}
+
+impl From<Vec<f32>> for Values {
+    fn from(values: Vec<f32>) -> Self {
+        Values::Single(values)
+    }
+}
+
+/// The same code for [`Values`] of either precision.
+macro_rules! stored {
+    ($values:expr, $name:ident => $body:expr) => {
+        match $values {
+            $crate::tall_matrix::Values::Double($name) => $body,
+            $crate::tall_matrix::Values::Single($name) => $body,
+        }
+    };
+}
+pub(crate) use stored;
+
+/// A column-major matrix `[rows, columns]` without padding, so that its columns are increments one after another.
+#[derive(Clone, Debug)]
+pub(crate) struct TallMatrix {
+    rows: usize,
+    columns: usize,
+    values: Values,
+}
+
+impl TallMatrix {
+    pub fn zeros(rows: usize, columns: usize, precision: Precision) -> Self {
+        let values = match precision {
+            Precision::Double => vec![0_f64; rows * columns].into(),
+            Precision::Single => vec![0_f32; rows * columns].into(),
+        };
+        Self { rows, columns, values }
+    }
+
+    /// A matrix of the given values, one column after another.
+    pub fn from_values(rows: usize, columns: usize, values: impl Into<Values>) -> Self {
+        let values = values.into();
+        assert_eq!(stored!(&values, values => values.len()), rows * columns);
+        Self { rows, columns, values }
+    }
+
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    pub fn precision(&self) -> Precision {
+        match self.values {
+            Values::Double(_) => Precision::Double,
+            Values::Single(_) => Precision::Single,
+        }
+    }
+
+    /// All columns, one after another, as they are stored.
+    pub fn values(&self) -> &Values {
+        &self.values
+    }
+
+    /// All columns, one after another, as they are stored.
+    pub fn values_mut(&mut self) -> &mut Values {
+        &mut self.values
+    }
+
+    pub fn value(&self, row: usize, column: usize) -> f64 {
+        stored!(&self.values, values => values[column * self.rows..][..self.rows][row].widen())
+    }
+
+    pub fn set(&mut self, row: usize, column: usize, value: f64) {
+        stored!(&mut self.values, values => values[column * self.rows..][..self.rows][row] = Stored::narrow(value));
+    }
+
+    pub fn column(&self, column: usize) -> Cow<'_, [f64]> {
+        let part = column * self.rows..(column + 1) * self.rows;
+        match &self.values {
+            Values::Double(values) => Cow::Borrowed(&values[part]),
+            Values::Single(values) => values[part].iter().map(|value| value.widen()).collect(),
+        }
+    }
+
+    /// Applies `work` to a column.
+    pub fn edit_column(&mut self, column: usize, work: impl FnOnce(&mut [f64])) {
+        let part = column * self.rows..(column + 1) * self.rows;
+        stored!(&mut self.values, values => Stored::in_double(&mut values[part], &mut Vec::new(), work));
+    }
+
+    /// Applies `work` to each column, in parallel; to none if they have no rows.
+    pub fn edit_columns(&mut self, work: impl Fn(&mut [f64]) + Sync) {
+        let rows = self.rows.max(1);
+        stored!(&mut self.values, values => {
+            values.par_chunks_exact_mut(rows).for_each_init(Vec::new, |scratch, column| {
+                Stored::in_double(column, scratch, &work);
+            });
+        });
+    }
+
+    /// The columns, each to be changed here and there.
+    pub fn columns_mut(&mut self) -> Vec<ColumnMut<'_>> {
+        if self.rows == 0 {
+            return (0..self.columns).map(|_| ColumnMut::Double(&mut [])).collect();
+        }
+        match &mut self.values {
+            Values::Double(values) => values.chunks_exact_mut(self.rows).map(ColumnMut::Double).collect(),
+            Values::Single(values) => values.chunks_exact_mut(self.rows).map(ColumnMut::Single).collect(),
+        }
+    }
+
+    /// A ← factor A.
+    pub fn scale(&mut self, factor: f64) {
+        stored!(&mut self.values, values => {
+            values.iter_mut().for_each(|value| *value = Stored::narrow(value.widen() * factor));
+        });
+    }
+
+    /// Makes room for so many columns in all, no more.
+    pub fn reserve(&mut self, columns: usize) {
+        let wanted = self.rows * columns;
+        stored!(&mut self.values, values => values.reserve_exact(wanted.saturating_sub(values.len())));
+    }
+
+    /// Appends columns of zeros.
+    pub fn append(&mut self, columns: usize) {
+        self.reserve(self.columns + columns);
+        self.columns += columns;
+        let len = self.rows * self.columns;
+        stored!(&mut self.values, values => values.resize(len, 0.0));
+    }
+
+    /// Puts columns of zeros before the others, in place.
+    pub fn prepend(&mut self, columns: usize) {
+        self.append(columns);
+        let added = self.rows * columns;
+        stored!(&mut self.values, values => values.rotate_right(added));
+    }
+
+    /// Takes the first columns out.
+    pub fn take_front(&mut self, columns: usize) -> TallMatrix {
+        let cut = self.rows * columns;
+        let front = stored!(&mut self.values, values => {
+            let front = values[..cut].to_vec();
+            values.copy_within(cut.., 0);
+            Self::from_values(self.rows, columns, front)
+        });
+        self.truncate(self.columns - columns);
+        front
+    }
+
+    /// Keeps the first columns only; their memory stays reserved.
+    pub fn truncate(&mut self, columns: usize) {
+        self.columns = self.columns.min(columns);
+        let len = self.rows * self.columns;
+        stored!(&mut self.values, values => values.truncate(len));
+    }
+
+    /// Returns what is reserved beyond the columns.
+    pub fn shrink_to_fit(&mut self) {
+        stored!(&mut self.values, values => values.shrink_to_fit());
+    }
+}
+
+/// A column that is changed here and there.
+pub(crate) enum ColumnMut<'a> {
+    Double(&'a mut [f64]),
+    Single(&'a mut [f32]),
+}
+
+impl ColumnMut<'_> {
+    pub fn subtract(&mut self, row: usize, change: f64) {
+        match self {
+            ColumnMut::Double(values) => values[row] -= change,
+            ColumnMut::Single(values) => values[row] = f32::narrow(values[row].widen() - change),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::products::tests::{PRECISIONS, dense, random};
+
+    #[test]
+    fn columns_are_edited_added_and_taken_out_in_either_precision() {
+        for (precision, rounded) in PRECISIONS {
+            let mut matrix = random(700, 3, 4, precision);
+            let before = dense(&matrix);
+            matrix.prepend(2);
+            matrix.append(1);
+            assert!(matrix.column(0).iter().chain(&*matrix.column(5)).all(|&value| value == 0.0));
+            matrix.edit_column(1, |column| column.copy_from_slice(before.col_as_slice(2)));
+            matrix.edit_columns(|column| column.iter_mut().for_each(|value| *value *= 3.0));
+            matrix.scale(0.5);
+            matrix.columns_mut().iter_mut().for_each(|column| column.subtract(699, 1.0));
+            matrix.set(3, 4, 0.1);
+            let front = matrix.take_front(2);
+            assert_eq!((front.columns(), matrix.columns(), front.precision()), (2, 4, precision));
+            let expected =
+                |i: usize, j: usize| if i == 699 { 1.5 * before[(i, j)] - 1.0 } else { 1.5 * before[(i, j)] };
+            for i in 0..700 {
+                assert!((front.value(i, 1) - expected(i, 2)).abs() < rounded);
+                for j in 0..3 {
+                    let expected = if (i, j) == (3, 2) { 0.1 } else { expected(i, j) };
+                    assert!((matrix.value(i, j) - expected).abs() < rounded, "{precision:?} ({i}, {j})");
+                }
+            }
+        }
+    }
+}

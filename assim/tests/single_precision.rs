@@ -1,0 +1,215 @@
+//! Factors stored in single precision: the filter in double precision but for 2⁻²⁴ wherever a factor is written.
+
+mod common;
+
+use common::*;
+use isobar_assim::covariance::{Balanced, BalancedParameters, Covariance, Sum, White};
+use isobar_assim::fast_kalman::time_volume::{Target, TimeShape, TimeVolume};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
+use isobar_assim::kalman::KalmanFilter;
+use isobar_assim::{Assimilator, BiasTreatment, Error, Estimate, Problem};
+use isobar_model::initial::{JetConfig, geostrophic_jet};
+use isobar_model::{
+    Boundary, Duration, Grid, Layout, ShallowWater, ShallowWaterParameters, State, Stepped, TimeScheme, VectorInvariant,
+};
+use isobar_obs::ObservationWindow;
+use std::sync::Arc;
+
+fn filter(problem: &Problem, factors: usize, residual: Residual, factor_precision: Precision) -> FastKalmanFilter {
+    let settings =
+        FastKalmanSettings { factors, residual, factor_precision, ..settings(BlockShape::Cell, BiasCoupling::Carry) };
+    FastKalmanFilter::new(problem.clone(), settings).unwrap()
+}
+
+/// As many factors as variables: the Kalman filter, up to what is rounded away in a cycle and amplified by none.
+#[test]
+fn as_many_factors_as_variables_are_the_kalman_filter_to_single_precision() {
+    for (shared, local) in [(0, 0), (2, 0), (2, 3)] {
+        let problem = problem(true, calibration(shared, local, 0.4), 2);
+        let variables = problem.background.values().len() + local;
+        for residual in [Residual::Exact, Residual::Persist] {
+            let mut fast = filter(&problem, variables, residual, Precision::Single);
+            let mut reference = KalmanFilter::new(problem.clone()).unwrap();
+            let mut largest: f64 = 0.0;
+            for cycle in 1..=6 {
+                let observed = window(&problem, 14, false, cycle, 5);
+                fast.forecast(WINDOW).unwrap();
+                reference.forecast(WINDOW).unwrap();
+                let found = fast.analyse(&observed).unwrap().estimate;
+                let expected = reference.analyse(&observed).unwrap().estimate;
+                let expected_covariance = flat(&reference.covariance().to_owned());
+                let covariance = relative_difference(&flat(&fast.dense_covariance()), &expected_covariance);
+                let state = relative_difference(found.state.values(), expected.state.values());
+                largest = largest.max(covariance).max(state);
+            }
+            println!("{shared} shared, {local} local, {residual:?}: {largest:e}");
+            assert!(largest < 2e-6, "{shared} shared, {local} local, {residual:?}: {largest:e}");
+        }
+    }
+}
+
+/// Balanced and white errors of a jet of nonlinear shallow water.
+fn jet(cells: usize, step_s: i64) -> (Arc<Stepped<ShallowWater>>, State) {
+    let spacing = 48e5 / cells as f64;
+    let grid = Grid { nx: cells, ny: cells, dx_m: spacing, dy_m: spacing, boundary: Boundary::Channel };
+    let parameters = ShallowWaterParameters {
+        gravity_m_per_s2: 9.8,
+        coriolis_per_s: 1e-4,
+        beta_per_m_per_s: 1.6e-11,
+        drag_per_s: 0.0,
+        hyperdiffusion_m4_per_s: 5e14,
+    };
+    let equations = ShallowWater::new(grid, parameters, VectorInvariant::PotentialEnstrophy).unwrap();
+    let jet =
+        JetConfig { mean_depth_m: 1000.0, speed_m_per_s: 25.0, center_y_m: 24e5, width_m: 6e5, perturbation: None };
+    let state = geostrophic_jet(&equations, &jet).unwrap();
+    (Arc::new(Stepped::new(equations, Duration::from_seconds(step_s), TimeScheme::Rk4).unwrap()), state)
+}
+
+fn errors(layout: &Layout, sigma_height_m: f64, length_m: f64, white: f64) -> Arc<dyn Covariance> {
+    let parameters = BalancedParameters {
+        sigma_height_m,
+        length_m,
+        gravity_m_per_s2: 9.8,
+        coriolis_per_s: 1e-4,
+        beta_per_m_per_s: 1.6e-11,
+    };
+    let mut terms: Vec<Box<dyn Covariance>> = vec![Box::new(Balanced::new(layout, &parameters).unwrap())];
+    terms.extend(
+        [1.0, 0.1, 0.1].iter().enumerate().map(|(variable, factor)| -> Box<dyn Covariance> {
+            Box::new(White::new(layout, variable, factor * white))
+        }),
+    );
+    Arc::new(Sum::new(layout.len(), terms))
+}
+
+fn jet_problem(cells: usize) -> Problem {
+    let (model, background) = jet(cells, 600);
+    let layout = background.layout().clone();
+    Problem {
+        model,
+        background_error: errors(&layout, 20.0, 9e5, 1.0),
+        model_error: Some(errors(&layout, 1.0, 5e5, 0.2)),
+        background,
+        calibration: calibration(2, 3, 0.1),
+        bias: BiasTreatment::Estimate,
+        memory_limit_bytes: 1 << 30,
+    }
+}
+
+/// Observations around the background, a small deviation from it.
+fn around(problem: &Problem, cycle: usize) -> ObservationWindow {
+    let observed = window(problem, 60, false, cycle, 5);
+    let at = observed.operator.simulate(&problem.background, &vec![0.0; problem.calibration.len()]);
+    let values: Vec<f64> = observed.values.iter().zip(&at).map(|(value, at)| value + at).collect();
+    ObservationWindow { values_bias_removed: values.clone(), values, ..observed }
+}
+
+fn cycles(mut filter: FastKalmanFilter, problem: &Problem) -> Vec<Estimate> {
+    let cycle = |cycle: usize| {
+        filter.forecast(WINDOW).unwrap();
+        filter.analyse(&around(problem, cycle)).unwrap().estimate
+    };
+    (1..=5).map(cycle).collect()
+}
+
+/// The largest difference of two estimates, of values and of claimed standard deviations, in the largest standard deviation
+/// of the variable, and in that of the bias.
+fn difference(found: &Estimate, expected: &Estimate) -> f64 {
+    let largest = |values: &[f64]| values.iter().fold(0.0, |a: f64, b| a.max(b.abs()));
+    let apart = |a: &[f64], b: &[f64]| largest(&a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<_>>());
+    let of = |estimate: &Estimate| {
+        let Estimate { state, calibration, state_spread, calibration_spread } = estimate.clone();
+        [state.values().to_vec(), state_spread.unwrap(), calibration, calibration_spread.unwrap()]
+    };
+    let ([state, spread, bias, bias_spread], [own_state, own_spread, own_bias, own_bias_spread]) =
+        (of(expected), of(found));
+    let cells = expected.state.layout().grid.cells();
+    let of_variable = (0..3).map(|variable| {
+        let part = variable * cells..(variable + 1) * cells;
+        let sigma = largest(&spread[part.clone()]);
+        let of_values = apart(&own_state[part.clone()], &state[part.clone()]);
+        of_values.max(apart(&own_spread[part.clone()], &spread[part])) / sigma
+    });
+    let of_bias = apart(&own_bias, &bias).max(apart(&own_bias_spread, &bias_spread)) / largest(&bias_spread);
+    of_variable.fold(of_bias, f64::max)
+}
+
+/// A forecast rounds the factors 36 times, an analysis twice.
+#[test]
+fn a_nonlinear_run_is_that_in_double_precision_but_for_rounding() {
+    let problem = jet_problem(16);
+    for grid in [1, 2] {
+        let [found, expected] = [Precision::Single, Precision::Double].map(|precision| {
+            let filter = filter(&problem, 30, Residual::Probe { count: 4 }, precision);
+            let on_grid =
+                |filter: FastKalmanFilter| filter.with_factors_on(jet(16 / grid, 600 * grid as i64).0).unwrap();
+            cycles(if grid > 1 { on_grid(filter) } else { filter }, &problem)
+        });
+        for (cycle, (found, expected)) in found.iter().zip(&expected).enumerate() {
+            let difference = difference(found, expected);
+            println!("grid {grid}, cycle {cycle}: {difference:e}");
+            assert!(0.0 < difference && difference < 2e-5, "grid {grid}, cycle {cycle}: {difference:e}");
+        }
+    }
+}
+
+#[test]
+fn the_same_bits_on_any_number_of_threads_and_after_an_interruption() {
+    let problem = jet_problem(12);
+    let new = || filter(&problem, 14, Residual::Probe { count: 3 }, Precision::Single);
+    let run = |threads: usize, interrupted: bool| {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
+            let mut filter = new();
+            let mut bits = Vec::new();
+            for cycle in 1..=4 {
+                filter.forecast(WINDOW).unwrap();
+                let estimate = filter.analyse(&around(&problem, cycle)).unwrap().estimate;
+                bits.extend(estimate.state.values().iter().map(|value| value.to_bits()));
+                bits.extend(estimate.state_spread.unwrap().iter().map(|value| value.to_bits()));
+                if interrupted {
+                    let saved = filter.save().unwrap();
+                    filter = new();
+                    filter.restore(&saved).unwrap();
+                }
+            }
+            bits
+        })
+    };
+    let expected = run(1, false);
+    assert_eq!(run(2, false), expected);
+    assert_eq!(run(8, true), expected);
+    let mut double = filter(&problem, 14, Residual::Probe { count: 3 }, Precision::Double);
+    assert!(matches!(double.restore(&new().save().unwrap()), Err(Error::Saved { .. })));
+}
+
+#[test]
+fn factors_in_single_precision_fit_where_those_in_double_do_not() {
+    let mut problem = jet_problem(16);
+    let variables = problem.background.values().len() + 3;
+    // Blocks of three variables and of those with a station's bias; F_Q and Φ with two shared biases and oversampling.
+    let factors = 100;
+    problem.memory_limit_bytes = (variables * (3 * 3 * 8 + (2 * factors + 2 + 10) * 6)) as u64;
+    let new = |factor_precision| {
+        let residual = Residual::Probe { count: 4 };
+        let settings = FastKalmanSettings {
+            factors,
+            residual,
+            factor_precision,
+            ..settings(BlockShape::Cell, BiasCoupling::Carry)
+        };
+        FastKalmanFilter::new(problem.clone(), settings)
+    };
+    assert!(new(Precision::Single).is_ok());
+    assert!(matches!(new(Precision::Double), Err(Error::TooLarge { .. })));
+}
+
+#[test]
+fn a_time_volume_wants_double_precision() {
+    let problem = problem(true, calibration(2, 0, 0.0), 2);
+    let mut settings =
+        volume_settings(3, vec![factor("offset", Target::Observations(vec![0]), TimeShape::Constant, constant(None))]);
+    settings.filter.factor_precision = Precision::Single;
+    let error = TimeVolume::new(problem, settings, None).err().unwrap().to_string();
+    assert!(error.contains("double precision"), "{error}");
+}
