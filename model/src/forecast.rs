@@ -44,8 +44,8 @@ pub trait TangentLinear: Model {
     /// `columns` holds any number of increments one after another, each `[variable, y, x]`: a column-major matrix.
     fn step_tl(&self, at: &State, columns: &mut [f64]);
 
-    /// Advances increments by so many time steps along the trajectory from `at`: the bits of as many single steps, which
-    /// it is unless a model knows something faster.
+    /// Advances increments by so many time steps along the trajectory from `at`, with the bits of as many single steps:
+    /// which is what it does, unless a model has something faster.
     fn steps_tl(&self, at: &State, columns: &mut [f64], steps: usize) {
         step_by_step(self, at, columns, steps);
     }

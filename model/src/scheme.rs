@@ -74,7 +74,7 @@ pub trait Tendency: Send + Sync {
     }
 
     /// The state at which f' is taken where the model's is `at`: another one only if f is itself linearised, about a state
-    /// for which [`Tendency::tangent_row_stream`] has no tendency.
+    /// that stays as it is, so that its tendency in [`Tendency::tangent_row_stream`] is zero.
     fn linearised_at<'a>(&'a self, at: &'a [f64]) -> &'a [f64] {
         at
     }
