@@ -341,10 +341,8 @@ mod tests {
             let height = number(&svg, " height");
             for name in (0..count).map(name) {
                 let end = svg.find(&format!(">{name}</text>")).unwrap_or_else(|| panic!("{name} is missing"));
-                let (x, y) = (
-                    number(&svg[svg[..end].rfind("<text").unwrap()..], " x"),
-                    number(&svg[svg[..end].rfind("<text").unwrap()..], " y"),
-                );
+                let own = &svg[svg[..end].rfind("<text").unwrap()..];
+                let (x, y) = (number(own, " x"), number(own, " y"));
                 assert!(y < height && x < 440.0, "{count} of {length}: {name} at {x}, {y} of {height}");
             }
             let clip = &svg[svg.find("<clipPath").unwrap()..];

@@ -77,7 +77,7 @@ pub fn scores(info: &RunInfo, summary: &Summary) -> Table {
         let column = |what: &str| format!("{} {what} [{}]", variable.name, unit(variable.unit));
         header.extend(["background", "analysis", "spread"].map(column));
     }
-    header.extend(["bias RMSE [own units]", "bias spread [own units]", "χ²/n [1]"].map(String::from));
+    header.extend(["bias RMSE [own\u{a0}units]", "bias spread [own\u{a0}units]", "χ²/n [1]"].map(String::from));
     let row = |(name, scores): (&String, &MethodScores)| {
         let intervals = scores.intervals.clone().unwrap_or_default();
         let mut row: Vec<Cell> = vec![match scores.failure {
@@ -105,7 +105,7 @@ pub fn smoothed(info: &RunInfo, summary: &Summary) -> Option<Table> {
         let column = |what: &str| format!("{} {what} [{}]", variable.name, unit(variable.unit));
         header.extend(["smoothed", "spread"].map(column));
     }
-    header.extend(["bias RMSE [own units]", "bias spread [own units]"].map(String::from));
+    header.extend(["bias RMSE [own\u{a0}units]", "bias spread [own\u{a0}units]"].map(String::from));
     let row = |(name, scores): (&String, &MethodScores)| {
         let own = scores.smoothed.as_ref()?;
         let mut row: Vec<Cell> = vec![name.as_str().into(), own.lag_cycles.to_string().into()];
