@@ -185,7 +185,7 @@ fn what_methods_estimate_beside_state_and_biases_is_shown_and_smoothed_errors_ar
     assert!(!without.contains("What else is estimated") && !without.contains("once smoothed"));
     run.info.methods[0].smoother_lag_cycles = Some(2);
     let parent = tempfile::tempdir().unwrap();
-    let directory = OutputDirectory::create(&parent.path().join("run"), Existing::Refuse).unwrap();
+    let directory = OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap();
     run.play(&mut Telling(open_all(&run.info, &directory, REPORT).unwrap())).unwrap();
     directory.complete().unwrap();
     let all = files(&parent.path().join("run"));
@@ -195,7 +195,8 @@ fn what_methods_estimate_beside_state_and_biases_is_shown_and_smoothed_errors_ar
     // Of the one that nothing determines there is only the reason.
     assert_eq!(section.matches("<svg").count(), 1);
     let table = between(section, "<tbody>", "</tbody>");
-    for part in ["adapt&#x2f;&lt;b&gt;", "m\u{a0}s⁻¹", "5.00<small>± 0.500", "not determined: the same as &lt;i&gt;"] {
+    for part in ["adapt&#x2f;&lt;b&gt;", "m\u{a0}s⁻¹", "5.00<small>± 0.500", "not determined: the same as &lt;i&gt;"]
+    {
         assert!(table.contains(part), "{part} is not in {table}");
     }
     assert!(!table.contains(&run.info.methods[1].name), "it estimates none of them");

@@ -176,13 +176,16 @@ fn describe_alone(method: &Method) -> String {
             format!("optimal interpolation, B × {covariance_scale}, {bias}")
         }
         Algorithm::FourDVar(settings) => format!(
-            "4D-Var over {} cycles, {} outer loops, B × {}, {bias}",
-            settings.window_cycles, settings.outer_loops, settings.covariance_scale
+            "4D-Var over {} cycles, {} outer {}, B × {}, {bias}",
+            settings.window_cycles,
+            settings.outer_loops,
+            if settings.outer_loops == 1 { "loop" } else { "loops" },
+            settings.covariance_scale
         ),
         Algorithm::HybridThreeDVar { settings, .. } => format!(
-            "hybrid 3D-Var, B × {} with weight {}, {} localised within {} km, {bias}",
+            "hybrid 3D-Var, B × {}, an ensemble with weight {}, {} localised within {} km, {bias}",
             settings.variational.covariance_scale,
-            1.0 - settings.ensemble_weight,
+            settings.ensemble_weight,
             describe_ensemble(&settings.ensemble),
             settings.local.localization_radius_m / 1e3
         ),

@@ -26,7 +26,7 @@ pub struct Cell {
     pub text: String,
     /// What it adds in small print.
     pub note: String,
-    /// Class of its style: `better`, `worse`, `open`, or none.
+    /// Class of its style: `better`, `worse`, `open`, `words` for what may be broken anywhere on paper, or none.
     pub class: &'static str,
 }
 
@@ -148,7 +148,7 @@ pub fn stability(summary: &Summary) -> Option<Table> {
             Some(own) => Cell {
                 text: own.verdict().into(),
                 note: format!("keeps {} % of its prior variance", figure(100.0 * own.variance_ratio)),
-                class: if own.stable { "" } else { "open" },
+                class: if own.stable { "words" } else { "words open" },
             },
         }));
         Some(row)
