@@ -85,6 +85,7 @@ fn every_seed_has_the_scores_of_its_own_run_however_many_run_at_a_time() {
     let scores: usize = methods.iter().map(|method| json["methods"][method].as_object().unwrap().len()).sum();
     assert_eq!(rows.records().map(Result::unwrap).count(), scores);
     let page = fs::read_to_string(folder.join("report.html")).unwrap();
+    assert!(!page.contains("Smoothed:"));
     assert!(page.contains("11, 12, 13, 14") && page.matches("<svg").count() >= 3 && !page.contains("<script"));
 }
 
@@ -139,6 +140,7 @@ fn smoothed_estimates_have_a_table_of_the_methods_that_have_them() {
         "{said}"
     );
     let page = fs::read_to_string(folder.join("report.html")).unwrap();
+    assert!(page.contains("Smoothed: the estimates"));
     assert_eq!(page.matches("smoothed</th>").count(), 6, "three variables in two tables");
 }
 

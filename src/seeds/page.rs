@@ -14,13 +14,16 @@ impl SeedsSummary {
     pub fn html(&self, scenario: &Scenario) -> Result<String, PageError> {
         let variables = scenario.model.variables();
         let against = &self.against;
+        let about_smoothed = match self.has_smoothed() {
+            true => " Smoothed: the estimates of the same cycles once later observations have revised them.",
+            false => "",
+        };
         let mut sections = vec![
             Section {
                 title: "Scores".into(),
                 text: format!(
                     "Means over {} seeds with half the width of their 95 % intervals (Student's t over the seeds): \
-                     root-mean-square errors over cycles {} to {}, and what the methods claim them to be. Smoothed: the \
-                     estimates of the same cycles once later observations have revised them.",
+                     root-mean-square errors over cycles {} to {}, and what the methods claim them to be.{about_smoothed}",
                     self.seeds.len(),
                     self.scored_from_cycle,
                     self.cycles

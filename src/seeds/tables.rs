@@ -49,6 +49,12 @@ impl SeedsSummary {
         })
     }
 
+    /// Whether a method has a smoother.
+    pub(super) fn has_smoothed(&self) -> bool {
+        let is_smoothed = |score: &String| score.starts_with("rmse_smoothed.");
+        self.methods.values().any(|scores| scores.keys().any(is_smoothed))
+    }
+
     fn tables(
         &self,
         title: &str,
