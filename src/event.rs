@@ -1,7 +1,7 @@
 //! What happens during a run, as the sinks hear it.
 
 use crate::correlations::Correlations;
-use crate::summary::{Failure, MethodScores, Summary};
+use crate::summary::{Failure, MethodScores, SmoothedScores, Summary};
 use isobar_assim::{Analysis, Estimate, EstimatedParameter, Structure};
 use isobar_model::{Duration, Layout, State, Time};
 use isobar_obs::{Calibration, ObservationWindow, Projection};
@@ -124,6 +124,8 @@ pub struct Smoothed<'a> {
     pub later_cycles: usize,
     /// The estimate.
     pub estimate: &'a Estimate,
+    /// The scores of this cycle alone; empty if its truth is not known any more.
+    pub scores: &'a SmoothedScores,
 }
 
 /// A method's results in one cycle.

@@ -258,11 +258,16 @@ fn one_cycle(
             let earlier = cycle - ago;
             let truths = &scores.earlier_truths;
             let own = SmoothedScorecard::of_cycle(truths, ago, &smoothed.estimate, lag, method.scores_bias);
-            if let Some(own) = own.filter(|_| earlier >= *score_from_cycle) {
-                scores.totals[number].add_smoothed(&own);
+            if let Some(own) = own.as_ref().filter(|_| earlier >= *score_from_cycle) {
+                scores.totals[number].add_smoothed(own);
             }
-            let estimate = &smoothed.estimate;
-            send(Event::Smoothed(Smoothed { method: number, cycle: earlier, later_cycles: ago, estimate }))?;
+            send(Event::Smoothed(Smoothed {
+                method: number,
+                cycle: earlier,
+                later_cycles: ago,
+                estimate: &smoothed.estimate,
+                scores: &own.map(|own| own.scores(&info.layout)).unwrap_or_default(),
+            }))?;
         }
         let parameters = method.runner.parameters();
         if !parameters.is_empty() {

@@ -2,9 +2,11 @@
 
 mod synthetic_run;
 
-use isobar::event::RunInfo;
+use isobar::event::{Estimated, Event, RunInfo, Smoothed};
 use isobar::saved::SavedRun;
-use isobar::sink::{Existing, OutputDirectory, Outputs, open_all};
+use isobar::sink::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
+use isobar::summary::SmoothedScores;
+use isobar_assim::EstimatedParameter;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -145,6 +147,64 @@ fn figures_are_on_the_page_and_in_files() {
         assert_eq!(text.matches("<svg").count(), svgs);
         assert_eq!(text.matches("<figure>").count(), text.matches("<figcaption>").count());
     });
+}
+
+/// Tells more of the first method than its analyses: parameters beside state and biases, and smoothed estimates.
+struct Telling(Vec<Box<dyn Sink>>);
+
+impl Sink for Telling {
+    fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
+        self.0.record(event)?;
+        let Event::Analysed(analysed) = event else { return Ok(()) };
+        let parameter = |name: &str, value, sigma: Option<f64>, verdict: &str| EstimatedParameter {
+            name: name.into(),
+            unit: "m s-1".into(),
+            value,
+            sigma,
+            verdict: verdict.into(),
+        };
+        let parameters = [
+            parameter("adapt/<b>", 1.25 * analysed.cycle as f64, Some(0.25), "determined"),
+            parameter("hats/1", 0.0, None, "not determined: the same as <i>"),
+        ];
+        let (method, cycle, time) = (analysed.method, analysed.cycle, analysed.time);
+        if method > 0 {
+            return Ok(());
+        }
+        self.0.record(&Event::Estimated(Estimated { method, cycle, time, parameters: &parameters }))?;
+        let scores = SmoothedScores { rmse: [("h".to_string(), 0.5)].into(), ..SmoothedScores::default() };
+        let estimate = &analysed.analysis.estimate;
+        self.0.record(&Event::Smoothed(Smoothed { method, cycle, later_cycles: 2, estimate, scores: &scores }))
+    }
+}
+
+#[test]
+fn what_methods_estimate_beside_state_and_biases_is_shown_and_smoothed_errors_are() {
+    let mut run = SyntheticRun::new(8, 6, 4, 2);
+    let without = page(&run);
+    assert!(!without.contains("What else is estimated") && !without.contains("once smoothed"));
+    run.info.methods[0].smoother_lag_cycles = Some(2);
+    let parent = tempfile::tempdir().unwrap();
+    let directory = OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap();
+    run.play(&mut Telling(open_all(&run.info, &directory, REPORT).unwrap())).unwrap();
+    directory.complete().unwrap();
+    let all = files(&parent.path().join("run"));
+    let text = |name: &str| String::from_utf8(all[name].clone()).unwrap();
+    let page = text("report.html");
+    let section = between(&page, "<h2>What else is estimated</h2>", "<h2>");
+    // Of the one that nothing determines there is only the reason.
+    assert_eq!(section.matches("<svg").count(), 1);
+    let table = between(section, "<tbody>", "</tbody>");
+    for part in ["adapt&#x2f;&lt;b&gt;", "m\u{a0}s⁻¹", "5.00<small>± 0.500", "not determined: the same as &lt;i&gt;"]
+    {
+        assert!(table.contains(part), "{part} is not in {table}");
+    }
+    assert!(!table.contains(&run.info.methods[1].name), "it estimates none of them");
+    let parameters: Vec<&String> = all.keys().filter(|name| name.contains("parameter_")).collect();
+    assert!(parameters.len() == 1 && text(parameters[0]).contains("[m\u{a0}s⁻¹]"), "{parameters:?}");
+    assert!(page.contains("error once smoothed (dotted)"));
+    let dotted = |name: &str| text(name).contains("stroke-dasharray=\"2 4\"");
+    assert!(dotted("figures/rmse_h.svg") && !dotted("figures/rmse_u.svg"));
 }
 
 #[test]

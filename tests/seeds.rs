@@ -85,6 +85,7 @@ fn every_seed_has_the_scores_of_its_own_run_however_many_run_at_a_time() {
     let scores: usize = methods.iter().map(|method| json["methods"][method].as_object().unwrap().len()).sum();
     assert_eq!(rows.records().map(Result::unwrap).count(), scores);
     let page = fs::read_to_string(folder.join("report.html")).unwrap();
+    assert!(!page.contains("Smoothed:"));
     assert!(page.contains("11, 12, 13, 14") && page.matches("<svg").count() >= 3 && !page.contains("<script"));
 }
 
@@ -101,6 +102,46 @@ fn another_method_can_be_the_reference_and_all_files_can_be_had() {
     assert!(!difference.lines().any(|line| line.starts_with("fkf ")), "{said}");
     let folder = directory.path().join("out/small");
     assert!(folder.join("seed-2/fkf.nc").exists() && !folder.join("report.html").exists());
+}
+
+#[test]
+fn smoothed_estimates_have_a_table_of_the_methods_that_have_them() {
+    let directory = workplace();
+    let methods = "[methods]\nkf = { kind = \"kf\", smoother_lag_cycles = 2 }\nfree = { kind = \"free\" }\n\
+                   etkf = { kind = \"etkf\", members = 20, smoother_lag_cycles = 2 }\n";
+    let scenario = VALID.split("[methods.free]").next().unwrap().to_string() + methods;
+    fs::write(directory.path().join("small.toml"), scenario).unwrap();
+    let output = isobar(directory.path(), &["run", "small.toml", "--quiet", "--seeds", "3", "--cycles", "5"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let said = text(&output.stdout);
+    assert!(said.lines().all(|line| line.chars().count() <= 100), "{said}");
+    let folder = directory.path().join("out/small");
+    let json: Value = serde_json::from_str(&fs::read_to_string(folder.join("seeds.json")).unwrap()).unwrap();
+    let runs: Vec<Summary> = (1..=3).map(|seed| summary(&folder.join(format!("seed-{seed}")))).collect();
+    let own = |run: &Summary| run.methods["etkf"].smoothed.clone().unwrap();
+    let mean = |pick: &dyn Fn(&Summary) -> f64| runs.iter().map(pick).sum::<f64>() / 3.0;
+    let etkf = &json["methods"]["etkf"];
+    for (score, expected) in [
+        ("rmse_smoothed.h", mean(&|run| own(run).rmse["h"])),
+        ("bias_rmse_smoothed", mean(&|run| own(run).bias_rmse.unwrap())),
+        ("bias_spread_smoothed", mean(&|run| own(run).bias_spread.unwrap())),
+    ] {
+        assert!((etkf[score]["mean"].as_f64().unwrap() / expected - 1.0).abs() < 1e-12, "{score}");
+    }
+    // Means of both, and of etkf the difference from kf.
+    let tables: Vec<&str> = said.split("\n\n").filter(|part| part.contains("smoothed")).collect();
+    let rows = |table: &str| -> Vec<String> {
+        let rows = table.lines().filter(|line| line.contains('±'));
+        rows.map(|line| line.split_whitespace().next().unwrap().to_string()).collect()
+    };
+    assert_eq!(
+        tables.iter().map(|table| rows(table)).collect::<Vec<_>>(),
+        [vec!["kf", "etkf"], vec!["etkf"]],
+        "{said}"
+    );
+    let page = fs::read_to_string(folder.join("report.html")).unwrap();
+    assert!(page.contains("Smoothed: the estimates"));
+    assert_eq!(page.matches("smoothed</th>").count(), 6, "three variables in two tables");
 }
 
 #[test]

@@ -82,6 +82,7 @@ fn smoothed_estimates_stand_at_their_own_time_and_are_scored_there() {
             assert!((root_mean_square(errors.skip(parameters)) / expected - 1.0).abs() < 1e-9, "{method}");
             assert!(smoothed.bias_spread.unwrap() < scores.bias_spread.unwrap());
         }
+        scores_of_cycles_are_those_of_the_run(run, summary);
         // The same filter, and the same smoother whichever way it analyses.
         let of = |method: &str| &summary.methods[method];
         assert_eq!(of("kf").rmse_analysis, of("plain").rmse_analysis);
@@ -93,6 +94,43 @@ fn smoothed_estimates_stand_at_their_own_time_and_are_scored_there() {
         let rows: Vec<&str> = part.lines().filter(|line| line.contains(" 3 ")).collect();
         assert!(rows.len() == 3 && table.lines().all(|line| line.chars().count() <= 100), "{table}");
     });
+}
+
+/// The roots of the mean squares of the columns of `scores.csv`, over the cycles that count.
+fn scores_of_cycles_are_those_of_the_run(run: &Path, summary: &Summary) {
+    let mut table = csv::Reader::from_path(run.join("scores.csv")).unwrap();
+    let header = table.headers().unwrap().clone();
+    let rows: Vec<csv::StringRecord> = table.records().map(Result::unwrap).collect();
+    assert_eq!(rows.len(), CYCLES * summary.methods.len());
+    assert!(rows.windows(2).all(|pair| cycle_of(&pair[0]) <= cycle_of(&pair[1])), "they are in the order of cycles");
+    for (method, scores) in &summary.methods {
+        let own = || rows.iter().filter(|row| row[2] == **method);
+        let column = |name: &str| -> Vec<&str> {
+            let place = header.iter().position(|it| it == name).unwrap_or_else(|| panic!("{name} in {header:?}"));
+            own().map(|row| &row[place]).collect()
+        };
+        let Some(smoothed) = &scores.smoothed else {
+            assert!(column("rmse_smoothed h [m]").iter().all(|field| field.is_empty()));
+            assert!(column("bias_spread_smoothed").iter().all(|field| field.is_empty()));
+            continue;
+        };
+        let spread = smoothed.spread.as_ref().unwrap();
+        for (name, expected) in [
+            ("rmse_smoothed h [m]", smoothed.rmse["h"]),
+            ("rmse_smoothed v [m s-1]", smoothed.rmse["v"]),
+            ("spread_smoothed u [m s-1]", spread["u"]),
+            ("bias_rmse_smoothed", smoothed.bias_rmse.unwrap()),
+            ("bias_spread_smoothed", smoothed.bias_spread.unwrap()),
+        ] {
+            let figures = column(name).into_iter().skip(summary.scored_from_cycle - 1);
+            let all = root_mean_square(figures.map(|field| field.parse::<f64>().unwrap()));
+            assert!((all / expected - 1.0).abs() < 1e-9, "{method}, {name}: {all} and {expected}");
+        }
+    }
+}
+
+fn cycle_of(row: &csv::StringRecord) -> usize {
+    row[0].parse().unwrap()
 }
 
 /// Largest difference relative to the largest value.

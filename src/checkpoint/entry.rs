@@ -3,7 +3,7 @@
 use crate::correlations::Correlations;
 use crate::event::{Analysed, Estimated, Event, RunInfo, Smoothed};
 use crate::sink::SinkError;
-use crate::summary::{Failure, MethodScores};
+use crate::summary::{Failure, MethodScores, SmoothedScores};
 use isobar_assim::{Analysis, CommonFactor, Estimate, EstimatedParameter, Structure};
 use isobar_model::{Increment, State, Time};
 use isobar_obs::{BlockAngular, LinearOperator, ObservationWindow, RejectedObservation, Report, SparseRows};
@@ -61,6 +61,7 @@ pub(super) enum Entry<'a> {
         cycle: usize,
         later_cycles: usize,
         estimate: EstimateEntry<'a>,
+        scores: Cow<'a, SmoothedScores>,
     },
 }
 
@@ -189,6 +190,7 @@ impl<'a> Entry<'a> {
                 cycle: it.cycle,
                 later_cycles: it.later_cycles,
                 estimate: it.estimate.into(),
+                scores: Cow::Borrowed(it.scores),
             },
             Event::Started(_) | Event::Resumed(_) | Event::Warning(_) | Event::Finished(_) => {
                 return None;
@@ -277,9 +279,10 @@ impl Entry<'_> {
                 let time = Time::from_seconds(seconds);
                 tell(Event::Estimated(Estimated { method, cycle, time, parameters: &parameters }))
             }
-            Entry::Smoothed { method, cycle, later_cycles, estimate } => {
+            Entry::Smoothed { method, cycle, later_cycles, estimate, scores } => {
                 is_method(method)?;
-                tell(Event::Smoothed(Smoothed { method, cycle, later_cycles, estimate: &estimate.estimate(info)? }))
+                let estimate = &estimate.estimate(info)?;
+                tell(Event::Smoothed(Smoothed { method, cycle, later_cycles, estimate, scores: &scores }))
             }
         };
         told.map_err(|error| error.to_string())

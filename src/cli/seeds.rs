@@ -88,7 +88,7 @@ pub fn run(
 fn text(summary: &SeedsSummary, scenario: &Scenario) -> String {
     let variables = scenario.model.variables();
     let (count, against) = (summary.seeds.len(), &summary.against);
-    let tables = |tables: [Table; 2]| tables.iter().map(plain).collect::<Vec<_>>().join("\n\n");
+    let tables = |tables: Vec<Table>| tables.iter().map(plain).collect::<Vec<_>>().join("\n\n");
     let mut text = format!(
         "{}: {}\n\nMean over {count} seeds ± half the width of its 95 % interval, cycles {} to {}\n{}\n",
         scenario.name,

@@ -144,12 +144,16 @@ pub(super) fn sees_observations(method: &Method) -> bool {
 pub(super) fn describe(method: &Method, name: &str, scenario: &Scenario) -> String {
     let mut own = describe_alone(method);
     if let Some(adapt) = &method.adapt {
-        let errors = match (adapt.observation_error, adapt.state_error) {
-            (true, true) => "observations and its own",
-            (true, false) => "observations",
-            (false, _) => "its own",
+        let is_static =
+            matches!(method.algorithm, Algorithm::OptimalInterpolation { .. } | Algorithm::ThreeDVar { .. });
+        let errors = match (adapt.observation_error, adapt.state_error, is_static) {
+            (true, true, true) => "observation and background errors",
+            (true, true, false) => "observation and model errors",
+            (true, false, _) => "observation errors",
+            (false, _, true) => "background errors",
+            (false, _, false) => "model errors",
         };
-        own += &format!(", errors of {errors} adapted over {} cycles", adapt.memory_cycles);
+        own += &format!(", {errors} adapted to the innovations of {} cycles", adapt.memory_cycles);
     }
     match initialisation(name, scenario) {
         Some(settings) => {
@@ -172,13 +176,16 @@ fn describe_alone(method: &Method) -> String {
             format!("optimal interpolation, B × {covariance_scale}, {bias}")
         }
         Algorithm::FourDVar(settings) => format!(
-            "4D-Var over {} cycles, {} outer loops, B × {}, {bias}",
-            settings.window_cycles, settings.outer_loops, settings.covariance_scale
+            "4D-Var over {} cycles, {} outer {}, B × {}, {bias}",
+            settings.window_cycles,
+            settings.outer_loops,
+            if settings.outer_loops == 1 { "loop" } else { "loops" },
+            settings.covariance_scale
         ),
         Algorithm::HybridThreeDVar { settings, .. } => format!(
-            "hybrid 3D-Var, B × {} with weight {}, {} localised within {} km, {bias}",
+            "hybrid 3D-Var, B × {}, an ensemble with weight {}, {} localised within {} km, {bias}",
             settings.variational.covariance_scale,
-            1.0 - settings.ensemble_weight,
+            settings.ensemble_weight,
             describe_ensemble(&settings.ensemble),
             settings.local.localization_radius_m / 1e3
         ),
@@ -262,7 +269,7 @@ fn describe_filter(settings: &FastKalmanSettings, factor_grid: usize) -> String 
 
 /// A smoother, in words; nothing if there is none.
 fn describe_smoother(lag_cycles: Option<usize>) -> String {
-    lag_cycles.map_or_else(String::new, |lag| format!(" with a smoother of lag {lag}"))
+    lag_cycles.map_or_else(String::new, |lag| format!(" with a smoother of lag {lag} cycles"))
 }
 
 /// An ensemble's settings, in words.

@@ -112,11 +112,19 @@ pub fn hex([red, green, blue]: [u8; 3]) -> String {
     format!("#{red:02x}{green:02x}{blue:02x}")
 }
 
-/// The colours of curves of methods on white or black paper, in the order of [`of_method`] but darker.
+/// The colours of curves of methods on white or black paper, in the order of [`of_method`] but darker; those of further
+/// methods are the same again, lighter, and then darker.
 pub fn of_method_on_paper(number: usize) -> [u8; 3] {
     const COLORS: [[u8; 3]; 7] =
         [[46, 134, 193], [201, 128, 0], [0, 148, 108], [190, 95, 150], [205, 85, 10], [110, 100, 200], [128, 128, 128]];
-    COLORS[number % COLORS.len()]
+    let mixed = |paper: f64, share: f64| {
+        COLORS[number % COLORS.len()].map(|own| ((1.0 - share) * f64::from(own) + share * paper).round() as u8)
+    };
+    match number / COLORS.len() % 3 {
+        0 => COLORS[number % COLORS.len()],
+        1 => mixed(255.0, 0.4),
+        _ => mixed(0.0, 0.35),
+    }
 }
 
 /// The colours of curves of methods, distinct for colour-blind eyes (Okabe and Ito 2008, without yellow).
@@ -139,6 +147,12 @@ mod tests {
         let [red, _, blue] = difference(0.6, 3.0);
         assert!(red > blue);
         assert_eq!(difference(0.3, 3.0), [250, 233, 223]);
+    }
+
+    #[test]
+    fn twenty_methods_have_colours_of_their_own() {
+        let colors: std::collections::BTreeSet<[u8; 3]> = (0..20).map(of_method_on_paper).collect();
+        assert_eq!(colors.len(), 20);
     }
 
     #[test]

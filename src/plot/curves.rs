@@ -1,7 +1,7 @@
 //! Curves and bands over a common axis, as SVG.
 
 use super::colors::hex;
-use kuva::plot::legend::LegendPosition;
+use kuva::plot::legend::{LegendEntry, LegendPosition, LegendShape};
 use kuva::plot::{BandPlot, LinePlot, ScatterPlot};
 use kuva::prelude::{Layout, Plot, Theme};
 use kuva::render::annotations::ReferenceLine;
@@ -14,6 +14,10 @@ const PAPER: &str = "#ffffff";
 /// What stands for them in a figure that is part of a page: the page's style sheet knows their colours by day and by
 /// night.
 const PAGE_COLORS: [(&str, &str); 3] = [(INK, "var(--ink)"), (GRID, "var(--line)"), (PAPER, "none")];
+
+/// Height of a figure with one row of names \[px\], and of each further row.
+const HEIGHT: f64 = 300.0;
+const ROW: f64 = 16.5;
 
 /// How a curve is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -138,7 +142,7 @@ impl CurvePlot {
         (layout.x_range, layout.y_range) = ((left, right), (bottom, top));
         let mut layout = layout
             .with_width(440.0)
-            .with_height(300.0)
+            .with_height(HEIGHT + ROW * (self.legend_rows() - 1) as f64)
             .with_theme(theme)
             .with_title(&*self.title)
             .with_x_label(&*self.x_label)
@@ -151,7 +155,12 @@ impl CurvePlot {
             .with_body_size(11)
             .with_legend_position(LegendPosition::OutsideBottomColumns)
             .with_legend_box(false);
-        layout.show_legend &= self.legend;
+        let entries = self.legend_entries();
+        if entries.is_empty() {
+            layout.show_legend = false;
+        } else {
+            layout = layout.with_legend_entries(entries);
+        }
         if self.from_zero {
             layout = layout.with_y_axis_min(0.0);
         }
@@ -160,6 +169,32 @@ impl CurvePlot {
             layout = layout.with_reference_line(line);
         }
         layout
+    }
+
+    /// The names of curves. The plotting crate would collect them by itself, but keeps room for one row only.
+    fn legend_entries(&self) -> Vec<LegendEntry> {
+        let named = self.curves.iter().filter(|curve| self.legend && !curve.finite().0.is_empty());
+        let entry = |curve: &Curve| {
+            Some(LegendEntry {
+                label: curve.name.clone()?,
+                color: curve.color.map_or_else(|| INK.to_string(), hex),
+                shape: if curve.dash == Dash::Points { LegendShape::Circle } else { LegendShape::Line },
+                dasharray: match curve.dash {
+                    Dash::Dashed => Some("4 3".into()),
+                    Dash::Dotted => Some("2 3".into()),
+                    Dash::Solid | Dash::Points => None,
+                },
+            })
+        };
+        named.filter_map(entry).collect()
+    }
+
+    /// About how many rows they need; the room for the curves is what the height leaves.
+    fn legend_rows(&self) -> usize {
+        let entries = self.legend_entries();
+        let longest = entries.iter().map(|entry| entry.label.chars().count()).max().unwrap_or(0);
+        let columns = (370.0 / (38.0 + 7.0 * longest as f64)).max(1.0) as usize;
+        entries.len().div_ceil(columns).max(1)
     }
 
     /// x and y, from and to.
@@ -288,6 +323,31 @@ mod tests {
         }
         assert!(first.page.contains("var(--ink)") && !first.page.contains(INK), "{}", first.page);
         assert_ne!(first.page, plot.svg("b").page, "identifiers must differ within a page");
+    }
+
+    /// However many curves there are, and however long their names: all names are within the figure, and so are the curves.
+    #[test]
+    fn every_name_has_its_place() {
+        for (count, length) in [(1, 4), (2, 4), (3, 40), (9, 12), (14, 14), (40, 6)] {
+            let mut plot = plot(vec![[0.0, 1.0], [1.0, 2.0]]);
+            let name = |number: usize| format!("{}{number:02}", "n".repeat(length - 2));
+            let curve = |number: usize| Curve::new(&name(number), [1, 2, 3], vec![[0.0, 1.0], [1.0, number as f64]]);
+            plot.curves = (0..count).map(curve).collect();
+            let svg = plot.svg("a").file;
+            let number = |text: &str, key: &str| -> f64 {
+                let value = text.split(&format!("{key}=\"")).nth(1).unwrap().split('"').next().unwrap();
+                value.parse().unwrap()
+            };
+            let height = number(&svg, " height");
+            for name in (0..count).map(name) {
+                let end = svg.find(&format!(">{name}</text>")).unwrap_or_else(|| panic!("{name} is missing"));
+                let own = &svg[svg[..end].rfind("<text").unwrap()..];
+                let (x, y) = (number(own, " x"), number(own, " y"));
+                assert!(y < height && x < 440.0, "{count} of {length}: {name} at {x}, {y} of {height}");
+            }
+            let clip = &svg[svg.find("<clipPath").unwrap()..];
+            assert!(number(clip, " height") > 150.0, "{count} of {length}: {}", number(clip, " height"));
+        }
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Numbers as text.
+//! Numbers and units as text.
 
 /// A number as short as its first four digits allow.
 pub fn number<N: Into<f64>>(value: N) -> String {
@@ -12,6 +12,12 @@ pub fn number<N: Into<f64>>(value: N) -> String {
     let digits = if value == 0.0 { 0 } else { (3 - value.abs().log10().floor() as i32).clamp(0, 9) };
     let text = format!("{value:.*}", digits as usize);
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
+}
+
+/// A unit in UDUNITS spelling as it is printed, on one line: `m s⁻¹` for `m s-1`.
+pub fn unit(udunits: &str) -> String {
+    let power = |text: &str| text.replace("-1", "⁻¹").replace("-2", "⁻²").replace("-3", "⁻³");
+    power(udunits).replace(' ', "\u{a0}")
 }
 
 #[cfg(test)]

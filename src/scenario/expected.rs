@@ -43,11 +43,13 @@ pub struct ExpectedScores {
     pub spread_smoothed: PerVariable,
     /// Root-mean-square error of the bias parameters as they are smoothed.
     pub bias_rmse_smoothed: Option<f64>,
+    /// Root-mean-square claimed standard deviation of the bias parameters as they are smoothed.
+    pub bias_spread_smoothed: Option<f64>,
 }
 
 const PER_VARIABLE: [&str; 5] =
     ["rmse_background", "rmse_analysis", "spread_analysis", "rmse_smoothed", "spread_smoothed"];
-const SINGLE: [&str; 4] = ["bias_rmse", "bias_spread", "innovation_chi2", "bias_rmse_smoothed"];
+const SINGLE: [&str; 5] = ["bias_rmse", "bias_spread", "innovation_chi2", "bias_rmse_smoothed", "bias_spread_smoothed"];
 
 impl ExpectedScores {
     /// All scores by dotted name, `rmse_analysis.h`.
@@ -66,8 +68,9 @@ impl ExpectedScores {
     }
 
     /// In the order of [`SINGLE`].
-    fn single(&self) -> [Option<f64>; 4] {
-        [self.bias_rmse, self.bias_spread, self.innovation_chi2, self.bias_rmse_smoothed]
+    fn single(&self) -> [Option<f64>; 5] {
+        let smoothed = [self.bias_rmse_smoothed, self.bias_spread_smoothed];
+        [self.bias_rmse, self.bias_spread, self.innovation_chi2, smoothed[0], smoothed[1]]
     }
 }
 
@@ -84,6 +87,7 @@ impl From<&MethodScores> for ExpectedScores {
             rmse_smoothed: smoothed.rmse,
             spread_smoothed: smoothed.spread.unwrap_or_default(),
             bias_rmse_smoothed: smoothed.bias_rmse,
+            bias_spread_smoothed: smoothed.bias_spread,
         }
     }
 }
@@ -151,6 +155,7 @@ pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>, model
             rmse_smoothed: table("rmse_smoothed")?,
             spread_smoothed: table("spread_smoothed")?,
             bias_rmse_smoothed: single("bias_rmse_smoothed")?,
+            bias_spread_smoothed: single("bias_spread_smoothed")?,
         };
         expected.methods.insert(name.to_string(), scores);
     }

@@ -56,8 +56,8 @@ fn scores(model: &ModelSettings) -> Vec<String> {
     let per_variable = ["rmse_analysis", "rmse_background", "rmse_smoothed", "spread_analysis", "crps"];
     let names = model.variables().iter().map(|variable| variable.0);
     let of_variables = names.flat_map(|name| per_variable.map(|score| format!("{score}.{name}")));
-    let others = ["bias_rmse", "bias_spread", "innovation_chi2", "seconds_per_cycle"].map(String::from);
-    of_variables.chain(others).collect()
+    let others = ["bias_rmse", "bias_rmse_smoothed", "bias_spread", "innovation_chi2", "seconds_per_cycle"];
+    of_variables.chain(others.map(String::from)).collect()
 }
 
 /// A list, or `{ from, to, count }`.

@@ -14,17 +14,21 @@ impl SeedsSummary {
     pub fn html(&self, scenario: &Scenario) -> Result<String, PageError> {
         let variables = scenario.model.variables();
         let against = &self.against;
+        let about_smoothed = match self.has_smoothed() {
+            true => " Smoothed: the estimates of the same cycles once later observations have revised them.",
+            false => "",
+        };
         let mut sections = vec![
             Section {
                 title: "Scores".into(),
                 text: format!(
                     "Means over {} seeds with half the width of their 95 % intervals (Student's t over the seeds): \
-                     root-mean-square errors over cycles {} to {}, and what the methods claim them to be.",
+                     root-mean-square errors over cycles {} to {}, and what the methods claim them to be.{about_smoothed}",
                     self.seeds.len(),
                     self.scored_from_cycle,
                     self.cycles
                 ),
-                tables: self.means(variables).into(),
+                tables: self.means(variables),
                 ..Section::default()
             },
             Section {
@@ -34,7 +38,7 @@ impl SeedsSummary {
                      half the width of its 95 % interval. A star: significant at the level of 5 %; coloured where less \
                      is better. Of twenty comparisons without any real difference one looks significant."
                 ),
-                tables: self.differences(variables).into(),
+                tables: self.differences(variables),
                 ..Section::default()
             },
             Section { title: "Seed by seed".into(), figures: self.figures(variables), ..Section::default() },

@@ -10,47 +10,70 @@ struct Column {
     is_error: bool,
 }
 
+impl Column {
+    fn new(score: &str, title: &str, is_error: bool) -> Self {
+        Self { score: score.into(), title: title.into(), is_error }
+    }
+}
+
 impl SeedsSummary {
-    /// The means with half the width of their intervals: analysis and spread of each variable; then all other scores.
+    /// The means with half the width of their intervals: analysis and spread of each variable; then all other scores, those
+    /// of smoothed estimates in a table of the methods that have them.
     ///
     /// `variables` are names and units.
-    pub fn means(&self, variables: &[(&str, &str)]) -> [Table; 2] {
-        [analysis(variables), others(variables)].map(|columns| {
-            self.table("method", &columns, self.methods.keys().map(String::as_str), |score, _| {
-                let half_width = score.interval.map(|interval| interval.half_width());
-                known(figure(score.mean), half_width).into()
-            })
+    pub fn means(&self, variables: &[(&str, &str)]) -> Vec<Table> {
+        let all: Vec<&str> = self.methods.keys().map(String::as_str).collect();
+        self.tables("method", &all, variables, |score, _| {
+            let half_width = score.interval.map(|interval| interval.half_width());
+            known(figure(score.mean), half_width).into()
         })
     }
 
-    /// The differences from the method `against` in % of its scores, in the same two parts. A star marks significance.
-    pub fn differences(&self, variables: &[(&str, &str)]) -> [Table; 2] {
-        let others_than = || self.methods.keys().map(String::as_str).filter(|name| *name != self.against);
-        [analysis(variables), others(variables)].map(|columns| {
-            let title = format!("% of {}", self.against);
-            self.table(&title, &columns, others_than(), |score, is_error| {
-                let Some((difference, (percent, half_width))) =
-                    score.difference.and_then(|difference| Some((difference, difference.percent()?)))
-                else {
-                    return NONE.into();
-                };
-                let star = if difference.significant == Some(true) { " *" } else { "" };
-                let class = match difference.significant {
-                    Some(true) if is_error && percent < 0.0 => "better",
-                    Some(true) if is_error => "worse",
-                    _ => "open",
-                };
-                let text = format!("{}{star}", known(format!("{percent:+.1}"), half_width));
-                Cell { text, note: String::new(), class }
-            })
+    /// The differences from the method `against` in % of its scores, in the same parts. A star marks significance.
+    pub fn differences(&self, variables: &[(&str, &str)]) -> Vec<Table> {
+        let others: Vec<&str> = self.methods.keys().map(String::as_str).filter(|name| *name != self.against).collect();
+        self.tables(&format!("% of {}", self.against), &others, variables, |score, is_error| {
+            let Some((difference, (percent, half_width))) =
+                score.difference.and_then(|difference| Some((difference, difference.percent()?)))
+            else {
+                return NONE.into();
+            };
+            let star = if difference.significant == Some(true) { " *" } else { "" };
+            let class = match difference.significant {
+                Some(true) if is_error && percent < 0.0 => "better",
+                Some(true) if is_error => "worse",
+                _ => "open",
+            };
+            let text = format!("{}{star}", known(format!("{percent:+.1}"), half_width));
+            Cell { text, note: String::new(), class }
         })
     }
 
-    fn table<'a>(
+    /// Whether a method has a smoother.
+    pub(super) fn has_smoothed(&self) -> bool {
+        let is_smoothed = |score: &String| score.starts_with("rmse_smoothed.");
+        self.methods.values().any(|scores| scores.keys().any(is_smoothed))
+    }
+
+    fn tables(
+        &self,
+        title: &str,
+        methods: &[&str],
+        variables: &[(&str, &str)],
+        cell: impl Fn(&SeedsScore, bool) -> Cell,
+    ) -> Vec<Table> {
+        let table = |columns: &[Column]| self.table(title, columns, methods, &cell);
+        let mut smoothed = table(&smoothed(variables));
+        smoothed.rows.retain(|row| row.iter().skip(1).any(|cell| cell.text != NONE));
+        let smoothed = Some(smoothed).filter(|table| !table.rows.is_empty());
+        [table(&analysis(variables)), table(&others(variables))].into_iter().chain(smoothed).collect()
+    }
+
+    fn table(
         &self,
         title: &str,
         columns: &[Column],
-        methods: impl Iterator<Item = &'a str>,
+        methods: &[&str],
         cell: impl Fn(&SeedsScore, bool) -> Cell,
     ) -> Table {
         let header = std::iter::once(title.to_string()).chain(columns.iter().map(|column| column.title.clone()));
@@ -60,27 +83,38 @@ impl SeedsSummary {
             });
             std::iter::once(method.into()).chain(cells).collect()
         };
-        Table { header: header.collect(), rows: methods.map(row).collect() }
+        Table { header: header.collect(), rows: methods.iter().map(|method| row(method)).collect() }
     }
 }
 
 fn analysis(variables: &[(&str, &str)]) -> Vec<Column> {
+    errors_and_spreads("analysis", variables)
+}
+
+fn smoothed(variables: &[(&str, &str)]) -> Vec<Column> {
+    let mut columns = errors_and_spreads("smoothed", variables);
+    columns.extend([
+        Column::new("bias_rmse_smoothed", "bias RMSE\n[own units]", true),
+        Column::new("bias_spread_smoothed", "bias spread\n[own units]", false),
+    ]);
+    columns
+}
+
+/// The error of each variable at a stage, and what the method claims of it.
+fn errors_and_spreads(stage: &str, variables: &[(&str, &str)]) -> Vec<Column> {
     let of_variable = |&(name, unit): &(&str, &str)| {
-        let column = |score: &str, what: &str, is_error| Column {
-            score: format!("{score}.{name}"),
-            title: format!("{name} [{unit}]\n{what}"),
-            is_error,
-        };
-        [column("rmse_analysis", "analysis", true), column("spread_analysis", "spread", false)]
+        let title = |what: &str| format!("{name} [{unit}]\n{what}");
+        [
+            Column::new(&format!("rmse_{stage}.{name}"), &title(stage), true),
+            Column::new(&format!("spread_{stage}.{name}"), &title("spread"), false),
+        ]
     };
     variables.iter().flat_map(of_variable).collect()
 }
 
 fn others(variables: &[(&str, &str)]) -> Vec<Column> {
-    let background = variables.iter().map(|(name, unit)| Column {
-        score: format!("rmse_background.{name}"),
-        title: format!("{name} [{unit}]\nbackground"),
-        is_error: true,
+    let background = variables.iter().map(|(name, unit)| {
+        Column::new(&format!("rmse_background.{name}"), &format!("{name} [{unit}]\nbackground"), true)
     });
     let single = [
         ("bias_rmse", "bias RMSE\n[own units]", true),
@@ -88,12 +122,7 @@ fn others(variables: &[(&str, &str)]) -> Vec<Column> {
         ("innovation_chi2", "χ²/n\n[1]", false),
         (TIME, "time\n[s/cycle]", true),
     ];
-    let single = single.into_iter().map(|(score, title, is_error)| Column {
-        score: score.into(),
-        title: title.into(),
-        is_error,
-    });
-    background.chain(single).collect()
+    background.chain(single.map(|(score, title, is_error)| Column::new(score, title, is_error))).collect()
 }
 
 /// `3.59±0.12`: half the width of an interval with as many decimals as the figure, or with one digit if it is smaller.

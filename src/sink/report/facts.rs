@@ -1,7 +1,7 @@
 //! What was run, in short: from the run's facts, and from the scenario's text where they do not tell.
 
 use crate::event::RunInfo;
-use crate::plot::number;
+use crate::plot::{number, unit};
 use crate::sink::scores::utc;
 use crate::summary::Summary;
 use isobar_model::{Boundary, Duration};
@@ -41,7 +41,7 @@ fn grid(info: &RunInfo) -> String {
         Boundary::Channel => "a channel between walls in the south and the north",
     };
     let variables: Vec<String> =
-        info.layout.variables.iter().map(|it| format!("{} ({} [{}])", it.name, it.long_name, it.unit)).collect();
+        info.layout.variables.iter().map(|it| format!("{} ({} [{}])", it.name, it.long_name, unit(it.unit))).collect();
     format!("{} × {} cells of {dx} × {dy} km, {edges}; {}", grid.nx, grid.ny, variables.join(", "))
 }
 

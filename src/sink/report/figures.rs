@@ -1,11 +1,11 @@
 //! The curves of the report.
 
-use super::history::{Cycle, History, MethodCycle};
+use super::history::{Cycle, History, MethodCycle, ParameterHistory};
 use super::reliability::{Reliability, normal_density};
 use crate::event::RunInfo;
 use crate::plot::colors::of_method_on_paper;
 use crate::plot::range::quantile;
-use crate::plot::{Curve, CurvePlot, Dash};
+use crate::plot::{Curve, CurvePlot, Dash, unit};
 use crate::sink::netcdf::coordinates::safe_name;
 use crate::sink::scores::utc;
 use crate::summary::{MethodScores, PerVariable, Summary};
@@ -48,9 +48,14 @@ impl Figures<'_> {
                 let error =
                     Curve::new(&info.name, of_method_on_paper(method), series(|it| Some(&it.rmse_analysis), method));
                 let spread = Curve { points: series(|it| it.spread_analysis.as_ref(), method), ..error.clone() };
-                curves.extend([error, spread.unnamed(Dash::Dashed)]);
+                let smoothed = self.series(method, |own| own.smoothed.as_ref()?.rmse.get(name).copied());
+                let smoothed = Curve { points: smoothed, ..error.clone() };
+                curves.extend([error, spread.unnamed(Dash::Dashed), smoothed.unnamed(Dash::Dotted)]);
             }
-            let caption = format!("Analysis of {}: error (solid) and claimed spread (broken).", variable.long_name);
+            let is_smoothed = self.info.methods.iter().any(|method| method.smoother_lag_cycles.is_some());
+            let smoothed = if is_smoothed { ", error once smoothed (dotted)" } else { "" };
+            let caption =
+                format!("Analysis of {}: error (solid), claimed spread (broken){smoothed}.", variable.long_name);
             self.over_time(
                 format!("rmse_{name}"),
                 caption,
@@ -92,6 +97,28 @@ impl Figures<'_> {
             drawing
         };
         parameters.map(drawing).collect()
+    }
+
+    /// What methods estimate beside state and biases, where the data determine it, with bands.
+    pub fn parameters(&self) -> Vec<Drawing> {
+        let drawing = |(number, (name, methods)): (usize, (&String, &Vec<Option<ParameterHistory>>))| {
+            let curve = |(method, own): (usize, &Option<ParameterHistory>)| {
+                let determined = &own.as_ref().filter(|own| !own.determined.is_empty())?.determined;
+                let day = |time: isobar_model::Time| (time - self.info.start).days();
+                let points = determined.iter().map(|&(time, value, _)| [day(time), value]).collect();
+                let band = determined.iter().map(|&(_, value, sigma)| [value - 2.0 * sigma, value + 2.0 * sigma]);
+                let curve = Curve::new(&self.info.methods[method].name, of_method_on_paper(method), points);
+                Some(curve.with_band(band.collect()))
+            };
+            let curves: Vec<Curve> = methods.iter().enumerate().filter_map(curve).collect();
+            let udunits = methods.iter().flatten().next()?.last.unit.as_str();
+            let stem = format!("parameter_{:02}_{}", number + 1, safe_name(name, "_"));
+            let caption = format!("{name}: estimates with ±2σ, where the data determine it.");
+            let mut drawing = self.over_time(stem, caption, name.clone(), udunits, curves, None);
+            drawing.plot.from_zero = false;
+            (!drawing.plot.curves.is_empty()).then_some(drawing)
+        };
+        self.history.parameters.iter().take(MOST_PARAMETERS).enumerate().filter_map(drawing).collect()
     }
 
     /// For methods with a spread: normalised errors, and errors against spreads.
@@ -148,8 +175,8 @@ impl Figures<'_> {
                 ),
                 plot: CurvePlot::new(
                     format!("error against spread of {}", variable.name),
-                    format!("claimed spread [{}]", variable.unit),
-                    format!("RMSE [{}]", variable.unit),
+                    format!("claimed spread [{}]", unit(variable.unit)),
+                    format!("RMSE [{}]", unit(variable.unit)),
                     curves,
                 ),
             });
@@ -232,12 +259,12 @@ impl Figures<'_> {
         stem: String,
         caption: String,
         title: String,
-        unit: &str,
+        udunits: &str,
         curves: Vec<Curve>,
         reference: Option<f64>,
     ) -> Drawing {
         let label = format!("days since {}", utc(self.info.start));
-        let mut plot = CurvePlot::new(title, label, format!("[{unit}]"), curves);
+        let mut plot = CurvePlot::new(title, label, format!("[{}]", unit(udunits)), curves);
         plot.reference = reference;
         plot.highest = highest(&plot.curves);
         Drawing { stem, caption, plot }

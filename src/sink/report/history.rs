@@ -1,11 +1,12 @@
 //! What the report needs to know of a run: scores and biases of all cycles, fields of few.
 
 use super::reliability::Reliability;
-use crate::event::{Analysed, RunInfo};
+use crate::event::{Analysed, Estimated, RunInfo, Smoothed};
 use crate::plot::Thinning;
 use crate::sink::structure::ShownStructure;
-use crate::summary::MethodScores;
-use isobar_assim::Estimate;
+use crate::summary::{MethodScores, SmoothedScores};
+use indexmap::IndexMap;
+use isobar_assim::{Estimate, EstimatedParameter};
 use isobar_model::{State, Time};
 use isobar_obs::ObservationWindow;
 use std::collections::BTreeMap;
@@ -28,6 +29,8 @@ pub struct History {
     pub cycles: Vec<Cycle>,
     /// Fields of the cycles that are shown as maps, by cycle.
     pub snapshots: BTreeMap<usize, Snapshot>,
+    /// What methods estimate beside state and calibration, by name; in the place of each method what it has of it.
+    pub parameters: IndexMap<String, Vec<Option<ParameterHistory>>>,
     /// The whole true state of the current cycle.
     truth: Vec<f64>,
 }
@@ -60,6 +63,17 @@ pub struct MethodCycle {
     pub departures: BTreeMap<(Arc<str>, usize), [f64; 2]>,
     /// The analysis errors of each variable against the claimed spread.
     pub reliability: Vec<Reliability>,
+    /// The scores once later observations have revised the estimate, for a method with a smoother.
+    pub smoothed: Option<SmoothedScores>,
+}
+
+/// A parameter beside state and calibration, as a method has estimated it.
+#[derive(Debug)]
+pub struct ParameterHistory {
+    /// The last estimate.
+    pub last: EstimatedParameter,
+    /// Time, estimate and claimed standard deviation, where the data determine it.
+    pub determined: Vec<(Time, f64, f64)>,
 }
 
 /// The fields of one cycle.
@@ -126,6 +140,7 @@ impl History {
             thinning: Thinning::new(&info.layout.grid, MAP_CELLS),
             cycles: Vec::new(),
             snapshots: BTreeMap::new(),
+            parameters: IndexMap::new(),
             truth: Vec::new(),
         }
     }
@@ -211,8 +226,29 @@ impl History {
             calibration_spread: calibration_spread.clone(),
             departures: mean_departures(&own.kinds, departures),
             reliability,
+            smoothed: None,
         });
         Ok(())
+    }
+
+    /// Takes the scores of a smoothed estimate.
+    pub fn add_smoothed(&mut self, smoothed: &Smoothed<'_>) {
+        let cycle = self.cycles.iter_mut().rev().find(|own| own.cycle == smoothed.cycle);
+        if let Some(own) = cycle.and_then(|own| own.methods[smoothed.method].as_mut()) {
+            own.smoothed = Some(smoothed.scores.clone());
+        }
+    }
+
+    /// Takes what a method has estimated beside state and calibration.
+    pub fn add_parameters(&mut self, info: &RunInfo, estimated: &Estimated<'_>) {
+        for parameter in estimated.parameters {
+            let none = || info.methods.iter().map(|_| None).collect();
+            let methods = self.parameters.entry(parameter.name.clone()).or_insert_with(none);
+            let own = methods[estimated.method]
+                .get_or_insert_with(|| ParameterHistory { last: parameter.clone(), determined: Vec::new() });
+            own.last.clone_from(parameter);
+            own.determined.extend(parameter.sigma.map(|sigma| (estimated.time, parameter.value, sigma)));
+        }
     }
 
     fn reliability(&self, info: &RunInfo, state: &State, spread: &[f64]) -> Vec<Reliability> {

@@ -78,14 +78,18 @@ impl Sink for ReportSink {
                 let added = self.history.add_estimates(&self.info, analysed);
                 added.map_err(|reason| self.failure(REPORT_FILE, reason))
             }
+            Event::Smoothed(smoothed) => {
+                self.history.add_smoothed(smoothed);
+                Ok(())
+            }
+            Event::Estimated(estimated) => {
+                self.history.add_parameters(&self.info, estimated);
+                Ok(())
+            }
             Event::Finished(summary) => self.write(summary),
-            Event::Started(_)
-            | Event::Resumed(_)
-            | Event::Estimated(_)
-            | Event::Smoothed(_)
-            | Event::Failed { .. }
-            | Event::CycleEnded(_)
-            | Event::Warning(_) => Ok(()),
+            Event::Started(_) | Event::Resumed(_) | Event::Failed { .. } | Event::CycleEnded(_) | Event::Warning(_) => {
+                Ok(())
+            }
         }
     }
 }

@@ -133,6 +133,7 @@ impl Report {
         let correlations = report.correlations(maps.correlations(), history.mapped)?;
         let maps = report.maps(maps.all(), maps.other_variables())?;
         let biases = report.biases(info, history, &figures);
+        let parameters = report.parameters(info, history, &figures);
         let stability = stability(summary);
         let reliability = Section {
             title: "Is the claimed spread right?".into(),
@@ -177,7 +178,8 @@ impl Report {
             ..Section::default()
         };
         let parts = [reliability, correlations, innovations, diagnostics, cost];
-        let all = [Some(scores), Some(errors), Some(maps), biases, stability].into_iter().chain(parts.map(Some));
+        let all =
+            [Some(scores), Some(errors), Some(maps), biases, parameters, stability].into_iter().chain(parts.map(Some));
         let filled = |it: &Section| !(it.figures.is_empty() && it.tables.is_empty() && it.folded.is_empty());
         report.page.sections = all.flatten().chain([scenario]).filter(filled).collect();
         Ok(report)
@@ -194,19 +196,23 @@ impl Report {
     }
 
     fn scores(&self, info: &RunInfo, summary: &Summary) -> Section {
+        let smoothed = tables::smoothed(info, summary);
+        let about_them = match smoothed {
+            Some(_) => " Smoothed is the estimate of the same cycles once later observations have revised it.",
+            None => "",
+        };
         Section {
             title: "Scores".into(),
             text: format!(
                 "Root-mean-square errors over cycles {} to {}; below each its 95 % interval, for which successive cycles \
                  count the less the more they resemble each other. No interval: the cycles are worth fewer than three \
-                 independent ones. Spread is what a method claims its analysis error to be. Smoothed is the estimate of the \
-                 same cycles once later observations have revised it.",
+                 independent ones. Spread is what a method claims its analysis error to be.{about_them}",
                 summary.scored_from_cycle, summary.cycles
             ),
             tables: tables::failures(summary)
                 .into_iter()
                 .chain([tables::scores(info, summary)])
-                .chain(tables::smoothed(info, summary))
+                .chain(smoothed)
                 .chain([tables::methods(info)])
                 .collect(),
             ..Section::default()
@@ -230,6 +236,26 @@ impl Report {
         Some(Section {
             title: "Biases".into(),
             text: "Estimates with the band of ±2σ that the method claims, and the truth (broken).".into(),
+            figures: all,
+            folded,
+            ..Section::default()
+        })
+    }
+
+    fn parameters(&mut self, info: &RunInfo, history: &History, figures: &Figures<'_>) -> Option<Section> {
+        let table = tables::parameters(info, history)?;
+        let mut all = self.curves(figures.parameters());
+        let rest = all.split_off(all.len().min(OPEN_FIGURES));
+        let title = "The last estimates, with ± 2σ or why there is none".to_string();
+        let mut folded = vec![Folded { title, tables: vec![table], ..Folded::default() }];
+        if !rest.is_empty() {
+            folded.push(Folded { title: format!("{} more", rest.len()), figures: rest, ..Folded::default() });
+        }
+        Some(Section {
+            title: "What else is estimated".into(),
+            text: "What methods estimate beside state and biases, such as factors on the variances of errors \
+                   (adapt/…), with the band of ±2σ that they claim; parameters.csv has all cycles."
+                .into(),
             figures: all,
             folded,
             ..Section::default()

@@ -1,8 +1,8 @@
 //! The tables of the report.
 
-use super::history::{Cycle, History};
+use super::history::{Cycle, History, ParameterHistory};
 use crate::event::RunInfo;
-use crate::plot::number;
+use crate::plot::{number, unit};
 use crate::statistics::Interval;
 use crate::summary::{Failure, MethodScores, Summary};
 use serde::Serialize;
@@ -26,7 +26,7 @@ pub struct Cell {
     pub text: String,
     /// What it adds in small print.
     pub note: String,
-    /// Class of its style: `better`, `worse`, `open`, or none.
+    /// Class of its style: `better`, `worse`, `open`, `words` for what may be broken anywhere on paper, or none.
     pub class: &'static str,
 }
 
@@ -74,10 +74,10 @@ pub fn methods(info: &RunInfo) -> Table {
 pub fn scores(info: &RunInfo, summary: &Summary) -> Table {
     let mut header = vec!["method".to_string()];
     for variable in &info.layout.variables {
-        let column = |what: &str| format!("{} {what} [{}]", variable.name, unbroken(variable.unit));
+        let column = |what: &str| format!("{} {what} [{}]", variable.name, unit(variable.unit));
         header.extend(["background", "analysis", "spread"].map(column));
     }
-    header.extend(["bias RMSE", "bias spread", "χ²/n [1]"].map(String::from));
+    header.extend(["bias RMSE [own\u{a0}units]", "bias spread [own\u{a0}units]", "χ²/n [1]"].map(String::from));
     let row = |(name, scores): (&String, &MethodScores)| {
         let intervals = scores.intervals.clone().unwrap_or_default();
         let mut row: Vec<Cell> = vec![match scores.failure {
@@ -102,10 +102,10 @@ pub fn scores(info: &RunInfo, summary: &Summary) -> Table {
 pub fn smoothed(info: &RunInfo, summary: &Summary) -> Option<Table> {
     let mut header = vec!["method".to_string(), "lag [cycles]".into()];
     for variable in &info.layout.variables {
-        let column = |what: &str| format!("{} {what} [{}]", variable.name, unbroken(variable.unit));
+        let column = |what: &str| format!("{} {what} [{}]", variable.name, unit(variable.unit));
         header.extend(["smoothed", "spread"].map(column));
     }
-    header.extend(["bias RMSE", "bias spread"].map(String::from));
+    header.extend(["bias RMSE [own\u{a0}units]", "bias spread [own\u{a0}units]"].map(String::from));
     let row = |(name, scores): (&String, &MethodScores)| {
         let own = scores.smoothed.as_ref()?;
         let mut row: Vec<Cell> = vec![name.as_str().into(), own.lag_cycles.to_string().into()];
@@ -130,12 +130,6 @@ pub fn failures(summary: &Summary) -> Option<Table> {
     (!rows.is_empty()).then_some(Table { header, rows })
 }
 
-/// A unit as it is printed, on one line: `m s⁻¹` for `m s-1`.
-fn unbroken(unit: &str) -> String {
-    let power = |text: &str| text.replace("-1", "⁻¹").replace("-2", "⁻²").replace("-3", "⁻³");
-    power(unit).replace(' ', "\u{a0}")
-}
-
 /// The most bias parameters that have a row.
 pub const MOST_PARAMETERS: usize = 500;
 
@@ -154,7 +148,7 @@ pub fn stability(summary: &Summary) -> Option<Table> {
             Some(own) => Cell {
                 text: own.verdict().into(),
                 note: format!("keeps {} % of its prior variance", figure(100.0 * own.variance_ratio)),
-                class: if own.stable { "" } else { "open" },
+                class: if own.stable { "words" } else { "words open" },
             },
         }));
         Some(row)
@@ -170,7 +164,7 @@ pub fn biases(info: &RunInfo, history: &History) -> Option<Table> {
     let row = |(number, parameter): (usize, &isobar_obs::Parameter)| {
         let truth = last.true_calibration.get(number).copied();
         let mut row: Vec<Cell> =
-            vec![parameter.name.as_str().into(), parameter.unit.as_str().into(), Cell::figure(truth)];
+            vec![parameter.name.as_str().into(), unit(&parameter.unit).into(), Cell::figure(truth)];
         row.extend(last.methods.iter().map(|own| {
             let Some(own) = own else { return NONE.into() };
             let cell = Cell::figure(own.calibration.get(number).copied());
@@ -183,6 +177,29 @@ pub fn biases(info: &RunInfo, history: &History) -> Option<Table> {
         header,
         rows: info.calibration.parameters.iter().take(MOST_PARAMETERS).enumerate().map(row).collect(),
     })
+}
+
+/// The last estimate of every parameter beside state and biases, up to [`MOST_PARAMETERS`], by the methods that have some.
+pub fn parameters(info: &RunInfo, history: &History) -> Option<Table> {
+    let all = &history.parameters;
+    let has_some = |&(number, _): &(usize, _)| all.values().any(|own| own[number].is_some());
+    let methods: Vec<_> = info.methods.iter().enumerate().filter(has_some).collect();
+    let mut header = vec!["parameter".to_string(), "unit".into()];
+    header.extend(methods.iter().map(|(_, method)| method.name.clone()));
+    let row = |(name, own): (&String, &Vec<Option<ParameterHistory>>)| -> Vec<Cell> {
+        let udunits = own.iter().flatten().next().map_or("", |it| it.last.unit.as_str());
+        let cells = methods.iter().map(|&(number, _)| {
+            let Some(ParameterHistory { last, .. }) = &own[number] else { return NONE.into() };
+            let note = match last.sigma {
+                Some(sigma) => format!("± {}", figure(2.0 * sigma)),
+                None => last.verdict.clone(),
+            };
+            Cell { text: figure(last.value), note, class: if last.sigma.is_some() { "" } else { "open" } }
+        });
+        [name.as_str().into(), unit(udunits).into()].into_iter().chain(cells).collect()
+    };
+    let rows: Vec<Vec<Cell>> = all.iter().take(MOST_PARAMETERS).map(row).collect();
+    (!rows.is_empty()).then_some(Table { header, rows })
 }
 
 /// How observations linked blocks, in the cycle with the largest component.
@@ -243,7 +260,7 @@ mod tests {
 
     #[test]
     fn units_do_not_break() {
-        assert_eq!(["m s-1", "m", "kg m-3"].map(unbroken), ["m\u{a0}s⁻¹", "m", "kg\u{a0}m⁻³"]);
+        assert_eq!(["m s-1", "m", "kg m-3"].map(unit), ["m\u{a0}s⁻¹", "m", "kg\u{a0}m⁻³"]);
     }
 
     #[test]
