@@ -80,6 +80,7 @@ pub mod grid;
 mod halo;
 pub mod increment;
 pub mod initial;
+mod interleaving;
 pub mod invariants;
 pub mod leapfrog;
 pub mod random;

@@ -1,12 +1,10 @@
-//! Groups of eight columns, interleaved and cut into strips: so many places of each row that all that a sweep over a strip
+//! Strips of the rows of a group of eight interleaved columns: so many places of each row that all that a sweep over a strip
 //! works with stays in cache.
 //!
 //! A strip is advanced in place and needs some places on either side of it as they were before the step: those in the
 //! west have been overwritten by the strip before, and those east of the last strip by the first, so each leaves copies
 //! behind.
 
-use crate::stored::Stored;
-use pulp::{Arch, Simd, WithSimd};
 use std::ops::Range;
 
 /// Columns of a group.
@@ -17,9 +15,6 @@ pub const MOST_PLACES: usize = 80;
 
 /// Rows with more than [`MOST_PLACES`] are cut into strips of no more than this, to which come those on either side.
 const STRIP: usize = 64;
-
-/// Places that are interleaved or separated at a time: few enough for cache, and whole pages of each column.
-const BLOCK: usize = 512;
 
 /// Some places of each row.
 #[derive(Clone, Copy)]
@@ -76,94 +71,45 @@ impl Strip {
     }
 }
 
-/// A group of columns, `[level, y, x, variable, lane]`, in double precision.
+/// What a sweep over strips needs to know of a group of columns, `[level, y, x, variable, lane]`.
 pub(crate) struct Group {
-    arch: Arch,
     variables: usize,
     nx: usize,
-    /// Values of one variable of a column, and of one level of the group.
-    cells: usize,
+    /// Values of one level of the group.
     level: usize,
-    values: Vec<f64>,
     /// Of each row of the present level, `reach` places west of the strip, and the first of the row.
     west: Vec<f64>,
     first: Vec<f64>,
 }
 
 impl Group {
-    /// For columns of so many levels of `variables` fields of `ny` rows of `nx`.
-    pub fn new(levels: usize, variables: usize, [nx, ny]: [usize; 2], reach: usize) -> Self {
+    /// For columns with so many variables of `ny` rows of `nx`.
+    pub fn new(variables: usize, [nx, ny]: [usize; 2], reach: usize) -> Self {
         let edges = if nx <= MOST_PLACES { 0 } else { ny * reach * variables * LANES };
         let level = nx * ny * variables * LANES;
-        Self {
-            arch: Arch::new(),
-            variables,
-            nx,
-            cells: nx * ny,
-            level,
-            values: vec![0.0; levels * level],
-            west: vec![0.0; edges],
-            first: vec![0.0; edges],
-        }
-    }
-
-    /// Takes columns `[level, variable, y, x]`, of which a last group has fewer than [`LANES`]: the others are zero.
-    pub fn load<S: Stored>(&mut self, columns: &[S]) {
-        let (cells, variables, column_len, arch) = (self.cells, self.variables, self.values.len() / LANES, self.arch);
-        let zeros = [S::default(); BLOCK];
-        for (number, level) in self.values.chunks_exact_mut(self.level).enumerate() {
-            for (block, values) in level.chunks_mut(BLOCK * variables * LANES).enumerate() {
-                let n = values.len() / (variables * LANES);
-                for variable in 0..variables {
-                    let start = (number * variables + variable) * cells + block * BLOCK;
-                    let sources = std::array::from_fn(|lane| {
-                        let from = lane * column_len + start;
-                        columns.get(from..from + n).unwrap_or(&zeros[..n])
-                    });
-                    let out = &mut values.as_chunks_mut::<LANES>().0[variable..];
-                    arch.dispatch(Interleave { sources, out, variables });
-                }
-            }
-        }
-    }
-
-    /// Gives the columns back.
-    pub fn store<S: Stored>(&self, columns: &mut [S]) {
-        let (cells, variables, column_len) = (self.cells, self.variables, self.values.len() / LANES);
-        for (number, level) in self.values.chunks_exact(self.level).enumerate() {
-            for (block, values) in level.chunks(BLOCK * variables * LANES).enumerate() {
-                let n = values.len() / (variables * LANES);
-                for (lane, column) in columns.chunks_exact_mut(column_len).enumerate() {
-                    for variable in 0..variables {
-                        let start = (number * variables + variable) * cells + block * BLOCK;
-                        let from = &values.as_chunks::<LANES>().0[variable..];
-                        self.arch.dispatch(Separate { from, variables, lane, out: &mut column[start..start + n] });
-                    }
-                }
-            }
-        }
+        Self { variables, nx, level, west: vec![0.0; edges], first: vec![0.0; edges] }
     }
 
     /// Reads the strip of a row of the present level; it is yet to be advanced, or will be read once more before it is.
-    pub fn read(&mut self, row: usize, strip: Strip, to_be_advanced: bool, out: &mut [f64]) {
+    pub fn read(&mut self, columns: &[f64], row: usize, strip: Strip, to_be_advanced: bool, out: &mut [f64]) {
         let place = self.variables * LANES;
         let (own, reach) = (self.own(row, strip), strip.reach * place);
         let (west, rest) = out.split_at_mut(reach);
         let (middle, east) = rest.split_at_mut(own.len());
-        middle.copy_from_slice(&self.values[own.clone()]);
+        middle.copy_from_slice(&columns[own.clone()]);
         if reach == 0 {
             return;
         }
         let edge = row * reach..(row + 1) * reach;
         let end_of_row = (row + 1) * self.nx * place;
         match strip.first {
-            0 => west.copy_from_slice(&self.values[end_of_row - reach..end_of_row]),
+            0 => west.copy_from_slice(&columns[end_of_row - reach..end_of_row]),
             _ => west.copy_from_slice(&self.west[edge.clone()]),
         }
         if own.end == end_of_row {
             east.copy_from_slice(&self.first[edge.clone()]);
         } else {
-            east.copy_from_slice(&self.values[own.end..own.end + reach]);
+            east.copy_from_slice(&columns[own.end..own.end + reach]);
         }
         if to_be_advanced {
             self.west[edge.clone()].copy_from_slice(&middle[middle.len() - reach..]);
@@ -174,52 +120,14 @@ impl Group {
     }
 
     /// The strip of a row of the present level, and of that before (if there is one).
-    pub fn row_mut(&mut self, row: usize, strip: Strip) -> (&mut [f64], &mut [f64]) {
+    pub fn row_mut<'a>(&self, columns: &'a mut [f64], row: usize, strip: Strip) -> (&'a mut [f64], &'a mut [f64]) {
         let own = self.own(row, strip);
-        let (now, before) = self.values.split_at_mut(self.level);
+        let (now, before) = columns.split_at_mut(self.level);
         (&mut now[own.clone()], before.get_mut(own).unwrap_or_default())
     }
 
     fn own(&self, row: usize, strip: Strip) -> Range<usize> {
         let (places, place) = (strip.of_grid(row), self.variables * LANES);
         places.start * place..places.end * place
-    }
-}
-
-struct Interleave<'a, S> {
-    sources: [&'a [S]; LANES],
-    out: &'a mut [[f64; LANES]],
-    variables: usize,
-}
-
-impl<S: Stored> WithSimd for Interleave<'_, S> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<V: Simd>(self, _simd: V) {
-        let n = self.sources[0].len();
-        let [a, b, c, d, e, f, g, h] = self.sources.map(|source| &source[..n]);
-        let out = &mut self.out[..(n - 1) * self.variables + 1];
-        for i in 0..n {
-            out[i * self.variables] = [a[i], b[i], c[i], d[i], e[i], f[i], g[i], h[i]].map(S::widen);
-        }
-    }
-}
-
-struct Separate<'a, S> {
-    from: &'a [[f64; LANES]],
-    variables: usize,
-    lane: usize,
-    out: &'a mut [S],
-}
-
-impl<S: Stored> WithSimd for Separate<'_, S> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<V: Simd>(self, _simd: V) {
-        for (out, from) in self.out.iter_mut().zip(self.from.iter().step_by(self.variables)) {
-            *out = S::narrow(from[self.lane]);
-        }
     }
 }

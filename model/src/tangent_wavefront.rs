@@ -10,6 +10,7 @@
 
 use crate::columns::Columns;
 use crate::grid::{Boundary, Grid};
+use crate::interleaving::Interleaving;
 use crate::rows::{Ring, Row};
 use crate::scheme::Tendency;
 use crate::stored::Stored;
@@ -65,11 +66,20 @@ pub(crate) fn sweep_tl<T: Tendency, S: Stored>(
     let constrain = |levels: &mut [f64]| levels.chunks_exact_mut(level).for_each(|level| tendency.constrain(level));
     let mut start: Vec<f64> = at.chunks_exact(level).flat_map(|at| tendency.linearised_at(at)).copied().collect();
     constrain(&mut start);
-    Columns::new(columns, at.len()).for_each_group(LANES, wavefront, |group, wavefront| {
-        S::in_double(group, &mut Vec::new(), constrain);
-        if let Some(wavefront) = wavefront {
-            wavefront.advance(&start, group, steps);
-        }
+    let work = || (wavefront(), Vec::new(), Vec::new());
+    Columns::new(columns, at.len()).for_each_group(LANES, work, |group, (wavefront, copy, filled)| {
+        let Some(wavefront) = wavefront else { return };
+        S::in_double(group, copy, |columns| {
+            constrain(columns);
+            if columns.len() == LANES * at.len() {
+                return wavefront.advance(&start, columns, steps);
+            }
+            filled.clear();
+            filled.extend_from_slice(columns);
+            filled.resize(LANES * at.len(), 0.0);
+            wavefront.advance(&start, filled, steps);
+            columns.copy_from_slice(&filled[..columns.len()]);
+        });
     });
     true
 }
@@ -114,6 +124,7 @@ struct TangentWavefront<'a> {
     strip: Strip,
     x: Stages,
     dx: Stages,
+    interleaving: Interleaving,
     group: Group,
     /// The first rows of the columns, which come again at the end of a periodic sweep.
     first_rows: Ring,
@@ -141,7 +152,8 @@ impl<'a> TangentWavefront<'a> {
             streams,
             x: Stages::new(stages, of_stage, row_len),
             dx: Stages::new(stages, of_stage, row_len * LANES),
-            group: Group::new(scheme.levels(), variables, [grid.nx, grid.ny], reach),
+            interleaving: Interleaving::new(scheme.levels(), variables, [grid.nx, grid.ny]),
+            group: Group::new(variables, [grid.nx, grid.ny], reach),
             first_rows: Ring::new(row_len * LANES, reach),
             at: [Vec::new(), Vec::new()],
             row: vec![0.0; row_len],
@@ -149,26 +161,26 @@ impl<'a> TangentWavefront<'a> {
         }
     }
 
-    /// Advances up to eight columns by so many steps along the trajectory from `start`, in place.
-    fn advance<S: Stored>(&mut self, start: &[f64], columns: &mut [S], steps: usize) {
+    /// Advances eight columns by so many steps along the trajectory from `start`, in place.
+    fn advance(&mut self, start: &[f64], columns: &mut [f64], steps: usize) {
         self.at[0].clear();
         self.at[0].extend_from_slice(start);
         self.at[1].resize(if steps > 1 { start.len() } else { 0 }, 0.0);
-        self.group.load(columns);
+        self.interleaving.interleave(columns);
         for step in 1..=steps {
             self.last_step = step == steps;
             for strip in Strip::of_row(self.grid.nx, self.reach[1] as usize) {
                 self.strip = strip;
-                self.sweep_strip();
+                self.sweep_strip(columns);
             }
             if !self.last_step {
                 self.at.swap(0, 1);
             }
         }
-        self.group.store(columns);
+        self.interleaving.separate(columns);
     }
 
-    fn sweep_strip(&mut self) {
+    fn sweep_strip(&mut self, columns: &mut [f64]) {
         let stages = self.streams.len();
         let walls = self.grid.boundary == Boundary::Channel;
         let (ny, [of_stage, of_all]) = (self.grid.ny as isize, self.reach);
@@ -181,20 +193,20 @@ impl<'a> TangentWavefront<'a> {
                 increments.copy_from_slice(self.first_rows.row(row.rem_euclid(ny)));
             } else {
                 let increments = &mut increments[..self.strip.places() * self.variables * LANES];
-                self.group.read(row.rem_euclid(ny) as usize, self.strip, row >= 0, increments);
+                self.group.read(columns, row.rem_euclid(ny) as usize, self.strip, row >= 0, increments);
                 if (0..of_all).contains(&row) {
                     self.first_rows.row_mut(row).copy_from_slice(self.dx.states[0].row(row));
                 }
             }
-            self.cascade(0, row);
+            self.cascade(0, row, columns);
         }
         if walls {
             for stage in 0..stages {
                 self.push_beyond(stage, ny - 1, false);
-                self.continue_with(stage, ny - of_stage);
+                self.continue_with(stage, ny - of_stage, columns);
                 if of_stage > 1 {
                     self.finish(stage, ny - 1);
-                    self.continue_with(stage, ny - 1);
+                    self.continue_with(stage, ny - 1, columns);
                 }
             }
         }
@@ -209,7 +221,7 @@ impl<'a> TangentWavefront<'a> {
         }
     }
 
-    fn cascade(&mut self, stage: usize, row: isize) {
+    fn cascade(&mut self, stage: usize, row: isize, columns: &mut [f64]) {
         self.told[stage] += 1;
         let walls = self.grid.boundary == Boundary::Channel;
         if self.told[stage] == 1 && walls {
@@ -232,7 +244,7 @@ impl<'a> TangentWavefront<'a> {
         );
         span.keep(&self.row, self.x.slopes[stage].row_mut(known));
         if self.told[stage] > 2 * self.reach[0] as usize {
-            self.continue_with(stage, known);
+            self.continue_with(stage, known, columns);
         }
     }
 
@@ -265,16 +277,16 @@ impl<'a> TangentWavefront<'a> {
     }
 
     /// The slopes of a row at a stage are known: on to the next stage, or to the end.
-    fn continue_with(&mut self, stage: usize, row: isize) {
+    fn continue_with(&mut self, stage: usize, row: isize, columns: &mut [f64]) {
         let (arch, scheme, span) = (self.arch, self.scheme, self.span(stage + 1));
         if stage + 1 < self.streams.len() {
             self.x.continue_with(arch, scheme, stage, row, 0..self.strip.places() * self.variables);
             self.dx.continue_with(arch, scheme, stage, row, span.increments());
-            return self.cascade(stage + 1, row);
+            return self.cascade(stage + 1, row, columns);
         }
         let part = span.increments();
         let (terms, count) = scheme.terms(stage, &self.dx.slopes, row, part.clone());
-        let (now, before) = self.group.row_mut(row as usize, self.strip);
+        let (now, before) = self.group.row_mut(columns, row as usize, self.strip);
         match scheme {
             Scheme::RungeKutta { .. } => {
                 let x = Row::of(&self.dx.states[0].row(row)[part], now.len());

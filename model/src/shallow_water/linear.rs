@@ -12,8 +12,8 @@ use std::sync::Arc;
 /// dx/dt = N'(x̄)(x − x̄): the [`ShallowWater`] tendency N linearised about a steady zonal flow x̄.
 ///
 /// There is one implementation of N'(x̄), the tangent-linear of the nonlinear model: row by row for increments, and on whole
-/// fields, with coefficients computed once, for the state and the adjoint. The forecast of a total state x then differs from that of its increment by x̄, which stays as it is; drag and
-/// hyperdiffusion act on the increment alone.
+/// fields, with coefficients computed once, for the state and the adjoint. The forecast of a total state x then differs from
+/// that of its increment by x̄, which stays as it is; drag and hyperdiffusion act on the increment alone.
 ///
 /// For [`LinearShallowWater::about_uniform_flow`] the mean depth is uniform although the mean flow would need a
 /// slope −f ū/g of the surface: that slope is the bottom's, as usual (the textbook equations with constant
