@@ -8,11 +8,8 @@ use isobar_assim::covariance::{self, Balanced, BalancedParameters, Covariance, S
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::{Assimilator, BiasTreatment, Problem};
-use isobar_model::initial::{JetConfig, geostrophic_jet};
 use isobar_model::random::stream;
-use isobar_model::{
-    Boundary, Duration, Grid, ShallowWater, ShallowWaterParameters, Stepped, TimeScheme, VectorInvariant, shallow_water,
-};
+use isobar_model::{Boundary, Grid, shallow_water};
 use std::sync::Arc;
 
 fn filter(problem: &Problem, blocks: BlockShape, factors: usize, residual: Residual) -> FastKalmanFilter {
@@ -180,22 +177,7 @@ fn factors_on_the_same_grid_are_those_without_another() {
 
 #[test]
 fn factors_of_smooth_errors_need_no_fine_grid() {
-    let model = |cells: usize, step: i64| {
-        let spacing = 48e5 / cells as f64;
-        let grid = Grid { nx: cells, ny: cells, dx_m: spacing, dy_m: spacing, boundary: Boundary::Periodic };
-        let parameters = ShallowWaterParameters {
-            gravity_m_per_s2: 9.8,
-            coriolis_per_s: 1e-4,
-            beta_per_m_per_s: 0.0,
-            drag_per_s: 0.0,
-            hyperdiffusion_m4_per_s: 0.0,
-        };
-        let equations = ShallowWater::new(grid, parameters, VectorInvariant::PotentialEnstrophy).unwrap();
-        let jet =
-            JetConfig { mean_depth_m: 1000.0, speed_m_per_s: 25.0, center_y_m: 24e5, width_m: 6e5, perturbation: None };
-        let state = geostrophic_jet(&equations, &jet).unwrap();
-        (Arc::new(Stepped::new(equations, Duration::from_seconds(step), TimeScheme::Rk4).unwrap()), state)
-    };
+    let model = |cells: usize, step_s: i64| jet(cells, step_s, Boundary::Periodic, 0.0, 0.0);
     let (fine, background) = model(32, 600);
     let layout = background.layout().clone();
     let parameters = BalancedParameters {

@@ -8,10 +8,7 @@ use isobar_assim::fast_kalman::time_volume::{Target, TimeShape, TimeVolume};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::{Assimilator, BiasTreatment, Error, Estimate, Problem};
-use isobar_model::initial::{JetConfig, geostrophic_jet};
-use isobar_model::{
-    Boundary, Duration, Grid, Layout, ShallowWater, ShallowWaterParameters, State, Stepped, TimeScheme, VectorInvariant,
-};
+use isobar_model::{Boundary, Layout, ShallowWater, State, Stepped};
 use isobar_obs::ObservationWindow;
 use std::sync::Arc;
 
@@ -48,24 +45,12 @@ fn as_many_factors_as_variables_are_the_kalman_filter_to_single_precision() {
     }
 }
 
-/// Balanced and white errors of a jet of nonlinear shallow water.
-fn jet(cells: usize, step_s: i64) -> (Arc<Stepped<ShallowWater>>, State) {
-    let spacing = 48e5 / cells as f64;
-    let grid = Grid { nx: cells, ny: cells, dx_m: spacing, dy_m: spacing, boundary: Boundary::Channel };
-    let parameters = ShallowWaterParameters {
-        gravity_m_per_s2: 9.8,
-        coriolis_per_s: 1e-4,
-        beta_per_m_per_s: 1.6e-11,
-        drag_per_s: 0.0,
-        hyperdiffusion_m4_per_s: 5e14,
-    };
-    let equations = ShallowWater::new(grid, parameters, VectorInvariant::PotentialEnstrophy).unwrap();
-    let jet =
-        JetConfig { mean_depth_m: 1000.0, speed_m_per_s: 25.0, center_y_m: 24e5, width_m: 6e5, perturbation: None };
-    let state = geostrophic_jet(&equations, &jet).unwrap();
-    (Arc::new(Stepped::new(equations, Duration::from_seconds(step_s), TimeScheme::Rk4).unwrap()), state)
+/// A jet in a channel, with hyperdiffusion.
+fn channel_jet(cells: usize, step_s: i64) -> (Arc<Stepped<ShallowWater>>, State) {
+    jet(cells, step_s, Boundary::Channel, 1.6e-11, 5e14)
 }
 
+/// Balanced and white errors.
 fn errors(layout: &Layout, sigma_height_m: f64, length_m: f64, white: f64) -> Arc<dyn Covariance> {
     let parameters = BalancedParameters {
         sigma_height_m,
@@ -84,7 +69,7 @@ fn errors(layout: &Layout, sigma_height_m: f64, length_m: f64, white: f64) -> Ar
 }
 
 fn jet_problem(cells: usize) -> Problem {
-    let (model, background) = jet(cells, 600);
+    let (model, background) = channel_jet(cells, 600);
     let layout = background.layout().clone();
     Problem {
         model,
@@ -143,7 +128,7 @@ fn a_nonlinear_run_is_that_in_double_precision_but_for_rounding() {
         let [found, expected] = [Precision::Single, Precision::Double].map(|precision| {
             let filter = filter(&problem, 30, Residual::Probe { count: 4 }, precision);
             let on_grid =
-                |filter: FastKalmanFilter| filter.with_factors_on(jet(16 / grid, 600 * grid as i64).0).unwrap();
+                |filter: FastKalmanFilter| filter.with_factors_on(channel_jet(16 / grid, 600 * grid as i64).0).unwrap();
             cycles(if grid > 1 { on_grid(filter) } else { filter }, &problem)
         });
         for (cycle, (found, expected)) in found.iter().zip(&expected).enumerate() {

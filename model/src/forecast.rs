@@ -130,6 +130,9 @@ pub fn forecast_tl<S: Stored>(
 
 /// [`TangentLinear::steps_tl`] by single steps, up to that after which the state is not finite.
 pub(crate) fn step_by_step<M: TangentLinear + ?Sized>(model: &M, at: &State, columns: &mut [f64], steps: usize) {
+    if columns.is_empty() {
+        return;
+    }
     let mut at = at.clone();
     for step in 1..=steps {
         model.step_tl(&at, columns);

@@ -22,6 +22,7 @@ use crate::error::{ModelError, require};
 use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step, steps_of_copies};
 use crate::scheme::Tendency;
 use crate::state::{Layout, State};
+use crate::stored::Stored;
 use crate::tangent_wavefront::sweep_tl;
 use crate::time::Duration;
 use crate::update::Leap;
@@ -129,6 +130,11 @@ impl<T: Tendency> Leapfrog<T> {
         Leap { dt: self.time_step.as_f64(), alpha: self.robert_filter }
     }
 
+    /// So many steps of increments in sweeps over the rows; false, and nothing done, if the tendency has no such form.
+    fn sweep_columns<S: Stored>(&self, at: &State, columns: &mut [S], steps: usize) -> bool {
+        sweep_tl(&self.tendency, Scheme::Leapfrog(self.leap()), at.values(), columns, steps)
+    }
+
     fn columns<'a>(&self, columns: &'a mut [f64]) -> Columns<'a, f64> {
         Columns::new(columns, self.layout.len())
     }
@@ -180,7 +186,7 @@ impl<T: Tendency> Model for Leapfrog<T> {
 
 impl<T: Tendency> TangentLinear for Leapfrog<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
-        if sweep_tl(&self.tendency, Scheme::Leapfrog(self.leap()), at.values(), columns, 1) {
+        if self.sweep_columns(at, columns, 1) {
             return;
         }
         let linearisation = self.linearise(at.values());
@@ -197,15 +203,13 @@ impl<T: Tendency> TangentLinear for Leapfrog<T> {
     }
 
     fn steps_tl(&self, at: &State, columns: &mut [f64], steps: usize) {
-        let scheme = Scheme::Leapfrog(self.leap());
-        if steps > 0 && !sweep_tl(&self.tendency, scheme, at.values(), columns, steps) {
+        if !self.sweep_columns(at, columns, steps) {
             step_by_step(self, at, columns, steps);
         }
     }
 
     fn steps_tl_single(&self, at: &State, columns: &mut [f32], steps: usize) {
-        let scheme = Scheme::Leapfrog(self.leap());
-        if steps > 0 && !sweep_tl(&self.tendency, scheme, at.values(), columns, steps) {
+        if !self.sweep_columns(at, columns, steps) {
             steps_of_copies(self, at, columns, steps);
         }
     }

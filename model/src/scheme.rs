@@ -24,6 +24,7 @@ use crate::error::ModelError;
 use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step, steps_of_copies};
 use crate::rows::RowStream;
 use crate::state::{Layout, State};
+use crate::stored::Stored;
 use crate::tangent_wavefront::{TangentRowStream, sweep_tl};
 use crate::time::Duration;
 use crate::wavefront::{Scheme, sweep};
@@ -223,6 +224,12 @@ impl<T: Tendency> Stepped<T> {
         Scheme::RungeKutta { a, b, dt: self.time_step.as_f64() }
     }
 
+    /// So many steps of increments in sweeps over the rows; false, and nothing done, if the tendency has no such form.
+    fn sweep_columns<S: Stored>(&self, at: &State, columns: &mut [S], steps: usize) -> bool {
+        self.check_layout(at);
+        sweep_tl(&self.tendency, self.numbers(), at.values(), columns, steps)
+    }
+
     fn work(&self) -> Work {
         let len = self.layout().len();
         let stages = self.scheme.coefficients().1.len();
@@ -279,8 +286,7 @@ impl<T: Tendency> Model for Stepped<T> {
 
 impl<T: Tendency> TangentLinear for Stepped<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
-        self.check_layout(at);
-        if sweep_tl(&self.tendency, self.numbers(), at.values(), columns, 1) {
+        if self.sweep_columns(at, columns, 1) {
             return;
         }
         let linearisations = self.linearise_stages(at);
@@ -301,15 +307,13 @@ impl<T: Tendency> TangentLinear for Stepped<T> {
     }
 
     fn steps_tl(&self, at: &State, columns: &mut [f64], steps: usize) {
-        self.check_layout(at);
-        if steps > 0 && !sweep_tl(&self.tendency, self.numbers(), at.values(), columns, steps) {
+        if !self.sweep_columns(at, columns, steps) {
             step_by_step(self, at, columns, steps);
         }
     }
 
     fn steps_tl_single(&self, at: &State, columns: &mut [f32], steps: usize) {
-        self.check_layout(at);
-        if steps > 0 && !sweep_tl(&self.tendency, self.numbers(), at.values(), columns, steps) {
+        if !self.sweep_columns(at, columns, steps) {
             steps_of_copies(self, at, columns, steps);
         }
     }

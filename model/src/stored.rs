@@ -14,7 +14,10 @@ pub trait Stored: sealed::Sealed + Copy + Debug + Default + PartialEq + Send + S
     fn narrow(value: f64) -> Self;
 
     /// [`Stored::narrow`] of as many values as there are to be stored.
-    fn narrow_all(values: &[f64], stored: &mut [Self]);
+    #[inline(always)]
+    fn narrow_all(values: &[f64], stored: &mut [Self]) {
+        stored.iter_mut().zip(values).for_each(|(stored, &value)| *stored = Self::narrow(value));
+    }
 
     /// Applies `process` to values in double precision: to these themselves or, if they are not, to a copy of them in
     /// `scratch`, which is then rounded back.
@@ -36,11 +39,6 @@ impl Stored for f64 {
     }
 
     #[inline(always)]
-    fn narrow_all(values: &[f64], stored: &mut [Self]) {
-        stored.copy_from_slice(values);
-    }
-
-    #[inline(always)]
     fn in_double<R>(values: &mut [Self], _scratch: &mut Vec<f64>, process: impl FnOnce(&mut [f64]) -> R) -> R {
         process(values)
     }
@@ -59,14 +57,6 @@ impl Stored for f32 {
     #[inline(always)]
     fn narrow(value: f64) -> Self {
         value as f32
-    }
-
-    #[inline(always)]
-    fn narrow_all(values: &[f64], stored: &mut [Self]) {
-        let values = &values[..stored.len()];
-        for i in 0..stored.len() {
-            stored[i] = values[i] as f32;
-        }
     }
 
     #[inline(always)]

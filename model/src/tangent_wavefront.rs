@@ -53,6 +53,9 @@ pub(crate) fn sweep_tl<T: Tendency, S: Stored>(
     columns: &mut [S],
     steps: usize,
 ) -> bool {
+    if steps == 0 {
+        return true;
+    }
     let (grid, variables) = (&tendency.layout().grid, tendency.layout().variables.len());
     let wavefront = || {
         let stream = |_| tendency.tangent_row_stream(grid.nx.min(MOST_PLACES));

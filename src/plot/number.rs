@@ -25,6 +25,11 @@ mod tests {
     use super::*;
 
     #[test]
+    fn units_do_not_break() {
+        assert_eq!(["m s-1", "m", "kg m-3"].map(unit), ["m\u{a0}s⁻¹", "m", "kg\u{a0}m⁻³"]);
+    }
+
+    #[test]
     fn numbers_are_short() {
         let short = [5190.0, 0.25, -40.0, 0.0, 1234.56, 3.0].map(number::<f64>);
         assert_eq!(short, ["5190", "0.25", "-40", "0", "1235", "3"]);

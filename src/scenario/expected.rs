@@ -69,8 +69,7 @@ impl ExpectedScores {
 
     /// In the order of [`SINGLE`].
     fn single(&self) -> [Option<f64>; 5] {
-        let smoothed = [self.bias_rmse_smoothed, self.bias_spread_smoothed];
-        [self.bias_rmse, self.bias_spread, self.innovation_chi2, smoothed[0], smoothed[1]]
+        [self.bias_rmse, self.bias_spread, self.innovation_chi2, self.bias_rmse_smoothed, self.bias_spread_smoothed]
     }
 }
 

@@ -9,8 +9,12 @@ use isobar_assim::ensemble::{EnsembleSettings, Inflation, InitialMembers, ModelE
 use isobar_assim::fast_kalman::time_volume::{AmplitudeEvolution, Factor, Target, TimeShape, TimeVolumeSettings};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Precision, Residual};
 use isobar_assim::{BiasTreatment, Problem};
+use isobar_model::initial::{JetConfig, geostrophic_jet};
 use isobar_model::random::{standard_normals, stream};
-use isobar_model::{Adjoint, Boundary, Duration, Grid, Layout, Location, Model, State, TangentLinear, Time, Variable};
+use isobar_model::{
+    Adjoint, Boundary, Duration, Grid, Layout, Location, Model, ShallowWater, ShallowWaterParameters, State, Stepped,
+    TangentLinear, Time, TimeScheme, Variable, VectorInvariant,
+};
 use isobar_obs::{
     BlockAngular, Calibration, LinearOperator, ObservationWindow, Parameter, Placement, Report, SparseRows,
 };
@@ -235,4 +239,28 @@ pub fn relative_difference(a: &[f64], b: &[f64]) -> f64 {
 
 pub fn flat(matrix: &Mat<f64>) -> Vec<f64> {
     (0..matrix.ncols()).flat_map(|j| matrix.col_as_slice(j).to_vec()).collect()
+}
+
+/// A jet of nonlinear shallow water on so many cells on a side, and its model.
+pub fn jet(
+    cells: usize,
+    step_s: i64,
+    boundary: Boundary,
+    beta_per_m_per_s: f64,
+    hyperdiffusion_m4_per_s: f64,
+) -> (Arc<Stepped<ShallowWater>>, State) {
+    let spacing = 48e5 / cells as f64;
+    let grid = Grid { nx: cells, ny: cells, dx_m: spacing, dy_m: spacing, boundary };
+    let parameters = ShallowWaterParameters {
+        gravity_m_per_s2: 9.8,
+        coriolis_per_s: 1e-4,
+        beta_per_m_per_s,
+        drag_per_s: 0.0,
+        hyperdiffusion_m4_per_s,
+    };
+    let equations = ShallowWater::new(grid, parameters, VectorInvariant::PotentialEnstrophy).unwrap();
+    let jet =
+        JetConfig { mean_depth_m: 1000.0, speed_m_per_s: 25.0, center_y_m: 24e5, width_m: 6e5, perturbation: None };
+    let state = geostrophic_jet(&equations, &jet).unwrap();
+    (Arc::new(Stepped::new(equations, Duration::from_seconds(step_s), TimeScheme::Rk4).unwrap()), state)
 }
