@@ -1,14 +1,12 @@
 //! With one block over the domain and the biases' covariance carried, the Fast Kalman Filter *is* the Kalman filter: on
 //! every scenario that is small enough, with its biases and without.
 
-mod runs;
-
+use crate::runs::{run_options, scenarios};
 use isobar::event::Event;
 use isobar::scenario::{Algorithm, Method};
 use isobar::sink::{Sink, SinkError};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Precision, Residual};
 use isobar_assim::{BiasTreatment, Estimate};
-use runs::{run_options, scenarios};
 
 /// The largest state for which this takes seconds.
 const MOST_VALUES: usize = 2000;

@@ -1,7 +1,5 @@
 //! Biases that depend on the state, estimated with the predictors of each method's own background.
 
-mod runs;
-
 use isobar::cli::RunOptions;
 use isobar::event::Event;
 use isobar::scenario::Scenario;
@@ -47,7 +45,7 @@ fn the_coefficient_is_recovered() {
     let mut squares = [0.0; 3];
     for seed in 0..SEEDS {
         let own = directory.path().join(seed.to_string());
-        let options = RunOptions { seed: Some(seed), ..runs::run_options(&own, CYCLES) };
+        let options = RunOptions { seed: Some(seed), ..crate::runs::run_options(&own, CYCLES) };
         let mut last = Last::default();
         isobar::run::run(&scenario, &options, &mut last).unwrap();
         for (number, (estimate, spread)) in last.estimates.iter().enumerate() {

@@ -106,3 +106,20 @@ fn no_source_file_is_too_long_to_read() {
         }
     }
 }
+
+/// A file of tests that `main.rs` does not name would never run.
+#[test]
+fn every_file_of_tests_runs() {
+    for folder in ["tests", "model/tests", "obs/tests", "assim/tests"] {
+        let folder = root().join(folder);
+        let main = fs::read_to_string(folder.join("main.rs")).unwrap();
+        for entry in fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path.file_stem().unwrap().to_str().unwrap();
+            let is_module = path.extension().is_some_and(|it| it == "rs") || path.join("mod.rs").is_file();
+            if is_module && name != "main" {
+                assert!(main.contains(&format!("mod {name};")), "{} is not in main.rs", path.display());
+            }
+        }
+    }
+}

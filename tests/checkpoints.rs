@@ -1,11 +1,8 @@
 //! Runs that end before their time: what is left, what goes on from it, and what is refused.
 #![cfg(unix)]
 
-mod common;
-mod outputs;
-
-use common::{VALID, isobar, text};
-use outputs::Outputs;
+use crate::common::{VALID, isobar, text};
+use crate::outputs::Outputs;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::fs;

@@ -1,8 +1,6 @@
 //! The program as its user meets it: listing, checking, beginning.
 
-mod common;
-
-use common::{VALID, isobar, text};
+use crate::common::{VALID, isobar, text};
 use std::fs;
 use std::path::Path;
 use tempfile::tempdir;

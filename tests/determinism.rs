@@ -1,17 +1,14 @@
 //! Same scenario, same seed: the same bits, on any number of threads, again and again, and after an interruption. For every
 //! shipped scenario with all of its methods.
 
-mod outputs;
-mod runs;
-
+use crate::outputs::Outputs;
+use crate::runs::{run_options, scenarios};
 use isobar::checkpoint::Policy;
 use isobar::cli::RunOptions;
 use isobar::event::Event;
 use isobar::progress::Progress;
 use isobar::scenario::Scenario;
 use isobar::sink::{Sink, SinkError};
-use outputs::Outputs;
-use runs::{run_options, scenarios};
 use std::path::Path;
 
 const CYCLES: usize = 5;

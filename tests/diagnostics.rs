@@ -1,14 +1,11 @@
 //! Diagnostics of whole runs, on known answers.
 
-mod common;
-mod runs;
-
-use common::{isobar, text};
+use crate::common::{isobar, text};
+use crate::runs::run_options;
 use isobar::event::Event;
 use isobar::scenario::Scenario;
 use isobar::sink::{Sink, SinkError};
 use isobar::summary::Summary;
-use runs::run_options;
 use std::fs;
 use std::path::Path;
 

@@ -1,9 +1,6 @@
 //! Exact performance: the Kalman filter is the best, knows what it is worth, and Monte Carlo comes to the same.
 
-mod common;
-mod runs;
-
-use common::{VALID, isobar, text};
+use crate::common::{VALID, isobar, text};
 use isobar::event::Event;
 use isobar::exact::{ExactOptions, ExactSummary, exact};
 use isobar::scenario::Scenario;
@@ -163,7 +160,8 @@ fn the_mean_over_seeds_comes_to_the_same() {
     let runs: Vec<Vec<[f64; 2]>> = (0..150)
         .map(|seed| {
             let own = directory.path().join(seed.to_string());
-            let options = isobar::cli::RunOptions { seed: Some(seed), threads: Some(1), ..runs::run_options(&own, 12) };
+            let options =
+                isobar::cli::RunOptions { seed: Some(seed), threads: Some(1), ..crate::runs::run_options(&own, 12) };
             let mut squares = Squares::default();
             isobar::run::run(&scenario, &options, &mut squares).unwrap();
             squares.0

@@ -1,14 +1,12 @@
 //! Methods that fail: detected, named, marked in every output; and nothing of that touches the other methods.
 
-mod common;
-
-use common::{VALID, isobar, text};
+use crate::common::{VALID, isobar, text};
 use isobar::cycle::Runner;
 use isobar::monitor::{DIVERGED_ANALYSES, Fault};
 use isobar::summary::Summary;
 use isobar_assim::{Analysis, Assimilator, Error, Estimate};
 use isobar_model::{Duration, Time};
-use isobar_obs::{BlockAngular, LinearOperator, ObservationWindow, SparseRows};
+use isobar_obs::{Jacobian, LinearOperator, ObservationWindow, SparseRows};
 use netcdf_reader::NcFile;
 use std::fs;
 use std::path::Path;
@@ -119,7 +117,7 @@ impl Assimilator for Faulty {
 #[test]
 fn a_panic_within_a_method_is_a_failure_of_the_method() {
     let mut runner = Runner::new(|| Ok::<Box<dyn Assimilator>, Error>(Box::new(Faulty))).unwrap();
-    let jacobian = BlockAngular { state: SparseRows::new(), calibration: SparseRows::new() };
+    let jacobian = Jacobian { state: SparseRows::new(), calibration: SparseRows::new() };
     let nothing = ObservationWindow {
         time: Time::from_seconds(0),
         cycle: 1,

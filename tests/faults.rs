@@ -2,11 +2,8 @@
 //! says what happened and what to do.
 #![cfg(unix)]
 
-mod common;
-mod outputs;
-
-use common::{VALID, isobar, text};
-use outputs::Outputs;
+use crate::common::{VALID, isobar, text};
+use crate::outputs::Outputs;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;

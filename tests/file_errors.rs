@@ -1,8 +1,6 @@
 //! Faults in the files that a scenario names, and in the keys that name them, as the user of the program sees them.
 
-mod common;
-
-use common::{VALID, isobar, place, text};
+use crate::common::{VALID, isobar, place, text};
 use std::fs;
 use tempfile::tempdir;
 

@@ -1,13 +1,10 @@
 //! What can be done with the directory of a run, and what is said about one that is none.
 
-mod common;
-mod synthetic_run;
-
-use common::{isobar, text};
+use crate::common::{isobar, text};
+use crate::synthetic_run::SyntheticRun;
 use isobar::sink::{Existing, OutputDirectory, Outputs, open_all};
 use std::fs;
 use std::path::{Path, PathBuf};
-use synthetic_run::SyntheticRun;
 
 /// A run in the directory `name`.
 fn run(parent: &Path, name: &str, methods: usize) -> PathBuf {

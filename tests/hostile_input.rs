@@ -1,9 +1,7 @@
 //! Files that mean harm: no escape to the terminal, no markup on the page, no path out of the output directory, and no more
 //! memory or time than a file of an honest size takes.
 
-mod common;
-
-use common::{VALID, isobar, text};
+use crate::common::{VALID, isobar, text};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Output;

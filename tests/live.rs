@@ -1,9 +1,7 @@
 //! `isobar run --live`: the run does not depend on the viewer that it tells.
 #![cfg(feature = "rerun")]
 
-mod common;
-
-use common::{isobar, text};
+use crate::common::{isobar, text};
 use std::fs;
 use std::net::TcpListener;
 use std::sync::Arc;

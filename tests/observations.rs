@@ -1,14 +1,11 @@
 //! Bad observations: rejected with a code, counted, never assimilated, and hardly missed.
 
-mod common;
-mod runs;
-
-use common::{VALID, isobar, text};
+use crate::common::{VALID, isobar, text};
+use crate::runs::run_options;
 use isobar::progress::Progress;
 use isobar::scenario::Scenario;
 use isobar::summary::Summary;
 use netcdf_reader::NcFile;
-use runs::run_options;
 use std::fs;
 use std::path::Path;
 

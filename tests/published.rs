@@ -1,14 +1,12 @@
 //! Scenarios of which others published the results.
 
-mod runs;
-
+use crate::runs::run_options;
 use isobar::event::Event;
 use isobar::exact::{ExactOptions, exact};
 use isobar::experiment::ground;
 use isobar::scenario::Scenario;
 use isobar::sink::{Sink, SinkError};
 use isobar::summary::PerVariable;
-use runs::run_options;
 use std::f64::consts::TAU;
 use std::path::Path;
 

@@ -1,8 +1,7 @@
 //! The recording for the rerun viewer holds the run, and nothing of the clock.
 #![cfg(feature = "rerun")]
 
-mod synthetic_run;
-
+use crate::synthetic_run::SyntheticRun;
 use isobar::sink::{Existing, OutputDirectory, Outputs, open_all};
 use rerun::external::re_log_encoding::DecoderApp;
 use rerun::log::{Chunk, LogMsg};
@@ -10,7 +9,6 @@ use rerun::{DepthImage, Image, Points2D, Scalars, TextDocument};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::BufReader;
-use synthetic_run::SyntheticRun;
 
 /// The chunks of the recording of a run, without those of the viewer's layout, and the number of the latter.
 fn recorded(run: &SyntheticRun) -> (Vec<Chunk>, usize) {

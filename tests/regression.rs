@@ -1,14 +1,12 @@
 //! The accepted scores of the scenarios: the small ones are run, and all of them must say what the project claims.
 
-mod runs;
-
+use crate::runs::{run_options, scenarios};
 use isobar::event::Event;
 use isobar::scenario::{Algorithm, Dynamics, Scenario};
 use isobar::sink::{Sink, SinkError};
 use isobar::table::Comparison;
 use isobar_assim::BiasTreatment;
 use isobar_assim::fast_kalman::{BlockShape, FastKalmanSettings};
-use runs::{run_options, scenarios};
 
 /// The largest grid for which this takes seconds.
 const MOST_CELLS: usize = 200;

@@ -1,7 +1,6 @@
 //! The page that a run leaves behind: complete, self-contained, and safe whatever the scenario says.
 
-mod synthetic_run;
-
+use crate::synthetic_run::SyntheticRun;
 use isobar::event::{Estimated, Event, RunInfo, Smoothed};
 use isobar::saved::SavedRun;
 use isobar::sink::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
@@ -10,7 +9,6 @@ use isobar_assim::EstimatedParameter;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
-use synthetic_run::SyntheticRun;
 
 const REPORT: Outputs = Outputs { netcdf: false, rerun: false, report: true, live: false };
 

@@ -1,8 +1,6 @@
 //! Faults in scenario files, as the user of the program sees them.
 
-mod common;
-
-use common::{VALID, isobar, place, text};
+use crate::common::{VALID, isobar, place, text};
 use std::fs;
 use tempfile::tempdir;
 

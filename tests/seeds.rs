@@ -1,8 +1,6 @@
 //! `isobar run --seeds`: the same experiment over several seeds.
 
-mod common;
-
-use common::{VALID, isobar, text};
+use crate::common::{VALID, isobar, text};
 use isobar::summary::Summary;
 use serde_json::Value;
 use std::fs;

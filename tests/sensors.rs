@@ -1,10 +1,7 @@
 //! The database of sensors, as the user of the program sees it.
 
-mod common;
 #[cfg(unix)]
-mod outputs;
-
-use common::{VALID, isobar, text};
+use crate::common::{VALID, isobar, text};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rusqlite::Connection;

@@ -1,12 +1,10 @@
 //! What the sinks write is what happened: every number, bit for bit, read back by an independent reader.
 
-mod synthetic_run;
-
+use crate::synthetic_run::SyntheticRun;
 use isobar::event::{Event, MethodInfo};
 use isobar::sink::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
 use netcdf_reader::NcFile;
 use std::path::Path;
-use synthetic_run::SyntheticRun;
 
 const FILL_VALUE: f64 = 9.96921e36;
 const NETCDF: Outputs = Outputs { netcdf: true, rerun: false, report: false, live: false };

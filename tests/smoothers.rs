@@ -1,13 +1,11 @@
 //! Runs with fixed-lag smoothers: what their files and scores say, and what is refused.
 
-mod runs;
-
+use crate::runs::run_options;
 use isobar::run::run;
 use isobar::scenario::Scenario;
 use isobar::sink::Sink;
 use isobar::summary::Summary;
 use netcdf_reader::NcFile;
-use runs::run_options;
 use std::path::Path;
 
 /// A small scenario that uses most keys.

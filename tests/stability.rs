@@ -1,8 +1,6 @@
 //! The stability monitor, as the user of the program sees it.
 
-mod common;
-
-use common::{isobar, text};
+use crate::common::{isobar, text};
 use std::fs;
 use std::path::Path;
 use tempfile::tempdir;

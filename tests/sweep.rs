@@ -1,8 +1,6 @@
 //! `isobar sweep`, and batches of runs that end before their time.
 
-mod common;
-
-use common::{VALID, isobar, text};
+use crate::common::{VALID, isobar, text};
 use isobar::summary::Summary;
 use serde_json::Value;
 use std::fs;

@@ -1,10 +1,8 @@
 //! Every time scheme of a scenario: the methods see nothing of it but the forecasts.
 
-mod runs;
-
+use crate::runs::run_options;
 use isobar::progress::Progress;
 use isobar::scenario::Scenario;
-use runs::run_options;
 use std::path::Path;
 
 /// RMSE of the analysis of h for `fkf` and `four_d_var` in the quickstart with a time scheme and a step \[s\].

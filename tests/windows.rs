@@ -1,12 +1,10 @@
 //! What the shipped scenarios of time volumes and of the first calibration promise.
 
-mod runs;
-
+use crate::runs::run_options;
 use isobar::run::run;
 use isobar::scenario::Scenario;
 use isobar::sink::Sink;
 use isobar::summary::Summary;
-use runs::run_options;
 use std::collections::BTreeMap;
 use std::path::Path;
 

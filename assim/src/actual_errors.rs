@@ -7,7 +7,7 @@ use crate::propagator;
 use crate::response::Gain;
 use faer::{Mat, MatRef};
 use isobar_model::{Adjoint, State};
-use isobar_obs::BlockAngular;
+use isobar_obs::Jacobian;
 
 /// Mean and covariance of the errors e = (x̂ − x, ĉ − c) of a method in a linear world whose covariances are known.
 ///
@@ -86,7 +86,7 @@ impl ActualErrors {
 
     /// An analysis with a gain, of observations with these Jacobians and error variances. Without `with_biases` they have
     /// no biases: G is zero.
-    pub fn analyse(&mut self, gain: &Gain, jacobian: &BlockAngular, variance: &[f64], with_biases: bool) {
+    pub fn analyse(&mut self, gain: &Gain, jacobian: &Jacobian, variance: &[f64], with_biases: bool) {
         let (m, n, size) = (self.m, variance.len(), self.mean.len());
         let row = |row: usize| entries(jacobian, row, m).filter(move |entry| with_biases || entry.0 < m);
         let gain = Mat::from_fn(size, n, |i, j| if i < m { gain.state[(i, j)] } else { gain.calibration[(i - m, j)] });

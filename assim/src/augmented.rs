@@ -12,7 +12,7 @@ use crate::propagator::propagator;
 use crate::saved::{Matrix, from_bytes, restore_bias, restore_state, to_bytes, unfit};
 use faer::{Mat, MatRef, Scale};
 use isobar_model::{Duration, State};
-use isobar_obs::{BlockAngular, Calibration};
+use isobar_obs::{Calibration, Jacobian};
 use serde::{Deserialize, Serialize};
 
 /// Estimate and covariance in a checkpoint.
@@ -232,7 +232,7 @@ impl AugmentedState {
 }
 
 /// The entries of a row of H = (X, G) on the augmented state, whose first `m` values are the state's.
-pub(crate) fn entries(jacobian: &BlockAngular, row: usize, m: usize) -> impl Iterator<Item = (usize, f64)> {
+pub(crate) fn entries(jacobian: &Jacobian, row: usize, m: usize) -> impl Iterator<Item = (usize, f64)> {
     let state = jacobian.state.row(row).iter().copied();
     state.chain(jacobian.calibration.row(row).iter().map(move |&(parameter, weight)| (m + parameter, weight)))
 }

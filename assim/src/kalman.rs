@@ -8,7 +8,7 @@ use crate::linalg::{
 };
 use crate::problem::Innovations;
 use faer::{Mat, MatRef};
-use isobar_obs::BlockAngular;
+use isobar_obs::Jacobian;
 
 /// Forecast (21), (24) of WO 93/22625: `s~ = M(ŝ)`, `P = A Cov(ŝ) Aᵀ + Q`; analysis in gain form,
 /// `K = P Hᵀ (H P Hᵀ + R)⁻¹`, with the covariance in Joseph's form `(I − K H) P (I − K H)ᵀ + K R Kᵀ`.
@@ -38,7 +38,7 @@ fn update_covariance(
     m: usize,
     cross: Mat<f64>,
     gain: MatRef<'_, f64>,
-    jacobian: &BlockAngular,
+    jacobian: &Jacobian,
     variance: &[f64],
 ) {
     add_product(p.as_mut(), -1.0, gain, cross.transpose());
@@ -93,7 +93,7 @@ impl InnovationCovariance {
 }
 
 /// P Hᵀ for a symmetric P, `[m + p, n]`.
-fn cross_covariance(covariance: MatRef<'_, f64>, jacobian: &BlockAngular, m: usize) -> Mat<f64> {
+fn cross_covariance(covariance: MatRef<'_, f64>, jacobian: &Jacobian, m: usize) -> Mat<f64> {
     let mut cross = Mat::zeros(covariance.nrows(), jacobian.rows());
     for row in 0..jacobian.rows() {
         for (column, weight) in entries(jacobian, row, m) {
@@ -110,12 +110,7 @@ fn cross_covariance(covariance: MatRef<'_, f64>, jacobian: &BlockAngular, m: usi
 ///
 /// # Errors
 /// [`Error::NotPositiveDefinite`].
-fn innovation_root(
-    cross: MatRef<'_, f64>,
-    jacobian: &BlockAngular,
-    variance: &[f64],
-    m: usize,
-) -> Result<Mat<f64>, Error> {
+fn innovation_root(cross: MatRef<'_, f64>, jacobian: &Jacobian, variance: &[f64], m: usize) -> Result<Mat<f64>, Error> {
     let n = variance.len();
     let innovation_covariance = Mat::from_fn(n, n, |i, j| {
         let covariance: f64 = entries(jacobian, i, m).map(|(column, weight)| weight * cross[(column, j)]).sum();

@@ -4,7 +4,7 @@ use crate::assimilator::{Analysis, BiasTreatment, Estimate};
 use crate::covariance::Covariance;
 use crate::error::Error;
 use isobar_model::{Adjoint, Duration, State};
-use isobar_obs::{BlockAngular, Calibration, ObservationWindow, SparseRows};
+use isobar_obs::{Calibration, Jacobian, ObservationWindow, SparseRows};
 use std::sync::Arc;
 
 /// An assimilation problem: everything that a method may know. The truth is not part of it.
@@ -100,7 +100,7 @@ pub(crate) struct Innovations {
     /// d = y − h(x, c).
     pub departures: Vec<f64>,
     /// X and G.
-    pub jacobian: BlockAngular,
+    pub jacobian: Jacobian,
     /// The diagonal of R.
     pub variance: Vec<f64>,
 }

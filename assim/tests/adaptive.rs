@@ -1,8 +1,6 @@
 //! Factors on R, Q and B that are found from innovations.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use isobar_assim::banded::BandedKalmanFilter;
 use isobar_assim::covariance::randomize;
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter};
@@ -220,7 +218,7 @@ fn what_cannot_be_told_apart_is_named() {
             rows.push_row([]);
             rows
         });
-        let jacobian = isobar_obs::BlockAngular { state: rows, calibration: none };
+        let jacobian = isobar_obs::Jacobian { state: rows, calibration: none };
         observed.operator = Arc::new(isobar_obs::LinearOperator { jacobian });
         let normals = standard_normals(&mut stream(cycle as u64, "values"), observed.len());
         observed.values = normals.iter().map(|normal| 0.8 * normal).collect();

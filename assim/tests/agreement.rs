@@ -1,8 +1,6 @@
 //! Methods that must agree exactly, on a small linear problem.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter};

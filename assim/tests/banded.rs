@@ -1,8 +1,6 @@
 //! The Kalman filter with a banded covariance against the dense one.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side};
 use isobar_assim::banded::BandedKalmanFilter;

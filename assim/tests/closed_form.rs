@@ -1,14 +1,12 @@
 //! A filter that has a closed form. Results that others published are those of scenarios, in the tests of the program.
 
-mod common;
-
-use common::relative_difference;
+use crate::common::relative_difference;
 use isobar_assim::covariance::{Covariance, Sum, Univariate, White};
 use isobar_assim::ensemble::EnsembleTransformKalmanFilter;
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::{Assimilator, BiasTreatment, Problem};
 use isobar_model::{Boundary, Duration, ExactShift, Grid, Layout, Location, State, Time, Variable};
-use isobar_obs::{BlockAngular, Calibration, LinearOperator, ObservationWindow, Report, SparseRows};
+use isobar_obs::{Calibration, Jacobian, LinearOperator, ObservationWindow, Report, SparseRows};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -52,7 +50,7 @@ fn observe(observations: &[(usize, f64)], sigma: f64) -> ObservationWindow {
         sigma: vec![sigma; values.len()],
         values,
         rejected: Vec::new(),
-        operator: Arc::new(LinearOperator { jacobian: BlockAngular { state, calibration } }),
+        operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
     }
 }
 
@@ -86,7 +84,7 @@ fn a_fully_observed_plane_decouples_into_wavenumbers() {
     let observed = observe(&(0..cells).map(|index| (index, 0.0)).collect::<Vec<_>>(), r.sqrt());
     let methods: [Box<dyn Assimilator>; 2] = [
         Box::new(KalmanFilter::new(problem.clone()).unwrap()),
-        Box::new(EnsembleTransformKalmanFilter::new(problem, common::ensemble_settings(cells + 1)).unwrap()),
+        Box::new(EnsembleTransformKalmanFilter::new(problem, crate::common::ensemble_settings(cells + 1)).unwrap()),
     ];
     for mut method in methods {
         let mut found = [Vec::new(), Vec::new()];

@@ -1,8 +1,6 @@
 //! Columns of a method's covariance, found without the matrix, are those of the matrix.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use isobar_assim::ensemble::EnsembleTransformKalmanFilter;
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
 use isobar_assim::kalman::KalmanFilter;

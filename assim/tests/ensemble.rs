@@ -1,8 +1,6 @@
 //! Ensemble methods against the Kalman filter and each other, on a small linear problem.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use isobar_assim::ensemble::{
@@ -12,7 +10,7 @@ use isobar_assim::ensemble::{
 };
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::{Assimilator, Error, Estimate};
-use isobar_obs::{BlockAngular, LinearOperator, SparseRows};
+use isobar_obs::{Jacobian, LinearOperator, SparseRows};
 use std::sync::Arc;
 
 const EVERYWHERE: LocalSettings = LocalSettings { localization_radius_m: f64::INFINITY, analysis_spacing_cells: 1 };
@@ -181,7 +179,7 @@ fn tapered_covariances_are_those_of_the_formula() {
         biases.push_row((row % 3 > 0).then_some((row % 3 - 1, 1.5)));
         (observed.reports[row].x_m, observed.reports[row].y_m) = place(index(row) % cells);
     }
-    observed.operator = Arc::new(LinearOperator { jacobian: BlockAngular { state, calibration: biases } });
+    observed.operator = Arc::new(LinearOperator { jacobian: Jacobian { state, calibration: biases } });
     let jacobian = observed.operator.linearize(&problem.background, &[0.0; 2]);
 
     let own = EnsembleSettings { initial_members: InitialMembers::Random, ..ensemble_settings(members) };

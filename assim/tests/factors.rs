@@ -1,8 +1,6 @@
 //! Common factors: their exact limits, and what a compression must preserve.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use faer::{Mat, Side};
 use isobar_assim::covariance::{self, Balanced, BalancedParameters, Covariance, Sum, White, leading_factors};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};

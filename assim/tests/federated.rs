@@ -1,13 +1,11 @@
 //! The federated Kalman filter against the centralised one.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use faer::{Mat, Side};
 use isobar_assim::federated::{FederatedKalmanFilter, FederatedSettings};
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::{Assimilator, BiasTreatment, Problem, Unknown};
-use isobar_obs::{BlockAngular, Calibration, LinearOperator, ObservationWindow, SparseRows};
+use isobar_obs::{Calibration, Jacobian, LinearOperator, ObservationWindow, SparseRows};
 use std::sync::Arc;
 
 const SYSTEMS: [&str; 3] = ["sondes", "polar", "ships"];
@@ -34,7 +32,7 @@ fn observations(problem: &Problem, cycle: usize) -> ObservationWindow {
         let entries = old.calibration.row(row).iter().filter(|_| !own.is_empty());
         calibration.push_row(entries.map(|&(number, weight)| (own[number % own.len()], weight)));
     }
-    observed.operator = Arc::new(LinearOperator { jacobian: BlockAngular { state: old.state, calibration } });
+    observed.operator = Arc::new(LinearOperator { jacobian: Jacobian { state: old.state, calibration } });
     observed
 }
 

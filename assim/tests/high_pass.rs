@@ -1,8 +1,6 @@
 //! Lange's High-pass Filter: equal to the dense solution without prior, honest about what it knows, and it names the rest.
 
-mod common;
-
-use common::{WINDOW, flat, relative_difference};
+use crate::common::{WINDOW, flat, relative_difference};
 use faer::Mat;
 use isobar_assim::block_angular::{Block, BorderRows, RegressionRows, solve};
 use isobar_assim::covariance::{Sum, Univariate};
@@ -173,7 +171,7 @@ fn without_a_reference_the_common_bias_is_named() {
 #[test]
 fn methods_start_from_the_batch() {
     let World { problem, mut observing, mut truth, model } = world(5, true);
-    let settings = common::settings(BlockShape::Domain, BiasCoupling::Carry);
+    let settings = crate::common::settings(BlockShape::Domain, BiasCoupling::Carry);
     let mut methods: Vec<Initialised> = vec![
         Initialised::new(Box::new(KalmanFilter::new(problem.clone()).unwrap()), problem.clone(), SETTINGS).unwrap(),
         Initialised::new(

@@ -9,9 +9,7 @@ use isobar_model::{
     Adjoint, Advection, AdvectionScheme, Boundary, Duration, Grid, Layout, Location, Model, State, Stepped,
     TangentLinear, Time, TimeScheme, Variable, Wind,
 };
-use isobar_obs::{
-    BlockAngular, Calibration, LinearOperator, ObservationWindow, Parameter, Placement, Report, SparseRows,
-};
+use isobar_obs::{Calibration, Jacobian, LinearOperator, ObservationWindow, Parameter, Placement, Report, SparseRows};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -35,7 +33,7 @@ fn observe(rows: &[Observation]) -> ObservationWindow {
         values_bias_removed: vec![0.0; rows.len()],
         sigma: rows.iter().map(|row| row.2).collect(),
         rejected: Vec::new(),
-        operator: Arc::new(LinearOperator { jacobian: BlockAngular { state, calibration } }),
+        operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
     }
 }
 

@@ -1,8 +1,6 @@
 //! Amplitudes of known functions of time and place, recovered from observations of a truth that is known.
 
-mod common;
-
-use common::{DAY, WINDOW, calibration, constant, factor, problem, volume_settings, window};
+use crate::common::{DAY, WINDOW, calibration, constant, factor, problem, volume_settings, window};
 use isobar_assim::fast_kalman::time_volume::{Factor, Target, TimeShape, TimeVolume};
 use isobar_assim::{Assimilator, Problem};
 use isobar_model::random::{standard_normals, stream};
@@ -94,7 +92,7 @@ fn a_diurnal_bias_is_recovered_within_what_is_claimed() {
 /// the misfit where it was.
 #[test]
 fn amplitudes_of_patterns_are_recovered_and_a_constant_is_no_substitute() {
-    let layout = common::layout();
+    let layout = crate::common::layout();
     let (nx, cells) = (layout.grid.nx, layout.grid.cells());
     let wave = |i: usize, number: usize| {
         let phase = std::f64::consts::TAU * ((i % nx) as f64 + 0.5) / nx as f64;

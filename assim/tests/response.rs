@@ -1,8 +1,6 @@
 //! The gain of a method that is found by asking is that of its formula, and asking leaves no trace.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use faer::Mat;
 use isobar_assim::ensemble::{
     EnsembleSettings, EnsembleTransformKalmanFilter, Inflation, InitialMembers, LocalEnsembleTransformKalmanFilter,

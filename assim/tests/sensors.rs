@@ -1,8 +1,6 @@
 //! What is known of sensors: prior means and covariances, recalibrations, frozen parameters.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use faer::Mat;
 use faer::linalg::solvers::DenseSolveCore;
 use isobar_assim::ensemble::{

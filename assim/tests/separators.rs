@@ -1,8 +1,6 @@
 //! Components too large to be merged: separators that join the border, and nested elimination.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use faer::Mat;
 use isobar_assim::block_angular::PartitionReport;
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};

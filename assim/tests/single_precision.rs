@@ -1,8 +1,6 @@
 //! Factors stored in single precision: the filter in double precision but for 2⁻²⁴ wherever a factor is written.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use isobar_assim::covariance::{Balanced, BalancedParameters, Covariance, Sum, White};
 use isobar_assim::fast_kalman::time_volume::{Target, TimeShape, TimeVolume};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};

@@ -1,8 +1,6 @@
 //! Fixed-lag smoothers against the textbook's recursion, each other and 4D-Var, on a small linear problem.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use isobar_assim::covariance::dense;

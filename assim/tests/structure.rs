@@ -1,8 +1,6 @@
 //! What a viewer is shown of the Fast Kalman Filter: its parts, and its leading common factors.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
 use isobar_assim::{Assimilator, Problem, Structure};
 use isobar_obs::ObservationWindow;

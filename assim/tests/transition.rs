@@ -1,8 +1,6 @@
 //! State-transition corrections: a tracer that the truth carries faster than the model does.
 
-mod common;
-
-use common::{WINDOW, settings};
+use crate::common::{WINDOW, settings};
 use isobar_assim::covariance::{Sum, Univariate, White, randomize};
 use isobar_assim::fast_kalman::time_volume::{Candidate, Corrections, TimeVolume, TimeVolumeSettings};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape};

@@ -1,8 +1,6 @@
 //! Variational methods and optimal interpolation against the Kalman filter and each other, on a small linear problem.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use isobar_assim::ensemble::{
     EnsembleSettings, EnsembleTransformKalmanFilter, Inflation, InitialMembers, LocalSettings, ModelErrorTreatment,
 };

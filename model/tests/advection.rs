@@ -1,8 +1,6 @@
 //! Advection against its exact solutions.
 
-mod common;
-
-use common::{difference, largest, norm, stepped};
+use crate::common::{difference, largest, norm, stepped};
 use isobar_model::forecast::forecast;
 use isobar_model::initial::{self, CosineWave, GaussianHill};
 use isobar_model::{
@@ -45,7 +43,7 @@ fn the_schemes_converge_with_their_order() {
 
 #[test]
 fn uniform_tracer_stays_uniform_and_the_total_is_conserved() {
-    for boundary in common::BOUNDARIES {
+    for boundary in crate::common::BOUNDARIES {
         for kind in [AdvectionScheme::FirstOrderUpwind, AdvectionScheme::ThirdOrderUpwind] {
             let tendency = Advection::new(square(16, boundary), &Wind::Vortex { speed_m_per_s: 40.0 }, kind).unwrap();
             let model = stepped(tendency, 900, TimeScheme::SspRk3);

@@ -1,8 +1,6 @@
 //! Conservation, and states that must not change.
 
-mod common;
-
-use common::{
+use crate::common::{
     BOUNDARIES, FORMS, SCHEMES, difference, jet, largest, norm, perturbed_jet, shallow_water, stepped, turbulence,
 };
 use isobar_model::forecast::forecast;
@@ -35,7 +33,7 @@ fn mass_is_conserved_to_rounding_with_and_without_damping() {
             let free = shallow_water(16, 14, boundary, form);
             let damped =
                 ShallowWaterParameters { drag_per_s: 1e-5, hyperdiffusion_m4_per_s: 5e14, ..*free.parameters() };
-            let damped = ShallowWater::new(common::grid(16, 14, boundary), damped, form).unwrap();
+            let damped = ShallowWater::new(crate::common::grid(16, 14, boundary), damped, form).unwrap();
             for tendency in [free, damped] {
                 let drift = drift(&tendency, &perturbed_jet(&tendency), TimeScheme::Rk4, 240, mass_m3);
                 assert!(drift.abs() < 1e-14, "{boundary:?} {form:?}: {drift:e}");
@@ -107,7 +105,7 @@ fn rest_stays_exactly_at_rest() {
                 let free = shallow_water(8, 9, boundary, form);
                 let parameters =
                     ShallowWaterParameters { hyperdiffusion_m4_per_s: 5e14, drag_per_s: 1e-5, ..*free.parameters() };
-                let tendency = ShallowWater::new(common::grid(8, 9, boundary), parameters, form).unwrap();
+                let tendency = ShallowWater::new(crate::common::grid(8, 9, boundary), parameters, form).unwrap();
                 let start = initial::rest(&tendency, 750.0).unwrap();
                 let mut x = start.clone();
                 forecast(&stepped(tendency, 200, scheme), &mut x, 50).unwrap();
@@ -173,7 +171,8 @@ fn damping_takes_energy_away() {
         let parameters =
             ShallowWaterParameters { drag_per_s: damping.0, hyperdiffusion_m4_per_s: damping.1, ..*free.parameters() };
         let damped =
-            ShallowWater::new(common::grid(16, 14, Boundary::Periodic), parameters, VectorInvariant::Energy).unwrap();
+            ShallowWater::new(crate::common::grid(16, 14, Boundary::Periodic), parameters, VectorInvariant::Energy)
+                .unwrap();
         let mut x = start.clone();
         forecast(&stepped(damped, 200, TimeScheme::Rk4), &mut x, 100).unwrap();
         let kinetic = |x: &State| norm(&x.values()[224..]);
@@ -184,8 +183,8 @@ fn damping_takes_energy_away() {
 #[test]
 fn the_invariants_of_rest_are_those_of_the_formula() {
     for boundary in BOUNDARIES {
-        let plane = ShallowWaterParameters { beta_per_m_per_s: 0.0, ..common::parameters(boundary) };
-        let grid = common::grid(8, 9, boundary);
+        let plane = ShallowWaterParameters { beta_per_m_per_s: 0.0, ..crate::common::parameters(boundary) };
+        let grid = crate::common::grid(8, 9, boundary);
         let tendency = ShallowWater::new(grid.clone(), plane, VectorInvariant::Energy).unwrap();
         let rest = initial::rest(&tendency, 750.0).unwrap();
         let area_m2 = grid.width_m() * grid.height_m();

@@ -1,8 +1,6 @@
 //! The contract battery over every model, boundary, form, scheme and kind of linearisation point.
 
-mod common;
-
-use common::{BOUNDARIES, FORMS, SCHEMES, grid, jet, parameters, perturbed_jet, stepped, turbulence};
+use crate::common::{BOUNDARIES, FORMS, SCHEMES, grid, jet, parameters, perturbed_jet, stepped, turbulence};
 use isobar_model::initial::{self, GaussianHill};
 use isobar_model::testing::check_contract;
 use isobar_model::{
@@ -120,7 +118,7 @@ impl<M: Adjoint> Adjoint for Broken<M> {
 
 fn outcome(in_tangent_linear: f64, in_adjoint: f64) -> std::thread::Result<()> {
     std::panic::catch_unwind(|| {
-        let tendency = common::shallow_water(8, 8, Boundary::Periodic, FORMS[0]);
+        let tendency = crate::common::shallow_water(8, 8, Boundary::Periodic, FORMS[0]);
         let at = turbulence(&tendency);
         assert_eq!(tendency.layout().len(), at.values().len());
         let model = stepped(tendency, 200, SCHEMES[0]);

@@ -1,8 +1,6 @@
 //! What a forecast says when it cannot start, and when it blows up.
 
-mod common;
-
-use common::{FORMS, shallow_water, stepped, turbulence};
+use crate::common::{FORMS, shallow_water, stepped, turbulence};
 use isobar_model::forecast::{forecast, forecast_tl, trajectory};
 use isobar_model::{Boundary, Duration, ForecastError, Leapfrog, Model, ModelError, TimeScheme, initial};
 

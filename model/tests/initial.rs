@@ -1,8 +1,6 @@
 //! Initial states are what they say, and parameters out of range are refused with their numbers.
 
-mod common;
-
-use common::{BOUNDARIES, FORMS, difference, grid, jet, largest, parameters, shallow_water};
+use crate::common::{BOUNDARIES, FORMS, difference, grid, jet, largest, parameters, shallow_water};
 use isobar_model::initial::{
     self, HeightPerturbation, JetConfig, RandomConfig, Vortex, geostrophic_jet, random_balanced, vortices,
 };

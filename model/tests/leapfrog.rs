@@ -1,8 +1,6 @@
 //! Leapfrog: contract, start, order, amplification, stability.
 
-mod common;
-
-use common::{
+use crate::common::{
     BOUNDARIES, FORMS, difference, grid, norm, parameters, perturbed_jet, shallow_water, stepped, turbulence,
 };
 use isobar_model::forecast::{forecast, forecast_tl};

@@ -3,9 +3,7 @@
 //! Bishnu, Petersen & Quaife (2024): A verification suite of test cases for the barotropic solver of ocean models.
 //! JAMES 16. Matsuno (1966): Quasi-geostrophic motions in the equatorial area. J. Met. Soc. Japan 44.
 
-mod common;
-
-use common::{difference, norm, perturbed_jet, shallow_water, stepped};
+use crate::common::{difference, norm, perturbed_jet, shallow_water, stepped};
 use isobar_model::forecast::forecast;
 use isobar_model::invariants::{mass_m3, potential_enstrophy, total_energy};
 use isobar_model::{

@@ -1,8 +1,6 @@
 //! The sweep over rows against the tendency on whole fields, and on any number of threads: the same bits.
 
-mod common;
-
-use common::{BOUNDARIES, FORMS, SCHEMES, difference, grid, jet, largest, parameters, stepped, turbulence};
+use crate::common::{BOUNDARIES, FORMS, SCHEMES, difference, grid, jet, largest, parameters, stepped, turbulence};
 use isobar_model::forecast::forecast_tl;
 use isobar_model::initial::{self, Vortex};
 use isobar_model::random::{standard_normals, stream};

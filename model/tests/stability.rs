@@ -1,8 +1,6 @@
 //! Time steps just below the reported limit are stable, and steps well above it are not.
 
-mod common;
-
-use common::{SCHEMES, grid, norm, parameters, shallow_water, stepped, turbulence};
+use crate::common::{SCHEMES, grid, norm, parameters, shallow_water, stepped, turbulence};
 use isobar_model::initial::{self, GaussianHill};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{
@@ -31,7 +29,7 @@ fn model_constrained<T: Tendency>(tendency: &T, x: &mut [f64], noise: &[f64]) {
 }
 
 fn difference(x: &State, y: &State) -> Vec<f64> {
-    common::difference(x.values(), y.values())
+    crate::common::difference(x.values(), y.values())
 }
 
 fn assert_limit<T: Tendency + Clone>(tendency: &T, around: &State, scheme: TimeScheme, above: f64) {
@@ -44,7 +42,7 @@ fn assert_limit<T: Tendency + Clone>(tendency: &T, around: &State, scheme: TimeS
 #[test]
 fn the_limit_of_gravity_waves_is_sharp() {
     for scheme in SCHEMES {
-        for boundary in common::BOUNDARIES {
+        for boundary in crate::common::BOUNDARIES {
             let nonlinear = shallow_water(8, 8, boundary, VectorInvariant::Energy);
             let at_rest = LinearShallowWater::about_uniform_flow(nonlinear, 1000.0, 0.0).unwrap();
             let around = at_rest.basic_state().clone();

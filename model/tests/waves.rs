@@ -1,8 +1,6 @@
 //! Linear waves: the C grid's dispersion relation, the geostrophic mode, orders of convergence in space and time.
 
-mod common;
-
-use common::{FORMS, SCHEMES, difference, grid, largest, norm, parameters, shallow_water, stepped, turbulence};
+use crate::common::{FORMS, SCHEMES, difference, grid, largest, norm, parameters, shallow_water, stepped, turbulence};
 use isobar_model::forecast::forecast;
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{
@@ -158,7 +156,7 @@ fn inertia_gravity_waves_converge_with_order_two_in_space() {
 
 #[test]
 fn the_time_schemes_converge_with_their_order() {
-    for boundary in common::BOUNDARIES {
+    for boundary in crate::common::BOUNDARIES {
         let tendency =
             ShallowWater::new(grid(16, 14, boundary), parameters(boundary), VectorInvariant::Energy).unwrap();
         let start = turbulence(&tendency);

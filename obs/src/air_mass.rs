@@ -1,8 +1,8 @@
 //! Air-mass predictors: biases that depend on the state.
 
 use crate::bias::BiasProcess;
-use crate::block_angular::BlockAngular;
 use crate::error::{ObservationError, list, require};
+use crate::jacobian::Jacobian;
 use crate::operator::{LinearOperator, ObservationOperator};
 use crate::sparse::SparseRows;
 use isobar_model::{Layout, State};
@@ -122,7 +122,7 @@ impl ObservationOperator for AirMassOperator {
     }
 
     /// ∂h/∂x = X + Σ_j c_j ∂p_j/∂x and ∂h/∂c = G + P(x).
-    fn linearize(&self, x: &State, calibration: &[f64]) -> BlockAngular {
+    fn linearize(&self, x: &State, calibration: &[f64]) -> Jacobian {
         let mut state = SparseRows::new();
         for (number, own) in self.predictors.iter().enumerate() {
             let mut row = self.linear.jacobian.state.row(number).to_vec();
@@ -137,11 +137,11 @@ impl ObservationOperator for AirMassOperator {
             }
             state.push_row(row);
         }
-        BlockAngular { state, calibration: self.calibration_rows(x) }
+        Jacobian { state, calibration: self.calibration_rows(x) }
     }
 
     fn anchored(&self, background: &State) -> Option<LinearOperator> {
         let (state, calibration) = (self.linear.jacobian.state.clone(), self.calibration_rows(background));
-        Some(LinearOperator { jacobian: BlockAngular { state, calibration } })
+        Some(LinearOperator { jacobian: Jacobian { state, calibration } })
     }
 }

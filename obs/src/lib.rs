@@ -3,7 +3,7 @@
 //! What a method sees:
 //! - [`window`]: [`ObservationWindow`], the observations of one cycle, with a [`Report`] of each
 //! - [`operator`]: [`ObservationOperator`], y = h(x, c)
-//! - [`block_angular`], [`sparse`]: its Jacobians X and G
+//! - [`jacobian`], [`sparse`]: its Jacobians X and G
 //! - [`quality`]: [`QualityControl`], which observations no method sees
 //! - [`calibration`]: the parameters c, and what is known of them
 //!
@@ -23,12 +23,12 @@
 pub mod air_mass;
 pub mod bias;
 mod biases;
-pub mod block_angular;
 pub mod calibration;
 pub mod error;
 pub mod faults;
 pub mod footprint;
 pub mod instrument;
+pub mod jacobian;
 pub mod network;
 pub mod observation_file;
 pub mod operator;
@@ -44,7 +44,6 @@ pub mod window;
 
 pub use air_mass::AirMassBias;
 pub use bias::{BiasProcess, Evolution, InitialBias};
-pub use block_angular::BlockAngular;
 pub use calibration::{ByPlacement, Calibration, Parameter, Placement};
 pub use error::ObservationError;
 pub use faults::Faults;
@@ -53,6 +52,7 @@ pub use instrument::radiosonde::{BiasScope, RadiosondeConfig, StationBias};
 pub use instrument::recorded::RecordedConfig;
 pub use instrument::satellite::{Heading, SatelliteConfig, ScanBias, ScanTerm};
 pub use instrument::{InstrumentConfig, ObservedVariable, Schedule};
+pub use jacobian::Jacobian;
 pub use network::{LeftOutStation, Station, StationSource};
 pub use observation_file::{ObservationFile, ObservationPlace, ObservationRecord, ValidTime};
 pub use operator::{LinearOperator, ObservationOperator};

@@ -1,6 +1,6 @@
 //! Observation operators: what an instrument would report of a state.
 
-use crate::block_angular::BlockAngular;
+use crate::jacobian::Jacobian;
 use isobar_model::State;
 
 /// An observation operator y = h(x, c) of state and calibration.
@@ -18,7 +18,7 @@ pub trait ObservationOperator: Send + Sync {
     fn simulate(&self, x: &State, calibration: &[f64]) -> Vec<f64>;
 
     /// The Jacobians of h at (x, c), as a value.
-    fn linearize(&self, x: &State, calibration: &[f64]) -> BlockAngular;
+    fn linearize(&self, x: &State, calibration: &[f64]) -> Jacobian;
 
     /// The operator with its bias predictors fixed at those of a background x_b, which makes it linear in state and calibration;
     /// `None` if it has no predictors that depend on the state.
@@ -41,7 +41,7 @@ pub trait ObservationOperator: Send + Sync {
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinearOperator {
     /// Its Jacobians, the same everywhere.
-    pub jacobian: BlockAngular,
+    pub jacobian: Jacobian,
 }
 
 impl ObservationOperator for LinearOperator {
@@ -53,7 +53,7 @@ impl ObservationOperator for LinearOperator {
         self.jacobian.apply(x.values(), calibration)
     }
 
-    fn linearize(&self, _: &State, _: &[f64]) -> BlockAngular {
+    fn linearize(&self, _: &State, _: &[f64]) -> Jacobian {
         self.jacobian.clone()
     }
 }

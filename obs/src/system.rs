@@ -3,7 +3,6 @@
 use crate::air_mass::AirMassOperator;
 use crate::bias::BiasProcess;
 use crate::biases::Biases;
-use crate::block_angular::BlockAngular;
 use crate::calibration::{Calibration, Parameter};
 use crate::error::ObservationError;
 use crate::faults::Faults;
@@ -11,6 +10,7 @@ use crate::instrument::radiosonde::Radiosondes;
 use crate::instrument::recorded::Recorded;
 use crate::instrument::satellite::Satellite;
 use crate::instrument::{Instrument, InstrumentConfig, Observation, Reading};
+use crate::jacobian::Jacobian;
 use crate::network::{LeftOutStation, Station};
 use crate::operator::{LinearOperator, ObservationOperator};
 use crate::projection::Projection;
@@ -269,7 +269,7 @@ impl ObservingSystem {
         let (mut reports, mut values, mut values_bias_removed, mut sigma) =
             (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let (mut rejected, mut predictors) = (Vec::new(), Vec::new());
-        let mut jacobian = BlockAngular { state: SparseRows::new(), calibration: SparseRows::new() };
+        let mut jacobian = Jacobian { state: SparseRows::new(), calibration: SparseRows::new() };
         for (arrival, rejection) in arrivals.into_iter().zip(rejections) {
             let Arrival { observation, value, value_bias_removed, .. } = arrival;
             let Observation { report, sigma: own, state_row, calibration_row, predictors: of_state, .. } = observation;

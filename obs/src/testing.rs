@@ -164,7 +164,7 @@ fn falls_quadratically(residuals: &[f64]) -> bool {
 mod tests {
     use super::*;
     use crate::{
-        AirMassBias, BiasProcess, BiasScope, BlockAngular, InstrumentConfig, ObservingSystem, RadiosondeConfig,
+        AirMassBias, BiasProcess, BiasScope, InstrumentConfig, Jacobian, ObservingSystem, RadiosondeConfig,
         SatelliteConfig, SparseRows, StationBias, StationSource,
     };
     use isobar_model::{Boundary, Duration, Grid, Layout, Location, Time, Variable};
@@ -233,13 +233,13 @@ mod tests {
             vec![x.values()[0].powi(2) + c[0].powi(3), 2.0 * x.values()[1]]
         }
 
-        fn linearize(&self, x: &State, c: &[f64]) -> BlockAngular {
+        fn linearize(&self, x: &State, c: &[f64]) -> Jacobian {
             let (mut state, mut calibration) = (SparseRows::new(), SparseRows::new());
             state.push_row([(0, self.state_factor.unwrap_or(2.0) * x.values()[0])]);
             state.push_row([(1, 2.0)]);
             calibration.push_row([(0, self.calibration_factor.unwrap_or(3.0) * c[0].powi(2))]);
             calibration.push_row([]);
-            BlockAngular { state, calibration }
+            Jacobian { state, calibration }
         }
     }
 
@@ -273,10 +273,10 @@ mod tests {
             vec![self.0.fetch_add(1, std::sync::atomic::Ordering::Relaxed) as f64]
         }
 
-        fn linearize(&self, _: &State, _: &[f64]) -> BlockAngular {
+        fn linearize(&self, _: &State, _: &[f64]) -> Jacobian {
             let mut empty = SparseRows::new();
             empty.push_row([]);
-            BlockAngular { state: empty.clone(), calibration: empty }
+            Jacobian { state: empty.clone(), calibration: empty }
         }
     }
 

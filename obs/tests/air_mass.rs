@@ -1,8 +1,6 @@
 //! Biases that depend on the state: what is observed, and what methods are given.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Boundary, State};
 use isobar_obs::{

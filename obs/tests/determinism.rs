@@ -1,8 +1,6 @@
 //! The same seed gives the same bits; adding an instrument or a bias changes nothing else.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use isobar_model::{Boundary, Time};
 use isobar_obs::{
     BiasProcess, BiasScope, Evolution, InstrumentConfig, ObservationWindow, ObservingSystem, RadiosondeConfig,

@@ -1,8 +1,6 @@
 //! Every mistake in a configuration is an error that says where, what, and what would be right.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use isobar_model::{Boundary, Duration, Time};
 use isobar_obs::{
     AirMassBias, BiasProcess, BiasScope, InstrumentConfig, ObservationError, ObservedVariable, ObservingSystem,

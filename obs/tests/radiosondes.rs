@@ -1,8 +1,6 @@
 //! Networks of stations: what they report, with which errors and biases, and which reports are missing.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use isobar_model::{Boundary, State};
 use isobar_obs::{
     BiasProcess, BiasScope, Evolution, InitialBias, InstrumentConfig, ObservedVariable, Placement, RadiosondeConfig,

@@ -1,8 +1,6 @@
 //! Satellites: where their footprints are, what they average, and their scan-dependent biases.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use isobar_model::{Boundary, Grid, State};
 use isobar_obs::instrument::satellite::{HEIGHT_SIGMA_M, SCAN_BIAS_SIGMAS};
 use isobar_obs::{

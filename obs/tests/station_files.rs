@@ -1,8 +1,6 @@
 //! The station files that come with the program.
 
-mod common;
-
-use common::*;
+use crate::common::*;
 use isobar_model::{Boundary, Grid, Layout};
 use isobar_obs::{
     BiasProcess, BiasScope, InstrumentConfig, Position, Projection, RadiosondeConfig, StationBias, StationSource,

@@ -6,7 +6,7 @@ use crate::sink::SinkError;
 use crate::summary::{Failure, MethodScores, SmoothedScores};
 use isobar_assim::{Analysis, CommonFactor, Estimate, EstimatedParameter, Structure};
 use isobar_model::{Increment, State, Time};
-use isobar_obs::{BlockAngular, LinearOperator, ObservationWindow, RejectedObservation, Report, SparseRows};
+use isobar_obs::{Jacobian, LinearOperator, ObservationWindow, RejectedObservation, Report, SparseRows};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -225,7 +225,7 @@ impl Entry<'_> {
                     rejected: rejected.into_owned(),
                     // No sink asks what an estimate would have given.
                     operator: Arc::new(LinearOperator {
-                        jacobian: BlockAngular { state: SparseRows::new(), calibration: SparseRows::new() },
+                        jacobian: Jacobian { state: SparseRows::new(), calibration: SparseRows::new() },
                     }),
                 }))
             }

@@ -4,7 +4,6 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 /// A small scenario that uses most keys.
-#[allow(dead_code, reason = "not every test needs it")]
 pub const VALID: &str = include_str!("valid.toml");
 
 /// Runs the program in a directory.
@@ -20,7 +19,6 @@ pub fn text(bytes: &[u8]) -> String {
 }
 
 /// Line and column, from 1, of `part` in `text`.
-#[allow(dead_code, reason = "not every test needs it")]
 pub fn place(text: &str, part: &str) -> String {
     let start = text.find(part).unwrap_or_else(|| panic!("{part} is not in the scenario"));
     let line_start = text[..start].rfind('\n').map_or(0, |newline| newline + 1);

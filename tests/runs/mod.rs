@@ -5,7 +5,6 @@ use isobar::scenario::Scenario;
 use std::path::Path;
 
 /// All shipped scenarios but those that are too dear to run.
-#[allow(dead_code, reason = "not every test needs it")]
 pub fn scenarios() -> Vec<Scenario> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios");
     let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());

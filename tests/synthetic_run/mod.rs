@@ -1,5 +1,3 @@
-#![allow(dead_code, reason = "not every test needs all of it")]
-
 //! A made-up run for the sinks: a vortex drifts through a channel, and each method's errors shrink at its own pace.
 
 use indexmap::IndexMap;
@@ -13,7 +11,7 @@ use isobar_assim::{Analysis, CommonFactor, Estimate, Structure};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Boundary, Duration, Grid, Increment, Layout, Location, State, Time, Variable};
 use isobar_obs::{
-    BlockAngular, Calibration, LinearOperator, ObservationWindow, Parameter, Placement, Projection, Report, SparseRows,
+    Calibration, Jacobian, LinearOperator, ObservationWindow, Parameter, Placement, Projection, Report, SparseRows,
 };
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -217,7 +215,7 @@ fn vortex(info: &RunInfo, cycle: usize) -> State {
 fn observe(info: &RunInfo, cycle: usize, truth: &[State], calibration: &[Vec<f64>]) -> ObservationWindow {
     let grid = &info.layout.grid;
     let mut reports = Vec::new();
-    let mut jacobian = BlockAngular { state: SparseRows::new(), calibration: SparseRows::new() };
+    let mut jacobian = Jacobian { state: SparseRows::new(), calibration: SparseRows::new() };
     let mut add = |report: Report, bias: Vec<(usize, f64)>| {
         let location = info.layout.variables[report.variable].location;
         let Some(stencil) = grid.stencil(location, report.x_m, report.y_m) else { return };

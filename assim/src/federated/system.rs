@@ -1,7 +1,7 @@
 //! What one observing system reports.
 
 use isobar_model::State;
-use isobar_obs::{BlockAngular, ObservationOperator, ObservationWindow, SparseRows};
+use isobar_obs::{Jacobian, ObservationOperator, ObservationWindow, SparseRows};
 use std::sync::Arc;
 
 /// The rows of an operator that belong to one system, as functions of that system's biases alone.
@@ -33,7 +33,7 @@ impl ObservationOperator for SystemOperator {
         self.rows.iter().map(|&row| simulated[row]).collect()
     }
 
-    fn linearize(&self, x: &State, calibration: &[f64]) -> BlockAngular {
+    fn linearize(&self, x: &State, calibration: &[f64]) -> Jacobian {
         let whole = self.whole.linearize(x, &self.among_all(calibration));
         let (mut state, mut calibration) = (SparseRows::new(), SparseRows::new());
         for &row in &self.rows {
@@ -41,7 +41,7 @@ impl ObservationOperator for SystemOperator {
             let own = |&(number, weight): &(usize, f64)| Some((self.parameters.binary_search(&number).ok()?, weight));
             calibration.push_row(whole.calibration.row(row).iter().filter_map(own));
         }
-        BlockAngular { state, calibration }
+        Jacobian { state, calibration }
     }
 }
 

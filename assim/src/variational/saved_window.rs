@@ -4,7 +4,7 @@ use crate::calibrated_state::SavedCalibratedState;
 use crate::error::Error;
 use crate::saved::unfit;
 use isobar_model::{State, Time};
-use isobar_obs::{BlockAngular, LinearOperator, ObservationWindow, Report, SparseRows};
+use isobar_obs::{Jacobian, LinearOperator, ObservationWindow, Report, SparseRows};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -72,7 +72,7 @@ impl SavedWindow {
             rows.into_iter().for_each(|row| sparse.push_row(row));
             sparse
         };
-        let jacobian = BlockAngular { state: rows(self.state_rows), calibration: rows(self.calibration_rows) };
+        let jacobian = Jacobian { state: rows(self.state_rows), calibration: rows(self.calibration_rows) };
         Ok(ObservationWindow {
             time: Time::from_seconds(self.seconds),
             cycle: self.cycle,

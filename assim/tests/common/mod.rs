@@ -1,8 +1,5 @@
 //! A small linear model whose propagator is a given matrix, and random observations of it.
 
-// Each test uses a part of it.
-#![allow(dead_code)]
-
 use faer::Mat;
 use isobar_assim::covariance::{Covariance, Sum, White};
 use isobar_assim::ensemble::{EnsembleSettings, Inflation, InitialMembers, ModelErrorTreatment};
@@ -15,9 +12,7 @@ use isobar_model::{
     Adjoint, Boundary, Duration, Grid, Layout, Location, Model, ShallowWater, ShallowWaterParameters, State, Stepped,
     TangentLinear, Time, TimeScheme, Variable, VectorInvariant,
 };
-use isobar_obs::{
-    BlockAngular, Calibration, LinearOperator, ObservationWindow, Parameter, Placement, Report, SparseRows,
-};
+use isobar_obs::{Calibration, Jacobian, LinearOperator, ObservationWindow, Parameter, Placement, Report, SparseRows};
 use rand::RngExt;
 use std::sync::Arc;
 
@@ -226,7 +221,7 @@ pub fn window(problem: &Problem, count: usize, within_cell: bool, cycle: usize, 
         values,
         sigma: (0..count).map(|row| 0.5 + 0.1 * (row % 5) as f64).collect(),
         rejected: Vec::new(),
-        operator: Arc::new(LinearOperator { jacobian: BlockAngular { state, calibration } }),
+        operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
     }
 }
 

@@ -1,5 +1,4 @@
 //! What several tests set up alike.
-#![allow(dead_code)]
 
 use isobar_model::initial::{self, HeightPerturbation, JetConfig, RandomConfig};
 use isobar_model::random::stream;

@@ -1,5 +1,4 @@
 //! Domains, states and networks that several tests use.
-#![allow(dead_code)]
 
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Boundary, Duration, Grid, Layout, Location, State, Time, Variable};

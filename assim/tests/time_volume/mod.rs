@@ -1,10 +1,9 @@
 //! The moving time volume against the dense least-squares solution of all cycles at once.
 
-#[path = "../common/mod.rs"]
-mod common;
 mod whole;
 
-use common::{
+use self::whole::Whole;
+use crate::common::{
     DAY, WINDOW, calibration, constant, factor, problem, relative_difference, settings, volume_settings, window,
 };
 use faer::Mat;
@@ -14,9 +13,8 @@ use isobar_assim::fast_kalman::time_volume::{
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter};
 use isobar_assim::{Assimilator, BiasTreatment, Problem};
 use isobar_model::Duration;
-use isobar_obs::{BlockAngular, LinearOperator, ObservationWindow, SparseRows};
+use isobar_obs::{Jacobian, LinearOperator, ObservationWindow, SparseRows};
 use std::sync::Arc;
-use whole::Whole;
 
 fn windows(problem: &Problem, count: usize) -> Vec<ObservationWindow> {
     (1..=count).map(|cycle| window(problem, 30, false, cycle, 11)).collect()
@@ -129,7 +127,7 @@ fn with_the_prior_row_any_length_is_the_recursion() {
             let further = (0..2).map(|f| (3 + f, weight * shape.value(f, observed.time)));
             rows.push_row(entries.iter().copied().chain(further));
         }
-        let operator = Arc::new(LinearOperator { jacobian: BlockAngular { state: own.state, calibration: rows } });
+        let operator = Arc::new(LinearOperator { jacobian: Jacobian { state: own.state, calibration: rows } });
         ObservationWindow { operator, ..observed.clone() }
     };
     let wide: Vec<ObservationWindow> = windows.iter().map(with_columns).collect();

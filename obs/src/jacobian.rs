@@ -5,14 +5,14 @@ use crate::sparse::SparseRows;
 /// δy = X δx + G δc: the linearised observation operator. Each row touches few values of the state, which makes the
 /// system of all observations block-angular: blocks of the state, bordered by the calibration parameters they share.
 #[derive(Clone, Debug, PartialEq)]
-pub struct BlockAngular {
+pub struct Jacobian {
     /// X: derivatives with respect to the state, `[observation, variable-y-x index]`.
     pub state: SparseRows,
     /// G: derivatives with respect to the calibration, `[observation, parameter]`.
     pub calibration: SparseRows,
 }
 
-impl BlockAngular {
+impl Jacobian {
     /// Number of observations.
     pub fn rows(&self) -> usize {
         self.state.rows()

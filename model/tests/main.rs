@@ -1,0 +1,14 @@
+//! The tests of the crate, in one binary.
+
+mod advection;
+mod common;
+mod conservation;
+mod contracts;
+mod errors;
+mod initial;
+mod leapfrog;
+mod ncar_swm;
+mod phenomena;
+mod rows;
+mod stability;
+mod waves;

@@ -1,0 +1,10 @@
+//! The tests of the crate, in one binary.
+
+mod air_mass;
+mod common;
+mod determinism;
+mod errors;
+mod quality;
+mod radiosondes;
+mod satellites;
+mod station_files;

@@ -1,0 +1,36 @@
+//! The tests of the program, in one binary.
+
+mod agreement;
+mod air_mass;
+mod architecture;
+mod checkpoints;
+mod command_line;
+mod common;
+mod determinism;
+mod diagnostics;
+mod exact;
+mod failures;
+mod faults;
+mod file_errors;
+mod finished_runs;
+mod hostile_input;
+mod live;
+mod observations;
+mod outputs;
+mod profilers;
+mod published;
+mod recording;
+mod regression;
+mod report;
+mod runs;
+mod scenario_errors;
+mod scenario_mutations;
+mod seeds;
+mod sensors;
+mod sinks;
+mod smoothers;
+mod stability;
+mod sweep;
+mod synthetic_run;
+mod time_schemes;
+mod windows;
