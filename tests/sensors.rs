@@ -364,7 +364,7 @@ fn a_run_is_resumed_only_with_the_knowledge_it_began_with() {
     };
     let database = fs::read(parent.join("known.db")).unwrap();
     assert!(start("whole").wait().unwrap().success());
-    let whole = outputs::Outputs::of(&parent.join("whole/small"));
+    let whole = crate::outputs::Outputs::of(&parent.join("whole/small"));
     let mut resumed = 0;
     for wait in 0..40 {
         fs::write(parent.join("known.db"), &database).unwrap();
@@ -395,7 +395,7 @@ fn a_run_is_resumed_only_with_the_knowledge_it_began_with() {
         // With the same one, to the same bits.
         fs::write(parent.join("known.db"), &database).unwrap();
         assert!(succeeds(parent, &["resume", &run, "--quiet"]).contains("new records in"));
-        whole.assert_same(&outputs::Outputs::of(&parent.join(&run)), "resumed");
+        whole.assert_same(&crate::outputs::Outputs::of(&parent.join(&run)), "resumed");
         resumed += 1;
         if resumed == 3 {
             break;
