@@ -2,7 +2,7 @@
 
 use crate::correlations::Correlations;
 use crate::monitor::{Fault, Monitor};
-use crate::stability::{Stability, Watch, judge};
+use crate::scores::stability::{Stability, Watch, judge};
 use isobar_assim::response::Responder;
 use isobar_assim::{
     Analysis, Assimilator, Calibrated, CalibrationAccuracy, Error, Estimate, EstimatedParameter, Structure, Unknown,

@@ -1,7 +1,7 @@
 //! What happens during a run, as the sinks hear it.
 
 use crate::correlations::Correlations;
-use crate::summary::{Failure, MethodScores, SmoothedScores, Summary};
+use crate::scores::{Failure, Summary, Values};
 use isobar_assim::{Analysis, Estimate, EstimatedParameter, Structure};
 use isobar_model::{Duration, Layout, State, Time};
 use isobar_obs::{Calibration, ObservationWindow, Projection};
@@ -34,6 +34,13 @@ pub struct RunInfo {
     pub methods: Vec<MethodInfo>,
     /// The observing platforms with a fixed place.
     pub stations: Vec<StationInfo>,
+}
+
+impl RunInfo {
+    /// Names and UDUNITS units of the variables.
+    pub fn variables(&self) -> Vec<(&'static str, &'static str)> {
+        self.layout.variables.iter().map(|variable| (variable.name, variable.unit)).collect()
+    }
 }
 
 /// A method of the run.
@@ -125,7 +132,7 @@ pub struct Smoothed<'a> {
     /// The estimate.
     pub estimate: &'a Estimate,
     /// The scores of this cycle alone; empty if its truth is not known any more.
-    pub scores: &'a SmoothedScores,
+    pub scores: &'a Values,
 }
 
 /// A method's results in one cycle.
@@ -141,7 +148,7 @@ pub struct Analysed<'a> {
     /// The analysis.
     pub analysis: &'a Analysis,
     /// The scores of this cycle alone.
-    pub scores: &'a MethodScores,
+    pub scores: &'a Values,
     /// Blocks and common factors after the analysis, for a method that has them and if a sink shows them.
     pub structure: Option<&'a Structure>,
     /// What goes together with the error in the middle of the domain, for a method with a covariance in the last cycle and

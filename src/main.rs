@@ -4,9 +4,9 @@ use isobar::checkpoint;
 use isobar::cli::{self, RunOptions};
 use isobar::run::RunError;
 use isobar::scenario::Scenario;
+use isobar::scores::Summary;
 use isobar::sink::Sink;
 use isobar::sink::directory::working;
-use isobar::summary::Summary;
 use miette::{Report, miette};
 use std::process::ExitCode;
 

@@ -9,12 +9,11 @@ use crate::interrupt;
 use crate::reference::Reference;
 use crate::scenario::Scenario;
 use crate::scenario::text::clean;
+use crate::scores::kinds::{MEMORY, SECONDS};
+use crate::scores::{Failure, MethodScores, RunScores, Scorecard, Summary, TrueValues, Values};
 use crate::sensors::table;
 use crate::sensors::write_back::{self, SENSORS_FILE};
 use crate::sink::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
-use crate::smoothed::SmoothedScorecard;
-use crate::summary::{Failure, MethodScores, Summary};
-use crate::verify::{Scorecard, Scores, TrueValues};
 use isobar_model::ForecastError;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::path::{Path, PathBuf};
@@ -84,7 +83,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -
         listener.record(&event)
     };
     let totals = vec![Scorecard::default(); experiment.methods.len()];
-    let scores = Scores { totals, ..Scores::default() };
+    let scores = RunScores { totals, ..RunScores::default() };
     let mut progress = Progress { keeper: None, scores, cycle: 0 };
     if options.resume {
         progress = resume(&directory, &plan, &mut experiment, &mut tell)?;
@@ -130,8 +129,8 @@ struct Shown {
 struct Progress {
     /// Journal and checkpoints, if there shall be any.
     keeper: Option<Keeper>,
-    /// What it has come to so far.
-    scores: Scores,
+    /// The scores so far.
+    scores: RunScores,
     /// The last complete cycle.
     cycle: usize,
 }
@@ -201,7 +200,7 @@ fn note(keeper: &mut Option<Keeper>, tell: &mut Tell<'_>, event: Event<'_>) -> R
 fn one_cycle(
     experiment: &mut Experiment,
     cycle: usize,
-    scores: &mut Scores,
+    scores: &mut RunScores,
     workers: &ThreadPool,
     shown: Shown,
     send: &mut Tell<'_>,
@@ -245,28 +244,23 @@ fn one_cycle(
             time,
             background: &outcome.background,
             analysis: &outcome.analysis,
-            scores: &MethodScores {
-                seconds_per_cycle: outcome.seconds,
-                peak_memory_bytes: shown.memory.then_some(method.runner.peak_bytes),
-                ..own.scores(&info.layout)
-            },
+            scores: &with_cost(own.values(), outcome.seconds, shown.memory.then_some(method.runner.peak_bytes)),
             structure: shown.structure.then(structure).flatten().as_ref(),
             correlations: (shown.structure && cycle == info.cycles).then(correlations).flatten().as_ref(),
         }))?;
         for smoothed in &outcome.smoothed {
-            let (ago, lag) = (smoothed.cycles_ago, method.runner.smoother_lag().unwrap_or_default());
+            let (ago, truths) = (smoothed.cycles_ago, &scores.earlier_truths);
             let earlier = cycle - ago;
-            let truths = &scores.earlier_truths;
-            let own = SmoothedScorecard::of_cycle(truths, ago, &smoothed.estimate, lag, method.scores_bias);
-            if let Some(own) = own.as_ref().filter(|_| earlier >= *score_from_cycle) {
-                scores.totals[number].add_smoothed(own);
+            let own = Scorecard::of_smoothed(truths, ago, &smoothed.estimate, method.scores_bias).unwrap_or_default();
+            if earlier >= *score_from_cycle {
+                scores.totals[number].add(&own);
             }
             send(Event::Smoothed(Smoothed {
                 method: number,
                 cycle: earlier,
                 later_cycles: ago,
                 estimate: &smoothed.estimate,
-                scores: &own.map(|own| own.scores(&info.layout)).unwrap_or_default(),
+                scores: &own.values(),
             }))?;
         }
         let parameters = method.runner.parameters();
@@ -286,28 +280,29 @@ fn shown_factors(cycle: usize, cycles: usize) -> usize {
     if cycle == 1 || cycle == cycles || cycle.is_multiple_of(every) { FACTORS } else { 0 }
 }
 
+/// Adds the wall-clock seconds per cycle and, where it is known, the most memory held at one time \[bytes\].
+fn with_cost(mut values: Values, seconds: f64, bytes: Option<u64>) -> Values {
+    values.insert(SECONDS.into(), seconds);
+    values.extend(bytes.map(|bytes| (MEMORY.into(), bytes as f64)));
+    values
+}
+
 /// The scores of a run.
-fn summary(experiment: &Experiment, scores: &Scores, shown: Shown) -> Summary {
+fn summary(experiment: &Experiment, scores: &RunScores, shown: Shown) -> Summary {
     let Experiment { info, score_from_cycle, methods, variance_ratio, .. } = experiment;
     let methods = info.methods.iter().zip(&scores.totals).zip(methods).map(|((own, total), method)| {
         let cycles = method.failure.as_ref().map_or(info.cycles, |failure| failure.cycle);
-        let scores = MethodScores {
-            seconds_per_cycle: method.runner.seconds / cycles as f64,
-            peak_memory_bytes: shown.memory.then_some(method.runner.peak_bytes),
-            stability: match method.failure {
-                None => method.runner.stability(&info.calibration, &info.layout, *variance_ratio).ok(),
-                Some(_) => None,
+        let mut scores = match &method.failure {
+            None => MethodScores {
+                stability: method.runner.stability(&info.calibration, &info.layout, *variance_ratio).ok(),
+                smoother_lag_cycles: own.smoother_lag_cycles,
+                ..total.scores(&info.layout, &info.calibration)
             },
-            failure: method.failure.clone(),
             // Scores of fewer cycles could not be compared with those of the other methods.
-            ..match method.failure {
-                None => MethodScores {
-                    diagnostics: Some(total.diagnostics(&info.layout, &info.calibration)),
-                    ..total.scores(&info.layout)
-                },
-                Some(_) => MethodScores::default(),
-            }
+            Some(failure) => MethodScores { failure: Some(failure.clone()), ..MethodScores::default() },
         };
+        let seconds = method.runner.seconds / cycles as f64;
+        scores.values = with_cost(scores.values, seconds, shown.memory.then_some(method.runner.peak_bytes));
         (own.name.clone(), scores)
     });
     Summary {

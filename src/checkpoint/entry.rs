@@ -2,8 +2,8 @@
 
 use crate::correlations::Correlations;
 use crate::event::{Analysed, Estimated, Event, RunInfo, Smoothed};
+use crate::scores::{Failure, Values};
 use crate::sink::SinkError;
-use crate::summary::{Failure, MethodScores, SmoothedScores};
 use isobar_assim::{Analysis, CommonFactor, Estimate, EstimatedParameter, Structure};
 use isobar_model::{Increment, State, Time};
 use isobar_obs::{Jacobian, LinearOperator, ObservationWindow, RejectedObservation, Report, SparseRows};
@@ -41,7 +41,7 @@ pub(super) enum Entry<'a> {
         background_departures: Numbers<'a>,
         analysis_departures: Numbers<'a>,
         innovation_chi2: Option<f64>,
-        scores: Cow<'a, MethodScores>,
+        scores: Cow<'a, Values>,
         structure: Option<StructureEntry<'a>>,
         correlations: Option<Cow<'a, Correlations>>,
     },
@@ -61,7 +61,7 @@ pub(super) enum Entry<'a> {
         cycle: usize,
         later_cycles: usize,
         estimate: EstimateEntry<'a>,
-        scores: Cow<'a, SmoothedScores>,
+        scores: Cow<'a, Values>,
     },
 }
 
@@ -261,7 +261,7 @@ impl Entry<'_> {
                         background_departures: background_departures.into_owned(),
                         analysis_departures: analysis_departures.into_owned(),
                         innovation_chi2,
-                        // It is part of the scores.
+                        // No sink shows the partition of a single cycle.
                         partition: None,
                     },
                     scores: &scores,

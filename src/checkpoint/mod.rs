@@ -24,10 +24,8 @@ use crate::cycle::SavedRunner;
 use crate::experiment::{Competitor, Experiment};
 use crate::reference::Reference;
 use crate::scenario::text::clean;
-use crate::smoothed::EarlierTruths;
-use crate::summary::{Failure, ObservationCounts};
+use crate::scores::{EarlierTruths, Failure, ObservationCounts, RunScores, Scorecard};
 use crate::truth::SavedTruth;
-use crate::verify::{Scorecard, Scores};
 use isobar_obs::SavedSystem;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -74,7 +72,7 @@ impl Checkpoint {
         cycle: usize,
         journal_bytes: u64,
         experiment: &mut Experiment,
-        scores: &Scores,
+        scores: &RunScores,
     ) -> Result<(Self, Vec<Vec<u8>>), isobar_assim::Error> {
         let mut memories = Vec::new();
         let mut methods = Vec::new();
@@ -104,7 +102,7 @@ impl Checkpoint {
     ///
     /// # Errors
     /// In words, if it is the state of another experiment.
-    pub fn restore(self, memories: &[Vec<u8>], experiment: &mut Experiment) -> Result<Scores, String> {
+    pub fn restore(self, memories: &[Vec<u8>], experiment: &mut Experiment) -> Result<RunScores, String> {
         let count = experiment.methods.len();
         let fits = self.observing.cycle() == self.cycle && (1..=experiment.info.cycles).contains(&self.cycle);
         let fits = fits && self.methods.len() == count && memories.len() == count;
@@ -131,7 +129,7 @@ impl Checkpoint {
             competitor.failure = saved.failure;
             totals.push(saved.total);
         }
-        Ok(Scores { totals, observations: self.observations, earlier_truths: self.earlier_truths })
+        Ok(RunScores { totals, observations: self.observations, earlier_truths: self.earlier_truths })
     }
 }
 

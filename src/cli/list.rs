@@ -3,7 +3,7 @@
 use super::{lookup, print, show};
 use crate::scenario::Scenario;
 use crate::scenario::text::listed;
-use crate::table::plain;
+use crate::tables::{Cell, Table};
 use miette::{Report, miette};
 use std::process::ExitCode;
 
@@ -22,12 +22,12 @@ pub fn list() -> Result<ExitCode, Report> {
             Ok(scenario) => {
                 let grid = format!("{} × {}", scenario.grid.grid.nx, scenario.grid.grid.ny);
                 let methods = methods(&scenario);
-                rows.push(vec![scenario.name, scenario.title, grid, methods]);
+                rows.push([scenario.name, scenario.title, grid, methods].map(Cell::from).into());
             }
             Err(error) => faults.push(Report::from(error)),
         }
     }
-    print(&plain(&["scenario", "title", "grid", "methods"], rows))?;
+    print(&Table::new(&["scenario", "title", "grid", "methods"], rows).terminal())?;
     faults.iter().for_each(show);
     Ok(if faults.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -4,8 +4,8 @@ use super::arguments::RegressArguments;
 use super::{RunOptions, Runner, lookup, print, show};
 use crate::interrupt;
 use crate::progress::Progress;
-use crate::scenario::{Expected, Scenario, accept};
-use crate::table::Comparison;
+use crate::scenario::{Scenario, accept};
+use crate::scores::{Expected, Regression};
 use miette::{IntoDiagnostic, Report, miette};
 use std::process::ExitCode;
 
@@ -42,9 +42,10 @@ fn all() -> Result<Vec<Scenario>, Report> {
     let mut scenarios = Vec::new();
     for path in lookup::all()? {
         let scenario = Scenario::load(&path)?;
-        match scenario.regression {
-            true => scenarios.push(scenario),
-            false => print(&format!("{}: not run (regression = false)", scenario.name))?,
+        if scenario.regression {
+            scenarios.push(scenario);
+        } else {
+            print(&format!("{}: not run (regression = false)", scenario.name))?;
         }
     }
     Ok(scenarios)
@@ -58,10 +59,10 @@ fn regress_one(scenario: &Scenario, arguments: &RegressArguments, runner: &Runne
     let mut progress = Progress::new(arguments.quiet);
     let summary = runner(scenario, &options, &mut progress)?;
     drop(progress);
-    let comparison = Comparison::new(&scenario.expected, &summary);
-    print(&format!("{}: {}", scenario.name, comparison.describe()))?;
+    let regression = Regression::new(&scenario.expected, &summary);
+    print(&format!("{}: {}", scenario.name, regression.describe()))?;
     if !arguments.accept {
-        return Ok(comparison.passed());
+        return Ok(regression.passed());
     }
     if let Some((name, failure)) = summary.failures().next() {
         return Err(miette!(
@@ -78,13 +79,13 @@ fn regress_one(scenario: &Scenario, arguments: &RegressArguments, runner: &Runne
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scores::{MethodScores, Summary};
     use crate::sink::Sink;
-    use crate::summary::{MethodScores, Summary};
 
     fn runner(h: f64) -> impl Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, Report> + Sync {
         move |scenario, _, _| {
             let mut scores = MethodScores::default();
-            scores.rmse_analysis.insert("h".into(), h);
+            scores.values.insert("rmse_analysis.h".into(), h);
             Ok(Summary {
                 scenario: scenario.name.clone(),
                 seed: scenario.seed,

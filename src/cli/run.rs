@@ -9,7 +9,7 @@ use crate::scenario::Scenario;
 use crate::scenario::text::{clean, listed, nearest};
 use crate::sensors::write_back::{self, SENSORS_FILE};
 use crate::sink::Outputs;
-use crate::table;
+use crate::tables;
 use miette::{Report, miette};
 use std::collections::HashMap;
 use std::process::ExitCode;
@@ -51,7 +51,7 @@ pub(super) fn run_one(
     let mut progress = Progress::new(quiet);
     let summary = runner(scenario, options, &mut progress)?;
     drop(progress);
-    let scores = table::scores(&summary, scenario.model.variables());
+    let scores = tables::scores::on_terminal(&summary, scenario.model.variables());
     print(&format!("{}: {}\n\n{scores}\n", scenario.name, scenario.title))?;
     print(&files(scenario, options, no_rerun))?;
     write_sensors(scenario, options)?;

@@ -7,8 +7,7 @@ use crate::scenario::Scenario;
 use crate::scenario::text::clean;
 use crate::seeds::{BatchKind, BatchPlan, SeedsSummary, interrupted, run_all};
 use crate::sink::report::REPORT_FILE;
-use crate::sink::report::tables::Table;
-use crate::table;
+use crate::tables::Table;
 use miette::{IntoDiagnostic, Report, miette};
 use std::fs;
 
@@ -88,7 +87,7 @@ pub fn run(
 fn text(summary: &SeedsSummary, scenario: &Scenario) -> String {
     let variables = scenario.model.variables();
     let (count, against) = (summary.seeds.len(), &summary.against);
-    let tables = |tables: Vec<Table>| tables.iter().map(plain).collect::<Vec<_>>().join("\n\n");
+    let tables = |tables: Vec<Table>| tables.iter().map(Table::terminal).collect::<Vec<_>>().join("\n\n");
     let mut text = format!(
         "{}: {}\n\nMean over {count} seeds ± half the width of its 95 % interval, cycles {} to {}\n{}\n",
         scenario.name,
@@ -110,17 +109,11 @@ fn text(summary: &SeedsSummary, scenario: &Scenario) -> String {
     text
 }
 
-fn plain(table: &Table) -> String {
-    let header: Vec<&str> = table.header.iter().map(String::as_str).collect();
-    let rows = table.rows.iter().map(|row| row.iter().map(|cell| cell.text.clone()).collect());
-    table::plain(&header, rows.collect())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scores::{MethodScores, Summary};
     use crate::sink::Sink;
-    use crate::summary::{MethodScores, Summary};
     use std::path::Path;
 
     /// A runner that fails for some seeds.
@@ -133,7 +126,7 @@ mod tests {
                 return Err(miette!("cycle 3, method fkf: it went wrong"));
             }
             let mut scores = MethodScores::default();
-            scores.rmse_analysis.insert("h".into(), seed as f64);
+            scores.values.insert("rmse_analysis.h".into(), seed as f64);
             Ok(Summary {
                 scenario: scenario.name.clone(),
                 seed,

@@ -3,11 +3,11 @@
 pub mod recording;
 mod scores;
 
-pub use scores::{CycleScores, MethodSeries, Scores};
+pub use scores::{MethodSeries, Scores};
 
 use crate::scenario::text::clean;
+use crate::scores::Summary;
 use crate::sink::directory::SUMMARY_FILE;
-use crate::summary::Summary;
 use miette::Diagnostic;
 use std::fs;
 use std::path::{Path, PathBuf};

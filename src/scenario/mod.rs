@@ -28,13 +28,13 @@ mod sweep;
 pub(crate) mod text;
 mod time_volume;
 
+pub use crate::scores::Expected;
 pub use accept::{AcceptError, accept, with_expected};
 pub use adapt::Adapt;
 pub use bias::{Bias, BiasEvolution, BiasOwner, InitialBias, RadiosondeBias, SatelliteBias, ScanTerm};
 pub use covariance::CovarianceComponent;
 pub use cycle::{CycleSettings, OutputSettings, TruthSettings};
 pub use error::ScenarioError;
-pub use expected::{Expected, ExpectedScores};
 pub use grid::GridSettings;
 pub use initial::Initial;
 pub use initialise::Initialise;

@@ -5,9 +5,10 @@ use crate::interrupt;
 use crate::progress::SeedsProgress;
 use crate::saved::SavedRun;
 use crate::scenario::Scenario;
+use crate::scores::Summary;
+use crate::scores::kinds::MEMORY;
 use crate::sink::directory::SUMMARY_FILE;
 use crate::sink::{Sink, SinkError};
-use crate::summary::Summary;
 use miette::{IntoDiagnostic, Report};
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
@@ -192,7 +193,7 @@ fn schedule(jobs: &[Job<'_>], options: &RunOptions, left: usize, run: &Run<'_>) 
     Ok(Schedule { at_once, threads_each: (threads / at_once).max(1) })
 }
 
-/// The memory that a run takes, from its first cycles; `None` if they fail, of which the run itself will tell.
+/// The memory that a run takes \[bytes\], from its first cycles; `None` if they fail, which the run itself will report.
 fn trial(job: &Job<'_>, options: &RunOptions, run: &Run<'_>, directory: &Path) -> Option<u64> {
     let cycles = options.cycles.unwrap_or(job.scenario.cycle.count).min(TRIAL_CYCLES);
     let out = directory.join("trial");
@@ -200,8 +201,8 @@ fn trial(job: &Job<'_>, options: &RunOptions, run: &Run<'_>, directory: &Path) -
     let RunOptions { methods, threads, concurrent, .. } = options.clone();
     let options = RunOptions { methods, cycles, seed, threads, concurrent, ..RunOptions::new(out) };
     let summary = run(job.scenario, &options, &mut Nobody).ok()?;
-    let of_methods: u64 = summary.methods.values().filter_map(|scores| scores.peak_memory_bytes).sum();
-    Some(of_methods + OTHER_BYTES)
+    let of_methods: f64 = summary.methods.values().filter_map(|scores| scores.values.get(MEMORY)).sum();
+    Some(of_methods as u64 + OTHER_BYTES)
 }
 
 /// How many of the wanted runs of a size fit; at least one.

@@ -2,8 +2,8 @@
 
 use crate::event::RunInfo;
 use crate::plot::{number, unit};
+use crate::scores::Summary;
 use crate::sink::scores::utc;
-use crate::summary::Summary;
 use isobar_model::{Boundary, Duration};
 use toml::{Table, Value};
 
