@@ -1,11 +1,11 @@
 //! `isobar sensors`.
 
 use super::print;
+use crate::calendar::utc;
 use crate::scenario::text::{clean, listed, nearest, printable};
 use crate::sensors::database::Missing;
 use crate::sensors::record::Key;
 use crate::sensors::{Database, Record, Records, SensorError, table};
-use crate::sink::scores::utc;
 use clap::Subcommand;
 use miette::{Report, miette};
 use std::path::{Path, PathBuf};

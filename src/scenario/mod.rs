@@ -32,7 +32,7 @@ pub use accept::{AcceptError, accept, with_expected};
 pub use adapt::Adapt;
 pub use bias::{Bias, BiasEvolution, BiasOwner, InitialBias, RadiosondeBias, SatelliteBias, ScanTerm};
 pub use covariance::CovarianceComponent;
-pub use cycle::{CycleSettings, OutputSettings, TruthSettings};
+pub use cycle::{CycleSettings, TruthSettings};
 pub use error::ScenarioError;
 pub use expected::{Expected, ExpectedScores};
 pub use grid::GridSettings;
@@ -48,6 +48,8 @@ pub use sensors::{SensorSettings, StabilitySettings};
 pub use sweep::SweepSettings;
 pub use time_volume::{Correction, CorrectionSettings, FactorSettings, FactorTarget, TimeVolumeOptions};
 
+use crate::calendar;
+use crate::sink::Outputs;
 use error::SourceFile;
 use indexmap::IndexMap;
 use isobar_model::Time;
@@ -110,7 +112,7 @@ pub struct Scenario {
     /// When a bias is adjusted.
     pub stability: StabilitySettings,
     /// What is written.
-    pub output: OutputSettings,
+    pub outputs: Outputs,
     /// Whether it is run for regression with all others; a scenario that is too dear says no.
     pub regression: bool,
     /// The accepted scores.
@@ -187,7 +189,7 @@ impl Scenario {
         let sensors = sensors::read(&root, &methods)?;
         let influence_every_cycles = cycle::read_diagnostics(&root)?;
         let sweep = sweep::read(&root, &model)?;
-        let output = cycle::read_output(&root)?;
+        let outputs = cycle::read_output(&root)?;
         let regression = root.yes_or_no_or("regression", true)?;
         let expected = expected::read(&root, &methods, &model)?;
         Ok(Self {
@@ -214,7 +216,7 @@ impl Scenario {
             sweep,
             sensors,
             stability,
-            output,
+            outputs,
             regression,
             expected,
         })
@@ -259,10 +261,8 @@ fn time(field: &Field<'_>) -> Read<Time> {
         DeValue::Datetime(time) => time.to_string(),
         _ => return Err(field.invalid(format!("`{}` is not a time", field.title()), wanted)),
     };
-    let timestamp: Option<jiff::Timestamp> = text.parse().ok();
     let range = -2_208_988_800..7_258_118_400;
-    match timestamp.filter(|time| time.subsec_nanosecond() == 0 && range.contains(&time.as_second())) {
-        Some(time) => Ok(Time::from_seconds(time.as_second())),
-        None => Err(field.invalid(format!("`{}` cannot be \"{}\"", field.title(), text::clean(&text)), wanted)),
-    }
+    calendar::parse(&text)
+        .filter(|time| range.contains(&time.seconds()))
+        .ok_or_else(|| field.invalid(format!("`{}` cannot be \"{}\"", field.title(), text::clean(&text)), wanted))
 }
