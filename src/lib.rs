@@ -7,36 +7,39 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`scenario`] | reads and checks an experiment's file |
+//! | [`kinds`] | what a scenario chooses by name: methods, models, initial states, covariances |
 //! | [`experiment`] | builds model, truth, observing system and methods from it |
-//! | [`truth`] | the true world |
-//! | [`mod@reference`] | what quality control compares observations with |
-//! | [`cycle`] | one cycle of one method |
-//! | [`monitor`] | whether its result can be believed in |
-//! | [`scores`] | the only place where truth and estimate meet; the list of all scores, and what they come to |
-//! | [`run`] | the loop over cycles |
-//! | [`checkpoint`], [`interrupt`] | how a run ends before its time, and goes on |
-//! | [`event`], [`sink`] | what happens, and the files that it is written to |
+//! | [`options`] | what the user changes in a run |
+//! | [`run`] | the loop over cycles: the true world, its observations, each method, the scores |
+//! | [`outcome`] | the result of one cycle of one method |
+//! | [`scores`] | the list of all scores; the only place where truth and estimate meet |
+//! | [`checkpoint`], [`interrupt`] | how a run is interrupted and resumed |
+//! | [`event`], [`sink`] | the events of a run, and the files that they are written to |
+//! | [`tables`] | tables of scores, for terminal, page and viewer |
 //! | [`plot`] | curves and maps, as these files hold them |
 //! | [`sensors`] | what is known of each sensor, from run to run |
 //! | [`mod@exact`] | the exact performance of linear methods in a linear world |
 //! | [`seeds`], [`sweep`] | the same experiment over several seeds, and over several settings |
 //! | [`saved`], [`comparison`] | complete runs, read back and compared |
-//! | [`tables`] | tables of all this, for terminal, page and viewer |
 //! | [`cli`], [`progress`] | the command line |
+//! | [`calendar`], [`memory`] | times as text, and how much memory work takes |
 
+pub mod calendar;
 pub mod checkpoint;
 pub mod cli;
 pub mod comparison;
 pub mod correlations;
-pub mod cycle;
 pub mod event;
 pub mod exact;
 pub mod experiment;
 pub mod interrupt;
-pub mod monitor;
+pub mod kinds;
+pub mod memory;
+pub mod options;
+pub mod outcome;
 pub mod plot;
 pub mod progress;
-pub mod reference;
+mod reader;
 pub mod run;
 pub mod saved;
 pub mod scenario;
@@ -46,7 +49,7 @@ pub mod sensors;
 pub mod sink;
 pub mod sweep;
 pub mod tables;
-pub mod truth;
+mod text;
 
 /// The version, as files say it.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");

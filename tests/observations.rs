@@ -43,8 +43,8 @@ fn five_percent_of_gross_errors_cost_less_than_a_tenth() {
         for (score, rmse) in scores.values.iter().filter(|(score, _)| score.starts_with("rmse_analysis")) {
             let ratio = |other: &Summary| other.methods[name].values[score] / rmse;
             let (with, without) = (ratio(&checked), ratio(&unchecked));
-            println!("{name} {variable}: {with:.3} times the clean error, {without:.2} without the check");
-            assert!(with <= 1.1, "{name} {variable}: {with}");
+            println!("{name} {score}: {with:.3} times the clean error, {without:.2} without the check");
+            assert!(with <= 1.1, "{name} {score}: {with}");
             worst = worst.max(without);
         }
     }

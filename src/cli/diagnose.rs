@@ -2,8 +2,8 @@
 
 use super::print;
 use crate::saved::SavedRun;
-use crate::scenario::text::clean;
 use crate::tables::diagnostics::all;
+use crate::text::clean;
 use miette::{Report, miette};
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -1,14 +1,54 @@
 //! `isobar list`.
 
+use super::arguments::ListArguments;
 use super::{lookup, print, show};
+use crate::kinds::reference::{self, KeyReference, Reference};
 use crate::scenario::Scenario;
-use crate::scenario::text::listed;
 use crate::tables::{Cell, Table};
+use crate::text::{clean, listed, nearest};
 use miette::{Report, miette};
 use std::process::ExitCode;
 
+/// Lists the kinds that a scenario may choose from, the keys of one of them, or the scenarios.
+pub fn list(arguments: &ListArguments) -> Result<ExitCode, Report> {
+    for reference in reference::all() {
+        let chosen = match reference.option {
+            "covariances" => &arguments.covariances,
+            option => unreachable!("--{option} is no option"),
+        };
+        if let Some(kind) = chosen {
+            print(&kinds(&reference, kind.as_deref())?)?;
+            return Ok(ExitCode::SUCCESS);
+        }
+    }
+    scenarios()
+}
+
+/// All kinds of a list with a line about each, or the keys of one.
+fn kinds(reference: &Reference, name: Option<&str>) -> Result<String, Report> {
+    let all = &reference.kinds;
+    let Some(name) = name else {
+        let rows = all.iter().map(|kind| [kind.name, kind.about].map(Cell::from).into());
+        return Ok(Table::new(&["kind", "what it is"], rows.collect()).terminal());
+    };
+    let Some(kind) = all.iter().find(|kind| kind.name == name) else {
+        let names = || all.iter().map(|kind| kind.name);
+        let near = nearest(name, names()).map_or(String::new(), |near| format!("did you mean `{near}`?\n"));
+        let help = format!("{near}there are: {}", listed(names()));
+        return Err(miette!(help = help, "there is no kind `{}` of {}", clean(name), reference.title.to_lowercase()));
+    };
+    let row = |KeyReference { name, unit, allowed, default, meaning }: &KeyReference| {
+        [name, unit, allowed.as_str(), default.as_str(), meaning].map(Cell::from).into()
+    };
+    let keys = Table::new(&["key", "unit", "value", "default", "meaning"], kind.keys.iter().map(row).collect());
+    Ok(match keys.filled() {
+        None => format!("{}. It has no keys.", kind.about),
+        Some(keys) => format!("{}\n\n{}", kind.about, keys.terminal()),
+    })
+}
+
 /// Lists the scenarios in ./scenarios; those that are not valid are reported after the list.
-pub fn list() -> Result<ExitCode, Report> {
+fn scenarios() -> Result<ExitCode, Report> {
     let (mut rows, mut faults) = (Vec::new(), Vec::new());
     let paths = lookup::all()?;
     if paths.is_empty() {

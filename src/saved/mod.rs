@@ -5,9 +5,9 @@ mod scores;
 
 pub use scores::{MethodSeries, Scores};
 
-use crate::scenario::text::clean;
 use crate::scores::Summary;
 use crate::sink::directory::SUMMARY_FILE;
+use crate::text::clean;
 use miette::Diagnostic;
 use std::fs;
 use std::path::{Path, PathBuf};

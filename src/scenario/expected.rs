@@ -2,7 +2,7 @@
 
 use super::method::Method;
 use super::model::ModelSettings;
-use super::reader::{Limits, Read, Section};
+use crate::reader::{Limits, Read, Section};
 use crate::scores::expected::TOLERANCE_KEY;
 use crate::scores::{Expected, SCORES, Values};
 use indexmap::IndexMap;

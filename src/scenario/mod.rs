@@ -6,15 +6,12 @@
 mod accept;
 mod adapt;
 mod bias;
-mod covariance;
 mod cycle;
 mod ensemble_method;
-mod error;
 mod expected;
 mod fast_kalman;
 mod fault;
 mod federated;
-mod fields;
 mod grid;
 mod initial;
 mod initialise;
@@ -22,19 +19,16 @@ mod method;
 mod model;
 mod network;
 mod quality;
-mod reader;
 mod sensors;
 mod sweep;
-pub(crate) mod text;
 mod time_volume;
 
+pub use crate::reader::ScenarioError;
 pub use crate::scores::Expected;
 pub use accept::{AcceptError, accept, with_expected};
 pub use adapt::Adapt;
 pub use bias::{Bias, BiasEvolution, BiasOwner, InitialBias, RadiosondeBias, SatelliteBias, ScanTerm};
-pub use covariance::CovarianceComponent;
-pub use cycle::{CycleSettings, OutputSettings, TruthSettings};
-pub use error::ScenarioError;
+pub use cycle::{CycleSettings, TruthSettings};
 pub use grid::GridSettings;
 pub use initial::Initial;
 pub use initialise::Initialise;
@@ -48,11 +42,15 @@ pub use sensors::{SensorSettings, StabilitySettings};
 pub use sweep::SweepSettings;
 pub use time_volume::{Correction, CorrectionSettings, FactorSettings, FactorTarget, TimeVolumeOptions};
 
-use error::SourceFile;
+use crate::calendar;
+use crate::kinds::Domain;
+use crate::kinds::covariances::{self, Components};
+use crate::reader::{self, Field, Read, Section, SourceFile};
+use crate::sink::Outputs;
+use crate::text;
 use indexmap::IndexMap;
 use isobar_model::Time;
 use isobar_obs::QualityControl;
-use reader::{Field, Read, Section};
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use toml::de::DeValue;
@@ -61,7 +59,7 @@ use toml::de::DeValue;
 const LARGEST_FILE: u64 = 1_000_000;
 
 /// An experiment, as its file describes it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Scenario {
     /// The file's stem.
     pub name: String,
@@ -86,9 +84,9 @@ pub struct Scenario {
     /// The first background.
     pub initial: Initial,
     /// B: covariance of the truth's deviation from the first background, and static covariance of 3D-Var.
-    pub background_error: Vec<CovarianceComponent>,
+    pub background_error: Components,
     /// Q: covariance of the error that the model makes in one cycle; empty for a perfect model.
-    pub model_error: Vec<CovarianceComponent>,
+    pub model_error: Components,
     /// How the true world differs from that.
     pub truth: TruthSettings,
     /// The cycles.
@@ -110,7 +108,7 @@ pub struct Scenario {
     /// When a bias is adjusted.
     pub stability: StabilitySettings,
     /// What is written.
-    pub output: OutputSettings,
+    pub outputs: Outputs,
     /// Whether it is run for regression with all others; a scenario that is too dear says no.
     pub regression: bool,
     /// The accepted scores.
@@ -162,10 +160,10 @@ impl Scenario {
         let model_field = root.required("model")?;
         let model = model::read(&model_field, &grid.grid)?;
         let initial = initial::read(&root.required("initial")?, &model, &grid.grid)?;
-        let background_error = covariance::read(&root.required("background_error")?, &model, &grid.grid)?;
-        let model_error = root
-            .optional("model_error")
-            .map_or(Ok(Vec::new()), |field| covariance::read(&field, &model, &grid.grid))?;
+        let domain = Domain { grid: grid.grid.clone(), model: model.clone() };
+        let background_error = covariances::read(&root.required("background_error")?, &domain)?;
+        let model_error =
+            root.optional("model_error").map_or(Ok(Vec::new()), |field| covariances::read(&field, &domain))?;
         let truth = cycle::read_truth(&root, &model_field, &model, &grid.grid)?;
         let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", truth.model.time_step)];
         let cycle = cycle::read(&root, start, &steps)?;
@@ -187,7 +185,7 @@ impl Scenario {
         let sensors = sensors::read(&root, &methods)?;
         let influence_every_cycles = cycle::read_diagnostics(&root)?;
         let sweep = sweep::read(&root, &model)?;
-        let output = cycle::read_output(&root)?;
+        let outputs = cycle::read_output(&root)?;
         let regression = root.yes_or_no_or("regression", true)?;
         let expected = expected::read(&root, &methods, &model)?;
         Ok(Self {
@@ -214,7 +212,7 @@ impl Scenario {
             sweep,
             sensors,
             stability,
-            output,
+            outputs,
             regression,
             expected,
         })
@@ -259,10 +257,8 @@ fn time(field: &Field<'_>) -> Read<Time> {
         DeValue::Datetime(time) => time.to_string(),
         _ => return Err(field.invalid(format!("`{}` is not a time", field.title()), wanted)),
     };
-    let timestamp: Option<jiff::Timestamp> = text.parse().ok();
     let range = -2_208_988_800..7_258_118_400;
-    match timestamp.filter(|time| time.subsec_nanosecond() == 0 && range.contains(&time.as_second())) {
-        Some(time) => Ok(Time::from_seconds(time.as_second())),
-        None => Err(field.invalid(format!("`{}` cannot be \"{}\"", field.title(), text::clean(&text)), wanted)),
-    }
+    calendar::parse(&text)
+        .filter(|time| range.contains(&time.seconds()))
+        .ok_or_else(|| field.invalid(format!("`{}` cannot be \"{}\"", field.title(), text::clean(&text)), wanted))
 }

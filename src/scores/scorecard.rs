@@ -5,7 +5,7 @@ use super::kinds::{Better, Measure, SCORES, ScoreKind, kind};
 use super::measures::{Sum, Verified};
 use super::summary::{Intervals, MethodScores, ObservationCounts};
 use super::truths::{EarlierTruths, TrueValues};
-use crate::cycle::Outcome;
+use crate::outcome::Outcome;
 use crate::scores::diagnostics::DiagnosticSums;
 use crate::scores::statistics::{mean, root_interval};
 use indexmap::IndexMap;

@@ -1,6 +1,5 @@
 //! A made-up run for the sinks: a vortex drifts through a channel, and each method's errors shrink at its own pace.
 
-use indexmap::IndexMap;
 use isobar::correlations::Correlations;
 use isobar::event::{Analysed, Event, MethodInfo, RunInfo, StationInfo};
 use isobar::scores::stability::{ParameterStability, Stability};

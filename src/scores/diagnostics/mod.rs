@@ -13,7 +13,7 @@ pub use normal::{crps, probability_below};
 pub use observations::ObservationDiagnostics;
 pub use state::{BINS, StateDiagnostics};
 
-use crate::cycle::{Influence, Outcome};
+use crate::outcome::{Influence, Outcome};
 use crate::scores::PerVariable;
 use crate::scores::TrueValues;
 use crate::scores::statistics::{self, Interval};

@@ -1,9 +1,9 @@
 //! What was run, in short: from the run's facts, and from the scenario's text where they do not tell.
 
+use crate::calendar::utc;
 use crate::event::RunInfo;
 use crate::plot::{number, unit};
 use crate::scores::Summary;
-use crate::sink::scores::utc;
 use isobar_model::{Boundary, Duration};
 use toml::{Table, Value};
 

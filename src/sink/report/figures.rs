@@ -2,13 +2,13 @@
 
 use super::history::{Cycle, History, MethodCycle, ParameterHistory};
 use super::reliability::{Reliability, normal_density};
+use crate::calendar::utc;
 use crate::event::{MethodInfo, RunInfo};
 use crate::plot::colors::of_method_on_paper;
 use crate::plot::range::quantile;
 use crate::plot::{Curve, CurvePlot, Dash, unit};
 use crate::scores::{Better, Line, MethodScores, Part, SCORES, Score, ScoreKind, Summary};
 use crate::sink::netcdf::coordinates::safe_name;
-use crate::sink::scores::utc;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
