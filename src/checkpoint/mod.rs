@@ -21,14 +21,14 @@ pub use keeper::Keeper;
 pub use plan::{Plan, PlannedRun};
 
 use crate::experiment::{Competitor, Experiment};
-use crate::run::cycle::SavedRunner;
-use crate::run::reference::Reference;
+use crate::run::cycle::Progress;
 use crate::run::truth::SavedTruth;
 use crate::scenario::text::clean;
 use crate::sink::directory::checkpoints;
 use crate::smoothed::EarlierTruths;
 use crate::summary::{Failure, ObservationCounts};
 use crate::verify::{Scorecard, Scores};
+use isobar_model::State;
 use isobar_obs::SavedSystem;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -43,7 +43,7 @@ pub struct Checkpoint {
     /// Length of the journal then \[bytes\].
     pub journal_bytes: u64,
     truth: SavedTruth,
-    reference: Option<Vec<f64>>,
+    reference: Option<State>,
     observing: SavedSystem,
     observations: ObservationCounts,
     earlier_truths: EarlierTruths,
@@ -54,7 +54,7 @@ pub struct Checkpoint {
 #[derive(Debug, Serialize, Deserialize)]
 struct SavedCompetitor {
     /// `None` once it has failed.
-    runner: Option<SavedRunner>,
+    progress: Option<Progress>,
     failure: Option<Failure>,
     total: Scorecard,
 }
@@ -71,19 +71,16 @@ impl Checkpoint {
         let mut memories = Vec::new();
         let mut methods = Vec::new();
         for (Competitor { runner, failure, .. }, total) in experiment.methods.iter().zip(&scores.totals) {
-            let (memory, saved) = match failure {
-                None => runner.save().map(|(memory, saved)| (memory, Some(saved)))?,
-                Some(_) => (Vec::new(), None),
-            };
-            memories.push(memory);
-            methods.push(SavedCompetitor { runner: saved, failure: failure.clone(), total: total.clone() });
+            let progress = failure.is_none().then(|| runner.progress().clone());
+            memories.push(if failure.is_none() { runner.save()? } else { Vec::new() });
+            methods.push(SavedCompetitor { progress, failure: failure.clone(), total: total.clone() });
         }
         let checkpoint = Self {
             plan: plan.clone(),
             cycle,
             journal_bytes,
             truth: experiment.truth.save(),
-            reference: experiment.reference.as_ref().map(Reference::save),
+            reference: experiment.reference.as_ref().map(|reference| reference.state().clone()),
             observing: experiment.observing.save(),
             observations: scores.observations.clone(),
             earlier_truths: scores.earlier_truths.clone(),
@@ -101,24 +98,22 @@ impl Checkpoint {
         let fits = self.observing.cycle() == self.cycle && (1..=experiment.info.cycles).contains(&self.cycle);
         let fits = fits && self.methods.len() == count && memories.len() == count;
         let fits = fits && self.earlier_truths.fits(experiment.info.layout.len(), experiment.info.calibration.len());
-        let reference_fits = match (&mut experiment.reference, &self.reference) {
+        let reference_fits = match (&mut experiment.reference, self.reference) {
             (Some(reference), Some(saved)) => reference.restore(saved),
             (reference, saved) => reference.is_none() && saved.is_none(),
         };
-        if !fits || !reference_fits || !experiment.truth.restore(&self.truth) {
+        if !fits || !reference_fits || !experiment.truth.restore(self.truth) {
             return Err("it is not one of this experiment".into());
         }
         experiment.observing.restore(&self.observing).map_err(|error| error.to_string())?;
         let mut totals = Vec::with_capacity(count);
         for ((competitor, saved), memory) in experiment.methods.iter_mut().zip(self.methods).zip(memories) {
-            if let Some(runner) = &saved.runner {
-                competitor
-                    .runner
-                    .restore(memory, runner, &experiment.info.layout)
-                    .map_err(|error| error.to_string())?;
-            }
-            if saved.runner.is_some() == saved.failure.is_some() {
+            if saved.progress.is_some() == saved.failure.is_some() {
                 return Err("a method has neither memory nor a failure".into());
+            }
+            if let Some(progress) = saved.progress {
+                let restored = competitor.runner.restore(memory, progress, &experiment.info.layout);
+                restored.map_err(|error| error.to_string())?;
             }
             competitor.failure = saved.failure;
             totals.push(saved.total);

@@ -251,7 +251,7 @@ fn one_cycle(
             analysis: &outcome.analysis,
             scores: &MethodScores {
                 seconds_per_cycle: outcome.seconds,
-                peak_memory_bytes: shown.memory.then_some(method.runner.peak_bytes),
+                peak_memory_bytes: shown.memory.then_some(method.runner.progress().peak_bytes),
                 ..own.scores(&info.layout)
             },
             structure: shown.structure.then(structure).flatten().as_ref(),
@@ -296,8 +296,8 @@ fn summary(experiment: &Experiment, scores: &Scores, shown: Shown) -> Summary {
     let methods = info.methods.iter().zip(&scores.totals).zip(methods).map(|((own, total), method)| {
         let cycles = method.failure.as_ref().map_or(info.cycles, |failure| failure.cycle);
         let scores = MethodScores {
-            seconds_per_cycle: method.runner.seconds / cycles as f64,
-            peak_memory_bytes: shown.memory.then_some(method.runner.peak_bytes),
+            seconds_per_cycle: method.runner.progress().seconds / cycles as f64,
+            peak_memory_bytes: shown.memory.then_some(method.runner.progress().peak_bytes),
             stability: match method.failure {
                 None => method.runner.stability(&info.calibration, &info.layout, *variance_ratio).ok(),
                 Some(_) => None,
