@@ -1,7 +1,9 @@
 //! A matrix with few entries in each row.
 
+use serde::{Deserialize, Serialize};
+
 /// A sparse matrix, row by row; the row length is that of the space it acts on.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SparseRows {
     offsets: Vec<usize>,
     entries: Vec<(usize, f64)>,
