@@ -10,13 +10,12 @@ use isobar_assim::{
 };
 use isobar_model::random::stream;
 use isobar_model::{Duration, Layout, State};
-use isobar_obs::{Calibration, ObservationWindow};
+use isobar_obs::{Calibration, ObservationType, ObservationTypes, ObservationWindow};
 use peak_alloc::PeakAlloc;
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
 use std::time::Instant;
 
 #[global_allocator]
@@ -93,10 +92,8 @@ pub struct Influence {
 /// What the observations of one type did.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TypeInfluence {
-    /// The network.
-    pub network: Arc<str>,
-    /// Number of the variable.
-    pub variable: usize,
+    /// The type.
+    pub observation_type: ObservationType,
     /// K d_t: the state's increment from the innovations of this type, those of all others being zero.
     pub increment: Vec<f64>,
     /// The type's part of tr(H K), the degrees of freedom for signal.
@@ -115,26 +112,20 @@ impl Influence {
         observed: &ObservationWindow,
         innovations: &[f64],
     ) -> Result<Self, Error> {
-        let mut types: Vec<TypeInfluence> = Vec::new();
-        let mut type_of = Vec::with_capacity(observed.len());
-        for report in &observed.reports {
-            let same = |own: &TypeInfluence| own.network == report.network && own.variable == report.variable;
-            type_of.push(types.iter().position(same).unwrap_or_else(|| {
-                let (network, variable) = (Arc::clone(&report.network), report.variable);
-                types.push(TypeInfluence { network, variable, increment: Vec::new(), signal: 0.0 });
-                types.len() - 1
-            }));
-        }
+        let ObservationTypes { types, of_observation } = observed.types();
+        let of_type = |observation_type| TypeInfluence { observation_type, increment: Vec::new(), signal: 0.0 };
+        let mut types: Vec<TypeInfluence> = types.into_iter().map(of_type).collect();
         let mut responder = Responder::new(method, background, observed)?;
         for (number, own) in types.iter_mut().enumerate() {
             let of_type = |(d, kind): (&f64, &usize)| if *kind == number { *d } else { 0.0 };
-            own.increment = responder.to(&innovations.iter().zip(&type_of).map(of_type).collect::<Vec<_>>())?.state;
+            own.increment =
+                responder.to(&innovations.iter().zip(&of_observation).map(of_type).collect::<Vec<_>>())?.state;
         }
         let mut random = stream(observed.cycle as u64, "signal");
-        let signs: Vec<f64> = type_of.iter().map(|_| if random.random::<bool>() { 1.0 } else { -1.0 }).collect();
+        let signs: Vec<f64> = of_observation.iter().map(|_| if random.random::<bool>() { 1.0 } else { -1.0 }).collect();
         let probe: Vec<f64> = signs.iter().zip(&observed.sigma).map(|(sign, sigma)| sign * sigma).collect();
         let fit = responder.to(&probe)?.fit;
-        for (((kind, fit), sign), sigma) in type_of.iter().zip(fit).zip(&signs).zip(&observed.sigma) {
+        for (((kind, fit), sign), sigma) in of_observation.iter().zip(fit).zip(&signs).zip(&observed.sigma) {
             types[*kind].signal += sign * fit / sigma;
         }
         responder.finish()?;

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// δy = X δx + G δc: the linearised observation operator. Each row touches few values of the state, which makes the
 /// system of all observations block-angular: blocks of the state, bordered by the calibration parameters they share.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Jacobian {
     /// X: derivatives with respect to the state, `[observation, variable-y-x index]`.
     pub state: SparseRows,

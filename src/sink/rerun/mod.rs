@@ -85,7 +85,7 @@ impl Sink for RerunSink {
                 self.history.add_truth(*cycle, *time, state, calibration);
                 Ok(())
             }
-            Event::Observed(window) => {
+            Event::Observed { window, .. } => {
                 self.history.add_observations(&self.info, window);
                 Ok(())
             }
