@@ -5,6 +5,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`time`], [`grid`], [`state`], [`increment`] | the nouns: when, where, x and δx |
+//! | [`vector`] | y += a x, differences, inner products of plain slices |
 //! | [`stored`] | increments in double precision or in single |
 //! | [`forecast`] | the traits [`Model`], [`TangentLinear`], [`Adjoint`], and the loops over time steps |
 //! | [`scheme`] | Runge–Kutta, once for all tendencies: [`Tendency`] + [`TimeScheme`] = [`Stepped`]; stability limits |
@@ -96,6 +97,7 @@ pub mod tangent_wavefront;
 pub mod testing;
 pub mod time;
 mod update;
+pub mod vector;
 mod wavefront;
 
 pub use advection::{Advection, AdvectionScheme, ExactShift, Wind};
