@@ -78,7 +78,12 @@ pub enum Event<'a> {
         calibration: &'a [f64],
     },
     /// The observations of a cycle.
-    Observed(&'a ObservationWindow),
+    Observed {
+        /// As methods that estimate or ignore biases receive them.
+        window: &'a ObservationWindow,
+        /// Their values without the true biases.
+        values_bias_removed: &'a [f64],
+    },
     /// A method has analysed the observations of a cycle.
     Analysed(Analysed<'a>),
     /// A method has estimated parameters beside state and calibration in a cycle.

@@ -114,7 +114,7 @@ pub struct TypeCounts {
 impl ObservationCounts {
     /// Counts those of a cycle.
     pub fn add(&mut self, window: &ObservationWindow, layout: &Layout) {
-        let kind = |report: &Report| format!("{}/{}", report.network, layout.variables[report.variable].name);
+        let kind = |report: &Report| report.observation_type().name(layout);
         self.used += window.len();
         for report in &window.reports {
             self.by_type.entry(kind(report)).or_default().used += 1;

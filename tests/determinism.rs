@@ -19,7 +19,7 @@ struct EndIn(usize);
 impl Sink for EndIn {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         match event {
-            Event::Observed(window) if window.cycle == self.0 => {
+            Event::Observed { window, .. } if window.cycle == self.0 => {
                 Err(SinkError { path: "nothing".into(), reason: "this is the end".into() })
             }
             _ => Ok(()),

@@ -18,7 +18,7 @@ pub enum BiasTreatment {
     Estimate,
     /// Biased observations are taken as they are.
     Ignore,
-    /// The true biases are removed from the observations before the method sees them.
+    /// The method is given observations from which the true biases have been removed.
     Known,
 }
 

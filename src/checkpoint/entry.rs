@@ -6,10 +6,9 @@ use crate::sink::SinkError;
 use crate::summary::{Failure, MethodScores, SmoothedScores};
 use isobar_assim::{Analysis, CommonFactor, Estimate, EstimatedParameter, Structure};
 use isobar_model::{Increment, State, Time};
-use isobar_obs::{Jacobian, LinearOperator, ObservationWindow, RejectedObservation, Report, SparseRows};
+use isobar_obs::ObservationWindow;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
-use std::sync::Arc;
 
 type Numbers<'a> = Cow<'a, [f64]>;
 
@@ -24,13 +23,8 @@ pub(super) enum Entry<'a> {
         calibration: Numbers<'a>,
     },
     Observed {
-        cycle: usize,
-        seconds: i64,
-        reports: Cow<'a, [Report]>,
-        values: Numbers<'a>,
+        window: Cow<'a, ObservationWindow>,
         values_bias_removed: Numbers<'a>,
-        sigma: Numbers<'a>,
-        rejected: Cow<'a, [RejectedObservation]>,
     },
     Analysed {
         method: usize,
@@ -155,15 +149,9 @@ impl<'a> Entry<'a> {
                 state: state.values().into(),
                 calibration: (*calibration).into(),
             },
-            Event::Observed(window) => Entry::Observed {
-                cycle: window.cycle,
-                seconds: window.time.seconds(),
-                reports: window.reports.as_slice().into(),
-                values: window.values.as_slice().into(),
-                values_bias_removed: window.values_bias_removed.as_slice().into(),
-                sigma: window.sigma.as_slice().into(),
-                rejected: window.rejected.as_slice().into(),
-            },
+            Event::Observed { window, values_bias_removed } => {
+                Entry::Observed { window: Cow::Borrowed(window), values_bias_removed: (*values_bias_removed).into() }
+            }
             Event::Analysed(it) => Entry::Analysed {
                 method: it.method,
                 cycle: it.cycle,
@@ -214,20 +202,11 @@ impl Entry<'_> {
                 }
                 tell(Event::Truth { cycle, time, state: &state, calibration: &calibration })
             }
-            Entry::Observed { cycle, seconds, reports, values, values_bias_removed, sigma, rejected } => {
-                tell(Event::Observed(&ObservationWindow {
-                    time: Time::from_seconds(seconds),
-                    cycle,
-                    reports: reports.into_owned(),
-                    values: values.into_owned(),
-                    values_bias_removed: values_bias_removed.into_owned(),
-                    sigma: sigma.into_owned(),
-                    rejected: rejected.into_owned(),
-                    // No sink asks what an estimate would have given.
-                    operator: Arc::new(LinearOperator {
-                        jacobian: Jacobian { state: SparseRows::new(), calibration: SparseRows::new() },
-                    }),
-                }))
+            Entry::Observed { window, values_bias_removed } => {
+                if !window.fits(&info.layout) || values_bias_removed.len() != window.len() {
+                    return Err("observations are not those of this run".into());
+                }
+                tell(Event::Observed { window: &window, values_bias_removed: &values_bias_removed })
             }
             Entry::Analysed {
                 method,

@@ -106,6 +106,8 @@ pub struct Competitor {
     pub failure: Option<Failure>,
     /// Whether its biases are scored: not where they are known to it or it has none.
     pub scores_bias: bool,
+    /// Whether it is given observations without their true biases.
+    pub bias_known: bool,
 }
 
 /// Everything of an experiment but its methods, which cost memory and time to set up.
@@ -163,8 +165,9 @@ impl Experiment {
             });
             let runner = Runner::new(build)?.watched(scenario.cycle.score_from_cycle, freezing);
             let smoother_lag_cycles = runner.smoother_lag();
-            let scores_bias = methods::sees_observations(method) && method.bias != BiasTreatment::Known;
-            methods.push(Competitor { runner, failure: None, scores_bias });
+            let bias_known = method.bias == BiasTreatment::Known;
+            let scores_bias = methods::sees_observations(method) && !bias_known;
+            methods.push(Competitor { runner, failure: None, scores_bias, bias_known });
             let known = sensors_in_words(&sensors).filter(|_| method.bias == BiasTreatment::Estimate);
             let own = methods::describe(method, name, scenario);
             let description = [own].into_iter().chain(known).collect::<Vec<_>>().join(", ");

@@ -54,7 +54,7 @@ impl Sink for Progress {
             Event::Failed { method, failure } => self.failed(*method, failure),
             Event::Resumed(_) => self.display.resume(self.done),
             Event::Truth { .. }
-            | Event::Observed(_)
+            | Event::Observed { .. }
             | Event::Estimated(_)
             | Event::Smoothed(_)
             | Event::CycleEnded(_) => {}

@@ -22,6 +22,7 @@ use crate::smoothed::SmoothedScorecard;
 use crate::summary::{Failure, MethodScores, Summary};
 use crate::verify::{Scorecard, Scores, TrueValues};
 use isobar_model::ForecastError;
+use isobar_obs::ObservationWindow;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use reference::Reference;
 use std::path::{Path, PathBuf};
@@ -223,11 +224,15 @@ fn one_cycle(
     let time = observed.time;
     let truth = TrueValues { state: truth.state(), calibration: observing.true_calibration() };
     send(Event::Truth { cycle, time, state: truth.state, calibration: truth.calibration })?;
-    send(Event::Observed(&observed))?;
+    let values_bias_removed = observing.values_bias_removed();
+    send(Event::Observed { window: &observed, values_bias_removed })?;
+    let bias_removed = (methods.iter().any(|method| method.bias_known))
+        .then(|| ObservationWindow { values: values_bias_removed.to_vec(), ..observed.clone() });
     scores.earlier_truths.add(truth, methods.iter().filter_map(|method| method.runner.smoother_lag()).max());
     let last = cycle == info.cycles;
     for (number, method) in methods.iter_mut().enumerate().filter(|(_, method)| method.failure.is_none()) {
-        let outcome = match workers.install(|| method.runner.cycle(info.window, &observed, with_influence, last)) {
+        let observed = bias_removed.as_ref().filter(|_| method.bias_known).unwrap_or(&observed);
+        let outcome = match workers.install(|| method.runner.cycle(info.window, observed, with_influence, last)) {
             Ok(outcome) => outcome,
             Err(fault) => {
                 let failure = method.failure.insert(Failure { cycle, reason: clean(&fault.to_string()) });
@@ -235,12 +240,12 @@ fn one_cycle(
                 continue;
             }
         };
-        let own = Scorecard::of_cycle(truth, &outcome, &observed, &info.calibration, method.scores_bias);
+        let own = Scorecard::of_cycle(truth, &outcome, observed, &info.calibration, method.scores_bias);
         if cycle >= *score_from_cycle {
             scores.totals[number].add(&own);
         }
         let factors = shown_factors(cycle, info.cycles);
-        let structure = || method.runner.structure(&observed, &outcome.background.state, factors);
+        let structure = || method.runner.structure(observed, &outcome.background.state, factors);
         let middle = Correlations::middle(&info.layout);
         let correlations = || method.runner.correlations(middle, &outcome.analysis.estimate);
         send(Event::Analysed(Analysed {

@@ -92,7 +92,7 @@ impl Sink for NetcdfSink {
         match event {
             Event::Started(_) | Event::Resumed(_) => Ok(()),
             Event::Truth { time, state, calibration, .. } => self.truth.append(*time, state, calibration),
-            Event::Observed(window) => self.observations.add(window),
+            Event::Observed { window, values_bias_removed } => self.observations.add(window, values_bias_removed),
             Event::Analysed(analysed) => {
                 self.method(analysed.method, Some(analysed))?.append(analysed)?;
                 self.observations.add_departures(analysed)

@@ -45,13 +45,13 @@ impl ObservationsFile {
         }
     }
 
-    /// Takes the observations of a cycle.
+    /// Takes the observations of a cycle, and their values without the true biases.
     ///
     /// # Errors
     /// If its parts differ in length, or the cycle had its observations already.
-    pub fn add(&mut self, window: &ObservationWindow) -> Result<(), SinkError> {
+    pub fn add(&mut self, window: &ObservationWindow, values_bias_removed: &[f64]) -> Result<(), SinkError> {
         let (n, cycle) = (window.values.len(), window.cycle);
-        if [window.reports.len(), window.values_bias_removed.len(), window.sigma.len()] != [n; 3] {
+        if [window.reports.len(), values_bias_removed.len(), window.sigma.len()] != [n; 3] {
             return Err(self.failure(format!("the observations of cycle {cycle} differ in number from their reports")));
         }
         let start = self.values.len();
@@ -63,7 +63,7 @@ impl ObservationsFile {
         self.times.resize(all, window.time.seconds() as f64);
         self.cycle_numbers.resize(all, i32::try_from(cycle).unwrap_or(i32::MAX));
         self.values.extend_from_slice(&window.values);
-        self.values_bias_removed.extend_from_slice(&window.values_bias_removed);
+        self.values_bias_removed.extend_from_slice(values_bias_removed);
         self.sigma.extend_from_slice(&window.sigma);
         self.codes.resize(start + n, 0);
         for it in &window.rejected {

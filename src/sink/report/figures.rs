@@ -9,8 +9,8 @@ use crate::plot::range::quantile;
 use crate::plot::{Curve, CurvePlot, Dash, unit};
 use crate::sink::netcdf::coordinates::safe_name;
 use crate::summary::{MethodScores, PerVariable, Summary};
+use isobar_obs::ObservationType;
 use std::collections::BTreeSet;
-use std::sync::Arc;
 
 /// The most bias parameters that have a figure.
 const MOST_PARAMETERS: usize = 48;
@@ -232,15 +232,15 @@ impl Figures<'_> {
             drawings.push(chi2);
         }
         let methods = || self.history.cycles.iter().flat_map(|cycle| cycle.methods.iter().flatten());
-        let kinds: BTreeSet<(Arc<str>, usize)> = methods().flat_map(|own| own.departures.keys().cloned()).collect();
+        let kinds: BTreeSet<ObservationType> = methods().flat_map(|own| own.departures.keys().cloned()).collect();
         for kind in kinds {
-            let Some(variable) = self.info.layout.variables.get(kind.1) else { continue };
+            let Some(variable) = self.info.layout.variables.get(kind.variable) else { continue };
             let mut curves = Vec::new();
             for (method, info) in self.info.methods.iter().enumerate() {
                 let points = self.series(method, |own| own.departures.get(&kind).map(|means| means[0]));
                 curves.push(Curve::new(&info.name, of_method_on_paper(method), points));
             }
-            let (network, name) = (&kind.0, variable.name);
+            let (network, name) = (&kind.network, variable.name);
             let caption = format!(
                 "Mean departure of the observations from the background, with the method's bias estimate taken off: \
                  {name} of {network}. Around zero if nothing is left to be explained."

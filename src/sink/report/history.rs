@@ -8,9 +8,8 @@ use crate::summary::{MethodScores, SmoothedScores};
 use indexmap::IndexMap;
 use isobar_assim::{Estimate, EstimatedParameter};
 use isobar_model::{State, Time};
-use isobar_obs::ObservationWindow;
+use isobar_obs::{ObservationType, ObservationWindow, Report};
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 /// The most cells on a side of a map.
 const MAP_CELLS: usize = 200;
@@ -45,7 +44,7 @@ pub struct Cycle {
     /// The true calibration parameters.
     pub true_calibration: Vec<f64>,
     /// Network and variable of each observation.
-    kinds: Vec<(Arc<str>, usize)>,
+    kinds: Vec<ObservationType>,
     /// The results of the methods; the place of one that has none is empty.
     pub methods: Vec<Option<MethodCycle>>,
 }
@@ -60,7 +59,7 @@ pub struct MethodCycle {
     /// Their claimed standard deviations.
     pub calibration_spread: Option<Vec<f64>>,
     /// Mean background and analysis departure of each network and variable.
-    pub departures: BTreeMap<(Arc<str>, usize), [f64; 2]>,
+    pub departures: BTreeMap<ObservationType, [f64; 2]>,
     /// The analysis errors of each variable against the claimed spread.
     pub reliability: Vec<Reliability>,
     /// The scores once later observations have revised the estimate, for a method with a smoother.
@@ -162,7 +161,7 @@ impl History {
     /// Takes the observations of a cycle.
     pub fn add_observations(&mut self, window: &ObservationWindow) {
         if let Some(cycle) = self.cycles.last_mut() {
-            cycle.kinds = window.reports.iter().map(|report| (Arc::clone(&report.network), report.variable)).collect();
+            cycle.kinds = window.reports.iter().map(Report::observation_type).collect();
         }
         if let Some(snapshot) = self.snapshots.get_mut(&window.cycle) {
             let mut counts = vec![0; snapshot.truth.len()];
@@ -271,8 +270,8 @@ impl History {
     }
 }
 
-fn mean_departures(kinds: &[(Arc<str>, usize)], departures: [&Vec<f64>; 2]) -> BTreeMap<(Arc<str>, usize), [f64; 2]> {
-    let mut sums: BTreeMap<(Arc<str>, usize), (f64, [f64; 2])> = BTreeMap::new();
+fn mean_departures(kinds: &[ObservationType], departures: [&Vec<f64>; 2]) -> BTreeMap<ObservationType, [f64; 2]> {
+    let mut sums: BTreeMap<ObservationType, (f64, [f64; 2])> = BTreeMap::new();
     for ((kind, background), analysis) in kinds.iter().zip(departures[0]).zip(departures[1]) {
         let sum = sums.entry(kind.clone()).or_default();
         *sum = (sum.0 + 1.0, [sum.1[0] + background, sum.1[1] + analysis]);

@@ -73,7 +73,7 @@ impl Sink for ReportSink {
                 self.history.add_truth(&self.info, *cycle, *time, state, calibration);
                 Ok(())
             }
-            Event::Observed(window) => {
+            Event::Observed { window, .. } => {
                 self.history.add_observations(window);
                 Ok(())
             }

@@ -46,7 +46,7 @@ impl Held {
             Event::Truth { cycle, time, state, calibration } => {
                 self.history.add_truth(*cycle, *time, state, calibration);
             }
-            Event::Observed(window) => self.history.add_observations(&self.info, window),
+            Event::Observed { window, .. } => self.history.add_observations(&self.info, window),
             Event::Analysed(analysed) => self.history.add_estimates(&self.info, analysed)?,
             _ => {}
         }

@@ -19,7 +19,7 @@ struct EndEarly;
 impl Sink for EndEarly {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         match event {
-            Event::Observed(window) if window.cycle == 4 => {
+            Event::Observed { window, .. } if window.cycle == 4 => {
                 Err(SinkError { path: "nothing".into(), reason: "this is the end".into() })
             }
             _ => Ok(()),
