@@ -6,6 +6,7 @@ use isobar::saved::SavedRun;
 use isobar::sink::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
 use isobar::summary::SmoothedScores;
 use isobar_assim::EstimatedParameter;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -171,10 +172,21 @@ impl Sink for Telling {
         if method > 0 {
             return Ok(());
         }
-        self.0.record(&Event::Estimated(Estimated { method, cycle, time, parameters: &parameters }))?;
+        self.0.record(&Event::Estimated(Estimated {
+            method,
+            cycle,
+            time,
+            parameters: parameters.as_slice().into(),
+        }))?;
         let scores = SmoothedScores { rmse: [("h".to_string(), 0.5)].into(), ..SmoothedScores::default() };
-        let estimate = &analysed.analysis.estimate;
-        self.0.record(&Event::Smoothed(Smoothed { method, cycle, later_cycles: 2, estimate, scores: &scores }))
+        let estimate = Cow::Borrowed(&analysed.analysis.estimate);
+        self.0.record(&Event::Smoothed(Smoothed {
+            method,
+            cycle,
+            later_cycles: 2,
+            estimate,
+            scores: Cow::Owned(scores),
+        }))
     }
 }
 

@@ -4,7 +4,6 @@
 //! the run's [`Plan`].
 
 use super::Plan;
-use super::entry::Entry;
 use crate::event::{Event, RunInfo};
 use crate::sink::SinkError;
 use serde::{Deserialize, Serialize};
@@ -37,7 +36,7 @@ impl Journal {
         Ok(journal)
     }
 
-    /// Goes on with a journal after its first bytes; what follows them is cut off.
+    /// Continues a journal after its first bytes; what follows them is cut off.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -56,9 +55,9 @@ impl Journal {
     /// # Errors
     /// If it cannot be written.
     pub fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
-        match Entry::of(event) {
-            Some(entry) => self.put(&entry),
-            None => Ok(()),
+        match event {
+            Event::Started(_) | Event::Resumed(_) | Event::Warning(_) | Event::Finished(_) => Ok(()),
+            _ => self.put(event),
         }
     }
 
@@ -74,7 +73,7 @@ impl Journal {
         Ok(())
     }
 
-    /// Makes all so far last; its length \[bytes\].
+    /// Makes everything so far durable; the length of the journal \[bytes\].
     ///
     /// # Errors
     /// If it cannot be written.
@@ -95,17 +94,17 @@ pub fn plan(directory: &Path) -> Result<Plan, String> {
     decode(frame)
 }
 
-/// Tells the events in the first bytes of a journal again.
+/// Sends the events in the first bytes of a journal again.
 ///
 /// # Errors
-/// In words, if the journal is damaged or that of another run, or those of `tell`.
+/// In words, if the journal is damaged or that of another run, or those of `send`.
 pub fn replay(
     directory: &Path,
     bytes: u64,
     info: &RunInfo,
-    tell: &mut dyn FnMut(Event<'_>) -> Result<(), SinkError>,
+    send: &mut dyn FnMut(Event<'_>) -> Result<(), SinkError>,
 ) -> Result<(), String> {
-    replay_frames(open(directory, Some(bytes))?, info, tell)
+    replay_frames(open(directory, Some(bytes))?, info, send)
 }
 
 /// As [`replay`], of a journal's contents.
@@ -115,20 +114,23 @@ pub fn replay(
 pub fn replay_bytes(
     journal: &[u8],
     info: &RunInfo,
-    tell: &mut dyn FnMut(Event<'_>) -> Result<(), SinkError>,
+    send: &mut dyn FnMut(Event<'_>) -> Result<(), SinkError>,
 ) -> Result<(), String> {
-    replay_frames(Frames { input: journal, left: journal.len() as u64, frame: Vec::new() }, info, tell)
+    replay_frames(Frames { input: journal, left: journal.len() as u64, frame: Vec::new() }, info, send)
 }
 
 fn replay_frames(
     mut frames: Frames<impl Read>,
     info: &RunInfo,
-    tell: &mut dyn FnMut(Event<'_>) -> Result<(), SinkError>,
+    send: &mut dyn FnMut(Event<'_>) -> Result<(), SinkError>,
 ) -> Result<(), String> {
     frames.next()?;
     while let Some(frame) = frames.next()? {
-        let entry: Entry<'_> = decode(frame)?;
-        entry.tell(info, tell)?;
+        let event: Event<'_> = decode(frame)?;
+        if !event.fits(info) {
+            return Err("an event is not one of this run".into());
+        }
+        send(event).map_err(|error| error.to_string())?;
     }
     Ok(())
 }
@@ -168,13 +170,14 @@ impl<R: Read> Frames<R> {
         let head = self.input.read_exact(&mut length).and_then(|()| self.input.read_exact(&mut checksum));
         head.map_err(|error| error.to_string())?;
         let length = u64::from_le_bytes(length);
-        // No longer than what is there: nothing is allocated on the word of a damaged file.
+        // No longer than the file: a damaged length must not allocate all memory.
         self.left = self.left.checked_sub(12).and_then(|left| left.checked_sub(length)).ok_or("a frame is cut off")?;
         self.frame.resize(usize::try_from(length).map_err(|error| error.to_string())?, 0);
         self.input.read_exact(&mut self.frame).map_err(|error| error.to_string())?;
-        match crc32fast::hash(&self.frame) == u32::from_le_bytes(checksum) {
-            true => Ok(Some(&self.frame)),
-            false => Err("it is damaged: a checksum is not that of its contents".into()),
+        if crc32fast::hash(&self.frame) == u32::from_le_bytes(checksum) {
+            Ok(Some(&self.frame))
+        } else {
+            Err("it is damaged: a checksum is not that of its contents".into())
         }
     }
 }

@@ -11,7 +11,6 @@
 //! A checkpoint is due after a number of minutes or of cycles, but never so soon that checkpoints take more than a hundredth
 //! of the time.
 
-mod entry;
 pub mod file;
 pub mod journal;
 mod keeper;

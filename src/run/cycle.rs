@@ -59,12 +59,7 @@ impl Runner {
     pub fn new<M: Into<Calibrated>, E>(build: impl FnOnce() -> Result<M, E>) -> Result<Self, E> {
         reserve_workspace();
         let (method, memory) = memory::measured(|| build().map(Into::into));
-        let mut runner = Self {
-            method: method?,
-            freezing: None,
-            held_bytes: 0,
-            progress: Progress::default(),
-        };
+        let mut runner = Self { method: method?, freezing: None, held_bytes: 0, progress: Progress::default() };
         runner.account(memory);
         Ok(runner)
     }
@@ -85,7 +80,14 @@ impl Runner {
         layout: &Layout,
         variance_ratio: f64,
     ) -> Result<Stability, isobar_assim::Error> {
-        judge(&self.progress.watch, &self.method, calibration, layout, variance_ratio, self.progress.when_frozen.as_ref())
+        judge(
+            &self.progress.watch,
+            &self.method,
+            calibration,
+            layout,
+            variance_ratio,
+            self.progress.when_frozen.as_ref(),
+        )
     }
 
     fn freeze(&mut self, cycle: usize, layout: &Layout) -> Result<(), isobar_assim::Error> {

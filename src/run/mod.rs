@@ -25,6 +25,7 @@ use isobar_model::ForecastError;
 use isobar_obs::ObservationWindow;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use reference::Reference;
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 /// Why a run ended early.
@@ -179,6 +180,7 @@ fn cycles(
     let Progress { keeper, scores, cycle: done } = &mut progress;
     if *done == 0 {
         let (state, calibration) = (experiment.truth.state(), experiment.observing.true_calibration());
+        let (state, calibration) = (Cow::Borrowed(state), calibration.into());
         note(keeper, tell, Event::Truth { cycle: 0, time: info.start, state, calibration })?;
     }
     for cycle in *done + 1..=info.cycles {
@@ -223,9 +225,10 @@ fn one_cycle(
     scores.observations.add(&observed, &info.layout);
     let time = observed.time;
     let truth = TrueValues { state: truth.state(), calibration: observing.true_calibration() };
-    send(Event::Truth { cycle, time, state: truth.state, calibration: truth.calibration })?;
+    let (state, calibration) = (Cow::Borrowed(truth.state), truth.calibration.into());
+    send(Event::Truth { cycle, time, state, calibration })?;
     let values_bias_removed = observing.values_bias_removed();
-    send(Event::Observed { window: &observed, values_bias_removed })?;
+    send(Event::Observed { window: Cow::Borrowed(&observed), values_bias_removed: values_bias_removed.into() })?;
     let bias_removed = (methods.iter().any(|method| method.bias_known))
         .then(|| ObservationWindow { values: values_bias_removed.to_vec(), ..observed.clone() });
     scores.earlier_truths.add(truth, methods.iter().filter_map(|method| method.runner.smoother_lag()).max());
@@ -236,7 +239,7 @@ fn one_cycle(
             Ok(outcome) => outcome,
             Err(fault) => {
                 let failure = method.failure.insert(Failure { cycle, reason: clean(&fault.to_string()) });
-                send(Event::Failed { method: number, failure })?;
+                send(Event::Failed { method: number, failure: Cow::Borrowed(failure) })?;
                 continue;
             }
         };
@@ -252,15 +255,15 @@ fn one_cycle(
             method: number,
             cycle,
             time,
-            background: &outcome.background,
-            analysis: &outcome.analysis,
-            scores: &MethodScores {
+            background: Cow::Borrowed(&outcome.background),
+            analysis: Cow::Borrowed(&outcome.analysis),
+            scores: Cow::Owned(MethodScores {
                 seconds_per_cycle: outcome.seconds,
                 peak_memory_bytes: shown.memory.then_some(method.runner.progress().peak_bytes),
                 ..own.scores(&info.layout)
-            },
-            structure: shown.structure.then(structure).flatten().as_ref(),
-            correlations: (shown.structure && cycle == info.cycles).then(correlations).flatten().as_ref(),
+            }),
+            structure: shown.structure.then(structure).flatten().map(Cow::Owned),
+            correlations: (shown.structure && cycle == info.cycles).then(correlations).flatten().map(Cow::Owned),
         }))?;
         for smoothed in &outcome.smoothed {
             let (ago, lag) = (smoothed.cycles_ago, method.runner.smoother_lag().unwrap_or_default());
@@ -274,13 +277,13 @@ fn one_cycle(
                 method: number,
                 cycle: earlier,
                 later_cycles: ago,
-                estimate: &smoothed.estimate,
-                scores: &own.map(|own| own.scores(&info.layout)).unwrap_or_default(),
+                estimate: Cow::Borrowed(&smoothed.estimate),
+                scores: Cow::Owned(own.map(|own| own.scores(&info.layout)).unwrap_or_default()),
             }))?;
         }
         let parameters = method.runner.parameters();
         if !parameters.is_empty() {
-            send(Event::Estimated(Estimated { method: number, cycle, time, parameters: &parameters }))?;
+            send(Event::Estimated(Estimated { method: number, cycle, time, parameters: parameters.into() }))?;
         }
     }
     send(Event::CycleEnded(cycle))?;

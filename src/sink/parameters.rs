@@ -53,7 +53,7 @@ impl ParametersSink {
                 writer
             }
         };
-        for parameter in estimated.parameters {
+        for parameter in estimated.parameters.iter() {
             let row = [
                 estimated.cycle.to_string(),
                 utc(estimated.time),

@@ -68,7 +68,7 @@ impl ScoresSink {
     }
 
     fn row(&self, analysed: &Analysed<'_>) -> Row {
-        let Analysed { cycle, method, scores, .. } = *analysed;
+        let &Analysed { cycle, method, ref scores, .. } = analysed;
         let name = self.info.methods.get(method).map_or("", |method| method.name.as_str());
         let mut fields = vec![cycle.to_string(), utc(analysed.time), name.to_string()];
         for variable in &self.info.layout.variables {
@@ -103,7 +103,7 @@ impl Sink for ScoresSink {
             Event::Smoothed(smoothed) => {
                 let of_it = |row: &&mut Row| (row.cycle, row.method) == (smoothed.cycle, smoothed.method);
                 if let Some(row) = self.waiting.iter_mut().find(of_it) {
-                    row.smoothed = smoothed.scores.clone();
+                    row.smoothed = smoothed.scores.clone().into_owned();
                 }
             }
             Event::CycleEnded(cycle) => self.write_until(cycle.saturating_sub(self.lag.unwrap_or(0)))?,

@@ -13,6 +13,7 @@ use isobar_model::{Boundary, Duration, Grid, Increment, Layout, Location, State,
 use isobar_obs::{
     Calibration, Jacobian, LinearOperator, ObservationWindow, Parameter, Placement, Projection, Report, SparseRows,
 };
+use std::borrow::Cow;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -81,14 +82,17 @@ impl SyntheticRun {
         self.play_truth(sink, 0)?;
         for ((window, values_bias_removed), cycle) in self.windows.iter().zip(&self.values_bias_removed).zip(1..) {
             self.play_truth(sink, cycle)?;
-            sink.record(&Event::Observed { window, values_bias_removed })?;
+            let window = Cow::Borrowed(window);
+            sink.record(&Event::Observed { window, values_bias_removed: values_bias_removed.into() })?;
             for (method, results) in self.results.iter().enumerate() {
                 let (background, analysis, scores) = &results[cycle - 1];
+                let (background, analysis) = (Cow::Borrowed(background), Cow::Borrowed(analysis));
+                let scores = Cow::Borrowed(scores);
                 let time = self.time(cycle);
                 let structure = (method == 0).then(|| self.structure(cycle));
-                let structure = structure.as_ref();
+                let structure = structure.map(Cow::Owned);
                 let correlations = (method == 0).then(|| self.correlations());
-                let correlations = correlations.as_ref();
+                let correlations = correlations.map(Cow::Owned);
                 let analysed = Analysed { method, cycle, time, background, analysis, scores, structure, correlations };
                 sink.record(&Event::Analysed(analysed))?;
             }
@@ -125,7 +129,7 @@ impl SyntheticRun {
     }
 
     pub fn play_truth(&self, sink: &mut dyn Sink, cycle: usize) -> Result<(), SinkError> {
-        let (state, calibration) = (&self.truth[cycle], &self.true_calibration[cycle]);
+        let (state, calibration) = (Cow::Borrowed(&self.truth[cycle]), (&self.true_calibration[cycle]).into());
         sink.record(&Event::Truth { cycle, time: self.time(cycle), state, calibration })
     }
 }

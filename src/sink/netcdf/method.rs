@@ -46,7 +46,7 @@ impl MethodFile {
             cf::add_parameters(&mut definition, &info.calibration);
         }
         let analysis = first.map(|analysed| &analysed.analysis.estimate);
-        let mut stages = vec![("background", first.map(|analysed| analysed.background)), ("analysis", analysis)];
+        let mut stages = vec![("background", first.map(|analysed| &*analysed.background)), ("analysis", analysis)];
         let mut smoothed = Vec::new();
         if let Some(lag) = method.smoother_lag_cycles {
             definition.attribute("smoother_lag_cycles", lag as f64);
@@ -79,7 +79,7 @@ impl MethodFile {
     pub fn append(&mut self, analysed: &Analysed<'_>) -> Result<(), SinkError> {
         let time = [analysed.time.seconds() as f64];
         let mut values: Vec<(String, &[f64])> = vec![("time".into(), &time)];
-        values.extend(named_values(&self.layout, self.parameters, "background", analysed.background));
+        values.extend(named_values(&self.layout, self.parameters, "background", &analysed.background));
         values.extend(named_values(&self.layout, self.parameters, "analysis", &analysed.analysis.estimate));
         let missing = vec![FILL_VALUE; self.smoothed.iter().map(|(_, length)| *length).max().unwrap_or(0)];
         values.extend(self.smoothed.iter().map(|(name, length)| (name.clone(), &missing[..*length])));
@@ -94,7 +94,7 @@ impl MethodFile {
     pub fn smooth(&mut self, smoothed: &Smoothed<'_>) -> Result<(), SinkError> {
         let later = [smoothed.later_cycles as f64];
         let mut values: Vec<(String, &[f64])> = vec![(LATER_CYCLES.into(), &later)];
-        values.extend(named_values(&self.layout, self.parameters, "smoothed", smoothed.estimate));
+        values.extend(named_values(&self.layout, self.parameters, "smoothed", &smoothed.estimate));
         let values: Vec<(&str, &[f64])> = values.iter().map(|(name, values)| (name.as_str(), *values)).collect();
         let record = smoothed.cycle.checked_sub(1).ok_or_else(|| self.file.failure("there is no cycle 0".into()))?;
         self.file.amend(record, &values)

@@ -86,7 +86,7 @@ impl ObservationsFile {
     /// # Errors
     /// If the cycle has other observations.
     pub fn add_departures(&mut self, analysed: &Analysed<'_>) -> Result<(), SinkError> {
-        let &Analysed { cycle, method, analysis, .. } = analysed;
+        let &Analysed { cycle, method, ref analysis, .. } = analysed;
         let range = self.cycles.get(&cycle).cloned().unwrap_or(0..0);
         for (departures, given) in
             self.departures[method].iter_mut().zip([&analysis.background_departures, &analysis.analysis_departures])

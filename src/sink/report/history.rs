@@ -183,7 +183,9 @@ impl History {
     /// # Errors
     /// If they do not fit the run.
     pub fn add_estimates(&mut self, info: &RunInfo, analysed: &Analysed<'_>) -> Result<(), String> {
-        let &Analysed { method, cycle, background, analysis, scores, structure, correlations, .. } = analysed;
+        let &Analysed {
+            method, cycle, ref background, ref analysis, ref scores, ref structure, ref correlations, ..
+        } = analysed;
         let Estimate { state, calibration, state_spread, calibration_spread } = &analysis.estimate;
         let fits = |spread: &Option<Vec<f64>>, length: usize| spread.as_ref().is_none_or(|it| it.len() == length);
         if method >= info.methods.len() || !fits(state_spread, info.layout.len()) {
@@ -205,8 +207,8 @@ impl History {
                 .iter()
                 .map(|place| analysis.background_departures.get(place.number).map_or(f32::NAN, |&it| it as f32))
                 .collect(),
-            structure: structure.map(|it| ShownStructure::new(it, info, &self.thinning)),
-            correlations: correlations.map(|it| ShownCorrelations {
+            structure: structure.as_deref().map(|it| ShownStructure::new(it, info, &self.thinning)),
+            correlations: correlations.as_deref().map(|it| ShownCorrelations {
                 of: it.of,
                 fields: it.state.chunks_exact(self.thinning.cells()).map(|field| self.thinning.pick(field)).collect(),
                 calibration: it.calibration.clone(),
@@ -220,7 +222,7 @@ impl History {
         };
         let departures = [&analysis.background_departures, &analysis.analysis_departures];
         own.methods[method] = Some(MethodCycle {
-            scores: scores.clone(),
+            scores: scores.clone().into_owned(),
             calibration: calibration.clone(),
             calibration_spread: calibration_spread.clone(),
             departures: mean_departures(&own.kinds, departures),
@@ -234,13 +236,13 @@ impl History {
     pub fn add_smoothed(&mut self, smoothed: &Smoothed<'_>) {
         let cycle = self.cycles.iter_mut().rev().find(|own| own.cycle == smoothed.cycle);
         if let Some(own) = cycle.and_then(|own| own.methods[smoothed.method].as_mut()) {
-            own.smoothed = Some(smoothed.scores.clone());
+            own.smoothed = Some(smoothed.scores.clone().into_owned());
         }
     }
 
     /// Takes what a method has estimated beside state and calibration.
     pub fn add_parameters(&mut self, info: &RunInfo, estimated: &Estimated<'_>) {
-        for parameter in estimated.parameters {
+        for parameter in estimated.parameters.iter() {
             let none = || info.methods.iter().map(|_| None).collect();
             let methods = self.parameters.entry(parameter.name.clone()).or_insert_with(none);
             let own = methods[estimated.method]

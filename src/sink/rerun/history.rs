@@ -133,7 +133,7 @@ impl History {
     /// # Errors
     /// If they do not fit the run.
     pub fn add_estimates(&mut self, info: &RunInfo, analysed: &Analysed<'_>) -> Result<(), String> {
-        let &Analysed { method, cycle, time, background, analysis, scores, structure, .. } = analysed;
+        let &Analysed { method, cycle, time, ref background, ref analysis, ref scores, ref structure, .. } = analysed;
         let Estimate { state, calibration, state_spread, calibration_spread } = &analysis.estimate;
         let length = self.thinning.cells() * info.layout.variables.len();
         let spread_length = state_spread.as_ref().map_or(length, Vec::len);
@@ -146,11 +146,11 @@ impl History {
             background: self.fields(background.state.values()),
             analysis: self.fields(state.values()),
             spread: state_spread.as_ref().map(|spread| self.fields(spread)),
-            structure: structure.map(|it| ShownStructure::new(it, info, &self.thinning)),
+            structure: structure.as_deref().map(|it| ShownStructure::new(it, info, &self.thinning)),
             departures: single(&analysis.background_departures),
             calibration: calibration.clone(),
             calibration_spread: calibration_spread.clone(),
-            scores: scores.clone(),
+            scores: scores.clone().into_owned(),
         };
         self.methods[method].insert(cycle, estimates);
         Ok(())
