@@ -7,6 +7,7 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`scenario`] | reads and checks an experiment's file |
+//! | [`kinds`] | what a scenario chooses by name: methods, models, initial states, covariances |
 //! | [`experiment`] | builds model, truth, observing system and methods from it |
 //! | [`options`] | what the user changes in a run |
 //! | [`run`] | the loop over cycles: the true world, its observations, each method, the scores |
@@ -35,11 +36,13 @@ pub mod event;
 pub mod exact;
 pub mod experiment;
 pub mod interrupt;
+pub mod kinds;
 pub mod memory;
 pub mod options;
 pub mod outcome;
 pub mod plot;
 pub mod progress;
+mod reader;
 pub mod run;
 pub mod saved;
 pub mod scenario;
@@ -52,6 +55,7 @@ pub mod statistics;
 pub mod summary;
 pub mod sweep;
 pub mod table;
+mod text;
 pub mod verify;
 
 /// The version, as files say it.

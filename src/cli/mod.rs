@@ -18,7 +18,7 @@ mod sweep;
 mod view;
 
 use crate::interrupt;
-use crate::scenario::text::printable;
+use crate::text::printable;
 use arguments::{Arguments, Command};
 use clap::Parser;
 use miette::{MietteHandlerOpts, Report};
@@ -36,7 +36,7 @@ pub fn main() -> ExitCode {
     let outcome = match arguments.command {
         Command::Run(arguments) => run::run(&arguments),
         Command::Check(arguments) => check::check(&arguments.scenarios),
-        Command::List => list::list(),
+        Command::List(arguments) => list::list(&arguments),
         Command::Init { path } => init::init(&path),
         Command::Resume(arguments) => resume::resume(&arguments),
         Command::Regress(arguments) => regress::regress(&arguments),

@@ -5,12 +5,12 @@ use super::{print, run as runs};
 use crate::options::RunOptions;
 use crate::progress::SeedsProgress;
 use crate::scenario::Scenario;
-use crate::scenario::text::clean;
 use crate::seeds::{BatchKind, BatchPlan, Run, SeedsSummary, interrupted, run_all};
 use crate::sink::Outputs;
 use crate::sink::report::tables::Table;
 use crate::sink::report::{REPORT, REPORT_FILE};
 use crate::table;
+use crate::text::clean;
 use miette::{IntoDiagnostic, Report, miette};
 use std::fs;
 

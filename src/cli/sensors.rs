@@ -2,10 +2,10 @@
 
 use super::print;
 use crate::calendar::utc;
-use crate::scenario::text::{clean, listed, nearest, printable};
 use crate::sensors::database::Missing;
 use crate::sensors::record::Key;
 use crate::sensors::{Database, Record, Records, SensorError, table};
+use crate::text::{clean, listed, nearest, printable};
 use clap::Subcommand;
 use miette::{Report, miette};
 use std::path::{Path, PathBuf};

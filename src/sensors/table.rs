@@ -3,7 +3,7 @@
 use super::SensorError;
 use super::record::{MOST_RECORDS, Record, Records};
 use crate::calendar::{self, utc};
-use crate::scenario::text::{clean, listed, nearest};
+use crate::text::{clean, listed, nearest};
 use isobar_model::Time;
 use std::fs::File;
 use std::io::Read;
