@@ -1,9 +1,9 @@
 //! The file of a checkpoint: written beside its place and renamed, so that it is there complete or not at all.
 //!
 //! ```text
-//! isobar checkpoint 1, version 0.1.0⏎      format and program
+//! isobar checkpoint 2, version 0.1.0⏎      format and program
 //! the checkpoint                            postcard
-//! length, memory                            of each method: 8 bytes, little-endian, and so many
+//! length, memory                            of each method: the length in 8 bytes, little-endian
 //! checksum                                  CRC-32 of all before it, 4 bytes, little-endian
 //! ```
 
@@ -14,8 +14,11 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-/// What a checkpoint of this program begins with.
-const FORMAT: &str = "isobar checkpoint 1, version ";
+/// The beginning of checkpoints of this format.
+const FORMAT: &str = "isobar checkpoint 2, version ";
+
+/// The beginning of checkpoints of any format; the number of the format follows.
+const ANY_FORMAT: &str = "isobar checkpoint ";
 
 /// How many checkpoints are kept.
 const KEPT: usize = 2;
@@ -88,7 +91,13 @@ pub fn read(path: &Path) -> Result<(Checkpoint, Vec<Vec<u8>>), String> {
 /// # Errors
 /// As [`read`].
 pub fn parse(bytes: &[u8]) -> Result<(Checkpoint, Vec<Vec<u8>>), String> {
-    let version = bytes.strip_prefix(FORMAT.as_bytes()).ok_or("it is not a checkpoint of this format")?;
+    let version = bytes.strip_prefix(FORMAT.as_bytes()).ok_or_else(|| {
+        if bytes.starts_with(ANY_FORMAT.as_bytes()) {
+            "it is a checkpoint of another format, written by another version of isobar: begin the run anew".to_string()
+        } else {
+            "it is not a checkpoint".to_string()
+        }
+    })?;
     let end = version.iter().take(100).position(|&byte| byte == b'\n').ok_or("its first line has no end")?;
     let (version, own) = (&version[..end], env!("CARGO_PKG_VERSION"));
     if version != own.as_bytes() {

@@ -1,7 +1,7 @@
 //! The journal: the events of a run in their order, appended as they happen.
 //!
-//! Each is a frame: length (8 bytes) and CRC-32 (4 bytes, both little-endian) of an entry in postcard. The first frame is
-//! the run's [`Plan`].
+//! After a line with the format's number come frames: length (8 bytes) and CRC-32 (4 bytes, both little-endian) of an entry
+//! in postcard. The first entry is the run's [`Plan`], each other an [`Event`].
 
 use super::Plan;
 use crate::event::{Event, RunInfo};
@@ -10,6 +10,9 @@ use serde::{Deserialize, Serialize};
 use std::fs::{File, OpenOptions};
 use std::io::{BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
+
+/// The beginning of a journal.
+const FORMAT: &[u8] = b"isobar journal 2\n";
 
 /// Name of the journal in the working directory.
 pub const JOURNAL_FILE: &str = "journal";
@@ -30,8 +33,10 @@ impl Journal {
     /// If it cannot be written.
     pub fn create(directory: &Path, plan: &Plan) -> Result<Self, SinkError> {
         let path = directory.join(JOURNAL_FILE);
-        let file = File::create(&path).map_err(|error| failure(&path, &error))?;
-        let mut journal = Self { path, output: BufWriter::with_capacity(1 << 18, file), bytes: 0, frame: Vec::new() };
+        let mut file = File::create(&path).map_err(|error| failure(&path, &error))?;
+        file.write_all(FORMAT).map_err(|error| failure(&path, &error))?;
+        let output = BufWriter::with_capacity(1 << 18, file);
+        let mut journal = Self { path, output, bytes: FORMAT.len() as u64, frame: Vec::new() };
         journal.put(plan)?;
         Ok(journal)
     }
@@ -107,7 +112,7 @@ pub fn replay(
     replay_frames(open(directory, Some(bytes))?, info, send)
 }
 
-/// As [`replay`], of a journal's contents.
+/// As [`replay`], of the frames of a journal.
 ///
 /// # Errors
 /// As there.
@@ -152,12 +157,17 @@ struct Frames<R> {
 
 /// The frames of a journal, all or those in the first bytes.
 fn open(directory: &Path, bytes: Option<u64>) -> Result<Frames<BufReader<File>>, String> {
-    let file = File::open(directory.join(JOURNAL_FILE)).map_err(|error| error.to_string())?;
+    let mut file = File::open(directory.join(JOURNAL_FILE)).map_err(|error| error.to_string())?;
     let length = file.metadata().map_err(|error| error.to_string())?.len();
     let left = bytes.unwrap_or(length);
     if length < left {
         return Err(format!("it has {length} bytes, {left} are needed"));
     }
+    let mut format = [0; FORMAT.len()];
+    if file.read_exact(&mut format).is_err() || format != FORMAT {
+        return Err("it is not a journal of this format: another version of isobar wrote it, begin the run anew".into());
+    }
+    let left = left.saturating_sub(FORMAT.len() as u64);
     Ok(Frames { input: BufReader::with_capacity(1 << 18, file), left, frame: Vec::new() })
 }
 

@@ -1,6 +1,5 @@
 //! What a run was asked to do: enough to begin it again, and to see whether a checkpoint is one of it.
 
-use crate::event::RunInfo;
 use crate::experiment::Experiment;
 use crate::options::{CheckpointPolicy, RunOptions};
 use crate::scenario::{Scenario, ScenarioError};
@@ -45,21 +44,19 @@ impl PlannedRun {
     }
 }
 
-/// A run as it was asked for, and what that led to.
+/// The identity of a run: what was asked for, and a checksum of everything else on which its results depend.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     /// What was asked for.
     pub run: PlannedRun,
-    /// Checksum of what the scenario led to with its files.
-    experiment: u32,
+    /// [`Experiment::inputs`].
+    inputs: u32,
 }
 
 impl Plan {
     /// The plan of a run of a scenario.
     pub fn new(scenario: &Scenario, options: &RunOptions, experiment: &Experiment) -> Self {
-        let RunInfo { layout, calibration, stations, methods: described, .. } = &experiment.info;
-        let led_to = format!("{layout:?} {calibration:?} {stations:?} {described:?} {}", experiment.files);
-        Self { run: PlannedRun::new(scenario, options), experiment: crc32fast::hash(led_to.as_bytes()) }
+        Self { run: PlannedRun::new(scenario, options), inputs: experiment.inputs }
     }
 
     /// When checkpoints are written; `None`: never.
@@ -73,7 +70,7 @@ impl Plan {
             Some("its scenario is another one")
         } else if self.run.options != other.run.options {
             Some("it is of a run with other options")
-        } else if self.experiment != other.experiment {
+        } else if self.inputs != other.inputs {
             Some(
                 "what it reads was different: a file of stations, observations or fields, or the database of sensors has changed since",
             )

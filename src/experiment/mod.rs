@@ -19,8 +19,8 @@ use crate::summary::Failure;
 use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Problem, SensorKnowledge, covariance};
 use isobar_model::random::stream;
 use isobar_model::{Duration, ModelError, check_time_step};
-use isobar_obs::{InstrumentConfig, ObservationError, ObservingSystem};
-use std::path::PathBuf;
+use isobar_obs::{ObservationError, ObservingSystem};
+use std::path::{Path, PathBuf};
 
 /// Why a scenario cannot become an experiment.
 #[derive(Debug, thiserror::Error)]
@@ -90,8 +90,9 @@ pub struct Experiment {
     pub reference: Option<Reference>,
     /// What observes it.
     pub observing: ObservingSystem,
-    /// Checksum of what files beside the scenario say of the world.
-    pub files: u32,
+    /// Checksum of everything on which results depend beside the scenario's text and the options: the contents of its
+    /// files, and what is known of its sensors.
+    pub inputs: u32,
     /// What the user should know of it before it runs.
     pub warnings: Vec<String>,
     /// The methods, in the order of [`RunInfo::methods`].
@@ -120,8 +121,6 @@ pub struct Ground {
     pub truth: Truth,
     /// What observes it.
     pub observing: ObservingSystem,
-    /// Checksum of what files beside the scenario say of the world.
-    pub files: u32,
 }
 
 /// Whether a scenario's model, initial state, covariances and observing systems fit together.
@@ -147,7 +146,8 @@ impl Experiment {
     pub fn new(scenario: &Scenario, options: &RunOptions) -> Result<Self, ExperimentError> {
         let seed = options.seed.unwrap_or(scenario.seed);
         let cycles = options.cycles.unwrap_or(scenario.cycle.count);
-        let Ground { problem, sensors, truth, observing, files } = ground(scenario, seed, cycles)?;
+        let Ground { problem, sensors, truth, observing } = ground(scenario, seed, cycles)?;
+        let inputs = checksum(scenario, &sensors)?;
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
         let (mut methods, mut infos) = (Vec::new(), Vec::new());
         for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
@@ -209,7 +209,7 @@ impl Experiment {
                 .quality_control
                 .map(|control| Reference::new(control, problem.model, steps, problem.background)),
             observing,
-            files,
+            inputs,
             warnings,
             methods,
         })
@@ -277,14 +277,22 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
         bias: BiasTreatment::Estimate,
         memory_limit_bytes: u64::MAX,
     };
-    Ok(Ground { problem, sensors, truth, observing, files: checksum(scenario, &configs) })
+    Ok(Ground { problem, sensors, truth, observing })
 }
 
-/// A checksum of the fields, stations and observations that were read from files: a run can be resumed only with the same.
-fn checksum(scenario: &Scenario, configs: &[InstrumentConfig]) -> u32 {
-    let Scenario { initial, background_error, model_error, truth, methods, .. } = scenario;
-    let read = format!("{initial:?} {background_error:?} {model_error:?} {truth:?} {methods:?} {configs:?}");
-    crc32fast::hash(read.as_bytes())
+/// A checksum of the contents of a scenario's files and of what is known of its sensors: a run can be resumed only with the
+/// same.
+fn checksum(scenario: &Scenario, sensors: &WarmStart) -> Result<u32, ExperimentError> {
+    let failure = |path: &Path, reason: String| ExperimentError::File { path: path.to_path_buf(), reason };
+    let mut checksum = crc32fast::Hasher::new();
+    for path in &scenario.inputs {
+        let contents = std::fs::read(path).map_err(|error| failure(path, error.to_string()))?;
+        checksum.update(&(contents.len() as u64).to_le_bytes());
+        checksum.update(&contents);
+    }
+    let knowledge = postcard::to_stdvec(&(&sensors.calibration, &sensors.knowledge));
+    checksum.update(&knowledge.map_err(|error| failure(&scenario.path, error.to_string()))?);
+    Ok(checksum.finalize())
 }
 
 /// What the database of sensors knows at the start of a run; nothing without one.
@@ -304,15 +312,10 @@ fn sensors(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> R
         .map_err(|reason| SensorError::new(&settings.database, reason))
 }
 
-/// How much was known of the sensors, in words, with a checksum: a run can be resumed only with the same knowledge.
+/// How much was known of the sensors, in words.
 fn sensors_in_words(sensors: &WarmStart) -> Option<String> {
     let WarmStart { calibration, knowledge, known, .. } = sensors;
-    let checksum = crc32fast::hash(format!("{calibration:?} {knowledge:?}").as_bytes());
-    let recalibrations = knowledge.recalibrations.len();
-    let parameters = calibration.len();
-    (*known > 0).then(|| {
-        format!(
-            "{known} of {parameters} sensors known before, {recalibrations} recalibrations announced ({checksum:08x})"
-        )
-    })
+    let (parameters, recalibrations) = (calibration.len(), knowledge.recalibrations.len());
+    let words = || format!("{known} of {parameters} sensors known before, {recalibrations} recalibrations announced");
+    (*known > 0).then(words)
 }

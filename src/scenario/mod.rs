@@ -67,6 +67,8 @@ pub struct Scenario {
     pub path: PathBuf,
     /// The file's text, to the letter.
     pub text: String,
+    /// The files that it names and on whose contents the results depend: fields, stations, observations.
+    pub inputs: Vec<PathBuf>,
     /// Title, in one line.
     pub title: String,
     /// The phenomenon that the experiment shows.
@@ -192,6 +194,7 @@ impl Scenario {
             name: path.file_stem().map_or(String::new(), |stem| text::clean(&stem.to_string_lossy())),
             path: path.to_path_buf(),
             text: text.to_string(),
+            inputs: file.inputs(),
             title,
             phenomenon,
             source,
