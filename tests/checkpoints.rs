@@ -172,6 +172,9 @@ fn what_is_of_another_version_or_scenario_is_refused_and_stays() {
     replace(&|bytes| [b"isobar checkpoint 2, version 0.0.1\x1b[2J\n", &bytes[28 + version.len()..]].concat());
     let refused = refusal(parent.path());
     assert!(refused.contains("written by isobar 0.0.1\\u{1b}[2J, and this is"), "{refused}");
+    replace(&|bytes| [b"isobar checkpoint 1, ", &bytes[b"isobar checkpoint 2, ".len()..]].concat());
+    let refused = refusal(parent.path());
+    assert!(refused.contains("it is a checkpoint of another format"), "{refused}");
     replace(&|bytes| b"something else\n".iter().chain(bytes).copied().collect());
     assert!(refusal(parent.path()).contains("it is not a checkpoint"));
 
