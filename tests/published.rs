@@ -19,7 +19,7 @@ struct Rows(Vec<Vec<Row>>);
 impl Sink for Rows {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         if let Event::Analysed(analysed) = event {
-            let scores = analysed.scores;
+            let scores = &analysed.scores;
             let spread = |own: &Option<PerVariable>| own.as_ref().map_or(f64::NAN, |own| own["tracer"]);
             self.0[analysed.method].push([
                 scores.rmse_background["tracer"],
