@@ -1,7 +1,7 @@
 //! What happens during a run, as the sinks hear it and the journal holds it.
 
 use crate::correlations::Correlations;
-use crate::summary::{Failure, MethodScores, SmoothedScores, Summary};
+use crate::scores::{Failure, Summary, Values};
 use isobar_assim::{Analysis, Estimate, EstimatedParameter, Structure};
 use isobar_model::{Duration, Layout, State, Time};
 use isobar_obs::{Calibration, ObservationWindow, Projection};
@@ -36,6 +36,13 @@ pub struct RunInfo {
     pub methods: Vec<MethodInfo>,
     /// The observing platforms with a fixed place.
     pub stations: Vec<StationInfo>,
+}
+
+impl RunInfo {
+    /// Names and UDUNITS units of the variables.
+    pub fn variables(&self) -> Vec<(&'static str, &'static str)> {
+        self.layout.variables.iter().map(|variable| (variable.name, variable.unit)).collect()
+    }
 }
 
 /// A method of the run.
@@ -162,7 +169,7 @@ pub struct Smoothed<'a> {
     /// The estimate.
     pub estimate: Cow<'a, Estimate>,
     /// The scores of this cycle alone; empty if its truth is no longer known.
-    pub scores: Cow<'a, SmoothedScores>,
+    pub scores: Cow<'a, Values>,
 }
 
 /// A method's results in one cycle.
@@ -179,7 +186,7 @@ pub struct Analysed<'a> {
     /// The analysis.
     pub analysis: Cow<'a, Analysis>,
     /// The scores of this cycle alone.
-    pub scores: Cow<'a, MethodScores>,
+    pub scores: Cow<'a, Values>,
     /// Blocks and common factors after the analysis, for a method that has them and if a sink shows them.
     pub structure: Option<Cow<'a, Structure>>,
     /// What goes together with the error in the middle of the domain, for a method with a covariance in the last cycle and

@@ -5,8 +5,8 @@ use super::{Checkpoint, Plan, file};
 use crate::event::Event;
 use crate::experiment::Experiment;
 use crate::options::CheckpointPolicy;
+use crate::scores::RunScores;
 use crate::sink::SinkError;
-use crate::verify::Scores;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -77,7 +77,7 @@ impl Keeper {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn write(&mut self, cycle: usize, experiment: &mut Experiment, scores: &Scores) -> Result<(), SinkError> {
+    pub fn write(&mut self, cycle: usize, experiment: &mut Experiment, scores: &RunScores) -> Result<(), SinkError> {
         if self.last.1 == cycle {
             return Ok(());
         }

@@ -22,11 +22,9 @@ pub use plan::{Plan, PlannedRun};
 use crate::experiment::{Competitor, Experiment};
 use crate::run::cycle::Progress;
 use crate::run::truth::SavedTruth;
+use crate::scores::{EarlierTruths, Failure, ObservationCounts, RunScores, Scorecard};
 use crate::sink::directory::checkpoints;
-use crate::smoothed::EarlierTruths;
-use crate::summary::{Failure, ObservationCounts};
 use crate::text::clean;
-use crate::verify::{Scorecard, Scores};
 use isobar_model::State;
 use isobar_obs::SavedSystem;
 use serde::{Deserialize, Serialize};
@@ -65,7 +63,7 @@ impl Checkpoint {
         cycle: usize,
         journal_bytes: u64,
         experiment: &mut Experiment,
-        scores: &Scores,
+        scores: &RunScores,
     ) -> Result<(Self, Vec<Vec<u8>>), isobar_assim::Error> {
         let mut memories = Vec::new();
         let mut methods = Vec::new();
@@ -92,7 +90,7 @@ impl Checkpoint {
     ///
     /// # Errors
     /// In words, if it is the state of another experiment.
-    pub fn restore(self, memories: &[Vec<u8>], experiment: &mut Experiment) -> Result<Scores, String> {
+    pub fn restore(self, memories: &[Vec<u8>], experiment: &mut Experiment) -> Result<RunScores, String> {
         let count = experiment.methods.len();
         let fits = self.observing.cycle() == self.cycle && (1..=experiment.info.cycles).contains(&self.cycle);
         let fits = fits && self.methods.len() == count && memories.len() == count;
@@ -117,7 +115,7 @@ impl Checkpoint {
             competitor.failure = saved.failure;
             totals.push(saved.total);
         }
-        Ok(Scores { totals, observations: self.observations, earlier_truths: self.earlier_truths })
+        Ok(RunScores { totals, observations: self.observations, earlier_truths: self.earlier_truths })
     }
 }
 

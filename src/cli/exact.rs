@@ -2,11 +2,9 @@
 
 use super::arguments::ExactArguments;
 use super::{lookup, print, run};
-use crate::exact::{ExactOptions, ExactScores, ExactSummary, exact};
+use crate::exact::{ExactOptions, ExactSummary, exact};
 use crate::scenario::Scenario;
-use crate::sink::report::tables::Cell;
-use crate::summary::PerVariable;
-use crate::table;
+use crate::tables::scores;
 use miette::{IntoDiagnostic, Report};
 use rayon::ThreadPoolBuilder;
 use std::process::ExitCode;
@@ -26,24 +24,7 @@ pub fn run(arguments: &ExactArguments) -> Result<ExitCode, Report> {
 }
 
 fn text(summary: &ExactSummary, scenario: &Scenario) -> String {
-    let variables = scenario.model.variables();
-    let mut header = vec!["method".to_string()];
-    for (name, unit) in variables {
-        header.extend(["background", "analysis", "claimed"].map(|what| format!("{name} [{unit}]\n{what}")));
-    }
-    header.extend(["biases\n[own units]", "claimed"].map(String::from));
-    let row = |(method, scores): (&String, &ExactScores)| {
-        let mut row = vec![method.clone()];
-        for (name, _) in variables {
-            let of = |table: &PerVariable| table.get(*name).copied();
-            let figures = [of(&scores.background), of(&scores.analysis), scores.spread.as_ref().and_then(of)];
-            row.extend(figures.map(|figure| Cell::figure(figure).text));
-        }
-        row.extend([scores.bias, scores.bias_spread].map(|figure| Cell::figure(figure).text));
-        row
-    };
-    let header: Vec<&str> = header.iter().map(String::as_str).collect();
-    let table = table::plain(&header, summary.methods.iter().map(row).collect());
+    let table = scores::of_values(&summary.methods, scenario.model.variables()).terminal();
     let mut text = format!(
         "{}: {}\n\nExact root-mean-square error of background and analysis, and what is claimed of the latter, cycles {} to \
          {}\n{table}\n",

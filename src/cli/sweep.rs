@@ -10,7 +10,6 @@ use crate::seeds::{BatchKind, BatchPlan, Job, interrupted, run_jobs};
 use crate::sink::Outputs;
 use crate::sink::report::REPORT;
 use crate::sweep::{Outcome, SweepSummary, settings};
-use crate::table;
 use crate::text::clean;
 use miette::{IntoDiagnostic, Report, miette};
 use std::fs;
@@ -91,10 +90,8 @@ fn text(summary: &SweepSummary, scenario: &Scenario) -> String {
         scenario.title,
         summary.seeds.len()
     );
-    for (_, table) in summary.tables(scenario.model.variables()) {
-        let header: Vec<&str> = table.header.iter().map(String::as_str).collect();
-        let rows = table.rows.iter().map(|row| row.iter().map(|cell| cell.text.clone()).collect());
-        text += &format!("\n{}\n", table::plain(&header, rows.collect()));
+    for table in summary.tables(scenario.model.variables()) {
+        text += &format!("\n{}\n", table.terminal());
     }
     let best = summary.best_in_words();
     if !best.is_empty() {

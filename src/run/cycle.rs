@@ -5,7 +5,7 @@ use super::monitor::{Fault, Monitor};
 use crate::correlations::Correlations;
 use crate::memory::{self, Memory};
 use crate::outcome::{Influence, Outcome, Smoothed};
-use crate::stability::{Stability, Watch, judge};
+use crate::scores::stability::{Stability, Watch, judge};
 use isobar_assim::{
     Assimilator, Calibrated, CalibrationAccuracy, Error, Estimate, EstimatedParameter, Structure, Unknown,
     reserve_workspace,

@@ -14,13 +14,12 @@ use crate::interrupt;
 use crate::memory;
 use crate::options::RunOptions;
 use crate::scenario::Scenario;
+use crate::scores::kinds::{MEMORY, SECONDS};
+use crate::scores::{Failure, MethodScores, RunScores, Scorecard, Summary, TrueValues, Values};
 use crate::sensors::table;
 use crate::sensors::write_back::{self, SENSORS_FILE};
 use crate::sink::{Existing, OutputDirectory, Sink, SinkError, open_all};
-use crate::smoothed::SmoothedScorecard;
-use crate::summary::{Failure, MethodScores, Summary};
 use crate::text::clean;
-use crate::verify::{Scorecard, Scores, TrueValues};
 use isobar_model::ForecastError;
 use isobar_obs::ObservationWindow;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -91,7 +90,7 @@ pub fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -
         listener.record(&event)
     };
     let totals = vec![Scorecard::default(); experiment.methods.len()];
-    let scores = Scores { totals, ..Scores::default() };
+    let scores = RunScores { totals, ..RunScores::default() };
     let mut progress = Progress { keeper: None, scores, cycle: 0 };
     if options.resume {
         progress = resume(&directory, &plan, &mut experiment, &mut tell)?;
@@ -136,8 +135,8 @@ struct Shown {
 struct Progress {
     /// Journal and checkpoints, if there are to be any.
     keeper: Option<Keeper>,
-    /// What it has come to so far.
-    scores: Scores,
+    /// The scores so far.
+    scores: RunScores,
     /// The last complete cycle.
     cycle: usize,
 }
@@ -208,7 +207,7 @@ fn note(keeper: &mut Option<Keeper>, tell: &mut Tell<'_>, event: Event<'_>) -> R
 fn one_cycle(
     experiment: &mut Experiment,
     cycle: usize,
-    scores: &mut Scores,
+    scores: &mut RunScores,
     workers: &ThreadPool,
     shown: Shown,
     send: &mut Tell<'_>,
@@ -251,34 +250,30 @@ fn one_cycle(
         let structure = || method.runner.structure(observed, &outcome.background.state, factors);
         let middle = Correlations::middle(&info.layout);
         let correlations = || method.runner.correlations(middle, &outcome.analysis.estimate);
+        let bytes = shown.memory.then_some(method.runner.progress().peak_bytes);
         send(Event::Analysed(Analysed {
             method: number,
             cycle,
             time,
             background: Cow::Borrowed(&outcome.background),
             analysis: Cow::Borrowed(&outcome.analysis),
-            scores: Cow::Owned(MethodScores {
-                seconds_per_cycle: outcome.seconds,
-                peak_memory_bytes: shown.memory.then_some(method.runner.progress().peak_bytes),
-                ..own.scores(&info.layout)
-            }),
+            scores: Cow::Owned(with_cost(own.values(), outcome.seconds, bytes)),
             structure: shown.structure.then(structure).flatten().map(Cow::Owned),
             correlations: (shown.structure && cycle == info.cycles).then(correlations).flatten().map(Cow::Owned),
         }))?;
         for smoothed in &outcome.smoothed {
-            let (ago, lag) = (smoothed.cycles_ago, method.runner.smoother_lag().unwrap_or_default());
+            let (ago, truths) = (smoothed.cycles_ago, &scores.earlier_truths);
             let earlier = cycle - ago;
-            let truths = &scores.earlier_truths;
-            let own = SmoothedScorecard::of_cycle(truths, ago, &smoothed.estimate, lag, method.scores_bias);
-            if let Some(own) = own.as_ref().filter(|_| earlier >= *score_from_cycle) {
-                scores.totals[number].add_smoothed(own);
+            let own = Scorecard::of_smoothed(truths, ago, &smoothed.estimate, method.scores_bias).unwrap_or_default();
+            if earlier >= *score_from_cycle {
+                scores.totals[number].add(&own);
             }
             send(Event::Smoothed(Smoothed {
                 method: number,
                 cycle: earlier,
                 later_cycles: ago,
                 estimate: Cow::Borrowed(&smoothed.estimate),
-                scores: Cow::Owned(own.map(|own| own.scores(&info.layout)).unwrap_or_default()),
+                scores: Cow::Owned(own.values()),
             }))?;
         }
         let parameters = method.runner.parameters();
@@ -298,28 +293,29 @@ fn shown_factors(cycle: usize, cycles: usize) -> usize {
     if cycle == 1 || cycle == cycles || cycle.is_multiple_of(every) { FACTORS } else { 0 }
 }
 
+/// Adds the wall-clock seconds per cycle and, where it is known, the most memory held at one time \[bytes\].
+fn with_cost(mut values: Values, seconds: f64, bytes: Option<u64>) -> Values {
+    values.insert(SECONDS.into(), seconds);
+    values.extend(bytes.map(|bytes| (MEMORY.into(), bytes as f64)));
+    values
+}
+
 /// The scores of a run.
-fn summary(experiment: &Experiment, scores: &Scores, shown: Shown) -> Summary {
+fn summary(experiment: &Experiment, scores: &RunScores, shown: Shown) -> Summary {
     let Experiment { info, score_from_cycle, methods, variance_ratio, .. } = experiment;
     let methods = info.methods.iter().zip(&scores.totals).zip(methods).map(|((own, total), method)| {
         let cycles = method.failure.as_ref().map_or(info.cycles, |failure| failure.cycle);
-        let scores = MethodScores {
-            seconds_per_cycle: method.runner.progress().seconds / cycles as f64,
-            peak_memory_bytes: shown.memory.then_some(method.runner.progress().peak_bytes),
-            stability: match method.failure {
-                None => method.runner.stability(&info.calibration, &info.layout, *variance_ratio).ok(),
-                Some(_) => None,
+        let mut scores = match &method.failure {
+            None => MethodScores {
+                stability: method.runner.stability(&info.calibration, &info.layout, *variance_ratio).ok(),
+                smoother_lag_cycles: own.smoother_lag_cycles,
+                ..total.scores(&info.layout, &info.calibration)
             },
-            failure: method.failure.clone(),
             // Scores of fewer cycles could not be compared with those of the other methods.
-            ..match method.failure {
-                None => MethodScores {
-                    diagnostics: Some(total.diagnostics(&info.layout, &info.calibration)),
-                    ..total.scores(&info.layout)
-                },
-                Some(_) => MethodScores::default(),
-            }
+            Some(failure) => MethodScores { failure: Some(failure.clone()), ..MethodScores::default() },
         };
+        let seconds = method.runner.progress().seconds / cycles as f64;
+        scores.values = with_cost(scores.values, seconds, shown.memory.then_some(method.runner.progress().peak_bytes));
         (own.name.clone(), scores)
     });
     Summary {

@@ -3,10 +3,10 @@
 pub mod recording;
 mod scores;
 
-pub use scores::{CycleScores, MethodSeries, Scores};
+pub use scores::{MethodSeries, Scores};
 
+use crate::scores::Summary;
 use crate::sink::directory::SUMMARY_FILE;
-use crate::summary::Summary;
 use crate::text::clean;
 use miette::Diagnostic;
 use std::fs;

@@ -1,7 +1,8 @@
 //! `scores.csv`, read back.
 
 use super::{SavedRun, SavedRunError, read};
-use crate::sink::scores::{PER_VARIABLE, SCORES_FILE};
+use crate::scores::{SCORES, Score, Values};
+use crate::sink::scores::SCORES_FILE;
 use indexmap::IndexMap;
 use std::collections::BTreeMap;
 
@@ -15,16 +16,7 @@ pub struct Scores {
 }
 
 /// The scores of a method, by cycle.
-pub type MethodSeries = BTreeMap<usize, CycleScores>;
-
-/// The scores of a method in a cycle.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct CycleScores {
-    /// Root-mean-square analysis error, by the number of the variable.
-    pub rmse_analysis: Vec<Option<f64>>,
-    /// Root-mean-square error of the bias parameters.
-    pub bias_rmse: Option<f64>,
-}
+pub type MethodSeries = BTreeMap<usize, Values>;
 
 impl SavedRun {
     /// The scores of the run's cycles.
@@ -54,18 +46,19 @@ fn parse(text: &str) -> Result<Scores, String> {
         let place = header.iter().position(|it| it == name);
         place.ok_or_else(|| format!("it has no column `{name}`"))
     };
-    let (cycle_at, method_at, bias_at) = (column("cycle")?, column("method")?, column("bias_rmse")?);
+    let (cycle_at, method_at) = (column("cycle")?, column("method")?);
+    let found: Vec<(usize, Score<'_>)> =
+        header.iter().enumerate().filter_map(|(place, title)| Some((place, Score::of_column(title)?))).collect();
     let mut scores = Scores::default();
-    let mut analysis_at = Vec::new();
-    for (place, name) in header.iter().enumerate() {
-        let variable = name.strip_prefix(PER_VARIABLE[1]).and_then(|rest| rest.strip_prefix(' '));
-        if let Some((name, unit)) = variable.and_then(|it| it.strip_suffix(']')).and_then(|it| it.rsplit_once(" [")) {
+    for (_, Score { variable: (name, unit), .. }) in &found {
+        if !name.is_empty() && scores.variables.iter().all(|(known, _)| known != name) {
             scores.variables.push((name.to_string(), unit.to_string()));
-            analysis_at.push(place);
         }
     }
-    if scores.variables.is_empty() {
-        return Err(format!("it has no column `{} …`", PER_VARIABLE[1]));
+    for kind in SCORES.iter().filter(|kind| kind.compared) {
+        if !found.iter().any(|(_, score)| std::ptr::eq(score.kind, kind)) {
+            return Err(format!("it has no column `{}{}`", kind.name, if kind.per_variable { " …" } else { "" }));
+        }
     }
     for record in reader.records() {
         let record = record.map_err(|error| error.to_string())?;
@@ -77,12 +70,12 @@ fn parse(text: &str) -> Result<Scores, String> {
         };
         let text = field(cycle_at);
         let cycle: usize = text.parse().map_err(|_| format!("line {line}: `{text}` is not the number of a cycle"))?;
-        let own = CycleScores {
-            rmse_analysis: analysis_at.iter().map(|&place| number(place)).collect::<Result<_, _>>()?,
-            bias_rmse: number(bias_at)?,
-        };
+        let mut values = Values::new();
+        for (place, score) in &found {
+            values.extend(number(*place)?.map(|value| (score.key(), value)));
+        }
         let method = scores.methods.entry(field(method_at).to_string()).or_default();
-        if method.insert(cycle, own).is_some() {
+        if method.insert(cycle, values).is_some() {
             return Err(format!("line {line}: the method has cycle {cycle} twice"));
         }
     }
@@ -100,8 +93,11 @@ mod tests {
         let scores = parse(&format!("{HEADER}1,t,\"a, b\",3,2.5,\n2,t,\"a, b\",3,1.5,0.5\n")).unwrap();
         assert_eq!(scores.variables, [("h".to_string(), "m".to_string())]);
         let method = &scores.methods["a, b"];
-        assert_eq!(method[&1], CycleScores { rmse_analysis: vec![Some(2.5)], bias_rmse: None });
-        assert_eq!(method[&2].bias_rmse, Some(0.5));
+        let values = |values: &[(&str, f64)]| -> Values {
+            values.iter().map(|&(key, value)| (key.to_string(), value)).collect()
+        };
+        assert_eq!(method[&1], values(&[("rmse_background.h", 3.0), ("rmse_analysis.h", 2.5)]));
+        assert_eq!(method[&2]["bias_rmse"], 0.5);
     }
 
     #[test]
@@ -111,7 +107,7 @@ mod tests {
         assert!(fault("1,t,a,3,2,\n-1,t,a,3,2,\n").contains("line 3: `-1`"));
         assert!(fault("1,t,a,3,2,\n1,t,a,3,2,\n").contains("twice"));
         assert!(fault("1,t\n").contains("fields"));
-        assert!(parse("cycle,method\n").unwrap_err().contains("bias_rmse"));
+        assert!(parse("cycle,method,rmse_analysis h [m]\n").unwrap_err().contains("bias_rmse"));
         assert!(parse("cycle,method,bias_rmse\n").unwrap_err().contains("rmse_analysis"));
     }
 }

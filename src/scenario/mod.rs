@@ -24,11 +24,11 @@ mod sweep;
 mod time_volume;
 
 pub use crate::reader::ScenarioError;
+pub use crate::scores::Expected;
 pub use accept::{AcceptError, accept, with_expected};
 pub use adapt::Adapt;
 pub use bias::{Bias, BiasEvolution, BiasOwner, InitialBias, RadiosondeBias, SatelliteBias, ScanTerm};
 pub use cycle::{CycleSettings, TruthSettings};
-pub use expected::{Expected, ExpectedScores};
 pub use grid::GridSettings;
 pub use initial::Initial;
 pub use initialise::Initialise;

@@ -5,9 +5,9 @@
 //! where there is no such figure.
 
 use super::SeedsSummary;
+use crate::scores::statistics::Interval;
 use crate::sink::SinkError;
 use crate::sink::directory::SEEDS_FILE;
-use crate::statistics::Interval;
 use std::fs;
 use std::path::Path;
 

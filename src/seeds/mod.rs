@@ -14,17 +14,13 @@ mod tables;
 pub use batch::{BatchKind, BatchPlan, describe, interrupted};
 pub use runs::{FailedSeed, Job, JobOutcome, Run, Schedule, SeedRuns, run_all, run_jobs};
 
-use crate::scenario::ExpectedScores;
-use crate::statistics::{Interval, independent_mean};
-use crate::summary::MethodScores;
+use crate::scores::Values;
+use crate::scores::statistics::{Interval, independent_mean};
 use indexmap::IndexMap;
 use serde::Serialize;
 
 /// The fewest seeds that tell something.
 pub const FEWEST_SEEDS: u64 = 3;
-
-/// The name of the time among the scores.
-const TIME: &str = "seconds_per_cycle";
 
 /// Scores over seeds, as `seeds.json` holds them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -45,7 +41,7 @@ pub struct SeedsSummary {
     pub seeds: Vec<u64>,
     /// What failed: whole runs, and methods of complete ones.
     pub failed: Vec<FailedSeed>,
-    /// Scores by method, then by dotted name, `rmse_analysis.h`; their meaning is that in [`MethodScores`].
+    /// Scores by method, then by dotted name, `rmse_analysis.h`; their meaning is that in [`crate::scores::SCORES`].
     pub methods: IndexMap<String, IndexMap<String, SeedsScore>>,
 }
 
@@ -80,9 +76,9 @@ impl SeedsSummary {
     pub fn new(runs: SeedRuns, against: &str) -> Option<Self> {
         let SeedRuns { schedule, complete, failed } = runs;
         let first = complete.first()?;
-        let scores: Vec<IndexMap<&str, IndexMap<String, f64>>> = complete
+        let scores: Vec<IndexMap<&str, Values>> = complete
             .iter()
-            .map(|run| run.methods.iter().map(|(name, scores)| (name.as_str(), entries(scores))).collect())
+            .map(|run| run.methods.iter().map(|(name, scores)| (name.as_str(), scores.all())).collect())
             .collect();
         let values = |method: &str, score: &str| -> Vec<Option<f64>> {
             scores.iter().map(|run| run.get(method)?.get(score).copied()).collect()
@@ -148,26 +144,16 @@ impl PairedDifference {
     }
 }
 
-/// All scores of a method by dotted name; none if it failed.
-pub(crate) fn entries(scores: &MethodScores) -> IndexMap<String, f64> {
-    if scores.failure.is_some() {
-        return IndexMap::new();
-    }
-    let mut entries = ExpectedScores::from(scores).entries();
-    entries.insert(TIME.into(), scores.seconds_per_cycle);
-    entries
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::summary::{Failure, Summary};
+    use crate::scores::kinds::SECONDS;
+    use crate::scores::{Failure, MethodScores, Summary};
 
     fn run(seed: u64, methods: &[(&str, f64)]) -> Summary {
         let scores = |h: f64| {
-            let mut scores = MethodScores { seconds_per_cycle: 0.5, ..MethodScores::default() };
-            scores.rmse_analysis.insert("h".into(), h);
-            scores
+            let values = [("rmse_analysis.h".to_string(), h), (SECONDS.to_string(), 0.5)].into();
+            MethodScores { values, ..MethodScores::default() }
         };
         Summary {
             scenario: "s".into(),
@@ -201,7 +187,7 @@ mod tests {
         assert!((fkf.mean - 0.1).abs() < 1e-12 && fkf.interval.unwrap().half_width() < 1e-9);
         assert_eq!((fkf.significant, fkf.reference), (Some(true), 5.0));
         assert!((fkf.percent().unwrap().0 - 2.0).abs() < 1e-9);
-        let time = &summary.methods["fkf"][TIME];
+        let time = &summary.methods["fkf"][SECONDS];
         assert_eq!((time.mean, time.difference.unwrap().significant), (0.5, Some(false)));
     }
 
@@ -225,12 +211,12 @@ mod tests {
         let mut runs = vec![run(1, &all), run(2, &all), run(3, &all)];
         runs[1].methods["fkf"] = MethodScores {
             failure: Some(Failure { cycle: 4, reason: "lost".into() }),
-            seconds_per_cycle: 9.0,
+            values: [(SECONDS.to_string(), 9.0)].into(),
             ..MethodScores::default()
         };
         let summary = summary(runs);
-        assert_eq!(summary.methods["fkf"][TIME].values, [Some(0.5), None, Some(0.5)]);
-        assert_eq!(summary.methods["kf"][TIME].values, [Some(0.5); 3]);
+        assert_eq!(summary.methods["fkf"][SECONDS].values, [Some(0.5), None, Some(0.5)]);
+        assert_eq!(summary.methods["kf"][SECONDS].values, [Some(0.5); 3]);
     }
 
     #[test]

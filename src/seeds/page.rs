@@ -4,6 +4,7 @@ use super::{SeedsSummary, describe};
 use crate::plot::colors::of_method_on_paper;
 use crate::plot::{Curve, CurvePlot, Dash};
 use crate::scenario::Scenario;
+use crate::scores::Score;
 use crate::sink::report::page::{Figure, Folded, Page, PageError, Section, render};
 
 impl SeedsSummary {
@@ -14,9 +15,10 @@ impl SeedsSummary {
     pub fn html(&self, scenario: &Scenario) -> Result<String, PageError> {
         let variables = scenario.model.variables();
         let against = &self.against;
-        let about_smoothed = match self.has_smoothed() {
-            true => " Smoothed: the estimates of the same cycles once later observations have revised them.",
-            false => "",
+        let about_smoothed = if self.has_smoothed() {
+            " Smoothed: the estimates of the same cycles once later observations have revised them."
+        } else {
+            ""
         };
         let mut sections = vec![
             Section {
@@ -76,11 +78,10 @@ impl SeedsSummary {
 
     /// The error of each variable, and that of the biases, by seed.
     fn figures(&self, variables: &[(&str, &str)]) -> Vec<Figure> {
-        let errors = variables.iter().map(|(name, unit)| (format!("rmse_analysis.{name}"), format!("{name} [{unit}]")));
-        let all = errors.chain([("bias_rmse".to_string(), "biases [own units]".to_string())]);
-        let draw = |(number, (score, title)): (usize, (String, String))| {
+        let draw = |(number, score): (usize, Score<'_>)| {
+            let (key, title) = (score.key(), score.subject());
             let curve = |(place, method): (usize, &String)| {
-                let values = &self.score(method, &score)?.values;
+                let values = &self.score(method, &key)?.values;
                 let pairs = self.seeds.iter().zip(values);
                 let points = pairs.filter_map(|(&seed, value)| Some([seed as f64, (*value)?])).collect();
                 Some(Curve { dash: Dash::Solid, ..Curve::new(method, of_method_on_paper(place), points) })
@@ -89,6 +90,6 @@ impl SeedsSummary {
             let plot = CurvePlot::new(format!("analysis RMSE of {title}"), "seed".into(), title.clone(), curves);
             Figure::of_curves(&plot, number, format!("Analysis error of {title}, by seed."))
         };
-        all.enumerate().filter_map(draw).collect()
+        Score::all(variables, |kind| kind.compared).into_iter().enumerate().filter_map(draw).collect()
     }
 }

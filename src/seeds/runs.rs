@@ -5,9 +5,10 @@ use crate::options::RunOptions;
 use crate::progress::SeedsProgress;
 use crate::saved::SavedRun;
 use crate::scenario::Scenario;
+use crate::scores::Summary;
+use crate::scores::kinds::MEMORY;
 use crate::sink::directory::SUMMARY_FILE;
 use crate::sink::{Sink, SinkError};
-use crate::summary::Summary;
 use miette::{IntoDiagnostic, Report};
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
@@ -201,8 +202,8 @@ fn trial(job: &Job<'_>, options: &RunOptions, run: &Run<'_>, directory: &Path) -
     let RunOptions { methods, threads, concurrent, .. } = options.clone();
     let options = RunOptions { methods, cycles, seed, threads, concurrent, ..RunOptions::new(out) };
     let summary = run(job.scenario, &options, &mut Nobody).ok()?;
-    let of_methods: Option<u64> = summary.methods.values().map(|scores| scores.peak_memory_bytes).sum();
-    Some(of_methods? + OTHER_BYTES)
+    let of_methods: Option<f64> = summary.methods.values().map(|scores| scores.values.get(MEMORY)).sum();
+    Some(of_methods? as u64 + OTHER_BYTES)
 }
 
 /// How many of the wanted runs of a size fit; at least one.

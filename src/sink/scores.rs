@@ -8,8 +8,9 @@
 
 use crate::calendar::utc;
 use crate::event::{Analysed, Event, RunInfo};
+use crate::scores::{Part, Score, Values};
 use crate::sink::{OutputDirectory, Sink, SinkError};
-use crate::summary::{PerVariable, SmoothedScores};
+use isobar_model::Time;
 use std::collections::VecDeque;
 use std::fmt::Display;
 use std::fs::File;
@@ -17,9 +18,6 @@ use std::path::PathBuf;
 
 /// Name of the file in the output directory.
 pub const SCORES_FILE: &str = "scores.csv";
-
-/// The scores of each variable, by the beginning of their columns' names.
-pub const PER_VARIABLE: [&str; 4] = ["rmse_background", "rmse_analysis", "spread_background", "spread_analysis"];
 
 /// Writes the scores as they come. A row waits until nothing in it will be smoothed any more.
 #[derive(Debug)]
@@ -29,6 +27,8 @@ pub struct ScoresSink {
     info: RunInfo,
     /// The most later cycles that revise an estimate, if a method has a smoother.
     lag: Option<usize>,
+    /// The keys of the scores in the columns.
+    keys: Vec<String>,
     waiting: VecDeque<Row>,
 }
 
@@ -37,8 +37,8 @@ pub struct ScoresSink {
 struct Row {
     cycle: usize,
     method: usize,
-    fields: Vec<String>,
-    smoothed: SmoothedScores,
+    time: Time,
+    values: Values,
 }
 
 impl ScoresSink {
@@ -51,59 +51,46 @@ impl ScoresSink {
         let mut writer = csv::Writer::from_path(&path).map_err(|error| failure(&path, &error))?;
         let lag = info.methods.iter().filter_map(|method| method.smoother_lag_cycles).max();
         let mut header: Vec<String> = ["cycle", "valid_time", "method"].map(String::from).into();
-        let variables = &info.layout.variables;
-        let column =
-            |score: &str, variable: &isobar_model::Variable| format!("{score} {} [{}]", variable.name, variable.unit);
-        for variable in variables {
-            header.extend(PER_VARIABLE.map(|score| column(score, variable)));
-        }
-        header.extend(["bias_rmse", "bias_spread", "innovation_chi2"].map(String::from));
-        if lag.is_some() {
-            let names = |variable| ["rmse_smoothed", "spread_smoothed"].map(|score| column(score, variable));
-            header.extend(variables.iter().flat_map(names));
-            header.extend(["bias_rmse_smoothed", "bias_spread_smoothed"].map(String::from));
-        }
+        let columns = columns(&info.variables(), lag.is_some());
+        header.extend(columns.iter().map(|(_, title)| title.clone()));
         writer.write_record(&header).map_err(|error| failure(&path, &error))?;
-        Ok(Self { path, writer, info: info.clone(), lag, waiting: VecDeque::new() })
-    }
-
-    fn row(&self, analysed: &Analysed<'_>) -> Row {
-        let &Analysed { cycle, method, ref scores, .. } = analysed;
-        let name = self.info.methods.get(method).map_or("", |method| method.name.as_str());
-        let mut fields = vec![cycle.to_string(), utc(analysed.time), name.to_string()];
-        for variable in &self.info.layout.variables {
-            let tables = [Some(&scores.rmse_background), Some(&scores.rmse_analysis)];
-            let spreads = [scores.spread_background.as_ref(), scores.spread_analysis.as_ref()];
-            fields.extend(tables.into_iter().chain(spreads).map(|table| of_variable(table, variable.name)));
-        }
-        fields.extend([scores.bias_rmse, scores.bias_spread, scores.innovation_chi2].map(field));
-        Row { cycle, method, fields, smoothed: SmoothedScores::default() }
+        let keys = columns.into_iter().map(|(key, _)| key).collect();
+        Ok(Self { path, writer, info: info.clone(), lag, keys, waiting: VecDeque::new() })
     }
 
     /// Writes the rows of the cycles up to this one.
-    fn write_until(&mut self, cycle: usize) -> Result<(), SinkError> {
-        while let Some(Row { mut fields, smoothed, .. }) = self.waiting.pop_front_if(|row| row.cycle <= cycle) {
-            if self.lag.is_some() {
-                for variable in &self.info.layout.variables {
-                    let tables = [Some(&smoothed.rmse), smoothed.spread.as_ref()];
-                    fields.extend(tables.map(|table| of_variable(table, variable.name)));
-                }
-                fields.extend([smoothed.bias_rmse, smoothed.bias_spread].map(field));
-            }
+    fn write_until(&mut self, last: usize) -> Result<(), SinkError> {
+        while let Some(Row { cycle, method, time, values }) = self.waiting.pop_front_if(|row| row.cycle <= last) {
+            let name = self.info.methods.get(method).map_or("", |method| method.name.as_str());
+            let mut fields = vec![cycle.to_string(), utc(time), name.to_string()];
+            let field = |key: &String| values.get(key).map_or_else(String::new, f64::to_string);
+            fields.extend(self.keys.iter().map(field));
             self.writer.write_record(&fields).map_err(|error| failure(&self.path, &error))?;
         }
         Ok(())
     }
 }
 
+/// The scores of a cycle: keys and titles, `rmse_analysis.h` and `rmse_analysis h [m]`.
+fn columns(variables: &[(&str, &str)], with_smoothed: bool) -> Vec<(String, String)> {
+    let scores = |smoothed: bool| {
+        Score::all(variables, move |kind| kind.is_of_cycles() && (kind.part == Part::Smoothed) == smoothed)
+    };
+    let all = scores(false).into_iter().chain(if with_smoothed { scores(true) } else { Vec::new() });
+    all.map(|score| (score.key(), score.column())).collect()
+}
+
 impl Sink for ScoresSink {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         match event {
-            Event::Analysed(analysed) => self.waiting.push_back(self.row(analysed)),
+            Event::Analysed(Analysed { method, cycle, time, scores, .. }) => {
+                let values = scores.clone().into_owned();
+                self.waiting.push_back(Row { cycle: *cycle, method: *method, time: *time, values });
+            }
             Event::Smoothed(smoothed) => {
                 let of_it = |row: &&mut Row| (row.cycle, row.method) == (smoothed.cycle, smoothed.method);
                 if let Some(row) = self.waiting.iter_mut().find(of_it) {
-                    row.smoothed = smoothed.scores.clone().into_owned();
+                    row.values.extend(smoothed.scores.clone().into_owned());
                 }
             }
             Event::CycleEnded(cycle) => self.write_until(cycle.saturating_sub(self.lag.unwrap_or(0)))?,
@@ -115,15 +102,6 @@ impl Sink for ScoresSink {
         }
         Ok(())
     }
-}
-
-/// The figure of a variable; nothing if there is none.
-fn of_variable(table: Option<&PerVariable>, variable: &str) -> String {
-    field(table.and_then(|table| table.get(variable).copied()))
-}
-
-fn field(value: Option<f64>) -> String {
-    value.map_or_else(String::new, |value| value.to_string())
 }
 
 fn failure(path: &std::path::Path, reason: &dyn Display) -> SinkError {

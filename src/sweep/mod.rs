@@ -12,9 +12,9 @@ mod tables;
 pub use settings::{Setting, settings};
 
 use crate::scenario::Scenario;
-use crate::seeds::{Schedule, entries};
-use crate::statistics::{Interval, independent_mean};
-use crate::summary::{MethodScores, Summary};
+use crate::scores::statistics::{Interval, independent_mean};
+use crate::scores::{MethodScores, Summary, Values};
+use crate::seeds::Schedule;
 use indexmap::IndexMap;
 use serde::Serialize;
 use toml::Value;
@@ -94,7 +94,7 @@ impl SweepSummary {
                 }
             }
             for method in &setting.methods {
-                let all = own().filter_map(|outcome| outcome.as_ref().ok()?.methods.get(method)).map(all_scores);
+                let all = own().filter_map(|outcome| outcome.as_ref().ok()?.methods.get(method)).map(MethodScores::all);
                 methods.entry(method.clone()).or_default().push(SettingScores {
                     directory: setting.directory.clone(),
                     values: setting.values.clone(),
@@ -120,17 +120,8 @@ impl SweepSummary {
     }
 }
 
-/// The scores of a run, with the continuous ranked probability scores.
-fn all_scores(scores: &MethodScores) -> IndexMap<String, f64> {
-    let mut all = entries(scores);
-    for (variable, own) in scores.diagnostics.iter().flat_map(|it| &it.state) {
-        all.insert(format!("crps.{variable}"), own.crps);
-    }
-    all
-}
-
 /// The mean of each score over the runs that have it.
-fn means(all: Vec<IndexMap<String, f64>>) -> IndexMap<String, SweepScore> {
+fn means(all: Vec<Values>) -> IndexMap<String, SweepScore> {
     let mut values: IndexMap<String, Vec<f64>> = IndexMap::new();
     for (name, value) in all.into_iter().flatten() {
         values.entry(name).or_default().push(value);
@@ -167,7 +158,8 @@ fn groups<'a>(method: &str, settings: &'a [SettingScores], but: &str) -> Vec<Gro
     groups
 }
 
-/// The number of the setting with the least mean in each group, the first of several; one of which a seed has failed is none.
+/// The number of the setting with the least mean in each group, the first of several; settings with a failed seed do not
+/// compete.
 fn best(method: &str, settings: &[SettingScores], score: &str) -> Vec<usize> {
     let of_group = |(_, group): Group<'_>| {
         let scores = || group.iter().filter_map(|(number, own)| Some((*number, own.scores.get(score)?)));

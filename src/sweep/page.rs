@@ -31,7 +31,7 @@ impl SweepSummary {
     /// # Errors
     /// As [`render`].
     pub fn html(&self, scenario: &Scenario) -> Result<String, PageError> {
-        let tables = self.tables(scenario.model.variables()).into_iter().map(|(_, table)| table).collect();
+        let tables = self.tables(scenario.model.variables());
         let figures = self.figures(scenario).into_iter().enumerate();
         let figures = figures.filter_map(|(number, own)| Figure::of_curves(&own.plot, number, own.caption)).collect();
         let best = self.best_in_words();

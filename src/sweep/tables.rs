@@ -1,7 +1,8 @@
 //! Scores over settings as tables, one for each method.
 
 use super::{SettingScores, SweepSummary, groups};
-use crate::sink::report::tables::{Cell, NONE, Table, figure};
+use crate::scores::Score;
+use crate::tables::{Cell, NONE, Table, figure, with_half_width};
 use toml::Value;
 
 /// A value as it is shown: text without its quotes.
@@ -19,19 +20,16 @@ pub fn short(key: &str) -> &str {
 }
 
 impl SweepSummary {
-    /// The settings of each method with their scores; a star and `better` mark the best.
+    /// The settings of each method with their scores, a table for each method; a star and `better` mark the best.
     ///
     /// `variables` are names and units.
-    pub fn tables(&self, variables: &[(&str, &str)]) -> Vec<(&str, Table)> {
-        let errors = variables.iter().map(|(name, unit)| (format!("rmse_analysis.{name}"), format!("{name} [{unit}]")));
-        let crps = variables.iter().map(|(name, unit)| (format!("crps.{name}"), format!("CRPS of {name} [{unit}]")));
-        let others = [("bias_rmse", "biases [own units]"), ("innovation_chi2", "χ²/n [1]")];
-        let others = others.map(|(score, title)| (score.to_string(), title.to_string()));
-        let mut columns: Vec<(String, String)> = errors.chain(crps).chain(others).collect();
-        if !columns.iter().any(|(score, _)| *score == self.score) {
+    pub fn tables(&self, variables: &[(&str, &str)]) -> Vec<Table> {
+        let columns = Score::all(variables, |kind| kind.swept);
+        let mut columns: Vec<(String, String)> = columns.iter().map(|score| (score.key(), score.title())).collect();
+        if !columns.iter().any(|(key, _)| *key == self.score) {
             columns.insert(0, (self.score.clone(), self.score.clone()));
         }
-        self.methods.iter().map(|(name, settings)| (name.as_str(), self.table(name, settings, &columns))).collect()
+        self.methods.iter().map(|(name, settings)| self.table(name, settings, &columns)).collect()
     }
 
     fn table(&self, method: &str, settings: &[SettingScores], columns: &[(String, String)]) -> Table {
@@ -49,11 +47,10 @@ impl SweepSummary {
             row.extend(used.iter().map(|(name, _)| {
                 let Some(score) = own.scores.get(name) else { return NONE.into() };
                 let is_chosen = is_best && *name == self.score;
-                let half_width =
-                    score.interval.map_or_else(String::new, |it| format!(" ± {}", figure(it.half_width())));
+                let known = with_half_width(figure(score.mean), score.interval.map(|it| it.half_width()));
                 let star = if is_chosen { " *" } else { "" };
                 let class = if is_chosen { "better" } else { "" };
-                Cell { class, ..format!("{}{half_width}{star}", figure(score.mean)).into() }
+                Cell { class, ..format!("{known}{star}").into() }
             }));
             row
         };

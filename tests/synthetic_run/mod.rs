@@ -1,11 +1,10 @@
 //! A made-up run for the sinks: a vortex drifts through a channel, and each method's errors shrink at its own pace.
 
-use indexmap::IndexMap;
 use isobar::correlations::Correlations;
 use isobar::event::{Analysed, Event, MethodInfo, RunInfo, StationInfo};
+use isobar::scores::stability::{ParameterStability, Stability};
+use isobar::scores::{MethodScores, Summary, Values};
 use isobar::sink::{Sink, SinkError};
-use isobar::stability::{ParameterStability, Stability};
-use isobar::summary::{MethodScores, PerVariable, Summary};
 use isobar_assim::block_angular::PartitionReport;
 use isobar_assim::{Analysis, CommonFactor, Estimate, Structure};
 use isobar_model::random::{standard_normals, stream};
@@ -87,7 +86,7 @@ impl SyntheticRun {
             for (method, results) in self.results.iter().enumerate() {
                 let (background, analysis, scores) = &results[cycle - 1];
                 let (background, analysis) = (Cow::Borrowed(background), Cow::Borrowed(analysis));
-                let scores = Cow::Borrowed(scores);
+                let scores = Cow::Borrowed(&scores.values);
                 let time = self.time(cycle);
                 let structure = (method == 0).then(|| self.structure(cycle));
                 let structure = structure.map(Cow::Owned);
@@ -314,19 +313,25 @@ fn analyse(
         let simulated = window.operator.simulate(&estimate.state, &estimate.calibration);
         window.values.iter().zip(simulated).map(|(value, simulated)| value - simulated).collect::<Vec<_>>()
     };
-    let rms = |values: &dyn Fn(usize) -> Vec<f64>| -> PerVariable {
-        let names = info.layout.variables.iter().map(|variable| variable.name.to_string());
-        let root = |values: Vec<f64>| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
-        names.enumerate().map(|(number, name)| (name, root(values(number)))).collect::<IndexMap<_, _>>()
-    };
     let cells = info.layout.grid.cells();
-    let error = |estimate: &Estimate| {
-        let difference = &estimate.state - truth;
-        rms(&|number| difference.field(number).iter().copied().collect())
+    let mut values = Values::new();
+    let mut insert = |kind: &str, all: &[f64]| {
+        for (variable, own) in info.layout.variables.iter().zip(all.chunks_exact(cells)) {
+            let mean = own.iter().map(|v| v * v).sum::<f64>() / cells as f64;
+            values.insert(format!("{kind}.{}", variable.name), mean.sqrt());
+        }
     };
-    let spread = |estimate: &Estimate| {
-        estimate.state_spread.as_ref().map(|it| rms(&|number| it[number * cells..(number + 1) * cells].to_vec()))
-    };
+    for (stage, estimate) in [("background", &background), ("analysis", &analysed)] {
+        insert(&format!("rmse_{stage}"), (&estimate.state - truth).values());
+        if let Some(spread) = &estimate.state_spread {
+            insert(&format!("spread_{stage}"), spread);
+        }
+    }
+    if has_spread {
+        let others = [("bias_rmse", 2.5 * level), ("bias_spread", 2.6 * level), ("innovation_chi2", 1.0 + 0.1 * level)];
+        values.extend(others.map(|(score, value)| (score.to_string(), value)));
+    }
+    values.extend([("seconds_per_cycle".to_string(), 0.0123), ("peak_memory_bytes".to_string(), 1_500_000.0)]);
     let parameters = info.calibration.parameters.iter().map(|parameter| ParameterStability {
         name: parameter.name.clone(),
         observations: 12,
@@ -338,20 +343,8 @@ fn analyse(
     });
     let stability = Stability { parameters: parameters.collect(), ..Stability::default() };
     let scores = MethodScores {
-        smoothed: None,
+        values,
         stability: Some(stability),
-        rmse_analysis: error(&analysed),
-        rmse_background: error(&background),
-        spread_analysis: spread(&analysed),
-        spread_background: spread(&background),
-        bias_rmse: has_spread.then_some(2.5 * level),
-        bias_spread: has_spread.then_some(2.6 * level),
-        innovation_chi2: has_spread.then_some(1.0 + 0.1 * level),
-        seconds_per_cycle: 0.0123,
-        peak_memory_bytes: Some(1_500_000),
-        intervals: None,
-        diagnostics: None,
-        failure: None,
         partition: (method == 0).then_some(PartitionReport {
             blocks: 24,
             components: 3,
@@ -366,6 +359,7 @@ fn analyse(
             nested: false,
             border: 4,
         }),
+        ..MethodScores::default()
     };
     let analysis = Analysis {
         background_departures: departures(&background),

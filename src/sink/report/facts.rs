@@ -3,7 +3,7 @@
 use crate::calendar::utc;
 use crate::event::RunInfo;
 use crate::plot::{number, unit};
-use crate::summary::Summary;
+use crate::scores::Summary;
 use isobar_model::{Boundary, Duration};
 use toml::{Table, Value};
 

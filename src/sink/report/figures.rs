@@ -3,12 +3,12 @@
 use super::history::{Cycle, History, MethodCycle, ParameterHistory};
 use super::reliability::{Reliability, normal_density};
 use crate::calendar::utc;
-use crate::event::RunInfo;
+use crate::event::{MethodInfo, RunInfo};
 use crate::plot::colors::of_method_on_paper;
 use crate::plot::range::quantile;
 use crate::plot::{Curve, CurvePlot, Dash, unit};
+use crate::scores::{Better, Line, MethodScores, Part, SCORES, Score, ScoreKind, Summary};
 use crate::sink::netcdf::coordinates::safe_name;
-use crate::summary::{MethodScores, PerVariable, Summary};
 use isobar_obs::ObservationType;
 use std::collections::BTreeSet;
 
@@ -40,17 +40,17 @@ impl Figures<'_> {
     pub fn errors(&self) -> Vec<Drawing> {
         let per_variable = |variable: &isobar_model::Variable| {
             let name = variable.name;
-            let series = |pick: fn(&MethodScores) -> Option<&PerVariable>, method: usize| {
-                self.series(method, |own| pick(&own.scores)?.get(name).copied())
-            };
             let mut curves = Vec::new();
             for (method, info) in self.info.methods.iter().enumerate() {
-                let error =
-                    Curve::new(&info.name, of_method_on_paper(method), series(|it| Some(&it.rmse_analysis), method));
-                let spread = Curve { points: series(|it| it.spread_analysis.as_ref(), method), ..error.clone() };
-                let smoothed = self.series(method, |own| own.smoothed.as_ref()?.rmse.get(name).copied());
-                let smoothed = Curve { points: smoothed, ..error.clone() };
-                curves.extend([error, spread.unnamed(Dash::Dashed), smoothed.unnamed(Dash::Dotted)]);
+                for (kind, line) in drawn(true).filter(|(kind, _)| kind.part != Part::Background) {
+                    let points = self.scores(method, &kind.key(name));
+                    let curve = Curve::new(&info.name, of_method_on_paper(method), points);
+                    curves.push(match line {
+                        Line::Solid => curve,
+                        Line::Dashed => curve.unnamed(Dash::Dashed),
+                        Line::Dotted => curve.unnamed(Dash::Dotted),
+                    });
+                }
             }
             let is_smoothed = self.info.methods.iter().any(|method| method.smoother_lag_cycles.is_some());
             let smoothed = if is_smoothed { ", error once smoothed (dotted)" } else { "" };
@@ -213,24 +213,9 @@ impl Figures<'_> {
         self.info.layout.variables.iter().filter_map(drawing).collect()
     }
 
-    /// χ²/n over time, and mean departures of each network and variable.
+    /// The scores of methods as a whole over time, and mean departures of each network and variable.
     pub fn innovations(&self) -> Vec<Drawing> {
-        let mut drawings = Vec::new();
-        let mut curves = Vec::new();
-        for (method, info) in self.info.methods.iter().enumerate() {
-            let points = self.series(method, |own| own.scores.innovation_chi2);
-            if !points.is_empty() {
-                curves.push(Curve::new(&info.name, of_method_on_paper(method), points));
-            }
-        }
-        if !curves.is_empty() {
-            let caption =
-                "Normalised innovation squared per observation: 1 if the claimed covariances are right.".into();
-            let mut chi2 =
-                self.over_time("innovation_chi2".into(), caption, "innovation χ²/n".into(), "1", curves, Some(1.0));
-            chi2.plot.y_label = "χ²/n [1]".into();
-            drawings.push(chi2);
-        }
+        let mut drawings: Vec<Drawing> = drawn(false).filter_map(|(kind, _)| self.single(kind)).collect();
         let methods = || self.history.cycles.iter().flat_map(|cycle| cycle.methods.iter().flatten());
         let kinds: BTreeSet<ObservationType> = methods().flat_map(|own| own.departures.keys().cloned()).collect();
         for kind in kinds {
@@ -252,6 +237,23 @@ impl Figures<'_> {
             drawings.push(drawing);
         }
         drawings
+    }
+
+    /// A score of methods as a whole; `None` if no method has it.
+    fn single(&self, kind: &'static ScoreKind) -> Option<Drawing> {
+        let curve = |(method, info): (usize, &MethodInfo)| {
+            let points = self.scores(method, kind.name);
+            (!points.is_empty()).then(|| Curve::new(&info.name, of_method_on_paper(method), points))
+        };
+        let curves: Vec<Curve> = self.info.methods.iter().enumerate().filter_map(curve).collect();
+        let score = Score { kind, variable: ("", "") };
+        let reference = (kind.better == Better::One).then_some(1.0);
+        (!curves.is_empty()).then(|| {
+            let (stem, caption) = (kind.name.to_string(), kind.about.to_string());
+            let mut drawing = self.over_time(stem, caption, score.subject(), "1", curves, reference);
+            drawing.plot.y_label = score.subject();
+            drawing
+        })
     }
 
     fn over_time(
@@ -276,6 +278,11 @@ impl Figures<'_> {
         self.history.cycles.iter().filter_map(at).collect()
     }
 
+    /// A method's score in every cycle that has it.
+    fn scores(&self, method: usize, key: &str) -> Vec<[f64; 2]> {
+        self.series(method, |own| own.scores.get(key).copied())
+    }
+
     fn day(&self, cycle: &Cycle) -> f64 {
         (cycle.time - self.info.start).days()
     }
@@ -288,6 +295,11 @@ impl Figures<'_> {
         }
         all
     }
+}
+
+/// The kinds that are drawn over time, of variables or of methods as a whole.
+fn drawn(per_variable: bool) -> impl Iterator<Item = (&'static ScoreKind, Line)> {
+    SCORES.iter().filter(move |kind| kind.per_variable == per_variable).filter_map(|kind| Some((kind, kind.line?)))
 }
 
 /// A limit for y that a single method gone astray cannot push up at will: four times what nine of ten points need.

@@ -3,8 +3,8 @@
 use super::reliability::Reliability;
 use crate::event::{Analysed, Estimated, RunInfo, Smoothed};
 use crate::plot::Thinning;
+use crate::scores::Values;
 use crate::sink::structure::ShownStructure;
-use crate::summary::{MethodScores, SmoothedScores};
 use indexmap::IndexMap;
 use isobar_assim::{Estimate, EstimatedParameter};
 use isobar_model::{State, Time};
@@ -52,8 +52,8 @@ pub struct Cycle {
 /// A method's results in a cycle.
 #[derive(Debug)]
 pub struct MethodCycle {
-    /// The scores.
-    pub scores: MethodScores,
+    /// The scores, those of the smoothed estimate among them once later observations have revised it.
+    pub scores: Values,
     /// The calibration parameters after the analysis.
     pub calibration: Vec<f64>,
     /// Their claimed standard deviations.
@@ -62,8 +62,6 @@ pub struct MethodCycle {
     pub departures: BTreeMap<ObservationType, [f64; 2]>,
     /// The analysis errors of each variable against the claimed spread.
     pub reliability: Vec<Reliability>,
-    /// The scores once later observations have revised the estimate, for a method with a smoother.
-    pub smoothed: Option<SmoothedScores>,
 }
 
 /// A parameter beside state and calibration, as a method has estimated it.
@@ -227,7 +225,6 @@ impl History {
             calibration_spread: calibration_spread.clone(),
             departures: mean_departures(&own.kinds, departures),
             reliability,
-            smoothed: None,
         });
         Ok(())
     }
@@ -236,7 +233,7 @@ impl History {
     pub fn add_smoothed(&mut self, smoothed: &Smoothed<'_>) {
         let cycle = self.cycles.iter_mut().rev().find(|own| own.cycle == smoothed.cycle);
         if let Some(own) = cycle.and_then(|own| own.methods[smoothed.method].as_mut()) {
-            own.smoothed = Some(smoothed.scores.clone().into_owned());
+            own.scores.extend(smoothed.scores.clone().into_owned());
         }
     }
 

@@ -9,11 +9,11 @@ mod history;
 mod maps;
 pub mod page;
 mod reliability;
-pub mod tables;
+mod tables;
 
 use crate::event::{Event, RunInfo};
+use crate::scores::Summary;
 use crate::sink::{OutputDirectory, Sink, SinkError};
-use crate::summary::Summary;
 use history::History;
 use std::fs;
 use std::path::PathBuf;

@@ -4,12 +4,11 @@ use super::facts;
 use super::figures::{self, Figures};
 use super::history::History;
 use super::maps::{self, Maps};
-use super::tables::{self, Table};
-use crate::diagnostics;
+use super::tables;
 use crate::event::RunInfo;
 use crate::plot::{CurvePlot, PlotError};
-use crate::stability::words;
-use crate::summary::Summary;
+use crate::scores::Summary;
+use crate::tables::{MOST_PARAMETERS, Table, diagnostics, scores, stability};
 use base64::Engine;
 use minijinja::syntax::SyntaxConfig;
 use minijinja::value::{Serde, Value};
@@ -147,7 +146,7 @@ impl Report {
             figures: report.curves(figures.innovations()),
             ..Section::default()
         };
-        let folded = diagnostics::tables::all(summary).into_iter().map(|titled| Folded {
+        let folded = diagnostics::all(summary).into_iter().map(|titled| Folded {
             title: titled.title.into(),
             text: titled.text.into(),
             tables: vec![titled.table],
@@ -165,7 +164,7 @@ impl Report {
                 "Blocks that observations link are merged; below, the cycle whose largest component was the largest. \
                    Times are of the machine that ran it."
                     .into(),
-            tables: tables::partitions(summary).into_iter().chain([tables::costs(summary)]).collect(),
+            tables: tables::partitions(summary).into_iter().chain([scores::costs(summary)]).collect(),
             ..structures
         };
         let scenario = Section {
@@ -196,7 +195,7 @@ impl Report {
     }
 
     fn scores(&self, info: &RunInfo, summary: &Summary) -> Section {
-        let smoothed = tables::smoothed(info, summary);
+        let smoothed = scores::smoothed(summary, &info.variables());
         let about_them = match smoothed {
             Some(_) => " Smoothed is the estimate of the same cycles once later observations have revised it.",
             None => "",
@@ -211,7 +210,7 @@ impl Report {
             ),
             tables: tables::failures(summary)
                 .into_iter()
-                .chain([tables::scores(info, summary)])
+                .chain([scores::errors(summary, &info.variables())])
                 .chain(smoothed)
                 .chain([tables::methods(info)])
                 .collect(),
@@ -228,8 +227,8 @@ impl Report {
             folded.push(Folded { title: format!("{} more biases", rest.len()), figures: rest, ..Folded::default() });
         }
         let which = match info.calibration.len() {
-            0..=tables::MOST_PARAMETERS => "every bias".to_string(),
-            all => format!("the first {} of {all} biases", tables::MOST_PARAMETERS),
+            0..=MOST_PARAMETERS => "every bias".to_string(),
+            all => format!("the first {} of {all} biases", MOST_PARAMETERS),
         };
         let title = format!("The last estimate of {which}, with ± 2σ where claimed");
         folded.push(Folded { title, tables: vec![table], ..Folded::default() });
@@ -366,9 +365,9 @@ impl Report {
 fn stability(summary: &Summary) -> Option<Section> {
     let folded = summary.methods.iter().filter_map(|(name, scores)| {
         let own = scores.stability.as_ref().filter(|own| !own.parameters.is_empty())?;
-        let findings = words::findings(own).join(". ");
+        let findings = stability::findings(own).join(". ");
         let text = if findings.is_empty() { "Every bias has a stable update.".to_string() } else { findings + "." };
-        Some(Folded { title: format!("{name}: {}", words::in_short(own)), text, ..Folded::default() })
+        Some(Folded { title: format!("{name}: {}", stability::in_short(own)), text, ..Folded::default() })
     });
     Some(Section {
         title: "Stability of the bias estimates".into(),

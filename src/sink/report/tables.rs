@@ -1,137 +1,24 @@
-//! The tables of the report.
+//! The tables of a run's page beside its scores.
 
 use super::history::{Cycle, History, ParameterHistory};
 use crate::event::RunInfo;
-use crate::plot::{number, unit};
-use crate::statistics::Interval;
-use crate::summary::{Failure, MethodScores, Summary};
-use serde::Serialize;
-
-/// What stands where there is no figure.
-pub const NONE: &str = "–";
-
-/// A table.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Table {
-    /// Names of the columns.
-    pub header: Vec<String>,
-    /// The cells, row by row; the first of each row names it.
-    pub rows: Vec<Vec<Cell>>,
-}
-
-/// A cell of a table.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Cell {
-    /// What it says.
-    pub text: String,
-    /// What it adds in small print.
-    pub note: String,
-    /// Class of its style: `better`, `worse`, `open`, `words` for what may be broken anywhere on paper, or none.
-    pub class: &'static str,
-}
-
-impl From<String> for Cell {
-    fn from(text: String) -> Self {
-        Self { text, ..Self::default() }
-    }
-}
-
-impl From<&str> for Cell {
-    fn from(text: &str) -> Self {
-        text.to_string().into()
-    }
-}
-
-impl Cell {
-    /// A figure, or what stands for none.
-    pub fn figure(value: Option<f64>) -> Self {
-        value.map_or_else(|| NONE.into(), figure).into()
-    }
-
-    /// A figure with its interval.
-    pub fn known(value: Option<f64>, interval: Option<&Interval>) -> Self {
-        let note = interval.map_or_else(String::new, |it| format!("{} … {}", figure(it.low), figure(it.high)));
-        Self { note, ..Self::figure(value) }
-    }
-}
-
-/// Three significant digits.
-pub fn figure(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() || !(1e-3..1e5).contains(&value.abs()) {
-        return number(value);
-    }
-    format!("{value:.*}", (2 - value.abs().log10().floor() as i32).clamp(0, 5) as usize)
-}
+use crate::plot::unit;
+use crate::scores::{Failure, MethodScores, Summary};
+use crate::tables::scores::factors;
+use crate::tables::{Cell, MOST_PARAMETERS, NONE, Table, figure};
 
 /// The methods' names and settings.
 pub fn methods(info: &RunInfo) -> Table {
-    let header = ["method", "how it is set up"].map(String::from).into();
-    let rows = info.methods.iter().map(|it| vec![it.name.as_str().into(), it.description.as_str().into()]).collect();
-    Table { header, rows }
-}
-
-/// The scores of all methods, with intervals.
-pub fn scores(info: &RunInfo, summary: &Summary) -> Table {
-    let mut header = vec!["method".to_string()];
-    for variable in &info.layout.variables {
-        let column = |what: &str| format!("{} {what} [{}]", variable.name, unit(variable.unit));
-        header.extend(["background", "analysis", "spread"].map(column));
-    }
-    header.extend(["bias RMSE [own\u{a0}units]", "bias spread [own\u{a0}units]", "χ²/n [1]"].map(String::from));
-    let row = |(name, scores): (&String, &MethodScores)| {
-        let intervals = scores.intervals.clone().unwrap_or_default();
-        let mut row: Vec<Cell> = vec![match scores.failure {
-            None => name.as_str().into(),
-            Some(_) => format!("{name} (failed)").into(),
-        }];
-        for variable in info.layout.variables.iter().map(|variable| variable.name) {
-            let of = |table: &crate::summary::PerVariable| table.get(variable).copied();
-            row.push(Cell::known(of(&scores.rmse_background), intervals.rmse_background.get(variable)));
-            row.push(Cell::known(of(&scores.rmse_analysis), intervals.rmse_analysis.get(variable)));
-            row.push(Cell::figure(scores.spread_analysis.as_ref().and_then(of)));
-        }
-        row.push(Cell::known(scores.bias_rmse, intervals.bias_rmse.as_ref()));
-        row.push(Cell::figure(scores.bias_spread));
-        row.push(Cell::figure(scores.innovation_chi2));
-        row
-    };
-    Table { header, rows: summary.methods.iter().map(row).collect() }
-}
-
-/// The scores of smoothed estimates, if a method has some.
-pub fn smoothed(info: &RunInfo, summary: &Summary) -> Option<Table> {
-    let mut header = vec!["method".to_string(), "lag [cycles]".into()];
-    for variable in &info.layout.variables {
-        let column = |what: &str| format!("{} {what} [{}]", variable.name, unit(variable.unit));
-        header.extend(["smoothed", "spread"].map(column));
-    }
-    header.extend(["bias RMSE [own\u{a0}units]", "bias spread [own\u{a0}units]"].map(String::from));
-    let row = |(name, scores): (&String, &MethodScores)| {
-        let own = scores.smoothed.as_ref()?;
-        let mut row: Vec<Cell> = vec![name.as_str().into(), own.lag_cycles.to_string().into()];
-        for variable in &info.layout.variables {
-            row.push(Cell::figure(own.rmse.get(variable.name).copied()));
-            row.push(Cell::figure(own.spread.as_ref().and_then(|spread| spread.get(variable.name).copied())));
-        }
-        row.extend([own.bias_rmse, own.bias_spread].map(Cell::figure));
-        Some(row)
-    };
-    let rows: Vec<Vec<Cell>> = summary.methods.iter().filter_map(row).collect();
-    (!rows.is_empty()).then_some(Table { header, rows })
+    let rows = info.methods.iter().map(|it| vec![it.name.as_str().into(), it.description.as_str().into()]);
+    Table::new(&["method", "how it is set up"], rows.collect())
 }
 
 /// When and why methods failed.
 pub fn failures(summary: &Summary) -> Option<Table> {
-    let row = |(name, it): (&str, &Failure)| -> Vec<Cell> {
-        vec![name.into(), it.cycle.to_string().into(), it.reason.as_str().into()]
-    };
-    let rows: Vec<_> = summary.failures().map(row).collect();
-    let header = ["method", "failed in cycle", "because"].map(String::from).into();
-    (!rows.is_empty()).then_some(Table { header, rows })
+    let row =
+        |(name, it): (&str, &Failure)| -> Vec<Cell> { vec![name.into(), it.cycle.into(), it.reason.as_str().into()] };
+    Table::new(&["method", "failed in cycle", "because"], summary.failures().map(row).collect()).filled()
 }
-
-/// The most bias parameters that have a row.
-pub const MOST_PARAMETERS: usize = 500;
 
 /// The verdict on every bias, up to [`MOST_PARAMETERS`], of every method that estimates them.
 pub fn stability(summary: &Summary) -> Option<Table> {
@@ -142,7 +29,7 @@ pub fn stability(summary: &Summary) -> Option<Table> {
     header.extend(methods.iter().map(|(name, _)| name.to_string()));
     let row = |number: usize| -> Option<Vec<Cell>> {
         let own = first.parameters.get(number)?;
-        let mut row: Vec<Cell> = vec![own.name.as_str().into(), own.observations.to_string().into()];
+        let mut row: Vec<Cell> = vec![own.name.as_str().into(), own.observations.into()];
         row.extend(methods.iter().map(|(_, stability)| match stability.parameters.get(number) {
             None => NONE.into(),
             Some(own) => Cell {
@@ -198,8 +85,7 @@ pub fn parameters(info: &RunInfo, history: &History) -> Option<Table> {
         });
         [name.as_str().into(), unit(udunits).into()].into_iter().chain(cells).collect()
     };
-    let rows: Vec<Vec<Cell>> = all.iter().take(MOST_PARAMETERS).map(row).collect();
-    (!rows.is_empty()).then_some(Table { header, rows })
+    Table { header, rows: all.iter().take(MOST_PARAMETERS).map(row).collect() }.filled()
 }
 
 /// How observations linked blocks, in the cycle with the largest component.
@@ -219,49 +105,19 @@ pub fn partitions(summary: &Summary) -> Option<Table> {
     ];
     let row = |(name, scores): (&String, &MethodScores)| {
         let it = scores.partition.as_ref()?;
-        let cell = |count: usize| Cell::from(count.to_string());
         let mut row: Vec<Cell> = vec![name.as_str().into()];
-        row.extend([it.blocks, it.components, it.merged_components].map(cell));
-        row.extend([it.largest_component_blocks, it.largest_component_variables, it.unobserved_blocks].map(cell));
-        row.push(crate::table::factors(it).into());
-        row.push(cell(it.separators));
+        row.extend([it.blocks, it.components, it.merged_components].map(Cell::from));
+        row.extend([it.largest_component_blocks, it.largest_component_variables, it.unobserved_blocks].map(Cell::from));
+        row.push(factors(it).into());
+        row.push(it.separators.into());
         let place = match it.separators {
             0 => "",
             _ if it.nested => "nested",
             _ => "in the border",
         };
-        row.push(Cell { note: place.into(), ..cell(it.separator_unknowns) });
-        row.push(cell(it.border));
+        row.push(Cell { note: place.into(), ..it.separator_unknowns.into() });
+        row.push(it.border.into());
         Some(row)
     };
-    let rows: Vec<Vec<Cell>> = summary.methods.iter().filter_map(row).collect();
-    (!rows.is_empty()).then(|| Table { header: header.map(String::from).into(), rows })
-}
-
-/// Time and memory.
-pub fn costs(summary: &Summary) -> Table {
-    let row = |(name, scores): (&String, &MethodScores)| {
-        let memory = scores.peak_memory_bytes.map_or(NONE.into(), |bytes| format!("{:.1}", bytes as f64 / 1e6));
-        vec![name.as_str().into(), Cell::figure(Some(scores.seconds_per_cycle)), memory.into()]
-    };
-    let header = ["method", "time [s/cycle]", "memory [MB]"].map(String::from).into();
-    Table { header, rows: summary.methods.iter().map(row).collect() }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn figures_have_three_digits() {
-        let texts = [19.25, 3.846, 0.01234, 0.0, 123.4, -2.5, 1e-9, 123456.0].map(figure);
-        assert_eq!(texts, ["19.2", "3.85", "0.0123", "0", "123", "-2.50", "1.000e-9", "123456"]);
-    }
-
-    #[test]
-    fn a_cell_without_a_figure_says_so() {
-        assert_eq!(Cell::figure(None).text, NONE);
-        let known = Cell::known(Some(2.0), Some(&Interval { low: 1.5, high: 2.5 }));
-        assert_eq!((known.text.as_str(), known.note.as_str()), ("2.00", "1.50 … 2.50"));
-    }
+    Table::new(&header, summary.methods.iter().filter_map(row).collect()).filled()
 }

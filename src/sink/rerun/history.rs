@@ -2,8 +2,8 @@
 
 use crate::event::{Analysed, RunInfo};
 use crate::plot::Thinning;
+use crate::scores::Values;
 use crate::sink::structure::ShownStructure;
-use crate::summary::MethodScores;
 use isobar_assim::Estimate;
 use isobar_model::{Layout, State, Time};
 use isobar_obs::ObservationWindow;
@@ -79,7 +79,7 @@ pub struct Estimates {
     /// Their claimed standard deviations.
     pub calibration_spread: Option<Vec<f64>>,
     /// The scores of the cycle.
-    pub scores: MethodScores,
+    pub scores: Values,
 }
 
 impl History {

@@ -5,7 +5,7 @@ use super::ranges::Ranges;
 use super::recording::{self, APPLICATION_ID, Result};
 use crate::event::RunInfo;
 use crate::saved::recording::VIEWER_VERSION;
-use crate::summary::Summary;
+use crate::scores::Summary;
 use ::rerun::{RecordingStream, RecordingStreamBuilder};
 use std::fmt;
 use std::net::{SocketAddr, TcpStream};

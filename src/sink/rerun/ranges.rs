@@ -1,9 +1,9 @@
 //! The ranges that colours and axes of the whole run share.
 
 use super::history::{Estimates, History, Truth};
+use super::series::drawn;
 use crate::event::RunInfo;
 use crate::plot::range::{around, quantile, round_up};
-use crate::summary::PerVariable;
 
 /// The ranges of the run's pictures.
 #[derive(Clone, Debug, PartialEq)]
@@ -66,18 +66,11 @@ fn of_variable(history: &History, number: usize, name: &str) -> VariableRanges {
     }
 }
 
-/// The highest error or spread of a variable that its curves shall show.
+/// The highest error or spread of a variable that its curves show.
 fn score<'a>(cycles: impl Iterator<Item = &'a Estimates>, variable: &str) -> f64 {
-    let scores = cycles.map(|estimates| &estimates.scores);
-    let parts = scores.flat_map(|it| {
-        [Some(&it.rmse_background), Some(&it.rmse_analysis), it.spread_background.as_ref(), it.spread_analysis.as_ref()]
-    });
-    let values: Vec<f32> = parts
-        .flatten()
-        .filter_map(|part: &PerVariable| part.get(variable))
-        .map(|&value| value as f32)
-        .filter(|value| value.is_finite())
-        .collect();
+    let keys: Vec<String> = drawn().map(|kind| kind.key(variable)).collect();
+    let values = cycles.flat_map(|estimates| keys.iter().filter_map(|key| estimates.scores.get(key)));
+    let values: Vec<f32> = values.map(|&value| value as f32).filter(|value| value.is_finite()).collect();
     let highest = values.iter().copied().fold(0.0, f32::max);
     let usual = quantile(values, 0.95).filter(|&usual| usual > 0.0).unwrap_or(1.0);
     f64::from(if highest > 0.0 { 1.05 * highest.min(2.0 * usual) } else { usual })

@@ -5,7 +5,7 @@ use super::recording::{Names, Result};
 use super::views::shown_parameters;
 use crate::event::RunInfo;
 use crate::plot::colors;
-use crate::summary::MethodScores;
+use crate::scores::{Line, Part, SCORES, ScoreKind};
 use ::rerun::{RecordingStream, Scalars, SeriesLines, TimeColumn};
 use isobar_model::Time;
 
@@ -40,8 +40,22 @@ pub fn log_since(
     Ok(())
 }
 
-/// The curve of one method's score in a variable, picked from the scores of a cycle.
-type Curve<'a> = (&'a str, Style<'a>, fn(&MethodScores, &str) -> Option<f64>);
+/// The scores of a variable that are drawn: those of background and analysis, claims below errors.
+pub fn drawn() -> impl Iterator<Item = &'static ScoreKind> {
+    let of_line = |line| SCORES.iter().filter(move |kind| kind.per_variable && kind.line == Some(line));
+    of_line(Line::Dashed).chain(of_line(Line::Solid))
+}
+
+/// Colour and width of a curve: claims are paler and thinner than errors.
+fn style<'a>(kind: &ScoreKind, name: &'a str) -> Style<'a> {
+    let (color, width) = match (kind.part, kind.line) {
+        (Part::Background, Some(Line::Solid)) => (BACKGROUND, 2.5),
+        (Part::Background, _) => (BACKGROUND_SPREAD, 1.0),
+        (_, Some(Line::Solid)) => (ANALYSIS, 2.5),
+        _ => (ANALYSIS_SPREAD, 1.0),
+    };
+    Style { color, width, name }
+}
 
 fn log_scores<'a>(
     recording: &RecordingStream,
@@ -50,31 +64,21 @@ fn log_scores<'a>(
     method: usize,
     estimates: impl Iterator<Item = (&'a usize, &'a Estimates)> + Clone,
 ) -> Result {
-    let curves: [Curve<'_>; 4] = [
-        ("background_spread", Style { color: BACKGROUND_SPREAD, width: 1.0, name: "background spread" }, |it, name| {
-            it.spread_background.as_ref()?.get(name).copied()
-        }),
-        ("analysis_spread", Style { color: ANALYSIS_SPREAD, width: 1.0, name: "analysis spread" }, |it, name| {
-            it.spread_analysis.as_ref()?.get(name).copied()
-        }),
-        ("background", Style { color: BACKGROUND, width: 2.5, name: "background RMSE" }, |it, name| {
-            it.rmse_background.get(name).copied()
-        }),
-        ("analysis", Style { color: ANALYSIS, width: 2.5, name: "analysis RMSE" }, |it, name| {
-            it.rmse_analysis.get(name).copied()
-        }),
-    ];
     let [red, green, blue] = colors::of_method(method);
     let own = Style { color: [red, green, blue, 255], width: 2.5, name: &info.methods[method].name };
     for variable in info.layout.variables.iter().map(|variable| variable.name) {
-        let points = |pick: fn(&MethodScores, &str) -> Option<f64>| {
-            let at = |(cycle, it): (&usize, &Estimates)| Some((*cycle, it.time, pick(&it.scores, variable)?));
+        let points = |key: &str| {
+            let at = |(cycle, it): (&usize, &Estimates)| Some((*cycle, it.time, *it.scores.get(key)?));
             estimates.clone().filter_map(at).collect::<Vec<_>>()
         };
-        for (part, style, pick) in &curves {
-            log(recording, &names.score(method, variable, part), style, &points(*pick))?;
+        for kind in drawn() {
+            let title = kind.name.replace('_', " ").replace("rmse", "RMSE");
+            let path = names.score(method, variable, kind.name);
+            log(recording, &path, &style(kind, &title), &points(&kind.key(variable)))?;
         }
-        log(recording, &names.comparison(variable, method), &own, &points(curves[3].2))?;
+        for kind in SCORES.iter().filter(|kind| kind.per_variable && kind.compared) {
+            log(recording, &names.comparison(variable, method), &own, &points(&kind.key(variable)))?;
+        }
     }
     Ok(())
 }
@@ -91,7 +95,7 @@ fn log_innovations(
     let [red, green, blue] = colors::of_method(method);
     let style = Style { color: [red, green, blue, 255], width: 2.5, name: &info.methods[method].name };
     let estimates = || history.methods[method].range(since..);
-    let chi2 = estimates().filter_map(|(&cycle, it)| Some((cycle, it.time, it.scores.innovation_chi2?)));
+    let chi2 = estimates().filter_map(|(&cycle, it)| Some((cycle, it.time, *it.scores.get("innovation_chi2")?)));
     log(recording, &names.innovation("chi2", method), &style, &chi2.collect::<Vec<_>>())?;
     let mean = |cycle: usize, departures: &[f32]| {
         let reports = history.observed.get(&cycle)?.iter().flat_map(|platform| &platform.reports);

@@ -1,7 +1,7 @@
 //! The analysis of a variable against the truth, as a distribution.
 
 use super::normal::{crps, probability_below};
-use crate::statistics::{self, Interval, root_interval};
+use crate::scores::statistics::{self, Interval, root_interval};
 use serde::{Deserialize, Serialize};
 
 /// Bins of the histogram of probabilities.

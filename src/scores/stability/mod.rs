@@ -11,7 +11,6 @@
 
 mod judge;
 mod watch;
-pub mod words;
 
 pub use judge::judge;
 pub use watch::Watch;

@@ -1,7 +1,7 @@
 //! What the departures of one type of observations tell of the covariances that a method assumes.
 
-use crate::statistics::{self, Interval};
-use crate::summary::PerVariable;
+use crate::scores::PerVariable;
+use crate::scores::statistics::{self, Interval};
 use serde::{Deserialize, Serialize};
 
 /// Departures of one type, summed over observations and cycles.

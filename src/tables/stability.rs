@@ -1,13 +1,14 @@
-//! The verdicts in words, for terminal, page and recording.
+//! The stability monitor's verdicts in words, for terminal, page and recording.
 
-use super::{ParameterStability, Stability, Undetermined};
+use super::{Cell, NONE, Table};
 use crate::plot::number;
-use crate::summary::Summary;
+use crate::scores::Summary;
+use crate::scores::stability::{ParameterStability, Stability, Undetermined};
 
 /// The most combinations, parameters or sensors that are named.
 const MOST_NAMED: usize = 8;
 
-/// Every method with biases, in a few lines each; nothing if there is none.
+/// Every method with biases, in a few lines each; empty if there are none.
 pub fn on_terminal(summary: &Summary) -> String {
     let methods = summary.methods.iter().filter_map(|(name, scores)| Some((name, scores.stability.as_ref()?)));
     let lines: Vec<String> = methods
@@ -25,10 +26,7 @@ pub fn in_short(stability: &Stability) -> String {
     let all = stability.parameters.len();
     let count = |test: &dyn Fn(&&ParameterStability) -> bool| stability.parameters.iter().filter(test).count();
     let (stable, frozen) = (count(&|it| it.stable), count(&|it| it.frozen));
-    let mut text = match stable == all {
-        true => format!("all {all} stable"),
-        false => format!("{stable} of {all} stable"),
-    };
+    let mut text = if stable == all { format!("all {all} stable") } else { format!("{stable} of {all} stable") };
     if frozen > 0 {
         text += &format!(", {frozen} frozen");
     }
@@ -87,9 +85,10 @@ fn undetermined(combination: &Undetermined) -> String {
         return format!("not determined: {shown}{more} (keeps {percent:.0} % of its prior variance)");
     };
     let (variable, unit) = (&mean.variable, &mean.unit);
-    let cure = match mean.sigma_needed > 0.0 {
-        true => format!(", to {} {unit} or better", number(rounded(mean.sigma_needed))),
-        false => String::new(),
+    let cure = if mean.sigma_needed > 0.0 {
+        format!(", to {} {unit} or better", number(rounded(mean.sigma_needed)))
+    } else {
+        String::new()
     };
     format!(
         "cannot be separated: the mean {variable} and {shown}{more} (correlation {:.2}; keeps {percent:.0} % of its prior \
@@ -122,18 +121,19 @@ pub fn markdown(summary: &Summary) -> String {
         for finding in findings(stability) {
             text += &format!("- {}\n", escaped(&finding));
         }
-        text += "\n| parameter | observations | keeps of its prior variance | lag correlation | verdict |\n|---|---|---|---|---|\n";
-        for own in &stability.parameters {
-            let lag =
-                own.lag_correlation.map_or("–".into(), |lag| format!("{:.2} ± {:.2}", lag.value, lag.tolerance));
-            let percent = 100.0 * own.variance_ratio;
-            text += &format!(
-                "| {} | {} | {percent:.1} % | {lag} | {} |\n",
-                escaped(&own.name),
-                own.observations,
-                own.verdict()
-            );
-        }
+        let row = |own: &ParameterStability| -> Vec<Cell> {
+            let lag = own.lag_correlation.map(|lag| format!("{:.2} ± {:.2}", lag.value, lag.tolerance));
+            vec![
+                own.name.as_str().into(),
+                own.observations.into(),
+                Cell::percent(Some(own.variance_ratio)),
+                lag.unwrap_or_else(|| NONE.into()).into(),
+                own.verdict().into(),
+            ]
+        };
+        let columns = ["parameter", "observations", "keeps of its prior variance", "lag correlation", "verdict"];
+        let parameters = Table::new(&columns, stability.parameters.iter().map(row).collect());
+        text += &format!("\n{}", parameters.markdown());
         text += "\n";
     }
     text

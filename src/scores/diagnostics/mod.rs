@@ -7,7 +7,6 @@ mod bias;
 mod normal;
 mod observations;
 mod state;
-pub mod tables;
 
 pub use bias::BiasDiagnostics;
 pub use normal::{crps, probability_below};
@@ -15,9 +14,9 @@ pub use observations::ObservationDiagnostics;
 pub use state::{BINS, StateDiagnostics};
 
 use crate::outcome::{Influence, Outcome};
-use crate::statistics::{self, Interval};
-use crate::summary::PerVariable;
-use crate::verify::TrueValues;
+use crate::scores::PerVariable;
+use crate::scores::TrueValues;
+use crate::scores::statistics::{self, Interval};
 use bias::BiasSums;
 use indexmap::IndexMap;
 use isobar_model::Layout;

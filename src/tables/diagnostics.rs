@@ -1,18 +1,8 @@
 //! Diagnostics as tables, for the report and for the terminal.
 
-use super::{BiasDiagnostics, Diagnostics, ObservationDiagnostics, StateDiagnostics};
-use crate::sink::report::tables::{Cell, MOST_PARAMETERS, Table, figure};
-use crate::summary::{MethodScores, Summary, TypeCounts};
-
-/// A table with its heading and what there is to know before reading it.
-pub struct Titled {
-    /// The heading.
-    pub title: &'static str,
-    /// What there is to know.
-    pub text: &'static str,
-    /// The table.
-    pub table: Table,
-}
+use super::{Cell, MOST_PARAMETERS, Table, Titled, figure};
+use crate::scores::diagnostics::{BiasDiagnostics, Diagnostics, ObservationDiagnostics, StateDiagnostics};
+use crate::scores::{MethodScores, Summary, TypeCounts};
 
 /// All tables that have rows.
 pub fn all(summary: &Summary) -> Vec<Titled> {
@@ -62,40 +52,28 @@ pub fn all(summary: &Summary) -> Vec<Titled> {
     tables.into_iter().filter(|it| !it.table.rows.is_empty()).collect()
 }
 
-fn header(columns: &[&str]) -> Vec<String> {
-    columns.iter().map(|column| column.to_string()).collect()
-}
-
 fn each(summary: &Summary) -> impl Iterator<Item = (&String, &MethodScores, &Diagnostics)> {
     summary.methods.iter().filter_map(|(name, scores)| Some((name, scores, scores.diagnostics.as_ref()?)))
 }
 
-/// A share in percent.
-fn percent(share: Option<f64>) -> Cell {
-    share.map_or(Cell::figure(None), |share| format!("{:.1} %", 100.0 * share).into())
-}
-
 fn distributions(summary: &Summary) -> Table {
     let row = |method: &str, scores: &MethodScores, variable: &str, own: &StateDiagnostics| -> Vec<Cell> {
-        let intervals = scores.intervals.clone().unwrap_or_default();
-        let spread = scores.spread_analysis.as_ref().and_then(|spread| spread.get(variable).copied());
+        let [rmse, spread] = ["rmse_analysis", "spread_analysis"].map(|kind| format!("{kind}.{variable}"));
+        let value = |key: &str| scores.values.get(key).copied();
         vec![
             format!("{method} {variable}").into(),
-            Cell::known(scores.rmse_analysis.get(variable).copied(), intervals.rmse_analysis.get(variable)),
-            Cell::known(spread, own.spread_interval.as_ref()),
+            Cell::known(value(&rmse), scores.intervals.get(&rmse)),
+            Cell::known(value(&spread), own.spread_interval.as_ref()),
             Cell::figure(own.spread_over_error),
             Cell::known(Some(own.crps), own.crps_interval.as_ref()),
-            percent(own.coverage_95),
+            Cell::percent(own.coverage_95),
             Cell::figure(own.reliability_slope),
         ]
     };
     let rows = each(summary).flat_map(|(name, scores, diagnostics)| {
         diagnostics.state.iter().map(move |(variable, own)| row(name, scores, variable, own))
     });
-    Table {
-        header: header(&["analysis of", "RMSE", "spread", "spread/error", "CRPS", "coverage", "slope"]),
-        rows: rows.collect(),
-    }
+    Table::new(&["analysis of", "RMSE", "spread", "spread/error", "CRPS", "coverage", "slope"], rows.collect())
 }
 
 fn departures(summary: &Summary) -> Table {
@@ -132,7 +110,7 @@ fn departures(summary: &Summary) -> Table {
         "signal, departures",
         "signal, probed",
     ];
-    Table { header: header(&columns), rows: rows.collect() }
+    Table::new(&columns, rows.collect())
 }
 
 fn impact(summary: &Summary) -> Table {
@@ -167,13 +145,11 @@ fn all_biases(summary: &Summary) -> Table {
             Cell::figure(Some(own.rmse)),
             Cell::figure(own.spread),
             Cell::figure(own.normalised_rmse),
-            percent(own.within_2_sigma),
+            Cell::percent(own.within_2_sigma),
         ])
     };
-    Table {
-        header: header(&["method", "RMSE/prior σ", "claimed σ/prior σ", "error/σ", "within 2σ"]),
-        rows: each(summary).filter_map(row).collect(),
-    }
+    let columns = ["method", "RMSE/prior σ", "claimed σ/prior σ", "error/σ", "within 2σ"];
+    Table::new(&columns, each(summary).filter_map(row).collect())
 }
 
 fn biases(summary: &Summary) -> Table {
