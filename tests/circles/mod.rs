@@ -14,7 +14,7 @@ pub struct Crate {
 /// What matters of a source file.
 #[derive(Default)]
 struct File {
-    /// Names that it re-exports, each with its path.
+    /// Names that it imports or re-exports, each with its path.
     exports: BTreeMap<String, Vec<String>>,
     /// All other paths in it.
     paths: Vec<Vec<String>>,
@@ -98,9 +98,9 @@ impl File {
             let tree = tree.trim_start_matches("use").trim();
             let exported = before.trim_end().ends_with("pub") || before.trim_end().ends_with("pub(crate)");
             for path in expand(tree) {
-                if exported {
-                    file.exports.insert(path.last().cloned().unwrap_or_default(), path);
-                } else {
+                // What a file imports, the files below it may take from it.
+                file.exports.insert(path.last().cloned().unwrap_or_default(), path.clone());
+                if !exported {
                     file.paths.push(path);
                 }
             }
