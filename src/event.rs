@@ -39,6 +39,11 @@ pub struct RunInfo {
 }
 
 impl RunInfo {
+    /// Valid time of the analysis of a cycle.
+    pub fn time(&self, cycle: usize) -> Time {
+        self.start + Duration::from_seconds(self.window.seconds() * cycle as i64)
+    }
+
     /// Names and UDUNITS units of the variables.
     pub fn variables(&self) -> Vec<(&'static str, &'static str)> {
         self.layout.variables.iter().map(|variable| (variable.name, variable.unit)).collect()

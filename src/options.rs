@@ -1,6 +1,6 @@
 //! What the user changes in a run.
 
-use crate::sink::Outputs;
+use crate::output::Outputs;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 

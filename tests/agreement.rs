@@ -3,8 +3,8 @@
 
 use crate::runs::{run_options, scenarios};
 use isobar::event::Event;
+use isobar::output::{Sink, SinkError};
 use isobar::scenario::{Algorithm, Method};
-use isobar::sink::{Sink, SinkError};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Precision, Residual};
 use isobar_assim::{BiasTreatment, Estimate};
 

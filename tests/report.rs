@@ -2,9 +2,9 @@
 
 use crate::synthetic_run::SyntheticRun;
 use isobar::event::{Estimated, Event, RunInfo, Smoothed};
-use isobar::saved::SavedRun;
+use isobar::output::recorded::SavedRun;
+use isobar::output::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
 use isobar::scores::kind;
-use isobar::sink::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
 use isobar_assim::EstimatedParameter;
 use std::borrow::Cow;
 use std::collections::BTreeMap;

@@ -2,7 +2,7 @@
 
 use crate::synthetic_run::SyntheticRun;
 use isobar::event::{Event, MethodInfo};
-use isobar::sink::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
+use isobar::output::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
 use netcdf_reader::NcFile;
 use std::path::Path;
 

@@ -2,7 +2,7 @@
 
 use super::outputs::OutputArguments;
 use super::sensors::SensorsCommand;
-use crate::seeds::FEWEST_SEEDS;
+use crate::batch::seeds::FEWEST_SEEDS;
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
 

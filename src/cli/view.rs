@@ -1,7 +1,7 @@
 //! `isobar view`.
 
-use crate::saved::SavedRun;
-use crate::saved::recording::{self, VIEWER_VERSION};
+use crate::output::recorded::SavedRun;
+use crate::output::recorded::recording::{self, VIEWER_VERSION};
 use miette::{Report, miette};
 use std::io::ErrorKind;
 use std::path::Path;

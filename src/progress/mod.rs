@@ -6,8 +6,8 @@ mod seeds;
 pub use seeds::{SeedListener, SeedsProgress};
 
 use crate::event::{Event, RunInfo};
+use crate::output::{Sink, SinkError};
 use crate::scores::Failure;
-use crate::sink::{Sink, SinkError};
 use display::Display;
 
 /// Shows the progress of a run on standard error: a bar on a terminal, an occasional line in a pipe, or nothing.

@@ -2,7 +2,7 @@
 
 use super::display::Display;
 use crate::event::Event;
-use crate::sink::{Sink, SinkError};
+use crate::output::{Sink, SinkError};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Shows the progress of runs that may go on at the same time.

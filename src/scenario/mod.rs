@@ -45,8 +45,8 @@ pub use time_volume::{Correction, CorrectionSettings, FactorSettings, FactorTarg
 use crate::calendar;
 use crate::kinds::Domain;
 use crate::kinds::covariances::{self, Components};
+use crate::output::Outputs;
 use crate::reader::{self, Field, Read, Section, SourceFile};
-use crate::sink::Outputs;
 use crate::text;
 use indexmap::IndexMap;
 use isobar_model::Time;

@@ -11,9 +11,6 @@ use isobar_obs::{ObservationWindow, Report};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// A figure for each variable, by name.
-pub type PerVariable = IndexMap<String, f64>;
-
 /// The scores of a whole run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {

@@ -302,7 +302,10 @@ fn folders_that_know_each_other_are_found_where_no_two_files_do() {
 fn comments_texts_tests_and_re_exports_make_no_circle() {
     let innocent = of(&[
         ("lib.rs", "pub mod a;\npub mod m;\npub use a::A;"),
-        ("a.rs", "// use crate::m::Q;\nfn f() { print(\"crate::m::Q\") } // crate::m::Q\n#[cfg(test)]\nmod tests { use crate::m::Q; }"),
+        (
+            "a.rs",
+            "// use crate::m::Q;\nfn f() { print(\"crate::m::Q\") } // crate::m::Q\n#[cfg(test)]\nmod tests { use crate::m::Q; }",
+        ),
         ("m/mod.rs", "mod inner;\nmod other;\npub use inner::{Inner, Q};\nuse crate::a::A;"),
         ("m/inner.rs", "use crate::A;"),
         ("m/other.rs", "use super::Inner;\nuse std::m::a;"),

@@ -2,9 +2,9 @@
 
 use isobar::correlations::Correlations;
 use isobar::event::{Analysed, Event, MethodInfo, RunInfo, StationInfo};
+use isobar::output::{Sink, SinkError};
 use isobar::scores::stability::{ParameterStability, Stability};
 use isobar::scores::{MethodScores, Summary, Values};
-use isobar::sink::{Sink, SinkError};
 use isobar_assim::block_angular::PartitionReport;
 use isobar_assim::{Analysis, CommonFactor, Estimate, Structure};
 use isobar_model::random::{standard_normals, stream};
