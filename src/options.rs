@@ -25,7 +25,7 @@ pub struct RunOptions {
     pub overwrite: bool,
     /// The outputs to write beside the summary and the scores.
     pub outputs: Outputs,
-    /// Whether other runs go on in this process, so that the memory of one cannot be told from that of another.
+    /// Whether other runs compute in this process at the same time, so that the memory of each is not known.
     #[serde(skip)]
     pub concurrent: bool,
     /// When checkpoints are written; `None`: never.

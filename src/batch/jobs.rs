@@ -32,7 +32,7 @@ pub type Run<'a> = dyn Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summa
 /// How the runs are distributed over threads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Schedule {
-    /// Runs at a time.
+    /// Number of runs at the same time.
     pub at_once: usize,
     /// Threads of each.
     pub threads_each: usize,
@@ -76,9 +76,10 @@ pub fn run_jobs(
             let number = next.fetch_add(1, Ordering::Relaxed);
             let Some(job) = jobs.get(number) else { break };
             let listener = &mut progress.listener(job.seed);
-            let outcome = match is_complete(job) {
-                true => SavedRun::open(&job.out).map(|saved| saved.summary).map_err(Report::from),
-                false => run(job.scenario, &options_of(job, options, schedule), listener),
+            let outcome = if is_complete(job) {
+                SavedRun::open(&job.out).map(|saved| saved.summary).map_err(Report::from)
+            } else {
+                run(job.scenario, &options_of(job, options, schedule), listener)
             };
             outcomes.lock().unwrap_or_else(PoisonError::into_inner).push((number, outcome));
         }
@@ -145,7 +146,7 @@ fn fitting(wanted: usize, needed_bytes: u64, available_bytes: u64) -> usize {
     (most as usize).clamp(1, wanted.max(1))
 }
 
-/// Memory that can be had without swapping, also within the limits of a container; `None` where the system does not tell.
+/// Memory that can be had without swapping, also within the limits of a container; `None` where the system does not report it.
 fn available_bytes() -> Option<u64> {
     let mut system = System::new().ok()?;
     system.refresh_memory();

@@ -1,4 +1,4 @@
-//! What a batch of runs was asked to do, kept beside its complete runs: enough to go on with it.
+//! The plan of a batch of runs, kept beside its complete runs: enough to continue it.
 
 use crate::interrupt;
 use crate::options::RunOptions;
@@ -40,10 +40,10 @@ pub enum BatchKind {
 }
 
 impl BatchPlan {
-    /// Creates the directory of a batch, or with `resume` takes that of one that was interrupted, and writes its plan there.
+    /// Creates the directory of a batch, or with `resume` opens that of an interrupted one, and writes its plan there.
     ///
     /// # Errors
-    /// If that cannot be done, or there is something else already.
+    /// If the directory cannot be created, or something else is there.
     pub fn begin(scenario: &Scenario, options: &RunOptions, kind: BatchKind) -> Result<OutputDirectory, Report> {
         let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
         let open = if options.resume { OutputDirectory::resume_batch } else { OutputDirectory::create };
@@ -78,7 +78,7 @@ impl BatchPlan {
     }
 }
 
-/// The end of a batch that a signal has ended before its time; `None` if none has.
+/// The error of a batch that a signal has ended; `None` without a signal.
 pub fn interrupted(out: &Path, outputs: &Path, jobs: usize) -> Option<Report> {
     if !interrupt::requested() {
         return None;

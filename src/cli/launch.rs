@@ -25,7 +25,7 @@ pub fn run_scenario(scenario: &Scenario, options: &RunOptions, listener: &mut dy
     })
 }
 
-/// Whether the scenario has the method.
+/// Refuses a method that the scenario does not have.
 pub fn check_method(method: &str, scenario: &Scenario) -> Result<(), Report> {
     if scenario.methods.contains_key(method) {
         return Ok(());
@@ -36,7 +36,7 @@ pub fn check_method(method: &str, scenario: &Scenario) -> Result<(), Report> {
     Err(miette!(help = help, "{} has no method `{}`", scenario.name, clean(method)))
 }
 
-/// Whether so many cycles have any that counts.
+/// Refuses a number of cycles of which none counts for the scores.
 pub fn check_cycles(cycles: Option<usize>, scenario: &Scenario) -> Result<(), Report> {
     let first = scenario.cycle.score_from_cycle;
     let Some(cycles) = cycles.filter(|&cycles| cycles < first) else { return Ok(()) };

@@ -50,7 +50,7 @@ pub fn run(arguments: &RunArguments) -> Result<ExitCode, Report> {
     Ok(code)
 }
 
-/// Runs a scenario, or goes on with it; whether no method failed.
+/// Runs a scenario, or continues it; whether no method failed.
 pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) -> Result<bool, Report> {
     let mut progress = Progress::new(quiet);
     let summary = run_scenario(scenario, options, &mut progress)?;

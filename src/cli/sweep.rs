@@ -35,7 +35,7 @@ pub fn sweep(arguments: &SweepArguments) -> Result<ExitCode, Report> {
     Ok(if run_one(&scenario, &options, arguments.quiet)? { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Runs a sweep, or goes on with it; whether nothing failed.
+/// Runs a sweep, or continues it; whether nothing failed.
 pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) -> Result<bool, Report> {
     let (sweep, settings) = settings(scenario, options.methods.as_deref())?;
     let variable = scenario.model.variables().first().map_or("", |variable| variable.0);

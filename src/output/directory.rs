@@ -8,7 +8,7 @@
 //! | `outputs/` | the outputs in the making, which become `NAME` by being renamed |
 //! | `replaced/` | for a moment: the outputs of an earlier run that they replace |
 //! | `journal`, `checkpoint-…` | what it takes to resume the run (see [`crate::run::checkpoint`]) |
-//! | `batch.json` | what it takes to go on with a batch of runs, whose complete runs are in `outputs/` |
+//! | `batch.json` | what it takes to continue a batch of runs, whose complete runs are in `outputs/` |
 
 use crate::output::SinkError;
 use std::fs::{self, File, TryLockError};
@@ -148,7 +148,7 @@ impl OutputDirectory {
         Ok(directory)
     }
 
-    /// Whether there are complete runs of a batch to go on with.
+    /// Whether there are complete runs of a batch to continue.
     fn keeps_batch(&self) -> bool {
         self.working.join(BATCH_FILE).is_file() && complete_runs(&self.outputs) > 0
     }

@@ -2,8 +2,8 @@
 //! no method does.
 //!
 //! Columns: `cycle`, `valid_time` (UTC), `method`, `parameter`, `unit`, `estimate`, `sigma` (its claimed standard
-//! deviation, empty while the data do not determine it), `verdict`. What the data do not determine in the end is told to
-//! the user as well.
+//! deviation, empty while the data do not determine it), `verdict`. A parameter that the data do not
+//! determine in the end is also reported as a warning.
 
 use crate::calendar::utc;
 use crate::event::{Estimated, Event, RunInfo};

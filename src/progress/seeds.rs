@@ -5,7 +5,7 @@ use crate::event::Event;
 use crate::output::{Sink, SinkError};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Shows the progress of runs that may go on at the same time.
+/// Shows the progress of runs that may run at the same time.
 pub struct SeedsProgress {
     shared: Mutex<Shared>,
     seeds: usize,

@@ -111,7 +111,7 @@ impl Runner {
     /// nothing in its results. After the `last` cycle no estimate will be revised any more.
     ///
     /// # Errors
-    /// Why the method cannot go on: see [`Fault`]. It must not be called again.
+    /// Why the method cannot continue: see [`Fault`]. It must not be called again.
     pub fn cycle(
         &mut self,
         window: Duration,

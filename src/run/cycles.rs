@@ -33,7 +33,7 @@ pub(super) struct Cycles<'a, 'b> {
 /// What is found out beside the scores.
 #[derive(Clone, Copy)]
 pub(super) struct Shown {
-    /// The memory of each method, which cannot be told apart where several experiments run at once.
+    /// The memory of each method, which is known only where no other experiment runs at the same time.
     pub memory: bool,
     /// Blocks, common factors and correlations.
     pub structure: bool,
@@ -84,7 +84,7 @@ impl Cycles<'_, '_> {
         Ok(self.events.send(&Event::Truth { cycle, time: info.time(cycle), state, calibration })?)
     }
 
-    /// Lets truth and reference go on by a cycle, and observes the truth.
+    /// Advances truth and reference by a cycle, and observes the truth.
     fn observe(&mut self, cycle: usize) -> Result<Observed, RunError> {
         let Experiment { info, truth, reference, observing, methods, .. } = &mut *self.experiment;
         self.workers.install(|| truth.advance()).map_err(|error| RunError::Truth { cycle, error })?;

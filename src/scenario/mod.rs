@@ -101,7 +101,7 @@ pub struct Scenario {
     pub methods: IndexMap<String, Method>,
     /// What some methods start from instead of the biases' priors.
     pub initialise: Option<Initialise>,
-    /// In every so-many-th cycle it is found out what each type of observations did; `None`: never.
+    /// Number of cycles between two in which the influence of each type of observations is computed; `None`: never.
     pub influence_every_cycles: Option<usize>,
     /// Which keys vary in a sweep, if any do.
     pub sweep: Option<SweepSettings>,

@@ -18,7 +18,7 @@ use crate::scores::statistics::{Interval, independent_mean};
 use indexmap::IndexMap;
 use serde::Serialize;
 
-/// The fewest seeds that tell something.
+/// The fewest seeds over which a spread can be estimated.
 pub const FEWEST_SEEDS: u64 = 3;
 
 /// Scores over seeds, as `seeds.json` holds them.

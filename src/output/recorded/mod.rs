@@ -52,7 +52,7 @@ impl SavedRun {
     /// Opens the directory of a run.
     ///
     /// # Errors
-    /// If it is none, is incomplete, or was written by another version.
+    /// If the directory is not that of a run, is incomplete, or was written by another version.
     pub fn open(directory: &Path) -> Result<Self, SavedRunError> {
         let failure = |reason: &str| SavedRunError::new(directory, reason);
         if !directory.exists() {
@@ -77,7 +77,7 @@ impl SavedRun {
 /// The summary in a file of a run's directory.
 ///
 /// # Errors
-/// If it is none, or was written by another version.
+/// If the text is not a summary, or was written by another version.
 pub fn summary(text: &str, directory: &Path, path: &Path) -> Result<Summary, SavedRunError> {
     let version: Option<String> = serde_json::from_str::<serde_json::Value>(text)
         .ok()

@@ -1,4 +1,4 @@
-//! Whether a recording is complete, as far as its first and last bytes tell.
+//! Whether a recording is complete, as far as its first and last bytes show.
 
 use super::SavedRunError;
 use std::fs::File;

@@ -24,7 +24,7 @@ const ANY_FORMAT: &str = "isobar checkpoint ";
 /// How many checkpoints are kept.
 const KEPT: usize = 2;
 
-/// Writes a checkpoint and removes those that are not needed any more.
+/// Writes a checkpoint and removes those that are no longer needed.
 ///
 /// # Errors
 /// If it cannot be written; those that were there are as they were.
@@ -75,7 +75,7 @@ impl<W: Write> Checksummed<W> {
 /// Gives a checkpoint that cannot be used another name.
 pub fn put_aside(path: &Path) {
     let name = path.file_name().unwrap_or_default().to_string_lossy().replace(CHECKPOINT_PREFIX, "damaged-");
-    // If that is not possible, it will be in the way of nothing but itself.
+    // If that fails, it is only read and refused again.
     let _ = fs::rename(path, path.with_file_name(name));
 }
 

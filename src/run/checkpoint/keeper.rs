@@ -10,7 +10,7 @@ use crate::scores::RunScores;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Checkpoints may take one part of so many of the time.
+/// Checkpoints take at most one part in this number of the run's time.
 const TIME_BETWEEN_PER_TIME_OF_ONE: u32 = 100;
 
 /// The journal and the checkpoints of a run.
@@ -36,7 +36,7 @@ impl Keeper {
         Ok(Self::new(directory, plan, policy, journal, 0))
     }
 
-    /// Goes on after the checkpoint of a cycle, where the journal had so many bytes.
+    /// Continues after the checkpoint of a cycle, when the journal had this number of bytes.
     ///
     /// # Errors
     /// If the journal cannot be written.

@@ -1,4 +1,4 @@
-//! Checkpoints: a run that ends before its time goes on where it was, to the same bits.
+//! Checkpoints: an interrupted run continues where it was, to the same bits.
 //!
 //! The working directory of a run (see [`OutputDirectory`](crate::output::OutputDirectory)) holds, beside the outputs in the
 //! making,

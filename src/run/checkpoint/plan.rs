@@ -1,4 +1,4 @@
-//! What a run was asked to do: enough to begin it again, and to see whether a checkpoint is one of it.
+//! The plan of a run: enough to begin it again, and to decide whether a checkpoint belongs to it.
 
 use crate::options::{CheckpointPolicy, RunOptions};
 use crate::run::experiment::Experiment;
@@ -36,7 +36,7 @@ impl PlannedRun {
         Scenario::parse(&self.scenario_path, &self.scenario_text)
     }
 
-    /// The options of a run that goes on with this plan in the same place.
+    /// The options of a run that continues this one in the same place.
     pub fn options(&self, out: &Path, threads: Option<usize>, live: bool) -> RunOptions {
         let mut options = RunOptions { out: out.into(), threads, resume: true, ..self.options.clone() };
         options.outputs.set("live", live);
@@ -64,7 +64,7 @@ impl Plan {
         self.run.options.checkpoints
     }
 
-    /// Why the other plan is another one; `None` if it is not.
+    /// Why the other plan is that of another run; `None` if it is the same.
     pub fn difference(&self, other: &Plan) -> Option<&'static str> {
         if self.run.scenario_text != other.run.scenario_text {
             Some("its scenario is another one")

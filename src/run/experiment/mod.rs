@@ -49,7 +49,7 @@ pub struct Experiment {
     pub variance_ratio: f64,
     /// The first cycle that counts for the scores.
     pub score_from_cycle: usize,
-    /// In every so-many-th of these cycles it is found out what each type of observations did; `None`: never.
+    /// Number of cycles between two in which the influence of each type of observations is computed; `None`: never.
     pub influence_every_cycles: Option<usize>,
     /// The true world.
     pub truth: Truth,
@@ -109,7 +109,7 @@ impl Experiment {
     /// Sets up a scenario.
     ///
     /// # Errors
-    /// What the scenario's file alone could not tell: files, stations, time steps, memory.
+    /// Faults that the scenario's file alone does not show: files, stations, time steps, memory.
     pub fn new(scenario: &Scenario, options: &RunOptions) -> Result<Self, ExperimentError> {
         let seed = options.seed.unwrap_or(scenario.seed);
         let cycles = options.cycles.unwrap_or(scenario.cycle.count);
@@ -270,9 +270,10 @@ fn sensors(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> R
         return Ok(WarmStart { calibration: calibration.clone(), knowledge, known: 0, warnings: Vec::new() });
     };
     // The first run of a chain finds nothing, and writes the database.
-    let records = match settings.writes.is_some() && !settings.database.exists() {
-        true => Default::default(),
-        false => Database::open(&settings.database, Missing::Refuse)?.records()?,
+    let records = if settings.writes.is_some() && !settings.database.exists() {
+        Default::default()
+    } else {
+        Database::open(&settings.database, Missing::Refuse)?.records()?
     };
     let end = scenario.start + Duration::from_seconds(scenario.cycle.window.seconds() * cycles as i64);
     warm_start(&records, calibration, scenario.start, end)
