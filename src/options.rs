@@ -61,9 +61,24 @@ impl RunOptions {
         }
     }
 
-    /// The options without those that belong to the process, as they come back when they are deserialised.
+    /// The options without those that belong to the process.
     pub fn of_run(&self) -> Self {
         let Self { methods, cycles, seed, overwrite, outputs, checkpoints, .. } = self.clone();
-        Self { methods, cycles, seed, overwrite, outputs, checkpoints, ..Self::new("") }
+        Self { methods, cycles, seed, overwrite, outputs: outputs.of_run(), checkpoints, ..Self::new("") }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_that_is_shown_while_it_computes_can_be_continued_without_that() {
+        let options = RunOptions { outputs: Outputs::of(["netcdf"]), seed: Some(3), ..RunOptions::new("here") };
+        let outputs = Outputs::of(["netcdf", "live"]);
+        let shown = RunOptions { outputs, threads: Some(4), concurrent: true, resume: true, ..options.clone() };
+        assert_eq!(shown.of_run(), options.of_run());
+        let text = serde_json::to_string(&shown.of_run()).unwrap();
+        assert_eq!(serde_json::from_str::<RunOptions>(&text).unwrap(), options.of_run());
     }
 }

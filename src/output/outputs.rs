@@ -92,6 +92,12 @@ impl Outputs {
         Self(names.into_iter().map(String::from).collect())
     }
 
+    /// Those that are written by default: the others belong to a process and not to the run, which another process may
+    /// continue without them.
+    pub fn of_run(&self) -> Self {
+        Self::of(Self::by_default().0.iter().filter(|name| self.contains(name)).map(String::as_str))
+    }
+
     /// Whether an output is one of them.
     pub fn contains(&self, name: &str) -> bool {
         self.0.contains(name)
