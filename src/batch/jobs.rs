@@ -8,6 +8,7 @@ use crate::output::{Sink, SinkError};
 use crate::progress::SeedsProgress;
 use crate::scenario::Scenario;
 use crate::scores::Summary;
+use crate::scores::kinds::MEMORY;
 use miette::{IntoDiagnostic, Report};
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};

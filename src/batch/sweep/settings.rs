@@ -146,7 +146,7 @@ mod tests {
     use std::path::Path;
 
     fn scenario(sweep: &str) -> Result<Scenario, ScenarioError> {
-        let text = format!("{}\n{sweep}", include_str!("../cli/template.toml"));
+        let text = format!("{}\n{sweep}", include_str!("../../cli/template.toml"));
         Scenario::parse(Path::new("mine.toml"), &text)
     }
 
