@@ -4,12 +4,12 @@
 //! cycles are paired by their numbers: that is the more telling the more the runs have in common, as the truth of the same
 //! scenario and seed, and right even if they have nothing in common.
 
+use crate::output::recorded::{MethodSeries, SavedRun, SavedRunError, Scores};
+use crate::output::report::page::{Figure, Page, PageError, Section, render};
 use crate::plot::colors::of_method_on_paper;
 use crate::plot::{Curve, CurvePlot, Dash};
-use crate::saved::{MethodSeries, SavedRun, SavedRunError, Scores};
 use crate::scores::statistics::{Difference, difference, root_interval};
 use crate::scores::{Score, Values};
-use crate::sink::report::page::{Figure, Page, PageError, Section, render};
 use crate::tables::{Cell, NONE, Table, figure};
 
 /// Curves that a figure shows at most.

@@ -5,7 +5,7 @@
 //! actual Q and R ([`isobar_assim::actual_errors`]): what the mean squares of infinitely many seeds would be. The places of
 //! random observations (missing ones, random stations) are those of the scenario's seed.
 
-use crate::experiment::{self, ExperimentError, Ground};
+use crate::run::experiment::{self, ExperimentError, Ground};
 use crate::scenario::{Algorithm, Dynamics, Scenario, ScenarioError};
 use crate::scores::Values;
 use indexmap::IndexMap;

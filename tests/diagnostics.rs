@@ -3,9 +3,9 @@
 use crate::common::{isobar, text};
 use crate::runs::run_options;
 use isobar::event::Event;
+use isobar::output::{Sink, SinkError};
 use isobar::scenario::Scenario;
 use isobar::scores::Summary;
-use isobar::sink::{Sink, SinkError};
 use std::fs;
 use std::path::Path;
 

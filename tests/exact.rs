@@ -3,9 +3,9 @@
 use crate::common::{VALID, isobar, text};
 use isobar::event::Event;
 use isobar::exact::{ExactOptions, ExactSummary, exact};
+use isobar::output::{Sink, SinkError};
 use isobar::scenario::Scenario;
 use isobar::scores::statistics::independent_mean;
-use isobar::sink::{Sink, SinkError};
 use std::fs;
 use std::path::Path;
 

@@ -124,7 +124,6 @@ fn a_panic_within_a_method_is_a_failure_of_the_method() {
         cycle: 1,
         reports: Vec::new(),
         values: Vec::new(),
-        values_bias_removed: Vec::new(),
         sigma: Vec::new(),
         rejected: Vec::new(),
         operator: std::sync::Arc::new(LinearOperator { jacobian }),

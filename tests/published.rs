@@ -3,9 +3,9 @@
 use crate::runs::run_options;
 use isobar::event::Event;
 use isobar::exact::{ExactOptions, exact};
-use isobar::experiment::ground;
+use isobar::output::{Sink, SinkError};
+use isobar::run::experiment::ground;
 use isobar::scenario::Scenario;
-use isobar::sink::{Sink, SinkError};
 use std::f64::consts::TAU;
 use std::path::Path;
 

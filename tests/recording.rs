@@ -2,7 +2,7 @@
 #![cfg(feature = "rerun")]
 
 use crate::synthetic_run::SyntheticRun;
-use isobar::sink::{Existing, OutputDirectory, Outputs, open_all};
+use isobar::output::{Existing, OutputDirectory, Outputs, open_all};
 use rerun::external::re_log_encoding::DecoderApp;
 use rerun::log::{Chunk, LogMsg};
 use rerun::{DepthImage, Image, Points2D, Scalars, TextDocument};

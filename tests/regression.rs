@@ -2,9 +2,9 @@
 
 use crate::runs::{run_options, scenarios};
 use isobar::event::Event;
+use isobar::output::{Sink, SinkError};
 use isobar::scenario::{Algorithm, Dynamics, Scenario};
 use isobar::scores::Regression;
-use isobar::sink::{Sink, SinkError};
 use isobar_assim::BiasTreatment;
 use isobar_assim::fast_kalman::{BlockShape, FastKalmanSettings};
 

@@ -2,10 +2,11 @@
 
 use crate::synthetic_run::SyntheticRun;
 use isobar::event::{Estimated, Event, RunInfo, Smoothed};
-use isobar::saved::SavedRun;
+use isobar::output::recorded::SavedRun;
+use isobar::output::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
 use isobar::scores::kind;
-use isobar::sink::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
 use isobar_assim::EstimatedParameter;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -171,10 +172,11 @@ impl Sink for Telling {
         if method > 0 {
             return Ok(());
         }
-        self.0.record(&Event::Estimated(Estimated { method, cycle, time, parameters: &parameters }))?;
-        let scores = [("rmse_smoothed.h".to_string(), 0.5)].into();
-        let estimate = &analysed.analysis.estimate;
-        self.0.record(&Event::Smoothed(Smoothed { method, cycle, later_cycles: 2, estimate, scores: &scores }))
+        let parameters = parameters.as_slice().into();
+        self.0.record(&Event::Estimated(Estimated { method, cycle, time, parameters }))?;
+        let scores = Cow::Owned([("rmse_smoothed.h".to_string(), 0.5)].into());
+        let estimate = Cow::Borrowed(&analysed.analysis.estimate);
+        self.0.record(&Event::Smoothed(Smoothed { method, cycle, later_cycles: 2, estimate, scores }))
     }
 }
 

@@ -1,10 +1,10 @@
 //! Runs with fixed-lag smoothers: what their files and scores say, and what is refused.
 
 use crate::runs::run_options;
+use isobar::output::Sink;
 use isobar::run::run;
 use isobar::scenario::Scenario;
 use isobar::scores::Summary;
-use isobar::sink::Sink;
 use netcdf_reader::NcFile;
 use std::path::Path;
 
@@ -24,7 +24,7 @@ fn complete(text: &str, look: impl FnOnce(&Path, &Summary)) {
     let scenario = Scenario::parse(Path::new("small.toml"), text).unwrap_or_else(|error| panic!("{error}"));
     let folder = tempfile::tempdir().unwrap();
     let options = isobar::options::RunOptions {
-        outputs: isobar::sink::Outputs::of(["netcdf"]),
+        outputs: isobar::output::Outputs::of(["netcdf"]),
         ..run_options(folder.path(), CYCLES)
     };
     let summary = run(&scenario, &options, &mut Vec::<Box<dyn Sink>>::new()).unwrap();

@@ -125,7 +125,7 @@ fn what_makes_no_sense_is_refused() {
 #[cfg(unix)]
 mod interrupted {
     use super::*;
-    use isobar::sink::directory::complete_runs;
+    use isobar::output::directory::complete_runs;
     use std::process::{Child, Command, Stdio};
     use std::time::Duration;
 

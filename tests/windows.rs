@@ -1,10 +1,10 @@
 //! What the shipped scenarios of time volumes and of the first calibration promise.
 
 use crate::runs::run_options;
+use isobar::output::Sink;
 use isobar::run::run;
 use isobar::scenario::Scenario;
 use isobar::scores::Summary;
-use isobar::sink::Sink;
 use std::collections::BTreeMap;
 use std::path::Path;
 

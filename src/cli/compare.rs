@@ -1,9 +1,9 @@
 //! `isobar compare`.
 
 use super::arguments::CompareArguments;
-use super::print;
+use super::console::print;
 use crate::comparison::Comparison;
-use crate::saved::SavedRun;
+use crate::output::recorded::SavedRun;
 use miette::{Report, miette};
 use std::fs::OpenOptions;
 use std::io::{ErrorKind, Write};

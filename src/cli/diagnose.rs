@@ -1,7 +1,7 @@
 //! `isobar diagnose`.
 
-use super::print;
-use crate::saved::SavedRun;
+use super::console::print;
+use crate::output::recorded::SavedRun;
 use crate::tables::diagnostics::all;
 use crate::text::clean;
 use miette::{Report, miette};

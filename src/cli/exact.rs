@@ -1,7 +1,8 @@
 //! `isobar exact`.
 
 use super::arguments::ExactArguments;
-use super::{lookup, print, run};
+use super::console::print;
+use super::{launch, lookup};
 use crate::exact::{ExactOptions, ExactSummary, exact};
 use crate::scenario::Scenario;
 use crate::tables::scores;
@@ -12,9 +13,9 @@ use std::process::ExitCode;
 /// Prints the exact performance of a scenario's methods.
 pub fn run(arguments: &ExactArguments) -> Result<ExitCode, Report> {
     let scenario = lookup::load(&arguments.scenario)?;
-    arguments.part.methods.iter().flatten().try_for_each(|method| run::check_method(method, &scenario))?;
+    arguments.part.methods.iter().flatten().try_for_each(|method| launch::check_method(method, &scenario))?;
     let cycles = arguments.part.cycles.map(|cycles| cycles as usize);
-    run::check_cycles(cycles, &scenario)?;
+    launch::check_cycles(cycles, &scenario)?;
     let options = ExactOptions { methods: arguments.part.methods.clone(), cycles };
     let threads = arguments.part.threads.map_or(0, |threads| threads as usize);
     let workers = ThreadPoolBuilder::new().num_threads(threads).build().into_diagnostic()?;

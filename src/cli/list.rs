@@ -1,7 +1,8 @@
 //! `isobar list`.
 
 use super::arguments::ListArguments;
-use super::{lookup, print, show};
+use super::console::{print, show};
+use super::lookup;
 use crate::kinds::reference::{self, KeyReference, Reference};
 use crate::scenario::Scenario;
 use crate::tables::{Cell, Table};

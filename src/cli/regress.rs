@@ -1,7 +1,8 @@
 //! `isobar regress`.
 
 use super::arguments::RegressArguments;
-use super::{lookup, print, run, show};
+use super::console::{print, show};
+use super::{launch, lookup};
 use crate::interrupt;
 use crate::options::RunOptions;
 use crate::progress::Progress;
@@ -58,7 +59,7 @@ fn regress_one(scenario: &Scenario, arguments: &RegressArguments) -> Result<bool
     let threads = arguments.threads.map(|threads| threads as usize);
     let options = RunOptions { threads, ..RunOptions::new(directory.path().join(&scenario.name)) };
     let mut progress = Progress::new(arguments.quiet);
-    let summary = run::run_scenario(scenario, &options, &mut progress)?;
+    let summary = launch::run_scenario(scenario, &options, &mut progress)?;
     drop(progress);
     judge(scenario, &summary, arguments.accept)
 }

@@ -1,13 +1,15 @@
 //! `isobar run --seeds`.
 
 use super::arguments::RunArguments;
-use super::{print, run as runs};
+use super::console::print;
+use super::launch;
+use crate::batch::seeds::{SeedsSummary, run_all};
+use crate::batch::{BatchKind, BatchPlan, Run, interrupted};
 use crate::options::RunOptions;
+use crate::output::Outputs;
+use crate::output::report::{REPORT, REPORT_FILE};
 use crate::progress::SeedsProgress;
 use crate::scenario::Scenario;
-use crate::seeds::{BatchKind, BatchPlan, Run, SeedsSummary, interrupted, run_all};
-use crate::sink::Outputs;
-use crate::sink::report::{REPORT, REPORT_FILE};
 use crate::tables::Table;
 use crate::text::clean;
 use miette::{IntoDiagnostic, Report, miette};
@@ -42,7 +44,7 @@ pub fn options(
         None => methods.next().cloned().unwrap_or_default(),
         Some(name) if methods.any(|it| it == name) => name.clone(),
         Some(name) => {
-            runs::check_method(name, scenario)?;
+            launch::check_method(name, scenario)?;
             return Err(miette!("--against {} is not among the methods of --methods", clean(name)));
         }
     };
@@ -51,7 +53,7 @@ pub fn options(
 
 /// Runs a scenario with every seed, or, with `resume`, those that are not complete; whether none failed, and no method of any.
 pub fn run(scenario: &Scenario, options: &RunOptions, wanted: &SeedsOptions, quiet: bool) -> Result<bool, Report> {
-    run_by(&runs::run_scenario, scenario, options, wanted, quiet)
+    run_by(&launch::run_scenario, scenario, options, wanted, quiet)
 }
 
 /// The same with another function that runs a scenario.
@@ -119,8 +121,8 @@ fn text(summary: &SeedsSummary, scenario: &Scenario) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::output::Sink;
     use crate::scores::{MethodScores, Summary};
-    use crate::sink::Sink;
     use std::path::Path;
 
     /// A runner that fails for some seeds.

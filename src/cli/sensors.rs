@@ -1,6 +1,6 @@
 //! `isobar sensors`.
 
-use super::print;
+use super::console::print;
 use crate::calendar::utc;
 use crate::sensors::database::Missing;
 use crate::sensors::record::Key;

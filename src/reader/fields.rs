@@ -20,7 +20,7 @@ pub(crate) struct Fields {
 /// row from the south, each from the west. Empty lines and lines that begin with `#` are skipped; the first line may be a
 /// header.
 pub(crate) fn read(field: &Field<'_>, grid: &Grid, most: usize) -> Read<Fields> {
-    let path = field.file.directory().join(field.text()?);
+    let path = field.file.input(&field.text()?);
     let shown = clean(&path.display().to_string());
     if !path.is_file() {
         return Err(field.invalid(format!("the file {shown} does not exist"), "a path relative to this scenario"));

@@ -45,8 +45,8 @@ pub use time_volume::{Correction, CorrectionSettings, FactorSettings, FactorTarg
 use crate::calendar;
 use crate::kinds::Domain;
 use crate::kinds::covariances::{self, Components};
+use crate::output::Outputs;
 use crate::reader::{self, Field, Read, Section, SourceFile};
-use crate::sink::Outputs;
 use crate::text;
 use indexmap::IndexMap;
 use isobar_model::Time;
@@ -67,6 +67,8 @@ pub struct Scenario {
     pub path: PathBuf,
     /// The file's text, to the letter.
     pub text: String,
+    /// The files that it names and on whose contents the results depend: fields, stations, observations.
+    pub inputs: Vec<PathBuf>,
     /// Title, in one line.
     pub title: String,
     /// The phenomenon that the experiment shows.
@@ -99,7 +101,7 @@ pub struct Scenario {
     pub methods: IndexMap<String, Method>,
     /// What some methods start from instead of the biases' priors.
     pub initialise: Option<Initialise>,
-    /// In every so-many-th cycle it is found out what each type of observations did; `None`: never.
+    /// Number of cycles between two in which the influence of each type of observations is computed; `None`: never.
     pub influence_every_cycles: Option<usize>,
     /// Which keys vary in a sweep, if any do.
     pub sweep: Option<SweepSettings>,
@@ -192,6 +194,7 @@ impl Scenario {
             name: path.file_stem().map_or(String::new(), |stem| text::clean(&stem.to_string_lossy())),
             path: path.to_path_buf(),
             text: text.to_string(),
+            inputs: file.inputs(),
             title,
             phenomenon,
             source,

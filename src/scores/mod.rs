@@ -25,7 +25,7 @@ pub mod truths;
 pub use expected::{Expected, Regression};
 pub use kinds::{Better, Line, Part, SCORES, Score, ScoreKind, Unit, kind};
 pub use scorecard::{RunScores, Scorecard};
-pub use summary::{Failure, MethodScores, ObservationCounts, PerVariable, Summary, TypeCounts};
+pub use summary::{Failure, MethodScores, ObservationCounts, Summary, TypeCounts};
 pub use truths::{EarlierTruths, TrueValues};
 
 use indexmap::IndexMap;
@@ -33,3 +33,6 @@ use indexmap::IndexMap;
 /// Scores by key: the name of the kind, and after a dot that of the variable where it has one: `rmse_analysis.h`,
 /// `bias_rmse`. A score that a method does not have is absent.
 pub type Values = IndexMap<String, f64>;
+
+/// A figure for each variable, by name.
+pub type PerVariable = IndexMap<String, f64>;

@@ -11,9 +11,6 @@ use isobar_obs::{ObservationWindow, Report};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// A figure for each variable, by name.
-pub type PerVariable = IndexMap<String, f64>;
-
 /// The scores of a whole run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -88,7 +85,7 @@ pub struct TypeCounts {
 impl ObservationCounts {
     /// Counts those of a cycle.
     pub fn add(&mut self, window: &ObservationWindow, layout: &Layout) {
-        let kind = |report: &Report| format!("{}/{}", report.network, layout.variables[report.variable].name);
+        let kind = |report: &Report| report.observation_type().name(layout);
         self.used += window.len();
         for report in &window.reports {
             self.by_type.entry(kind(report)).or_default().used += 1;

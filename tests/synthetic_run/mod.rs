@@ -2,9 +2,9 @@
 
 use isobar::correlations::Correlations;
 use isobar::event::{Analysed, Event, MethodInfo, RunInfo, StationInfo};
+use isobar::output::{Sink, SinkError};
 use isobar::scores::stability::{ParameterStability, Stability};
 use isobar::scores::{MethodScores, Summary, Values};
-use isobar::sink::{Sink, SinkError};
 use isobar_assim::block_angular::PartitionReport;
 use isobar_assim::{Analysis, CommonFactor, Estimate, Structure};
 use isobar_model::random::{standard_normals, stream};
@@ -12,6 +12,7 @@ use isobar_model::{Boundary, Duration, Grid, Increment, Layout, Location, State,
 use isobar_obs::{
     Calibration, Jacobian, LinearOperator, ObservationWindow, Parameter, Placement, Projection, Report, SparseRows,
 };
+use std::borrow::Cow;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -23,6 +24,8 @@ pub struct SyntheticRun {
     pub true_calibration: Vec<Vec<f64>>,
     /// For cycles 1 to N.
     pub windows: Vec<ObservationWindow>,
+    /// The values of `windows` without their biases.
+    pub values_bias_removed: Vec<Vec<f64>>,
     /// For each method, for cycles 1 to N.
     pub results: Vec<Vec<(Estimate, Analysis, MethodScores)>>,
     pub summary: Summary,
@@ -42,7 +45,8 @@ impl SyntheticRun {
         let truth: Vec<State> = (0..=cycles).map(|cycle| vortex(&info, cycle)).collect();
         let true_calibration: Vec<Vec<f64>> =
             (0..=cycles).map(|cycle| vec![12.0, -8.0, 5.0 + 0.05 * cycle as f64, 0.75]).collect();
-        let windows: Vec<_> = (1..=cycles).map(|cycle| observe(&info, cycle, &truth, &true_calibration)).collect();
+        let (windows, values_bias_removed): (Vec<_>, Vec<_>) =
+            (1..=cycles).map(|cycle| observe(&info, cycle, &truth, &true_calibration)).unzip();
         let results: Vec<Vec<_>> = (0..methods)
             .map(|method| {
                 windows
@@ -64,7 +68,7 @@ impl SyntheticRun {
             observations: Default::default(),
             methods: (0..methods).map(|method| (info.methods[method].name.clone(), last(method))).collect(),
         };
-        Self { info, truth, true_calibration, windows, results, summary }
+        Self { info, truth, true_calibration, windows, values_bias_removed, results, summary }
     }
 
     pub fn time(&self, cycle: usize) -> Time {
@@ -75,26 +79,20 @@ impl SyntheticRun {
     pub fn play(&self, sink: &mut dyn Sink) -> Result<(), SinkError> {
         sink.record(&Event::Started(&self.info))?;
         self.play_truth(sink, 0)?;
-        for (window, cycle) in self.windows.iter().zip(1..) {
+        for ((window, values_bias_removed), cycle) in self.windows.iter().zip(&self.values_bias_removed).zip(1..) {
             self.play_truth(sink, cycle)?;
-            sink.record(&Event::Observed(window))?;
+            let window = Cow::Borrowed(window);
+            sink.record(&Event::Observed { window, values_bias_removed: values_bias_removed.into() })?;
             for (method, results) in self.results.iter().enumerate() {
                 let (background, analysis, scores) = &results[cycle - 1];
+                let (background, analysis) = (Cow::Borrowed(background), Cow::Borrowed(analysis));
+                let scores = Cow::Borrowed(&scores.values);
                 let time = self.time(cycle);
                 let structure = (method == 0).then(|| self.structure(cycle));
-                let structure = structure.as_ref();
+                let structure = structure.map(Cow::Owned);
                 let correlations = (method == 0).then(|| self.correlations());
-                let correlations = correlations.as_ref();
-                let analysed = Analysed {
-                    method,
-                    cycle,
-                    time,
-                    background,
-                    analysis,
-                    scores: &scores.values,
-                    structure,
-                    correlations,
-                };
+                let correlations = correlations.map(Cow::Owned);
+                let analysed = Analysed { method, cycle, time, background, analysis, scores, structure, correlations };
                 sink.record(&Event::Analysed(analysed))?;
             }
             sink.record(&Event::CycleEnded(cycle))?;
@@ -130,7 +128,7 @@ impl SyntheticRun {
     }
 
     pub fn play_truth(&self, sink: &mut dyn Sink, cycle: usize) -> Result<(), SinkError> {
-        let (state, calibration) = (&self.truth[cycle], &self.true_calibration[cycle]);
+        let (state, calibration) = (Cow::Borrowed(&self.truth[cycle]), (&self.true_calibration[cycle]).into());
         sink.record(&Event::Truth { cycle, time: self.time(cycle), state, calibration })
     }
 }
@@ -220,7 +218,8 @@ fn vortex(info: &RunInfo, cycle: usize) -> State {
     state
 }
 
-fn observe(info: &RunInfo, cycle: usize, truth: &[State], calibration: &[Vec<f64>]) -> ObservationWindow {
+/// The observations of a cycle, and their values without biases.
+fn observe(info: &RunInfo, cycle: usize, truth: &[State], calibration: &[Vec<f64>]) -> (ObservationWindow, Vec<f64>) {
     let grid = &info.layout.grid;
     let mut reports = Vec::new();
     let mut jacobian = Jacobian { state: SparseRows::new(), calibration: SparseRows::new() };
@@ -260,16 +259,16 @@ fn observe(info: &RunInfo, cycle: usize, truth: &[State], calibration: &[Vec<f64
     let noise = standard_normals(&mut stream(info.seed, &format!("observations {cycle}")), unbiased.len());
     let sigma: Vec<f64> = reports.iter().map(|report| if report.variable == 0 { 4.0 } else { 1.5 }).collect();
     let with_noise = |values: Vec<f64>| (0..values.len()).map(|k| values[k] + sigma[k] * noise[k]).collect::<Vec<_>>();
-    ObservationWindow {
+    let window = ObservationWindow {
         time: info.start + Duration::from_seconds(info.window.seconds() * cycle as i64),
         cycle,
         values: with_noise(biased),
-        values_bias_removed: with_noise(unbiased),
         sigma: sigma.clone(),
         reports,
         rejected: Vec::new(),
         operator: Arc::new(LinearOperator { jacobian }),
-    }
+    };
+    (window, with_noise(unbiased))
 }
 
 fn analyse(

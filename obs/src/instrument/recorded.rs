@@ -4,7 +4,7 @@ use crate::error::{ObservationError, list, require};
 use crate::instrument::{Instrument, Observation, Reading};
 use crate::observation_file::{ObservationFile, ObservationPlace, ObservationRecord, ValidTime};
 use crate::projection::Projection;
-use crate::window::Report;
+use crate::report::Report;
 use isobar_model::{Duration, Layout, Time};
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;

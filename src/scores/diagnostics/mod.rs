@@ -20,14 +20,11 @@ use crate::scores::statistics::{self, Interval};
 use bias::BiasSums;
 use indexmap::IndexMap;
 use isobar_model::Layout;
-use isobar_obs::{Calibration, ObservationWindow};
+use isobar_obs::{Calibration, ObservationType, ObservationWindow};
 use observations::ObservationSums;
 use serde::{Deserialize, Serialize};
 use state::StateSums;
 use std::collections::BTreeMap;
-
-/// A type of observations: network and number of the variable.
-pub type ObservationType = (String, usize);
 
 /// What is gathered of one method.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -101,7 +98,7 @@ impl DiagnosticSums {
         let analysis = &outcome.analysis;
         let departures = analysis.background_departures.iter().zip(&analysis.analysis_departures);
         for ((report, sigma), (&background, &after)) in observed.reports.iter().zip(&observed.sigma).zip(departures) {
-            let kind = (report.network.to_string(), report.variable);
+            let kind = report.observation_type();
             self.observations.entry(kind.clone()).or_default().observe(background, after, sigma * sigma);
             self.last.insert((kind, report.platform.to_string()), background);
         }
@@ -129,8 +126,10 @@ impl DiagnosticSums {
             pairs.map(of_variable).map(|sum: f64| (0.0 - sum) / cells as f64).collect()
         };
         for own in &influence.types {
-            let kind = (own.network.to_string(), own.variable);
-            self.observations.entry(kind).or_default().probe(own.signal, &reduction(&own.increment));
+            self.observations
+                .entry(own.observation_type.clone())
+                .or_default()
+                .probe(own.signal, &reduction(&own.increment));
         }
         let increment: Vec<f64> = before.iter().zip(after).map(|(before, after)| after - before).collect();
         self.probed = (1, reduction(&increment));
@@ -162,9 +161,8 @@ impl DiagnosticSums {
     pub fn diagnostics(&self, layout: &Layout, calibration: &Calibration) -> Diagnostics {
         let names = || layout.variables.iter().map(|variable| variable.name);
         let state = names().zip(&self.state);
-        let of_type = |((network, variable), sums): (&ObservationType, &ObservationSums)| {
-            (format!("{network}/{}", layout.variables[*variable].name), sums.diagnostics(names()))
-        };
+        let of_type =
+            |(kind, sums): (&ObservationType, &ObservationSums)| (kind.name(layout), sums.diagnostics(names()));
         let parameters = calibration.parameters.iter().zip(&self.biases);
         let mut together: Option<BiasSums> = None;
         for (parameter, sums) in parameters.clone() {

@@ -197,9 +197,8 @@ impl Watch {
         named.filter(|(_, own)| finite(own)).collect()
     }
 
-    /// Takes back what a checkpoint holds; whether it is of an experiment with so many variables.
-    pub fn restore(&mut self, saved: &Self, layout: &Layout) -> bool {
-        *self = Self { from_cycle: self.from_cycle, ..saved.clone() };
+    /// Whether it is of states of this layout; one that was read from a file may not be.
+    pub fn fits(&self, layout: &Layout) -> bool {
         let variables = layout.variables.len();
         self.last_variances.iter().chain(&self.backgrounds).all(|own| own.len() == variables)
             && (self.growth.is_empty() || self.growth.len() == variables)
