@@ -2,7 +2,6 @@
 //! by an entry here, and a function in [`super::measures`] unless one of those serves.
 
 use super::measures::{Sum, Verified, bias_error, bias_spread, chi2, error, spread};
-use super::summary::MethodScores;
 use crate::plot;
 use crate::scores::diagnostics::StateDiagnostics;
 
@@ -338,23 +337,6 @@ impl<'a> Score<'a> {
     /// A value in the unit that tables show.
     pub fn in_tables(&self, value: f64) -> f64 {
         if self.kind.unit == Unit::Bytes { value / 1e6 } else { value }
-    }
-}
-
-impl MethodScores {
-    /// All scores, with those that its diagnostics hold; none of a method that failed.
-    pub fn all(&self) -> super::Values {
-        if self.failure.is_some() {
-            return super::Values::new();
-        }
-        let mut all = self.values.clone();
-        for kind in SCORES {
-            if let Measure::Diagnostics(pick) = kind.measure {
-                let state = self.diagnostics.iter().flat_map(|it| &it.state);
-                all.extend(state.map(|(variable, own)| (kind.key(variable), pick(own))));
-            }
-        }
-        all
     }
 }
 

@@ -1,6 +1,7 @@
 //! The scores of a run, as `summary.json` holds them.
 
 use super::Values;
+use super::kinds::{Measure, SCORES};
 use crate::scores::diagnostics::Diagnostics;
 use crate::scores::stability::Stability;
 use crate::scores::statistics::Interval;
@@ -56,6 +57,23 @@ pub struct MethodScores {
     /// When and why the method failed; it has no scores then but those of cost.
     #[serde(default)]
     pub failure: Option<Failure>,
+}
+
+impl MethodScores {
+    /// All scores, with those that its diagnostics hold; none of a method that failed.
+    pub fn all(&self) -> Values {
+        if self.failure.is_some() {
+            return Values::new();
+        }
+        let mut all = self.values.clone();
+        for kind in SCORES {
+            if let Measure::Diagnostics(pick) = kind.measure {
+                let state = self.diagnostics.iter().flat_map(|it| &it.state);
+                all.extend(state.map(|(variable, own)| (kind.key(variable), pick(own))));
+            }
+        }
+        all
+    }
 }
 
 /// Intervals by the keys of their scores.
@@ -126,7 +144,7 @@ impl Summary {
 
 /// Values by key as files hold them: those of a kind together, `"rmse_analysis": { "h": 3.8, "u": 1.5 }`.
 mod by_kind {
-    use super::super::kind;
+    use crate::scores::kind;
     use indexmap::IndexMap;
     use serde::de::IgnoredAny;
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
