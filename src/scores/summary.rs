@@ -1,7 +1,7 @@
 //! The scores of a run, as `summary.json` holds them.
 
 use super::Values;
-use super::kinds::{Measure, SCORES};
+use super::kinds::{MEMORY, Measure, SCORES};
 use crate::scores::diagnostics::Diagnostics;
 use crate::scores::stability::Stability;
 use crate::scores::statistics::Interval;
@@ -60,12 +60,14 @@ pub struct MethodScores {
 }
 
 impl MethodScores {
-    /// All scores, with those that its diagnostics hold; none of a method that failed.
+    /// The scores that are averaged over runs, with those that its diagnostics hold; empty for a method that failed. Memory is
+    /// not among them: it is known only of runs that have the process to themselves.
     pub fn all(&self) -> Values {
         if self.failure.is_some() {
             return Values::new();
         }
         let mut all = self.values.clone();
+        all.shift_remove(MEMORY);
         for kind in SCORES {
             if let Measure::Diagnostics(pick) = kind.measure {
                 let state = self.diagnostics.iter().flat_map(|it| &it.state);
