@@ -159,10 +159,10 @@ fn measure<S: Stored>(n: usize, factor_precision: Precision, request: &Request) 
         // What the truth is has no influence on the cost.
         let observed = observing.observe(&problem.background);
         let began = Instant::now();
-        filter.forecast(WINDOW).expect("a forecast");
+        let from_filter = filter.forecast(WINDOW).expect("a forecast");
         forecast_s = forecast_s.min(began.elapsed().as_secs_f64());
         let began = Instant::now();
-        filter.analyse(&observed).expect("an analysis");
+        filter.analyse(&from_filter, &observed).expect("an analysis");
         analysis_s = analysis_s.min(began.elapsed().as_secs_f64());
         observations = observed.len();
     }
@@ -183,8 +183,8 @@ fn measure<S: Stored>(n: usize, factor_precision: Precision, request: &Request) 
         let observed = observing.observe(&problem.background);
         let mut kalman = KalmanFilter::new(problem).expect("a Kalman filter");
         let began = Instant::now();
-        kalman.forecast(WINDOW).expect("a forecast");
-        kalman.analyse(&observed).expect("an analysis");
+        let from_kalman = kalman.forecast(WINDOW).expect("a forecast");
+        kalman.analyse(&from_kalman, &observed).expect("an analysis");
         let seconds = began.elapsed().as_secs_f64();
         println!("      full Kalman filter {seconds:.2} s: {:.1} times the cycle", seconds / cycle_s);
     }
@@ -215,7 +215,7 @@ fn experiment(n: usize) -> (Problem, ObservingSystem) {
         ObservingSystem::new(&layout, None, &instruments(n), 1, WINDOW, Time::from_seconds(0)).expect("instruments");
     let calibration = observing.calibration().clone();
     observing.observe(&background);
-    let problem = Problem {
+    let problem: Problem = Problem {
         model: Arc::new(model),
         background_error: covariance(&layout, 15.0, 8e5, 0.5),
         model_error: Some(covariance(&layout, 0.5, 6e5, 0.05)),

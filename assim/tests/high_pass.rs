@@ -1,12 +1,12 @@
 //! Lange's High-pass Filter: equal to the dense solution without prior, honest about what it knows, and it names the rest.
 
-use crate::common::{WINDOW, flat, relative_difference};
+use crate::common::{WINDOW, flat, parameters, relative_difference};
 use faer::Mat;
+use isobar_assim::Initialised;
 use isobar_assim::block_angular::{Block, BorderRows, RegressionRows, solve};
 use isobar_assim::covariance::{Sum, Univariate};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter};
 use isobar_assim::high_pass::{HighPassFilter, HighPassSettings, in_words};
-use isobar_assim::initialised::Initialised;
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::{Assimilator, BiasTreatment, Covariance, Problem};
 use isobar_model::random::{standard_normals, stream};
@@ -116,7 +116,7 @@ fn world(seed: u64, reference: bool) -> World {
     let background = State::zeros(&layout);
     let deviation = isobar_assim::covariance::randomize(&*background_error, &mut stream(seed, "deviation"));
     let truth = State::from_values(&layout, deviation);
-    let problem = Problem {
+    let problem: Problem = Problem {
         model: Arc::new(model.clone()),
         background,
         background_error,
@@ -190,12 +190,12 @@ fn methods_start_from_the_batch() {
         }
         let mut results = Vec::new();
         for method in &mut methods {
-            method.forecast(WINDOW).unwrap();
+            let from = method.forecast(WINDOW).unwrap();
             // A checkpoint in the middle changes nothing.
-            let saved = method.save().unwrap();
-            method.restore(&saved).unwrap();
-            results.push(method.analyse(&observed).unwrap());
-            assert_eq!(method.parameters().len(), if cycle == SETTINGS.cycles { 2 } else { 0 });
+            let saved = method.memory().unwrap();
+            method.recall(&saved).unwrap();
+            results.push(method.analyse(&from, &observed).unwrap());
+            assert_eq!(parameters(&*method).len(), if cycle == SETTINGS.cycles { 2 } else { 0 });
         }
         if cycle < SETTINGS.cycles {
             assert_eq!(results[0].estimate.calibration, [0.0, 0.0]);
