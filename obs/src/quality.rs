@@ -142,12 +142,11 @@ impl<'a> Departures<'a> {
     ) -> Self {
         let departures: Vec<f64> = arrivals.iter().map(|arrival| departure(arrival, reference)).collect();
         let (grid, length_m) = (&layout.grid, control.length_m);
-        let calibration_rows = arrivals
-            .iter()
-            .map(|arrival| arrival.observation.calibration_row_at(reference).collect())
-            .collect();
+        let calibration_rows =
+            arrivals.iter().map(|arrival| arrival.observation.calibration_row_at(reference).collect()).collect();
         let (variance, neighbours) = (0.0, Vec::new());
-        let mut all = Self { arrivals, grid, calibration, length_m, calibration_rows, departures, variance, neighbours };
+        let mut all =
+            Self { arrivals, grid, calibration, length_m, calibration_rows, departures, variance, neighbours };
         let total = (median(all.departures.iter().map(|d| d.abs()).collect()) / NORMAL_MEDIAN).powi(2);
         let known = median((0..arrivals.len()).map(|i| all.covariance(i, i)).collect());
         all.variance = (total - known).max(0.25 * total);

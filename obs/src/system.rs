@@ -286,8 +286,9 @@ impl ObservingSystem {
         self.values_bias_removed.clear();
         for (arrival, rejection) in arrivals.into_iter().zip(rejections) {
             let Arrival { observation, value, value_bias_removed, .. } = arrival;
-            let Observation { report, sigma: its_sigma, state_row, calibration_row, predictors: its_predictors, .. } =
-                observation;
+            let Observation {
+                report, sigma: its_sigma, state_row, calibration_row, predictors: its_predictors, ..
+            } = observation;
             if let Some(rejection) = *rejection {
                 rejected.push(RejectedObservation { report, value, sigma: its_sigma, rejection });
                 continue;

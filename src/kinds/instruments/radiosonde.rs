@@ -1,6 +1,7 @@
 //! `kind = "radiosonde"`: stations that stay where they are.
 
-use super::{COMMON, at_file, bias};
+use super::bias;
+use super::common::{COMMON, at_file};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, AnyKey, Described, Field, Key, Limits, Read, Section, files};
 use isobar_obs::{
