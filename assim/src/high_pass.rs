@@ -34,7 +34,7 @@ use std::sync::Arc;
 /// Weights up to which H B Hᵀ is formed exactly.
 const MOST_WEIGHTS: usize = 8;
 
-/// How a batch of cycles is used for the first calibration.
+/// How a batch is initialised from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HighPassSettings {
     /// Cycles before the first analysis: those whose observations calibrate, and the one that is analysed first.
@@ -109,10 +109,9 @@ impl HighPassFilter {
             // Where a report reads the state: its own weights, or for a wide footprint the cell in its middle.
             let reads = |row: usize| -> Vec<(usize, f64)> {
                 let (entries, report) = (jacobian.state.row(row), &observed.reports[row]);
-                if entries.len() <= MOST_WEIGHTS {
-                    entries.to_vec()
-                } else {
-                    vec![(report.variable * cells + grid.cell_at(report.x_m, report.y_m), 1.0)]
+                match entries.len() <= MOST_WEIGHTS {
+                    true => entries.to_vec(),
+                    false => vec![(report.variable * cells + grid.cell_at(report.x_m, report.y_m), 1.0)],
                 }
             };
             let reads: Vec<Vec<(usize, f64)>> = rows.iter().map(|&row| reads(row)).collect();
@@ -155,7 +154,7 @@ impl HighPassFilter {
         }
     }
 
-    /// What it carries from cycle to cycle.
+    /// What it remembers of the batch, for a checkpoint.
     pub(crate) fn triangle(&self) -> &Mat<f64> {
         self.rows.triangle()
     }

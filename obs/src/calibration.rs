@@ -48,7 +48,7 @@ impl Calibration {
         self.parameters.len()
     }
 
-    /// Whether there are no parameters.
+    /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.parameters.is_empty()
     }

@@ -1,7 +1,6 @@
 //! `kind = "satellite"`: a polar-orbiting satellite with a cross-track scanner.
 
-use super::bias;
-use super::common::COMMON;
+use super::{COMMON, bias};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{self, Absent, AnyKey, Choice, Described, Key, Limits, Read, Section, Whole};
 use isobar_obs::{AirMassBias, Heading, InstrumentSettings, ObservedVariable, SatelliteSettings, ScanBias, ScanTerm};
