@@ -109,12 +109,17 @@ fn parts(folder: &str) -> Crate {
     Crate::new(&all.filter(is_part).collect::<Vec<_>>())
 }
 
+/// Circles of files that are meant to be, each with its reason.
+const MEANT: [(&str, &str); 2] = [
+    ("increment → state", "the difference of two states is an increment, and an increment is added to a state"),
+    ("reader/field → reader/section", "a section consists of fields, and the value of a field may be a section"),
+];
+
 #[test]
 fn no_files_know_each_other_in_a_circle() {
-    // The difference of two states is an increment, and an increment is added to a state.
-    let meant = |circle: &String| circle == "increment → state → increment";
+    let is_meant = |circle: &String| MEANT.iter().any(|(beginning, _)| circle.starts_with(beginning));
     for folder in ["src", "model/src", "obs/src", "assim/src"] {
-        let circles: Vec<String> = parts(folder).circles_of_files().into_iter().filter(|it| !meant(it)).collect();
+        let circles: Vec<String> = parts(folder).circles_of_files().into_iter().filter(|it| !is_meant(it)).collect();
         assert!(circles.is_empty(), "files of {folder}:\n{}", circles.join("\n"));
     }
     for folder in ["src", "assim/src"] {
