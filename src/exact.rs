@@ -242,12 +242,13 @@ fn check_linear(scenario: &Scenario) -> Result<(), ScenarioError> {
             return Err(scenario.fault(&[key], message, "this"));
         }
     }
-    for (name, network) in &scenario.networks {
+    for network in &scenario.networks {
+        let name = &network.name;
         if network.faults != Faults::NONE {
             let message = format!("exact performance needs normal errors, and network {name} has faults");
             return Err(scenario.fault(&["networks", name, "faults"], message, "these"));
         }
-        if network.has_air_mass_bias() {
+        if network.instrument.has_air_mass_bias() {
             let message = format!(
                 "exact performance needs biases that do not depend on the state, and network {name} has air_mass terms"
             );

@@ -32,7 +32,7 @@ fn filtered(networks: &[&str]) -> Filtered {
         [all().min().unwrap(), all().max().unwrap()]
     };
     let block = [range(&|cell| cell % grid.nx), range(&|cell| cell / grid.nx)];
-    scenario.networks.retain(|name, _| networks.contains(&name.as_str()));
+    scenario.networks.retain(|network| networks.contains(&network.name.as_str()));
     let Ground { problem, mut observing, .. } = ground(&scenario, 1, CYCLES).unwrap();
     let mut filter = method(&problem, "kf", &scenario).unwrap();
     let mut spread = Vec::new();

@@ -12,8 +12,7 @@ use isobar_assim::{Assimilator, BiasTreatment, Covariance, Problem};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Boundary, ExactShift, Grid, Model, State, Time};
 use isobar_obs::{
-    BiasProcess, BiasScope, InstrumentConfig, ObservedVariable, ObservingSystem, RadiosondeConfig, StationBias,
-    StationSource,
+    BiasProcess, BiasScope, Network, ObservedVariable, ObservingSystem, RadiosondeSettings, StationBias, StationSource,
 };
 use std::sync::Arc;
 
@@ -99,7 +98,7 @@ fn world(seed: u64, reference: bool) -> World {
     let model = ExactShift::new(grid, 1, 0, WINDOW).unwrap();
     let layout = model.layout().clone();
     let groups = ["A", "B", "C"].map(String::from).to_vec();
-    let mut network = RadiosondeConfig::new("net", StationSource::Random { count: 90, groups });
+    let mut network = RadiosondeSettings::new(StationSource::Random { count: 90, groups });
     network.variables = vec![ObservedVariable::new("tracer", 0.5)];
     network.biases = vec![StationBias {
         variable: "tracer".into(),
@@ -109,7 +108,7 @@ fn world(seed: u64, reference: bool) -> World {
     if reference {
         network.reference_groups = vec!["A".into()];
     }
-    let configs = [InstrumentConfig::Radiosonde(network)];
+    let configs = [Network::new("net", network)];
     let observing = ObservingSystem::new(&layout, None, &configs, seed, WINDOW, Time::from_seconds(0)).unwrap();
     let terms: Vec<Box<dyn Covariance>> = vec![Box::new(Univariate::new(&layout, 0, 1.5, 3e5))];
     let background_error: Arc<dyn Covariance> = Arc::new(Sum::new(layout.len(), terms));

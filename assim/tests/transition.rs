@@ -12,8 +12,7 @@ use isobar_model::{
     TimeScheme, Wind, advection, forecast,
 };
 use isobar_obs::{
-    BiasProcess, BiasScope, InstrumentConfig, ObservedVariable, ObservingSystem, RadiosondeConfig, StationBias,
-    StationSource,
+    BiasProcess, BiasScope, Network, ObservedVariable, ObservingSystem, RadiosondeSettings, StationBias, StationSource,
 };
 use std::sync::Arc;
 
@@ -60,7 +59,7 @@ fn world(seed: u64) -> World {
     let layout: Arc<Layout> = own.layout().clone();
     assert_eq!(*layout, *advection::layout(layout.grid.clone()));
     let mut network =
-        RadiosondeConfig::new("net", StationSource::Random { count: 40, groups: vec!["A".into(), "B".into()] });
+        RadiosondeSettings::new(StationSource::Random { count: 40, groups: vec!["A".into(), "B".into()] });
     network.variables = vec![ObservedVariable::new("tracer", 0.3)];
     network.reference_groups = vec!["A".into()];
     network.biases = vec![StationBias {
@@ -68,7 +67,7 @@ fn world(seed: u64) -> World {
         scope: BiasScope::EachGroup,
         process: BiasProcess::constant(1.0),
     }];
-    let configs = [InstrumentConfig::Radiosonde(network)];
+    let configs = [Network::new("net", network)];
     let observing = ObservingSystem::new(&layout, None, &configs, seed, WINDOW, Time::from_seconds(0)).unwrap();
     let sum = |terms: Vec<Box<dyn Covariance>>| -> Arc<dyn Covariance> { Arc::new(Sum::new(layout.len(), terms)) };
     let background_error = sum(vec![Box::new(Univariate::new(&layout, 0, 2.0, 3e5))]);

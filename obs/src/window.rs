@@ -1,7 +1,7 @@
 //! The observations of one cycle, as a method receives them.
 
 use crate::operator::{LinearOperator, ObservationOperator};
-use crate::quality::RejectedObservation;
+use crate::rejection::RejectedObservation;
 use crate::report::{ObservationType, Report};
 use isobar_model::{Layout, State, Time};
 use serde::{Deserialize, Serialize};

@@ -31,7 +31,7 @@ pub enum ExperimentError {
     /// The database of sensors.
     #[error(transparent)]
     Sensors(#[from] SensorError),
-    /// A file of stations or observations.
+    /// A file that the scenario names.
     #[error("cannot read {}: {reason}", path.display())]
     File {
         /// The file.

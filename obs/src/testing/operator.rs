@@ -1,4 +1,4 @@
-//! The contract battery that every observation operator must pass.
+//! The contract battery of observation operators.
 
 use crate::operator::ObservationOperator;
 use isobar_model::State;
@@ -163,57 +163,13 @@ fn falls_quadratically(residuals: &[f64]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        AirMassBias, BiasProcess, BiasScope, InstrumentConfig, Jacobian, ObservingSystem, RadiosondeConfig,
-        SatelliteConfig, SparseRows, StationBias, StationSource,
-    };
-    use isobar_model::{Boundary, Duration, Grid, Layout, Location, Time, Variable};
+    use crate::testing::layout;
+    use crate::{Jacobian, SparseRows};
+    use isobar_model::{Boundary, Layout};
     use std::sync::Arc;
-
-    fn layout(boundary: Boundary) -> Arc<Layout> {
-        let variable = |name, unit, location| Variable { name, long_name: name, standard_name: None, unit, location };
-        let grid = Grid { nx: 24, ny: 18, dx_m: 1e5, dy_m: 8e4, boundary };
-        let variables = vec![
-            variable("h", "m", Location::Center),
-            variable("u", "m s-1", Location::XFace),
-            variable("v", "m s-1", Location::YFace),
-        ];
-        Arc::new(Layout { grid, variables })
-    }
 
     fn random_state(layout: &Arc<Layout>, seed: u64) -> State {
         State::from_values(layout, standard_normals(&mut stream(seed, "test"), layout.len()))
-    }
-
-    #[test]
-    fn every_instrument_keeps_the_contract() {
-        for boundary in [Boundary::Channel, Boundary::Periodic] {
-            let layout = layout(boundary);
-            let groups = vec!["a".to_owned(), "b".to_owned()];
-            let mut network = RadiosondeConfig::new("net", StationSource::Random { count: 60, groups });
-            for scope in [BiasScope::EachGroup, BiasScope::EachStation] {
-                let process = BiasProcess::constant(3.0);
-                network.biases.push(StationBias { variable: "h".to_owned(), scope, process });
-            }
-            let mut satellite = SatelliteConfig::new("polar");
-            (satellite.swath_width_m, satellite.footprint_sigma_m) = (1e6, 1.5e5);
-            satellite.track_angle_deg = 10.0;
-            for (variable, scale) in [("h", 2.0), ("u", 0.5)] {
-                let (variable, process) = (variable.to_owned(), BiasProcess::constant(3.0));
-                satellite.air_mass_biases.push(AirMassBias { variable, mean: 0.7, scale, process });
-            }
-            let configs = [InstrumentConfig::Radiosonde(network), InstrumentConfig::Satellite(satellite)];
-            let (start, window) = (Time::from_seconds(0), Duration::from_seconds(21_600));
-            let mut system = ObservingSystem::new(&layout, None, &configs, 3, window, start).unwrap();
-            for _ in 0..3 {
-                let observed = system.observe(&random_state(&layout, 1));
-                assert!(observed.len() > 180);
-                let x = random_state(&layout, 2);
-                check_operator(&*observed.operator, &x, system.true_calibration(), 5).unwrap();
-                let anchored = observed.anchored(&random_state(&layout, 3));
-                check_operator(&*anchored.operator, &x, system.true_calibration(), 5).unwrap();
-            }
-        }
     }
 
     /// One observation y = x₀² + c₀³ and one y = 2 x₁, with chosen faults.

@@ -1,6 +1,6 @@
 //! Station files: a table of stations in CSV, with any further columns to group them by.
 
-use crate::error::{ObservationError, list};
+use crate::error::ObservationError;
 use crate::table::Table;
 use std::collections::HashMap;
 
@@ -13,7 +13,7 @@ use std::collections::HashMap;
 /// - `name`, optional: the station's name in words;
 /// - any others, by which the stations can be grouped.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Stations {
+pub struct StationFile {
     file: String,
     columns: Vec<String>,
     records: Vec<StationRecord>,
@@ -47,7 +47,7 @@ pub struct StationRecord {
     pub id: String,
     /// Where it is.
     pub position: Position,
-    /// All fields as text, in the order of [`Stations::columns`].
+    /// All fields as text, in the order of [`StationFile::columns`].
     pub fields: Vec<String>,
 }
 
@@ -57,14 +57,18 @@ enum PositionColumns {
     Plane(usize, usize),
 }
 
-impl Stations {
+impl StationFile {
     /// Reads the text of a station file; `file` is its name, for messages.
     ///
     /// # Errors
     /// Lines that are not rows of the table, missing or ambiguous columns, coordinates that are not numbers or out of
     /// range, empty or repeated identifiers, each with its line; a file without stations.
     pub fn parse(text: &str, file: &str) -> Result<Self, ObservationError> {
-        let no_stations = || ObservationError::NoStations { file: file.to_owned() };
+        let no_stations = || {
+            let problem = "has no stations; it needs a header line such as `id,latitude_deg,longitude_deg` and \
+                           a line for each station";
+            ObservationError::in_file(file, None, problem)
+        };
         let table = Table::new(text, file)?.ok_or_else(no_stations)?;
         let (id_column, position_columns) = find_columns(&table)?;
 
@@ -74,10 +78,11 @@ impl Stations {
             let (line, fields) = row?;
             let id = fields[id_column].clone();
             if id.is_empty() {
-                return Err(ObservationError::EmptyField { file: file.to_owned(), line, column: "id".to_owned() });
+                return Err(empty_field(file, line, "id"));
             }
             if let Some(first_line) = line_of_id.insert(id.clone(), line) {
-                return Err(ObservationError::DuplicateStation { file: file.to_owned(), line, id, first_line });
+                let problem = format!("the station `{id}` is already on line {first_line}; identifiers must differ");
+                return Err(ObservationError::in_file(file, Some(line), problem));
             }
             let number = |column: usize, range| coordinate(&table.columns[column], &fields[column], range, file, line);
             let position = match position_columns {
@@ -115,48 +120,21 @@ impl Stations {
         self.columns.iter().position(|column| column == name)
     }
 
-    /// The stations whose field in the column of this name is one of `groups`; `instrument` is for messages.
-    ///
-    /// # Errors
-    /// If there is no such column, or no station for one of the groups.
-    pub fn only(mut self, instrument: &str, column: &str, groups: &[String]) -> Result<Self, ObservationError> {
-        let Some(number) = self.column(column) else {
-            return Err(ObservationError::UnknownGroupColumn {
-                instrument: instrument.to_owned(),
-                file: self.file,
-                column: column.to_owned(),
-                valid: list(self.columns.iter().map(String::as_str)),
-            });
-        };
-        let mut present = self.groups(number)?;
-        present.sort_unstable();
-        present.dedup();
-        if let Some(missing) = groups.iter().find(|group| !present.contains(&group.as_str())) {
-            return Err(ObservationError::UnknownName {
-                instrument: instrument.to_owned(),
-                setting: "groups",
-                value: missing.clone(),
-                valid: list(present),
-            });
-        }
-        self.records.retain(|record| groups.contains(&record.fields[number]));
-        Ok(self)
-    }
-
     /// The group of each station: its field in the column number `column`.
     ///
     /// # Errors
     /// The first station whose field is empty.
     pub(crate) fn groups(&self, column: usize) -> Result<Vec<&str>, ObservationError> {
         if let Some(record) = self.records.iter().find(|record| record.fields[column].is_empty()) {
-            return Err(ObservationError::EmptyField {
-                file: self.file.clone(),
-                line: record.line,
-                column: self.columns[column].clone(),
-            });
+            return Err(empty_field(&self.file, record.line, &self.columns[column]));
         }
         Ok(self.records.iter().map(|record| record.fields[column].as_str()).collect())
     }
+}
+
+fn empty_field(file: &str, line: usize, column: &str) -> ObservationError {
+    let problem = format!("the column `{column}` is empty; every station needs one");
+    ObservationError::in_file(file, Some(line), problem)
 }
 
 /// The columns of the identifier and of the position.
@@ -174,7 +152,7 @@ fn find_columns(table: &Table<'_>) -> Result<(usize, PositionColumns), Observati
         _ => {
             let problem = "the header has columns of both kinds of position; \
                            keep `latitude_deg` and `longitude_deg`, or `x_m` and `y_m`";
-            return Err(table.ambiguous(problem.to_owned()));
+            return Err(table.wrong_header(problem));
         }
     };
     Ok((id, position))
@@ -190,15 +168,12 @@ fn coordinate(
 ) -> Result<f64, ObservationError> {
     let number = value.parse::<f64>().ok().filter(|number| number.is_finite());
     let (low, high) = range.unwrap_or((f64::MIN, f64::MAX));
-    number.filter(|number| (low..=high).contains(number)).ok_or_else(|| ObservationError::InvalidCoordinate {
-        file: file.to_owned(),
-        line,
-        column: column.to_owned(),
-        value: value.to_owned(),
-        expected: match range {
+    number.filter(|number| (low..=high).contains(number)).ok_or_else(|| {
+        let expected = match range {
             Some((low, high)) => format!("a number from {low} to {high}"),
             None => "a finite number of metres".to_owned(),
-        },
+        };
+        ObservationError::invalid_field(file, line, column, value, &expected)
     })
 }
 
@@ -211,7 +186,7 @@ mod tests {
 
     #[test]
     fn a_good_file_gives_its_stations_with_their_lines() {
-        let stations = Stations::parse(GOOD, "good.csv").unwrap();
+        let stations = StationFile::parse(GOOD, "good.csv").unwrap();
         let [first, second] = stations.records() else { panic!("two stations") };
         assert_eq!((first.id.as_str(), first.line), ("10410", 4));
         assert_eq!(first.position, Position::Geographic { latitude_deg: 51.4, longitude_deg: 6.97 });
@@ -224,12 +199,12 @@ mod tests {
     #[test]
     fn lines_may_end_as_on_windows_and_begin_with_a_byte_order_mark() {
         let text = format!("\u{feff}{}", GOOD.replace('\n', "\r\n"));
-        assert_eq!(Stations::parse(&text, "good.csv"), Stations::parse(GOOD, "good.csv"));
+        assert_eq!(StationFile::parse(&text, "good.csv"), StationFile::parse(GOOD, "good.csv"));
     }
 
     #[test]
     fn positions_may_be_on_the_plane() {
-        let stations = Stations::parse("id,x_m,y_m\na,1e5,-2\n", "plane.csv").unwrap();
+        let stations = StationFile::parse("id,x_m,y_m\na,1e5,-2\n", "plane.csv").unwrap();
         assert_eq!(stations.records()[0].position, Position::Plane { x_m: 1e5, y_m: -2.0 });
     }
 
@@ -258,7 +233,7 @@ mod tests {
             ("", "bad.csv has no stations"),
         ];
         for (text, expected) in cases {
-            let message = Stations::parse(text, "bad.csv").unwrap_err().to_string();
+            let message = StationFile::parse(text, "bad.csv").unwrap_err().to_string();
             assert!(message.contains(expected) && message.contains("bad.csv"), "{text:?} gives: {message}");
         }
     }
@@ -270,7 +245,7 @@ mod tests {
             for new in ["", ",", "\"", "\n", "#", "é", "-", "1e999"] {
                 let text = format!("{}{new}{}", &GOOD[..at], &GOOD[at + old.len_utf8()..]);
                 for text in [text.as_str(), &text[..at]] {
-                    let Ok(stations) = Stations::parse(text, "mutated.csv") else { continue };
+                    let Ok(stations) = StationFile::parse(text, "mutated.csv") else { continue };
                     accepted += 1;
                     for StationRecord { id, position, fields, .. } in stations.records() {
                         let Position::Geographic { latitude_deg, longitude_deg } = position else { panic!("{text}") };
@@ -285,7 +260,7 @@ mod tests {
 
     #[test]
     fn an_empty_group_is_an_error_with_its_line() {
-        let stations = Stations::parse("id,x_m,y_m,country\na,1,1,X\nb,1,1,\n", "groups.csv").unwrap();
+        let stations = StationFile::parse("id,x_m,y_m,country\na,1,1,X\nb,1,1,\n", "groups.csv").unwrap();
         let message = stations.groups(3).unwrap_err().to_string();
         assert!(message.contains("groups.csv, line 3: the column `country` is empty"), "{message}");
     }
