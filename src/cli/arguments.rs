@@ -82,6 +82,12 @@ const LIST_EXAMPLES: &str = "Examples:
 #[derive(Args, Debug)]
 #[group(multiple = false)]
 pub struct ListArguments {
+    /// List the kinds of models, or the keys of one
+    #[arg(long, value_name = "KIND")]
+    pub models: Option<Option<String>>,
+    /// List the kinds of initial states, or the keys of one
+    #[arg(long, value_name = "KIND")]
+    pub initial: Option<Option<String>>,
     /// List the kinds of covariances, or the keys of one
     #[arg(long, value_name = "KIND")]
     pub covariances: Option<Option<String>>,

@@ -13,6 +13,8 @@ use std::process::ExitCode;
 pub fn list(arguments: &ListArguments) -> Result<ExitCode, Report> {
     for reference in reference::all() {
         let chosen = match reference.option {
+            "models" => &arguments.models,
+            "initial" => &arguments.initial,
             "covariances" => &arguments.covariances,
             option => unreachable!("--{option} is no option"),
         };
@@ -40,7 +42,7 @@ fn kinds(reference: &Reference, name: Option<&str>) -> Result<String, Report> {
         return Err(miette!(help = help, "there is no kind `{}` of {}", clean(name), reference.title.to_lowercase()));
     };
     let row = |KeyReference { name, unit, allowed, default, meaning }: &KeyReference| {
-        vec![name.to_string(), unit.to_string(), allowed.clone(), default.clone(), meaning.to_string()]
+        vec![name.clone(), unit.to_string(), allowed.clone(), default.clone(), meaning.to_string()]
     };
     let keys = plain(&["key", "unit", "value", "default", "meaning"], kind.keys.iter().map(row).collect());
     Ok(match kind.keys.is_empty() {

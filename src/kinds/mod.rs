@@ -5,11 +5,13 @@
 //! `scenarios/KEYS.md` go over these lists.
 
 pub mod covariances;
+pub mod initial;
+pub mod models;
 pub mod reference;
 
 use crate::reader::{AnyKey, Field, Read, Section};
-use crate::scenario::ModelSettings;
 use isobar_model::Grid;
+use models::Model;
 
 /// A kind of thing that a scenario chooses by name: reads a `T` from its section, in a scenario that otherwise is `C`.
 pub(crate) trait Kind<T: ?Sized, C: ?Sized>: Sync {
@@ -53,16 +55,17 @@ pub(crate) fn read<T: ?Sized, C: ?Sized>(field: &Field<'_>, kinds: &Kinds<T, C>,
 }
 
 /// The plane and the model: what initial states, covariances and instruments must fit to.
-pub(crate) struct Domain {
+#[derive(Clone, Debug)]
+pub struct Domain {
     /// The grid.
     pub grid: Grid,
     /// The model.
-    pub model: ModelSettings,
+    pub model: Model,
 }
 
 impl Domain {
     /// The number of the model's variable that a key names.
-    pub fn variable(&self, field: &Field<'_>) -> Read<usize> {
+    pub(crate) fn variable(&self, field: &Field<'_>) -> Read<usize> {
         let variables = self.model.variables().iter().enumerate();
         field.choice(&variables.map(|(number, variable)| (variable.0, number)).collect::<Vec<_>>())
     }
@@ -88,6 +91,8 @@ mod tests {
 
     #[test]
     fn kinds_and_keys_have_names_of_their_own_and_are_described() {
+        check(models::MODELS);
+        check(initial::INITIAL);
         check(covariances::COVARIANCES);
     }
 }
