@@ -13,6 +13,7 @@ use std::process::ExitCode;
 pub fn list(arguments: &ListArguments) -> Result<ExitCode, Report> {
     for reference in reference::all() {
         let chosen = match reference.option {
+            "methods" => &arguments.methods,
             "models" => &arguments.models,
             "initial" => &arguments.initial,
             "covariances" => &arguments.covariances,

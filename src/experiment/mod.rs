@@ -1,10 +1,6 @@
 //! From a scenario to everything that runs: model, truth, observing system, methods.
 
-mod forecast_model;
-mod initial_state;
-mod methods;
 mod observing;
-mod time_volume;
 
 use crate::event::{MethodInfo, RunInfo, StationInfo};
 use crate::kinds::covariances;
@@ -12,10 +8,12 @@ use crate::options::RunOptions;
 use crate::run::cycle::{Freezing, Runner};
 use crate::run::reference::Reference;
 use crate::run::truth::Truth;
-use crate::scenario::{Algorithm, Scenario, ScenarioError};
+use crate::scenario::{Scenario, ScenarioError};
 use crate::sensors::knowledge::{WarmStart, warm_start};
 use crate::sensors::{Database, SensorError, database::Missing};
 use crate::summary::Failure;
+use isobar_assim::high_pass::HighPassSettings;
+use isobar_assim::initialised::Initialised;
 use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Problem, SensorKnowledge, covariance};
 use isobar_model::random::stream;
 use isobar_model::{Duration, ModelError, check_time_step};
@@ -129,10 +127,9 @@ pub struct Ground {
 pub fn check(scenario: &Scenario) -> Result<(), ExperimentError> {
     let ground = ground(scenario, scenario.seed, scenario.cycle.count)?;
     for (name, method) in &scenario.methods {
-        if let Algorithm::TimeVolume { options, .. } = &method.algorithm {
-            time_volume::factors(options, &ground.problem.calibration)
-                .map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
-        }
+        let calibration = &ground.problem.calibration;
+        let fault = |error| ExperimentError::Method { name: name.clone(), error };
+        method.settings.check(calibration).map_err(fault)?;
     }
     Ok(())
 }
@@ -151,9 +148,10 @@ impl Experiment {
         for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
             let build = || -> Result<Calibrated, ExperimentError> {
                 let built = self::method(&problem, name, scenario)?;
-                Ok(match method.bias == BiasTreatment::Estimate && methods::sees_observations(method) {
-                    true => Calibrated::new(built, &problem.calibration, scenario.start, sensors.knowledge.clone()),
-                    false => built.into(),
+                Ok(if method.estimates_biases() {
+                    Calibrated::new(built, &problem.calibration, scenario.start, sensors.knowledge.clone())
+                } else {
+                    built.into()
                 })
             };
             let freezing = scenario.stability.freeze_after_cycles.map(|after_cycle| Freezing {
@@ -163,11 +161,13 @@ impl Experiment {
             });
             let runner = Runner::new(build)?.watched(scenario.cycle.score_from_cycle, freezing);
             let smoother_lag_cycles = runner.smoother_lag();
-            let scores_bias = methods::sees_observations(method) && method.bias != BiasTreatment::Known;
-            methods.push(Competitor { runner, failure: None, scores_bias });
-            let known = sensors_in_words(&sensors).filter(|_| method.bias == BiasTreatment::Estimate);
-            let own = methods::describe(method, name, scenario);
-            let description = [own].into_iter().chain(known).collect::<Vec<_>>().join(", ");
+            methods.push(Competitor { runner, failure: None, scores_bias: method.scores_biases() });
+            let initialised = initialisation(name, scenario).map(|settings| {
+                format!("calibration initialised from {} cycles by a high-pass filter", settings.cycles)
+            });
+            let known = sensors_in_words(&sensors).filter(|_| method.estimates_biases());
+            let parts = [Some(method.describe()), initialised, known];
+            let description = parts.into_iter().flatten().collect::<Vec<_>>().join(", ");
             infos.push(MethodInfo { name: name.clone(), description, smoother_lag_cycles });
         }
         let stations = observing.stations().iter().map(|station| StationInfo {
@@ -224,10 +224,19 @@ fn problem_steps(scenario: &Scenario, problem: &Problem) -> usize {
 /// # Errors
 /// Those of the method.
 pub fn method(problem: &Problem, name: &str, scenario: &Scenario) -> Result<Box<dyn Assimilator>, ExperimentError> {
-    methods::build(problem, &scenario.methods[name], scenario)
-        .and_then(|method| methods::adapted(method, name, problem, scenario))
-        .and_then(|method| methods::initialised(method, name, problem, scenario))
-        .map_err(|error| ExperimentError::Method { name: name.to_string(), error })
+    let fault = |error| ExperimentError::Method { name: name.to_string(), error };
+    let method = scenario.methods[name].build(problem, &scenario.domain(), scenario.start, scenario.cycle.window);
+    let method = method.map_err(fault)?;
+    match initialisation(name, scenario) {
+        Some(high_pass) => Ok(Box::new(Initialised::new(method, problem.clone(), high_pass).map_err(fault)?)),
+        None => Ok(method),
+    }
+}
+
+/// How the method of this name is initialised from its first observations, if it is.
+fn initialisation(name: &str, scenario: &Scenario) -> Option<HighPassSettings> {
+    let initialise = scenario.initialise.as_ref()?;
+    initialise.methods.iter().any(|method| method == name).then_some(initialise.high_pass)
 }
 
 /// Sets up all of a scenario but its methods.
@@ -236,8 +245,8 @@ pub fn method(problem: &Problem, name: &str, scenario: &Scenario) -> Result<Box<
 /// As [`Experiment::new`].
 pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, ExperimentError> {
     let grid = &scenario.grid.grid;
-    let model = forecast_model::build(&scenario.model, grid, scenario.cycle.window)?;
-    let background = initial_state::build(&scenario.initial, &scenario.model, grid, seed)?;
+    let model = scenario.model.build(grid, scenario.cycle.window)?;
+    let background = scenario.initial.build(&scenario.domain(), seed)?;
     check_time_step(&*model, &background).map_err(ExperimentError::TimeStep)?;
     let build = |components| covariances::build(components, background.layout()).map_err(ExperimentError::Covariance);
     let background_error = build(&scenario.background_error)?;
@@ -245,7 +254,7 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
     let model_error = has_model_error.then(|| build(&scenario.model_error)).transpose()?;
 
     let true_state = match &scenario.truth.initial {
-        Some(initial) => initial_state::build(initial, &scenario.truth.model, grid, seed)?,
+        Some(initial) => initial.build(&scenario.true_domain(), seed)?,
         None => {
             let mut state = background.clone();
             let deviation = covariance::randomize(&*background_error, &mut stream(seed, "truth/initial"));
@@ -254,7 +263,7 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
             state
         }
     };
-    let true_model = forecast_model::build(&scenario.truth.model, grid, scenario.cycle.window)?;
+    let true_model = scenario.truth.model.build(grid, scenario.cycle.window)?;
     check_time_step(&*true_model, &true_state).map_err(ExperimentError::TimeStep)?;
     let steps = scenario.cycle.window.steps_of(true_model.time_step()).expect("the scenario's window fits its steps");
     let true_error = model_error.clone().map(|covariance| (covariance, scenario.truth.model_error_scale.sqrt()));

@@ -6,6 +6,7 @@
 
 pub mod covariances;
 pub mod initial;
+pub mod methods;
 pub mod models;
 pub mod reference;
 
@@ -91,6 +92,7 @@ mod tests {
 
     #[test]
     fn kinds_and_keys_have_names_of_their_own_and_are_described() {
+        check(methods::METHODS);
         check(models::MODELS);
         check(initial::INITIAL);
         check(covariances::COVARIANCES);

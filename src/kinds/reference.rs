@@ -1,6 +1,6 @@
 //! The reference of kinds and keys, from what the reader checks.
 
-use super::{Kinds, covariances, initial, models};
+use super::{Kinds, covariances, initial, methods, models};
 use crate::reader::AnyKey;
 use std::fmt::Write;
 
@@ -44,6 +44,7 @@ pub struct KeyReference {
 pub fn all() -> Vec<Reference> {
     let reference = |option, title, place, kinds| Reference { option, title, place, kinds };
     vec![
+        reference("methods", "Methods", "`[methods.NAME]`", kinds(methods::METHODS)),
         reference("models", "Models", "`[model]`", kinds(models::MODELS)),
         reference("initial", "Initial states", "`[initial]` or `[truth.initial]`", kinds(initial::INITIAL)),
         reference(
@@ -69,8 +70,7 @@ fn keys(before: &str, key: &dyn AnyKey) -> Vec<KeyReference> {
     let name = format!("{before}{}", key.name());
     let inner = key.inner().iter().flat_map(|&inner| keys(&format!("{name}."), inner)).collect::<Vec<_>>();
     let default = key.default().unwrap_or_else(|| "must be given".into());
-    let own =
-        KeyReference { name, unit: key.unit(), allowed: key.allowed(), default, meaning: key.meaning() };
+    let own = KeyReference { name, unit: key.unit(), allowed: key.allowed(), default, meaning: key.meaning() };
     std::iter::once(own).chain(inner).collect()
 }
 

@@ -1,6 +1,6 @@
 //! `[[networks.NAME.bias]]`: the biases of an observing system.
 
-use super::model::{ModelSettings, variable};
+use crate::kinds::models::{Model, variable};
 use crate::reader::{Field, Kind, Limits, Read, Section};
 
 /// A bias, or one for each group or station.
@@ -119,7 +119,7 @@ pub(super) fn read_radiosonde(field: Option<Field<'_>>, observed: &[String]) -> 
 }
 
 /// The biases of a satellite.
-pub(super) fn read_satellite(field: Option<Field<'_>>, model: &ModelSettings) -> Read<Vec<Bias<SatelliteBias>>> {
+pub(super) fn read_satellite(field: Option<Field<'_>>, model: &Model) -> Read<Vec<Bias<SatelliteBias>>> {
     const AIR_MASS: [&str; 9] = {
         let [a, b, c, d, e, f] = COMMON;
         ["variable", "mean", "scale", a, b, c, d, e, f]

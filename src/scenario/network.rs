@@ -2,8 +2,8 @@
 
 use super::bias::{self, Bias, RadiosondeBias, SatelliteBias};
 use super::grid::GridSettings;
-use super::model::{ModelSettings, variable};
 use super::quality;
+use crate::kinds::models::{Model, variable};
 use crate::reader::{Field, Kind, Limits, Read, Section};
 use crate::text::clean;
 use indexmap::IndexMap;
@@ -204,7 +204,7 @@ const MOST_NETWORKS: usize = 100;
 const MOST_STATIONS: usize = 100_000;
 
 /// Reads `[networks]`; a scenario without it has no observations.
-pub(super) fn read(root: &Section<'_>, grid: &GridSettings, model: &ModelSettings) -> Read<IndexMap<String, Network>> {
+pub(super) fn read(root: &Section<'_>, grid: &GridSettings, model: &Model) -> Read<IndexMap<String, Network>> {
     let mut networks = IndexMap::new();
     let Some(field) = root.optional("networks") else { return Ok(networks) };
     for (name, field) in field.any_section()?.fields() {
@@ -227,7 +227,7 @@ pub(super) fn check_name(name: &str, field: &Field<'_>, what: &str) -> Read<()> 
     Ok(())
 }
 
-fn network(field: &Field<'_>, grid: &GridSettings, model: &ModelSettings) -> Read<Network> {
+fn network(field: &Field<'_>, grid: &GridSettings, model: &Model) -> Read<Network> {
     let (what, section) = field.section_of_kind(KINDS)?;
     let instrument = match what {
         What::Radiosonde => Instrument::Radiosonde(radiosonde(&section, grid, model)?),
@@ -244,7 +244,7 @@ fn network(field: &Field<'_>, grid: &GridSettings, model: &ModelSettings) -> Rea
     })
 }
 
-fn radiosonde(section: &Section<'_>, grid: &GridSettings, model: &ModelSettings) -> Read<RadiosondeSettings> {
+fn radiosonde(section: &Section<'_>, grid: &GridSettings, model: &Model) -> Read<RadiosondeSettings> {
     let observed = observed(section, model)?;
     let names: Vec<String> = observed.iter().map(|observed| observed.variable.clone()).collect();
     let stations = stations(&section.required("stations")?, grid)?;
@@ -273,7 +273,7 @@ fn radiosonde(section: &Section<'_>, grid: &GridSettings, model: &ModelSettings)
     Ok(RadiosondeSettings { stations, group_by, groups, reference_groups, edge_margin_m, observed, biases })
 }
 
-fn file(section: &Section<'_>, model: &ModelSettings) -> Read<FileSettings> {
+fn file(section: &Section<'_>, model: &Model) -> Read<FileSettings> {
     let field = section.required("file")?;
     let path = field.file.directory().join(field.text()?);
     if !path.is_file() {
@@ -290,7 +290,7 @@ fn file(section: &Section<'_>, model: &ModelSettings) -> Read<FileSettings> {
 }
 
 /// What a radiosonde observes: `sigma_height_m` and `sigma_wind_m_per_s`, or `observe`.
-fn observed(section: &Section<'_>, model: &ModelSettings) -> Read<Vec<ObservedVariable>> {
+fn observed(section: &Section<'_>, model: &Model) -> Read<Vec<ObservedVariable>> {
     let mut observed = Vec::new();
     for (key, variables) in [("sigma_height_m", &["h"][..]), ("sigma_wind_m_per_s", &["u", "v"])] {
         let Some(field) = section.optional(key) else { continue };
@@ -363,7 +363,7 @@ fn on_the_plane(path: &std::path::Path) -> bool {
     header.is_some_and(|header| header.split(',').any(|column| column.trim() == "x_m"))
 }
 
-fn satellite(section: &Section<'_>, grid: &GridSettings, model: &ModelSettings) -> Read<SatelliteSettings> {
+fn satellite(section: &Section<'_>, grid: &GridSettings, model: &Model) -> Read<SatelliteSettings> {
     let length_m = |key: &str| Ok(section.number(key, Limits::Between(1e-3, 1e5))? * 1e3);
     let spacing = section.required("along_track_spacing_km")?;
     let settings = SatelliteSettings {

@@ -1,6 +1,6 @@
 //! `[sweep]`: keys of the scenario, and the values that they take in turn.
 
-use super::model::ModelSettings;
+use crate::kinds::models::Model;
 use crate::reader::{Field, Limits, Read, Section};
 use indexmap::IndexMap;
 use toml::Value;
@@ -25,7 +25,7 @@ pub struct SweepSettings {
 }
 
 /// Reads `[sweep]`.
-pub(super) fn read(root: &Section<'_>, model: &ModelSettings) -> Read<Option<SweepSettings>> {
+pub(super) fn read(root: &Section<'_>, model: &Model) -> Read<Option<SweepSettings>> {
     let Some(field) = root.optional("sweep") else { return Ok(None) };
     let section = field.section(&["seeds", "score", "vary"])?;
     let field = section.required("vary")?;
@@ -52,7 +52,7 @@ pub(super) fn read(root: &Section<'_>, model: &ModelSettings) -> Read<Option<Swe
 }
 
 /// The names of all scores that a method may have.
-fn scores(model: &ModelSettings) -> Vec<String> {
+fn scores(model: &Model) -> Vec<String> {
     let per_variable = ["rmse_analysis", "rmse_background", "rmse_smoothed", "spread_analysis", "crps"];
     let names = model.variables().iter().map(|variable| variable.0);
     let of_variables = names.flat_map(|name| per_variable.map(|score| format!("{score}.{name}")));

@@ -8,8 +8,7 @@ use isobar_model::{ModelError, State};
 
 pub(super) struct JetKind;
 
-const SPEED: Key<Limits> =
-    Key::required("speed_m_per_s", "m/s", Limits::Between(-300.0, 300.0), "speed on the axis");
+const SPEED: Key<Limits> = Key::required("speed_m_per_s", "m/s", Limits::Between(-300.0, 300.0), "speed on the axis");
 
 const WIDTH_KM: Key<Limits> = Key::required("width_km", "km", LENGTH, "half width");
 

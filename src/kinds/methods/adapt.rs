@@ -1,6 +1,5 @@
 //! `adapt = { … }` of a method: which errors it estimates from its innovations.
 
-
 use crate::reader::{Absent, AnyKey, Key, Read, Section, Table, Whole, YesNo};
 use isobar_assim::{AdaptedCovariance, Adaptive, AdaptiveSettings, Assimilator, Error, Problem};
 use std::sync::Arc;

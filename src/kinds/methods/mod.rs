@@ -249,8 +249,7 @@ impl Method {
         start: Time,
         cycle: Duration,
     ) -> Result<Box<dyn Assimilator>, Error> {
-        let problem =
-            Problem { bias: self.bias, memory_limit_bytes: self.memory_limit_bytes, ..ground.clone() };
+        let problem = Problem { bias: self.bias, memory_limit_bytes: self.memory_limit_bytes, ..ground.clone() };
         let smoother_lag_cycles = self.smoother_lag_cycles;
         let method = self.settings.build(Setup { problem, smoother_lag_cycles, domain, start, cycle })?;
         match &self.adapt {

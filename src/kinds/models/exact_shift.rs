@@ -11,13 +11,8 @@ pub(super) struct ExactShiftKind;
 const COLUMNS: Key<Integer> =
     Key::required("columns_per_step", "cells", Integer(-4096, 4096), "eastward shift in a time step");
 
-const ROWS: Key<Integer> = Key::absent(
-    "rows_per_step",
-    "cells",
-    Integer(-4096, 4096),
-    Absent::Means(0),
-    "northward shift in a time step",
-);
+const ROWS: Key<Integer> =
+    Key::absent("rows_per_step", "cells", Integer(-4096, 4096), Absent::Means(0), "northward shift in a time step");
 
 #[derive(Clone, Debug)]
 struct ExactShiftSettings {

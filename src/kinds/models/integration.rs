@@ -1,9 +1,7 @@
 //! How the tendencies of a model are integrated in time.
 
 use crate::reader::{Absent, AnyKey, Choice, Key, Limits, Read, Section};
-use isobar_model::{
-    Adjoint, Duration, Leapfrog, ModelError, RestartedLeapfrog, Stepped, Tendency, TimeScheme,
-};
+use isobar_model::{Adjoint, Duration, Leapfrog, ModelError, RestartedLeapfrog, Stepped, Tendency, TimeScheme};
 use std::sync::Arc;
 
 /// How a model is integrated in time.

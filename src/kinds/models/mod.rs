@@ -26,6 +26,8 @@ pub(crate) const MODELS: &Kinds<dyn Equations, Grid> = &[
 /// The forecast model.
 #[derive(Clone, Debug)]
 pub struct Model {
+    /// What the scenario calls its kind.
+    pub kind: &'static str,
     /// The time step.
     pub time_step: Duration,
     /// The equations.
@@ -134,7 +136,7 @@ impl Model {
         for (parameter, value) in equations.parameters(grid) {
             *value += changes.iter().filter(|(name, _)| *name == parameter.name).map(|(_, change)| change).sum::<f64>();
         }
-        Self { time_step: self.time_step, equations: equations.into() }
+        Self { equations: equations.into(), ..self.clone() }
     }
 
     /// The model on a grid with cells `factor` times as wide, with the longest time step that divides the cycle and is not
@@ -179,7 +181,7 @@ pub(crate) fn needs_neighbours(root: &Section<'_>) -> bool {
 pub(crate) fn read(field: &Field<'_>, grid: &Grid) -> Read<Model> {
     let (kind, section) = choose(field, MODELS, grid)?;
     let time_step = Duration::from_seconds(section.get(&TIME_STEP_S)?);
-    Ok(Model { time_step, equations: kind.read(&section, grid)?.into() })
+    Ok(Model { kind: kind.name(), time_step, equations: kind.read(&section, grid)?.into() })
 }
 
 /// The truth's model: `[model]` with single keys replaced by those of `overrides`.

@@ -11,13 +11,8 @@ use std::sync::Arc;
 
 pub(super) struct ShallowWaterKind;
 
-const GRAVITY: Key<Limits> = Key::absent(
-    "gravity_m_per_s2",
-    "m/s²",
-    Limits::Positive,
-    Absent::Means(9.80665),
-    "gravity, or a reduced one",
-);
+const GRAVITY: Key<Limits> =
+    Key::absent("gravity_m_per_s2", "m/s²", Limits::Positive, Absent::Means(9.80665), "gravity, or a reduced one");
 
 const CORIOLIS: Key<Limits> = Key::required(
     "coriolis_per_s",
@@ -36,13 +31,8 @@ const BETA: Key<Limits> = Key::absent(
 
 const DRAG: Key<Limits> = Key::absent("drag_per_s", "1/s", Limits::NonNegative, Absent::Means(0.0), "linear drag");
 
-const HYPERDIFFUSION: Key<Limits> = Key::absent(
-    "hyperdiffusion_m4_per_s",
-    "m⁴/s",
-    Limits::NonNegative,
-    Absent::Means(0.0),
-    "biharmonic diffusion",
-);
+const HYPERDIFFUSION: Key<Limits> =
+    Key::absent("hyperdiffusion_m4_per_s", "m⁴/s", Limits::NonNegative, Absent::Means(0.0), "biharmonic diffusion");
 
 const CONSERVES: Key<Choice<VectorInvariant>> = Key::absent(
     "conserves",

@@ -11,7 +11,9 @@ use std::sync::Arc;
 const CANDIDATE: Key<Described> = Key::required(
     "candidate",
     "",
-    Described("one of advection_x_m_per_s, advection_y_m_per_s, mean_depth_m, gravity_m_per_s2, drag_per_s, coriolis_per_s, where the model has it"),
+    Described(
+        "one of advection_x_m_per_s, advection_y_m_per_s, mean_depth_m, gravity_m_per_s2, drag_per_s, coriolis_per_s, where the model has it",
+    ),
     "the parameter that may be wrong",
 );
 
@@ -38,12 +40,7 @@ pub(super) fn read(field: &Field<'_>, domain: &Domain) -> Read<Candidate> {
         let possible = listed(parameters.iter().map(|parameter| parameter.name));
         return Err(name_field.invalid(message, &format!("possible here: {possible}")));
     };
-    Ok(Candidate {
-        name: name.into(),
-        unit: parameter.unit.into(),
-        step: parameter.step,
-        sigma_prior: section.find(&SIGMA)?,
-    })
+    Ok(Candidate { name, unit: parameter.unit.into(), step: parameter.step, sigma_prior: section.find(&SIGMA)? })
 }
 
 /// The scenario's model with other parameters.

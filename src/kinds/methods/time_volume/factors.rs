@@ -97,17 +97,8 @@ const COUNT: Key<Whole> = Key::absent(
 );
 
 /// The keys of a factor beside the kind, which is how it depends on time: constant, sinusoid, square_wave or hats.
-pub(super) const KEYS: &[&dyn AnyKey] = &[
-    &NAME,
-    &BIASES,
-    &VARIABLE,
-    &PATTERNS_FILE,
-    &SIGMA,
-    &DRIFT,
-    &CORRELATION_HOURS,
-    &PERIOD_HOURS,
-    &COUNT,
-];
+pub(super) const KEYS: &[&dyn AnyKey] =
+    &[&NAME, &BIASES, &VARIABLE, &PATTERNS_FILE, &SIGMA, &DRIFT, &CORRELATION_HOURS, &PERIOD_HOURS, &COUNT];
 
 /// How a factor depends on time: name, whether it has a period, whether it counts its functions, and what it is.
 struct ShapeKind {
