@@ -3,7 +3,7 @@
 
 use crate::runs::{run_options, scenarios, with_methods};
 use isobar::event::Event;
-use isobar::sink::{Sink, SinkError};
+use isobar::output::{Sink, SinkError};
 use isobar_assim::Estimate;
 
 /// The largest state for which this takes seconds.
@@ -19,7 +19,7 @@ impl Sink for Estimates {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         if let Event::Analysed(analysed) = event {
             let own = &mut self.of_method[analysed.method];
-            own.extend([analysed.background.clone(), analysed.analysis.estimate.clone()]);
+            own.extend([analysed.background.clone().into_owned(), analysed.analysis.estimate.clone()]);
         }
         Ok(())
     }

@@ -1,6 +1,6 @@
 //! The reference of kinds and keys, from what the reader checks.
 
-use super::{Kinds, covariances, initial, methods, models};
+use super::{Kinds, covariances, initial, instruments, methods, models};
 use crate::reader::AnyKey;
 use std::fmt::Write;
 
@@ -45,6 +45,7 @@ pub fn all() -> Vec<Reference> {
     let reference = |option, title, place, kinds| Reference { option, title, place, kinds };
     vec![
         reference("methods", "Methods", "`[methods.NAME]`", kinds(methods::METHODS)),
+        reference("instruments", "Instruments", "`[networks.NAME]`", kinds(instruments::INSTRUMENTS)),
         reference("models", "Models", "`[model]`", kinds(models::MODELS)),
         reference("initial", "Initial states", "`[initial]` or `[truth.initial]`", kinds(initial::INITIAL)),
         reference(

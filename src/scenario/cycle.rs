@@ -4,8 +4,8 @@
 use crate::kinds::initial::{INITIAL, InitialState};
 use crate::kinds::models::{self, Model};
 use crate::kinds::{self, Domain};
+use crate::output::{OUTPUTS, Outputs};
 use crate::reader::{Field, Limits, Read, Section};
-use crate::sink::{OUTPUTS, Outputs};
 use isobar_model::{Duration, Time};
 use std::sync::Arc;
 

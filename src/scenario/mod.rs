@@ -4,45 +4,38 @@
 //! No default is hidden from a reader of the file but those that the settings' documentation names.
 
 mod accept;
-mod bias;
 mod cycle;
 mod expected;
 mod fault;
 mod grid;
 mod initialise;
-mod network;
 mod quality;
 mod sensors;
 mod sweep;
 
 pub use crate::reader::ScenarioError;
+pub use crate::scores::Expected;
 pub use accept::{AcceptError, accept, with_expected};
-pub use bias::{Bias, BiasEvolution, BiasOwner, InitialBias, RadiosondeBias, SatelliteBias, ScanTerm};
 pub use cycle::{CycleSettings, TruthSettings};
-pub use expected::{Expected, ExpectedScores};
 pub use grid::GridSettings;
 pub use initialise::Initialise;
-pub use network::{
-    FileSettings, Heading, Instrument, Network, ObservedVariable, RadiosondeSettings, SatelliteSettings, Schedule,
-    StationLayout,
-};
 pub use sensors::{SensorSettings, StabilitySettings};
 pub use sweep::SweepSettings;
 
 use crate::calendar;
 use crate::kinds::covariances::{self, Components};
 use crate::kinds::initial::{INITIAL, InitialState};
+use crate::kinds::instruments;
 use crate::kinds::methods::{self, Method, Surroundings};
 use crate::kinds::models::{self, Model};
-use crate::kinds::{self, Domain};
+use crate::kinds::{self, Domain, check_name};
+use crate::output::Outputs;
 use crate::reader::{self, Field, Read, Section, SourceFile};
-use crate::sink::Outputs;
+use crate::scores::expected::TOLERANCE_KEY;
 use crate::text;
-use expected::TOLERANCE_KEY;
 use indexmap::IndexMap;
 use isobar_model::Time;
-use isobar_obs::QualityControl;
-use network::check_name;
+use isobar_obs::{Network, QualityControl};
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -60,6 +53,8 @@ pub struct Scenario {
     pub path: PathBuf,
     /// The file's text, to the letter.
     pub text: String,
+    /// The files that it names and on whose contents the results depend: fields, stations, observations.
+    pub inputs: Vec<PathBuf>,
     /// Title, in one line.
     pub title: String,
     /// The phenomenon that the experiment shows.
@@ -86,13 +81,13 @@ pub struct Scenario {
     pub cycle: CycleSettings,
     /// How the values of observations are checked, if they are.
     pub quality_control: Option<QualityControl>,
-    /// The observing systems, in the order of the file.
-    pub networks: IndexMap<String, Network>,
+    /// The networks, in the order of the file.
+    pub networks: Vec<Network>,
     /// The methods, in the order of the file.
     pub methods: IndexMap<String, Method>,
     /// What some methods start from instead of the biases' priors.
     pub initialise: Option<Initialise>,
-    /// In every so-many-th cycle it is found out what each type of observations did; `None`: never.
+    /// Number of cycles between two in which the influence of each type of observations is computed; `None`: never.
     pub influence_every_cycles: Option<usize>,
     /// Which keys vary in a sweep, if any do.
     pub sweep: Option<SweepSettings>,
@@ -177,14 +172,14 @@ impl Scenario {
         let truth = cycle::read_truth(&root, &model_field, &domain)?;
         let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", truth.model.time_step)];
         let cycle = cycle::read(&root, start, &steps)?;
-        let networks = network::read(&root, &grid, &model)?;
+        let networks = instruments::read(&root, &domain)?;
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
         let stability = sensors::read_stability(&root, cycle.count)?;
         let surroundings = Surroundings {
             domain,
             cycles: cycle.count,
             freezes: stability.freeze_after_cycles.is_some(),
-            networks: networks.keys().cloned().collect(),
+            networks: networks.iter().map(|network| network.name.clone()).collect(),
             has_model_error: !model_error.is_empty(),
         };
         let methods = read_methods(&root, &surroundings)?;
@@ -199,6 +194,7 @@ impl Scenario {
             name: path.file_stem().map_or(String::new(), |stem| text::clean(&stem.to_string_lossy())),
             path: path.to_path_buf(),
             text: text.to_string(),
+            inputs: file.inputs(),
             title,
             phenomenon,
             source,

@@ -1,6 +1,6 @@
 //! `kind = "cosine_wave"`.
 
-use super::InitialState;
+use super::state::InitialState;
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, AnyKey, Integer, Key, Limits, Read, Section};
 use isobar_model::initial::{CosineWave, cosine_wave};

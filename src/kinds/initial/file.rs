@@ -1,6 +1,6 @@
 //! `kind = "file"`.
 
-use super::InitialState;
+use super::state::InitialState;
 use crate::kinds::{Domain, Kind};
 use crate::reader::{AnyKey, Described, Field, Key, Read, Section, fields};
 use crate::text::clean;

@@ -1,6 +1,6 @@
 //! `kind = "gaussian_hill"`.
 
-use super::{InitialState, LENGTH, fraction};
+use super::state::{InitialState, LENGTH, fraction};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{AnyKey, Key, Limits, Read, Section};
 use isobar_model::initial::{GaussianHill, gaussian_hills};

@@ -1,6 +1,6 @@
 //! `kind = "jet"`.
 
-use super::{InitialState, LENGTH, MEAN_DEPTH_M, check_rotation, fraction, mean_depth_m, on_water};
+use super::state::{InitialState, LENGTH, MEAN_DEPTH_M, check_rotation, fraction, mean_depth_m, on_water};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, AnyKey, Key, Limits, Read, Section};
 use isobar_model::initial::{HeightPerturbation, JetConfig, geostrophic_jet};

@@ -1,6 +1,6 @@
 //! `kind = "rest"`.
 
-use super::{InitialState, MEAN_DEPTH_M, mean_depth_m, on_water};
+use super::state::{InitialState, MEAN_DEPTH_M, mean_depth_m, on_water};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{AnyKey, Read, Section};
 use isobar_model::initial::rest;

@@ -1,6 +1,6 @@
 //! `kind = "vortices"`.
 
-use super::{InitialState, LENGTH, MEAN_DEPTH_M, check_rotation, mean_depth_m, on_water};
+use super::state::{InitialState, LENGTH, MEAN_DEPTH_M, check_rotation, mean_depth_m, on_water};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{AnyKey, Key, Limits, Read, Section, Whole};
 use isobar_model::initial::{Vortex, vortices};

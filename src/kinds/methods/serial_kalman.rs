@@ -4,7 +4,7 @@ use super::adapt::ADAPT;
 use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings};
 use crate::kinds::Kind;
 use crate::reader::{AnyKey, Read, Section};
-use isobar_assim::serial_kalman::SerialKalmanFilter;
+use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::{Assimilator, Error};
 
 pub(super) struct SerialKalmanKind;
@@ -32,7 +32,7 @@ struct SerialKalman;
 
 impl MethodSettings for SerialKalman {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
-        Ok(Box::new(setup.smoothed(SerialKalmanFilter::new, SerialKalmanFilter::smoothing)?))
+        Ok(Box::new(setup.smoothed(KalmanFilter::serial, KalmanFilter::smoothing)?))
     }
 
     fn describe(&self) -> String {

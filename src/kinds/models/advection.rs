@@ -1,7 +1,8 @@
 //! `kind = "advection"`.
 
-use super::integration::{self, Integration};
-use super::{Equations, Parameter, SPEED, TIME_STEP_S, flow, northward, speed_or_zero};
+use super::equations::Equations;
+use super::integration::{self, Integration, TIME_STEP_S};
+use super::parameter::{Parameter, SPEED, flow, northward, speed_or_zero};
 use crate::kinds::{Kind, Kinds, read};
 use crate::reader::{Absent, AnyKey, Choice, Key, Limits, Read, Section, Table};
 use isobar_model::{Adjoint, Advection, AdvectionScheme, Duration, Grid, ModelError, Wind};

@@ -1,6 +1,8 @@
 //! `kind = "exact_shift"`.
 
-use super::{Equations, TIME_STEP_S, advection};
+use super::advection;
+use super::equations::Equations;
+use super::integration::TIME_STEP_S;
 use crate::kinds::Kind;
 use crate::reader::{Absent, AnyKey, Integer, Key, Read, Section};
 use isobar_model::{Adjoint, Boundary, Duration, ExactShift, Grid, ModelError};

@@ -1,6 +1,6 @@
 //! How the tendencies of a model are integrated in time.
 
-use crate::reader::{Absent, AnyKey, Choice, Key, Limits, Read, Section};
+use crate::reader::{Absent, AnyKey, Choice, Integer, Key, Limits, Read, Section};
 use isobar_model::{Adjoint, Duration, Leapfrog, ModelError, RestartedLeapfrog, Stepped, Tendency, TimeScheme};
 use std::sync::Arc;
 
@@ -39,6 +39,8 @@ const ROBERT_FILTER: Key<Limits> = Key::absent(
     Absent::Means(ROBERT_FILTER_DEFAULT),
     "α of Robert's filter, with leapfrog only",
 );
+
+pub(super) const TIME_STEP_S: Key<Integer> = Key::required("time_step_s", "s", Integer(1, 86_400), "time step");
 
 /// The keys of the integration.
 pub(super) const KEYS: &[&dyn AnyKey] = &[&TIME_SCHEME, &ROBERT_FILTER];

@@ -1,7 +1,8 @@
 //! `kind = "linear_shallow_water"`.
 
-use super::shallow_water::{self, VARIABLES, Water};
-use super::{BasicState, Equations, Parameter, flow, northward, speed_or_zero};
+use super::equations::Equations;
+use super::parameter::{BasicState, Parameter, flow, northward, speed_or_zero};
+use super::water::{self, VARIABLES, Water};
 use crate::kinds::Kind;
 use crate::reader::{AnyKey, Key, Limits, Read, Section};
 use isobar_model::{Adjoint, Duration, Grid, LinearShallowWater, ModelError};
@@ -34,13 +35,13 @@ impl Kind<dyn Equations, Grid> for LinearShallowWaterKind {
     }
 
     fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        let mut keys = shallow_water::keys();
+        let mut keys = water::keys();
         keys.extend([&MEAN_DEPTH as &dyn AnyKey, &MEAN_FLOW_X, &MEAN_FLOW_Y]);
         keys
     }
 
     fn read(&self, section: &Section<'_>, grid: &Grid) -> Read<Box<dyn Equations>> {
-        let water = shallow_water::read(section, grid)?;
+        let water = water::read(section, grid)?;
         let about = BasicState {
             mean_depth_m: section.get(&MEAN_DEPTH)?,
             u_m_per_s: section.get(&MEAN_FLOW_X)?,

@@ -4,8 +4,8 @@ use crate::kinds::Domain;
 use crate::reader::{Absent, AnyKey, Described, Field, Key, Limits, Read};
 use crate::text::listed;
 use isobar_assim::Error;
-use isobar_assim::fast_kalman::time_volume::{Candidate, Corrections};
-use isobar_model::{Adjoint, Duration, ModelError, State, check_time_step};
+use isobar_assim::time_volume::{Candidate, Corrections};
+use isobar_model::{Duration, ModelError, State, TangentLinear, check_time_step};
 use std::sync::Arc;
 
 const CANDIDATE: Key<Described> = Key::required(
@@ -58,7 +58,7 @@ impl Corrections for ModelCorrections {
         &self.candidates
     }
 
-    fn model(&self, corrections: &[f64]) -> Result<Arc<dyn Adjoint>, Error> {
+    fn model(&self, corrections: &[f64]) -> Result<Arc<dyn TangentLinear>, Error> {
         let Domain { grid, model } = &self.domain;
         let changes = self.candidates.iter().map(|candidate| candidate.name.as_str()).zip(corrections.iter().copied());
         let fault = |error: ModelError| Error::Setting(format!("the corrected model: {error}"));

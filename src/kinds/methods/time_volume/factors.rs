@@ -1,13 +1,15 @@
 //! The factors of a time volume: patterns of errors of observations or of the model.
 
-use super::MOST;
 use crate::kinds::{Domain, Kind, Kinds, choose};
 use crate::reader::{Absent, AnyKey, Described, Field, Key, Limits, Read, Section, Whole, fields};
 use crate::text::clean;
 use isobar_assim::Error;
-use isobar_assim::fast_kalman::time_volume::{AmplitudeEvolution, Factor, Target, TimeShape};
+use isobar_assim::time_volume::{AmplitudeEvolution, Factor, Target, TimeShape};
 use isobar_model::Duration;
 use isobar_obs::Calibration;
+
+/// The most factors of a method, and the most amplitudes of a factor.
+pub(super) const MOST: usize = 100;
 
 /// A factor, before the biases that it acts on have numbers.
 #[derive(Debug)]
@@ -100,7 +102,7 @@ const COUNT: Key<Whole> = Key::absent(
 pub(super) const KEYS: &[&dyn AnyKey] =
     &[&NAME, &BIASES, &VARIABLE, &PATTERNS_FILE, &SIGMA, &DRIFT, &CORRELATION_HOURS, &PERIOD_HOURS, &COUNT];
 
-/// How a factor depends on time: name, whether it has a period, whether it counts its functions, and what it is.
+/// How a factor depends on time.
 struct ShapeKind {
     name: &'static str,
     about: &'static str,

@@ -7,15 +7,12 @@ use super::{MethodSettings, Setup, Surroundings, fast_kalman};
 use crate::kinds::Kind;
 use crate::reader::{Absent, AnyKey, Choice, Key, Limits, Read, Section, Table, Whole};
 use corrections::ModelCorrections;
-use factors::FactorSettings;
+use factors::{FactorSettings, MOST};
 use isobar_assim::fast_kalman::FastKalmanSettings;
-use isobar_assim::fast_kalman::time_volume::{Candidate, Corrections, TimeVolume, TimeVolumeSettings};
+use isobar_assim::time_volume::{Candidate, Corrections, TimeVolume, TimeVolumeSettings};
 use isobar_assim::{Assimilator, Error};
 use isobar_obs::Calibration;
 use std::sync::Arc;
-
-/// The most factors of a method, and the most amplitudes of a factor.
-const MOST: usize = 100;
 
 /// The most corrections of a model.
 const MOST_CORRECTIONS: usize = 6;
