@@ -43,6 +43,7 @@ impl Assimilator for Climatology {
             analysis_departures: departures,
             innovation_chi2: None,
             partition: None,
+            warnings: Vec::new(),
         })
     }
 

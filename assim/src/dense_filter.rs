@@ -66,7 +66,7 @@ impl<A: DenseAnalysis> Assimilator for DenseFilter<A> {
         self.augmented.add(&increment);
         self.augmented.smooth(for_smoother);
         let estimate = self.augmented.estimate()?;
-        Ok(self.augmented.problem.analysis(observed, innovations, estimate, innovation_chi2))
+        self.augmented.problem.resolved_analysis(observed, innovations, estimate, innovation_chi2)
     }
 
     fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {

@@ -188,7 +188,7 @@ impl Assimilator for FederatedKalmanFilter {
             self.reset()?;
         }
         let estimate = self.master.estimate()?;
-        Ok(self.master.problem.analysis(observed, innovations, estimate, innovation_chi2))
+        self.master.problem.resolved_analysis(observed, innovations, estimate, innovation_chi2)
     }
 
     fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {

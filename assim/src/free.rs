@@ -45,6 +45,7 @@ impl Assimilator for FreeRun {
             analysis_departures: departures,
             innovation_chi2: None,
             partition: None,
+            warnings: Vec::new(),
         })
     }
 

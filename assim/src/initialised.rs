@@ -105,6 +105,7 @@ impl Assimilator for Initialised {
             background_departures: departures,
             innovation_chi2: None,
             partition: None,
+            warnings: Vec::new(),
         })
     }
 

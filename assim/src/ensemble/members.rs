@@ -36,6 +36,14 @@ pub(super) struct Moments {
 }
 
 impl Moments {
+    /// The moments of members whose perturbations are the first columns of `transformed`, `[m + p, N + 1]`, about the given
+    /// mean plus the last column. The two are kept apart because an increment may exceed the perturbations by far.
+    pub fn of_transformed(mut mean: Vec<f64>, transformed: &Mat<f64>) -> Self {
+        let members = transformed.ncols() - 1;
+        mean.iter_mut().zip(transformed.col_as_slice(members)).for_each(|(mean, increment)| *mean += increment);
+        Self::of_deviations(mean, transformed.get(.., ..members).to_owned())
+    }
+
     /// The moments of members that deviate from `about` by the given columns, `[m + p, N]`.
     pub fn of_deviations(mut about: Vec<f64>, mut deviations: Mat<f64>) -> Self {
         let members = deviations.ncols();
@@ -58,6 +66,8 @@ pub(super) struct ObservedEnsemble {
     pub innovations: Innovations,
     /// Y': the members' h(x, c) about their mean, `[n, N]`.
     pub perturbations: Mat<f64>,
+    /// How far rounding may have changed a row of Y': a machine epsilon of |h(x, c)|, `[n]`.
+    pub rounding: Vec<f64>,
     /// Where the observations are (x, y) \[m\].
     pub places: Vec<(f64, f64)>,
 }
@@ -243,22 +253,24 @@ impl Ensemble {
             .par_chunks_exact(self.rows)
             .map(|member| {
                 let (state, calibration) = self.unpack(problem, member);
-                problem.departures(observed, &state, &calibration)
+                observed.operator.simulate(&state, &calibration)
             })
             .collect();
         let (state, calibration) = self.unpack(problem, &self.mean());
         let mut innovations = problem.innovations(observed, &state, &calibration)?;
-        let n = innovations.variance.len();
-        let mean = |row: usize| members.iter().map(|member: &Vec<f64>| member[row]).sum::<f64>() / members.len() as f64;
-        innovations.departures = (0..n).map(mean).collect();
+        let mean: Vec<f64> = (0..observed.len())
+            .map(|row| members.iter().map(|member: &Vec<f64>| member[row]).sum::<f64>() / members.len() as f64)
+            .collect();
+        innovations.departures = problem.values(observed).iter().zip(&mean).map(|(y, mean)| y - mean).collect();
         if let Some(row) = innovations.departures.iter().position(|departure| !departure.is_finite()) {
             let report = &observed.reports[row];
             return Err(Error::NotFinite { what: format!("the innovation of {}/{}", report.network, report.platform) });
         }
-        // h(x, c) = y − departure.
-        let perturbations = Mat::from_fn(n, members.len(), |i, j| innovations.departures[i] - members[j][i]);
+        // From h(x, c) itself, not from departures: a large y would round the members' differences away.
+        let perturbations = Mat::from_fn(mean.len(), members.len(), |i, j| members[j][i] - mean[i]);
         let places = observed.reports.iter().map(|report| (report.x_m, report.y_m)).collect();
-        Ok(ObservedEnsemble { innovations, perturbations, places })
+        let rounding = mean.iter().map(|mean| f64::EPSILON * mean.abs()).collect();
+        Ok(ObservedEnsemble { innovations, perturbations, rounding, places })
     }
 }
 

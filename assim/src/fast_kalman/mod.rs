@@ -351,7 +351,7 @@ impl Assimilator for FastKalmanFilter {
         let innovations = self.problem.innovations(observed, &self.state, &self.bias)?;
         let rows = self.split_rows(&innovations);
         let (innovation_chi2, partition) = self.analyse_rows(&rows, &innovations)?;
-        let analysis = self.problem.analysis(observed, innovations, self.estimate()?, innovation_chi2);
+        let analysis = self.problem.resolved_analysis(observed, innovations, self.estimate()?, innovation_chi2)?;
         Ok(Analysis { partition: Some(partition), ..analysis })
     }
 
