@@ -14,6 +14,7 @@ use crate::sensors::write_back::{self, SENSORS_FILE};
 use crate::sink::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
 use crate::smoothed::SmoothedScorecard;
 use crate::summary::{Failure, MethodScores, Summary};
+use crate::truth::Growth;
 use crate::verify::{Scorecard, Scores, TrueValues};
 use isobar_model::ForecastError;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -32,6 +33,14 @@ pub enum RunError {
         cycle: usize,
         /// Why.
         error: ForecastError,
+    },
+    /// The truth grew by orders of magnitude.
+    #[error("cycle {cycle}, truth: {growth}")]
+    TruthGrows {
+        /// The cycle.
+        cycle: usize,
+        /// From what to what.
+        growth: Growth,
     },
     /// A signal ended the run after a cycle.
     #[error("ended by a signal after cycle {cycle} of {cycles}")]
@@ -206,11 +215,13 @@ fn one_cycle(
     shown: Shown,
     send: &mut Tell<'_>,
 ) -> Result<(), RunError> {
-    let Experiment { info, score_from_cycle, influence_every_cycles, truth, reference, observing, methods, .. } =
-        experiment;
+    let Experiment {
+        info, score_from_cycle, influence_every_cycles, truth, reference, units, observing, methods, ..
+    } = experiment;
     let with_influence =
         cycle >= *score_from_cycle && influence_every_cycles.is_some_and(|every| cycle.is_multiple_of(every));
     workers.install(|| truth.advance()).map_err(|error| RunError::Truth { cycle, error })?;
+    truth.check_growth().map_err(|growth| RunError::TruthGrows { cycle, growth })?;
     if let Some(reference) = reference {
         workers.install(|| reference.advance());
     }
@@ -222,6 +233,7 @@ fn one_cycle(
     send(Event::Observed(&observed))?;
     scores.earlier_truths.add(truth, methods.iter().filter_map(|method| method.runner.smoother_lag()).max());
     let last = cycle == info.cycles;
+    let mut units_checked = false;
     for (number, method) in methods.iter_mut().enumerate().filter(|(_, method)| method.failure.is_none()) {
         let outcome = match workers.install(|| method.runner.cycle(info.window, &observed, with_influence, last)) {
             Ok(outcome) => outcome,
@@ -231,6 +243,11 @@ fn one_cycle(
                 continue;
             }
         };
+        // What any background says of the observations' units.
+        if !std::mem::replace(&mut units_checked, true) {
+            let warnings = units.check(&observed, &outcome.background.state, &info.calibration);
+            warnings.iter().try_for_each(|warning| send(Event::Warning(warning)))?;
+        }
         let own = Scorecard::of_cycle(truth, &outcome, &observed, &info.calibration, method.scores_bias);
         if cycle >= *score_from_cycle {
             scores.totals[number].add(&own);
@@ -269,6 +286,14 @@ fn one_cycle(
                 scores: &own.map(|own| own.scores(&info.layout)).unwrap_or_default(),
             }))?;
         }
+        if let Some(warning) = outcome.analysis.warnings.first()
+            && !std::mem::replace(&mut method.has_warned, true)
+        {
+            let name = &info.methods[number].name;
+            send(Event::Warning(&format!(
+                "method {name}, cycle {cycle}: {warning}; said of the first such cycle only"
+            )))?;
+        }
         let parameters = method.runner.parameters();
         if !parameters.is_empty() {
             send(Event::Estimated(Estimated { method: number, cycle, time, parameters: &parameters }))?;
@@ -299,6 +324,7 @@ fn summary(experiment: &Experiment, scores: &Scores, shown: Shown) -> Summary {
                 Some(_) => None,
             },
             failure: method.failure.clone(),
+            parameters: method.runner.parameters(),
             // Scores of fewer cycles could not be compared with those of the other methods.
             ..match method.failure {
                 None => MethodScores {

@@ -4,6 +4,7 @@ use crate::diagnostics::Diagnostics;
 use crate::stability::Stability;
 use crate::statistics::Interval;
 use indexmap::IndexMap;
+use isobar_assim::EstimatedParameter;
 use isobar_assim::block_angular::PartitionReport;
 use isobar_model::Layout;
 use isobar_obs::{ObservationWindow, Report};
@@ -68,6 +69,9 @@ pub struct MethodScores {
     /// When and why the method failed; it has no scores then.
     #[serde(default)]
     pub failure: Option<Failure>,
+    /// What the method estimated beside state and calibration in the last cycle, or found out about itself.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub parameters: Vec<EstimatedParameter>,
     /// Wall-clock seconds per cycle, forecast and analysis.
     pub seconds_per_cycle: f64,
     /// The most memory that the method held at one time; `None` if other runs went on in the same process.

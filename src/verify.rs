@@ -118,15 +118,13 @@ impl Scorecard {
                 add_sums(own, other);
             }
         }
-        for (own, other) in [
-            (&mut self.bias_error, cycle.bias_error),
-            (&mut self.bias_spread, cycle.bias_spread),
-            (&mut self.chi2, cycle.chi2),
-        ] {
+        for (own, other) in [(&mut self.bias_error, cycle.bias_error), (&mut self.bias_spread, cycle.bias_spread)] {
             if let (Some(own), Some(other)) = (own, other) {
                 *own += other;
             }
         }
+        // A mean over some of the cycles would not be that of the method.
+        self.chi2 = self.chi2.zip(cycle.chi2).map(|(own, other)| own + other);
         self.partition = match (self.partition.take(), cycle.partition.clone()) {
             (Some(own), Some(other)) => Some(own.worse(other)),
             (own, other) => own.or(other),
@@ -160,6 +158,7 @@ impl Scorecard {
             diagnostics: None,
             stability: None,
             failure: None,
+            parameters: Vec::new(),
             seconds_per_cycle: 0.0,
             peak_memory_bytes: None,
         }

@@ -263,6 +263,7 @@ impl Entry<'_> {
                         innovation_chi2,
                         // It is part of the scores.
                         partition: None,
+                        warnings: Vec::new(),
                     },
                     scores: &scores,
                     structure: structure.as_ref(),

@@ -344,6 +344,7 @@ fn analyse(
         intervals: None,
         diagnostics: None,
         failure: None,
+        parameters: Vec::new(),
         partition: (method == 0).then_some(PartitionReport {
             blocks: 24,
             components: 3,
@@ -365,6 +366,7 @@ fn analyse(
         estimate: analysed,
         innovation_chi2: has_spread.then_some(1.0),
         partition: None,
+        warnings: Vec::new(),
     };
     (background, analysis, scores)
 }

@@ -1,12 +1,15 @@
 //! Strong-constraint incremental 4D-Var with the biases in the control vector.
 
-use super::conjugate_gradient::{self, Stopping, dot};
+use super::conjugate_gradient::{self, Stopping};
 use super::control_space::ControlSpace;
+use super::convergence::Convergence;
 use super::saved_window::{Saved, SavedWindow};
 use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::calibrated_state::{CalibratedState, SavedCalibratedState};
 use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::error::Error;
+use crate::estimated::EstimatedParameter;
+use crate::linalg::squared_norm;
 use crate::problem::{Innovations, Problem};
 use crate::saved::{from_bytes, to_bytes, unfit};
 use faer::MatRef;
@@ -55,6 +58,7 @@ pub struct FourDVar {
     /// Length of a cycle.
     window: Duration,
     present: CalibratedState,
+    convergence: Convergence,
 }
 
 impl FourDVar {
@@ -74,6 +78,7 @@ impl FourDVar {
             observed: VecDeque::new(),
             window: Duration::from_seconds(0),
             present,
+            convergence: Convergence::default(),
         })
     }
 
@@ -88,8 +93,9 @@ impl FourDVar {
         Ok(cycles)
     }
 
-    /// The analysis of the window; the trajectory's end and the biases become the estimate. Returns χ².
-    fn analyse_window(&mut self) -> Result<f64, Error> {
+    /// The analysis of the window; the trajectory's end and the biases become the estimate. Returns χ², if the last
+    /// minimisation has converged.
+    fn analyse_window(&mut self) -> Result<Option<f64>, Error> {
         let mut background = self.starts.front().expect("there is always a background").clone();
         let cycles = self.observed.len();
         background.drift(Duration::from_seconds(self.window.seconds() * cycles as i64));
@@ -97,7 +103,7 @@ impl FourDVar {
         let control = ControlSpace::new(&*self.problem.background_error, scale, &background.bias_covariance)?;
         let stopping = Stopping { tolerance: self.settings.tolerance, max_iterations: self.settings.max_iterations };
         let mut estimate = background.clone();
-        let mut chi2 = 0.0;
+        let mut chi2 = None;
         for outer in 1..=self.settings.outer_loops {
             let trajectory = self.trajectory(&estimate.state)?;
             let innovations = self
@@ -124,10 +130,20 @@ impl FourDVar {
             let units = if outer == self.settings.outer_loops { control.parameters() } else { 0 };
             let systems: Vec<Vec<f64>> =
                 std::iter::once(gradient.clone()).chain(control.bias_units().take(units)).collect();
-            let solutions = conjugate_gradient::solve(&systems, stopping, |directions| cost.hessian(directions));
+            let observations = right.iter().map(Vec::len).sum();
+            let solutions =
+                conjugate_gradient::solve(&systems, observations, stopping, |directions| cost.hessian(directions));
             let (minimum, posterior) = solutions.split_first().expect("the minimum is the first");
-            chi2 = right.iter().flatten().map(|value| value * value).sum::<f64>() - dot(&gradient, minimum);
-            let (dx, dc) = control.increments(minimum);
+            let (dx, dc) = control.increments(&minimum.values);
+            if outer == self.settings.outer_loops {
+                self.convergence.add(&solutions);
+                if self.convergence.reached() {
+                    let fitted = cost.observe(dx.clone(), std::slice::from_ref(&dc)).swap_remove(0);
+                    let misfits = right.iter().flatten().zip(fitted.iter().flatten());
+                    let misfit: f64 = misfits.map(|(d, fitted)| (d - fitted).powi(2)).sum();
+                    chi2 = Some(misfit + squared_norm(&minimum.values));
+                }
+            }
             estimate = background.clone();
             estimate.add(&dx, &dc);
             if units > 0 {
@@ -154,13 +170,18 @@ impl Assimilator for FourDVar {
         let window_chi2 = self.analyse_window()?;
         // χ² is that of the window; each of its cycles has its part.
         let all: usize = self.observed.iter().map(|observed| observed.len()).sum();
-        let innovation_chi2 = window_chi2 * observed.len() as f64 / all.max(1) as f64;
+        let innovation_chi2 = window_chi2.map(|chi2| chi2 * observed.len() as f64 / all.max(1) as f64);
         self.starts.push_back(self.present.clone());
         if self.observed.len() == self.settings.window_cycles {
             self.observed.pop_front();
             self.starts.pop_front();
         }
-        Ok(self.problem.analysis(observed, innovations, self.present.estimate(None)?, innovation_chi2))
+        let analysis = self.problem.analysis(observed, innovations, self.present.estimate(None)?, innovation_chi2);
+        Ok(Analysis { warnings: self.convergence.warning().into_iter().collect(), ..analysis })
+    }
+
+    fn parameters(&self) -> Vec<EstimatedParameter> {
+        self.convergence.parameters()
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {
@@ -169,11 +190,13 @@ impl Assimilator for FourDVar {
             present: self.present.saved(),
             starts: self.starts.iter().map(CalibratedState::saved).collect(),
             observed: self.observed.iter().map(|it| SavedWindow::new(it, state, bias)).collect(),
+            convergence: self.convergence.clone(),
         })
     }
 
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        let Saved { present, starts, observed } = from_bytes(saved)?;
+        let Saved { present, starts, observed, convergence } = from_bytes(saved)?;
+        self.convergence = convergence;
         let restored = |saved: SavedCalibratedState| -> Result<CalibratedState, Error> {
             let mut start = self.present.clone();
             start.restore(saved)?;

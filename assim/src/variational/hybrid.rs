@@ -7,6 +7,7 @@ use crate::covariance::{Covariance, LocalizedEnsemble};
 use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::ensemble::{EnsembleSettings, LocalEnsembleTransformKalmanFilter, LocalSettings};
 use crate::error::Error;
+use crate::estimated::EstimatedParameter;
 use crate::problem::Problem;
 use crate::saved::{from_bytes, to_bytes};
 use faer::MatRef;
@@ -89,6 +90,10 @@ impl Assimilator for HybridThreeDVar {
 
     fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
         self.ensemble.covariance_column(unknown)
+    }
+
+    fn parameters(&self) -> Vec<EstimatedParameter> {
+        self.variational.parameters()
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {

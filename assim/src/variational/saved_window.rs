@@ -1,5 +1,6 @@
 //! What a checkpoint holds of 4D-Var: the analyses and observations of its window.
 
+use super::convergence::Convergence;
 use crate::calibrated_state::SavedCalibratedState;
 use crate::error::Error;
 use crate::saved::unfit;
@@ -14,6 +15,7 @@ pub(super) struct Saved {
     pub present: SavedCalibratedState,
     pub starts: Vec<SavedCalibratedState>,
     pub observed: Vec<SavedWindow>,
+    pub convergence: Convergence,
 }
 
 /// The entries of a sparse row: column and weight.

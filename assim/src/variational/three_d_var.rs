@@ -1,12 +1,15 @@
 //! 3D-Var with the biases in the control vector.
 
-use super::conjugate_gradient::{self, Stopping, dot};
+use super::conjugate_gradient::{self, Stopping};
 use super::control_space::ControlSpace;
+use super::convergence::Convergence;
 use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::calibrated_state::CalibratedState;
 use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance::Covariance;
 use crate::error::Error;
+use crate::estimated::EstimatedParameter;
+use crate::linalg::squared_norm;
 use crate::problem::{Innovations, Problem};
 use crate::saved::{from_bytes, to_bytes};
 use faer::MatRef;
@@ -34,8 +37,8 @@ pub struct ThreeDVarSettings {
 ///
 /// by conjugate gradients on the Hessian I + KᵀK, K = R^-½ \[H √s U, G L\]. The covariance of the biases is carried from
 /// cycle to cycle: its analysis is the β block of the inverse Hessian, by one solution for each parameter; their
-/// errors' correlation with the state's is dropped, because B is static. 2 J at the minimum is the normalised
-/// innovation squared. With a complete minimisation this is optimal interpolation (Lorenc 1986); biases in the control
+/// errors' correlation with the state's is dropped, because B is static. 2 J at the minimum, a sum of squares, is the
+/// normalised innovation squared. With a complete minimisation this is optimal interpolation (Lorenc 1986); biases in the control
 /// vector: Derber and Wu (1998), Dee (2005).
 pub struct ThreeDVar {
     problem: Problem,
@@ -43,12 +46,14 @@ pub struct ThreeDVar {
     /// What B is multiplied by besides.
     error_factor: f64,
     present: CalibratedState,
+    convergence: Convergence,
 }
 
 impl ThreeDVar {
     /// 3D-Var from the background.
     pub fn new(problem: Problem, settings: ThreeDVarSettings) -> Self {
-        Self { present: CalibratedState::new(&problem), problem, settings, error_factor: 1.0 }
+        let present = CalibratedState::new(&problem);
+        Self { present, problem, settings, error_factor: 1.0, convergence: Convergence::default() }
     }
 
     /// Replaces the covariance B of the problem.
@@ -73,16 +78,24 @@ impl Assimilator for ThreeDVar {
         let right = cost.multiply_transposed(&whitened);
         let stopping = Stopping { tolerance: self.settings.tolerance, max_iterations: self.settings.max_iterations };
         let systems: Vec<Vec<f64>> = std::iter::once(right.clone()).chain(control.bias_units()).collect();
-        let solutions = conjugate_gradient::solve(&systems, stopping, |directions| {
+        let solutions = conjugate_gradient::solve(&systems, whitened.len(), stopping, |directions| {
             directions.par_iter().map(|direction| cost.hessian(direction)).collect()
         });
+        self.convergence.add(&solutions);
         let (minimum, posterior) = solutions.split_first().expect("the minimum is the first");
-        let innovation_chi2 = dot(&whitened, &whitened) - dot(&right, minimum);
-        let (state_increment, bias_increment) = control.increments(minimum);
+        let (state_increment, bias_increment) = control.increments(&minimum.values);
+        let fitted = innovations.whiten(innovations.jacobian.apply(&state_increment, &bias_increment));
+        let misfit: f64 = whitened.iter().zip(fitted).map(|(d, fitted)| (d - fitted).powi(2)).sum();
+        let innovation_chi2 = self.convergence.reached().then(|| misfit + squared_norm(&minimum.values));
         let bias_covariance = control.bias_covariance(posterior);
         self.present.add(&state_increment, &bias_increment);
         self.present.bias_covariance = bias_covariance;
-        Ok(self.problem.analysis(observed, innovations, self.present.estimate(None)?, innovation_chi2))
+        let analysis = self.problem.analysis(observed, innovations, self.present.estimate(None)?, innovation_chi2);
+        Ok(Analysis { warnings: self.convergence.warning().into_iter().collect(), ..analysis })
+    }
+
+    fn parameters(&self) -> Vec<EstimatedParameter> {
+        self.convergence.parameters()
     }
 
     fn set_error_factor(&mut self, factor: f64) -> Result<(), Error> {
@@ -91,11 +104,13 @@ impl Assimilator for ThreeDVar {
     }
 
     fn save(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&self.present.saved())
+        to_bytes(&(self.present.saved(), self.convergence.clone()))
     }
 
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        self.present.restore(from_bytes(saved)?)
+        let (present, convergence) = from_bytes(saved)?;
+        self.convergence = convergence;
+        self.present.restore(present)
     }
 
     fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
