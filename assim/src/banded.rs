@@ -119,7 +119,7 @@ impl BandedKalmanFilter {
             band
         };
         let model_error = problem.model_error.as_deref().map_or_else(|| Band::zeros(m, half_bandwidth), banded);
-        let (root, taper) = banded(&*problem.background_error).covariance_factor();
+        let (root, taper) = banded(&*problem.background_error).covariance_factor()?;
         let calibration = problem.estimated_calibration();
         let p = calibration.len();
         Ok(Self {
@@ -212,7 +212,7 @@ impl Assimilator for BandedKalmanFilter {
         let innovations = self.problem.innovations(observed, &self.state, &self.bias)?;
         let innovation_chi2 = self.take(&innovations)?;
         let estimate = self.estimate()?;
-        Ok(self.problem.analysis(observed, innovations, estimate, innovation_chi2))
+        self.problem.resolved_analysis(observed, innovations, estimate, innovation_chi2)
     }
 
     fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {

@@ -51,7 +51,7 @@ impl BandedKalmanFilter {
             }
         }
         self.information = None;
-        (self.root, self.taper) = band.covariance_factor();
+        (self.root, self.taper) = band.covariance_factor()?;
         Ok(())
     }
 
