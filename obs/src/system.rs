@@ -14,7 +14,7 @@ use crate::jacobian::Jacobian;
 use crate::network::{LeftOutStation, Station};
 use crate::operator::{LinearOperator, ObservationOperator};
 use crate::projection::Projection;
-use crate::quality::{self, Arrival, QualityControl, RejectedObservation, Rejection};
+use crate::quality::{self, Arrival, QualityControl, Reference, RejectedObservation, Rejection};
 use crate::sparse::SparseRows;
 use crate::window::ObservationWindow;
 use isobar_model::random::stream;
@@ -237,7 +237,7 @@ impl ObservingSystem {
     pub fn observe_checked(
         &mut self,
         truth: &State,
-        reference: Option<(&QualityControl, &State)>,
+        reference: Option<(&QualityControl, Reference<'_>)>,
     ) -> ObservationWindow {
         assert_eq!(**truth.layout(), *self.layout, "the truth must have the observing system's layout");
         self.cycle += 1;
