@@ -1,7 +1,7 @@
 //! One cycle of one method. The truth cannot enter here: there is no parameter for it.
 
 use crate::correlations::Correlations;
-use crate::monitor::{Fault, Monitor};
+use crate::monitor::{self, Fault, Monitor};
 use crate::stability::{Stability, Watch, judge};
 use isobar_assim::response::Responder;
 use isobar_assim::{
@@ -9,7 +9,7 @@ use isobar_assim::{
     reserve_workspace,
 };
 use isobar_model::random::stream;
-use isobar_model::{Duration, Layout, State};
+use isobar_model::{Duration, Layout, Model, State};
 use isobar_obs::{Calibration, ObservationWindow};
 use peak_alloc::PeakAlloc;
 use rand::RngExt;
@@ -26,6 +26,8 @@ static MEMORY: PeakAlloc = PeakAlloc;
 pub struct Runner {
     method: Calibrated,
     monitor: Monitor,
+    /// The model that says whether a state is possible.
+    model: Option<Arc<dyn Model>>,
     watch: Watch,
     /// When parameters without a stable update are frozen, if ever.
     freezing: Option<Freezing>,
@@ -153,6 +155,7 @@ impl Runner {
         let mut runner = Self {
             method: method?,
             monitor: Monitor::default(),
+            model: None,
             watch: Watch::default(),
             freezing: None,
             when_frozen: None,
@@ -167,6 +170,11 @@ impl Runner {
     /// The same with a stability monitor that counts from a cycle on, and perhaps freezes parameters.
     pub fn watched(self, from_cycle: usize, freezing: Option<Freezing>) -> Self {
         Self { watch: Watch::new(from_cycle), freezing, ..self }
+    }
+
+    /// The same with a model whose states the estimates must be.
+    pub fn of_model(self, model: Arc<dyn Model>) -> Self {
+        Self { model: Some(model), ..self }
     }
 
     /// What the stability monitor says of the parameters of `calibration`; those that keep more than `variance_ratio` of
@@ -225,6 +233,9 @@ impl Runner {
         // What is given back is not the method's to hold.
         self.held_bytes -= outcome.bytes();
         self.monitor.check(&outcome)?;
+        if let Some(model) = &self.model {
+            monitor::check_possible(&**model, &outcome)?;
+        }
         if let Some(memory) = memory {
             outcome.influence = Some(self.influence(&memory, &outcome, observed)?);
         }

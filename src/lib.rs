@@ -20,6 +20,7 @@
 //! | [`diagnostics`] | what it tells beyond errors: claimed distributions, assumed covariances, worth of observations |
 //! | [`sensors`] | what is known of each sensor, from run to run |
 //! | [`stability`] | which bias estimates can be relied on, and what would help the others |
+//! | [`units`] | whether observations can be in their unit |
 //! | [`statistics`] | how well a score is known |
 //! | [`mod@exact`] | the exact performance of linear methods in a linear world |
 //! | [`seeds`], [`sweep`] | the same experiment over several seeds, and over several settings |
@@ -53,6 +54,7 @@ pub mod summary;
 pub mod sweep;
 pub mod table;
 pub mod truth;
+pub mod units;
 pub mod verify;
 
 /// The version, as files say it.

@@ -83,9 +83,13 @@ impl<'a> Responder<'a> {
         let (m, p, n) = (self.background.state.values().len(), self.background.calibration.len(), self.window.len());
         let mut gain = Gain { state: Mat::zeros(m, n), calibration: Mat::zeros(p, n) };
         let mut innovations = vec![0.0; n];
+        // A response is a difference of two states: one of a thousandth of the state's size keeps all but three of its digits,
+        // where one of the size of a very small σ would be rounded away.
+        let values =
+            self.background.state.values().iter().chain(&self.background.calibration).chain(&self.simulated[0]);
+        let least = 1e-3 * values.fold(0.0f64, |largest, value| largest.max(value.abs()));
         for column in 0..n {
-            // Of the size of the errors, lest it be lost among the digits of the state.
-            let size = self.window.sigma[column];
+            let size = self.window.sigma[column].max(least);
             innovations[column] = size;
             let response = self.to(&innovations)?;
             innovations[column] = 0.0;

@@ -1,5 +1,6 @@
 //! From a scenario to everything that runs: model, truth, observing system, methods.
 
+mod balance;
 mod covariances;
 mod forecast_model;
 mod initial_state;
@@ -11,11 +12,12 @@ use crate::cli::RunOptions;
 use crate::cycle::{Freezing, Runner};
 use crate::event::{MethodInfo, RunInfo, StationInfo};
 use crate::reference::Reference;
-use crate::scenario::{Algorithm, Scenario, ScenarioError};
+use crate::scenario::{Algorithm, Dynamics, Scenario, ScenarioError};
 use crate::sensors::knowledge::{WarmStart, warm_start};
 use crate::sensors::{Database, SensorError, database::Missing};
 use crate::summary::Failure;
 use crate::truth::Truth;
+use crate::units::UnitCheck;
 use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Problem, SensorKnowledge, covariance};
 use isobar_model::random::stream;
 use isobar_model::{Duration, ModelError, check_time_step};
@@ -37,6 +39,9 @@ pub enum ExperimentError {
     /// A covariance.
     #[error("{0}")]
     Covariance(isobar_assim::Error),
+    /// Geostrophic balance where f is too small for it.
+    #[error("{0}")]
+    Balance(String),
     /// A method.
     #[error("method {name}: {error}")]
     Method {
@@ -64,6 +69,7 @@ impl ExperimentError {
         let (path, label): (Vec<&str>, &str) = match self {
             ExperimentError::TimeStep(_) => (vec!["model", "time_step_s"], "too long"),
             ExperimentError::Model(_) => (vec!["initial"], "with this and [model]"),
+            ExperimentError::Balance(_) => (vec!["model", "coriolis_per_s"], "next to no rotation"),
             ExperimentError::Covariance(_) => (vec!["background_error"], "here or in [model_error]"),
             ExperimentError::Method { name, .. } => (vec!["methods", name], "this method"),
             ExperimentError::Sensors(_) => (vec!["sensors", "database"], "this database"),
@@ -88,6 +94,8 @@ pub struct Experiment {
     pub truth: Truth,
     /// What the values of observations are compared with, if they are checked.
     pub reference: Option<Reference>,
+    /// Whether observations can be in their unit.
+    pub units: UnitCheck,
     /// What observes it.
     pub observing: ObservingSystem,
     /// Checksum of what files beside the scenario say of the world.
@@ -106,6 +114,8 @@ pub struct Competitor {
     pub failure: Option<Failure>,
     /// Whether its biases are scored: not where they are known to it or it has none.
     pub scores_bias: bool,
+    /// Whether it has warned of an analysis.
+    pub has_warned: bool,
 }
 
 /// Everything of an experiment but its methods, which cost memory and time to set up.
@@ -162,9 +172,10 @@ impl Experiment {
                 calibration: problem.calibration.clone(),
             });
             let runner = Runner::new(build)?.watched(scenario.cycle.score_from_cycle, freezing);
+            let runner = runner.of_model(problem.model.clone());
             let smoother_lag_cycles = runner.smoother_lag();
             let scores_bias = methods::sees_observations(method) && method.bias != BiasTreatment::Known;
-            methods.push(Competitor { runner, failure: None, scores_bias });
+            methods.push(Competitor { runner, failure: None, scores_bias, has_warned: false });
             let known = sensors_in_words(&sensors).filter(|_| method.bias == BiasTreatment::Estimate);
             let own = methods::describe(method, name, scenario);
             let description = [own].into_iter().chain(known).collect::<Vec<_>>().join(", ");
@@ -196,15 +207,30 @@ impl Experiment {
         warnings.extend(observing.unused(cycles).map(|(network, unused, all)| {
             format!("networks.{network}: {unused} of {all} observations are not valid in any of the {cycles} cycles")
         }));
+        warnings.extend(scenario.methods.iter().filter(|(name, _)| chosen(name)).filter_map(|(name, method)| {
+            let is_never_reset = matches!(
+                &method.algorithm,
+                Algorithm::FederatedKalman { settings, .. } if settings.reset_every_cycles.is_none()
+            );
+            (is_never_reset && matches!(scenario.model.dynamics, Dynamics::ShallowWater(_))).then(|| {
+                format!(
+                    "methods.{name}: with reset_every_cycles = 0 on a nonlinear model each local filter linearises about an \
+                     estimate of its own, which drifts away; its claimed errors are not to be believed, and it may be worse \
+                     than no assimilation"
+                )
+            })
+        }));
         Ok(Self {
             info,
             variance_ratio: scenario.stability.variance_ratio,
             score_from_cycle: scenario.cycle.score_from_cycle,
             influence_every_cycles: scenario.influence_every_cycles,
             truth,
-            reference: scenario
-                .quality_control
-                .map(|control| Reference::new(control, problem.model, steps, problem.background)),
+            units: UnitCheck::new(&*problem.background_error, &problem.background),
+            reference: scenario.quality_control.map(|control| {
+                let (background_error, model_error) = (&*problem.background_error, problem.model_error.as_deref());
+                Reference::new(control, problem.model, steps, problem.background, background_error, model_error)
+            }),
             observing,
             files,
             warnings,
@@ -238,6 +264,7 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
     let grid = &scenario.grid.grid;
     let model = forecast_model::build(&scenario.model, grid, scenario.cycle.window)?;
     let background = initial_state::build(&scenario.initial, &scenario.model, grid, seed)?;
+    balance::check(scenario, &background)?;
     check_time_step(&*model, &background).map_err(ExperimentError::TimeStep)?;
     let build = |components| covariances::build(components, &scenario.model, background.layout());
     let background_error = build(&scenario.background_error)?.unwrap_or_else(|| covariances::none(background.layout()));
@@ -257,7 +284,7 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
     check_time_step(&*true_model, &true_state).map_err(ExperimentError::TimeStep)?;
     let steps = scenario.cycle.window.steps_of(true_model.time_step()).expect("the scenario's window fits its steps");
     let true_error = model_error.clone().map(|covariance| (covariance, scenario.truth.model_error_scale.sqrt()));
-    let truth = Truth::new(true_model, steps, true_error, stream(seed, "truth/model error"), true_state);
+    let truth = Truth::new(true_model, steps, cycles, true_error, stream(seed, "truth/model error"), true_state);
 
     let configs = observing::configs(scenario)?;
     let projection = scenario.grid.projection.as_ref();
