@@ -7,6 +7,7 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`scenario`] | reads and checks an experiment's file |
+//! | [`kinds`] | what a scenario chooses by name: methods, models, initial states, covariances |
 //! | [`experiment`] | builds model, truth, observing system and methods from it |
 //! | [`truth`] | the true world |
 //! | [`mod@reference`] | what quality control compares observations with |
@@ -37,9 +38,11 @@ pub mod event;
 pub mod exact;
 pub mod experiment;
 pub mod interrupt;
+pub mod kinds;
 pub mod monitor;
 pub mod plot;
 pub mod progress;
+mod reader;
 pub mod reference;
 pub mod run;
 pub mod saved;
@@ -53,6 +56,7 @@ pub mod statistics;
 pub mod summary;
 pub mod sweep;
 pub mod table;
+mod text;
 pub mod truth;
 pub mod units;
 pub mod verify;

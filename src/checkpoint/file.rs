@@ -109,7 +109,7 @@ pub fn parse(bytes: &[u8]) -> Result<(Checkpoint, Vec<Vec<u8>>), String> {
     let end = version.iter().take(100).position(|&byte| byte == b'\n').ok_or("its first line has no end")?;
     let (version, own) = (&version[..end], env!("CARGO_PKG_VERSION"));
     if version != own.as_bytes() {
-        let version = crate::scenario::text::clean(&String::from_utf8_lossy(version));
+        let version = crate::text::clean(&String::from_utf8_lossy(version));
         return Err(format!("it was written by isobar {version}, and this is isobar {own}"));
     }
     let damaged = || "it is damaged: its checksum is not that of its contents".to_string();

@@ -37,8 +37,9 @@ pub enum Command {
     Resume(ResumeArguments),
     /// Say whether scenario files are valid, without running them
     Check(CheckArguments),
-    /// List the scenarios in ./scenarios
-    List,
+    /// List the scenarios in ./scenarios, or what they may choose from
+    #[command(after_help = LIST_EXAMPLES)]
+    List(ListArguments),
     /// Write a commented scenario to start from
     Init {
         /// The new file
@@ -71,6 +72,19 @@ pub enum Command {
     },
     /// Make one page of the scores of several runs, with their differences and whether these are significant
     Compare(CompareArguments),
+}
+
+const LIST_EXAMPLES: &str = "Examples:
+  isobar list                                    the scenarios in ./scenarios
+  isobar list --covariances                      the kinds of covariances
+  isobar list --covariances balanced             the keys of one of them";
+
+#[derive(Args, Debug)]
+#[group(multiple = false)]
+pub struct ListArguments {
+    /// List the kinds of covariances, or the keys of one
+    #[arg(long, value_name = "KIND")]
+    pub covariances: Option<Option<String>>,
 }
 
 const RUN_EXAMPLES: &str = "Examples:

@@ -19,9 +19,9 @@ mod view;
 use crate::checkpoint::Policy;
 use crate::interrupt;
 use crate::scenario::Scenario;
-use crate::scenario::text::printable;
 use crate::sink::Sink;
 use crate::summary::Summary;
+use crate::text::printable;
 use arguments::{Arguments, Command};
 use clap::Parser;
 use miette::{MietteHandlerOpts, Report};
@@ -95,7 +95,7 @@ pub fn main(runner: &Runner) -> ExitCode {
     let outcome = match arguments.command {
         Command::Run(arguments) => run::run(&arguments, runner),
         Command::Check(arguments) => check::check(&arguments.scenarios),
-        Command::List => list::list(),
+        Command::List(arguments) => list::list(&arguments),
         Command::Init { path } => init::init(&path),
         Command::Resume(arguments) => resume::resume(&arguments, runner),
         Command::Regress(arguments) => regress::regress(&arguments, runner),

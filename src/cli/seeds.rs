@@ -4,11 +4,11 @@ use super::arguments::RunArguments;
 use super::{RunOptions, Runner, print};
 use crate::progress::SeedsProgress;
 use crate::scenario::Scenario;
-use crate::scenario::text::clean;
 use crate::seeds::{BatchKind, BatchPlan, SeedsSummary, interrupted, run_all};
 use crate::sink::report::REPORT_FILE;
 use crate::sink::report::tables::Table;
 use crate::table;
+use crate::text::clean;
 use miette::{IntoDiagnostic, Report, miette};
 use std::fs;
 

@@ -1,7 +1,7 @@
 //! Whether geostrophic balance means anything where f is small.
 
 use super::ExperimentError;
-use crate::scenario::{CovarianceComponent, Dynamics, Initial, ModelSettings, Scenario};
+use crate::scenario::{Dynamics, Initial, ModelSettings, Scenario};
 use isobar_model::State;
 
 /// Part of the speed of gravity waves that the standard deviation of balanced winds may have: four of them are then as fast as
@@ -36,14 +36,12 @@ pub(super) fn check(scenario: &Scenario, background: &State) -> Result<(), Exper
     let (f, gravity) = (settings.coriolis_per_s, settings.gravity_m_per_s2);
     let components = scenario.background_error.iter().chain(&scenario.model_error);
     let errors: Vec<Balance> = components
-        .filter_map(|component| match *component {
-            CovarianceComponent::Balanced { sigma_height_m, length_m } => Some(Balance {
-                what: "balanced errors",
-                largest: LARGEST_FROUDE_NUMBER,
-                height_m: sigma_height_m,
-                length_m,
-            }),
-            _ => None,
+        .filter_map(|component| component.balance())
+        .map(|it| Balance {
+            what: "balanced errors",
+            largest: LARGEST_FROUDE_NUMBER,
+            height_m: it.sigma_height_m,
+            length_m: it.length_m,
         })
         .collect();
     let state = match scenario.initial {

@@ -1,7 +1,6 @@
 //! From a scenario to everything that runs: model, truth, observing system, methods.
 
 mod balance;
-mod covariances;
 mod forecast_model;
 mod initial_state;
 mod methods;
@@ -11,6 +10,7 @@ mod time_volume;
 use crate::cli::RunOptions;
 use crate::cycle::{Freezing, Runner};
 use crate::event::{MethodInfo, RunInfo, StationInfo};
+use crate::kinds::covariances;
 use crate::reference::Reference;
 use crate::scenario::{Algorithm, Dynamics, Scenario, ScenarioError};
 use crate::sensors::knowledge::{WarmStart, warm_start};
@@ -266,9 +266,10 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
     let background = initial_state::build(&scenario.initial, &scenario.model, grid, seed)?;
     balance::check(scenario, &background)?;
     check_time_step(&*model, &background).map_err(ExperimentError::TimeStep)?;
-    let build = |components| covariances::build(components, &scenario.model, background.layout());
-    let background_error = build(&scenario.background_error)?.unwrap_or_else(|| covariances::none(background.layout()));
-    let model_error = build(&scenario.model_error)?;
+    let build = |components| covariances::build(components, background.layout()).map_err(ExperimentError::Covariance);
+    let background_error = build(&scenario.background_error)?;
+    let has_model_error = !scenario.model_error.is_empty();
+    let model_error = has_model_error.then(|| build(&scenario.model_error)).transpose()?;
 
     let true_state = match &scenario.truth.initial {
         Some(initial) => initial_state::build(initial, &scenario.truth.model, grid, seed)?,

@@ -3,7 +3,7 @@
 
 use super::initial::{self, Initial};
 use super::model::{self, ModelSettings};
-use super::reader::{Field, Limits, Read, Section};
+use crate::reader::{Field, Limits, Read, Section};
 use isobar_model::{Duration, Grid, Time};
 
 /// The cycles of forecast and analysis.

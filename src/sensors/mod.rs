@@ -18,7 +18,7 @@ pub mod write_back;
 pub use database::Database;
 pub use record::{Record, Records};
 
-use crate::scenario::text::clean;
+use crate::text::clean;
 use std::path::{Path, PathBuf};
 
 /// Why sensors cannot be read or written.

@@ -2,8 +2,8 @@
 
 use super::SensorError;
 use super::record::{MOST_RECORDS, Record, Records};
-use crate::scenario::text::{clean, listed, nearest};
 use crate::sink::scores::utc;
+use crate::text::{clean, listed, nearest};
 use isobar_model::Time;
 use std::fs::File;
 use std::io::Read;

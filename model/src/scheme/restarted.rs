@@ -22,11 +22,12 @@
 //! by 10 % in a cycle of four steps (α = 0.01). The filter damps a wave by about α θ²/2 in a step, so that n α ⪆ 1 makes up
 //! for it. The limit of the time step is that of the cycle: |x_n| ≤ 1 + [`LARGEST_GROWTH`] for all waves.
 
+use super::leapfrog::Leapfrog;
+use super::tendency::Tendency;
 use crate::error::ModelError;
 use crate::forecast::{Adjoint, Model, TangentLinear};
-use crate::leapfrog::Leapfrog;
-use crate::scheme::Tendency;
 use crate::state::{Layout, State};
+use crate::stored::ColumnsMut;
 use crate::time::Duration;
 use std::sync::Arc;
 
@@ -98,7 +99,7 @@ impl<T: Tendency> Model for RestartedLeapfrog<T> {
 impl<T: Tendency> TangentLinear for RestartedLeapfrog<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
         let mut levels = self.leapfrog.start_tl(at, columns);
-        self.leapfrog.steps_tl(&self.leapfrog.start(at), &mut levels, self.steps);
+        self.leapfrog.steps_tl(&self.leapfrog.start(at), ColumnsMut::Double(&mut levels), self.steps);
         let one = self.layout().len();
         for (column, levels) in columns.chunks_exact_mut(one).zip(levels.chunks_exact(2 * one)) {
             column.copy_from_slice(&levels[..one]);

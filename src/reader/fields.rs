@@ -1,7 +1,7 @@
 //! Files of fields: a column for each field, a row for each cell.
 
-use super::reader::{Field, Read};
-use super::text::clean;
+use super::{Field, Read};
+use crate::text::clean;
 use isobar_model::Grid;
 use std::io::Read as _;
 
@@ -9,7 +9,7 @@ use std::io::Read as _;
 const LARGEST_FILE: u64 = 100_000_000;
 
 /// The fields of a file.
-pub(super) struct Fields {
+pub(crate) struct Fields {
     /// Their names, if the file has a header.
     pub names: Option<Vec<String>>,
     /// Each `[y, x]`; at least one.
@@ -19,7 +19,7 @@ pub(super) struct Fields {
 /// Reads the CSV file that a key names: a column for each of at most `most` fields, a row for each cell of the grid, row by
 /// row from the south, each from the west. Empty lines and lines that begin with `#` are skipped; the first line may be a
 /// header.
-pub(super) fn read(field: &Field<'_>, grid: &Grid, most: usize) -> Read<Fields> {
+pub(crate) fn read(field: &Field<'_>, grid: &Grid, most: usize) -> Read<Fields> {
     let path = field.file.directory().join(field.text()?);
     let shown = clean(&path.display().to_string());
     if !path.is_file() {
