@@ -126,3 +126,50 @@ fn scales(state: &State, model_error: Option<(&dyn Covariance, f64)>, cycles: us
     };
     (0..state.layout().variables.len()).map(|it| state.variability(it).hypot(of_errors(it))).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isobar_model::random::stream;
+    use isobar_model::{Boundary, Duration, Grid, Layout, advection};
+
+    /// Multiplies all values by a factor in a step.
+    struct Growing {
+        layout: Arc<Layout>,
+        factor: f64,
+    }
+
+    impl Model for Growing {
+        fn layout(&self) -> &Arc<Layout> {
+            &self.layout
+        }
+        fn time_step(&self) -> Duration {
+            Duration::from_seconds(1)
+        }
+        fn largest_time_step_s(&self, _: &State) -> f64 {
+            f64::INFINITY
+        }
+        fn step(&self, x: &mut State) {
+            x.values_mut().iter_mut().for_each(|value| *value *= self.factor);
+        }
+    }
+
+    #[test]
+    fn a_truth_that_grows_a_thousandfold_is_named_and_one_that_does_not_is_not() {
+        let layout = advection::layout(Grid { nx: 4, ny: 3, dx_m: 1.0, dy_m: 1.0, boundary: Boundary::Periodic });
+        let start = State::from_values(&layout, (0..12).map(|i| 10.0 + f64::from(i)).collect());
+        let growth = |factor: f64| {
+            let model = Arc::new(Growing { layout: Arc::clone(&layout), factor });
+            let mut truth = Truth::new(model, 10, 30, None, stream(1, "truth"), start.clone());
+            (1..=30).find_map(|cycle| {
+                truth.advance().unwrap();
+                truth.check_growth().err().map(|growth| (cycle, growth.to_string()))
+            })
+        };
+        assert_eq!(growth(1.0), None);
+        assert_eq!(growth(1.02), None);
+        // 1.1^(10 n) > 1000 from n = 8 on.
+        let (cycle, message) = growth(1.1).unwrap();
+        assert!(cycle == 8 && message.contains("tracer") && message.contains("time_step_s"), "{cycle}: {message}");
+    }
+}

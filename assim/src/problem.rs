@@ -107,7 +107,7 @@ impl Problem {
     /// and 2 ± σ, nothing is left in the sums to show that both count the same.
     ///
     /// # Errors
-    /// [`Error::Unresolved`] where this exceeds 10⁻⁶ s. s is that of B, which bounds the method's from above but for errors
+    /// [`Error::Unresolved`] where this exceeds 10⁻⁶ of s and of the background's departure. s is that of B, which bounds the method's from above but for errors
     /// that grow; what is left of an observation that is fitted to 10⁻⁶ s is no contradiction.
     pub(crate) fn resolved_analysis(
         &self,
@@ -130,7 +130,8 @@ impl Problem {
             let of_biases = of_biases.map(|&(i, weight)| weight.abs() * self.calibration.prior_covariance(i, i).sqrt());
             let spread = of_state.sum::<f64>() + of_biases.sum::<f64>();
             let uncertainty = f64::EPSILON * spread * spread * departure.abs() / variance;
-            if uncertainty > TOLERANCE * spread && departure.abs() > TOLERANCE * spread {
+            let scale = spread.max(analysis.background_departures[row].abs());
+            if uncertainty > TOLERANCE * scale && departure.abs() > TOLERANCE * spread {
                 let report = &observed.reports[row];
                 return Err(Error::Unresolved {
                     observation: format!("{}/{}", report.network, report.platform),

@@ -94,9 +94,10 @@ impl<'a> TaperedInnovations<'a> {
         // S⁻¹ d is also the departure that is left, in standard deviations of the observation.
         let left = self.solve(column(&self.observed.departures));
         let left = left.col_as_slice(0);
-        let unresolved = left.iter().zip(&self.spread).position(|(left, spread)| {
-            f64::EPSILON * spread * left.abs() > TOLERANCE && left.abs() > TOLERANCE * spread
-        });
+        let unresolved =
+            left.iter().zip(&self.spread).zip(&self.observed.departures).position(|((left, spread), d)| {
+                f64::EPSILON * spread * spread * left.abs() > TOLERANCE * spread.max(d.abs())
+            });
         if let Some(row) = unresolved {
             let sigma = self.sigma[row];
             return Err(Error::Unresolved {

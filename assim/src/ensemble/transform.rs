@@ -94,8 +94,9 @@ pub(super) fn transform(observed: &WhitenedObservations, inflation: f64) -> Tran
     let d = column(&observed.departures);
     let mut root = Mat::zeros(members, members);
     let (mean, chi2);
-    if n < members || observed.is_graded(inflation) {
-        let Principal { columns: right, values, amplitudes } = if observed.is_graded(inflation) {
+    let is_graded = observed.is_graded(inflation);
+    if n < members || is_graded {
+        let Principal { columns: right, values, amplitudes } = if is_graded {
             principal(&observed.perturbations, &observed.departures, &observed.rounding, inflation.sqrt())
         } else {
             let mut gram = Mat::zeros(n, n);

@@ -1,7 +1,7 @@
 //! Conjugate gradients for symmetric positive definite systems (Hestenes and Stiefel 1952).
 
 /// A residual below so many machine epsilons of the right-hand side is rounding.
-const ROUNDING: f64 = 500.0 * f64::EPSILON;
+const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
 /// When the minimiser stops.
 #[derive(Clone, Copy, Debug)]
