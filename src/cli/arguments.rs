@@ -1,5 +1,6 @@
 //! The arguments that the program takes.
 
+use super::outputs::OutputArguments;
 use super::sensors::SensorsCommand;
 use crate::seeds::FEWEST_SEEDS;
 use clap::{Args, Parser, Subcommand};
@@ -119,18 +120,8 @@ pub struct RunArguments {
     /// Show no progress
     #[arg(long, short)]
     pub quiet: bool,
-    /// Write no netCDF files
-    #[arg(long)]
-    pub no_netcdf: bool,
-    /// Write no recording for the rerun viewer
-    #[arg(long)]
-    pub no_rerun: bool,
-    /// Write no report.html, and no figures
-    #[arg(long)]
-    pub no_report: bool,
-    /// Show the run in a running rerun viewer while it computes
-    #[arg(long)]
-    pub live: bool,
+    #[command(flatten)]
+    pub outputs: OutputArguments,
     /// Run this number of seeds, from the scenario's or --seed on, and report mean scores and differences over them
     #[arg(long, value_name = "N", conflicts_with = "live", value_parser = clap::value_parser!(u64).range(FEWEST_SEEDS..=10_000))]
     pub seeds: Option<u64>,
@@ -140,10 +131,10 @@ pub struct RunArguments {
     /// With --seeds: write all files of every seed, and not only its scores
     #[arg(long, requires = "seeds")]
     pub all_files: bool,
-    /// Write a checkpoint after so many minutes; 0: none for the time alone
+    /// Write a checkpoint every M minutes; 0: not for the time alone
     #[arg(long, value_name = "M", default_value_t = 5.0, value_parser = minutes)]
     pub checkpoint_minutes: f64,
-    /// Write a checkpoint after so many cycles, whatever it costs
+    /// Write a checkpoint every N cycles, whatever it costs
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     pub checkpoint_cycles: Option<u64>,
 }

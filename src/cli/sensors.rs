@@ -1,10 +1,10 @@
 //! `isobar sensors`.
 
 use super::print;
+use crate::calendar::utc;
 use crate::sensors::database::Missing;
 use crate::sensors::record::Key;
 use crate::sensors::{Database, Record, Records, SensorError, table};
-use crate::sink::scores::utc;
 use crate::text::{clean, listed, nearest, printable};
 use clap::Subcommand;
 use miette::{Report, miette};

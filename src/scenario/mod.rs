@@ -27,7 +27,7 @@ pub use crate::reader::ScenarioError;
 pub use accept::{AcceptError, accept, with_expected};
 pub use adapt::Adapt;
 pub use bias::{Bias, BiasEvolution, BiasOwner, InitialBias, RadiosondeBias, SatelliteBias, ScanTerm};
-pub use cycle::{CycleSettings, OutputSettings, TruthSettings};
+pub use cycle::{CycleSettings, TruthSettings};
 pub use expected::{Expected, ExpectedScores};
 pub use grid::GridSettings;
 pub use initial::Initial;
@@ -42,9 +42,11 @@ pub use sensors::{SensorSettings, StabilitySettings};
 pub use sweep::SweepSettings;
 pub use time_volume::{Correction, CorrectionSettings, FactorSettings, FactorTarget, TimeVolumeOptions};
 
+use crate::calendar;
 use crate::kinds::Domain;
 use crate::kinds::covariances::{self, Components};
 use crate::reader::{self, Field, Read, Section, SourceFile};
+use crate::sink::Outputs;
 use crate::text;
 use indexmap::IndexMap;
 use isobar_model::Time;
@@ -106,7 +108,7 @@ pub struct Scenario {
     /// When a bias is adjusted.
     pub stability: StabilitySettings,
     /// What is written.
-    pub output: OutputSettings,
+    pub outputs: Outputs,
     /// Whether it is run for regression with all others; a scenario that is too dear says no.
     pub regression: bool,
     /// The accepted scores.
@@ -183,7 +185,7 @@ impl Scenario {
         let sensors = sensors::read(&root, &methods)?;
         let influence_every_cycles = cycle::read_diagnostics(&root)?;
         let sweep = sweep::read(&root, &model)?;
-        let output = cycle::read_output(&root)?;
+        let outputs = cycle::read_output(&root)?;
         let regression = root.yes_or_no_or("regression", true)?;
         let expected = expected::read(&root, &methods, &model)?;
         Ok(Self {
@@ -210,7 +212,7 @@ impl Scenario {
             sweep,
             sensors,
             stability,
-            output,
+            outputs,
             regression,
             expected,
         })
@@ -255,10 +257,8 @@ fn time(field: &Field<'_>) -> Read<Time> {
         DeValue::Datetime(time) => time.to_string(),
         _ => return Err(field.invalid(format!("`{}` is not a time", field.title()), wanted)),
     };
-    let timestamp: Option<jiff::Timestamp> = text.parse().ok();
     let range = -2_208_988_800..7_258_118_400;
-    match timestamp.filter(|time| time.subsec_nanosecond() == 0 && range.contains(&time.as_second())) {
-        Some(time) => Ok(Time::from_seconds(time.as_second())),
-        None => Err(field.invalid(format!("`{}` cannot be \"{}\"", field.title(), text::clean(&text)), wanted)),
-    }
+    calendar::parse(&text)
+        .filter(|time| range.contains(&time.seconds()))
+        .ok_or_else(|| field.invalid(format!("`{}` cannot be \"{}\"", field.title(), text::clean(&text)), wanted))
 }

@@ -2,7 +2,7 @@
 
 use super::SensorError;
 use super::record::{MOST_RECORDS, Record, Records};
-use crate::sink::scores::utc;
+use crate::calendar::{self, utc};
 use crate::text::{clean, listed, nearest};
 use isobar_model::Time;
 use std::fs::File;
@@ -192,11 +192,8 @@ fn record<'a>(field: &impl Fn(&str) -> &'a str) -> Result<Record, String> {
 /// # Errors
 /// In words.
 pub fn time(text: &str) -> Result<Time, String> {
-    let timestamp: Option<jiff::Timestamp> = text.parse().ok();
-    match timestamp.filter(|timestamp| timestamp.subsec_nanosecond() == 0) {
-        Some(timestamp) => Ok(Time::from_seconds(timestamp.as_second())),
-        None => Err(format!("is \"{}\", but must be as 2026-01-15T00:00:00Z, in whole seconds", clean(text))),
-    }
+    calendar::parse(text)
+        .ok_or_else(|| format!("is \"{}\", but must be as 2026-01-15T00:00:00Z, in whole seconds", clean(text)))
 }
 
 /// The records as a table.

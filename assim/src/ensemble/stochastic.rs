@@ -65,7 +65,7 @@ impl EnsembleAnalysis for PerturbedObservations {
         let background = cycle.ensemble.moments();
         let perturbations = background.perturbations.as_ref();
 
-        let parameters = &perturbations.get(m.., ..) * faer::Scale(factor);
+        let parameters = perturbations.get(m.., ..) * faer::Scale(factor);
         let shared = SharedParameters { numbers: &self.shared, perturbations: parameters.as_ref() };
         let tapered = TaperedInnovations::new(members, &whitened, &shared, &self.taper, self.cross)?;
         let chi2 = tapered.chi2()?;
@@ -124,7 +124,7 @@ impl LocalUpdate<'_> {
     fn analysed(&self, values: MatRef<'_, f64>, place: (f64, f64)) -> Mat<f64> {
         let weights: Vec<f64> = self.members.places.iter().map(|&other| self.taper.weight(place, other)).collect();
         let nearest = weights.iter().copied().fold(0.0, f64::max);
-        let inflated = &values * faer::Scale(1.0 + (self.factor - 1.0) * nearest);
+        let inflated = values * faer::Scale(1.0 + (self.factor - 1.0) * nearest);
         let covariance = self.tapered.covariance_of_state(inflated.as_ref(), &weights);
         inflated + product(covariance.as_ref(), self.solved.as_ref())
     }

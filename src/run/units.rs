@@ -1,6 +1,6 @@
 //! Whether observations can be of the quantity and in the unit that they are taken for.
 
-use crate::reference::mean_variances;
+use super::reference::mean_variances;
 use isobar_assim::Covariance;
 use isobar_model::State;
 use isobar_obs::{Calibration, ObservationWindow, Rejection, Report};
