@@ -46,7 +46,6 @@ fn observe(observations: &[(usize, f64)], sigma: f64) -> ObservationWindow {
         time: Time::from_seconds(0),
         cycle: 1,
         reports: vec![report; values.len()],
-        values_bias_removed: values.clone(),
         sigma: vec![sigma; values.len()],
         values,
         rejected: Vec::new(),
@@ -89,8 +88,9 @@ fn a_fully_observed_plane_decouples_into_wavenumbers() {
     for mut method in methods {
         let mut found = [Vec::new(), Vec::new()];
         for _ in 0..60 {
-            found[0] = method.forecast(STEP).unwrap().state_spread.unwrap();
-            found[1] = method.analyse(&observed).unwrap().estimate.state_spread.unwrap();
+            let from = method.forecast(STEP).unwrap();
+            found[0] = from.estimate.state_spread.clone().unwrap();
+            found[1] = method.analyse(&from, &observed).unwrap().estimate.state_spread.unwrap();
         }
         for (found, variance) in found.iter().zip([forecast, analysis]) {
             assert!(relative_difference(found, &vec![variance.sqrt(); cells]) < 1e-9);

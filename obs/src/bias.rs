@@ -54,7 +54,7 @@ pub enum Evolution {
         size: f64,
     },
     /// It is larger by `amplitude` cos(2π (t/period − phase)), t the time of day in UTC if the period is a day: sensors
-    /// that the sun heats. Methods are not told.
+    /// that the sun heats. Methods do not know of it.
     Sinusoid {
         /// The largest deviation.
         amplitude: f64,
@@ -66,7 +66,7 @@ pub enum Evolution {
 }
 
 impl BiasProcess {
-    /// A constant drawn from N(0, `sigma`²), of which methods know `sigma`.
+    /// A constant drawn from N(0, `sigma`²); methods know `sigma`.
     pub fn constant(sigma: f64) -> Self {
         Self {
             initial: InitialBias::Drawn { sigma },
@@ -93,7 +93,7 @@ impl BiasProcess {
         })
     }
 
-    /// The mean of the true value over all that it might be, `elapsed` after the start, at a `time`.
+    /// The expectation of the true value `elapsed` after the start, at `time`.
     pub fn mean(&self, elapsed: Duration, time: Time) -> f64 {
         let initial = match self.initial {
             InitialBias::Drawn { .. } => 0.0,
@@ -118,7 +118,7 @@ impl BiasProcess {
         }
     }
 
-    /// By how much it differs from its initial value and random walk, `elapsed` after the start, at a `time`.
+    /// The part of the true value beyond its initial value and random walk, `elapsed` after the start, at `time`.
     pub(crate) fn known_change(&self, elapsed: Duration, time: Time) -> f64 {
         match self.evolution {
             Evolution::Jump { at_hours, size } if elapsed.as_f64() >= at_hours * 3600.0 => size,
@@ -131,37 +131,37 @@ impl BiasProcess {
         }
     }
 
-    pub(crate) fn validate(&self, instrument: &str) -> Result<(), ObservationError> {
+    pub(crate) fn validate(&self, network: &str) -> Result<(), ObservationError> {
         match self.initial {
             InitialBias::Drawn { sigma } => {
-                require(sigma >= 0.0, instrument, "biases.initial.sigma", sigma, "at least 0")?;
+                require(sigma >= 0.0, network, "biases.initial.sigma", sigma, "at least 0")?;
             }
-            InitialBias::Given { value } => require(true, instrument, "biases.initial.value", value, "finite")?,
+            InitialBias::Given { value } => require(true, network, "biases.initial.value", value, "finite")?,
         }
         match self.evolution {
             Evolution::Constant => {}
             Evolution::RandomWalk { sigma_per_sqrt_day: sigma } => {
-                require(sigma >= 0.0, instrument, "biases.evolution.sigma_per_sqrt_day", sigma, "at least 0")?;
+                require(sigma >= 0.0, network, "biases.evolution.sigma_per_sqrt_day", sigma, "at least 0")?;
             }
             Evolution::Jump { at_hours, size } => {
-                require(at_hours >= 0.0, instrument, "biases.evolution.at_hours", at_hours, "at least 0")?;
-                require(true, instrument, "biases.evolution.size", size, "finite")?;
+                require(at_hours >= 0.0, network, "biases.evolution.at_hours", at_hours, "at least 0")?;
+                require(true, network, "biases.evolution.size", size, "finite")?;
             }
             Evolution::Sinusoid { amplitude, period_hours, peak_hours } => {
-                require(true, instrument, "biases.evolution.amplitude", amplitude, "finite")?;
+                require(true, network, "biases.evolution.amplitude", amplitude, "finite")?;
                 let expected = "above 0";
-                require(period_hours > 0.0, instrument, "biases.evolution.period_hours", period_hours, expected)?;
-                require(true, instrument, "biases.evolution.peak_hours", peak_hours, "finite")?;
+                require(period_hours > 0.0, network, "biases.evolution.period_hours", period_hours, expected)?;
+                require(true, network, "biases.evolution.peak_hours", peak_hours, "finite")?;
             }
         }
         if !self.known {
             let prior = self.sigma_prior();
             let expected = "above 0: it is the prior of an unknown parameter, by default that of the true value \
                             (give it, or take the bias out, or make it known)";
-            require(prior > 0.0, instrument, "biases.assumed_sigma_prior", prior, expected)?;
+            require(prior > 0.0, network, "biases.assumed_sigma_prior", prior, expected)?;
             let drift = self.sigma_drift_per_sqrt_day();
             let setting = "biases.assumed_sigma_drift_per_sqrt_day";
-            require(drift >= 0.0, instrument, setting, drift, "at least 0")?;
+            require(drift >= 0.0, network, setting, drift, "at least 0")?;
         }
         Ok(())
     }

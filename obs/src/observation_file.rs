@@ -13,7 +13,7 @@ use isobar_model::Time;
 ///   grid, counted from 1 from the west and from the south;
 /// - `value`, in the variable's unit;
 /// - `variable` and `sigma` (the standard deviation of the random error), where they are not the same for all;
-/// - `id`, optional: the station, of which there may be one observation of a variable in a cycle; without it its place.
+/// - `id`, optional: the station, which may observe a variable once in a cycle; by default the observation's place.
 ///
 /// Other columns are not read.
 #[derive(Clone, Debug, PartialEq)]
@@ -108,7 +108,11 @@ impl ObservationFile {
     /// Lines that are not rows of the table, missing or ambiguous columns, fields that are not what they must be, each with
     /// its line; a file without observations.
     pub fn parse(text: &str, file: &str) -> Result<Self, ObservationError> {
-        let no_observations = || ObservationError::NoObservations { file: file.to_owned() };
+        let no_observations = || {
+            let problem = "has no observations; it needs a header line such as \
+                           `cycle,x_m,y_m,variable,value,sigma` and a line for each observation";
+            ObservationError::in_file(file, None, problem)
+        };
         let table = Table::new(text, file)?.ok_or_else(no_observations)?;
         let numbers = find_columns(&table)?;
         let mut records = Vec::new();
@@ -135,17 +139,6 @@ impl ObservationFile {
     /// The observations, in the order of the file; at least one.
     pub fn records(&self) -> &[ObservationRecord] {
         &self.records
-    }
-
-    /// What is wrong with a field of a line.
-    pub(crate) fn fault(&self, line: usize, column: &str, value: String, expected: String) -> ObservationError {
-        ObservationError::InvalidCoordinate {
-            file: self.file.clone(),
-            line,
-            column: column.to_owned(),
-            value,
-            expected,
-        }
     }
 }
 
@@ -187,13 +180,7 @@ impl Row<'_> {
     }
 
     fn fault(&self, column: usize, expected: String) -> ObservationError {
-        ObservationError::InvalidCoordinate {
-            file: self.file.to_owned(),
-            line: self.line,
-            column: self.columns[column].clone(),
-            value: self.fields[column].clone(),
-            expected,
-        }
+        ObservationError::invalid_field(self.file, self.line, &self.columns[column], &self.fields[column], &expected)
     }
 
     fn number(&self, column: usize, low: f64, high: f64) -> Result<f64, ObservationError> {
@@ -232,7 +219,7 @@ impl Row<'_> {
 
 fn find_columns(table: &Table<'_>) -> Result<Columns, ObservationError> {
     let (find, missing) = (|name| table.find(name), |name: &str| table.missing(name));
-    let ambiguous = |problem: &str| table.ambiguous(problem.to_owned());
+    let ambiguous = |problem: &str| table.wrong_header(problem);
     let (cycle, time) = (find("cycle"), find("time"));
     match (cycle, time) {
         (None, None) => return Err(missing("`cycle` (or `time`)")),

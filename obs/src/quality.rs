@@ -31,72 +31,12 @@
 //! errors are up to three times as large. The limit grows by at most as much.
 
 use crate::calibration::Calibration;
-use crate::instrument::Observation;
-use crate::window::Report;
+use crate::observation::{Arrival, Observation};
+use crate::rejection::Rejection;
 use isobar_model::{Boundary, Grid, State, Time};
-use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
-
-/// Why an observation is not used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-pub enum Rejection {
-    /// Its value or its error is not finite.
-    NotFinite = 1,
-    /// It lies outside of the domain.
-    Outside = 2,
-    /// It is not valid at the time of the analysis.
-    Late = 3,
-    /// There is one of the same platform and variable already.
-    Duplicate = 4,
-    /// No state could have such a value.
-    Absurd = 5,
-    /// It contradicts its neighbours.
-    GrossError = 6,
-}
-
-impl Rejection {
-    /// All, in the order of their codes from 1.
-    pub const ALL: [Rejection; 6] = [
-        Rejection::NotFinite,
-        Rejection::Outside,
-        Rejection::Late,
-        Rejection::Duplicate,
-        Rejection::Absurd,
-        Rejection::GrossError,
-    ];
-
-    /// Its code: 1 and so on; 0 is that of an observation which is used.
-    pub fn code(self) -> u8 {
-        self as u8
-    }
-
-    /// Its name, in one word.
-    pub fn name(self) -> &'static str {
-        match self {
-            Rejection::NotFinite => "not_finite",
-            Rejection::Outside => "outside",
-            Rejection::Late => "late",
-            Rejection::Duplicate => "duplicate",
-            Rejection::Absurd => "absurd",
-            Rejection::GrossError => "gross_error",
-        }
-    }
-}
-
-/// An observation that no method sees.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct RejectedObservation {
-    /// Where, what and by whom.
-    pub report: Report,
-    /// The reported value; it may not be finite.
-    pub value: f64,
-    /// Standard deviation of its random error, as it claims.
-    pub sigma: f64,
-    /// Why.
-    pub rejection: Rejection,
-}
 
 /// How the values of observations are checked.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -116,7 +56,7 @@ pub struct Reference<'a> {
     pub sigma: &'a [f64],
 }
 
-/// The limit of |z| unless told otherwise: one good observation in 16 000 is beyond it.
+/// The default limit of |z|: one good observation in 16 000 is beyond it.
 pub const LIMIT: f64 = 4.0;
 
 /// Neighbours that predict an observation.
@@ -128,29 +68,17 @@ const ABSURD: f64 = 20.0;
 /// The median of |z| for a standard normal z.
 const NORMAL_MEDIAN: f64 = 0.674_489_750_196_081_7;
 
-/// An observation as it arrives.
-#[derive(Clone, Debug)]
-pub(crate) struct Arrival {
-    pub observation: Observation,
-    /// The reported value.
-    pub value: f64,
-    /// The same without the bias that methods estimate.
-    pub value_bias_removed: f64,
-    /// When it is valid.
-    pub time: Time,
-}
-
 /// What a report says of itself: the rejection of each, where there is one.
 pub(crate) fn check_reports(arrivals: &[Arrival], time: Time, grid: &Grid) -> Vec<Option<Rejection>> {
     let mut seen: HashSet<(Arc<str>, Arc<str>, usize)> = HashSet::new();
     let check = |arrival: &Arrival| {
-        let Arrival { observation, value, time: own, .. } = arrival;
+        let Arrival { observation, value, time: valid, .. } = arrival;
         let report = &observation.report;
         if !value.is_finite() || !observation.sigma.is_finite() {
             Some(Rejection::NotFinite)
         } else if !grid.contains(report.x_m, report.y_m) {
             Some(Rejection::Outside)
-        } else if *own != time {
+        } else if *valid != time {
             Some(Rejection::Late)
         } else if !seen.insert((Arc::clone(&report.network), Arc::clone(&report.platform), report.variable)) {
             Some(Rejection::Duplicate)
@@ -185,8 +113,9 @@ impl QualityControl {
             if sane.is_empty() {
                 continue;
             }
-            let own: Vec<&Arrival> = sane.iter().map(|&number| &arrivals[number]).collect();
-            for place in Departures::new(self, &own, reference, calibration, expected).gross_errors(self.limit) {
+            let of_variable: Vec<&Arrival> = sane.iter().map(|&number| &arrivals[number]).collect();
+            for place in Departures::new(self, &of_variable, reference, calibration, expected).gross_errors(self.limit)
+            {
                 rejections[sane[place]] = Some(Rejection::GrossError);
             }
         }
@@ -215,7 +144,7 @@ fn sane_values(
     let known = |&number: &usize| {
         let Observation { sigma, .. } = arrivals[number].observation;
         let row = arrivals[number].observation.calibration_row_at(reference);
-        let of_biases = row.iter().map(|&(p, g)| (g * calibration.parameters[p].sigma_prior).powi(2));
+        let of_biases = row.map(|(p, g)| (g * calibration.parameters[p].sigma_prior).powi(2));
         (sigma * sigma + of_biases.sum::<f64>()).sqrt()
     };
     let largest = expected.hypot(numbers.iter().map(known).fold(0.0, f64::max)) * largest_factor(numbers.len());
@@ -232,7 +161,7 @@ fn departure(arrival: &Arrival, reference: &State) -> f64 {
 
 /// The departures of one variable's observations from the reference, and how they should vary together.
 struct Departures<'a> {
-    own: &'a [&'a Arrival],
+    arrivals: &'a [&'a Arrival],
     grid: &'a Grid,
     calibration: &'a Calibration,
     length_m: f64,
@@ -251,27 +180,37 @@ struct Departures<'a> {
 impl<'a> Departures<'a> {
     fn new(
         control: &QualityControl,
-        own: &'a [&'a Arrival],
+        arrivals: &'a [&'a Arrival],
         reference: &'a State,
         calibration: &'a Calibration,
         expected: f64,
     ) -> Self {
-        let departures: Vec<f64> = own.iter().map(|it| departure(it, reference)).collect();
+        let departures: Vec<f64> = arrivals.iter().map(|arrival| departure(arrival, reference)).collect();
         let (grid, length_m) = (&reference.layout().grid, control.length_m);
-        let calibration_rows = own.iter().map(|it| it.observation.calibration_row_at(reference)).collect();
+        let calibration_rows =
+            arrivals.iter().map(|arrival| arrival.observation.calibration_row_at(reference).collect()).collect();
         let (variance, is_bounded, neighbours) = (0.0, expected.is_finite(), Vec::new());
-        let mut all =
-            Self { own, grid, calibration, length_m, calibration_rows, departures, variance, is_bounded, neighbours };
+        let mut all = Self {
+            arrivals,
+            grid,
+            calibration,
+            length_m,
+            calibration_rows,
+            departures,
+            variance,
+            is_bounded,
+            neighbours,
+        };
         let total = (median(all.departures.iter().map(|d| d.abs()).collect()) / NORMAL_MEDIAN).powi(2);
-        let known = median((0..own.len()).map(|i| all.covariance(i, i)).collect());
-        all.variance = (total - known).max(0.25 * total).min((largest_factor(own.len()) * expected).powi(2));
+        let known = median((0..arrivals.len()).map(|i| all.covariance(i, i)).collect());
+        all.variance = (total - known).max(0.25 * total).min((largest_factor(arrivals.len()) * expected).powi(2));
         all.neighbours = all.nearest();
         all
     }
 
     /// The places of the gross errors, in the order in which they are found.
     fn gross_errors(&self, limit: f64) -> Vec<usize> {
-        let n = self.own.len();
+        let n = self.arrivals.len();
         let largest_factor = if self.is_bounded { largest_factor(n) } else { f64::INFINITY };
         let mut is_good = vec![true; n];
         let mut scores: Vec<f64> = (0..n).map(|i| self.score(i, &is_good)).collect();
@@ -320,7 +259,7 @@ impl<'a> Departures<'a> {
         let predicted: f64 = weights.iter().zip(&whitened).map(|(w, e)| w * e).sum();
         let explained: f64 = weights.iter().map(|w| w * w).sum();
         // Its own random error cannot be predicted.
-        let variance = (self.covariance(i, i) - explained).max(self.own[i].observation.sigma.powi(2));
+        let variance = (self.covariance(i, i) - explained).max(self.arrivals[i].observation.sigma.powi(2));
         (self.departures[i] - predicted).abs() / variance.sqrt()
     }
 
@@ -333,12 +272,12 @@ impl<'a> Departures<'a> {
                 covariance += g * other * self.calibration.parameters[p].sigma_prior.powi(2);
             }
         }
-        if i == j { covariance + self.own[i].observation.sigma.powi(2) } else { covariance }
+        if i == j { covariance + self.arrivals[i].observation.sigma.powi(2) } else { covariance }
     }
 
     /// r_ij², the shortest way round where the domain is periodic \[m²\].
     fn squared_distance(&self, i: usize, j: usize) -> f64 {
-        let (a, b) = (&self.own[i].observation.report, &self.own[j].observation.report);
+        let (a, b) = (&self.arrivals[i].observation.report, &self.arrivals[j].observation.report);
         let around = |distance: f64, extent: f64| distance.abs().min(extent - distance.abs());
         let dx = around(a.x_m - b.x_m, self.grid.width_m());
         let dy = match self.grid.boundary {
@@ -348,13 +287,13 @@ impl<'a> Departures<'a> {
         dx * dx + dy * dy
     }
 
-    /// The nearest neighbours of each observation: from a mesh of bins with about four of them in each, those in the bins
-    /// around its own.
+    /// The nearest neighbours of each observation: from a mesh of bins with about four of them in each, those in its
+    /// own bin and the bins around it.
     fn nearest(&self) -> Vec<Vec<usize>> {
-        let n = self.own.len();
+        let n = self.arrivals.len();
         let side = ((n as f64 / 4.0).sqrt().floor() as usize).clamp(1, 1000);
         let bin_of = |i: usize| {
-            let report = &self.own[i].observation.report;
+            let report = &self.arrivals[i].observation.report;
             let place = |x: f64, extent: f64| ((x / extent * side as f64) as usize).min(side - 1);
             (place(report.x_m, self.grid.width_m()), place(report.y_m, self.grid.height_m()))
         };

@@ -15,14 +15,14 @@ impl<'a> Table<'a> {
     /// Reads the header; `None` if there is no line at all. `file` is the table's name, for messages.
     ///
     /// # Errors
-    /// A header that is no line of CSV, a column that is there twice.
+    /// A header that is not a line of CSV, a column that occurs twice.
     pub fn new(text: &'a str, file: &'a str) -> Result<Option<Self>, ObservationError> {
         let Some((header_line, header)) = rows(text).next() else { return Ok(None) };
         let table = Self { text, file, header_line, columns: split(header, file, header_line)? };
         for (index, column) in table.columns.iter().enumerate() {
             if table.columns[..index].contains(column) {
                 let problem = format!("the header has two columns `{column}`; names of columns must differ");
-                return Err(table.ambiguous(problem));
+                return Err(table.wrong_header(problem));
             }
         }
         Ok(Some(table))
@@ -31,13 +31,13 @@ impl<'a> Table<'a> {
     /// The lines below the header, each with its number from 1 and as many fields as there are columns.
     ///
     /// # Errors
-    /// The lines that are no rows of the table.
+    /// A line that is not a row of the table.
     pub fn lines(&self) -> impl Iterator<Item = Result<(usize, Vec<String>), ObservationError>> {
         rows(self.text).skip(1).map(|(line, row)| {
             let (fields, width) = (split(row, self.file, line)?, self.columns.len());
             if fields.len() != width {
                 let problem = format!("there are {} fields, but the header has {width} columns", fields.len());
-                return Err(ObservationError::MalformedLine { file: self.file.to_owned(), line, problem });
+                return Err(ObservationError::in_file(self.file, Some(line), problem));
             }
             Ok((line, fields))
         })
@@ -50,17 +50,12 @@ impl<'a> Table<'a> {
 
     /// That a column is missing, which `missing` says in words.
     pub fn missing(&self, missing: &str) -> ObservationError {
-        ObservationError::MissingColumn {
-            file: self.file.to_owned(),
-            line: self.header_line,
-            missing: missing.to_owned(),
-            present: list(&self.columns),
-        }
+        self.wrong_header(format!("the header has no column {missing}; it has {}", list(&self.columns)))
     }
 
-    /// That columns contradict each other.
-    pub fn ambiguous(&self, problem: String) -> ObservationError {
-        ObservationError::AmbiguousColumns { file: self.file.to_owned(), line: self.header_line, problem }
+    /// That the header is not what it must be.
+    pub fn wrong_header(&self, problem: impl Into<String>) -> ObservationError {
+        ObservationError::in_file(self.file, Some(self.header_line), problem)
     }
 }
 
@@ -73,7 +68,7 @@ fn rows(text: &str) -> impl Iterator<Item = (usize, &str)> {
 
 /// The fields of one line of CSV, without the blanks around them.
 fn split(line: &str, file: &str, number: usize) -> Result<Vec<String>, ObservationError> {
-    let malformed = |problem: String| ObservationError::MalformedLine { file: file.to_owned(), line: number, problem };
+    let malformed = |problem: String| ObservationError::in_file(file, Some(number), problem);
     if line.matches('"').count() % 2 == 1 {
         return Err(malformed("a quotation mark is not closed on its line".to_owned()));
     }

@@ -4,9 +4,7 @@ use crate::common::*;
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Boundary, State};
 use isobar_obs::quality::Reference;
-use isobar_obs::{
-    AirMassBias, BiasProcess, InitialBias, InstrumentConfig, ObservingSystem, QualityControl, SatelliteConfig,
-};
+use isobar_obs::{AirMassBias, BiasProcess, InitialBias, Network, ObservingSystem, QualityControl, SatelliteSettings};
 
 fn air_mass(variable: &str, mean: f64, scale: f64, value: f64) -> AirMassBias {
     let process = BiasProcess { initial: InitialBias::Given { value }, ..BiasProcess::constant(1.0) };
@@ -15,11 +13,8 @@ fn air_mass(variable: &str, mean: f64, scale: f64, value: f64) -> AirMassBias {
 
 /// Scan terms, and two predictors: the observed variable, and another which lives elsewhere on the grid.
 fn system_with(air_mass_biases: Vec<AirMassBias>) -> ObservingSystem {
-    let config = SatelliteConfig { air_mass_biases, ..satellite("polar") };
-    system(
-        &layout(Boundary::Channel),
-        &[InstrumentConfig::Satellite(config), InstrumentConfig::Radiosonde(network("net", 9))],
-    )
+    let config = SatelliteSettings { air_mass_biases, ..satellite() };
+    system(&layout(Boundary::Channel), &[Network::new("polar", config), Network::new("net", radiosondes(9))])
 }
 
 fn two() -> Vec<AirMassBias> {
@@ -49,7 +44,7 @@ fn the_bias_is_proportional_to_the_predictor() {
     let height = observed.operator.simulate(&truth, &none);
     let mut seen = 0;
     for (row, report) in observed.reports.iter().enumerate() {
-        let found = observed.values[row] - observed.values_bias_removed[row];
+        let found = observed.values[row] - system.values_bias_removed()[row];
         let Some(s) = report.scan else {
             assert_eq!(found, 0.0, "a radiosonde has no bias of the satellite");
             continue;
@@ -119,9 +114,9 @@ fn quality_control_expects_the_bias_that_the_reference_predicts() {
     // The footprints around the cell are points halfway between its centre and its neighbours': they see a quarter of it.
     let reference = only_here(3, 160.0);
     let rejected = |air_mass_biases, truth: &State| {
-        let sharp = SatelliteConfig { footprint_sigma_m: 0.0, ..satellite("polar") };
-        let config = SatelliteConfig { biases: Vec::new(), air_mass_biases, ..sharp };
-        let mut system = system(&layout, &[InstrumentConfig::Satellite(config)]);
+        let sharp = SatelliteSettings { footprint_sigma_m: 0.0, ..satellite() };
+        let config = SatelliteSettings { biases: Vec::new(), air_mass_biases, ..sharp };
+        let mut system = system(&layout, &[Network::new("polar", config)]);
         system.observe_checked(truth, Some((&control, Reference { state: &reference, sigma: &[] }))).rejected.len()
     };
     let mut bias = air_mass("tracer", 0.0, 1.0, 10.0);

@@ -1,7 +1,8 @@
 //! `isobar check`.
 
-use super::{lookup, print, show};
-use crate::experiment;
+use super::console::{print, show};
+use super::lookup;
+use crate::run::experiment;
 use miette::Report;
 use std::process::ExitCode;
 
@@ -11,7 +12,7 @@ pub fn check(scenarios: &[String]) -> Result<ExitCode, Report> {
     for argument in scenarios {
         let checked = lookup::load(argument).and_then(|scenario| match experiment::check(&scenario) {
             Ok(()) if scenario.sweep.is_some() => {
-                crate::sweep::settings(&scenario, None).map(|_| scenario).map_err(Report::from)
+                crate::batch::sweep::settings(&scenario, None).map(|_| scenario).map_err(Report::from)
             }
             Ok(()) => Ok(scenario),
             Err(error) => Err(error.locate(&scenario).into()),

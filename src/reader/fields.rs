@@ -1,12 +1,8 @@
 //! Files of fields: a column for each field, a row for each cell.
 
-use super::{Field, Read};
+use super::{Field, Read, files};
 use crate::text::clean;
 use isobar_model::Grid;
-use std::io::Read as _;
-
-/// The largest file \[bytes\].
-const LARGEST_FILE: u64 = 100_000_000;
 
 /// The fields of a file.
 pub(crate) struct Fields {
@@ -20,20 +16,11 @@ pub(crate) struct Fields {
 /// row from the south, each from the west. Empty lines and lines that begin with `#` are skipped; the first line may be a
 /// header.
 pub(crate) fn read(field: &Field<'_>, grid: &Grid, most: usize) -> Read<Fields> {
-    let path = field.file.directory().join(field.text()?);
-    let shown = clean(&path.display().to_string());
-    if !path.is_file() {
-        return Err(field.invalid(format!("the file {shown} does not exist"), "a path relative to this scenario"));
-    }
-    let fault = |reason: String| field.invalid(format!("{shown}{reason}"), "cannot be used");
-    let file = std::fs::File::open(&path).map_err(|error| fault(format!(": {error}")))?;
-    let mut text = String::new();
-    file.take(LARGEST_FILE + 1).read_to_string(&mut text).map_err(|error| fault(format!(": {error}")))?;
-    if text.len() as u64 > LARGEST_FILE {
-        return Err(fault(format!(": it is larger than {} MB", LARGEST_FILE / 1_000_000)));
-    }
-    parse(&text, grid.cells(), most)
-        .map_err(|reason| fault(format!("{reason} (the grid is {} × {})", grid.nx, grid.ny)))
+    let shown = clean(&field.file.beside(&field.text()?).display().to_string());
+    parse(&files::read(field, "file")?, grid.cells(), most).map_err(|reason| {
+        let message = format!("{shown}{reason} (the grid is {} × {})", grid.nx, grid.ny);
+        field.invalid(message, "cannot be used")
+    })
 }
 
 /// The fields of a text, with `cells` values each.

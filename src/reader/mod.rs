@@ -6,6 +6,7 @@
 mod error;
 mod field;
 pub(crate) mod fields;
+pub(crate) mod files;
 mod key;
 mod section;
 

@@ -4,8 +4,8 @@ use super::influence;
 use super::monitor::{self, Fault, Monitor};
 use crate::correlations::Correlations;
 use crate::memory::{self, Memory};
-use crate::outcome::{Influence, Outcome, Smoothed};
-use crate::stability::{Stability, Watch, judge};
+use crate::outcome::{Outcome, Smoothed};
+use crate::scores::stability::{Stability, Watch, judge};
 use isobar_assim::{
     Assimilator, Calibrated, CalibrationAccuracy, Error, Estimate, EstimatedParameter, Structure, Unknown,
     reserve_workspace,
@@ -18,33 +18,29 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// A method, and what it has cost so far.
+/// A method in its cycle.
 pub struct Runner {
     method: Calibrated,
-    monitor: Monitor,
     /// The model that says whether a state is possible.
     model: Option<Arc<dyn Model>>,
-    watch: Watch,
     /// When parameters without a stable update are frozen, if ever.
     freezing: Option<Freezing>,
-    /// What the monitor said then.
-    when_frozen: Option<Stability>,
     /// Memory that the method holds between cycles \[bytes\].
     held_bytes: i64,
-    /// The most that it held at one time \[bytes\].
+    progress: Progress,
+}
+
+/// The progress of a method so far: all that a checkpoint holds of its [`Runner`] beside the method itself.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    monitor: Monitor,
+    watch: Watch,
+    /// What the stability monitor found when parameters were frozen.
+    when_frozen: Option<Stability>,
+    /// The most memory that the method held at one time \[bytes\].
     pub peak_bytes: u64,
     /// Wall-clock seconds in all cycles.
     pub seconds: f64,
-}
-
-/// What a checkpoint holds of a [`Runner`] beside the method itself.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SavedRunner {
-    monitor: Monitor,
-    watch: Watch,
-    when_frozen: Option<Stability>,
-    peak_bytes: u64,
-    seconds: f64,
 }
 
 /// After which cycle parameters go back to their prior and are adjusted no more, and which.
@@ -66,24 +62,15 @@ impl Runner {
     pub fn new<M: Into<Calibrated>, E>(build: impl FnOnce() -> Result<M, E>) -> Result<Self, E> {
         reserve_workspace();
         let (method, memory) = memory::measured(|| build().map(Into::into));
-        let mut runner = Self {
-            method: method?,
-            monitor: Monitor::default(),
-            model: None,
-            watch: Watch::default(),
-            freezing: None,
-            when_frozen: None,
-            held_bytes: 0,
-            peak_bytes: 0,
-            seconds: 0.0,
-        };
+        let mut runner =
+            Self { method: method?, model: None, freezing: None, held_bytes: 0, progress: Progress::default() };
         runner.account(memory);
         Ok(runner)
     }
 
     /// The same with a stability monitor that counts from a cycle on, and perhaps freezes parameters.
     pub fn watched(self, from_cycle: usize, freezing: Option<Freezing>) -> Self {
-        Self { watch: Watch::new(from_cycle), freezing, ..self }
+        Self { progress: Progress { watch: Watch::new(from_cycle), ..self.progress }, freezing, ..self }
     }
 
     /// The same with a model whose states the estimates must be.
@@ -102,7 +89,14 @@ impl Runner {
         layout: &Layout,
         variance_ratio: f64,
     ) -> Result<Stability, isobar_assim::Error> {
-        judge(&self.watch, &self.method, calibration, layout, variance_ratio, self.when_frozen.as_ref())
+        judge(
+            &self.progress.watch,
+            &self.method,
+            calibration,
+            layout,
+            variance_ratio,
+            self.progress.when_frozen.as_ref(),
+        )
     }
 
     fn freeze(&mut self, cycle: usize, layout: &Layout) -> Result<(), isobar_assim::Error> {
@@ -112,13 +106,13 @@ impl Runner {
         let stability = self.stability(&freezing.calibration, layout, freezing.variance_ratio)?;
         let unstable = stability.parameters.iter().enumerate().filter(|(_, own)| !own.stable);
         let unstable: Vec<usize> = unstable.map(|(number, _)| number).collect();
-        self.when_frozen = Some(stability);
+        self.progress.when_frozen = Some(stability);
         self.method.freeze(&unstable)
     }
 
     /// How many later cycles revise an estimate of the method, if it has a smoother.
     pub fn smoother_lag(&self) -> Option<usize> {
-        self.method.smoother_lag()
+        self.method.can().smoother.map(|smoother| smoother.lag())
     }
 
     /// Forecasts over a window and analyses the observations at its end, with bias predictors of that forecast;
@@ -126,7 +120,7 @@ impl Runner {
     /// nothing in its results. After the `last` cycle no estimate will be revised any more.
     ///
     /// # Errors
-    /// Why the method cannot go on: see [`Fault`]. It must not be called again.
+    /// Why the method cannot continue: see [`Fault`]. It must not be called again.
     pub fn cycle(
         &mut self,
         window: Duration,
@@ -134,124 +128,102 @@ impl Runner {
         with_influence: bool,
         last: bool,
     ) -> Result<Outcome, Fault> {
-        let before = self.seconds;
-        let background = self.step(|method| method.forecast(window))?;
+        let before = self.progress.seconds;
+        let from = self.step(|method| method.forecast(window))?;
         // All members of an ensemble share the predictors of its mean.
-        let observed = &*observed.anchored(&background.state);
-        let asked = with_influence && !observed.is_empty();
-        let memory = asked.then(|| self.method.save()).transpose()?;
-        let analysis = self.step(|method| method.analyse(observed))?;
+        let observed = &*observed.anchored(&from.estimate.state);
+        let asked = (with_influence && !observed.is_empty()).then(|| self.method.clone());
+        let analysis = self.step(|method| method.analyse(&from, observed))?;
         let smoothed = self.step(|method| smoothed(method, last))?;
-        let seconds = self.seconds - before;
-        let mut outcome = Outcome { background, analysis, smoothed, influence: None, seconds };
+        let seconds = self.progress.seconds - before;
+        let mut outcome = Outcome { background: from.estimate.clone(), analysis, smoothed, influence: None, seconds };
         // What is given back is not the method's to hold.
         self.held_bytes -= outcome.bytes();
-        self.monitor.check(&outcome)?;
+        self.progress.monitor.check(&outcome)?;
         if let Some(model) = &self.model {
             monitor::check_possible(&**model, &outcome)?;
         }
-        if let Some(memory) = memory {
-            outcome.influence = Some(self.influence(&memory, &outcome, observed)?);
+        if let Some(method) = asked {
+            let innovations = &outcome.analysis.background_departures;
+            outcome.influence = Some(guarded(|| influence::ask(&method, &from, observed, innovations))?);
         }
-        self.watch.add(observed, &outcome);
+        self.progress.watch.add(observed, &outcome);
         self.freeze(observed.cycle, outcome.background.state.layout())?;
         Ok(outcome)
     }
 
-    /// What each type of observations did in the analysis before which the method was as in `memory`.
-    fn influence(
-        &mut self,
-        memory: &[u8],
-        outcome: &Outcome,
-        observed: &ObservationWindow,
-    ) -> Result<Influence, Fault> {
-        let Outcome { background, analysis, .. } = outcome;
-        let method = &mut self.method;
-        let (influence, used) = memory::measured(|| {
-            guarded(|| {
-                let after = method.save()?;
-                method.restore(memory)?;
-                let influence = influence::ask(method, background, observed, &analysis.background_departures)?;
-                method.restore(&after)?;
-                Ok(influence)
-            })
-        });
-        // The peak is no part of the method's, but what it allocates anew it holds.
-        self.held_bytes += used.left_bytes;
-        influence
-    }
-
-    /// A part of the method's work, which its cost is taken of.
+    /// A part of the method's work, whose cost is measured.
     fn step<T>(&mut self, work: impl FnOnce(&mut dyn Assimilator) -> Result<T, Error>) -> Result<T, Fault> {
         let began = Instant::now();
         let method = &mut self.method;
         let (result, memory) = memory::measured(|| guarded(|| work(method)));
         self.account(memory);
-        self.seconds += began.elapsed().as_secs_f64();
+        self.progress.seconds += began.elapsed().as_secs_f64();
         result
     }
 
     /// The method's blocks and leading common factors after the cycle with this background, for viewers; no part of its cost.
     pub fn structure(&self, observed: &ObservationWindow, background: &State, factors: usize) -> Option<Structure> {
-        self.method.structure(&observed.anchored(background), factors)
+        Some(self.method.can().blocks?.structure(&observed.anchored(background), factors))
     }
 
     /// What goes together with the error of one value of the analysis, for viewers; no part of the method's cost.
     pub fn correlations(&self, of: usize, analysis: &Estimate) -> Option<Correlations> {
-        Correlations::new(of, &self.method.covariance_column(Unknown::Value(of))?, analysis)
+        let errors = self.method.can().joint_errors?;
+        Correlations::new(of, &errors.covariance_column(Unknown::Value(of))?, analysis)
     }
 
     /// What the method has estimated in the last cycle beside state and calibration.
     pub fn parameters(&self) -> Vec<EstimatedParameter> {
-        self.method.parameters()
+        self.method.can().parameters.map_or_else(Vec::new, |it| it.estimated_parameters())
     }
 
     /// What the method knows of the biases now; `None` if it does not estimate them.
     pub fn calibration(&self) -> Option<(Vec<f64>, CalibrationAccuracy)> {
-        Some((self.method.calibration(), self.method.calibration_accuracy()?))
+        Some((self.method.calibration(), self.method.can().calibration?.calibration_accuracy()))
     }
 
-    /// The method's memory, for a checkpoint, and what its cycles have cost.
+    /// What the method has cost, and what its monitors have seen.
+    pub fn progress(&self) -> &Progress {
+        &self.progress
+    }
+
+    /// The method's memory, for a checkpoint.
     ///
     /// # Errors
     /// Those of the method.
-    pub fn save(&self) -> Result<(Vec<u8>, SavedRunner), Error> {
-        let &Self { monitor, peak_bytes, seconds, .. } = self;
-        let (watch, when_frozen) = (self.watch.clone(), self.when_frozen.clone());
-        Ok((self.method.save()?, SavedRunner { monitor, watch, when_frozen, peak_bytes, seconds }))
+    pub fn save(&self) -> Result<Vec<u8>, Error> {
+        self.method.memory()
     }
 
-    /// Takes back what [`Runner::save`] gave.
+    /// Sets a method that has just been built back to its memory and progress in a checkpoint.
     ///
     /// # Errors
     /// Those of the method, if it is of another one.
-    pub fn restore(&mut self, method: &[u8], saved: &SavedRunner, layout: &Layout) -> Result<(), Error> {
-        let (result, memory) = memory::measured(|| self.method.restore(method));
-        self.account(memory);
-        self.monitor = saved.monitor;
-        if !self.watch.restore(&saved.watch, layout) {
-            return Err(isobar_assim::Error::Saved {
-                reason: "the stability monitor does not fit the experiment".into(),
-            });
+    pub fn restore(&mut self, method: &[u8], saved: Progress, layout: &Layout) -> Result<(), Error> {
+        let (result, used) = memory::measured(|| self.method.recall(method));
+        self.account(used);
+        if !saved.watch.fits(layout) {
+            return Err(Error::Memory { reason: "the stability monitor does not fit the experiment".into() });
         }
-        self.when_frozen.clone_from(&saved.when_frozen);
-        self.peak_bytes = self.peak_bytes.max(saved.peak_bytes);
-        self.seconds = saved.seconds;
+        let peak_bytes = self.progress.peak_bytes.max(saved.peak_bytes);
+        self.progress = Progress { peak_bytes, ..saved };
         result
     }
 
     fn account(&mut self, memory: Memory) {
-        self.peak_bytes = self.peak_bytes.max((self.held_bytes + memory.peak_bytes).max(0) as u64);
+        self.progress.peak_bytes = self.progress.peak_bytes.max((self.held_bytes + memory.peak_bytes).max(0) as u64);
         self.held_bytes += memory.left_bytes;
     }
 }
 
 /// The estimates of a method with a smoother that no later analysis revises.
 fn smoothed(method: &dyn Assimilator, last: bool) -> Result<Vec<Smoothed>, Error> {
-    let Some(lag) = method.smoother_lag() else { return Ok(Vec::new()) };
+    let Some(smoother) = method.can().smoother else { return Ok(Vec::new()) };
+    let lag = smoother.lag();
     let ages = if last { 0..=lag } else { lag..=lag };
     let of_age = |cycles_ago| {
-        let estimate = method.smoothed(cycles_ago).transpose()?;
+        let estimate = smoother.smoothed(cycles_ago).transpose()?;
         Some(estimate.map(|estimate| Smoothed { cycles_ago, estimate }))
     };
     ages.rev().filter_map(of_age).collect()

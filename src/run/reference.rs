@@ -11,7 +11,9 @@ pub struct Reference {
     model: Arc<dyn Model>,
     steps_per_cycle: usize,
     state: State,
-    /// What is assumed of its errors now: standard deviations of the variables, and what each cycle adds to the variances.
+    /// What is assumed of its errors: the variances of the variables at the start, what each cycle adds to them, and the
+    /// standard deviations now.
+    variances: Vec<f64>,
     sigma: Vec<f64>,
     growth: Vec<f64>,
 }
@@ -26,12 +28,13 @@ impl Reference {
         background_error: &dyn Covariance,
         model_error: Option<&dyn Covariance>,
     ) -> Self {
-        let sigma = mean_variances(background_error, &state).into_iter().map(f64::sqrt).collect();
+        let variances = mean_variances(background_error, &state);
+        let sigma = variances.iter().map(|variance| variance.sqrt()).collect();
         let growth = match model_error {
             Some(covariance) => mean_variances(covariance, &state),
             None => vec![0.0; state.layout().variables.len()],
         };
-        Self { control, model, steps_per_cycle, state, sigma, growth }
+        Self { control, model, steps_per_cycle, state, variances, sigma, growth }
     }
 
     /// How observations are compared, and with which state.
@@ -39,28 +42,26 @@ impl Reference {
         (&self.control, quality::Reference { state: &self.state, sigma: &self.sigma })
     }
 
-    /// Goes on by one cycle. A forecast that blows up leaves the reference as it is: an old one is better than none.
-    pub fn advance(&mut self) {
-        self.sigma.iter_mut().zip(&self.growth).for_each(|(sigma, growth)| *sigma = (*sigma * *sigma + growth).sqrt());
+    /// Goes on by one cycle, to the end of the given one. A forecast that blows up leaves the reference as it is: an old one is better than none.
+    pub fn advance(&mut self, cycle: usize) {
+        let variances = self.variances.iter().zip(&self.growth);
+        self.sigma = variances.map(|(start, growth)| (start + cycle as f64 * growth).sqrt()).collect();
         let mut next = self.state.clone();
         if forecast::forecast(&*self.model, &mut next, self.steps_per_cycle).is_ok() {
             self.state = next;
         }
     }
 
-    /// Its values, for a checkpoint.
-    pub fn save(&self) -> Vec<f64> {
-        self.state.values().iter().chain(&self.sigma).copied().collect()
+    /// Its state, for a checkpoint.
+    pub fn state(&self) -> &State {
+        &self.state
     }
 
-    /// Takes back what [`Reference::save`] gave; whether it fits.
-    pub fn restore(&mut self, saved: &[f64]) -> bool {
-        let (values, sigma) = (self.state.values_mut(), &mut self.sigma);
-        let fits = saved.len() == values.len() + sigma.len();
+    /// Takes back what [`Reference::state`] gave; whether it fits.
+    pub fn restore(&mut self, saved: State) -> bool {
+        let fits = saved.layout() == self.state.layout();
         if fits {
-            let (of_state, of_sigma) = saved.split_at(values.len());
-            values.copy_from_slice(of_state);
-            sigma.copy_from_slice(of_sigma);
+            self.state = saved;
         }
         fits
     }

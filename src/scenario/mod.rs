@@ -5,7 +5,6 @@
 
 mod accept;
 mod adapt;
-mod bias;
 mod cycle;
 mod ensemble_method;
 mod expected;
@@ -17,27 +16,21 @@ mod initial;
 mod initialise;
 mod method;
 mod model;
-mod network;
 mod quality;
 mod sensors;
 mod sweep;
 mod time_volume;
 
 pub use crate::reader::ScenarioError;
+pub use crate::scores::Expected;
 pub use accept::{AcceptError, accept, with_expected};
 pub use adapt::Adapt;
-pub use bias::{Bias, BiasEvolution, BiasOwner, InitialBias, RadiosondeBias, SatelliteBias, ScanTerm};
 pub use cycle::{CycleSettings, TruthSettings};
-pub use expected::{Expected, ExpectedScores};
 pub use grid::GridSettings;
 pub use initial::Initial;
 pub use initialise::Initialise;
 pub use method::{Algorithm, Method};
 pub use model::{AdvectionScheme, Conserved, Dynamics, ModelSettings, ShallowWaterSettings, TimeScheme, Wind};
-pub use network::{
-    FileSettings, Heading, Instrument, Network, ObservedVariable, RadiosondeSettings, SatelliteSettings, Schedule,
-    StationLayout,
-};
 pub use sensors::{SensorSettings, StabilitySettings};
 pub use sweep::SweepSettings;
 pub use time_volume::{Correction, CorrectionSettings, FactorSettings, FactorTarget, TimeVolumeOptions};
@@ -45,12 +38,13 @@ pub use time_volume::{Correction, CorrectionSettings, FactorSettings, FactorTarg
 use crate::calendar;
 use crate::kinds::Domain;
 use crate::kinds::covariances::{self, Components};
+use crate::kinds::instruments;
+use crate::output::Outputs;
 use crate::reader::{self, Field, Read, Section, SourceFile};
-use crate::sink::Outputs;
 use crate::text;
 use indexmap::IndexMap;
 use isobar_model::Time;
-use isobar_obs::QualityControl;
+use isobar_obs::{Network, QualityControl};
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use toml::de::DeValue;
@@ -67,6 +61,8 @@ pub struct Scenario {
     pub path: PathBuf,
     /// The file's text, to the letter.
     pub text: String,
+    /// The files that it names and on whose contents the results depend: fields, stations, observations.
+    pub inputs: Vec<PathBuf>,
     /// Title, in one line.
     pub title: String,
     /// The phenomenon that the experiment shows.
@@ -93,13 +89,13 @@ pub struct Scenario {
     pub cycle: CycleSettings,
     /// How the values of observations are checked, if they are.
     pub quality_control: Option<QualityControl>,
-    /// The observing systems, in the order of the file.
-    pub networks: IndexMap<String, Network>,
+    /// The networks, in the order of the file.
+    pub networks: Vec<Network>,
     /// The methods, in the order of the file.
     pub methods: IndexMap<String, Method>,
     /// What some methods start from instead of the biases' priors.
     pub initialise: Option<Initialise>,
-    /// In every so-many-th cycle it is found out what each type of observations did; `None`: never.
+    /// Number of cycles between two in which the influence of each type of observations is computed; `None`: never.
     pub influence_every_cycles: Option<usize>,
     /// Which keys vary in a sweep, if any do.
     pub sweep: Option<SweepSettings>,
@@ -167,7 +163,7 @@ impl Scenario {
         let truth = cycle::read_truth(&root, &model_field, &model, &grid.grid)?;
         let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", truth.model.time_step)];
         let cycle = cycle::read(&root, start, &steps)?;
-        let networks = network::read(&root, &grid, &model)?;
+        let networks = instruments::read(&root, &domain)?;
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
         let stability = sensors::read_stability(&root, cycle.count)?;
         let methods = method::read(
@@ -177,7 +173,7 @@ impl Scenario {
                 model: &model,
                 cycles: cycle.count,
                 freezes: stability.freeze_after_cycles.is_some(),
-                networks: networks.keys().map(String::as_str).collect(),
+                networks: networks.iter().map(|network| network.name.as_str()).collect(),
                 has_model_error: !model_error.is_empty(),
             },
         )?;
@@ -192,6 +188,7 @@ impl Scenario {
             name: path.file_stem().map_or(String::new(), |stem| text::clean(&stem.to_string_lossy())),
             path: path.to_path_buf(),
             text: text.to_string(),
+            inputs: file.inputs(),
             title,
             phenomenon,
             source,

@@ -1,5 +1,7 @@
 //! Conjugate gradients for symmetric positive definite systems (Hestenes and Stiefel 1952).
 
+use isobar_model::vector::dot;
+
 /// A residual below so many machine epsilons of the right-hand side is rounding.
 const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
@@ -122,9 +124,4 @@ pub(super) fn solve(
         Solution { values: system.solution, ending }
     };
     systems.into_iter().map(solution).collect()
-}
-
-/// aᵀ b.
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

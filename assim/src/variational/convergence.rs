@@ -1,7 +1,7 @@
 //! Whether the minimisations of a variational method have converged.
 
 use super::conjugate_gradient::Solution;
-use crate::estimated::EstimatedParameter;
+use crate::estimated::{EstimatedParameter, EstimatesParameters};
 use serde::{Deserialize, Serialize};
 
 /// What is known of the minimisations: of the last analysis, and how many have not converged.
@@ -43,9 +43,11 @@ impl Convergence {
             )
         })
     }
+}
 
+impl EstimatesParameters for Convergence {
     /// Iterations, gradient and number of unconverged analyses.
-    pub fn parameters(&self) -> Vec<EstimatedParameter> {
+    fn estimated_parameters(&self) -> Vec<EstimatedParameter> {
         let parameter = |name: &str, value: f64, verdict: &str| EstimatedParameter {
             name: name.into(),
             unit: "1".into(),

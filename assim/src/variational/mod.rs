@@ -5,7 +5,6 @@ mod control_space;
 mod convergence;
 mod four_d_var;
 mod hybrid;
-mod saved_window;
 mod three_d_var;
 
 pub use four_d_var::{FourDVar, FourDVarSettings};

@@ -3,17 +3,16 @@
 use super::conjugate_gradient::{self, Stopping};
 use super::control_space::ControlSpace;
 use super::convergence::Convergence;
-use crate::assimilator::{Analysis, Assimilator, Estimate};
+use crate::assimilator::{Adjustments, Assimilator, Views};
 use crate::calibrated_state::CalibratedState;
-use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance::Covariance;
 use crate::error::Error;
-use crate::estimated::EstimatedParameter;
+use crate::estimate::{Analysis, Background};
 use crate::linalg::squared_norm;
+use crate::memory::{from_bytes, to_bytes};
 use crate::problem::{Innovations, Problem};
-use crate::saved::{from_bytes, to_bytes};
-use faer::MatRef;
-use isobar_model::Duration;
+use isobar_model::vector::add;
+use isobar_model::{Duration, Model};
 use isobar_obs::ObservationWindow;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -23,9 +22,9 @@ use std::sync::Arc;
 pub struct ThreeDVarSettings {
     /// Factor on the covariance B of the problem.
     pub covariance_scale: f64,
-    /// The minimiser stops when the gradient's norm has fallen by this factor,
+    /// The minimiser stops when the gradient's norm has fallen by this factor.
     pub tolerance: f64,
-    /// or after so many iterations.
+    /// The largest number of iterations.
     pub max_iterations: usize,
 }
 
@@ -40,10 +39,11 @@ pub struct ThreeDVarSettings {
 /// errors' correlation with the state's is dropped, because B is static. 2 J at the minimum, a sum of squares, is the
 /// normalised innovation squared. With a complete minimisation this is optimal interpolation (Lorenc 1986); biases in the control
 /// vector: Derber and Wu (1998), Dee (2005).
+#[derive(Clone)]
 pub struct ThreeDVar {
-    problem: Problem,
+    problem: Problem<dyn Model>,
     settings: ThreeDVarSettings,
-    /// What B is multiplied by besides.
+    /// Another factor of B, that others may change.
     error_factor: f64,
     present: CalibratedState,
     convergence: Convergence,
@@ -51,9 +51,15 @@ pub struct ThreeDVar {
 
 impl ThreeDVar {
     /// 3D-Var from the background.
-    pub fn new(problem: Problem, settings: ThreeDVarSettings) -> Self {
-        let present = CalibratedState::new(&problem);
-        Self { present, problem, settings, error_factor: 1.0, convergence: Convergence::default() }
+    pub fn new(problem: impl Into<Problem<dyn Model>>, settings: ThreeDVarSettings) -> Self {
+        let problem = problem.into();
+        Self {
+            present: CalibratedState::new(&problem),
+            problem,
+            settings,
+            error_factor: 1.0,
+            convergence: Convergence::default(),
+        }
     }
 
     /// Replaces the covariance B of the problem.
@@ -63,13 +69,13 @@ impl ThreeDVar {
 }
 
 impl Assimilator for ThreeDVar {
-    fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
-        self.present.forecast(&self.problem, window)?;
-        self.present.estimate(None)
+    fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
+        self.present.forecast(&*self.problem.model, window)?;
+        Ok(Background { estimate: self.present.estimate(None)?, window })
     }
 
-    fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
-        let innovations = self.problem.innovations(observed, &self.present.state, &self.present.bias)?;
+    fn analyse(&mut self, _: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        let innovations = self.problem.innovations(observed, &self.present.s.state, &self.present.s.bias)?;
         let background_error = &*self.problem.background_error;
         let scale = self.settings.covariance_scale * self.error_factor;
         let control = ControlSpace::new(background_error, scale, &self.present.bias_covariance)?;
@@ -89,37 +95,32 @@ impl Assimilator for ThreeDVar {
         let innovation_chi2 = self.convergence.reached().then(|| misfit + squared_norm(&minimum.values));
         let bias_covariance = control.bias_covariance(posterior);
         self.present.add(&state_increment, &bias_increment);
-        self.present.bias_covariance = bias_covariance;
+        self.present.bias_covariance = bias_covariance.into();
         let analysis = self.problem.analysis(observed, innovations, self.present.estimate(None)?, innovation_chi2);
         Ok(Analysis { warnings: self.convergence.warning().into_iter().collect(), ..analysis })
     }
 
-    fn parameters(&self) -> Vec<EstimatedParameter> {
-        self.convergence.parameters()
+    fn boxed_clone(&self) -> Box<dyn Assimilator> {
+        Box::new(self.clone())
     }
 
-    fn set_error_factor(&mut self, factor: f64) -> Result<(), Error> {
-        self.error_factor = factor;
+    fn memory(&self) -> Result<Vec<u8>, Error> {
+        to_bytes(&(&self.present, &self.convergence))
+    }
+
+    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
+        let (present, convergence): (CalibratedState, Convergence) = from_bytes(memory)?;
+        present.require_like(&self.present)?;
+        (self.present, self.convergence) = (present, convergence);
         Ok(())
     }
 
-    fn save(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&(self.present.saved(), self.convergence.clone()))
+    fn can(&self) -> Views<'_> {
+        Views { calibration: self.present.view(), parameters: Some(&self.convergence), ..Views::default() }
     }
 
-    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        let (present, convergence) = from_bytes(saved)?;
-        self.convergence = convergence;
-        self.present.restore(present)
-    }
-
-    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
-        self.present.accuracy()
-    }
-
-    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
-        self.present.bias_covariance += covariance;
-        Ok(())
+    fn adjust(&mut self) -> Adjustments<'_> {
+        Adjustments { calibration: self.present.adjustment(), error_factor: Some(&mut self.error_factor) }
     }
 }
 
@@ -143,7 +144,7 @@ impl Cost<'_> {
         let (dx, dc) = self.control.increments(control);
         let whitened = self.innovations.whiten(self.innovations.jacobian.apply(&dx, &dc));
         let mut image = self.multiply_transposed(&whitened);
-        image.iter_mut().zip(control).for_each(|(image, own)| *image += own);
+        add(&mut image, control);
         image
     }
 }

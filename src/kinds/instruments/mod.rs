@@ -1,0 +1,62 @@
+//! `[networks.NAME]`: the observing systems.
+
+mod bias;
+mod common;
+mod file;
+mod radiosonde;
+mod satellite;
+
+use super::{Domain, Kinds, check_name, choose};
+use crate::reader::{Field, Read, Section};
+use common::{FIRST_CYCLE, INTERVAL_CYCLES, MISSING_RATE, faults};
+use isobar_obs::{InstrumentSettings, Network, ObservationError, Schedule};
+use std::sync::Arc;
+
+/// All kinds of instruments.
+pub(crate) const INSTRUMENTS: &Kinds<dyn InstrumentSettings, Domain> =
+    &[&radiosonde::RadiosondeKind, &satellite::SatelliteKind, &file::FileKind];
+
+/// The most networks of a scenario.
+const MOST_NETWORKS: usize = 100;
+
+/// Reads `[networks]`; a scenario without it has no observations.
+pub(crate) fn read(root: &Section<'_>, domain: &Domain) -> Read<Vec<Network>> {
+    let mut networks = Vec::new();
+    let Some(field) = root.optional("networks") else { return Ok(networks) };
+    for (name, field) in field.any_section()?.fields() {
+        check_name(name, &field, "network")?;
+        if networks.len() == MOST_NETWORKS {
+            return Err(field.misplaced(format!("there are more than {MOST_NETWORKS} networks"), "too many"));
+        }
+        networks.push(network(name, &field, domain)?);
+    }
+    Ok(networks)
+}
+
+fn network(name: &str, field: &Field<'_>, domain: &Domain) -> Read<Network> {
+    let (kind, section) = choose(field, INSTRUMENTS, domain)?;
+    let instrument = Arc::from(kind.read(&section, domain)?);
+    let every_cycles = section.get(&INTERVAL_CYCLES)?;
+    let first_cycle = section.whole_or(FIRST_CYCLE.name, 1, 1, every_cycles)?;
+    Ok(Network {
+        name: name.to_string(),
+        schedule: Schedule { every_cycles, offset_cycles: first_cycle % every_cycles },
+        missing_rate: section.get(&MISSING_RATE)?,
+        faults: faults(&section)?,
+        instrument,
+    })
+}
+
+/// The keys of a scenario's text that lead to the setting of which an error speaks: that of the network whose name without
+/// its unit the setting begins with.
+pub(crate) fn place(error: &ObservationError, text: &str) -> Vec<String> {
+    let mut path = vec!["networks".to_string()];
+    let Some((network, setting)) = error.network().zip(error.setting()) else { return path };
+    path.push(network.to_string());
+    let scenario: toml::Table = text.parse().unwrap_or_default();
+    let section = scenario.get("networks").and_then(|networks| networks.get(network)?.as_table());
+    let stem = |key: &str| key.strip_suffix("_km").unwrap_or(key).to_string();
+    let keys = section.into_iter().flat_map(toml::Table::keys);
+    path.extend(keys.filter(|key| setting.starts_with(&stem(key))).max_by_key(|key| stem(key).len()).cloned());
+    path
+}
