@@ -88,8 +88,9 @@ impl Cycles<'_, '_> {
     fn observe(&mut self, cycle: usize) -> Result<Observed, RunError> {
         let Experiment { info, truth, reference, observing, methods, .. } = &mut *self.experiment;
         self.workers.install(|| truth.advance()).map_err(|error| RunError::Truth { cycle, error })?;
+        truth.check_growth().map_err(|growth| RunError::TruthGrows { cycle, growth })?;
         if let Some(reference) = reference {
-            self.workers.install(|| reference.advance());
+            self.workers.install(|| reference.advance(cycle));
         }
         let window = observing.observe_checked(truth.state(), reference.as_ref().map(Reference::now));
         self.scores.observations.add(&window, &info.layout);
@@ -110,7 +111,7 @@ impl Cycles<'_, '_> {
 
     /// A cycle of one method, with its scores; `None` if the method fails, or has failed before.
     fn one_method(&mut self, number: usize, cycle: usize, observed: &Observed) -> Result<Option<Outcome>, RunError> {
-        let Experiment { info, score_from_cycle, influence_every_cycles, truth, observing, methods, .. } =
+        let Experiment { info, score_from_cycle, influence_every_cycles, truth, units, observing, methods, .. } =
             &mut *self.experiment;
         let method = &mut methods[number];
         if method.failure.is_some() {
@@ -149,6 +150,18 @@ impl Cycles<'_, '_> {
             structure: self.shown.structure.then(structure).flatten().map(Cow::Owned),
             correlations: (self.shown.structure && last).then(correlations).flatten().map(Cow::Owned),
         }))?;
+        // What the background of the first method says of the observations' units.
+        if number == 0 {
+            let warnings = units.check(observed, &outcome.background.state, &info.calibration);
+            warnings.iter().try_for_each(|warning| self.events.send(&Event::Warning(warning)))?;
+        }
+        if let Some(warning) = outcome.analysis.warnings.first()
+            && !std::mem::replace(&mut method.has_warned, true)
+        {
+            let name = &info.methods[number].name;
+            let text = format!("method {name}, cycle {cycle}: {warning}; said of the first such cycle only");
+            self.events.send(&Event::Warning(&text))?;
+        }
         Ok(Some(outcome))
     }
 

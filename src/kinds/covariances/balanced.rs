@@ -50,4 +50,8 @@ impl CovarianceSettings for BalancedParameters {
     fn length_m(&self) -> Option<f64> {
         Some(self.length_m)
     }
+
+    fn balance(&self) -> Option<&BalancedParameters> {
+        Some(self)
+    }
 }

@@ -9,7 +9,7 @@ mod rest;
 mod state;
 mod vortices;
 
-pub use state::InitialState;
+pub use state::{BalancedHeights, InitialState};
 
 use super::{Domain, Kinds};
 

@@ -1,6 +1,6 @@
 //! `kind = "random_balanced"`.
 
-use super::state::{InitialState, LENGTH, MEAN_DEPTH_M, check_rotation, mean_depth_m, on_water};
+use super::state::{BalancedHeights, InitialState, LENGTH, MEAN_DEPTH_M, check_rotation, mean_depth_m, on_water};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{AnyKey, Key, Limits, Read, Section};
 use isobar_model::initial::{RandomConfig, random_balanced};
@@ -44,5 +44,10 @@ impl Kind<dyn InitialState, Domain> for RandomBalancedKind {
 impl InitialState for RandomConfig {
     fn build(&self, domain: &Domain, seed: u64) -> Result<State, ModelError> {
         on_water(domain, |water| random_balanced(water, self, &mut stream(seed, "initial state")))
+    }
+
+    fn balance(&self) -> Option<BalancedHeights> {
+        let (height_m, length_m) = (self.height_standard_deviation_m, self.length_scale_m);
+        Some(BalancedHeights { what: "a random balanced state", height_m, length_m, is_random: true })
     }
 }

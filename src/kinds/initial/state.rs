@@ -12,6 +12,24 @@ pub trait InitialState: Debug + Send + Sync {
     /// # Errors
     /// If there is no such state, such as one with a negative depth.
     fn build(&self, domain: &Domain, seed: u64) -> Result<State, ModelError>;
+
+    /// The heights that its winds balance, if they do.
+    fn balance(&self) -> Option<BalancedHeights> {
+        None
+    }
+}
+
+/// Heights that geostrophic winds balance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BalancedHeights {
+    /// What has them, in words.
+    pub what: &'static str,
+    /// Amplitude, or standard deviation of a random draw \[m\].
+    pub height_m: f64,
+    /// Their radius or correlation length \[m\].
+    pub length_m: f64,
+    /// Whether they are a random draw.
+    pub is_random: bool,
 }
 
 pub(super) const MEAN_DEPTH_M: Key<Limits> = Key::absent(

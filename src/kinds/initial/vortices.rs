@@ -1,6 +1,6 @@
 //! `kind = "vortices"`.
 
-use super::state::{InitialState, LENGTH, MEAN_DEPTH_M, check_rotation, mean_depth_m, on_water};
+use super::state::{BalancedHeights, InitialState, LENGTH, MEAN_DEPTH_M, check_rotation, mean_depth_m, on_water};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{AnyKey, Key, Limits, Read, Section, Whole};
 use isobar_model::initial::{Vortex, vortices};
@@ -66,5 +66,10 @@ impl InitialState for Vortices {
             })
             .collect();
         on_water(domain, |water| vortices(water, self.mean_depth_m, &all))
+    }
+
+    fn balance(&self) -> Option<BalancedHeights> {
+        let (height_m, length_m) = (self.height_m.abs(), self.radius_m);
+        Some(BalancedHeights { what: "vortices", height_m, length_m, is_random: false })
     }
 }

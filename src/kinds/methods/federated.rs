@@ -3,6 +3,7 @@
 use super::adapt::ADAPT;
 use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, Setup, Surroundings};
 use crate::kinds::Kind;
+use crate::kinds::models::Model;
 use crate::reader::{Absent, AnyKey, Key, Limits, Read, Section, Table, Whole};
 use isobar_assim::federated::{FederatedKalmanFilter, FederatedSettings};
 use isobar_assim::{Assimilator, Error};
@@ -89,6 +90,13 @@ impl MethodSettings for FederatedSettings {
         } else {
             Err("its local filters go on from estimates of their own")
         }
+    }
+
+    fn warning(&self, model: &Model) -> Option<&'static str> {
+        (self.reset_every_cycles.is_none() && !model.equations.is_linear()).then_some(
+            "with reset_every_cycles = 0 on a nonlinear model each local filter linearises about an estimate of its own, which \
+             drifts away; its claimed errors are not to be believed, and it may be worse than no assimilation",
+        )
     }
 
     fn can_freeze_biases(&self) -> Result<(), &'static str> {

@@ -1,6 +1,7 @@
 //! What the settings of every method can do, and the keys that methods share.
 
 use crate::kinds::Domain;
+use crate::kinds::models::Model;
 use crate::reader::{Absent, Choice, Key, Limits, Whole};
 use isobar_assim::{Assimilator, BiasTreatment, Error, Problem};
 use isobar_model::{Duration, Time};
@@ -46,6 +47,11 @@ pub trait MethodSettings: Debug + Send + Sync {
     /// Why they cannot, in a sentence.
     fn can_freeze_biases(&self) -> Result<(), &'static str> {
         Ok(())
+    }
+
+    /// What the user should know of such a method with this model before it runs.
+    fn warning(&self, _: &Model) -> Option<&'static str> {
+        None
     }
 
     /// Whether the settings fit the biases that the observing systems turn out to have.

@@ -1,5 +1,6 @@
 //! From a scenario to everything that runs: model, truth, observing system, methods.
 
+mod balance;
 mod error;
 
 pub use error::ExperimentError;
@@ -10,6 +11,7 @@ use crate::options::RunOptions;
 use crate::run::cycle::{Freezing, Runner};
 use crate::run::reference::Reference;
 use crate::run::truth::Truth;
+use crate::run::units::UnitCheck;
 use crate::scenario::{Scenario, ScenarioError};
 use crate::scores::Failure;
 use crate::sensors::knowledge::{WarmStart, warm_start};
@@ -28,6 +30,7 @@ impl ExperimentError {
         let (path, label): (Vec<&str>, &str) = match self {
             ExperimentError::TimeStep(_) => (vec!["model", "time_step_s"], "too long"),
             ExperimentError::Model(_) => (vec!["initial"], "with this and [model]"),
+            ExperimentError::Balance(_) => (vec!["model", "coriolis_per_s"], "next to no rotation"),
             ExperimentError::Covariance(_) => (vec!["background_error"], "here or in [model_error]"),
             ExperimentError::Method { name, .. } => (vec!["methods", name], "this method"),
             ExperimentError::Sensors(_) => (vec!["sensors", "database"], "this database"),
@@ -56,6 +59,8 @@ pub struct Experiment {
     pub truth: Truth,
     /// What the values of observations are compared with, if they are checked.
     pub reference: Option<Reference>,
+    /// Whether observations can be in their unit.
+    pub units: UnitCheck,
     /// What observes it.
     pub observing: ObservingSystem,
     /// Checksum of everything on which results depend beside the scenario's text and the options: the contents of its
@@ -75,6 +80,8 @@ pub struct Competitor {
     pub failure: Option<Failure>,
     /// Whether its biases are scored: not where they are known to it or it has none.
     pub scores_bias: bool,
+    /// Whether it has warned of an analysis.
+    pub has_warned: bool,
     /// Whether it is given observations without their true biases.
     pub bias_known: bool,
 }
@@ -132,9 +139,11 @@ impl Experiment {
                 calibration: problem.calibration.clone(),
             });
             let runner = Runner::new(build)?.watched(scenario.cycle.score_from_cycle, freezing);
+            let runner = runner.of_model(problem.model.clone());
             let smoother_lag_cycles = runner.smoother_lag();
             let bias_known = method.bias == BiasTreatment::Known;
-            methods.push(Competitor { runner, failure: None, scores_bias: method.scores_biases(), bias_known });
+            let scores_bias = method.scores_biases();
+            methods.push(Competitor { runner, failure: None, scores_bias, has_warned: false, bias_known });
             let initialised = initialisation(name, scenario).map(|settings| {
                 format!("calibration initialised from {} cycles by a high-pass filter", settings.cycles)
             });
@@ -169,15 +178,21 @@ impl Experiment {
         warnings.extend(observing.unused(cycles).map(|(network, UnusedObservations { unused, all })| {
             format!("networks.{network}: {unused} of {all} observations are not valid in any of the {cycles} cycles")
         }));
+        let chosen = scenario.methods.iter().filter(|(name, _)| chosen(name));
+        warnings.extend(chosen.filter_map(|(name, method)| {
+            Some(format!("methods.{name}: {}", method.settings.warning(&scenario.model)?))
+        }));
         Ok(Self {
             info,
             variance_ratio: scenario.stability.variance_ratio,
             score_from_cycle: scenario.cycle.score_from_cycle,
             influence_every_cycles: scenario.influence_every_cycles,
             truth,
-            reference: scenario
-                .quality_control
-                .map(|control| Reference::new(control, problem.model, steps, problem.background)),
+            units: UnitCheck::new(&*problem.background_error, &problem.background),
+            reference: scenario.quality_control.map(|control| {
+                let (background_error, model_error) = (&*problem.background_error, problem.model_error.as_deref());
+                Reference::new(control, problem.model, steps, problem.background, background_error, model_error)
+            }),
             observing,
             inputs,
             warnings,
@@ -220,6 +235,7 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
     let grid = &scenario.grid.grid;
     let model = scenario.model.build(grid, scenario.cycle.window)?;
     let background = scenario.initial.build(&scenario.domain(), seed)?;
+    balance::check(scenario, &background)?;
     check_time_step(&*model, &background).map_err(ExperimentError::TimeStep)?;
     let build = |components| covariances::build(components, background.layout()).map_err(ExperimentError::Covariance);
     let background_error = build(&scenario.background_error)?;
@@ -240,7 +256,7 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
     check_time_step(&*true_model, &true_state).map_err(ExperimentError::TimeStep)?;
     let steps = scenario.cycle.window.steps_of(true_model.time_step()).expect("the scenario's window fits its steps");
     let true_error = model_error.clone().map(|covariance| (covariance, scenario.truth.model_error_scale.sqrt()));
-    let truth = Truth::new(true_model, steps, true_error, stream(seed, "truth/model error"), true_state);
+    let truth = Truth::new(true_model, steps, cycles, true_error, stream(seed, "truth/model error"), true_state);
 
     let projection = scenario.grid.projection.as_ref();
     let Scenario { networks, start, .. } = scenario;

@@ -126,7 +126,7 @@ impl Banded {
             band
         };
         let model_error = problem.model_error.as_deref().map_or_else(|| Band::zeros(m, half_bandwidth), banded);
-        let (root, taper) = banded(&*problem.background_error).covariance_factor();
+        let (root, taper) = banded(&*problem.background_error).covariance_factor()?;
         let calibration = problem.estimated_calibration();
         let p = calibration.len();
         let memory = Memory {
