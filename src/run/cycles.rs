@@ -106,12 +106,15 @@ impl Cycles<'_, '_> {
             .then(|| ObservationWindow { values: values_bias_removed.to_vec(), ..window.clone() });
         let event = Event::Observed { window: Cow::Borrowed(&window), values_bias_removed: values_bias_removed.into() };
         self.events.send(&event)?;
+        let Experiment { info, units, .. } = &mut *self.experiment;
+        let warnings = units.check(&window, &info.calibration);
+        warnings.iter().try_for_each(|warning| self.events.send(&Event::Warning(warning)))?;
         Ok(Observed { window, bias_removed })
     }
 
     /// A cycle of one method, with its scores; `None` if the method fails, or has failed before.
     fn one_method(&mut self, number: usize, cycle: usize, observed: &Observed) -> Result<Option<Outcome>, RunError> {
-        let Experiment { info, score_from_cycle, influence_every_cycles, truth, units, observing, methods, .. } =
+        let Experiment { info, score_from_cycle, influence_every_cycles, truth, observing, methods, .. } =
             &mut *self.experiment;
         let method = &mut methods[number];
         if method.failure.is_some() {
@@ -150,11 +153,6 @@ impl Cycles<'_, '_> {
             structure: self.shown.structure.then(structure).flatten().map(Cow::Owned),
             correlations: (self.shown.structure && last).then(correlations).flatten().map(Cow::Owned),
         }))?;
-        // What the background of the first method says of the observations' units.
-        if number == 0 {
-            let warnings = units.check(observed, &outcome.background.state, &info.calibration);
-            warnings.iter().try_for_each(|warning| self.events.send(&Event::Warning(warning)))?;
-        }
         if let Some(warning) = outcome.analysis.warnings.first()
             && !std::mem::replace(&mut method.has_warned, true)
         {

@@ -19,9 +19,11 @@ const LEAST_OBSERVATIONS: usize = 3;
 /// nothing corrects is in the end as wrong as another state of the climate), by the prior of its biases and by its own
 /// error. Where every single observation of a network and variable is beyond five times the root of the sum of their
 /// variances, all on the same side, it is the data that are wrong: another unit, another datum.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct UnitCheck {
-    /// Variances of the background's error, of each variable.
+    /// The first background, which is as good as any where nothing else is known: a later one has met the observations.
+    background: State,
+    /// Variances of its error, of each variable.
     variances: Vec<f64>,
     /// The types of which it has been said.
     said: HashSet<(String, usize)>,
@@ -35,20 +37,16 @@ struct Compared<'a> {
 }
 
 impl UnitCheck {
-    /// A check with the covariance of the background's error.
+    /// A check with the first background and the covariance of its error.
     pub fn new(background_error: &dyn Covariance, background: &State) -> Self {
-        Self { variances: mean_variances(background_error, background), said: HashSet::new() }
+        let variances = mean_variances(background_error, background);
+        Self { background: background.clone(), variances, said: HashSet::new() }
     }
 
     /// What there is to say of the observations of a cycle, those among them that quality control rejected for their values,
-    /// beside a background: of each type once.
-    pub fn check(
-        &mut self,
-        observed: &ObservationWindow,
-        background: &State,
-        calibration: &Calibration,
-    ) -> Vec<String> {
-        let all = self.compared(observed, background, calibration);
+    /// beside the background: of each type once.
+    pub fn check(&mut self, observed: &ObservationWindow, calibration: &Calibration) -> Vec<String> {
+        let all = self.compared(observed, calibration);
         let mut types: Vec<(String, usize)> =
             all.iter().map(|it| (it.report.network.to_string(), it.report.variable)).collect();
         types.sort();
@@ -67,7 +65,7 @@ impl UnitCheck {
                 continue;
             }
             let chi2 = own.iter().map(|it| it.departure * it.departure / it.variance).sum::<f64>() / n;
-            let variable = &background.layout().variables[of_type.1];
+            let variable = &self.background.layout().variables[of_type.1];
             warnings.push(format!(
                 "cycle {}, {}/{}: all {} observations are beyond what is possible: their mean departure from the background is \
                  {mean:.5} {unit}, with χ²/n {chi2:.3}; at most {:.3} {unit} are expected of any of them: is it another unit?",
@@ -82,12 +80,8 @@ impl UnitCheck {
         warnings
     }
 
-    fn compared<'a>(
-        &self,
-        observed: &'a ObservationWindow,
-        background: &State,
-        calibration: &Calibration,
-    ) -> Vec<Compared<'a>> {
+    fn compared<'a>(&self, observed: &'a ObservationWindow, calibration: &Calibration) -> Vec<Compared<'a>> {
+        let background = &self.background;
         let variability: Vec<f64> = (0..self.variances.len()).map(|it| background.variability(it).powi(2)).collect();
         let of_state = |variable: usize| self.variances[variable] + variability[variable];
         let jacobian = observed.operator.linearize(background, &vec![0.0; calibration.len()]);
