@@ -1,37 +1,16 @@
 //! What can be wrong with a file of stations or observations or with the description of an observing system.
 
+use crate::table::TableError;
+
 /// Everything that can be wrong with a file of stations or observations or with the configuration of an instrument.
 /// Variants about a file carry its name and the line; variants about a configuration carry the instrument and the
 /// setting.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ObservationError {
-    /// A line of a file is not a row of the table.
-    #[error("{file}, line {line}: {problem}")]
-    MalformedLine {
-        /// The file.
-        file: String,
-        /// Line number, from 1.
-        line: usize,
-        /// What is wrong, and what would be right.
-        problem: String,
-    },
-    /// A station file has no row, or no header.
-    #[error(
-        "{file} has no stations: it needs a header line such as `id,latitude_deg,longitude_deg` and a line for each station"
-    )]
-    NoStations {
-        /// The station file.
-        file: String,
-    },
-    /// A file of observations has no row, or no header.
-    #[error(
-        "{file} has no observations: it needs a header line such as `cycle,x_m,y_m,variable,value,sigma` and a line for each observation"
-    )]
-    NoObservations {
-        /// The file.
-        file: String,
-    },
+    /// A file of stations or observations is not such a table.
+    #[error(transparent)]
+    Table(#[from] TableError),
     /// A file of observations does not say what its network does not say either.
     #[error("{instrument}: {file} has no column `{setting}`; add it, or give `{setting}` for the network")]
     NotSaid {
@@ -52,67 +31,9 @@ pub enum ObservationError {
         /// Number of observations.
         observations: usize,
     },
-    /// A necessary column is not there.
-    #[error("{file}, line {line}: the header has no column {missing}; it has {present}")]
-    MissingColumn {
-        /// The station file.
-        file: String,
-        /// Line number of the header.
-        line: usize,
-        /// The column, or the alternatives, that should be there.
-        missing: String,
-        /// The columns that are there.
-        present: String,
-    },
-    /// Two columns say the same thing.
-    #[error("{file}, line {line}: {problem}")]
-    AmbiguousColumns {
-        /// The station file.
-        file: String,
-        /// Line number of the header.
-        line: usize,
-        /// Which columns, and what would be right.
-        problem: String,
-    },
-    /// A field that must say something is empty.
-    #[error("{file}, line {line}: the column `{column}` is empty; every station needs one")]
-    EmptyField {
-        /// The station file.
-        file: String,
-        /// Line number, from 1.
-        line: usize,
-        /// The column.
-        column: String,
-    },
-    /// A field is not what it must be: not a number, not finite, out of range, of no known name.
-    #[error("{file}, line {line}: `{column}` is `{value}`, but must be {expected}")]
-    InvalidCoordinate {
-        /// The station file.
-        file: String,
-        /// Line number, from 1.
-        line: usize,
-        /// The column.
-        column: String,
-        /// What the file says.
-        value: String,
-        /// What would be right.
-        expected: String,
-    },
     /// The saved memory of an observing system is of another one.
     #[error("the saved observing system is not that of this experiment")]
     UnfitSavedSystem,
-    /// Two stations have the same identifier.
-    #[error("{file}, line {line}: the station `{id}` is already on line {first_line}; identifiers must differ")]
-    DuplicateStation {
-        /// The station file.
-        file: String,
-        /// Line number of the second, from 1.
-        line: usize,
-        /// The identifier.
-        id: String,
-        /// Line number of the first.
-        first_line: usize,
-    },
     /// The file gives latitudes and longitudes, but the domain has no place on the Earth.
     #[error(
         "{instrument}: {file} gives latitudes and longitudes, but the domain has no projection; give the latitude and longitude of its centre, or stations in x_m and y_m"
@@ -244,31 +165,14 @@ impl ObservationError {
             | BiasOnReference { instrument, .. }
             | BiasOnNothing { instrument, .. } => Some(instrument),
             InvalidInstrumentName { value } => Some(value),
-            MalformedLine { .. }
-            | NoStations { .. }
-            | NoObservations { .. }
-            | MissingColumn { .. }
-            | AmbiguousColumns { .. }
-            | EmptyField { .. }
-            | InvalidCoordinate { .. }
-            | DuplicateStation { .. }
-            | UnfitSavedSystem
-            | InvalidWindow { .. } => None,
+            Table(_) | UnfitSavedSystem | InvalidWindow { .. } => None,
         }
     }
 
     /// The file in which the fault is, as it was called; `None` if it is not within a file.
     pub fn file(&self) -> Option<&str> {
-        use ObservationError::*;
         match self {
-            MalformedLine { file, .. }
-            | NoStations { file }
-            | NoObservations { file }
-            | MissingColumn { file, .. }
-            | AmbiguousColumns { file, .. }
-            | EmptyField { file, .. }
-            | InvalidCoordinate { file, .. }
-            | DuplicateStation { file, .. } => Some(file),
+            ObservationError::Table(error) => Some(&error.file),
             _ => None,
         }
     }

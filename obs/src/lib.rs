@@ -37,9 +37,10 @@ pub mod quality;
 pub mod sparse;
 pub mod stations;
 pub mod system;
-mod table;
+pub mod table;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
+pub mod times;
 pub mod window;
 
 pub use air_mass::AirMassBias;

@@ -1,14 +1,13 @@
 //! Files of observations: a table in CSV of what was observed, where and when.
 
-use crate::error::ObservationError;
-use crate::table::Table;
+use crate::table::{Faults, LARGEST, Row, Table, TableError};
 use isobar_model::Time;
 
 /// The observations of a file, in its order.
 ///
-/// The file is CSV with a header line; empty lines and lines that begin with `#` are skipped. Columns:
+/// The file is a [`Table`]. Columns:
 ///
-/// - `cycle`, from 1, **or** `time`, such as `2026-01-15T06:00:00Z`, in whole seconds;
+/// - `cycle`, from 1, **or** `time`, as [`crate::times::parse`] reads it;
 /// - `x_m` and `y_m`, **or** `latitude_deg` and `longitude_deg`, **or** `column` and `row`: the variable's own point of the
 ///   grid, counted from 1 from the west and from the south;
 /// - `value`, in the variable's unit;
@@ -77,8 +76,21 @@ pub enum ObservationPlace {
     },
 }
 
-/// The largest size of a value or coordinate.
-const LARGEST: f64 = 1e18;
+/// Columns that are recognised in capitals too, and by synonyms.
+const KNOWN: &[&str] = &[
+    "cycle",
+    "time",
+    "x_m",
+    "y_m",
+    "latitude_deg",
+    "longitude_deg",
+    "column",
+    "row",
+    "value",
+    "variable",
+    "sigma",
+    "id",
+];
 
 /// The last cycle that a file may name, and the last column or row.
 const LAST: usize = 1_000_000;
@@ -105,21 +117,24 @@ impl ObservationFile {
     /// Reads the text of a file of observations; `file` is its name, for messages.
     ///
     /// # Errors
-    /// Lines that are not rows of the table, missing or ambiguous columns, fields that are not what they must be, each with
-    /// its line; a file without observations.
-    pub fn parse(text: &str, file: &str) -> Result<Self, ObservationError> {
-        let no_observations = || ObservationError::NoObservations { file: file.to_owned() };
-        let table = Table::new(text, file)?.ok_or_else(no_observations)?;
-        let numbers = find_columns(&table)?;
+    /// Missing or ambiguous columns; else all lines that are not rows of the table, and fields that are not what they must
+    /// be, each with its line; a file without observations.
+    pub fn parse(text: &str, file: &str) -> Result<Self, TableError> {
+        let no_observations = || {
+            let form =
+                "it needs a header line such as `cycle,x_m,y_m,variable,value,sigma` and a line for each observation";
+            TableError::whole(file, format!("has no observations: {form}"))
+        };
+        let table = Table::new(text, file, KNOWN)?.ok_or_else(no_observations)?;
+        let columns = find_columns(&table)?;
+        let mut faults = Faults::default();
         let mut records = Vec::new();
-        for row in table.lines() {
-            let (line, fields) = row?;
-            records.push(Row { file, line, columns: &table.columns, fields: &fields }.record(&numbers)?);
-        }
+        table.each_row(&mut faults, |row, faults| records.extend(columns.record(&row, faults)));
+        faults.check(file)?;
         if records.is_empty() {
             return Err(no_observations());
         }
-        Ok(Self { file: file.to_owned(), columns: table.columns, records })
+        Ok(Self { file: file.to_owned(), columns: table.columns().to_vec(), records })
     }
 
     /// Name of the file.
@@ -136,106 +151,59 @@ impl ObservationFile {
     pub fn records(&self) -> &[ObservationRecord] {
         &self.records
     }
-
-    /// What is wrong with a field of a line.
-    pub(crate) fn fault(&self, line: usize, column: &str, value: String, expected: String) -> ObservationError {
-        ObservationError::InvalidCoordinate {
-            file: self.file.clone(),
-            line,
-            column: column.to_owned(),
-            value,
-            expected,
-        }
-    }
 }
 
-/// A line of the table.
-struct Row<'a> {
-    file: &'a str,
-    line: usize,
-    columns: &'a [String],
-    fields: &'a [String],
-}
-
-impl Row<'_> {
-    fn record(&self, numbers: &Columns) -> Result<ObservationRecord, ObservationError> {
-        let anywhere = |column| self.number(column, -LARGEST, LARGEST);
-        let valid = match (numbers.cycle, numbers.time) {
-            (Some(cycle), _) => ValidTime::Cycle(self.whole(cycle)?),
-            (None, Some(time)) => ValidTime::Time(self.time(time)?),
+impl Columns {
+    /// The observation of a row; `None`, and its faults, if the fields are none.
+    fn record(&self, row: &Row<'_>, faults: &mut Faults) -> Option<ObservationRecord> {
+        let anywhere = (-LARGEST, LARGEST);
+        let valid = match (self.cycle, self.time) {
+            (Some(cycle), _) => row.whole(cycle, LAST, faults).map(ValidTime::Cycle),
+            (None, Some(time)) => row.time(time, faults).map(ValidTime::Time),
             (None, None) => unreachable!("there is a column for the time"),
         };
-        let place = match numbers.place {
-            PlaceColumns::Plane(x, y) => ObservationPlace::Plane { x_m: anywhere(x)?, y_m: anywhere(y)? },
-            PlaceColumns::Geographic(latitude, longitude) => ObservationPlace::Geographic {
-                latitude_deg: self.number(latitude, -90.0, 90.0)?,
-                longitude_deg: self.number(longitude, -180.0, 360.0)?,
-            },
-            PlaceColumns::GridPoint(column, row) => {
-                ObservationPlace::GridPoint { column: self.whole(column)?, row: self.whole(row)? }
+        let place = self.place(row, faults);
+        let value = row.number(self.value, anywhere, faults);
+        let sigma = self.sigma.map(|column| row.number(column, (1.0 / LARGEST, LARGEST), faults));
+        let id = self.id.map(|column| row.name(column, faults));
+        Some(ObservationRecord {
+            line: row.line,
+            valid: valid?,
+            place: place?,
+            variable: self.variable.map(|column| row.text(column).to_owned()),
+            value: value?,
+            sigma: if let Some(sigma) = sigma { Some(sigma?) } else { None },
+            id: if let Some(id) = id { Some(id?) } else { None },
+        })
+    }
+
+    fn place(&self, row: &Row<'_>, faults: &mut Faults) -> Option<ObservationPlace> {
+        match self.place {
+            PlaceColumns::Plane(x, y) => {
+                let (x_m, y_m) =
+                    (row.number(x, (-LARGEST, LARGEST), faults), row.number(y, (-LARGEST, LARGEST), faults));
+                Some(ObservationPlace::Plane { x_m: x_m?, y_m: y_m? })
             }
-        };
-        Ok(ObservationRecord {
-            line: self.line,
-            valid,
-            place,
-            variable: numbers.variable.map(|column| self.fields[column].clone()),
-            value: anywhere(numbers.value)?,
-            sigma: numbers.sigma.map(|column| self.number(column, 1.0 / LARGEST, LARGEST)).transpose()?,
-            id: numbers.id.map(|column| self.text(column)).transpose()?,
-        })
-    }
-
-    fn fault(&self, column: usize, expected: String) -> ObservationError {
-        ObservationError::InvalidCoordinate {
-            file: self.file.to_owned(),
-            line: self.line,
-            column: self.columns[column].clone(),
-            value: self.fields[column].clone(),
-            expected,
-        }
-    }
-
-    fn number(&self, column: usize, low: f64, high: f64) -> Result<f64, ObservationError> {
-        let number = self.fields[column].parse::<f64>().ok().filter(|number| (low..=high).contains(number));
-        number.ok_or_else(|| match low {
-            _ if high < LARGEST => self.fault(column, format!("a number from {low} to {high}")),
-            low if low > 0.0 => self.fault(column, "a finite number above 0".to_owned()),
-            _ => self.fault(column, "a finite number".to_owned()),
-        })
-    }
-
-    fn whole(&self, column: usize) -> Result<usize, ObservationError> {
-        let number = self.fields[column].parse::<usize>().ok().filter(|number| (1..=LAST).contains(number));
-        number.ok_or_else(|| self.fault(column, format!("a whole number from 1 to {LAST}")))
-    }
-
-    fn text(&self, column: usize) -> Result<String, ObservationError> {
-        match self.fields[column].as_str() {
-            "" => Err(self.fault(column, "a name".to_owned())),
-            text => Ok(text.to_owned()),
-        }
-    }
-
-    /// A time in whole seconds; universal time if it does not say another.
-    fn time(&self, column: usize) -> Result<Time, ObservationError> {
-        let field = self.fields[column].as_str();
-        let zoned = field.parse::<jiff::Timestamp>().ok();
-        let of_zero_offset = |civil: jiff::civil::DateTime| jiff::tz::Offset::UTC.to_timestamp(civil).ok();
-        let time = zoned.or_else(|| field.parse().ok().and_then(of_zero_offset));
-        match time.filter(|time| time.subsec_nanosecond() == 0) {
-            Some(time) => Ok(Time::from_seconds(time.as_second())),
-            None => Err(self.fault(column, "a time such as 2026-01-15T06:00:00Z, in whole seconds".to_owned())),
+            PlaceColumns::Geographic(latitude, longitude) => {
+                let latitude_deg = row.number(latitude, (-90.0, 90.0), faults);
+                let longitude_deg = row.number(longitude, (-180.0, 360.0), faults);
+                Some(ObservationPlace::Geographic { latitude_deg: latitude_deg?, longitude_deg: longitude_deg? })
+            }
+            PlaceColumns::GridPoint(column, row_number) => {
+                let (column, row) = (row.whole(column, LAST, faults), row.whole(row_number, LAST, faults));
+                Some(ObservationPlace::GridPoint { column: column?, row: row? })
+            }
         }
     }
 }
 
-fn find_columns(table: &Table<'_>) -> Result<Columns, ObservationError> {
-    let (find, missing) = (|name| table.find(name), |name: &str| table.missing(name));
-    let ambiguous = |problem: &str| table.ambiguous(problem.to_owned());
+fn find_columns(table: &Table<'_>) -> Result<Columns, TableError> {
+    let find = |name| table.find(name);
+    let missing = |name: &str| table.missing(&format!("`{name}`"), &[name]);
+    let ambiguous = |problem: &str| table.wrong_header(problem.to_owned());
     let (cycle, time) = (find("cycle"), find("time"));
     match (cycle, time) {
-        (None, None) => return Err(missing("`cycle` (or `time`)")),
+        (None, None) => return Err(table.missing("`cycle` (or `time`)", &["time"])),
         (Some(_), Some(_)) => return Err(ambiguous("the header has both `cycle` and `time`; keep one")),
         _ => {}
     }
@@ -244,8 +212,8 @@ fn find_columns(table: &Table<'_>) -> Result<Columns, ObservationError> {
     for ((first, second), number) in pairs.into_iter().zip(0..) {
         match (find(first), find(second)) {
             (Some(first), Some(second)) => places.push((number, first, second)),
-            (Some(_), None) => return Err(missing(&format!("`{second}`"))),
-            (None, Some(_)) => return Err(missing(&format!("`{first}`"))),
+            (Some(_), None) => return Err(missing(second)),
+            (None, Some(_)) => return Err(missing(first)),
             (None, None) => {}
         }
     }
@@ -253,10 +221,13 @@ fn find_columns(table: &Table<'_>) -> Result<Columns, ObservationError> {
         [(0, x, y)] => PlaceColumns::Plane(x, y),
         [(1, latitude, longitude)] => PlaceColumns::Geographic(latitude, longitude),
         [(_, column, row)] => PlaceColumns::GridPoint(column, row),
-        [] => return Err(missing("`x_m` and `y_m` (or `latitude_deg` and `longitude_deg`, or `column` and `row`)")),
+        [] => {
+            let columns = "`x_m` and `y_m` (or `latitude_deg` and `longitude_deg`, or `column` and `row`)";
+            return Err(table.missing(columns, &["x_m", "y_m"]));
+        }
         _ => return Err(ambiguous("the header has several kinds of position; keep one")),
     };
-    let value = find("value").ok_or_else(|| missing("`value`"))?;
+    let value = find("value").ok_or_else(|| missing("value"))?;
     Ok(Columns { cycle, time, place, value, variable: find("variable"), sigma: find("sigma"), id: find("id") })
 }
 
@@ -285,6 +256,48 @@ mod tests {
         assert_eq!((&record.variable, record.sigma, &record.id), (&None, None, &None));
     }
 
+    /// What spreadsheets, R and old systems make of a table.
+    #[test]
+    fn a_file_is_the_same_however_its_table_is_written() {
+        let clean = ObservationFile::parse("time,latitude_deg,longitude_deg,value,id\n2026-01-15T06:00:00Z,5,-6,7,a\n2026-01-15T12:00:00Z,8,9,-0.5,\"b, \"\"c\"\"\"\n", "t.csv").unwrap();
+        let body = "2026-01-15 06:00:00 UTC,5,-6,7,a\n2026-01-15T14:00:00+02:00,8,9,-0.5,\"b, \"\"c\"\"\"\n";
+        let long_remarks = "   # licence\n".repeat(2000);
+        for text in [
+            format!("\u{feff}\"time\",\"latitude_deg\",\"longitude_deg\",\"value\",\"id\"\n{body}"),
+            format!("\u{feff}# remark\n\nTime,Lat,LON,Value,ID\n{body}"),
+            format!("{long_remarks}time, latitude, longitude, value, id\n\n{body}"),
+            format!(",,,,,,\ntime,latitude_deg,longitude_deg,value,id,,\n{body},,,,,,\n,\n"),
+            format!("time,latitude_deg,longitude_deg,value,id\n{}", body.replace('\n', ",,\n")),
+            format!("time,latitude_deg,longitude_deg,value,id\n{body}").replace('\n', "\r"),
+        ] {
+            let file = ObservationFile::parse(&text, "t.csv").unwrap_or_else(|error| panic!("{text}: {error}"));
+            let without_lines = |file: &ObservationFile| -> Vec<ObservationRecord> {
+                file.records().iter().map(|record| ObservationRecord { line: 0, ..record.clone() }).collect()
+            };
+            assert_eq!(without_lines(&file), without_lines(&clean), "{text}");
+        }
+        let whole = ObservationFile::parse("cycle,column,row,value\n1.0,2.0,3,4\n", "t.csv").unwrap();
+        assert_eq!(whole.records()[0].valid, ValidTime::Cycle(1));
+    }
+
+    #[test]
+    fn all_faults_are_listed_up_to_twenty() {
+        let text = "cycle,x_m,y_m,value,sigma\n1,one,2,3,-1\n1,2,3,4,5\n1.5,2,3,\"4,5\",1\n";
+        let error = ObservationFile::parse(text, "t.csv").unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "t.csv: 4 faults\n\
+             line 2: `x_m` is `one`, but must be a finite number\n\
+             line 2: `sigma` is `-1`, but must be a finite number above 0\n\
+             line 4: `cycle` is `1.5`, but must be a whole number from 1 to 1000000\n\
+             line 4: `value` is `4,5`, but must be a finite number; numbers have a decimal point, not a comma"
+        );
+        let many = format!("cycle,x_m,y_m,value\n{}", "1,2,3,x\n".repeat(23));
+        let error = ObservationFile::parse(&many, "t.csv").unwrap_err();
+        assert_eq!((error.faults.len(), error.total), (20, 23));
+        assert!(error.to_string().ends_with("\nand 3 more"), "{error}");
+    }
+
     #[test]
     fn errors_say_where_and_what() {
         let head = "cycle,x_m,y_m,value";
@@ -295,11 +308,22 @@ mod tests {
             (format!("{head}\n1,2,inf,4\n"), "line 2: `y_m` is `inf`, but must be a finite number"),
             (format!("{head}\n#\n1,2,3,1e19\n"), "line 3: `value` is `1e19`"),
             (format!("{head},sigma\n1,2,3,4,0\n"), "`sigma` is `0`, but must be a finite number above 0"),
-            (format!("{head},id\n1,2,3,4,\n"), "`id` is ``, but must be a name"),
+            (format!("{head},id\n1,2,3,4,\n"), "the column `id` is empty, but must be a name"),
             (format!("{head}\n1,2,3,\"4\n"), "line 2: a quotation mark is not closed"),
             ("time,x_m,y_m,value\nnoon,2,3,4\n".into(), "`time` is `noon`, but must be a time such as"),
             ("time,x_m,y_m,value\n2026-01-15T06:00:00.5Z,2,3,4\n".into(), "in whole seconds"),
             ("x_m,y_m,value\n".into(), "no column `cycle` (or `time`)"),
+            ("cycle;x_m;y_m;value\n1;2;3;4,5\n".into(), "line 1: the fields are separated by semicolons"),
+            ("\"cycle\"\tx_m\ty_m\tvalue\n".into(), "line 1: the fields are separated by tabs"),
+            (
+                format!("{head}\n1,2,3,4,5\n"),
+                "line 2: there are 5 fields, but the header has 4 columns; are there decimal",
+            ),
+            (format!("{head},,\n1,2,3,4,,5\n"), "line 2: field 6 is `5`, but its column has no name"),
+            (format!("{head},Value\n"), "two columns `value`"),
+            (format!("{head},id\n1,2,3,4,{}\n", "x".repeat(201)), "`id` has 201 characters"),
+            (format!("{head},note\n1,2,3,4,{}\n", "x".repeat(10_001)), "field 5 has 10001 characters"),
+            ("date,x_m,y_m,value\n".into(), "it has `date`, `x_m`, `y_m`, `value`; is `date` for `time` meant?"),
             ("cycle,time,x_m,y_m,value\n".into(), "both `cycle` and `time`"),
             ("cycle,x_m,value\n".into(), "no column `y_m`"),
             ("cycle,row,value\n".into(), "no column `column`"),

@@ -19,6 +19,7 @@ use crate::truth::Truth;
 use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Problem, SensorKnowledge, covariance};
 use isobar_model::random::stream;
 use isobar_model::{Duration, ModelError, check_time_step};
+use isobar_obs::table::TableError;
 use isobar_obs::{InstrumentConfig, ObservationError, ObservingSystem};
 use std::path::PathBuf;
 
@@ -56,6 +57,12 @@ pub enum ExperimentError {
         /// Why not.
         reason: String,
     },
+}
+
+impl From<TableError> for ExperimentError {
+    fn from(error: TableError) -> Self {
+        ExperimentError::Observations(error.into())
+    }
 }
 
 impl ExperimentError {

@@ -1,21 +1,19 @@
 //! `[networks.NAME]` as instruments.
 
 use super::ExperimentError;
+use crate::scenario::table_file;
 use crate::scenario::{
     Bias, BiasEvolution, BiasOwner, FileSettings, InitialBias, Instrument, Network, RadiosondeSettings, SatelliteBias,
     SatelliteSettings, Scenario, Schedule, StationLayout,
 };
 use isobar_model::Grid;
+use isobar_obs::table::decode;
 use isobar_obs::{
     AirMassBias, BiasProcess, BiasScope, Evolution, Heading, InstrumentConfig, ObservationError, ObservationFile,
     ObservedVariable, RadiosondeConfig, RecordedConfig, SatelliteConfig, ScanBias, ScanTerm, StationBias,
     StationSource, Stations,
 };
-use std::io::Read as _;
 use std::path::Path;
-
-/// The largest file of stations or observations \[bytes\].
-const LARGEST_FILE: u64 = 100_000_000;
 
 pub(super) fn configs(scenario: &Scenario) -> Result<Vec<InstrumentConfig>, ExperimentError> {
     let grid = &scenario.grid.grid;
@@ -27,11 +25,8 @@ pub(super) fn configs(scenario: &Scenario) -> Result<Vec<InstrumentConfig>, Expe
     scenario.networks.iter().map(config).collect()
 }
 
-/// What a file is called: as in the scenario, wherever that is. A run is resumed by its scenario's absolute path, and must
-/// find the same.
 fn called(file: &Path, scenario: &Scenario) -> String {
-    let folder = scenario.path.parent().unwrap_or(Path::new(""));
-    file.strip_prefix(folder).unwrap_or(file).display().to_string()
+    table_file::called(file, scenario.path.parent().unwrap_or(Path::new("")))
 }
 
 /// The keys that lead to the setting of which an error speaks.
@@ -73,7 +68,8 @@ fn radiosondes(
     let groups = own.groups.clone();
     let stations = match &own.stations {
         StationLayout::File(path) => {
-            let mut stations = Stations::parse(&read(path)?, &called(path, scenario))?;
+            let file = called(path, scenario);
+            let mut stations = Stations::parse(decode(&read(path)?, &file)?, &file)?;
             if let (Some(column), false) = (&own.group_by, groups.is_empty()) {
                 stations = stations.only(name, column, &groups)?;
             }
@@ -144,8 +140,8 @@ fn scan_term(term: crate::scenario::ScanTerm) -> ScanTerm {
 }
 
 fn recorded(name: &str, own: &FileSettings, scenario: &Scenario) -> Result<RecordedConfig, ExperimentError> {
-    let text = read(&own.path)?;
-    let observations = ObservationFile::parse(&text, &called(&own.path, scenario))?;
+    let file = called(&own.path, scenario);
+    let observations = ObservationFile::parse(decode(&read(&own.path)?, &file)?, &file)?;
     Ok(RecordedConfig { name: name.to_string(), observations, variable: own.variable.clone(), sigma: own.sigma })
 }
 
@@ -174,18 +170,8 @@ fn process<Pattern>(bias: &Bias<Pattern>) -> BiasProcess {
     }
 }
 
-/// The text of a file.
-fn read(path: &Path) -> Result<String, ExperimentError> {
-    let failure = |reason: String| ExperimentError::File { path: path.to_path_buf(), reason };
-    // A pipe might never end, nor begin.
-    if !path.is_file() {
-        return Err(failure("it is not a file".into()));
-    }
-    let file = std::fs::File::open(path).map_err(|error| failure(error.to_string()))?;
-    let mut text = String::new();
-    file.take(LARGEST_FILE + 1).read_to_string(&mut text).map_err(|error| failure(error.to_string()))?;
-    if text.len() as u64 > LARGEST_FILE {
-        return Err(failure(format!("it is larger than {} MB", LARGEST_FILE / 1_000_000)));
-    }
-    Ok(text)
+/// The bytes of a file.
+fn read(path: &Path) -> Result<Vec<u8>, ExperimentError> {
+    let failure = |reason| ExperimentError::File { path: path.to_path_buf(), reason };
+    table_file::read(path, table_file::LARGEST_FILE).map_err(failure)
 }

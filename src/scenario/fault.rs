@@ -1,7 +1,7 @@
 //! Faults that only show when a scenario is built, with their place in its file.
 
 use super::error::{ScenarioError, SourceFile};
-use super::text::clean;
+use super::text::clean_lines;
 use super::{Scenario, reader};
 use toml::de::DeValue;
 
@@ -27,7 +27,7 @@ impl Scenario {
                 _ => None,
             };
         }
-        // It may tell what a station file says.
-        file.error(span, clean(&message), label, None)
+        // It may quote what a station file says, and list several faults of it, each on its line.
+        file.error(span, clean_lines(&message), label, None)
     }
 }

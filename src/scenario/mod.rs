@@ -25,6 +25,7 @@ mod quality;
 mod reader;
 mod sensors;
 mod sweep;
+pub(crate) mod table_file;
 pub(crate) mod text;
 mod time_volume;
 
@@ -51,7 +52,7 @@ pub use time_volume::{Correction, CorrectionSettings, FactorSettings, FactorTarg
 use error::SourceFile;
 use indexmap::IndexMap;
 use isobar_model::Time;
-use isobar_obs::QualityControl;
+use isobar_obs::{QualityControl, times};
 use reader::{Field, Read, Section};
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
@@ -259,10 +260,11 @@ fn time(field: &Field<'_>) -> Read<Time> {
         DeValue::Datetime(time) => time.to_string(),
         _ => return Err(field.invalid(format!("`{}` is not a time", field.title()), wanted)),
     };
-    let timestamp: Option<jiff::Timestamp> = text.parse().ok();
-    let range = -2_208_988_800..7_258_118_400;
-    match timestamp.filter(|time| time.subsec_nanosecond() == 0 && range.contains(&time.as_second())) {
-        Some(time) => Ok(Time::from_seconds(time.as_second())),
-        None => Err(field.invalid(format!("`{}` cannot be \"{}\"", field.title(), text::clean(&text)), wanted)),
+    let cannot = format!("`{}` cannot be \"{}\"", field.title(), text::clean(&text));
+    let time = times::parse(&text)
+        .map_err(|expected| field.invalid(format!("{cannot}: it must be a time {expected}"), wanted))?;
+    if !(-2_208_988_800..7_258_118_400).contains(&time.seconds()) {
+        return Err(field.invalid(cannot, wanted));
     }
+    Ok(time)
 }

@@ -6,11 +6,12 @@ use super::grid::GridSettings;
 use super::model::ModelSettings;
 use super::quality;
 use super::reader::{Field, Kind, Limits, Read, Section};
+use super::table_file;
 use super::text::clean;
 use indexmap::IndexMap;
 use isobar_model::Boundary;
-use isobar_obs::Faults;
-use std::path::PathBuf;
+use isobar_obs::{Faults, Stations};
+use std::path::{Path, PathBuf};
 
 /// An observing system: when it reports, and what it is.
 #[derive(Clone, Debug, PartialEq)]
@@ -333,7 +334,7 @@ fn stations(field: &Field<'_>, grid: &GridSettings) -> Read<StationLayout> {
                 let message = format!("the station file {} does not exist", clean(&path.display().to_string()));
                 return Err(file.invalid(message, "a path relative to this scenario"));
             }
-            if grid.projection.is_none() && !on_the_plane(&path) {
+            if grid.projection.is_none() && on_the_earth(&path) {
                 let message = "stations on the Earth need a plane that lies on it".to_string();
                 return Err(file.invalid(message, "needs grid.center_latitude_deg and grid.center_longitude_deg"));
             }
@@ -356,12 +357,11 @@ fn stations(field: &Field<'_>, grid: &GridSettings) -> Read<StationLayout> {
     }
 }
 
-/// Whether a station file gives places on the plane instead of on the Earth.
-fn on_the_plane(path: &std::path::Path) -> bool {
-    use std::io::{BufRead, BufReader, Read};
-    let Ok(file) = std::fs::File::open(path) else { return false };
-    let header = BufReader::new(file.take(10_000)).lines().map_while(Result::ok).find(|line| !line.starts_with('#'));
-    header.is_some_and(|header| header.split(',').any(|column| column.trim() == "x_m"))
+/// Whether a station file gives places on the Earth. A file that cannot be read is refused later, with all of its faults.
+fn on_the_earth(path: &Path) -> bool {
+    let bytes = table_file::read(path, table_file::LARGEST_FILE).unwrap_or_default();
+    let text = isobar_obs::table::decode(&bytes, "").unwrap_or_default();
+    Stations::on_the_earth(text, "") == Some(true)
 }
 
 fn satellite(section: &Section<'_>, grid: &GridSettings, model: &ModelSettings) -> Read<SatelliteSettings> {

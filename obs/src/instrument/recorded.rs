@@ -4,6 +4,7 @@ use crate::error::{ObservationError, list, require};
 use crate::instrument::{Instrument, Observation, Reading};
 use crate::observation_file::{ObservationFile, ObservationPlace, ObservationRecord, ValidTime};
 use crate::projection::Projection;
+use crate::table::Faults;
 use crate::window::Report;
 use isobar_model::{Duration, Layout, Time};
 use rand_chacha::ChaCha8Rng;
@@ -43,7 +44,8 @@ impl Recorded {
             require(sigma > 0.0, name, "sigma", sigma, "above 0")?;
         }
         let network: Arc<str> = name.as_str().into();
-        let all = file.records().iter().map(|record| {
+        let (mut observations, mut faults) = (Vec::new(), Faults::default());
+        for record in file.records() {
             let (cycle, time) = match record.valid {
                 ValidTime::Cycle(cycle) => (cycle, start + Duration::from_seconds(window.seconds() * cycle as i64)),
                 ValidTime::Time(time) => {
@@ -53,17 +55,16 @@ impl Recorded {
                     (windows as usize, time)
                 }
             };
-            let (variable, sigma) = kind(config, record, layout)?;
-            let (x_m, y_m, state_row) = place(config, record, variable, layout, projection)?;
+            let Some((variable, sigma)) = kind(config, record, layout, &mut faults)? else { continue };
+            let place = place(config, record, variable, layout, projection, &mut faults)?;
+            let Some((x_m, y_m, state_row)) = place else { continue };
             let platform = record.id.clone().unwrap_or_else(|| words(record.place));
             let report = Report { network: network.clone(), platform: platform.into(), variable, x_m, y_m, scan: None };
             let reading = Reading::Value(record.value, time);
-            Ok((
-                cycle,
-                Observation { report, sigma, reading, state_row, calibration_row: Vec::new(), predictors: Vec::new() },
-            ))
-        });
-        let mut observations = all.collect::<Result<Vec<_>, ObservationError>>()?;
+            let (calibration_row, predictors) = (Vec::new(), Vec::new());
+            observations.push((cycle, Observation { report, sigma, reading, state_row, calibration_row, predictors }));
+        }
+        faults.check(file.file())?;
         if observations.iter().all(|observation| observation.0 == 0) {
             return Err(ObservationError::NoneAfterStart {
                 instrument: name.clone(),
@@ -93,70 +94,77 @@ impl Instrument for Recorded {
     }
 }
 
-/// The number of the observed variable, and the standard deviation of the random error.
+/// The number of the observed variable, and the standard deviation of the random error; `None`, and a fault, if the file
+/// names a variable that is not there.
 fn kind(
     config: &RecordedConfig,
     record: &ObservationRecord,
     layout: &Layout,
-) -> Result<(usize, f64), ObservationError> {
+    faults: &mut Faults,
+) -> Result<Option<(usize, f64)>, ObservationError> {
     let (name, file) = (&config.name, &config.observations);
     let valid = || list(layout.variables.iter().map(|variable| variable.name));
-    let given = record.variable.as_ref().or(config.variable.as_ref());
     let missing = |setting| {
         let (instrument, file) = (name.clone(), file.file().to_owned());
         ObservationError::NotSaid { instrument, file, setting }
     };
-    let variable = match given {
-        None => return Err(missing("variable")),
-        Some(variable) => layout.variable(variable).ok_or_else(|| match record.variable {
-            Some(_) => file.fault(record.line, "variable", variable.clone(), format!("one of {}", valid())),
-            None => ObservationError::UnknownName {
-                instrument: name.clone(),
-                setting: "variable",
-                value: variable.clone(),
-                valid: valid(),
-            },
-        })?,
-    };
-    Ok((variable, record.sigma.or(config.sigma).ok_or_else(|| missing("sigma"))?))
+    let variable = record.variable.as_ref().or(config.variable.as_ref()).ok_or_else(|| missing("variable"))?;
+    let sigma = record.sigma.or(config.sigma).ok_or_else(|| missing("sigma"))?;
+    match layout.variable(variable) {
+        Some(number) => Ok(Some((number, sigma))),
+        None if record.variable.is_some() => {
+            let shown: String = variable.chars().take(60).collect();
+            faults.add(record.line, format!("`variable` is `{shown}`, but must be one of {}", valid()));
+            Ok(None)
+        }
+        None => Err(ObservationError::UnknownName {
+            instrument: name.clone(),
+            setting: "variable",
+            value: variable.clone(),
+            valid: valid(),
+        }),
+    }
 }
 
 /// A row of X: values of the state with their weights.
 type StateRow = Vec<(usize, f64)>;
 
-/// Where an observation is on the plane, and its row of X; the row is empty outside of the domain.
+/// Where an observation is on the plane, and its row of X; the row is empty outside of the domain. `None`, and a fault, if
+/// it is not a point of the grid.
 fn place(
     config: &RecordedConfig,
     record: &ObservationRecord,
     variable: usize,
     layout: &Layout,
     projection: Option<&Projection>,
-) -> Result<(f64, f64, StateRow), ObservationError> {
+    faults: &mut Faults,
+) -> Result<Option<(f64, f64, StateRow)>, ObservationError> {
     let (grid, location, offset) = (&layout.grid, layout.variables[variable].location, variable * layout.grid.cells());
     let at = |x_m: f64, y_m: f64| {
         let entries = grid.stencil(location, x_m, y_m).map_or_else(Vec::new, |stencil| stencil.entries);
         (x_m, y_m, entries.into_iter().map(|(index, weight)| (offset + index, weight)).collect())
     };
-    let file = &config.observations;
     match (record.place, projection) {
-        (ObservationPlace::Plane { x_m, y_m }, _) => Ok(at(x_m, y_m)),
+        (ObservationPlace::Plane { x_m, y_m }, _) => Ok(Some(at(x_m, y_m))),
         (ObservationPlace::Geographic { .. }, None) => {
-            Err(ObservationError::NoProjection { instrument: config.name.clone(), file: file.file().to_owned() })
+            let file = config.observations.file().to_owned();
+            Err(ObservationError::NoProjection { instrument: config.name.clone(), file })
         }
         (ObservationPlace::Geographic { latitude_deg, longitude_deg }, Some(projection)) => {
             // The antipode of the centre has no place on the plane.
             let (x_m, y_m) = projection.forward(latitude_deg, longitude_deg).unwrap_or((f64::MAX, f64::MAX));
-            Ok(at(x_m, y_m))
+            Ok(Some(at(x_m, y_m)))
         }
         (ObservationPlace::GridPoint { column, row }, _) => {
             for (name, number, most) in [("column", column, grid.nx), ("row", row, grid.ny)] {
                 if number > most {
                     let expected = format!("a whole number from 1 to {most}");
-                    return Err(file.fault(record.line, name, number.to_string(), expected));
+                    faults.add(record.line, format!("`{name}` is `{number}`, but must be {expected}"));
+                    return Ok(None);
                 }
             }
             let (i, j) = (column - 1, row - 1);
-            Ok((grid.x_m(location, i), grid.y_m(location, j), vec![(offset + j * grid.nx + i, 1.0)]))
+            Ok(Some((grid.x_m(location, i), grid.y_m(location, j), vec![(offset + j * grid.nx + i, 1.0)])))
         }
     }
 }
