@@ -7,17 +7,16 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`scenario`] | reads and checks an experiment's file |
+//! | [`kinds`] | what a scenario chooses by name: methods, models, initial states, covariances |
 //! | [`experiment`] | builds model, truth, observing system and methods from it |
-//! | [`truth`] | the true world |
-//! | [`mod@reference`] | what quality control compares observations with |
-//! | [`cycle`] | one cycle of one method |
-//! | [`monitor`] | whether its result can be believed in |
+//! | [`options`] | what the user changes in a run |
+//! | [`run`] | the loop over cycles: the true world, its observations, each method, the scores |
+//! | [`outcome`] | the result of one cycle of one method |
 //! | [`verify`] | the only place where truth and estimate meet |
-//! | [`run`] | the loop over cycles |
-//! | [`checkpoint`], [`interrupt`] | how a run ends before its time, and goes on |
-//! | [`event`], [`sink`] | what happens, and the files that it is written to |
+//! | [`checkpoint`], [`interrupt`] | how a run is interrupted and resumed |
+//! | [`event`], [`sink`] | the events of a run, and the files that they are written to |
 //! | [`plot`] | curves and maps, as these files hold them |
-//! | [`diagnostics`] | what it tells beyond errors: claimed distributions, assumed covariances, worth of observations |
+//! | [`diagnostics`] | what a run shows beyond errors: claimed distributions, assumed covariances, worth of observations |
 //! | [`sensors`] | what is known of each sensor, from run to run |
 //! | [`stability`] | which bias estimates can be relied on, and what would help the others |
 //! | [`statistics`] | how well a score is known |
@@ -25,21 +24,25 @@
 //! | [`seeds`], [`sweep`] | the same experiment over several seeds, and over several settings |
 //! | [`saved`], [`comparison`] | complete runs, read back and compared |
 //! | [`cli`], [`progress`], [`table`] | the command line |
+//! | [`calendar`], [`memory`] | times as text, and how much memory work takes |
 
+pub mod calendar;
 pub mod checkpoint;
 pub mod cli;
 pub mod comparison;
 pub mod correlations;
-pub mod cycle;
 pub mod diagnostics;
 pub mod event;
 pub mod exact;
 pub mod experiment;
 pub mod interrupt;
-pub mod monitor;
+pub mod kinds;
+pub mod memory;
+pub mod options;
+pub mod outcome;
 pub mod plot;
 pub mod progress;
-pub mod reference;
+mod reader;
 pub mod run;
 pub mod saved;
 pub mod scenario;
@@ -52,7 +55,7 @@ pub mod statistics;
 pub mod summary;
 pub mod sweep;
 pub mod table;
-pub mod truth;
+mod text;
 pub mod verify;
 
 /// The version, as files say it.

@@ -1,7 +1,7 @@
 //! Verification: only here do estimate and truth meet.
 
-use crate::cycle::Outcome;
 use crate::diagnostics::{DiagnosticSums, Diagnostics};
+use crate::outcome::Outcome;
 use crate::smoothed::{EarlierTruths, SmoothedScorecard};
 use crate::statistics::root_interval;
 use crate::summary::{Intervals, MethodScores, ObservationCounts, PerVariable};

@@ -1,7 +1,7 @@
 //! Biases that depend on the state, estimated with the predictors of each method's own background.
 
-use isobar::cli::RunOptions;
 use isobar::event::Event;
+use isobar::options::RunOptions;
 use isobar::scenario::Scenario;
 use isobar::sink::{Sink, SinkError};
 use std::path::Path;

@@ -3,9 +3,9 @@
 
 use crate::outputs::Outputs;
 use crate::runs::{run_options, scenarios};
-use isobar::checkpoint::Policy;
-use isobar::cli::RunOptions;
 use isobar::event::Event;
+use isobar::options::CheckpointPolicy;
+use isobar::options::RunOptions;
 use isobar::progress::Progress;
 use isobar::scenario::Scenario;
 use isobar::sink::{Sink, SinkError};
@@ -28,8 +28,13 @@ impl Sink for EndIn {
 }
 
 fn options(folder: &Path, threads: usize) -> RunOptions {
-    let checkpoints = Some(Policy { minutes: None, cycles: Some(2) });
-    RunOptions { threads: Some(threads), netcdf: true, checkpoints, ..run_options(folder, CYCLES) }
+    let checkpoints = Some(CheckpointPolicy { minutes: None, cycles: Some(2) });
+    RunOptions {
+        threads: Some(threads),
+        outputs: isobar::sink::Outputs::of(["netcdf"]),
+        checkpoints,
+        ..run_options(folder, CYCLES)
+    }
 }
 
 fn complete(scenario: &Scenario, threads: usize) -> Outputs {

@@ -160,8 +160,11 @@ fn the_mean_over_seeds_comes_to_the_same() {
     let runs: Vec<Vec<[f64; 2]>> = (0..150)
         .map(|seed| {
             let own = directory.path().join(seed.to_string());
-            let options =
-                isobar::cli::RunOptions { seed: Some(seed), threads: Some(1), ..crate::runs::run_options(&own, 12) };
+            let options = isobar::options::RunOptions {
+                seed: Some(seed),
+                threads: Some(1),
+                ..crate::runs::run_options(&own, 12)
+            };
             let mut squares = Squares::default();
             isobar::run::run(&scenario, &options, &mut squares).unwrap();
             squares.0

@@ -1,8 +1,8 @@
 //! Methods that fail: detected, named, marked in every output; and nothing of that touches the other methods.
 
 use crate::common::{VALID, isobar, text};
-use isobar::cycle::Runner;
-use isobar::monitor::{DIVERGED_ANALYSES, Fault};
+use isobar::run::cycle::Runner;
+use isobar::run::monitor::{DIVERGED_ANALYSES, Fault};
 use isobar::summary::Summary;
 use isobar_assim::{Analysis, Assimilator, Error, Estimate};
 use isobar_model::{Duration, Time};

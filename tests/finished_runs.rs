@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 fn run(parent: &Path, name: &str, methods: usize) -> PathBuf {
     let run = SyntheticRun::new(8, 6, 24, methods);
     let directory = OutputDirectory::create(parent.join(name), Existing::Refuse).unwrap();
-    run.play(&mut open_all(&run.info, &directory, Outputs::default()).unwrap()).unwrap();
+    run.play(&mut open_all(&run.info, &directory, &Outputs::default()).unwrap()).unwrap();
     directory.complete().unwrap();
     parent.join(name)
 }

@@ -14,6 +14,7 @@ mod faults;
 mod file_errors;
 mod finished_runs;
 mod hostile_input;
+mod keys;
 mod live;
 mod observations;
 mod outputs;

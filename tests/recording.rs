@@ -14,7 +14,7 @@ use std::io::BufReader;
 fn recorded(run: &SyntheticRun) -> (Vec<Chunk>, usize) {
     let parent = tempfile::tempdir().unwrap();
     let directory = OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap();
-    let mut sinks = open_all(&run.info, &directory, Outputs { rerun: true, ..Outputs::default() }).unwrap();
+    let mut sinks = open_all(&run.info, &directory, &Outputs::of(["rerun"])).unwrap();
     run.play(&mut sinks).unwrap();
     directory.complete().unwrap();
     let file = File::open(parent.path().join("run").join("recording.rrd")).unwrap();
@@ -180,7 +180,7 @@ fn results_that_do_not_fit_the_run_are_refused() {
     run.results[0][1].1.estimate.calibration_spread.as_mut().unwrap().pop();
     let parent = tempfile::tempdir().unwrap();
     let directory = OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap();
-    let mut sinks = open_all(&run.info, &directory, Outputs { rerun: true, ..Outputs::default() }).unwrap();
+    let mut sinks = open_all(&run.info, &directory, &Outputs::of(["rerun"])).unwrap();
     let error = run.play(&mut sinks).unwrap_err();
     assert!(error.path.ends_with("recording.rrd") && error.reason.contains("cycle 2"), "{error}");
 }

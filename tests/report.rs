@@ -10,14 +10,16 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-const REPORT: Outputs = Outputs { netcdf: false, rerun: false, report: true, live: false };
+fn report() -> Outputs {
+    Outputs::of(["report"])
+}
 
 /// Plays the run into a new directory, and lets `look` see it.
 fn written(run: &SyntheticRun, look: impl FnOnce(&Path)) {
     let parent = tempfile::tempdir().unwrap();
     let destination = parent.path().join("run");
     let directory = OutputDirectory::create(&destination, Existing::Refuse).unwrap();
-    run.play(&mut open_all(&run.info, &directory, REPORT).unwrap()).unwrap();
+    run.play(&mut open_all(&run.info, &directory, &report()).unwrap()).unwrap();
     directory.complete().unwrap();
     look(&destination);
 }
@@ -184,7 +186,7 @@ fn what_methods_estimate_beside_state_and_biases_is_shown_and_smoothed_errors_ar
     run.info.methods[0].smoother_lag_cycles = Some(2);
     let parent = tempfile::tempdir().unwrap();
     let directory = OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap();
-    run.play(&mut Telling(open_all(&run.info, &directory, REPORT).unwrap())).unwrap();
+    run.play(&mut Telling(open_all(&run.info, &directory, &report()).unwrap())).unwrap();
     directory.complete().unwrap();
     let all = files(&parent.path().join("run"));
     let text = |name: &str| String::from_utf8(all[name].clone()).unwrap();

@@ -7,14 +7,16 @@ use netcdf_reader::NcFile;
 use std::path::Path;
 
 const FILL_VALUE: f64 = 9.96921e36;
-const NETCDF: Outputs = Outputs { netcdf: true, rerun: false, report: false, live: false };
+fn netcdf() -> Outputs {
+    Outputs::of(["netcdf"])
+}
 
 /// Plays the run into a new directory, completes it, and lets `look` see it.
 fn written(run: &SyntheticRun, look: impl FnOnce(&Path)) {
     let parent = tempfile::tempdir().unwrap();
     let destination = parent.path().join("run");
     let directory = OutputDirectory::create(&destination, Existing::Refuse).unwrap();
-    run.play(&mut open_all(&run.info, &directory, NETCDF).unwrap()).unwrap();
+    run.play(&mut open_all(&run.info, &directory, &netcdf()).unwrap()).unwrap();
     directory.complete().unwrap();
     look(&destination);
 }
@@ -45,7 +47,7 @@ fn dimensions(file: &NcFile, variable: &str) -> Vec<String> {
 fn error_of(run: &SyntheticRun) -> SinkError {
     let parent = tempfile::tempdir().unwrap();
     let directory = OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap();
-    let mut sinks = open_all(&run.info, &directory, NETCDF).unwrap();
+    let mut sinks = open_all(&run.info, &directory, &netcdf()).unwrap();
     run.play(&mut sinks).unwrap_err()
 }
 
@@ -319,7 +321,7 @@ fn methods_whose_files_would_be_the_same_are_refused() {
             .map(|name| MethodInfo { name: name.into(), description: String::new(), smoother_lag_cycles: None })
             .into_iter()
             .collect();
-        let Err(error) = open_all(&info, &directory, NETCDF) else { panic!("{names:?} were accepted") };
+        let Err(error) = open_all(&info, &directory, &netcdf()) else { panic!("{names:?} were accepted") };
         assert!(error.reason.contains("another output"), "{error}");
     }
 }
@@ -329,7 +331,7 @@ fn a_directory_that_vanishes_is_an_error_not_a_panic() {
     let run = SyntheticRun::new(8, 6, 1, 1);
     let parent = tempfile::tempdir().unwrap();
     let directory = OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap();
-    let mut sinks = open_all(&run.info, &directory, NETCDF).unwrap();
+    let mut sinks = open_all(&run.info, &directory, &netcdf()).unwrap();
     std::fs::remove_dir_all(directory.path()).unwrap();
     run.play_truth(&mut sinks, 0).unwrap();
     let error = sinks.record(&Event::Finished(&run.summary)).unwrap_err();
@@ -342,6 +344,6 @@ fn a_recording_is_refused_where_it_cannot_be_made() {
     let run = SyntheticRun::new(8, 6, 1, 1);
     let parent = tempfile::tempdir().unwrap();
     let directory = OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap();
-    let Err(error) = open_all(&run.info, &directory, Outputs { rerun: true, ..Outputs::default() }) else { panic!() };
+    let Err(error) = open_all(&run.info, &directory, &Outputs::of(["rerun"])) else { panic!() };
     assert!(error.reason.contains("feature"), "{error}");
 }

@@ -23,7 +23,10 @@ fn scenario(methods: &str) -> String {
 fn complete(text: &str, look: impl FnOnce(&Path, &Summary)) {
     let scenario = Scenario::parse(Path::new("small.toml"), text).unwrap_or_else(|error| panic!("{error}"));
     let folder = tempfile::tempdir().unwrap();
-    let options = isobar::cli::RunOptions { netcdf: true, ..run_options(folder.path(), CYCLES) };
+    let options = isobar::options::RunOptions {
+        outputs: isobar::sink::Outputs::of(["netcdf"]),
+        ..run_options(folder.path(), CYCLES)
+    };
     let summary = run(&scenario, &options, &mut Vec::<Box<dyn Sink>>::new()).unwrap();
     look(&folder.path().join("run"), &summary);
 }

@@ -12,8 +12,8 @@
 use isobar_model::initial::{self, RandomConfig};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{
-    Adjoint, Boundary, Duration, Grid, Leapfrog, LinearShallowWater, Model, ShallowWater, ShallowWaterParameters,
-    State, Stepped, TimeScheme, VectorInvariant,
+    Adjoint, Boundary, ColumnsMut, Duration, Grid, Leapfrog, LinearShallowWater, Model, ShallowWater,
+    ShallowWaterParameters, State, Stepped, TimeScheme, VectorInvariant,
 };
 use std::hint::black_box;
 use std::time::Instant;
@@ -145,7 +145,8 @@ fn tangent_linear(n: usize) {
             }
             let one = standard_normals(&mut stream(1, "columns"), len);
             let mut columns: Vec<f64> = one.iter().cycle().take(batch * len).copied().collect();
-            let forecast = median_seconds(|| model.steps_tl(at, black_box(&mut columns), STEPS)) / STEPS as f64;
+            let forecast = median_seconds(|| model.steps_tl(at, ColumnsMut::Double(black_box(&mut columns)), STEPS))
+                / STEPS as f64;
             let forward = median_seconds(|| model.step_tl(at, black_box(&mut columns)));
             columns.iter_mut().zip(one.iter().cycle()).for_each(|(column, one)| *column = *one);
             let backward = median_seconds(|| model.step_ad(at, black_box(&mut columns)));

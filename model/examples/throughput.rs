@@ -6,8 +6,8 @@
 use isobar_model::initial::{self, RandomConfig};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{
-    Adjoint, Boundary, Duration, Grid, Model, ShallowWater, ShallowWaterParameters, Stepped, TangentLinear, Tendency,
-    TimeScheme, VectorInvariant,
+    Adjoint, Boundary, ColumnsMut, Duration, Grid, Model, ShallowWater, ShallowWaterParameters, Stepped, TangentLinear,
+    Tendency, TimeScheme, VectorInvariant,
 };
 use std::time::Instant;
 
@@ -41,7 +41,7 @@ fn main() {
                     model.step(&mut x);
                 }
             } else {
-                model.steps_tl(&x, &mut columns, steps);
+                model.steps_tl(&x, ColumnsMut::Double(&mut columns), steps);
             }
             let seconds = clock.elapsed().as_secs_f64();
             println!(

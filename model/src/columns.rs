@@ -4,6 +4,9 @@ use crate::stored::Stored;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
+/// Columns that are advanced together, one in each lane of vector operations.
+pub const LANES: usize = 8;
+
 /// Increments one after another.
 pub(crate) struct Columns<'a, S> {
     values: &'a mut [S],
@@ -11,16 +14,16 @@ pub(crate) struct Columns<'a, S> {
 }
 
 impl<'a, S: Stored> Columns<'a, S> {
-    /// Whole increments of `len` values.
+    /// Increments of `len` values each.
     ///
     /// # Panics
-    /// If they are not whole.
+    /// If the number of values is not a multiple of `len`.
     pub fn new(values: &'a mut [S], len: usize) -> Self {
         assert_eq!(values.len() % len, 0, "columns must be whole increments of {len} values");
         Self { values, len }
     }
 
-    /// Applies `process` to each group of so many columns (the last may have fewer), with a workspace for each worker.
+    /// Applies `process` to each group of `columns` columns (the last may have fewer), with a workspace for each worker.
     pub fn for_each_group<W: Send>(
         self,
         columns: usize,
@@ -62,15 +65,5 @@ impl<W, F: Fn(&mut [f64], &mut W)> WithSimd for Vectorised<'_, F, W> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) {
         (self.process)(self.column, self.work);
-    }
-}
-
-/// y += factor x; nothing at all for a factor of zero.
-#[inline(always)]
-pub(crate) fn add_scaled(y: &mut [f64], factor: f64, x: &[f64]) {
-    if factor != 0.0 {
-        for (y, x) in y.iter_mut().zip(x) {
-            *y += factor * x;
-        }
     }
 }

@@ -1,9 +1,9 @@
 //! What a model is: three small traits, each a capability, and the loops over time steps, each written once.
 
+use crate::columns::LANES;
 use crate::error::ModelError;
 use crate::state::{Layout, State};
-use crate::stored::Stored;
-use crate::tangent_wavefront::LANES;
+use crate::stored::{ColumnsMut, Stored};
 use crate::time::Duration;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -24,7 +24,7 @@ pub trait Model: Send + Sync {
     /// The largest stable step of the time scheme at `x` \[s\]; infinite where there is no limit.
     fn largest_time_step_s(&self, x: &State) -> f64;
 
-    /// Fails if `x` is no state to start from: a value is not finite or, where the model has a thickness, that is not
+    /// Fails if no forecast can start from `x`: a value is not finite or, where the model has a thickness, that is not
     /// positive.
     ///
     /// # Errors
@@ -44,16 +44,12 @@ pub trait TangentLinear: Model {
     /// `columns` holds any number of increments one after another, each `[variable, y, x]`: a column-major matrix.
     fn step_tl(&self, at: &State, columns: &mut [f64]);
 
-    /// Advances increments by so many time steps along the trajectory from `at`, with the bits of as many single steps:
-    /// which is what it does, unless a model has something faster.
-    fn steps_tl(&self, at: &State, columns: &mut [f64], steps: usize) {
+    /// Advances increments by `steps` time steps along the trajectory from `at`, with the bits of single steps.
+    ///
+    /// The default takes single steps; a model overrides it if it is faster with all steps at once. Columns in single
+    /// precision are advanced in double precision and rounded after the last step.
+    fn steps_tl(&self, at: &State, columns: ColumnsMut<'_>, steps: usize) {
         step_by_step(self, at, columns, steps);
-    }
-
-    /// [`TangentLinear::steps_tl`] of increments stored in single precision: the same arithmetic, in double, on what is
-    /// stored, and what comes of it rounded after the last step.
-    fn steps_tl_single(&self, at: &State, columns: &mut [f32], steps: usize) {
-        steps_of_copies(self, at, columns, steps);
     }
 }
 
@@ -67,7 +63,7 @@ pub trait Adjoint: TangentLinear {
 /// Why a forecast ended early.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ForecastError {
-    /// The initial state is none.
+    /// The initial state is invalid.
     #[error("the forecast cannot start: {0}")]
     Start(#[from] ModelError),
     /// The state left the finite numbers.
@@ -124,40 +120,41 @@ pub fn forecast_tl<S: Stored>(
     let at = x.clone();
     // The state's own forecast is as good as that of a further column, on whichever thread has time for it.
     let forecast = || (1..=steps).try_for_each(|step| step_checked(model, x, step));
-    rayon::join(|| S::steps_tl(model, &at, columns, steps), forecast).1?;
+    rayon::join(|| model.steps_tl(&at, S::columns_mut(columns), steps), forecast).1?;
     require_finite_increments(model.layout(), columns, steps)
 }
 
-/// [`TangentLinear::steps_tl`] by single steps, up to that after which the state is not finite.
-pub(crate) fn step_by_step<M: TangentLinear + ?Sized>(model: &M, at: &State, columns: &mut [f64], steps: usize) {
-    if columns.is_empty() {
-        return;
-    }
-    let mut at = at.clone();
-    for step in 1..=steps {
-        model.step_tl(&at, columns);
-        if step < steps {
-            model.step(&mut at);
-            if at.first_non_finite().is_some() {
-                return;
+/// [`TangentLinear::steps_tl`] by single steps, up to the one after which the state is not finite.
+pub(crate) fn step_by_step<M: TangentLinear + ?Sized>(model: &M, at: &State, columns: ColumnsMut<'_>, steps: usize) {
+    match columns {
+        ColumnsMut::Double([]) => {}
+        ColumnsMut::Double(columns) => {
+            let mut at = at.clone();
+            for step in 1..=steps {
+                model.step_tl(&at, columns);
+                if step < steps {
+                    model.step(&mut at);
+                    if at.first_non_finite().is_some() {
+                        return;
+                    }
+                }
             }
         }
-    }
-}
-
-/// [`TangentLinear::steps_tl_single`] by copies in double precision, of as many columns at a time as all threads take.
-pub(crate) fn steps_of_copies<M: TangentLinear + ?Sized>(model: &M, at: &State, columns: &mut [f32], steps: usize) {
-    let group = LANES * rayon::current_num_threads() * model.layout().len().max(1);
-    let mut copy = Vec::new();
-    for group in columns.chunks_mut(group) {
-        f32::in_double(group, &mut copy, |columns| model.steps_tl(at, columns, steps));
+        // Through copies in double precision, of as many columns at a time as all threads take.
+        ColumnsMut::Single(columns) => {
+            let group = LANES * rayon::current_num_threads() * model.layout().len().max(1);
+            let mut copy = Vec::new();
+            for group in columns.chunks_mut(group) {
+                f32::in_double(group, &mut copy, |columns| model.steps_tl(at, ColumnsMut::Double(columns), steps));
+            }
+        }
     }
 }
 
 /// Fails at the first value of the increments in `columns` (as in [`TangentLinear::step_tl`]) that is not finite.
 ///
 /// # Errors
-/// [`ForecastError::IncrementNotFinite`] after so many `steps`.
+/// [`ForecastError::IncrementNotFinite`] with the number of `steps` done.
 pub fn require_finite_increments<S: Stored>(layout: &Layout, columns: &[S], steps: usize) -> Result<(), ForecastError> {
     const CHUNK: usize = 8192;
     let bad = columns.par_chunks(CHUNK).position_first(|chunk| chunk.iter().any(|value| !value.widen().is_finite()));

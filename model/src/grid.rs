@@ -1,7 +1,9 @@
 //! The Arakawa C grid on a plane, its boundaries, and bilinear interpolation to a point.
 
-/// What the domain's edges in y are. In x it is always periodic.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+use serde::{Deserialize, Serialize};
+
+/// The edges of the domain in y. In x it is always periodic.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Boundary {
     /// Doubly periodic.
     Periodic,
@@ -18,7 +20,7 @@ pub enum Boundary {
 ///      |             |      q: Corner  (the south-western corner)
 ///      q ---- v -----+
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Location {
     /// Cell centre, ((i + ½) dx, (j + ½) dy).
     Center,
@@ -34,7 +36,7 @@ pub enum Location {
 ///
 /// Every variable has `ny × nx` values, row by row from the south, whatever its [`Location`]. In a channel the row
 /// j = 0 of a y-face variable is the southern wall; the northern wall is not stored.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Grid {
     /// Number of cells in x (columns).
     pub nx: usize,
@@ -49,7 +51,7 @@ pub struct Grid {
 }
 
 /// The values that bilinear interpolation to one point reads: index within a variable's field, and weight.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Stencil {
     /// (index into the `ny × nx` field, weight); at most four entries, no index twice.
     pub entries: Vec<(usize, f64)>,

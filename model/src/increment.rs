@@ -1,15 +1,28 @@
 //! The increment δx: a difference of two states, an element of a vector space.
 
-use crate::state::{Layout, field};
+use crate::state::{Layout, Values, field};
+use crate::vector;
 use ndarray::ArrayView2;
+use serde::{Deserialize, Serialize};
 use std::ops::{AddAssign, MulAssign};
 use std::sync::Arc;
 
 /// A difference of states, `[variable, y, x]`. A column of a covariance factor *is* the values of an increment.
-#[derive(Clone, Debug, PartialEq)]
+///
+/// It is serialised as a [`State`](crate::State) is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Values")]
 pub struct Increment {
     layout: Arc<Layout>,
     values: Vec<f64>,
+}
+
+impl TryFrom<Values> for Increment {
+    type Error = String;
+    fn try_from(values: Values) -> Result<Self, String> {
+        let (layout, values) = values.checked()?;
+        Ok(Self { layout, values })
+    }
 }
 
 impl Increment {
@@ -49,21 +62,18 @@ impl Increment {
 
     /// Euclidean inner product.
     pub fn dot(&self, other: &Increment) -> f64 {
-        self.values.iter().zip(&other.values).map(|(a, b)| a * b).sum()
+        vector::dot(&self.values, &other.values)
     }
 }
 
 impl AddAssign<&Increment> for Increment {
     fn add_assign(&mut self, other: &Increment) {
-        assert_eq!(self.values.len(), other.values.len(), "the increments have different layouts");
-        for (value, other) in self.values.iter_mut().zip(&other.values) {
-            *value += other;
-        }
+        vector::add(&mut self.values, &other.values);
     }
 }
 
 impl MulAssign<f64> for Increment {
     fn mul_assign(&mut self, factor: f64) {
-        self.values.iter_mut().for_each(|value| *value *= factor);
+        vector::scale(&mut self.values, factor);
     }
 }

@@ -5,13 +5,10 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`time`], [`grid`], [`state`], [`increment`] | the nouns: when, where, x and δx |
-//! | [`stored`] | increments in double precision or in single |
+//! | [`vector`] | y += a x, differences, inner products of plain slices |
+//! | [`stored`] | increments stored in double or single precision |
 //! | [`forecast`] | the traits [`Model`], [`TangentLinear`], [`Adjoint`], and the loops over time steps |
-//! | [`scheme`] | Runge–Kutta, once for all tendencies: [`Tendency`] + [`TimeScheme`] = [`Stepped`]; stability limits |
-//! | [`leapfrog`] | [`Leapfrog`] with Robert's filter, a model whose state holds two time levels |
-//! | [`restarted`] | [`RestartedLeapfrog`]: the same from one start to the next, with one level |
-//! | [`rows`] | a tendency row by row, so that a step is one pass over memory |
-//! | [`tangent_wavefront`] | the same for eight increments at once |
+//! | [`scheme`] | time schemes, once for all: [`Tendency`] + [`TimeScheme`] = [`Stepped`]; [`Leapfrog`]; sweeps over rows |
 //! | [`shallow_water`] | rotating [`ShallowWater`], nonlinear, and [`LinearShallowWater`] about a zonal flow |
 //! | [`advection`] | [`Advection`] of a tracer, and the [`ExactShift`] without any error |
 //! | [`initial`] | rest, jets, vortices, balanced random states, hills and waves |
@@ -80,35 +77,28 @@ pub mod grid;
 mod halo;
 pub mod increment;
 pub mod initial;
-mod interleaving;
 pub mod invariants;
-pub mod leapfrog;
 pub mod random;
-pub mod restarted;
-pub mod rows;
 pub mod scheme;
 pub mod shallow_water;
 pub mod state;
 pub mod stored;
-mod strips;
-pub mod tangent_wavefront;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 pub mod time;
-mod update;
-mod wavefront;
+pub mod vector;
 
 pub use advection::{Advection, AdvectionScheme, ExactShift, Wind};
+pub use columns::LANES;
 pub use error::ModelError;
 pub use forecast::{Adjoint, ForecastError, Model, TangentLinear};
 pub use grid::{Boundary, Grid, Location};
 pub use increment::Increment;
-pub use leapfrog::Leapfrog;
-pub use restarted::RestartedLeapfrog;
-pub use rows::RowStream;
-pub use scheme::{SpectralBounds, Stepped, Tendency, TimeScheme, check_time_step};
+pub use scheme::{
+    Leapfrog, RestartedLeapfrog, RowStream, SpectralBounds, Stepped, TangentRowStream, Tendency, TimeScheme,
+    check_time_step,
+};
 pub use shallow_water::{LinearShallowWater, ShallowWater, ShallowWaterParameters, VectorInvariant};
 pub use state::{Layout, State, Variable};
-pub use stored::Stored;
-pub use tangent_wavefront::TangentRowStream;
+pub use stored::{ColumnsMut, Stored};
 pub use time::{Duration, Time};

@@ -2,12 +2,15 @@
 
 use crate::grid::{Grid, Location};
 use crate::increment::Increment;
+use crate::vector;
 use ndarray::ArrayView2;
+use serde::{Deserialize, Deserializer, Serialize};
+use std::collections::BTreeSet;
 use std::ops::{AddAssign, Sub};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
-/// A prognostic variable: what it is called, and where it lives.
-#[derive(Clone, Debug, PartialEq)]
+/// A prognostic variable: its names, its unit and its place in the cell.
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Variable {
     /// Short name, as scenarios and files use it: `h`, `u`, `v`, `tracer`.
     pub name: &'static str,
@@ -21,8 +24,43 @@ pub struct Variable {
     pub location: Location,
 }
 
+impl<'de> Deserialize<'de> for Variable {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        struct Owned {
+            name: String,
+            long_name: String,
+            standard_name: Option<String>,
+            unit: String,
+            location: Location,
+        }
+        let Owned { name, long_name, standard_name, unit, location } = Owned::deserialize(deserializer)?;
+        Ok(Self {
+            name: interned(name),
+            long_name: interned(long_name),
+            standard_name: standard_name.map(interned),
+            unit: interned(unit),
+            location,
+        })
+    }
+}
+
+/// The text as one that lives as long as the program, like those in the source: each different text is kept once.
+fn interned(text: String) -> &'static str {
+    static TEXTS: Mutex<BTreeSet<&'static str>> = Mutex::new(BTreeSet::new());
+    let mut texts = TEXTS.lock().unwrap_or_else(PoisonError::into_inner);
+    match texts.get(text.as_str()) {
+        Some(text) => text,
+        None => {
+            let text: &'static str = text.leak();
+            texts.insert(text);
+            text
+        }
+    }
+}
+
 /// Grid and variables: the meaning of each number of a [`State`] or an [`Increment`].
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Layout {
     /// The grid.
     pub grid: Grid,
@@ -63,10 +101,45 @@ impl Layout {
 }
 
 /// A model state x.
-#[derive(Clone, Debug, PartialEq)]
+///
+/// It is serialised with its layout, a few hundred bytes: a stored state is checked by comparing its layout with that of
+/// the model. One whose number of values is not that of its layout cannot be deserialised.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Values")]
 pub struct State {
     layout: Arc<Layout>,
     values: Vec<f64>,
+}
+
+/// A state or an increment as it is read, not yet checked.
+#[derive(Deserialize)]
+pub(crate) struct Values {
+    layout: Arc<Layout>,
+    values: Vec<f64>,
+}
+
+impl Values {
+    /// The layout and the values.
+    ///
+    /// # Errors
+    /// In words, if the number of values is not that of the layout.
+    pub fn checked(self) -> Result<(Arc<Layout>, Vec<f64>), String> {
+        let Grid { nx, ny, .. } = self.layout.grid;
+        let expected = nx.checked_mul(ny).and_then(|cells| cells.checked_mul(self.layout.variables.len()));
+        if expected != Some(self.values.len()) {
+            let (values, variables) = (self.values.len(), self.layout.variables.len());
+            return Err(format!("{values} values for {variables} variables on {nx} x {ny} cells"));
+        }
+        Ok((self.layout, self.values))
+    }
+}
+
+impl TryFrom<Values> for State {
+    type Error = String;
+    fn try_from(values: Values) -> Result<Self, String> {
+        let (layout, values) = values.checked()?;
+        Ok(Self { layout, values })
+    }
 }
 
 impl State {
@@ -129,18 +202,29 @@ pub(crate) fn field<'a>(layout: &Layout, values: &'a [f64], variable: usize) -> 
 
 impl AddAssign<&Increment> for State {
     fn add_assign(&mut self, increment: &Increment) {
-        assert_eq!(self.values.len(), increment.values().len(), "state and increment have different layouts");
-        for (value, change) in self.values.iter_mut().zip(increment.values()) {
-            *value += change;
-        }
+        vector::add(&mut self.values, increment.values());
     }
 }
 
 impl Sub for &State {
     type Output = Increment;
     fn sub(self, other: &State) -> Increment {
-        assert_eq!(self.values.len(), other.values.len(), "the states have different layouts");
-        let values = self.values.iter().zip(&other.values).map(|(a, b)| a - b).collect();
-        Increment::from_values(&self.layout, values)
+        Increment::from_values(&self.layout, vector::difference(&self.values, &other.values))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::Boundary;
+
+    #[test]
+    fn a_state_that_is_read_has_a_value_for_each_variable_and_cell() {
+        let grid = Grid { nx: 3, ny: 2, dx_m: 1.0, dy_m: 2.0, boundary: Boundary::Channel };
+        let state = State::from_values(&crate::shallow_water::layout(grid), (0..18).map(f64::from).collect());
+        let bytes = postcard::to_stdvec(&state).unwrap();
+        assert_eq!(postcard::from_bytes::<State>(&bytes).unwrap(), state);
+        let short = postcard::to_stdvec(&(state.layout(), &state.values()[1..])).unwrap();
+        assert!(postcard::from_bytes::<State>(&short).is_err());
     }
 }

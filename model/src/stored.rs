@@ -1,8 +1,15 @@
 //! How increments are stored: in double precision or in single. All arithmetic is in double.
 
-use crate::forecast::TangentLinear;
-use crate::state::State;
 use std::fmt::Debug;
+
+/// Increments one after another, each `[variable, y, x]`, in the precision in which they are stored.
+#[derive(Debug)]
+pub enum ColumnsMut<'a> {
+    /// Double precision.
+    Double(&'a mut [f64]),
+    /// Single precision.
+    Single(&'a mut [f32]),
+}
 
 /// A number of an increment as it is stored: `f64`, or `f32` for half the memory at the price of a relative error of 2⁻²⁴
 /// whenever it is written.
@@ -13,18 +20,18 @@ pub trait Stored: sealed::Sealed + Copy + Debug + Default + PartialEq + Send + S
     /// The nearest number that can be stored.
     fn narrow(value: f64) -> Self;
 
-    /// [`Stored::narrow`] of as many values as there are to be stored.
+    /// [`Stored::narrow`] of each value, into as many places.
     #[inline(always)]
     fn narrow_all(values: &[f64], stored: &mut [Self]) {
         stored.iter_mut().zip(values).for_each(|(stored, &value)| *stored = Self::narrow(value));
     }
 
-    /// Applies `process` to values in double precision: to these themselves or, if they are not, to a copy of them in
-    /// `scratch`, which is then rounded back.
+    /// Applies `process` to the values in double precision: in place or, if they are stored in single precision, to a
+    /// copy in `scratch`, which is then rounded back.
     fn in_double<R>(values: &mut [Self], scratch: &mut Vec<f64>, process: impl FnOnce(&mut [f64]) -> R) -> R;
 
-    /// [`TangentLinear::steps_tl`] or [`TangentLinear::steps_tl_single`].
-    fn steps_tl(model: &dyn TangentLinear, at: &State, columns: &mut [Self], steps: usize);
+    /// The columns in the precision in which they are stored.
+    fn columns_mut(columns: &mut [Self]) -> ColumnsMut<'_>;
 }
 
 impl Stored for f64 {
@@ -43,8 +50,8 @@ impl Stored for f64 {
         process(values)
     }
 
-    fn steps_tl(model: &dyn TangentLinear, at: &State, columns: &mut [Self], steps: usize) {
-        model.steps_tl(at, columns, steps);
+    fn columns_mut(columns: &mut [Self]) -> ColumnsMut<'_> {
+        ColumnsMut::Double(columns)
     }
 }
 
@@ -68,8 +75,8 @@ impl Stored for f32 {
         result
     }
 
-    fn steps_tl(model: &dyn TangentLinear, at: &State, columns: &mut [Self], steps: usize) {
-        model.steps_tl_single(at, columns, steps);
+    fn columns_mut(columns: &mut [Self]) -> ColumnsMut<'_> {
+        ColumnsMut::Single(columns)
     }
 }
 

@@ -3,7 +3,8 @@
 use crate::forecast::Adjoint;
 use crate::random::{standard_normals, stream};
 use crate::state::State;
-use crate::stored::Stored;
+use crate::stored::{ColumnsMut, Stored};
+use crate::vector::{self, dot};
 
 /// What [`check_contract`] measured.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,8 +30,8 @@ pub struct Contract {
 ///   trajectory give.
 /// * Single precision: columns stored so become those of M' in double precision, rounded, to the bit.
 ///
-/// Increments are random, scaled for each variable by the largest deviation from its mean (if there is none, by a
-/// hundredth of its largest value, or 1).
+/// Increments are random, scaled for each variable by the largest deviation from its mean (of a uniform variable, by a
+/// hundredth of its value, or 1).
 ///
 /// # Panics
 /// With the numbers, if the model breaks the contract.
@@ -78,17 +79,16 @@ fn check_zero(model: &dyn Adjoint, at: &State) {
 
 fn check_linearity(model: &dyn Adjoint, at: &State, a: &[f64], b: &[f64], scales: &[f64]) {
     let combine = |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| 2.0 * a - 3.0 * b).collect() };
-    let difference = |x: &[f64], y: &[f64]| -> Vec<f64> { x.iter().zip(y).map(|(x, y)| x - y).collect() };
     let whole = step_tl(model, at, &combine(a, b));
     let parts = combine(&step_tl(model, at, a), &step_tl(model, at, b));
-    let error = norm(&difference(&whole, &parts), scales) / norm(&whole, scales);
+    let error = norm(&vector::difference(&whole, &parts), scales) / norm(&whole, scales);
     assert!(error < 1e-12, "M' is not linear: relative error {error:e}");
     let dual: Vec<f64> = scales.iter().map(|scale| 1.0 / scale).collect();
     let weigh = |a: &[f64]| -> Vec<f64> { a.iter().zip(&dual).map(|(a, dual)| a * dual * dual).collect() };
     let (a, b) = (weigh(a), weigh(b));
     let whole = step_ad(model, at, &combine(&a, &b));
     let parts = combine(&step_ad(model, at, &a), &step_ad(model, at, &b));
-    let error = norm(&difference(&whole, &parts), &dual) / norm(&whole, &dual);
+    let error = norm(&vector::difference(&whole, &parts), &dual) / norm(&whole, &dual);
     assert!(error < 1e-12, "M'ᵀ is not linear: relative error {error:e}");
 }
 
@@ -101,7 +101,7 @@ fn taylor_ladder(model: &dyn Adjoint, at: &State, direction: &[f64], scales: &[f
         .map(|power| {
             let epsilon = 10f64.powi(-power);
             let mut perturbed = at.clone();
-            perturbed.values_mut().iter_mut().zip(direction).for_each(|(x, d)| *x += epsilon * d);
+            vector::axpy(epsilon, direction, perturbed.values_mut());
             model.step(&mut perturbed);
             let remainder: Vec<f64> = (0..tangent.len())
                 .map(|k| perturbed.values()[k] - forecast.values()[k] - epsilon * tangent[k])
@@ -124,7 +124,6 @@ fn taylor_ladder(model: &dyn Adjoint, at: &State, direction: &[f64], scales: &[f
 
 fn dot_product_error(model: &dyn Adjoint, at: &State, a: &[f64], b: &[f64], scales: &[f64]) -> f64 {
     let limit = 100.0 * f64::EPSILON;
-    let dot = |x: &[f64], y: &[f64]| -> f64 { x.iter().zip(y).map(|(x, y)| x * y).sum() };
     let magnitude = |x: &[f64], y: &[f64]| -> f64 { x.iter().zip(y).map(|(x, y)| (x * y).abs()).sum() };
     let weigh = |x: &[f64]| -> Vec<f64> { x.iter().zip(scales).map(|(x, scale)| x / (scale * scale)).collect() };
     let tangent = step_tl(model, at, a);
@@ -154,7 +153,7 @@ fn check_batches_and_threads(model: &dyn Adjoint, at: &State, increment: &dyn Fn
         ("forecast", &|columns| {
             for (x, base) in columns.chunks_exact_mut(len).map(|column| (column, at)) {
                 let mut state = base.clone();
-                state.values_mut().iter_mut().zip(x.iter()).for_each(|(state, x)| *state += 0.01 * x);
+                vector::axpy(0.01, x, state.values_mut());
                 model.step(&mut state);
                 x.copy_from_slice(state.values());
             }
@@ -174,7 +173,7 @@ fn check_several_steps(model: &dyn Adjoint, at: &State, increment: &dyn Fn(&str)
     let (mut x, mut single) = (at.clone(), columns.clone());
     for steps in 0..=3 {
         let mut together = columns.clone();
-        model.steps_tl(at, &mut together, steps);
+        model.steps_tl(at, ColumnsMut::Double(&mut together), steps);
         assert!(bits(&together).eq(bits(&single)), "{steps} steps at once give other bits than one after another");
         model.step_tl(&x, &mut single);
         model.step(&mut x);
@@ -187,8 +186,8 @@ fn check_single_precision(model: &dyn Adjoint, at: &State, increment: &dyn Fn(&s
     for steps in [1, 3] {
         let mut single = stored.clone();
         let mut double: Vec<f64> = stored.iter().map(|value| value.widen()).collect();
-        model.steps_tl_single(at, &mut single, steps);
-        model.steps_tl(at, &mut double, steps);
+        model.steps_tl(at, ColumnsMut::Single(&mut single), steps);
+        model.steps_tl(at, ColumnsMut::Double(&mut double), steps);
         let same = single.iter().zip(&double).all(|(own, &double)| own.to_bits() == f32::narrow(double).to_bits());
         assert!(same, "the tangent-linear in single precision is not that in double, rounded");
     }

@@ -5,7 +5,7 @@ use isobar_model::forecast::forecast_tl;
 use isobar_model::initial::{self, Vortex};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{
-    Boundary, Duration, ForecastError, Layout, Leapfrog, LinearShallowWater, Model, ShallowWater,
+    Boundary, ColumnsMut, Duration, ForecastError, Layout, Leapfrog, LinearShallowWater, Model, ShallowWater,
     ShallowWaterParameters, SpectralBounds, State, Stored, TangentLinear, Tendency,
 };
 use std::sync::Arc;
@@ -159,11 +159,11 @@ fn check_sweep(swept: &dyn TangentLinear, fields: &dyn TangentLinear, start: &St
         for threads in [1, 2] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let mut together = columns.clone();
-            pool.install(|| swept.steps_tl(start, &mut together, steps));
+            pool.install(|| swept.steps_tl(start, ColumnsMut::Double(&mut together), steps));
             assert!(together == single, "{steps} steps at once on {threads} threads");
         }
     }
-    swept.steps_tl(start, &mut alone, 3);
+    swept.steps_tl(start, ColumnsMut::Double(&mut alone), 3);
     assert!(single[9 * len..10 * len] == alone, "a column knows of the others");
     let scale = largest(&expected);
     assert!(largest(&difference(&single, &columns)) > 0.1 * scale, "the columns must have moved");

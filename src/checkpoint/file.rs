@@ -9,12 +9,10 @@
 
 use super::Checkpoint;
 use crate::sink::SinkError;
+use crate::sink::directory::{CHECKPOINT_PREFIX, checkpoints, sync_directory};
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
-use std::path::{Path, PathBuf};
-
-/// What the names of checkpoints begin with; the number of the cycle follows.
-const PREFIX: &str = "checkpoint-";
+use std::path::Path;
 
 /// What a checkpoint of this program begins with.
 const FORMAT: &str = "isobar checkpoint 1, version ";
@@ -27,7 +25,7 @@ const KEPT: usize = 2;
 /// # Errors
 /// If it cannot be written; those that were there are as they were.
 pub fn write(directory: &Path, checkpoint: &Checkpoint, memories: &[Vec<u8>]) -> Result<(), SinkError> {
-    let path = directory.join(format!("{PREFIX}{:010}", checkpoint.cycle));
+    let path = directory.join(format!("{CHECKPOINT_PREFIX}{:010}", checkpoint.cycle));
     let temporary = path.with_extension("new");
     let head = postcard::to_stdvec(checkpoint).map_err(|error| failure(&path, &error))?;
     let written = write_new(&temporary, &head, memories)
@@ -37,7 +35,7 @@ pub fn write(directory: &Path, checkpoint: &Checkpoint, memories: &[Vec<u8>]) ->
         let _ = fs::remove_file(&temporary);
         return Err(failure(&path, &error));
     }
-    for (_, old) in list(directory).into_iter().skip(KEPT) {
+    for (_, old) in checkpoints(directory).into_iter().skip(KEPT) {
         // One more than needed does no harm.
         let _ = fs::remove_file(old);
     }
@@ -70,26 +68,11 @@ impl<W: Write> Checksummed<W> {
     }
 }
 
-/// Makes renamings in a directory last.
-pub fn sync_directory(directory: &Path) -> io::Result<()> {
-    if cfg!(unix) { File::open(directory)?.sync_all() } else { Ok(()) }
-}
-
 /// Gives a checkpoint that cannot be used another name.
 pub fn put_aside(path: &Path) {
-    let name = path.file_name().unwrap_or_default().to_string_lossy().replace(PREFIX, "damaged-");
+    let name = path.file_name().unwrap_or_default().to_string_lossy().replace(CHECKPOINT_PREFIX, "damaged-");
     // If that is not possible, it will be in the way of nothing but itself.
     let _ = fs::rename(path, path.with_file_name(name));
-}
-
-/// The checkpoints in a directory with their cycles, the newest first.
-pub fn list(directory: &Path) -> Vec<(usize, PathBuf)> {
-    let Ok(entries) = fs::read_dir(directory) else { return Vec::new() };
-    let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
-    let cycle = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix(PREFIX)?.parse().ok();
-    let mut all: Vec<(usize, PathBuf)> = paths.filter_map(|path| Some((cycle(&path)?, path))).collect();
-    all.sort_by(|a, b| b.cmp(a));
-    all
 }
 
 /// Reads a checkpoint.
@@ -109,7 +92,7 @@ pub fn parse(bytes: &[u8]) -> Result<(Checkpoint, Vec<Vec<u8>>), String> {
     let end = version.iter().take(100).position(|&byte| byte == b'\n').ok_or("its first line has no end")?;
     let (version, own) = (&version[..end], env!("CARGO_PKG_VERSION"));
     if version != own.as_bytes() {
-        let version = crate::scenario::text::clean(&String::from_utf8_lossy(version));
+        let version = crate::text::clean(&String::from_utf8_lossy(version));
         return Err(format!("it was written by isobar {version}, and this is isobar {own}"));
     }
     let damaged = || "it is damaged: its checksum is not that of its contents".to_string();

@@ -1,9 +1,10 @@
 //! Keeps the journal of a run under way, and writes its checkpoints when they are due.
 
 use super::journal::Journal;
-use super::{Checkpoint, Plan, Policy, file};
+use super::{Checkpoint, Plan, file};
 use crate::event::Event;
 use crate::experiment::Experiment;
+use crate::options::CheckpointPolicy;
 use crate::sink::SinkError;
 use crate::verify::Scores;
 use std::path::{Path, PathBuf};
@@ -17,7 +18,7 @@ const TIME_BETWEEN_PER_TIME_OF_ONE: u32 = 100;
 pub struct Keeper {
     directory: PathBuf,
     plan: Plan,
-    policy: Policy,
+    policy: CheckpointPolicy,
     journal: Journal,
     /// When and after which cycle the last checkpoint was written, or the run began.
     last: (Instant, usize),
@@ -30,7 +31,7 @@ impl Keeper {
     ///
     /// # Errors
     /// If the journal cannot be written.
-    pub fn start(directory: &Path, plan: Plan, policy: Policy) -> Result<Self, SinkError> {
+    pub fn start(directory: &Path, plan: Plan, policy: CheckpointPolicy) -> Result<Self, SinkError> {
         let journal = Journal::create(directory, &plan)?;
         Ok(Self::new(directory, plan, policy, journal, 0))
     }
@@ -42,7 +43,7 @@ impl Keeper {
     pub fn resume(
         directory: &Path,
         plan: Plan,
-        policy: Policy,
+        policy: CheckpointPolicy,
         cycle: usize,
         journal_bytes: u64,
     ) -> Result<Self, SinkError> {
@@ -50,7 +51,7 @@ impl Keeper {
         Ok(Self::new(directory, plan, policy, journal, cycle))
     }
 
-    fn new(directory: &Path, plan: Plan, policy: Policy, journal: Journal, cycle: usize) -> Self {
+    fn new(directory: &Path, plan: Plan, policy: CheckpointPolicy, journal: Journal, cycle: usize) -> Self {
         let (directory, cost) = (directory.to_path_buf(), Duration::ZERO);
         Self { directory, plan, policy, journal, last: (Instant::now(), cycle), cost }
     }

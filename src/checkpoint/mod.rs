@@ -20,26 +20,18 @@ mod plan;
 pub use keeper::Keeper;
 pub use plan::{Plan, PlannedRun};
 
-use crate::cycle::SavedRunner;
 use crate::experiment::{Competitor, Experiment};
-use crate::reference::Reference;
-use crate::scenario::text::clean;
+use crate::run::cycle::SavedRunner;
+use crate::run::reference::Reference;
+use crate::run::truth::SavedTruth;
+use crate::sink::directory::checkpoints;
 use crate::smoothed::EarlierTruths;
 use crate::summary::{Failure, ObservationCounts};
-use crate::truth::SavedTruth;
+use crate::text::clean;
 use crate::verify::{Scorecard, Scores};
 use isobar_obs::SavedSystem;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
-
-/// When checkpoints are written: whichever comes first.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Policy {
-    /// After so many minutes; `None`: not for the time alone.
-    pub minutes: Option<f64>,
-    /// After so many cycles; `None`: not for their number alone.
-    pub cycles: Option<usize>,
-}
 
 /// Everything about a run after a cycle but for the methods' own memory, which follows in the file.
 #[derive(Debug, Serialize, Deserialize)]
@@ -151,7 +143,7 @@ pub struct Newest {
 /// In words, if none can be used.
 pub fn newest(working: &Path, plan: &Plan) -> Result<Newest, String> {
     let mut damaged = Vec::new();
-    for (_, path) in file::list(working) {
+    for (_, path) in checkpoints(working) {
         match file::read(&path).and_then(|(checkpoint, memories)| match plan.difference(&checkpoint.plan) {
             None => Ok((checkpoint, memories)),
             Some(difference) => Err(difference.to_string()),

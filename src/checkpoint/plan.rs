@@ -1,9 +1,8 @@
 //! What a run was asked to do: enough to begin it again, and to see whether a checkpoint is one of it.
 
-use super::Policy;
-use crate::cli::RunOptions;
 use crate::event::RunInfo;
 use crate::experiment::Experiment;
+use crate::options::{CheckpointPolicy, RunOptions};
 use crate::scenario::{Scenario, ScenarioError};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -16,31 +15,17 @@ pub struct PlannedRun {
     /// The scenario, to the letter.
     scenario_text: String,
     /// What the command line changed.
-    options: PlannedOptions,
-}
-
-/// The part of [`RunOptions`] that outlasts a process.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct PlannedOptions {
-    methods: Option<Vec<String>>,
-    cycles: Option<usize>,
-    seed: Option<u64>,
-    overwrite: bool,
-    netcdf: bool,
-    rerun: bool,
-    report: bool,
-    checkpoints: Option<Policy>,
+    options: RunOptions,
 }
 
 impl PlannedRun {
     /// What a run, or each run of a batch, is asked to do.
     pub fn new(scenario: &Scenario, options: &RunOptions) -> Self {
-        let RunOptions { methods, cycles, seed, overwrite, netcdf, rerun, report, checkpoints, .. } = options.clone();
         Self {
             // Whoever resumes the run may be in another directory.
             scenario_path: std::path::absolute(&scenario.path).unwrap_or_else(|_| scenario.path.clone()),
             scenario_text: scenario.text.clone(),
-            options: PlannedOptions { methods, cycles, seed, overwrite, netcdf, rerun, report, checkpoints },
+            options: options.of_run(),
         }
     }
 
@@ -54,24 +39,9 @@ impl PlannedRun {
 
     /// The options of a run that goes on with this plan in the same place.
     pub fn options(&self, out: &Path, threads: Option<usize>, live: bool) -> RunOptions {
-        let PlannedOptions { methods, cycles, seed, overwrite, netcdf, rerun, report, checkpoints } =
-            self.options.clone();
-        let resume = true;
-        let own = RunOptions::new(out);
-        RunOptions {
-            methods,
-            cycles,
-            seed,
-            threads,
-            overwrite,
-            netcdf,
-            rerun,
-            report,
-            live,
-            checkpoints,
-            resume,
-            ..own
-        }
+        let mut options = RunOptions { out: out.into(), threads, resume: true, ..self.options.clone() };
+        options.outputs.set("live", live);
+        options
     }
 }
 
@@ -93,7 +63,7 @@ impl Plan {
     }
 
     /// When checkpoints are written; `None`: never.
-    pub fn policy(&self) -> Option<Policy> {
+    pub fn policy(&self) -> Option<CheckpointPolicy> {
         self.run.options.checkpoints
     }
 

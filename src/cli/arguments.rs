@@ -1,5 +1,6 @@
 //! The arguments that the program takes.
 
+use super::outputs::OutputArguments;
 use super::sensors::SensorsCommand;
 use crate::seeds::FEWEST_SEEDS;
 use clap::{Args, Parser, Subcommand};
@@ -37,8 +38,9 @@ pub enum Command {
     Resume(ResumeArguments),
     /// Say whether scenario files are valid, without running them
     Check(CheckArguments),
-    /// List the scenarios in ./scenarios
-    List,
+    /// List the scenarios in ./scenarios, or what they may choose from
+    #[command(after_help = LIST_EXAMPLES)]
+    List(ListArguments),
     /// Write a commented scenario to start from
     Init {
         /// The new file
@@ -73,6 +75,19 @@ pub enum Command {
     Compare(CompareArguments),
 }
 
+const LIST_EXAMPLES: &str = "Examples:
+  isobar list                                    the scenarios in ./scenarios
+  isobar list --covariances                      the kinds of covariances
+  isobar list --covariances balanced             the keys of one of them";
+
+#[derive(Args, Debug)]
+#[group(multiple = false)]
+pub struct ListArguments {
+    /// List the kinds of covariances, or the keys of one
+    #[arg(long, value_name = "KIND")]
+    pub covariances: Option<Option<String>>,
+}
+
 const RUN_EXAMPLES: &str = "Examples:
   isobar run quickstart
   isobar run quickstart --cycles 4 --no-netcdf --no-rerun
@@ -105,18 +120,8 @@ pub struct RunArguments {
     /// Show no progress
     #[arg(long, short)]
     pub quiet: bool,
-    /// Write no netCDF files
-    #[arg(long)]
-    pub no_netcdf: bool,
-    /// Write no recording for the rerun viewer
-    #[arg(long)]
-    pub no_rerun: bool,
-    /// Write no report.html, and no figures
-    #[arg(long)]
-    pub no_report: bool,
-    /// Show the run in a running rerun viewer while it computes
-    #[arg(long)]
-    pub live: bool,
+    #[command(flatten)]
+    pub outputs: OutputArguments,
     /// Run this number of seeds, from the scenario's or --seed on, and report mean scores and differences over them
     #[arg(long, value_name = "N", conflicts_with = "live", value_parser = clap::value_parser!(u64).range(FEWEST_SEEDS..=10_000))]
     pub seeds: Option<u64>,
@@ -126,10 +131,10 @@ pub struct RunArguments {
     /// With --seeds: write all files of every seed, and not only its scores
     #[arg(long, requires = "seeds")]
     pub all_files: bool,
-    /// Write a checkpoint after so many minutes; 0: none for the time alone
+    /// Write a checkpoint every M minutes; 0: not for the time alone
     #[arg(long, value_name = "M", default_value_t = 5.0, value_parser = minutes)]
     pub checkpoint_minutes: f64,
-    /// Write a checkpoint after so many cycles, whatever it costs
+    /// Write a checkpoint every N cycles, whatever it costs
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     pub checkpoint_cycles: Option<u64>,
 }

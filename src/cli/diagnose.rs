@@ -3,9 +3,9 @@
 use super::print;
 use crate::diagnostics::tables::{Titled, all};
 use crate::saved::SavedRun;
-use crate::scenario::text::clean;
 use crate::sink::report::tables::Cell;
 use crate::table;
+use crate::text::clean;
 use miette::{Report, miette};
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -1,7 +1,7 @@
 //! `isobar init`.
 
 use super::print;
-use crate::scenario::text::clean;
+use crate::text::clean;
 use miette::{Report, miette};
 use std::io::{ErrorKind, Write};
 use std::path::Path;

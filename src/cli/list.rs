@@ -1,14 +1,56 @@
 //! `isobar list`.
 
+use super::arguments::ListArguments;
 use super::{lookup, print, show};
+use crate::kinds::reference::{self, KeyReference, Reference};
 use crate::scenario::Scenario;
-use crate::scenario::text::listed;
 use crate::table::plain;
+use crate::text::{clean, listed, nearest};
 use miette::{Report, miette};
 use std::process::ExitCode;
 
+/// Lists the kinds that a scenario may choose from, the keys of one of them, or the scenarios.
+pub fn list(arguments: &ListArguments) -> Result<ExitCode, Report> {
+    for reference in reference::all() {
+        let chosen = match reference.option {
+            "covariances" => &arguments.covariances,
+            option => unreachable!("--{option} is no option"),
+        };
+        if let Some(kind) = chosen {
+            print(&kinds(&reference, kind.as_deref())?)?;
+            return Ok(ExitCode::SUCCESS);
+        }
+    }
+    scenarios()
+}
+
+/// All kinds of a list with a line about each, or the keys of one.
+fn kinds(reference: &Reference, name: Option<&str>) -> Result<String, Report> {
+    let all = &reference.kinds;
+    let Some(name) = name else {
+        return Ok(plain(
+            &["kind", "what it is"],
+            all.iter().map(|kind| vec![kind.name.into(), kind.about.into()]).collect(),
+        ));
+    };
+    let Some(kind) = all.iter().find(|kind| kind.name == name) else {
+        let names = || all.iter().map(|kind| kind.name);
+        let near = nearest(name, names()).map_or(String::new(), |near| format!("did you mean `{near}`?\n"));
+        let help = format!("{near}there are: {}", listed(names()));
+        return Err(miette!(help = help, "there is no kind `{}` of {}", clean(name), reference.title.to_lowercase()));
+    };
+    let row = |KeyReference { name, unit, allowed, default, meaning }: &KeyReference| {
+        vec![name.to_string(), unit.to_string(), allowed.clone(), default.clone(), meaning.to_string()]
+    };
+    let keys = plain(&["key", "unit", "value", "default", "meaning"], kind.keys.iter().map(row).collect());
+    Ok(match kind.keys.is_empty() {
+        true => format!("{}. It has no keys.", kind.about),
+        false => format!("{}\n\n{keys}", kind.about),
+    })
+}
+
 /// Lists the scenarios in ./scenarios; those that are not valid are reported after the list.
-pub fn list() -> Result<ExitCode, Report> {
+fn scenarios() -> Result<ExitCode, Report> {
     let (mut rows, mut faults) = (Vec::new(), Vec::new());
     let paths = lookup::all()?;
     if paths.is_empty() {

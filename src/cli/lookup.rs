@@ -1,7 +1,7 @@
 //! From what the user typed to a scenario file.
 
 use crate::scenario::Scenario;
-use crate::scenario::text::{clean, listed, nearest};
+use crate::text::{clean, listed, nearest};
 use miette::{Report, miette};
 use std::path::{Path, PathBuf};
 

@@ -1,17 +1,19 @@
 //! `isobar regress`.
 
 use super::arguments::RegressArguments;
-use super::{RunOptions, Runner, lookup, print, show};
+use super::{lookup, print, run, show};
 use crate::interrupt;
+use crate::options::RunOptions;
 use crate::progress::Progress;
 use crate::scenario::{Expected, Scenario, accept};
+use crate::summary::Summary;
 use crate::table::Comparison;
 use miette::{IntoDiagnostic, Report, miette};
 use std::process::ExitCode;
 
 /// Runs scenarios and says which scores moved. The exit code is 1 if one is outside of its tolerance, unless the new
 /// scores are accepted.
-pub fn regress(arguments: &RegressArguments, runner: &Runner) -> Result<ExitCode, Report> {
+pub fn regress(arguments: &RegressArguments) -> Result<ExitCode, Report> {
     let scenarios = match arguments.scenarios.as_slice() {
         [] => all()?,
         given => given.iter().map(|argument| lookup::load(argument)).collect::<Result<Vec<_>, _>>()?,
@@ -22,7 +24,7 @@ pub fn regress(arguments: &RegressArguments, runner: &Runner) -> Result<ExitCode
     interrupt::listen();
     let mut code = ExitCode::SUCCESS;
     for scenario in &scenarios {
-        match regress_one(scenario, arguments, runner) {
+        match regress_one(scenario, arguments) {
             Ok(true) => {}
             Ok(false) => code = ExitCode::FAILURE,
             Err(report) => {
@@ -42,25 +44,31 @@ fn all() -> Result<Vec<Scenario>, Report> {
     let mut scenarios = Vec::new();
     for path in lookup::all()? {
         let scenario = Scenario::load(&path)?;
-        match scenario.regression {
-            true => scenarios.push(scenario),
-            false => print(&format!("{}: not run (regression = false)", scenario.name))?,
+        if scenario.regression {
+            scenarios.push(scenario);
+        } else {
+            print(&format!("{}: not run (regression = false)", scenario.name))?;
         }
     }
     Ok(scenarios)
 }
 
-/// Whether all is well with a scenario.
-fn regress_one(scenario: &Scenario, arguments: &RegressArguments, runner: &Runner) -> Result<bool, Report> {
+/// Runs a scenario; whether its scores are as expected, or are now accepted.
+fn regress_one(scenario: &Scenario, arguments: &RegressArguments) -> Result<bool, Report> {
     let directory = tempfile::tempdir().into_diagnostic()?;
     let threads = arguments.threads.map(|threads| threads as usize);
     let options = RunOptions { threads, ..RunOptions::new(directory.path().join(&scenario.name)) };
     let mut progress = Progress::new(arguments.quiet);
-    let summary = runner(scenario, &options, &mut progress)?;
+    let summary = run::run_scenario(scenario, &options, &mut progress)?;
     drop(progress);
-    let comparison = Comparison::new(&scenario.expected, &summary);
+    judge(scenario, &summary, arguments.accept)
+}
+
+/// Prints which scores of a scenario have moved, and accepts the new ones if asked to; whether all is well.
+fn judge(scenario: &Scenario, summary: &Summary, accept_new: bool) -> Result<bool, Report> {
+    let comparison = Comparison::new(&scenario.expected, summary);
     print(&format!("{}: {}", scenario.name, comparison.describe()))?;
-    if !arguments.accept {
+    if !accept_new {
         return Ok(comparison.passed());
     }
     if let Some((name, failure)) = summary.failures().next() {
@@ -70,7 +78,7 @@ fn regress_one(scenario: &Scenario, arguments: &RegressArguments, runner: &Runne
             failure.reason
         ));
     }
-    accept(scenario, &Expected::from_summary(&summary, scenario.expected.relative_tolerance)).into_diagnostic()?;
+    accept(scenario, &Expected::from_summary(summary, scenario.expected.relative_tolerance)).into_diagnostic()?;
     print(&format!("{}: accepted", scenario.name))?;
     Ok(true)
 }
@@ -78,22 +86,19 @@ fn regress_one(scenario: &Scenario, arguments: &RegressArguments, runner: &Runne
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sink::Sink;
-    use crate::summary::{MethodScores, Summary};
+    use crate::summary::MethodScores;
 
-    fn runner(h: f64) -> impl Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, Report> + Sync {
-        move |scenario, _, _| {
-            let mut scores = MethodScores::default();
-            scores.rmse_analysis.insert("h".into(), h);
-            Ok(Summary {
-                scenario: scenario.name.clone(),
-                seed: scenario.seed,
-                cycles: scenario.cycle.count,
-                scored_from_cycle: scenario.cycle.score_from_cycle,
-                version: String::new(),
-                observations: Default::default(),
-                methods: scenario.methods.keys().map(|name| (name.clone(), scores.clone())).collect(),
-            })
+    fn summary(scenario: &Scenario, h: f64) -> Summary {
+        let mut scores = MethodScores::default();
+        scores.rmse_analysis.insert("h".into(), h);
+        Summary {
+            scenario: scenario.name.clone(),
+            seed: scenario.seed,
+            cycles: scenario.cycle.count,
+            scored_from_cycle: scenario.cycle.score_from_cycle,
+            version: String::new(),
+            observations: Default::default(),
+            methods: scenario.methods.keys().map(|name| (name.clone(), scores.clone())).collect(),
         }
     }
 
@@ -104,8 +109,7 @@ mod tests {
         std::fs::write(&path, include_str!("template.toml")).unwrap();
         let passes = |accept: bool, h: f64| {
             let scenario = Scenario::load(&path).unwrap();
-            let arguments = RegressArguments { scenarios: Vec::new(), accept, threads: None, quiet: true };
-            regress_one(&scenario, &arguments, &runner(h)).unwrap()
+            judge(&scenario, &summary(&scenario, h), accept).unwrap()
         };
         assert!(!passes(false, 4.0), "nothing was accepted yet");
         assert!(passes(true, 4.0));

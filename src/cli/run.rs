@@ -1,21 +1,24 @@
 //! `isobar run`.
 
 use super::arguments::RunArguments;
-use super::{RunOptions, Runner, lookup, print, seeds, show};
-use crate::checkpoint::Policy;
+use super::{lookup, print, seeds, show};
 use crate::interrupt;
+use crate::options::{CheckpointPolicy, RunOptions};
 use crate::progress::Progress;
+use crate::run::{self, RunError};
 use crate::scenario::Scenario;
-use crate::scenario::text::{clean, listed, nearest};
 use crate::sensors::write_back::{self, SENSORS_FILE};
-use crate::sink::Outputs;
+use crate::sink::directory::{checkpoints, working};
+use crate::sink::{OUTPUTS, Open, Output, Sink};
+use crate::summary::Summary;
 use crate::table;
+use crate::text::{clean, listed, nearest};
 use miette::{Report, miette};
 use std::collections::HashMap;
 use std::process::ExitCode;
 
 /// Runs scenarios one after the other. All are read before the first one runs. The exit code is 1 if a method failed.
-pub fn run(arguments: &RunArguments, runner: &Runner) -> Result<ExitCode, Report> {
+pub fn run(arguments: &RunArguments) -> Result<ExitCode, Report> {
     let scenarios = arguments.scenarios.iter().map(|argument| lookup::load(argument)).collect::<Result<Vec<_>, _>>()?;
     check_names(&scenarios)?;
     let of_scenario = |scenario: &Scenario| {
@@ -24,16 +27,24 @@ pub fn run(arguments: &RunArguments, runner: &Runner) -> Result<ExitCode, Report
         Ok::<_, Report>((options, seeds))
     };
     let all = scenarios.iter().map(of_scenario).collect::<Result<Vec<_>, _>>()?;
+    for scenario in &scenarios {
+        for (output, feature) in missing(arguments, scenario) {
+            print(&format!(
+                "{}: no output {output}: this isobar was built without its feature `{feature}`",
+                scenario.name
+            ))?;
+        }
+    }
     interrupt::listen();
     let mut code = ExitCode::SUCCESS;
     for (scenario, (options, seeds)) in scenarios.iter().zip(&all) {
         if let Some(seeds) = seeds {
-            if !seeds::run(scenario, options, seeds, runner, arguments.quiet)? {
+            if !seeds::run(scenario, options, seeds, arguments.quiet)? {
                 code = ExitCode::FAILURE;
             }
             continue;
         }
-        if !run_one(scenario, options, arguments.quiet, arguments.no_rerun, runner)? {
+        if !run_one(scenario, options, arguments.quiet)? {
             code = ExitCode::FAILURE;
         }
     }
@@ -41,19 +52,13 @@ pub fn run(arguments: &RunArguments, runner: &Runner) -> Result<ExitCode, Report
 }
 
 /// Runs a scenario, or goes on with it; whether no method failed.
-pub(super) fn run_one(
-    scenario: &Scenario,
-    options: &RunOptions,
-    quiet: bool,
-    no_rerun: bool,
-    runner: &Runner,
-) -> Result<bool, Report> {
+pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) -> Result<bool, Report> {
     let mut progress = Progress::new(quiet);
-    let summary = runner(scenario, options, &mut progress)?;
+    let summary = run_scenario(scenario, options, &mut progress)?;
     drop(progress);
     let scores = table::scores(&summary, scenario.model.variables());
     print(&format!("{}: {}\n\n{scores}\n", scenario.name, scenario.title))?;
-    print(&files(scenario, options, no_rerun))?;
+    print(&format!("Files: {}\n", clean(&options.out.display().to_string())))?;
     write_sensors(scenario, options)?;
     let failed: Vec<&str> = summary.failures().map(|(name, _)| name).collect();
     if !failed.is_empty() {
@@ -82,18 +87,43 @@ fn write_sensors(scenario: &Scenario, options: &RunOptions) -> Result<(), Report
     print(&format!("Sensors: {new} new records in {database}\n"))
 }
 
-/// When checkpoints are written.
-fn policy(arguments: &RunArguments) -> Option<Policy> {
-    let minutes = Some(arguments.checkpoint_minutes).filter(|&minutes| minutes > 0.0);
-    let cycles = arguments.checkpoint_cycles.map(|cycles| cycles as usize);
-    (minutes.is_some() || cycles.is_some()).then_some(Policy { minutes, cycles })
+/// Runs a scenario. An error names the scenario, and what of the run is kept.
+pub(super) fn run_scenario(
+    scenario: &Scenario,
+    options: &RunOptions,
+    listener: &mut dyn Sink,
+) -> Result<Summary, Report> {
+    run::run(scenario, options, listener).map_err(|error| match error {
+        RunError::Experiment(error) => error.locate(scenario).into(),
+        RunError::Place(error) => miette!("{}: {error}", scenario.name),
+        error => {
+            let kept = working(&options.out).ok().and_then(|working| Some(checkpoints(&working).first()?.0));
+            let help = kept.map_or("nothing of the run is kept".to_string(), |cycle| {
+                let out = options.out.display();
+                format!("the run is kept up to cycle {cycle}: `isobar resume {out}` continues it")
+            });
+            miette!(help = help, "{}: {error}", scenario.name)
+        }
+    })
 }
 
-/// Where the files are, and which are missing that the scenario asks for.
-fn files(scenario: &Scenario, options: &RunOptions, refused: bool) -> String {
-    let missing = scenario.output.rerun && !refused && !Outputs::RERUN_AVAILABLE;
-    let note = if missing { "\nNo recording: this isobar was built without its feature `rerun`." } else { "" };
-    format!("Files: {}{note}\n", clean(&options.out.display().to_string()))
+/// When checkpoints are written.
+fn policy(arguments: &RunArguments) -> Option<CheckpointPolicy> {
+    let minutes = Some(arguments.checkpoint_minutes).filter(|&minutes| minutes > 0.0);
+    let cycles = arguments.checkpoint_cycles.map(|cycles| cycles as usize);
+    (minutes.is_some() || cycles.is_some()).then_some(CheckpointPolicy { minutes, cycles })
+}
+
+/// The outputs that the scenario asks for and the user does not refuse, but this build cannot write, with the cargo feature
+/// that each needs.
+fn missing(arguments: &RunArguments, scenario: &Scenario) -> Vec<(&'static str, &'static str)> {
+    let of = |output: &'static Output| match output.open {
+        Open::NeedsFeature(feature) if arguments.outputs.wants(output, &scenario.outputs) => {
+            Some((output.name, feature))
+        }
+        _ => None,
+    };
+    OUTPUTS.iter().filter(|output| output.by_default).filter_map(of).collect()
 }
 
 /// Scenarios of the same name would write into the same directory.
@@ -147,10 +177,7 @@ fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, 
         seed: arguments.seed,
         threads: arguments.threads.map(|threads| threads as usize),
         overwrite: arguments.overwrite,
-        netcdf: scenario.output.netcdf && !arguments.no_netcdf,
-        rerun: scenario.output.rerun && !arguments.no_rerun && Outputs::RERUN_AVAILABLE,
-        report: scenario.output.report && !arguments.no_report,
-        live: arguments.live,
+        outputs: arguments.outputs.apply(&scenario.outputs),
         concurrent: false,
         checkpoints: policy(arguments),
         resume: false,
@@ -161,6 +188,7 @@ fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, 
 mod tests {
     use super::super::arguments::{Arguments, Command};
     use super::*;
+    use crate::sink::Outputs;
     use clap::Parser;
     use std::path::Path;
 
@@ -177,18 +205,18 @@ mod tests {
     #[test]
     fn options_are_the_scenarios_unless_the_user_says_otherwise() {
         let plain = options_of(&[]).unwrap();
-        let all = RunOptions {
-            netcdf: true,
-            rerun: Outputs::RERUN_AVAILABLE,
-            report: true,
-            checkpoints: Some(Policy { minutes: Some(5.0), cycles: None }),
+        let outputs = OUTPUTS.iter().filter(|output| output.by_default && output.is_available());
+        let mut all = RunOptions {
+            outputs: Outputs::of(outputs.map(|output| output.name)),
+            checkpoints: Some(CheckpointPolicy { minutes: Some(5.0), cycles: None }),
             ..RunOptions::new("out/mine")
         };
         assert_eq!(plain, all);
         let changed =
             options_of(&["--methods", "fkf,free", "--cycles", "7", "--no-netcdf", "--out", "x", "--seed", "9"]);
         let methods = Some(vec!["fkf".to_string(), "free".to_string()]);
-        let wanted = RunOptions { out: "x/mine".into(), methods, cycles: Some(7), seed: Some(9), netcdf: false, ..all };
+        all.outputs.set("netcdf", false);
+        let wanted = RunOptions { out: "x/mine".into(), methods, cycles: Some(7), seed: Some(9), ..all };
         assert_eq!(changed.unwrap(), wanted);
     }
 

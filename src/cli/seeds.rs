@@ -1,14 +1,16 @@
 //! `isobar run --seeds`.
 
 use super::arguments::RunArguments;
-use super::{RunOptions, Runner, print};
+use super::{print, run as runs};
+use crate::options::RunOptions;
 use crate::progress::SeedsProgress;
 use crate::scenario::Scenario;
-use crate::scenario::text::clean;
-use crate::seeds::{BatchKind, BatchPlan, SeedsSummary, interrupted, run_all};
-use crate::sink::report::REPORT_FILE;
+use crate::seeds::{BatchKind, BatchPlan, Run, SeedsSummary, interrupted, run_all};
+use crate::sink::Outputs;
 use crate::sink::report::tables::Table;
+use crate::sink::report::{REPORT, REPORT_FILE};
 use crate::table;
+use crate::text::clean;
 use miette::{IntoDiagnostic, Report, miette};
 use std::fs;
 
@@ -41,7 +43,7 @@ pub fn options(
         None => methods.next().cloned().unwrap_or_default(),
         Some(name) if methods.any(|it| it == name) => name.clone(),
         Some(name) => {
-            super::run::check_method(name, scenario)?;
+            runs::check_method(name, scenario)?;
             return Err(miette!("--against {} is not among the methods of --methods", clean(name)));
         }
     };
@@ -49,11 +51,16 @@ pub fn options(
 }
 
 /// Runs a scenario with every seed, or, with `resume`, those that are not complete; whether none failed, and no method of any.
-pub fn run(
+pub fn run(scenario: &Scenario, options: &RunOptions, wanted: &SeedsOptions, quiet: bool) -> Result<bool, Report> {
+    run_by(&runs::run_scenario, scenario, options, wanted, quiet)
+}
+
+/// The same with another function that runs a scenario.
+fn run_by(
+    run: &Run<'_>,
     scenario: &Scenario,
     options: &RunOptions,
     wanted: &SeedsOptions,
-    runner: &Runner,
     quiet: bool,
 ) -> Result<bool, Report> {
     let SeedsOptions { seeds, against, all_files } = wanted;
@@ -61,12 +68,12 @@ pub fn run(
     let directory = BatchPlan::begin(scenario, options, kind)?;
     let mut each = RunOptions { out: directory.path().to_path_buf(), ..options.clone() };
     if !wanted.all_files {
-        (each.netcdf, each.rerun, each.report) = (false, false, false);
+        each.outputs = Outputs::default();
     }
     let methods = options.methods.as_ref().map_or(scenario.methods.len(), Vec::len);
     let analyses = methods * options.cycles.unwrap_or(scenario.cycle.count);
     let progress = SeedsProgress::new(quiet, &scenario.name, wanted.seeds.len(), analyses);
-    let runs = run_all(scenario, &each, seeds, runner, &progress);
+    let runs = run_all(scenario, &each, seeds, run, &progress);
     drop(progress);
     if let Some(error) = interrupted(&options.out, directory.path(), seeds.len()) {
         return Err(error);
@@ -74,7 +81,7 @@ pub fn run(
     let runs = runs?;
     let summary = SeedsSummary::new(runs, &wanted.against).expect("a run is complete, or there is an error");
     summary.write(directory.path()).into_diagnostic()?;
-    if options.report {
+    if options.outputs.contains(REPORT) {
         let html = summary.html(scenario).map_err(|error| miette!("{error}"))?;
         let path = directory.path().join(REPORT_FILE);
         fs::write(&path, html).map_err(|error| miette!("cannot write {}: {error}", path.display()))?;
@@ -148,9 +155,10 @@ mod tests {
 
     fn run_with(fails: &'static [u64], out: &Path) -> Result<bool, Report> {
         let scenario = Scenario::parse(Path::new("mine.toml"), include_str!("template.toml")).unwrap();
-        let options = RunOptions { threads: Some(2), netcdf: true, report: true, ..RunOptions::new(out) };
+        let outputs = Outputs::of(["netcdf", REPORT]);
+        let options = RunOptions { threads: Some(2), outputs, ..RunOptions::new(out) };
         let wanted = SeedsOptions { seeds: (1..=5).collect(), against: "fkf".into(), all_files: false };
-        run(&scenario, &options, &wanted, &runner(fails), true)
+        run_by(&runner(fails), &scenario, &options, &wanted, true)
     }
 
     #[test]

@@ -1,11 +1,11 @@
 //! `isobar sensors`.
 
 use super::print;
-use crate::scenario::text::{clean, listed, nearest, printable};
+use crate::calendar::utc;
 use crate::sensors::database::Missing;
 use crate::sensors::record::Key;
 use crate::sensors::{Database, Record, Records, SensorError, table};
-use crate::sink::scores::utc;
+use crate::text::{clean, listed, nearest, printable};
 use clap::Subcommand;
 use isobar_model::Time;
 use miette::{Report, miette};

@@ -1,41 +1,42 @@
 //! `isobar sweep`.
 
 use super::arguments::SweepArguments;
-use super::{RunOptions, Runner, lookup, print, run};
+use super::{lookup, print, run};
 use crate::interrupt;
+use crate::options::RunOptions;
 use crate::progress::SeedsProgress;
 use crate::scenario::Scenario;
-use crate::scenario::text::clean;
 use crate::seeds::{BatchKind, BatchPlan, Job, interrupted, run_jobs};
+use crate::sink::Outputs;
+use crate::sink::report::REPORT;
 use crate::sweep::{Outcome, SweepSummary, settings};
 use crate::table;
+use crate::text::clean;
 use miette::{IntoDiagnostic, Report, miette};
 use std::fs;
 use std::process::ExitCode;
 
 /// Runs a scenario with all settings of its sweep. The exit code is 1 if a run or a method failed.
-pub fn sweep(arguments: &SweepArguments, runner: &Runner) -> Result<ExitCode, Report> {
+pub fn sweep(arguments: &SweepArguments) -> Result<ExitCode, Report> {
     let scenario = lookup::load(&arguments.scenario)?;
     arguments.part.methods.iter().flatten().try_for_each(|method| run::check_method(method, &scenario))?;
     let cycles = arguments.part.cycles.map(|cycles| cycles as usize);
     run::check_cycles(cycles, &scenario)?;
+    let outputs = Outputs::of([REPORT].into_iter().filter(|report| scenario.outputs.contains(report)));
     let options = RunOptions {
         methods: arguments.part.methods.clone(),
         cycles,
         threads: arguments.part.threads.map(|threads| threads as usize),
         overwrite: arguments.overwrite,
-        report: scenario.output.report,
+        outputs,
         ..RunOptions::new(arguments.out.join(format!("{}-sweep", scenario.name)))
     };
     interrupt::listen();
-    match run_one(&scenario, &options, runner, arguments.quiet)? {
-        true => Ok(ExitCode::SUCCESS),
-        false => Ok(ExitCode::FAILURE),
-    }
+    Ok(if run_one(&scenario, &options, arguments.quiet)? { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// Runs a sweep, or goes on with it; whether nothing failed.
-pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, runner: &Runner, quiet: bool) -> Result<bool, Report> {
+pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) -> Result<bool, Report> {
     let (sweep, settings) = settings(scenario, options.methods.as_deref())?;
     let variable = scenario.model.variables().first().map_or("", |variable| variable.0);
     let score = sweep.score.clone().unwrap_or_else(|| format!("rmse_analysis.{variable}"));
@@ -57,8 +58,8 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, runner: &Runner
     let cycles = options.cycles.unwrap_or(scenario.cycle.count);
     let analyses: usize = settings.iter().map(|own| own.methods.len()).sum::<usize>() * cycles;
     let progress = SeedsProgress::new(quiet, &scenario.name, jobs.len(), analyses.div_ceil(settings.len()));
-    let each = RunOptions { report: false, ..options.clone() };
-    let outcomes = run_jobs(&jobs, &each, runner, &progress);
+    let each = RunOptions { outputs: Outputs::default(), ..options.clone() };
+    let outcomes = run_jobs(&jobs, &each, &run::run_scenario, &progress);
     drop(progress);
     if let Some(error) = interrupted(&options.out, directory.path(), jobs.len()) {
         return Err(error);
@@ -75,7 +76,7 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, runner: &Runner
     };
     let outcomes: Vec<Outcome> = outcomes.into_iter().map(of_setting).collect();
     let summary = SweepSummary::new(scenario, &settings, seeds.clone(), score, (schedule, outcomes), cycles);
-    summary.write(directory.path(), scenario, options.report).into_diagnostic()?;
+    summary.write(directory.path(), scenario, options.outputs.contains(REPORT)).into_diagnostic()?;
     directory.complete().into_diagnostic()?;
     print(&text(&summary, scenario))?;
     print(&format!("Files: {}\n", clean(&options.out.display().to_string())))?;

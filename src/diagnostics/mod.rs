@@ -14,7 +14,7 @@ pub use normal::{crps, probability_below};
 pub use observations::ObservationDiagnostics;
 pub use state::{BINS, StateDiagnostics};
 
-use crate::cycle::{Influence, Outcome};
+use crate::outcome::{Influence, Outcome};
 use crate::statistics::{self, Interval};
 use crate::summary::PerVariable;
 use crate::verify::TrueValues;

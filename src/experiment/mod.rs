@@ -1,21 +1,21 @@
 //! From a scenario to everything that runs: model, truth, observing system, methods.
 
-mod covariances;
 mod forecast_model;
 mod initial_state;
 mod methods;
 mod observing;
 mod time_volume;
 
-use crate::cli::RunOptions;
-use crate::cycle::{Freezing, Runner};
 use crate::event::{MethodInfo, RunInfo, StationInfo};
-use crate::reference::Reference;
+use crate::kinds::covariances;
+use crate::options::RunOptions;
+use crate::run::cycle::{Freezing, Runner};
+use crate::run::reference::Reference;
+use crate::run::truth::Truth;
 use crate::scenario::{Algorithm, Scenario, ScenarioError};
 use crate::sensors::knowledge::{WarmStart, warm_start};
 use crate::sensors::{Database, SensorError, database::Missing};
 use crate::summary::Failure;
-use crate::truth::Truth;
 use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Problem, SensorKnowledge, covariance};
 use isobar_model::random::stream;
 use isobar_model::{Duration, ModelError, check_time_step};
@@ -246,9 +246,10 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
     let model = forecast_model::build(&scenario.model, grid, scenario.cycle.window)?;
     let background = initial_state::build(&scenario.initial, &scenario.model, grid, seed)?;
     check_time_step(&*model, &background).map_err(ExperimentError::TimeStep)?;
-    let build = |components| covariances::build(components, &scenario.model, background.layout());
-    let background_error = build(&scenario.background_error)?.unwrap_or_else(|| covariances::none(background.layout()));
-    let model_error = build(&scenario.model_error)?;
+    let build = |components| covariances::build(components, background.layout()).map_err(ExperimentError::Covariance);
+    let background_error = build(&scenario.background_error)?;
+    let has_model_error = !scenario.model_error.is_empty();
+    let model_error = has_model_error.then(|| build(&scenario.model_error)).transpose()?;
 
     let true_state = match &scenario.truth.initial {
         Some(initial) => initial_state::build(initial, &scenario.truth.model, grid, seed)?,

@@ -1,7 +1,7 @@
 //! `[networks.NAME]` as instruments.
 
 use super::ExperimentError;
-use crate::scenario::table_file;
+use crate::reader::table_file;
 use crate::scenario::{
     Bias, BiasEvolution, BiasOwner, FileSettings, InitialBias, Instrument, Network, RadiosondeSettings, SatelliteBias,
     SatelliteSettings, Scenario, Schedule, StationLayout,

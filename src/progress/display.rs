@@ -1,6 +1,6 @@
 //! How progress is shown: a bar on a terminal, an occasional line in a pipe, or nothing.
 
-use crate::scenario::text::printable;
+use crate::text::printable;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};

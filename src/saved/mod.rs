@@ -5,9 +5,9 @@ mod scores;
 
 pub use scores::{CycleScores, MethodSeries, Scores};
 
-use crate::scenario::text::clean;
 use crate::sink::directory::SUMMARY_FILE;
 use crate::summary::Summary;
+use crate::text::clean;
 use miette::Diagnostic;
 use std::fs;
 use std::path::{Path, PathBuf};

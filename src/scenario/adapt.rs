@@ -1,6 +1,6 @@
 //! `adapt = { … }` of a method: which errors it estimates from its innovations.
 
-use super::reader::{Read, Section};
+use crate::reader::{Absent, Key, Read, Section, Whole, YesNo};
 
 /// What a method adapts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,22 +20,44 @@ pub(super) enum StateError {
     Background,
 }
 
+const OBSERVATION_ERROR: Key<YesNo> = Key::absent(
+    "observation_error",
+    "",
+    YesNo,
+    Absent::Means(false),
+    "whether there is a factor on R for each type of observations",
+);
+
+const MODEL_ERROR: Key<YesNo> =
+    Key::absent("model_error", "", YesNo, Absent::Means(false), "whether there is a factor on Q");
+
+const BACKGROUND_ERROR: Key<YesNo> =
+    Key::absent("background_error", "", YesNo, Absent::Means(false), "whether there is a factor on B");
+
+const MEMORY_CYCLES: Key<Whole> = Key::absent(
+    "memory_cycles",
+    "",
+    Whole(1, 1_000_000),
+    Absent::Means(20),
+    "memory of the estimates in cycles: older ones fade",
+);
+
 /// Reads it; nothing without the key.
 pub(super) fn read(section: &Section<'_>, of: StateError, has_model_error: bool) -> Read<Option<Adapt>> {
     let Some(field) = section.optional("adapt") else { return Ok(None) };
     let state_key = match of {
-        StateError::Model => "model_error",
-        StateError::Background => "background_error",
+        StateError::Model => &MODEL_ERROR,
+        StateError::Background => &BACKGROUND_ERROR,
     };
-    let own = field.section(&["observation_error", state_key, "memory_cycles"])?;
+    let section = field.section(&[OBSERVATION_ERROR.name, state_key.name, MEMORY_CYCLES.name])?;
     let adapt = Adapt {
-        observation_error: own.yes_or_no_or("observation_error", false)?,
-        state_error: own.yes_or_no_or(state_key, false)?,
-        memory_cycles: own.whole_or("memory_cycles", 20, 1, 1_000_000)?,
+        observation_error: section.get(&OBSERVATION_ERROR)?,
+        state_error: section.get(state_key)?,
+        memory_cycles: section.get(&MEMORY_CYCLES)?,
     };
     if !(adapt.observation_error || adapt.state_error) {
         let message = format!("`{}` adapts nothing", field.title());
-        return Err(field.invalid(message, &format!("needs `observation_error = true` or `{state_key} = true`")));
+        return Err(field.invalid(message, &format!("needs `observation_error = true` or `{} = true`", state_key.name)));
     }
     if adapt.state_error && of == StateError::Model && !has_model_error {
         let message = "there is no model error that could be adapted".to_string();

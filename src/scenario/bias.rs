@@ -1,8 +1,7 @@
 //! `[[networks.NAME.bias]]`: the biases of an observing system.
 
-use super::covariance::variable;
-use super::model::ModelSettings;
-use super::reader::{Field, Kind, Limits, Read, Section};
+use super::model::{ModelSettings, variable};
+use crate::reader::{Field, Kind, Limits, Read, Section};
 
 /// A bias, or one for each group or station.
 #[derive(Clone, Debug, PartialEq)]

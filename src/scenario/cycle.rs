@@ -3,7 +3,8 @@
 
 use super::initial::{self, Initial};
 use super::model::{self, ModelSettings};
-use super::reader::{Field, Limits, Read, Section};
+use crate::reader::{Field, Limits, Read, Section};
+use crate::sink::{OUTPUTS, Outputs};
 use isobar_model::{Duration, Grid, Time};
 
 /// The cycles of forecast and analysis.
@@ -28,17 +29,6 @@ pub struct TruthSettings {
     pub model_error_scale: f64,
     /// Factor on the variance of the truth's deviation from the first background; 0 for a perfect start.
     pub background_error_scale: f64,
-}
-
-/// What a run writes besides the summary.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct OutputSettings {
-    /// netCDF files.
-    pub netcdf: bool,
-    /// A recording for the rerun viewer.
-    pub rerun: bool,
-    /// report.html, and its figures.
-    pub report: bool,
 }
 
 /// The last time a run may reach: the year 9000.
@@ -103,11 +93,14 @@ pub(super) fn read_diagnostics(root: &Section<'_>) -> Read<Option<usize>> {
     Ok(Some(section.required("influence_every_cycles")?.whole(1, 1_000_000)?))
 }
 
-pub(super) fn read_output(root: &Section<'_>) -> Read<OutputSettings> {
-    let Some(field) = root.optional("output") else {
-        return Ok(OutputSettings { netcdf: true, rerun: true, report: true });
-    };
-    let section = field.section(&["netcdf", "rerun", "report"])?;
-    let yes_or_no = |key| section.yes_or_no_or(key, true);
-    Ok(OutputSettings { netcdf: yes_or_no("netcdf")?, rerun: yes_or_no("rerun")?, report: yes_or_no("report")? })
+/// Reads `[output]`: which outputs are written beside the summary and the scores.
+pub(super) fn read_output(root: &Section<'_>) -> Read<Outputs> {
+    let mut outputs = Outputs::by_default();
+    let Some(field) = root.optional("output") else { return Ok(outputs) };
+    let keys: Vec<&str> = OUTPUTS.iter().filter(|output| output.by_default).map(|output| output.name).collect();
+    let section = field.section(&keys)?;
+    for key in keys {
+        outputs.set(key, section.yes_or_no_or(key, true)?);
+    }
+    Ok(outputs)
 }

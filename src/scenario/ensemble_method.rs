@@ -1,6 +1,6 @@
 //! The settings of ensemble methods.
 
-use super::reader::{Limits, Read, Section};
+use crate::reader::{Limits, Read, Section};
 use isobar_assim::ensemble::{
     BackgroundInflation, EnsembleSettings, Inflation, InitialMembers, LocalSettings, ModelErrorTreatment,
 };

@@ -2,7 +2,7 @@
 
 use super::method::Method;
 use super::model::ModelSettings;
-use super::reader::{Limits, Read, Section};
+use crate::reader::{Limits, Read, Section};
 use crate::summary::{MethodScores, PerVariable, Summary};
 use indexmap::IndexMap;
 use std::fmt::Write;

@@ -1,7 +1,7 @@
 //! The settings of the Fast Kalman Filter.
 
 use super::method::Surroundings;
-use super::reader::{Field, Limits, Read, Section};
+use crate::reader::{Field, Limits, Read, Section};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Precision, Residual};
 use isobar_model::Grid;
 use toml::de::DeValue;

@@ -1,8 +1,9 @@
 //! Faults that only show when a scenario is built, with their place in its file.
 
-use super::error::{ScenarioError, SourceFile};
-use super::text::clean_lines;
-use super::{Scenario, reader};
+use super::Scenario;
+use crate::reader;
+use crate::reader::{ScenarioError, SourceFile};
+use crate::text::clean_lines;
 use toml::de::DeValue;
 
 impl Scenario {

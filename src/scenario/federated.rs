@@ -1,6 +1,6 @@
 //! What a method of kind `federated_kf` may say.
 
-use super::reader::{Limits, Read, Section};
+use crate::reader::{Limits, Read, Section};
 use isobar_assim::federated::FederatedSettings;
 
 pub(super) const KEYS: [&str; 5] = ["bias", "adapt", "information_sharing", "reset_every_cycles", "memory_limit_gb"];

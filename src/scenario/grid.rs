@@ -1,7 +1,7 @@
 //! `[grid]`: the plane, and its place on the Earth.
 
 use super::model;
-use super::reader::{Limits, Read, Section};
+use crate::reader::{Limits, Read, Section};
 use isobar_model::{Boundary, Grid};
 use isobar_obs::Projection;
 

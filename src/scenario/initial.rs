@@ -1,9 +1,9 @@
 //! `[initial]`: the background at the start.
 
-use super::fields;
 use super::model::{Dynamics, ModelSettings};
-use super::reader::{Field, Kind, Limits, Read, Section};
-use super::text::clean;
+use crate::reader::fields;
+use crate::reader::{Field, Kind, Limits, Read, Section};
+use crate::text::clean;
 use isobar_model::{Boundary, Grid};
 
 /// The state from which every method starts, and the truth at a draw of the background error from it; or that of the truth.

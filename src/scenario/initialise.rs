@@ -1,7 +1,7 @@
 //! `[initialise]`: where the first calibration comes from.
 
 use super::method::{Algorithm, Method};
-use super::reader::{Limits, Read, Section};
+use crate::reader::{Limits, Read, Section};
 use indexmap::IndexMap;
 use isobar_assim::BiasTreatment;
 use isobar_assim::high_pass::HighPassSettings;
@@ -35,10 +35,10 @@ pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>, cycle
             for element in list.elements(methods.len())? {
                 let name = element.text()?;
                 if !able.contains(&name.as_str()) {
-                    let message = format!("the method `{}` cannot be initialised", super::text::clean(&name));
+                    let message = format!("the method `{}` cannot be initialised", crate::text::clean(&name));
                     let help = format!(
                         "must be a method of kind kf, serial_kf, banded_kf, fkf or time_volume with bias = \"estimate\": {}",
-                        super::text::listed(able.iter().copied())
+                        crate::text::listed(able.iter().copied())
                     );
                     return Err(element.invalid(message, &help));
                 }

@@ -6,15 +6,12 @@
 mod accept;
 mod adapt;
 mod bias;
-mod covariance;
 mod cycle;
 mod ensemble_method;
-mod error;
 mod expected;
 mod fast_kalman;
 mod fault;
 mod federated;
-mod fields;
 mod grid;
 mod initial;
 mod initialise;
@@ -22,19 +19,15 @@ mod method;
 mod model;
 mod network;
 mod quality;
-mod reader;
 mod sensors;
 mod sweep;
-pub(crate) mod table_file;
-pub(crate) mod text;
 mod time_volume;
 
+pub use crate::reader::ScenarioError;
 pub use accept::{AcceptError, accept, with_expected};
 pub use adapt::Adapt;
 pub use bias::{Bias, BiasEvolution, BiasOwner, InitialBias, RadiosondeBias, SatelliteBias, ScanTerm};
-pub use covariance::CovarianceComponent;
-pub use cycle::{CycleSettings, OutputSettings, TruthSettings};
-pub use error::ScenarioError;
+pub use cycle::{CycleSettings, TruthSettings};
 pub use expected::{Expected, ExpectedScores};
 pub use grid::GridSettings;
 pub use initial::Initial;
@@ -49,11 +42,14 @@ pub use sensors::{SensorSettings, StabilitySettings};
 pub use sweep::SweepSettings;
 pub use time_volume::{Correction, CorrectionSettings, FactorSettings, FactorTarget, TimeVolumeOptions};
 
-use error::SourceFile;
+use crate::kinds::Domain;
+use crate::kinds::covariances::{self, Components};
+use crate::reader::{self, Field, Read, Section, SourceFile};
+use crate::sink::Outputs;
+use crate::text;
 use indexmap::IndexMap;
 use isobar_model::Time;
 use isobar_obs::{QualityControl, times};
-use reader::{Field, Read, Section};
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use toml::de::DeValue;
@@ -62,7 +58,7 @@ use toml::de::DeValue;
 const LARGEST_FILE: u64 = 1_000_000;
 
 /// An experiment, as its file describes it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Scenario {
     /// The file's stem.
     pub name: String,
@@ -87,9 +83,9 @@ pub struct Scenario {
     /// The first background.
     pub initial: Initial,
     /// B: covariance of the truth's deviation from the first background, and static covariance of 3D-Var.
-    pub background_error: Vec<CovarianceComponent>,
+    pub background_error: Components,
     /// Q: covariance of the error that the model makes in one cycle; empty for a perfect model.
-    pub model_error: Vec<CovarianceComponent>,
+    pub model_error: Components,
     /// How the true world differs from that.
     pub truth: TruthSettings,
     /// The cycles.
@@ -111,7 +107,7 @@ pub struct Scenario {
     /// When a bias is adjusted.
     pub stability: StabilitySettings,
     /// What is written.
-    pub output: OutputSettings,
+    pub outputs: Outputs,
     /// Whether it is run for regression with all others; a scenario that is too dear says no.
     pub regression: bool,
     /// The accepted scores.
@@ -163,10 +159,10 @@ impl Scenario {
         let model_field = root.required("model")?;
         let model = model::read(&model_field, &grid.grid)?;
         let initial = initial::read(&root.required("initial")?, &model, &grid.grid)?;
-        let background_error = covariance::read(&root.required("background_error")?, &model, &grid.grid)?;
-        let model_error = root
-            .optional("model_error")
-            .map_or(Ok(Vec::new()), |field| covariance::read(&field, &model, &grid.grid))?;
+        let domain = Domain { grid: grid.grid.clone(), model: model.clone() };
+        let background_error = covariances::read(&root.required("background_error")?, &domain)?;
+        let model_error =
+            root.optional("model_error").map_or(Ok(Vec::new()), |field| covariances::read(&field, &domain))?;
         let truth = cycle::read_truth(&root, &model_field, &model, &grid.grid)?;
         let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", truth.model.time_step)];
         let cycle = cycle::read(&root, start, &steps)?;
@@ -188,7 +184,7 @@ impl Scenario {
         let sensors = sensors::read(&root, &methods)?;
         let influence_every_cycles = cycle::read_diagnostics(&root)?;
         let sweep = sweep::read(&root, &model)?;
-        let output = cycle::read_output(&root)?;
+        let outputs = cycle::read_output(&root)?;
         let regression = root.yes_or_no_or("regression", true)?;
         let expected = expected::read(&root, &methods, &model)?;
         Ok(Self {
@@ -215,7 +211,7 @@ impl Scenario {
             sweep,
             sensors,
             stability,
-            output,
+            outputs,
             regression,
             expected,
         })

@@ -1,6 +1,6 @@
 //! `[model]`: the equations and their time step.
 
-use super::reader::{Field, Limits, Read, Section};
+use crate::reader::{Field, Limits, Read, Section};
 use isobar_model::{Boundary, Duration, Grid};
 use toml::de::{DeTable, DeValue};
 
@@ -133,7 +133,7 @@ macro_rules! shallow_water_keys {
     };
 }
 
-const KINDS: &[super::reader::Kind<Kind>] = &[
+const KINDS: &[crate::reader::Kind<Kind>] = &[
     ("shallow_water", Kind::ShallowWater, shallow_water_keys!()),
     (
         "linear_shallow_water",
@@ -169,6 +169,12 @@ impl ModelSettings {
             _ => false,
         }
     }
+}
+
+/// The name of one of the model's variables.
+pub(super) fn variable(field: &Field<'_>, model: &ModelSettings) -> Read<String> {
+    let names: Vec<(&str, &str)> = model.variables().iter().map(|&(name, _)| (name, name)).collect();
+    Ok(field.choice(&names)?.to_string())
 }
 
 /// Whether the file asks for exact shifts, the only model that needs no neighbours and may have a ring of points for its grid.
@@ -283,7 +289,7 @@ fn time_scheme(section: &Section<'_>) -> Read<TimeScheme> {
 }
 
 fn wind(section: &Section<'_>, grid: &Grid) -> Read<Wind> {
-    const KINDS: &[super::reader::Kind<bool>] =
+    const KINDS: &[crate::reader::Kind<bool>] =
         &[("uniform", false, &["u_m_per_s", "v_m_per_s"]), ("vortex", true, &["speed_m_per_s"])];
     let (vortex, section) = section.required("wind")?.section_of_kind(KINDS)?;
     if vortex {

@@ -1,13 +1,12 @@
 //! `[networks.NAME]`: the observing systems.
 
 use super::bias::{self, Bias, RadiosondeBias, SatelliteBias};
-use super::covariance::variable;
 use super::grid::GridSettings;
-use super::model::ModelSettings;
+use super::model::{ModelSettings, variable};
 use super::quality;
-use super::reader::{Field, Kind, Limits, Read, Section};
-use super::table_file;
-use super::text::clean;
+use crate::reader::table_file;
+use crate::reader::{Field, Kind, Limits, Read, Section};
+use crate::text::clean;
 use indexmap::IndexMap;
 use isobar_model::Boundary;
 use isobar_obs::{Faults, Stations};

@@ -1,9 +1,9 @@
 //! `[quality_control]`, and the faults of an instrument that it is there for.
 
-use super::covariance::CovarianceComponent;
 use super::grid::GridSettings;
 use super::network::Network;
-use super::reader::{Limits, Read, Section};
+use crate::kinds::covariances::Components;
+use crate::reader::{Limits, Read, Section};
 use indexmap::IndexMap;
 use isobar_obs::{Faults, QualityControl};
 
@@ -13,17 +13,11 @@ use isobar_obs::{Faults, QualityControl};
 /// The length is that of the background error unless it is given, the limit that of [`isobar_obs::quality::LIMIT`].
 pub(super) fn read(
     root: &Section<'_>,
-    background_error: &[CovarianceComponent],
+    background_error: &Components,
     grid: &GridSettings,
     networks: &IndexMap<String, Network>,
 ) -> Read<Option<QualityControl>> {
-    let lengths = background_error.iter().filter_map(|component| match component {
-        CovarianceComponent::Balanced { length_m, .. }
-        | CovarianceComponent::Univariate { length_m, .. }
-        | CovarianceComponent::ByDistance { length_m, .. } => Some(*length_m),
-        CovarianceComponent::Members { localization_radius_m, .. } => localization_radius_m.map(|radius| 0.25 * radius),
-        CovarianceComponent::White { .. } => None,
-    });
+    let lengths = background_error.iter().filter_map(|component| component.length_m());
     let cell_m = grid.grid.dx_m.max(grid.grid.dy_m);
     let control = QualityControl { length_m: lengths.fold(cell_m, f64::max), limit: isobar_obs::quality::LIMIT };
     let Some(field) = root.optional("quality_control") else {

@@ -1,8 +1,8 @@
 //! `[sensors]` and `[stability]`: what is known of sensors from run to run, and when a bias is adjusted.
 
 use super::method::{Algorithm, Method};
-use super::reader::{Limits, Read, Section};
-use super::text::{clean, listed};
+use crate::reader::{Limits, Read, Section};
+use crate::text::{clean, listed};
 use indexmap::IndexMap;
 use isobar_assim::BiasTreatment;
 use std::path::PathBuf;

@@ -1,7 +1,7 @@
 //! `[sweep]`: keys of the scenario, and the values that they take in turn.
 
 use super::model::ModelSettings;
-use super::reader::{Field, Limits, Read, Section};
+use crate::reader::{Field, Limits, Read, Section};
 use indexmap::IndexMap;
 use toml::Value;
 use toml::de::DeValue;
@@ -37,7 +37,7 @@ pub(super) fn read(root: &Section<'_>, model: &ModelSettings) -> Read<Option<Swe
         let root = key.split('.').next().unwrap_or_default();
         if ["sweep", "expected", "output", "seed"].contains(&root) || !key.contains('.') {
             let help = "a dotted key of this file in quotes, such as \"methods.fkf.factors\"; `seeds` varies the seed";
-            return Err(field.misplaced(format!("`{}` cannot vary", super::text::clean(key)), help));
+            return Err(field.misplaced(format!("`{}` cannot vary", crate::text::clean(key)), help));
         }
         vary.insert(key.to_string(), values(&field)?);
     }

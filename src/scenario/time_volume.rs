@@ -1,10 +1,10 @@
 //! `kind = "time_volume"`: the Fast Kalman Filter over a moving window, with factors and state-transition corrections.
 
-use super::fields;
 use super::method::Surroundings;
 use super::model::{Dynamics, ModelSettings, Wind};
-use super::reader::{Field, Kind, Limits, Read, Section};
-use super::text::{clean, listed};
+use crate::reader::fields;
+use crate::reader::{Field, Kind, Limits, Read, Section};
+use crate::text::{clean, listed};
 use isobar_assim::fast_kalman::time_volume::{AmplitudeEvolution, TimeShape};
 use isobar_model::{Boundary, Duration, Grid};
 

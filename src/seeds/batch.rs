@@ -2,12 +2,12 @@
 
 use super::Schedule;
 use crate::checkpoint::PlannedRun;
-use crate::cli::RunOptions;
 use crate::interrupt;
+use crate::options::RunOptions;
 use crate::scenario::Scenario;
-use crate::scenario::text::clean;
 use crate::sink::directory::{BATCH_FILE, complete_runs};
 use crate::sink::{Existing, OutputDirectory, SinkError};
+use crate::text::clean;
 use miette::{IntoDiagnostic, Report, miette};
 use serde::{Deserialize, Serialize};
 use std::fs;
@@ -47,10 +47,8 @@ impl BatchPlan {
     /// If that cannot be done, or there is something else already.
     pub fn begin(scenario: &Scenario, options: &RunOptions, kind: BatchKind) -> Result<OutputDirectory, Report> {
         let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
-        let directory = match options.resume {
-            true => OutputDirectory::resume_batch(&options.out, existing).into_diagnostic()?,
-            false => OutputDirectory::create(&options.out, existing).into_diagnostic()?,
-        };
+        let open = if options.resume { OutputDirectory::resume_batch } else { OutputDirectory::create };
+        let directory = open(options.out.clone(), existing).into_diagnostic()?;
         let plan = Self { version: crate::VERSION.into(), run: PlannedRun::new(scenario, options), kind };
         plan.write(directory.working()).into_diagnostic()?;
         Ok(directory)

@@ -1,7 +1,7 @@
 //! The runs themselves: as many at a time as threads and memory allow.
 
-use crate::cli::RunOptions;
 use crate::interrupt;
+use crate::options::RunOptions;
 use crate::progress::SeedsProgress;
 use crate::saved::SavedRun;
 use crate::scenario::Scenario;
@@ -192,7 +192,8 @@ fn schedule(jobs: &[Job<'_>], options: &RunOptions, left: usize, run: &Run<'_>) 
     Ok(Schedule { at_once, threads_each: (threads / at_once).max(1) })
 }
 
-/// The memory that a run takes, from its first cycles; `None` if they fail, of which the run itself will tell.
+/// The memory that a run takes, from its first cycles; `None` if they fail, which the run itself will report, or if this
+/// program does not count memory.
 fn trial(job: &Job<'_>, options: &RunOptions, run: &Run<'_>, directory: &Path) -> Option<u64> {
     let cycles = options.cycles.unwrap_or(job.scenario.cycle.count).min(TRIAL_CYCLES);
     let out = directory.join("trial");
@@ -200,8 +201,8 @@ fn trial(job: &Job<'_>, options: &RunOptions, run: &Run<'_>, directory: &Path) -
     let RunOptions { methods, threads, concurrent, .. } = options.clone();
     let options = RunOptions { methods, cycles, seed, threads, concurrent, ..RunOptions::new(out) };
     let summary = run(job.scenario, &options, &mut Nobody).ok()?;
-    let of_methods: u64 = summary.methods.values().filter_map(|scores| scores.peak_memory_bytes).sum();
-    Some(of_methods + OTHER_BYTES)
+    let of_methods: Option<u64> = summary.methods.values().map(|scores| scores.peak_memory_bytes).sum();
+    Some(of_methods? + OTHER_BYTES)
 }
 
 /// How many of the wanted runs of a size fit; at least one.

@@ -3,7 +3,7 @@
 
 use super::SensorError;
 use super::record::{Record, Records};
-use crate::scenario::text::clean;
+use crate::text::clean;
 use isobar_model::Time;
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, OpenFlags, Row, Transaction, TransactionBehavior, params};

@@ -12,7 +12,7 @@
 //! start of the run is not used, but for recalibrations: they come when they come.
 
 use super::record::{Record, Records};
-use crate::scenario::text::clean;
+use crate::text::clean;
 use faer::linalg::solvers::Llt;
 use faer::{Mat, Side};
 use isobar_assim::{Recalibration, SensorKnowledge};

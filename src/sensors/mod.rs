@@ -18,7 +18,7 @@ pub mod write_back;
 pub use database::Database;
 pub use record::{Record, Records};
 
-use crate::scenario::text::{clean, clean_lines};
+use crate::text::{clean, clean_lines};
 use isobar_obs::table::TableError;
 use std::path::{Path, PathBuf};
 

@@ -1,6 +1,6 @@
 //! Records of sensors, and which of them contradict each other.
 
-use crate::scenario::text::{clean, is_unprintable};
+use crate::text::{clean, is_unprintable};
 use isobar_model::Time;
 use std::collections::BTreeMap;
 

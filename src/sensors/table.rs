@@ -2,9 +2,9 @@
 
 use super::SensorError;
 use super::record::{MOST_RECORDS, Record, Records};
-use crate::scenario::table_file;
-use crate::scenario::text::{clean, listed, nearest};
-use crate::sink::scores::utc;
+use crate::calendar::utc;
+use crate::reader::table_file;
+use crate::text::{clean, listed, nearest};
 use isobar_obs::table::{Faults, LARGEST, Row, Table, TableError, decode};
 use std::path::Path;
 

@@ -10,7 +10,6 @@
 //! | `journal`, `checkpoint-…` | what it takes to resume the run (see [`crate::checkpoint`]) |
 //! | `batch.json` | what it takes to go on with a batch of runs, whose complete runs are in `outputs/` |
 
-use crate::checkpoint::file::{list, sync_directory};
 use crate::sink::SinkError;
 use std::fs::{self, File, TryLockError};
 use std::io;
@@ -27,6 +26,10 @@ pub const SWEEP_FILE: &str = "sweep.json";
 
 /// The file in the working directory that says what a batch of runs was asked to do.
 pub const BATCH_FILE: &str = "batch.json";
+
+/// The beginning of the names of checkpoints in the working directory; the number of the cycle follows.
+pub const CHECKPOINT_PREFIX: &str = "checkpoint-";
+
 const LOCK: &str = "lock";
 const OUTPUTS: &str = "outputs";
 const REPLACED: &str = "replaced";
@@ -55,7 +58,7 @@ pub struct OutputDirectory {
 }
 
 impl OutputDirectory {
-    /// Opens a directory for outputs that shall end in `destination`; missing parents are created.
+    /// Creates the working directory of outputs whose final place is `destination`; missing parents are created.
     ///
     /// # Errors
     /// If `destination` exists and may not be replaced, if a run is under way there or was interrupted, or if nothing can
@@ -67,7 +70,7 @@ impl OutputDirectory {
         let parent = parent_of(&destination);
         fs::create_dir_all(parent).map_err(|error| failure(parent, "cannot create the directory", &error))?;
         let directory = Self::lock(working, destination, existing)?;
-        let kept = list(&directory.working);
+        let kept = checkpoints(&directory.working);
         if let (Some((cycle, _)), Existing::Refuse) = (kept.first(), existing) {
             return Err(SinkError {
                 reason: format!(
@@ -107,17 +110,18 @@ impl OutputDirectory {
     pub fn resume(destination: impl Into<PathBuf>, existing: Existing) -> Result<Self, SinkError> {
         let destination = destination.into();
         let working = working(&destination)?;
-        if list(&working).is_empty() {
-            let reason = match destination.join(SUMMARY_FILE).is_file() {
-                true => "the run is complete".into(),
-                false => format!("there is no checkpoint in {}: `isobar run` begins anew", working.display()),
+        if checkpoints(&working).is_empty() {
+            let reason = if destination.join(SUMMARY_FILE).is_file() {
+                "the run is complete".into()
+            } else {
+                format!("there is no checkpoint in {}: `isobar run` begins anew", working.display())
             };
             return Err(SinkError { path: destination, reason });
         }
         let directory = Self::lock(working, destination, existing)?;
         if !directory.outputs.exists() && directory.destination.join(SUMMARY_FILE).is_file() {
             // It was ended after its outputs had their final name and before all else was cleared away.
-            list(&directory.working).iter().for_each(|(_, path)| drop(fs::remove_file(path)));
+            checkpoints(&directory.working).iter().for_each(|(_, path)| drop(fs::remove_file(path)));
             return Err(SinkError { path: directory.destination.clone(), reason: "the run is complete".into() });
         }
         directory.clear()?;
@@ -177,7 +181,7 @@ impl OutputDirectory {
                 Err(TryLockError::Error(error)) => return Err(failure(&path, "cannot be locked", &error)),
             }
         }
-        Err(SinkError { path: working, reason: "it comes and goes; is another run at work there?".into() })
+        Err(SinkError { path: working, reason: "the directory keeps disappearing; is another run using it?".into() })
     }
 
     /// Outputs that were about to be replaced go back to their place, unless that is taken.
@@ -249,7 +253,7 @@ impl OutputDirectory {
         }
         let _ = sync_directory(parent_of(destination));
         // The checkpoints first: without them nothing is left to be resumed, whatever happens now.
-        list(working).iter().for_each(|(_, path)| drop(fs::remove_file(path)));
+        checkpoints(working).iter().for_each(|(_, path)| drop(fs::remove_file(path)));
         fs::remove_dir_all(working)
             .map_err(|error| failure(working, "the outputs are complete, but this remains", &error))
     }
@@ -258,7 +262,7 @@ impl OutputDirectory {
 impl Drop for OutputDirectory {
     fn drop(&mut self) {
         // Only the owner of the lock removes: it is still held here. Of old outputs there must be no doubt.
-        if list(&self.working).is_empty() && !self.working.join(REPLACED).exists() && !self.keeps_batch() {
+        if checkpoints(&self.working).is_empty() && !self.working.join(REPLACED).exists() && !self.keeps_batch() {
             let _ = fs::remove_dir_all(&self.working);
         }
         let _ = self.lock.unlock();
@@ -272,14 +276,36 @@ pub fn complete_runs(directory: &Path) -> usize {
         let paths = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| path.is_dir());
         // What is in the making has a name with a dot.
         let named = paths.filter(|path| !path.file_name().is_some_and(|it| it.to_string_lossy().starts_with('.')));
-        let of_one = |path: PathBuf| match path.join(SUMMARY_FILE).is_file() {
-            true => 1,
-            false if depth > 1 => count(&path, depth - 1),
-            false => 0,
+        let of_one = |path: PathBuf| {
+            if path.join(SUMMARY_FILE).is_file() {
+                1
+            } else if depth > 1 {
+                count(&path, depth - 1)
+            } else {
+                0
+            }
         };
         named.map(of_one).sum()
     }
     count(directory, 2)
+}
+
+/// The checkpoints in a working directory with their cycles, the newest first.
+pub fn checkpoints(working: &Path) -> Vec<(usize, PathBuf)> {
+    let Ok(entries) = fs::read_dir(working) else { return Vec::new() };
+    let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+    let cycle = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix(CHECKPOINT_PREFIX)?.parse().ok();
+    let mut all: Vec<(usize, PathBuf)> = paths.filter_map(|path| Some((cycle(&path)?, path))).collect();
+    all.sort_by(|a, b| b.cmp(a));
+    all
+}
+
+/// Makes renamings in a directory durable.
+///
+/// # Errors
+/// Those of the file system.
+pub fn sync_directory(directory: &Path) -> io::Result<()> {
+    if cfg!(unix) { File::open(directory)?.sync_all() } else { Ok(()) }
 }
 
 /// The working directory for a destination.
@@ -311,13 +337,14 @@ fn is_at(file: &File, path: &Path) -> bool {
     }
 }
 
-/// Makes all files in a directory and below it last.
+/// Makes all files in a directory and below it durable.
 fn sync_all(directory: &Path) -> io::Result<()> {
     for entry in fs::read_dir(directory)? {
         let path = entry?.path();
-        match path.is_dir() {
-            true => sync_all(&path)?,
-            false => File::options().write(true).open(&path)?.sync_all()?,
+        if path.is_dir() {
+            sync_all(&path)?;
+        } else {
+            File::options().write(true).open(&path)?.sync_all()?;
         }
     }
     sync_directory(directory)

@@ -1,11 +1,12 @@
 //! Sinks hear the events of a run and write files. None of them changes the run.
 //!
-//! Contents: [`directory`] (where outputs go), [`netcdf`], [`parameters`], [`report`], [`scores`],
-//! [`summary`], and with the cargo feature
-//! `rerun` the recording for the rerun viewer; [`structure`] is what report and recording show of a method's blocks.
+//! Contents: [`directory`] (where outputs go), [`OUTPUTS`] (the outputs that can be switched off), [`netcdf`],
+//! [`parameters`], [`report`], [`scores`], [`summary`], and with the cargo feature `rerun` the recording for the rerun
+//! viewer; [`structure`] is what report and recording show of a method's blocks.
 
 pub mod directory;
 pub mod netcdf;
+mod outputs;
 pub mod parameters;
 pub mod report;
 #[cfg(feature = "rerun")]
@@ -15,6 +16,7 @@ pub mod structure;
 pub mod summary;
 
 pub use directory::{Existing, OutputDirectory};
+pub use outputs::{OUTPUTS, Open, Output, Outputs};
 
 use crate::event::{Event, RunInfo};
 use std::path::PathBuf;
@@ -27,9 +29,14 @@ pub trait Sink {
     /// What could not be written, and where.
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError>;
 
-    /// What has come up since the last call that the user should know, although it is no reason to end the run.
+    /// Problems since the last call that the user should know of, although they are no reason to end the run.
     fn warnings(&mut self) -> Vec<String> {
         Vec::new()
+    }
+
+    /// Whether it shows blocks, common factors and correlations of methods, which are computed only for sinks that do.
+    fn shows_structure(&self) -> bool {
+        false
     }
 }
 
@@ -41,6 +48,10 @@ impl Sink for Vec<Box<dyn Sink>> {
 
     fn warnings(&mut self) -> Vec<String> {
         self.iter_mut().flat_map(|sink| sink.warnings()).collect()
+    }
+
+    fn shows_structure(&self) -> bool {
+        self.iter().any(|sink| sink.shows_structure())
     }
 }
 
@@ -54,51 +65,18 @@ pub struct SinkError {
     pub reason: String,
 }
 
-/// Which outputs to write beside the summary and the scores.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Outputs {
-    /// The netCDF files.
-    pub netcdf: bool,
-    /// The recording for the rerun viewer.
-    pub rerun: bool,
-    /// The page, and the figures on it.
-    pub report: bool,
-    /// Whether the recording is also sent to a running viewer, while it comes to be.
-    pub live: bool,
-}
-
-impl Outputs {
-    /// Whether this isobar can write recordings for the rerun viewer: whether its cargo feature was on.
-    pub const RERUN_AVAILABLE: bool = cfg!(feature = "rerun");
-}
-
-/// Opens all sinks of a run. Their files are complete once they have heard [`Event::Finished`]; then
-/// [`OutputDirectory::complete`] gives them their final place.
+/// Opens all sinks of a run: those of the outputs that are wanted, and those that are always there. Their files are complete
+/// once they have heard [`Event::Finished`]; then [`OutputDirectory::complete`] gives them their final place.
 ///
 /// # Errors
-/// If a file cannot be created, if names of methods do not lead to distinct file names, or if a recording is asked for
-/// and this isobar was built without the feature `rerun`.
+/// If a file cannot be created, if names of methods do not lead to distinct file names, or if an output is wanted for which
+/// this isobar was built without its feature.
 pub fn open_all(
     info: &RunInfo,
     directory: &OutputDirectory,
-    outputs: Outputs,
+    outputs: &Outputs,
 ) -> Result<Vec<Box<dyn Sink>>, SinkError> {
-    let mut sinks: Vec<Box<dyn Sink>> = Vec::new();
-    if outputs.netcdf {
-        sinks.push(Box::new(netcdf::NetcdfSink::create(info, directory)?));
-    }
-    if outputs.report {
-        sinks.push(Box::new(report::ReportSink::create(info, directory)?));
-    }
-    if outputs.rerun || outputs.live {
-        #[cfg(feature = "rerun")]
-        sinks.push(Box::new(rerun::RerunSink::create(info, directory, outputs)?));
-        #[cfg(not(feature = "rerun"))]
-        return Err(SinkError {
-            path: directory.destination().join("recording.rrd"),
-            reason: "this isobar was built without the cargo feature `rerun`".into(),
-        });
-    }
+    let mut sinks = outputs::open(info, directory, outputs)?;
     sinks.push(Box::new(scores::ScoresSink::create(info, directory)?));
     sinks.push(Box::new(parameters::ParametersSink::new(info, directory)));
     sinks.push(Box::new(summary::SummarySink::new(directory)));

@@ -5,8 +5,8 @@
 //! deviation, empty while the data do not determine it), `verdict`. What the data do not determine in the end is told to
 //! the user as well.
 
+use crate::calendar::utc;
 use crate::event::{Estimated, Event, RunInfo};
-use crate::sink::scores::utc;
 use crate::sink::{OutputDirectory, Sink, SinkError};
 use indexmap::IndexMap;
 use std::fmt::Display;

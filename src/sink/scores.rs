@@ -6,10 +6,10 @@
 //! of each variable and `bias_rmse_smoothed`, `bias_spread_smoothed` follow: the scores of the cycle's estimate once later
 //! observations have revised it. A field is empty where a method has no such figure. `isobar compare` reads it.
 
+use crate::calendar::utc;
 use crate::event::{Analysed, Event, RunInfo};
 use crate::sink::{OutputDirectory, Sink, SinkError};
 use crate::summary::{PerVariable, SmoothedScores};
-use isobar_model::Time;
 use std::collections::VecDeque;
 use std::fmt::Display;
 use std::fs::File;
@@ -128,12 +128,4 @@ fn field(value: Option<f64>) -> String {
 
 fn failure(path: &std::path::Path, reason: &dyn Display) -> SinkError {
     SinkError { path: path.to_path_buf(), reason: reason.to_string() }
-}
-
-/// A valid time as text: `2026-01-15T06:00:00Z`; seconds since 1970 where the calendar ends.
-pub fn utc(time: Time) -> String {
-    match jiff::Timestamp::from_second(time.seconds()) {
-        Ok(timestamp) => timestamp.to_string(),
-        Err(_) => time.seconds().to_string(),
-    }
 }

@@ -1,7 +1,7 @@
 //! What the monitor gathers, cycle by cycle.
 
 use super::{Expected, VarianceGrowth};
-use crate::cycle::Outcome;
+use crate::outcome::Outcome;
 use indexmap::IndexMap;
 use isobar_model::Layout;
 use isobar_obs::ObservationWindow;

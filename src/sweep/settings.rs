@@ -1,7 +1,7 @@
 //! All combinations of values, and the scenario with each of them.
 
-use crate::scenario::text::clean;
 use crate::scenario::{Scenario, ScenarioError, SweepSettings};
+use crate::text::clean;
 use indexmap::IndexMap;
 use toml::{Table, Value};
 

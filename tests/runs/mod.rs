@@ -1,6 +1,6 @@
 //! Runs of the shipped scenarios within a test.
 
-use isobar::cli::RunOptions;
+use isobar::options::RunOptions;
 use isobar::scenario::Scenario;
 use std::path::Path;
 

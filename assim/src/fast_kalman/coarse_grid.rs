@@ -100,7 +100,7 @@ impl CoarseGrid {
             let (done, next) = (step * steps / coarse_steps, (step + 1) * steps / coarse_steps);
             self.restrict(state.values(), at.values_mut());
             let advance = || forecast_tl(model, state, probes, next - done).map_err(|error| later(error, done));
-            rayon::join(advance, || S::steps_tl(&*self.model, &at, &mut coarse, 1)).0?;
+            rayon::join(advance, || self.model.steps_tl(&at, S::columns_mut(&mut coarse), 1)).0?;
         }
         require_finite_increments(self.model.layout(), &coarse, steps)?;
         let columns = factors.par_chunks_exact_mut(m).zip(coarse.par_chunks_exact_mut(coarse_m));

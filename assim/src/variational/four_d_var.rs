@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::problem::{Innovations, Problem};
 use crate::saved::{from_bytes, to_bytes, unfit};
 use faer::MatRef;
-use isobar_model::{Duration, State, forecast};
+use isobar_model::{ColumnsMut, Duration, State, forecast};
 use isobar_obs::ObservationWindow;
 use rayon::prelude::*;
 use std::collections::VecDeque;
@@ -218,7 +218,7 @@ impl Cost<'_> {
         let m = self.control.state_values();
         let mut result: Vec<Vec<Vec<f64>>> = vec![Vec::with_capacity(self.trajectory.len()); biases.len()];
         for (cycle, own) in self.trajectory.iter().zip(self.innovations) {
-            self.problem.model.steps_tl(&cycle[0], &mut columns, cycle.len() - 1);
+            self.problem.model.steps_tl(&cycle[0], ColumnsMut::Double(&mut columns), cycle.len() - 1);
             for (number, dc) in biases.iter().enumerate() {
                 let dy = own.jacobian.apply(&columns[number * m..][..m], dc);
                 result[number].push(own.whiten(dy));

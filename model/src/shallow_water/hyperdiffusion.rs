@@ -6,9 +6,11 @@
 use super::rows::ShallowWaterRows;
 use super::tangent_rows::TangentRows;
 use super::{ShallowWater, V};
+use crate::columns::LANES;
 use crate::grid::Boundary;
-use crate::rows::{Row, RowStream};
-use crate::tangent_wavefront::{LANES, MOST_PLACES, TangentRowStream};
+use crate::scheme::MOST_PLACES;
+use crate::scheme::rows::{Row, RowStream, TangentRowStream};
+
 use pulp::{Arch, Simd, WithSimd};
 
 /// h, u and v.

@@ -3,10 +3,10 @@
 use super::{Coefficients, ShallowWater};
 use crate::error::{ModelError, require, require_finite, require_positive};
 use crate::grid::Boundary;
-use crate::rows::Row;
+use crate::scheme::rows::{Row, TangentRowStream};
 use crate::scheme::{SpectralBounds, Tendency};
 use crate::state::{Layout, State};
-use crate::tangent_wavefront::TangentRowStream;
+
 use std::sync::Arc;
 
 /// dx/dt = N'(x̄)(x − x̄): the [`ShallowWater`] tendency N linearised about a steady zonal flow x̄.

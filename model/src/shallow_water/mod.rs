@@ -35,10 +35,9 @@ pub use tangent_linear::Coefficients;
 use crate::error::{ModelError, require, require_finite, require_non_negative, require_positive};
 use crate::grid::{Boundary, Grid, Location};
 use crate::halo::Halo;
-use crate::rows::RowStream;
-use crate::scheme::{SpectralBounds, Tendency};
+use crate::scheme::{RowStream, SpectralBounds, TangentRowStream, Tendency};
 use crate::state::{Layout, Variable};
-use crate::tangent_wavefront::TangentRowStream;
+
 use pulp::{Arch, Simd, WithSimd};
 use std::sync::Arc;
 
@@ -203,16 +202,18 @@ impl Tendency for ShallowWater {
     }
 
     fn row_stream(&self, nx: usize) -> Option<Box<dyn RowStream + '_>> {
-        Some(match self.parameters.hyperdiffusion_m4_per_s == 0.0 {
-            true => Box::new(rows::ShallowWaterRows::new(self, nx)),
-            false => Box::new(hyperdiffusion::HyperdiffusedRows::new(self, nx)),
+        Some(if self.parameters.hyperdiffusion_m4_per_s == 0.0 {
+            Box::new(rows::ShallowWaterRows::new(self, nx))
+        } else {
+            Box::new(hyperdiffusion::HyperdiffusedRows::new(self, nx))
         })
     }
 
     fn tangent_row_stream(&self, nx: usize) -> Option<Box<dyn TangentRowStream + '_>> {
-        Some(match self.parameters.hyperdiffusion_m4_per_s == 0.0 {
-            true => Box::new(tangent_rows::TangentRows::new(self, nx)),
-            false => Box::new(hyperdiffusion::HyperdiffusedTangentRows::new(self, nx)),
+        Some(if self.parameters.hyperdiffusion_m4_per_s == 0.0 {
+            Box::new(tangent_rows::TangentRows::new(self, nx))
+        } else {
+            Box::new(hyperdiffusion::HyperdiffusedTangentRows::new(self, nx))
         })
     }
 

@@ -3,7 +3,7 @@
 
 use super::{H, ShallowWater, U, V, VectorInvariant};
 use crate::grid::Boundary;
-use crate::rows::{Row, RowStream};
+use crate::scheme::rows::{Row, RowStream};
 use pulp::{Simd, WithSimd};
 
 /// Diagnostic rows of a sweep: the last is that of the row pushed last, unless said otherwise.

@@ -3,9 +3,11 @@
 
 use super::rows::ShallowWaterRows;
 use super::{H, ShallowWater, U, V, VectorInvariant};
+use crate::columns::LANES;
 use crate::grid::Boundary;
-use crate::rows::{Row, RowStream};
-use crate::tangent_wavefront::{LANES, MOST_PLACES, TangentRowStream};
+use crate::scheme::MOST_PLACES;
+use crate::scheme::rows::{Row, RowStream, TangentRowStream};
+
 use pulp::{Simd, WithSimd};
 
 /// Values of a place of the increments: h, u and v.

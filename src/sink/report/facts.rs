@@ -1,8 +1,8 @@
 //! What was run, in short: from the run's facts, and from the scenario's text where they do not tell.
 
+use crate::calendar::utc;
 use crate::event::RunInfo;
 use crate::plot::{number, unit};
-use crate::sink::scores::utc;
 use crate::summary::Summary;
 use isobar_model::{Boundary, Duration};
 use toml::{Table, Value};

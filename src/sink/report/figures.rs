@@ -2,12 +2,12 @@
 
 use super::history::{Cycle, History, MethodCycle, ParameterHistory};
 use super::reliability::{Reliability, normal_density};
+use crate::calendar::utc;
 use crate::event::RunInfo;
 use crate::plot::colors::of_method_on_paper;
 use crate::plot::range::quantile;
 use crate::plot::{Curve, CurvePlot, Dash, unit};
 use crate::sink::netcdf::coordinates::safe_name;
-use crate::sink::scores::utc;
 use crate::summary::{MethodScores, PerVariable, Summary};
 use std::collections::BTreeSet;
 use std::sync::Arc;

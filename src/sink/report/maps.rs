@@ -1,13 +1,13 @@
 //! The maps of the report.
 
 use super::history::{Fields, History, ShownCorrelations, Snapshot};
+use crate::calendar::utc;
 use crate::event::RunInfo;
 use crate::plot::colors::{GREYS, HUES, Scale, difference};
 use crate::plot::map::contour_levels;
 use crate::plot::range::{around, quantile, round_up};
 use crate::plot::{FieldMap, Mark};
 use crate::sink::netcdf::coordinates::safe_name;
-use crate::sink::scores::utc;
 use crate::sink::structure::{ShownFactor, ShownStructure};
 
 /// A map, and the name of its file.

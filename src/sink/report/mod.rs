@@ -18,6 +18,9 @@ use history::History;
 use std::fs;
 use std::path::PathBuf;
 
+/// Name among the [`OUTPUTS`](crate::sink::OUTPUTS).
+pub const REPORT: &str = "report";
+
 /// Name of the page in the output directory.
 pub const REPORT_FILE: &str = "report.html";
 
@@ -91,5 +94,9 @@ impl Sink for ReportSink {
                 Ok(())
             }
         }
+    }
+
+    fn shows_structure(&self) -> bool {
+        true
     }
 }

@@ -1,4 +1,4 @@
-//! A running viewer that is told the run while it computes.
+//! A running viewer that is sent the run while it computes.
 
 use super::history::History;
 use super::ranges::Ranges;
@@ -11,7 +11,7 @@ use std::fmt;
 use std::net::{SocketAddr, TcpStream};
 use std::time::Duration;
 
-/// Where a viewer listens unless told otherwise.
+/// Where a viewer listens by default.
 const VIEWER: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::LOCALHOST), 9876);
 
 /// How long a viewer may take to answer.
@@ -20,7 +20,7 @@ const PATIENCE: Duration = Duration::from_secs(3);
 /// A connection to a viewer.
 pub struct Live {
     recording: RecordingStream,
-    /// The ranges that the viewer was told.
+    /// The ranges that the viewer was sent.
     ranges: Option<Ranges>,
 }
 

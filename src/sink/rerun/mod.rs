@@ -5,8 +5,8 @@
 //!
 //! Maps of grids with more than 256 cells on a side are means over square groups of cells, the smallest with which no
 //! side has more than 256, or fewer where all maps would take more than 300 MB; curves and scores are those of the full
-//! grid. A running viewer that is told the run while it
-//! computes sees each cycle in the ranges of the cycles so far, and all of them in the final ranges at the end.
+//! grid. A running viewer that is sent the run while it computes sees each cycle in the ranges of the cycles so far, and all
+//! of them in the final ranges at the end.
 
 mod blueprint;
 mod frame;
@@ -20,24 +20,45 @@ mod text;
 mod views;
 
 use crate::event::{Event, RunInfo};
-use crate::sink::{OutputDirectory, Outputs, Sink, SinkError};
+use crate::sink::{OutputDirectory, Sink, SinkError};
 use history::History;
 use live::Live;
-use std::fmt::Display;
 use std::path::PathBuf;
 
 /// Name of the recording in the output directory.
 pub const RECORDING_FILE: &str = "recording.rrd";
 
+/// What both sinks hold of a run.
+#[derive(Debug)]
+struct Held {
+    info: RunInfo,
+    history: History,
+}
+
+impl Held {
+    fn new(info: &RunInfo) -> Self {
+        let history = History::new(info);
+        Self { info: history.thinned(info), history }
+    }
+
+    fn record(&mut self, event: &Event<'_>) -> Result<(), String> {
+        match event {
+            Event::Truth { cycle, time, state, calibration } => {
+                self.history.add_truth(*cycle, *time, state, calibration);
+            }
+            Event::Observed(window) => self.history.add_observations(&self.info, window),
+            Event::Analysed(analysed) => self.history.add_estimates(&self.info, analysed)?,
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
 /// Writes the recording when the run is complete.
 #[derive(Debug)]
 pub struct RerunSink {
-    /// The file; `None` if only a running viewer is to be told.
-    path: Option<PathBuf>,
-    info: RunInfo,
-    history: History,
-    live: Option<Live>,
-    warnings: Vec<String>,
+    path: PathBuf,
+    held: Held,
 }
 
 impl RerunSink {
@@ -45,71 +66,81 @@ impl RerunSink {
     ///
     /// # Errors
     /// If the run has no variable to draw a map of.
-    pub fn create(info: &RunInfo, directory: &OutputDirectory, outputs: Outputs) -> Result<Self, SinkError> {
+    pub fn create(info: &RunInfo, directory: &OutputDirectory) -> Result<Self, SinkError> {
         let path = directory.path().join(RECORDING_FILE);
         if info.layout.is_empty() {
             return Err(SinkError { path, reason: "the run has no variables to draw".into() });
         }
-        let history = History::new(info);
-        let info = history.thinned(info);
-        let (mut live, mut warnings) = (None, Vec::new());
-        if outputs.live {
-            match Live::connect(&info) {
-                Ok(connected) => live = Some(connected),
-                Err(reason) => warnings.push(reason),
-            }
-        }
-        Ok(Self { path: outputs.rerun.then_some(path), history, info, live, warnings })
-    }
-
-    /// Tells a running viewer; one that has gone away is told no more.
-    fn tell(&mut self, tell: impl FnOnce(&mut Live, &RunInfo, &History) -> recording::Result) {
-        let told = self.live.as_mut().map(|live| tell(live, &self.info, &self.history));
-        if let Some(Err(error)) = told {
-            self.warnings.push(format!("the rerun viewer has gone away, the run goes on without it: {error}"));
-            self.live = None;
-        }
-    }
-
-    fn failure(&self, reason: impl Display) -> SinkError {
-        let path = self.path.clone().unwrap_or_else(|| RECORDING_FILE.into());
-        SinkError { path, reason: reason.to_string() }
+        Ok(Self { path, held: Held::new(info) })
     }
 }
 
 impl Sink for RerunSink {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
-        match event {
-            Event::Started(_) | Event::Resumed(_) => Ok(()),
-            Event::Truth { cycle, time, state, calibration } => {
-                self.history.add_truth(*cycle, *time, state, calibration);
-                Ok(())
-            }
-            Event::Observed(window) => {
-                self.history.add_observations(&self.info, window);
-                Ok(())
-            }
-            Event::Analysed(analysed) => {
-                let added = self.history.add_estimates(&self.info, analysed);
-                added.map_err(|reason| self.failure(reason))
-            }
-            Event::CycleEnded(cycle) => {
-                self.tell(|live, info, history| live.show(info, history, *cycle));
-                Ok(())
-            }
-            Event::Finished(summary) => {
-                if let Some(path) = &self.path {
-                    let written = recording::write(path, &self.info, &self.history, summary);
-                    written.map_err(|reason| self.failure(reason))?;
-                }
-                self.tell(|live, info, history| live.finish(info, history, summary));
-                Ok(())
-            }
-            Event::Estimated(_) | Event::Smoothed(_) | Event::Failed { .. } | Event::Warning(_) => Ok(()),
+        let failure = |reason: String| SinkError { path: self.path.clone(), reason };
+        if let Event::Finished(summary) = event {
+            let written = recording::write(&self.path, &self.held.info, &self.held.history, summary);
+            return written.map_err(|error| failure(error.to_string()));
         }
+        self.held.record(event).map_err(failure)
+    }
+
+    fn shows_structure(&self) -> bool {
+        true
+    }
+}
+
+/// Shows the run in a running viewer while it computes. The run continues without a viewer that is not there or leaves.
+#[derive(Debug)]
+pub struct LiveSink {
+    held: Held,
+    /// `None` without a viewer.
+    viewer: Option<Live>,
+    warnings: Vec<String>,
+}
+
+impl LiveSink {
+    /// A sink that sends to the viewer on this machine.
+    ///
+    /// # Errors
+    /// If the run has no variable to draw a map of.
+    pub fn connect(info: &RunInfo) -> Result<Self, SinkError> {
+        if info.layout.is_empty() {
+            let reason = "the run has no variables to draw".into();
+            return Err(SinkError { path: "the rerun viewer".into(), reason });
+        }
+        let held = Held::new(info);
+        let (viewer, warnings) = match Live::connect(&held.info) {
+            Ok(viewer) => (Some(viewer), Vec::new()),
+            Err(reason) => (None, vec![reason]),
+        };
+        Ok(Self { held, viewer, warnings })
+    }
+}
+
+impl Sink for LiveSink {
+    fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
+        let Some(viewer) = &mut self.viewer else { return Ok(()) };
+        let failure = |reason: String| SinkError { path: "the rerun viewer".into(), reason };
+        self.held.record(event).map_err(failure)?;
+        let Held { info, history } = &self.held;
+        let shown = match event {
+            Event::CycleEnded(cycle) => viewer.show(info, history, *cycle),
+            Event::Finished(summary) => viewer.finish(info, history, summary),
+            _ => Ok(()),
+        };
+        if let Err(error) = shown {
+            self.warnings.push(format!("the rerun viewer has gone away, the run goes on without it: {error}"));
+            self.viewer = None;
+        }
+        Ok(())
     }
 
     fn warnings(&mut self) -> Vec<String> {
         std::mem::take(&mut self.warnings)
+    }
+
+    fn shows_structure(&self) -> bool {
+        self.viewer.is_some()
     }
 }

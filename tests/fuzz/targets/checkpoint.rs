@@ -2,9 +2,9 @@
 //! The first byte says whether the others are the contents, or changes of those of a real one.
 #![no_main]
 
-use isobar::checkpoint::Policy;
+use isobar::options::CheckpointPolicy;
 use isobar::checkpoint::file::parse;
-use isobar::cli::RunOptions;
+use isobar::options::RunOptions;
 use isobar::event::Event;
 use isobar::experiment::Experiment;
 use isobar::scenario::Scenario;
@@ -32,16 +32,16 @@ fn scenario() -> Scenario {
 }
 
 fn experiment() -> RefCell<Experiment> {
-    let options = RunOptions { cycles: Some(120), netcdf: true, ..RunOptions::new("nowhere") };
+    let options = RunOptions { cycles: Some(120), outputs: isobar::sink::Outputs::of(["netcdf"]), ..RunOptions::new("nowhere") };
     RefCell::new(Experiment::new(&scenario(), &options).unwrap())
 }
 
 /// What a real checkpoint holds between its first line and its checksum.
 fn real_contents() -> Vec<u8> {
     let parent = tempfile::tempdir().unwrap();
-    let checkpoints = Some(Policy { minutes: None, cycles: Some(3) });
+    let checkpoints = Some(CheckpointPolicy { minutes: None, cycles: Some(3) });
     let own = RunOptions::new(parent.path().join("run"));
-    let options = RunOptions { cycles: Some(120), netcdf: true, checkpoints, ..own };
+    let options = RunOptions { cycles: Some(120), outputs: isobar::sink::Outputs::of(["netcdf"]), checkpoints, ..own };
     assert!(isobar::run::run(&scenario(), &options, &mut EndEarly).is_err());
     let files = std::fs::read_dir(parent.path().join(".run.partial")).unwrap().map(|file| file.unwrap());
     let is_checkpoint = |file: &std::fs::DirEntry| file.file_name().to_string_lossy().starts_with("checkpoint-");

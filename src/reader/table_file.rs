@@ -1,6 +1,6 @@
 //! Files that hold tables, of which a scenario names the path.
 
-use super::text::clean;
+use crate::text::clean;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;

@@ -1,5 +1,5 @@
-//! Time schemes, once for all models: a [`Tendency`] dx/dt = f(x) and a [`TimeScheme`] make a [`Stepped`] model with
-//! its exact tangent-linear and adjoint.
+//! Runge–Kutta schemes: a [`Tendency`] dx/dt = f(x) and a [`TimeScheme`] make a [`Stepped`] model with its exact
+//! tangent-linear and adjoint.
 //!
 //! An explicit Runge–Kutta scheme with coefficients a, b (Butcher 1963) is
 //!
@@ -19,88 +19,18 @@
 //! k*_s = Δt b_s y* + Δt Σ_{r>s} a_rs g_r,   g_s = F_sᵀ k*_s,   x* = y* + Σ g_s.
 //! ```
 
-use crate::columns::{Columns, add_scaled};
+use super::sweep::sweep;
+use super::tangent_sweep::sweep_tl;
+use super::tendency::{SpectralBounds, Tendency};
+use super::update::Scheme;
+use crate::columns::Columns;
 use crate::error::ModelError;
-use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step, steps_of_copies};
-use crate::rows::RowStream;
+use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step};
 use crate::state::{Layout, State};
-use crate::stored::Stored;
-use crate::tangent_wavefront::{TangentRowStream, sweep_tl};
+use crate::stored::ColumnsMut;
 use crate::time::Duration;
-use crate::wavefront::{Scheme, sweep};
+use crate::vector;
 use std::sync::Arc;
-
-/// An autonomous right-hand side dx/dt = f(x), with the derivative f'(x) and its transpose.
-///
-/// All states and increments are slices `[variable, y, x]` of the layout's length. `scratch` has
-/// [`Tendency::scratch_len`] values, all zero when it is first used, and serves one tendency only.
-pub trait Tendency: Send + Sync {
-    /// What f'(x) needs to know of x: coefficient fields, computed once and shared by all increments.
-    type Linearisation: Send + Sync;
-
-    /// Grid and variables.
-    fn layout(&self) -> &Arc<Layout>;
-
-    /// Number of values of scratch space the other functions need.
-    fn scratch_len(&self) -> usize;
-
-    /// Sets to zero the values that must be zero (the flow through a wall): a projection on coordinates, applied
-    /// to a state or an increment at the beginning of each step.
-    fn constrain(&self, _x: &mut [f64]) {}
-
-    /// Fails if x is outside of the domain of f: a thickness that is not positive. All its values are finite.
-    ///
-    /// # Errors
-    /// [`ModelError`] with the place and the value.
-    fn check(&self, _x: &[f64]) -> Result<(), ModelError> {
-        Ok(())
-    }
-
-    /// `out` = f(x), in the variables' units per second.
-    fn tendency(&self, x: &[f64], out: &mut [f64], scratch: &mut [f64]);
-
-    /// f row by row, for rows of `nx` places: the same function as [`Tendency::tendency`], with which a step is one pass
-    /// over memory. `None` if there is no such form of it, or if there are more than
-    /// [`MOST_VARIABLES`](crate::rows::MOST_VARIABLES).
-    fn row_stream(&self, _nx: usize) -> Option<Box<dyn RowStream + '_>> {
-        None
-    }
-
-    /// f and f' row by row for eight columns at once, for rows of `nx` places, at most
-    /// [`MOST_PLACES`](crate::tangent_wavefront::MOST_PLACES): with it a batch of columns is advanced in lockstep, and
-    /// what f' needs to know of the state is neither stored nor read for each column. `None` as in
-    /// [`Tendency::row_stream`].
-    fn tangent_row_stream(&self, _nx: usize) -> Option<Box<dyn TangentRowStream + '_>> {
-        None
-    }
-
-    /// The state at which f' is taken where the model's is `at`: another one only if f is itself linearised, about a state
-    /// that stays as it is, so that its tendency in [`Tendency::tangent_row_stream`] is zero.
-    fn linearised_at<'a>(&'a self, at: &'a [f64]) -> &'a [f64] {
-        at
-    }
-
-    /// The coefficients of f' at a state.
-    fn linearise(&self, at: &[f64]) -> Self::Linearisation;
-
-    /// `out` = f'(at) dx.
-    fn tendency_tl(&self, at: &Self::Linearisation, dx: &[f64], out: &mut [f64], scratch: &mut [f64]);
-
-    /// `out_add` += f'(at)ᵀ dy.
-    fn tendency_ad(&self, at: &Self::Linearisation, dy: &[f64], out_add: &mut [f64], scratch: &mut [f64]);
-
-    /// Bounds of the eigenvalues of f'(x).
-    fn spectral_bounds(&self, x: &[f64]) -> SpectralBounds;
-}
-
-/// Where the eigenvalues λ of a linearised tendency lie: |Im λ| ≤ oscillation, −damping ≤ Re λ ≤ 0.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SpectralBounds {
-    /// The highest frequency \[s⁻¹\].
-    pub oscillation_per_s: f64,
-    /// The highest damping rate \[s⁻¹\].
-    pub damping_per_s: f64,
-}
 
 /// How a tendency is integrated in time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -224,8 +154,8 @@ impl<T: Tendency> Stepped<T> {
         Scheme::RungeKutta { a, b, dt: self.time_step.as_f64() }
     }
 
-    /// So many steps of increments in sweeps over the rows; false, and nothing done, if the tendency has no such form.
-    fn sweep_columns<S: Stored>(&self, at: &State, columns: &mut [S], steps: usize) -> bool {
+    /// Advances increments in sweeps over the rows; returns false, with nothing done, if the tendency has no row form.
+    fn sweep_columns(&self, at: &State, columns: &mut ColumnsMut<'_>, steps: usize) -> bool {
         self.check_layout(at);
         sweep_tl(&self.tendency, self.numbers(), at.values(), columns, steps)
     }
@@ -286,7 +216,7 @@ impl<T: Tendency> Model for Stepped<T> {
 
 impl<T: Tendency> TangentLinear for Stepped<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
-        if self.sweep_columns(at, columns, 1) {
+        if self.sweep_columns(at, &mut ColumnsMut::Double(columns), 1) {
             return;
         }
         let linearisations = self.linearise_stages(at);
@@ -306,15 +236,9 @@ impl<T: Tendency> TangentLinear for Stepped<T> {
         );
     }
 
-    fn steps_tl(&self, at: &State, columns: &mut [f64], steps: usize) {
-        if !self.sweep_columns(at, columns, steps) {
+    fn steps_tl(&self, at: &State, mut columns: ColumnsMut<'_>, steps: usize) {
+        if !self.sweep_columns(at, &mut columns, steps) {
             step_by_step(self, at, columns, steps);
-        }
-    }
-
-    fn steps_tl_single(&self, at: &State, columns: &mut [f32], steps: usize) {
-        if !self.sweep_columns(at, columns, steps) {
-            steps_of_copies(self, at, columns, steps);
         }
     }
 }
@@ -335,7 +259,7 @@ impl<T: Tendency> Adjoint for Stepped<T> {
                 for (stage, row) in a.iter().enumerate().rev() {
                     gradient.fill(0.0);
                     self.tendency.tendency_ad(&linearisations[stage], &slopes[stage], gradient, scratch);
-                    add_scaled(column, 1.0, gradient);
+                    vector::add(column, gradient);
                     for (&weight, k) in row.iter().zip(slopes.iter_mut()) {
                         add_scaled(k, dt * weight, gradient);
                     }
@@ -346,7 +270,15 @@ impl<T: Tendency> Adjoint for Stepped<T> {
     }
 }
 
-/// Scratch space of one worker: stage increment, the slopes k of all stages, and the tendency's own.
+/// y += factor x; nothing for a factor of zero, of which the coefficients of a scheme have many.
+#[inline(always)]
+fn add_scaled(y: &mut [f64], factor: f64, x: &[f64]) {
+    if factor != 0.0 {
+        vector::axpy(factor, x, y);
+    }
+}
+
+/// Scratch space of one worker: stage increment, the slopes k of all stages, and that of the tendency.
 struct Work {
     stage: Vec<f64>,
     slopes: Vec<Vec<f64>>,

@@ -1,6 +1,6 @@
 //! A fault in a scenario, with the place in the file at which it is.
 
-use super::text::{clean, same_length};
+use crate::text::{clean, same_length};
 use miette::{Diagnostic, LabeledSpan, NamedSource, SourceCode};
 use std::fmt;
 use std::ops::Range;
@@ -21,7 +21,7 @@ struct Details {
 
 impl ScenarioError {
     /// A fault of the file as a whole.
-    pub(super) fn of_file(path: &Path, reason: impl fmt::Display) -> Self {
+    pub(crate) fn of_file(path: &Path, reason: impl fmt::Display) -> Self {
         let message = format!("cannot read {}: {reason}", clean(&path.display().to_string()));
         Self { details: Box::new(Details { message, help: None, place: None }) }
     }
@@ -59,7 +59,7 @@ impl Diagnostic for ScenarioError {
 const WIDEST: usize = 200;
 
 /// A scenario file, as error messages quote it.
-pub(super) struct SourceFile {
+pub(crate) struct SourceFile {
     /// Where it is.
     pub path: PathBuf,
     /// Its text, byte for byte in the places of the original, without anything that a terminal would obey.

@@ -5,10 +5,8 @@
 //! west have been overwritten by the strip before, and those east of the last strip by the first, so each leaves copies
 //! behind.
 
+use crate::columns::LANES;
 use std::ops::Range;
-
-/// Columns of a group.
-pub const LANES: usize = 8;
 
 /// The most places of a row in a sweep over a strip.
 pub const MOST_PLACES: usize = 80;

@@ -8,45 +8,33 @@
 //! strips; the outermost places on either side of a strip become wrong by as many places as the stencil reaches with each
 //! stage, as a strip takes itself for periodic: the next stage leaves them out.
 
-use crate::columns::Columns;
+use super::interleaving::Interleaving;
+use super::rows::{Ring, Row, TangentRowStream};
+use super::strips::{Group, MOST_PLACES, Strip};
+use super::tendency::Tendency;
+use super::update::{Scheme, combine, leap};
+use crate::columns::{Columns, LANES};
 use crate::grid::{Boundary, Grid};
-use crate::interleaving::Interleaving;
-use crate::rows::{Ring, Row};
-use crate::scheme::Tendency;
-use crate::stored::Stored;
-use crate::strips::{Group, Strip};
-pub use crate::strips::{LANES, MOST_PLACES};
-use crate::update::{combine, leap};
-use crate::wavefront::Scheme;
+use crate::stored::{ColumnsMut, Stored};
 use pulp::Arch;
 use std::ops::Range;
 
-/// A tendency and its derivative, row by row from the south, for stencils that reach one or two rows and columns.
-///
-/// Rows of the state are as in [`crate::rows::RowStream`], at most [`MOST_PLACES`] long; rows of increments hold
-/// `[x, variable, lane]`.
-pub trait TangentRowStream: Send {
-    /// As [`crate::rows::RowStream::reach`].
-    fn reach(&self) -> usize {
-        1
+/// Advances the columns by `steps` steps, eight columns at a time, along the trajectory from `at`; returns false, with
+/// nothing done, if the tendency has no row form. State and columns have all levels of the scheme.
+pub(crate) fn sweep_tl<T: Tendency>(
+    tendency: &T,
+    scheme: Scheme<'_>,
+    at: &[f64],
+    columns: &mut ColumnsMut<'_>,
+    steps: usize,
+) -> bool {
+    match columns {
+        ColumnsMut::Double(columns) => sweep_stored(tendency, scheme, at, columns, steps),
+        ColumnsMut::Single(columns) => sweep_stored(tendency, scheme, at, columns, steps),
     }
-
-    /// Begins a sweep with its first row.
-    fn begin(&mut self, x: Row<'_>, dx: &[f64]);
-
-    /// The rows beyond a wall, of the state `[variable, x]` and the increments, given the rows beside it.
-    fn beyond_wall(&self, x: Row<'_>, dx: &[f64], ghost: &mut [f64], d_ghost: &mut [f64]);
-
-    /// As [`crate::rows::RowStream::push`], for state (`x`: southern and northern row, tendency) and increments (`dx`).
-    fn push(&mut self, row: usize, x: (Row<'_>, Row<'_>, &mut [f64]), dx: (&[f64], &[f64], &mut [f64]));
-
-    /// As [`crate::rows::RowStream::finish`], for state and increments.
-    fn finish(&mut self, _tendency: &mut [f64], _d_tendency: &mut [f64]) {}
 }
 
-/// So many steps of the columns, eight at a time, along the trajectory from `at`; false, and nothing done, if the tendency
-/// has no such form. State and columns have all levels of the scheme.
-pub(crate) fn sweep_tl<T: Tendency, S: Stored>(
+fn sweep_stored<T: Tendency, S: Stored>(
     tendency: &T,
     scheme: Scheme<'_>,
     at: &[f64],

@@ -17,16 +17,17 @@
 //! α + λΔt ± √((1 − α)² + (λΔt)²). For λΔt = iθ they are at most 1 in size up to θ = √((1 − α)/(1 + α)), for λΔt = −σ up
 //! to σ = 2α/(1 + α): without the filter any damping makes the computational mode grow.
 
-use crate::columns::{Columns, add_scaled};
+use super::sweep::sweep;
+use super::tangent_sweep::sweep_tl;
+use super::tendency::Tendency;
+use super::update::{Leap, Scheme};
+use crate::columns::Columns;
 use crate::error::{ModelError, require};
-use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step, steps_of_copies};
-use crate::scheme::Tendency;
+use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step};
 use crate::state::{Layout, State};
-use crate::stored::Stored;
-use crate::tangent_wavefront::sweep_tl;
+use crate::stored::ColumnsMut;
 use crate::time::Duration;
-use crate::update::Leap;
-use crate::wavefront::{Scheme, sweep};
+use crate::vector;
 use std::sync::Arc;
 
 /// A tendency integrated by leapfrog; its states hold two time levels.
@@ -130,8 +131,8 @@ impl<T: Tendency> Leapfrog<T> {
         Leap { dt: self.time_step.as_f64(), alpha: self.robert_filter }
     }
 
-    /// So many steps of increments in sweeps over the rows; false, and nothing done, if the tendency has no such form.
-    fn sweep_columns<S: Stored>(&self, at: &State, columns: &mut [S], steps: usize) -> bool {
+    /// Advances increments in sweeps over the rows; returns false, with nothing done, if the tendency has no row form.
+    fn sweep_columns(&self, at: &State, columns: &mut ColumnsMut<'_>, steps: usize) -> bool {
         sweep_tl(&self.tendency, Scheme::Leapfrog(self.leap()), at.values(), columns, steps)
     }
 
@@ -186,7 +187,7 @@ impl<T: Tendency> Model for Leapfrog<T> {
 
 impl<T: Tendency> TangentLinear for Leapfrog<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
-        if self.sweep_columns(at, columns, 1) {
+        if self.sweep_columns(at, &mut ColumnsMut::Double(columns), 1) {
             return;
         }
         let linearisation = self.linearise(at.values());
@@ -202,15 +203,9 @@ impl<T: Tendency> TangentLinear for Leapfrog<T> {
         );
     }
 
-    fn steps_tl(&self, at: &State, columns: &mut [f64], steps: usize) {
-        if !self.sweep_columns(at, columns, steps) {
+    fn steps_tl(&self, at: &State, mut columns: ColumnsMut<'_>, steps: usize) {
+        if !self.sweep_columns(at, &mut columns, steps) {
             step_by_step(self, at, columns, steps);
-        }
-    }
-
-    fn steps_tl_single(&self, at: &State, columns: &mut [f32], steps: usize) {
-        if !self.sweep_columns(at, columns, steps) {
-            steps_of_copies(self, at, columns, steps);
         }
     }
 }
@@ -234,7 +229,7 @@ impl<T: Tendency> Adjoint for Leapfrog<T> {
                 }
                 gradient.fill(0.0);
                 self.tendency.tendency_ad(&linearisation, slope, gradient, scratch);
-                add_scaled(now, 1.0, gradient);
+                vector::add(now, gradient);
                 self.constrain(column);
             },
         );

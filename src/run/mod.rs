@@ -1,22 +1,29 @@
 //! A run: truth, observations, every method, verification, sinks; cycle after cycle.
 
+pub mod cycle;
+mod influence;
+pub mod monitor;
+pub mod reference;
+pub mod truth;
+
 use crate::checkpoint::{self, Keeper, Newest, Plan, journal, newest};
-use crate::cli::RunOptions;
 use crate::correlations::Correlations;
 use crate::event::{Analysed, Estimated, Event, Smoothed};
 use crate::experiment::{Competitor, Experiment, ExperimentError};
 use crate::interrupt;
-use crate::reference::Reference;
+use crate::memory;
+use crate::options::RunOptions;
 use crate::scenario::Scenario;
-use crate::scenario::text::clean;
 use crate::sensors::table;
 use crate::sensors::write_back::{self, SENSORS_FILE};
-use crate::sink::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
+use crate::sink::{Existing, OutputDirectory, Sink, SinkError, open_all};
 use crate::smoothed::SmoothedScorecard;
 use crate::summary::{Failure, MethodScores, Summary};
+use crate::text::clean;
 use crate::verify::{Scorecard, Scores, TrueValues};
 use isobar_model::ForecastError;
 use rayon::{ThreadPool, ThreadPoolBuilder};
+use reference::Reference;
 use std::path::{Path, PathBuf};
 
 /// Why a run ended early.
@@ -49,7 +56,7 @@ pub enum RunError {
         /// Why not.
         reason: String,
     },
-    /// The place of the outputs is not to be had.
+    /// The output directory cannot be created or is in use.
     #[error(transparent)]
     Place(SinkError),
     /// An output could not be written.
@@ -68,14 +75,12 @@ pub enum RunError {
 pub fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, RunError> {
     let workers = ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0)).build()?;
     let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
-    let directory = match options.resume {
-        true => OutputDirectory::resume(&options.out, existing).map_err(RunError::Place)?,
-        false => OutputDirectory::create(&options.out, existing).map_err(RunError::Place)?,
-    };
+    let open = if options.resume { OutputDirectory::resume } else { OutputDirectory::create };
+    let directory = open(options.out.clone(), existing).map_err(RunError::Place)?;
     let mut experiment = workers.install(|| Experiment::new(scenario, options))?;
     let plan = Plan::new(scenario, options, &experiment);
-    let RunOptions { netcdf, rerun, report, live, .. } = *options;
-    let mut sinks = open_all(&experiment.info, &directory, Outputs { netcdf, rerun, report, live })?;
+    let mut sinks = open_all(&experiment.info, &directory, &options.outputs)?;
+    let shown = Shown { memory: !options.concurrent && memory::is_counted(), structure: sinks.shows_structure() };
     let mut tell = |event: Event<'_>| {
         sinks.record(&event)?;
         for warning in sinks.warnings() {
@@ -95,7 +100,6 @@ pub fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -
         tell(Event::Started(&experiment.info))?;
     }
     experiment.warnings.iter().try_for_each(|warning| tell(Event::Warning(warning)))?;
-    let shown = Shown { memory: !options.concurrent, structure: rerun || report || live };
     let summary = cycles(&mut experiment, progress, &workers, shown, &mut tell)?;
     write_sensors(scenario, &experiment, directory.path())?;
     tell(Event::Finished(&summary))?;
@@ -128,7 +132,7 @@ struct Shown {
 
 /// What a run is in the middle of.
 struct Progress {
-    /// Journal and checkpoints, if there shall be any.
+    /// Journal and checkpoints, if there are to be any.
     keeper: Option<Keeper>,
     /// What it has come to so far.
     scores: Scores,

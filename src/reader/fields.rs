@@ -1,13 +1,13 @@
 //! Files of fields: a column for each field, a row for each cell.
 
-use super::reader::{Field, Read};
 use super::table_file::{self, LARGEST_FILE};
-use super::text::{clean, clean_lines};
+use super::{Field, Read};
+use crate::text::{clean, clean_lines};
 use isobar_model::Grid;
 use isobar_obs::table::{Faults, LARGEST, Table, TableError, decode};
 
 /// The fields of a file.
-pub(super) struct Fields {
+pub(crate) struct Fields {
     /// Their names, if the file has a header.
     pub names: Option<Vec<String>>,
     /// Each `[y, x]`; at least one.
@@ -17,7 +17,7 @@ pub(super) struct Fields {
 /// Reads the CSV file that a key names: a column for each of at most `most` fields, a row for each cell of the grid, row by
 /// row from the south, each from the west. Empty lines and lines that begin with `#` are skipped; the first line may be a
 /// header.
-pub(super) fn read(field: &Field<'_>, grid: &Grid, most: usize) -> Read<Fields> {
+pub(crate) fn read(field: &Field<'_>, grid: &Grid, most: usize) -> Read<Fields> {
     let path = field.file.directory().join(field.text()?);
     let shown = table_file::called(&path, field.file.directory());
     if !path.is_file() {

@@ -1,26 +1,21 @@
 //! One cycle of one method. The truth cannot enter here: there is no parameter for it.
 
+use super::influence;
+use super::monitor::{Fault, Monitor};
 use crate::correlations::Correlations;
-use crate::monitor::{Fault, Monitor};
+use crate::memory::{self, Memory};
+use crate::outcome::{Influence, Outcome, Smoothed};
 use crate::stability::{Stability, Watch, judge};
-use isobar_assim::response::Responder;
 use isobar_assim::{
-    Analysis, Assimilator, Calibrated, CalibrationAccuracy, Error, Estimate, EstimatedParameter, Structure, Unknown,
+    Assimilator, Calibrated, CalibrationAccuracy, Error, Estimate, EstimatedParameter, Structure, Unknown,
     reserve_workspace,
 };
-use isobar_model::random::stream;
 use isobar_model::{Duration, Layout, State};
 use isobar_obs::{Calibration, ObservationWindow};
-use peak_alloc::PeakAlloc;
-use rand::RngExt;
 use serde::{Deserialize, Serialize};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
 use std::time::Instant;
-
-#[global_allocator]
-static MEMORY: PeakAlloc = PeakAlloc;
 
 /// A method, and what it has cost so far.
 pub struct Runner {
@@ -60,88 +55,6 @@ pub struct Freezing {
     pub calibration: Calibration,
 }
 
-/// What a method made of one cycle.
-pub struct Outcome {
-    /// The estimate before the observations.
-    pub background: Estimate,
-    /// The analysis.
-    pub analysis: Analysis,
-    /// The estimates of earlier cycles that it has revised for the last time, the earliest first; at the end of the run all
-    /// that are left, and the analysis itself.
-    pub smoothed: Vec<Smoothed>,
-    /// What each type of observations did, if that was asked for.
-    pub influence: Option<Influence>,
-    /// Wall-clock seconds that it took.
-    pub seconds: f64,
-}
-
-/// The estimate of an earlier cycle, given all observations so far.
-pub struct Smoothed {
-    /// How many cycles ago.
-    pub cycles_ago: usize,
-    /// The estimate.
-    pub estimate: Estimate,
-}
-
-/// What each type of observations did in an analysis.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Influence {
-    /// The types, in the order of their first observations.
-    pub types: Vec<TypeInfluence>,
-}
-
-/// What the observations of one type did.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TypeInfluence {
-    /// The network.
-    pub network: Arc<str>,
-    /// Number of the variable.
-    pub variable: usize,
-    /// K d_t: the state's increment from the innovations of this type, those of all others being zero.
-    pub increment: Vec<f64>,
-    /// The type's part of tr(H K), the degrees of freedom for signal.
-    pub signal: f64,
-}
-
-impl Influence {
-    /// Asks a method that has just forecast `background` and sets it back. `innovations` are y − h(background).
-    ///
-    /// tr(H K) is estimated as Σ δ_i (H K δ)_i / σ_i² with a random sign times σ_i for each δ_i (Hutchinson 1990; Desroziers
-    /// and Ivanov 2001, Q. J. R. Meteorol. Soc. 127, eq. 13): unbiased, and for each type as well as for all. The analyses
-    /// are as many as there are types, and one.
-    fn ask(
-        method: &mut dyn Assimilator,
-        background: &Estimate,
-        observed: &ObservationWindow,
-        innovations: &[f64],
-    ) -> Result<Self, Error> {
-        let mut types: Vec<TypeInfluence> = Vec::new();
-        let mut type_of = Vec::with_capacity(observed.len());
-        for report in &observed.reports {
-            let same = |own: &TypeInfluence| own.network == report.network && own.variable == report.variable;
-            type_of.push(types.iter().position(same).unwrap_or_else(|| {
-                let (network, variable) = (Arc::clone(&report.network), report.variable);
-                types.push(TypeInfluence { network, variable, increment: Vec::new(), signal: 0.0 });
-                types.len() - 1
-            }));
-        }
-        let mut responder = Responder::new(method, background, observed)?;
-        for (number, own) in types.iter_mut().enumerate() {
-            let of_type = |(d, kind): (&f64, &usize)| if *kind == number { *d } else { 0.0 };
-            own.increment = responder.to(&innovations.iter().zip(&type_of).map(of_type).collect::<Vec<_>>())?.state;
-        }
-        let mut random = stream(observed.cycle as u64, "signal");
-        let signs: Vec<f64> = type_of.iter().map(|_| if random.random::<bool>() { 1.0 } else { -1.0 }).collect();
-        let probe: Vec<f64> = signs.iter().zip(&observed.sigma).map(|(sign, sigma)| sign * sigma).collect();
-        let fit = responder.to(&probe)?.fit;
-        for (((kind, fit), sign), sigma) in type_of.iter().zip(fit).zip(&signs).zip(&observed.sigma) {
-            types[*kind].signal += sign * fit / sigma;
-        }
-        responder.finish()?;
-        Ok(Self { types })
-    }
-}
-
 impl Runner {
     /// Sets up a method.
     ///
@@ -149,7 +62,7 @@ impl Runner {
     /// Those of `build`.
     pub fn new<M: Into<Calibrated>, E>(build: impl FnOnce() -> Result<M, E>) -> Result<Self, E> {
         reserve_workspace();
-        let (method, memory) = measured(|| build().map(Into::into));
+        let (method, memory) = memory::measured(|| build().map(Into::into));
         let mut runner = Self {
             method: method?,
             monitor: Monitor::default(),
@@ -242,17 +155,17 @@ impl Runner {
     ) -> Result<Influence, Fault> {
         let Outcome { background, analysis, .. } = outcome;
         let method = &mut self.method;
-        let (influence, (_, left)) = measured(|| {
+        let (influence, used) = memory::measured(|| {
             guarded(|| {
                 let after = method.save()?;
                 method.restore(memory)?;
-                let influence = Influence::ask(method, background, observed, &analysis.background_departures)?;
+                let influence = influence::ask(method, background, observed, &analysis.background_departures)?;
                 method.restore(&after)?;
                 Ok(influence)
             })
         });
         // The peak is no part of the method's, but what it allocates anew it holds.
-        self.held_bytes += left;
+        self.held_bytes += used.left_bytes;
         influence
     }
 
@@ -260,7 +173,7 @@ impl Runner {
     fn step<T>(&mut self, work: impl FnOnce(&mut dyn Assimilator) -> Result<T, Error>) -> Result<T, Fault> {
         let began = Instant::now();
         let method = &mut self.method;
-        let (result, memory) = measured(|| guarded(|| work(method)));
+        let (result, memory) = memory::measured(|| guarded(|| work(method)));
         self.account(memory);
         self.seconds += began.elapsed().as_secs_f64();
         result
@@ -301,7 +214,7 @@ impl Runner {
     /// # Errors
     /// Those of the method, if it is of another one.
     pub fn restore(&mut self, method: &[u8], saved: &SavedRunner, layout: &Layout) -> Result<(), Error> {
-        let (result, memory) = measured(|| self.method.restore(method));
+        let (result, memory) = memory::measured(|| self.method.restore(method));
         self.account(memory);
         self.monitor = saved.monitor;
         if !self.watch.restore(&saved.watch, layout) {
@@ -315,9 +228,9 @@ impl Runner {
         result
     }
 
-    fn account(&mut self, (peak, left): (i64, i64)) {
-        self.peak_bytes = self.peak_bytes.max((self.held_bytes + peak).max(0) as u64);
-        self.held_bytes += left;
+    fn account(&mut self, memory: Memory) {
+        self.peak_bytes = self.peak_bytes.max((self.held_bytes + memory.peak_bytes).max(0) as u64);
+        self.held_bytes += memory.left_bytes;
     }
 }
 
@@ -338,31 +251,8 @@ fn guarded<T>(work: impl FnOnce() -> Result<T, Error>) -> Result<T, Fault> {
     Ok(result?)
 }
 
-impl Outcome {
-    /// The memory of estimates and departures.
-    fn bytes(&self) -> i64 {
-        let of_estimate = |it: &Estimate| {
-            let spreads = [&it.state_spread, &it.calibration_spread].into_iter().flatten();
-            it.state.values().len() + it.calibration.len() + spreads.map(Vec::len).sum::<usize>()
-        };
-        let Analysis { estimate, background_departures, analysis_departures, .. } = &self.analysis;
-        let departures = background_departures.len() + analysis_departures.len();
-        let smoothed = self.smoothed.iter().map(|it| of_estimate(&it.estimate)).sum::<usize>();
-        let numbers = of_estimate(&self.background) + of_estimate(estimate) + smoothed + departures;
-        (numbers * size_of::<f64>()) as i64
-    }
-}
-
 /// What a panic says.
 fn in_words(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().copied().or(panic.downcast_ref::<String>().map(String::as_str));
     text.unwrap_or("it does not say what").to_string()
-}
-
-/// The result of `work`, with the memory that it took at most and that it left allocated, beyond what there was before.
-fn measured<T>(work: impl FnOnce() -> T) -> (T, (i64, i64)) {
-    MEMORY.reset_peak_usage();
-    let before = MEMORY.current_usage() as i64;
-    let result = work();
-    (result, (MEMORY.peak_usage() as i64 - before, MEMORY.current_usage() as i64 - before))
 }

@@ -1,27 +1,14 @@
-//! Typed reading of a TOML tree that remembers where each key and value stands, so that every fault can be shown.
+//! A key of a table, with its value.
 
-use super::error::{ScenarioError, SourceFile};
-use super::text::{clean, is_unprintable, listed, nearest};
+use super::{Kind, Read, ScenarioError, Section, SourceFile};
+use crate::text::{clean, is_unprintable, listed, nearest};
 use std::ops::Range;
 use toml::Spanned;
-use toml::de::{DeTable, DeValue};
-
-/// Result of reading a part of a scenario.
-pub(super) type Read<T> = Result<T, ScenarioError>;
-
-/// A table whose keys are all known.
-#[derive(Clone)]
-pub(super) struct Section<'a> {
-    pub file: &'a SourceFile,
-    /// Dotted name, `networks.europe`; empty for the whole file.
-    pub name: String,
-    pub table: &'a DeTable<'a>,
-    pub span: Range<usize>,
-}
+use toml::de::DeValue;
 
 /// One key of a section, with its value.
 #[derive(Clone)]
-pub(super) struct Field<'a> {
+pub(crate) struct Field<'a> {
     pub file: &'a SourceFile,
     /// Dotted name, `grid.nx`.
     pub name: String,
@@ -31,7 +18,7 @@ pub(super) struct Field<'a> {
 
 /// What a number may be.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Limits {
+pub(crate) enum Limits {
     /// Any number up to 1e18 in size.
     Any,
     /// From 1e-18 to 1e18.
@@ -44,9 +31,6 @@ pub(super) enum Limits {
     Fraction,
 }
 
-/// One of the kinds that a table can be of: name in the file, meaning, and keys.
-pub(super) type Kind<T> = (&'static str, T, &'static [&'static str]);
-
 impl Limits {
     fn contain(self, number: f64) -> bool {
         match self {
@@ -58,121 +42,14 @@ impl Limits {
         }
     }
 
-    fn words(self) -> String {
-        match self {
+    pub(super) fn words(&self) -> String {
+        match *self {
             Limits::Any => "a finite number".into(),
             Limits::Positive => "a number greater than 0".into(),
             Limits::NonNegative => "a number that is 0 or greater".into(),
             Limits::Between(least, most) => format!("a number from {least} to {most}"),
             Limits::Fraction => "a number from 0 to below 1".into(),
         }
-    }
-}
-
-impl<'a> Section<'a> {
-    /// The whole file.
-    pub fn root(file: &'a SourceFile, root: &'a DeTable<'a>, keys: &[&str]) -> Read<Self> {
-        let section = Section { file, name: String::new(), table: root, span: 0..0 };
-        section.check_keys(keys, &[])?;
-        Ok(section)
-    }
-
-    /// Refuses any key that is not among `keys`; `elsewhere` lists the keys of other kinds of this table.
-    fn check_keys(&self, keys: &[&str], elsewhere: &[(&str, &[&str])]) -> Read<()> {
-        for key in self.table.keys() {
-            let word: &str = key.get_ref();
-            if keys.contains(&word) {
-                continue;
-            }
-            let place = if self.name.is_empty() { "at the top level".into() } else { format!("in [{}]", self.title()) };
-            let message = format!("unknown key `{}` {place}", clean(word));
-            let kinds: Vec<_> = elsewhere
-                .iter()
-                .filter(|(_, keys)| keys.contains(&word))
-                .map(|(kind, _)| format!("\"{kind}\""))
-                .collect();
-            let mut help = match nearest(word, keys.iter().copied()) {
-                Some(near) => format!("did you mean `{near}`?\n"),
-                None if !kinds.is_empty() => format!("`{}` belongs to kind {}\n", clean(word), kinds.join(", ")),
-                None => String::new(),
-            };
-            match keys {
-                [] => help.push_str("this table takes no keys"),
-                _ => help.push_str(&format!("valid keys here: {}", listed(keys.iter().copied()))),
-            }
-            return Err(self.file.error(key.span(), message, "not a key of this table", Some(help)));
-        }
-        Ok(())
-    }
-
-    /// The name as messages show it.
-    pub fn title(&self) -> String {
-        clean(&self.name)
-    }
-
-    /// A key that may be absent.
-    pub fn optional(&self, key: &str) -> Option<Field<'a>> {
-        let (key_token, value) = self.table.iter().find(|(token, _)| token.get_ref() == key)?;
-        Some(self.field(key_token, value))
-    }
-
-    /// A key that must be present.
-    pub fn required(&self, key: &str) -> Read<Field<'a>> {
-        match self.optional(key) {
-            Some(field) => Ok(field),
-            None if self.name.is_empty() => {
-                let is_line = matches!(key, "title" | "phenomenon" | "source" | "seed" | "start");
-                let shown = if is_line { format!("`{key}`") } else { format!("[{key}]") };
-                let help = is_line.then(|| "it belongs above the first [section]".to_string());
-                Err(self.file.error(
-                    0..0,
-                    format!("{shown} is missing"),
-                    &format!("{shown} must be in this file"),
-                    help,
-                ))
-            }
-            None => {
-                let label = format!("`{key}` must be given here");
-                Err(self.file.error(
-                    self.span.clone(),
-                    format!("`{key}` is missing in [{}]", self.title()),
-                    &label,
-                    None,
-                ))
-            }
-        }
-    }
-
-    /// A number that must be given.
-    pub fn number(&self, key: &str, limits: Limits) -> Read<f64> {
-        self.required(key)?.number(limits)
-    }
-
-    /// A number with a default.
-    pub fn number_or(&self, key: &str, default: f64, limits: Limits) -> Read<f64> {
-        self.optional(key).map_or(Ok(default), |field| field.number(limits))
-    }
-
-    /// A whole number with a default.
-    pub fn whole_or(&self, key: &str, default: usize, least: usize, most: usize) -> Read<usize> {
-        self.optional(key).map_or(Ok(default), |field| field.whole(least, most))
-    }
-
-    /// Yes or no, with a default.
-    pub fn yes_or_no_or(&self, key: &str, default: bool) -> Read<bool> {
-        self.optional(key).map_or(Ok(default), |field| field.yes_or_no())
-    }
-
-    /// All keys in the order of the file.
-    pub fn fields(&self) -> impl Iterator<Item = (&'a str, Field<'a>)> + '_ {
-        let table: &'a DeTable<'a> = self.table;
-        table.iter().map(|(key, value)| (key.get_ref().as_ref(), self.field(key, value)))
-    }
-
-    fn field(&self, key: &'a Spanned<toml::de::DeString<'a>>, value: &'a Spanned<DeValue<'a>>) -> Field<'a> {
-        let word: &str = key.get_ref();
-        let name = if self.name.is_empty() { word.to_string() } else { format!("{}.{word}", self.name) };
-        Field { file: self.file, name, key_span: key.span(), value }
     }
 }
 
@@ -301,12 +178,16 @@ impl<'a> Field<'a> {
     }
 
     /// The same, where another key says what it is.
-    pub fn section_by<T: Copy>(&self, key: &str, kinds: &[Kind<T>]) -> Read<(T, Section<'a>)> {
+    pub fn section_by<T: Copy, K: AsRef<[&'static str]>>(
+        &self,
+        key: &str,
+        kinds: &[(&'static str, T, K)],
+    ) -> Read<(T, Section<'a>)> {
         let section = self.any_section()?;
         let names: Vec<(&str, usize)> = kinds.iter().enumerate().map(|(number, kind)| (kind.0, number)).collect();
         let Some(kind) = section.optional(key) else {
             let union: Vec<&str> =
-                std::iter::once(key).chain(kinds.iter().flat_map(|kind| kind.2.iter().copied())).collect();
+                std::iter::once(key).chain(kinds.iter().flat_map(|kind| kind.2.as_ref().iter().copied())).collect();
             section.check_keys(&union, &[])?;
             let help = format!(
                 "{key} = {}",
@@ -320,11 +201,11 @@ impl<'a> Field<'a> {
                 Some(help),
             ));
         };
-        let (_, meaning, keys) = kinds[kind.choice(&names)?];
-        let keys: Vec<&str> = std::iter::once(key).chain(keys.iter().copied()).collect();
-        let elsewhere: Vec<(&str, &[&str])> = kinds.iter().map(|kind| (kind.0, kind.2)).collect();
+        let (_, meaning, keys) = &kinds[kind.choice(&names)?];
+        let keys: Vec<&str> = std::iter::once(key).chain(keys.as_ref().iter().copied()).collect();
+        let elsewhere: Vec<(&str, &[&str])> = kinds.iter().map(|kind| (kind.0, kind.2.as_ref())).collect();
         section.check_keys(&keys, &elsewhere)?;
-        Ok((meaning, section))
+        Ok((*meaning, section))
     }
 
     /// The elements of a list of at most `most`.
@@ -356,16 +237,5 @@ impl<'a> Field<'a> {
             texts.push(text);
         }
         Ok(texts)
-    }
-}
-
-/// Reads the tree of a file.
-pub(super) fn parse<'a>(file: &SourceFile, text: &'a str) -> Read<DeTable<'a>> {
-    match DeTable::parse(text) {
-        Ok(root) => Ok(root.into_inner()),
-        Err(error) => {
-            let message = format!("this is not valid TOML: {}", clean(error.message()));
-            Err(file.error(error.span().unwrap_or(0..0), message, "here", None))
-        }
     }
 }

@@ -1,7 +1,51 @@
 //! What becomes of a row whose slopes are known, compiled for the processor's widest vectors.
 
-use crate::rows::Row;
+use super::rows::{Ring, Row};
 use pulp::{Arch, Simd, WithSimd};
+use std::ops::Range;
+
+/// How slopes make a step.
+#[derive(Clone, Copy)]
+pub(crate) enum Scheme<'a> {
+    /// Rows of a (below the diagonal), b, and Δt.
+    RungeKutta { a: &'a [&'a [f64]], b: &'a [f64], dt: f64 },
+    /// The fields are those of two levels.
+    Leapfrog(Leap),
+}
+
+impl Scheme<'_> {
+    /// Number of evaluations of the tendency.
+    pub fn stages(self) -> usize {
+        match self {
+            Scheme::RungeKutta { b, .. } => b.len(),
+            Scheme::Leapfrog(_) => 1,
+        }
+    }
+
+    /// Time levels of a state.
+    pub fn levels(self) -> usize {
+        match self {
+            Scheme::RungeKutta { .. } => 1,
+            Scheme::Leapfrog(_) => 2,
+        }
+    }
+
+    /// Part of the slopes of `row` known at a stage, with the times for which they act in the state of the next stage.
+    pub fn terms(self, stage: usize, slopes: &[Ring], row: isize, part: Range<usize>) -> ([(f64, &[f64]); 8], usize) {
+        let mut terms: [(f64, &[f64]); 8] = [(0.0, &[]); 8];
+        let mut count = 0;
+        if let Scheme::RungeKutta { a, b, dt } = self {
+            let weights = if stage + 1 == b.len() { b } else { a[stage + 1] };
+            for (&weight, slopes) in weights.iter().zip(slopes) {
+                if weight != 0.0 {
+                    terms[count] = (dt * weight, &slopes.row(row)[part.clone()]);
+                    count += 1;
+                }
+            }
+        }
+        (terms, count)
+    }
+}
 
 /// Slopes of a row, `[variable, x]`, each with the time it acts for; added up in this order.
 pub(crate) type Terms<'a, 'b> = &'a [(f64, &'b [f64])];
@@ -17,7 +61,7 @@ pub(crate) fn add_slopes(arch: Arch, fields: &mut [&mut [f64]], start: usize, nx
 }
 
 /// (x(t), x̄(t − Δt)) to (x(t + Δt), x̄(t)) for the row that begins at `start` in each field of both levels, given its
-/// slope: see [`crate::leapfrog`].
+/// slope: see [`super::leapfrog`].
 pub(crate) fn leap(arch: Arch, leapfrog: Leap, levels: &mut [&mut [f64]], start: usize, nx: usize, slope: &[f64]) {
     arch.dispatch(LeapRow { leapfrog, levels, start, nx, slope });
 }
@@ -50,7 +94,7 @@ impl WithSimd for Combine<'_, '_> {
 }
 
 #[inline(always)]
-fn sum<const N: usize>(out: &mut [f64], x: &[f64], terms: [(f64, &[f64]); N], part: std::ops::Range<usize>) {
+fn sum<const N: usize>(out: &mut [f64], x: &[f64], terms: [(f64, &[f64]); N], part: Range<usize>) {
     let n = out.len();
     let (x, mut own) = (&x[..n], terms);
     for term in 0..N {
@@ -89,7 +133,7 @@ impl WithSimd for AddSlopes<'_, '_, '_> {
 }
 
 #[inline(always)]
-fn add<const N: usize>(x: &mut [f64], terms: [(f64, &[f64]); N], part: std::ops::Range<usize>) {
+fn add<const N: usize>(x: &mut [f64], terms: [(f64, &[f64]); N], part: Range<usize>) {
     let n = x.len();
     let mut own = terms;
     for term in 0..N {

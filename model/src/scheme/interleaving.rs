@@ -1,6 +1,6 @@
 //! Eight columns interleaved, in the memory in which they lie.
 
-use crate::strips::LANES;
+use crate::columns::LANES;
 use pulp::{Arch, Simd, WithSimd};
 
 /// Takes the values of eight columns from `[lane, level, variable, y, x]` to `[level, y, x, variable, lane]` and back.

@@ -13,14 +13,12 @@
 //!      j       all slopes known: x written
 //! ```
 
-use crate::grid::{Boundary, Grid};
-
 /// How many variables a tendency with a form by rows may have.
 pub const MOST_VARIABLES: usize = 4;
 
 /// One row of each variable.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Row<'a>([&'a [f64]; MOST_VARIABLES]);
+pub struct Row<'a>(pub(super) [&'a [f64]; MOST_VARIABLES]);
 
 impl<'a> Row<'a> {
     /// A row of `nx` places stored as `[variable, x]`.
@@ -82,95 +80,27 @@ pub trait RowStream: Send {
     fn finish(&mut self, _tendency: &mut [f64]) {}
 }
 
-/// Below this number of cells one thread is faster than the start of two.
-const LEAST_CELLS_PER_BAND: usize = 1 << 15;
-
-/// Some rows of the fields to be swept, and copies of the rows around them.
-pub(crate) struct Band<'a> {
-    /// Number of the first row.
-    pub first: usize,
-    /// Number of rows.
-    pub rows: usize,
-    /// The band of each variable.
-    pub fields: Vec<&'a mut [f64]>,
-    grid: &'a Grid,
-    variables: usize,
-    /// Rows of the first variables around the band, `[row, variable, x]`.
-    south: Vec<f64>,
-    north: Vec<f64>,
-    reach: usize,
-}
-
-/// Cuts fields into as many bands as there are threads, if they are large enough; `reach` rows of the first `variables`
-/// fields are copied on either side.
-pub(crate) fn bands<'a>(grid: &'a Grid, x: &'a mut [f64], variables: usize, reach: usize) -> Vec<Band<'a>> {
-    let (nx, ny, cells) = (grid.nx, grid.ny, grid.cells());
-    let most = cells / LEAST_CELLS_PER_BAND;
-    let count = if most < 2 { 1 } else { rayon::current_num_threads().min(most).min(ny / (2 * reach)).max(1) };
-    let mut bands: Vec<Band<'a>> = (0..count)
-        .map(|band| {
-            let (first, end) = (band * ny / count, (band + 1) * ny / count);
-            let around = |from: usize| -> Vec<f64> {
-                let mut copy = Vec::with_capacity(reach * variables * nx);
-                for row in from..from + reach {
-                    for variable in 0..variables {
-                        copy.extend_from_slice(&x[variable * cells + row % ny * nx..][..nx]);
-                    }
-                }
-                copy
-            };
-            let (south, north) = (around(first + (reach / ny + 1) * ny - reach), around(end));
-            let fields = Vec::with_capacity(x.len() / cells);
-            Band { first, rows: end - first, fields, grid, variables, south, north, reach }
-        })
-        .collect();
-    for mut field in x.chunks_exact_mut(cells) {
-        for band in &mut bands {
-            let (own, rest) = field.split_at_mut(band.rows * nx);
-            band.fields.push(own);
-            field = rest;
-        }
-    }
-    bands
-}
-
-impl Band<'_> {
-    /// Whether a wall is south and north of the band.
-    pub fn walls(&self) -> (bool, bool) {
-        let channel = self.grid.boundary == Boundary::Channel;
-        (channel && self.first == 0, channel && self.first + self.rows == self.grid.ny)
+/// A tendency and its derivative, row by row from the south, for stencils that reach one or two rows and columns.
+///
+/// Rows of the state are as in [`RowStream`], at most [`MOST_PLACES`](super::MOST_PLACES) long; rows of increments hold
+/// `[x, variable, lane]`.
+pub trait TangentRowStream: Send {
+    /// As [`RowStream::reach`].
+    fn reach(&self) -> usize {
+        1
     }
 
-    /// The rows to push: the band's, and those within reach where there is no wall.
-    pub fn reached(&self, reach: usize) -> std::ops::Range<isize> {
-        let (south, north) = self.walls();
-        let (first, end, reach) = (self.first as isize, (self.first + self.rows) as isize, reach as isize);
-        (if south { first } else { first - reach })..(if north { end } else { end + reach })
-    }
+    /// Begins a sweep with its first row.
+    fn begin(&mut self, x: Row<'_>, dx: &[f64]);
 
-    /// The number of a row that may be beyond a periodic edge.
-    pub fn grid_row(&self, row: isize) -> usize {
-        let ny = self.grid.ny as isize;
-        if (0..ny).contains(&row) { row as usize } else { row.rem_euclid(ny) as usize }
-    }
+    /// The rows beyond a wall, of the state `[variable, x]` and the increments, given the rows beside it.
+    fn beyond_wall(&self, x: Row<'_>, dx: &[f64], ghost: &mut [f64], d_ghost: &mut [f64]);
 
-    /// A row of the first variables.
-    pub fn row(&self, row: isize) -> Row<'_> {
-        let nx = self.grid.nx;
-        let offset = row - self.first as isize;
-        let len = self.variables * nx;
-        if offset < 0 {
-            return Row::of(&self.south[(offset + self.reach as isize) as usize * len..][..len], nx);
-        }
-        if offset >= self.rows as isize {
-            return Row::of(&self.north[(offset - self.rows as isize) as usize * len..][..len], nx);
-        }
-        let mut out = Row::default();
-        for (out, field) in out.0.iter_mut().zip(&self.fields[..self.variables]) {
-            *out = &field[offset as usize * nx..][..nx];
-        }
-        out
-    }
+    /// As [`RowStream::push`], for state (`x`: southern and northern row, tendency) and increments (`dx`).
+    fn push(&mut self, row: usize, x: (Row<'_>, Row<'_>, &mut [f64]), dx: (&[f64], &[f64], &mut [f64]));
+
+    /// As [`RowStream::finish`], for state and increments.
+    fn finish(&mut self, _tendency: &mut [f64], _d_tendency: &mut [f64]) {}
 }
 
 /// A ring of rows, as many as a power of two, so that finding one is no division.

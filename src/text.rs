@@ -50,7 +50,7 @@ pub(crate) fn printable(text: &str) -> String {
 
 /// The text with question marks for unprintable characters, one for each byte, so that places in it stay the same.
 /// Line feeds and tabs stay.
-pub(super) fn same_length(text: &str) -> String {
+pub(crate) fn same_length(text: &str) -> String {
     let mut printable = String::with_capacity(text.len());
     for character in text.chars() {
         match character {

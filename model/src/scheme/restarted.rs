@@ -10,11 +10,12 @@
 //! cycle's n steps are one step of this model, and its derivative and transpose are those of the whole: no increment of
 //! the earlier level is estimated, stored or localised.
 
+use super::leapfrog::Leapfrog;
+use super::tendency::Tendency;
 use crate::error::ModelError;
 use crate::forecast::{Adjoint, Model, TangentLinear};
-use crate::leapfrog::Leapfrog;
-use crate::scheme::Tendency;
 use crate::state::{Layout, State};
+use crate::stored::ColumnsMut;
 use crate::time::Duration;
 use std::sync::Arc;
 
@@ -78,7 +79,7 @@ impl<T: Tendency> Model for RestartedLeapfrog<T> {
 impl<T: Tendency> TangentLinear for RestartedLeapfrog<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
         let mut levels = self.leapfrog.start_tl(at, columns);
-        self.leapfrog.steps_tl(&self.leapfrog.start(at), &mut levels, self.steps);
+        self.leapfrog.steps_tl(&self.leapfrog.start(at), ColumnsMut::Double(&mut levels), self.steps);
         let one = self.layout().len();
         for (column, levels) in columns.chunks_exact_mut(one).zip(levels.chunks_exact(2 * one)) {
             column.copy_from_slice(&levels[..one]);

@@ -7,7 +7,7 @@
 //! - it has diverged: its normalised innovation χ²/n has been above [`DIVERGED_CHI2`] in [`DIVERGED_ANALYSES`] analyses
 //!   in succession, so that it misses the observations by more than ten times what it claims, and does not come back.
 
-use crate::cycle::Outcome;
+use crate::outcome::Outcome;
 use isobar_assim::Estimate;
 use serde::{Deserialize, Serialize};
 
@@ -103,7 +103,7 @@ fn finite(values: &[f64], what: &str, place: impl Fn(usize) -> String) -> Result
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cycle::Smoothed;
+    use crate::outcome::Smoothed;
     use isobar_assim::Analysis;
     use isobar_model::{Boundary, Grid, Layout, Location, State, Variable};
     use std::sync::Arc;

@@ -1,55 +1,12 @@
 //! A step as one sweep: the stages of a Runge–Kutta scheme follow each other at a distance of one row or two (see
-//! [`crate::rows`]); leapfrog has one stage.
+//! [`super::rows`]); leapfrog has one stage.
 
-use crate::rows::{Band, Ring, Row, RowStream, bands};
-use crate::scheme::Tendency;
-use crate::update::{Leap, add_slopes, combine, leap};
+use super::bands::{Band, bands};
+use super::rows::{Ring, Row, RowStream};
+use super::tendency::Tendency;
+use super::update::{Scheme, add_slopes, combine, leap};
 use pulp::Arch;
 use rayon::prelude::*;
-use std::ops::Range;
-
-/// How slopes make a step.
-#[derive(Clone, Copy)]
-pub(crate) enum Scheme<'a> {
-    /// Rows of a (below the diagonal), b, and Δt.
-    RungeKutta { a: &'a [&'a [f64]], b: &'a [f64], dt: f64 },
-    /// The fields are those of two levels.
-    Leapfrog(Leap),
-}
-
-impl Scheme<'_> {
-    /// Number of evaluations of the tendency.
-    pub fn stages(self) -> usize {
-        match self {
-            Scheme::RungeKutta { b, .. } => b.len(),
-            Scheme::Leapfrog(_) => 1,
-        }
-    }
-
-    /// Time levels of a state.
-    pub fn levels(self) -> usize {
-        match self {
-            Scheme::RungeKutta { .. } => 1,
-            Scheme::Leapfrog(_) => 2,
-        }
-    }
-
-    /// Part of the slopes of `row` known at a stage, with the times for which they act in the state of the next stage.
-    pub fn terms(self, stage: usize, slopes: &[Ring], row: isize, part: Range<usize>) -> ([(f64, &[f64]); 8], usize) {
-        let mut terms: [(f64, &[f64]); 8] = [(0.0, &[]); 8];
-        let mut count = 0;
-        if let Scheme::RungeKutta { a, b, dt } = self {
-            let weights = if stage + 1 == b.len() { b } else { a[stage + 1] };
-            for (&weight, slopes) in weights.iter().zip(slopes) {
-                if weight != 0.0 {
-                    terms[count] = (dt * weight, &slopes.row(row)[part.clone()]);
-                    count += 1;
-                }
-            }
-        }
-        (terms, count)
-    }
-}
 
 /// One step of x, row by row; false, and nothing done, if the tendency has no such form.
 pub(crate) fn sweep<T: Tendency>(tendency: &T, scheme: Scheme<'_>, x: &mut [f64]) -> bool {

@@ -1,0 +1,95 @@
+//! Bands of rows, swept in parallel.
+
+use super::rows::Row;
+use crate::grid::{Boundary, Grid};
+
+/// Below this number of cells one thread is faster than the start of two.
+const LEAST_CELLS_PER_BAND: usize = 1 << 15;
+
+/// Some rows of the fields to be swept, and copies of the rows around them.
+pub(crate) struct Band<'a> {
+    /// Number of the first row.
+    pub first: usize,
+    /// Number of rows.
+    pub rows: usize,
+    /// The band of each variable.
+    pub fields: Vec<&'a mut [f64]>,
+    grid: &'a Grid,
+    variables: usize,
+    /// Rows of the first variables around the band, `[row, variable, x]`.
+    south: Vec<f64>,
+    north: Vec<f64>,
+    reach: usize,
+}
+
+/// Cuts fields into as many bands as there are threads, if they are large enough; `reach` rows of the first `variables`
+/// fields are copied on either side.
+pub(crate) fn bands<'a>(grid: &'a Grid, x: &'a mut [f64], variables: usize, reach: usize) -> Vec<Band<'a>> {
+    let (nx, ny, cells) = (grid.nx, grid.ny, grid.cells());
+    let most = cells / LEAST_CELLS_PER_BAND;
+    let count = if most < 2 { 1 } else { rayon::current_num_threads().min(most).min(ny / (2 * reach)).max(1) };
+    let mut bands: Vec<Band<'a>> = (0..count)
+        .map(|band| {
+            let (first, end) = (band * ny / count, (band + 1) * ny / count);
+            let around = |from: usize| -> Vec<f64> {
+                let mut copy = Vec::with_capacity(reach * variables * nx);
+                for row in from..from + reach {
+                    for variable in 0..variables {
+                        copy.extend_from_slice(&x[variable * cells + row % ny * nx..][..nx]);
+                    }
+                }
+                copy
+            };
+            let (south, north) = (around(first + (reach / ny + 1) * ny - reach), around(end));
+            let fields = Vec::with_capacity(x.len() / cells);
+            Band { first, rows: end - first, fields, grid, variables, south, north, reach }
+        })
+        .collect();
+    for mut field in x.chunks_exact_mut(cells) {
+        for band in &mut bands {
+            let (own, rest) = field.split_at_mut(band.rows * nx);
+            band.fields.push(own);
+            field = rest;
+        }
+    }
+    bands
+}
+
+impl Band<'_> {
+    /// Whether a wall is south and north of the band.
+    pub fn walls(&self) -> (bool, bool) {
+        let channel = self.grid.boundary == Boundary::Channel;
+        (channel && self.first == 0, channel && self.first + self.rows == self.grid.ny)
+    }
+
+    /// The rows to push: the band's, and those within reach where there is no wall.
+    pub fn reached(&self, reach: usize) -> std::ops::Range<isize> {
+        let (south, north) = self.walls();
+        let (first, end, reach) = (self.first as isize, (self.first + self.rows) as isize, reach as isize);
+        (if south { first } else { first - reach })..(if north { end } else { end + reach })
+    }
+
+    /// The number of a row that may be beyond a periodic edge.
+    pub fn grid_row(&self, row: isize) -> usize {
+        let ny = self.grid.ny as isize;
+        if (0..ny).contains(&row) { row as usize } else { row.rem_euclid(ny) as usize }
+    }
+
+    /// A row of the first variables.
+    pub fn row(&self, row: isize) -> Row<'_> {
+        let nx = self.grid.nx;
+        let offset = row - self.first as isize;
+        let len = self.variables * nx;
+        if offset < 0 {
+            return Row::of(&self.south[(offset + self.reach as isize) as usize * len..][..len], nx);
+        }
+        if offset >= self.rows as isize {
+            return Row::of(&self.north[(offset - self.rows as isize) as usize * len..][..len], nx);
+        }
+        let mut out = Row::default();
+        for (out, field) in out.0.iter_mut().zip(&self.fields[..self.variables]) {
+            *out = &field[offset as usize * nx..][..nx];
+        }
+        out
+    }
+}

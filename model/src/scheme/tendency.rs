@@ -1,0 +1,78 @@
+//! What a model integrates: a right-hand side dx/dt = f(x), its derivative and the transpose of that.
+
+use super::rows::{RowStream, TangentRowStream};
+use crate::error::ModelError;
+use crate::state::Layout;
+use std::sync::Arc;
+
+/// An autonomous right-hand side dx/dt = f(x), with the derivative f'(x) and its transpose.
+///
+/// All states and increments are slices `[variable, y, x]` of the layout's length. `scratch` has
+/// [`Tendency::scratch_len`] values, all zero when it is first used, and serves one tendency only.
+pub trait Tendency: Send + Sync {
+    /// What f'(x) needs to know of x: coefficient fields, computed once and shared by all increments.
+    type Linearisation: Send + Sync;
+
+    /// Grid and variables.
+    fn layout(&self) -> &Arc<Layout>;
+
+    /// Number of values of scratch space the other functions need.
+    fn scratch_len(&self) -> usize;
+
+    /// Sets to zero the values that must be zero (the flow through a wall): a projection on coordinates, applied
+    /// to a state or an increment at the beginning of each step.
+    fn constrain(&self, _x: &mut [f64]) {}
+
+    /// Fails if x is outside of the domain of f: a thickness that is not positive. All its values are finite.
+    ///
+    /// # Errors
+    /// [`ModelError`] with the place and the value.
+    fn check(&self, _x: &[f64]) -> Result<(), ModelError> {
+        Ok(())
+    }
+
+    /// `out` = f(x), in the variables' units per second.
+    fn tendency(&self, x: &[f64], out: &mut [f64], scratch: &mut [f64]);
+
+    /// f row by row, for rows of `nx` places: the same function as [`Tendency::tendency`], with which a step is one pass
+    /// over memory. `None` if there is no such form of it, or if there are more than
+    /// [`MOST_VARIABLES`](super::rows::MOST_VARIABLES).
+    fn row_stream(&self, _nx: usize) -> Option<Box<dyn RowStream + '_>> {
+        None
+    }
+
+    /// f and f' row by row for eight columns at once, for rows of `nx` places, at most
+    /// [`MOST_PLACES`](super::MOST_PLACES): with it a batch of columns is advanced in lockstep, and
+    /// what f' needs to know of the state is neither stored nor read for each column. `None` as in
+    /// [`Tendency::row_stream`].
+    fn tangent_row_stream(&self, _nx: usize) -> Option<Box<dyn TangentRowStream + '_>> {
+        None
+    }
+
+    /// The state at which f' is taken where the model's is `at`: another one only if f is itself linearised, about a state
+    /// that stays as it is, so that its tendency in [`Tendency::tangent_row_stream`] is zero.
+    fn linearised_at<'a>(&'a self, at: &'a [f64]) -> &'a [f64] {
+        at
+    }
+
+    /// The coefficients of f' at a state.
+    fn linearise(&self, at: &[f64]) -> Self::Linearisation;
+
+    /// `out` = f'(at) dx.
+    fn tendency_tl(&self, at: &Self::Linearisation, dx: &[f64], out: &mut [f64], scratch: &mut [f64]);
+
+    /// `out_add` += f'(at)ᵀ dy.
+    fn tendency_ad(&self, at: &Self::Linearisation, dy: &[f64], out_add: &mut [f64], scratch: &mut [f64]);
+
+    /// Bounds of the eigenvalues of f'(x).
+    fn spectral_bounds(&self, x: &[f64]) -> SpectralBounds;
+}
+
+/// Where the eigenvalues λ of a linearised tendency lie: |Im λ| ≤ oscillation, −damping ≤ Re λ ≤ 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpectralBounds {
+    /// The highest frequency \[s⁻¹\].
+    pub oscillation_per_s: f64,
+    /// The highest damping rate \[s⁻¹\].
+    pub damping_per_s: f64,
+}

@@ -1,0 +1,61 @@
+//! `kind = "balanced"`.
+
+use super::{CovarianceSettings, LENGTH_KM};
+use crate::kinds::{Domain, Kind};
+use crate::reader::{AnyKey, Key, Limits, Read, Section};
+use crate::scenario::Dynamics;
+use isobar_assim::covariance::{Balanced, BalancedParameters};
+use isobar_assim::{Covariance, Error};
+use isobar_model::Layout;
+
+pub(super) struct BalancedKind;
+
+const SIGMA_HEIGHT_M: Key<Limits> =
+    Key::required("sigma_height_m", "m", Limits::Positive, "standard deviation of the height");
+
+impl Kind<dyn CovarianceSettings, Domain> for BalancedKind {
+    fn name(&self) -> &'static str {
+        "balanced"
+    }
+
+    fn about(&self) -> &'static str {
+        "A height with a Gaussian correlation, and the wind in geostrophic balance with it"
+    }
+
+    fn keys(&self) -> Vec<&'static dyn AnyKey> {
+        vec![&SIGMA_HEIGHT_M, &LENGTH_KM]
+    }
+
+    fn read(&self, section: &Section<'_>, domain: &Domain) -> Read<Box<dyn CovarianceSettings>> {
+        let (Dynamics::ShallowWater(water) | Dynamics::LinearShallowWater { settings: water, .. }) =
+            &domain.model.dynamics
+        else {
+            return Err(without_rotation(section)?);
+        };
+        if water.coriolis_per_s == 0.0 {
+            return Err(without_rotation(section)?);
+        }
+        Ok(Box::new(BalancedParameters {
+            sigma_height_m: section.get(&SIGMA_HEIGHT_M)?,
+            length_m: section.get(&LENGTH_KM)? * 1e3,
+            gravity_m_per_s2: water.gravity_m_per_s2,
+            coriolis_per_s: water.coriolis_per_s,
+            beta_per_m_per_s: water.beta_per_m_per_s,
+        }))
+    }
+}
+
+fn without_rotation(section: &Section<'_>) -> Read<crate::reader::ScenarioError> {
+    let message = "a balanced covariance needs a shallow-water model with coriolis_per_s other than 0".into();
+    Ok(section.required("kind")?.invalid(message, "must be \"univariate\" or \"white\" for this model"))
+}
+
+impl CovarianceSettings for BalancedParameters {
+    fn build(&self, layout: &Layout) -> Result<Box<dyn Covariance>, Error> {
+        Ok(Box::new(Balanced::new(layout, self)?))
+    }
+
+    fn length_m(&self) -> Option<f64> {
+        Some(self.length_m)
+    }
+}

@@ -1,0 +1,47 @@
+//! `kind = "white"`.
+
+use super::{CovarianceSettings, SIGMA, VARIABLE};
+use crate::kinds::{Domain, Kind};
+use crate::reader::{AnyKey, Read, Section};
+use isobar_assim::covariance::White;
+use isobar_assim::{Covariance, Error};
+use isobar_model::Layout;
+
+pub(super) struct WhiteKind;
+
+impl Kind<dyn CovarianceSettings, Domain> for WhiteKind {
+    fn name(&self) -> &'static str {
+        "white"
+    }
+
+    fn about(&self) -> &'static str {
+        "One variable alone, uncorrelated from point to point"
+    }
+
+    fn keys(&self) -> Vec<&'static dyn AnyKey> {
+        vec![&VARIABLE, &SIGMA]
+    }
+
+    fn read(&self, section: &Section<'_>, domain: &Domain) -> Read<Box<dyn CovarianceSettings>> {
+        let variable = domain.variable(&section.required(VARIABLE.name)?)?;
+        Ok(Box::new(WhiteSettings { variable, sigma: section.get(&SIGMA)? }))
+    }
+}
+
+#[derive(Debug)]
+struct WhiteSettings {
+    /// The variable's number.
+    variable: usize,
+    /// Standard deviation, in the variable's unit.
+    sigma: f64,
+}
+
+impl CovarianceSettings for WhiteSettings {
+    fn build(&self, layout: &Layout) -> Result<Box<dyn Covariance>, Error> {
+        Ok(Box::new(White::new(layout, self.variable, self.sigma)))
+    }
+
+    fn length_m(&self) -> Option<f64> {
+        None
+    }
+}

@@ -1,0 +1,93 @@
+//! What a scenario chooses by name: each kind is a value, in a file of its own, that knows its name, its keys and how it
+//! is read; what it reads is built into the libraries' objects.
+//!
+//! A new kind is a file, and a line in the list of its folder: the reader, its messages, `isobar list` and
+//! `scenarios/KEYS.md` go over these lists.
+
+pub mod covariances;
+pub mod reference;
+
+use crate::reader::{AnyKey, Field, Read, Section};
+use crate::scenario::ModelSettings;
+use isobar_model::Grid;
+
+/// A kind of thing that a scenario chooses by name: reads a `T` from its section, in a scenario that otherwise is `C`.
+pub(crate) trait Kind<T: ?Sized, C: ?Sized>: Sync {
+    /// What a scenario calls it.
+    fn name(&self) -> &'static str;
+
+    /// What it is, in a line.
+    fn about(&self) -> &'static str;
+
+    /// Its keys, without the one that names the kind.
+    fn keys(&self) -> Vec<&'static dyn AnyKey>;
+
+    /// Whether it can be chosen in this scenario at all.
+    fn fits(&self, _: &C) -> bool {
+        true
+    }
+
+    /// Reads a section that has these keys at most.
+    fn read(&self, section: &Section<'_>, context: &C) -> Read<Box<T>>;
+}
+
+/// A list of kinds, as a scenario may choose from it.
+pub(crate) type Kinds<T, C> = [&'static dyn Kind<T, C>];
+
+/// The kind that a table names by its key `kind`, and the table, checked for keys that the kind does not have.
+pub(crate) fn choose<'a, T: ?Sized, C: ?Sized>(
+    field: &Field<'a>,
+    kinds: &Kinds<T, C>,
+    context: &C,
+) -> Read<(&'static dyn Kind<T, C>, Section<'a>)> {
+    let names = |kind: &dyn Kind<T, C>| kind.keys().iter().map(|key| key.name()).collect::<Vec<_>>();
+    let fitting = kinds.iter().filter(|kind| kind.fits(context));
+    let choices: Vec<_> = fitting.map(|&kind| (kind.name(), kind, names(kind))).collect();
+    field.section_by("kind", &choices)
+}
+
+/// Reads a table that chooses one of the kinds.
+pub(crate) fn read<T: ?Sized, C: ?Sized>(field: &Field<'_>, kinds: &Kinds<T, C>, context: &C) -> Read<Box<T>> {
+    let (kind, section) = choose(field, kinds, context)?;
+    kind.read(&section, context)
+}
+
+/// The plane and the model: what initial states, covariances and instruments must fit to.
+pub(crate) struct Domain {
+    /// The grid.
+    pub grid: Grid,
+    /// The model.
+    pub model: ModelSettings,
+}
+
+impl Domain {
+    /// The number of the model's variable that a key names.
+    pub fn variable(&self, field: &Field<'_>) -> Read<usize> {
+        let variables = self.model.variables().iter().enumerate();
+        field.choice(&variables.map(|(number, variable)| (variable.0, number)).collect::<Vec<_>>())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::HashSet;
+
+    fn check<T: ?Sized, C: ?Sized>(kinds: &Kinds<T, C>) {
+        let names: HashSet<_> = kinds.iter().map(|kind| kind.name()).collect();
+        assert_eq!(names.len(), kinds.len(), "two kinds have one name");
+        for kind in kinds {
+            let keys = kind.keys();
+            let names: HashSet<_> = keys.iter().map(|key| key.name()).collect();
+            assert_eq!(names.len(), keys.len(), "{} has a key twice", kind.name());
+            for words in keys.iter().map(|key| key.meaning()).chain([kind.about()]) {
+                assert!(!words.is_empty() && !words.ends_with('.'), "{}: {words:?} is not a phrase", kind.name());
+            }
+        }
+    }
+
+    #[test]
+    fn kinds_and_keys_have_names_of_their_own_and_are_described() {
+        check(covariances::COVARIANCES);
+    }
+}

@@ -1,0 +1,89 @@
+//! The reference of kinds and keys, from what the reader checks.
+
+use super::{Kinds, covariances};
+use crate::reader::AnyKey;
+use std::fmt::Write;
+
+/// A list of kinds, as the reference shows it.
+pub struct Reference {
+    /// The option of `isobar list` that shows it.
+    pub option: &'static str,
+    /// What its kinds are.
+    pub title: &'static str,
+    /// Where a scenario chooses one.
+    pub place: &'static str,
+    /// The kinds.
+    pub kinds: Vec<KindReference>,
+}
+
+/// A kind, as the reference shows it.
+pub struct KindReference {
+    /// What a scenario calls it.
+    pub name: &'static str,
+    /// What it is, in a line.
+    pub about: &'static str,
+    /// Its keys.
+    pub keys: Vec<KeyReference>,
+}
+
+/// A key, as the reference shows it.
+pub struct KeyReference {
+    /// Its name.
+    pub name: &'static str,
+    /// The unit of its value; empty if it has none.
+    pub unit: &'static str,
+    /// What its value may be.
+    pub allowed: String,
+    /// What holds without it.
+    pub default: String,
+    /// What it means.
+    pub meaning: &'static str,
+}
+
+/// All lists of kinds.
+pub fn all() -> Vec<Reference> {
+    vec![Reference {
+        option: "covariances",
+        title: "Covariances",
+        place: "an element of `components` in `[background_error]` or `[model_error]`",
+        kinds: kinds(covariances::COVARIANCES),
+    }]
+}
+
+fn kinds<T: ?Sized, C: ?Sized>(kinds: &Kinds<T, C>) -> Vec<KindReference> {
+    let key = |key: &dyn AnyKey| KeyReference {
+        name: key.name(),
+        unit: key.unit(),
+        allowed: key.allowed(),
+        default: key.default().unwrap_or_else(|| "must be given".into()),
+        meaning: key.meaning(),
+    };
+    let kind = |kind: &&'static dyn super::Kind<T, C>| KindReference {
+        name: kind.name(),
+        about: kind.about(),
+        keys: kind.keys().into_iter().map(key).collect(),
+    };
+    kinds.iter().map(kind).collect()
+}
+
+/// The whole reference, as `scenarios/KEYS.md` holds it.
+pub fn markdown() -> String {
+    let mut text = String::from(
+        "# Kinds and their keys\n\nWritten from the program by `ISOBAR_WRITE=1 cargo test --release -p isobar --test all keys`; \
+         `isobar list --methods letkf` and the like show the same.\n",
+    );
+    for reference in all() {
+        write!(text, "\n## {}\n\n`kind` of {}.\n", reference.title, reference.place).expect("a String takes any text");
+        for kind in reference.kinds {
+            write!(text, "\n### `{}`\n\n{}.\n", kind.name, kind.about).expect("a String takes any text");
+            if !kind.keys.is_empty() {
+                text.push_str("\n| key | unit | value | default | meaning |\n|---|---|---|---|---|\n");
+            }
+            for KeyReference { name, unit, allowed, default, meaning } in kind.keys {
+                writeln!(text, "| `{name}` | {unit} | {allowed} | {default} | {meaning} |")
+                    .expect("a String takes any text");
+            }
+        }
+    }
+    text
+}

@@ -1,0 +1,62 @@
+//! What a method made of one cycle, for those who judge it: the monitors, the scores, the sinks.
+
+use isobar_assim::{Analysis, Estimate};
+use std::sync::Arc;
+
+/// What a method made of one cycle.
+pub struct Outcome {
+    /// The estimate before the observations.
+    pub background: Estimate,
+    /// The analysis.
+    pub analysis: Analysis,
+    /// The estimates of earlier cycles that it has revised for the last time, the earliest first; at the end of the run all
+    /// that are left, and the analysis itself.
+    pub smoothed: Vec<Smoothed>,
+    /// What each type of observations did, if that was asked for.
+    pub influence: Option<Influence>,
+    /// Wall-clock seconds that it took.
+    pub seconds: f64,
+}
+
+/// The estimate of an earlier cycle, given all observations so far.
+pub struct Smoothed {
+    /// How many cycles ago.
+    pub cycles_ago: usize,
+    /// The estimate.
+    pub estimate: Estimate,
+}
+
+/// What each type of observations did in an analysis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Influence {
+    /// The types, in the order of their first observations.
+    pub types: Vec<TypeInfluence>,
+}
+
+/// What the observations of one type did.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TypeInfluence {
+    /// The network.
+    pub network: Arc<str>,
+    /// Number of the variable.
+    pub variable: usize,
+    /// K d_t: the state's increment from the innovations of this type, those of all others being zero.
+    pub increment: Vec<f64>,
+    /// The type's part of tr(H K), the degrees of freedom for signal.
+    pub signal: f64,
+}
+
+impl Outcome {
+    /// The memory of estimates and departures \[bytes\].
+    pub fn bytes(&self) -> i64 {
+        let of_estimate = |it: &Estimate| {
+            let spreads = [&it.state_spread, &it.calibration_spread].into_iter().flatten();
+            it.state.values().len() + it.calibration.len() + spreads.map(Vec::len).sum::<usize>()
+        };
+        let Analysis { estimate, background_departures, analysis_departures, .. } = &self.analysis;
+        let departures = background_departures.len() + analysis_departures.len();
+        let smoothed = self.smoothed.iter().map(|it| of_estimate(&it.estimate)).sum::<usize>();
+        let numbers = of_estimate(&self.background) + of_estimate(estimate) + smoothed + departures;
+        (numbers * size_of::<f64>()) as i64
+    }
+}

@@ -1,0 +1,23 @@
+//! Typed reading of a TOML file in which every fault is shown with its place.
+//!
+//! A [`Section`] is a table, a [`Field`] a key of it with its value, and a [`Key`] says once what a key means, what it may
+//! be and what holds without it: the reader checks by it, and the reference of keys is written from it.
+
+mod error;
+mod field;
+pub(crate) mod fields;
+mod key;
+mod section;
+pub(crate) mod table_file;
+
+pub use error::ScenarioError;
+pub(crate) use error::SourceFile;
+pub(crate) use field::{Field, Limits};
+pub(crate) use key::{Absent, AnyKey, Choice, Described, Key, Value, Whole, YesNo};
+pub(crate) use section::{Section, parse};
+
+/// Result of reading a part of a scenario.
+pub(crate) type Read<T> = Result<T, ScenarioError>;
+
+/// One of the kinds that a table can be of: name in the file, meaning, and keys.
+pub(crate) type Kind<T> = (&'static str, T, &'static [&'static str]);
