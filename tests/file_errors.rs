@@ -164,7 +164,7 @@ fn of_states() {
             Some(fields("h,u,v", "1000,3,0", (9, "1000,east,0"))),
             &["state.csv, line 11: `u` is `east`, but must be a finite number", "the grid is 8 × 6"],
         ),
-        background(Some(good().replacen("1000,3,0\n", "", 1)), &["47 rows of numbers, but should be 48"]),
+        background(Some(good().replacen("1000,3,0\n", "", 1)), &["47 rows of numbers, but should have 48"]),
         background(Some(good() + "1000,3,0\n"), &["line 50: there are more than the 48 rows"]),
         background(
             Some(fields("h,u,v", "1000,3,0", (30, "-1,3,0"))),
@@ -208,7 +208,7 @@ fn of_patterns() {
             fields("first,second", "1,2", (4, "1")),
             &["eof.csv, line 6: there are 1 fields, but the header has 2 columns"],
         ),
-        case(fields("first", "1", (0, "1")).replacen("1\n", "", 1), &["47 rows of numbers, but should be 48"]),
+        case(fields("first", "1", (0, "1")).replacen("1\n", "", 1), &["47 rows of numbers, but should have 48"]),
     ]);
 }
 
