@@ -55,7 +55,8 @@ pub fn parse(path: &Path, text: &[u8]) -> Result<Vec<(u64, Record)>, SensorError
 fn records(text: &[u8]) -> Result<Vec<(u64, Record)>, TableError> {
     let table =
         Table::new(decode(text, "")?, "", &COLUMNS)?.ok_or_else(|| TableError::whole("", "it has no records"))?;
-    for name in table.columns().iter().filter(|name| !name.is_empty() && !COLUMNS.contains(&name.as_str())) {
+    let is_unknown = |name: &&String| !name.is_empty() && !COLUMNS.contains(&name.as_str());
+    if let Some(name) = table.columns().iter().find(is_unknown) {
         let near = nearest(name, COLUMNS).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
         let problem = format!("unknown column `{}`{near} (columns: {})", clean(name), listed(COLUMNS));
         return Err(table.wrong_header(problem));
