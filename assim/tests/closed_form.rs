@@ -41,7 +41,15 @@ fn observe(observations: &[(usize, f64)], sigma: f64) -> ObservationWindow {
         calibration.push_row([]);
     }
     let values: Vec<f64> = observations.iter().map(|observation| observation.1).collect();
-    let report = Report { network: "n".into(), platform: "p".into(), variable: 0, x_m: 0.0, y_m: 0.0, scan: None };
+    let report = Report {
+        network: "n".into(),
+        platform: "p".into(),
+        variable: 0,
+        time: Time::from_seconds(0),
+        x_m: 0.0,
+        y_m: 0.0,
+        scan: None,
+    };
     ObservationWindow {
         time: Time::from_seconds(0),
         cycle: 1,

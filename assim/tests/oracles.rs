@@ -24,7 +24,15 @@ fn observe(rows: &[Observation]) -> ObservationWindow {
         state.push_row([(*cell, 1.0)]);
         calibration.push_row(parameter.map(|number| (number, 1.0)));
     }
-    let report = Report { network: "n".into(), platform: "p".into(), variable: 0, x_m: 0.0, y_m: 0.0, scan: None };
+    let report = Report {
+        network: "n".into(),
+        platform: "p".into(),
+        variable: 0,
+        time: Time::from_seconds(0),
+        x_m: 0.0,
+        y_m: 0.0,
+        scan: None,
+    };
     ObservationWindow {
         time: Time::from_seconds(0),
         cycle: 1,

@@ -21,6 +21,14 @@ pub enum ObservationError {
         /// The setting, which is also the name of the column.
         setting: &'static str,
     },
+    /// Winds to the east and north are said to be in a file without places on the Earth.
+    #[error("{instrument}: {file} has no latitudes and longitudes, without which east and north are not known")]
+    WindsNotOnEarth {
+        /// The network.
+        instrument: String,
+        /// The file.
+        file: String,
+    },
     /// No observation of a file is valid after the start.
     #[error("{instrument}: none of the {observations} observations of {file} is valid after the start of the run")]
     NoneAfterStart {
@@ -157,6 +165,7 @@ impl ObservationError {
             | NoStationInDomain { instrument, .. }
             | NoneAfterStart { instrument, .. }
             | NotSaid { instrument, .. }
+            | WindsNotOnEarth { instrument, .. }
             | UnknownGroupColumn { instrument, .. }
             | UnknownName { instrument, .. }
             | DuplicateName { instrument, .. }
@@ -188,6 +197,7 @@ impl ObservationError {
             | InvalidNumber { setting, .. } => Some(setting),
             UnknownGroupColumn { .. } => Some("group_by"),
             NoneAfterStart { .. } | NotSaid { .. } => Some("file"),
+            WindsNotOnEarth { .. } => Some("winds"),
             NoStationInDomain { .. } | NoProjection { .. } => Some("stations"),
             BiasOnReference { .. } | BiasOnNothing { .. } => Some("biases"),
             InvalidInstrumentName { .. } => Some("name"),

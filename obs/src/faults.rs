@@ -86,7 +86,8 @@ impl Faults {
             } else if happens(self.misplaced_rate) {
                 arrival.observation.report.y_m += 2.0 * grid.height_m();
             } else if happens(self.late_rate) {
-                arrival.time = arrival.time + Duration::from_seconds(-window.seconds());
+                let report = &mut arrival.observation.report;
+                report.time = report.time + Duration::from_seconds(-window.seconds());
             }
             spoilt.push(arrival);
         }

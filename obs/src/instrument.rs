@@ -11,7 +11,7 @@ use crate::window::Report;
 use isobar_model::{Layout, State, Time};
 use radiosonde::RadiosondeConfig;
 use rand_chacha::ChaCha8Rng;
-use recorded::RecordedConfig;
+use recorded::{RecordedConfig, RecordedUse};
 use satellite::SatelliteConfig;
 
 /// The most stations, or footprints in one cycle, that one instrument may have.
@@ -139,14 +139,40 @@ impl Observation {
 pub(crate) enum Reading {
     /// The truth, its bias and this random error, drawn from N(0, sigma²).
     Error(f64),
-    /// This value, as it was valid then.
-    Value(f64, Time),
+    /// What somebody else has read.
+    Recorded {
+        /// The value.
+        value: f64,
+        /// Whether it is not valid near enough to the end of the window.
+        is_late: bool,
+    },
+}
+
+impl Reading {
+    /// The recorded value, or the random error.
+    pub fn value(&self) -> f64 {
+        match *self {
+            Reading::Error(value) | Reading::Recorded { value, .. } => value,
+        }
+    }
+
+    /// Replaces that.
+    pub fn set_value(&mut self, new: f64) {
+        match self {
+            Reading::Error(value) | Reading::Recorded { value, .. } => *value = new,
+        }
+    }
 }
 
 /// An instrument in operation.
 pub(crate) trait Instrument: Send + Sync {
-    /// Appends the observations of `cycle`, from 1; to be called for one cycle after the other.
-    fn observe(&mut self, cycle: usize, observations: &mut Vec<Observation>);
+    /// Appends the observations of `cycle`, from 1, which is valid at `time`; to be called for one cycle after the other.
+    fn observe(&mut self, cycle: usize, time: Time, observations: &mut Vec<Observation>);
+
+    /// What becomes of its observations in so many cycles, if somebody else made them.
+    fn recorded_use(&self, _cycles: usize) -> Option<RecordedUse> {
+        None
+    }
 
     /// Its random streams, always in the same order.
     fn streams(&mut self) -> Vec<&mut ChaCha8Rng>;

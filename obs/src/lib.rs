@@ -50,7 +50,7 @@ pub use error::ObservationError;
 pub use faults::Faults;
 pub use footprint::footprint;
 pub use instrument::radiosonde::{BiasScope, RadiosondeConfig, StationBias};
-pub use instrument::recorded::RecordedConfig;
+pub use instrument::recorded::{RecordedConfig, RecordedUse, WindAxes};
 pub use instrument::satellite::{Heading, SatelliteConfig, ScanBias, ScanTerm};
 pub use instrument::{InstrumentConfig, ObservedVariable, Schedule};
 pub use jacobian::Jacobian;

@@ -106,7 +106,7 @@ pub(crate) fn place(
     let expected = format!("from 0 to below {largest} m, half of the domain");
     require((0.0..largest).contains(&margin), name, "edge_margin_m", margin, expected)?;
     let candidates = match source {
-        StationSource::File { stations, group_by } => from_file(name, stations, group_by.as_deref(), projection)?,
+        StationSource::File { stations, group_by } => from_file(name, stations, group_by.as_deref(), grid, projection)?,
         StationSource::Regular { columns, rows, groups } => regular(name, *columns, *rows, groups, margin, grid)?,
         StationSource::Random { count, groups } => random(name, *count, groups, margin, grid, seed)?,
     };
@@ -159,6 +159,7 @@ fn from_file(
     name: &str,
     stations: &Stations,
     group_by: Option<&str>,
+    grid: &Grid,
     projection: Option<&Projection>,
 ) -> Result<Vec<Candidate>, ObservationError> {
     let groups = match group_by {
@@ -178,7 +179,7 @@ fn from_file(
     let long_name = stations.column("name");
     let candidate = |(record, group): (&crate::stations::StationRecord, &str)| {
         let place_m = match (record.position, projection) {
-            (Position::Plane { x_m, y_m }, _) => Some((x_m, y_m)),
+            (Position::Plane { x_m, y_m }, _) => Some(grid.first_image(x_m, y_m)),
             (Position::Geographic { latitude_deg, longitude_deg }, Some(projection)) => {
                 projection.forward(latitude_deg, longitude_deg)
             }

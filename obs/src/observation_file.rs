@@ -20,6 +20,7 @@ pub struct ObservationFile {
     file: String,
     columns: Vec<String>,
     records: Vec<ObservationRecord>,
+    missing: usize,
 }
 
 /// One line of a file of observations.
@@ -95,6 +96,10 @@ const KNOWN: &[&str] = &[
 /// The last cycle that a file may name, and the last column or row.
 const LAST: usize = 1_000_000;
 
+/// Values that usually mark a missing one.
+const USUAL_MARKERS: [f64; 12] =
+    [-9999.0, -999.0, -99999.0, -999.9, -9999.9, -999.99, -9999.99, -32767.0, -32768.0, 99999.0, 999999.0, 9999999.0];
+
 /// Numbers of the columns.
 struct Columns {
     cycle: Option<usize>,
@@ -114,12 +119,13 @@ enum PlaceColumns {
 }
 
 impl ObservationFile {
-    /// Reads the text of a file of observations; `file` is its name, for messages.
+    /// Reads the text of a file of observations; `file` is its name, for messages. Rows without a value or a place (empty,
+    /// `NaN`, `NA`), or with a value that is one of `markers`, are counted as missing.
     ///
     /// # Errors
-    /// Missing or ambiguous columns; else all lines that are not rows of the table, and fields that are not what they must
+    /// A value that usually marks a missing one, such as -9999, unless there are `markers`. Missing or ambiguous columns; else all lines that are not rows of the table, and fields that are not what they must
     /// be, each with its line; a file without observations.
-    pub fn parse(text: &str, file: &str) -> Result<Self, TableError> {
+    pub fn parse(text: &str, file: &str, markers: Option<&[f64]>) -> Result<Self, TableError> {
         let no_observations = || {
             let form =
                 "it needs a header line such as `cycle,x_m,y_m,variable,value,sigma` and a line for each observation";
@@ -129,12 +135,19 @@ impl ObservationFile {
         let columns = find_columns(&table)?;
         let mut faults = Faults::default();
         let mut records = Vec::new();
-        table.each_row(&mut faults, |row, faults| records.extend(columns.record(&row, faults)));
+        let mut missing = 0;
+        table.each_row(&mut faults, |row, faults| {
+            if columns.is_missing(&row, markers) {
+                missing += 1;
+            } else {
+                records.extend(columns.record(&row, markers.is_none(), faults));
+            }
+        });
         faults.check(file)?;
-        if records.is_empty() {
+        if records.is_empty() && missing == 0 {
             return Err(no_observations());
         }
-        Ok(Self { file: file.to_owned(), columns: table.columns().to_vec(), records })
+        Ok(Self { file: file.to_owned(), columns: table.columns().to_vec(), records, missing })
     }
 
     /// Name of the file.
@@ -147,15 +160,29 @@ impl ObservationFile {
         &self.columns
     }
 
-    /// The observations, in the order of the file; at least one.
+    /// The observations, in the order of the file; at least one unless all are missing.
     pub fn records(&self) -> &[ObservationRecord] {
         &self.records
+    }
+
+    /// The number of rows without a value or a place.
+    pub fn missing(&self) -> usize {
+        self.missing
     }
 }
 
 impl Columns {
-    /// The observation of a row; `None`, and its faults, if the fields are none.
-    fn record(&self, row: &Row<'_>, faults: &mut Faults) -> Option<ObservationRecord> {
+    /// Whether a row has no value, or no place.
+    fn is_missing(&self, row: &Row<'_>, markers: Option<&[f64]>) -> bool {
+        let (PlaceColumns::Plane(x, y) | PlaceColumns::Geographic(x, y) | PlaceColumns::GridPoint(x, y)) = self.place;
+        let marked = |value: f64| markers.unwrap_or_default().contains(&value);
+        [self.value, x, y].iter().any(|column| row.is_missing(*column))
+            || row.text(self.value).parse().is_ok_and(marked)
+    }
+
+    /// The observation of a row; `None`, and its faults, if the fields are none. `refuse_markers`: whether values that usually
+    /// mark a missing one are faults.
+    fn record(&self, row: &Row<'_>, refuse_markers: bool, faults: &mut Faults) -> Option<ObservationRecord> {
         let anywhere = (-LARGEST, LARGEST);
         let valid = match (self.cycle, self.time) {
             (Some(cycle), _) => row.whole(cycle, LAST, faults).map(ValidTime::Cycle),
@@ -164,6 +191,10 @@ impl Columns {
         };
         let place = self.place(row, faults);
         let value = row.number(self.value, anywhere, faults);
+        if let Some(value) = value.filter(|value| refuse_markers && USUAL_MARKERS.contains(value)) {
+            let key = format!("`missing = [{value}]` for the network if it is, `missing = []` if not");
+            faults.add(row.line, format!("`value` is {value}, which usually marks a missing value: give {key}"));
+        }
         let sigma = self.sigma.map(|column| row.number(column, (1.0 / LARGEST, LARGEST), faults));
         let id = self.id.map(|column| row.name(column, faults));
         Some(ObservationRecord {
@@ -240,14 +271,14 @@ mod tests {
 
     #[test]
     fn a_good_file_gives_its_observations_with_their_lines() {
-        let file = ObservationFile::parse(GOOD, "good.csv").unwrap();
+        let file = ObservationFile::parse(GOOD, "good.csv", None).unwrap();
         let [first, second] = file.records() else { panic!("two observations") };
         let six = Time::from_seconds(1_768_456_800);
         assert_eq!((first.line, first.valid, first.value), (4, ValidTime::Time(six), 1012.5));
         assert_eq!(first.place, ObservationPlace::Plane { x_m: 1e5, y_m: 2e5 });
         assert_eq!((first.variable.as_deref(), first.sigma, first.id.as_deref()), (Some("h"), Some(12.0), Some("a")));
         assert_eq!((second.line, second.valid), (6, ValidTime::Time(Time::from_seconds(six.seconds() + 6 * 3600))));
-        let short = ObservationFile::parse("cycle,column,row,value\r\n2,4,5,0.5\r\n", "short.csv").unwrap();
+        let short = ObservationFile::parse("cycle,column,row,value\r\n2,4,5,0.5\r\n", "short.csv", None).unwrap();
         let record = &short.records()[0];
         assert_eq!(
             (record.valid, record.place),
@@ -259,7 +290,7 @@ mod tests {
     /// What spreadsheets, R and old systems make of a table.
     #[test]
     fn a_file_is_the_same_however_its_table_is_written() {
-        let clean = ObservationFile::parse("time,latitude_deg,longitude_deg,value,id\n2026-01-15T06:00:00Z,5,-6,7,a\n2026-01-15T12:00:00Z,8,9,-0.5,\"b, \"\"c\"\"\"\n", "t.csv").unwrap();
+        let clean = ObservationFile::parse("time,latitude_deg,longitude_deg,value,id\n2026-01-15T06:00:00Z,5,-6,7,a\n2026-01-15T12:00:00Z,8,9,-0.5,\"b, \"\"c\"\"\"\n", "t.csv", None).unwrap();
         let body = "2026-01-15 06:00:00 UTC,5,-6,7,a\n2026-01-15T14:00:00+02:00,8,9,-0.5,\"b, \"\"c\"\"\"\n";
         let long_remarks = "   # licence\n".repeat(2000);
         for text in [
@@ -270,20 +301,32 @@ mod tests {
             format!("time,latitude_deg,longitude_deg,value,id\n{}", body.replace('\n', ",,\n")),
             format!("time,latitude_deg,longitude_deg,value,id\n{body}").replace('\n', "\r"),
         ] {
-            let file = ObservationFile::parse(&text, "t.csv").unwrap_or_else(|error| panic!("{text}: {error}"));
+            let file = ObservationFile::parse(&text, "t.csv", None).unwrap_or_else(|error| panic!("{text}: {error}"));
             let without_lines = |file: &ObservationFile| -> Vec<ObservationRecord> {
                 file.records().iter().map(|record| ObservationRecord { line: 0, ..record.clone() }).collect()
             };
             assert_eq!(without_lines(&file), without_lines(&clean), "{text}");
         }
-        let whole = ObservationFile::parse("cycle,column,row,value\n1.0,2.0,3,4\n", "t.csv").unwrap();
+        let whole = ObservationFile::parse("cycle,column,row,value\n1.0,2.0,3,4\n", "t.csv", None).unwrap();
         assert_eq!(whole.records()[0].valid, ValidTime::Cycle(1));
+    }
+
+    #[test]
+    fn rows_without_a_value_or_a_place_are_counted() {
+        let text =
+            "cycle,x_m,y_m,value,sigma\n1,2,3,,\n1,2,3,NaN,1\n1,2,3,NA,1\n1,,3,4,1\n1,2,3,-9999.0,1\n1,2,3,4,1\n";
+        let file = ObservationFile::parse(text, "t.csv", Some(&[-9999.0])).unwrap();
+        assert_eq!((file.records().len(), file.missing()), (1, 5));
+        let all = ObservationFile::parse("cycle,x_m,y_m,value\n1,2,3,\n", "t.csv", None).unwrap();
+        assert_eq!((all.records().len(), all.missing()), (0, 1));
+        let kept = ObservationFile::parse(text, "t.csv", Some(&[])).unwrap();
+        assert_eq!((kept.records().len(), kept.missing()), (2, 4));
     }
 
     #[test]
     fn all_faults_are_listed_up_to_twenty() {
         let text = "cycle,x_m,y_m,value,sigma\n1,one,2,3,-1\n1,2,3,4,5\n1.5,2,3,\"4,5\",1\n";
-        let error = ObservationFile::parse(text, "t.csv").unwrap_err();
+        let error = ObservationFile::parse(text, "t.csv", None).unwrap_err();
         assert_eq!(
             error.to_string(),
             "t.csv: 4 faults\n\
@@ -293,7 +336,7 @@ mod tests {
              line 4: `value` is `4,5`, but must be a finite number; numbers have a decimal point, not a comma"
         );
         let many = format!("cycle,x_m,y_m,value\n{}", "1,2,3,x\n".repeat(23));
-        let error = ObservationFile::parse(&many, "t.csv").unwrap_err();
+        let error = ObservationFile::parse(&many, "t.csv", None).unwrap_err();
         assert_eq!((error.faults.len(), error.total), (20, 23));
         assert!(error.to_string().ends_with("\nand 3 more"), "{error}");
     }
@@ -304,7 +347,8 @@ mod tests {
         for (text, expected) in [
             (format!("{head}\n1,2,3\n"), "line 2: there are 3 fields, but the header has 4"),
             (format!("{head}\n0,2,3,4\n"), "line 2: `cycle` is `0`, but must be a whole number from 1 to 1000000"),
-            (format!("{head}\n1,2,3,nan\n"), "line 2: `value` is `nan`, but must be a finite number"),
+            (format!("{head}\n1,2,3,inf\n"), "line 2: `value` is `inf`, but must be a finite number"),
+            (format!("{head}\n1,2,3,-9999.0\n"), "line 2: `value` is -9999, which usually marks a missing value"),
             (format!("{head}\n1,2,inf,4\n"), "line 2: `y_m` is `inf`, but must be a finite number"),
             (format!("{head}\n#\n1,2,3,1e19\n"), "line 3: `value` is `1e19`"),
             (format!("{head},sigma\n1,2,3,4,0\n"), "`sigma` is `0`, but must be a finite number above 0"),
@@ -335,7 +379,7 @@ mod tests {
             (head.into(), "has no observations"),
             (String::new(), "has no observations"),
         ] {
-            let message = ObservationFile::parse(&text, "bad.csv").unwrap_err().to_string();
+            let message = ObservationFile::parse(&text, "bad.csv", None).unwrap_err().to_string();
             assert!(message.contains(expected) && message.contains("bad.csv"), "{text:?} gives: {message}");
         }
     }
@@ -347,7 +391,7 @@ mod tests {
             for new in ["", ",", "\"", "\n", "#", "é", "-", "9", "1e999"] {
                 let text = format!("{}{new}{}", &GOOD[..at], &GOOD[at + old.len_utf8()..]);
                 for text in [text.as_str(), &text[..at]] {
-                    let Ok(file) = ObservationFile::parse(text, "mutated.csv") else { continue };
+                    let Ok(file) = ObservationFile::parse(text, "mutated.csv", None) else { continue };
                     accepted += 1;
                     for record in file.records() {
                         assert!(record.value.is_finite() && record.sigma.is_none_or(|sigma| sigma > 0.0), "{text}");

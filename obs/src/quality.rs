@@ -20,7 +20,7 @@
 //! too. The limit grows with the median of |z|, so that a wrong s or L costs power and not good observations.
 
 use crate::calibration::Calibration;
-use crate::instrument::Observation;
+use crate::instrument::{Observation, Reading};
 use crate::window::Report;
 use isobar_model::{Boundary, Grid, Layout, State, Time};
 use serde::{Deserialize, Serialize};
@@ -116,21 +116,23 @@ pub(crate) struct Arrival {
     pub value: f64,
     /// The same without the bias that methods estimate.
     pub value_bias_removed: f64,
-    /// When it is valid.
-    pub time: Time,
 }
 
 /// What a report says of itself: the rejection of each, where there is one.
 pub(crate) fn check_reports(arrivals: &[Arrival], time: Time, grid: &Grid) -> Vec<Option<Rejection>> {
     let mut seen: HashSet<(Arc<str>, Arc<str>, usize)> = HashSet::new();
     let check = |arrival: &Arrival| {
-        let Arrival { observation, value, time: own, .. } = arrival;
+        let Arrival { observation, value, .. } = arrival;
         let report = &observation.report;
+        let is_late = match observation.reading {
+            Reading::Error(_) => report.time != time,
+            Reading::Recorded { is_late, .. } => is_late,
+        };
         if !value.is_finite() || !observation.sigma.is_finite() {
             Some(Rejection::NotFinite)
         } else if !grid.contains(report.x_m, report.y_m) {
             Some(Rejection::Outside)
-        } else if *own != time {
+        } else if is_late {
             Some(Rejection::Late)
         } else if !seen.insert((Arc::clone(&report.network), Arc::clone(&report.platform), report.variable)) {
             Some(Rejection::Duplicate)

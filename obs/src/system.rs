@@ -7,7 +7,7 @@ use crate::calibration::{Calibration, Parameter};
 use crate::error::ObservationError;
 use crate::faults::Faults;
 use crate::instrument::radiosonde::Radiosondes;
-use crate::instrument::recorded::Recorded;
+use crate::instrument::recorded::{Recorded, RecordedUse};
 use crate::instrument::satellite::Satellite;
 use crate::instrument::{Instrument, InstrumentConfig, Observation, Reading};
 use crate::jacobian::Jacobian;
@@ -78,8 +78,8 @@ pub struct ObservingSystem {
     biases: Biases,
     stations: Vec<Station>,
     left_out: Vec<LeftOutStation>,
-    /// Networks of recorded observations, with the cycle of each of these.
-    recorded: Vec<(Arc<str>, Vec<usize>)>,
+    /// Networks of recorded observations, with their numbers in `instruments`.
+    recorded: Vec<(Arc<str>, usize)>,
 }
 
 impl ObservingSystem {
@@ -133,7 +133,7 @@ impl ObservingSystem {
                 }
                 InstrumentConfig::Recorded(config) => {
                     let recorded = Recorded::new(config, layout, projection, window, start)?;
-                    system.recorded.push((name.into(), recorded.cycles()));
+                    system.recorded.push((name.into(), index));
                     Box::new(recorded)
                 }
             };
@@ -174,13 +174,11 @@ impl ObservingSystem {
         &self.left_out
     }
 
-    /// The networks of which recorded observations are valid before the first or after the last of so many cycles, and of how
-    /// many of all.
-    pub fn unused(&self, cycles: usize) -> impl Iterator<Item = (&str, usize, usize)> {
-        self.recorded.iter().filter_map(move |(name, own)| {
-            let unused = own.iter().filter(|cycle| !(1..=cycles).contains(cycle)).count();
-            (unused > 0).then_some((&**name, unused, own.len()))
-        })
+    /// What becomes of the observations of each file in so many cycles, with the name of the network.
+    pub fn recorded_use(&self, cycles: usize) -> impl Iterator<Item = (&str, RecordedUse)> {
+        let of_file =
+            move |(name, number): &'_ (Arc<str>, usize)| (name, self.instruments[*number].recorded_use(cycles));
+        self.recorded.iter().map(of_file).filter_map(|(name, usage)| Some((&**name, usage?)))
     }
 
     /// The present cycle: that of the last observations, 0 before the first.
@@ -246,14 +244,14 @@ impl ObservingSystem {
         let mut arrivals: Vec<Arrival> = Vec::new();
         for (instrument, (faults, random)) in self.instruments.iter_mut().zip(&mut self.faults) {
             let mut observations: Vec<Observation> = Vec::new();
-            instrument.observe(self.cycle, &mut observations);
+            instrument.observe(self.cycle, time, &mut observations);
             let arrive = |observation: Observation| {
-                let (value_bias_removed, time) = match observation.reading {
-                    Reading::Error(error) => (dot(&observation.state_row, truth.values()) + error, time),
-                    Reading::Value(value, time) => (value, time),
+                let value_bias_removed = match observation.reading {
+                    Reading::Error(error) => dot(&observation.state_row, truth.values()) + error,
+                    Reading::Recorded { value, .. } => value,
                 };
                 let value = value_bias_removed + observation.bias(truth, self.biases.values());
-                Arrival { observation, value, value_bias_removed, time }
+                Arrival { observation, value, value_bias_removed }
             };
             let own = observations.into_iter().map(arrive).collect();
             arrivals.extend(faults.spoil(own, self.window, &self.layout.grid, random));

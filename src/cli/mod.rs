@@ -63,6 +63,12 @@ fn show(report: &Report) {
     let _ = writeln!(std::io::stderr(), "{report:?}");
 }
 
+/// Writes a warning to standard error.
+fn warn(text: &str) {
+    use std::io::Write;
+    let _ = writeln!(std::io::stderr(), "warning: {}", printable(text));
+}
+
 /// Prints text to standard output. A reader that has seen enough, as `head` has, is no failure.
 fn print(text: &str) -> Result<(), Report> {
     use std::io::{ErrorKind, Write};

@@ -6,7 +6,7 @@ use crate::interrupt;
 use crate::options::{CheckpointPolicy, RunOptions};
 use crate::progress::Progress;
 use crate::run::{self, RunError};
-use crate::scenario::Scenario;
+use crate::scenario::{Instrument, Scenario};
 use crate::sensors::write_back::{self, SENSORS_FILE};
 use crate::sink::directory::{checkpoints, working};
 use crate::sink::{OUTPUTS, Open, Output, Sink};
@@ -51,7 +51,7 @@ pub fn run(arguments: &RunArguments) -> Result<ExitCode, Report> {
     Ok(code)
 }
 
-/// Runs a scenario, or goes on with it; whether no method failed.
+/// Runs a scenario, or goes on with it; whether no method failed and, if observations are read from files, any was used.
 pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) -> Result<bool, Report> {
     let mut progress = Progress::new(quiet);
     let summary = run_scenario(scenario, options, &mut progress)?;
@@ -69,7 +69,13 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
             listed(failed.iter().copied())
         ));
     }
-    Ok(failed.is_empty())
+    let reads_files = scenario.networks.values().any(|network| matches!(network.instrument, Instrument::File(_)));
+    let nothing_used = reads_files && summary.observations.used == 0;
+    if nothing_used {
+        let help = "the warnings at the beginning say why, as does `isobar check`; observations.nc has all of them";
+        show(&miette!(help = help, "{}: no observation was used", scenario.name));
+    }
+    Ok(failed.is_empty() && !nothing_used)
 }
 
 /// Takes what the run has found out of its sensors into their database, if the scenario says so.

@@ -3,6 +3,7 @@
 mod forecast_model;
 mod initial_state;
 mod methods;
+mod notices;
 mod observing;
 mod time_volume;
 
@@ -129,11 +130,19 @@ pub struct Ground {
     pub files: u32,
 }
 
+/// What a scenario is found to be when nothing is wrong with it.
+pub struct Checked {
+    /// For each network that is read from a file: how many of its observations can be used.
+    pub recorded: Vec<String>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
 /// Whether a scenario's model, initial state, covariances and observing systems fit together.
 ///
 /// # Errors
 /// The first thing that does not.
-pub fn check(scenario: &Scenario) -> Result<(), ExperimentError> {
+pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
     let ground = ground(scenario, scenario.seed, scenario.cycle.count)?;
     for (name, method) in &scenario.methods {
         if let Algorithm::TimeVolume { options, .. } = &method.algorithm {
@@ -141,7 +150,10 @@ pub fn check(scenario: &Scenario) -> Result<(), ExperimentError> {
                 .map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
         }
     }
-    Ok(())
+    Ok(Checked {
+        recorded: notices::recorded(&ground.observing, scenario.cycle.count),
+        warnings: notices::warnings(scenario, &ground.observing, scenario.cycle.count),
+    })
 }
 
 impl Experiment {
@@ -200,9 +212,7 @@ impl Experiment {
         };
         let steps = problem_steps(scenario, &problem);
         let mut warnings = sensors.warnings;
-        warnings.extend(observing.unused(cycles).map(|(network, unused, all)| {
-            format!("networks.{network}: {unused} of {all} observations are not valid in any of the {cycles} cycles")
-        }));
+        warnings.extend(notices::warnings(scenario, &observing, cycles));
         Ok(Self {
             info,
             variance_ratio: scenario.stability.variance_ratio,

@@ -52,6 +52,7 @@ pub(super) fn place<'a>(error: &'a ObservationError, scenario: &'a Scenario) -> 
         "footprint_sigma_m" => "footprint_sigma_km",
         "shift_per_cycle_m" => "shift_per_cycle_km",
         "edge_margin_m" => "edge_margin_km",
+        "time_tolerance" => "time_tolerance_minutes",
         setting if setting.starts_with("faults") => "faults",
         setting if setting.starts_with("biases") => "bias",
         setting => setting,
@@ -117,6 +118,7 @@ fn satellite(name: &str, network: &Network, own: &SatelliteSettings, grid: &Grid
     };
     config.track_angle_deg = own.track_angle_deg;
     config.schedule = schedule(network.schedule);
+    config.missing_rate = network.missing_rate;
     config.faults = network.faults;
     config.biases.clear();
     for bias in &own.biases {
@@ -141,8 +143,15 @@ fn scan_term(term: crate::scenario::ScanTerm) -> ScanTerm {
 
 fn recorded(name: &str, own: &FileSettings, scenario: &Scenario) -> Result<RecordedConfig, ExperimentError> {
     let file = called(&own.path, scenario);
-    let observations = ObservationFile::parse(decode(&read(&own.path)?, &file)?, &file)?;
-    Ok(RecordedConfig { name: name.to_string(), observations, variable: own.variable.clone(), sigma: own.sigma })
+    let observations = ObservationFile::parse(decode(&read(&own.path)?, &file)?, &file, own.missing.as_deref())?;
+    Ok(RecordedConfig {
+        name: name.to_string(),
+        observations,
+        variable: own.variable.clone(),
+        sigma: own.sigma,
+        time_tolerance: own.time_tolerance,
+        winds: own.winds,
+    })
 }
 
 fn schedule(schedule: Schedule) -> isobar_obs::Schedule {

@@ -8,8 +8,8 @@ use crate::reader::table_file;
 use crate::reader::{Field, Kind, Limits, Read, Section};
 use crate::text::clean;
 use indexmap::IndexMap;
-use isobar_model::Boundary;
-use isobar_obs::{Faults, Stations};
+use isobar_model::{Boundary, Duration};
+use isobar_obs::{Faults, Stations, WindAxes};
 use std::path::{Path, PathBuf};
 
 /// An observing system: when it reports, and what it is.
@@ -101,6 +101,12 @@ pub struct FileSettings {
     pub variable: Option<String>,
     /// Standard deviation of the random error of those of which the file does not say it.
     pub sigma: Option<f64>,
+    /// Values that mark a missing one.
+    pub missing: Option<Vec<f64>>,
+    /// How long before or after the end of a window an observation may be valid that is used there.
+    pub time_tolerance: Duration,
+    /// Along which axes the components of winds are.
+    pub winds: Option<WindAxes>,
 }
 
 /// A variable that an instrument observes.
@@ -196,7 +202,7 @@ const KINDS: &[Kind<What>] = &[
             "faults",
         ],
     ),
-    ("file", What::File, &["file", "variable", "sigma"]),
+    ("file", What::File, &["file", "variable", "sigma", "missing", "time_tolerance_minutes", "winds"]),
 ];
 
 /// The most networks of a scenario.
@@ -287,7 +293,19 @@ fn file(section: &Section<'_>, model: &ModelSettings) -> Read<FileSettings> {
     };
     let named = section.optional("variable").map(|field| variable(&field, model)).transpose()?;
     let sigma = section.optional("sigma").map(|field| field.number(Limits::Positive)).transpose()?;
-    Ok(FileSettings { path, variable: named.or(sole), sigma })
+    let missing = section
+        .optional("missing")
+        .map(|field| field.elements(1000)?.iter().map(|marker| marker.number(Limits::Any)).collect::<Read<Vec<f64>>>());
+    let minutes = section.number_or("time_tolerance_minutes", 0.0, Limits::Between(0.0, 1e6))?;
+    let axes = [("earth", WindAxes::Earth), ("grid", WindAxes::Grid)];
+    Ok(FileSettings {
+        path,
+        variable: named.or(sole),
+        sigma,
+        missing: missing.transpose()?,
+        time_tolerance: Duration::from_seconds((minutes * 60.0).round() as i64),
+        winds: section.optional("winds").map(|field| field.choice(&axes)).transpose()?,
+    })
 }
 
 /// What a radiosonde observes: `sigma_height_m` and `sigma_wind_m_per_s`, or `observe`.

@@ -214,7 +214,15 @@ pub fn window(problem: &Problem, count: usize, within_cell: bool, cycle: usize, 
         time: Time::from_seconds(cycle as i64 * WINDOW.seconds()),
         cycle,
         reports: vec![
-            Report { network: "n".into(), platform: "p".into(), variable: 0, x_m: 0.0, y_m: 0.0, scan: None };
+            Report {
+                network: "n".into(),
+                platform: "p".into(),
+                variable: 0,
+                time: Time::from_seconds(0),
+                x_m: 0.0,
+                y_m: 0.0,
+                scan: None
+            };
             count
         ],
         values_bias_removed: values.clone(),

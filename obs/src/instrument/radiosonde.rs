@@ -9,8 +9,8 @@ use crate::instrument::{Instrument, Observation, ObservedVariable, Reading, Sche
 use crate::network::{Network, Station, StationSource, place};
 use crate::projection::Projection;
 use crate::window::Report;
-use isobar_model::Layout;
 use isobar_model::random::stream;
+use isobar_model::{Layout, Time};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -152,7 +152,7 @@ impl Radiosondes {
 }
 
 impl Instrument for Radiosondes {
-    fn observe(&mut self, cycle: usize, observations: &mut Vec<Observation>) {
+    fn observe(&mut self, cycle: usize, time: Time, observations: &mut Vec<Observation>) {
         if self.schedule.pass(cycle).is_none() {
             return;
         }
@@ -169,6 +169,7 @@ impl Instrument for Radiosondes {
                         network: Arc::clone(&self.network),
                         platform: Arc::clone(&station.name),
                         variable: channel.variable,
+                        time,
                         x_m: station.x_m,
                         y_m: station.y_m,
                         scan: None,

@@ -8,10 +8,12 @@ use crate::table::Faults;
 use crate::window::Report;
 use isobar_model::{Duration, Layout, Time};
 use rand_chacha::ChaCha8Rng;
+use std::collections::{HashMap, HashSet};
+use std::fmt;
 use std::sync::Arc;
 
 /// Observations of a file, each in the cycle at whose end it is valid. What is valid within a window but not at its end
-/// arrives with that window, as a late report. Nothing is known of biases.
+/// arrives with that window, as a late report, unless it is near enough to the end of one. Nothing is known of biases.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordedConfig {
     /// Name of the network, unique in the observing system, without `/`.
@@ -22,12 +24,67 @@ pub struct RecordedConfig {
     pub variable: Option<String>,
     /// Standard deviation of the random error of those of which the file does not say it.
     pub sigma: Option<f64>,
+    /// An observation is used at the end of a window if it is valid at most this long before or after it; from 0 to half of
+    /// the window.
+    pub time_tolerance: Duration,
+    /// Along which axes the components u and v of winds are; `None`: [`WindAxes::Earth`] where the file gives latitudes and
+    /// longitudes, else [`WindAxes::Grid`].
+    pub winds: Option<WindAxes>,
 }
 
-/// A file of observations as it is told, cycle after cycle.
+/// Along which axes the components of a wind are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WindAxes {
+    /// u to the east, v to the north.
+    Earth,
+    /// u along the plane's x axis, v along its y axis.
+    Grid,
+}
+
+/// What becomes of the observations of a file, before quality control looks at their values.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct RecordedUse {
+    /// Rows of the file.
+    pub rows: usize,
+    /// Of these: without a value or a place.
+    pub missing: usize,
+    /// Valid before the first window or after the last.
+    pub in_no_cycle: usize,
+    /// Not valid at the end of a window.
+    pub late: usize,
+    /// Outside of the domain.
+    pub outside: usize,
+    /// The same again.
+    pub duplicate: usize,
+    /// The rest.
+    pub usable: usize,
+}
+
+impl fmt::Display for RecordedUse {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { rows, missing, in_no_cycle, late, outside, duplicate, usable } = self;
+        write!(f, "{usable} of {rows} observations can be used")?;
+        let reasons = [
+            (missing, "missing"),
+            (in_no_cycle, "not valid in any cycle"),
+            (late, "not valid at the end of a cycle (time_tolerance_minutes allows for that)"),
+            (outside, "outside of the domain"),
+            (duplicate, "duplicate"),
+        ];
+        let mut separator = ": ";
+        for (count, reason) in reasons.iter().filter(|reason| *reason.0 > 0) {
+            write!(f, "{separator}{count} {reason}")?;
+            separator = ", ";
+        }
+        Ok(())
+    }
+}
+
+/// A file of observations in operation.
 pub(crate) struct Recorded {
     /// With their cycles, in the order of these; 0 before the first.
     observations: Vec<(usize, Observation)>,
+    missing: usize,
 }
 
 impl Recorded {
@@ -43,29 +100,34 @@ impl Recorded {
         if let Some(sigma) = config.sigma {
             require(sigma > 0.0, name, "sigma", sigma, "above 0")?;
         }
+        let (tolerance, half) = (config.time_tolerance.as_f64(), 0.5 * window.as_f64());
+        let expected = format!("from 0 to {half} s, half of the window");
+        require((0.0..=half).contains(&tolerance), name, "time_tolerance", tolerance, expected)?;
         let network: Arc<str> = name.as_str().into();
+        let mut winds = Winds::new(config, layout);
         let (mut observations, mut faults) = (Vec::new(), Faults::default());
+        let mut nameless = Nameless::default();
         for record in file.records() {
-            let (cycle, time) = match record.valid {
-                ValidTime::Cycle(cycle) => (cycle, start + Duration::from_seconds(window.seconds() * cycle as i64)),
-                ValidTime::Time(time) => {
-                    let seconds = (time - start).seconds();
-                    // The window that ends then, or next.
-                    let windows = (seconds.max(0) + window.seconds() - 1) / window.seconds();
-                    (windows as usize, time)
-                }
-            };
             let Some((variable, sigma)) = kind(config, record, layout, &mut faults)? else { continue };
             let place = place(config, record, variable, layout, projection, &mut faults)?;
             let Some((x_m, y_m, state_row)) = place else { continue };
-            let platform = record.id.clone().unwrap_or_else(|| words(record.place));
-            let report = Report { network: network.clone(), platform: platform.into(), variable, x_m, y_m, scan: None };
-            let reading = Reading::Value(record.value, time);
+            let (cycle, time, is_late) = when(record.valid, config.time_tolerance, window, start);
+            let platform = match &record.id {
+                Some(id) => id.clone(),
+                None => nameless.platform(cycle, variable, words(record.place, (x_m, y_m)), [record.value, sigma]),
+            };
+            winds.add(record, variable, sigma, observations.len());
+            let report =
+                Report { network: network.clone(), platform: platform.into(), variable, time, x_m, y_m, scan: None };
+            let reading = Reading::Recorded { value: record.value, is_late };
             let (calibration_row, predictors) = (Vec::new(), Vec::new());
             observations.push((cycle, Observation { report, sigma, reading, state_row, calibration_row, predictors }));
         }
         faults.check(file.file())?;
-        if observations.iter().all(|observation| observation.0 == 0) {
+        if let Some(projection) = projection {
+            winds.turn(&mut observations, layout, projection);
+        }
+        if !observations.is_empty() && observations.iter().all(|observation| observation.0 == 0) {
             return Err(ObservationError::NoneAfterStart {
                 instrument: name.clone(),
                 file: file.file().to_owned(),
@@ -73,24 +135,145 @@ impl Recorded {
             });
         }
         observations.sort_by_key(|observation| observation.0);
-        Ok(Self { observations })
+        Ok(Self { observations, missing: file.missing() })
     }
 
-    /// The cycle of each observation, in order; 0 before the first.
-    pub fn cycles(&self) -> Vec<usize> {
-        self.observations.iter().map(|observation| observation.0).collect()
+    fn usage(&self, cycles: usize) -> RecordedUse {
+        let mut usage = RecordedUse {
+            rows: self.observations.len() + self.missing,
+            missing: self.missing,
+            ..RecordedUse::default()
+        };
+        let mut seen = HashSet::new();
+        for (cycle, Observation { report, reading, state_row, .. }) in &self.observations {
+            let count = if !(1..=cycles).contains(cycle) {
+                &mut usage.in_no_cycle
+            } else if state_row.is_empty() {
+                &mut usage.outside
+            } else if matches!(reading, Reading::Recorded { is_late: true, .. }) {
+                &mut usage.late
+            } else if !seen.insert((cycle, &report.platform, report.variable)) {
+                &mut usage.duplicate
+            } else {
+                &mut usage.usable
+            };
+            *count += 1;
+        }
+        usage
     }
 }
 
 impl Instrument for Recorded {
-    fn observe(&mut self, cycle: usize, observations: &mut Vec<Observation>) {
+    fn observe(&mut self, cycle: usize, _: Time, observations: &mut Vec<Observation>) {
         let first = self.observations.partition_point(|observation| observation.0 < cycle);
         let own = self.observations[first..].iter().take_while(|observation| observation.0 == cycle);
         observations.extend(own.map(|observation| observation.1.clone()));
     }
 
+    fn recorded_use(&self, cycles: usize) -> Option<RecordedUse> {
+        Some(self.usage(cycles))
+    }
+
     fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {
         Vec::new()
+    }
+}
+
+/// The cycle with which an observation arrives (0: before the first), its valid time, and whether it is late there.
+fn when(valid: ValidTime, tolerance: Duration, window: Duration, start: Time) -> (usize, Time, bool) {
+    let length = window.seconds();
+    match valid {
+        ValidTime::Cycle(cycle) => (cycle, start + Duration::from_seconds(length * cycle as i64), false),
+        ValidTime::Time(time) => {
+            let seconds = (time - start).seconds();
+            let nearest = (seconds + length / 2).div_euclid(length);
+            if nearest >= 1 && (seconds - nearest * length).abs() <= tolerance.seconds() {
+                return (nearest as usize, time, false);
+            }
+            // The window that ends next.
+            let next = (seconds.max(0) + length - 1) / length;
+            (next as usize, time, true)
+        }
+    }
+}
+
+/// Names of observations without an identifier: their place. Several of one place, variable and cycle are several unless
+/// they are equal.
+#[derive(Default)]
+struct Nameless {
+    /// Value and standard deviation of each, as bits.
+    seen: HashMap<(usize, usize, String), Vec<[u64; 2]>>,
+}
+
+impl Nameless {
+    fn platform(&mut self, cycle: usize, variable: usize, place: String, numbers: [f64; 2]) -> String {
+        let numbers = numbers.map(f64::to_bits);
+        let seen = self.seen.entry((cycle, variable, place.clone())).or_default();
+        let number = seen.iter().position(|other| *other == numbers).unwrap_or_else(|| {
+            seen.push(numbers);
+            seen.len() - 1
+        });
+        if number == 0 { place } else { format!("{place} ({})", number + 1) }
+    }
+}
+
+/// Winds whose components are to the east and to the north, which are turned to the axes of the plane.
+struct Winds {
+    /// Numbers of the variables u and v; `None` if nothing is turned.
+    components: Option<[usize; 2]>,
+    /// The components of one time, place, station and standard deviation: number in the list of observations, and place.
+    together: HashMap<String, [Vec<usize>; 2]>,
+    places: HashMap<usize, (f64, f64)>,
+}
+
+impl Winds {
+    fn new(config: &RecordedConfig, layout: &Layout) -> Self {
+        let turned = config.winds.unwrap_or(WindAxes::Earth) == WindAxes::Earth;
+        let components = layout.variable("u").zip(layout.variable("v")).filter(|_| turned).map(|(u, v)| [u, v]);
+        Self { components, together: HashMap::new(), places: HashMap::new() }
+    }
+
+    /// Takes an observation, if it is a component of a wind on the Earth.
+    fn add(&mut self, record: &ObservationRecord, variable: usize, sigma: f64, number: usize) {
+        let component = self.components.and_then(|components| components.iter().position(|own| *own == variable));
+        let (Some(component), ObservationPlace::Geographic { latitude_deg, longitude_deg }) = (component, record.place)
+        else {
+            return;
+        };
+        let key = format!("{:?} {latitude_deg} {longitude_deg} {sigma} {:?}", record.valid, record.id);
+        self.together.entry(key).or_default()[component].push(number);
+        self.places.insert(number, (latitude_deg, longitude_deg));
+    }
+
+    /// Turns both components of a wind to the axes of the plane. Of a single one, or of two that are not equally accurate, the
+    /// row of X is that of the component to the east or to the north.
+    fn turn(&self, observations: &mut [(usize, Observation)], layout: &Layout, projection: &Projection) {
+        let Some(components) = self.components else { return };
+        for (number, &(latitude_deg, longitude_deg)) in &self.places {
+            let (sin, cos) = projection.north(latitude_deg, longitude_deg).sin_cos();
+            let observation = &mut observations[*number].1;
+            let is_u = observation.report.variable == components[0];
+            let weights = if is_u { [cos, -sin] } else { [sin, cos] };
+            let (x_m, y_m) = (observation.report.x_m, observation.report.y_m);
+            observation.state_row = (components.iter().zip(weights))
+                .flat_map(|(&variable, weight)| {
+                    row(layout, variable, x_m, y_m).into_iter().map(move |(index, entry)| (index, weight * entry))
+                })
+                .filter(|entry| entry.1 != 0.0)
+                .collect();
+        }
+        for [u, v] in self.together.values() {
+            let (&[u], &[v]) = (&u[..], &v[..]) else { continue };
+            let (latitude_deg, longitude_deg) = self.places[&u];
+            let (sin, cos) = projection.north(latitude_deg, longitude_deg).sin_cos();
+            let [east, north] = [u, v].map(|number| observations[number].1.reading.value());
+            for (number, turned) in [(u, east * cos + north * sin), (v, north * cos - east * sin)] {
+                let observation = &mut observations[number].1;
+                let Report { variable, x_m, y_m, .. } = observation.report;
+                observation.reading.set_value(turned);
+                observation.state_row = row(layout, variable, x_m, y_m);
+            }
+        }
     }
 }
 
@@ -129,6 +312,13 @@ fn kind(
 /// A row of X: values of the state with their weights.
 type StateRow = Vec<(usize, f64)>;
 
+/// The row of X of a variable at a point of the plane; empty outside of the domain.
+fn row(layout: &Layout, variable: usize, x_m: f64, y_m: f64) -> StateRow {
+    let (grid, location) = (&layout.grid, layout.variables[variable].location);
+    let entries = grid.stencil(location, x_m, y_m).map_or_else(Vec::new, |stencil| stencil.entries);
+    entries.into_iter().map(|(index, weight)| (variable * grid.cells() + index, weight)).collect()
+}
+
 /// Where an observation is on the plane, and its row of X; the row is empty outside of the domain. `None`, and a fault, if
 /// it is not a point of the grid.
 fn place(
@@ -139,13 +329,16 @@ fn place(
     projection: Option<&Projection>,
     faults: &mut Faults,
 ) -> Result<Option<(f64, f64, StateRow)>, ObservationError> {
-    let (grid, location, offset) = (&layout.grid, layout.variables[variable].location, variable * layout.grid.cells());
-    let at = |x_m: f64, y_m: f64| {
-        let entries = grid.stencil(location, x_m, y_m).map_or_else(Vec::new, |stencil| stencil.entries);
-        (x_m, y_m, entries.into_iter().map(|(index, weight)| (offset + index, weight)).collect())
-    };
+    let (grid, location) = (&layout.grid, layout.variables[variable].location);
+    if config.winds == Some(WindAxes::Earth) && !matches!(record.place, ObservationPlace::Geographic { .. }) {
+        let (instrument, file) = (config.name.clone(), config.observations.file().to_owned());
+        return Err(ObservationError::WindsNotOnEarth { instrument, file });
+    }
     match (record.place, projection) {
-        (ObservationPlace::Plane { x_m, y_m }, _) => Ok(Some(at(x_m, y_m))),
+        (ObservationPlace::Plane { x_m, y_m }, _) => {
+            let (x_m, y_m) = grid.first_image(x_m, y_m);
+            Ok(Some((x_m, y_m, row(layout, variable, x_m, y_m))))
+        }
         (ObservationPlace::Geographic { .. }, None) => {
             let file = config.observations.file().to_owned();
             Err(ObservationError::NoProjection { instrument: config.name.clone(), file })
@@ -153,7 +346,7 @@ fn place(
         (ObservationPlace::Geographic { latitude_deg, longitude_deg }, Some(projection)) => {
             // The antipode of the centre has no place on the plane.
             let (x_m, y_m) = projection.forward(latitude_deg, longitude_deg).unwrap_or((f64::MAX, f64::MAX));
-            Ok(Some(at(x_m, y_m)))
+            Ok(Some((x_m, y_m, row(layout, variable, x_m, y_m))))
         }
         (ObservationPlace::GridPoint { column, row }, _) => {
             for (name, number, most) in [("column", column, grid.nx), ("row", row, grid.ny)] {
@@ -164,15 +357,16 @@ fn place(
                 }
             }
             let (i, j) = (column - 1, row - 1);
-            Ok(Some((grid.x_m(location, i), grid.y_m(location, j), vec![(offset + j * grid.nx + i, 1.0)])))
+            let index = variable * grid.cells() + j * grid.nx + i;
+            Ok(Some((grid.x_m(location, i), grid.y_m(location, j), vec![(index, 1.0)])))
         }
     }
 }
 
-/// A place in words, by which an observation without a name is known.
-fn words(place: ObservationPlace) -> String {
+/// A place in words, by which an observation without a name is known; `on_plane` is its place there \[m\].
+fn words(place: ObservationPlace, on_plane: (f64, f64)) -> String {
     match place {
-        ObservationPlace::Plane { x_m, y_m } => format!("x {x_m} m, y {y_m} m"),
+        ObservationPlace::Plane { .. } => format!("x {} m, y {} m", on_plane.0, on_plane.1),
         ObservationPlace::Geographic { latitude_deg, longitude_deg } => format!("{latitude_deg} N, {longitude_deg} E"),
         ObservationPlace::GridPoint { column, row } => format!("column {column}, row {row}"),
     }

@@ -10,7 +10,8 @@ use crate::footprint::{TRUNCATION, footprint};
 use crate::instrument::{Instrument, MOST_PLATFORMS, Observation, ObservedVariable, Reading, Schedule};
 use crate::window::Report;
 use isobar_model::random::stream;
-use isobar_model::{Boundary, Grid, Layout, Location};
+use isobar_model::{Boundary, Grid, Layout, Location, Time};
+use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::sync::Arc;
@@ -56,6 +57,8 @@ pub struct SatelliteConfig {
     pub track_angle_deg: f64,
     /// In which cycles it passes.
     pub schedule: Schedule,
+    /// Probability that a footprint is missing in a cycle, from 0 to 1.
+    pub missing_rate: f64,
     /// The biases that depend on the scan position; each term at most once.
     pub biases: Vec<ScanBias>,
     /// The biases that depend on the state.
@@ -144,6 +147,7 @@ impl SatelliteConfig {
             heading: Heading::Alternating,
             track_angle_deg: 0.0,
             schedule: Schedule::EVERY_CYCLE,
+            missing_rate: 0.0,
             biases: terms.into_iter().zip(SCAN_BIAS_SIGMAS).map(bias).collect(),
             air_mass_biases: Vec::new(),
             faults: Faults::NONE,
@@ -153,6 +157,8 @@ impl SatelliteConfig {
     fn validate(&self, grid: &Grid) -> Result<(), ObservationError> {
         let name = &self.name;
         self.schedule.validate(name)?;
+        let rate = self.missing_rate;
+        require((0.0..=1.0).contains(&rate), name, "missing_rate", rate, "a probability from 0 to 1")?;
         let (width, height) = (grid.width_m(), grid.height_m());
         let swath = self.swath_width_m;
         let expected = format!("from 0 to below {width} m, the domain's width");
@@ -201,6 +207,7 @@ pub(crate) struct Satellite {
     terms: Vec<(usize, ScanTerm)>,
     air_mass_terms: Vec<AirMassTerm>,
     errors: ChaCha8Rng,
+    missing: ChaCha8Rng,
 }
 
 /// An unknown parameter whose bias depends on the state.
@@ -266,6 +273,7 @@ impl Satellite {
             terms,
             air_mass_terms,
             errors: stream(seed, &format!("observations/{name}")),
+            missing: stream(seed, &format!("missing/{name}")),
         })
     }
 
@@ -315,17 +323,22 @@ impl Satellite {
 }
 
 impl Instrument for Satellite {
-    fn observe(&mut self, cycle: usize, observations: &mut Vec<Observation>) {
+    fn observe(&mut self, cycle: usize, time: Time, observations: &mut Vec<Observation>) {
         let Some(pass) = self.config.schedule.pass(cycle) else { return };
         let (first, sigma) = (self.variable * self.grid.cells(), self.config.variable.sigma);
         for Spot { line, position, s, x_m, y_m } in self.spots(cycle, pass) {
+            // All random numbers are drawn even if the report is missing, so that the rate changes no other report.
             let normal: f64 = StandardNormal.sample(&mut self.errors);
+            if self.missing.random::<f64>() < self.config.missing_rate {
+                continue;
+            }
             let entries = footprint(&self.grid, self.location, x_m, y_m, self.config.footprint_sigma_m);
             observations.push(Observation {
                 report: Report {
                     network: Arc::clone(&self.network),
                     platform: format!("line {line} position {position}").into(),
                     variable: self.variable,
+                    time,
                     x_m,
                     y_m,
                     scan: Some(s),
@@ -340,6 +353,6 @@ impl Instrument for Satellite {
     }
 
     fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {
-        vec![&mut self.errors]
+        vec![&mut self.errors, &mut self.missing]
     }
 }

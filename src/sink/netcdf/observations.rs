@@ -14,7 +14,6 @@ use std::path::PathBuf;
 pub struct ObservationsFile {
     path: PathBuf,
     reports: Vec<Report>,
-    times: Vec<f64>,
     values: Vec<f64>,
     values_bias_removed: Vec<f64>,
     sigma: Vec<f64>,
@@ -34,7 +33,6 @@ impl ObservationsFile {
         Self {
             path,
             reports: Vec::new(),
-            times: Vec::new(),
             values: Vec::new(),
             values_bias_removed: Vec::new(),
             sigma: Vec::new(),
@@ -60,7 +58,6 @@ impl ObservationsFile {
         }
         self.reports.extend_from_slice(&window.reports);
         let all = start + n + window.rejected.len();
-        self.times.resize(all, window.time.seconds() as f64);
         self.cycle_numbers.resize(all, i32::try_from(cycle).unwrap_or(i32::MAX));
         self.values.extend_from_slice(&window.values);
         self.values_bias_removed.extend_from_slice(&window.values_bias_removed);
@@ -125,7 +122,8 @@ impl ObservationsFile {
     fn add_coordinates(&self, definition: &mut Definition, info: &RunInfo) {
         let xs = self.reports.iter().map(|report| report.x_m).collect();
         let ys = self.reports.iter().map(|report| report.y_m).collect();
-        definition.fixed(cf::time(Variable::new("time", &["obs"])), Values::Numbers(self.times.clone()));
+        let times = self.reports.iter().map(|report| report.time.seconds() as f64).collect();
+        definition.fixed(cf::time(Variable::new("time", &["obs"])), Values::Numbers(times));
         definition.fixed(cf::x(Variable::new("x", &["obs"]), "x of the observation"), Values::Numbers(xs));
         definition.fixed(cf::y(Variable::new("y", &["obs"]), "y of the observation"), Values::Numbers(ys));
         if let Some(projection) = &info.projection {
