@@ -175,10 +175,11 @@ impl ObservingSystem {
     }
 
     /// What becomes of the observations of each file in so many cycles, with the name of the network.
-    pub fn recorded_use(&self, cycles: usize) -> impl Iterator<Item = (&str, RecordedUse)> {
-        let of_file =
-            move |(name, number): &'_ (Arc<str>, usize)| (name, self.instruments[*number].recorded_use(cycles));
-        self.recorded.iter().map(of_file).filter_map(|(name, usage)| Some((&**name, usage?)))
+    pub fn recorded_use<'a>(&'a self, cycles: usize) -> impl Iterator<Item = (&'a str, RecordedUse)> {
+        let of_file = move |(name, number): &'a (Arc<str>, usize)| {
+            Some((&**name, self.instruments[*number].recorded_use(cycles)?))
+        };
+        self.recorded.iter().filter_map(of_file)
     }
 
     /// The present cycle: that of the last observations, 0 before the first.
