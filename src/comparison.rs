@@ -1,15 +1,16 @@
 //! Several runs side by side: their scores, the differences, and whether these are more than chance.
 //!
-//! Two methods are compared cycle by cycle over the cycles that count in both (see [`crate::statistics::difference`]). The
+//! Two methods are compared cycle by cycle over the cycles that count in both (see [`crate::scores::statistics::difference`]). The
 //! cycles are paired by their numbers: that is the more telling the more the runs have in common, as the truth of the same
 //! scenario and seed, and right even if they have nothing in common.
 
+use crate::output::recorded::{MethodSeries, SavedRun, SavedRunError, Scores};
+use crate::output::report::page::{Figure, Page, PageError, Section, render};
 use crate::plot::colors::of_method_on_paper;
 use crate::plot::{Curve, CurvePlot, Dash};
-use crate::saved::{MethodSeries, SavedRun, SavedRunError, Scores};
-use crate::sink::report::page::{Figure, Page, PageError, Section, render};
-use crate::sink::report::tables::{Cell, NONE, Table, figure};
-use crate::statistics::{Difference, difference, root_interval};
+use crate::scores::statistics::{Difference, difference, root_interval};
+use crate::scores::{Score, Values};
+use crate::tables::{Cell, NONE, Table, figure};
 
 /// Curves that a figure shows at most.
 const MOST_CURVES: usize = 14;
@@ -25,13 +26,6 @@ struct Entry<'a> {
     run: usize,
     name: &'a str,
     series: &'a MethodSeries,
-}
-
-/// A score: one of the variables', or the biases'.
-#[derive(Clone, Copy)]
-enum Score<'a> {
-    Variable(&'a str),
-    Bias,
 }
 
 impl Comparison {
@@ -62,9 +56,10 @@ impl Comparison {
         let mut pairs = Vec::new();
         for run in 0..self.runs.len() {
             let own = || self.entries().filter(move |entry| entry.run == run);
-            let Some((first, _)) = self.runs[run].1.variables.first() else { continue };
+            let has = |key: &String| own().any(|entry| squares(&entry, key, self.scored_from(run)).is_some());
+            let Some(first) = self.columns().iter().map(Score::key).find(has) else { continue };
             let error = |entry: &Entry<'_>| {
-                let squares = self.squares(entry, Score::Variable(first), self.scored_from(run));
+                let squares = squares(entry, &first, self.scored_from(run));
                 squares.map_or(f64::INFINITY, |it| it.iter().map(|it| it.1).sum::<f64>() / it.len() as f64)
             };
             let Some(best) = own().min_by(|a, b| error(a).total_cmp(&error(b))) else { continue };
@@ -100,7 +95,7 @@ impl Comparison {
             ..Section::default()
         }];
         let explanation = "Differences of root-mean-square analysis errors, with their 95 % intervals from cycle by cycle \
-                           differences. Coloured: significant at the level of 5 %, smaller is better. Of twenty comparisons \
+                           differences. Coloured and with a star: significant at the level of 5 %, smaller is better. Of twenty comparisons \
                            without any real difference one looks significant. Runs of different seeds or scenarios have \
                            different truths: a difference between them holds for these two stretches of weather, and \
                            not for the next seed.";
@@ -131,49 +126,28 @@ impl Comparison {
             .flat_map(|(run, (_, scores))| scores.methods.iter().map(move |(name, series)| Entry { run, name, series }))
     }
 
-    /// All variables of all runs with their units, then the biases.
-    fn columns(&self) -> Vec<(Score<'_>, String)> {
-        let mut columns: Vec<(Score<'_>, String)> = Vec::new();
-        let mut known: Vec<&str> = Vec::new();
+    /// The scores that are compared: of all variables of all runs, then of the biases.
+    fn columns(&self) -> Vec<Score<'_>> {
+        let mut variables: Vec<(&str, &str)> = Vec::new();
         for (name, unit) in self.runs.iter().flat_map(|(_, scores)| &scores.variables) {
-            if !known.contains(&name.as_str()) {
-                known.push(name);
-                columns.push((Score::Variable(name), format!("{name} [{unit}]")));
+            if variables.iter().all(|(known, _)| known != name) {
+                variables.push((name, unit));
             }
         }
-        columns.push((Score::Bias, "biases [own units]".into()));
-        columns
+        Score::all(&variables, |kind| kind.compared)
     }
 
     fn scored_from(&self, run: usize) -> usize {
         self.runs[run].0.summary.scored_from_cycle
     }
 
-    /// The squares of a score by cycle, from a cycle on; `None` if there are none.
-    fn squares(&self, entry: &Entry<'_>, score: Score<'_>, from: usize) -> Option<Vec<(usize, f64)>> {
-        let variables = &self.runs[entry.run].1.variables;
-        let place = match score {
-            Score::Variable(name) => Some(variables.iter().position(|(own, _)| own == name)?),
-            Score::Bias => None,
-        };
-        let squares: Vec<(usize, f64)> = entry
-            .series
-            .range(from..)
-            .filter_map(|(&cycle, own)| {
-                let value = place.map_or(own.bias_rmse, |place| own.rmse_analysis.get(place).copied().flatten())?;
-                Some((cycle, value * value))
-            })
-            .collect();
-        (!squares.is_empty()).then_some(squares)
-    }
-
     fn scores(&self) -> Table {
         let columns = self.columns();
-        let header = ["run".to_string(), "method".into()].into_iter().chain(columns.iter().map(|it| it.1.clone()));
+        let header = ["run".to_string(), "method".into()].into_iter().chain(columns.iter().map(Score::subject));
         let row = |entry: Entry<'_>| {
             let mut row: Vec<Cell> = vec![label(entry.run).into(), entry.name.into()];
-            row.extend(columns.iter().map(|&(score, _)| {
-                let Some(squares) = self.squares(&entry, score, self.scored_from(entry.run)) else {
+            row.extend(columns.iter().map(|score| {
+                let Some(squares) = squares(&entry, &score.key(), self.scored_from(entry.run)) else {
                     return NONE.into();
                 };
                 let squares: Vec<f64> = squares.into_iter().map(|it| it.1).collect();
@@ -187,19 +161,19 @@ impl Comparison {
 
     fn differences(&self, pairs: Vec<(Entry<'_>, Entry<'_>)>) -> Table {
         let columns = self.columns();
-        let header = std::iter::once("difference".to_string()).chain(columns.iter().map(|it| it.1.clone())).collect();
+        let header = std::iter::once("difference".to_string()).chain(columns.iter().map(Score::subject)).collect();
         let row = |(first, second): (Entry<'_>, Entry<'_>)| {
             let name = format!("{} {} − {} {}", label(second.run), second.name, label(first.run), first.name);
             let cells =
-                columns.iter().map(|&(score, _)| self.difference(first, second, score).map_or(NONE.into(), cell));
+                columns.iter().map(|score| self.difference(first, second, &score.key()).map_or(NONE.into(), cell));
             std::iter::once(name.into()).chain(cells).collect()
         };
         Table { header, rows: pairs.into_iter().map(row).collect() }
     }
 
-    fn difference(&self, first: Entry<'_>, second: Entry<'_>, score: Score<'_>) -> Option<Difference> {
+    fn difference(&self, first: Entry<'_>, second: Entry<'_>, key: &str) -> Option<Difference> {
         let from = self.scored_from(first.run).max(self.scored_from(second.run));
-        let (a, b) = (self.squares(&first, score, from)?, self.squares(&second, score, from)?);
+        let (a, b) = (squares(&first, key, from)?, squares(&second, key, from)?);
         let other = |cycle: usize| b.binary_search_by_key(&cycle, |it| it.0).ok().map(|place| b[place].1);
         let (a, b): (Vec<f64>, Vec<f64>) = a.iter().filter_map(|&(cycle, a)| Some((a, other(cycle)?))).unzip();
         difference(&a, &b)
@@ -207,9 +181,10 @@ impl Comparison {
 
     fn figures(&self) -> Vec<Figure> {
         let columns = self.columns();
-        let drawn = columns.iter().enumerate().filter_map(|(number, (score, title))| {
+        let drawn = columns.iter().enumerate().filter_map(|(number, score)| {
+            let (key, title) = (score.key(), score.subject());
             let curve = |(place, entry): (usize, Entry<'_>)| {
-                let squares = self.squares(&entry, *score, 0)?;
+                let squares = squares(&entry, &key, 0)?;
                 let points = squares.into_iter().map(|(cycle, square)| [cycle as f64, square.sqrt()]).collect();
                 let dash = [Dash::Solid, Dash::Dashed, Dash::Dotted][entry.run % 3];
                 let color = of_method_on_paper(self.color(entry, place));
@@ -217,7 +192,7 @@ impl Comparison {
             };
             let curves: Vec<Curve> = self.entries().enumerate().filter_map(curve).take(MOST_CURVES).collect();
             let plot = CurvePlot::new(format!("analysis RMSE of {title}"), "cycle [1]".into(), title.clone(), curves);
-            let caption = format!("Analysis error of {title}; a colour for each method, a kind of line for each run.");
+            let caption = format!("Analysis error of {title}; a colour for each method, a style of line for each run.");
             Figure::of_curves(&plot, number, caption)
         });
         drawn.collect()
@@ -229,6 +204,14 @@ impl Comparison {
     }
 }
 
+/// The squares of a score by cycle, from a cycle on; `None` if there are none.
+fn squares(entry: &Entry<'_>, key: &str, from: usize) -> Option<Vec<(usize, f64)>> {
+    let of_cycle = |(&cycle, values): (&usize, &Values)| Some((cycle, values.get(key)?.powi(2)));
+    let squares: Vec<(usize, f64)> = entry.series.range(from..).filter_map(of_cycle).collect();
+    (!squares.is_empty()).then_some(squares)
+}
+
+/// A difference with its interval; a star marks significance.
 fn cell(it: Difference) -> Cell {
     let signed = |value: f64| format!("{}{}", if value > 0.0 { "+" } else { "" }, figure(value));
     let note = it.interval.map_or("too few cycles".into(), |at| format!("{} … {}", signed(at.low), signed(at.high)));
@@ -237,7 +220,8 @@ fn cell(it: Difference) -> Cell {
         Some(true) => "worse",
         _ => "open",
     };
-    Cell { text: signed(it.difference), note, class }
+    let star = if class == "open" { "" } else { " *" };
+    Cell { text: format!("{}{star}", signed(it.difference)), note, class }
 }
 
 /// A, B, …, Z, then numbers.

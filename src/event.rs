@@ -1,10 +1,12 @@
-//! What happens during a run, as the sinks hear it.
+//! What happens during a run, as the sinks hear it and the journal holds it.
 
 use crate::correlations::Correlations;
-use crate::summary::{Failure, MethodScores, SmoothedScores, Summary};
+use crate::scores::{Failure, Summary, Values};
 use isobar_assim::{Analysis, Estimate, EstimatedParameter, Structure};
 use isobar_model::{Duration, Layout, State, Time};
 use isobar_obs::{Calibration, ObservationWindow, Projection};
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// What is known before the first cycle.
@@ -36,6 +38,18 @@ pub struct RunInfo {
     pub stations: Vec<StationInfo>,
 }
 
+impl RunInfo {
+    /// Valid time of the analysis of a cycle.
+    pub fn time(&self, cycle: usize) -> Time {
+        self.start + Duration::from_seconds(self.window.seconds() * cycle as i64)
+    }
+
+    /// Names and UDUNITS units of the variables.
+    pub fn variables(&self) -> Vec<(&'static str, &'static str)> {
+        self.layout.variables.iter().map(|variable| (variable.name, variable.unit)).collect()
+    }
+}
+
 /// A method of the run.
 #[derive(Clone, Debug)]
 pub struct MethodInfo {
@@ -62,10 +76,10 @@ pub struct StationInfo {
     pub y_m: f64,
 }
 
-/// Something that happened.
+/// Something that happened. Those events that the journal holds are serialised; they own their contents when read back.
+#[expect(clippy::large_enum_variant, reason = "there is one of them at a time")]
+#[derive(Serialize, Deserialize)]
 pub enum Event<'a> {
-    /// The run begins.
-    Started(&'a RunInfo),
     /// The truth of a cycle is known. It is also sent for cycle 0, the initial state.
     Truth {
         /// Number of the cycle.
@@ -73,12 +87,17 @@ pub enum Event<'a> {
         /// Valid time.
         time: Time,
         /// The true state.
-        state: &'a State,
+        state: Cow<'a, State>,
         /// The true calibration parameters.
-        calibration: &'a [f64],
+        calibration: Cow<'a, [f64]>,
     },
     /// The observations of a cycle.
-    Observed(&'a ObservationWindow),
+    Observed {
+        /// As methods that estimate or ignore biases receive them.
+        window: Cow<'a, ObservationWindow>,
+        /// Their values without the true biases.
+        values_bias_removed: Cow<'a, [f64]>,
+    },
     /// A method has analysed the observations of a cycle.
     Analysed(Analysed<'a>),
     /// A method has estimated parameters beside state and calibration in a cycle.
@@ -90,19 +109,48 @@ pub enum Event<'a> {
         /// Number of the method in [`RunInfo::methods`].
         method: usize,
         /// When, and why.
-        failure: &'a Failure,
+        failure: Cow<'a, Failure>,
     },
-    /// All events of the cycles up to this one have been told again, and the run goes on from here.
-    Resumed(usize),
-    /// Truth, observations and methods of a cycle are all told.
+    /// All events of a cycle have been sent.
     CycleEnded(usize),
-    /// An output is not what was asked for, and the run goes on.
+    /// The run begins.
+    #[serde(skip)]
+    Started(&'a RunInfo),
+    /// All events of the cycles up to this one have been sent again, and the run continues from here.
+    #[serde(skip)]
+    Resumed(usize),
+    /// An output is not what was asked for, and the run continues.
+    #[serde(skip)]
     Warning(&'a str),
     /// The run is complete.
+    #[serde(skip)]
     Finished(&'a Summary),
 }
 
+impl Event<'_> {
+    /// Whether the event is one of this run; one that was read from a file may not be.
+    pub fn fits(&self, info: &RunInfo) -> bool {
+        let is_method = |method: usize| method < info.methods.len();
+        match self {
+            Event::Truth { state, calibration, .. } => {
+                *state.layout() == info.layout && calibration.len() == info.calibration.len()
+            }
+            Event::Observed { window, values_bias_removed } => {
+                window.fits(&info.layout) && values_bias_removed.len() == window.len()
+            }
+            Event::Analysed(analysed) => is_method(analysed.method) && analysed.fits(info),
+            Event::Estimated(estimated) => is_method(estimated.method),
+            Event::Smoothed(smoothed) => is_method(smoothed.method) && fits(&smoothed.estimate, info),
+            Event::Failed { method, .. } => is_method(*method),
+            Event::CycleEnded(_) | Event::Started(_) | Event::Resumed(_) | Event::Warning(_) | Event::Finished(_) => {
+                true
+            }
+        }
+    }
+}
+
 /// What a method has estimated in one cycle beside state and calibration.
+#[derive(Serialize, Deserialize)]
 pub struct Estimated<'a> {
     /// Number of the method in [`RunInfo::methods`].
     pub method: usize,
@@ -111,10 +159,11 @@ pub struct Estimated<'a> {
     /// Valid time.
     pub time: Time,
     /// The parameters.
-    pub parameters: &'a [EstimatedParameter],
+    pub parameters: Cow<'a, [EstimatedParameter]>,
 }
 
-/// What a method says of an earlier cycle, given the observations of later ones.
+/// A method's estimate of an earlier cycle, given the observations of later ones.
+#[derive(Serialize, Deserialize)]
 pub struct Smoothed<'a> {
     /// Number of the method in [`RunInfo::methods`].
     pub method: usize,
@@ -123,12 +172,13 @@ pub struct Smoothed<'a> {
     /// Number of later cycles whose observations are taken in.
     pub later_cycles: usize,
     /// The estimate.
-    pub estimate: &'a Estimate,
-    /// The scores of this cycle alone; empty if its truth is not known any more.
-    pub scores: &'a SmoothedScores,
+    pub estimate: Cow<'a, Estimate>,
+    /// The scores of this cycle alone; empty if its truth is no longer known.
+    pub scores: Cow<'a, Values>,
 }
 
 /// A method's results in one cycle.
+#[derive(Serialize, Deserialize)]
 pub struct Analysed<'a> {
     /// Number of the method in [`RunInfo::methods`].
     pub method: usize,
@@ -137,14 +187,44 @@ pub struct Analysed<'a> {
     /// Valid time.
     pub time: Time,
     /// The estimate before the observations.
-    pub background: &'a Estimate,
+    pub background: Cow<'a, Estimate>,
     /// The analysis.
-    pub analysis: &'a Analysis,
+    pub analysis: Cow<'a, Analysis>,
     /// The scores of this cycle alone.
-    pub scores: &'a MethodScores,
+    pub scores: Cow<'a, Values>,
     /// Blocks and common factors after the analysis, for a method that has them and if a sink shows them.
-    pub structure: Option<&'a Structure>,
+    pub structure: Option<Cow<'a, Structure>>,
     /// What goes together with the error in the middle of the domain, for a method with a covariance in the last cycle and
     /// if a sink shows it.
-    pub correlations: Option<&'a Correlations>,
+    pub correlations: Option<Cow<'a, Correlations>>,
+}
+
+impl Analysed<'_> {
+    /// Whether all parts have the sizes of the run.
+    fn fits(&self, info: &RunInfo) -> bool {
+        let (cells, values, parameters) = (info.layout.grid.cells(), info.layout.len(), info.calibration.len());
+        let structure_fits = |it: &Structure| {
+            it.part_of_cell.len() == cells
+                && it.part_of_cell.iter().all(|&part| part < it.observed.len())
+                && it
+                    .factors
+                    .iter()
+                    .all(|factor| *factor.increment.layout() == info.layout && factor.calibration.len() == parameters)
+        };
+        let correlations_fit =
+            |it: &Correlations| it.of < values && it.state.len() == values && it.calibration.len() == parameters;
+        fits(&self.background, info)
+            && fits(&self.analysis.estimate, info)
+            && self.structure.as_deref().is_none_or(structure_fits)
+            && self.correlations.as_deref().is_none_or(correlations_fit)
+    }
+}
+
+/// Whether an estimate is of this run's variables and parameters.
+fn fits(estimate: &Estimate, info: &RunInfo) -> bool {
+    let Estimate { state, calibration_spread, state_spread, .. } = estimate;
+    let is_of = |spread: &Option<Vec<f64>>, length: usize| spread.as_ref().is_none_or(|spread| spread.len() == length);
+    *state.layout() == info.layout
+        && is_of(state_spread, info.layout.len())
+        && is_of(calibration_spread, estimate.calibration.len())
 }

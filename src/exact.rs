@@ -5,9 +5,9 @@
 //! actual Q and R ([`isobar_assim::actual_errors`]): what the mean squares of infinitely many seeds would be. The places of
 //! random observations (missing ones, random stations) are those of the scenario's seed.
 
-use crate::experiment::{self, ExperimentError, Ground};
+use crate::run::experiment::{self, ExperimentError, Ground};
 use crate::scenario::{Algorithm, Dynamics, Scenario, ScenarioError};
-use crate::summary::PerVariable;
+use crate::scores::Values;
 use indexmap::IndexMap;
 use isobar_assim::actual_errors::ActualErrors;
 use isobar_assim::response::Responder;
@@ -38,25 +38,11 @@ pub struct ExactSummary {
     pub scored_from_cycle: usize,
     /// The last cycle.
     pub cycles: usize,
-    /// The methods.
-    pub methods: IndexMap<String, ExactScores>,
+    /// By method, roots of the expected mean squares over grid points and cycles; without a bias score where there are no
+    /// parameters, or the method is given them, and without a spread where it claims none.
+    pub methods: IndexMap<String, Values>,
     /// Methods without fixed gains, and why they have none.
     pub left_out: Vec<LeftOut>,
-}
-
-/// Roots of the expected mean squares over grid points and cycles.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct ExactScores {
-    /// Error of the background, per variable, in its unit.
-    pub background: PerVariable,
-    /// Error of the analysis.
-    pub analysis: PerVariable,
-    /// Claimed standard deviation of the analysis, where the method has one.
-    pub spread: Option<PerVariable>,
-    /// Error of the bias parameters, each in its unit; `None` without parameters, or where they are known.
-    pub bias: Option<f64>,
-    /// Claimed standard deviation of the bias parameters.
-    pub bias_spread: Option<f64>,
 }
 
 /// Computes the performance of a scenario's methods.
@@ -127,7 +113,7 @@ impl World {
         method: &mut dyn isobar_assim::Assimilator,
         (bias, scores_bias): (BiasTreatment, bool),
         layout: &Layout,
-    ) -> Result<ExactScores, Error> {
+    ) -> Result<Values, Error> {
         let elapsed = |cycle: usize| Duration::from_seconds(self.window.seconds() * cycle as i64);
         let mean = |own: &BiasProcess, cycle: usize| own.mean(elapsed(cycle), self.start + elapsed(cycle));
         let means = |cycle: usize| -> Vec<f64> { self.biases.iter().map(|own| mean(own, cycle)).collect() };
@@ -167,18 +153,22 @@ impl World {
         }
         let scored = (self.windows.len() + 1 - self.scored_from) as f64;
         let root = |values: &[f64]| (values.iter().sum::<f64>() / (values.len() as f64 * scored)).sqrt();
-        let per_variable = |sums: &[f64]| -> PerVariable {
+        let mut scores = Values::new();
+        let mut insert = |kind: &str, sums: &[f64]| {
             let fields = sums[..m].chunks_exact(layout.grid.cells());
-            layout.variables.iter().zip(fields).map(|(own, field)| (own.name.to_string(), root(field))).collect()
+            let named = layout.variables.iter().zip(fields);
+            scores.extend(named.map(|(variable, field)| (format!("{kind}.{}", variable.name), root(field))));
         };
-        let scores_bias = p > 0 && scores_bias;
-        Ok(ExactScores {
-            background: per_variable(&background),
-            analysis: per_variable(&analysis),
-            spread: claims_state.then(|| per_variable(&spread)),
-            bias: scores_bias.then(|| root(&analysis[m..])),
-            bias_spread: (scores_bias && claims_biases).then(|| root(&spread[m..])),
-        })
+        insert("rmse_background", &background);
+        insert("rmse_analysis", &analysis);
+        if claims_state {
+            insert("spread_analysis", &spread);
+        }
+        if p > 0 && scores_bias {
+            scores.insert("bias_rmse".into(), root(&analysis[m..]));
+            scores.extend(claims_biases.then(|| ("bias_spread".into(), root(&spread[m..]))));
+        }
+        Ok(scores)
     }
 }
 

@@ -1,14 +1,14 @@
-//! Signals to end: the first one is heeded at the end of the cycle, the second one at once.
+//! Signals to end the program: the first one ends it after the cycle, the second one at once.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The exit code after a signal.
 pub const EXIT_CODE: u8 = 130;
 
-/// Signals are the whole process's; so is what they leave.
+/// Signals concern the whole process, and so does this flag.
 static REQUESTED: AtomicBool = AtomicBool::new(false);
 
-/// Listens for SIGINT and SIGTERM from now on. Where that is not possible, they end the program as they always do.
+/// Listens for SIGINT and SIGTERM from now on. Where that is not possible, they end the program at once.
 pub fn listen() {
     #[cfg(unix)]
     {
@@ -28,7 +28,7 @@ fn request() {
     if REQUESTED.swap(true, Ordering::SeqCst) {
         std::process::exit(i32::from(EXIT_CODE));
     }
-    // Nobody is left to be told if standard error is closed.
+    // There is nowhere to report that standard error is closed.
     let _ = writeln!(std::io::stderr(), "\nending after this cycle; once more to end at once");
 }
 

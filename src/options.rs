@@ -1,6 +1,6 @@
 //! What the user changes in a run.
 
-use crate::sink::Outputs;
+use crate::output::Outputs;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -25,7 +25,7 @@ pub struct RunOptions {
     pub overwrite: bool,
     /// The outputs to write beside the summary and the scores.
     pub outputs: Outputs,
-    /// Whether other runs go on in this process, so that the memory of one cannot be told from that of another.
+    /// Whether other runs compute in this process at the same time, so that the memory of each is not known.
     #[serde(skip)]
     pub concurrent: bool,
     /// When checkpoints are written; `None`: never.
@@ -61,9 +61,24 @@ impl RunOptions {
         }
     }
 
-    /// The options without those that belong to the process, as they come back when they are deserialised.
+    /// The options without those that belong to the process.
     pub fn of_run(&self) -> Self {
         let Self { methods, cycles, seed, overwrite, outputs, checkpoints, .. } = self.clone();
-        Self { methods, cycles, seed, overwrite, outputs, checkpoints, ..Self::new("") }
+        Self { methods, cycles, seed, overwrite, outputs: outputs.of_run(), checkpoints, ..Self::new("") }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_that_is_shown_while_it_computes_can_be_continued_without_that() {
+        let options = RunOptions { outputs: Outputs::of(["netcdf"]), seed: Some(3), ..RunOptions::new("here") };
+        let outputs = Outputs::of(["netcdf", "live"]);
+        let shown = RunOptions { outputs, threads: Some(4), concurrent: true, resume: true, ..options.clone() };
+        assert_eq!(shown.of_run(), options.of_run());
+        let text = serde_json::to_string(&shown.of_run()).unwrap();
+        assert_eq!(serde_json::from_str::<RunOptions>(&text).unwrap(), options.of_run());
     }
 }

@@ -1,7 +1,7 @@
 //! What a method made of one cycle, for those who judge it: the monitors, the scores, the sinks.
 
 use isobar_assim::{Analysis, Estimate};
-use std::sync::Arc;
+use isobar_obs::ObservationType;
 
 /// What a method made of one cycle.
 pub struct Outcome {
@@ -36,10 +36,8 @@ pub struct Influence {
 /// What the observations of one type did.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TypeInfluence {
-    /// The network.
-    pub network: Arc<str>,
-    /// Number of the variable.
-    pub variable: usize,
+    /// The type.
+    pub observation_type: ObservationType,
     /// K d_t: the state's increment from the innovations of this type, those of all others being zero.
     pub increment: Vec<f64>,
     /// The type's part of tr(H K), the degrees of freedom for signal.

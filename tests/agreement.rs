@@ -3,8 +3,8 @@
 
 use crate::runs::{run_options, scenarios};
 use isobar::event::Event;
+use isobar::output::{Sink, SinkError};
 use isobar::scenario::{Algorithm, Method};
-use isobar::sink::{Sink, SinkError};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Precision, Residual};
 use isobar_assim::{BiasTreatment, Estimate};
 
@@ -23,7 +23,7 @@ impl Sink for Estimates {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         if let Event::Analysed(analysed) = event {
             let own = &mut self.of_method[analysed.method];
-            own.extend([analysed.background.clone(), analysed.analysis.estimate.clone()]);
+            own.extend([analysed.background.clone().into_owned(), analysed.analysis.estimate.clone()]);
         }
         Ok(())
     }

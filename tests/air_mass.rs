@@ -2,8 +2,8 @@
 
 use isobar::event::Event;
 use isobar::options::RunOptions;
+use isobar::output::{Sink, SinkError};
 use isobar::scenario::Scenario;
-use isobar::sink::{Sink, SinkError};
 use std::path::Path;
 
 const SEEDS: u64 = 8;

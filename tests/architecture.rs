@@ -1,5 +1,6 @@
 //! The shape of the project: who may know whom, and what a library may not do.
 
+use crate::circles::Crate;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -96,6 +97,29 @@ fn methods_know_no_concrete_model_and_no_truth() {
     for name in ["cycle.rs", "influence.rs", "monitor.rs"] {
         let cycle = code(&root().join("src/run").join(name)).to_lowercase();
         assert!(!cycle.contains("truth") && !cycle.contains("true_"), "src/run/{name}");
+    }
+}
+
+/// The sources of a crate, without the program itself and tests in files of their own.
+fn parts(folder: &str) -> Crate {
+    let folder = root().join(folder);
+    let name = |path: &Path| path.strip_prefix(&folder).unwrap().to_str().unwrap().replace('\\', "/");
+    let is_part = |(name, _): &(String, String)| name != "main.rs" && !name.ends_with("_tests.rs");
+    let all = sources(&folder).into_iter().map(|path| (name(&path), fs::read_to_string(&path).unwrap()));
+    Crate::new(&all.filter(is_part).collect::<Vec<_>>())
+}
+
+#[test]
+fn no_files_know_each_other_in_a_circle() {
+    // The difference of two states is an increment, and an increment is added to a state.
+    let meant = |circle: &String| circle == "increment → state → increment";
+    for folder in ["src", "model/src", "obs/src", "assim/src"] {
+        let circles: Vec<String> = parts(folder).circles_of_files().into_iter().filter(|it| !meant(it)).collect();
+        assert!(circles.is_empty(), "files of {folder}:\n{}", circles.join("\n"));
+    }
+    for folder in ["src", "assim/src"] {
+        let circles = parts(folder).circles_of_folders();
+        assert!(circles.is_empty(), "folders of {folder}:\n{}", circles.join("\n"));
     }
 }
 

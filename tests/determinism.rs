@@ -6,9 +6,9 @@ use crate::runs::{run_options, scenarios};
 use isobar::event::Event;
 use isobar::options::CheckpointPolicy;
 use isobar::options::RunOptions;
+use isobar::output::{Sink, SinkError};
 use isobar::progress::Progress;
 use isobar::scenario::Scenario;
-use isobar::sink::{Sink, SinkError};
 use std::path::Path;
 
 const CYCLES: usize = 5;
@@ -19,7 +19,7 @@ struct EndIn(usize);
 impl Sink for EndIn {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         match event {
-            Event::Observed(window) if window.cycle == self.0 => {
+            Event::Observed { window, .. } if window.cycle == self.0 => {
                 Err(SinkError { path: "nothing".into(), reason: "this is the end".into() })
             }
             _ => Ok(()),
@@ -31,7 +31,7 @@ fn options(folder: &Path, threads: usize) -> RunOptions {
     let checkpoints = Some(CheckpointPolicy { minutes: None, cycles: Some(2) });
     RunOptions {
         threads: Some(threads),
-        outputs: isobar::sink::Outputs::of(["netcdf"]),
+        outputs: isobar::output::Outputs::of(["netcdf"]),
         checkpoints,
         ..run_options(folder, CYCLES)
     }

@@ -3,9 +3,9 @@
 use crate::common::{VALID, isobar, text};
 use isobar::event::Event;
 use isobar::exact::{ExactOptions, ExactSummary, exact};
+use isobar::output::{Sink, SinkError};
 use isobar::scenario::Scenario;
-use isobar::sink::{Sink, SinkError};
-use isobar::statistics::independent_mean;
+use isobar::scores::statistics::independent_mean;
 use std::fs;
 use std::path::Path;
 
@@ -89,22 +89,22 @@ fn the_kalman_filter_is_the_best_and_knows_what_it_is_worth() {
     let summary = summary(TRACER);
     let of = |name: &str| &summary.methods[name];
     let kf = of("kf");
-    let spread = kf.spread.as_ref().unwrap()["tracer"];
-    assert!((kf.analysis["tracer"] / spread - 1.0).abs() < 1e-9, "{kf:?}");
-    assert!((kf.bias.unwrap() / kf.bias_spread.unwrap() - 1.0).abs() < 1e-9, "{kf:?}");
+    let spread = kf["spread_analysis.tracer"];
+    assert!((kf["rmse_analysis.tracer"] / spread - 1.0).abs() < 1e-9, "{kf:?}");
+    assert!((kf["bias_rmse"] / kf["bias_spread"] - 1.0).abs() < 1e-9, "{kf:?}");
     for name in ["serial", "fkf", "blind", "var", "oi", "free"] {
-        assert!(of(name).analysis["tracer"] > kf.analysis["tracer"] * (1.0 - 1e-9), "{name}: {:?}", of(name));
-        if let Some(bias) = of(name).bias {
-            assert!(bias > kf.bias.unwrap() * (1.0 - 1e-9), "{name}");
+        assert!(of(name)["rmse_analysis.tracer"] > kf["rmse_analysis.tracer"] * (1.0 - 1e-9), "{name}: {:?}", of(name));
+        if let Some(bias) = of(name).get("bias_rmse") {
+            assert!(*bias > kf["bias_rmse"] * (1.0 - 1e-9), "{name}");
         }
     }
-    assert!((of("serial").analysis["tracer"] / kf.analysis["tracer"] - 1.0).abs() < 1e-9);
+    assert!((of("serial")["rmse_analysis.tracer"] / kf["rmse_analysis.tracer"] - 1.0).abs() < 1e-9);
     // To the accuracy of the minimiser.
-    assert!((of("var").analysis["tracer"] / of("oi").analysis["tracer"] - 1.0).abs() < 1e-6);
-    assert!(of("known").analysis["tracer"] < kf.analysis["tracer"] && of("known").bias.is_none());
+    assert!((of("var")["rmse_analysis.tracer"] / of("oi")["rmse_analysis.tracer"] - 1.0).abs() < 1e-6);
+    assert!(of("known")["rmse_analysis.tracer"] < kf["rmse_analysis.tracer"] && !of("known").contains_key("bias_rmse"));
     // Somebody who knows of no bias claims too little.
-    assert!(of("blind").analysis["tracer"] > 1.2 * of("blind").spread.as_ref().unwrap()["tracer"]);
-    assert!(of("free").analysis["tracer"] > 2.0 * kf.analysis["tracer"]);
+    assert!(of("blind")["rmse_analysis.tracer"] > 1.2 * of("blind")["spread_analysis.tracer"]);
+    assert!(of("free")["rmse_analysis.tracer"] > 2.0 * kf["rmse_analysis.tracer"]);
 }
 
 #[test]
@@ -112,8 +112,8 @@ fn a_filter_that_assumes_wrong_statistics_is_worse_than_one_that_knows() {
     let wrong = TRACER.replace("[cycle]", "[truth]\nmodel_error_scale = 4\n[cycle]");
     let (right, wrong) = (summary(TRACER), summary(&wrong));
     let kf = &wrong.methods["kf"];
-    assert!(kf.analysis["tracer"] > 1.2 * kf.spread.as_ref().unwrap()["tracer"], "{kf:?}");
-    assert_eq!(kf.spread, right.methods["kf"].spread);
+    assert!(kf["rmse_analysis.tracer"] > 1.2 * kf["spread_analysis.tracer"], "{kf:?}");
+    assert_eq!(kf["spread_analysis.tracer"], right.methods["kf"]["spread_analysis.tracer"]);
 }
 
 /// A bias that is given and jumps is no random one: it is a mean error, which the filter takes out over time.
@@ -132,8 +132,8 @@ fn a_given_bias_and_its_jump_are_a_mean_error() {
     let blind = &summary.methods["blind"];
     // Cycles 3 to 5 at 0.6, then 6 to 12 at 1.1.
     let expected = ((3.0 * 0.36 + 7.0 * 1.21) / 10.0_f64).sqrt();
-    assert!((blind.bias.unwrap() / expected - 1.0).abs() < 1e-9, "{blind:?}, {expected}");
-    assert!(summary.methods["kf"].bias.unwrap() < 0.5 * expected);
+    assert!((blind["bias_rmse"] / expected - 1.0).abs() < 1e-9, "{blind:?}, {expected}");
+    assert!(summary.methods["kf"]["bias_rmse"] < 0.5 * expected);
 }
 
 /// Mean square errors of each method.
@@ -143,8 +143,8 @@ struct Squares(Vec<[f64; 2]>);
 impl Sink for Squares {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         if let Event::Finished(summary) = event {
-            let of = |scores: &isobar::summary::MethodScores| {
-                [scores.rmse_analysis["tracer"].powi(2), scores.bias_rmse.unwrap_or(0.0).powi(2)]
+            let of = |scores: &isobar::scores::MethodScores| {
+                ["rmse_analysis.tracer", "bias_rmse"].map(|score| scores.values.get(score).map_or(0.0, |it| it.powi(2)))
             };
             self.0 = summary.methods.values().map(of).collect();
         }
@@ -172,7 +172,8 @@ fn the_mean_over_seeds_comes_to_the_same() {
         .collect();
     let exact = summary(TRACER);
     for (number, (name, scores)) in exact.methods.iter().enumerate() {
-        let expected = [scores.analysis["tracer"].powi(2), scores.bias.unwrap_or(0.0).powi(2)];
+        let expected =
+            ["rmse_analysis.tracer", "bias_rmse"].map(|score| scores.get(score).map_or(0.0, |it| it.powi(2)));
         for (which, expected) in expected.into_iter().enumerate() {
             let values: Vec<f64> = runs.iter().map(|run| run[number][which]).collect();
             let found = independent_mean(&values).unwrap();

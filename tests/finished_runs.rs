@@ -2,7 +2,7 @@
 
 use crate::common::{isobar, text};
 use crate::synthetic_run::SyntheticRun;
-use isobar::sink::{Existing, OutputDirectory, Outputs, open_all};
+use isobar::output::{Existing, OutputDirectory, Outputs, open_all};
 use std::fs;
 use std::path::{Path, PathBuf};
 

@@ -4,6 +4,7 @@ mod agreement;
 mod air_mass;
 mod architecture;
 mod checkpoints;
+mod circles;
 mod command_line;
 mod common;
 mod determinism;

@@ -4,7 +4,7 @@ use crate::common::{VALID, isobar, text};
 use crate::runs::run_options;
 use isobar::progress::Progress;
 use isobar::scenario::Scenario;
-use isobar::summary::Summary;
+use isobar::scores::Summary;
 use netcdf_reader::NcFile;
 use std::fs;
 use std::path::Path;
@@ -40,11 +40,11 @@ fn five_percent_of_gross_errors_cost_less_than_a_tenth() {
     assert!((0.02..0.06).contains(&(rejected as f64 / total as f64)), "{rejected} of {total}");
     let mut worst = 0.0_f64;
     for (name, scores) in &clean.methods {
-        for (variable, rmse) in &scores.rmse_analysis {
-            let ratio = |other: &Summary| other.methods[name].rmse_analysis[variable] / rmse;
+        for (score, rmse) in scores.values.iter().filter(|(score, _)| score.starts_with("rmse_analysis")) {
+            let ratio = |other: &Summary| other.methods[name].values[score] / rmse;
             let (with, without) = (ratio(&checked), ratio(&unchecked));
-            println!("{name} {variable}: {with:.3} times the clean error, {without:.2} without the check");
-            assert!(with <= 1.1, "{name} {variable}: {with}");
+            println!("{name} {score}: {with:.3} times the clean error, {without:.2} without the check");
+            assert!(with <= 1.1, "{name} {score}: {with}");
             worst = worst.max(without);
         }
     }

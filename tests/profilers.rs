@@ -1,7 +1,7 @@
 //! What Cohn and Parrish (1991, Mon. Wea. Rev. 119, 1757–1785) found of wind profilers among radiosondes, with covariances
 //! alone: scenario `wind_profilers` without and with its networks, eleven hours after the last radiosondes.
 
-use isobar::experiment::{Ground, ground, method};
+use isobar::run::experiment::{Ground, ground, method};
 use isobar::scenario::Scenario;
 use isobar_assim::{Assimilator, Unknown};
 use isobar_model::Grid;

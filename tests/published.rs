@@ -3,10 +3,9 @@
 use crate::runs::run_options;
 use isobar::event::Event;
 use isobar::exact::{ExactOptions, exact};
-use isobar::experiment::ground;
+use isobar::output::{Sink, SinkError};
+use isobar::run::experiment::ground;
 use isobar::scenario::Scenario;
-use isobar::sink::{Sink, SinkError};
-use isobar::summary::PerVariable;
 use std::f64::consts::TAU;
 use std::path::Path;
 
@@ -19,14 +18,9 @@ struct Rows(Vec<Vec<Row>>);
 impl Sink for Rows {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         if let Event::Analysed(analysed) = event {
-            let scores = analysed.scores;
-            let spread = |own: &Option<PerVariable>| own.as_ref().map_or(f64::NAN, |own| own["tracer"]);
-            self.0[analysed.method].push([
-                scores.rmse_background["tracer"],
-                scores.rmse_analysis["tracer"],
-                spread(&scores.spread_background),
-                spread(&scores.spread_analysis),
-            ]);
+            let of = |kind: &str| analysed.scores.get(&format!("{kind}.tracer")).copied().unwrap_or(f64::NAN);
+            let row = ["rmse_background", "rmse_analysis", "spread_background", "spread_analysis"].map(of);
+            self.0[analysed.method].push(row);
         }
         Ok(())
     }
@@ -92,8 +86,12 @@ fn linear_advection_has_the_covariances_of_dapper() {
     for cycles in 1..=5 {
         let options = ExactOptions { methods: Some(vec!["kf".into(), "fkf".into()]), cycles: Some(cycles) };
         for (name, scores) in exact(&scenario, &options).unwrap().methods {
-            assert_near(scores.background["tracer"], mean(&FORECAST[..cycles]), &format!("{name}, {cycles} cycles"));
-            assert_near(scores.analysis["tracer"], mean(&ANALYSIS[..cycles]), &format!("{name}, {cycles} cycles"));
+            assert_near(
+                scores["rmse_background.tracer"],
+                mean(&FORECAST[..cycles]),
+                &format!("{name}, {cycles} cycles"),
+            );
+            assert_near(scores["rmse_analysis.tracer"], mean(&ANALYSIS[..cycles]), &format!("{name}, {cycles} cycles"));
         }
     }
 }
@@ -133,7 +131,7 @@ fn a_fully_observed_plane_decouples_into_waves() {
     }
     let options = ExactOptions { methods: Some(vec!["kf".into()]), cycles: None };
     let scores = &exact(&scenario, &options).unwrap().methods["kf"];
-    assert_near(scores.background["tracer"], background.sqrt(), "background");
-    assert_near(scores.analysis["tracer"], analysis.sqrt(), "analysis");
-    assert_near(scores.spread.as_ref().unwrap()["tracer"], analysis.sqrt(), "claimed");
+    assert_near(scores["rmse_background.tracer"], background.sqrt(), "background");
+    assert_near(scores["rmse_analysis.tracer"], analysis.sqrt(), "analysis");
+    assert_near(scores["spread_analysis.tracer"], analysis.sqrt(), "claimed");
 }

@@ -2,7 +2,7 @@
 #![cfg(feature = "rerun")]
 
 use crate::synthetic_run::SyntheticRun;
-use isobar::sink::{Existing, OutputDirectory, Outputs, open_all};
+use isobar::output::{Existing, OutputDirectory, Outputs, open_all};
 use rerun::external::re_log_encoding::DecoderApp;
 use rerun::log::{Chunk, LogMsg};
 use rerun::{DepthImage, Image, Points2D, Scalars, TextDocument};
@@ -73,7 +73,7 @@ fn every_cycle_of_every_method_has_its_maps_and_curves() {
         assert_eq!(rows[&format!("/methods/{method}/calibration/04_polar_scan_linear/truth")], 4);
     }
     let written = scalars(&chunks, "/comparison/h/02_kalman");
-    assert_eq!(written, run.results[1].iter().map(|result| result.2.rmse_analysis["h"]).collect::<Vec<_>>());
+    assert_eq!(written, run.results[1].iter().map(|result| result.2.values["rmse_analysis.h"]).collect::<Vec<_>>());
     let upper = scalars(&chunks, "/methods/01_fast_kalman/calibration/02_europe_h_DE/above");
     let expected = run.results[0].iter().map(|(_, analysis, _)| {
         analysis.estimate.calibration[1] + 2.0 * analysis.estimate.calibration_spread.as_ref().unwrap()[1]

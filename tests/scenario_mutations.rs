@@ -1,7 +1,7 @@
 //! Scenario files that are broken at random, and scores that are accepted.
 
 use isobar::scenario::{Expected, Scenario, accept, with_expected};
-use isobar::summary::{MethodScores, PerVariable, Summary};
+use isobar::scores::{MethodScores, Summary};
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -75,12 +75,9 @@ fn no_mutation_of_a_scenario_panics_or_escapes() {
 }
 
 fn summary(h: f64) -> Summary {
-    let scores = MethodScores {
-        rmse_analysis: PerVariable::from([("h".to_string(), h)]),
-        rmse_background: PerVariable::from([("h".to_string(), 2.0 * h)]),
-        innovation_chi2: Some(1.0 / 3.0),
-        ..MethodScores::default()
-    };
+    let values = [("rmse_analysis.h", h), ("rmse_background.h", 2.0 * h), ("innovation_chi2", 1.0 / 3.0)];
+    let values = values.map(|(score, value)| (score.to_string(), value)).into();
+    let scores = MethodScores { values, ..MethodScores::default() };
     Summary {
         scenario: "valid".into(),
         seed: 1,
@@ -103,8 +100,8 @@ fn accepting_scores_changes_nothing_else_in_the_file() {
         let first = fs::read_to_string(&path).unwrap();
         assert!(first.starts_with(&text), "{first}");
         let accepted = Scenario::load(&path).unwrap();
-        assert_eq!(accepted.expected.methods["fkf"].rmse_analysis["h"], 3.21);
-        assert_eq!(accepted.expected.methods["free"].innovation_chi2, Some(0.33333));
+        assert_eq!(accepted.expected.methods["fkf"]["rmse_analysis.h"], 3.21);
+        assert_eq!(accepted.expected.methods["free"]["innovation_chi2"], 0.33333);
         assert_eq!(accepted.expected.relative_tolerance, 0.05);
 
         // Again, with other scores and back: the file is the same to the byte.

@@ -2,7 +2,7 @@
 
 use crate::synthetic_run::SyntheticRun;
 use isobar::event::{Event, MethodInfo};
-use isobar::sink::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
+use isobar::output::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
 use netcdf_reader::NcFile;
 use std::path::Path;
 
@@ -178,7 +178,7 @@ fn every_observation_is_a_point_with_its_departures() {
         let windows = &run.windows;
         assert_eq!(global(&file, "featureType"), "point");
         assert_eq!(numbers(&file, "value"), all(&|k| windows[k].values.clone()));
-        assert_eq!(numbers(&file, "value_bias_removed"), all(&|k| windows[k].values_bias_removed.clone()));
+        assert_eq!(numbers(&file, "value_bias_removed"), all(&|k| run.values_bias_removed[k].clone()));
         assert_eq!(numbers(&file, "sigma"), all(&|k| windows[k].sigma.clone()));
         assert_eq!(numbers(&file, "time"), all(&|k| vec![run.time(k + 1).seconds() as f64; windows[k].len()]));
         assert_eq!(numbers(&file, "x"), all(&|k| windows[k].reports.iter().map(|report| report.x_m).collect()));
@@ -214,10 +214,10 @@ fn a_run_without_observations_or_parameters_has_all_its_files() {
     let mut run = SyntheticRun::new(8, 6, 2, 1);
     run.info.calibration.parameters.clear();
     run.true_calibration.iter_mut().for_each(Vec::clear);
+    run.values_bias_removed.iter_mut().for_each(Vec::clear);
     for window in &mut run.windows {
         window.reports.clear();
         window.values.clear();
-        window.values_bias_removed.clear();
         window.sigma.clear();
     }
     for (background, analysis, _) in run.results.iter_mut().flatten() {
@@ -274,7 +274,8 @@ fn the_summary_keeps_the_order_of_methods_and_variables() {
         let text = std::fs::read_to_string(directory.join("summary.json")).unwrap();
         let value: serde_json::Value = serde_json::from_str(&text).unwrap();
         for (name, scores) in &run.summary.methods {
-            for (variable, error) in &scores.rmse_analysis {
+            for variable in ["h", "u", "v"] {
+                let error = &scores.values[&format!("rmse_analysis.{variable}")];
                 let written = value["methods"][name]["rmse_analysis"][variable].as_f64().unwrap();
                 assert!((written / error - 1.0).abs() < 1e-14, "{name} {variable}: {written}");
             }

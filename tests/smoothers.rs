@@ -1,10 +1,10 @@
 //! Runs with fixed-lag smoothers: what their files and scores say, and what is refused.
 
 use crate::runs::run_options;
+use isobar::output::Sink;
 use isobar::run::run;
 use isobar::scenario::Scenario;
-use isobar::sink::Sink;
-use isobar::summary::Summary;
+use isobar::scores::Summary;
 use netcdf_reader::NcFile;
 use std::path::Path;
 
@@ -24,7 +24,7 @@ fn complete(text: &str, look: impl FnOnce(&Path, &Summary)) {
     let scenario = Scenario::parse(Path::new("small.toml"), text).unwrap_or_else(|error| panic!("{error}"));
     let folder = tempfile::tempdir().unwrap();
     let options = isobar::options::RunOptions {
-        outputs: isobar::sink::Outputs::of(["netcdf"]),
+        outputs: isobar::output::Outputs::of(["netcdf"]),
         ..run_options(folder.path(), CYCLES)
     };
     let summary = run(&scenario, &options, &mut Vec::<Box<dyn Sink>>::new()).unwrap();
@@ -59,8 +59,8 @@ fn smoothed_estimates_stand_at_their_own_time_and_are_scored_there() {
             let later: Vec<f64> = (1..=CYCLES).map(|cycle| LAG.min(CYCLES - cycle) as f64).collect();
             assert_eq!(numbers(&file, "smoother_later_cycles"), later, "{method}");
             let scores = &summary.methods[method];
-            let smoothed = scores.smoothed.as_ref().unwrap();
-            assert_eq!(smoothed.lag_cycles, LAG);
+            let score = |kind: &str, name: &str| scores.values[&format!("{kind}.{name}")];
+            assert_eq!(scores.smoother_lag_cycles, Some(LAG));
             for name in ["h", "u", "v"] {
                 let read = |stage: &str| numbers(&file, &format!("{name}_{stage}"));
                 let (analysis, estimate, spread) = (read("analysis"), read("smoothed"), read("smoothed_spread"));
@@ -71,26 +71,31 @@ fn smoothed_estimates_stand_at_their_own_time_and_are_scored_there() {
                 // The truth has a record before the first cycle.
                 let (true_values, claims) = (numbers(&truth, name), spread.into_iter().skip(cells));
                 let errors = estimate.iter().zip(&true_values[cells..]).map(|(a, b)| a - b).skip(cells);
-                assert!((root_mean_square(errors) / smoothed.rmse[name] - 1.0).abs() < 1e-9, "{method}, {name}");
-                let claimed = smoothed.spread.as_ref().unwrap()[name];
+                assert!(
+                    (root_mean_square(errors) / score("rmse_smoothed", name) - 1.0).abs() < 1e-9,
+                    "{method}, {name}"
+                );
+                let claimed = score("spread_smoothed", name);
                 assert!((root_mean_square(claims) / claimed - 1.0).abs() < 1e-9);
-                assert!(claimed < scores.spread_analysis.as_ref().unwrap()[name], "{method}, {name}");
+                assert!(claimed < score("spread_analysis", name), "{method}, {name}");
             }
             let (biases, true_biases) = (numbers(&file, "calibration_smoothed"), numbers(&truth, "calibration"));
             let parameters = biases.len() / CYCLES;
             let errors = biases.iter().zip(&true_biases[parameters..]).map(|(a, b)| a - b);
-            let expected = smoothed.bias_rmse.unwrap();
+            let expected = scores.values["bias_rmse_smoothed"];
             assert!((root_mean_square(errors.skip(parameters)) / expected - 1.0).abs() < 1e-9, "{method}");
-            assert!(smoothed.bias_spread.unwrap() < scores.bias_spread.unwrap());
+            assert!(scores.values["bias_spread_smoothed"] < scores.values["bias_spread"]);
         }
         scores_of_cycles_are_those_of_the_run(run, summary);
         // The same filter, and the same smoother whichever way it analyses.
         let of = |method: &str| &summary.methods[method];
-        assert_eq!(of("kf").rmse_analysis, of("plain").rmse_analysis);
-        assert!(of("plain").smoothed.is_none());
-        let [all, serial] = ["kf", "serial_kf"].map(|method| &of(method).smoothed.as_ref().unwrap().rmse["h"]);
+        for name in ["h", "u", "v"].map(|name| format!("rmse_analysis.{name}")) {
+            assert_eq!(of("kf").values[&name], of("plain").values[&name]);
+        }
+        assert!(of("plain").smoother_lag_cycles.is_none());
+        let [all, serial] = ["kf", "serial_kf"].map(|method| &of(method).values["rmse_smoothed.h"]);
         assert!((all / serial - 1.0).abs() < 1e-6, "{all} and {serial}");
-        let table = isobar::table::scores(summary, &[("h", "m"), ("u", "m/s"), ("v", "m/s")]);
+        let table = isobar::tables::scores::on_terminal(summary, &[("h", "m"), ("u", "m/s"), ("v", "m/s")]);
         let part = table.split("as later observations revise them").nth(1).expect("there is a table of them");
         let rows: Vec<&str> = part.lines().filter(|line| line.contains(" 3 ")).collect();
         assert!(rows.len() == 3 && table.lines().all(|line| line.chars().count() <= 100), "{table}");
@@ -110,19 +115,19 @@ fn scores_of_cycles_are_those_of_the_run(run: &Path, summary: &Summary) {
             let place = header.iter().position(|it| it == name).unwrap_or_else(|| panic!("{name} in {header:?}"));
             own().map(|row| &row[place]).collect()
         };
-        let Some(smoothed) = &scores.smoothed else {
+        if scores.smoother_lag_cycles.is_none() {
             assert!(column("rmse_smoothed h [m]").iter().all(|field| field.is_empty()));
             assert!(column("bias_spread_smoothed").iter().all(|field| field.is_empty()));
             continue;
-        };
-        let spread = smoothed.spread.as_ref().unwrap();
-        for (name, expected) in [
-            ("rmse_smoothed h [m]", smoothed.rmse["h"]),
-            ("rmse_smoothed v [m s-1]", smoothed.rmse["v"]),
-            ("spread_smoothed u [m s-1]", spread["u"]),
-            ("bias_rmse_smoothed", smoothed.bias_rmse.unwrap()),
-            ("bias_spread_smoothed", smoothed.bias_spread.unwrap()),
+        }
+        for (name, key) in [
+            ("rmse_smoothed h [m]", "rmse_smoothed.h"),
+            ("rmse_smoothed v [m s-1]", "rmse_smoothed.v"),
+            ("spread_smoothed u [m s-1]", "spread_smoothed.u"),
+            ("bias_rmse_smoothed", "bias_rmse_smoothed"),
+            ("bias_spread_smoothed", "bias_spread_smoothed"),
         ] {
+            let expected = scores.values[key];
             let figures = column(name).into_iter().skip(summary.scored_from_cycle - 1);
             let all = root_mean_square(figures.map(|field| field.parse::<f64>().unwrap()));
             assert!((all / expected - 1.0).abs() < 1e-9, "{method}, {name}: {all} and {expected}");
@@ -150,7 +155,7 @@ fn cycles_without_an_analysis_have_no_smoothed_estimate() {
         let later = [FILL_VALUE, FILL_VALUE, FILL_VALUE, 3.0, 3.0, 3.0, 2.0, 1.0, 0.0];
         assert_eq!(numbers(&file, "smoother_later_cycles"), later);
         assert!(numbers(&file, "h_smoothed").starts_with(&[FILL_VALUE]));
-        assert!(summary.methods["kf"].smoothed.is_some());
+        assert!(summary.methods["kf"].values.contains_key("rmse_smoothed.h"));
     });
 }
 

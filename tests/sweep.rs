@@ -1,7 +1,7 @@
 //! `isobar sweep`, and batches of runs that end before their time.
 
 use crate::common::{VALID, isobar, text};
-use isobar::summary::Summary;
+use isobar::scores::Summary;
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -61,11 +61,11 @@ fn every_setting_has_the_scores_of_its_own_runs_and_the_best_is_named() {
     let all = settings("var");
     let setting = all.iter().find(|own| of_values(own, 0.1, 40)).unwrap();
     let own = summary(&folder.join(setting["directory"].as_str().unwrap()).join("seed-2/summary.json"));
-    assert_eq!(own.methods["var"].rmse_analysis, plain.methods["var"].rmse_analysis);
+    assert_eq!(own.methods["var"].values["rmse_analysis.h"], plain.methods["var"].values["rmse_analysis.h"]);
     assert_eq!(own.methods.len(), 1, "a method's own keys concern it alone");
     let of_seed = |seed: u64| {
         let path = folder.join(setting["directory"].as_str().unwrap()).join(format!("seed-{seed}/summary.json"));
-        summary(&path).methods["var"].rmse_analysis["h"]
+        summary(&path).methods["var"].values["rmse_analysis.h"]
     };
     let mean = (1..=3).map(of_seed).sum::<f64>() / 3.0;
     assert!(near(&setting["scores"]["rmse_analysis.h"]["mean"], mean));
@@ -125,7 +125,7 @@ fn what_makes_no_sense_is_refused() {
 #[cfg(unix)]
 mod interrupted {
     use super::*;
-    use isobar::sink::directory::complete_runs;
+    use isobar::output::directory::complete_runs;
     use std::process::{Child, Command, Stdio};
     use std::time::Duration;
 

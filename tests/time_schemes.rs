@@ -18,7 +18,7 @@ fn errors(time_scheme: &str, time_step_s: i64) -> [f64; 2] {
     scenario.cycle.score_from_cycle = 2;
     let parent = tempfile::tempdir().unwrap();
     let summary = isobar::run::run(&scenario, &run_options(parent.path(), 5), &mut Progress::new(true)).unwrap();
-    ["fkf", "four_d_var"].map(|method| summary.methods[method].rmse_analysis["h"])
+    ["fkf", "four_d_var"].map(|method| summary.methods[method].values["rmse_analysis.h"])
 }
 
 /// The truth of each run has the model's own scheme, so that the schemes differ by how the weather went a little, and by

@@ -1,10 +1,10 @@
 //! What the shipped scenarios of time volumes and of the first calibration promise.
 
 use crate::runs::run_options;
+use isobar::output::Sink;
 use isobar::run::run;
 use isobar::scenario::Scenario;
-use isobar::sink::Sink;
-use isobar::summary::Summary;
+use isobar::scores::Summary;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -41,7 +41,7 @@ fn the_diurnal_bias_is_recovered() {
         assert_eq!(verdict, "determined");
         assert!((value - truth).abs() < 3.0 * sigma.unwrap(), "{name}: {value} ± {sigma:?}, and not {truth}");
     }
-    let biases = |name: &str| summary.methods[name].bias_rmse.unwrap();
+    let biases = |name: &str| summary.methods[name].values["bias_rmse"];
     assert!(biases("window") < 0.2 * biases("fkf"));
     // The monitor's verdict: biases stand firm, and only who knows of the cycle has innovations as large as claimed.
     let verdict = |name: &str| summary.methods[name].stability.as_ref().unwrap();
@@ -68,7 +68,8 @@ fn a_wrong_model_is_corrected() {
     };
     let (right, _) = results("wrong_model", right, &["fkf"]);
     for variable in ["h", "u", "v"] {
-        let rmse = |summary: &Summary, method: &str| summary.methods[method].rmse_analysis[variable];
+        let rmse =
+            |summary: &Summary, method: &str| summary.methods[method].values[&format!("rmse_analysis.{variable}")];
         let ratio = rmse(&wrong, "corrected") / rmse(&right, "fkf");
         // The way to the right model is among the cycles that count.
         assert!(ratio < 1.15, "{variable}: {ratio} times the error with the right model");
@@ -78,10 +79,10 @@ fn a_wrong_model_is_corrected() {
 #[test]
 fn the_first_calibration_is_found_without_a_prior_and_what_is_not_is_named() {
     let (summary, parameters) = results("first_calibration", |text| text, &["fkf", "fkf_high_pass"]);
-    let biases = |name: &str| summary.methods[name].bias_rmse.unwrap();
+    let biases = |name: &str| summary.methods[name].values["bias_rmse"];
     assert!(biases("fkf_high_pass") < 0.85 * biases("fkf"), "{} {}", biases("fkf_high_pass"), biases("fkf"));
     // And it knows how well, which with the wrong prior it does not.
-    let honest = |name: &str| biases(name) / summary.methods[name].bias_spread.unwrap();
+    let honest = |name: &str| biases(name) / summary.methods[name].values["bias_spread"];
     assert!(honest("fkf_high_pass") < 1.25 && honest("fkf") > 1.4, "{} {}", honest("fkf_high_pass"), honest("fkf"));
     assert_eq!(parameters.len(), 3);
     assert!(parameters.values().all(|it| it.2 == "determined"), "{parameters:?}");

@@ -296,6 +296,7 @@ fn instruments(n: usize) -> [InstrumentConfig; 2] {
         heading: Heading::Northward,
         track_angle_deg: 0.0,
         schedule: Schedule::EVERY_CYCLE,
+        missing_rate: 0.0,
         faults: Faults::NONE,
         biases: vec![bias(ScanTerm::Offset), bias(ScanTerm::Linear)],
         air_mass_biases: Vec::new(),

@@ -10,7 +10,7 @@ use crate::saved::{from_bytes, to_bytes};
 use faer::MatRef;
 use isobar_model::random::stream;
 use isobar_model::{Duration, Layout};
-use isobar_obs::{ObservationWindow, SparseRows};
+use isobar_obs::{ObservationType, ObservationTypes, ObservationWindow, SparseRows};
 use rand::RngExt;
 use std::sync::Arc;
 
@@ -78,23 +78,6 @@ pub struct Adaptive {
     background: Option<Estimate>,
 }
 
-/// The type of an observation: network and variable.
-type Type = (Arc<str>, usize);
-
-/// Types in the order of their first observations, and the type of each observation.
-fn types(observed: &ObservationWindow) -> (Vec<Type>, Vec<usize>) {
-    let mut types: Vec<Type> = Vec::new();
-    let of_report = observed.reports.iter().map(|report| {
-        let same = |own: &Type| own.0 == report.network && own.1 == report.variable;
-        types.iter().position(same).unwrap_or_else(|| {
-            types.push((Arc::clone(&report.network), report.variable));
-            types.len() - 1
-        })
-    });
-    let of_report = of_report.collect();
-    (types, of_report)
-}
-
 impl Adaptive {
     /// A method of states with this layout, all of whose factors are 1 at the start.
     ///
@@ -117,10 +100,9 @@ impl Adaptive {
     }
 
     /// The number of the factor on each type, if there are such.
-    fn numbers(&mut self, types: &[Type]) -> Vec<usize> {
-        let name = |it: &Type| format!("observation_error/{}/{}", it.0, self.layout.variables[it.1].name);
-        let names: Vec<String> = types.iter().map(name).collect();
-        names.iter().map(|name| self.factors.number(name)).collect()
+    fn numbers(&mut self, types: &[ObservationType]) -> Vec<usize> {
+        let name = |it: &ObservationType| format!("observation_error/{}", it.name(&self.layout));
+        types.iter().map(|it| self.factors.number(&name(it))).collect()
     }
 
     /// Takes the innovations of a cycle into the factors; the method is as it was before it analysed `observed`, which has
@@ -218,10 +200,10 @@ impl Assimilator for Adaptive {
 
     fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
         let mut given = observed.clone();
-        let (types, of_row) = types(observed);
+        let ObservationTypes { types, of_observation } = observed.types();
         let numbers: Option<Vec<usize>> = self.settings.observation_error.then(|| {
             let numbers = self.numbers(&types);
-            of_row.iter().map(|&of_type| numbers[of_type]).collect()
+            of_observation.iter().map(|&of_type| numbers[of_type]).collect()
         });
         if let Some(numbers) = &numbers {
             for (sigma, &number) in given.sigma.iter_mut().zip(numbers) {

@@ -10,6 +10,7 @@ use crate::structure::Structure;
 use faer::MatRef;
 use isobar_model::{Duration, State};
 use isobar_obs::{Calibration, ObservationWindow};
+use serde::{Deserialize, Serialize};
 
 /// How a method treats the observations' biases.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,12 +19,12 @@ pub enum BiasTreatment {
     Estimate,
     /// Biased observations are taken as they are.
     Ignore,
-    /// The true biases are removed from the observations before the method sees them.
+    /// The method is given observations from which the true biases have been removed.
     Known,
 }
 
 /// State and calibration as a method believes them to be, with the standard deviations it claims.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// The state.
     pub state: State,
@@ -65,7 +66,7 @@ impl Estimate {
 }
 
 /// What an analysis did with the observations of one cycle.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Analysis {
     /// State and calibration after it.
     pub estimate: Estimate,

@@ -10,7 +10,7 @@ use isobar_obs::{Calibration, ObservationWindow};
 use serde::{Deserialize, Serialize};
 
 /// A sensor's announced recalibration: from a time on its bias is another, b ← b + u, with u known to a standard deviation.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Recalibration {
     /// From when on.
     pub time: Time,
@@ -23,7 +23,7 @@ pub struct Recalibration {
 }
 
 /// What is known of the calibration parameters beside their prior covariance.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SensorKnowledge {
     /// The prior mean of each parameter at the start.
     pub mean: Vec<f64>,

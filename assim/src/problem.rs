@@ -66,14 +66,10 @@ impl Problem {
         Ok(Innovations { departures, jacobian, variance })
     }
 
-    /// y − h(x, c), with the biases removed from y if they are known.
+    /// y − h(x, c).
     pub(crate) fn departures(&self, observed: &ObservationWindow, state: &State, calibration: &[f64]) -> Vec<f64> {
-        let values = match self.bias {
-            BiasTreatment::Known => &observed.values_bias_removed,
-            BiasTreatment::Estimate | BiasTreatment::Ignore => &observed.values,
-        };
         let simulated = observed.operator.simulate(state, calibration);
-        values.iter().zip(simulated).map(|(value, simulated)| value - simulated).collect()
+        observed.values.iter().zip(simulated).map(|(value, simulated)| value - simulated).collect()
     }
 
     /// What an analysis did with `observed`, from the innovations that it began with and the estimate that it came to.

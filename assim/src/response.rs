@@ -16,8 +16,8 @@ pub struct Responder<'a> {
     memory: Vec<u8>,
     /// The observations, whose values are replaced.
     window: ObservationWindow,
-    /// h(x, c) of the background, and h(x, 0).
-    simulated: [Vec<f64>; 2],
+    /// h(x, c) of the background.
+    simulated: Vec<f64>,
 }
 
 /// What an analysis adds.
@@ -51,8 +51,7 @@ impl<'a> Responder<'a> {
         observed: &ObservationWindow,
     ) -> Result<Self, Error> {
         let memory = method.save()?;
-        let none = vec![0.0; background.calibration.len()];
-        let simulated = [&background.calibration, &none].map(|it| observed.operator.simulate(&background.state, it));
+        let simulated = observed.operator.simulate(&background.state, &background.calibration);
         Ok(Self { method, background, memory, window: observed.clone(), simulated })
     }
 
@@ -61,10 +60,7 @@ impl<'a> Responder<'a> {
     /// # Errors
     /// Those of the method.
     pub fn to(&mut self, innovations: &[f64]) -> Result<Response, Error> {
-        let add = |simulated: &[f64]| simulated.iter().zip(innovations).map(|(value, d)| value + d).collect();
-        self.window.values = add(&self.simulated[0]);
-        // For a method that is told the biases, h is that of an instrument without any.
-        self.window.values_bias_removed = add(&self.simulated[1]);
+        self.window.values = self.simulated.iter().zip(innovations).map(|(value, d)| value + d).collect();
         self.method.restore(&self.memory)?;
         let analysis = self.method.analyse(&self.window)?;
         let change = |after: &[f64], before: &[f64]| after.iter().zip(before).map(|(a, b)| a - b).collect();

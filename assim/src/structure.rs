@@ -1,9 +1,10 @@
 //! What a viewer may show of a method's inner structure.
 
 use isobar_model::Increment;
+use serde::{Deserialize, Serialize};
 
 /// The covariance `blkdiag(C_1 … C_K, 0) + Φ Φᵀ` of a method with blocks, as it is after an analysis.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Structure {
     /// The part of the block diagonal to which each cell belongs, `[y, x]`: a block, or those that observations merged.
     pub part_of_cell: Vec<usize>,
@@ -14,7 +15,7 @@ pub struct Structure {
 }
 
 /// A common factor: a direction in which the errors of all blocks and of the biases go together.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CommonFactor {
     /// One standard deviation of the factor as a change of the state.
     pub increment: Increment,

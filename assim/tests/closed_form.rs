@@ -54,7 +54,6 @@ fn observe(observations: &[(usize, f64)], sigma: f64) -> ObservationWindow {
         time: Time::from_seconds(0),
         cycle: 1,
         reports: vec![report; values.len()],
-        values_bias_removed: values.clone(),
         sigma: vec![sigma; values.len()],
         values,
         rejected: Vec::new(),

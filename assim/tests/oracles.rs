@@ -38,7 +38,6 @@ fn observe(rows: &[Observation]) -> ObservationWindow {
         cycle: 1,
         reports: vec![report; rows.len()],
         values: vec![0.0; rows.len()],
-        values_bias_removed: vec![0.0; rows.len()],
         sigma: rows.iter().map(|row| row.2).collect(),
         rejected: Vec::new(),
         operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),

@@ -85,7 +85,7 @@ fn around(problem: &Problem, cycle: usize) -> ObservationWindow {
     let observed = window(problem, 60, false, cycle, 5);
     let at = observed.operator.simulate(&problem.background, &vec![0.0; problem.calibration.len()]);
     let values: Vec<f64> = observed.values.iter().zip(&at).map(|(value, at)| value + at).collect();
-    ObservationWindow { values_bias_removed: values.clone(), values, ..observed }
+    ObservationWindow { values, ..observed }
 }
 
 fn cycles(mut filter: FastKalmanFilter, problem: &Problem) -> Vec<Estimate> {

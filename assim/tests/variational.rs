@@ -77,7 +77,7 @@ fn the_window_of_four_d_var_slides() {
         let mut observed = window(&problem, 14, false, cycle, 5);
         let jacobian = observed.operator.linearize(&start.state, &start.calibration);
         let biases = jacobian.apply(&vec![0.0; start.state.values().len()], &last.calibration);
-        observed.values_bias_removed = observed.values.iter().zip(biases).map(|(value, bias)| value - bias).collect();
+        observed.values.iter_mut().zip(biases).for_each(|(value, bias)| *value -= bias);
         expected = Some(again.analyse(&observed).unwrap().estimate);
     }
     let error = relative_difference(last.state.values(), expected.unwrap().state.values());

@@ -1,9 +1,10 @@
 //! Calibration c: the observing systems' unknown bias parameters, with names, units and prior knowledge.
 
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Where a calibration parameter belongs.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Placement {
     /// Common to many observations: a country, a sonde type, a satellite.
     Shared,
@@ -17,7 +18,7 @@ pub enum Placement {
 }
 
 /// One calibration parameter, and what a method may assume about it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Parameter {
     /// Unique name: `europe/h/FR`, `polar/scan_linear`.
     pub name: String,
@@ -32,7 +33,7 @@ pub struct Parameter {
 }
 
 /// The calibration parameters of an experiment, in a fixed order; values are a slice in this order.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
     /// The parameters.
     pub parameters: Vec<Parameter>,

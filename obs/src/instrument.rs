@@ -7,7 +7,7 @@ pub mod satellite;
 use crate::air_mass::Predictor;
 use crate::error::{ObservationError, list, require};
 use crate::faults::Faults;
-use crate::window::Report;
+use crate::report::Report;
 use isobar_model::{Layout, State, Time};
 use radiosonde::RadiosondeConfig;
 use rand_chacha::ChaCha8Rng;

@@ -1,10 +1,11 @@
 //! The Jacobian of observations: few grid values X and few calibration parameters G in each row.
 
 use crate::sparse::SparseRows;
+use serde::{Deserialize, Serialize};
 
 /// δy = X δx + G δc: the linearised observation operator. Each row touches few values of the state, which makes the
 /// system of all observations block-angular: blocks of the state, bordered by the calibration parameters they share.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Jacobian {
     /// X: derivatives with respect to the state, `[observation, variable-y-x index]`.
     pub state: SparseRows,

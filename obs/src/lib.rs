@@ -1,7 +1,8 @@
 //! Synthetic observing systems: networks, satellites, their biases, and their observation operators.
 //!
 //! What a method sees:
-//! - [`window`]: [`ObservationWindow`], the observations of one cycle, with a [`Report`] of each
+//! - [`window`]: [`ObservationWindow`], the observations of one cycle
+//! - [`report`]: [`Report`], where, what and by whom each observation is
 //! - [`operator`]: [`ObservationOperator`], y = h(x, c)
 //! - [`jacobian`], [`sparse`]: its Jacobians X and G
 //! - [`quality`]: [`QualityControl`], which observations no method sees
@@ -34,6 +35,7 @@ pub mod observation_file;
 pub mod operator;
 pub mod projection;
 pub mod quality;
+pub mod report;
 pub mod sparse;
 pub mod stations;
 pub mod system;
@@ -59,7 +61,8 @@ pub use observation_file::{ObservationFile, ObservationPlace, ObservationRecord,
 pub use operator::{LinearOperator, ObservationOperator};
 pub use projection::Projection;
 pub use quality::{QualityControl, RejectedObservation, Rejection};
+pub use report::{ObservationType, Report};
 pub use sparse::SparseRows;
 pub use stations::{Position, StationRecord, Stations};
 pub use system::{ObservingSystem, SavedSystem};
-pub use window::{ObservationWindow, Report};
+pub use window::{ObservationTypes, ObservationWindow};

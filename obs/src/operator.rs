@@ -2,6 +2,7 @@
 
 use crate::jacobian::Jacobian;
 use isobar_model::State;
+use serde::{Deserialize, Serialize};
 
 /// An observation operator y = h(x, c) of state and calibration.
 pub trait ObservationOperator: Send + Sync {
@@ -38,7 +39,7 @@ pub trait ObservationOperator: Send + Sync {
 }
 
 /// An operator that is linear in both arguments: interpolation, footprints, additive biases.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LinearOperator {
     /// Its Jacobians, the same everywhere.
     pub jacobian: Jacobian,

@@ -21,7 +21,7 @@
 
 use crate::calibration::Calibration;
 use crate::instrument::{Observation, Reading};
-use crate::window::Report;
+use crate::report::Report;
 use isobar_model::{Boundary, Grid, Layout, State, Time};
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;

@@ -1,10 +1,18 @@
 //! A matrix with few entries in each row.
 
+use serde::{Deserialize, Serialize};
+
 /// A sparse matrix, row by row; the row length is that of the space it acts on.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SparseRows {
     offsets: Vec<usize>,
     entries: Vec<(usize, f64)>,
+}
+
+impl Default for SparseRows {
+    fn default() -> Self {
+        Self::new()
+    }
 }
 
 impl SparseRows {
@@ -22,6 +30,15 @@ impl SparseRows {
     /// Number of rows.
     pub fn rows(&self) -> usize {
         self.offsets.len() - 1
+    }
+
+    /// Whether it is a matrix of this size; one that has been read from a file may not be.
+    pub fn has_shape(&self, rows: usize, columns: usize) -> bool {
+        self.offsets.len() == rows + 1
+            && self.offsets[0] == 0
+            && self.offsets.is_sorted()
+            && self.offsets[rows] == self.entries.len()
+            && self.entries.iter().all(|entry| entry.0 < columns)
     }
 
     /// The (column, value) entries of a row.

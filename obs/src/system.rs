@@ -15,7 +15,6 @@ use crate::network::{LeftOutStation, Station};
 use crate::operator::{LinearOperator, ObservationOperator};
 use crate::projection::Projection;
 use crate::quality::{self, Arrival, QualityControl, RejectedObservation, Rejection};
-use crate::sparse::SparseRows;
 use crate::window::ObservationWindow;
 use isobar_model::random::stream;
 use isobar_model::{Duration, Layout, State, Time};
@@ -80,6 +79,8 @@ pub struct ObservingSystem {
     left_out: Vec<LeftOutStation>,
     /// Networks of recorded observations, with their numbers in `instruments`.
     recorded: Vec<(Arc<str>, usize)>,
+    /// Of the present cycle.
+    values_bias_removed: Vec<f64>,
 }
 
 impl ObservingSystem {
@@ -110,6 +111,7 @@ impl ObservingSystem {
             stations: Vec::new(),
             left_out: Vec::new(),
             recorded: Vec::new(),
+            values_bias_removed: Vec::new(),
         };
         for (index, config) in configs.iter().enumerate() {
             let name = config.name();
@@ -152,6 +154,12 @@ impl ObservingSystem {
     /// The true values of [`Self::calibration`] in the present cycle, in their units.
     pub fn true_calibration(&self) -> &[f64] {
         self.biases.values()
+    }
+
+    /// The values of the present cycle's observations without any bias, as instruments with a known calibration would
+    /// report them.
+    pub fn values_bias_removed(&self) -> &[f64] {
+        &self.values_bias_removed
     }
 
     /// How the true values of [`Self::calibration`] come to be.
@@ -228,8 +236,8 @@ impl ObservingSystem {
     }
 
     /// Goes on to the next cycle, lets the true biases evolve, and observes `truth`, the true state at its valid time
-    /// [`Self::time`]. The values have no known biases; `values_bias_removed` have none at all. Quality control compares
-    /// the values with the reference, if there is one.
+    /// [`Self::time`]. The values have the biases of [`Self::calibration`], but not the known ones. Quality control
+    /// compares the values with the reference, if there is one.
     ///
     /// # Panics
     /// If `truth` has another layout than the observing system.
@@ -264,11 +272,11 @@ impl ObservingSystem {
         self.window(time, arrivals, &rejections)
     }
 
-    fn window(&self, time: Time, arrivals: Vec<Arrival>, rejections: &[Option<Rejection>]) -> ObservationWindow {
-        let (mut reports, mut values, mut values_bias_removed, mut sigma) =
-            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    fn window(&mut self, time: Time, arrivals: Vec<Arrival>, rejections: &[Option<Rejection>]) -> ObservationWindow {
+        let (mut reports, mut values, mut sigma) = (Vec::new(), Vec::new(), Vec::new());
         let (mut rejected, mut predictors) = (Vec::new(), Vec::new());
-        let mut jacobian = Jacobian { state: SparseRows::new(), calibration: SparseRows::new() };
+        let mut jacobian = Jacobian::default();
+        self.values_bias_removed.clear();
         for (arrival, rejection) in arrivals.into_iter().zip(rejections) {
             let Arrival { observation, value, value_bias_removed, .. } = arrival;
             let Observation { report, sigma: own, state_row, calibration_row, predictors: of_state, .. } = observation;
@@ -280,16 +288,17 @@ impl ObservingSystem {
             jacobian.calibration.push_row(calibration_row);
             predictors.push(of_state);
             values.push(value);
-            values_bias_removed.push(value_bias_removed);
+            self.values_bias_removed.push(value_bias_removed);
             sigma.push(own);
             reports.push(report);
         }
         let linear = LinearOperator { jacobian };
-        let operator: Arc<dyn ObservationOperator> = match predictors.iter().all(Vec::is_empty) {
-            true => Arc::new(linear),
-            false => Arc::new(AirMassOperator::new(linear, predictors)),
+        let operator: Arc<dyn ObservationOperator> = if predictors.iter().all(Vec::is_empty) {
+            Arc::new(linear)
+        } else {
+            Arc::new(AirMassOperator::new(linear, predictors))
         };
-        ObservationWindow { time, cycle: self.cycle, reports, values, values_bias_removed, sigma, rejected, operator }
+        ObservationWindow { time, cycle: self.cycle, reports, values, sigma, rejected, operator }
     }
 }
 

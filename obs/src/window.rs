@@ -1,33 +1,17 @@
 //! The observations of one cycle, as a method receives them.
 
-use crate::operator::ObservationOperator;
+use crate::operator::{LinearOperator, ObservationOperator};
 use crate::quality::RejectedObservation;
-use isobar_model::{State, Time};
+use crate::report::{ObservationType, Report};
+use isobar_model::{Layout, State, Time};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::sync::Arc;
 
-/// What is known of one observation beside its value.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Report {
-    /// Name of the network or satellite.
-    pub network: Arc<str>,
-    /// Name of the station, or of the footprint's place in the swath.
-    pub platform: Arc<str>,
-    /// Number of the observed variable in the state's layout.
-    pub variable: usize,
-    /// When it is valid: at the end of the window, but for late ones and for those of a file within its tolerance.
-    pub time: Time,
-    /// x of the station or footprint centre \[m\].
-    pub x_m: f64,
-    /// y of the station or footprint centre \[m\].
-    pub y_m: f64,
-    /// Scan position in [-1, 1], for scanning instruments.
-    pub scan: Option<f64>,
-}
-
 /// All observations of one cycle, valid at its end.
-#[derive(Clone)]
+///
+/// Its operator is not serialised; a window that has been read back has one of no observations.
+#[derive(Clone, Serialize, Deserialize)]
 pub struct ObservationWindow {
     /// The valid time of the observations and of the analysis.
     pub time: Time,
@@ -35,16 +19,19 @@ pub struct ObservationWindow {
     pub cycle: usize,
     /// Where, what and by whom.
     pub reports: Vec<Report>,
-    /// The reported values, biases included.
+    /// The reported values, with their biases.
     pub values: Vec<f64>,
-    /// The same without the biases, for methods that are told them.
-    pub values_bias_removed: Vec<f64>,
     /// Standard deviation of each random error; errors are independent.
     pub sigma: Vec<f64>,
     /// What was reported as well, but fails quality control: no method sees it.
     pub rejected: Vec<RejectedObservation>,
     /// h(x, c) of these observations.
+    #[serde(skip, default = "no_operator")]
     pub operator: Arc<dyn ObservationOperator>,
+}
+
+fn no_operator() -> Arc<dyn ObservationOperator> {
+    Arc::new(LinearOperator::default())
 }
 
 impl ObservationWindow {
@@ -58,6 +45,29 @@ impl ObservationWindow {
         self.values.is_empty()
     }
 
+    /// Whether all observations are complete and of variables of this layout; those read from a file may not be.
+    pub fn fits(&self, layout: &Layout) -> bool {
+        let mut reports = self.reports.iter().chain(self.rejected.iter().map(|rejected| &rejected.report));
+        self.reports.len() == self.len()
+            && self.sigma.len() == self.len()
+            && reports.all(|report| report.variable < layout.variables.len())
+    }
+
+    /// The types of the observations, and which observation is of which type.
+    pub fn types(&self) -> ObservationTypes {
+        let mut types: Vec<ObservationType> = Vec::new();
+        let of_report = |report: &Report| {
+            let is_known =
+                |known: &ObservationType| known.variable == report.variable && known.network == report.network;
+            types.iter().position(is_known).unwrap_or_else(|| {
+                types.push(report.observation_type());
+                types.len() - 1
+            })
+        };
+        let of_observation = self.reports.iter().map(of_report).collect();
+        ObservationTypes { types, of_observation }
+    }
+
     /// The same observations with bias predictors that are those of a background:
     /// [`anchored`](ObservationOperator::anchored).
     pub fn anchored(&self, background: &State) -> Cow<'_, Self> {
@@ -66,4 +76,13 @@ impl ObservationWindow {
             None => Cow::Borrowed(self),
         }
     }
+}
+
+/// The types of a window's observations.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ObservationTypes {
+    /// The types, in the order of their first observations.
+    pub types: Vec<ObservationType>,
+    /// Number of the type of each observation, an index of `types`.
+    pub of_observation: Vec<usize>,
 }

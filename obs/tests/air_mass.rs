@@ -48,7 +48,7 @@ fn the_bias_is_proportional_to_the_predictor() {
     let height = observed.operator.simulate(&truth, &none);
     let mut seen = 0;
     for (row, report) in observed.reports.iter().enumerate() {
-        let found = observed.values[row] - observed.values_bias_removed[row];
+        let found = observed.values[row] - system.values_bias_removed()[row];
         let Some(s) = report.scan else {
             assert_eq!(found, 0.0, "a radiosonde has no bias of the satellite");
             continue;

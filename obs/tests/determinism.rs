@@ -15,19 +15,20 @@ fn biased_network(name: &str) -> RadiosondeConfig {
 }
 
 /// Three cycles.
-fn windows(configs: &[InstrumentConfig], seed: u64) -> Vec<ObservationWindow> {
+/// Three windows, each with its values without their biases.
+fn windows(configs: &[InstrumentConfig], seed: u64) -> Vec<(ObservationWindow, Vec<f64>)> {
     let layout = layout(Boundary::Channel);
     let truth = random_state(&layout, 1);
     let mut system = ObservingSystem::new(&layout, None, configs, seed, WINDOW, Time::from_seconds(0)).unwrap();
-    (0..3).map(|_| system.observe(&truth)).collect()
+    (0..3).map(|_| (system.observe(&truth), system.values_bias_removed().to_vec())).collect()
 }
 
 /// (network, platform, variable, value and unbiased value in bits) of every observation of one instrument.
-fn bits(windows: &[ObservationWindow], name: &str) -> Vec<(String, usize, u64, u64)> {
+fn bits(windows: &[(ObservationWindow, Vec<f64>)], name: &str) -> Vec<(String, usize, u64, u64)> {
     let mut bits = Vec::new();
-    for window in windows {
+    for (window, values_bias_removed) in windows {
         for (number, report) in window.reports.iter().enumerate().filter(|(_, report)| &*report.network == name) {
-            let (value, unbiased) = (window.values[number], window.values_bias_removed[number]);
+            let (value, unbiased) = (window.values[number], values_bias_removed[number]);
             bits.push((report.platform.to_string(), report.variable, value.to_bits(), unbiased.to_bits()));
         }
     }
@@ -63,7 +64,7 @@ fn adding_an_instrument_changes_no_other_whatever_the_order() {
     assert_eq!(bits(&alone, "net"), bits(&together, "net"));
     assert_ne!(bits(&together, "net"), bits(&together, "other"), "two networks do not share their random numbers");
     let columns = |name: &str| -> Vec<f64> {
-        let reports = together[0].reports.iter().filter(|report| &*report.network == name);
+        let reports = together[0].0.reports.iter().filter(|report| &*report.network == name);
         reports.map(|report| report.x_m).collect()
     };
     let (net, other) = (columns("net"), columns("other"));

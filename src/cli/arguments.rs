@@ -2,7 +2,7 @@
 
 use super::outputs::OutputArguments;
 use super::sensors::SensorsCommand;
-use crate::seeds::FEWEST_SEEDS;
+use crate::batch::seeds::FEWEST_SEEDS;
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
 
@@ -19,7 +19,7 @@ const EXAMPLES: &str = "Examples:
   isobar run quickstart                          run scenarios/quickstart.toml
   isobar run quickstart --methods free,fkf       only two of its methods
   isobar init mine.toml && isobar check mine.toml
-  isobar resume out/quickstart                   go on with a run that was interrupted
+  isobar resume out/quickstart                   continue a run that was interrupted
   isobar view out/quickstart                     look at a run in the rerun viewer
   isobar sweep mine.toml                         all settings of its [sweep], and which are the best
   isobar exact fkf_linear                        the errors of infinitely many seeds, where all is linear
@@ -33,7 +33,7 @@ pub enum Command {
     /// Run scenarios, print their scores and write their files
     #[command(after_help = RUN_EXAMPLES)]
     Run(RunArguments),
-    /// Go on with runs that were interrupted
+    /// Continue runs that were interrupted
     #[command(after_help = RESUME_EXAMPLES)]
     Resume(ResumeArguments),
     /// Say whether scenario files are valid, without running them
@@ -60,7 +60,7 @@ pub enum Command {
     Sweep(SweepArguments),
     /// Compute the exact errors of linear methods in a linear scenario, without a single random number
     Exact(ExactArguments),
-    /// Print what runs tell beyond errors: claimed distributions, departures, worth of observations, biases
+    /// Print what runs show beyond errors: claimed distributions, departures, worth of observations, biases
     Diagnose {
         /// Directories of runs
         #[arg(required = true, value_name = "OUT")]

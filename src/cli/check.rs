@@ -1,7 +1,8 @@
 //! `isobar check`.
 
-use super::{lookup, print, show, warn};
-use crate::experiment;
+use super::console::{print, show, warn};
+use super::lookup;
+use crate::run::experiment;
 use miette::Report;
 use std::process::ExitCode;
 
@@ -11,7 +12,7 @@ pub fn check(scenarios: &[String]) -> Result<ExitCode, Report> {
     for argument in scenarios {
         let checked = lookup::load(argument).and_then(|scenario| match experiment::check(&scenario) {
             Ok(checked) if scenario.sweep.is_some() => {
-                crate::sweep::settings(&scenario, None).map(|_| (scenario, checked)).map_err(Report::from)
+                crate::batch::sweep::settings(&scenario, None).map(|_| (scenario, checked)).map_err(Report::from)
             }
             Ok(checked) => Ok((scenario, checked)),
             Err(error) => Err(error.locate(&scenario).into()),

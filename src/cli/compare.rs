@@ -1,11 +1,9 @@
 //! `isobar compare`.
 
 use super::arguments::CompareArguments;
-use super::print;
+use super::console::print;
 use crate::comparison::Comparison;
-use crate::saved::SavedRun;
-use crate::sink::report::tables::Table;
-use crate::table;
+use crate::output::recorded::SavedRun;
 use miette::{Report, miette};
 use std::fs::OpenOptions;
 use std::io::{ErrorKind, Write};
@@ -22,7 +20,7 @@ pub fn compare(arguments: &CompareArguments) -> Result<ExitCode, Report> {
         ("Differences of analysis RMSE from each run's best method", comparison.within_runs()),
     ] {
         if !differences.rows.is_empty() {
-            print(&format!("{title}\n{}\n", text(&differences)))?;
+            print(&format!("{title}\n{}\n* significant at the level of 5 %\n", differences.terminal()))?;
         }
     }
     print(&format!("{}: with intervals, scores and figures", arguments.out.display()))?;
@@ -45,15 +43,4 @@ fn write(arguments: &CompareArguments, html: &str) -> Result<(), Report> {
         }
         _ => miette!("cannot write {}: {error}", path.display()),
     })
-}
-
-/// The table with a star at significant differences.
-fn text(differences: &Table) -> String {
-    let row = |row: &Vec<crate::sink::report::tables::Cell>| {
-        let star = |class: &str| if matches!(class, "better" | "worse") { " *" } else { "" };
-        row.iter().map(|cell| format!("{}{}", cell.text, star(cell.class))).collect::<Vec<_>>()
-    };
-    let header: Vec<&str> = differences.header.iter().map(String::as_str).collect();
-    let table = table::plain(&header, differences.rows.iter().map(row).collect());
-    format!("{table}\n* significant at the level of 5 %")
 }

@@ -1,10 +1,8 @@
 //! `isobar diagnose`.
 
-use super::print;
-use crate::diagnostics::tables::{Titled, all};
-use crate::saved::SavedRun;
-use crate::sink::report::tables::Cell;
-use crate::table;
+use super::console::print;
+use crate::output::recorded::SavedRun;
+use crate::tables::diagnostics::all;
 use crate::text::clean;
 use miette::{Report, miette};
 use std::path::PathBuf;
@@ -25,22 +23,8 @@ pub fn diagnose(runs: &[PathBuf]) -> Result<ExitCode, Report> {
         let (first, last) = (run.summary.scored_from_cycle, run.summary.cycles);
         print(&format!("{shown}, cycles {first} to {last}; intervals hold with 95 %\n"))?;
         for titled in tables.iter().filter(|titled| titled.table.rows.len() <= MOST_ROWS) {
-            print(&text(titled))?;
+            print(&format!("{}\n{}\n", titled.title, titled.table.terminal_with_notes()))?;
         }
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// The most columns with notes that a terminal holds.
-const MOST_WITH_NOTES: usize = 7;
-
-/// The table below its heading; explanations are on the page, and what does not fit here.
-fn text(titled: &Titled) -> String {
-    let header: Vec<&str> = titled.table.header.iter().map(String::as_str).collect();
-    let cell = |cell: &Cell| match cell.note.as_str() {
-        note if !note.is_empty() && header.len() <= MOST_WITH_NOTES => format!("{} ({note})", cell.text),
-        _ => cell.text.clone(),
-    };
-    let rows = titled.table.rows.iter().map(|row| row.iter().map(cell).collect());
-    format!("{}\n{}\n", titled.title, table::plain(&header, rows.collect()))
 }

@@ -1,12 +1,11 @@
 //! `isobar exact`.
 
 use super::arguments::ExactArguments;
-use super::{lookup, print, run};
-use crate::exact::{ExactOptions, ExactScores, ExactSummary, exact};
+use super::console::print;
+use super::{launch, lookup};
+use crate::exact::{ExactOptions, ExactSummary, exact};
 use crate::scenario::Scenario;
-use crate::sink::report::tables::Cell;
-use crate::summary::PerVariable;
-use crate::table;
+use crate::tables::scores;
 use miette::{IntoDiagnostic, Report};
 use rayon::ThreadPoolBuilder;
 use std::process::ExitCode;
@@ -14,9 +13,9 @@ use std::process::ExitCode;
 /// Prints the exact performance of a scenario's methods.
 pub fn run(arguments: &ExactArguments) -> Result<ExitCode, Report> {
     let scenario = lookup::load(&arguments.scenario)?;
-    arguments.part.methods.iter().flatten().try_for_each(|method| run::check_method(method, &scenario))?;
+    arguments.part.methods.iter().flatten().try_for_each(|method| launch::check_method(method, &scenario))?;
     let cycles = arguments.part.cycles.map(|cycles| cycles as usize);
-    run::check_cycles(cycles, &scenario)?;
+    launch::check_cycles(cycles, &scenario)?;
     let options = ExactOptions { methods: arguments.part.methods.clone(), cycles };
     let threads = arguments.part.threads.map_or(0, |threads| threads as usize);
     let workers = ThreadPoolBuilder::new().num_threads(threads).build().into_diagnostic()?;
@@ -26,24 +25,7 @@ pub fn run(arguments: &ExactArguments) -> Result<ExitCode, Report> {
 }
 
 fn text(summary: &ExactSummary, scenario: &Scenario) -> String {
-    let variables = scenario.model.variables();
-    let mut header = vec!["method".to_string()];
-    for (name, unit) in variables {
-        header.extend(["background", "analysis", "claimed"].map(|what| format!("{name} [{unit}]\n{what}")));
-    }
-    header.extend(["biases\n[own units]", "claimed"].map(String::from));
-    let row = |(method, scores): (&String, &ExactScores)| {
-        let mut row = vec![method.clone()];
-        for (name, _) in variables {
-            let of = |table: &PerVariable| table.get(*name).copied();
-            let figures = [of(&scores.background), of(&scores.analysis), scores.spread.as_ref().and_then(of)];
-            row.extend(figures.map(|figure| Cell::figure(figure).text));
-        }
-        row.extend([scores.bias, scores.bias_spread].map(|figure| Cell::figure(figure).text));
-        row
-    };
-    let header: Vec<&str> = header.iter().map(String::as_str).collect();
-    let table = table::plain(&header, summary.methods.iter().map(row).collect());
+    let table = scores::of_values(&summary.methods, scenario.model.variables()).terminal();
     let mut text = format!(
         "{}: {}\n\nExact root-mean-square error of background and analysis, and what is claimed of the latter, cycles {} to \
          {}\n{table}\n",

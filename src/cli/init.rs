@@ -1,6 +1,6 @@
 //! `isobar init`.
 
-use super::print;
+use super::console::print;
 use crate::text::clean;
 use miette::{Report, miette};
 use std::io::{ErrorKind, Write};

@@ -1,10 +1,11 @@
 //! `isobar list`.
 
 use super::arguments::ListArguments;
-use super::{lookup, print, show};
+use super::console::{print, show};
+use super::lookup;
 use crate::kinds::reference::{self, KeyReference, Reference};
 use crate::scenario::Scenario;
-use crate::table::plain;
+use crate::tables::{Cell, Table};
 use crate::text::{clean, listed, nearest};
 use miette::{Report, miette};
 use std::process::ExitCode;
@@ -28,10 +29,8 @@ pub fn list(arguments: &ListArguments) -> Result<ExitCode, Report> {
 fn kinds(reference: &Reference, name: Option<&str>) -> Result<String, Report> {
     let all = &reference.kinds;
     let Some(name) = name else {
-        return Ok(plain(
-            &["kind", "what it is"],
-            all.iter().map(|kind| vec![kind.name.into(), kind.about.into()]).collect(),
-        ));
+        let rows = all.iter().map(|kind| [kind.name, kind.about].map(Cell::from).into());
+        return Ok(Table::new(&["kind", "what it is"], rows.collect()).terminal());
     };
     let Some(kind) = all.iter().find(|kind| kind.name == name) else {
         let names = || all.iter().map(|kind| kind.name);
@@ -40,12 +39,12 @@ fn kinds(reference: &Reference, name: Option<&str>) -> Result<String, Report> {
         return Err(miette!(help = help, "there is no kind `{}` of {}", clean(name), reference.title.to_lowercase()));
     };
     let row = |KeyReference { name, unit, allowed, default, meaning }: &KeyReference| {
-        vec![name.to_string(), unit.to_string(), allowed.clone(), default.clone(), meaning.to_string()]
+        [name, unit, allowed.as_str(), default.as_str(), meaning].map(Cell::from).into()
     };
-    let keys = plain(&["key", "unit", "value", "default", "meaning"], kind.keys.iter().map(row).collect());
-    Ok(match kind.keys.is_empty() {
-        true => format!("{}. It has no keys.", kind.about),
-        false => format!("{}\n\n{keys}", kind.about),
+    let keys = Table::new(&["key", "unit", "value", "default", "meaning"], kind.keys.iter().map(row).collect());
+    Ok(match keys.filled() {
+        None => format!("{}. It has no keys.", kind.about),
+        Some(keys) => format!("{}\n\n{}", kind.about, keys.terminal()),
     })
 }
 
@@ -64,12 +63,12 @@ fn scenarios() -> Result<ExitCode, Report> {
             Ok(scenario) => {
                 let grid = format!("{} × {}", scenario.grid.grid.nx, scenario.grid.grid.ny);
                 let methods = methods(&scenario);
-                rows.push(vec![scenario.name, scenario.title, grid, methods]);
+                rows.push([scenario.name, scenario.title, grid, methods].map(Cell::from).into());
             }
             Err(error) => faults.push(Report::from(error)),
         }
     }
-    print(&plain(&["scenario", "title", "grid", "methods"], rows))?;
+    print(&Table::new(&["scenario", "title", "grid", "methods"], rows).terminal())?;
     faults.iter().for_each(show);
     Ok(if faults.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -34,13 +34,14 @@ pub fn find(argument: &str) -> Result<PathBuf, Report> {
         known => help.push_str(&format!("scenarios in ./scenarios: {}", listed(known.iter().map(String::as_str)))),
     }
     let argument = clean(argument);
-    Err(match looks_like_a_path {
-        true => miette!(help = help, "there is no file {argument}"),
-        false => miette!(help = help, "there is no scenario `{argument}`"),
+    Err(if looks_like_a_path {
+        miette!(help = help, "there is no file {argument}")
+    } else {
+        miette!(help = help, "there is no scenario `{argument}`")
     })
 }
 
-/// All scenario files in ./scenarios, by name; none if there is no such directory.
+/// All scenario files in ./scenarios, by name; an empty list if there is no such directory.
 pub fn all() -> Result<Vec<PathBuf>, Report> {
     let entries = match std::fs::read_dir(DIRECTORY) {
         Ok(entries) => entries,

@@ -3,9 +3,11 @@
 mod arguments;
 mod check;
 mod compare;
+mod console;
 mod diagnose;
 mod exact;
 mod init;
+mod launch;
 mod list;
 mod lookup;
 mod outputs;
@@ -18,10 +20,10 @@ mod sweep;
 mod view;
 
 use crate::interrupt;
-use crate::text::printable;
 use arguments::{Arguments, Command};
 use clap::Parser;
-use miette::{MietteHandlerOpts, Report};
+use console::show;
+use miette::MietteHandlerOpts;
 use std::process::ExitCode;
 
 /// Does what the arguments of this process say.
@@ -53,28 +55,5 @@ pub fn main() -> ExitCode {
             show(&report);
             if interrupt::requested() { ExitCode::from(interrupt::EXIT_CODE) } else { ExitCode::FAILURE }
         }
-    }
-}
-
-/// Shows why something failed.
-fn show(report: &Report) {
-    use std::io::Write;
-    // There is nowhere to report that standard error is closed.
-    let _ = writeln!(std::io::stderr(), "{report:?}");
-}
-
-/// Writes a warning to standard error.
-fn warn(text: &str) {
-    use std::io::Write;
-    let _ = writeln!(std::io::stderr(), "warning: {}", printable(text));
-}
-
-/// Prints text to standard output. A reader that has seen enough, as `head` has, is no failure.
-fn print(text: &str) -> Result<(), Report> {
-    use std::io::{ErrorKind, Write};
-    // Names in it may come from files.
-    match writeln!(std::io::stdout(), "{}", printable(text)) {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(miette::miette!("cannot write the output: {error}")),
-        _ => Ok(()),
     }
 }

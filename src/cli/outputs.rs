@@ -1,6 +1,6 @@
 //! The switches of outputs.
 
-use crate::sink::{OUTPUTS, Output, Outputs};
+use crate::output::{OUTPUTS, Output, Outputs};
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, Error, FromArgMatches};
 
 /// The outputs whose switches were given.

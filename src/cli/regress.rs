@@ -1,13 +1,13 @@
 //! `isobar regress`.
 
 use super::arguments::RegressArguments;
-use super::{lookup, print, run, show};
+use super::console::{print, show};
+use super::{launch, lookup};
 use crate::interrupt;
 use crate::options::RunOptions;
 use crate::progress::Progress;
-use crate::scenario::{Expected, Scenario, accept};
-use crate::summary::Summary;
-use crate::table::Comparison;
+use crate::scenario::{Scenario, accept};
+use crate::scores::{Expected, Regression, Summary};
 use miette::{IntoDiagnostic, Report, miette};
 use std::process::ExitCode;
 
@@ -59,17 +59,17 @@ fn regress_one(scenario: &Scenario, arguments: &RegressArguments) -> Result<bool
     let threads = arguments.threads.map(|threads| threads as usize);
     let options = RunOptions { threads, ..RunOptions::new(directory.path().join(&scenario.name)) };
     let mut progress = Progress::new(arguments.quiet);
-    let summary = run::run_scenario(scenario, &options, &mut progress)?;
+    let summary = launch::run_scenario(scenario, &options, &mut progress)?;
     drop(progress);
     judge(scenario, &summary, arguments.accept)
 }
 
 /// Prints which scores of a scenario have moved, and accepts the new ones if asked to; whether all is well.
 fn judge(scenario: &Scenario, summary: &Summary, accept_new: bool) -> Result<bool, Report> {
-    let comparison = Comparison::new(&scenario.expected, summary);
-    print(&format!("{}: {}", scenario.name, comparison.describe()))?;
+    let regression = Regression::new(&scenario.expected, summary);
+    print(&format!("{}: {}", scenario.name, regression.describe()))?;
     if !accept_new {
-        return Ok(comparison.passed());
+        return Ok(regression.passed());
     }
     if let Some((name, failure)) = summary.failures().next() {
         return Err(miette!(
@@ -86,11 +86,11 @@ fn judge(scenario: &Scenario, summary: &Summary, accept_new: bool) -> Result<boo
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::summary::MethodScores;
+    use crate::scores::MethodScores;
 
     fn summary(scenario: &Scenario, h: f64) -> Summary {
         let mut scores = MethodScores::default();
-        scores.rmse_analysis.insert("h".into(), h);
+        scores.values.insert("rmse_analysis.h".into(), h);
         Summary {
             scenario: scenario.name.clone(),
             seed: scenario.seed,

@@ -3,12 +3,12 @@
 use super::arguments::ResumeArguments;
 use super::seeds::SeedsOptions;
 use super::{run, seeds, sweep};
-use crate::checkpoint::journal;
+use crate::batch::{BatchKind, BatchPlan};
 use crate::interrupt;
 use crate::options::RunOptions;
+use crate::output::directory::{SEEDS_FILE, SUMMARY_FILE, SWEEP_FILE, working};
+use crate::run::checkpoint::journal;
 use crate::scenario::Scenario;
-use crate::seeds::{BatchKind, BatchPlan};
-use crate::sink::directory::{SEEDS_FILE, SUMMARY_FILE, SWEEP_FILE, working};
 use crate::text::clean;
 use miette::{Report, miette};
 use std::path::Path;

@@ -1,18 +1,17 @@
 //! `isobar run`.
 
 use super::arguments::RunArguments;
-use super::{lookup, print, seeds, show};
+use super::console::{print, show};
+use super::launch::{check_cycles, check_method, run_scenario};
+use super::{lookup, seeds};
 use crate::interrupt;
 use crate::options::{CheckpointPolicy, RunOptions};
+use crate::output::{OUTPUTS, Open, Output};
 use crate::progress::Progress;
-use crate::run::{self, RunError};
 use crate::scenario::{Instrument, Scenario};
 use crate::sensors::write_back::{self, SENSORS_FILE};
-use crate::sink::directory::{checkpoints, working};
-use crate::sink::{OUTPUTS, Open, Output, Sink};
-use crate::summary::Summary;
-use crate::table;
-use crate::text::{clean, listed, nearest};
+use crate::tables;
+use crate::text::{clean, listed};
 use miette::{Report, miette};
 use std::collections::HashMap;
 use std::process::ExitCode;
@@ -51,12 +50,12 @@ pub fn run(arguments: &RunArguments) -> Result<ExitCode, Report> {
     Ok(code)
 }
 
-/// Runs a scenario, or goes on with it; whether no method failed and, if observations are read from files, any was used.
+/// Runs a scenario, or continues it; whether no method failed and, if observations are read from files, any was used.
 pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) -> Result<bool, Report> {
     let mut progress = Progress::new(quiet);
     let summary = run_scenario(scenario, options, &mut progress)?;
     drop(progress);
-    let scores = table::scores(&summary, scenario.model.variables());
+    let scores = tables::scores::on_terminal(&summary, scenario.model.variables());
     print(&format!("{}: {}\n\n{scores}\n", scenario.name, scenario.title))?;
     print(&format!("Files: {}\n", clean(&options.out.display().to_string())))?;
     write_sensors(scenario, options)?;
@@ -91,26 +90,6 @@ fn write_sensors(scenario: &Scenario, options: &RunOptions) -> Result<(), Report
         Report::from(error).wrap_err(help)
     })?;
     print(&format!("Sensors: {new} new records in {database}\n"))
-}
-
-/// Runs a scenario. An error names the scenario, and what of the run is kept.
-pub(super) fn run_scenario(
-    scenario: &Scenario,
-    options: &RunOptions,
-    listener: &mut dyn Sink,
-) -> Result<Summary, Report> {
-    run::run(scenario, options, listener).map_err(|error| match error {
-        RunError::Experiment(error) => error.locate(scenario).into(),
-        RunError::Place(error) => miette!("{}: {error}", scenario.name),
-        error => {
-            let kept = working(&options.out).ok().and_then(|working| Some(checkpoints(&working).first()?.0));
-            let help = kept.map_or("nothing of the run is kept".to_string(), |cycle| {
-                let out = options.out.display();
-                format!("the run is kept up to cycle {cycle}: `isobar resume {out}` continues it")
-            });
-            miette!(help = help, "{}: {error}", scenario.name)
-        }
-    })
 }
 
 /// When checkpoints are written.
@@ -149,25 +128,6 @@ fn check_names(scenarios: &[Scenario]) -> Result<(), Report> {
     Ok(())
 }
 
-/// Whether the scenario has the method.
-pub(super) fn check_method(method: &str, scenario: &Scenario) -> Result<(), Report> {
-    if scenario.methods.contains_key(method) {
-        return Ok(());
-    }
-    let names = || scenario.methods.keys().map(String::as_str);
-    let near = nearest(method, names()).map_or(String::new(), |near| format!("did you mean `{near}`?\n"));
-    let help = format!("{near}methods of {}: {}", scenario.name, listed(names()));
-    Err(miette!(help = help, "{} has no method `{}`", scenario.name, clean(method)))
-}
-
-/// Whether so many cycles have any that counts.
-pub(super) fn check_cycles(cycles: Option<usize>, scenario: &Scenario) -> Result<(), Report> {
-    let first = scenario.cycle.score_from_cycle;
-    let Some(cycles) = cycles.filter(|&cycles| cycles < first) else { return Ok(()) };
-    let help = format!("--cycles {first} or more, or a smaller score_from_cycle");
-    Err(miette!(help = help, "{} counts scores from cycle {first}, so {cycles} cycles have none", scenario.name))
-}
-
 fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, Report> {
     arguments.methods.iter().flatten().try_for_each(|method| check_method(method, scenario))?;
     let methods = arguments.methods.as_deref().unwrap_or_default();
@@ -194,7 +154,7 @@ fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, 
 mod tests {
     use super::super::arguments::{Arguments, Command};
     use super::*;
-    use crate::sink::Outputs;
+    use crate::output::Outputs;
     use clap::Parser;
     use std::path::Path;
 

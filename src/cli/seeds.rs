@@ -1,15 +1,16 @@
 //! `isobar run --seeds`.
 
 use super::arguments::RunArguments;
-use super::{print, run as runs};
+use super::console::print;
+use super::launch;
+use crate::batch::seeds::{SeedsSummary, run_all};
+use crate::batch::{BatchKind, BatchPlan, Run, interrupted};
 use crate::options::RunOptions;
+use crate::output::Outputs;
+use crate::output::report::{REPORT, REPORT_FILE};
 use crate::progress::SeedsProgress;
 use crate::scenario::Scenario;
-use crate::seeds::{BatchKind, BatchPlan, Run, SeedsSummary, interrupted, run_all};
-use crate::sink::Outputs;
-use crate::sink::report::tables::Table;
-use crate::sink::report::{REPORT, REPORT_FILE};
-use crate::table;
+use crate::tables::Table;
 use crate::text::clean;
 use miette::{IntoDiagnostic, Report, miette};
 use std::fs;
@@ -43,7 +44,7 @@ pub fn options(
         None => methods.next().cloned().unwrap_or_default(),
         Some(name) if methods.any(|it| it == name) => name.clone(),
         Some(name) => {
-            runs::check_method(name, scenario)?;
+            launch::check_method(name, scenario)?;
             return Err(miette!("--against {} is not among the methods of --methods", clean(name)));
         }
     };
@@ -52,7 +53,7 @@ pub fn options(
 
 /// Runs a scenario with every seed, or, with `resume`, those that are not complete; whether none failed, and no method of any.
 pub fn run(scenario: &Scenario, options: &RunOptions, wanted: &SeedsOptions, quiet: bool) -> Result<bool, Report> {
-    run_by(&runs::run_scenario, scenario, options, wanted, quiet)
+    run_by(&launch::run_scenario, scenario, options, wanted, quiet)
 }
 
 /// The same with another function that runs a scenario.
@@ -95,7 +96,7 @@ fn run_by(
 fn text(summary: &SeedsSummary, scenario: &Scenario) -> String {
     let variables = scenario.model.variables();
     let (count, against) = (summary.seeds.len(), &summary.against);
-    let tables = |tables: Vec<Table>| tables.iter().map(plain).collect::<Vec<_>>().join("\n\n");
+    let tables = |tables: Vec<Table>| tables.iter().map(Table::terminal).collect::<Vec<_>>().join("\n\n");
     let mut text = format!(
         "{}: {}\n\nMean over {count} seeds ± half the width of its 95 % interval, cycles {} to {}\n{}\n",
         scenario.name,
@@ -117,17 +118,11 @@ fn text(summary: &SeedsSummary, scenario: &Scenario) -> String {
     text
 }
 
-fn plain(table: &Table) -> String {
-    let header: Vec<&str> = table.header.iter().map(String::as_str).collect();
-    let rows = table.rows.iter().map(|row| row.iter().map(|cell| cell.text.clone()).collect());
-    table::plain(&header, rows.collect())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sink::Sink;
-    use crate::summary::{MethodScores, Summary};
+    use crate::output::Sink;
+    use crate::scores::{MethodScores, Summary};
     use std::path::Path;
 
     /// A runner that fails for some seeds.
@@ -140,7 +135,7 @@ mod tests {
                 return Err(miette!("cycle 3, method fkf: it went wrong"));
             }
             let mut scores = MethodScores::default();
-            scores.rmse_analysis.insert("h".into(), seed as f64);
+            scores.values.insert("rmse_analysis.h".into(), seed as f64);
             Ok(Summary {
                 scenario: scenario.name.clone(),
                 seed,

@@ -1,10 +1,11 @@
 //! `isobar sensors`.
 
-use super::print;
+use super::console::print;
 use crate::calendar::utc;
 use crate::sensors::database::Missing;
 use crate::sensors::record::Key;
 use crate::sensors::{Database, Record, Records, SensorError, table};
+use crate::tables::{Cell, NONE, Table};
 use crate::text::{clean, listed, nearest, printable};
 use clap::Subcommand;
 use isobar_model::Time;
@@ -152,16 +153,15 @@ fn list(records: &Records) -> String {
                 _ => {}
             }
         }
-        let (bias, when) = last.map_or(("–".into(), "–".into()), |(time, value, sigma)| {
-            (format!("{value:.4} ± {sigma:.4}"), utc(*time))
-        });
-        let counts = [calibrations, test_points, recalibrations].map(|count: usize| count.to_string());
-        rows.push([name.clone(), unit.clone(), bias, when].into_iter().chain(counts).collect());
+        let last = last.map(|(time, value, sigma)| [format!("{value:.4} ± {sigma:.4}"), utc(*time)]);
+        let last = last.map_or([NONE, NONE].map(Cell::from), |last| last.map(Cell::from));
+        let mut row = vec![name.as_str().into(), unit.as_str().into()];
+        row.extend(last);
+        row.extend([calibrations, test_points, recalibrations].map(|count: usize| Cell::from(count)));
+        rows.push(row);
     }
-    crate::table::plain(
-        &["sensor", "unit", "last bias ± σ", "of", "calibrations", "test points", "recalibrations"],
-        rows,
-    )
+    let columns = ["sensor", "unit", "last bias ± σ", "of", "calibrations", "test points", "recalibrations"];
+    Table::new(&columns, rows).terminal()
 }
 
 fn show(records: &Records, wanted: &str) -> String {

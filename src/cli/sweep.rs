@@ -1,16 +1,16 @@
 //! `isobar sweep`.
 
 use super::arguments::SweepArguments;
-use super::{lookup, print, run};
+use super::console::print;
+use super::{launch, lookup};
+use crate::batch::sweep::{Outcome, SweepSummary, settings};
+use crate::batch::{BatchKind, BatchPlan, Job, interrupted, run_jobs};
 use crate::interrupt;
 use crate::options::RunOptions;
+use crate::output::Outputs;
+use crate::output::report::REPORT;
 use crate::progress::SeedsProgress;
 use crate::scenario::Scenario;
-use crate::seeds::{BatchKind, BatchPlan, Job, interrupted, run_jobs};
-use crate::sink::Outputs;
-use crate::sink::report::REPORT;
-use crate::sweep::{Outcome, SweepSummary, settings};
-use crate::table;
 use crate::text::clean;
 use miette::{IntoDiagnostic, Report, miette};
 use std::fs;
@@ -19,9 +19,9 @@ use std::process::ExitCode;
 /// Runs a scenario with all settings of its sweep. The exit code is 1 if a run or a method failed.
 pub fn sweep(arguments: &SweepArguments) -> Result<ExitCode, Report> {
     let scenario = lookup::load(&arguments.scenario)?;
-    arguments.part.methods.iter().flatten().try_for_each(|method| run::check_method(method, &scenario))?;
+    arguments.part.methods.iter().flatten().try_for_each(|method| launch::check_method(method, &scenario))?;
     let cycles = arguments.part.cycles.map(|cycles| cycles as usize);
-    run::check_cycles(cycles, &scenario)?;
+    launch::check_cycles(cycles, &scenario)?;
     let outputs = Outputs::of([REPORT].into_iter().filter(|report| scenario.outputs.contains(report)));
     let options = RunOptions {
         methods: arguments.part.methods.clone(),
@@ -35,7 +35,7 @@ pub fn sweep(arguments: &SweepArguments) -> Result<ExitCode, Report> {
     Ok(if run_one(&scenario, &options, arguments.quiet)? { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Runs a sweep, or goes on with it; whether nothing failed.
+/// Runs a sweep, or continues it; whether nothing failed.
 pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) -> Result<bool, Report> {
     let (sweep, settings) = settings(scenario, options.methods.as_deref())?;
     let variable = scenario.model.variables().first().map_or("", |variable| variable.0);
@@ -59,7 +59,7 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
     let analyses: usize = settings.iter().map(|own| own.methods.len()).sum::<usize>() * cycles;
     let progress = SeedsProgress::new(quiet, &scenario.name, jobs.len(), analyses.div_ceil(settings.len()));
     let each = RunOptions { outputs: Outputs::default(), ..options.clone() };
-    let outcomes = run_jobs(&jobs, &each, &run::run_scenario, &progress);
+    let outcomes = run_jobs(&jobs, &each, &launch::run_scenario, &progress);
     drop(progress);
     if let Some(error) = interrupted(&options.out, directory.path(), jobs.len()) {
         return Err(error);
@@ -91,10 +91,8 @@ fn text(summary: &SweepSummary, scenario: &Scenario) -> String {
         scenario.title,
         summary.seeds.len()
     );
-    for (_, table) in summary.tables(scenario.model.variables()) {
-        let header: Vec<&str> = table.header.iter().map(String::as_str).collect();
-        let rows = table.rows.iter().map(|row| row.iter().map(|cell| cell.text.clone()).collect());
-        text += &format!("\n{}\n", table::plain(&header, rows.collect()));
+    for table in summary.tables(scenario.model.variables()) {
+        text += &format!("\n{}\n", table.terminal());
     }
     let best = summary.best_in_words();
     if !best.is_empty() {

@@ -1,7 +1,7 @@
 //! `isobar view`.
 
-use crate::saved::SavedRun;
-use crate::saved::recording::{self, VIEWER_VERSION};
+use crate::output::recorded::SavedRun;
+use crate::output::recorded::recording::{self, VIEWER_VERSION};
 use miette::{Report, miette};
 use std::io::ErrorKind;
 use std::path::Path;
@@ -39,7 +39,7 @@ pub fn view(run: &Path) -> Result<ExitCode, Report> {
 
 fn eprintln_quietly(text: &str) {
     use std::io::Write;
-    // Nobody is left to be told if standard error is closed.
+    // There is nowhere to report that standard error is closed.
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 

@@ -105,8 +105,8 @@ fn style() -> ProgressStyle {
         .unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
-/// `quickstart: cycle 12 of 40, fkf · 30 % · 2.10 analyses/s · 54 s left`, where so many were done when the time began to
-/// count, and so many are now.
+/// `quickstart: cycle 12 of 40, fkf · 30 % · 2.10 analyses/s · 54 s left`, with the number of analyses done when the time began to
+/// count, and the number done now.
 fn line(title: &str, message: &str, [before, done]: [usize; 2], all: usize, elapsed: Duration) -> String {
     let all = all.max(1);
     let rate = (done - before) as f64 / elapsed.as_secs_f64().max(1e-9);

@@ -6,8 +6,8 @@ mod seeds;
 pub use seeds::{SeedListener, SeedsProgress};
 
 use crate::event::{Event, RunInfo};
-use crate::sink::{Sink, SinkError};
-use crate::summary::Failure;
+use crate::output::{Sink, SinkError};
+use crate::scores::Failure;
 use display::Display;
 
 /// Shows the progress of a run on standard error: a bar on a terminal, an occasional line in a pipe, or nothing.
@@ -54,7 +54,7 @@ impl Sink for Progress {
             Event::Failed { method, failure } => self.failed(*method, failure),
             Event::Resumed(_) => self.display.resume(self.done),
             Event::Truth { .. }
-            | Event::Observed(_)
+            | Event::Observed { .. }
             | Event::Estimated(_)
             | Event::Smoothed(_)
             | Event::CycleEnded(_) => {}

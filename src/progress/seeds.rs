@@ -2,10 +2,10 @@
 
 use super::display::Display;
 use crate::event::Event;
-use crate::sink::{Sink, SinkError};
+use crate::output::{Sink, SinkError};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Shows the progress of runs that may go on at the same time.
+/// Shows the progress of runs that may run at the same time.
 pub struct SeedsProgress {
     shared: Mutex<Shared>,
     seeds: usize,

@@ -2,6 +2,8 @@
 
 use crate::text::{clean, same_length};
 use miette::{Diagnostic, LabeledSpan, NamedSource, SourceCode};
+use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::fmt;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -64,16 +66,30 @@ pub(crate) struct SourceFile {
     pub path: PathBuf,
     /// Its text, byte for byte in the places of the original, without anything that a terminal would obey.
     printable: String,
+    /// The files that it names and that are read, see [`SourceFile::input`].
+    inputs: RefCell<BTreeSet<PathBuf>>,
 }
 
 impl SourceFile {
     pub fn new(path: &Path, text: &str) -> Self {
-        Self { path: path.to_path_buf(), printable: same_length(text) }
+        Self { path: path.to_path_buf(), printable: same_length(text), inputs: RefCell::default() }
     }
 
-    /// The directory to which paths in the file are relative.
-    pub fn directory(&self) -> &Path {
-        self.path.parent().unwrap_or(Path::new(""))
+    /// The path of a file that this one names, relative to its own directory.
+    pub fn beside(&self, name: &str) -> PathBuf {
+        self.path.parent().unwrap_or(Path::new("")).join(name)
+    }
+
+    /// The same of a file on whose contents the results depend.
+    pub fn input(&self, name: &str) -> PathBuf {
+        let path = self.beside(name);
+        self.inputs.borrow_mut().insert(path.clone());
+        path
+    }
+
+    /// All files on whose contents the results depend.
+    pub fn inputs(&self) -> Vec<PathBuf> {
+        self.inputs.borrow().iter().cloned().collect()
     }
 
     /// A fault at `span`. The caret is labelled `label`; only the first line of a longer span is marked.

@@ -5,6 +5,7 @@ use super::{Field, Read};
 use crate::text::{clean, clean_lines};
 use isobar_model::Grid;
 use isobar_obs::table::{Faults, LARGEST, Table, TableError, decode};
+use std::path::Path;
 
 /// The fields of a file.
 pub(crate) struct Fields {
@@ -18,8 +19,8 @@ pub(crate) struct Fields {
 /// row from the south, each from the west. Empty lines and lines that begin with `#` are skipped; the first line may be a
 /// header.
 pub(crate) fn read(field: &Field<'_>, grid: &Grid, most: usize) -> Read<Fields> {
-    let path = field.file.directory().join(field.text()?);
-    let shown = table_file::called(&path, field.file.directory());
+    let path = field.file.input(&field.text()?);
+    let shown = table_file::called(&path, field.file.path.parent().unwrap_or(Path::new("")));
     if !path.is_file() {
         return Err(field.invalid(format!("the file {shown} does not exist"), "a path relative to this scenario"));
     }

@@ -5,7 +5,7 @@ use super::monitor::{Fault, Monitor};
 use crate::correlations::Correlations;
 use crate::memory::{self, Memory};
 use crate::outcome::{Influence, Outcome, Smoothed};
-use crate::stability::{Stability, Watch, judge};
+use crate::scores::stability::{Stability, Watch, judge};
 use isobar_assim::{
     Assimilator, Calibrated, CalibrationAccuracy, Error, Estimate, EstimatedParameter, Structure, Unknown,
     reserve_workspace,
@@ -17,31 +17,27 @@ use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Instant;
 
-/// A method, and what it has cost so far.
+/// A method in its cycle.
 pub struct Runner {
     method: Calibrated,
-    monitor: Monitor,
-    watch: Watch,
     /// When parameters without a stable update are frozen, if ever.
     freezing: Option<Freezing>,
-    /// What the monitor said then.
-    when_frozen: Option<Stability>,
     /// Memory that the method holds between cycles \[bytes\].
     held_bytes: i64,
-    /// The most that it held at one time \[bytes\].
+    progress: Progress,
+}
+
+/// The progress of a method so far: all that a checkpoint holds of its [`Runner`] beside the method itself.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    monitor: Monitor,
+    watch: Watch,
+    /// What the stability monitor found when parameters were frozen.
+    when_frozen: Option<Stability>,
+    /// The most memory that the method held at one time \[bytes\].
     pub peak_bytes: u64,
     /// Wall-clock seconds in all cycles.
     pub seconds: f64,
-}
-
-/// What a checkpoint holds of a [`Runner`] beside the method itself.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SavedRunner {
-    monitor: Monitor,
-    watch: Watch,
-    when_frozen: Option<Stability>,
-    peak_bytes: u64,
-    seconds: f64,
 }
 
 /// After which cycle parameters go back to their prior and are adjusted no more, and which.
@@ -63,23 +59,14 @@ impl Runner {
     pub fn new<M: Into<Calibrated>, E>(build: impl FnOnce() -> Result<M, E>) -> Result<Self, E> {
         reserve_workspace();
         let (method, memory) = memory::measured(|| build().map(Into::into));
-        let mut runner = Self {
-            method: method?,
-            monitor: Monitor::default(),
-            watch: Watch::default(),
-            freezing: None,
-            when_frozen: None,
-            held_bytes: 0,
-            peak_bytes: 0,
-            seconds: 0.0,
-        };
+        let mut runner = Self { method: method?, freezing: None, held_bytes: 0, progress: Progress::default() };
         runner.account(memory);
         Ok(runner)
     }
 
     /// The same with a stability monitor that counts from a cycle on, and perhaps freezes parameters.
     pub fn watched(self, from_cycle: usize, freezing: Option<Freezing>) -> Self {
-        Self { watch: Watch::new(from_cycle), freezing, ..self }
+        Self { progress: Progress { watch: Watch::new(from_cycle), ..self.progress }, freezing, ..self }
     }
 
     /// What the stability monitor says of the parameters of `calibration`; those that keep more than `variance_ratio` of
@@ -93,7 +80,14 @@ impl Runner {
         layout: &Layout,
         variance_ratio: f64,
     ) -> Result<Stability, isobar_assim::Error> {
-        judge(&self.watch, &self.method, calibration, layout, variance_ratio, self.when_frozen.as_ref())
+        judge(
+            &self.progress.watch,
+            &self.method,
+            calibration,
+            layout,
+            variance_ratio,
+            self.progress.when_frozen.as_ref(),
+        )
     }
 
     fn freeze(&mut self, cycle: usize, layout: &Layout) -> Result<(), isobar_assim::Error> {
@@ -103,7 +97,7 @@ impl Runner {
         let stability = self.stability(&freezing.calibration, layout, freezing.variance_ratio)?;
         let unstable = stability.parameters.iter().enumerate().filter(|(_, own)| !own.stable);
         let unstable: Vec<usize> = unstable.map(|(number, _)| number).collect();
-        self.when_frozen = Some(stability);
+        self.progress.when_frozen = Some(stability);
         self.method.freeze(&unstable)
     }
 
@@ -117,7 +111,7 @@ impl Runner {
     /// nothing in its results. After the `last` cycle no estimate will be revised any more.
     ///
     /// # Errors
-    /// Why the method cannot go on: see [`Fault`]. It must not be called again.
+    /// Why the method cannot continue: see [`Fault`]. It must not be called again.
     pub fn cycle(
         &mut self,
         window: Duration,
@@ -125,7 +119,7 @@ impl Runner {
         with_influence: bool,
         last: bool,
     ) -> Result<Outcome, Fault> {
-        let before = self.seconds;
+        let before = self.progress.seconds;
         let background = self.step(|method| method.forecast(window))?;
         // All members of an ensemble share the predictors of its mean.
         let observed = &*observed.anchored(&background.state);
@@ -133,15 +127,15 @@ impl Runner {
         let memory = asked.then(|| self.method.save()).transpose()?;
         let analysis = self.step(|method| method.analyse(observed))?;
         let smoothed = self.step(|method| smoothed(method, last))?;
-        let seconds = self.seconds - before;
+        let seconds = self.progress.seconds - before;
         let mut outcome = Outcome { background, analysis, smoothed, influence: None, seconds };
         // What is given back is not the method's to hold.
         self.held_bytes -= outcome.bytes();
-        self.monitor.check(&outcome)?;
+        self.progress.monitor.check(&outcome)?;
         if let Some(memory) = memory {
             outcome.influence = Some(self.influence(&memory, &outcome, observed)?);
         }
-        self.watch.add(observed, &outcome);
+        self.progress.watch.add(observed, &outcome);
         self.freeze(observed.cycle, outcome.background.state.layout())?;
         Ok(outcome)
     }
@@ -175,7 +169,7 @@ impl Runner {
         let method = &mut self.method;
         let (result, memory) = memory::measured(|| guarded(|| work(method)));
         self.account(memory);
-        self.seconds += began.elapsed().as_secs_f64();
+        self.progress.seconds += began.elapsed().as_secs_f64();
         result
     }
 
@@ -199,37 +193,36 @@ impl Runner {
         Some((self.method.calibration(), self.method.calibration_accuracy()?))
     }
 
-    /// The method's memory, for a checkpoint, and what its cycles have cost.
+    /// What the method has cost, and what its monitors have seen.
+    pub fn progress(&self) -> &Progress {
+        &self.progress
+    }
+
+    /// The method's memory, for a checkpoint.
     ///
     /// # Errors
     /// Those of the method.
-    pub fn save(&self) -> Result<(Vec<u8>, SavedRunner), Error> {
-        let &Self { monitor, peak_bytes, seconds, .. } = self;
-        let (watch, when_frozen) = (self.watch.clone(), self.when_frozen.clone());
-        Ok((self.method.save()?, SavedRunner { monitor, watch, when_frozen, peak_bytes, seconds }))
+    pub fn save(&self) -> Result<Vec<u8>, Error> {
+        self.method.save()
     }
 
-    /// Takes back what [`Runner::save`] gave.
+    /// Sets a method that has just been built back to its memory and progress in a checkpoint.
     ///
     /// # Errors
     /// Those of the method, if it is of another one.
-    pub fn restore(&mut self, method: &[u8], saved: &SavedRunner, layout: &Layout) -> Result<(), Error> {
+    pub fn restore(&mut self, method: &[u8], saved: Progress, layout: &Layout) -> Result<(), Error> {
         let (result, memory) = memory::measured(|| self.method.restore(method));
         self.account(memory);
-        self.monitor = saved.monitor;
-        if !self.watch.restore(&saved.watch, layout) {
-            return Err(isobar_assim::Error::Saved {
-                reason: "the stability monitor does not fit the experiment".into(),
-            });
+        if !saved.watch.fits(layout) {
+            return Err(Error::Saved { reason: "the stability monitor does not fit the experiment".into() });
         }
-        self.when_frozen.clone_from(&saved.when_frozen);
-        self.peak_bytes = self.peak_bytes.max(saved.peak_bytes);
-        self.seconds = saved.seconds;
+        let peak_bytes = self.progress.peak_bytes.max(saved.peak_bytes);
+        self.progress = Progress { peak_bytes, ..saved };
         result
     }
 
     fn account(&mut self, memory: Memory) {
-        self.peak_bytes = self.peak_bytes.max((self.held_bytes + memory.peak_bytes).max(0) as u64);
+        self.progress.peak_bytes = self.progress.peak_bytes.max((self.held_bytes + memory.peak_bytes).max(0) as u64);
         self.held_bytes += memory.left_bytes;
     }
 }

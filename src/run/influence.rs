@@ -4,9 +4,8 @@ use crate::outcome::{Influence, TypeInfluence};
 use isobar_assim::response::Responder;
 use isobar_assim::{Assimilator, Error, Estimate};
 use isobar_model::random::stream;
-use isobar_obs::ObservationWindow;
+use isobar_obs::{ObservationTypes, ObservationWindow};
 use rand::RngExt;
-use std::sync::Arc;
 
 /// Asks a method that has just forecast `background` and sets it back. `innovations` are y − h(background).
 ///
@@ -19,26 +18,19 @@ pub(super) fn ask(
     observed: &ObservationWindow,
     innovations: &[f64],
 ) -> Result<Influence, Error> {
-    let mut types: Vec<TypeInfluence> = Vec::new();
-    let mut type_of = Vec::with_capacity(observed.len());
-    for report in &observed.reports {
-        let same = |own: &TypeInfluence| own.network == report.network && own.variable == report.variable;
-        type_of.push(types.iter().position(same).unwrap_or_else(|| {
-            let (network, variable) = (Arc::clone(&report.network), report.variable);
-            types.push(TypeInfluence { network, variable, increment: Vec::new(), signal: 0.0 });
-            types.len() - 1
-        }));
-    }
+    let ObservationTypes { types, of_observation } = observed.types();
+    let of_type = |observation_type| TypeInfluence { observation_type, increment: Vec::new(), signal: 0.0 };
+    let mut types: Vec<TypeInfluence> = types.into_iter().map(of_type).collect();
     let mut responder = Responder::new(method, background, observed)?;
     for (number, own) in types.iter_mut().enumerate() {
         let of_type = |(d, kind): (&f64, &usize)| if *kind == number { *d } else { 0.0 };
-        own.increment = responder.to(&innovations.iter().zip(&type_of).map(of_type).collect::<Vec<_>>())?.state;
+        own.increment = responder.to(&innovations.iter().zip(&of_observation).map(of_type).collect::<Vec<_>>())?.state;
     }
     let mut random = stream(observed.cycle as u64, "signal");
-    let signs: Vec<f64> = type_of.iter().map(|_| if random.random::<bool>() { 1.0 } else { -1.0 }).collect();
+    let signs: Vec<f64> = of_observation.iter().map(|_| if random.random::<bool>() { 1.0 } else { -1.0 }).collect();
     let probe: Vec<f64> = signs.iter().zip(&observed.sigma).map(|(sign, sigma)| sign * sigma).collect();
     let fit = responder.to(&probe)?.fit;
-    for (((kind, fit), sign), sigma) in type_of.iter().zip(fit).zip(&signs).zip(&observed.sigma) {
+    for (((kind, fit), sign), sigma) in of_observation.iter().zip(fit).zip(&signs).zip(&observed.sigma) {
         types[*kind].signal += sign * fit / sigma;
     }
     responder.finish()?;

@@ -1,8 +1,8 @@
-//! Numerical safety: whether what a method makes of a cycle can be believed in at all.
+//! Numerical safety: whether a method's results in a cycle can be used at all.
 //!
-//! A method fails, and the run goes on with the others, when
+//! A method fails, and the run continues with the others, when
 //!
-//! - it says so itself: a forecast that blows up, a matrix that is not positive definite, a negative variance;
+//! - it reports an error: a forecast that blows up, a matrix that is not positive definite, a negative variance;
 //! - a value of its estimates, of their claimed spread or of its departures is not finite;
 //! - it has diverged: its normalised innovation χ²/n has been above [`DIVERGED_CHI2`] in [`DIVERGED_ANALYSES`] analyses
 //!   in succession, so that it misses the observations by more than ten times what it claims, and does not come back.
@@ -15,13 +15,13 @@ use serde::{Deserialize, Serialize};
 /// seven times the highest mean of any shipped scenario.
 pub const DIVERGED_CHI2: f64 = 100.0;
 
-/// In so many analyses with observations in succession.
+/// The number of analyses with observations in succession after which the filter has diverged.
 pub const DIVERGED_ANALYSES: usize = 5;
 
 /// Why a method fails.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Fault {
-    /// The method says so.
+    /// An error of the method.
     #[error(transparent)]
     Method(#[from] isobar_assim::Error),
     /// A value is not finite.

@@ -31,16 +31,16 @@ impl Reference {
         }
     }
 
-    /// Its values, for a checkpoint.
-    pub fn save(&self) -> Vec<f64> {
-        self.state.values().to_vec()
+    /// Its state, for a checkpoint.
+    pub fn state(&self) -> &State {
+        &self.state
     }
 
-    /// Takes back what [`Reference::save`] gave; whether it fits.
-    pub fn restore(&mut self, saved: &[f64]) -> bool {
-        let fits = saved.len() == self.state.values().len();
+    /// Takes back what [`Reference::state`] gave; whether it fits.
+    pub fn restore(&mut self, saved: State) -> bool {
+        let fits = saved.layout() == self.state.layout();
         if fits {
-            self.state.values_mut().copy_from_slice(saved);
+            self.state = saved;
         }
         fits
     }

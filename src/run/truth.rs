@@ -19,7 +19,8 @@ pub struct Truth {
 /// The truth's memory, for a checkpoint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SavedTruth {
-    state: Vec<f64>,
+    state: State,
+    /// Numbers drawn so far, in words of 32 bits.
     random: u128,
 }
 
@@ -41,19 +42,19 @@ impl Truth {
         &self.state
     }
 
-    /// All that the next cycles depend on and that the scenario does not say.
+    /// Everything that the next cycles depend on and the scenario does not determine.
     pub fn save(&self) -> SavedTruth {
-        SavedTruth { state: self.state.values().to_vec(), random: self.random.get_word_pos() }
+        SavedTruth { state: self.state.clone(), random: self.random.get_word_pos() }
     }
 
     /// Takes back what [`Truth::save`] gave; whether it fits.
-    pub fn restore(&mut self, saved: &SavedTruth) -> bool {
-        if saved.state.len() != self.state.values().len() {
-            return false;
+    pub fn restore(&mut self, saved: SavedTruth) -> bool {
+        let fits = saved.state.layout() == self.state.layout();
+        if fits {
+            self.state = saved.state;
+            self.random.set_word_pos(saved.random);
         }
-        self.state.values_mut().copy_from_slice(&saved.state);
-        self.random.set_word_pos(saved.random);
-        true
+        fits
     }
 
     /// Goes on by one cycle.

@@ -1,7 +1,7 @@
 //! Rewriting `[expected]` in a scenario file, with every other byte as it was.
 
 use super::Scenario;
-use super::expected::Expected;
+use crate::scores::Expected;
 use std::io::Write;
 use std::path::PathBuf;
 

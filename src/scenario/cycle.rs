@@ -3,8 +3,8 @@
 
 use super::initial::{self, Initial};
 use super::model::{self, ModelSettings};
+use crate::output::{OUTPUTS, Outputs};
 use crate::reader::{Field, Limits, Read, Section};
-use crate::sink::{OUTPUTS, Outputs};
 use isobar_model::{Duration, Grid, Time};
 
 /// The cycles of forecast and analysis.

@@ -2,13 +2,13 @@
 
 use super::adapt::{self, Adapt, StateError};
 use super::ensemble_method;
-use super::expected::TOLERANCE_KEY;
 use super::fast_kalman;
 use super::federated;
 use super::model::ModelSettings;
 use super::network::check_name;
 use super::time_volume::{self, TimeVolumeOptions};
 use crate::reader::{Field, Kind, Limits, Read, Section};
+use crate::scores::expected::TOLERANCE_KEY;
 use indexmap::IndexMap;
 use isobar_assim::BiasTreatment;
 use isobar_assim::ensemble::{EnsembleSettings, LocalSettings};

@@ -24,11 +24,11 @@ mod sweep;
 mod time_volume;
 
 pub use crate::reader::ScenarioError;
+pub use crate::scores::Expected;
 pub use accept::{AcceptError, accept, with_expected};
 pub use adapt::Adapt;
 pub use bias::{Bias, BiasEvolution, BiasOwner, InitialBias, RadiosondeBias, SatelliteBias, ScanTerm};
 pub use cycle::{CycleSettings, TruthSettings};
-pub use expected::{Expected, ExpectedScores};
 pub use grid::GridSettings;
 pub use initial::Initial;
 pub use initialise::Initialise;
@@ -44,8 +44,8 @@ pub use time_volume::{Correction, CorrectionSettings, FactorSettings, FactorTarg
 
 use crate::kinds::Domain;
 use crate::kinds::covariances::{self, Components};
+use crate::output::Outputs;
 use crate::reader::{self, Field, Read, Section, SourceFile};
-use crate::sink::Outputs;
 use crate::text;
 use indexmap::IndexMap;
 use isobar_model::Time;
@@ -66,6 +66,8 @@ pub struct Scenario {
     pub path: PathBuf,
     /// The file's text, to the letter.
     pub text: String,
+    /// The files that it names and on whose contents the results depend: fields, stations, observations.
+    pub inputs: Vec<PathBuf>,
     /// Title, in one line.
     pub title: String,
     /// The phenomenon that the experiment shows.
@@ -98,7 +100,7 @@ pub struct Scenario {
     pub methods: IndexMap<String, Method>,
     /// What some methods start from instead of the biases' priors.
     pub initialise: Option<Initialise>,
-    /// In every so-many-th cycle it is found out what each type of observations did; `None`: never.
+    /// Number of cycles between two in which the influence of each type of observations is computed; `None`: never.
     pub influence_every_cycles: Option<usize>,
     /// Which keys vary in a sweep, if any do.
     pub sweep: Option<SweepSettings>,
@@ -191,6 +193,7 @@ impl Scenario {
             name: path.file_stem().map_or(String::new(), |stem| text::clean(&stem.to_string_lossy())),
             path: path.to_path_buf(),
             text: text.to_string(),
+            inputs: file.inputs(),
             title,
             phenomenon,
             source,

@@ -282,7 +282,7 @@ fn radiosonde(section: &Section<'_>, grid: &GridSettings, model: &ModelSettings)
 
 fn file(section: &Section<'_>, model: &ModelSettings) -> Read<FileSettings> {
     let field = section.required("file")?;
-    let path = field.file.directory().join(field.text()?);
+    let path = field.file.input(&field.text()?);
     if !path.is_file() {
         let message = format!("the file of observations {} does not exist", clean(&path.display().to_string()));
         return Err(field.invalid(message, "a path relative to this scenario"));
@@ -346,7 +346,7 @@ fn stations(field: &Field<'_>, grid: &GridSettings) -> Read<StationLayout> {
     let given: Vec<(&str, Field<'_>)> = section.fields().collect();
     match given.as_slice() {
         [("file", file)] => {
-            let path = file.file.directory().join(file.text()?);
+            let path = file.file.input(&file.text()?);
             if !path.is_file() {
                 let message = format!("the station file {} does not exist", clean(&path.display().to_string()));
                 return Err(file.invalid(message, "a path relative to this scenario"));

@@ -34,7 +34,7 @@ pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>) -> Re
     let Some(field) = root.optional("sensors") else { return Ok(None) };
     let section = field.section(&["database", "writes"])?;
     let file = section.required("database")?;
-    let database = file.file.directory().join(file.text()?);
+    let database = file.file.beside(&file.text()?);
     let Some(field) = section.optional("writes") else {
         return Ok(Some(SensorSettings { database, writes: None }));
     };

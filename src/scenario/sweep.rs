@@ -2,6 +2,8 @@
 
 use super::model::ModelSettings;
 use crate::reader::{Field, Limits, Read, Section};
+use crate::scores::Score;
+use crate::scores::kinds::MEMORY;
 use indexmap::IndexMap;
 use toml::Value;
 use toml::de::DeValue;
@@ -53,11 +55,8 @@ pub(super) fn read(root: &Section<'_>, model: &ModelSettings) -> Read<Option<Swe
 
 /// The names of all scores that a method may have.
 fn scores(model: &ModelSettings) -> Vec<String> {
-    let per_variable = ["rmse_analysis", "rmse_background", "rmse_smoothed", "spread_analysis", "crps"];
-    let names = model.variables().iter().map(|variable| variable.0);
-    let of_variables = names.flat_map(|name| per_variable.map(|score| format!("{score}.{name}")));
-    let others = ["bias_rmse", "bias_rmse_smoothed", "bias_spread", "innovation_chi2", "seconds_per_cycle"];
-    of_variables.chain(others.map(String::from)).collect()
+    // Of runs at the same time the memory of each is not known.
+    Score::all(model.variables(), |kind| kind.name != MEMORY).iter().map(Score::key).collect()
 }
 
 /// A list, or `{ from, to, count }`.

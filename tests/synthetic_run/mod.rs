@@ -1,11 +1,10 @@
 //! A made-up run for the sinks: a vortex drifts through a channel, and each method's errors shrink at its own pace.
 
-use indexmap::IndexMap;
 use isobar::correlations::Correlations;
 use isobar::event::{Analysed, Event, MethodInfo, RunInfo, StationInfo};
-use isobar::sink::{Sink, SinkError};
-use isobar::stability::{ParameterStability, Stability};
-use isobar::summary::{MethodScores, PerVariable, Summary};
+use isobar::output::{Sink, SinkError};
+use isobar::scores::stability::{ParameterStability, Stability};
+use isobar::scores::{MethodScores, Summary, Values};
 use isobar_assim::block_angular::PartitionReport;
 use isobar_assim::{Analysis, CommonFactor, Estimate, Structure};
 use isobar_model::random::{standard_normals, stream};
@@ -13,6 +12,7 @@ use isobar_model::{Boundary, Duration, Grid, Increment, Layout, Location, State,
 use isobar_obs::{
     Calibration, Jacobian, LinearOperator, ObservationWindow, Parameter, Placement, Projection, Report, SparseRows,
 };
+use std::borrow::Cow;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -24,6 +24,8 @@ pub struct SyntheticRun {
     pub true_calibration: Vec<Vec<f64>>,
     /// For cycles 1 to N.
     pub windows: Vec<ObservationWindow>,
+    /// The values of `windows` without their biases.
+    pub values_bias_removed: Vec<Vec<f64>>,
     /// For each method, for cycles 1 to N.
     pub results: Vec<Vec<(Estimate, Analysis, MethodScores)>>,
     pub summary: Summary,
@@ -43,7 +45,8 @@ impl SyntheticRun {
         let truth: Vec<State> = (0..=cycles).map(|cycle| vortex(&info, cycle)).collect();
         let true_calibration: Vec<Vec<f64>> =
             (0..=cycles).map(|cycle| vec![12.0, -8.0, 5.0 + 0.05 * cycle as f64, 0.75]).collect();
-        let windows: Vec<_> = (1..=cycles).map(|cycle| observe(&info, cycle, &truth, &true_calibration)).collect();
+        let (windows, values_bias_removed): (Vec<_>, Vec<_>) =
+            (1..=cycles).map(|cycle| observe(&info, cycle, &truth, &true_calibration)).unzip();
         let results: Vec<Vec<_>> = (0..methods)
             .map(|method| {
                 windows
@@ -65,7 +68,7 @@ impl SyntheticRun {
             observations: Default::default(),
             methods: (0..methods).map(|method| (info.methods[method].name.clone(), last(method))).collect(),
         };
-        Self { info, truth, true_calibration, windows, results, summary }
+        Self { info, truth, true_calibration, windows, values_bias_removed, results, summary }
     }
 
     pub fn time(&self, cycle: usize) -> Time {
@@ -76,16 +79,19 @@ impl SyntheticRun {
     pub fn play(&self, sink: &mut dyn Sink) -> Result<(), SinkError> {
         sink.record(&Event::Started(&self.info))?;
         self.play_truth(sink, 0)?;
-        for (window, cycle) in self.windows.iter().zip(1..) {
+        for ((window, values_bias_removed), cycle) in self.windows.iter().zip(&self.values_bias_removed).zip(1..) {
             self.play_truth(sink, cycle)?;
-            sink.record(&Event::Observed(window))?;
+            let window = Cow::Borrowed(window);
+            sink.record(&Event::Observed { window, values_bias_removed: values_bias_removed.into() })?;
             for (method, results) in self.results.iter().enumerate() {
                 let (background, analysis, scores) = &results[cycle - 1];
+                let (background, analysis) = (Cow::Borrowed(background), Cow::Borrowed(analysis));
+                let scores = Cow::Borrowed(&scores.values);
                 let time = self.time(cycle);
                 let structure = (method == 0).then(|| self.structure(cycle));
-                let structure = structure.as_ref();
+                let structure = structure.map(Cow::Owned);
                 let correlations = (method == 0).then(|| self.correlations());
-                let correlations = correlations.as_ref();
+                let correlations = correlations.map(Cow::Owned);
                 let analysed = Analysed { method, cycle, time, background, analysis, scores, structure, correlations };
                 sink.record(&Event::Analysed(analysed))?;
             }
@@ -122,7 +128,7 @@ impl SyntheticRun {
     }
 
     pub fn play_truth(&self, sink: &mut dyn Sink, cycle: usize) -> Result<(), SinkError> {
-        let (state, calibration) = (&self.truth[cycle], &self.true_calibration[cycle]);
+        let (state, calibration) = (Cow::Borrowed(&self.truth[cycle]), (&self.true_calibration[cycle]).into());
         sink.record(&Event::Truth { cycle, time: self.time(cycle), state, calibration })
     }
 }
@@ -212,7 +218,8 @@ fn vortex(info: &RunInfo, cycle: usize) -> State {
     state
 }
 
-fn observe(info: &RunInfo, cycle: usize, truth: &[State], calibration: &[Vec<f64>]) -> ObservationWindow {
+/// The observations of a cycle, and their values without biases.
+fn observe(info: &RunInfo, cycle: usize, truth: &[State], calibration: &[Vec<f64>]) -> (ObservationWindow, Vec<f64>) {
     let grid = &info.layout.grid;
     let mut reports = Vec::new();
     let mut jacobian = Jacobian { state: SparseRows::new(), calibration: SparseRows::new() };
@@ -254,16 +261,16 @@ fn observe(info: &RunInfo, cycle: usize, truth: &[State], calibration: &[Vec<f64
     let noise = standard_normals(&mut stream(info.seed, &format!("observations {cycle}")), unbiased.len());
     let sigma: Vec<f64> = reports.iter().map(|report| if report.variable == 0 { 4.0 } else { 1.5 }).collect();
     let with_noise = |values: Vec<f64>| (0..values.len()).map(|k| values[k] + sigma[k] * noise[k]).collect::<Vec<_>>();
-    ObservationWindow {
+    let window = ObservationWindow {
         time: info.start + Duration::from_seconds(info.window.seconds() * cycle as i64),
         cycle,
         values: with_noise(biased),
-        values_bias_removed: with_noise(unbiased),
         sigma: sigma.clone(),
         reports,
         rejected: Vec::new(),
         operator: Arc::new(LinearOperator { jacobian }),
-    }
+    };
+    (window, with_noise(unbiased))
 }
 
 fn analyse(
@@ -308,19 +315,25 @@ fn analyse(
         let simulated = window.operator.simulate(&estimate.state, &estimate.calibration);
         window.values.iter().zip(simulated).map(|(value, simulated)| value - simulated).collect::<Vec<_>>()
     };
-    let rms = |values: &dyn Fn(usize) -> Vec<f64>| -> PerVariable {
-        let names = info.layout.variables.iter().map(|variable| variable.name.to_string());
-        let root = |values: Vec<f64>| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
-        names.enumerate().map(|(number, name)| (name, root(values(number)))).collect::<IndexMap<_, _>>()
-    };
     let cells = info.layout.grid.cells();
-    let error = |estimate: &Estimate| {
-        let difference = &estimate.state - truth;
-        rms(&|number| difference.field(number).iter().copied().collect())
+    let mut values = Values::new();
+    let mut insert = |kind: &str, all: &[f64]| {
+        for (variable, own) in info.layout.variables.iter().zip(all.chunks_exact(cells)) {
+            let mean = own.iter().map(|v| v * v).sum::<f64>() / cells as f64;
+            values.insert(format!("{kind}.{}", variable.name), mean.sqrt());
+        }
     };
-    let spread = |estimate: &Estimate| {
-        estimate.state_spread.as_ref().map(|it| rms(&|number| it[number * cells..(number + 1) * cells].to_vec()))
-    };
+    for (stage, estimate) in [("background", &background), ("analysis", &analysed)] {
+        insert(&format!("rmse_{stage}"), (&estimate.state - truth).values());
+        if let Some(spread) = &estimate.state_spread {
+            insert(&format!("spread_{stage}"), spread);
+        }
+    }
+    if has_spread {
+        let others = [("bias_rmse", 2.5 * level), ("bias_spread", 2.6 * level), ("innovation_chi2", 1.0 + 0.1 * level)];
+        values.extend(others.map(|(score, value)| (score.to_string(), value)));
+    }
+    values.extend([("seconds_per_cycle".to_string(), 0.0123), ("peak_memory_bytes".to_string(), 1_500_000.0)]);
     let parameters = info.calibration.parameters.iter().map(|parameter| ParameterStability {
         name: parameter.name.clone(),
         observations: 12,
@@ -332,20 +345,8 @@ fn analyse(
     });
     let stability = Stability { parameters: parameters.collect(), ..Stability::default() };
     let scores = MethodScores {
-        smoothed: None,
+        values,
         stability: Some(stability),
-        rmse_analysis: error(&analysed),
-        rmse_background: error(&background),
-        spread_analysis: spread(&analysed),
-        spread_background: spread(&background),
-        bias_rmse: has_spread.then_some(2.5 * level),
-        bias_spread: has_spread.then_some(2.6 * level),
-        innovation_chi2: has_spread.then_some(1.0 + 0.1 * level),
-        seconds_per_cycle: 0.0123,
-        peak_memory_bytes: Some(1_500_000),
-        intervals: None,
-        diagnostics: None,
-        failure: None,
         partition: (method == 0).then_some(PartitionReport {
             blocks: 24,
             components: 3,
@@ -360,6 +361,7 @@ fn analyse(
             nested: false,
             border: 4,
         }),
+        ..MethodScores::default()
     };
     let analysis = Analysis {
         background_departures: departures(&background),

@@ -59,7 +59,6 @@ pub(super) fn observations_of(
         cycle: observed.cycle,
         reports: rows.iter().map(|&row| observed.reports[row].clone()).collect(),
         values: chosen(&observed.values),
-        values_bias_removed: chosen(&observed.values_bias_removed),
         sigma: chosen(&observed.sigma),
         rejected: Vec::new(),
         operator: Arc::new(SystemOperator {

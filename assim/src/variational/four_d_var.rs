@@ -2,7 +2,6 @@
 
 use super::conjugate_gradient::{self, Stopping, dot};
 use super::control_space::ControlSpace;
-use super::saved_window::{Saved, SavedWindow};
 use crate::assimilator::{Analysis, Assimilator, Estimate};
 use crate::calibrated_state::{CalibratedState, SavedCalibratedState};
 use crate::calibration_accuracy::CalibrationAccuracy;
@@ -11,9 +10,11 @@ use crate::problem::{Innovations, Problem};
 use crate::saved::{from_bytes, to_bytes, unfit};
 use faer::MatRef;
 use isobar_model::{ColumnsMut, Duration, State, forecast};
-use isobar_obs::ObservationWindow;
+use isobar_obs::{Jacobian, LinearOperator, ObservationWindow};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// How 4D-Var is tuned.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,6 +56,15 @@ pub struct FourDVar {
     /// Length of a cycle.
     window: Duration,
     present: CalibratedState,
+}
+
+/// The present estimate, and the window that will slide on.
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    present: SavedCalibratedState,
+    starts: Vec<SavedCalibratedState>,
+    /// The observations of each cycle with the Jacobian of their operator, which is linear.
+    observed: Vec<(ObservationWindow, Jacobian)>,
 }
 
 impl FourDVar {
@@ -168,7 +178,7 @@ impl Assimilator for FourDVar {
         to_bytes(&Saved {
             present: self.present.saved(),
             starts: self.starts.iter().map(CalibratedState::saved).collect(),
-            observed: self.observed.iter().map(|it| SavedWindow::new(it, state, bias)).collect(),
+            observed: self.observed.iter().map(|it| (it.clone(), it.operator.linearize(state, bias))).collect(),
         })
     }
 
@@ -181,12 +191,22 @@ impl Assimilator for FourDVar {
         };
         let starts = starts.into_iter().map(restored).collect::<Result<VecDeque<_>, _>>()?;
         let layout = self.present.state.layout();
-        let limits = (layout.len(), self.problem.calibration.len(), layout.variables.len());
-        let observed = observed.into_iter().map(|it| it.restored(limits)).collect::<Result<VecDeque<_>, _>>()?;
-        if starts.len() != observed.len() + 1 || starts.len() > self.settings.window_cycles {
+        let fits = |(window, jacobian): &(ObservationWindow, Jacobian)| {
+            window.fits(layout)
+                && jacobian.state.has_shape(window.len(), layout.len())
+                && jacobian.calibration.has_shape(window.len(), self.problem.calibration.len())
+        };
+        if !observed.iter().all(fits)
+            || starts.len() != observed.len() + 1
+            || starts.len() > self.settings.window_cycles
+        {
             return Err(unfit("the assimilation window"));
         }
-        (self.starts, self.observed) = (starts, observed);
+        let with_operator = |(window, jacobian)| {
+            let operator = Arc::new(LinearOperator { jacobian });
+            ObservationWindow { operator, ..window }
+        };
+        (self.starts, self.observed) = (starts, observed.into_iter().map(with_operator).collect());
         self.present.restore(present)
     }
 

@@ -4,7 +4,6 @@ mod conjugate_gradient;
 mod control_space;
 mod four_d_var;
 mod hybrid;
-mod saved_window;
 mod three_d_var;
 
 pub use four_d_var::{FourDVar, FourDVarSettings};

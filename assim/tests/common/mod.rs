@@ -225,7 +225,6 @@ pub fn window(problem: &Problem, count: usize, within_cell: bool, cycle: usize, 
             };
             count
         ],
-        values_bias_removed: values.clone(),
         values,
         sigma: (0..count).map(|row| 0.5 + 0.1 * (row % 5) as f64).collect(),
         rejected: Vec::new(),

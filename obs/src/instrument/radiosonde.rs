@@ -8,7 +8,7 @@ use crate::faults::Faults;
 use crate::instrument::{Instrument, Observation, ObservedVariable, Reading, Schedule};
 use crate::network::{Network, Station, StationSource, place};
 use crate::projection::Projection;
-use crate::window::Report;
+use crate::report::Report;
 use isobar_model::random::stream;
 use isobar_model::{Layout, Time};
 use rand::RngExt;

@@ -8,7 +8,7 @@ use crate::error::{ObservationError, require};
 use crate::faults::Faults;
 use crate::footprint::{TRUNCATION, footprint};
 use crate::instrument::{Instrument, MOST_PLATFORMS, Observation, ObservedVariable, Reading, Schedule};
-use crate::window::Report;
+use crate::report::Report;
 use isobar_model::random::stream;
 use isobar_model::{Boundary, Grid, Layout, Location, Time};
 use rand::RngExt;

@@ -3,12 +3,12 @@
 #![no_main]
 
 use isobar::options::CheckpointPolicy;
-use isobar::checkpoint::file::parse;
+use isobar::run::checkpoint::file::parse;
 use isobar::options::RunOptions;
 use isobar::event::Event;
-use isobar::experiment::Experiment;
+use isobar::run::experiment::Experiment;
 use isobar::scenario::Scenario;
-use isobar::sink::{Sink, SinkError};
+use isobar::output::{Sink, SinkError};
 use libfuzzer_sys::fuzz_target;
 use std::cell::RefCell;
 use std::path::Path;
@@ -19,7 +19,7 @@ struct EndEarly;
 impl Sink for EndEarly {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         match event {
-            Event::Observed(window) if window.cycle == 4 => {
+            Event::Observed { window, .. } if window.cycle == 4 => {
                 Err(SinkError { path: "nothing".into(), reason: "this is the end".into() })
             }
             _ => Ok(()),
@@ -32,7 +32,7 @@ fn scenario() -> Scenario {
 }
 
 fn experiment() -> RefCell<Experiment> {
-    let options = RunOptions { cycles: Some(120), outputs: isobar::sink::Outputs::of(["netcdf"]), ..RunOptions::new("nowhere") };
+    let options = RunOptions { cycles: Some(120), outputs: isobar::output::Outputs::of(["netcdf"]), ..RunOptions::new("nowhere") };
     RefCell::new(Experiment::new(&scenario(), &options).unwrap())
 }
 
@@ -41,7 +41,7 @@ fn real_contents() -> Vec<u8> {
     let parent = tempfile::tempdir().unwrap();
     let checkpoints = Some(CheckpointPolicy { minutes: None, cycles: Some(3) });
     let own = RunOptions::new(parent.path().join("run"));
-    let options = RunOptions { cycles: Some(120), outputs: isobar::sink::Outputs::of(["netcdf"]), checkpoints, ..own };
+    let options = RunOptions { cycles: Some(120), outputs: isobar::output::Outputs::of(["netcdf"]), checkpoints, ..own };
     assert!(isobar::run::run(&scenario(), &options, &mut EndEarly).is_err());
     let files = std::fs::read_dir(parent.path().join(".run.partial")).unwrap().map(|file| file.unwrap());
     let is_checkpoint = |file: &std::fs::DirEntry| file.file_name().to_string_lossy().starts_with("checkpoint-");

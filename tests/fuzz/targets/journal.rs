@@ -2,7 +2,7 @@
 //! whose checksums are made right.
 #![no_main]
 
-use isobar::checkpoint::journal::replay_bytes;
+use isobar::run::checkpoint::journal::replay_bytes;
 use isobar::event::{MethodInfo, RunInfo};
 use isobar::scenario::Scenario;
 use libfuzzer_sys::fuzz_target;

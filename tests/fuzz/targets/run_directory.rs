@@ -3,7 +3,7 @@
 #![no_main]
 
 use isobar::comparison::Comparison;
-use isobar::saved::{SavedRun, Scores, summary};
+use isobar::output::recorded::{SavedRun, Scores, summary};
 use libfuzzer_sys::fuzz_target;
 use std::path::Path;
 

@@ -1,0 +1,185 @@
+//! The runs of a batch: as many at a time as threads and memory allow.
+
+use crate::interrupt;
+use crate::options::RunOptions;
+use crate::output::directory::SUMMARY_FILE;
+use crate::output::recorded::SavedRun;
+use crate::output::{Sink, SinkError};
+use crate::progress::SeedsProgress;
+use crate::scenario::Scenario;
+use crate::scores::Summary;
+use crate::scores::kinds::MEMORY;
+use miette::{IntoDiagnostic, Report};
+use serde::Serialize;
+use std::fmt::{self, Display, Formatter};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+use sysinfo::System;
+
+/// Cycles of the run that shows how much memory one takes.
+const TRIAL_CYCLES: usize = 2;
+
+/// The share of the available memory that all runs together may take.
+const MEMORY_SHARE: f64 = 0.7;
+
+/// What a run takes beyond its methods: truth, observations, files \[bytes\].
+const OTHER_BYTES: u64 = 50_000_000;
+
+/// What runs an experiment: a listener hears its events.
+pub type Run<'a> = dyn Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, Report> + Sync + 'a;
+
+/// How the runs are distributed over threads.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Schedule {
+    /// Number of runs at the same time.
+    pub at_once: usize,
+    /// Threads of each.
+    pub threads_each: usize,
+}
+
+/// One run of a batch.
+pub struct Job<'a> {
+    /// The scenario.
+    pub scenario: &'a Scenario,
+    /// The seed.
+    pub seed: u64,
+    /// The methods; `None`: all of the scenario.
+    pub methods: Option<Vec<String>>,
+    /// The directory of its files.
+    pub out: PathBuf,
+}
+
+/// The number of a job, and what came of it.
+pub type JobOutcome = (usize, Result<Summary, Report>);
+
+/// Runs all jobs, as many at a time as threads and memory allow, with the options of all; the outcomes come in the order of
+/// the jobs. One whose files are complete is not run again. After a signal no more are begun, and the outcomes are those of
+/// the others.
+///
+/// A run that fails does not keep the others from being run. Whatever the schedule, every run has the same bits.
+///
+/// # Errors
+/// If nothing can be written for a trial.
+pub fn run_jobs(
+    jobs: &[Job<'_>],
+    options: &RunOptions,
+    run: &Run<'_>,
+    progress: &SeedsProgress,
+) -> Result<(Schedule, Vec<JobOutcome>), Report> {
+    let left = jobs.iter().filter(|job| !is_complete(job)).count();
+    let schedule = schedule(jobs, options, left, run)?;
+    let next = AtomicUsize::new(0);
+    let outcomes = Mutex::new(Vec::with_capacity(jobs.len()));
+    let work = || {
+        while !interrupt::requested() {
+            let number = next.fetch_add(1, Ordering::Relaxed);
+            let Some(job) = jobs.get(number) else { break };
+            let listener = &mut progress.listener(job.seed);
+            let outcome = if is_complete(job) {
+                SavedRun::open(&job.out).map(|saved| saved.summary).map_err(Report::from)
+            } else {
+                run(job.scenario, &options_of(job, options, schedule), listener)
+            };
+            outcomes.lock().unwrap_or_else(PoisonError::into_inner).push((number, outcome));
+        }
+    };
+    thread::scope(|scope| {
+        (0..schedule.at_once).for_each(|_| drop(scope.spawn(work)));
+    });
+    let mut outcomes = outcomes.into_inner().unwrap_or_else(PoisonError::into_inner);
+    outcomes.sort_by_key(|(number, _)| *number);
+    Ok((schedule, outcomes))
+}
+
+/// Whether a run was complete before. A run's directory has its name only when it is.
+fn is_complete(job: &Job<'_>) -> bool {
+    job.out.join(SUMMARY_FILE).is_file()
+}
+
+fn options_of(job: &Job<'_>, options: &RunOptions, schedule: Schedule) -> RunOptions {
+    RunOptions {
+        out: job.out.clone(),
+        methods: job.methods.clone(),
+        seed: Some(job.seed),
+        threads: Some(schedule.threads_each),
+        concurrent: schedule.at_once > 1,
+        checkpoints: None,
+        resume: false,
+        ..options.clone()
+    }
+}
+
+/// As many runs at a time as there are threads, as far as they fit into memory, and the threads divided among them.
+fn schedule(jobs: &[Job<'_>], options: &RunOptions, left: usize, run: &Run<'_>) -> Result<Schedule, Report> {
+    let cores = thread::available_parallelism().map_or(1, usize::from);
+    let threads = options.threads.unwrap_or(cores);
+    let wanted = threads.min(left);
+    let at_once = match wanted {
+        0 | 1 => 1,
+        _ => {
+            let directory = tempfile::tempdir().into_diagnostic()?;
+            let needed_bytes = trial(&jobs[0], options, run, directory.path());
+            let both = needed_bytes.zip(available_bytes());
+            both.map_or(1, |(needed_bytes, available_bytes)| fitting(wanted, needed_bytes, available_bytes))
+        }
+    };
+    Ok(Schedule { at_once, threads_each: (threads / at_once).max(1) })
+}
+
+/// The memory that a run takes, from its first cycles; `None` if they fail, which the run itself will report, or if this
+/// program does not count memory.
+fn trial(job: &Job<'_>, options: &RunOptions, run: &Run<'_>, directory: &Path) -> Option<u64> {
+    let cycles = options.cycles.unwrap_or(job.scenario.cycle.count).min(TRIAL_CYCLES);
+    let out = directory.join("trial");
+    let (cycles, seed) = (Some(cycles), Some(job.seed));
+    let RunOptions { methods, threads, concurrent, .. } = options.clone();
+    let options = RunOptions { methods, cycles, seed, threads, concurrent, ..RunOptions::new(out) };
+    let summary = run(job.scenario, &options, &mut Nobody).ok()?;
+    let of_methods: Option<f64> = summary.methods.values().map(|scores| scores.values.get(MEMORY)).sum();
+    Some(of_methods? as u64 + OTHER_BYTES)
+}
+
+/// How many of the wanted runs of a size fit; at least one.
+fn fitting(wanted: usize, needed_bytes: u64, available_bytes: u64) -> usize {
+    let most = MEMORY_SHARE * available_bytes as f64 / needed_bytes as f64;
+    (most as usize).clamp(1, wanted.max(1))
+}
+
+/// Memory that can be had without swapping, also within the limits of a container; `None` where the system does not report it.
+fn available_bytes() -> Option<u64> {
+    let mut system = System::new().ok()?;
+    system.refresh_memory();
+    let of_container = system.cgroup_limits().map(|limits| limits.free_memory);
+    Some(of_container.map_or(system.available_memory(), |free| free.min(system.available_memory())))
+}
+
+/// Hears nothing.
+struct Nobody;
+
+impl Sink for Nobody {
+    fn record(&mut self, _: &crate::event::Event<'_>) -> Result<(), SinkError> {
+        Ok(())
+    }
+}
+
+impl Display for Schedule {
+    fn fmt(&self, formatter: &mut Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{} at a time, each on {} threads", self.at_once, self.threads_each)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_more_runs_at_a_time_than_fit_into_memory_but_always_one() {
+        let gigabyte = 1_000_000_000;
+        assert_eq!(fitting(8, gigabyte, 100 * gigabyte), 8);
+        assert_eq!(fitting(8, gigabyte, 5 * gigabyte), 3);
+        assert_eq!(fitting(8, gigabyte, gigabyte), 1);
+        assert!(available_bytes().is_none_or(|bytes| bytes > 1_000_000));
+    }
+}

@@ -1,0 +1,9 @@
+//! Many runs of one scenario: over several seeds, or over several settings.
+
+mod jobs;
+mod plan;
+pub mod seeds;
+pub mod sweep;
+
+pub use jobs::{Job, JobOutcome, Run, Schedule, run_jobs};
+pub use plan::{BatchKind, BatchPlan, interrupted};

@@ -1,0 +1,94 @@
+//! The plan of a batch of runs, kept beside its complete runs: enough to continue it.
+
+use crate::interrupt;
+use crate::options::RunOptions;
+use crate::output::directory::{BATCH_FILE, complete_runs};
+use crate::output::{Existing, OutputDirectory, SinkError};
+use crate::run::checkpoint::PlannedRun;
+use crate::scenario::Scenario;
+use crate::text::clean;
+use miette::{IntoDiagnostic, Report, miette};
+use serde::{Deserialize, Serialize};
+use std::fs;
+use std::path::Path;
+
+/// A batch as it was asked for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BatchPlan {
+    /// Version of isobar: the runs of another one may have other scores.
+    version: String,
+    /// What each of its runs is asked to do.
+    pub run: PlannedRun,
+    /// What it is a batch of.
+    pub kind: BatchKind,
+}
+
+/// What a batch is made of.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum BatchKind {
+    /// Runs with several seeds.
+    Seeds {
+        /// The seeds.
+        seeds: Vec<u64>,
+        /// The method with which the others are compared.
+        against: String,
+        /// Whether all files of every seed are written.
+        all_files: bool,
+    },
+    /// Runs with several settings, as the scenario's `[sweep]` says.
+    Sweep,
+}
+
+impl BatchPlan {
+    /// Creates the directory of a batch, or with `resume` opens that of an interrupted one, and writes its plan there.
+    ///
+    /// # Errors
+    /// If the directory cannot be created, or something else is there.
+    pub fn begin(scenario: &Scenario, options: &RunOptions, kind: BatchKind) -> Result<OutputDirectory, Report> {
+        let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
+        let open = if options.resume { OutputDirectory::resume_batch } else { OutputDirectory::create };
+        let directory = open(options.out.clone(), existing).into_diagnostic()?;
+        let plan = Self { version: crate::VERSION.into(), run: PlannedRun::new(scenario, options), kind };
+        plan.write(directory.working()).into_diagnostic()?;
+        Ok(directory)
+    }
+
+    fn write(&self, working: &Path) -> Result<(), SinkError> {
+        let path = working.join(BATCH_FILE);
+        let text = serde_json::to_string(self).map_err(|error| error.to_string());
+        let written = text.and_then(|text| fs::write(&path, text).map_err(|error| error.to_string()));
+        written.map_err(|reason| SinkError { path, reason })
+    }
+
+    /// Reads the plan of the batch in a working directory; `None` if there is no batch.
+    ///
+    /// # Errors
+    /// In words, if it cannot be used.
+    pub fn read(working: &Path) -> Result<Option<Self>, String> {
+        let path = working.join(BATCH_FILE);
+        if !path.is_file() {
+            return Ok(None);
+        }
+        let text = fs::read_to_string(&path).map_err(|error| error.to_string())?;
+        let plan: Self = serde_json::from_str(&text).map_err(|error| error.to_string())?;
+        if plan.version != crate::VERSION {
+            return Err(format!("it was begun by isobar {}, and this is isobar {}", plan.version, crate::VERSION));
+        }
+        Ok(Some(plan))
+    }
+}
+
+/// The error of a batch that a signal has ended; `None` without a signal.
+pub fn interrupted(out: &Path, outputs: &Path, jobs: usize) -> Option<Report> {
+    if !interrupt::requested() {
+        return None;
+    }
+    let complete = complete_runs(outputs);
+    let help = match complete {
+        0 => "nothing is kept".to_string(),
+        _ => {
+            format!("the complete ones are kept: `isobar resume {}` runs the others", clean(&out.display().to_string()))
+        }
+    };
+    Some(miette!(help = help, "ended by a signal after {complete} of {jobs} runs"))
+}

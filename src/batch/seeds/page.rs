@@ -1,0 +1,95 @@
+//! The page of an experiment over seeds.
+
+use super::SeedsSummary;
+use crate::output::report::page::{Figure, Folded, Page, PageError, Section, render};
+use crate::plot::colors::of_method_on_paper;
+use crate::plot::{Curve, CurvePlot, Dash};
+use crate::scenario::Scenario;
+use crate::scores::Score;
+
+impl SeedsSummary {
+    /// The page.
+    ///
+    /// # Errors
+    /// As [`render`].
+    pub fn html(&self, scenario: &Scenario) -> Result<String, PageError> {
+        let variables = scenario.model.variables();
+        let against = &self.against;
+        let about_smoothed = if self.has_smoothed() {
+            " Smoothed: the estimates of the same cycles once later observations have revised them."
+        } else {
+            ""
+        };
+        let mut sections = vec![
+            Section {
+                title: "Scores".into(),
+                text: format!(
+                    "Means over {} seeds with half the width of their 95 % intervals (Student's t over the seeds): \
+                     root-mean-square errors over cycles {} to {}, and what the methods claim them to be.{about_smoothed}",
+                    self.seeds.len(),
+                    self.scored_from_cycle,
+                    self.cycles
+                ),
+                tables: self.means(variables),
+                ..Section::default()
+            },
+            Section {
+                title: format!("Differences from {against}"),
+                text: format!(
+                    "Mean over seeds of the score minus that of {against} with the same seed, in % of the latter, with \
+                     half the width of its 95 % interval. A star: significant at the level of 5 %; coloured where less \
+                     is better. Of twenty comparisons without any real difference one looks significant."
+                ),
+                tables: self.differences(variables),
+                ..Section::default()
+            },
+            Section { title: "Seed by seed".into(), figures: self.figures(variables), ..Section::default() },
+        ];
+        if !self.failed.is_empty() {
+            let lines: Vec<String> = self.failed.iter().map(ToString::to_string).collect();
+            let title = "What failed; the scores are over the other seeds".to_string();
+            let folded = vec![Folded { title, text: lines.join("\n"), ..Folded::default() }];
+            sections.push(Section { title: "Failures".into(), folded, ..Section::default() });
+        }
+        let folded =
+            vec![Folded { title: format!("{}.toml", scenario.name), text: scenario.text.clone(), ..Folded::default() }];
+        sections.push(Section { title: "Scenario".into(), folded, ..Section::default() });
+        render(&Page {
+            title: scenario.title.clone(),
+            subtitle: format!("{} over {} seeds", scenario.name, self.seeds.len()),
+            facts: self.facts(scenario),
+            sections,
+        })
+    }
+
+    fn facts(&self, scenario: &Scenario) -> Vec<(String, String)> {
+        let seeds: Vec<String> = self.seeds.iter().map(u64::to_string).collect();
+        [
+            ("phenomenon", scenario.phenomenon.clone()),
+            ("source", scenario.source.clone()),
+            ("cycles", self.cycles.to_string()),
+            ("seeds", seeds.join(", ")),
+            ("runs", self.schedule.to_string()),
+            ("version", format!("isobar {}", self.version)),
+        ]
+        .map(|(name, text)| (name.to_string(), text))
+        .into()
+    }
+
+    /// The error of each variable, and that of the biases, by seed.
+    fn figures(&self, variables: &[(&str, &str)]) -> Vec<Figure> {
+        let draw = |(number, score): (usize, Score<'_>)| {
+            let (key, title) = (score.key(), score.subject());
+            let curve = |(place, method): (usize, &String)| {
+                let values = &self.score(method, &key)?.values;
+                let pairs = self.seeds.iter().zip(values);
+                let points = pairs.filter_map(|(&seed, value)| Some([seed as f64, (*value)?])).collect();
+                Some(Curve { dash: Dash::Solid, ..Curve::new(method, of_method_on_paper(place), points) })
+            };
+            let curves: Vec<Curve> = self.methods.keys().enumerate().filter_map(curve).collect();
+            let plot = CurvePlot::new(format!("analysis RMSE of {title}"), "seed".into(), title.clone(), curves);
+            Figure::of_curves(&plot, number, format!("Analysis error of {title}, by seed."))
+        };
+        Score::all(variables, |kind| kind.compared).into_iter().enumerate().filter_map(draw).collect()
+    }
+}

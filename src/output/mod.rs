@@ -1,0 +1,22 @@
+//! Sinks hear the events of a run and write files. None of them changes the run.
+//!
+//! Contents: [`directory`] (where outputs go), [`OUTPUTS`] (the outputs that can be switched off), [`netcdf`],
+//! [`parameters`], [`report`], [`scores`], [`summary`], and with the cargo feature `rerun` the recording for the rerun
+//! viewer; [`structure`] is what report and recording show of a method's blocks.
+
+pub mod directory;
+pub mod netcdf;
+mod outputs;
+pub mod parameters;
+pub mod recorded;
+pub mod report;
+#[cfg(feature = "rerun")]
+pub mod rerun;
+pub mod scores;
+mod sink;
+pub mod structure;
+pub mod summary;
+
+pub use directory::{Existing, OutputDirectory};
+pub use outputs::{OUTPUTS, Open, Output, Outputs, open_all};
+pub use sink::{Sink, SinkError};

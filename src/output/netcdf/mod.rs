@@ -1,0 +1,116 @@
+//! netCDF-3 files by the CF conventions 1.8: `truth.nc`, `<method>.nc` for each method, `observations.nc`.
+//!
+//! All numbers are of 64 bits, so that a file holds exactly what was computed. Missing values are
+//! [`FILL_VALUE`](file::FILL_VALUE).
+
+pub mod coordinates;
+pub mod file;
+mod method;
+mod observations;
+mod truth;
+
+use crate::event::{Event, RunInfo};
+use crate::output::{OutputDirectory, Sink, SinkError};
+use method::MethodFile;
+use observations::ObservationsFile;
+use std::collections::HashSet;
+use std::path::PathBuf;
+use truth::TruthFile;
+
+/// Writes the netCDF files of a run: truth and estimates as they come, the observations when all are known.
+#[derive(Debug)]
+pub struct NetcdfSink {
+    info: RunInfo,
+    truth: TruthFile,
+    observations: ObservationsFile,
+    method_paths: Vec<PathBuf>,
+    /// A method's file is made with its first result, which shows whether the method has spreads.
+    methods: Vec<Option<MethodFile>>,
+    /// Whether a method has failed: its file has missing values from then on.
+    failed: Vec<bool>,
+}
+
+impl NetcdfSink {
+    /// Creates the files in `directory`.
+    ///
+    /// # Errors
+    /// If a file cannot be written, or if two methods' names do not lead to distinct names of files.
+    pub fn create(info: &RunInfo, directory: &OutputDirectory) -> Result<Self, SinkError> {
+        let path = |stem: &str| directory.path().join(format!("{stem}.nc"));
+        let mut stems: HashSet<String> = ["truth".into(), "observations".into()].into();
+        for method in &info.methods {
+            let stem = coordinates::safe_name(&method.name, "_");
+            // Without regard to case: some file systems have none.
+            if !stems.insert(stem.to_lowercase()) {
+                let reason = format!("the name of method `{}` leads to a file that another output has", method.name);
+                return Err(SinkError { path: path(&stem), reason });
+            }
+        }
+        Ok(Self {
+            truth: TruthFile::create(&path("truth"), info)?,
+            observations: ObservationsFile::new(path("observations"), info),
+            method_paths: info.methods.iter().map(|method| path(&coordinates::safe_name(&method.name, "_-"))).collect(),
+            methods: info.methods.iter().map(|_| None).collect(),
+            failed: vec![false; info.methods.len()],
+            info: info.clone(),
+        })
+    }
+
+    /// The file of a method, made if it is not there.
+    fn method(
+        &mut self,
+        number: usize,
+        first: Option<&crate::event::Analysed<'_>>,
+    ) -> Result<&mut MethodFile, SinkError> {
+        let file = &mut self.methods[number];
+        match file {
+            Some(file) => Ok(file),
+            None => {
+                let (path, method) = (&self.method_paths[number], &self.info.methods[number]);
+                Ok(file.insert(MethodFile::create(path, &self.info, method, first)?))
+            }
+        }
+    }
+
+    /// Writes what is left, and checks that nothing is missing.
+    fn finish(&mut self) -> Result<(), SinkError> {
+        self.observations.write(&self.info)?;
+        let cycles = self.info.cycles;
+        let info = self.info.clone();
+        for number in 0..self.methods.len() {
+            if self.failed[number] {
+                self.method(number, None)?.fill_up(&info)?;
+            }
+            check_records(self.method(number, None)?.file(), cycles)?;
+        }
+        check_records(self.truth.file(), cycles + 1)
+    }
+}
+
+impl Sink for NetcdfSink {
+    fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
+        match event {
+            Event::Started(_) | Event::Resumed(_) => Ok(()),
+            Event::Truth { time, state, calibration, .. } => self.truth.append(*time, state, calibration),
+            Event::Observed { window, values_bias_removed } => self.observations.add(window, values_bias_removed),
+            Event::Analysed(analysed) => {
+                self.method(analysed.method, Some(analysed))?.append(analysed)?;
+                self.observations.add_departures(analysed)
+            }
+            Event::Smoothed(smoothed) => self.method(smoothed.method, None)?.smooth(smoothed),
+            Event::Finished(_) => self.finish(),
+            Event::Failed { method, .. } => {
+                self.failed[*method] = true;
+                Ok(())
+            }
+            Event::Estimated(_) | Event::CycleEnded(_) | Event::Warning(_) => Ok(()),
+        }
+    }
+}
+
+fn check_records(file: &file::NetcdfFile, expected: usize) -> Result<(), SinkError> {
+    match file.records() {
+        records if records == expected => Ok(()),
+        records => Err(file.failure(format!("the run is complete with {records} records instead of {expected}"))),
+    }
+}

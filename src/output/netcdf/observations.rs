@@ -1,0 +1,208 @@
+//! `observations.nc`: all observations as points (CF discrete sampling geometry), with every method's departures.
+
+use super::coordinates as cf;
+use super::file::{Definition, FILL_VALUE, NetcdfFile, Values, Variable};
+use crate::event::{Analysed, RunInfo};
+use crate::output::SinkError;
+use isobar_obs::{ObservationWindow, Rejection, Report};
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::PathBuf;
+
+/// The observations of a run, held until all are known.
+#[derive(Debug)]
+pub struct ObservationsFile {
+    path: PathBuf,
+    reports: Vec<Report>,
+    values: Vec<f64>,
+    values_bias_removed: Vec<f64>,
+    sigma: Vec<f64>,
+    /// Why each is not used; 0 for those that are.
+    codes: Vec<i32>,
+    /// The cycle of each.
+    cycle_numbers: Vec<i32>,
+    /// The observations of each cycle that are used.
+    cycles: BTreeMap<usize, Range<usize>>,
+    /// Background and analysis departures of each method.
+    departures: Vec<[Vec<f64>; 2]>,
+}
+
+impl ObservationsFile {
+    /// A file without observations yet, and not yet written.
+    pub fn new(path: PathBuf, info: &RunInfo) -> Self {
+        Self {
+            path,
+            reports: Vec::new(),
+            values: Vec::new(),
+            values_bias_removed: Vec::new(),
+            sigma: Vec::new(),
+            codes: Vec::new(),
+            cycle_numbers: Vec::new(),
+            cycles: BTreeMap::new(),
+            departures: vec![Default::default(); info.methods.len()],
+        }
+    }
+
+    /// Takes the observations of a cycle, and their values without the true biases.
+    ///
+    /// # Errors
+    /// If its parts differ in length, or the cycle had its observations already.
+    pub fn add(&mut self, window: &ObservationWindow, values_bias_removed: &[f64]) -> Result<(), SinkError> {
+        let (n, cycle) = (window.values.len(), window.cycle);
+        if [window.reports.len(), values_bias_removed.len(), window.sigma.len()] != [n; 3] {
+            return Err(self.failure(format!("the observations of cycle {cycle} differ in number from their reports")));
+        }
+        let start = self.values.len();
+        if self.cycles.insert(cycle, start..start + n).is_some() {
+            return Err(self.failure(format!("the observations of cycle {cycle} came twice")));
+        }
+        self.reports.extend_from_slice(&window.reports);
+        let all = start + n + window.rejected.len();
+        self.cycle_numbers.resize(all, i32::try_from(cycle).unwrap_or(i32::MAX));
+        self.values.extend_from_slice(&window.values);
+        self.values_bias_removed.extend_from_slice(values_bias_removed);
+        self.sigma.extend_from_slice(&window.sigma);
+        self.codes.resize(start + n, 0);
+        for it in &window.rejected {
+            let finite = |value: f64| if value.is_finite() { value } else { FILL_VALUE };
+            self.reports.push(it.report.clone());
+            self.values.push(finite(it.value));
+            // Nothing is known of its errors.
+            self.values_bias_removed.push(FILL_VALUE);
+            self.sigma.push(finite(it.sigma));
+            self.codes.push(i32::from(it.rejection.code()));
+        }
+        for method in self.departures.iter_mut().flatten() {
+            method.resize(all, FILL_VALUE);
+        }
+        Ok(())
+    }
+
+    /// Takes a method's departures of a cycle.
+    ///
+    /// # Errors
+    /// If the cycle has other observations.
+    pub fn add_departures(&mut self, analysed: &Analysed<'_>) -> Result<(), SinkError> {
+        let &Analysed { cycle, method, ref analysis, .. } = analysed;
+        let range = self.cycles.get(&cycle).cloned().unwrap_or(0..0);
+        for (departures, given) in
+            self.departures[method].iter_mut().zip([&analysis.background_departures, &analysis.analysis_departures])
+        {
+            if given.len() != range.len() {
+                let (given, n) = (given.len(), range.len());
+                let reason =
+                    format!("method {method} has {given} departures from the {n} observations of cycle {cycle}");
+                return Err(SinkError { path: self.path.clone(), reason });
+            }
+            departures[range.clone()].copy_from_slice(given);
+        }
+        Ok(())
+    }
+
+    /// Writes the file.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write(&self, info: &RunInfo) -> Result<(), SinkError> {
+        let mut definition = Definition::new();
+        cf::add_global_attributes(&mut definition, info, "observations");
+        definition.attribute("featureType", "point");
+        if self.values.is_empty() {
+            // A fixed dimension cannot have length zero.
+            definition.record_dimension("obs");
+        } else {
+            definition.dimension("obs", self.values.len());
+            self.add_coordinates(&mut definition, info);
+            self.add_numbers(&mut definition, info);
+        }
+        NetcdfFile::create(&self.path, definition).map(|_| ())
+    }
+
+    /// Where and when, what and by whom.
+    fn add_coordinates(&self, definition: &mut Definition, info: &RunInfo) {
+        let xs = self.reports.iter().map(|report| report.x_m).collect();
+        let ys = self.reports.iter().map(|report| report.y_m).collect();
+        let times = self.reports.iter().map(|report| report.time.seconds() as f64).collect();
+        definition.fixed(cf::time(Variable::new("time", &["obs"])), Values::Numbers(times));
+        definition.fixed(cf::x(Variable::new("x", &["obs"]), "x of the observation"), Values::Numbers(xs));
+        definition.fixed(cf::y(Variable::new("y", &["obs"]), "y of the observation"), Values::Numbers(ys));
+        if let Some(projection) = &info.projection {
+            let places = self.reports.iter().map(|report| projection.inverse(report.x_m, report.y_m)).collect();
+            cf::add_grid_mapping(definition, projection);
+            cf::add_places(definition, ["latitude", "longitude"], &["obs"], places);
+        }
+        let variable = Variable::new("cycle", &["obs"]).with("long_name", "number of the cycle").with("units", "1");
+        definition.fixed(variable, Values::Integers(self.cycle_numbers.clone()));
+        self.add_codes(definition);
+        let reports = self.reports.iter();
+        let text = |name: &str, long_name: &str| Variable::new(name, &[]).with("long_name", long_name);
+        let networks = reports.clone().map(|report| &*report.network);
+        definition.texts(text("network", "observing network or satellite"), "obs", networks);
+        let platforms = reports.clone().map(|report| &*report.platform);
+        definition.texts(text("platform", "station, or place in the swath"), "obs", platforms);
+        definition.texts(text("variable", "observed variable"), "obs", reports.clone().map(|it| name(info, it)));
+        definition.texts(text("unit", "unit of the observed variable"), "obs", reports.map(|it| unit(info, it)));
+    }
+
+    /// Which are used, and why the others are not.
+    fn add_codes(&self, definition: &mut Definition) {
+        let names: Vec<&str> = Rejection::ALL.iter().map(|rejection| rejection.name()).collect();
+        let codes: Vec<i32> = std::iter::once(0).chain(Rejection::ALL.map(|it| i32::from(it.code()))).collect();
+        let variable = Variable::new("quality_code", &["obs"])
+            .with("long_name", "0 for an observation that is used, else why it is not")
+            .with("flag_values", codes)
+            .with("flag_meanings", format!("used {}", names.join(" ")));
+        definition.fixed(variable, Values::Integers(self.codes.clone()));
+    }
+
+    /// Values and departures.
+    fn add_numbers(&self, definition: &mut Definition, info: &RunInfo) {
+        let unit = cf::common(self.reports.iter().map(|report| unit(info, report)));
+        let projected = info.projection.is_some();
+        let places = if projected { "time y x latitude longitude" } else { "time y x" };
+        let number = |name: &str, long_name: &str| {
+            Variable::new(name, &["obs"])
+                .with("long_name", long_name)
+                .with("coordinates", format!("{places} network platform variable"))
+                .with_some("grid_mapping", projected.then_some(cf::GRID_MAPPING))
+                .with("_FillValue", FILL_VALUE)
+        };
+        let elsewhere = "each number has the unit that the variable `unit` says";
+        let quantity = |name: &str, long_name: &str| {
+            number(name, long_name).with_some("units", unit).with_some("comment", unit.is_none().then_some(elsewhere))
+        };
+        let scans = self.reports.iter().map(|report| report.scan.unwrap_or(FILL_VALUE)).collect();
+        definition.fixed(number("scan", "scan position, from -1 to 1").with("units", "1"), Values::Numbers(scans));
+        let bias = |(value, removed): (&f64, &f64)| if *removed == FILL_VALUE { FILL_VALUE } else { value - removed };
+        let biases = self.values.iter().zip(&self.values_bias_removed).map(bias);
+        for (name, long_name, values) in [
+            ("value", "observed value, true bias included", self.values.clone()),
+            ("value_bias_removed", "observed value without its true bias", self.values_bias_removed.clone()),
+            ("true_bias", "true bias of the observed value", biases.collect()),
+            ("sigma", "standard deviation of the random error", self.sigma.clone()),
+        ] {
+            definition.fixed(quantity(name, long_name), Values::Numbers(values));
+        }
+        for (method, departures) in info.methods.iter().zip(&self.departures) {
+            for (stage, values) in ["background", "analysis"].into_iter().zip(departures) {
+                let name = format!("{stage}_departure_{}", cf::safe_name(&method.name, "_"));
+                let long_name = format!("observed value minus the {stage} of {} at its place", method.name);
+                definition.fixed(quantity(&name, &long_name), Values::Numbers(values.clone()));
+            }
+        }
+    }
+
+    fn failure(&self, reason: String) -> SinkError {
+        SinkError { path: self.path.clone(), reason }
+    }
+}
+
+/// Name of the reported variable.
+fn name<'a>(info: &'a RunInfo, report: &Report) -> &'a str {
+    info.layout.variables.get(report.variable).map_or("", |variable| variable.name)
+}
+
+/// Unit of the reported variable.
+fn unit<'a>(info: &'a RunInfo, report: &Report) -> &'a str {
+    info.layout.variables.get(report.variable).map_or("", |variable| variable.unit)
+}

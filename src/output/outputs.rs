@@ -1,0 +1,149 @@
+//! The outputs of a run that can be switched on and off.
+
+#[cfg(feature = "rerun")]
+use super::rerun;
+use super::{OutputDirectory, Sink, SinkError, netcdf, parameters, report, scores, summary};
+use crate::event::RunInfo;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+
+/// A kind of output beside the summary and the scores.
+pub struct Output {
+    /// Its name, and its key in `[output]`.
+    pub name: &'static str,
+    /// The switch on the command line, without `--`: it turns the output off if that is on by default, and on if not.
+    pub switch: &'static str,
+    /// What the switch does.
+    pub about: &'static str,
+    /// Whether it is written unless scenario or command line say otherwise. If not, it has no key in `[output]`.
+    pub by_default: bool,
+    /// Makes its sink.
+    pub open: Open,
+}
+
+/// A sink, or why it cannot be opened.
+type Opened = Result<Box<dyn Sink>, SinkError>;
+
+/// How the sink of an output is opened.
+pub enum Open {
+    /// By a function that creates its files.
+    Available(fn(&RunInfo, &OutputDirectory) -> Opened),
+    /// Not in this build, for want of a cargo feature.
+    NeedsFeature(&'static str),
+}
+
+/// All of them.
+pub const OUTPUTS: &[Output] = &[
+    Output {
+        name: "netcdf",
+        switch: "no-netcdf",
+        about: "Write no netCDF files",
+        by_default: true,
+        open: Open::Available(|info, directory| Ok(Box::new(netcdf::NetcdfSink::create(info, directory)?))),
+    },
+    Output {
+        name: report::REPORT,
+        switch: "no-report",
+        about: "Write no report.html, and no figures",
+        by_default: true,
+        open: Open::Available(|info, directory| Ok(Box::new(report::ReportSink::create(info, directory)?))),
+    },
+    Output {
+        name: "rerun",
+        switch: "no-rerun",
+        about: "Write no recording for the rerun viewer",
+        by_default: true,
+        #[cfg(feature = "rerun")]
+        open: Open::Available(|info, directory| Ok(Box::new(rerun::RerunSink::create(info, directory)?))),
+        #[cfg(not(feature = "rerun"))]
+        open: Open::NeedsFeature("rerun"),
+    },
+    Output {
+        name: "live",
+        switch: "live",
+        about: "Show the run in a running rerun viewer while it computes",
+        by_default: false,
+        #[cfg(feature = "rerun")]
+        open: Open::Available(|info, _| Ok(Box::new(rerun::LiveSink::connect(info)?))),
+        #[cfg(not(feature = "rerun"))]
+        open: Open::NeedsFeature("rerun"),
+    },
+];
+
+impl Output {
+    /// Whether this build of isobar can write it.
+    pub fn is_available(&self) -> bool {
+        matches!(self.open, Open::Available(_))
+    }
+}
+
+/// The names of the outputs to write.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Outputs(BTreeSet<String>);
+
+impl Outputs {
+    /// Those that are written by default.
+    pub fn by_default() -> Self {
+        Self::of(OUTPUTS.iter().filter(|output| output.by_default).map(|output| output.name))
+    }
+
+    /// Those of these names.
+    pub fn of<'a>(names: impl IntoIterator<Item = &'a str>) -> Self {
+        Self(names.into_iter().map(String::from).collect())
+    }
+
+    /// Those that are written by default: the others belong to a process and not to the run, which another process may
+    /// continue without them.
+    pub fn of_run(&self) -> Self {
+        Self::of(Self::by_default().0.iter().filter(|name| self.contains(name)).map(String::as_str))
+    }
+
+    /// Whether an output is one of them.
+    pub fn contains(&self, name: &str) -> bool {
+        self.0.contains(name)
+    }
+
+    /// Adds an output or takes it away.
+    pub fn set(&mut self, name: &str, wanted: bool) {
+        if wanted {
+            self.0.insert(name.to_string());
+        } else {
+            self.0.remove(name);
+        }
+    }
+}
+
+/// Opens all sinks of a run: those of the outputs that are wanted, and those that are always there. Their files are complete
+/// once they have heard [`Event::Finished`](crate::event::Event::Finished); then [`OutputDirectory::complete`] gives them their final place.
+///
+/// # Errors
+/// If a file cannot be created, if names of methods do not lead to distinct file names, or if an output is wanted for which
+/// this isobar was built without its feature.
+pub fn open_all(
+    info: &RunInfo,
+    directory: &OutputDirectory,
+    outputs: &Outputs,
+) -> Result<Vec<Box<dyn Sink>>, SinkError> {
+    let mut sinks = open(info, directory, outputs)?;
+    sinks.push(Box::new(scores::ScoresSink::create(info, directory)?));
+    sinks.push(Box::new(parameters::ParametersSink::new(info, directory)));
+    sinks.push(Box::new(summary::SummarySink::new(directory)));
+    Ok(sinks)
+}
+
+/// Opens the sinks of these outputs.
+///
+/// # Errors
+/// If a file cannot be created, if names of methods do not lead to distinct file names, or if this isobar was built without
+/// an output's feature.
+fn open(info: &RunInfo, directory: &OutputDirectory, outputs: &Outputs) -> Result<Vec<Box<dyn Sink>>, SinkError> {
+    let wanted = OUTPUTS.iter().filter(|output| outputs.contains(output.name));
+    let open = |output: &Output| match output.open {
+        Open::Available(open) => open(info, directory),
+        Open::NeedsFeature(feature) => Err(SinkError {
+            path: directory.destination().join(output.name),
+            reason: format!("this isobar was built without the cargo feature `{feature}`"),
+        }),
+    };
+    wanted.map(open).collect()
+}

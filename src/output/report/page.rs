@@ -1,0 +1,381 @@
+//! The page: sections of text, tables and figures, put together by a template that escapes what it is given.
+
+use super::facts;
+use super::figures::{self, Figures};
+use super::history::History;
+use super::maps::{self, Maps};
+use super::tables;
+use crate::event::RunInfo;
+use crate::plot::{CurvePlot, PlotError};
+use crate::scores::Summary;
+use crate::tables::{MOST_PARAMETERS, Table, diagnostics, scores, stability};
+use base64::Engine;
+use minijinja::syntax::SyntaxConfig;
+use minijinja::value::{Serde, Value};
+use minijinja::{Environment, UndefinedBehavior, context};
+use serde::Serialize;
+
+/// Figures of bias parameters that are shown at once; the others are folded.
+const OPEN_FIGURES: usize = 8;
+
+/// Why a page cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum PageError {
+    /// A figure.
+    #[error(transparent)]
+    Plot(#[from] PlotError),
+    /// The template.
+    #[error("the page cannot be put together: {0}")]
+    Template(#[from] minijinja::Error),
+}
+
+/// A figure on a page.
+#[derive(Clone, Debug, Serialize)]
+pub struct Figure {
+    /// What it shows, in words.
+    pub caption: String,
+    /// Its SVG element, already escaped; empty for a picture.
+    pub svg: String,
+    /// The picture's bytes in base64; empty for an SVG.
+    pub png: String,
+}
+
+impl Figure {
+    /// Curves as the figure of this number on its page; `None` if there are none.
+    pub fn of_curves(plot: &CurvePlot, number: usize, caption: String) -> Option<Self> {
+        let svg = || plot.svg(&format!("f{number}")).page;
+        (!plot.curves.is_empty()).then(|| Self { caption, svg: svg(), png: String::new() })
+    }
+}
+
+/// A part of the page.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Section {
+    /// Its heading.
+    pub title: String,
+    /// What there is to know before looking.
+    pub text: String,
+    /// Tables.
+    pub tables: Vec<Table>,
+    /// Figures.
+    pub figures: Vec<Figure>,
+    /// Further parts, each under a line that opens it.
+    pub folded: Vec<Folded>,
+}
+
+/// Something that the reader has to open.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Folded {
+    /// The line that is always seen.
+    pub title: String,
+    /// What there is to know before looking.
+    pub text: String,
+    /// A text, to the letter.
+    pub verbatim: String,
+    /// Tables.
+    pub tables: Vec<Table>,
+    /// Figures.
+    pub figures: Vec<Figure>,
+}
+
+/// A page.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Page {
+    /// The heading.
+    pub title: String,
+    /// The line below it.
+    pub subtitle: String,
+    /// Facts by name.
+    pub facts: Vec<(String, String)>,
+    /// The parts.
+    pub sections: Vec<Section>,
+}
+
+/// Puts a page together.
+///
+/// # Errors
+/// If the template fails, which would be a fault of this program.
+pub fn render(page: &Page) -> Result<String, PageError> {
+    let mut environment = Environment::new();
+    environment.set_undefined_behavior(UndefinedBehavior::Strict);
+    environment.set_syntax(SyntaxConfig::builder().trim_blocks(true).lstrip_blocks(true).build()?);
+    environment.add_template("page.html", include_str!("page.html"))?;
+    let style = include_str!("style.css");
+    Ok(environment.get_template("page.html")?.render(context! { page => Value::from(Serde(page)), style })?)
+}
+
+/// The report of a run: the page, and the files of its figures.
+pub struct Report {
+    page: Page,
+    files: Vec<(String, Vec<u8>)>,
+}
+
+impl Report {
+    /// Draws everything.
+    pub fn new(info: &RunInfo, history: &History, summary: &Summary) -> Result<Self, PageError> {
+        let mut report = Self { page: Page::default(), files: Vec::new() };
+        let figures = Figures { info, history, scored_from: summary.scored_from_cycle };
+        report.page.title.clone_from(&info.title);
+        report.page.subtitle =
+            format!("{}, seed {}: {} methods side by side", info.scenario, info.seed, info.methods.len());
+        report.page.facts = facts::facts(info, summary);
+        let scores = report.scores(info, summary);
+        let errors = Section {
+            title: "Error over time".into(),
+            text: "A method whose claimed spread (broken line) lies on its error (solid line) knows what it does not know."
+                .into(),
+            figures: report.curves(figures.errors()),
+            ..Section::default()
+        };
+        let maps = Maps::new(info, history);
+        let structures = report.structures(maps.structures())?;
+        let correlations = report.correlations(maps.correlations(), history.mapped)?;
+        let maps = report.maps(maps.all(), maps.other_variables())?;
+        let biases = report.biases(info, history, &figures);
+        let parameters = report.parameters(info, history, &figures);
+        let stability = stability(summary);
+        let reliability = Section {
+            title: "Is the claimed spread right?".into(),
+            text: "For the methods that claim one, over all grid points of the cycles that count.".into(),
+            figures: report.curves(figures.reliability().into_iter().chain(figures.histograms(summary)).collect()),
+            ..Section::default()
+        };
+        let innovations = Section {
+            title: "What the observations say".into(),
+            text: "Departures of the observations from the background, which need no truth.".into(),
+            figures: report.curves(figures.innovations()),
+            ..Section::default()
+        };
+        let folded = diagnostics::all(summary).into_iter().map(|titled| Folded {
+            title: titled.title.into(),
+            text: titled.text.into(),
+            tables: vec![titled.table],
+            ..Folded::default()
+        });
+        let diagnostics = Section {
+            title: "Diagnostics".into(),
+            text: "Over the cycles that count, with 95 % intervals below.".into(),
+            folded: folded.collect(),
+            ..Section::default()
+        };
+        let cost = Section {
+            title: "Partition and cost".into(),
+            text:
+                "Blocks that observations link are merged; below, the cycle whose largest component was the largest. \
+                   Times are of the machine that ran it."
+                    .into(),
+            tables: tables::partitions(summary).into_iter().chain([scores::costs(summary)]).collect(),
+            ..structures
+        };
+        let scenario = Section {
+            title: "Scenario".into(),
+            folded: vec![Folded {
+                title: format!("{}.toml", info.scenario),
+                verbatim: info.scenario_text.clone(),
+                ..Folded::default()
+            }],
+            ..Section::default()
+        };
+        let parts = [reliability, correlations, innovations, diagnostics, cost];
+        let all =
+            [Some(scores), Some(errors), Some(maps), biases, parameters, stability].into_iter().chain(parts.map(Some));
+        let filled = |it: &Section| !(it.figures.is_empty() && it.tables.is_empty() && it.folded.is_empty());
+        report.page.sections = all.flatten().chain([scenario]).filter(filled).collect();
+        Ok(report)
+    }
+
+    /// The figures' names and bytes.
+    pub fn files(&self) -> &[(String, Vec<u8>)] {
+        &self.files
+    }
+
+    /// The page.
+    pub fn html(&self) -> Result<String, PageError> {
+        render(&self.page)
+    }
+
+    fn scores(&self, info: &RunInfo, summary: &Summary) -> Section {
+        let smoothed = scores::smoothed(summary, &info.variables());
+        let about_them = match smoothed {
+            Some(_) => " Smoothed is the estimate of the same cycles once later observations have revised it.",
+            None => "",
+        };
+        Section {
+            title: "Scores".into(),
+            text: format!(
+                "Root-mean-square errors over cycles {} to {}; below each its 95 % interval, for which successive cycles \
+                 count the less the more they resemble each other. No interval: the cycles are worth fewer than three \
+                 independent ones. Spread is what a method claims its analysis error to be.{about_them}",
+                summary.scored_from_cycle, summary.cycles
+            ),
+            tables: tables::failures(summary)
+                .into_iter()
+                .chain([scores::errors(summary, &info.variables())])
+                .chain(smoothed)
+                .chain([tables::methods(info)])
+                .collect(),
+            ..Section::default()
+        }
+    }
+
+    fn biases(&mut self, info: &RunInfo, history: &History, figures: &Figures<'_>) -> Option<Section> {
+        let table = tables::biases(info, history)?;
+        let mut all = self.curves(figures.biases());
+        let rest = all.split_off(all.len().min(OPEN_FIGURES));
+        let mut folded = Vec::new();
+        if !rest.is_empty() {
+            folded.push(Folded { title: format!("{} more biases", rest.len()), figures: rest, ..Folded::default() });
+        }
+        let which = match info.calibration.len() {
+            0..=MOST_PARAMETERS => "every bias".to_string(),
+            all => format!("the first {} of {all} biases", MOST_PARAMETERS),
+        };
+        let title = format!("The last estimate of {which}, with ± 2σ where claimed");
+        folded.push(Folded { title, tables: vec![table], ..Folded::default() });
+        Some(Section {
+            title: "Biases".into(),
+            text: "Estimates with the band of ±2σ that the method claims, and the truth (broken).".into(),
+            figures: all,
+            folded,
+            ..Section::default()
+        })
+    }
+
+    fn parameters(&mut self, info: &RunInfo, history: &History, figures: &Figures<'_>) -> Option<Section> {
+        let table = tables::parameters(info, history)?;
+        let mut all = self.curves(figures.parameters());
+        let rest = all.split_off(all.len().min(OPEN_FIGURES));
+        let title = "The last estimates, with ± 2σ or why there is none".to_string();
+        let mut folded = vec![Folded { title, tables: vec![table], ..Folded::default() }];
+        if !rest.is_empty() {
+            folded.push(Folded { title: format!("{} more", rest.len()), figures: rest, ..Folded::default() });
+        }
+        Some(Section {
+            title: "What else is estimated".into(),
+            text: "What methods estimate beside state and biases, such as factors on the variances of errors \
+                   (adapt/…), with the band of ±2σ that they claim; parameters.csv has all cycles."
+                .into(),
+            figures: all,
+            folded,
+            ..Section::default()
+        })
+    }
+
+    /// The blocks of the methods that have them, and folded their common factors.
+    fn structures(&mut self, all: Vec<maps::StructureMaps>) -> Result<Section, PageError> {
+        let mut section = Section::default();
+        for maps::StructureMaps { method, parts, factors } in all {
+            section.figures.push(self.map(parts)?);
+            if !factors.is_empty() {
+                let title = format!("{method}: the leading common factors after the last analysis");
+                let text =
+                    "What the errors of all blocks have in common. The factors are orthogonal where each value is \
+                            divided by its standard deviation in B; the share is that of the variance that the method \
+                            claims for all values."
+                        .into();
+                let figures = factors.into_iter().map(|it| self.map(it)).collect::<Result<_, _>>()?;
+                section.folded.push(Folded { title, text, figures, ..Folded::default() });
+            }
+        }
+        Ok(section)
+    }
+
+    /// The correlations of the variable that is shown first, and folded those of the others.
+    fn correlations(&mut self, all: Vec<(String, Vec<maps::Drawing>)>, first: usize) -> Result<Section, PageError> {
+        let mut section = Section {
+            title: "Which errors go together".into(),
+            text: "For the methods that have a covariance, after the last analysis: how far the error in the middle of the \
+                   domain tells of the errors elsewhere, as the method believes."
+                .into(),
+            ..Section::default()
+        };
+        for (number, (variable, drawings)) in all.into_iter().enumerate() {
+            let figures = drawings.into_iter().map(|it| self.map(it)).collect::<Result<Vec<_>, _>>()?;
+            if number == first {
+                section.figures = figures;
+            } else if !figures.is_empty() {
+                let title = format!("Correlation with {variable}");
+                section.folded.push(Folded { title, figures, ..Folded::default() });
+            }
+        }
+        Ok(section)
+    }
+
+    /// The maps of the last cycle, and folded the errors of others; the files hold all.
+    fn maps(
+        &mut self,
+        all: Vec<maps::MapsOfCycle>,
+        others: Vec<(String, Vec<maps::Drawing>)>,
+    ) -> Result<Section, PageError> {
+        let mut section = Section { title: "Maps".into(), ..Section::default() };
+        for (number, maps) in all.into_iter().enumerate() {
+            let when = format!("cycle {}, {}", maps.cycle, maps.time);
+            let mut figures = vec![self.map(maps.truth)?];
+            let mut more = Vec::new();
+            for (name, own) in maps.methods {
+                figures.push(self.map(own.error)?);
+                let mut others = own.states.into_iter().map(|it| self.map(it)).collect::<Result<Vec<_>, _>>()?;
+                others.extend(own.spread.map(|it| self.map(it)).transpose()?);
+                let title = format!("{name}: background with observations, analysis, claimed spread");
+                more.push(Folded { title, figures: others, ..Folded::default() });
+            }
+            if number == 0 {
+                section.title = format!("Maps of {when}");
+                section.text =
+                    "Truth, and the error of every method. All maps of a kind have the same colours for the \
+                                same values."
+                        .into();
+                (section.figures, section.folded) = (figures, more);
+            } else {
+                let title = format!("Truth and errors of {when}");
+                section.folded.push(Folded { title, figures, ..Folded::default() });
+            }
+        }
+        for (variable, drawings) in others {
+            let figures = drawings.into_iter().map(|it| self.map(it)).collect::<Result<_, _>>()?;
+            let title = format!("{variable}: error and claimed spread of every method in the last cycle");
+            section.folded.push(Folded { title, figures, ..Folded::default() });
+        }
+        Ok(section)
+    }
+
+    /// Draws curves, for the page and as files.
+    fn curves(&mut self, drawings: Vec<figures::Drawing>) -> Vec<Figure> {
+        let mut all = Vec::new();
+        for figures::Drawing { stem, caption, plot } in drawings {
+            let id = format!("f{}", self.files.len());
+            let svg = plot.svg(&id);
+            self.files.push((format!("{stem}.svg"), svg.file.into_bytes()));
+            all.push(Figure { caption, svg: svg.page, png: String::new() });
+        }
+        all
+    }
+
+    /// Draws a map, for the page and as a file.
+    fn map(&mut self, drawing: maps::Drawing) -> Result<Figure, PageError> {
+        let maps::Drawing { stem, caption, map } = drawing;
+        let bytes = map.png()?;
+        let png = base64::engine::general_purpose::STANDARD.encode(&bytes);
+        self.files.push((format!("{stem}.png"), bytes));
+        Ok(Figure { caption, svg: String::new(), png })
+    }
+}
+
+/// The stability monitor's verdicts; what it found of each method is folded.
+fn stability(summary: &Summary) -> Option<Section> {
+    let folded = summary.methods.iter().filter_map(|(name, scores)| {
+        let own = scores.stability.as_ref().filter(|own| !own.parameters.is_empty())?;
+        let findings = stability::findings(own).join(". ");
+        let text = if findings.is_empty() { "Every bias has a stable update.".to_string() } else { findings + "." };
+        Some(Folded { title: format!("{name}: {}", stability::in_short(own)), text, ..Folded::default() })
+    });
+    Some(Section {
+        title: "Stability of the bias estimates".into(),
+        text: "Which biases the observations determine, whether innovations are white and as large as the method claims, and \
+               what would help."
+            .into(),
+        tables: vec![tables::stability(summary)?],
+        folded: folded.collect(),
+        ..Section::default()
+    })
+}

@@ -1,0 +1,123 @@
+//! The tables of a run's page beside its scores.
+
+use super::history::{Cycle, History, ParameterHistory};
+use crate::event::RunInfo;
+use crate::plot::unit;
+use crate::scores::{Failure, MethodScores, Summary};
+use crate::tables::scores::factors;
+use crate::tables::{Cell, MOST_PARAMETERS, NONE, Table, figure};
+
+/// The methods' names and settings.
+pub fn methods(info: &RunInfo) -> Table {
+    let rows = info.methods.iter().map(|it| vec![it.name.as_str().into(), it.description.as_str().into()]);
+    Table::new(&["method", "how it is set up"], rows.collect())
+}
+
+/// When and why methods failed.
+pub fn failures(summary: &Summary) -> Option<Table> {
+    let row =
+        |(name, it): (&str, &Failure)| -> Vec<Cell> { vec![name.into(), it.cycle.into(), it.reason.as_str().into()] };
+    Table::new(&["method", "failed in cycle", "because"], summary.failures().map(row).collect()).filled()
+}
+
+/// The verdict on every bias, up to [`MOST_PARAMETERS`], of every method that estimates them.
+pub fn stability(summary: &Summary) -> Option<Table> {
+    let methods = summary.methods.iter().filter_map(|(name, scores)| Some((name, scores.stability.as_ref()?)));
+    let methods: Vec<_> = methods.filter(|(_, own)| !own.parameters.is_empty()).collect();
+    let (_, first) = methods.first()?;
+    let mut header = vec!["parameter".to_string(), "observations".into()];
+    header.extend(methods.iter().map(|(name, _)| name.to_string()));
+    let row = |number: usize| -> Option<Vec<Cell>> {
+        let own = first.parameters.get(number)?;
+        let mut row: Vec<Cell> = vec![own.name.as_str().into(), own.observations.into()];
+        row.extend(methods.iter().map(|(_, stability)| match stability.parameters.get(number) {
+            None => NONE.into(),
+            Some(own) => Cell {
+                text: own.verdict().into(),
+                note: format!("keeps {} % of its prior variance", figure(100.0 * own.variance_ratio)),
+                class: if own.stable { "words" } else { "words open" },
+            },
+        }));
+        Some(row)
+    };
+    Some(Table { header, rows: (0..first.parameters.len().min(MOST_PARAMETERS)).filter_map(row).collect() })
+}
+
+/// The last estimate of every bias, up to [`MOST_PARAMETERS`], by every method, against the truth.
+pub fn biases(info: &RunInfo, history: &History) -> Option<Table> {
+    let last: &Cycle = history.cycles.last().filter(|_| !info.calibration.is_empty())?;
+    let mut header = vec!["parameter".to_string(), "unit".into(), "truth".into()];
+    header.extend(info.methods.iter().map(|method| method.name.clone()));
+    let row = |(number, parameter): (usize, &isobar_obs::Parameter)| {
+        let truth = last.true_calibration.get(number).copied();
+        let mut row: Vec<Cell> =
+            vec![parameter.name.as_str().into(), unit(&parameter.unit).into(), Cell::figure(truth)];
+        row.extend(last.methods.iter().map(|own| {
+            let Some(own) = own else { return NONE.into() };
+            let cell = Cell::figure(own.calibration.get(number).copied());
+            let sigma = own.calibration_spread.as_ref().and_then(|spread| spread.get(number));
+            Cell { note: sigma.map_or_else(String::new, |sigma| format!("± {}", figure(2.0 * sigma))), ..cell }
+        }));
+        row
+    };
+    Some(Table {
+        header,
+        rows: info.calibration.parameters.iter().take(MOST_PARAMETERS).enumerate().map(row).collect(),
+    })
+}
+
+/// The last estimate of every parameter beside state and biases, up to [`MOST_PARAMETERS`], by the methods that have some.
+pub fn parameters(info: &RunInfo, history: &History) -> Option<Table> {
+    let all = &history.parameters;
+    let has_some = |&(number, _): &(usize, _)| all.values().any(|own| own[number].is_some());
+    let methods: Vec<_> = info.methods.iter().enumerate().filter(has_some).collect();
+    let mut header = vec!["parameter".to_string(), "unit".into()];
+    header.extend(methods.iter().map(|(_, method)| method.name.clone()));
+    let row = |(name, own): (&String, &Vec<Option<ParameterHistory>>)| -> Vec<Cell> {
+        let udunits = own.iter().flatten().next().map_or("", |it| it.last.unit.as_str());
+        let cells = methods.iter().map(|&(number, _)| {
+            let Some(ParameterHistory { last, .. }) = &own[number] else { return NONE.into() };
+            let note = match last.sigma {
+                Some(sigma) => format!("± {}", figure(2.0 * sigma)),
+                None => last.verdict.clone(),
+            };
+            Cell { text: figure(last.value), note, class: if last.sigma.is_some() { "" } else { "open" } }
+        });
+        [name.as_str().into(), unit(udunits).into()].into_iter().chain(cells).collect()
+    };
+    Table { header, rows: all.iter().take(MOST_PARAMETERS).map(row).collect() }.filled()
+}
+
+/// How observations linked blocks, in the cycle with the largest component.
+pub fn partitions(summary: &Summary) -> Option<Table> {
+    let header = [
+        "method",
+        "blocks",
+        "components",
+        "of several blocks",
+        "blocks of the largest",
+        "its variables",
+        "blocks unobserved",
+        "factors",
+        "separators",
+        "their unknowns",
+        "border unknowns",
+    ];
+    let row = |(name, scores): (&String, &MethodScores)| {
+        let it = scores.partition.as_ref()?;
+        let mut row: Vec<Cell> = vec![name.as_str().into()];
+        row.extend([it.blocks, it.components, it.merged_components].map(Cell::from));
+        row.extend([it.largest_component_blocks, it.largest_component_variables, it.unobserved_blocks].map(Cell::from));
+        row.push(factors(it).into());
+        row.push(it.separators.into());
+        let place = match it.separators {
+            0 => "",
+            _ if it.nested => "nested",
+            _ => "in the border",
+        };
+        row.push(Cell { note: place.into(), ..it.separator_unknowns.into() });
+        row.push(it.border.into());
+        Some(row)
+    };
+    Table::new(&header, summary.methods.iter().filter_map(row).collect()).filled()
+}

@@ -1,0 +1,190 @@
+//! Maps: fields, wind arrows and observing platforms, cycle by cycle.
+
+use super::frame::Frame;
+use super::history::{Estimates, History, Platform};
+use super::names::{Names, Result};
+use super::ranges::{Ranges, VariableRanges};
+use crate::event::RunInfo;
+use crate::output::structure::ShownStructure;
+use crate::plot::colors::{self, Scale};
+use crate::plot::number as number_text;
+use ::rerun::components::Colormap;
+use ::rerun::{Arrows2D, ChannelDatatype, DepthImage, Image, LineStrips2D, Points2D, RecordingStream};
+use isobar_model::Time;
+
+/// Colours of arrows on dark and on light maps, and of labels.
+const LIGHT: [u8; 4] = [255, 255, 255, 210];
+const DARK: [u8; 4] = [40, 40, 40, 220];
+const LABEL: [u8; 3] = [220, 220, 220];
+
+/// What all maps of a run have in common.
+pub struct Maps<'a> {
+    pub recording: &'a RecordingStream,
+    pub info: &'a RunInfo,
+    pub history: &'a History,
+    pub ranges: &'a Ranges,
+    pub names: &'a Names,
+    pub frame: Frame<'a>,
+}
+
+impl Maps<'_> {
+    /// All maps of the run from a cycle on.
+    pub fn log_since(&self, since: usize) -> Result {
+        for (&cycle, truth) in self.history.truth.range(since..) {
+            self.set_time(cycle, truth.time);
+            for (number, variable) in self.info.layout.variables.iter().enumerate() {
+                self.log_state(&format!("truth/{}", variable.name), number, &truth.fields[number])?;
+            }
+            self.log_wind("truth/wind", &truth.fields, self.ranges.wind, LIGHT)?;
+        }
+        for (method, cycles) in self.history.methods.iter().enumerate() {
+            for (&cycle, estimates) in cycles.range(since..) {
+                self.set_time(cycle, estimates.time);
+                for variable in 0..self.info.layout.variables.len() {
+                    self.log_variable(method, variable, cycle, estimates)?;
+                }
+                self.log_wind(&self.names.map(method, "wind"), &estimates.analysis, self.ranges.wind, LIGHT)?;
+                if let Some(structure) = &estimates.structure {
+                    self.log_structure(method, cycle, structure)?;
+                }
+            }
+        }
+        self.recording.reset_time();
+        Ok(())
+    }
+
+    fn set_time(&self, cycle: usize, time: Time) {
+        self.recording.set_time_sequence("cycle", cycle as i64);
+        self.recording.set_timestamp_secs_since_epoch("valid_time", time.seconds() as f64);
+    }
+
+    /// The colour bars, which stay as they are.
+    pub fn log_color_bars(&self) -> Result {
+        for (variable, ranges) in self.info.layout.variables.iter().zip(&self.ranges.variables) {
+            let &VariableRanges { state, difference, spread, .. } = ranges;
+            for (name, scale, range) in [
+                ("state", Scale::State, state),
+                ("difference", Scale::Difference, [-difference, difference]),
+                ("spread", Scale::Spread, [0.0, spread]),
+            ] {
+                let bar = self.frame.color_bar(scale, range, variable.unit);
+                let path = format!("color_bars/{}/{name}", variable.name);
+                let strips = LineStrips2D::new(bar.segments).with_colors(bar.colors).with_radii([bar.radius]);
+                self.recording.log_static(format!("{path}/band"), &strips.with_draw_order(20.0))?;
+                let labels = Points2D::new(bar.labels_at).with_labels(bar.labels).with_show_labels(true);
+                let labels = labels.with_radii([0.0]).with_colors([LABEL]);
+                self.recording.log_static(format!("{path}/labels"), &labels.with_draw_order(40.0))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn log_variable(&self, method: usize, number: usize, cycle: usize, estimates: &Estimates) -> Result {
+        let name = self.info.layout.variables[number].name;
+        let path = |part: &str| self.names.field(method, name, part);
+        let (background, analysis) = (&estimates.background[number], &estimates.analysis[number]);
+        let limit = self.ranges.variables[number].difference;
+        self.log_state(&path("background"), number, background)?;
+        self.log_state(&path("analysis"), number, analysis)?;
+        self.log_difference(&path("increment"), &difference(analysis, background), limit)?;
+        if let Some(truth) = self.history.truth.get(&cycle) {
+            let truth = &truth.fields[number];
+            self.log_difference(&path("analysis_error"), &difference(analysis, truth), limit)?;
+            self.log_difference(&path("background_error"), &difference(background, truth), limit)?;
+        }
+        if let Some(spread) = &estimates.spread {
+            let range = [0.0, self.ranges.variables[number].spread];
+            self.log_scalar(&path("spread"), &spread[number], Colormap::Inferno, range)?;
+        }
+        if let Some(platforms) = self.history.observed.get(&cycle) {
+            self.log_platforms(&path("observations"), number, platforms, &estimates.departures)?;
+        }
+        Ok(())
+    }
+
+    fn log_structure(&self, method: usize, cycle: usize, structure: &ShownStructure) -> Result {
+        let path = |part: &str| self.names.structure(method, part);
+        let bytes: Vec<u8> = self.frame.pixels(&structure.parts).flat_map(|&number| colors::part(number)).collect();
+        self.recording.log(path("parts/map"), &Image::from_rgb24(bytes, self.frame.resolution()))?;
+        self.log_headline(&path("parts/headline"), &structure.summary)?;
+        let mapped = self.history.mapped;
+        let unit = self.info.layout.variables[mapped].unit;
+        for (factor, number) in structure.factors.iter().zip(1..) {
+            let path = |part: &str| path(&format!("factor_{number}/{part}"));
+            // Each in its own range: the factors shrink as the method learns, and their shapes are what is to be seen.
+            let (largest, fastest) = (factor.largest[mapped], self.history.highest_speed(&factor.fields));
+            self.log_difference(&path("map"), &factor.fields[mapped], largest.max(f32::MIN_POSITIVE))?;
+            self.log_wind(&path("wind"), &factor.fields, fastest, DARK)?;
+            let headline = format!("cycle {cycle}: ±{} {unit}, {}", number_text(largest), factor.summary);
+            self.log_headline(&path("headline"), &headline)?;
+        }
+        Ok(())
+    }
+
+    fn log_headline(&self, path: &str, text: &str) -> Result {
+        let label = Points2D::new([self.frame.headline()]).with_labels([text]).with_show_labels(true);
+        Ok(self.recording.log(path, &label.with_radii([0.0]).with_colors([LABEL]).with_draw_order(40.0))?)
+    }
+
+    fn log_state(&self, path: &str, variable: usize, field: &[f32]) -> Result {
+        self.log_scalar(path, field, Colormap::Viridis, self.ranges.variables[variable].state)
+    }
+
+    /// A field whose colours the viewer makes, so that it can also tell the values.
+    fn log_scalar(&self, path: &str, field: &[f32], colormap: Colormap, [low, high]: [f32; 2]) -> Result {
+        let bytes: Vec<u8> = self.frame.pixels(field).flat_map(|value| value.to_le_bytes()).collect();
+        let image = DepthImage::from_data_type_and_bytes(bytes, self.frame.resolution(), ChannelDatatype::F32);
+        let image = image.with_colormap(colormap).with_depth_range([f64::from(low), f64::from(high)]);
+        Ok(self.recording.log(path, &image)?)
+    }
+
+    /// A difference in our own colours: the viewer has none with white at zero.
+    fn log_difference(&self, path: &str, difference: &[f32], limit: f32) -> Result {
+        let bytes: Vec<u8> =
+            self.frame.pixels(difference).flat_map(|&value| colors::difference(value, limit)).collect();
+        Ok(self.recording.log(path, &Image::from_rgb24(bytes, self.frame.resolution()))?)
+    }
+
+    /// Arrows of the wind; those of the speed `fastest` are as long as arrows are apart.
+    fn log_wind(&self, path: &str, fields: &[Vec<f32>], fastest: f32, color: [u8; 4]) -> Result {
+        let Some(wind) = self.history.wind(fields) else { return Ok(()) };
+        let [origins, vectors] = self.frame.arrows(wind, fastest);
+        let arrows = Arrows2D::from_vectors(vectors).with_origins(origins).with_radii([0.09 * self.frame.mark()]);
+        Ok(self.recording.log(path, &arrows.with_colors([color]).with_draw_order(30.0))?)
+    }
+
+    /// Dots in the colour of the variable's background departure, the smaller the more there are. On the maps of the
+    /// first variable platforms that did not report it are grey, on those of others they are left out.
+    fn log_platforms(&self, path: &str, number: usize, platforms: &[Platform], departures: &[f32]) -> Result {
+        let limit = self.ranges.variables[number].difference;
+        let report = |platform: &Platform| platform.reports.iter().find(|report| report.1 == number).copied();
+        let all = number == self.history.mapped;
+        let platforms: Vec<&Platform> = platforms.iter().filter(|it| all || report(it).is_some()).collect();
+        let places: Vec<[f32; 2]> = platforms.iter().map(|it| self.frame.place(it.x_m, it.y_m)).collect();
+        let colors = platforms.iter().map(|platform| {
+            let departure = report(platform).and_then(|report| departures.get(report.0));
+            departure.map_or([128, 128, 128], |&departure| colors::difference(departure, limit))
+        });
+        let labels = platforms.iter().map(|platform| self.label(platform, departures));
+        let mark = self.frame.mark() * (120.0 / places.len() as f32).sqrt().clamp(0.3, 1.0);
+        let rim = Points2D::new(places.clone()).with_radii([0.85 * mark]).with_colors([[0u8, 0, 0]]);
+        self.recording.log(format!("{path}/rim"), &rim.with_draw_order(30.0))?;
+        let dots = Points2D::new(places).with_radii([0.68 * mark]).with_colors(colors).with_labels(labels);
+        Ok(self.recording.log(format!("{path}/dots"), &dots.with_show_labels(false).with_draw_order(31.0))?)
+    }
+
+    fn label(&self, platform: &Platform, departures: &[f32]) -> String {
+        let mut label = platform.name.clone();
+        for &(at, variable, value) in &platform.reports {
+            let variable = &self.info.layout.variables[variable];
+            let departure = departures.get(at).map_or_else(|| "?".into(), |&departure| number_text(departure));
+            let (name, unit, value) = (variable.name, variable.unit, number_text(value));
+            label += &format!("\n{name} = {value} {unit}, departure {departure}");
+        }
+        label
+    }
+}
+
+fn difference(field: &[f32], other: &[f32]) -> Vec<f32> {
+    field.iter().zip(other).map(|(a, b)| a - b).collect()
+}

@@ -1,0 +1,65 @@
+//! Under which names everything is logged.
+
+use crate::event::RunInfo;
+use crate::output::netcdf::coordinates::safe_name;
+use std::error::Error;
+
+/// The recording's application: the viewer keeps a user's layout by it.
+pub const APPLICATION_ID: &str = "isobar";
+
+/// The outcome of logging something.
+pub type Result<T = ()> = std::result::Result<T, Box<dyn Error>>;
+
+/// Names of entities.
+#[derive(Debug)]
+pub struct Names {
+    methods: Vec<String>,
+    parameters: Vec<String>,
+}
+
+impl Names {
+    /// The names in a run.
+    pub fn new(info: &RunInfo) -> Self {
+        // With their numbers, so that no two are the same.
+        let name = |(number, name): (usize, &String)| format!("{:02}_{}", number + 1, safe_name(name, "_"));
+        Self {
+            methods: info.methods.iter().map(|method| &method.name).enumerate().map(name).collect(),
+            parameters: info.calibration.parameters.iter().map(|it| &it.name).enumerate().map(name).collect(),
+        }
+    }
+
+    /// Something of a method.
+    pub fn map(&self, method: usize, part: &str) -> String {
+        format!("methods/{}/{part}", self.methods[method])
+    }
+
+    /// A method's map of a variable.
+    pub fn field(&self, method: usize, variable: &str, part: &str) -> String {
+        self.map(method, &format!("maps/{variable}/{part}"))
+    }
+
+    /// Something of a method's blocks and common factors.
+    pub fn structure(&self, method: usize, part: &str) -> String {
+        self.map(method, &format!("structure/{part}"))
+    }
+
+    /// A method's curve of a variable.
+    pub fn score(&self, method: usize, variable: &str, part: &str) -> String {
+        self.map(method, &format!("scores/{variable}/{part}"))
+    }
+
+    /// A method's curve of a calibration parameter.
+    pub fn parameter(&self, method: usize, parameter: usize, part: &str) -> String {
+        self.map(method, &format!("calibration/{}/{part}", self.parameters[parameter]))
+    }
+
+    /// A method's curve of its innovations.
+    pub fn innovation(&self, part: &str, method: usize) -> String {
+        format!("innovation/{part}/{}", self.methods[method])
+    }
+
+    /// A method's curve in the comparison of all.
+    pub fn comparison(&self, variable: &str, method: usize) -> String {
+        format!("comparison/{variable}/{}", self.methods[method])
+    }
+}

@@ -1,0 +1,78 @@
+//! The file: everything that is logged.
+
+use super::frame::Frame;
+use super::history::History;
+use super::maps::Maps;
+use super::names::{APPLICATION_ID, Names, Result};
+use super::ranges::Ranges;
+use super::{series, text, views};
+use crate::event::RunInfo;
+use crate::scores::Summary;
+use crate::tables::stability;
+use ::rerun::log::ChunkBatcherConfig;
+use ::rerun::{RecordingStream, RecordingStreamBuilder, TextDocument};
+use std::path::Path;
+use std::time::Duration;
+
+/// Writes the recording of a complete run.
+pub fn write(path: &Path, info: &RunInfo, history: &History, summary: &Summary) -> std::result::Result<(), String> {
+    log_all(path, info, history, summary).map_err(|error| error.to_string())
+}
+
+fn log_all(path: &Path, info: &RunInfo, history: &History, summary: &Summary) -> Result {
+    // Nothing in the file may depend on the clock: neither times of logging, nor how rows are grouped to chunks.
+    let batching = ChunkBatcherConfig { flush_tick: Duration::from_secs(86_400), ..ChunkBatcherConfig::DEFAULT };
+    let recording = RecordingStreamBuilder::new(APPLICATION_ID)
+        .recording_id(id(info))
+        .send_properties(false)
+        .batcher_config(batching)
+        .save(path)?;
+    log_run(&recording, info, history, Some(summary), 0)?;
+    recording.flush_blocking()?;
+    Ok(())
+}
+
+/// Name of the recording in the viewer's memory.
+pub fn id(info: &RunInfo) -> String {
+    format!("{}-seed-{}", info.scenario, info.seed)
+}
+
+/// Logs the layout of the views and all that has happened; without a summary, the run is not complete.
+///
+/// Curves are logged from a cycle on: a viewer that is told a point twice would draw it twice.
+pub fn log_run(
+    recording: &RecordingStream,
+    info: &RunInfo,
+    history: &History,
+    summary: Option<&Summary>,
+    curves_since: usize,
+) -> Result {
+    recording.set_log_time_enabled(false);
+    recording.set_log_tick_enabled(false);
+    recording.send_recording_name(format!("{}, seed {}", info.title, info.seed))?;
+    let (names, ranges) = (Names::new(info), Ranges::of_run(info, history));
+    let frame = Frame::new(&info.layout);
+    views::send(recording, info, history, &names, &ranges)?;
+    let scores = summary.map_or_else(|| text::unfinished(info), |summary| text::scores(info, summary));
+    recording.log_static("text/scores", &TextDocument::from_markdown(scores))?;
+    let verdicts = summary.map_or_else(|| text::unfinished(info), stability::markdown);
+    recording.log_static("text/stability", &TextDocument::from_markdown(verdicts))?;
+    recording.log_static("text/scenario", &TextDocument::from_markdown(text::scenario(info)))?;
+    let maps = Maps { recording, info, history, ranges: &ranges, names: &names, frame };
+    maps.log_color_bars()?;
+    maps.log_since(0)?;
+    series::log_since(recording, info, history, &names, curves_since)
+}
+
+/// Logs what has happened since a cycle, for a viewer that has been told what was before, in the ranges of then.
+pub fn log_since(
+    recording: &RecordingStream,
+    info: &RunInfo,
+    history: &History,
+    ranges: &Ranges,
+    since: usize,
+) -> Result {
+    let (names, frame) = (Names::new(info), Frame::new(&info.layout));
+    Maps { recording, info, history, ranges, names: &names, frame }.log_since(since)?;
+    series::log_since(recording, info, history, &names, since)
+}

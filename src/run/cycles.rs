@@ -1,0 +1,195 @@
+//! The loop over cycles.
+
+use super::cost::with_cost;
+use super::error::RunError;
+use super::events::Events;
+use super::experiment::Experiment;
+use super::reference::Reference;
+use super::summary::summary;
+use crate::correlations::Correlations;
+use crate::event::{Analysed, Estimated, Event, Smoothed};
+use crate::interrupt;
+use crate::outcome::Outcome;
+use crate::scores::{Failure, RunScores, Scorecard, Summary, TrueValues};
+use crate::text::clean;
+use isobar_obs::ObservationWindow;
+use rayon::ThreadPool;
+use std::borrow::Cow;
+
+/// A run in its cycles.
+pub(super) struct Cycles<'a, 'b> {
+    /// The truth, the observing systems and the methods.
+    pub experiment: &'a mut Experiment,
+    /// The scores so far.
+    pub scores: RunScores,
+    /// Where events go.
+    pub events: &'a mut Events<'b>,
+    /// The threads that compute.
+    pub workers: &'a ThreadPool,
+    /// What is found out beside the scores.
+    pub shown: Shown,
+}
+
+/// What is found out beside the scores.
+#[derive(Clone, Copy)]
+pub(super) struct Shown {
+    /// The memory of each method, which is known only where no other experiment runs at the same time.
+    pub memory: bool,
+    /// Blocks, common factors and correlations.
+    pub structure: bool,
+}
+
+/// The observations of a cycle as the methods receive them.
+struct Observed {
+    /// With their biases.
+    window: ObservationWindow,
+    /// Without the true biases, if a method is given them.
+    bias_removed: Option<ObservationWindow>,
+}
+
+impl Cycles<'_, '_> {
+    /// Runs the cycles after those that are done.
+    ///
+    /// # Errors
+    /// A truth that leaves the finite numbers, an output that cannot be written, or a signal.
+    pub fn run(&mut self, done: usize) -> Result<Summary, RunError> {
+        let cycles = self.experiment.info.cycles;
+        if done == 0 {
+            self.send_truth(0)?;
+        }
+        for cycle in done + 1..=cycles {
+            let observed = self.observe(cycle)?;
+            for number in 0..self.experiment.methods.len() {
+                if let Some(outcome) = self.one_method(number, cycle, &observed)? {
+                    self.send_smoothed(number, cycle, &outcome)?;
+                    self.send_parameters(number, cycle)?;
+                }
+            }
+            self.events.send(&Event::CycleEnded(cycle))?;
+            if let Some(keeper) = &mut self.events.keeper
+                && (keeper.is_due(cycle) || interrupt::requested())
+            {
+                keeper.write(cycle, self.experiment, &self.scores)?;
+            }
+            if interrupt::requested() && cycle < cycles {
+                return Err(RunError::Interrupted { cycle, cycles });
+            }
+        }
+        Ok(summary(self.experiment, &self.scores, self.shown.memory))
+    }
+
+    fn send_truth(&mut self, cycle: usize) -> Result<(), RunError> {
+        let Experiment { info, truth, observing, .. } = &*self.experiment;
+        let (state, calibration) = (Cow::Borrowed(truth.state()), observing.true_calibration().into());
+        Ok(self.events.send(&Event::Truth { cycle, time: info.time(cycle), state, calibration })?)
+    }
+
+    /// Advances truth and reference by a cycle, and observes the truth.
+    fn observe(&mut self, cycle: usize) -> Result<Observed, RunError> {
+        let Experiment { info, truth, reference, observing, methods, .. } = &mut *self.experiment;
+        self.workers.install(|| truth.advance()).map_err(|error| RunError::Truth { cycle, error })?;
+        if let Some(reference) = reference {
+            self.workers.install(|| reference.advance());
+        }
+        let window = observing.observe_checked(truth.state(), reference.as_ref().map(Reference::now));
+        self.scores.observations.add(&window, &info.layout);
+        let truth = TrueValues { state: truth.state(), calibration: observing.true_calibration() };
+        let lags = methods.iter().filter_map(|method| method.runner.smoother_lag());
+        self.scores.earlier_truths.add(truth, lags.max());
+        self.send_truth(cycle)?;
+        let Experiment { observing, methods, .. } = &*self.experiment;
+        let values_bias_removed = observing.values_bias_removed();
+        let bias_removed = methods
+            .iter()
+            .any(|method| method.bias_known)
+            .then(|| ObservationWindow { values: values_bias_removed.to_vec(), ..window.clone() });
+        let event = Event::Observed { window: Cow::Borrowed(&window), values_bias_removed: values_bias_removed.into() };
+        self.events.send(&event)?;
+        Ok(Observed { window, bias_removed })
+    }
+
+    /// A cycle of one method, with its scores; `None` if the method fails, or has failed before.
+    fn one_method(&mut self, number: usize, cycle: usize, observed: &Observed) -> Result<Option<Outcome>, RunError> {
+        let Experiment { info, score_from_cycle, influence_every_cycles, truth, observing, methods, .. } =
+            &mut *self.experiment;
+        let method = &mut methods[number];
+        if method.failure.is_some() {
+            return Ok(None);
+        }
+        let is_scored = cycle >= *score_from_cycle;
+        let with_influence = is_scored && influence_every_cycles.is_some_and(|every| cycle.is_multiple_of(every));
+        let observed = observed.bias_removed.as_ref().filter(|_| method.bias_known).unwrap_or(&observed.window);
+        let last = cycle == info.cycles;
+        let outcome = self.workers.install(|| method.runner.cycle(info.window, observed, with_influence, last));
+        let outcome = match outcome {
+            Ok(outcome) => outcome,
+            Err(fault) => {
+                let failure = method.failure.insert(Failure { cycle, reason: clean(&fault.to_string()) });
+                self.events.send(&Event::Failed { method: number, failure: Cow::Borrowed(failure) })?;
+                return Ok(None);
+            }
+        };
+        let truth = TrueValues { state: truth.state(), calibration: observing.true_calibration() };
+        let scores = Scorecard::of_cycle(truth, &outcome, observed, &info.calibration, method.scores_bias);
+        if is_scored {
+            self.scores.totals[number].add(&scores);
+        }
+        let factors = shown_factors(cycle, info.cycles);
+        let structure = || method.runner.structure(observed, &outcome.background.state, factors);
+        let middle = Correlations::middle(&info.layout);
+        let correlations = || method.runner.correlations(middle, &outcome.analysis.estimate);
+        let bytes = self.shown.memory.then_some(method.runner.progress().peak_bytes);
+        self.events.send(&Event::Analysed(Analysed {
+            method: number,
+            cycle,
+            time: observed.time,
+            background: Cow::Borrowed(&outcome.background),
+            analysis: Cow::Borrowed(&outcome.analysis),
+            scores: Cow::Owned(with_cost(scores.values(), outcome.seconds, bytes)),
+            structure: self.shown.structure.then(structure).flatten().map(Cow::Owned),
+            correlations: (self.shown.structure && last).then(correlations).flatten().map(Cow::Owned),
+        }))?;
+        Ok(Some(outcome))
+    }
+
+    /// Scores and sends the estimates of earlier cycles that a method has revised.
+    fn send_smoothed(&mut self, number: usize, cycle: usize, outcome: &Outcome) -> Result<(), RunError> {
+        let Experiment { score_from_cycle, methods, .. } = &*self.experiment;
+        for smoothed in &outcome.smoothed {
+            let (ago, truths) = (smoothed.cycles_ago, &self.scores.earlier_truths);
+            let earlier = cycle - ago;
+            let scores = Scorecard::of_smoothed(truths, ago, &smoothed.estimate, methods[number].scores_bias);
+            let scores = scores.unwrap_or_default();
+            if earlier >= *score_from_cycle {
+                self.scores.totals[number].add(&scores);
+            }
+            self.events.send(&Event::Smoothed(Smoothed {
+                method: number,
+                cycle: earlier,
+                later_cycles: ago,
+                estimate: Cow::Borrowed(&smoothed.estimate),
+                scores: Cow::Owned(scores.values()),
+            }))?;
+        }
+        Ok(())
+    }
+
+    /// Sends what a method has estimated beside state and calibration.
+    fn send_parameters(&mut self, number: usize, cycle: usize) -> Result<(), RunError> {
+        let Experiment { info, methods, .. } = &*self.experiment;
+        let parameters = methods[number].runner.parameters();
+        if !parameters.is_empty() {
+            let (time, parameters) = (info.time(cycle), parameters.into());
+            self.events.send(&Event::Estimated(Estimated { method: number, cycle, time, parameters }))?;
+        }
+        Ok(())
+    }
+}
+
+/// How many common factors are shown: a few, and in the first, the last and some cycles between, since each is as large
+/// as a state.
+fn shown_factors(cycle: usize, cycles: usize) -> usize {
+    const FACTORS: usize = 5;
+    let every = cycles.div_ceil(8);
+    if cycle == 1 || cycle == cycles || cycle.is_multiple_of(every) { FACTORS } else { 0 }
+}

@@ -1,0 +1,47 @@
+//! Why a run ends early.
+
+use super::experiment::ExperimentError;
+use crate::output::SinkError;
+use isobar_model::ForecastError;
+use std::path::PathBuf;
+
+/// Why a run ended early.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The scenario cannot become an experiment.
+    #[error(transparent)]
+    Experiment(#[from] ExperimentError),
+    /// The truth left the finite numbers.
+    #[error("cycle {cycle}, truth: {error}")]
+    Truth {
+        /// The cycle.
+        cycle: usize,
+        /// Why.
+        error: ForecastError,
+    },
+    /// A signal ended the run after a cycle.
+    #[error("ended by a signal after cycle {cycle} of {cycles}")]
+    Interrupted {
+        /// The last complete cycle.
+        cycle: usize,
+        /// The run's number of cycles.
+        cycles: usize,
+    },
+    /// The run cannot be resumed.
+    #[error("{} cannot be resumed: {reason}", directory.display())]
+    Resume {
+        /// The working directory.
+        directory: PathBuf,
+        /// Why not.
+        reason: String,
+    },
+    /// The output directory cannot be created or is in use.
+    #[error(transparent)]
+    Place(SinkError),
+    /// An output could not be written.
+    #[error(transparent)]
+    Sink(#[from] SinkError),
+    /// No threads could be started.
+    #[error("cannot start the threads: {0}")]
+    Threads(#[from] rayon::ThreadPoolBuildError),
+}

@@ -1,0 +1,49 @@
+//! Why a scenario cannot become an experiment.
+
+use crate::sensors::SensorError;
+use isobar_model::ModelError;
+use isobar_obs::ObservationError;
+use isobar_obs::table::TableError;
+use std::path::PathBuf;
+
+/// Why a scenario cannot become an experiment.
+#[derive(Debug, thiserror::Error)]
+pub enum ExperimentError {
+    /// The model, or a state of it.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The time step of the methods' or the truth's model.
+    #[error("{0}")]
+    TimeStep(ModelError),
+    /// An observing system.
+    #[error(transparent)]
+    Observations(#[from] ObservationError),
+    /// A covariance.
+    #[error("{0}")]
+    Covariance(isobar_assim::Error),
+    /// A method.
+    #[error("method {name}: {error}")]
+    Method {
+        /// The method's name.
+        name: String,
+        /// Why it cannot be set up.
+        error: isobar_assim::Error,
+    },
+    /// The database of sensors.
+    #[error(transparent)]
+    Sensors(#[from] SensorError),
+    /// A file of stations or observations.
+    #[error("cannot read {}: {reason}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        reason: String,
+    },
+}
+
+impl From<TableError> for ExperimentError {
+    fn from(error: TableError) -> Self {
+        ExperimentError::Observations(error.into())
+    }
+}

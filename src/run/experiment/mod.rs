@@ -1,0 +1,299 @@
+//! From a scenario to everything that runs: model, truth, observing system, methods.
+
+mod error;
+mod forecast_model;
+mod initial_state;
+mod methods;
+mod notices;
+mod observing;
+mod time_volume;
+
+pub use error::ExperimentError;
+
+use crate::event::{MethodInfo, RunInfo, StationInfo};
+use crate::kinds::covariances;
+use crate::options::RunOptions;
+use crate::run::cycle::{Freezing, Runner};
+use crate::run::reference::Reference;
+use crate::run::truth::Truth;
+use crate::scenario::{Algorithm, Scenario, ScenarioError};
+use crate::scores::Failure;
+use crate::sensors::knowledge::{WarmStart, warm_start};
+use crate::sensors::{Database, SensorError, database::Missing};
+use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Problem, SensorKnowledge, covariance};
+use isobar_model::random::stream;
+use isobar_model::{Duration, check_time_step};
+use isobar_obs::ObservingSystem;
+use std::path::Path;
+
+impl ExperimentError {
+    /// The same fault with its place in the scenario's file.
+    pub fn locate(&self, scenario: &Scenario) -> ScenarioError {
+        let (path, label): (Vec<&str>, &str) = match self {
+            ExperimentError::TimeStep(_) => (vec!["model", "time_step_s"], "too long"),
+            ExperimentError::Model(_) => (vec!["initial"], "with this and [model]"),
+            ExperimentError::Covariance(_) => (vec!["background_error"], "here or in [model_error]"),
+            ExperimentError::Method { name, .. } => (vec!["methods", name], "this method"),
+            ExperimentError::Sensors(_) => (vec!["sensors", "database"], "this database"),
+            ExperimentError::File { .. } => (vec!["networks"], "in one of these"),
+            ExperimentError::Observations(error) => (observing::place(error, scenario), "here"),
+        };
+        scenario.fault(&path, self.to_string(), label)
+    }
+}
+
+/// All that a run needs.
+pub struct Experiment {
+    /// What is known before the first cycle.
+    pub info: RunInfo,
+    /// The share of its prior variance above which a bias is not determined.
+    pub variance_ratio: f64,
+    /// The first cycle that counts for the scores.
+    pub score_from_cycle: usize,
+    /// Number of cycles between two in which the influence of each type of observations is computed; `None`: never.
+    pub influence_every_cycles: Option<usize>,
+    /// The true world.
+    pub truth: Truth,
+    /// What the values of observations are compared with, if they are checked.
+    pub reference: Option<Reference>,
+    /// What observes it.
+    pub observing: ObservingSystem,
+    /// Checksum of everything on which results depend beside the scenario's text and the options: the contents of its
+    /// files, and what is known of its sensors.
+    pub inputs: u32,
+    /// What the user should know of it before it runs.
+    pub warnings: Vec<String>,
+    /// The methods, in the order of [`RunInfo::methods`].
+    pub methods: Vec<Competitor>,
+}
+
+/// A method of the experiment.
+pub struct Competitor {
+    /// The method.
+    pub runner: Runner,
+    /// When and why it failed.
+    pub failure: Option<Failure>,
+    /// Whether its biases are scored: not where they are known to it or it has none.
+    pub scores_bias: bool,
+    /// Whether it is given observations without their true biases.
+    pub bias_known: bool,
+}
+
+/// Everything of an experiment but its methods, which cost memory and time to set up.
+pub struct Ground {
+    /// What the methods are given.
+    pub problem: Problem,
+    /// What is known of the sensors.
+    pub sensors: WarmStart,
+    /// The true world.
+    pub truth: Truth,
+    /// What observes it.
+    pub observing: ObservingSystem,
+}
+
+/// What a scenario is found to be when nothing is wrong with it.
+pub struct Checked {
+    /// For each network that is read from a file: how many of its observations can be used.
+    pub recorded: Vec<String>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+/// Whether a scenario's model, initial state, covariances and observing systems fit together.
+///
+/// # Errors
+/// The first thing that does not.
+pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
+    let ground = ground(scenario, scenario.seed, scenario.cycle.count)?;
+    for (name, method) in &scenario.methods {
+        if let Algorithm::TimeVolume { options, .. } = &method.algorithm {
+            time_volume::factors(options, &ground.problem.calibration)
+                .map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
+        }
+    }
+    Ok(Checked {
+        recorded: notices::recorded(&ground.observing, scenario.cycle.count),
+        warnings: notices::warnings(scenario, &ground.observing, scenario.cycle.count),
+    })
+}
+
+impl Experiment {
+    /// Sets up a scenario.
+    ///
+    /// # Errors
+    /// Faults that the scenario's file alone does not show: files, stations, time steps, memory.
+    pub fn new(scenario: &Scenario, options: &RunOptions) -> Result<Self, ExperimentError> {
+        let seed = options.seed.unwrap_or(scenario.seed);
+        let cycles = options.cycles.unwrap_or(scenario.cycle.count);
+        let Ground { problem, sensors, truth, observing } = ground(scenario, seed, cycles)?;
+        let inputs = checksum(scenario, &sensors)?;
+        let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
+        let (mut methods, mut infos) = (Vec::new(), Vec::new());
+        for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
+            let build = || -> Result<Calibrated, ExperimentError> {
+                let built = self::method(&problem, name, scenario)?;
+                Ok(match method.bias == BiasTreatment::Estimate && methods::sees_observations(method) {
+                    true => Calibrated::new(built, &problem.calibration, scenario.start, sensors.knowledge.clone()),
+                    false => built.into(),
+                })
+            };
+            let freezing = scenario.stability.freeze_after_cycles.map(|after_cycle| Freezing {
+                after_cycle,
+                variance_ratio: scenario.stability.variance_ratio,
+                calibration: problem.calibration.clone(),
+            });
+            let runner = Runner::new(build)?.watched(scenario.cycle.score_from_cycle, freezing);
+            let smoother_lag_cycles = runner.smoother_lag();
+            let bias_known = method.bias == BiasTreatment::Known;
+            let scores_bias = methods::sees_observations(method) && !bias_known;
+            methods.push(Competitor { runner, failure: None, scores_bias, bias_known });
+            let known = sensors_in_words(&sensors).filter(|_| method.bias == BiasTreatment::Estimate);
+            let own = methods::describe(method, name, scenario);
+            let description = [own].into_iter().chain(known).collect::<Vec<_>>().join(", ");
+            infos.push(MethodInfo { name: name.clone(), description, smoother_lag_cycles });
+        }
+        let stations = observing.stations().iter().map(|station| StationInfo {
+            network: station.network.clone(),
+            name: station.long_name.clone(),
+            group: station.group.clone(),
+            x_m: station.x_m,
+            y_m: station.y_m,
+        });
+        let info = RunInfo {
+            scenario: scenario.name.clone(),
+            title: scenario.title.clone(),
+            scenario_text: scenario.text.clone(),
+            seed,
+            layout: problem.background.layout().clone(),
+            projection: scenario.grid.projection.clone(),
+            start: scenario.start,
+            window: scenario.cycle.window,
+            cycles,
+            calibration: problem.calibration.clone(),
+            methods: infos,
+            stations: stations.collect(),
+        };
+        let steps = problem_steps(scenario, &problem);
+        let mut warnings = sensors.warnings;
+        warnings.extend(notices::warnings(scenario, &observing, cycles));
+        Ok(Self {
+            info,
+            variance_ratio: scenario.stability.variance_ratio,
+            score_from_cycle: scenario.cycle.score_from_cycle,
+            influence_every_cycles: scenario.influence_every_cycles,
+            truth,
+            reference: scenario
+                .quality_control
+                .map(|control| Reference::new(control, problem.model, steps, problem.background)),
+            observing,
+            inputs,
+            warnings,
+            methods,
+        })
+    }
+}
+
+/// The time steps of the methods' model in a cycle.
+fn problem_steps(scenario: &Scenario, problem: &Problem) -> usize {
+    let step = problem.model.time_step();
+    scenario.cycle.window.steps_of(step).expect("the scenario's window fits its steps")
+}
+
+/// Sets up one of the scenario's methods.
+///
+/// # Errors
+/// Those of the method.
+pub fn method(problem: &Problem, name: &str, scenario: &Scenario) -> Result<Box<dyn Assimilator>, ExperimentError> {
+    methods::build(problem, &scenario.methods[name], scenario)
+        .and_then(|method| methods::adapted(method, name, problem, scenario))
+        .and_then(|method| methods::initialised(method, name, problem, scenario))
+        .map_err(|error| ExperimentError::Method { name: name.to_string(), error })
+}
+
+/// Sets up all of a scenario but its methods.
+///
+/// # Errors
+/// As [`Experiment::new`].
+pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, ExperimentError> {
+    let grid = &scenario.grid.grid;
+    let model = forecast_model::build(&scenario.model, grid, scenario.cycle.window)?;
+    let background = initial_state::build(&scenario.initial, &scenario.model, grid, seed)?;
+    check_time_step(&*model, &background).map_err(ExperimentError::TimeStep)?;
+    let build = |components| covariances::build(components, background.layout()).map_err(ExperimentError::Covariance);
+    let background_error = build(&scenario.background_error)?;
+    let has_model_error = !scenario.model_error.is_empty();
+    let model_error = has_model_error.then(|| build(&scenario.model_error)).transpose()?;
+
+    let true_state = match &scenario.truth.initial {
+        Some(initial) => initial_state::build(initial, &scenario.truth.model, grid, seed)?,
+        None => {
+            let mut state = background.clone();
+            let deviation = covariance::randomize(&*background_error, &mut stream(seed, "truth/initial"));
+            let factor = scenario.truth.background_error_scale.sqrt();
+            state.values_mut().iter_mut().zip(deviation).for_each(|(value, change)| *value += factor * change);
+            state
+        }
+    };
+    let true_model = forecast_model::build(&scenario.truth.model, grid, scenario.cycle.window)?;
+    check_time_step(&*true_model, &true_state).map_err(ExperimentError::TimeStep)?;
+    let steps = scenario.cycle.window.steps_of(true_model.time_step()).expect("the scenario's window fits its steps");
+    let true_error = model_error.clone().map(|covariance| (covariance, scenario.truth.model_error_scale.sqrt()));
+    let truth = Truth::new(true_model, steps, true_error, stream(seed, "truth/model error"), true_state);
+
+    let configs = observing::configs(scenario)?;
+    let projection = scenario.grid.projection.as_ref();
+    let observing =
+        ObservingSystem::new(background.layout(), projection, &configs, seed, scenario.cycle.window, scenario.start)?;
+    let sensors = sensors(scenario, &observing, cycles)?;
+    let problem = Problem {
+        model,
+        background,
+        background_error,
+        model_error,
+        calibration: sensors.calibration.clone(),
+        bias: BiasTreatment::Estimate,
+        memory_limit_bytes: u64::MAX,
+    };
+    Ok(Ground { problem, sensors, truth, observing })
+}
+
+/// A checksum of the contents of a scenario's files and of what is known of its sensors: a run can be resumed only with the
+/// same.
+fn checksum(scenario: &Scenario, sensors: &WarmStart) -> Result<u32, ExperimentError> {
+    let failure = |path: &Path, reason: String| ExperimentError::File { path: path.to_path_buf(), reason };
+    let mut checksum = crc32fast::Hasher::new();
+    for path in &scenario.inputs {
+        let contents = std::fs::read(path).map_err(|error| failure(path, error.to_string()))?;
+        checksum.update(&(contents.len() as u64).to_le_bytes());
+        checksum.update(&contents);
+    }
+    let knowledge = postcard::to_stdvec(&(&sensors.calibration, &sensors.knowledge));
+    checksum.update(&knowledge.map_err(|error| failure(&scenario.path, error.to_string()))?);
+    Ok(checksum.finalize())
+}
+
+/// What the database of sensors knows at the start of a run; nothing without one.
+fn sensors(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> Result<WarmStart, SensorError> {
+    let calibration = observing.calibration();
+    let Some(settings) = &scenario.sensors else {
+        let knowledge = SensorKnowledge { mean: vec![0.0; calibration.len()], recalibrations: Vec::new() };
+        return Ok(WarmStart { calibration: calibration.clone(), knowledge, known: 0, warnings: Vec::new() });
+    };
+    // The first run of a chain finds nothing, and writes the database.
+    let records = if settings.writes.is_some() && !settings.database.exists() {
+        Default::default()
+    } else {
+        Database::open(&settings.database, Missing::Refuse)?.records()?
+    };
+    let end = scenario.start + Duration::from_seconds(scenario.cycle.window.seconds() * cycles as i64);
+    warm_start(&records, calibration, scenario.start, end)
+        .map_err(|reason| SensorError::new(&settings.database, reason))
+}
+
+/// How much was known of the sensors, in words.
+fn sensors_in_words(sensors: &WarmStart) -> Option<String> {
+    let WarmStart { calibration, knowledge, known, .. } = sensors;
+    let (parameters, recalibrations) = (calibration.len(), knowledge.recalibrations.len());
+    let words = || format!("{known} of {parameters} sensors known before, {recalibrations} recalibrations announced");
+    (*known > 0).then(words)
+}

@@ -1,0 +1,35 @@
+//! The scores of a complete run.
+
+use super::cost::with_cost;
+use super::experiment::Experiment;
+use crate::scores::{MethodScores, RunScores, Summary};
+
+/// The scores of a run; `with_memory`: also the memory of each method.
+pub(super) fn summary(experiment: &Experiment, scores: &RunScores, with_memory: bool) -> Summary {
+    let Experiment { info, score_from_cycle, methods, variance_ratio, .. } = experiment;
+    let methods = info.methods.iter().zip(&scores.totals).zip(methods).map(|((own, total), method)| {
+        let cycles = method.failure.as_ref().map_or(info.cycles, |failure| failure.cycle);
+        let mut scores = match &method.failure {
+            None => MethodScores {
+                stability: method.runner.stability(&info.calibration, &info.layout, *variance_ratio).ok(),
+                smoother_lag_cycles: own.smoother_lag_cycles,
+                ..total.scores(&info.layout, &info.calibration)
+            },
+            // Scores of fewer cycles could not be compared with those of the other methods.
+            Some(failure) => MethodScores { failure: Some(failure.clone()), ..MethodScores::default() },
+        };
+        let progress = method.runner.progress();
+        let (seconds, bytes) = (progress.seconds / cycles as f64, with_memory.then_some(progress.peak_bytes));
+        scores.values = with_cost(scores.values, seconds, bytes);
+        (own.name.clone(), scores)
+    });
+    Summary {
+        scenario: info.scenario.clone(),
+        seed: info.seed,
+        cycles: info.cycles,
+        scored_from_cycle: *score_from_cycle,
+        version: crate::VERSION.to_string(),
+        observations: scores.observations.clone(),
+        methods: methods.collect(),
+    }
+}

@@ -1,0 +1,391 @@
+//! The list of all scores. Files, tables, figures, `regress`, `compare`, `--seeds` and `sweep` go over it: a score is added
+//! by an entry here, and a function in [`super::measures`] unless one of those serves.
+
+use super::measures::{Sum, Verified, bias_error, bias_spread, chi2, error, spread};
+use super::summary::MethodScores;
+use crate::plot;
+use crate::scores::diagnostics::StateDiagnostics;
+
+/// A kind of score.
+#[derive(Debug)]
+pub struct ScoreKind {
+    /// Its name in files: `rmse_analysis`.
+    pub name: &'static str,
+    /// Its name in tables, beside that of the variable if it has one: `analysis`.
+    pub title: &'static str,
+    /// What it is, as the caption of a figure.
+    pub about: &'static str,
+    /// Whether it is of each variable of the state, or of the method as a whole.
+    pub per_variable: bool,
+    /// The unit of its values.
+    pub unit: Unit,
+    /// Which values are good.
+    pub better: Better,
+    /// The part of tables and files to which it belongs.
+    pub part: Part,
+    /// Whether it has a column in the tables of a run and of several seeds; files hold it in any case.
+    pub tabulated: bool,
+    /// Whether `[expected]` holds it, and `regress` compares it.
+    pub regressed: bool,
+    /// Whether `compare` pairs it cycle by cycle, and the page over seeds draws it.
+    pub compared: bool,
+    /// Whether it has a column in the tables of a sweep.
+    pub swept: bool,
+    /// How it is drawn over time; `None`: not at all.
+    pub line: Option<Line>,
+    /// How it is found.
+    pub measure: Measure,
+}
+
+/// The unit of a score.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unit {
+    /// That of the variable.
+    Variable,
+    /// That of each bias parameter: errors in different units are averaged as they are.
+    Parameters,
+    /// None.
+    One,
+    /// Seconds per cycle.
+    SecondsPerCycle,
+    /// Bytes; tables show megabytes.
+    Bytes,
+}
+
+/// Which values of a score are good.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Better {
+    /// Less is better: an error, or a cost.
+    Less,
+    /// A claim: it should be as large as the error.
+    AsTheError,
+    /// It should be 1.
+    One,
+}
+
+/// The part of tables and files to which a score belongs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The state before the analysis.
+    Background,
+    /// The state after it.
+    Analysis,
+    /// The biases, and whether the innovations are as the method claims.
+    Biases,
+    /// State and biases once later observations have revised them.
+    Smoothed,
+    /// Time and memory.
+    Cost,
+}
+
+/// The line of a score that is drawn over time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Line {
+    /// For errors.
+    Solid,
+    /// For claims.
+    Dashed,
+    /// For errors of smoothed estimates.
+    Dotted,
+}
+
+/// How a score is found.
+#[derive(Clone, Copy, Debug)]
+pub enum Measure {
+    /// The root of a mean of squares over cycles. One sum for each variable, or one alone.
+    RootMean(fn(&Verified<'_>) -> Option<Vec<Sum>>),
+    /// A mean over cycles.
+    Mean(fn(&Verified<'_>) -> Option<Vec<Sum>>),
+    /// From the diagnostics of a variable over the run.
+    Diagnostics(fn(&StateDiagnostics) -> f64),
+    /// From the clock or the memory of the computer; the loop over cycles knows it.
+    Cost,
+}
+
+/// The name of the time among the scores.
+pub const SECONDS: &str = "seconds_per_cycle";
+
+/// The name of the memory among the scores.
+pub const MEMORY: &str = "peak_memory_bytes";
+
+/// Root-mean-square error of the state.
+const ERROR: ScoreKind = ScoreKind {
+    name: "",
+    title: "",
+    about: "",
+    per_variable: true,
+    unit: Unit::Variable,
+    better: Better::Less,
+    part: Part::Analysis,
+    tabulated: true,
+    regressed: true,
+    compared: false,
+    swept: false,
+    line: Some(Line::Solid),
+    measure: Measure::Cost,
+};
+
+/// Root-mean-square claimed standard deviation of the state.
+const SPREAD: ScoreKind = ScoreKind { better: Better::AsTheError, line: Some(Line::Dashed), title: "spread", ..ERROR };
+
+/// A single score of the biases.
+const BIAS: ScoreKind =
+    ScoreKind { per_variable: false, unit: Unit::Parameters, part: Part::Biases, line: None, ..ERROR };
+
+/// Time or memory.
+const COST: ScoreKind = ScoreKind { part: Part::Cost, regressed: false, ..BIAS };
+
+/// All scores, in the order of files and tables.
+pub const SCORES: &[ScoreKind] = &[
+    ScoreKind {
+        name: "rmse_background",
+        title: "background",
+        about: "Root-mean-square error of the background.",
+        part: Part::Background,
+        measure: Measure::RootMean(|it| error(it, it.background)),
+        ..ERROR
+    },
+    ScoreKind {
+        name: "rmse_analysis",
+        title: "analysis",
+        about: "Root-mean-square error of the analysis.",
+        compared: true,
+        swept: true,
+        measure: Measure::RootMean(|it| error(it, it.analysis)),
+        ..ERROR
+    },
+    ScoreKind {
+        name: "spread_background",
+        about: "Root-mean-square claimed standard deviation of the background.",
+        part: Part::Background,
+        tabulated: false,
+        regressed: false,
+        measure: Measure::RootMean(|it| spread(it, it.background)),
+        ..SPREAD
+    },
+    ScoreKind {
+        name: "spread_analysis",
+        about: "Root-mean-square claimed standard deviation of the analysis.",
+        measure: Measure::RootMean(|it| spread(it, it.analysis)),
+        ..SPREAD
+    },
+    ScoreKind {
+        name: "crps",
+        title: "CRPS",
+        about: "Continuous ranked probability score of the analysis as a normal distribution.",
+        tabulated: false,
+        regressed: false,
+        swept: true,
+        line: None,
+        measure: Measure::Diagnostics(|it| it.crps),
+        ..ERROR
+    },
+    ScoreKind {
+        name: "rmse_smoothed",
+        title: "smoothed",
+        about: "Root-mean-square error of the estimate that later observations have revised.",
+        part: Part::Smoothed,
+        line: Some(Line::Dotted),
+        measure: Measure::RootMean(|it| error(it, it.smoothed)),
+        ..ERROR
+    },
+    ScoreKind {
+        name: "spread_smoothed",
+        about: "Root-mean-square claimed standard deviation of the estimate that later observations have revised.",
+        part: Part::Smoothed,
+        line: None,
+        measure: Measure::RootMean(|it| spread(it, it.smoothed)),
+        ..SPREAD
+    },
+    ScoreKind {
+        name: "bias_rmse",
+        title: "bias RMSE",
+        about: "Root-mean-square error of the bias parameters, each in its own unit.",
+        compared: true,
+        swept: true,
+        measure: Measure::RootMean(|it| bias_error(it, it.analysis)),
+        ..BIAS
+    },
+    ScoreKind {
+        name: "bias_spread",
+        title: "bias spread",
+        about: "Root-mean-square claimed standard deviation of the bias parameters.",
+        better: Better::AsTheError,
+        measure: Measure::RootMean(|it| bias_spread(it, it.analysis)),
+        ..BIAS
+    },
+    ScoreKind {
+        name: "innovation_chi2",
+        title: "χ²/n",
+        about: "Normalised innovation squared per observation: 1 if the claimed covariances are right.",
+        unit: Unit::One,
+        better: Better::One,
+        swept: true,
+        line: Some(Line::Solid),
+        measure: Measure::Mean(chi2),
+        ..BIAS
+    },
+    ScoreKind {
+        name: "bias_rmse_smoothed",
+        title: "bias RMSE",
+        about: "Root-mean-square error of the bias parameters that later observations have revised.",
+        part: Part::Smoothed,
+        measure: Measure::RootMean(|it| bias_error(it, it.smoothed)),
+        ..BIAS
+    },
+    ScoreKind {
+        name: "bias_spread_smoothed",
+        title: "bias spread",
+        about: "Root-mean-square claimed standard deviation of the bias parameters that later observations have revised.",
+        part: Part::Smoothed,
+        better: Better::AsTheError,
+        measure: Measure::RootMean(|it| bias_spread(it, it.smoothed)),
+        ..BIAS
+    },
+    ScoreKind {
+        name: SECONDS,
+        title: "time",
+        about: "Wall-clock seconds per cycle, forecast and analysis.",
+        unit: Unit::SecondsPerCycle,
+        ..COST
+    },
+    ScoreKind {
+        name: MEMORY,
+        title: "memory",
+        about: "The most memory that the method held at one time; unknown if other runs went on in the same process.",
+        unit: Unit::Bytes,
+        ..COST
+    },
+];
+
+/// The kind of this name; `None` if there is no such score.
+pub fn kind(name: &str) -> Option<&'static ScoreKind> {
+    SCORES.iter().find(|kind| kind.name == name)
+}
+
+impl ScoreKind {
+    /// The key of its value in [`super::Values`], for a variable if it has one of each.
+    pub fn key(&self, variable: &str) -> String {
+        if self.per_variable { format!("{}.{variable}", self.name) } else { self.name.to_string() }
+    }
+
+    /// Whether every cycle has a value of it, as `scores.csv` holds them.
+    pub fn is_of_cycles(&self) -> bool {
+        matches!(self.measure, Measure::RootMean(_) | Measure::Mean(_))
+    }
+}
+
+/// A score of a variable, or of a method as a whole.
+#[derive(Clone, Copy, Debug)]
+pub struct Score<'a> {
+    /// Its kind.
+    pub kind: &'static ScoreKind,
+    /// Name and UDUNITS unit of the variable; empty for a score of the method as a whole.
+    pub variable: (&'a str, &'a str),
+}
+
+impl<'a> Score<'a> {
+    /// The scores of the kinds that are wanted: variable by variable, then those of the method as a whole.
+    ///
+    /// `variables` are names and units.
+    pub fn all(variables: &[(&'a str, &'a str)], wanted: impl Fn(&ScoreKind) -> bool) -> Vec<Self> {
+        let kinds = |per_variable| SCORES.iter().filter(move |kind| kind.per_variable == per_variable);
+        let of_variables = variables.iter().flat_map(|&variable| kinds(true).map(move |kind| Self { kind, variable }));
+        let others = kinds(false).map(|kind| Self { kind, variable: ("", "") });
+        of_variables.chain(others).filter(|score| wanted(score.kind)).collect()
+    }
+
+    /// The key of its value in [`super::Values`].
+    pub fn key(&self) -> String {
+        self.kind.key(self.variable.0)
+    }
+
+    /// Its title above a column of a table, in two lines: `h [m]` and `analysis`, or `bias RMSE` and `[own units]`.
+    pub fn title(&self) -> String {
+        let (name, udunits) = self.variable;
+        match self.kind.unit {
+            Unit::Variable => format!("{name} [{}]\n{}", plot::unit(udunits), self.kind.title),
+            Unit::Parameters => format!("{}\n[own\u{a0}units]", self.kind.title),
+            Unit::One => format!("{}\n[1]", self.kind.title),
+            Unit::SecondsPerCycle => format!("{}\n[s/cycle]", self.kind.title),
+            Unit::Bytes => format!("{}\n[MB]", self.kind.title),
+        }
+    }
+
+    /// Its title in files: `rmse_analysis h [m]` with the unit in UDUNITS spelling, or `bias_rmse`.
+    pub fn column(&self) -> String {
+        let (name, udunits) = self.variable;
+        if self.kind.per_variable { format!("{} {name} [{udunits}]", self.kind.name) } else { self.kind.name.into() }
+    }
+
+    /// The score in the column of a file with this title; `None` if there is no such score.
+    pub fn of_column(title: &'a str) -> Option<Self> {
+        let (name, variable) = title.split_once(' ').unwrap_or((title, ""));
+        let variable = variable.strip_suffix(']').and_then(|it| it.rsplit_once(" [")).unwrap_or_default();
+        kind(name).filter(|kind| kind.per_variable != variable.0.is_empty()).map(|kind| Self { kind, variable })
+    }
+
+    /// What it is of, with its unit, on one line: `h [m]`, `biases [own units]`.
+    pub fn subject(&self) -> String {
+        let (name, udunits) = self.variable;
+        match self.kind.unit {
+            Unit::Variable => format!("{name} [{}]", plot::unit(udunits)),
+            Unit::Parameters => "biases [own\u{a0}units]".into(),
+            _ => self.title().replace('\n', " "),
+        }
+    }
+
+    /// A value in the unit that tables show.
+    pub fn in_tables(&self, value: f64) -> f64 {
+        if self.kind.unit == Unit::Bytes { value / 1e6 } else { value }
+    }
+}
+
+impl MethodScores {
+    /// All scores, with those that its diagnostics hold; none of a method that failed.
+    pub fn all(&self) -> super::Values {
+        if self.failure.is_some() {
+            return super::Values::new();
+        }
+        let mut all = self.values.clone();
+        for kind in SCORES {
+            if let Measure::Diagnostics(pick) = kind.measure {
+                let state = self.diagnostics.iter().flat_map(|it| &it.state);
+                all.extend(state.map(|(variable, own)| (kind.key(variable), pick(own))));
+            }
+        }
+        all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::HashSet;
+
+    #[test]
+    fn names_are_unique_and_keys_lead_back_to_their_kinds() {
+        let names: HashSet<&str> = SCORES.iter().map(|kind| kind.name).collect();
+        assert_eq!(names.len(), SCORES.len());
+        for kind in SCORES {
+            let key = kind.key("h");
+            assert!(
+                super::kind(key.split('.').next().unwrap()).is_some_and(|found| std::ptr::eq(found, kind)),
+                "{key}"
+            );
+            assert!(!kind.title.is_empty() && kind.about.ends_with('.'), "{key}");
+        }
+    }
+
+    #[test]
+    fn scores_come_variable_by_variable_with_their_units() {
+        let all = Score::all(&[("h", "m"), ("u", "m s-1")], |kind| kind.compared);
+        assert_eq!(all.iter().map(Score::key).collect::<Vec<_>>(), ["rmse_analysis.h", "rmse_analysis.u", "bias_rmse"]);
+        let titles: Vec<String> = all.iter().map(Score::title).collect();
+        for score in all {
+            assert_eq!(Score::of_column(&score.column()).map(|found| found.key()), Some(score.key()));
+        }
+        assert!(["rmse_analysis", "bias_rmse h [m]", "cycle"].iter().all(|title| Score::of_column(title).is_none()));
+        assert_eq!(titles, ["h [m]\nanalysis", "u [m\u{a0}s⁻¹]\nanalysis", "bias RMSE\n[own\u{a0}units]"]);
+    }
+}

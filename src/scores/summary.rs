@@ -1,0 +1,209 @@
+//! The scores of a run, as `summary.json` holds them.
+
+use super::Values;
+use crate::scores::diagnostics::Diagnostics;
+use crate::scores::stability::Stability;
+use crate::scores::statistics::Interval;
+use indexmap::IndexMap;
+use isobar_assim::block_angular::PartitionReport;
+use isobar_model::Layout;
+use isobar_obs::{ObservationWindow, Report};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// The scores of a whole run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Name of the scenario.
+    pub scenario: String,
+    /// Seed of all random streams.
+    pub seed: u64,
+    /// Number of cycles.
+    pub cycles: usize,
+    /// First cycle that counts for the scores.
+    pub scored_from_cycle: usize,
+    /// Version of isobar.
+    pub version: String,
+    /// The observations of all cycles.
+    #[serde(default)]
+    pub observations: ObservationCounts,
+    /// Scores by method.
+    pub methods: IndexMap<String, MethodScores>,
+}
+
+/// The scores of one method over a run.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct MethodScores {
+    /// The scores by key.
+    #[serde(flatten, with = "by_kind")]
+    pub values: Values,
+    /// 95 % intervals of errors by key, from the number and the autocorrelation of the cycles (see [`crate::scores::statistics`]).
+    /// An error without one is known from too few independent cycles.
+    #[serde(default, with = "by_kind")]
+    pub intervals: Intervals,
+    /// The partition of the cycle with the largest component or, where components are cut, the most to cut; for a method
+    /// with blocks.
+    pub partition: Option<PartitionReport>,
+    /// The number of later cycles whose observations revise the smoothed estimates, for a method with a smoother.
+    #[serde(default)]
+    pub smoother_lag_cycles: Option<usize>,
+    /// The diagnostics beyond errors, over all cycles that count.
+    #[serde(default)]
+    pub diagnostics: Option<Diagnostics>,
+    /// Which bias estimates can be relied on.
+    #[serde(default)]
+    pub stability: Option<Stability>,
+    /// When and why the method failed; it has no scores then but those of cost.
+    #[serde(default)]
+    pub failure: Option<Failure>,
+}
+
+/// Intervals by the keys of their scores.
+pub type Intervals = IndexMap<String, Interval>;
+
+/// Observations, by what became of them.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ObservationCounts {
+    /// Those that the methods assimilated.
+    pub used: usize,
+    /// Those that failed quality control, by reason.
+    pub rejected: BTreeMap<String, usize>,
+    /// The same of each type, `network/variable`.
+    #[serde(default)]
+    pub by_type: BTreeMap<String, TypeCounts>,
+}
+
+/// Observations of one type, by what became of them.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TypeCounts {
+    /// Those that the methods assimilated.
+    pub used: usize,
+    /// Those that failed quality control, by reason.
+    pub rejected: BTreeMap<String, usize>,
+}
+
+impl ObservationCounts {
+    /// Counts those of a cycle.
+    pub fn add(&mut self, window: &ObservationWindow, layout: &Layout) {
+        let kind = |report: &Report| report.observation_type().name(layout);
+        self.used += window.len();
+        for report in &window.reports {
+            self.by_type.entry(kind(report)).or_default().used += 1;
+        }
+        for rejected in &window.rejected {
+            let reason = rejected.rejection.name().to_string();
+            let of_type = self.by_type.entry(kind(&rejected.report)).or_default();
+            *of_type.rejected.entry(reason.clone()).or_default() += 1;
+            *self.rejected.entry(reason).or_default() += 1;
+        }
+    }
+
+    /// How many were rejected, and why, in words; `None` if all passed quality control.
+    pub fn describe_rejected(&self) -> Option<String> {
+        let count: usize = self.rejected.values().sum();
+        let reasons: Vec<String> = self.rejected.iter().map(|(name, count)| format!("{count} {name}")).collect();
+        (count > 0).then(|| {
+            format!("{count} of {} observations rejected by quality control: {}", self.used + count, reasons.join(", "))
+        })
+    }
+}
+
+/// The end of a method before that of the run.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Failure {
+    /// The cycle in which it failed.
+    pub cycle: usize,
+    /// Why, in words that can be shown on a terminal.
+    pub reason: String,
+}
+
+impl Summary {
+    /// The methods that failed, by name.
+    pub fn failures(&self) -> impl Iterator<Item = (&str, &Failure)> {
+        self.methods.iter().filter_map(|(name, scores)| Some((name.as_str(), scores.failure.as_ref()?)))
+    }
+}
+
+/// Values by key as files hold them: those of a kind together, `"rmse_analysis": { "h": 3.8, "u": 1.5 }`.
+mod by_kind {
+    use super::super::kind;
+    use indexmap::IndexMap;
+    use serde::de::IgnoredAny;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    #[derive(Serialize)]
+    #[serde(untagged)]
+    enum Written<'a, T> {
+        Single(&'a T),
+        PerVariable(IndexMap<&'a str, &'a T>),
+    }
+
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Read<T> {
+        Single(T),
+        PerVariable(IndexMap<String, T>),
+        /// A score that the method does not have, or no score at all.
+        Other(IgnoredAny),
+    }
+
+    pub fn serialize<T: Serialize, S: Serializer>(values: &IndexMap<String, T>, to: S) -> Result<S::Ok, S::Error> {
+        let mut kinds: IndexMap<&str, Written<'_, T>> = IndexMap::new();
+        for (key, value) in values {
+            let Some((name, variable)) = key.split_once('.') else {
+                kinds.insert(key, Written::Single(value));
+                continue;
+            };
+            let of_kind = kinds.entry(name).or_insert_with(|| Written::PerVariable(IndexMap::new()));
+            if let Written::PerVariable(variables) = of_kind {
+                variables.insert(variable, value);
+            }
+        }
+        kinds.serialize(to)
+    }
+
+    pub fn deserialize<'de, T, D>(from: D) -> Result<IndexMap<String, T>, D::Error>
+    where
+        T: Deserialize<'de>,
+        D: Deserializer<'de>,
+    {
+        let mut values = IndexMap::new();
+        let all = Option::<IndexMap<String, Read<T>>>::deserialize(from)?.unwrap_or_default();
+        for (name, of_kind) in all {
+            let Some(kind) = kind(&name) else { continue };
+            match of_kind {
+                Read::Single(value) if !kind.per_variable => drop(values.insert(name, value)),
+                Read::PerVariable(variables) if kind.per_variable => {
+                    values.extend(variables.into_iter().map(|(variable, value)| (kind.key(&variable), value)));
+                }
+                _ => {}
+            }
+        }
+        Ok(values)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scores_are_written_by_kind_and_those_of_earlier_runs_are_read() {
+        let values = [("rmse_analysis.h", 2.5), ("rmse_analysis.u", 1.0), ("bias_rmse", 0.5)];
+        let values: Values = values.iter().map(|&(key, value)| (key.to_string(), value)).collect();
+        let intervals = Intervals::from([("rmse_analysis.h".to_string(), Interval { low: 2.0, high: 3.0 })]);
+        let scores = MethodScores { values, intervals, ..MethodScores::default() };
+        let json = serde_json::to_value(&scores).unwrap();
+        assert_eq!(json["rmse_analysis"], serde_json::json!({ "h": 2.5, "u": 1.0 }));
+        assert_eq!(json["intervals"]["rmse_analysis"]["h"]["high"], 3.0);
+        assert_eq!(serde_json::from_value::<MethodScores>(json).unwrap(), scores);
+        let earlier = r#"{ "rmse_analysis": { "h": 2.5, "u": 1 }, "rmse_background": {}, "spread_analysis": null,
+            "bias_rmse": 0.5, "bias_spread": null, "partition": null, "smoothed": { "lag_cycles": 2, "rmse": { "h": 1 } },
+            "intervals": { "rmse_analysis": { "h": { "low": 2, "high": 3 } }, "rmse_background": {}, "bias_rmse": null },
+            "failure": null, "peak_memory_bytes": null }"#;
+        assert_eq!(serde_json::from_str::<MethodScores>(earlier).unwrap(), scores);
+        let failed = r#"{ "partition": null, "intervals": null, "seconds_per_cycle": 2, "peak_memory_bytes": 12 }"#;
+        let failed: MethodScores = serde_json::from_str(failed).unwrap();
+        assert_eq!((failed.values["peak_memory_bytes"], failed.intervals.len()), (12.0, 0));
+    }
+}

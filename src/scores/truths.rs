@@ -1,0 +1,43 @@
+//! The truth of a cycle, and the truths of the cycles before it, which smoothed estimates meet.
+
+use isobar_model::State;
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// The truth of one cycle.
+#[derive(Clone, Copy)]
+pub struct TrueValues<'a> {
+    /// The state.
+    pub state: &'a State,
+    /// The calibration parameters, in the order of [`isobar_obs::Calibration`].
+    pub calibration: &'a [f64],
+}
+
+/// The truths of the last cycles, as far back as estimates are smoothed.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct EarlierTruths {
+    /// State and calibration, the newest last.
+    cycles: VecDeque<(Vec<f64>, Vec<f64>)>,
+}
+
+impl EarlierTruths {
+    /// Adds the truth of a cycle and keeps this number of cycles before it; with `None` no truth is kept at all.
+    pub fn add(&mut self, truth: TrueValues<'_>, before: Option<usize>) {
+        let Some(before) = before else { return };
+        self.cycles.push_back((truth.state.values().to_vec(), truth.calibration.to_vec()));
+        while self.cycles.len() > before + 1 {
+            self.cycles.pop_front();
+        }
+    }
+
+    /// State and calibration a number of cycles ago.
+    pub(super) fn ago(&self, cycles: usize) -> Option<(&[f64], &[f64])> {
+        let (state, calibration) = self.cycles.get(self.cycles.len().checked_sub(cycles + 1)?)?;
+        Some((state, calibration))
+    }
+
+    /// Whether all states and calibrations have these lengths.
+    pub fn fits(&self, values: usize, parameters: usize) -> bool {
+        self.cycles.iter().all(|(state, calibration)| state.len() == values && calibration.len() == parameters)
+    }
+}
