@@ -125,7 +125,7 @@ impl World {
         let (mut background, mut analysis, mut spread) = (vec![0.0; m + p], vec![0.0; m + p], vec![0.0; m + p]);
         let (mut claims_state, mut claims_biases) = (true, true);
         for (observed, cycle) in self.windows.iter().zip(1..) {
-            let forecast = method.forecast(self.window)?;
+            let from = method.forecast(self.window)?;
             let changes: Vec<f64> = means(cycle).iter().zip(means(cycle - 1)).map(|(now, then)| now - then).collect();
             let model_error = self.model_error.as_ref().map(|matrix| matrix.as_ref());
             errors.forecast(self.propagator.as_ref(), model_error, &walks, &changes);
@@ -133,11 +133,9 @@ impl World {
             if scored {
                 add(&mut background, errors.mean_squares().into_iter());
             }
-            let mut responder = Responder::new(method, &forecast, observed)?;
-            let gain = responder.gain()?;
-            responder.finish()?;
-            let estimate = method.analyse(observed)?.estimate;
-            let jacobian = observed.operator.linearize(&forecast.state, &forecast.calibration);
+            let gain = Responder::new(method, &from, observed).gain()?;
+            let estimate = method.analyse(&from, observed)?.estimate;
+            let jacobian = observed.operator.linearize(&from.estimate.state, &from.estimate.calibration);
             let variance: Vec<f64> = observed.sigma.iter().map(|sigma| sigma * sigma).collect();
             errors.analyse(&gain, &jacobian, &variance, bias != BiasTreatment::Known);
             if scored {
@@ -244,12 +242,13 @@ fn check_linear(scenario: &Scenario) -> Result<(), ScenarioError> {
             return Err(scenario.fault(&[key], message, "this"));
         }
     }
-    for (name, network) in &scenario.networks {
+    for network in &scenario.networks {
+        let name = &network.name;
         if network.faults != Faults::NONE {
             let message = format!("exact performance needs normal errors, and network {name} has faults");
             return Err(scenario.fault(&["networks", name, "faults"], message, "these"));
         }
-        if network.has_air_mass_bias() {
+        if network.instrument.has_air_mass_bias() {
             let message = format!(
                 "exact performance needs biases that do not depend on the state, and network {name} has air_mass terms"
             );

@@ -4,7 +4,7 @@ use crate::common::{VALID, isobar, text};
 use isobar::run::cycle::Runner;
 use isobar::run::monitor::{DIVERGED_ANALYSES, Fault};
 use isobar::scores::Summary;
-use isobar_assim::{Analysis, Assimilator, Error, Estimate};
+use isobar_assim::{Analysis, Assimilator, Background, Error};
 use isobar_model::{Duration, Time};
 use isobar_obs::{Jacobian, LinearOperator, ObservationWindow, SparseRows};
 use netcdf_reader::NcFile;
@@ -98,19 +98,23 @@ fn a_failed_method_is_marked_everywhere_and_the_others_do_not_notice() {
 struct Faulty;
 
 impl Assimilator for Faulty {
-    fn forecast(&mut self, _: Duration) -> Result<Estimate, Error> {
+    fn forecast(&mut self, _: Duration) -> Result<Background, Error> {
         panic!("index out of bounds in block {}", 3)
     }
 
-    fn analyse(&mut self, _: &ObservationWindow) -> Result<Analysis, Error> {
+    fn analyse(&mut self, _: &Background, _: &ObservationWindow) -> Result<Analysis, Error> {
         unreachable!("the forecast fails")
     }
 
-    fn save(&self) -> Result<Vec<u8>, Error> {
+    fn boxed_clone(&self) -> Box<dyn Assimilator> {
+        Box::new(Self)
+    }
+
+    fn memory(&self) -> Result<Vec<u8>, Error> {
         Ok(Vec::new())
     }
 
-    fn restore(&mut self, _: &[u8]) -> Result<(), Error> {
+    fn recall(&mut self, _: &[u8]) -> Result<(), Error> {
         Ok(())
     }
 }
@@ -123,6 +127,7 @@ fn a_panic_within_a_method_is_a_failure_of_the_method() {
         time: Time::from_seconds(0),
         cycle: 1,
         reports: Vec::new(),
+        times: Vec::new(),
         values: Vec::new(),
         sigma: Vec::new(),
         rejected: Vec::new(),

@@ -32,15 +32,15 @@ fn filtered(networks: &[&str]) -> Filtered {
         [all().min().unwrap(), all().max().unwrap()]
     };
     let block = [range(&|cell| cell % grid.nx), range(&|cell| cell / grid.nx)];
-    scenario.networks.retain(|name, _| networks.contains(&name.as_str()));
+    scenario.networks.retain(|network| networks.contains(&network.name.as_str()));
     let Ground { problem, mut observing, .. } = ground(&scenario, 1, CYCLES).unwrap();
     let mut filter = method(&problem, "kf", &scenario).unwrap();
     let mut spread = Vec::new();
     for _ in 0..CYCLES {
-        filter.forecast(scenario.cycle.window).unwrap();
+        let from_filter = filter.forecast(scenario.cycle.window).unwrap();
         // No covariance depends on what is observed.
         let observed = observing.observe(&problem.background);
-        spread = filter.analyse(&observed).unwrap().estimate.state_spread.unwrap();
+        spread = filter.analyse(&from_filter, &observed).unwrap().estimate.state_spread.unwrap();
     }
     Filtered { filter, spread, grid, block }
 }
@@ -62,7 +62,7 @@ impl Filtered {
     /// The correlations of the error of h at a place with those of a variable in its row, so many columns to the east.
     fn correlations(&self, place: (i64, usize), variable: usize, lags: &[i64]) -> Vec<f64> {
         let own = self.index(0, place.0, place.1);
-        let column = self.filter.covariance_column(Unknown::Value(own)).unwrap();
+        let column = self.filter.can().joint_errors.unwrap().covariance_column(Unknown::Value(own)).unwrap();
         let with = |lag: &i64| {
             let other = self.index(variable, place.0 + lag, place.1);
             column.state[other] / (self.spread[own] * self.spread[other])

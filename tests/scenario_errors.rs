@@ -301,7 +301,7 @@ const CASES: &[Case] = &[
     ("term = \"offset\"", "term = \"air_mass\"\nvariable = \"h\"\nscale = 40", "[[networks.polar.bias]]", &["`mean`"]),
     ("term = \"offset\"", "term = \"offset\"\nscale = 40", "scale = 40", &["unknown key `scale`", "air_mass"]),
     ("term = \"offset\"\n", "", "[[networks.polar.bias]]", &["`term` is missing"]),
-    ("swath_width_km = 300", "swath_width_km = 3000", "3000", &["not narrower than the domain (800 km)"]),
+    ("swath_width_km = 300", "swath_width_km = 3000", "3000", &["narrower than the domain (800 km)"]),
     ("footprint_sigma_km = 50", "footprint_sigma_km = 10", "10\n", &["0 for a point, or 50 km (half of a cell)"]),
     ("missing_rate = 0.1", "first_cycle = 2", "2\n", &["`networks.sondes.first_cycle` is 2", "from 1 to 1"]),
     ("along_track_spacing_km = 100", "along_track_spacing_km = 0.001", "0.001", &["at most a million footprints"]),

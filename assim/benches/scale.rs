@@ -27,8 +27,8 @@ use isobar_model::{
     VectorInvariant,
 };
 use isobar_obs::{
-    BiasProcess, BiasScope, Faults, Heading, InstrumentConfig, ObservedVariable, ObservingSystem, RadiosondeConfig,
-    SatelliteConfig, ScanBias, ScanTerm, Schedule, StationBias, StationSource,
+    BiasProcess, BiasScope, Heading, Network, ObservedVariable, ObservingSystem, RadiosondeSettings, SatelliteSettings,
+    ScanBias, ScanTerm, StationBias, StationSource,
 };
 use peak_alloc::PeakAlloc;
 use std::sync::Arc;
@@ -159,10 +159,10 @@ fn measure<S: Stored>(n: usize, factor_precision: Precision, request: &Request) 
         // What the truth is has no influence on the cost.
         let observed = observing.observe(&problem.background);
         let began = Instant::now();
-        filter.forecast(WINDOW).expect("a forecast");
+        let from_filter = filter.forecast(WINDOW).expect("a forecast");
         forecast_s = forecast_s.min(began.elapsed().as_secs_f64());
         let began = Instant::now();
-        filter.analyse(&observed).expect("an analysis");
+        filter.analyse(&from_filter, &observed).expect("an analysis");
         analysis_s = analysis_s.min(began.elapsed().as_secs_f64());
         observations = observed.len();
     }
@@ -183,8 +183,8 @@ fn measure<S: Stored>(n: usize, factor_precision: Precision, request: &Request) 
         let observed = observing.observe(&problem.background);
         let mut kalman = KalmanFilter::new(problem).expect("a Kalman filter");
         let began = Instant::now();
-        kalman.forecast(WINDOW).expect("a forecast");
-        kalman.analyse(&observed).expect("an analysis");
+        let from_kalman = kalman.forecast(WINDOW).expect("a forecast");
+        kalman.analyse(&from_kalman, &observed).expect("an analysis");
         let seconds = began.elapsed().as_secs_f64();
         println!("      full Kalman filter {seconds:.2} s: {:.1} times the cycle", seconds / cycle_s);
     }
@@ -215,7 +215,7 @@ fn experiment(n: usize) -> (Problem, ObservingSystem) {
         ObservingSystem::new(&layout, None, &instruments(n), 1, WINDOW, Time::from_seconds(0)).expect("instruments");
     let calibration = observing.calibration().clone();
     observing.observe(&background);
-    let problem = Problem {
+    let problem: Problem = Problem {
         model: Arc::new(model),
         background_error: covariance(&layout, 15.0, 8e5, 0.5),
         model_error: Some(covariance(&layout, 0.5, 6e5, 0.05)),
@@ -273,19 +273,18 @@ fn covariance(layout: &Layout, sigma_height_m: f64, length_m: f64, white: f64) -
     Arc::new(Sum::new(layout.len(), terms))
 }
 
-fn instruments(n: usize) -> [InstrumentConfig; 2] {
+fn instruments(n: usize) -> [Network; 2] {
     let width_m = n as f64 * SPACING_M;
     let groups = ["A", "B", "C", "D", "E", "F"].map(str::to_string).to_vec();
     let stations = StationSource::Random { count: (n * n / 170).max(6), groups };
-    let mut sondes = RadiosondeConfig::new("sondes", stations);
+    let mut sondes = RadiosondeSettings::new(stations);
     sondes.reference_groups = vec!["A".into()];
     sondes.biases =
         vec![StationBias { variable: "h".into(), scope: BiasScope::EachStation, process: BiasProcess::constant(8.0) }];
     let bias = |term| ScanBias { term, process: BiasProcess::constant(7.0) };
     let spacing_m = 3.07 * SPACING_M;
     let positions = (0.9 * width_m / spacing_m) as usize;
-    let satellite = SatelliteConfig {
-        name: "polar".into(),
+    let satellite = SatelliteSettings {
         variable: ObservedVariable::new("h", 6.0),
         swath_width_m: (positions - 1) as f64 * spacing_m,
         scan_positions: positions,
@@ -295,11 +294,8 @@ fn instruments(n: usize) -> [InstrumentConfig; 2] {
         shift_per_cycle_m: 0.3 * width_m,
         heading: Heading::Northward,
         track_angle_deg: 0.0,
-        schedule: Schedule::EVERY_CYCLE,
-        missing_rate: 0.0,
-        faults: Faults::NONE,
         biases: vec![bias(ScanTerm::Offset), bias(ScanTerm::Linear)],
         air_mass_biases: Vec::new(),
     };
-    [InstrumentConfig::Radiosonde(sondes), InstrumentConfig::Satellite(satellite)]
+    [Network::new("sondes", sondes), Network::new("polar", satellite)]
 }

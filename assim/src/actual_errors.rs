@@ -1,12 +1,13 @@
 //! The actual errors of an estimate whose gains are given: what any linear method is worth, without random numbers.
 
-use crate::augmented::entries;
 use crate::error::Error;
 use crate::linalg::{add_product, product};
+use crate::problem::entries;
 use crate::propagator;
 use crate::response::Gain;
 use faer::{Mat, MatRef};
-use isobar_model::{Adjoint, State};
+use isobar_model::vector::subtract;
+use isobar_model::{State, TangentLinear};
 use isobar_obs::Jacobian;
 
 /// Mean and covariance of the errors e = (x̂ − x, ĉ − c) of a method in a linear world whose covariances are known.
@@ -47,11 +48,11 @@ impl ActualErrors {
         Self { m, mean, covariance }
     }
 
-    /// A of a linear model over so many steps, `[m, m]`.
+    /// A of a linear model over `steps` time steps, `[m, m]`.
     ///
     /// # Errors
     /// If the model leaves the finite numbers.
-    pub fn propagator(model: &dyn Adjoint, state: &State, steps: usize) -> Result<Mat<f64>, Error> {
+    pub fn propagator(model: &dyn TangentLinear, state: &State, steps: usize) -> Result<Mat<f64>, Error> {
         let m = state.values().len();
         let columns = propagator::propagator(model, &mut state.clone(), steps)?;
         Ok(MatRef::from_column_major_slice(&columns, m, m).to_owned())
@@ -81,7 +82,7 @@ impl ActualErrors {
         }
         let state_mean: Vec<f64> = (0..m).map(|i| (0..m).map(|j| propagator[(i, j)] * self.mean[j]).sum()).collect();
         self.mean[..m].copy_from_slice(&state_mean);
-        self.mean[m..].iter_mut().zip(mean_change).for_each(|(mean, change)| *mean -= change);
+        subtract(&mut self.mean[m..], mean_change);
     }
 
     /// An analysis with a gain, of observations with these Jacobians and error variances. Without `with_biases` they have

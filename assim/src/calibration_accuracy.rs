@@ -3,7 +3,7 @@
 use faer::{Mat, MatRef};
 
 /// The covariance of the errors of the calibration parameters c and, where a method knows them, of the means x̄ over the
-/// domain of each of the state's variables: the least that tells whether a bias can be told from the state.
+/// domain of each of the state's variables: the minimum needed to decide whether a bias is separable from the state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CalibrationAccuracy {
     /// Of (c, x̄), `[p + v, p + v]`; v is zero for a method without a covariance of the state that goes with that of c.
@@ -12,7 +12,7 @@ pub struct CalibrationAccuracy {
 }
 
 impl CalibrationAccuracy {
-    /// The covariance of (c, x̄), of which the first `parameters` rows are those of c.
+    /// The covariance of (c, x̄), whose first `parameters` rows are those of c.
     ///
     /// # Panics
     /// If there are fewer rows.
@@ -32,4 +32,10 @@ impl CalibrationAccuracy {
         let own = self.parameters..self.joint.nrows();
         own.map(|row| (&self.joint.col_as_slice(row)[..self.parameters], self.joint[(row, row)]))
     }
+}
+
+/// A method that estimates the calibration.
+pub trait CalibrationErrors {
+    /// How well it claims to know the calibration, and the means of the state with it.
+    fn calibration_accuracy(&self) -> CalibrationAccuracy;
 }

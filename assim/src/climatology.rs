@@ -1,22 +1,25 @@
 //! Climatology: what is known without forecast and observations.
 
-use crate::assimilator::{Analysis, Assimilator, Estimate};
+use crate::assimilator::Assimilator;
 use crate::covariance;
 use crate::error::Error;
+use crate::estimate::{Analysis, Background, Estimate};
+use crate::memory::require;
 use crate::problem::Problem;
-use crate::saved::unfit;
-use isobar_model::Duration;
+use isobar_model::{Duration, Model};
 use isobar_obs::ObservationWindow;
 
-/// The first background with the spread of B for ever: the baseline that no forecast is needed for.
+/// The first background with the spread of B in every cycle: the baseline that no forecast is needed for.
+#[derive(Clone)]
 pub struct Climatology {
-    problem: Problem,
+    problem: Problem<dyn Model>,
     estimate: Estimate,
 }
 
 impl Climatology {
     /// The climate is the background of the problem.
-    pub fn new(problem: Problem) -> Self {
+    pub fn new(problem: impl Into<Problem<dyn Model>>) -> Self {
+        let problem = problem.into();
         let spread = covariance::standard_deviations(&*problem.background_error);
         let parameters = problem.estimated_calibration().parameters;
         let estimate = Estimate {
@@ -31,26 +34,23 @@ impl Climatology {
 }
 
 impl Assimilator for Climatology {
-    fn forecast(&mut self, _: Duration) -> Result<Estimate, Error> {
-        Ok(self.estimate.clone())
+    fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
+        Ok(Background { estimate: self.estimate.clone(), window })
     }
 
-    fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
-        let departures = self.problem.departures(observed, &self.estimate.state, &self.estimate.calibration);
-        Ok(Analysis {
-            estimate: self.estimate.clone(),
-            background_departures: departures.clone(),
-            analysis_departures: departures,
-            innovation_chi2: None,
-            partition: None,
-        })
+    fn analyse(&mut self, _: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        Ok(self.problem.unchanged(observed, self.estimate.clone()))
     }
 
-    fn save(&self) -> Result<Vec<u8>, Error> {
+    fn boxed_clone(&self) -> Box<dyn Assimilator> {
+        Box::new(self.clone())
+    }
+
+    fn memory(&self) -> Result<Vec<u8>, Error> {
         Ok(Vec::new())
     }
 
-    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        if saved.is_empty() { Ok(()) } else { Err(unfit("what is saved of a climatology")) }
+    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
+        require(memory.is_empty(), "what is saved of a climatology")
     }
 }

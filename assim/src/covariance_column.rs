@@ -1,6 +1,5 @@
-//! What a method believes of errors that go together: a column of its covariance, without the matrix.
+//! One column of a method's error covariance, without the matrix.
 
-use crate::assimilator::Assimilator;
 use isobar_obs::Calibration;
 
 /// A number that a method estimates.
@@ -38,9 +37,16 @@ impl CovarianceColumn {
     }
 }
 
-/// The correlation of the errors of two unknowns, in \[−1, 1\]; `None` for a method without a covariance, or if one of
-/// them has no error.
-pub fn correlation(method: &dyn Assimilator, a: Unknown, b: Unknown) -> Option<f64> {
+/// A method that carries a covariance of its errors.
+pub trait JointErrors {
+    /// The covariances of one unknown's error with all others as the method has them now, found without the whole matrix;
+    /// `None` if the method does not estimate the unknown.
+    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn>;
+}
+
+/// The correlation of the errors of two unknowns, in \[−1, 1\]; `None` if the method does not estimate both of them, or one
+/// of them has no error.
+pub fn correlation(method: &dyn JointErrors, a: Unknown, b: Unknown) -> Option<f64> {
     let (of_a, of_b) = (method.covariance_column(a)?, method.covariance_column(b)?);
     let variances = of_a.with(a) * of_b.with(b);
     (variances > 0.0).then(|| (of_a.with(b) / variances.sqrt()).clamp(-1.0, 1.0))

@@ -18,12 +18,12 @@ pub enum Error {
         /// Rows of the matrix.
         size: usize,
     },
-    /// A variance is negative: the covariance is no covariance any more.
+    /// A variance is negative: the matrix is no longer a covariance.
     #[error("{covariance} is not positive semidefinite: the variance of {place} is {variance}, the largest {largest}")]
     NegativeVariance {
         /// What the matrix is, in words.
         covariance: String,
-        /// To what the variance belongs.
+        /// The value or parameter whose variance it is.
         place: String,
         /// The variance.
         variance: f64,
@@ -56,9 +56,9 @@ pub enum Error {
         /// The value, in words.
         what: String,
     },
-    /// A saved state cannot be taken back.
+    /// A memory cannot be recalled.
     #[error("the saved state of the method cannot be used: {reason}")]
-    Saved {
+    Memory {
         /// Why not.
         reason: String,
     },

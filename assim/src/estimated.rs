@@ -13,6 +13,12 @@ pub struct EstimatedParameter {
     pub value: f64,
     /// Its claimed standard deviation; `None` while the data do not determine it.
     pub sigma: Option<f64>,
-    /// What there is to say: `determined`, or why it is not estimated and what it cannot be told from.
+    /// `determined`, or why it is not estimated and what it cannot be distinguished from.
     pub verdict: String,
+}
+
+/// A method that estimates such numbers.
+pub trait EstimatesParameters {
+    /// Those of the last analysis.
+    fn estimated_parameters(&self) -> Vec<EstimatedParameter>;
 }

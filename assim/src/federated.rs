@@ -3,17 +3,17 @@
 mod fusion;
 mod system;
 
-use crate::assimilator::{Analysis, Assimilator, Estimate};
-use crate::augmented::AugmentedState;
-use crate::calibration_accuracy::CalibrationAccuracy;
-use crate::covariance_column::{CovarianceColumn, Unknown};
+use crate::assimilator::{Adjustments, Assimilator, CalibrationAdjustment, Views, WidenCalibration};
+use crate::augmented::Augmented;
 use crate::error::Error;
-use crate::kalman::{KalmanFilter, normalised_innovation_squared};
+use crate::errors::dense::KalmanFilter;
+use crate::estimate::{Analysis, Background, Estimate};
+use crate::innovation_covariance::InnovationCovariance;
+use crate::memory::{from_bytes, require, to_bytes};
 use crate::problem::{Innovations, Problem};
-use crate::saved::{from_bytes, to_bytes, unfit};
 use faer::MatRef;
 use fusion::Fused;
-use isobar_model::Duration;
+use isobar_model::{Duration, TangentLinear};
 use isobar_obs::{Calibration, ObservationWindow};
 use rayon::prelude::*;
 use system::observations_of;
@@ -23,7 +23,7 @@ use system::observations_of;
 pub struct FederatedSettings {
     /// The observing systems, each with its information-sharing factor β > 0; the factors sum to 1.
     pub systems: Vec<(String, f64)>,
-    /// After the analyses of how many cycles the local filters are given what the master has fused; `None` for never.
+    /// Number of cycles after which the local filters are given what the master has fused; `None` for never.
     pub reset_every_cycles: Option<usize>,
 }
 
@@ -53,18 +53,28 @@ pub struct FederatedSettings {
 ///
 /// It costs as many Kalman filters as there are systems, and two fusions. Covariances between the biases of different
 /// systems that a prior, or frozen biases, may have cannot be represented, and are refused.
+#[derive(Clone)]
 pub struct FederatedKalmanFilter {
-    /// The fused estimate of x and all biases.
-    master: AugmentedState,
-    local: Vec<LocalFilter>,
+    filters: Filters,
     reset_every_cycles: Option<usize>,
     /// Analyses so far.
     cycle: usize,
+    /// The factor of Q in all local filters.
+    error_factor: f64,
+}
+
+/// The local filters and their master.
+#[derive(Clone)]
+struct Filters {
+    /// The fused estimate of x and all biases. It forecasts nothing.
+    master: KalmanFilter,
+    local: Vec<LocalFilter>,
 }
 
 /// A correlation below this is rounding.
 const ROUNDING: f64 = 1e-9;
 
+#[derive(Clone)]
 struct LocalFilter {
     system: String,
     /// β.
@@ -80,7 +90,8 @@ impl FederatedKalmanFilter {
     /// # Errors
     /// [`Error::TooLarge`] if the dense matrices do not fit into the memory limit; [`Error::Setting`] for a bias of no
     /// system, for biases of two systems whose priors are correlated, and for shares that do not sum to 1.
-    pub fn new(problem: Problem, settings: FederatedSettings) -> Result<Self, Error> {
+    pub fn new(problem: impl Into<Problem<dyn TangentLinear>>, settings: FederatedSettings) -> Result<Self, Error> {
+        let problem = problem.into();
         let total: f64 = settings.systems.iter().map(|(_, share)| share).sum();
         if settings.systems.iter().any(|(_, share)| *share <= 0.0) || (total - 1.0).abs() > 1e-9 {
             let message = format!("the information-sharing factors must be positive and sum to 1, but sum to {total}");
@@ -96,19 +107,26 @@ impl FederatedKalmanFilter {
             let covariances = problem.calibration.covariances.iter();
             let covariances = covariances.filter_map(|(pair, value)| Some((within(pair)?, *value))).collect();
             let calibration = Calibration { parameters: own, covariances };
-            let mut filter = KalmanFilter::new(Problem { calibration, ..problem.clone() })?;
-            filter.augmented.inflate(1.0 / share);
+            let problem = Problem { calibration, ..problem.clone() };
+            let filter = KalmanFilter::with_inflated_errors(problem, 1.0 / share)?;
             Ok(LocalFilter { system, share, parameters, filter })
         });
         let local = local.collect::<Result<_, Error>>()?;
-        // The master forecasts nothing.
-        let master = AugmentedState::new(Problem { model_error: None, ..problem })?;
-        Ok(Self { master, local, reset_every_cycles: settings.reset_every_cycles, cycle: 0 })
+        let master = KalmanFilter::new(Problem { model_error: None, ..problem })?;
+        let filters = Filters { master, local };
+        Ok(Self { filters, reset_every_cycles: settings.reset_every_cycles, cycle: 0, error_factor: 1.0 })
     }
 
     /// The fused covariance of the errors of (x, c), `[m + p, m + p]`.
     pub fn covariance(&self) -> MatRef<'_, f64> {
-        self.master.covariance.as_ref()
+        self.filters.master.covariance()
+    }
+}
+
+impl Filters {
+    /// The fused estimate.
+    fn estimate(&self) -> Result<Estimate, Error> {
+        self.master.belief.estimate(&self.master.calibration)
     }
 
     /// The observations of each local filter, by number.
@@ -133,14 +151,14 @@ impl FederatedKalmanFilter {
 
     /// Fuses the local estimates into the master's.
     fn fuse(&mut self) -> Result<(), Error> {
-        let m = self.master.state.values().len();
+        let m = self.master.belief.s.state.values().len();
         let (first, rest) = self.local.split_first().expect("there is a system at least");
-        let mut fused = Fused::from(&first.filter.augmented);
+        let mut fused = Fused::from(&first.filter);
         for local in rest {
-            fused.fuse(&local.filter.augmented)?;
+            fused.fuse(&local.filter)?;
         }
         // The biases stand there system after system.
-        let order: Vec<usize> = match self.master.covariance.nrows() - m {
+        let order: Vec<usize> = match self.master.covariance().nrows() - m {
             0 => (0..m).collect(),
             _ => (0..m).chain(self.local.iter().flat_map(|it| &it.parameters).map(|number| m + number)).collect(),
         };
@@ -153,52 +171,86 @@ impl FederatedKalmanFilter {
         let given_state = fusion::explained_by_state(&self.master)?;
         for local in &mut self.local {
             let biases: &[usize] = if given_state.nrows() == 0 { &[] } else { &local.parameters };
-            fusion::divide(&self.master, given_state.as_ref(), local.share, biases, &mut local.filter.augmented);
+            fusion::divide(&self.master, given_state.as_ref(), local.share, biases, &mut local.filter);
         }
         Ok(())
     }
 }
 
 impl Assimilator for FederatedKalmanFilter {
-    fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
-        let forecasts: Vec<_> = self.local.par_iter_mut().map(|local| local.filter.forecast(window)).collect();
+    fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
+        let (factor, filters) = (self.error_factor, &mut self.filters);
+        let forecast = |local: &mut LocalFilter| {
+            if let Some(own) = local.filter.adjust().error_factor {
+                *own = factor;
+            }
+            local.filter.forecast(window)
+        };
+        let forecasts: Vec<_> = filters.local.par_iter_mut().map(forecast).collect();
         forecasts.into_iter().try_for_each(|forecast| forecast.map(drop))?;
-        self.fuse()?;
-        self.master.estimate()
+        filters.fuse()?;
+        Ok(Background { estimate: filters.estimate()?, window })
     }
 
-    fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
-        let AugmentedState { problem, state, bias, covariance, .. } = &self.master;
-        let innovations = problem.innovations(observed, state, bias)?;
-        let innovation_chi2 = normalised_innovation_squared(covariance.as_ref(), &innovations, state.values().len())?;
-        let rows = self.rows(observed, &innovations)?;
+    fn analyse(&mut self, from: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        let filters = &mut self.filters;
+        let Augmented { state, bias } = &filters.master.belief.s;
+        let innovations = filters.master.problem.innovations(observed, state, bias)?;
+        let covariance = InnovationCovariance::new(filters.master.covariance(), &innovations)?;
+        let innovation_chi2 = covariance.normalised_square(&innovations.departures);
+        let rows = filters.rows(observed, &innovations)?;
         let all = bias.len();
-        let analyses: Vec<_> = self
+        let analyses: Vec<_> = filters
             .local
             .par_iter_mut()
             .zip(rows)
-            .map(|(local, rows)| local.filter.analyse(&observations_of(observed, rows, &local.parameters, all)))
+            .map(|(local, rows)| local.filter.analyse(from, &observations_of(observed, rows, &local.parameters, all)))
             .collect();
         analyses.into_iter().try_for_each(|analysis| analysis.map(drop))?;
-        self.fuse()?;
+        filters.fuse()?;
         self.cycle += 1;
         // One filter has nothing to share.
         let is_due = self.reset_every_cycles.is_some_and(|cycles| self.cycle.is_multiple_of(cycles));
-        if is_due && self.local.len() > 1 {
-            self.reset()?;
+        if is_due && filters.local.len() > 1 {
+            filters.reset()?;
         }
-        let estimate = self.master.estimate()?;
-        Ok(self.master.problem.analysis(observed, innovations, estimate, innovation_chi2))
+        let estimate = filters.estimate()?;
+        Ok(filters.master.problem.analysis(observed, innovations, estimate, innovation_chi2))
     }
 
-    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
-        self.master.covariance_column(unknown)
+    fn boxed_clone(&self) -> Box<dyn Assimilator> {
+        Box::new(self.clone())
     }
 
-    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
-        self.master.calibration_accuracy()
+    fn memory(&self) -> Result<Vec<u8>, Error> {
+        let Filters { master, local } = &self.filters;
+        let local = local.iter().map(|local| local.filter.memory()).collect::<Result<Vec<_>, _>>()?;
+        to_bytes(&(master.memory()?, local, self.cycle))
     }
 
+    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
+        let (master, local, cycle): (Vec<u8>, Vec<Vec<u8>>, usize) = from_bytes(memory)?;
+        require(local.len() == self.filters.local.len(), "the number of local filters")?;
+        self.filters.master.recall(&master)?;
+        self.filters.local.iter_mut().zip(&local).try_for_each(|(local, memory)| local.filter.recall(memory))?;
+        self.cycle = cycle;
+        Ok(())
+    }
+
+    fn can(&self) -> Views<'_> {
+        self.filters.master.can()
+    }
+
+    fn adjust(&mut self) -> Adjustments<'_> {
+        let estimates = self.can().calibration.is_some();
+        Adjustments {
+            calibration: estimates.then_some(CalibrationAdjustment::Widen(&mut self.filters)),
+            error_factor: Some(&mut self.error_factor),
+        }
+    }
+}
+
+impl WidenCalibration for Filters {
     /// Each local filter takes the covariance of its own biases, so that the fused one is wider by just that. For a
     /// covariance between biases of two systems there is no place, and it is refused; recalibrations have none.
     fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
@@ -214,7 +266,7 @@ impl Assimilator for FederatedKalmanFilter {
         if let Some((i, j)) = (0..p).flat_map(|i| (0..i).map(move |j| (i, j))).find(|&(i, j)| is_between(i, j)) {
             let name = |number: usize| &self.master.problem.calibration.parameters[number].name;
             return Err(Error::Setting(format!(
-                "local filters of two systems cannot be told of a covariance between the biases {} and {}",
+                "local filters of two systems cannot represent a covariance between the biases {} and {}",
                 name(j),
                 name(i)
             )));
@@ -222,30 +274,9 @@ impl Assimilator for FederatedKalmanFilter {
         for local in &mut self.local {
             let own = &local.parameters;
             let covariance = faer::Mat::from_fn(own.len(), own.len(), |i, j| covariance[(own[i], own[j])]);
-            local.filter.widen_calibration(covariance.as_ref())?;
+            local.filter.belief.widen_calibration(covariance.as_ref())?;
         }
-        self.master.widen_calibration(covariance);
-        Ok(())
-    }
-
-    fn set_error_factor(&mut self, factor: f64) -> Result<(), Error> {
-        self.local.iter_mut().try_for_each(|local| local.filter.set_error_factor(factor))
-    }
-
-    fn save(&self) -> Result<Vec<u8>, Error> {
-        let local = self.local.iter().map(|local| local.filter.save()).collect::<Result<Vec<_>, _>>()?;
-        to_bytes(&(self.master.save()?, local, self.cycle))
-    }
-
-    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        let (master, local, cycle): (Vec<u8>, Vec<Vec<u8>>, usize) = from_bytes(saved)?;
-        if local.len() != self.local.len() {
-            return Err(unfit("the number of local filters"));
-        }
-        self.master.restore(&master)?;
-        self.local.iter_mut().zip(&local).try_for_each(|(local, saved)| local.filter.restore(saved))?;
-        self.cycle = cycle;
-        Ok(())
+        self.master.belief.widen_calibration(covariance)
     }
 }
 
@@ -265,7 +296,7 @@ fn biases_of_systems(calibration: &Calibration, systems: &[(String, f64)]) -> Re
         if covariance != 0.0 && system_of(i)? != system_of(j)? {
             let name = |number: usize| &calibration.parameters[number].name;
             return Err(Error::Setting(format!(
-                "the biases {} and {} are known to be correlated, which local filters of two systems cannot be told",
+                "the biases {} and {} are known to be correlated, which local filters of two systems cannot represent",
                 name(i),
                 name(j)
             )));
@@ -274,7 +305,7 @@ fn biases_of_systems(calibration: &Calibration, systems: &[(String, f64)]) -> Re
     Ok(numbers)
 }
 
-fn check_memory(problem: &Problem, parameters: &[Vec<usize>]) -> Result<(), Error> {
+fn check_memory(problem: &Problem<dyn TangentLinear>, parameters: &[Vec<usize>]) -> Result<(), Error> {
     let m = problem.background.values().len() as u64;
     let sizes = parameters.iter().map(|own| m + own.len() as u64);
     // Covariance, model error, propagator and two products for each, the master and what it fuses.

@@ -1,11 +1,11 @@
 //! The fixed-lag smoother of the dense Kalman filter.
 
-use crate::augmented::entries;
+use crate::augmented::Augmented;
 use crate::error::Error;
-use crate::kalman::InnovationCovariance;
+use crate::innovation_covariance::InnovationCovariance;
 use crate::linalg::{add_product, column, product, solved_lower, squared_norm};
+use crate::memory::{Matrix, require};
 use crate::problem::Innovations;
-use crate::saved::{Matrix, from_bytes, to_bytes, unfit};
 use faer::{Mat, MatRef};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
@@ -26,6 +26,7 @@ use std::collections::VecDeque;
 /// 465–471): `V ← Aᵀ V` through a forecast and `V ← V − W_i (P_i W_i)ᵀ V` through the analysis i, which is `(I − K_i H_i)ᵀ V`.
 /// No covariance is inverted, so that it may be singular. n observations cost n (m + p)² for each analysis that is revised;
 /// nothing is cubic in the number of unknowns.
+#[derive(Clone, Serialize, Deserialize)]
 pub(crate) struct FixedLag {
     lag: usize,
     /// The oldest first, at most `lag` and the last one.
@@ -33,27 +34,29 @@ pub(crate) struct FixedLag {
 }
 
 /// An analysis j, as it is known now.
+#[derive(Clone, Serialize, Deserialize)]
 struct PastAnalysis {
-    /// ŝ_j given all observations so far, `[m + all parameters]`.
-    estimate: Vec<f64>,
+    /// ŝ_j given all observations so far.
+    s: Augmented,
     /// The diagonal of its covariance, `[m + p]`.
     variances: Vec<f64>,
     /// P_j given the observations up to j, `[m + p, m + p]`.
-    covariance: Mat<f64>,
-    /// A_{j+1} of the state, `[m, m]`; none before the next forecast.
-    propagator: Option<Mat<f64>>,
-    /// What it did itself.
+    covariance: Matrix,
+    /// A_{j+1} of the state, `[m, m]`; `None` before the next forecast.
+    propagator: Option<Matrix>,
+    /// Its own observations.
     whitened: Whitened,
 }
 
 /// What n observations say, in units of their innovations' standard deviations.
+#[derive(Clone, Serialize, Deserialize)]
 pub(crate) struct Whitened {
     /// Wᵀ = L⁻¹ H, `[n, m + p]`.
-    jacobian: Mat<f64>,
+    jacobian: Matrix,
     /// (P W)ᵀ = L⁻¹ H P, `[n, m + p]`.
-    cross: Mat<f64>,
-    /// L⁻¹ d, `[n, 1]`; needed no more once all analyses are revised.
-    departures: Mat<f64>,
+    cross: Matrix,
+    /// L⁻¹ d, `[n, 1]`; without rows once all analyses are revised.
+    departures: Matrix,
 }
 
 impl Whitened {
@@ -61,28 +64,17 @@ impl Whitened {
     ///
     /// # Errors
     /// [`Error::NotPositiveDefinite`]: H P Hᵀ + R is not.
-    pub fn new(covariance: MatRef<'_, f64>, m: usize, innovations: &Innovations) -> Result<Self, Error> {
-        let InnovationCovariance { cross, root } = InnovationCovariance::new(covariance, innovations, m)?;
-        let (jacobian, n) = (&innovations.jacobian, innovations.departures.len());
+    pub fn new(covariance: MatRef<'_, f64>, innovations: &Innovations) -> Result<Self, Error> {
+        let InnovationCovariance { cross, root } = InnovationCovariance::new(covariance, innovations)?;
+        let n = innovations.len();
         let mut rows = Mat::zeros(n, covariance.nrows());
         for row in 0..n {
-            entries(jacobian, row, m).for_each(|(column, weight)| rows[(row, column)] += weight);
+            innovations.row(row).for_each(|(column, weight)| rows[(row, column)] += weight);
         }
         let [jacobian, cross, departures] = [rows, cross.transpose().to_owned(), column(&innovations.departures)]
-            .map(|part| solved_lower(root.as_ref(), part));
+            .map(|part| Matrix(solved_lower(root.as_ref(), part)));
         Ok(Self { jacobian, cross, departures })
     }
-}
-
-/// What a checkpoint holds of an analysis.
-#[derive(Serialize, Deserialize)]
-struct Saved {
-    estimate: Vec<f64>,
-    variances: Vec<f64>,
-    covariance: Matrix,
-    propagator: Option<Matrix>,
-    jacobian: Matrix,
-    cross: Matrix,
 }
 
 impl FixedLag {
@@ -91,7 +83,7 @@ impl FixedLag {
         Self { lag, analyses: VecDeque::with_capacity(lag + 1) }
     }
 
-    /// The memory of a smoother of so many analyses with `unknowns` values each, m + p \[bytes\].
+    /// The memory of a smoother of `lag` analyses with `unknowns` values each, m + p \[bytes\].
     pub fn bytes(lag: usize, unknowns: usize) -> u64 {
         2 * 8 * (lag as u64 + 1) * (unknowns as u64).pow(2)
     }
@@ -101,13 +93,13 @@ impl FixedLag {
         self.lag
     }
 
-    /// Takes note of a forecast with the propagator A, `[m, m]`.
+    /// Takes in a forecast with the propagator A, `[m, m]`.
     pub fn forecast(&mut self, propagator: MatRef<'_, f64>) {
         let Some(last) = self.analyses.back_mut() else { return };
-        last.propagator = Some(match last.propagator.take() {
+        last.propagator = Some(Matrix(match last.propagator.take() {
             None => propagator.to_owned(),
             Some(earlier) => product(propagator, earlier.as_ref()),
-        });
+        }));
     }
 
     /// Revises the earlier analyses by the observations of a new one.
@@ -119,7 +111,7 @@ impl FixedLag {
             return;
         }
         // Vᵀ, row by row.
-        let mut sensitivity = whitened.jacobian.clone();
+        let mut sensitivity = whitened.jacobian.0.clone();
         for past in self.analyses.iter_mut().rev() {
             if let Some(propagator) = &past.propagator {
                 let m = propagator.nrows();
@@ -128,7 +120,7 @@ impl FixedLag {
             }
             let gain = product(sensitivity.as_ref(), past.covariance.as_ref());
             let increment = product(gain.transpose(), whitened.departures.as_ref());
-            past.estimate.iter_mut().zip(increment.col_as_slice(0)).for_each(|(value, change)| *value += change);
+            past.s.add(increment.col_as_slice(0));
             for (j, variance) in past.variances.iter_mut().enumerate() {
                 *variance -= squared_norm(gain.col_as_slice(j));
             }
@@ -139,14 +131,13 @@ impl FixedLag {
         }
     }
 
-    /// Takes in the newest analysis, which revises the earlier ones: state and all parameters, with their covariance
-    /// `[m + p, m + p]`.
-    pub fn add(&mut self, estimate: Vec<f64>, covariance: MatRef<'_, f64>, mut whitened: Whitened) {
+    /// Takes in the newest analysis, which revises the earlier ones, with its covariance `[m + p, m + p]`.
+    pub fn add(&mut self, s: Augmented, covariance: MatRef<'_, f64>, mut whitened: Whitened) {
         self.revise(&whitened);
-        whitened.departures = Mat::zeros(0, 1);
+        whitened.departures = Matrix(Mat::zeros(0, 1));
         let variances = (0..covariance.nrows()).map(|i| covariance[(i, i)]).collect();
-        let covariance = covariance.to_owned();
-        self.analyses.push_back(PastAnalysis { estimate, variances, covariance, propagator: None, whitened });
+        let covariance = Matrix(covariance.to_owned());
+        self.analyses.push_back(PastAnalysis { s, variances, covariance, propagator: None, whitened });
     }
 
     /// Forgets all analyses: what follows is independent of them.
@@ -154,56 +145,31 @@ impl FixedLag {
         self.analyses.clear();
     }
 
-    /// State and all parameters at the analysis so many before the newest, and the variances `[m + p]` of those that are
+    /// State and parameters at the analysis `analyses_ago` before the newest, and the variances `[m + p]` of what is
     /// estimated; `None` if there was none, or it is out of reach.
-    pub fn estimate(&self, analyses_ago: usize) -> Option<(&[f64], &[f64])> {
+    pub fn estimate(&self, analyses_ago: usize) -> Option<(&Augmented, &[f64])> {
         let past = self.analyses.get(self.analyses.len().checked_sub(analyses_ago + 1)?)?;
-        Some((&past.estimate, &past.variances))
+        Some((&past.s, &past.variances))
     }
 
-    /// What a checkpoint holds of it.
-    pub fn save(&self) -> Result<Vec<u8>, Error> {
-        let saved = self.analyses.iter().map(|past| Saved {
-            estimate: past.estimate.clone(),
-            variances: past.variances.clone(),
-            covariance: (&past.covariance).into(),
-            propagator: past.propagator.as_ref().map(Matrix::from),
-            jacobian: (&past.whitened.jacobian).into(),
-            cross: (&past.whitened.cross).into(),
-        });
-        to_bytes(&saved.collect::<Vec<_>>())
-    }
-
-    /// Takes back what [`FixedLag::save`] gave, for m values of the state, p parameters that are estimated, and so many in
-    /// all.
+    /// Fails unless it is a smoother of this lag, of estimates like `s` with `size` = m + p unknowns.
     ///
     /// # Errors
-    /// [`Error::Saved`].
-    pub fn restore(&mut self, bytes: &[u8], m: usize, p: usize, parameters: usize) -> Result<(), Error> {
-        let saved: Vec<Saved> = from_bytes(bytes)?;
-        let (name, size) = ("an earlier analysis", m + p);
-        if saved.len() > self.lag + 1 {
-            return Err(unfit("the number of earlier analyses"));
+    /// [`Error::Memory`].
+    pub fn require(&self, lag: usize, s: &Augmented, size: usize) -> Result<(), Error> {
+        require(self.lag == lag && self.analyses.len() <= lag + 1, "the number of earlier analyses")?;
+        let m = s.state.values().len();
+        for past in &self.analyses {
+            past.s.require_like(s)?;
+            let Whitened { jacobian, cross, departures } = &past.whitened;
+            let fits = past.variances.len() == size
+                && past.covariance.has_shape(size, size)
+                && past.propagator.as_ref().is_none_or(|propagator| propagator.has_shape(m, m))
+                && jacobian.has_shape(cross.nrows(), size)
+                && cross.ncols() == size
+                && departures.has_shape(0, 1);
+            require(fits, "an earlier analysis")?;
         }
-        let past = saved.into_iter().map(|it| {
-            let (rows, other) = (it.jacobian.rows(), it.cross.rows());
-            if it.estimate.len() != m + parameters || it.variances.len() != size || rows != other {
-                return Err(unfit(name));
-            }
-            let propagator = it.propagator.map(|it| it.restored(m, Some(m), name)).transpose()?;
-            Ok(PastAnalysis {
-                estimate: it.estimate,
-                variances: it.variances,
-                covariance: it.covariance.restored(size, Some(size), name)?,
-                propagator,
-                whitened: Whitened {
-                    jacobian: it.jacobian.restored(rows, Some(size), name)?,
-                    cross: it.cross.restored(rows, Some(size), name)?,
-                    departures: Mat::zeros(0, 1),
-                },
-            })
-        });
-        self.analyses = past.collect::<Result<_, Error>>()?;
         Ok(())
     }
 }

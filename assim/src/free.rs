@@ -1,59 +1,58 @@
 //! No assimilation: the model runs free.
 
-use crate::assimilator::{Analysis, Assimilator, Estimate};
+use crate::assimilator::Assimilator;
+use crate::augmented::Augmented;
 use crate::error::Error;
-use crate::problem::Problem;
-use crate::saved::{from_bytes, restore_state, to_bytes};
-use isobar_model::{Duration, State, forecast};
+use crate::estimate::{Analysis, Background, Estimate};
+use crate::memory::{from_bytes, to_bytes};
+use crate::problem::{Problem, steps};
+use isobar_model::{Duration, Model, forecast};
 use isobar_obs::ObservationWindow;
 
 /// The free run: the error that every method must beat.
+#[derive(Clone)]
 pub struct FreeRun {
-    problem: Problem,
-    state: State,
+    problem: Problem<dyn Model>,
+    /// The parameters stay zero.
+    s: Augmented,
 }
 
 impl FreeRun {
     /// A free run from the background.
-    pub fn new(problem: Problem) -> Self {
-        let state = problem.background.clone();
-        Self { problem, state }
+    pub fn new(problem: impl Into<Problem<dyn Model>>) -> Self {
+        let problem = problem.into();
+        Self { s: Augmented::background(&problem), problem }
     }
 
     fn estimate(&self) -> Estimate {
-        Estimate {
-            state: self.state.clone(),
-            calibration: vec![0.0; self.problem.calibration.len()],
-            state_spread: None,
-            calibration_spread: None,
-        }
+        let Augmented { state, bias } = self.s.clone();
+        Estimate { state, calibration: bias, state_spread: None, calibration_spread: None }
     }
 }
 
 impl Assimilator for FreeRun {
-    fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
-        forecast::forecast(&*self.problem.model, &mut self.state, self.problem.steps(window)?)?;
-        Ok(self.estimate())
+    fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
+        let model = &*self.problem.model;
+        forecast::forecast(model, &mut self.s.state, steps(model, window)?)?;
+        Ok(Background { estimate: self.estimate(), window })
     }
 
-    fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
-        let estimate = self.estimate();
-        let departures = self.problem.departures(observed, &estimate.state, &estimate.calibration);
-        Ok(Analysis {
-            estimate,
-            background_departures: departures.clone(),
-            analysis_departures: departures,
-            innovation_chi2: None,
-            partition: None,
-        })
+    fn analyse(&mut self, _: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        Ok(self.problem.unchanged(observed, self.estimate()))
     }
 
-    fn save(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&self.state.values())
+    fn boxed_clone(&self) -> Box<dyn Assimilator> {
+        Box::new(self.clone())
     }
 
-    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        let values: Vec<f64> = from_bytes(saved)?;
-        restore_state(&mut self.state, &values)
+    fn memory(&self) -> Result<Vec<u8>, Error> {
+        to_bytes(&self.s)
+    }
+
+    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
+        let s: Augmented = from_bytes(memory)?;
+        s.require_like(&self.s)?;
+        self.s = s;
+        Ok(())
     }
 }

@@ -14,9 +14,9 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 /// Columns that one thread works on at a time.
 const CHUNK: usize = 128;
 
-/// Makes this thread and those of the pool take the workspace that matrix products keep for good: twice the size of the
-/// last-level cache for each thread, of which a small product touches little. Whoever measures a method's memory does
-/// this first, else the method that multiplies first is charged with it.
+/// Makes this thread and those of the pool allocate the workspace that matrix products keep: twice the size of the
+/// last-level cache for each thread. Call it before a method's memory is measured, or the method that multiplies first is
+/// charged with it.
 pub fn reserve_workspace() {
     // Smaller products have no need of it.
     let multiply = || drop(product(Mat::identity(64, 64).as_ref(), Mat::identity(64, 64).as_ref()));

@@ -4,6 +4,7 @@ use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::error::Error;
 use crate::linalg::{cholesky, eigen, mirror_lower, product, solve_lower, solve_lower_transposed};
 use faer::{Mat, MatRef};
+use isobar_model::vector::dot;
 
 /// A parameter that keeps more than this share of its prior variance has not been observed at all.
 const UNOBSERVED: f64 = 0.999;
@@ -113,7 +114,7 @@ fn undetermined(
         solve_lower_transposed(root, functional.as_mut());
         let functional = functional.col_as_slice(0);
         let with_mean = |(variable, (with, variance)): (usize, (&[f64], f64))| {
-            let covariance: f64 = functional.iter().zip(with).map(|(a, b)| a * b).sum();
+            let covariance: f64 = dot(functional, with);
             let correlation = covariance / (value * variance).sqrt();
             let most = variance * (correlation * correlation * value / (value - threshold) - 1.0);
             Inseparable { variable, correlation, sigma_needed: most.max(0.0).sqrt() }

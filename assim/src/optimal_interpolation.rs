@@ -1,16 +1,16 @@
 //! Optimal interpolation.
 
-use crate::assimilator::{Analysis, Assimilator, Estimate};
+use crate::assimilator::{Adjustments, Assimilator, Views};
 use crate::calibrated_state::CalibratedState;
-use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance;
 use crate::error::Error;
+use crate::estimate::{Analysis, Background};
 use crate::linalg::{cholesky, column, product, solve_lower, solve_lower_transposed, squared_norm};
+use crate::memory::{from_bytes, to_bytes};
 use crate::problem::{Innovations, Problem};
-use crate::saved::{from_bytes, to_bytes};
 use crate::spread::standard_deviations;
-use faer::{Mat, MatRef};
-use isobar_model::Duration;
+use faer::Mat;
+use isobar_model::{Duration, Model};
 use isobar_obs::ObservationWindow;
 use rayon::prelude::*;
 
@@ -22,10 +22,11 @@ use rayon::prelude::*;
 /// ```
 ///
 /// What 3D-Var finds by iteration, found directly; here with the spread that it claims of its analysis.
+#[derive(Clone)]
 pub struct OptimalInterpolation {
-    problem: Problem,
+    problem: Problem<dyn Model>,
     covariance_scale: f64,
-    /// What B is multiplied by besides.
+    /// Another factor of B, that others may change.
     error_factor: f64,
     present: CalibratedState,
     /// √s of the diagonal of B.
@@ -34,7 +35,8 @@ pub struct OptimalInterpolation {
 
 impl OptimalInterpolation {
     /// Optimal interpolation from the background, with the problem's B times a factor.
-    pub fn new(problem: Problem, covariance_scale: f64) -> Self {
+    pub fn new(problem: impl Into<Problem<dyn Model>>, covariance_scale: f64) -> Self {
+        let problem = problem.into();
         let mut background_spread = covariance::standard_deviations(&*problem.background_error);
         background_spread.iter_mut().for_each(|sigma| *sigma *= covariance_scale.sqrt());
         let present = CalibratedState::new(&problem);
@@ -48,7 +50,7 @@ impl OptimalInterpolation {
 
     /// s B Hᵀ, `[m, n]`.
     fn cross_covariance(&self, innovations: &Innovations) -> Mat<f64> {
-        let (m, n) = (self.present.state.values().len(), innovations.variance.len());
+        let (m, n) = (innovations.state_values, innovations.len());
         let columns: Vec<Vec<f64>> = (0..n)
             .into_par_iter()
             .map(|row| {
@@ -64,22 +66,22 @@ impl OptimalInterpolation {
     /// P_c Gᵀ, `[p, n]`.
     fn bias_cross_covariance(&self, innovations: &Innovations) -> Mat<f64> {
         let rows = &innovations.jacobian.calibration;
-        Mat::from_fn(self.present.parameters(), innovations.variance.len(), |i, row| {
+        Mat::from_fn(self.present.parameters(), innovations.len(), |i, row| {
             rows.row(row).iter().map(|&(parameter, weight)| weight * self.present.bias_covariance[(i, parameter)]).sum()
         })
     }
 }
 
 impl Assimilator for OptimalInterpolation {
-    fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
-        self.present.forecast(&self.problem, window)?;
-        self.present.estimate(Some(self.background_spread().collect()))
+    fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
+        self.present.forecast(&*self.problem.model, window)?;
+        Ok(Background { estimate: self.present.estimate(Some(self.background_spread().collect()))?, window })
     }
 
-    fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
-        let innovations = self.problem.innovations(observed, &self.present.state, &self.present.bias)?;
+    fn analyse(&mut self, _: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        let innovations = self.problem.innovations(observed, &self.present.s.state, &self.present.s.bias)?;
         let (cross, bias_cross) = (self.cross_covariance(&innovations), self.bias_cross_covariance(&innovations));
-        let n = innovations.variance.len();
+        let n = innovations.len();
         let jacobian = &innovations.jacobian;
         let covariance = Mat::from_fn(n, n, |i, j| {
             let of_state = jacobian.state.row_dot(i, cross.col_as_slice(j));
@@ -104,34 +106,35 @@ impl Assimilator for OptimalInterpolation {
             .enumerate()
             .map(|(i, sigma)| sigma * sigma - squared_norm(reduction.col_as_slice(i)))
             .collect();
-        let layout = self.present.state.layout();
+        let layout = self.present.s.state.layout();
         let spread = standard_deviations(&variances, "the analysis covariance", |i| layout.describe(i))?;
         let mut reduction = bias_cross.transpose().to_owned();
         solve_lower(root.as_ref(), reduction.as_mut());
-        self.present.bias_covariance -= product(reduction.transpose(), reduction.as_ref());
+        *self.present.bias_covariance -= product(reduction.transpose(), reduction.as_ref());
         let estimate = self.present.estimate(Some(spread))?;
         Ok(self.problem.analysis(observed, innovations, estimate, innovation_chi2))
     }
 
-    fn set_error_factor(&mut self, factor: f64) -> Result<(), Error> {
-        self.error_factor = factor;
+    fn boxed_clone(&self) -> Box<dyn Assimilator> {
+        Box::new(self.clone())
+    }
+
+    fn memory(&self) -> Result<Vec<u8>, Error> {
+        to_bytes(&self.present)
+    }
+
+    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
+        let present: CalibratedState = from_bytes(memory)?;
+        present.require_like(&self.present)?;
+        self.present = present;
         Ok(())
     }
 
-    fn save(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&self.present.saved())
+    fn can(&self) -> Views<'_> {
+        Views { calibration: self.present.view(), ..Views::default() }
     }
 
-    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        self.present.restore(from_bytes(saved)?)
-    }
-
-    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
-        self.present.accuracy()
-    }
-
-    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
-        self.present.bias_covariance += covariance;
-        Ok(())
+    fn adjust(&mut self) -> Adjustments<'_> {
+        Adjustments { calibration: self.present.adjustment(), error_factor: Some(&mut self.error_factor) }
     }
 }

@@ -1,17 +1,31 @@
 //! What every method is given at its start, and the innovations it computes from a window of observations.
 
-use crate::assimilator::{Analysis, BiasTreatment, Estimate};
 use crate::covariance::Covariance;
 use crate::error::Error;
-use isobar_model::{Adjoint, Duration, State};
+use crate::estimate::{Analysis, Estimate};
+use isobar_model::{Adjoint, Duration, Model, State, TangentLinear};
 use isobar_obs::{Calibration, Jacobian, ObservationWindow, SparseRows};
 use std::sync::Arc;
 
+/// How a method treats the observations' biases.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BiasTreatment {
+    /// The calibration parameters are estimated with the state.
+    Estimate,
+    /// Biased observations are taken as they are.
+    Ignore,
+    /// The method is given observations from which the true biases have been removed.
+    Known,
+}
+
 /// An assimilation problem: everything that a method may know. The truth is not part of it.
-#[derive(Clone)]
-pub struct Problem {
+///
+/// `M` is what the forecast model can do. A constructor asks for what its method needs: an ensemble for a
+/// `Problem<dyn Model>`, a Kalman filter for a `Problem<dyn TangentLinear>`, 4D-Var for a `Problem<dyn Adjoint>`; the one
+/// that can do more converts into the one that can do less.
+pub struct Problem<M: ?Sized = dyn Adjoint> {
     /// The forecast model.
-    pub model: Arc<dyn Adjoint>,
+    pub model: Arc<M>,
     /// The background at the start.
     pub background: State,
     /// Covariance of its error.
@@ -26,17 +40,50 @@ pub struct Problem {
     pub memory_limit_bytes: u64,
 }
 
-impl Problem {
-    /// The time steps of a forecast over `window`.
-    pub(crate) fn steps(&self, window: Duration) -> Result<usize, Error> {
-        window.steps_of(self.model.time_step()).ok_or_else(|| {
-            Error::Setting(format!(
-                "the window of {window} is not a whole number of time steps of {}",
-                self.model.time_step()
-            ))
-        })
+impl<M: ?Sized> Clone for Problem<M> {
+    fn clone(&self) -> Self {
+        Self {
+            model: Arc::clone(&self.model),
+            background: self.background.clone(),
+            background_error: Arc::clone(&self.background_error),
+            model_error: self.model_error.clone(),
+            calibration: self.calibration.clone(),
+            bias: self.bias,
+            memory_limit_bytes: self.memory_limit_bytes,
+        }
     }
+}
 
+impl<M: ?Sized> Problem<M> {
+    /// The same problem with another model of the same states.
+    pub fn with_model<N: ?Sized>(self, model: Arc<N>) -> Problem<N> {
+        let Self { background, background_error, model_error, calibration, bias, memory_limit_bytes, .. } = self;
+        Problem { model, background, background_error, model_error, calibration, bias, memory_limit_bytes }
+    }
+}
+
+impl From<Problem<dyn Adjoint>> for Problem<dyn TangentLinear> {
+    fn from(problem: Problem<dyn Adjoint>) -> Self {
+        let model: Arc<dyn TangentLinear> = problem.model.clone();
+        problem.with_model(model)
+    }
+}
+
+impl From<Problem<dyn Adjoint>> for Problem<dyn Model> {
+    fn from(problem: Problem<dyn Adjoint>) -> Self {
+        let model: Arc<dyn Model> = problem.model.clone();
+        problem.with_model(model)
+    }
+}
+
+impl From<Problem<dyn TangentLinear>> for Problem<dyn Model> {
+    fn from(problem: Problem<dyn TangentLinear>) -> Self {
+        let model: Arc<dyn Model> = problem.model.clone();
+        problem.with_model(model)
+    }
+}
+
+impl<M: ?Sized> Problem<M> {
     /// The calibration parameters that the method estimates: all or none.
     pub(crate) fn estimated_calibration(&self) -> Calibration {
         match self.bias {
@@ -46,6 +93,9 @@ impl Problem {
     }
 
     /// Innovations about an estimate; `calibration` holds all parameters of the experiment.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`] if a departure is not finite.
     pub(crate) fn innovations(
         &self,
         observed: &ObservationWindow,
@@ -58,12 +108,9 @@ impl Problem {
             (0..observed.len()).for_each(|_| jacobian.calibration.push_row([]));
         }
         let departures = self.departures(observed, state, calibration);
-        if let Some(row) = departures.iter().position(|departure| !departure.is_finite()) {
-            let report = &observed.reports[row];
-            return Err(Error::NotFinite { what: format!("the innovation of {}/{}", report.network, report.platform) });
-        }
+        require_finite(&departures, observed)?;
         let variance = observed.sigma.iter().map(|sigma| sigma * sigma).collect();
-        Ok(Innovations { departures, jacobian, variance })
+        Ok(Innovations { departures, jacobian, variance, state_values: state.values().len() })
     }
 
     /// y − h(x, c).
@@ -89,22 +136,73 @@ impl Problem {
             partition: None,
         }
     }
+
+    /// An estimate that takes no notice of `observed`.
+    pub(crate) fn unchanged(&self, observed: &ObservationWindow, estimate: Estimate) -> Analysis {
+        let departures = self.departures(observed, &estimate.state, &estimate.calibration);
+        Analysis {
+            estimate,
+            background_departures: departures.clone(),
+            analysis_departures: departures,
+            innovation_chi2: None,
+            partition: None,
+        }
+    }
+}
+
+/// The time steps of a forecast over `window`.
+///
+/// # Errors
+/// [`Error::Setting`] if they are not a whole number.
+pub(crate) fn steps(model: &(impl Model + ?Sized), window: Duration) -> Result<usize, Error> {
+    let step = model.time_step();
+    window
+        .steps_of(step)
+        .ok_or_else(|| Error::Setting(format!("the window of {window} is not a whole number of time steps of {step}")))
+}
+
+/// Fails at the first departure that is not finite.
+///
+/// # Errors
+/// [`Error::NotFinite`] with its network and platform.
+pub(crate) fn require_finite(departures: &[f64], observed: &ObservationWindow) -> Result<(), Error> {
+    let Some(row) = departures.iter().position(|departure| !departure.is_finite()) else { return Ok(()) };
+    let report = &observed.reports[row];
+    Err(Error::NotFinite { what: format!("the innovation of {}/{}", report.network, report.platform) })
 }
 
 /// The observations of a cycle as seen from an estimate.
 pub(crate) struct Innovations {
-    /// d = y − h(x, c).
+    /// d = y − h(x, c), `[n]`.
     pub departures: Vec<f64>,
-    /// X and G.
+    /// H = (X, G), `[n, m + p]`.
     pub jacobian: Jacobian,
-    /// The diagonal of R.
+    /// The diagonal of R, `[n]`.
     pub variance: Vec<f64>,
+    /// m, the number of values of the state.
+    pub state_values: usize,
 }
 
 impl Innovations {
+    /// n.
+    pub fn len(&self) -> usize {
+        self.departures.len()
+    }
+
+    /// The entries of a row of H on the augmented state (x, c).
+    pub fn row(&self, row: usize) -> impl Iterator<Item = (usize, f64)> {
+        entries(&self.jacobian, row, self.state_values)
+    }
+
     /// R^-½ dy.
     pub fn whiten(&self, mut dy: Vec<f64>) -> Vec<f64> {
         dy.iter_mut().zip(&self.variance).for_each(|(value, variance)| *value /= variance.sqrt());
         dy
     }
+}
+
+/// The entries of a row of H = (X, G) on the augmented state, whose first `m` values are the state's.
+pub(crate) fn entries(jacobian: &Jacobian, row: usize, m: usize) -> impl Iterator<Item = (usize, f64)> {
+    let state = jacobian.state.row(row).iter().copied();
+    state.chain(jacobian.calibration.row(row).iter().map(move |&(parameter, weight)| (m + parameter, weight)))
 }

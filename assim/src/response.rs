@@ -1,21 +1,20 @@
 //! How an analysis responds to innovations of one's choice: its gain, without a look into the method.
 
-use crate::assimilator::{Assimilator, Estimate};
+use crate::assimilator::Assimilator;
 use crate::error::Error;
+use crate::estimate::Background;
 use faer::Mat;
+use isobar_model::vector::{add, difference};
 use isobar_obs::ObservationWindow;
 
 /// A method between forecast and analysis, to be asked what its analysis would make of innovations d.
 ///
-/// An analysis that is linear in d is `(δx, δc) = K d`; its columns are the responses to unit innovations. The method is
-/// set back before each of them by [`Assimilator::restore`], and by [`Responder::finish`] once and for all, so that its
-/// own analysis has the same bits as without.
+/// An analysis that is linear in d is `(δx, δc) = K d`; its columns are the responses to unit innovations. Each answer is
+/// that of a copy of the method, which stays as it is.
 pub struct Responder<'a> {
-    method: &'a mut dyn Assimilator,
-    background: &'a Estimate,
-    memory: Vec<u8>,
-    /// The observations, whose values are replaced.
-    window: ObservationWindow,
+    method: &'a dyn Assimilator,
+    background: &'a Background,
+    observed: &'a ObservationWindow,
     /// h(x, c) of the background.
     simulated: Vec<f64>,
 }
@@ -42,32 +41,26 @@ pub struct Gain {
 
 impl<'a> Responder<'a> {
     /// Asks a method that has just forecast `background` about the operators of `observed`.
-    ///
-    /// # Errors
-    /// Those of [`Assimilator::save`].
-    pub fn new(
-        method: &'a mut dyn Assimilator,
-        background: &'a Estimate,
-        observed: &ObservationWindow,
-    ) -> Result<Self, Error> {
-        let memory = method.save()?;
-        let simulated = observed.operator.simulate(&background.state, &background.calibration);
-        Ok(Self { method, background, memory, window: observed.clone(), simulated })
+    pub fn new(method: &'a dyn Assimilator, background: &'a Background, observed: &'a ObservationWindow) -> Self {
+        let estimate = &background.estimate;
+        let simulated = observed.operator.simulate(&estimate.state, &estimate.calibration);
+        Self { method, background, observed, simulated }
     }
 
     /// The analysis of these innovations.
     ///
     /// # Errors
     /// Those of the method.
-    pub fn to(&mut self, innovations: &[f64]) -> Result<Response, Error> {
-        self.window.values = self.simulated.iter().zip(innovations).map(|(value, d)| value + d).collect();
-        self.method.restore(&self.memory)?;
-        let analysis = self.method.analyse(&self.window)?;
-        let change = |after: &[f64], before: &[f64]| after.iter().zip(before).map(|(a, b)| a - b).collect();
+    pub fn to(&self, innovations: &[f64]) -> Result<Response, Error> {
+        let mut observed = self.observed.clone();
+        observed.values.clone_from(&self.simulated);
+        add(&mut observed.values, innovations);
+        let analysis = self.method.boxed_clone().analyse(self.background, &observed)?;
+        let before = &self.background.estimate;
         Ok(Response {
-            state: change(analysis.estimate.state.values(), self.background.state.values()),
-            calibration: change(&analysis.estimate.calibration, &self.background.calibration),
-            fit: change(&analysis.background_departures, &analysis.analysis_departures),
+            state: difference(analysis.estimate.state.values(), before.state.values()),
+            calibration: difference(&analysis.estimate.calibration, &before.calibration),
+            fit: difference(&analysis.background_departures, &analysis.analysis_departures),
         })
     }
 
@@ -75,13 +68,14 @@ impl<'a> Responder<'a> {
     ///
     /// # Errors
     /// Those of the method.
-    pub fn gain(&mut self) -> Result<Gain, Error> {
-        let (m, p, n) = (self.background.state.values().len(), self.background.calibration.len(), self.window.len());
+    pub fn gain(&self) -> Result<Gain, Error> {
+        let before = &self.background.estimate;
+        let (m, p, n) = (before.state.values().len(), before.calibration.len(), self.observed.len());
         let mut gain = Gain { state: Mat::zeros(m, n), calibration: Mat::zeros(p, n) };
         let mut innovations = vec![0.0; n];
         for column in 0..n {
-            // Of the size of the errors, lest it be lost among the digits of the state.
-            let size = self.window.sigma[column];
+            // Of the size of the errors, so that it is not lost among the digits of the state.
+            let size = self.observed.sigma[column];
             innovations[column] = size;
             let response = self.to(&innovations)?;
             innovations[column] = 0.0;
@@ -91,13 +85,5 @@ impl<'a> Responder<'a> {
             divide(gain.calibration.col_as_slice_mut(column), &response.calibration);
         }
         Ok(gain)
-    }
-
-    /// Sets the method back.
-    ///
-    /// # Errors
-    /// Those of [`Assimilator::restore`].
-    pub fn finish(self) -> Result<(), Error> {
-        self.method.restore(&self.memory)
     }
 }

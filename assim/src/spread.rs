@@ -19,7 +19,7 @@ pub(crate) fn standard_deviations(
         let (covariance, place) = (covariance.to_string(), place(number));
         return Err(Error::NegativeVariance { covariance, place, variance: variances[number], largest });
     }
-    // Written such that a variance that is not a number has a standard deviation that is none either.
+    // NaN compares as false, so that it stays NaN.
     Ok(variances.iter().map(|&variance| if variance < 0.0 { 0.0 } else { variance.sqrt() }).collect())
 }
 

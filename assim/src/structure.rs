@@ -1,6 +1,7 @@
-//! What a viewer may show of a method's inner structure.
+//! The inner structure of a method with blocks, for viewers.
 
 use isobar_model::Increment;
+use isobar_obs::ObservationWindow;
 use serde::{Deserialize, Serialize};
 
 /// The covariance `blkdiag(C_1 … C_K, 0) + Φ Φᵀ` of a method with blocks, as it is after an analysis.
@@ -21,6 +22,12 @@ pub struct CommonFactor {
     pub increment: Increment,
     /// The change of the calibration parameters that goes with it, in their order.
     pub calibration: Vec<f64>,
-    /// Its part of the claimed variance of all values, where each is first divided by its variance in B \[1\].
+    /// Its share of the claimed variance of all values, where each is first divided by its variance in B \[1\].
     pub share: f64,
+}
+
+/// A method with blocks.
+pub trait BlockStructure {
+    /// Its structure after the analysis of `observed`, with at most `factors` common factors.
+    fn structure(&self, observed: &ObservationWindow, factors: usize) -> Structure;
 }

@@ -19,6 +19,7 @@ use crate::error::Error;
 use crate::high_pass::in_words;
 use crate::linalg::product;
 use faer::Mat;
+use isobar_model::vector::add;
 use rayon::prelude::*;
 use std::cmp::Ordering;
 use std::f64::consts::{PI, TAU};
@@ -124,9 +125,9 @@ pub fn find_winds(trackers: &[Tracker], fixes: &[Fix], prior: Option<&Prior>) ->
         });
         let solution = solve(&blocks, p, relative.as_ref())?;
         positions.par_iter_mut().zip(&solution.blocks).for_each(|(position, block)| {
-            position.iter_mut().zip(&block.estimate).for_each(|(value, change)| *value += change);
+            add(position, &block.estimate);
         });
-        offsets.iter_mut().zip(&solution.border).for_each(|(value, change)| *value += change);
+        add(&mut offsets, &solution.border);
         let sigma = |i: usize| solution.border_covariance[(i, i)].sqrt();
         let change = solution.border.iter().enumerate().map(|(i, change)| (change / sigma(i)).abs());
         let change = change.fold(0.0, |a: f64, b| if b.is_nan() { f64::NAN } else { a.max(b) });

@@ -82,15 +82,15 @@ fn run(
     let (mut sum, mut count) = (0.0, 0);
     for cycle in 1..=cycles {
         let observed = world.cycle(problem, cycle, seed);
-        method.forecast(WINDOW).unwrap();
-        let analysis = method.analyse(&observed).unwrap();
+        let from = method.forecast(WINDOW).unwrap();
+        let analysis = method.analyse(&from, &observed).unwrap();
         if 2 * cycle > cycles {
             let differences = (&analysis.estimate.state - &world.state).values().to_vec();
             sum += differences.iter().map(|value| value * value).sum::<f64>();
             count += differences.len();
         }
     }
-    (method.parameters(), sum / count as f64)
+    (parameters(method), sum / count as f64)
 }
 
 fn kalman(problem: &Problem) -> Box<dyn Assimilator> {
@@ -181,8 +181,8 @@ fn a_static_covariance_is_brought_to_the_size_of_the_errors() {
         let mut sum = 0.0;
         for cycle in 1..=160 {
             let observed = world.cycle(&problem, cycle, 3);
-            method.forecast(WINDOW).unwrap();
-            let analysis = method.analyse(&observed).unwrap();
+            let from = method.forecast(WINDOW).unwrap();
+            let analysis = method.analyse(&from, &observed).unwrap();
             sum += if cycle > 80 { analysis.innovation_chi2.unwrap() / (80 * observed.len()) as f64 } else { 0.0 };
         }
         sum
@@ -224,10 +224,10 @@ fn what_cannot_be_told_apart_is_named() {
         observed.values = normals.iter().map(|normal| 0.8 * normal).collect();
         observed.sigma.fill(0.4);
         observed.reports.iter_mut().for_each(|report| (report.network, report.variable) = ("sondes".into(), 0));
-        method.forecast(WINDOW).unwrap();
-        method.analyse(&observed).unwrap();
+        let from = method.forecast(WINDOW).unwrap();
+        method.analyse(&from, &observed).unwrap();
     }
-    let parameters = method.parameters();
+    let parameters = parameters(&method);
     assert_eq!(parameters.len(), 2);
     for (own, other) in [(0, 1), (1, 0)] {
         let name = parameters[other].name.strip_prefix("adapt/").unwrap();
@@ -278,11 +278,12 @@ fn a_method_goes_on_to_the_same_bits_from_what_it_has_saved() {
     let (mut whole, mut begun, mut resumed) = (new(), new(), new());
     for (cycle, observed) in windows.iter().enumerate() {
         if cycle == 3 {
-            resumed.restore(&begun.save().unwrap()).unwrap();
+            resumed.recall(&begun.memory().unwrap()).unwrap();
         }
         let method = if cycle < 3 { &mut begun } else { &mut resumed };
-        assert_eq!(whole.forecast(WINDOW).unwrap(), method.forecast(WINDOW).unwrap());
-        assert_eq!(whole.analyse(observed).unwrap(), method.analyse(observed).unwrap());
-        assert_eq!(whole.parameters(), method.parameters());
+        let from = whole.forecast(WINDOW).unwrap();
+        assert_eq!(from, method.forecast(WINDOW).unwrap());
+        assert_eq!(whole.analyse(&from, observed).unwrap(), method.analyse(&from, observed).unwrap());
+        assert_eq!(parameters(&whole), parameters(method));
     }
 }

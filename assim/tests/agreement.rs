@@ -5,7 +5,6 @@ use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter};
 use isobar_assim::kalman::KalmanFilter;
-use isobar_assim::serial_kalman::SerialKalmanFilter;
 use isobar_assim::variational::{ThreeDVar, ThreeDVarSettings};
 use isobar_assim::{Assimilator, BiasTreatment, Error, Problem, covariance};
 use isobar_model::State;
@@ -27,7 +26,7 @@ impl Dense for FastKalmanFilter {
     }
 }
 
-impl Dense for SerialKalmanFilter {
+impl Dense for KalmanFilter {
     fn matrix(&self) -> Mat<f64> {
         self.covariance().to_owned()
     }
@@ -41,10 +40,13 @@ fn difference(problem: &Problem, fast: &mut impl Dense, within_cell: bool) -> f6
         let observed = window(problem, 14, within_cell, cycle, 5);
         let (background, expected_background) = (fast.forecast(WINDOW).unwrap(), reference.forecast(WINDOW).unwrap());
         largest = largest.max(relative_difference(
-            background.state_spread.as_ref().unwrap(),
-            expected_background.state_spread.as_ref().unwrap(),
+            background.estimate.state_spread.as_ref().unwrap(),
+            expected_background.estimate.state_spread.as_ref().unwrap(),
         ));
-        let (analysis, expected) = (fast.analyse(&observed).unwrap(), reference.analyse(&observed).unwrap());
+        let (analysis, expected) = (
+            fast.analyse(&background, &observed).unwrap(),
+            reference.analyse(&expected_background, &observed).unwrap(),
+        );
         largest = largest
             .max(relative_difference(analysis.estimate.state.values(), expected.estimate.state.values()))
             .max(relative_difference(&flat(&fast.matrix()), &flat(&reference.covariance().to_owned())))
@@ -71,7 +73,7 @@ fn one_block_over_the_domain_equals_the_kalman_filter() {
 fn one_observation_at_a_time_equals_all_at_once() {
     for (shared, local) in [(0, 0), (3, 0), (0, 4), (3, 4)] {
         let problem = problem(true, calibration(shared, local, 0.7), 2);
-        let mut serial = SerialKalmanFilter::new(problem.clone()).unwrap();
+        let mut serial = KalmanFilter::serial(problem.clone()).unwrap();
         let found = difference(&problem, &mut serial, false);
         assert!(found < 1e-11, "{shared} shared, {local} local: {found:e}");
         let covariance = serial.covariance();
@@ -83,12 +85,12 @@ fn one_observation_at_a_time_equals_all_at_once() {
 #[test]
 fn serial_updates_stay_positive_under_nearly_perfect_observations() {
     let problem = problem(true, calibration(3, 0, 0.0), 2);
-    let mut serial = SerialKalmanFilter::new(problem.clone()).unwrap();
+    let mut serial = KalmanFilter::serial(problem.clone()).unwrap();
     for cycle in 1..=20 {
-        serial.forecast(WINDOW).unwrap();
+        let from_serial = serial.forecast(WINDOW).unwrap();
         let mut observed = window(&problem, 60, false, cycle, 5);
         observed.sigma.fill(1e-7);
-        serial.analyse(&observed).unwrap();
+        serial.analyse(&from_serial, &observed).unwrap();
         let eigenvalues = serial.covariance().self_adjoint_eigenvalues(Side::Lower).unwrap();
         let (least, largest) = (eigenvalues[0], eigenvalues[eigenvalues.len() - 1]);
         assert!(least > -1e-15 * largest.max(1.0), "cycle {cycle}: {least:e} beside {largest:e}");
@@ -115,9 +117,10 @@ fn observations_across_blocks_merge_them_and_the_analysis_stays_exact() {
     let mut fast = fast_kalman(&problem, BlockShape::Cell, BiasCoupling::Carry);
     let mut reference = KalmanFilter::new(problem.clone()).unwrap();
     let observed = window(&problem, 9, false, 1, 5);
-    fast.forecast(WINDOW).unwrap();
-    reference.forecast(WINDOW).unwrap();
-    let (analysis, expected) = (fast.analyse(&observed).unwrap(), reference.analyse(&observed).unwrap());
+    let from_fast = fast.forecast(WINDOW).unwrap();
+    let from_reference = reference.forecast(WINDOW).unwrap();
+    let (analysis, expected) =
+        (fast.analyse(&from_fast, &observed).unwrap(), reference.analyse(&from_reference, &observed).unwrap());
     assert!(relative_difference(analysis.estimate.state.values(), expected.estimate.state.values()) < 1e-10);
     let covariance = reference.covariance().to_owned();
     assert!(relative_difference(&flat(&fast.dense_covariance()), &flat(&covariance)) < 1e-10);
@@ -153,8 +156,8 @@ fn dropping_the_coupling_with_the_biases_costs_bias_accuracy_and_spoils_its_clai
             let errors = standard_normals(random, 14);
             observed.values = (0..14).map(|i| exact[i] + observed.sigma[i] * errors[i]).collect();
             for (number, filter) in filters.iter_mut().enumerate() {
-                filter.forecast(WINDOW).unwrap();
-                let estimate = filter.analyse(&observed).unwrap().estimate;
+                let from_filter = filter.forecast(WINDOW).unwrap();
+                let estimate = filter.analyse(&from_filter, &observed).unwrap().estimate;
                 if cycle == cycles {
                     let errors = estimate.calibration.iter().zip(&bias);
                     squared_error[number] += errors.map(|(a, b)| (a - b).powi(2)).sum::<f64>();
@@ -181,8 +184,8 @@ fn gain_form_equals_regression_form_of_the_kalman_filter() {
     let background = filter.forecast(WINDOW).unwrap();
     let p = filter.covariance().to_owned();
     let observed = window(&problem, 20, false, 1, 9);
-    let jacobian = observed.operator.linearize(&background.state, &background.calibration);
-    let m = background.state.values().len();
+    let jacobian = observed.operator.linearize(&background.estimate.state, &background.estimate.calibration);
+    let m = background.estimate.state.values().len();
     let size = p.nrows();
     let mut h = Mat::<f64>::zeros(20, size);
     for row in 0..20 {
@@ -193,14 +196,14 @@ fn gain_form_equals_regression_form_of_the_kalman_filter() {
     let weighted = Mat::from_fn(20, size, |i, j| h[(i, j)] / observed.sigma[i].powi(2));
     let information = p.llt(Side::Lower).unwrap().inverse() + h.transpose() * &weighted;
     let covariance = information.llt(Side::Lower).unwrap().inverse();
-    let analysis = filter.analyse(&observed).unwrap();
+    let analysis = filter.analyse(&background, &observed).unwrap();
     let d = Mat::from_fn(20, 1, |i, _| analysis.background_departures[i]);
     let increment = &covariance * (weighted.transpose() * d);
-    let found: Vec<f64> = (&analysis.estimate.state - &background.state)
+    let found: Vec<f64> = (&analysis.estimate.state - &background.estimate.state)
         .values()
         .iter()
         .copied()
-        .chain(analysis.estimate.calibration.iter().zip(&background.calibration).map(|(a, b)| a - b))
+        .chain(analysis.estimate.calibration.iter().zip(&background.estimate.calibration).map(|(a, b)| a - b))
         .collect();
     assert!(relative_difference(&found, increment.col_as_slice(0)) < 1e-10);
     assert!(relative_difference(&flat(&filter.covariance().to_owned()), &flat(&covariance)) < 1e-10);
@@ -222,7 +225,7 @@ fn three_d_var_equals_the_dense_analysis_with_static_covariance() {
         (0..3).for_each(|i| bias_covariance[(i, i)] += 0.5_f64.powi(2) * WINDOW.days());
         p.as_mut().submatrix_mut(0, 0, m, m).copy_from(&b * faer::Scale(0.4));
         p.as_mut().submatrix_mut(m, m, 3, 3).copy_from(&bias_covariance);
-        let jacobian = observed.operator.linearize(&background.state, &background.calibration);
+        let jacobian = observed.operator.linearize(&background.estimate.state, &background.estimate.calibration);
         let mut h = Mat::<f64>::zeros(20, m + 3);
         for row in 0..20 {
             jacobian.state.row(row).iter().for_each(|&(column, weight)| h[(row, column)] += weight);
@@ -232,13 +235,13 @@ fn three_d_var_equals_the_dense_analysis_with_static_covariance() {
         (0..20).for_each(|i| innovation[(i, i)] += observed.sigma[i].powi(2));
         let inverse = innovation.llt(Side::Lower).unwrap().inverse();
         let gain = &p * h.transpose() * inverse.as_ref();
-        let analysis = method.analyse(&observed).unwrap();
+        let analysis = method.analyse(&background, &observed).unwrap();
         let d = Mat::from_fn(20, 1, |i, _| analysis.background_departures[i]);
         let increment = &gain * &d;
-        let found: Vec<f64> = (&analysis.estimate.state - &background.state).values().to_vec();
+        let found: Vec<f64> = (&analysis.estimate.state - &background.estimate.state).values().to_vec();
         assert!(relative_difference(&found, &increment.col_as_slice(0)[..m]) < 1e-8);
         let found: Vec<f64> =
-            analysis.estimate.calibration.iter().zip(&background.calibration).map(|(a, b)| a - b).collect();
+            analysis.estimate.calibration.iter().zip(&background.estimate.calibration).map(|(a, b)| a - b).collect();
         assert!(relative_difference(&found, &increment.col_as_slice(0)[m..]) < 1e-8);
         let chi2 = (d.transpose() * &inverse * &d)[(0, 0)];
         assert!((analysis.innovation_chi2.unwrap() / chi2 - 1.0).abs() < 1e-8);
@@ -260,14 +263,14 @@ fn biases_are_estimated_ignored_or_known() {
         let mut methods: Vec<Box<dyn Assimilator>> = vec![
             Box::new(KalmanFilter::new(problem.clone()).unwrap()),
             Box::new(fast_kalman(problem, BlockShape::Domain, BiasCoupling::Carry)),
-            Box::new(SerialKalmanFilter::new(problem.clone()).unwrap()),
+            Box::new(KalmanFilter::serial(problem.clone()).unwrap()),
             Box::new(ThreeDVar::new(problem.clone(), settings)),
         ];
         methods
             .iter_mut()
             .map(|method| {
-                method.forecast(WINDOW).unwrap();
-                let analysis = method.analyse(observed).unwrap();
+                let from = method.forecast(WINDOW).unwrap();
+                let analysis = method.analyse(&from, observed).unwrap();
                 assert_eq!(analysis.estimate.calibration.len(), 2);
                 assert_eq!(analysis.estimate.calibration_spread.is_some(), problem.bias == BiasTreatment::Estimate);
                 analysis.estimate.state
@@ -304,9 +307,9 @@ fn serial_updates_are_the_same_bits_on_any_number_of_threads() {
     problem.model_error = Some(white(&layout, 0.4));
     let run = |threads: usize| {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
-            let mut filter = SerialKalmanFilter::new(problem.clone()).unwrap();
-            filter.forecast(WINDOW).unwrap();
-            filter.analyse(&window(&problem, 14, false, 1, 6)).unwrap();
+            let mut filter = KalmanFilter::serial(problem.clone()).unwrap();
+            let from_filter = filter.forecast(WINDOW).unwrap();
+            filter.analyse(&from_filter, &window(&problem, 14, false, 1, 6)).unwrap();
             flat(&filter.covariance().to_owned()).iter().map(|value| value.to_bits()).collect::<Vec<_>>()
         })
     };
@@ -322,8 +325,8 @@ fn the_same_bits_on_any_number_of_threads() {
             let mut filter = fast_kalman(&problem, BlockShape::Cell, BiasCoupling::Carry);
             let mut bits = Vec::new();
             for cycle in 1..=5 {
-                filter.forecast(WINDOW).unwrap();
-                let analysis = filter.analyse(&window(&problem, 14, false, cycle, 6)).unwrap();
+                let from_filter = filter.forecast(WINDOW).unwrap();
+                let analysis = filter.analyse(&from_filter, &window(&problem, 14, false, cycle, 6)).unwrap();
                 bits.extend(analysis.estimate.state.values().iter().map(|value| value.to_bits()));
                 bits.extend(analysis.estimate.calibration_spread.unwrap().iter().map(|value| value.to_bits()));
             }
@@ -340,14 +343,14 @@ fn what_does_not_fit_into_memory_is_refused_with_the_figure() {
     problem.memory_limit_bytes = 10_000;
     let error = KalmanFilter::new(problem.clone()).err().unwrap();
     assert!(matches!(error, Error::TooLarge { needed_bytes: 70_560, limit_bytes: 10_000, .. }), "{error}");
-    assert_eq!(SerialKalmanFilter::new(problem.clone()).err().unwrap(), error);
+    assert_eq!(KalmanFilter::serial(problem.clone()).err().unwrap(), error);
     let settings = settings(BlockShape::Cell, BiasCoupling::Carry);
     assert!(matches!(FastKalmanFilter::new(problem.clone(), settings).err(), Some(Error::TooLarge { .. })));
     // Blocks that fit, but not the component into which the observations merge them.
     problem.memory_limit_bytes = 45_000;
     let mut filter = FastKalmanFilter::new(problem.clone(), settings).unwrap();
-    filter.forecast(WINDOW).unwrap();
-    let error = filter.analyse(&window(&problem, 60, false, 1, 6)).unwrap_err();
+    let from_filter = filter.forecast(WINDOW).unwrap();
+    let error = filter.analyse(&from_filter, &window(&problem, 60, false, 1, 6)).unwrap_err();
     let message = error.to_string();
     assert!(message.starts_with("the component of 16 blocks (32 variables) that 55 observations link"), "{message}");
     assert!(message.ends_with("would need 0.1 MB, more than the limit of 0.0 MB"), "{message}");
@@ -358,13 +361,16 @@ fn an_observation_that_is_not_finite_is_named() {
     let problem = problem(true, calibration(1, 0, 0.0), 8);
     let filters: [Box<dyn Assimilator>; 2] = [
         Box::new(KalmanFilter::new(problem.clone()).unwrap()),
-        Box::new(SerialKalmanFilter::new(problem.clone()).unwrap()),
+        Box::new(KalmanFilter::serial(problem.clone()).unwrap()),
     ];
     for mut filter in filters {
-        filter.forecast(WINDOW).unwrap();
+        let from_filter = filter.forecast(WINDOW).unwrap();
         let mut observed = window(&problem, 3, false, 1, 6);
         observed.values[1] = f64::NAN;
-        assert_eq!(filter.analyse(&observed).unwrap_err().to_string(), "the innovation of n/p is not finite");
+        assert_eq!(
+            filter.analyse(&from_filter, &observed).unwrap_err().to_string(),
+            "the innovation of n/p is not finite"
+        );
     }
 }
 
@@ -373,10 +379,10 @@ fn an_observation_that_is_not_finite_is_named() {
 fn an_observation_of_what_is_known_without_error_is_refused() {
     let mut problem = problem(true, calibration(0, 0, 0.0), 8);
     (problem.background_error, problem.model_error) = (white(problem.background.layout(), 0.0), None);
-    let mut filter = SerialKalmanFilter::new(problem.clone()).unwrap();
-    filter.forecast(WINDOW).unwrap();
+    let mut filter = KalmanFilter::serial(problem.clone()).unwrap();
+    let from_filter = filter.forecast(WINDOW).unwrap();
     let mut observed = window(&problem, 3, false, 1, 6);
     observed.sigma[2] = 0.0;
-    let error = filter.analyse(&observed).unwrap_err();
+    let error = filter.analyse(&from_filter, &observed).unwrap_err();
     assert!(matches!(error, Error::NotPositiveDefinite { pivot: 2, size: 3, .. }), "{error}");
 }

@@ -41,19 +41,12 @@ fn observe(observations: &[(usize, f64)], sigma: f64) -> ObservationWindow {
         calibration.push_row([]);
     }
     let values: Vec<f64> = observations.iter().map(|observation| observation.1).collect();
-    let report = Report {
-        network: "n".into(),
-        platform: "p".into(),
-        variable: 0,
-        time: Time::from_seconds(0),
-        x_m: 0.0,
-        y_m: 0.0,
-        scan: None,
-    };
+    let report = Report { network: "n".into(), platform: "p".into(), variable: 0, x_m: 0.0, y_m: 0.0, scan: None };
     ObservationWindow {
         time: Time::from_seconds(0),
         cycle: 1,
         reports: vec![report; values.len()],
+        times: vec![Time::from_seconds(0); values.len()],
         sigma: vec![sigma; values.len()],
         values,
         rejected: Vec::new(),
@@ -96,8 +89,9 @@ fn a_fully_observed_plane_decouples_into_wavenumbers() {
     for mut method in methods {
         let mut found = [Vec::new(), Vec::new()];
         for _ in 0..60 {
-            found[0] = method.forecast(STEP).unwrap().state_spread.unwrap();
-            found[1] = method.analyse(&observed).unwrap().estimate.state_spread.unwrap();
+            let from = method.forecast(STEP).unwrap();
+            found[0] = from.estimate.state_spread.clone().unwrap();
+            found[1] = method.analyse(&from, &observed).unwrap().estimate.state_spread.unwrap();
         }
         for (found, variance) in found.iter().zip([forecast, analysis]) {
             assert!(relative_difference(found, &vec![variance.sqrt(); cells]) < 1e-9);

@@ -4,7 +4,6 @@ use crate::common::*;
 use isobar_assim::ensemble::EnsembleTransformKalmanFilter;
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
 use isobar_assim::kalman::KalmanFilter;
-use isobar_assim::serial_kalman::SerialKalmanFilter;
 use isobar_assim::{Assimilator, Unknown, correlation};
 
 /// The matrix of all columns, and the greatest difference from `dense`, relative to its largest entry.
@@ -12,7 +11,7 @@ fn difference(method: &dyn Assimilator, m: usize, p: usize, dense: impl Fn(usize
     let unknown = |i: usize| if i < m { Unknown::Value(i) } else { Unknown::Parameter(i - m) };
     let (mut largest, mut off) = (0.0_f64, 0.0_f64);
     for j in 0..m + p {
-        let column = method.covariance_column(unknown(j)).unwrap();
+        let column = column(method, unknown(j)).unwrap();
         assert_eq!((column.state.len(), column.calibration.len()), (m, p));
         for i in 0..m + p {
             largest = largest.max(dense(i, j).abs());
@@ -28,8 +27,8 @@ fn they_are_the_columns_of_the_matrix() {
     let (m, p) = (problem.background.values().len(), problem.calibration.len());
     let cycle = |method: &mut dyn Assimilator| {
         for cycle in 1..=2 {
-            method.forecast(WINDOW).unwrap();
-            method.analyse(&window(&problem, 9, false, cycle, 3)).unwrap();
+            let from = method.forecast(WINDOW).unwrap();
+            method.analyse(&from, &window(&problem, 9, false, cycle, 3)).unwrap();
         }
     };
     // Exact forecasts keep what observations link beyond the blocks, the others do not.
@@ -42,7 +41,7 @@ fn they_are_the_columns_of_the_matrix() {
         assert!(difference(&fast, m, p, |i, j| dense[(i, j)]) < 1e-12, "{residual:?}, {factors} factors");
     }
     let mut kalman = KalmanFilter::new(problem.clone()).unwrap();
-    let mut serial = SerialKalmanFilter::new(problem.clone()).unwrap();
+    let mut serial = KalmanFilter::serial(problem.clone()).unwrap();
     cycle(&mut kalman);
     cycle(&mut serial);
     assert_eq!(difference(&kalman, m, p, |i, j| kalman.covariance()[(i, j)]), 0.0);
@@ -59,8 +58,8 @@ fn those_of_an_ensemble_are_of_its_members() {
     let problem = problem(true, calibration(1, 1, 0.4), 4);
     let (m, p) = (problem.background.values().len(), problem.calibration.len());
     let mut filter = EnsembleTransformKalmanFilter::new(problem.clone(), ensemble_settings(7)).unwrap();
-    filter.forecast(WINDOW).unwrap();
-    filter.analyse(&window(&problem, 9, false, 1, 3)).unwrap();
+    let from_filter = filter.forecast(WINDOW).unwrap();
+    filter.analyse(&from_filter, &window(&problem, 9, false, 1, 3)).unwrap();
     let (members, mean) = (filter.ensemble().values(), filter.ensemble().mean());
     let dense = |i: usize, j: usize| {
         (0..7).map(|k| (members[(i, k)] - mean[i]) * (members[(j, k)] - mean[j])).sum::<f64>() / 6.0

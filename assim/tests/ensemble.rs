@@ -3,13 +3,14 @@
 use crate::common::*;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
+use isobar_assim::covariance::gaspari_cohn;
 use isobar_assim::ensemble::{
     BackgroundInflation, EnsembleSettings, EnsembleTransformKalmanFilter, Inflation, InitialMembers,
     LocalEnsembleTransformKalmanFilter, LocalSettings, ModelErrorTreatment, StochasticEnsembleKalmanFilter,
-    gaspari_cohn,
 };
 use isobar_assim::kalman::KalmanFilter;
-use isobar_assim::{Assimilator, Error, Estimate};
+use isobar_assim::{Assimilator, Error, Estimate, Problem};
+use isobar_model::{Duration, Layout, Model, State};
 use isobar_obs::{Jacobian, LinearOperator, SparseRows};
 use std::sync::Arc;
 
@@ -28,9 +29,10 @@ fn difference(found: &mut dyn Assimilator, expected: &mut dyn Assimilator, probl
     let mut largest: f64 = 0.0;
     for cycle in 1..=6 {
         let observed = window(problem, 14, false, cycle, 5);
-        found.forecast(WINDOW).unwrap();
-        expected.forecast(WINDOW).unwrap();
-        let (a, b) = (found.analyse(&observed).unwrap(), expected.analyse(&observed).unwrap());
+        let from_found = found.forecast(WINDOW).unwrap();
+        let from_expected = expected.forecast(WINDOW).unwrap();
+        let (a, b) =
+            (found.analyse(&from_found, &observed).unwrap(), expected.analyse(&from_expected, &observed).unwrap());
         largest = largest
             .max(of_estimates(&a.estimate, &b.estimate))
             .max(relative_difference(&a.background_departures, &b.background_departures))
@@ -78,8 +80,9 @@ fn inflation_acts_on_the_spread_as_its_definition_says() {
     let spreads = |inflation: Inflation| {
         let own = EnsembleSettings { inflation, ..ensemble_settings(42) };
         let mut filter = EnsembleTransformKalmanFilter::new(problem.clone(), own).unwrap();
-        let background = filter.forecast(WINDOW).unwrap().state_spread.unwrap();
-        let analysis = filter.analyse(&window(&problem, 14, false, 1, 5)).unwrap();
+        let from = filter.forecast(WINDOW).unwrap();
+        let background = from.estimate.state_spread.clone().unwrap();
+        let analysis = filter.analyse(&from, &window(&problem, 14, false, 1, 5)).unwrap();
         (background, analysis.estimate.state_spread.unwrap())
     };
     let (background, plain) = spreads(Inflation::NONE);
@@ -97,10 +100,11 @@ fn inflation_acts_on_the_spread_as_its_definition_says() {
         ..ensemble_settings(42)
     };
     let mut filter = EnsembleTransformKalmanFilter::new(problem.clone(), own).unwrap();
-    let background = filter.forecast(WINDOW).unwrap().state_spread.unwrap();
+    let from = filter.forecast(WINDOW).unwrap();
+    let background = from.estimate.state_spread.clone().unwrap();
     let mut observed = window(&problem, 3, false, 1, 5);
     observed.sigma = vec![1e9; 3];
-    let analysis = filter.analyse(&observed).unwrap().estimate.state_spread.unwrap();
+    let analysis = filter.analyse(&from, &observed).unwrap().estimate.state_spread.unwrap();
     let expected: Vec<f64> = background.iter().map(|sigma| 1.1 * sigma).collect();
     assert!(relative_difference(&analysis, &expected) < 1e-10);
 }
@@ -115,13 +119,13 @@ fn adaptive_inflation_follows_the_innovations() {
         let mut filter = LocalEnsembleTransformKalmanFilter::new(problem.clone(), own, EVERYWHERE).unwrap();
         let mut plain =
             LocalEnsembleTransformKalmanFilter::new(problem.clone(), ensemble_settings(42), EVERYWHERE).unwrap();
-        filter.forecast(WINDOW).unwrap();
-        plain.forecast(WINDOW).unwrap();
+        let from_filter = filter.forecast(WINDOW).unwrap();
+        let from_plain = plain.forecast(WINDOW).unwrap();
         let mut observed = window(&problem, 20, false, 1, 5);
         observed.values.iter_mut().for_each(|value| *value *= size);
         let mean = |spread: Option<Vec<f64>>| spread.unwrap().iter().sum::<f64>();
-        mean(filter.analyse(&observed).unwrap().estimate.state_spread)
-            / mean(plain.analyse(&observed).unwrap().estimate.state_spread)
+        mean(filter.analyse(&from_filter, &observed).unwrap().estimate.state_spread)
+            / mean(plain.analyse(&from_plain, &observed).unwrap().estimate.state_spread)
     };
     assert!(ratio(10.0) > 1.02, "{}", ratio(10.0));
     assert!(ratio(0.01) < 0.99, "{}", ratio(0.01));
@@ -133,8 +137,8 @@ fn the_stochastic_filter_converges_to_the_kalman_filter() {
     let problem = problem(true, calibration(2, 1, 0.3), 2);
     let mut reference = KalmanFilter::new(problem.clone()).unwrap();
     let observed = window(&problem, 14, false, 1, 5);
-    reference.forecast(WINDOW).unwrap();
-    let expected = reference.analyse(&observed).unwrap().estimate;
+    let from_reference = reference.forecast(WINDOW).unwrap();
+    let expected = reference.analyse(&from_reference, &observed).unwrap().estimate;
     let rms = |members: usize| {
         let (mut sum, mut count) = (0.0, 0);
         for seed in 0..6 {
@@ -145,8 +149,8 @@ fn the_stochastic_filter_converges_to_the_kalman_filter() {
                 ..ensemble_settings(members)
             };
             let mut filter = StochasticEnsembleKalmanFilter::new(problem.clone(), own, f64::INFINITY).unwrap();
-            filter.forecast(WINDOW).unwrap();
-            let found = filter.analyse(&observed).unwrap().estimate;
+            let from_filter = filter.forecast(WINDOW).unwrap();
+            let found = filter.analyse(&from_filter, &observed).unwrap().estimate;
             let values = found.state.values().iter().zip(expected.state.values());
             for (a, b) in values.chain(found.calibration.iter().zip(&expected.calibration)) {
                 sum += (a - b).powi(2);
@@ -185,8 +189,9 @@ fn tapered_covariances_are_those_of_the_formula() {
     let own = EnsembleSettings { initial_members: InitialMembers::Random, ..ensemble_settings(members) };
     let mut filter = StochasticEnsembleKalmanFilter::new(problem.clone(), own, radius).unwrap();
     let background = filter.forecast(WINDOW).unwrap();
-    let m = background.state.values().len();
-    let mean: Vec<f64> = background.state.values().iter().chain(&background.calibration).copied().collect();
+    let m = background.estimate.state.values().len();
+    let mean: Vec<f64> =
+        background.estimate.state.values().iter().chain(&background.estimate.calibration).copied().collect();
     // Summed over the images, as the plane is periodic.
     let images = |dx: f64, dy: f64| -> f64 {
         let shifts = (-2..=2).flat_map(|i| (-2..=2).map(move |j| (5.0 * f64::from(i), 4.0 * f64::from(j))));
@@ -218,7 +223,7 @@ fn tapered_covariances_are_those_of_the_formula() {
     }
     let mut innovation = &h * &p * h.transpose();
     (0..n).for_each(|i| innovation[(i, i)] += observed.sigma[i].powi(2));
-    let analysis = filter.analyse(&observed).unwrap();
+    let analysis = filter.analyse(&background, &observed).unwrap();
     let d = Mat::from_fn(n, 1, |i, _| analysis.background_departures[i]);
     let increment = &p * h.transpose() * innovation.llt(Side::Lower).unwrap().solve(&d);
     let expected: Vec<f64> = mean.iter().enumerate().map(|(i, mean)| mean + increment[(i, 0)]).collect();
@@ -248,8 +253,9 @@ fn results_are_the_same_bits_on_any_number_of_threads() {
                 let mut filter = build();
                 let mut bits = Vec::new();
                 for cycle in 1..=3 {
-                    filter.forecast(WINDOW).unwrap();
-                    let estimate = filter.analyse(&window(&problem, 14, false, cycle, 5)).unwrap().estimate;
+                    let from_filter = filter.forecast(WINDOW).unwrap();
+                    let estimate =
+                        filter.analyse(&from_filter, &window(&problem, 14, false, cycle, 5)).unwrap().estimate;
                     bits.extend(estimate.state.values().iter().chain(&estimate.calibration).map(|x| x.to_bits()));
                 }
                 bits
@@ -272,4 +278,36 @@ fn ensembles_that_cannot_be_are_errors() {
     assert!(message(1, u64::MAX).contains("needs 2 members"));
     assert!(message(4, u64::MAX).contains("needs 5"));
     assert!(message(40, 1000).contains("40 members of 43 unknowns"));
+}
+
+/// A model that can forecast, and nothing else.
+struct ForecastOnly(MatrixModel);
+
+impl Model for ForecastOnly {
+    fn layout(&self) -> &Arc<Layout> {
+        self.0.layout()
+    }
+    fn time_step(&self) -> Duration {
+        self.0.time_step()
+    }
+    fn largest_time_step_s(&self, x: &State) -> f64 {
+        self.0.largest_time_step_s(x)
+    }
+    fn step(&self, x: &mut State) {
+        self.0.step(x);
+    }
+}
+
+#[test]
+fn an_ensemble_needs_no_tangent_linear_model() {
+    let whole = problem(true, calibration(1, 1, 0.2), 4);
+    let bare: Problem<dyn Model> = whole.clone().with_model(Arc::new(ForecastOnly(model(&layout(), true, 4))));
+    let mut found = EnsembleTransformKalmanFilter::new(bare, ensemble_settings(12)).unwrap();
+    let mut expected = EnsembleTransformKalmanFilter::new(whole.clone(), ensemble_settings(12)).unwrap();
+    for cycle in 1..=3 {
+        let observed = window(&whole, 9, false, cycle, 5);
+        let from = found.forecast(WINDOW).unwrap();
+        assert_eq!(from, expected.forecast(WINDOW).unwrap());
+        assert_eq!(found.analyse(&from, &observed).unwrap(), expected.analyse(&from, &observed).unwrap());
+    }
 }

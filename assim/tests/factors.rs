@@ -21,10 +21,11 @@ fn difference(problem: &Problem, mut fast: FastKalmanFilter) -> f64 {
     let mut largest: f64 = 0.0;
     for cycle in 1..=6 {
         let observed = window(problem, 14, false, cycle, 5);
-        fast.forecast(WINDOW).unwrap();
-        reference.forecast(WINDOW).unwrap();
+        let from_fast = fast.forecast(WINDOW).unwrap();
+        let from_reference = reference.forecast(WINDOW).unwrap();
         let forecast = relative_difference(&flat(&fast.dense_covariance()), &flat(&reference.covariance().to_owned()));
-        let (analysis, expected) = (fast.analyse(&observed).unwrap(), reference.analyse(&observed).unwrap());
+        let (analysis, expected) =
+            (fast.analyse(&from_fast, &observed).unwrap(), reference.analyse(&from_reference, &observed).unwrap());
         let covariance =
             relative_difference(&flat(&fast.dense_covariance()), &flat(&reference.covariance().to_owned()));
         let state = relative_difference(analysis.estimate.state.values(), expected.estimate.state.values());
@@ -163,8 +164,8 @@ fn factors_on_the_same_grid_are_those_without_another() {
     for cycle in 1..=4 {
         let observed = window(&problem, 14, false, cycle, 5);
         let [expected, found] = [&mut plain, &mut other].map(|filter| {
-            filter.forecast(WINDOW).unwrap();
-            filter.analyse(&observed).unwrap().estimate
+            let from_filter = filter.forecast(WINDOW).unwrap();
+            filter.analyse(&from_filter, &observed).unwrap().estimate
         });
         assert!(relative_difference(found.state.values(), expected.state.values()) < 1e-12);
         assert!(relative_difference(&flat(&other.dense_covariance()), &flat(&plain.dense_covariance())) < 1e-12);
@@ -185,7 +186,7 @@ fn factors_of_smooth_errors_need_no_fine_grid() {
         coriolis_per_s: 1e-4,
         beta_per_m_per_s: 0.0,
     };
-    let problem = Problem {
+    let problem: Problem = Problem {
         model: fine,
         background_error: Arc::new(Balanced::new(&layout, &parameters).unwrap()),
         model_error: None,
@@ -196,7 +197,7 @@ fn factors_of_smooth_errors_need_no_fine_grid() {
     };
     let spread = |filter: FastKalmanFilter| {
         let mut filter = filter;
-        filter.forecast(WINDOW).unwrap().state_spread.unwrap()
+        filter.forecast(WINDOW).unwrap().estimate.state_spread.unwrap()
     };
     let plain = || filter(&problem, BlockShape::Cell, 30, Residual::Probe { count: 2 });
     let expected = spread(plain());
@@ -218,8 +219,8 @@ fn the_same_bits_on_any_number_of_threads() {
             let mut fast = filter(&problem, BlockShape::Tile { nx: 2, ny: 2 }, 9, Residual::Probe { count: 5 });
             let mut bits = Vec::new();
             for cycle in 1..=5 {
-                fast.forecast(WINDOW).unwrap();
-                let analysis = fast.analyse(&window(&problem, 14, false, cycle, 6)).unwrap();
+                let from_fast = fast.forecast(WINDOW).unwrap();
+                let analysis = fast.analyse(&from_fast, &window(&problem, 14, false, cycle, 6)).unwrap();
                 bits.extend(analysis.estimate.state.values().iter().map(|value| value.to_bits()));
                 bits.extend(analysis.estimate.state_spread.unwrap().iter().map(|value| value.to_bits()));
             }

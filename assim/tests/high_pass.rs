@@ -1,19 +1,18 @@
 //! Lange's High-pass Filter: equal to the dense solution without prior, honest about what it knows, and it names the rest.
 
-use crate::common::{WINDOW, flat, relative_difference};
+use crate::common::{WINDOW, flat, parameters, relative_difference};
 use faer::Mat;
+use isobar_assim::Initialised;
 use isobar_assim::block_angular::{Block, BorderRows, RegressionRows, solve};
 use isobar_assim::covariance::{Sum, Univariate};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter};
 use isobar_assim::high_pass::{HighPassFilter, HighPassSettings, in_words};
-use isobar_assim::initialised::Initialised;
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::{Assimilator, BiasTreatment, Covariance, Problem};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Boundary, ExactShift, Grid, Model, State, Time};
 use isobar_obs::{
-    BiasProcess, BiasScope, InstrumentConfig, ObservedVariable, ObservingSystem, RadiosondeConfig, StationBias,
-    StationSource,
+    BiasProcess, BiasScope, Network, ObservedVariable, ObservingSystem, RadiosondeSettings, StationBias, StationSource,
 };
 use std::sync::Arc;
 
@@ -99,7 +98,7 @@ fn world(seed: u64, reference: bool) -> World {
     let model = ExactShift::new(grid, 1, 0, WINDOW).unwrap();
     let layout = model.layout().clone();
     let groups = ["A", "B", "C"].map(String::from).to_vec();
-    let mut network = RadiosondeConfig::new("net", StationSource::Random { count: 90, groups });
+    let mut network = RadiosondeSettings::new(StationSource::Random { count: 90, groups });
     network.variables = vec![ObservedVariable::new("tracer", 0.5)];
     network.biases = vec![StationBias {
         variable: "tracer".into(),
@@ -109,14 +108,14 @@ fn world(seed: u64, reference: bool) -> World {
     if reference {
         network.reference_groups = vec!["A".into()];
     }
-    let configs = [InstrumentConfig::Radiosonde(network)];
+    let configs = [Network::new("net", network)];
     let observing = ObservingSystem::new(&layout, None, &configs, seed, WINDOW, Time::from_seconds(0)).unwrap();
     let terms: Vec<Box<dyn Covariance>> = vec![Box::new(Univariate::new(&layout, 0, 1.5, 3e5))];
     let background_error: Arc<dyn Covariance> = Arc::new(Sum::new(layout.len(), terms));
     let background = State::zeros(&layout);
     let deviation = isobar_assim::covariance::randomize(&*background_error, &mut stream(seed, "deviation"));
     let truth = State::from_values(&layout, deviation);
-    let problem = Problem {
+    let problem: Problem = Problem {
         model: Arc::new(model.clone()),
         background,
         background_error,
@@ -190,12 +189,12 @@ fn methods_start_from_the_batch() {
         }
         let mut results = Vec::new();
         for method in &mut methods {
-            method.forecast(WINDOW).unwrap();
+            let from = method.forecast(WINDOW).unwrap();
             // A checkpoint in the middle changes nothing.
-            let saved = method.save().unwrap();
-            method.restore(&saved).unwrap();
-            results.push(method.analyse(&observed).unwrap());
-            assert_eq!(method.parameters().len(), if cycle == SETTINGS.cycles { 2 } else { 0 });
+            let saved = method.memory().unwrap();
+            method.recall(&saved).unwrap();
+            results.push(method.analyse(&from, &observed).unwrap());
+            assert_eq!(parameters(&*method).len(), if cycle == SETTINGS.cycles { 2 } else { 0 });
         }
         if cycle < SETTINGS.cycles {
             assert_eq!(results[0].estimate.calibration, [0.0, 0.0]);

@@ -6,6 +6,7 @@ mod banded;
 mod block_angular;
 mod closed_form;
 mod common;
+mod contracts;
 mod covariance_columns;
 mod ensemble;
 mod factors;

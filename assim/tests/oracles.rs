@@ -4,7 +4,7 @@ use faer::Mat;
 use isobar_assim::covariance::{Covariance, Sum, Univariate, White};
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::optimal_interpolation::OptimalInterpolation;
-use isobar_assim::{Assimilator, BiasTreatment, Problem};
+use isobar_assim::{Assimilator, Background, BiasTreatment, Estimate, Problem};
 use isobar_model::{
     Adjoint, Advection, AdvectionScheme, Boundary, Duration, Grid, Layout, Location, Model, State, Stepped,
     TangentLinear, Time, TimeScheme, Variable, Wind,
@@ -24,19 +24,12 @@ fn observe(rows: &[Observation]) -> ObservationWindow {
         state.push_row([(*cell, 1.0)]);
         calibration.push_row(parameter.map(|number| (number, 1.0)));
     }
-    let report = Report {
-        network: "n".into(),
-        platform: "p".into(),
-        variable: 0,
-        time: Time::from_seconds(0),
-        x_m: 0.0,
-        y_m: 0.0,
-        scan: None,
-    };
+    let report = Report { network: "n".into(), platform: "p".into(), variable: 0, x_m: 0.0, y_m: 0.0, scan: None };
     ObservationWindow {
         time: Time::from_seconds(0),
         cycle: 1,
         reports: vec![report; rows.len()],
+        times: vec![Time::from_seconds(0); rows.len()],
         values: vec![0.0; rows.len()],
         sigma: rows.iter().map(|row| row.2).collect(),
         rejected: Vec::new(),
@@ -98,7 +91,7 @@ fn the_model_carries_homogeneous_variance_as_its_damping_says() {
         let expected: f64 = (0..nx).map(|k| spectrum(k) * damping(0.25, TAU * k as f64 / nx as f64).powi(steps)).sum();
         let mut filter = KalmanFilter::new(problem(model.clone(), prior, Calibration::default())).unwrap();
         let window = Duration::from_seconds(i64::from(steps) * STEP.seconds());
-        let spread = filter.forecast(window).unwrap().state_spread.unwrap();
+        let spread = filter.forecast(window).unwrap().estimate.state_spread.unwrap();
         for sigma in &spread {
             assert!((sigma * sigma / expected - 1.0).abs() < 1e-9, "{} and {expected}", sigma * sigma);
         }
@@ -194,7 +187,11 @@ fn truncation_to_blocks_costs_the_square_of_what_is_dropped() {
     let analysed = |between: f64| {
         let prior = Arc::new(Blocks::new(20, between));
         let mut filter = KalmanFilter::new(problem(model.clone(), prior, Calibration::default())).unwrap();
-        filter.analyse(&observed).unwrap();
+        let background = State::zeros(model.layout());
+        let none = || None;
+        let estimate =
+            Estimate { state: background, calibration: Vec::new(), state_spread: none(), calibration_spread: none() };
+        filter.analyse(&Background { estimate, window: STEP }, &observed).unwrap();
         filter.covariance().to_owned()
     };
     let truncated = analysed(0.0);
@@ -238,8 +235,9 @@ fn observations_that_are_corrected_towards_the_background_keep_its_bias() {
         let observed = observe(&[Observation(0, None, anchor), Observation(0, Some(0), 0.01)]);
         let mut last = 0.0;
         for _ in 0..2000 {
-            last = method.forecast(STEP).unwrap().state.values()[0];
-            method.analyse(&observed).unwrap();
+            let background = method.forecast(STEP).unwrap();
+            last = background.estimate.state.values()[0];
+            method.analyse(&background, &observed).unwrap();
         }
         last / climate
     };

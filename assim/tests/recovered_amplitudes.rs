@@ -1,7 +1,7 @@
 //! Amplitudes of known functions of time and place, recovered from observations of a truth that is known.
 
-use crate::common::{DAY, WINDOW, calibration, constant, factor, problem, volume_settings, window};
-use isobar_assim::fast_kalman::time_volume::{Factor, Target, TimeShape, TimeVolume};
+use crate::common::{DAY, WINDOW, calibration, constant, factor, parameters, problem, volume_settings, window};
+use isobar_assim::time_volume::{Factor, Target, TimeShape, TimeVolume};
 use isobar_assim::{Assimilator, Problem};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Location, State, Time};
@@ -57,12 +57,12 @@ impl World {
     fn scores(&self, factor: Factor) -> (Vec<f64>, f64) {
         let mut volume = TimeVolume::new(self.problem.clone(), volume_settings(12, vec![factor]), None).unwrap();
         let chi2 = |observed: &ObservationWindow| {
-            volume.forecast(WINDOW).unwrap();
-            volume.analyse(observed).unwrap().innovation_chi2.unwrap()
+            let from_volume = volume.forecast(WINDOW).unwrap();
+            volume.analyse(&from_volume, observed).unwrap().innovation_chi2.unwrap()
         };
         let sum: f64 = self.windows.iter().map(chi2).sum();
         let count: usize = self.windows.iter().map(ObservationWindow::len).sum();
-        let found = volume.parameters();
+        let found = parameters(&volume);
         let scores = found.iter().zip(&self.amplitudes).map(|(it, truth)| (it.value - truth) / it.sigma.unwrap());
         (scores.collect(), sum / count as f64)
     }

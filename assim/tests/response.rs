@@ -10,7 +10,6 @@ use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, Resi
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::optimal_interpolation::OptimalInterpolation;
 use isobar_assim::response::Responder;
-use isobar_assim::serial_kalman::SerialKalmanFilter;
 use isobar_assim::variational::{FourDVar, FourDVarSettings, ThreeDVar, ThreeDVarSettings};
 use isobar_assim::{Assimilator, BiasTreatment, Problem};
 
@@ -34,20 +33,19 @@ fn the_gain_of_the_kalman_filter_is_that_of_its_covariance() {
     let whole = settings(BlockShape::Domain, BiasCoupling::Carry);
     let mut others: Vec<(&str, Box<dyn Assimilator>)> = vec![
         ("kf", Box::new(KalmanFilter::new(problem.clone()).unwrap())),
-        ("serial", Box::new(SerialKalmanFilter::new(problem.clone()).unwrap())),
+        ("serial", Box::new(KalmanFilter::serial(problem.clone()).unwrap())),
         ("fkf", Box::new(FastKalmanFilter::new(problem.clone(), whole).unwrap())),
     ];
     for cycle in 1..=3 {
         let observed = window(&problem, 14, false, cycle, 5);
-        reference.forecast(WINDOW).unwrap();
-        reference.analyse(&observed).unwrap();
+        let from_reference = reference.forecast(WINDOW).unwrap();
+        reference.analyse(&from_reference, &observed).unwrap();
         let expected = gain_of(&reference.covariance().to_owned(), &observed, &problem);
         for (name, method) in &mut others {
             let background = method.forecast(WINDOW).unwrap();
-            let mut responder = Responder::new(&mut **method, &background, &observed).unwrap();
+            let responder = Responder::new(&**method, &background, &observed);
             let gain = responder.gain().unwrap();
-            responder.finish().unwrap();
-            method.analyse(&observed).unwrap();
+            method.analyse(&background, &observed).unwrap();
             let found = Mat::from_fn(expected.nrows(), 14, |i, j| {
                 if i < m { gain.state[(i, j)] } else { gain.calibration[(i - m, j)] }
             });
@@ -86,7 +84,7 @@ fn all(problem: &Problem) -> Vec<(&'static str, Box<dyn Assimilator>)> {
         ("3dvar", Box::new(ThreeDVar::new(own(), variational))),
         ("4dvar", Box::new(FourDVar::new(own(), window).unwrap())),
         ("kf", Box::new(KalmanFilter::new(own()).unwrap())),
-        ("serial", Box::new(SerialKalmanFilter::new(own()).unwrap())),
+        ("serial", Box::new(KalmanFilter::serial(own()).unwrap())),
         ("fkf", Box::new(FastKalmanFilter::new(own(), probed).unwrap())),
         ("etkf", Box::new(EnsembleTransformKalmanFilter::new(own(), ensemble).unwrap())),
         ("letkf", Box::new(LocalEnsembleTransformKalmanFilter::new(own(), ensemble, local).unwrap())),
@@ -103,11 +101,11 @@ fn asking_changes_no_bit_of_what_follows() {
                 let observed = window(&problem, 9, false, cycle, 5);
                 let background = asked.forecast(WINDOW).unwrap();
                 assert_eq!(background, plain.forecast(WINDOW).unwrap(), "{name}, cycle {cycle}");
-                let mut responder = Responder::new(&mut *asked, &background, &observed).unwrap();
+                let responder = Responder::new(&*asked, &background, &observed);
                 let response = responder.to(&[1.0; 9]).unwrap();
                 assert!(response.state.iter().any(|change| change.abs() > 1e-6), "{name} does nothing");
-                responder.finish().unwrap();
-                let (a, b) = (asked.analyse(&observed).unwrap(), plain.analyse(&observed).unwrap());
+                let (a, b) =
+                    (asked.analyse(&background, &observed).unwrap(), plain.analyse(&background, &observed).unwrap());
                 assert_eq!(a, b, "{name}, cycle {cycle}");
             }
         }
@@ -120,7 +118,7 @@ fn the_responses_to_parts_add_up_to_that_to_the_whole() {
     for (name, mut method) in all(&problem) {
         let observed = window(&problem, 9, false, 1, 5);
         let background = method.forecast(WINDOW).unwrap();
-        let mut responder = Responder::new(&mut *method, &background, &observed).unwrap();
+        let responder = Responder::new(&*method, &background, &observed);
         let innovations: Vec<f64> = (0..9).map(|i| (1.3 * f64::from(i)).sin()).collect();
         let part =
             |first: bool| innovations.iter().enumerate().map(move |(i, &d)| if (i < 4) == first { d } else { 0.0 });

@@ -37,9 +37,10 @@ fn difference(analysis: &Analysis, expected: &Analysis) -> f64 {
 fn analyse(problem: &Problem, settings: FastKalmanSettings) -> (f64, Mat<f64>, Mat<f64>, PartitionReport) {
     let (mut fast, mut reference) = (filter(problem, settings), KalmanFilter::new(problem.clone()).unwrap());
     let observed = window(problem, 40, false, 1, 5);
-    fast.forecast(WINDOW).unwrap();
-    reference.forecast(WINDOW).unwrap();
-    let (analysis, expected) = (fast.analyse(&observed).unwrap(), reference.analyse(&observed).unwrap());
+    let from_fast = fast.forecast(WINDOW).unwrap();
+    let from_reference = reference.forecast(WINDOW).unwrap();
+    let (analysis, expected) =
+        (fast.analyse(&from_fast, &observed).unwrap(), reference.analyse(&from_reference, &observed).unwrap());
     let found = difference(&analysis, &expected);
     (found, fast.dense_covariance(), reference.covariance().to_owned(), analysis.partition.unwrap())
 }
@@ -81,8 +82,8 @@ fn with_factors_from_the_start_separators_and_nested_elimination_agree_with_merg
     let problem = problem(true, calibration(2, 2, 0.4), 2);
     let run = |residual, settings: FastKalmanSettings| {
         let mut fast = filter(&problem, FastKalmanSettings { residual, ..settings });
-        fast.forecast(WINDOW).unwrap();
-        let analysis = fast.analyse(&window(&problem, 40, false, 1, 5)).unwrap();
+        let from_fast = fast.forecast(WINDOW).unwrap();
+        let analysis = fast.analyse(&from_fast, &window(&problem, 40, false, 1, 5)).unwrap();
         (analysis, flat(&fast.dense_covariance()))
     };
     for residual in [Residual::Exact, Residual::Persist] {
@@ -110,9 +111,10 @@ fn as_many_factors_as_variables_are_the_kalman_filter_with_separators_too() {
     let mut fast = filter(&problem, persisting);
     for cycle in 1..=6 {
         let observed = window(&problem, 14, false, cycle, 5);
-        fast.forecast(WINDOW).unwrap();
-        reference.forecast(WINDOW).unwrap();
-        let (analysis, expected) = (fast.analyse(&observed).unwrap(), reference.analyse(&observed).unwrap());
+        let from_fast = fast.forecast(WINDOW).unwrap();
+        let from_reference = reference.forecast(WINDOW).unwrap();
+        let (analysis, expected) =
+            (fast.analyse(&from_fast, &observed).unwrap(), reference.analyse(&from_reference, &observed).unwrap());
         let found = difference(&analysis, &expected);
         assert!(found < 1e-8, "cycle {cycle}: {found:e}");
     }
@@ -126,11 +128,11 @@ fn separators_keep_what_merging_loses_in_the_forecast() {
     let run = |settings: FastKalmanSettings| {
         let (mut fast, mut reference) = (filter(&problem, settings), KalmanFilter::new(problem.clone()).unwrap());
         for cycle in 1..=4 {
-            fast.forecast(WINDOW).unwrap();
-            reference.forecast(WINDOW).unwrap();
+            let from_fast = fast.forecast(WINDOW).unwrap();
+            let from_reference = reference.forecast(WINDOW).unwrap();
             let observed = window(&problem, 40, false, cycle, 5);
-            fast.analyse(&observed).unwrap();
-            reference.analyse(&observed).unwrap();
+            fast.analyse(&from_fast, &observed).unwrap();
+            reference.analyse(&from_reference, &observed).unwrap();
         }
         relative_difference(&flat(&fast.dense_covariance()), &flat(&reference.covariance().to_owned()))
     };
@@ -149,8 +151,8 @@ fn the_same_bits_on_any_number_of_threads() {
                 let mut fast = filter(&problem, cells(5, 6, separator_factors));
                 let mut bits = Vec::new();
                 for cycle in 1..=4 {
-                    fast.forecast(WINDOW).unwrap();
-                    let analysis = fast.analyse(&window(&problem, 30, false, cycle, 6)).unwrap();
+                    let from_fast = fast.forecast(WINDOW).unwrap();
+                    let analysis = fast.analyse(&from_fast, &window(&problem, 30, false, cycle, 6)).unwrap();
                     bits.extend(analysis.estimate.state.values().iter().map(|value| value.to_bits()));
                     bits.extend(analysis.estimate.state_spread.unwrap().iter().map(|value| value.to_bits()));
                 }

@@ -2,9 +2,9 @@
 
 use crate::common::*;
 use isobar_assim::covariance::{Balanced, BalancedParameters, Covariance, Sum, White};
-use isobar_assim::fast_kalman::time_volume::{Target, TimeShape, TimeVolume};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
 use isobar_assim::kalman::KalmanFilter;
+use isobar_assim::time_volume::{Target, TimeShape, TimeVolume};
 use isobar_assim::{Assimilator, BiasTreatment, Error, Estimate, Problem};
 use isobar_model::{Boundary, Layout, ShallowWater, State, Stepped};
 use isobar_obs::ObservationWindow;
@@ -28,10 +28,10 @@ fn as_many_factors_as_variables_are_the_kalman_filter_to_single_precision() {
             let mut largest: f64 = 0.0;
             for cycle in 1..=6 {
                 let observed = window(&problem, 14, false, cycle, 5);
-                fast.forecast(WINDOW).unwrap();
-                reference.forecast(WINDOW).unwrap();
-                let found = fast.analyse(&observed).unwrap().estimate;
-                let expected = reference.analyse(&observed).unwrap().estimate;
+                let from_fast = fast.forecast(WINDOW).unwrap();
+                let from_reference = reference.forecast(WINDOW).unwrap();
+                let found = fast.analyse(&from_fast, &observed).unwrap().estimate;
+                let expected = reference.analyse(&from_reference, &observed).unwrap().estimate;
                 let expected_covariance = flat(&reference.covariance().to_owned());
                 let covariance = relative_difference(&flat(&fast.dense_covariance()), &expected_covariance);
                 let state = relative_difference(found.state.values(), expected.state.values());
@@ -90,8 +90,8 @@ fn around(problem: &Problem, cycle: usize) -> ObservationWindow {
 
 fn cycles(mut filter: FastKalmanFilter, problem: &Problem) -> Vec<Estimate> {
     let cycle = |cycle: usize| {
-        filter.forecast(WINDOW).unwrap();
-        filter.analyse(&around(problem, cycle)).unwrap().estimate
+        let from_filter = filter.forecast(WINDOW).unwrap();
+        filter.analyse(&from_filter, &around(problem, cycle)).unwrap().estimate
     };
     (1..=5).map(cycle).collect()
 }
@@ -146,14 +146,14 @@ fn the_same_bits_on_any_number_of_threads_and_after_an_interruption() {
             let mut filter = new();
             let mut bits = Vec::new();
             for cycle in 1..=4 {
-                filter.forecast(WINDOW).unwrap();
-                let estimate = filter.analyse(&around(&problem, cycle)).unwrap().estimate;
+                let from_filter = filter.forecast(WINDOW).unwrap();
+                let estimate = filter.analyse(&from_filter, &around(&problem, cycle)).unwrap().estimate;
                 bits.extend(estimate.state.values().iter().map(|value| value.to_bits()));
                 bits.extend(estimate.state_spread.unwrap().iter().map(|value| value.to_bits()));
                 if interrupted {
-                    let saved = filter.save().unwrap();
+                    let saved = filter.memory().unwrap();
                     filter = new();
-                    filter.restore(&saved).unwrap();
+                    filter.recall(&saved).unwrap();
                 }
             }
             bits
@@ -163,7 +163,7 @@ fn the_same_bits_on_any_number_of_threads_and_after_an_interruption() {
     assert_eq!(run(2, false), expected);
     assert_eq!(run(8, true), expected);
     let mut double = filter(&problem, 14, Residual::Probe { count: 3 }, Precision::Double);
-    assert!(matches!(double.restore(&new().save().unwrap()), Err(Error::Saved { .. })));
+    assert!(matches!(double.recall(&new().memory().unwrap()), Err(Error::Memory { .. })));
 }
 
 #[test]

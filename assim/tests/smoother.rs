@@ -26,10 +26,10 @@ fn difference(found: &Estimate, expected: &Estimate) -> f64 {
 }
 
 fn cycle(method: &mut dyn Assimilator, problem: &Problem, cycle: usize) -> Estimate {
-    method.forecast(WINDOW).unwrap();
+    let from = method.forecast(WINDOW).unwrap();
     // One cycle without any observation.
     let count = if cycle == 3 { 0 } else { 14 };
-    method.analyse(&window(problem, count, false, cycle, 5)).unwrap().estimate
+    method.analyse(&from, &window(problem, count, false, cycle, 5)).unwrap().estimate
 }
 
 fn complete(problem: &Problem) -> EnsembleSettings {
@@ -87,13 +87,13 @@ fn the_dense_smoother_is_that_of_rauch_tung_and_striebel() {
                     mean = (0..own.len()).map(|i| own[i] + change[(i, 0)]).collect();
                     covariance = own_covariance + &gain * (covariance - background) * gain.transpose();
                 }
-                let found = filter.smoothed(ago).unwrap().unwrap();
+                let found = smoothed(&filter, ago).unwrap();
                 let (values, spread) = all(&found);
                 let expected: Vec<f64> = (0..mean.len()).map(|i| covariance[(i, i)].sqrt()).collect();
                 let error = relative_difference(&values, &mean).max(relative_difference(&spread, &expected));
                 assert!(error < 1e-9, "cycle {number}, {ago} ago, {shared} shared: {error:e}");
             }
-            assert!(filter.smoothed(number).unwrap().is_none());
+            assert!(smoothed(&filter, number).is_none());
         }
     }
 }
@@ -110,11 +110,11 @@ fn a_complete_ensemble_smoother_is_the_dense_one() {
             cycle(&mut ensemble, &problem, number);
             cycle(&mut reference, &problem, number);
             for ago in 0..number.min(5) {
-                let found = ensemble.smoothed(ago).unwrap().unwrap();
-                let error = difference(&found, &reference.smoothed(ago).unwrap().unwrap());
+                let found = smoothed(&ensemble, ago).unwrap();
+                let error = difference(&found, &smoothed(&reference, ago).unwrap());
                 assert!(error < 1e-8, "cycle {number}, {ago} ago, {shared} shared: {error:e}");
             }
-            let beyond = (ensemble.smoothed(5).unwrap(), reference.smoothed(5).unwrap());
+            let beyond = (smoothed(&ensemble, 5), smoothed(&reference, 5));
             assert!(beyond.0.is_none() && beyond.1.is_none());
         }
     }
@@ -140,7 +140,7 @@ fn the_smoothed_trajectory_is_that_of_four_d_var() {
     }
     let analysis = analysis.unwrap();
     for ago in 0..5 {
-        let smoothed = smoother.smoothed(ago).unwrap().unwrap();
+        let smoothed = smoothed(&smoother, ago).unwrap();
         let mut state: State = smoothed.state;
         forecast::forecast(&*problem.model, &mut state, ago).unwrap();
         let error = relative_difference(state.values(), analysis.state.values())
@@ -167,18 +167,18 @@ fn a_smoother_claims_no_more_than_its_filter() {
         [Box::new(kf()), Box::new(kf().smoothing(0).unwrap()), Box::new(kf().smoothing(3).unwrap())],
     ];
     for [mut filter, mut without_lag, mut smoother] in methods {
-        assert_eq!((filter.smoother_lag(), without_lag.smoother_lag()), (None, Some(0)));
+        assert_eq!((lag(&*filter), lag(&*without_lag)), (None, Some(0)));
         let mut analyses = Vec::new();
         for number in 1..=CYCLES {
             let analysis = cycle(&mut *filter, &problem, number);
             assert_eq!(cycle(&mut *smoother, &problem, number), analysis);
             cycle(&mut *without_lag, &problem, number);
-            assert!(filter.smoothed(0).unwrap().is_none());
-            let itself = without_lag.smoothed(0).unwrap().unwrap();
-            assert!(difference(&itself, &analysis) < 1e-13 && without_lag.smoothed(1).unwrap().is_none());
+            assert!(smoothed(&*filter, 0).is_none());
+            let itself = smoothed(&*without_lag, 0).unwrap();
+            assert!(difference(&itself, &analysis) < 1e-13 && smoothed(&*without_lag, 1).is_none());
             analyses.push(all(&analysis));
             for ago in 1..number.min(4) {
-                let (values, spread) = all(&smoother.smoothed(ago).unwrap().unwrap());
+                let (values, spread) = all(&smoothed(&*smoother, ago).unwrap());
                 let (filtered, claimed) = &analyses[number - 1 - ago];
                 assert!(spread.iter().zip(claimed).all(|(own, filter)| *own <= filter * (1.0 + 1e-12)));
                 // There are observations after each of them.
@@ -201,16 +201,16 @@ fn a_smoother_goes_on_from_its_memory_to_the_same_bits() {
         let mut method = make();
         (1..=4).for_each(|number| drop(cycle(&mut *method, &problem, number)));
         let mut other = make();
-        other.restore(&method.save().unwrap()).unwrap();
+        other.recall(&method.memory().unwrap()).unwrap();
         for number in 5..=CYCLES {
             assert_eq!(cycle(&mut *method, &problem, number), cycle(&mut *other, &problem, number));
             for ago in 0..=3 {
-                let smoothed = method.smoothed(ago).unwrap();
-                assert!(smoothed.is_some() && smoothed == other.smoothed(ago).unwrap());
+                let found = smoothed(&*method, ago);
+                assert!(found.is_some() && found == smoothed(&*other, ago));
             }
         }
         let mut short = make();
-        assert!(matches!(short.restore(&[1, 2, 3]), Err(Error::Saved { .. })));
+        assert!(matches!(short.recall(&[1, 2, 3]), Err(Error::Memory { .. })));
     }
 }
 
@@ -224,16 +224,16 @@ fn a_recalibration_is_not_carried_back() {
         let knowledge = SensorKnowledge { mean: vec![0.0; p], recalibrations };
         let mut method = Calibrated::new(Box::new(filter), &problem.calibration, Time::from_seconds(0), knowledge);
         for number in 1..=5 {
-            method.forecast(WINDOW).unwrap();
+            let from = method.forecast(WINDOW).unwrap();
             let mut observed = window(&problem, 14, false, number, 5);
             let jacobian = observed.operator.linearize(&problem.background, &[0.0; 3]).calibration;
             for (row, value) in observed.values.iter_mut().enumerate() {
                 let read: f64 = jacobian.row(row).iter().filter(|entry| entry.0 == 1).map(|entry| entry.1).sum();
                 *value += if number > 2 { read * step } else { 0.0 };
             }
-            method.analyse(&observed).unwrap();
+            method.analyse(&from, &observed).unwrap();
         }
-        (0..5).map(|ago| method.smoothed(ago).unwrap().unwrap()).collect::<Vec<_>>()
+        (0..5).map(|ago| smoothed(&method, ago).unwrap()).collect::<Vec<_>>()
     };
     let time = Time::from_seconds(2 * WINDOW.seconds() + 60);
     let stepped = smoothed(vec![Recalibration { time, parameter: 1, step: 4.0, sigma: 0.0 }], 4.0);

@@ -2,7 +2,7 @@
 
 use crate::common::*;
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
-use isobar_assim::{Assimilator, Problem, Structure};
+use isobar_assim::{Assimilator, BlockStructure, Problem, Structure};
 use isobar_obs::ObservationWindow;
 
 fn persistent(blocks: BlockShape, factors: usize) -> FastKalmanSettings {
@@ -15,11 +15,11 @@ fn analysed(problem: &Problem, settings: FastKalmanSettings, count: usize) -> (F
     let mut last: Option<ObservationWindow> = None;
     for cycle in 1..=2 {
         let observed = window(problem, 9, false, cycle, 3);
-        filter.forecast(WINDOW).unwrap();
-        filter.analyse(&observed).unwrap();
+        let from_filter = filter.forecast(WINDOW).unwrap();
+        filter.analyse(&from_filter, &observed).unwrap();
         last = Some(observed);
     }
-    let structure = filter.structure(&last.unwrap(), count).unwrap();
+    let structure = filter.structure(&last.unwrap(), count);
     (filter, structure)
 }
 

@@ -1,19 +1,18 @@
 //! State-transition corrections: a tracer that the truth carries faster than the model does.
 
-use crate::common::{WINDOW, settings};
+use crate::common::{WINDOW, parameters, settings};
 use isobar_assim::covariance::{Sum, Univariate, White, randomize};
-use isobar_assim::fast_kalman::time_volume::{Candidate, Corrections, TimeVolume, TimeVolumeSettings};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape};
 use isobar_assim::kalman::KalmanFilter;
+use isobar_assim::time_volume::{Candidate, Corrections, TimeVolume, TimeVolumeSettings};
 use isobar_assim::{Assimilator, BiasTreatment, Covariance, Error, Problem};
 use isobar_model::random::stream;
 use isobar_model::{
-    Adjoint, Advection, AdvectionScheme, Boundary, Duration, Grid, Layout, Model, State, Stepped, Time, TimeScheme,
-    Wind, advection, forecast,
+    Advection, AdvectionScheme, Boundary, Duration, Grid, Layout, Model, State, Stepped, TangentLinear, Time,
+    TimeScheme, Wind, advection, forecast,
 };
 use isobar_obs::{
-    BiasProcess, BiasScope, InstrumentConfig, ObservedVariable, ObservingSystem, RadiosondeConfig, StationBias,
-    StationSource,
+    BiasProcess, BiasScope, Network, ObservedVariable, ObservingSystem, RadiosondeSettings, StationBias, StationSource,
 };
 use std::sync::Arc;
 
@@ -42,7 +41,7 @@ impl Corrections for Winds {
         &self.0
     }
 
-    fn model(&self, corrections: &[f64]) -> Result<Arc<dyn Adjoint>, Error> {
+    fn model(&self, corrections: &[f64]) -> Result<Arc<dyn TangentLinear>, Error> {
         Ok(Arc::new(model(5.0 + corrections[0], corrections[1])))
     }
 }
@@ -60,7 +59,7 @@ fn world(seed: u64) -> World {
     let layout: Arc<Layout> = own.layout().clone();
     assert_eq!(*layout, *advection::layout(layout.grid.clone()));
     let mut network =
-        RadiosondeConfig::new("net", StationSource::Random { count: 40, groups: vec!["A".into(), "B".into()] });
+        RadiosondeSettings::new(StationSource::Random { count: 40, groups: vec!["A".into(), "B".into()] });
     network.variables = vec![ObservedVariable::new("tracer", 0.3)];
     network.reference_groups = vec!["A".into()];
     network.biases = vec![StationBias {
@@ -68,7 +67,7 @@ fn world(seed: u64) -> World {
         scope: BiasScope::EachGroup,
         process: BiasProcess::constant(1.0),
     }];
-    let configs = [InstrumentConfig::Radiosonde(network)];
+    let configs = [Network::new("net", network)];
     let observing = ObservingSystem::new(&layout, None, &configs, seed, WINDOW, Time::from_seconds(0)).unwrap();
     let sum = |terms: Vec<Box<dyn Covariance>>| -> Arc<dyn Covariance> { Arc::new(Sum::new(layout.len(), terms)) };
     let background_error = sum(vec![Box::new(Univariate::new(&layout, 0, 2.0, 3e5))]);
@@ -76,7 +75,7 @@ fn world(seed: u64) -> World {
         sum(vec![Box::new(Univariate::new(&layout, 0, 0.1, 3e5)), Box::new(White::new(&layout, 0, 0.02))]);
     let mut random = stream(seed, "truth");
     let truth = State::from_values(&layout, randomize(&*background_error, &mut random));
-    let problem = Problem {
+    let problem: Problem = Problem {
         model: Arc::new(own),
         background: State::zeros(&layout),
         background_error,
@@ -105,7 +104,8 @@ fn run(seed: u64, true_wind: (f64, f64)) -> (f64, f64, Vec<isobar_assim::Estimat
     let World { problem, mut observing, mut truth, model_error, mut random } = world(seed);
     let right = model(true_wind.0, true_wind.1);
     let mut corrected = volume(&problem);
-    let mut reference = KalmanFilter::new(Problem { model: Arc::new(right.clone()), ..problem.clone() }).unwrap();
+    let with_right: Problem = problem.clone().with_model(Arc::new(right.clone()));
+    let mut reference = KalmanFilter::new(with_right).unwrap();
     let mut squares = [0.0; 2];
     for cycle in 1..=40 {
         forecast::forecast(&right, &mut truth, 6).unwrap();
@@ -114,20 +114,20 @@ fn run(seed: u64, true_wind: (f64, f64)) -> (f64, f64, Vec<isobar_assim::Estimat
         let observed = observing.observe(&truth);
         let methods: [&mut dyn Assimilator; 2] = [&mut corrected, &mut reference];
         for (square, method) in squares.iter_mut().zip(methods) {
-            method.forecast(WINDOW).unwrap();
-            let state = method.analyse(&observed).unwrap().estimate.state;
+            let from = method.forecast(WINDOW).unwrap();
+            let state = method.analyse(&from, &observed).unwrap().estimate.state;
             if cycle > 12 {
                 *square += (&state - &truth).values().iter().map(|error| error * error).sum::<f64>();
             }
         }
         if cycle == 20 {
             // A checkpoint changes nothing, corrected model included.
-            let saved = corrected.save().unwrap();
+            let saved = corrected.memory().unwrap();
             corrected = volume(&problem);
-            corrected.restore(&saved).unwrap();
+            corrected.recall(&saved).unwrap();
         }
     }
-    (squares[0], squares[1], corrected.parameters())
+    (squares[0], squares[1], parameters(&corrected))
 }
 
 #[test]

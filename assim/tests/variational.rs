@@ -39,10 +39,10 @@ fn four_d_var_is_the_kalman_smoother_of_a_perfect_linear_model() {
         let mut chi2 = [0.0; 2];
         for cycle in 1..=5 {
             let observed = window(&problem, 14, false, cycle, 5);
-            variational.forecast(WINDOW).unwrap();
-            reference.forecast(WINDOW).unwrap();
-            let found = variational.analyse(&observed).unwrap();
-            let expected = reference.analyse(&observed).unwrap();
+            let from_variational = variational.forecast(WINDOW).unwrap();
+            let from_reference = reference.forecast(WINDOW).unwrap();
+            let found = variational.analyse(&from_variational, &observed).unwrap();
+            let expected = reference.analyse(&from_reference, &observed).unwrap();
             let error = difference(&found.estimate, &expected.estimate);
             assert!(error < 1e-8, "cycle {cycle}, {outer_loops} outer loops: {error:e}");
             // χ² of all observations so far is the sum of the filter's, and each cycle gets its share.
@@ -60,25 +60,25 @@ fn the_window_of_four_d_var_slides() {
     let mut variational = FourDVar::new(problem.clone(), four_d_var(2, 1)).unwrap();
     let mut last = None;
     for cycle in 1..=3 {
-        variational.forecast(WINDOW).unwrap();
-        last = Some(variational.analyse(&window(&problem, 14, false, cycle, 5)).unwrap().estimate);
+        let from_variational = variational.forecast(WINDOW).unwrap();
+        last = Some(variational.analyse(&from_variational, &window(&problem, 14, false, cycle, 5)).unwrap().estimate);
     }
     let last = last.unwrap();
     // The same by hand: the window's background is the analysis of the first cycle, with B again. Given the biases as
     // analysed, the minimum over the state alone is where the joint minimum is.
     let mut filter = KalmanFilter::new(problem.clone()).unwrap();
-    filter.forecast(WINDOW).unwrap();
-    let start = filter.analyse(&window(&problem, 14, false, 1, 5)).unwrap().estimate;
+    let from_filter = filter.forecast(WINDOW).unwrap();
+    let start = filter.analyse(&from_filter, &window(&problem, 14, false, 1, 5)).unwrap().estimate;
     let again = Problem { background: start.state.clone(), bias: BiasTreatment::Known, ..problem.clone() };
     let mut again = KalmanFilter::new(again).unwrap();
     let mut expected = None;
     for cycle in 2..=3 {
-        again.forecast(WINDOW).unwrap();
+        let from_again = again.forecast(WINDOW).unwrap();
         let mut observed = window(&problem, 14, false, cycle, 5);
         let jacobian = observed.operator.linearize(&start.state, &start.calibration);
         let biases = jacobian.apply(&vec![0.0; start.state.values().len()], &last.calibration);
         observed.values.iter_mut().zip(biases).for_each(|(value, bias)| *value -= bias);
-        expected = Some(again.analyse(&observed).unwrap().estimate);
+        expected = Some(again.analyse(&from_again, &observed).unwrap().estimate);
     }
     let error = relative_difference(last.state.values(), expected.unwrap().state.values());
     assert!(error < 1e-8, "{error:e}");
@@ -90,11 +90,11 @@ fn optimal_interpolation_is_what_3d_var_converges_to() {
     let mut interpolation = OptimalInterpolation::new(problem.clone(), 0.4);
     let mut variational = ThreeDVar::new(problem.clone(), TO_ROUNDING);
     for cycle in 1..=4 {
-        interpolation.forecast(WINDOW).unwrap();
-        variational.forecast(WINDOW).unwrap();
+        let from_interpolation = interpolation.forecast(WINDOW).unwrap();
+        let from_variational = variational.forecast(WINDOW).unwrap();
         let observed = window(&problem, 20, false, cycle, 9);
-        let found = interpolation.analyse(&observed).unwrap();
-        let expected = variational.analyse(&observed).unwrap();
+        let found = interpolation.analyse(&from_interpolation, &observed).unwrap();
+        let expected = variational.analyse(&from_variational, &observed).unwrap();
         let error = difference(&found.estimate, &expected.estimate);
         assert!(error < 1e-9, "cycle {cycle}: {error:e}");
         assert!((found.innovation_chi2.unwrap() / expected.innovation_chi2.unwrap() - 1.0).abs() < 1e-9);
@@ -106,8 +106,8 @@ fn optimal_interpolation_is_what_3d_var_converges_to() {
 fn optimal_interpolation_claims_what_the_kalman_filter_does() {
     let problem = Problem { model_error: None, ..problem(true, calibration(2, 1, 0.0), 8) };
     let observed = window(&problem, 20, false, 1, 9);
-    let found = OptimalInterpolation::new(problem.clone(), 1.0).analyse(&observed).unwrap().estimate;
-    let expected = KalmanFilter::new(problem.clone()).unwrap().analyse(&observed).unwrap().estimate;
+    let found = OptimalInterpolation::new(problem.clone(), 1.0).analyse(&start(&problem), &observed).unwrap().estimate;
+    let expected = KalmanFilter::new(problem.clone()).unwrap().analyse(&start(&problem), &observed).unwrap().estimate;
     assert!(difference(&found, &expected) < 1e-10);
     assert!(relative_difference(&found.state_spread.unwrap(), &expected.state_spread.unwrap()) < 1e-10);
 }
@@ -131,11 +131,11 @@ fn a_hybrid_of_weight_zero_or_one_is_one_of_its_parts() {
     let mut hybrid = HybridThreeDVar::new(problem.clone(), settings(0.0)).unwrap();
     let mut variational = ThreeDVar::new(problem.clone(), TO_ROUNDING);
     for cycle in 1..=3 {
-        hybrid.forecast(WINDOW).unwrap();
-        variational.forecast(WINDOW).unwrap();
+        let from_hybrid = hybrid.forecast(WINDOW).unwrap();
+        let from_variational = variational.forecast(WINDOW).unwrap();
         let observed = window(&problem, 14, false, cycle, 5);
-        let found = hybrid.analyse(&observed).unwrap().estimate;
-        let expected = variational.analyse(&observed).unwrap().estimate;
+        let found = hybrid.analyse(&from_hybrid, &observed).unwrap().estimate;
+        let expected = variational.analyse(&from_variational, &observed).unwrap().estimate;
         let error = difference(&found, &expected);
         assert!(error < 1e-9, "cycle {cycle}: {error:e}");
     }
@@ -145,11 +145,11 @@ fn a_hybrid_of_weight_zero_or_one_is_one_of_its_parts() {
     let mut hybrid = HybridThreeDVar::new(problem.clone(), settings(1.0)).unwrap();
     let mut filter = EnsembleTransformKalmanFilter::new(problem.clone(), ensemble).unwrap();
     for cycle in 1..=3 {
-        hybrid.forecast(WINDOW).unwrap();
-        filter.forecast(WINDOW).unwrap();
+        let from_hybrid = hybrid.forecast(WINDOW).unwrap();
+        let from_filter = filter.forecast(WINDOW).unwrap();
         let observed = window(&problem, 14, false, cycle, 5);
-        let found = hybrid.analyse(&observed).unwrap().estimate;
-        let expected = filter.analyse(&observed).unwrap().estimate;
+        let found = hybrid.analyse(&from_hybrid, &observed).unwrap().estimate;
+        let expected = filter.analyse(&from_filter, &observed).unwrap().estimate;
         let error = difference(&found, &expected);
         assert!(error < 1e-8, "cycle {cycle}: {error:e}");
         assert!(relative_difference(&found.state_spread.unwrap(), &expected.state_spread.unwrap()) < 1e-8);

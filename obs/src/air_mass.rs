@@ -1,9 +1,10 @@
 //! Air-mass predictors: biases that depend on the state.
 
 use crate::bias::BiasProcess;
-use crate::error::{ObservationError, list, require};
+use crate::error::{ObservationError, require};
 use crate::jacobian::Jacobian;
 use crate::operator::{LinearOperator, ObservationOperator};
+use crate::predictor::Predictor;
 use crate::sparse::SparseRows;
 use isobar_model::{Layout, State};
 
@@ -35,44 +36,14 @@ impl AirMassBias {
     }
 
     /// The number of the predictor's variable in the layout.
-    pub(crate) fn find(&self, layout: &Layout, instrument: &str) -> Result<usize, ObservationError> {
+    pub(crate) fn find(&self, layout: &Layout, network: &str) -> Result<usize, ObservationError> {
         let expected = "above 0, in the unit of the predictor's variable";
-        require(self.scale > 0.0, instrument, "biases.scale", self.scale, expected)?;
-        require(true, instrument, "biases.mean", self.mean, "finite")?;
-        layout.variable(&self.variable).ok_or_else(|| ObservationError::UnknownName {
-            instrument: instrument.to_owned(),
-            setting: "biases.variable",
-            value: self.variable.clone(),
-            valid: list(layout.variables.iter().map(|variable| variable.name)),
+        require(self.scale > 0.0, network, "biases.scale", self.scale, expected)?;
+        require(true, network, "biases.mean", self.mean, "finite")?;
+        layout.variable(&self.variable).ok_or_else(|| {
+            let valid = layout.variables.iter().map(|variable| variable.name);
+            ObservationError::unknown_name(network, "biases.variable", &self.variable, valid)
         })
-    }
-}
-
-/// The predictor of one parameter at one observation: p(x) = constant + row x.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Predictor {
-    /// Number of the parameter β in the calibration.
-    pub parameter: usize,
-    /// −mean / scale.
-    pub constant: f64,
-    /// H_v / scale.
-    pub row: Vec<(usize, f64)>,
-}
-
-impl Predictor {
-    /// p(x).
-    fn value(&self, x: &State) -> f64 {
-        self.constant + self.row.iter().map(|&(column, weight)| weight * x.values()[column]).sum::<f64>()
-    }
-
-    /// Its entry in the row of P(x).
-    pub fn entry(&self, x: &State) -> (usize, f64) {
-        (self.parameter, self.value(x))
-    }
-
-    /// β p(x).
-    pub fn bias(&self, x: &State, calibration: &[f64]) -> f64 {
-        calibration[self.parameter] * self.value(x)
     }
 }
 
@@ -100,9 +71,9 @@ impl AirMassOperator {
     /// G + P(x).
     fn calibration_rows(&self, x: &State) -> SparseRows {
         let mut rows = SparseRows::new();
-        for (number, own) in self.predictors.iter().enumerate() {
+        for (number, predictors) in self.predictors.iter().enumerate() {
             let fixed = self.linear.jacobian.calibration.row(number).iter().copied();
-            rows.push_row(fixed.chain(own.iter().map(|predictor| predictor.entry(x))));
+            rows.push_row(fixed.chain(predictors.iter().map(|predictor| predictor.entry(x))));
         }
         rows
     }
@@ -115,8 +86,8 @@ impl ObservationOperator for AirMassOperator {
 
     fn simulate(&self, x: &State, calibration: &[f64]) -> Vec<f64> {
         let mut simulated = self.linear.simulate(x, calibration);
-        for (value, own) in simulated.iter_mut().zip(&self.predictors) {
-            *value += own.iter().map(|it| it.bias(x, calibration)).sum::<f64>();
+        for (value, predictors) in simulated.iter_mut().zip(&self.predictors) {
+            *value += predictors.iter().map(|predictor| predictor.bias(x, calibration)).sum::<f64>();
         }
         simulated
     }
@@ -124,9 +95,9 @@ impl ObservationOperator for AirMassOperator {
     /// ∂h/∂x = X + Σ_j c_j ∂p_j/∂x and ∂h/∂c = G + P(x).
     fn linearize(&self, x: &State, calibration: &[f64]) -> Jacobian {
         let mut state = SparseRows::new();
-        for (number, own) in self.predictors.iter().enumerate() {
+        for (number, predictors) in self.predictors.iter().enumerate() {
             let mut row = self.linear.jacobian.state.row(number).to_vec();
-            for predictor in own {
+            for predictor in predictors {
                 let coefficient = calibration[predictor.parameter];
                 for &(column, weight) in &predictor.row {
                     match row.iter_mut().find(|entry| entry.0 == column) {

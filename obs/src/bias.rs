@@ -131,37 +131,37 @@ impl BiasProcess {
         }
     }
 
-    pub(crate) fn validate(&self, instrument: &str) -> Result<(), ObservationError> {
+    pub(crate) fn validate(&self, network: &str) -> Result<(), ObservationError> {
         match self.initial {
             InitialBias::Drawn { sigma } => {
-                require(sigma >= 0.0, instrument, "biases.initial.sigma", sigma, "at least 0")?;
+                require(sigma >= 0.0, network, "biases.initial.sigma", sigma, "at least 0")?;
             }
-            InitialBias::Given { value } => require(true, instrument, "biases.initial.value", value, "finite")?,
+            InitialBias::Given { value } => require(true, network, "biases.initial.value", value, "finite")?,
         }
         match self.evolution {
             Evolution::Constant => {}
             Evolution::RandomWalk { sigma_per_sqrt_day: sigma } => {
-                require(sigma >= 0.0, instrument, "biases.evolution.sigma_per_sqrt_day", sigma, "at least 0")?;
+                require(sigma >= 0.0, network, "biases.evolution.sigma_per_sqrt_day", sigma, "at least 0")?;
             }
             Evolution::Jump { at_hours, size } => {
-                require(at_hours >= 0.0, instrument, "biases.evolution.at_hours", at_hours, "at least 0")?;
-                require(true, instrument, "biases.evolution.size", size, "finite")?;
+                require(at_hours >= 0.0, network, "biases.evolution.at_hours", at_hours, "at least 0")?;
+                require(true, network, "biases.evolution.size", size, "finite")?;
             }
             Evolution::Sinusoid { amplitude, period_hours, peak_hours } => {
-                require(true, instrument, "biases.evolution.amplitude", amplitude, "finite")?;
+                require(true, network, "biases.evolution.amplitude", amplitude, "finite")?;
                 let expected = "above 0";
-                require(period_hours > 0.0, instrument, "biases.evolution.period_hours", period_hours, expected)?;
-                require(true, instrument, "biases.evolution.peak_hours", peak_hours, "finite")?;
+                require(period_hours > 0.0, network, "biases.evolution.period_hours", period_hours, expected)?;
+                require(true, network, "biases.evolution.peak_hours", peak_hours, "finite")?;
             }
         }
         if !self.known {
             let prior = self.sigma_prior();
             let expected = "above 0: it is the prior of an unknown parameter, by default that of the true value \
                             (give it, or take the bias out, or make it known)";
-            require(prior > 0.0, instrument, "biases.assumed_sigma_prior", prior, expected)?;
+            require(prior > 0.0, network, "biases.assumed_sigma_prior", prior, expected)?;
             let drift = self.sigma_drift_per_sqrt_day();
             let setting = "biases.assumed_sigma_drift_per_sqrt_day";
-            require(drift >= 0.0, instrument, setting, drift, "at least 0")?;
+            require(drift >= 0.0, network, setting, drift, "at least 0")?;
         }
         Ok(())
     }

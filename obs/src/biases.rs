@@ -67,19 +67,15 @@ impl Biases {
     /// Numbers of the process that are not what they must be; a name that is there already.
     pub fn add(
         &mut self,
-        instrument: &str,
+        network: &str,
         name: String,
         unit: &str,
         placement: Placement,
         process: &BiasProcess,
     ) -> Result<Option<usize>, ObservationError> {
-        process.validate(instrument)?;
+        process.validate(network)?;
         if self.calibration.position(&name).is_some() || self.known.iter().any(|known| known.0.name == name) {
-            return Err(ObservationError::DuplicateName {
-                instrument: instrument.to_owned(),
-                setting: "biases",
-                value: name,
-            });
+            return Err(ObservationError::duplicate_name(network, "biases", &name));
         }
         let truth = TrueBias::new(process.clone(), &name, self.seed);
         let parameter = Parameter {

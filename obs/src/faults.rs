@@ -1,7 +1,7 @@
 //! Faults of an instrument: reports that must not be believed, to try quality control on.
 
 use crate::error::{ObservationError, require};
-use crate::quality::Arrival;
+use crate::observation::Arrival;
 use isobar_model::{Duration, Grid};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -45,14 +45,14 @@ impl Faults {
         ]
     }
 
-    pub(crate) fn validate(&self, instrument: &str) -> Result<(), ObservationError> {
+    pub(crate) fn validate(&self, network: &str) -> Result<(), ObservationError> {
         for (setting, rate) in self.rates() {
-            require((0.0..=1.0).contains(&rate), instrument, setting, rate, "a probability from 0 to 1")?;
+            require((0.0..=1.0).contains(&rate), network, setting, rate, "a probability from 0 to 1")?;
         }
         let sum: f64 = self.rates().iter().map(|rate| rate.1).sum();
-        require(sum <= 1.0, instrument, "faults", sum, "at most 1 in sum: an observation has one fault at most")?;
+        require(sum <= 1.0, network, "faults", sum, "at most 1 in sum: an observation has one fault at most")?;
         let factor = self.gross_error_factor;
-        require(factor > 0.0, instrument, "faults.gross_error_factor", factor, "above 0")
+        require(factor > 0.0, network, "faults.gross_error_factor", factor, "above 0")
     }
 
     /// Spoils the arrivals of an instrument in one window.
@@ -86,8 +86,7 @@ impl Faults {
             } else if happens(self.misplaced_rate) {
                 arrival.observation.report.y_m += 2.0 * grid.height_m();
             } else if happens(self.late_rate) {
-                let report = &mut arrival.observation.report;
-                report.time = report.time + Duration::from_seconds(-window.seconds());
+                arrival.time = arrival.time + Duration::from_seconds(-window.seconds());
             }
             spoilt.push(arrival);
         }

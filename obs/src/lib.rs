@@ -5,21 +5,26 @@
 //! - [`report`]: [`Report`], where, what and by whom each observation is
 //! - [`operator`]: [`ObservationOperator`], y = h(x, c)
 //! - [`jacobian`], [`sparse`]: its Jacobians X and G
-//! - [`quality`]: [`QualityControl`], which observations no method sees
 //! - [`calibration`]: the parameters c, and what is known of them
 //!
 //! What an experiment describes:
-//! - [`system`]: [`ObservingSystem`], all instruments together
-//! - [`instrument`]: [`InstrumentConfig`], [`Schedule`]; [`instrument::radiosonde`], [`instrument::satellite`]
-//! - [`network`], [`stations`]: where stations come from, and station files
-//! - [`observation_file`], [`instrument::recorded`]: observations that somebody else made
-//! - [`bias`]: how biases truly behave, and what methods may assume; [`air_mass`]: those that depend on the state
-//! - [`faults`]: [`Faults`], reports that must not be believed
-//! - [`footprint`](mod@footprint): what a satellite averages over
+//! - [`system`]: [`ObservingSystem`], all networks together
+//! - [`network`]: [`Network`], an instrument, its [`Schedule`] and its [`Faults`]
+//! - [`bias`]: how biases truly behave, and what methods may assume; [`air_mass`]: biases that depend on the state
+//! - [`station`]: where stations come from; [`station_file`], [`observation_file`]: files of stations and observations
+//! - [`table`](mod@table), [`times`]: how all tables and times are read
 //! - [`projection`]: the plane's place on the Earth
-//! - [`error`]: [`ObservationError`], all that can be wrong with it
+//! - [`quality`]: [`QualityControl`], which observations no method sees; [`rejection`]: and why
+//! - [`error`]: [`ObservationError`], everything that can be wrong with it
 //!
-//! `testing` (feature `testing`): the contract battery that any operator must pass.
+//! What makes observations:
+//! - [`instrument`]: [`InstrumentSettings`] and [`Instrument`], the traits of every instrument; an addition is one file
+//! - [`instrument::radiosonde`], [`instrument::satellite`], [`instrument::recorded`]
+//! - [`site`]: where and when an instrument is to observe
+//! - [`observation`], [`predictor`]: one observation as an instrument makes it
+//! - [`footprint`](mod@footprint): what a satellite averages over
+//!
+//! `testing` (feature `testing`): the contract batteries that any operator and any instrument must pass.
 
 pub mod air_mass;
 pub mod bias;
@@ -31,13 +36,18 @@ pub mod footprint;
 pub mod instrument;
 pub mod jacobian;
 pub mod network;
+pub mod observation;
 pub mod observation_file;
 pub mod operator;
+pub mod predictor;
 pub mod projection;
 pub mod quality;
+pub mod rejection;
 pub mod report;
+pub mod site;
 pub mod sparse;
-pub mod stations;
+pub mod station;
+pub mod station_file;
 pub mod system;
 pub mod table;
 #[cfg(any(test, feature = "testing"))]
@@ -51,18 +61,23 @@ pub use calibration::{ByPlacement, Calibration, Parameter, Placement};
 pub use error::ObservationError;
 pub use faults::Faults;
 pub use footprint::footprint;
-pub use instrument::radiosonde::{BiasScope, RadiosondeConfig, StationBias};
-pub use instrument::recorded::{RecordedConfig, RecordedUse, WindAxes};
-pub use instrument::satellite::{Heading, SatelliteConfig, ScanBias, ScanTerm};
-pub use instrument::{InstrumentConfig, ObservedVariable, Schedule};
+pub use instrument::radiosonde::{BiasScope, RadiosondeSettings, StationBias};
+pub use instrument::recorded::{RecordedSettings, RecordedUse, WindAxes};
+pub use instrument::satellite::{Heading, SatelliteSettings, ScanBias, ScanTerm};
+pub use instrument::{Instrument, InstrumentSettings, ObservedVariable};
 pub use jacobian::Jacobian;
-pub use network::{LeftOutStation, Station, StationSource};
+pub use network::{Network, Schedule};
+pub use observation::{Observation, Reading};
 pub use observation_file::{ObservationFile, ObservationPlace, ObservationRecord, ValidTime};
 pub use operator::{LinearOperator, ObservationOperator};
+pub use predictor::Predictor;
 pub use projection::Projection;
-pub use quality::{QualityControl, RejectedObservation, Rejection};
+pub use quality::QualityControl;
+pub use rejection::{RejectedObservation, Rejection};
 pub use report::{ObservationType, Report};
+pub use site::Site;
 pub use sparse::SparseRows;
-pub use stations::{Position, StationRecord, Stations};
+pub use station::{LeftOutStation, Station, StationSource};
+pub use station_file::{Position, StationFile, StationRecord};
 pub use system::{ObservingSystem, SavedSystem};
 pub use window::{ObservationTypes, ObservationWindow};

@@ -329,7 +329,7 @@ mod tests {
         let error = ObservationFile::parse(text, "t.csv", None).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "t.csv: 4 faults\n\
+            "t.csv has 4 faults:\n\
              line 2: `x_m` is `one`, but must be a finite number\n\
              line 2: `sigma` is `-1`, but must be a finite number above 0\n\
              line 4: `cycle` is `1.5`, but must be a whole number from 1 to 1000000\n\

@@ -20,72 +20,12 @@
 //! too. The limit grows with the median of |z|, so that a wrong s or L costs power and not good observations.
 
 use crate::calibration::Calibration;
-use crate::instrument::{Observation, Reading};
-use crate::report::Report;
+use crate::observation::{Arrival, Reading};
+use crate::rejection::Rejection;
 use isobar_model::{Boundary, Grid, Layout, State, Time};
-use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
-
-/// Why an observation is not used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-pub enum Rejection {
-    /// Its value or its error is not finite.
-    NotFinite = 1,
-    /// It lies outside of the domain.
-    Outside = 2,
-    /// It is not valid at the time of the analysis.
-    Late = 3,
-    /// There is one of the same platform and variable already.
-    Duplicate = 4,
-    /// No state could have such a value.
-    Absurd = 5,
-    /// It contradicts its neighbours.
-    GrossError = 6,
-}
-
-impl Rejection {
-    /// All, in the order of their codes from 1.
-    pub const ALL: [Rejection; 6] = [
-        Rejection::NotFinite,
-        Rejection::Outside,
-        Rejection::Late,
-        Rejection::Duplicate,
-        Rejection::Absurd,
-        Rejection::GrossError,
-    ];
-
-    /// Its code: 1 and so on; 0 is that of an observation which is used.
-    pub fn code(self) -> u8 {
-        self as u8
-    }
-
-    /// Its name, in one word.
-    pub fn name(self) -> &'static str {
-        match self {
-            Rejection::NotFinite => "not_finite",
-            Rejection::Outside => "outside",
-            Rejection::Late => "late",
-            Rejection::Duplicate => "duplicate",
-            Rejection::Absurd => "absurd",
-            Rejection::GrossError => "gross_error",
-        }
-    }
-}
-
-/// An observation that no method sees.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct RejectedObservation {
-    /// Where, what and by whom.
-    pub report: Report,
-    /// The reported value; it may not be finite.
-    pub value: f64,
-    /// Standard deviation of its random error, as it claims.
-    pub sigma: f64,
-    /// Why.
-    pub rejection: Rejection,
-}
 
 /// How the values of observations are checked.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,7 +36,7 @@ pub struct QualityControl {
     pub limit: f64,
 }
 
-/// The limit of |z| unless told otherwise: one good observation in 16 000 is beyond it.
+/// The default limit of |z|: one good observation in 16 000 is beyond it.
 pub const LIMIT: f64 = 4.0;
 
 /// Neighbours that predict an observation.
@@ -108,25 +48,15 @@ const ABSURD: f64 = 20.0;
 /// The median of |z| for a standard normal z.
 const NORMAL_MEDIAN: f64 = 0.674_489_750_196_081_7;
 
-/// An observation as it arrives.
-#[derive(Clone, Debug)]
-pub(crate) struct Arrival {
-    pub observation: Observation,
-    /// The reported value.
-    pub value: f64,
-    /// The same without the bias that methods estimate.
-    pub value_bias_removed: f64,
-}
-
 /// What a report says of itself: the rejection of each, where there is one.
 pub(crate) fn check_reports(arrivals: &[Arrival], time: Time, grid: &Grid) -> Vec<Option<Rejection>> {
     let mut seen: HashSet<(Arc<str>, Arc<str>, usize)> = HashSet::new();
     let check = |arrival: &Arrival| {
-        let Arrival { observation, value, .. } = arrival;
+        let Arrival { observation, value, time: own, .. } = arrival;
         let report = &observation.report;
         let is_late = match observation.reading {
-            Reading::Error(_) => report.time != time,
-            Reading::Recorded { is_late, .. } => is_late,
+            Reading::Error(_) => *own != time,
+            Reading::Recorded { time: valid, is_late, .. } => is_late || *own != valid,
         };
         if !value.is_finite() || !observation.sigma.is_finite() {
             Some(Rejection::NotFinite)
@@ -216,7 +146,7 @@ impl<'a> Departures<'a> {
     ) -> Self {
         let departures: Vec<f64> = own.iter().map(|it| departure(it, reference)).collect();
         let (grid, length_m) = (&layout.grid, control.length_m);
-        let calibration_rows = own.iter().map(|it| it.observation.calibration_row_at(reference)).collect();
+        let calibration_rows = own.iter().map(|it| it.observation.calibration_row_at(reference).collect()).collect();
         let (variance, neighbours) = (0.0, Vec::new());
         let mut all = Self { own, grid, calibration, length_m, calibration_rows, departures, variance, neighbours };
         let total = (median(all.departures.iter().map(|d| d.abs()).collect()) / NORMAL_MEDIAN).powi(2);

@@ -1,6 +1,6 @@
 //! What is known of an observation beside its value.
 
-use isobar_model::{Layout, Time};
+use isobar_model::Layout;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -13,8 +13,6 @@ pub struct Report {
     pub platform: Arc<str>,
     /// Number of the observed variable in the state's layout.
     pub variable: usize,
-    /// When it is valid: at the end of the window, but for late ones and for those of a file within its tolerance.
-    pub time: Time,
     /// x of the station or footprint centre \[m\].
     pub x_m: f64,
     /// y of the station or footprint centre \[m\].

@@ -1,4 +1,4 @@
-//! The observing system of an experiment: all of its instruments, and their true biases as time goes by.
+//! The observing system of an experiment: all of its networks, and their true biases as time goes by.
 
 use crate::air_mass::AirMassOperator;
 use crate::bias::BiasProcess;
@@ -6,18 +6,20 @@ use crate::biases::Biases;
 use crate::calibration::{Calibration, Parameter};
 use crate::error::ObservationError;
 use crate::faults::Faults;
-use crate::instrument::radiosonde::Radiosondes;
-use crate::instrument::recorded::{Recorded, RecordedUse};
-use crate::instrument::satellite::Satellite;
-use crate::instrument::{Instrument, InstrumentConfig, Observation, Reading};
+use crate::instrument::Instrument;
+use crate::instrument::recorded::RecordedUse;
 use crate::jacobian::Jacobian;
-use crate::network::{LeftOutStation, Station};
+use crate::network::{Network, Schedule};
+use crate::observation::{Arrival, Observation, Reading};
 use crate::operator::{LinearOperator, ObservationOperator};
 use crate::projection::Projection;
-use crate::quality::{self, Arrival, QualityControl, RejectedObservation, Rejection};
+use crate::quality::{self, QualityControl};
+use crate::rejection::{RejectedObservation, Rejection};
+use crate::site::Site;
+use crate::station::{LeftOutStation, Station};
 use crate::window::ObservationWindow;
-use isobar_model::random::stream;
 use isobar_model::{Duration, Layout, State, Time};
+use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -31,37 +33,36 @@ pub struct SavedSystem {
 }
 
 impl SavedSystem {
-    /// The cycle of which it is.
+    /// The cycle after which it was saved.
     pub fn cycle(&self) -> usize {
         self.cycle
     }
 }
 
-/// All instruments of an experiment, which observe the truth cycle after cycle:
+/// All networks of an experiment, which observe the truth cycle after cycle:
 ///
 /// ```text
 /// y = X x + G c + ε,   ε ~ N(0, R),   R diagonal
 /// ```
 ///
 /// X interpolates the state x to the stations or averages it over footprints; G says which parameters c (biases)
-/// each observation has, and has beside them the predictors p(x) of an [air-mass bias](crate::AirMassBias). Every
-/// instrument, and every parameter, has its own random stream (`observations/europe`, `missing/europe`,
+/// each observation has; beside them there are the predictors p(x) of [air-mass biases](crate::AirMassBias). Every
+/// network, and every parameter, has its own random stream (`observations/europe`, `missing/europe`,
 /// `stations/europe`, `bias/europe/h/Germany`), so that adding one changes none of the others.
 ///
 /// ```
 /// use isobar_model::{Boundary, Duration, Grid, Layout, Location, State, Time, Variable};
-/// use isobar_obs::{InstrumentConfig, ObservingSystem, RadiosondeConfig, StationSource};
+/// use isobar_obs::{Network, ObservingSystem, RadiosondeSettings, StationSource};
 /// use std::sync::Arc;
 ///
 /// let grid = Grid { nx: 8, ny: 6, dx_m: 1e5, dy_m: 1e5, boundary: Boundary::Channel };
 /// let h = Variable { name: "h", long_name: "height", standard_name: None, unit: "m", location: Location::Center };
 /// let layout = Arc::new(Layout { grid, variables: vec![h] });
 /// let stations = StationSource::Regular { columns: 4, rows: 3, groups: vec![] };
-/// let mut network = RadiosondeConfig::new("europe", stations);
-/// network.variables.retain(|observed| observed.name == "h");
+/// let mut sondes = RadiosondeSettings::new(stations);
+/// sondes.variables.retain(|observed| observed.name == "h");
 /// let (start, window) = (Time::from_seconds(0), Duration::from_seconds(6 * 3600));
-/// let configs = [InstrumentConfig::Radiosonde(network)];
-/// let mut system = ObservingSystem::new(&layout, None, &configs, 1, window, start)?;
+/// let mut system = ObservingSystem::new(&layout, None, &[Network::new("europe", sondes)], 1, window, start)?;
 /// let observed = system.observe(&State::zeros(&layout));
 /// assert_eq!((observed.cycle, observed.len()), (1, 12));
 /// # Ok::<(), isobar_obs::ObservationError>(())
@@ -71,79 +72,90 @@ pub struct ObservingSystem {
     window: Duration,
     start: Time,
     cycle: usize,
-    instruments: Vec<Box<dyn Instrument>>,
-    /// The faults of each instrument, and their random stream.
-    faults: Vec<(Faults, ChaCha8Rng)>,
+    members: Vec<Member>,
     biases: Biases,
     stations: Vec<Station>,
     left_out: Vec<LeftOutStation>,
-    /// Networks of recorded observations, with their numbers in `instruments`.
-    recorded: Vec<(Arc<str>, usize)>,
     /// Of the present cycle.
     values_bias_removed: Vec<f64>,
 }
 
+/// A network in operation.
+struct Member {
+    name: String,
+    schedule: Schedule,
+    missing_rate: f64,
+    missing: ChaCha8Rng,
+    faults: Faults,
+    faulty: ChaCha8Rng,
+    instrument: Box<dyn Instrument>,
+}
+
+impl Member {
+    /// What arrives of the network's observations in a cycle.
+    fn observe(&mut self, cycle: usize) -> Vec<Observation> {
+        let Some(pass) = self.schedule.pass(cycle) else { return Vec::new() };
+        // The instrument draws all of its random errors, so that the rate changes no other report.
+        let mut observations = self.instrument.observe(cycle, pass);
+        let (mut platform, mut is_missing): (Option<Arc<str>>, bool) = (None, false);
+        observations.retain(|observation| {
+            if platform.as_ref() != Some(&observation.report.platform) {
+                platform = Some(Arc::clone(&observation.report.platform));
+                is_missing = self.missing.random::<f64>() < self.missing_rate;
+            }
+            !is_missing
+        });
+        observations
+    }
+
+    fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {
+        let mut streams = vec![&mut self.missing, &mut self.faulty];
+        streams.extend(self.instrument.streams());
+        streams
+    }
+}
+
 impl ObservingSystem {
-    /// The instruments of `configs` over the domain of `layout`, before the first cycle. Cycle n is valid `n × window`
-    /// after `start`. Station files with latitudes and longitudes need a `projection`.
+    /// The `networks` over the domain of `layout`, before the first cycle. Cycle n is valid `n × window` after `start`.
+    /// Station files with latitudes and longitudes need a `projection`.
     ///
     /// # Errors
-    /// Whatever in the configuration cannot be: see [`ObservationError`].
+    /// Settings that are not what they must be, or do not fit each other, the domain or their files.
     pub fn new(
         layout: &Arc<Layout>,
         projection: Option<&Projection>,
-        configs: &[InstrumentConfig],
+        networks: &[Network],
         seed: u64,
         window: Duration,
         start: Time,
     ) -> Result<Self, ObservationError> {
         if window.seconds() < 1 {
-            return Err(ObservationError::InvalidWindow { seconds: window.seconds() });
+            let problem = format!("the assimilation window is {} s, but must be at least 1 s", window.seconds());
+            return Err(ObservationError::in_system(problem));
         }
-        let mut system = Self {
-            layout: Arc::clone(layout),
-            window,
-            start,
-            cycle: 0,
-            instruments: Vec::with_capacity(configs.len()),
-            faults: Vec::with_capacity(configs.len()),
-            biases: Biases::new(seed, start),
-            stations: Vec::new(),
-            left_out: Vec::new(),
-            recorded: Vec::new(),
-            values_bias_removed: Vec::new(),
-        };
-        for (index, config) in configs.iter().enumerate() {
-            let name = config.name();
-            if name.trim().is_empty() || name.contains('/') {
-                return Err(ObservationError::InvalidInstrumentName { value: name.to_owned() });
+        let mut biases = Biases::new(seed, start);
+        let mut members: Vec<Member> = Vec::with_capacity(networks.len());
+        for network in networks {
+            network.validate()?;
+            let name = &network.name;
+            if members.iter().any(|member| member.name == *name) {
+                return Err(ObservationError::duplicate_name(name, "name", name));
             }
-            if configs[..index].iter().any(|other| other.name() == name) {
-                let (instrument, value) = (name.to_owned(), name.to_owned());
-                return Err(ObservationError::DuplicateName { instrument, setting: "name", value });
-            }
-            let instrument: Box<dyn Instrument> = match config {
-                InstrumentConfig::Radiosonde(config) => {
-                    let (radiosondes, network) =
-                        Radiosondes::new(config, layout, projection, seed, &mut system.biases)?;
-                    system.stations.extend(network.stations);
-                    system.left_out.extend(network.left_out);
-                    Box::new(radiosondes)
-                }
-                InstrumentConfig::Satellite(config) => {
-                    Box::new(Satellite::new(config, layout, seed, &mut system.biases)?)
-                }
-                InstrumentConfig::Recorded(config) => {
-                    let recorded = Recorded::new(config, layout, projection, window, start)?;
-                    system.recorded.push((name.into(), index));
-                    Box::new(recorded)
-                }
-            };
-            config.faults().validate(name)?;
-            system.faults.push((config.faults(), stream(seed, &format!("faults/{name}"))));
-            system.instruments.push(instrument);
+            let mut site = Site { network: name, layout, projection, seed, window, start, biases: &mut biases };
+            members.push(Member {
+                name: name.clone(),
+                schedule: network.schedule,
+                missing_rate: network.missing_rate,
+                missing: site.stream("missing"),
+                faults: network.faults,
+                faulty: site.stream("faults"),
+                instrument: network.instrument.build(&mut site)?,
+            });
         }
-        Ok(system)
+        let stations = members.iter().flat_map(|member| member.instrument.stations()).cloned().collect();
+        let left_out = members.iter().flat_map(|member| member.instrument.left_out()).cloned().collect();
+        let (layout, values_bias_removed) = (Arc::clone(layout), Vec::new());
+        Ok(Self { layout, window, start, cycle: 0, members, biases, stations, left_out, values_bias_removed })
     }
 
     /// The parameters that methods must estimate, in the order of every `c`.
@@ -167,7 +179,7 @@ impl ObservingSystem {
         self.biases.processes()
     }
 
-    /// The parameters that are known, and so not part of the calibration, with their true values in the present cycle.
+    /// The parameters that are known, and therefore not part of the calibration, with their true values in the present cycle.
     pub fn known_biases(&self) -> impl Iterator<Item = (&Parameter, f64)> {
         self.biases.known()
     }
@@ -182,12 +194,9 @@ impl ObservingSystem {
         &self.left_out
     }
 
-    /// What becomes of the observations of each file in so many cycles, with the name of the network.
-    pub fn recorded_use<'a>(&'a self, cycles: usize) -> impl Iterator<Item = (&'a str, RecordedUse)> {
-        let of_file = move |(name, number): &'a (Arc<str>, usize)| {
-            Some((&**name, self.instruments[*number].recorded_use(cycles)?))
-        };
-        self.recorded.iter().filter_map(of_file)
+    /// What becomes of recorded observations in the first `cycles` cycles, for each network that has such.
+    pub fn recorded_use(&self, cycles: usize) -> impl Iterator<Item = (&str, RecordedUse)> {
+        self.members.iter().filter_map(move |member| Some((&*member.name, member.instrument.recorded_use(cycles)?)))
     }
 
     /// The present cycle: that of the last observations, 0 before the first.
@@ -200,28 +209,27 @@ impl ObservingSystem {
         self.start + Duration::from_seconds(self.window.seconds() * self.cycle as i64)
     }
 
-    /// All that the next cycles depend on and that the configuration does not say.
+    /// Everything that the next cycles depend on beside the settings and the seed.
     pub fn save(&mut self) -> SavedSystem {
         let (cycle, biases) = (self.cycle, self.biases.save());
         SavedSystem { cycle, biases, streams: self.streams().iter().map(|stream| stream.get_word_pos()).collect() }
     }
 
     fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {
-        let of_faults = self.faults.iter_mut().map(|faults| &mut faults.1);
-        self.instruments.iter_mut().flat_map(|it| it.streams()).chain(of_faults).collect()
+        self.members.iter_mut().flat_map(Member::streams).collect()
     }
 
-    /// Takes back what [`Self::save`] gave, of a system of the same configuration and seed.
+    /// Goes back to what [`Self::save`] gave, of a system of the same settings and seed.
     ///
     /// # Errors
-    /// [`ObservationError::UnfitSavedSystem`] if it is of another system, which then must not be used any more.
+    /// If it is of another system; this one then must not be used any more.
     pub fn restore(&mut self, saved: &SavedSystem) -> Result<(), ObservationError> {
         self.cycle = saved.cycle;
         let time = self.time();
         let fits = self.biases.restore(time, &saved.biases);
         let mut streams = self.streams();
         if streams.len() != saved.streams.len() || !fits {
-            return Err(ObservationError::UnfitSavedSystem);
+            return Err(ObservationError::in_system("the saved observing system is not that of this experiment"));
         }
         streams.iter_mut().zip(&saved.streams).for_each(|(stream, &place)| stream.set_word_pos(place));
         Ok(())
@@ -251,19 +259,17 @@ impl ObservingSystem {
         self.biases.advance(self.window);
         let time = self.time();
         let mut arrivals: Vec<Arrival> = Vec::new();
-        for (instrument, (faults, random)) in self.instruments.iter_mut().zip(&mut self.faults) {
-            let mut observations: Vec<Observation> = Vec::new();
-            instrument.observe(self.cycle, time, &mut observations);
+        for member in &mut self.members {
             let arrive = |observation: Observation| {
-                let value_bias_removed = match observation.reading {
-                    Reading::Error(error) => dot(&observation.state_row, truth.values()) + error,
-                    Reading::Recorded { value, .. } => value,
+                let (value_bias_removed, time) = match observation.reading {
+                    Reading::Error(error) => (dot(&observation.state_row, truth.values()) + error, time),
+                    Reading::Recorded { value, time, .. } => (value, time),
                 };
                 let value = value_bias_removed + observation.bias(truth, self.biases.values());
-                Arrival { observation, value, value_bias_removed }
+                Arrival { observation, value, value_bias_removed, time }
             };
-            let own = observations.into_iter().map(arrive).collect();
-            arrivals.extend(faults.spoil(own, self.window, &self.layout.grid, random));
+            let observed = member.observe(self.cycle).into_iter().map(arrive).collect();
+            arrivals.extend(member.faults.spoil(observed, self.window, &self.layout.grid, &mut member.faulty));
         }
         let mut rejections = quality::check_reports(&arrivals, time, &self.layout.grid);
         if let Some((control, reference)) = reference {
@@ -273,15 +279,15 @@ impl ObservingSystem {
     }
 
     fn window(&mut self, time: Time, arrivals: Vec<Arrival>, rejections: &[Option<Rejection>]) -> ObservationWindow {
-        let (mut reports, mut values, mut sigma) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut reports, mut times, mut values, mut sigma) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let (mut rejected, mut predictors) = (Vec::new(), Vec::new());
         let mut jacobian = Jacobian::default();
         self.values_bias_removed.clear();
         for (arrival, rejection) in arrivals.into_iter().zip(rejections) {
-            let Arrival { observation, value, value_bias_removed, .. } = arrival;
+            let Arrival { observation, value, value_bias_removed, time } = arrival;
             let Observation { report, sigma: own, state_row, calibration_row, predictors: of_state, .. } = observation;
             if let Some(rejection) = *rejection {
-                rejected.push(RejectedObservation { report, value, sigma: own, rejection });
+                rejected.push(RejectedObservation { report, time, value, sigma: own, rejection });
                 continue;
             }
             jacobian.state.push_row(state_row);
@@ -291,6 +297,7 @@ impl ObservingSystem {
             self.values_bias_removed.push(value_bias_removed);
             sigma.push(own);
             reports.push(report);
+            times.push(time);
         }
         let linear = LinearOperator { jacobian };
         let operator: Arc<dyn ObservationOperator> = if predictors.iter().all(Vec::is_empty) {
@@ -298,7 +305,7 @@ impl ObservingSystem {
         } else {
             Arc::new(AirMassOperator::new(linear, predictors))
         };
-        ObservationWindow { time, cycle: self.cycle, reports, values, sigma, rejected, operator }
+        ObservationWindow { time, cycle: self.cycle, reports, times, values, sigma, rejected, operator }
     }
 }
 

@@ -3,9 +3,7 @@
 use crate::common::*;
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Boundary, State};
-use isobar_obs::{
-    AirMassBias, BiasProcess, InitialBias, InstrumentConfig, ObservingSystem, QualityControl, SatelliteConfig,
-};
+use isobar_obs::{AirMassBias, BiasProcess, InitialBias, Network, ObservingSystem, QualityControl, SatelliteSettings};
 
 fn air_mass(variable: &str, mean: f64, scale: f64, value: f64) -> AirMassBias {
     let process = BiasProcess { initial: InitialBias::Given { value }, ..BiasProcess::constant(1.0) };
@@ -14,11 +12,8 @@ fn air_mass(variable: &str, mean: f64, scale: f64, value: f64) -> AirMassBias {
 
 /// Scan terms, and two predictors: the observed variable, and another which lives elsewhere on the grid.
 fn system_with(air_mass_biases: Vec<AirMassBias>) -> ObservingSystem {
-    let config = SatelliteConfig { air_mass_biases, ..satellite("polar") };
-    system(
-        &layout(Boundary::Channel),
-        &[InstrumentConfig::Satellite(config), InstrumentConfig::Radiosonde(network("net", 9))],
-    )
+    let config = SatelliteSettings { air_mass_biases, ..satellite() };
+    system(&layout(Boundary::Channel), &[Network::new("polar", config), Network::new("net", radiosondes(9))])
 }
 
 fn two() -> Vec<AirMassBias> {
@@ -118,9 +113,9 @@ fn quality_control_expects_the_bias_that_the_reference_predicts() {
     // The footprints around the cell are points halfway between its centre and its neighbours': they see a quarter of it.
     let reference = only_here(3, 160.0);
     let rejected = |air_mass_biases, truth: &State| {
-        let sharp = SatelliteConfig { footprint_sigma_m: 0.0, ..satellite("polar") };
-        let config = SatelliteConfig { biases: Vec::new(), air_mass_biases, ..sharp };
-        let mut system = system(&layout, &[InstrumentConfig::Satellite(config)]);
+        let sharp = SatelliteSettings { footprint_sigma_m: 0.0, ..satellite() };
+        let config = SatelliteSettings { biases: Vec::new(), air_mass_biases, ..sharp };
+        let mut system = system(&layout, &[Network::new("polar", config)]);
         system.observe_checked(truth, Some((&control, &reference))).rejected.len()
     };
     let mut bias = air_mass("tracer", 0.0, 1.0, 10.0);

@@ -3,20 +3,27 @@
 use crate::common::*;
 use isobar_model::{Boundary, Time};
 use isobar_obs::{
-    BiasProcess, BiasScope, Evolution, InstrumentConfig, ObservationWindow, ObservingSystem, RadiosondeConfig,
-    StationBias,
+    BiasProcess, BiasScope, Evolution, Network, ObservationWindow, ObservingSystem, RadiosondeSettings, StationBias,
 };
 
-fn biased_network(name: &str) -> RadiosondeConfig {
+fn biased_radiosondes() -> RadiosondeSettings {
     let process =
         BiasProcess { evolution: Evolution::RandomWalk { sigma_per_sqrt_day: 3.0 }, ..BiasProcess::constant(20.0) };
     let biases = vec![StationBias { variable: "h".to_owned(), scope: BiasScope::EachGroup, process }];
-    RadiosondeConfig { missing_rate: 0.1, biases, ..network(name, 40) }
+    RadiosondeSettings { biases, ..radiosondes(40) }
+}
+
+fn with_gaps(name: &str, settings: RadiosondeSettings) -> Network {
+    Network { missing_rate: 0.1, ..Network::new(name, settings) }
+}
+
+fn biased_network(name: &str) -> Network {
+    with_gaps(name, biased_radiosondes())
 }
 
 /// Three cycles.
 /// Three windows, each with its values without their biases.
-fn windows(configs: &[InstrumentConfig], seed: u64) -> Vec<(ObservationWindow, Vec<f64>)> {
+fn windows(configs: &[Network], seed: u64) -> Vec<(ObservationWindow, Vec<f64>)> {
     let layout = layout(Boundary::Channel);
     let truth = random_state(&layout, 1);
     let mut system = ObservingSystem::new(&layout, None, configs, seed, WINDOW, Time::from_seconds(0)).unwrap();
@@ -35,13 +42,9 @@ fn bits(windows: &[(ObservationWindow, Vec<f64>)], name: &str) -> Vec<(String, u
     bits
 }
 
-fn radiosonde(config: RadiosondeConfig) -> InstrumentConfig {
-    InstrumentConfig::Radiosonde(config)
-}
-
 #[test]
 fn the_same_seed_gives_the_same_bits_and_another_seed_others() {
-    let configs = [radiosonde(biased_network("net")), InstrumentConfig::Satellite(satellite("polar"))];
+    let configs = [biased_network("net"), Network::new("polar", satellite())];
     let (once, again, other) = (windows(&configs, 1), windows(&configs, 1), windows(&configs, 2));
     for name in ["net", "polar"] {
         assert_eq!(bits(&once, name), bits(&again, name));
@@ -51,15 +54,8 @@ fn the_same_seed_gives_the_same_bits_and_another_seed_others() {
 
 #[test]
 fn adding_an_instrument_changes_no_other_whatever_the_order() {
-    let alone = windows(&[radiosonde(biased_network("net"))], 1);
-    let together = windows(
-        &[
-            InstrumentConfig::Satellite(satellite("polar")),
-            radiosonde(biased_network("other")),
-            radiosonde(biased_network("net")),
-        ],
-        1,
-    );
+    let alone = windows(&[biased_network("net")], 1);
+    let together = windows(&[Network::new("polar", satellite()), biased_network("other"), biased_network("net")], 1);
     assert!(!bits(&alone, "net").is_empty());
     assert_eq!(bits(&alone, "net"), bits(&together, "net"));
     assert_ne!(bits(&together, "net"), bits(&together, "other"), "two networks do not share their random numbers");
@@ -73,7 +69,7 @@ fn adding_an_instrument_changes_no_other_whatever_the_order() {
 
 #[test]
 fn adding_a_bias_changes_no_other() {
-    let with_groups = biased_network("net");
+    let with_groups = biased_radiosondes();
     let mut with_station = with_groups.clone();
     with_station.biases.insert(
         0,
@@ -83,7 +79,8 @@ fn adding_a_bias_changes_no_other() {
             process: BiasProcess::constant(1.0),
         },
     );
-    let (before, after) = (windows(&[radiosonde(with_groups)], 1), windows(&[radiosonde(with_station)], 1));
+    let of = |settings| windows(&[with_gaps("net", settings)], 1);
+    let (before, after) = (of(with_groups), of(with_station));
     let unchanged = |bits: Vec<(String, usize, u64, u64)>| -> Vec<_> {
         bits.into_iter().filter(|(station, variable, ..)| station != "random 5" || *variable != 1).collect()
     };

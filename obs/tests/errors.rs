@@ -3,11 +3,11 @@
 use crate::common::*;
 use isobar_model::{Boundary, Duration, Time};
 use isobar_obs::{
-    AirMassBias, BiasProcess, BiasScope, InstrumentConfig, ObservationError, ObservedVariable, ObservingSystem,
-    RadiosondeConfig, SatelliteConfig, ScanBias, ScanTerm, Schedule, StationBias, StationSource, Stations,
+    AirMassBias, BiasProcess, BiasScope, Network, ObservationError, ObservedVariable, ObservingSystem,
+    RadiosondeSettings, SatelliteSettings, ScanBias, ScanTerm, Schedule, StationBias, StationFile, StationSource,
 };
 
-fn error(configs: &[InstrumentConfig]) -> ObservationError {
+fn error(configs: &[Network]) -> ObservationError {
     match try_system(&layout(Boundary::Channel), None, configs) {
         Err(error) => error,
         Ok(_) => panic!("this must not be accepted: {configs:?}"),
@@ -16,23 +16,23 @@ fn error(configs: &[InstrumentConfig]) -> ObservationError {
 
 /// The error of a network that is right but for `change` must name it, the setting, and contain `expected`.
 #[track_caller]
-fn network_error(setting: &str, expected: &str, change: impl FnOnce(&mut RadiosondeConfig)) {
-    let mut config = network("net", 6);
+fn network_error(setting: &str, expected: &str, change: impl FnOnce(&mut RadiosondeSettings)) {
+    let mut config = radiosondes(6);
     change(&mut config);
-    let error = error(&[InstrumentConfig::Radiosonde(config)]);
+    let error = error(&[Network::new("net", config)]);
     let message = error.to_string();
     assert!(message.contains(expected), "{message}");
-    assert_eq!((error.instrument(), error.setting()), (Some("net"), Some(setting)), "{message}");
+    assert_eq!((error.network(), error.setting()), (Some("net"), Some(setting)), "{message}");
 }
 
 #[track_caller]
-fn satellite_error(setting: &str, expected: &str, change: impl FnOnce(&mut SatelliteConfig)) {
-    let mut config = satellite("polar");
+fn satellite_error(setting: &str, expected: &str, change: impl FnOnce(&mut SatelliteSettings)) {
+    let mut config = satellite();
     change(&mut config);
-    let error = error(&[InstrumentConfig::Satellite(config)]);
+    let error = error(&[Network::new("polar", config)]);
     let message = error.to_string();
     assert!(message.contains(expected), "{message}");
-    assert_eq!((error.instrument(), error.setting()), (Some("polar"), Some(setting)), "{message}");
+    assert_eq!((error.network(), error.setting()), (Some("polar"), Some(setting)), "{message}");
 }
 
 fn bias(variable: &str, scope: BiasScope) -> StationBias {
@@ -40,8 +40,8 @@ fn bias(variable: &str, scope: BiasScope) -> StationBias {
 }
 
 fn file(text: &str, group_by: Option<&str>) -> StationSource {
-    let stations = Stations::parse(text, "some.csv").unwrap();
-    StationSource::File { stations, group_by: group_by.map(str::to_owned) }
+    let stations = StationFile::parse(text, "some.csv").unwrap();
+    StationSource::File { stations, group_by: group_by.map(str::to_owned), groups: Vec::new() }
 }
 
 #[test]
@@ -55,12 +55,19 @@ fn what_a_network_reports() {
         let expected = format!("variables.sigma is {sigma}, but must be above 0");
         network_error("variables.sigma", &expected, |config| config.variables[0].sigma = sigma);
     }
-    for rate in [-0.1, 1.5, f64::NAN] {
-        network_error("missing_rate", "a probability from 0 to 1", |config| config.missing_rate = rate);
+    let network = || Network::new("net", radiosondes(6));
+    let check = |network: Network, setting: &str, expected: &str| {
+        let error = error(&[network]);
+        assert!(error.to_string().contains(expected), "{error}");
+        assert_eq!((error.network(), error.setting()), (Some("net"), Some(setting)), "{error}");
+    };
+    for missing_rate in [-0.1, 1.5, f64::NAN] {
+        check(Network { missing_rate, ..network() }, "missing_rate", "a probability from 0 to 1");
     }
-    network_error("schedule.every_cycles", "is 0, but must be at least 1", |config| {
-        config.schedule = Schedule { every_cycles: 0, offset_cycles: 0 };
-    });
+    let schedule = Schedule { every_cycles: 0, offset_cycles: 0 };
+    check(Network { schedule, ..network() }, "schedule.every_cycles", "is 0, but must be at least 1");
+    let schedule = Schedule { every_cycles: 2, offset_cycles: 5 };
+    check(Network { schedule, ..network() }, "schedule.offset_cycles", "below every_cycles");
 }
 
 #[test]
@@ -87,9 +94,9 @@ fn where_its_stations_are() {
     network_error("group_by", "no column `state` to group the stations of some.csv by; it has `id`, `x_m`", |config| {
         config.stations = file("id,x_m,y_m\na,5,5\n", Some("state"));
     });
-    let mut config = network("net", 6);
+    let mut config = radiosondes(6);
     config.stations = file("id,x_m,y_m,type\na,5,5,A\nb,5,5,\n", Some("type"));
-    let message = error(&[InstrumentConfig::Radiosonde(config)]).to_string();
+    let message = error(&[Network::new("net", config)]).to_string();
     assert!(message.contains("some.csv, line 3: the column `type` is empty"), "{message}");
 }
 
@@ -141,9 +148,6 @@ fn which_groups_and_biases_it_has() {
 fn what_a_satellite_scans() {
     satellite_error("variable", "names `q`", |config| config.variable.name = "q".to_owned());
     satellite_error("variable.sigma", "is 0, but must be above 0", |config| config.variable.sigma = 0.0);
-    satellite_error("schedule.offset_cycles", "below every_cycles", |config| {
-        config.schedule = Schedule { every_cycles: 2, offset_cycles: 5 };
-    });
     satellite_error("scan_positions", "is 0, but must be from 1", |config| config.scan_positions = 0);
     satellite_error("scan_positions", "from 1 to 1000000", |config| config.scan_positions = usize::MAX);
     satellite_error("scan_positions", "at least 3 for the bias `scan_quadratic`", |config| config.scan_positions = 2);
@@ -153,11 +157,11 @@ fn what_a_satellite_scans() {
     for spacing in [0.0, -1.0, f64::NAN] {
         satellite_error("along_track_spacing_m", "above 0", |config| config.along_track_spacing_m = spacing);
     }
-    satellite_error("along_track_spacing_m", "at most 1000000 footprints", |config| {
+    satellite_error("along_track_spacing_m", "at most a million footprints", |config| {
         config.along_track_spacing_m = 1e-300;
     });
     for sigma in [-1.0, 49e3, 400e3, f64::NAN] {
-        let expected = "0 for a point, or from 50000 m (half of a cell) to below 400000 m";
+        let expected = "0 for a point, or 50 km (half of a cell) to below 400 km";
         satellite_error("footprint_sigma_m", expected, |config| config.footprint_sigma_m = sigma);
     }
     for x in [f64::NAN, f64::INFINITY, -1e10] {
@@ -190,16 +194,16 @@ fn what_a_satellite_scans() {
 
 #[test]
 fn how_the_instruments_go_together() {
-    let twice = [InstrumentConfig::Radiosonde(network("net", 3)), InstrumentConfig::Satellite(satellite("net"))];
+    let twice = [Network::new("net", radiosondes(3)), Network::new("net", satellite())];
     assert_eq!(error(&twice).to_string(), "net: name has `net` twice; each may occur once");
     for name in ["", " ", "a/b"] {
-        let error = error(&[InstrumentConfig::Radiosonde(network(name, 3))]);
-        assert_eq!((error.instrument(), error.setting()), (Some(name), Some("name")));
+        let error = error(&[Network::new(name, radiosondes(3))]);
+        assert_eq!((error.network(), error.setting()), (Some(name), Some("name")));
     }
     let layout = layout(Boundary::Channel);
     let window = Duration::from_seconds(0);
     let error = ObservingSystem::new(&layout, None, &[], 1, window, Time::from_seconds(0)).err().unwrap();
-    assert_eq!(error, ObservationError::InvalidWindow { seconds: 0 });
+    assert_eq!(error.to_string(), "the assimilation window is 0 s, but must be at least 1 s");
 }
 
 #[test]

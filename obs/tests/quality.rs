@@ -3,8 +3,8 @@
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Boundary, Duration, Grid, Layout, Location, State, Time, Variable};
 use isobar_obs::{
-    Faults, InstrumentConfig, ObservedVariable, ObservingSystem, QualityControl, RadiosondeConfig, Rejection,
-    SatelliteConfig, StationSource,
+    Faults, Network, ObservedVariable, ObservingSystem, QualityControl, RadiosondeSettings, Rejection,
+    SatelliteSettings, StationSource,
 };
 use std::sync::Arc;
 
@@ -46,16 +46,15 @@ fn state(layout: &Arc<Layout>, size: f64, seed: u64) -> State {
 
 fn system(faults: Faults, seed: u64) -> ObservingSystem {
     let layout = layout();
-    let mut sondes = RadiosondeConfig::new("sondes", StationSource::Random { count: 90, groups: Vec::new() });
-    sondes.faults = faults;
-    let mut polar = SatelliteConfig::new("polar");
+    let sondes = RadiosondeSettings::new(StationSource::Random { count: 90, groups: Vec::new() });
+    let mut polar = SatelliteSettings::default();
     (polar.scan_positions, polar.along_track_spacing_m, polar.footprint_sigma_m) = (10, 185e3, 100e3);
     polar.swath_width_m = 1600e3;
     polar.variable = ObservedVariable::new("h", 30.0);
-    polar.faults = faults;
-    let configs = [InstrumentConfig::Radiosonde(sondes), InstrumentConfig::Satellite(polar)];
+    let with_faults = |network: Network| Network { faults, ..network };
+    let networks = [Network::new("sondes", sondes), Network::new("polar", polar)].map(with_faults);
     let window = Duration::from_seconds(6 * 3600);
-    ObservingSystem::new(&layout, None, &configs, seed, window, Time::from_seconds(0)).unwrap()
+    ObservingSystem::new(&layout, None, &networks, seed, window, Time::from_seconds(0)).unwrap()
 }
 
 #[test]
@@ -146,18 +145,17 @@ fn absurd_values_are_rejected_before_they_can_disturb_the_statistics() {
 }
 
 #[test]
-fn rates_that_are_none_are_refused() {
-    let mut sondes = RadiosondeConfig::new("sondes", StationSource::Random { count: 3, groups: Vec::new() });
+fn rates_that_are_not_probabilities_are_refused() {
+    let sondes = RadiosondeSettings::new(StationSource::Random { count: 3, groups: Vec::new() });
     for (faults, wanted) in [
         (Faults { late_rate: 1.5, ..Faults::NONE }, "faults.late_rate is 1.5"),
         (Faults { late_rate: 0.6, duplicate_rate: 0.6, ..Faults::NONE }, "faults is 1.2"),
         (Faults { gross_error_factor: 0.0, ..Faults::NONE }, "faults.gross_error_factor is 0"),
         (Faults { gross_error_rate: f64::NAN, ..Faults::NONE }, "faults.gross_error_rate is NaN"),
     ] {
-        sondes.faults = faults;
-        let configs = [InstrumentConfig::Radiosonde(sondes.clone())];
+        let networks = [Network { faults, ..Network::new("sondes", sondes.clone()) }];
         let window = Duration::from_seconds(60);
-        let Err(error) = ObservingSystem::new(&layout(), None, &configs, 1, window, Time::from_seconds(0)) else {
+        let Err(error) = ObservingSystem::new(&layout(), None, &networks, 1, window, Time::from_seconds(0)) else {
             panic!("{wanted}")
         };
         assert!(error.to_string().contains(wanted), "{error}");

@@ -3,8 +3,8 @@
 use crate::common::*;
 use isobar_model::{Boundary, State};
 use isobar_obs::{
-    BiasProcess, BiasScope, Evolution, InitialBias, InstrumentConfig, ObservedVariable, Placement, RadiosondeConfig,
-    Schedule, Station, StationBias, StationSource, Stations,
+    BiasProcess, BiasScope, Evolution, InitialBias, Network, ObservedVariable, Placement, RadiosondeSettings, Schedule,
+    Station, StationBias, StationFile, StationSource,
 };
 
 fn bias(variable: &str, scope: BiasScope, process: BiasProcess) -> StationBias {
@@ -20,10 +20,10 @@ fn stations_interpolate_each_variable_at_its_own_points() {
     let layout = layout(Boundary::Channel);
     let field = |variable: usize, x: f64, y: f64| (variable + 1) as f64 * (3.0 + 2e-6 * x - 5e-6 * y);
     let truth = state_of(&layout, field);
-    let mut config = network("net", 200);
+    let mut config = radiosondes(200);
     config.edge_margin_m = 1e5;
     config.variables.push(ObservedVariable::new("tracer", 0.1));
-    let mut system = system(&layout, &[InstrumentConfig::Radiosonde(config)]);
+    let mut system = system(&layout, &[Network::new("net", config)]);
     let observed = system.observe(&truth);
     assert_eq!(observed.len(), 800);
     for (value, report) in observed.operator.simulate(&truth, &[]).iter().zip(&observed.reports) {
@@ -37,9 +37,9 @@ fn a_network_serves_a_layout_with_one_variable() {
     let mut layout = (*layout(Boundary::Periodic)).clone();
     layout.variables.drain(..3);
     let layout = std::sync::Arc::new(layout);
-    let mut config = network("net", 10);
+    let mut config = radiosondes(10);
     config.variables = vec![ObservedVariable::new("tracer", 0.1)];
-    let observed = system(&layout, &[InstrumentConfig::Radiosonde(config)]).observe(&random_state(&layout, 1));
+    let observed = system(&layout, &[Network::new("net", config)]).observe(&random_state(&layout, 1));
     assert_eq!(
         (observed.len(), &*observed.reports[0].network, &*observed.reports[3].platform),
         (10, "net", "random 4")
@@ -50,7 +50,7 @@ fn a_network_serves_a_layout_with_one_variable() {
 fn errors_are_independent_draws_of_the_given_size() {
     let layout = layout(Boundary::Channel);
     let truth = random_state(&layout, 2);
-    let mut system = system(&layout, &[InstrumentConfig::Radiosonde(network("net", 300))]);
+    let mut system = system(&layout, &[Network::new("net", radiosondes(300))]);
     let mut errors: Vec<Vec<f64>> = vec![Vec::new(); 3];
     for _ in 0..20 {
         let observed = system.observe(&truth);
@@ -82,13 +82,13 @@ fn errors_are_independent_draws_of_the_given_size() {
 #[test]
 fn a_group_has_one_bias_in_one_variable_and_the_reference_none() {
     let layout = layout(Boundary::Channel);
-    let mut config = network("net", 30);
+    let mut config = radiosondes(30);
     config.reference_groups = vec!["b".to_owned()];
     config.biases = vec![
         bias("h", BiasScope::EachGroup, BiasProcess::constant(20.0)),
         bias("u", BiasScope::Group("c".to_owned()), given(4.0)),
     ];
-    let mut system = system(&layout, &[InstrumentConfig::Radiosonde(config)]);
+    let mut system = system(&layout, &[Network::new("net", config)]);
     let names: Vec<_> = system.calibration().parameters.iter().map(|parameter| parameter.name.as_str()).collect();
     assert_eq!(names, ["net/h/a", "net/h/c", "net/u/c"]);
     for (parameter, (sigma, unit)) in
@@ -125,11 +125,11 @@ fn a_group_has_one_bias_in_one_variable_and_the_reference_none() {
 #[test]
 fn a_stations_own_bias_belongs_to_its_place() {
     let layout = layout(Boundary::Channel);
-    let mut config = network("net", 9);
+    let mut config = radiosondes(9);
     config.reference_groups = vec!["a".to_owned()];
     config.biases = vec![bias("h", BiasScope::EachStation, BiasProcess::constant(5.0))];
     config.biases.push(bias("v", BiasScope::Station("random 2".to_owned()), given(-1.0)));
-    let system = system(&layout, &[InstrumentConfig::Radiosonde(config)]);
+    let system = system(&layout, &[Network::new("net", config)]);
     let parameters = &system.calibration().parameters;
     assert_eq!(parameters.len(), 6 + 1);
     assert_eq!((parameters[0].name.as_str(), parameters[6].name.as_str()), ("net/h/random 2", "net/v/random 2"));
@@ -143,10 +143,10 @@ fn a_stations_own_bias_belongs_to_its_place() {
 fn known_biases_are_not_in_the_data_nor_in_the_calibration() {
     let layout = layout(Boundary::Channel);
     let truth = random_state(&layout, 4);
-    let mut config = network("net", 12);
-    let plain = system(&layout, &[InstrumentConfig::Radiosonde(config.clone())]).observe(&truth);
+    let mut config = radiosondes(12);
+    let plain = system(&layout, &[Network::new("net", config.clone())]).observe(&truth);
     config.biases = vec![bias("h", BiasScope::EachGroup, BiasProcess { known: true, ..given(50.0) })];
-    let mut system = system(&layout, &[InstrumentConfig::Radiosonde(config)]);
+    let mut system = system(&layout, &[Network::new("net", config)]);
     let observed = system.observe(&truth);
     assert!(system.calibration().is_empty());
     assert_eq!((&*observed.values, system.values_bias_removed()), (&*plain.values, &*plain.values));
@@ -157,12 +157,12 @@ fn known_biases_are_not_in_the_data_nor_in_the_calibration() {
 #[test]
 fn biases_evolve_in_the_data() {
     let layout = layout(Boundary::Channel);
-    let mut config = network("net", 3);
+    let mut config = radiosondes(3);
     let jump = BiasProcess { evolution: Evolution::Jump { at_hours: 12.0, size: 30.0 }, ..given(1.0) };
     let walk = BiasProcess { evolution: Evolution::RandomWalk { sigma_per_sqrt_day: 2.0 }, ..given(1.0) };
     config.biases =
         vec![bias("h", BiasScope::Group("a".to_owned()), jump), bias("h", BiasScope::Group("b".to_owned()), walk)];
-    let mut system = system(&layout, &[InstrumentConfig::Radiosonde(config)]);
+    let mut system = system(&layout, &[Network::new("net", config)]);
     let truth = State::zeros(&layout);
     let mut jumps = Vec::new();
     let mut walks = vec![1.0];
@@ -181,10 +181,8 @@ fn biases_evolve_in_the_data() {
 fn whole_reports_are_missing_at_the_given_rate_and_the_others_unchanged() {
     let layout = layout(Boundary::Channel);
     let truth = random_state(&layout, 5);
-    let with_rate = |missing_rate| {
-        let config = RadiosondeConfig { missing_rate, ..network("net", 250) };
-        system(&layout, &[InstrumentConfig::Radiosonde(config)])
-    };
+    let with_rate =
+        |missing_rate| system(&layout, &[Network { missing_rate, ..Network::new("net", radiosondes(250)) }]);
     let (mut complete, mut holes, mut nothing) = (with_rate(0.0), with_rate(0.2), with_rate(1.0));
     let mut present = 0;
     for _ in 0..20 {
@@ -208,8 +206,7 @@ fn whole_reports_are_missing_at_the_given_rate_and_the_others_unchanged() {
 fn stations_report_only_in_the_cycles_of_their_schedule() {
     let layout = layout(Boundary::Channel);
     let schedule = Schedule { every_cycles: 2, offset_cycles: 0 };
-    let config = RadiosondeConfig { schedule, ..network("net", 5) };
-    let mut system = system(&layout, &[InstrumentConfig::Radiosonde(config)]);
+    let mut system = system(&layout, &[Network { schedule, ..Network::new("net", radiosondes(5)) }]);
     let truth = random_state(&layout, 6);
     let windows: Vec<_> = (0..4).map(|_| system.observe(&truth)).collect();
     assert_eq!(windows.iter().map(|window| window.len()).collect::<Vec<_>>(), [0, 15, 0, 15]);
@@ -223,17 +220,17 @@ fn stations_outside_are_left_out_and_told() {
     let layout = layout(Boundary::Channel);
     let text = "id,x_m,y_m,name,type\nin,1e6,7e5,Inside,A\nwest,-1,7e5,West,A\nnorth,1e6,1.44e6,North,B\n\
                 edge,5e4,7e5,Edge,B\ntwin,1e6,7e5,,A\n";
-    let stations = Stations::parse(text, "five.csv").unwrap();
-    let source = StationSource::File { stations, group_by: Some("type".to_owned()) };
-    let mut config = RadiosondeConfig::new("net", source);
-    let counts = |config: &RadiosondeConfig| {
-        let system = system(&layout, &[InstrumentConfig::Radiosonde(config.clone())]);
+    let stations = StationFile::parse(text, "five.csv").unwrap();
+    let source = StationSource::File { stations, group_by: Some("type".to_owned()), groups: Vec::new() };
+    let mut config = RadiosondeSettings::new(source);
+    let counts = |config: &RadiosondeSettings| {
+        let system = system(&layout, &[Network::new("net", config.clone())]);
         (system.stations().len(), system.left_out().len())
     };
     assert_eq!(counts(&config), (3, 2));
     config.edge_margin_m = 1e5;
     assert_eq!(counts(&config), (2, 3));
-    let mut system = system(&layout, &[InstrumentConfig::Radiosonde(config)]);
+    let mut system = system(&layout, &[Network::new("net", config)]);
     let left_out: Vec<_> = system.left_out().iter().map(|station| (&*station.long_name, station.line)).collect();
     assert_eq!(left_out, [("West", Some(3)), ("North", Some(4)), ("Edge", Some(5))]);
     assert_eq!(system.left_out()[1].place_m, Some((1e6, 1.44e6)));
@@ -251,8 +248,8 @@ fn regular_and_random_stations_fill_the_domain_and_belong_to_groups_in_turn() {
     let groups = vec!["a".to_owned(), "b".to_owned()];
     let regular = StationSource::Regular { columns: 3, rows: 2, groups };
     let configs = [
-        InstrumentConfig::Radiosonde(RadiosondeConfig::new("regular", regular)),
-        InstrumentConfig::Radiosonde(RadiosondeConfig::new("random", random_stations(2000, &[]))),
+        Network::new("regular", RadiosondeSettings::new(regular)),
+        Network::new("random", RadiosondeSettings::new(random_stations(2000, &[]))),
     ];
     let system = system(&layout, &configs);
     let (regular, random) = system.stations().split_at(6);

@@ -4,16 +4,16 @@ use crate::common::*;
 use isobar_model::{Boundary, Grid, State};
 use isobar_obs::instrument::satellite::{HEIGHT_SIGMA_M, SCAN_BIAS_SIGMAS};
 use isobar_obs::{
-    BiasProcess, Heading, InitialBias, InstrumentConfig, ObservationWindow, ObservingSystem, SatelliteConfig, ScanBias,
+    BiasProcess, Heading, InitialBias, Network, ObservationWindow, ObservingSystem, SatelliteSettings, ScanBias,
     ScanTerm, Schedule,
 };
 
-fn system_of(config: SatelliteConfig, boundary: Boundary) -> ObservingSystem {
-    system(&layout(boundary), &[InstrumentConfig::Satellite(config)])
+fn system_of(config: SatelliteSettings, boundary: Boundary) -> ObservingSystem {
+    system(&layout(boundary), &[Network::new("polar", config)])
 }
 
-fn passes(config: SatelliteConfig, cycles: usize) -> Vec<ObservationWindow> {
-    let mut system = system_of(config, Boundary::Channel);
+fn passes(network: Network, cycles: usize) -> Vec<ObservationWindow> {
+    let mut system = system(&layout(Boundary::Channel), &[network]);
     let truth = random_state(&layout(Boundary::Channel), 1);
     (0..cycles).map(|_| system.observe(&truth)).collect()
 }
@@ -25,8 +25,8 @@ fn places(window: &ObservationWindow) -> Vec<(f64, f64, f64)> {
 
 #[test]
 fn the_swath_is_where_it_should_be() {
-    let config = SatelliteConfig { heading: Heading::Northward, ..satellite("polar") };
-    let windows = passes(config, 4);
+    let config = SatelliteSettings { heading: Heading::Northward, ..satellite() };
+    let windows = passes(Network::new("polar", config), 4);
     // y = 720 km ± n · 80 km within [0, 1440) km: the line at the northern wall itself is outside.
     assert_eq!(windows[0].len(), 18 * 11);
     for (cycle, window) in windows.iter().enumerate() {
@@ -43,7 +43,7 @@ fn the_swath_is_where_it_should_be() {
 
 #[test]
 fn scan_positions_turn_with_the_heading() {
-    let windows = passes(satellite("polar"), 2);
+    let windows = passes(Network::new("polar", satellite()), 2);
     let [north, south] = [places(&windows[0]), places(&windows[1])];
     assert!(north[0].2 < north[11].2 && south[0].2 > south[11].2);
     let east = |spots: &[(f64, f64, f64)], crossing: f64| {
@@ -53,7 +53,7 @@ fn scan_positions_turn_with_the_heading() {
     assert!(east(&north, 1_200e3), "to the north, the right is east");
     assert!(!east(&south, 1_900e3), "to the south, the right is west");
     let schedule = Schedule { every_cycles: 2, offset_cycles: 1 };
-    let every_other = passes(SatelliteConfig { schedule, ..satellite("polar") }, 3);
+    let every_other = passes(Network { schedule, ..Network::new("polar", satellite()) }, 3);
     assert!(every_other[1].is_empty());
     let third = places(&every_other[2]);
     assert!(third[0].2 > third[11].2, "the second pass goes south, whichever cycle it is in");
@@ -62,13 +62,9 @@ fn scan_positions_turn_with_the_heading() {
 #[test]
 fn an_oblique_track_keeps_its_angle_its_width_and_covers_the_domain() {
     let angle: f64 = 30.0;
-    let config = SatelliteConfig {
-        heading: Heading::Northward,
-        track_angle_deg: angle,
-        swath_width_m: 600e3,
-        ..satellite("polar")
-    };
-    let windows = passes(config, 1);
+    let config =
+        SatelliteSettings { heading: Heading::Northward, track_angle_deg: angle, swath_width_m: 600e3, ..satellite() };
+    let windows = passes(Network::new("polar", config), 1);
     let spots = places(&windows[0]);
     let center = |spot: &&(f64, f64, f64)| spot.0 == 0.0;
     let track: Vec<_> = spots.iter().filter(center).collect();
@@ -102,17 +98,17 @@ fn an_oblique_track_keeps_its_angle_its_width_and_covers_the_domain() {
 fn footprints_average_linear_fields_to_their_centre() {
     let layout = layout(Boundary::Channel);
     // Every second line lies on a row of h's points, and every footprint on one of their columns.
-    let config = SatelliteConfig {
+    let config = SatelliteSettings {
         crossing_x_m: 1_250e3,
         shift_per_cycle_m: 0.0,
         swath_width_m: 400e3,
         scan_positions: 5,
         along_track_spacing_m: 40e3,
         footprint_sigma_m: 90e3,
-        ..satellite("polar")
+        ..satellite()
     };
     let truth = state_of(&layout, |_, x, y| 100.0 + 1e-5 * x - 2e-5 * y);
-    let mut system = system(&layout, &[InstrumentConfig::Satellite(config)]);
+    let mut system = system(&layout, &[Network::new("polar", config)]);
     let observed = system.observe(&truth);
     let mean = observed.operator.simulate(&truth, &[0.0; 3]);
     let mut checked = 0;
@@ -134,7 +130,7 @@ fn the_bias_depends_on_the_scan_position_as_described() {
         process: BiasProcess { initial: InitialBias::Given { value }, ..BiasProcess::constant(1.0) },
     };
     let biases = vec![term(ScanTerm::Offset, 10.0), term(ScanTerm::Linear, -4.0), term(ScanTerm::Quadratic, 6.0)];
-    let mut system = system_of(SatelliteConfig { biases, ..satellite("polar") }, Boundary::Periodic);
+    let mut system = system_of(SatelliteSettings { biases, ..satellite() }, Boundary::Periodic);
     let names: Vec<_> = system.calibration().parameters.iter().map(|parameter| parameter.name.as_str()).collect();
     assert_eq!(names, ["polar/offset", "polar/scan_linear", "polar/scan_quadratic"]);
     let observed = system.observe(&State::zeros(&layout(Boundary::Periodic)));
@@ -147,7 +143,7 @@ fn the_bias_depends_on_the_scan_position_as_described() {
 
 #[test]
 fn random_errors_have_their_size() {
-    let mut system = system_of(satellite("polar"), Boundary::Channel);
+    let mut system = system_of(satellite(), Boundary::Channel);
     let truth = State::zeros(&layout(Boundary::Channel));
     let mut errors = Vec::new();
     for _ in 0..20 {
@@ -176,7 +172,7 @@ fn the_default_bias_is_of_the_published_size() {
     assert!((high - low - 3.2).abs() < 0.1, "{}", high - low);
 
     let grid = Grid { nx: 64, ny: 48, dx_m: 80e3, dy_m: 80e3, boundary: Boundary::Channel };
-    let system = system(&layout_of(grid), &[InstrumentConfig::Satellite(SatelliteConfig::new("polar"))]);
+    let system = system(&layout_of(grid), &[Network::new("polar", SatelliteSettings::default())]);
     let priors: Vec<f64> = system.calibration().parameters.iter().map(|parameter| parameter.sigma_prior).collect();
     assert_eq!(priors, SCAN_BIAS_SIGMAS.map(|sigma| sigma * HEIGHT_SIGMA_M));
 }

@@ -3,8 +3,7 @@
 use crate::common::*;
 use isobar_model::{Boundary, Grid, Layout};
 use isobar_obs::{
-    BiasProcess, BiasScope, InstrumentConfig, Position, Projection, RadiosondeConfig, StationBias, StationSource,
-    Stations,
+    BiasProcess, BiasScope, Network, Position, Projection, RadiosondeSettings, StationBias, StationFile, StationSource,
 };
 use std::sync::Arc;
 
@@ -15,16 +14,16 @@ fn domain(nx: usize, ny: usize) -> Arc<Layout> {
     layout_of(Grid { nx, ny, dx_m: 80e3, dy_m: 80e3, boundary: Boundary::Channel })
 }
 
-fn grouped(text: &str, column: &str) -> RadiosondeConfig {
-    let stations = Stations::parse(text, "shipped.csv").unwrap();
-    RadiosondeConfig::new("net", StationSource::File { stations, group_by: Some(column.to_owned()) })
+fn grouped(text: &str, column: &str) -> RadiosondeSettings {
+    let stations = StationFile::parse(text, "shipped.csv").unwrap();
+    RadiosondeSettings::new(StationSource::File { stations, group_by: Some(column.to_owned()), groups: Vec::new() })
 }
 
 #[test]
 fn the_files_have_the_columns_and_lie_in_the_boxes_that_their_headers_state() {
     let cases = [(EUROPE, 121, (35.0, 70.0), (-12.0, 40.0)), (CONTINENTAL_US, 89, (24.0, 50.0), (-126.0, -66.0))];
     for (text, count, (south, north), (west, east)) in cases {
-        let stations = Stations::parse(text, "shipped.csv").unwrap();
+        let stations = StationFile::parse(text, "shipped.csv").unwrap();
         let columns =
             ["id", "latitude_deg", "longitude_deg", "elevation_m", "name", "country", "wmo_series", "igra_id"];
         assert_eq!(stations.columns(), columns);
@@ -49,7 +48,7 @@ fn the_stations_of_europe_lie_in_a_domain_about_its_middle() {
     config.reference_groups = vec!["Germany".to_owned()];
     let process = BiasProcess::constant(10.0);
     config.biases = vec![StationBias { variable: "h".to_owned(), scope: BiasScope::EachGroup, process }];
-    let system = try_system(&layout, Some(&projection), &[InstrumentConfig::Radiosonde(config)]).unwrap();
+    let system = try_system(&layout, Some(&projection), &[Network::new("net", config)]).unwrap();
     assert_eq!(system.stations().len(), 120);
     let [murmansk] = system.left_out() else { panic!("{:?}", system.left_out()) };
     assert_eq!((&*murmansk.name, &*murmansk.long_name), ("22113", "MURMANSK"));
@@ -70,7 +69,7 @@ fn the_stations_of_the_continental_us_lie_in_a_domain_about_its_middle() {
     let layout = domain(72, 40);
     let projection = Projection::centered(&layout.grid, 38.0, -96.0);
     let by = |column: &str| {
-        let config = InstrumentConfig::Radiosonde(grouped(CONTINENTAL_US, column));
+        let config = Network::new("net", grouped(CONTINENTAL_US, column));
         try_system(&layout, Some(&projection), &[config]).unwrap()
     };
     let groups = |column: &str| {

@@ -83,6 +83,9 @@ const LIST_EXAMPLES: &str = "Examples:
 #[derive(Args, Debug)]
 #[group(multiple = false)]
 pub struct ListArguments {
+    /// List the kinds of instruments, or the keys of one
+    #[arg(long, value_name = "KIND")]
+    pub instruments: Option<Option<String>>,
     /// List the kinds of covariances, or the keys of one
     #[arg(long, value_name = "KIND")]
     pub covariances: Option<Option<String>>,

@@ -15,6 +15,7 @@ pub fn list(arguments: &ListArguments) -> Result<ExitCode, Report> {
     for reference in reference::all() {
         let chosen = match reference.option {
             "covariances" => &arguments.covariances,
+            "instruments" => &arguments.instruments,
             option => unreachable!("--{option} is no option"),
         };
         if let Some(kind) = chosen {

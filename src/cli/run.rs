@@ -8,7 +8,7 @@ use crate::interrupt;
 use crate::options::{CheckpointPolicy, RunOptions};
 use crate::output::{OUTPUTS, Open, Output};
 use crate::progress::Progress;
-use crate::scenario::{Instrument, Scenario};
+use crate::scenario::Scenario;
 use crate::sensors::write_back::{self, SENSORS_FILE};
 use crate::tables;
 use crate::text::{clean, listed};
@@ -68,7 +68,7 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
             listed(failed.iter().copied())
         ));
     }
-    let reads_files = scenario.networks.values().any(|network| matches!(network.instrument, Instrument::File(_)));
+    let reads_files = scenario.networks.iter().any(|network| network.instrument.is_recorded());
     let nothing_used = reads_files && summary.observations.used == 0;
     if nothing_used {
         let help = "the warnings at the beginning say why, as does `isobar check`; observations.nc has all of them";

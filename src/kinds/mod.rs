@@ -5,10 +5,12 @@
 //! `scenarios/KEYS.md` go over these lists.
 
 pub mod covariances;
+pub(crate) mod instruments;
 pub mod reference;
 
 use crate::reader::{AnyKey, Field, Read, Section};
 use crate::scenario::ModelSettings;
+use crate::text::clean;
 use isobar_model::Grid;
 
 /// A kind of thing that a scenario chooses by name: reads a `T` from its section, in a scenario that otherwise is `C`.
@@ -52,6 +54,16 @@ pub(crate) fn read<T: ?Sized, C: ?Sized>(field: &Field<'_>, kinds: &Kinds<T, C>,
     kind.read(&section, context)
 }
 
+/// Refuses a name that could not be part of a file's name or of a parameter's.
+pub(crate) fn check_name(name: &str, field: &Field<'_>, what: &str) -> Read<()> {
+    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');
+    if name.is_empty() || name.len() > 40 || !name.chars().all(plain) || name.starts_with('-') {
+        let message = format!("\"{}\" cannot be the name of a {what}", clean(name));
+        return Err(field.misplaced(message, "a name has 1 to 40 letters a-z, A-Z, digits, underscores and hyphens"));
+    }
+    Ok(())
+}
+
 /// The plane and the model: what initial states, covariances and instruments must fit to.
 pub(crate) struct Domain {
     /// The grid.
@@ -89,5 +101,6 @@ mod tests {
     #[test]
     fn kinds_and_keys_have_names_of_their_own_and_are_described() {
         check(covariances::COVARIANCES);
+        check(instruments::INSTRUMENTS);
     }
 }

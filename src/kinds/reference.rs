@@ -1,6 +1,6 @@
 //! The reference of kinds and keys, from what the reader checks.
 
-use super::{Kinds, covariances};
+use super::{Kinds, covariances, instruments};
 use crate::reader::AnyKey;
 use std::fmt::Write;
 
@@ -42,12 +42,20 @@ pub struct KeyReference {
 
 /// All lists of kinds.
 pub fn all() -> Vec<Reference> {
-    vec![Reference {
-        option: "covariances",
-        title: "Covariances",
-        place: "an element of `components` in `[background_error]` or `[model_error]`",
-        kinds: kinds(covariances::COVARIANCES),
-    }]
+    vec![
+        Reference {
+            option: "instruments",
+            title: "Instruments",
+            place: "`[networks.NAME]`",
+            kinds: kinds(instruments::INSTRUMENTS),
+        },
+        Reference {
+            option: "covariances",
+            title: "Covariances",
+            place: "an element of `components` in `[background_error]` or `[model_error]`",
+            kinds: kinds(covariances::COVARIANCES),
+        },
+    ]
 }
 
 fn kinds<T: ?Sized, C: ?Sized>(kinds: &Kinds<T, C>) -> Vec<KindReference> {

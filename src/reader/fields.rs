@@ -1,11 +1,9 @@
 //! Files of fields: a column for each field, a row for each cell.
 
-use super::table_file::{self, LARGEST_FILE};
-use super::{Field, Read};
+use super::{Field, Read, files};
 use crate::text::{clean, clean_lines};
 use isobar_model::Grid;
-use isobar_obs::table::{Faults, LARGEST, Table, TableError, decode};
-use std::path::Path;
+use isobar_obs::table::{Faults, LARGEST, Table, TableError};
 
 /// The fields of a file.
 pub(crate) struct Fields {
@@ -19,16 +17,11 @@ pub(crate) struct Fields {
 /// row from the south, each from the west. Empty lines and lines that begin with `#` are skipped; the first line may be a
 /// header.
 pub(crate) fn read(field: &Field<'_>, grid: &Grid, most: usize) -> Read<Fields> {
-    let path = field.file.input(&field.text()?);
-    let shown = table_file::called(&path, field.file.path.parent().unwrap_or(Path::new("")));
-    if !path.is_file() {
-        return Err(field.invalid(format!("the file {shown} does not exist"), "a path relative to this scenario"));
-    }
-    let fault = |reason: String| field.invalid(clean_lines(&reason), "cannot be used");
-    let bytes = table_file::read(&path, LARGEST_FILE).map_err(|reason| fault(format!("{shown}: {reason}")))?;
-    decode(&bytes, &shown)
-        .and_then(|text| parse(text, &shown, grid.cells(), most))
-        .map_err(|error| fault(format!("{} (the grid is {} × {})", error, grid.nx, grid.ny)))
+    let shown = clean(&field.file.beside(&field.text()?).display().to_string());
+    parse(&files::read(field, "file")?, &shown, grid.cells(), most).map_err(|error| {
+        let message = format!("{error} (the grid is {} × {})", grid.nx, grid.ny);
+        field.invalid(clean_lines(&message), "cannot be used")
+    })
 }
 
 /// The fields of a text, with `cells` values each.

@@ -6,9 +6,9 @@
 mod error;
 mod field;
 pub(crate) mod fields;
+pub(crate) mod files;
 mod key;
 mod section;
-pub(crate) mod table_file;
 
 pub use error::ScenarioError;
 pub(crate) use error::SourceFile;

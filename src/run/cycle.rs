@@ -4,7 +4,7 @@ use super::influence;
 use super::monitor::{Fault, Monitor};
 use crate::correlations::Correlations;
 use crate::memory::{self, Memory};
-use crate::outcome::{Influence, Outcome, Smoothed};
+use crate::outcome::{Outcome, Smoothed};
 use crate::scores::stability::{Stability, Watch, judge};
 use isobar_assim::{
     Assimilator, Calibrated, CalibrationAccuracy, Error, Estimate, EstimatedParameter, Structure, Unknown,
@@ -103,7 +103,7 @@ impl Runner {
 
     /// How many later cycles revise an estimate of the method, if it has a smoother.
     pub fn smoother_lag(&self) -> Option<usize> {
-        self.method.smoother_lag()
+        self.method.can().smoother.map(|smoother| smoother.lag())
     }
 
     /// Forecasts over a window and analyses the observations at its end, with bias predictors of that forecast;
@@ -120,50 +120,27 @@ impl Runner {
         last: bool,
     ) -> Result<Outcome, Fault> {
         let before = self.progress.seconds;
-        let background = self.step(|method| method.forecast(window))?;
+        let from = self.step(|method| method.forecast(window))?;
         // All members of an ensemble share the predictors of its mean.
-        let observed = &*observed.anchored(&background.state);
-        let asked = with_influence && !observed.is_empty();
-        let memory = asked.then(|| self.method.save()).transpose()?;
-        let analysis = self.step(|method| method.analyse(observed))?;
+        let observed = &*observed.anchored(&from.estimate.state);
+        let asked = (with_influence && !observed.is_empty()).then(|| self.method.clone());
+        let analysis = self.step(|method| method.analyse(&from, observed))?;
         let smoothed = self.step(|method| smoothed(method, last))?;
         let seconds = self.progress.seconds - before;
-        let mut outcome = Outcome { background, analysis, smoothed, influence: None, seconds };
+        let mut outcome = Outcome { background: from.estimate.clone(), analysis, smoothed, influence: None, seconds };
         // What is given back is not the method's to hold.
         self.held_bytes -= outcome.bytes();
         self.progress.monitor.check(&outcome)?;
-        if let Some(memory) = memory {
-            outcome.influence = Some(self.influence(&memory, &outcome, observed)?);
+        if let Some(method) = asked {
+            let innovations = &outcome.analysis.background_departures;
+            outcome.influence = Some(guarded(|| influence::ask(&method, &from, observed, innovations))?);
         }
         self.progress.watch.add(observed, &outcome);
         self.freeze(observed.cycle, outcome.background.state.layout())?;
         Ok(outcome)
     }
 
-    /// What each type of observations did in the analysis before which the method was as in `memory`.
-    fn influence(
-        &mut self,
-        memory: &[u8],
-        outcome: &Outcome,
-        observed: &ObservationWindow,
-    ) -> Result<Influence, Fault> {
-        let Outcome { background, analysis, .. } = outcome;
-        let method = &mut self.method;
-        let (influence, used) = memory::measured(|| {
-            guarded(|| {
-                let after = method.save()?;
-                method.restore(memory)?;
-                let influence = influence::ask(method, background, observed, &analysis.background_departures)?;
-                method.restore(&after)?;
-                Ok(influence)
-            })
-        });
-        // The peak is no part of the method's, but what it allocates anew it holds.
-        self.held_bytes += used.left_bytes;
-        influence
-    }
-
-    /// A part of the method's work, which its cost is taken of.
+    /// A part of the method's work, whose cost is measured.
     fn step<T>(&mut self, work: impl FnOnce(&mut dyn Assimilator) -> Result<T, Error>) -> Result<T, Fault> {
         let began = Instant::now();
         let method = &mut self.method;
@@ -175,22 +152,23 @@ impl Runner {
 
     /// The method's blocks and leading common factors after the cycle with this background, for viewers; no part of its cost.
     pub fn structure(&self, observed: &ObservationWindow, background: &State, factors: usize) -> Option<Structure> {
-        self.method.structure(&observed.anchored(background), factors)
+        Some(self.method.can().blocks?.structure(&observed.anchored(background), factors))
     }
 
     /// What goes together with the error of one value of the analysis, for viewers; no part of the method's cost.
     pub fn correlations(&self, of: usize, analysis: &Estimate) -> Option<Correlations> {
-        Correlations::new(of, &self.method.covariance_column(Unknown::Value(of))?, analysis)
+        let errors = self.method.can().joint_errors?;
+        Correlations::new(of, &errors.covariance_column(Unknown::Value(of))?, analysis)
     }
 
     /// What the method has estimated in the last cycle beside state and calibration.
     pub fn parameters(&self) -> Vec<EstimatedParameter> {
-        self.method.parameters()
+        self.method.can().parameters.map_or_else(Vec::new, |it| it.estimated_parameters())
     }
 
     /// What the method knows of the biases now; `None` if it does not estimate them.
     pub fn calibration(&self) -> Option<(Vec<f64>, CalibrationAccuracy)> {
-        Some((self.method.calibration(), self.method.calibration_accuracy()?))
+        Some((self.method.calibration(), self.method.can().calibration?.calibration_accuracy()))
     }
 
     /// What the method has cost, and what its monitors have seen.
@@ -203,7 +181,7 @@ impl Runner {
     /// # Errors
     /// Those of the method.
     pub fn save(&self) -> Result<Vec<u8>, Error> {
-        self.method.save()
+        self.method.memory()
     }
 
     /// Sets a method that has just been built back to its memory and progress in a checkpoint.
@@ -211,10 +189,10 @@ impl Runner {
     /// # Errors
     /// Those of the method, if it is of another one.
     pub fn restore(&mut self, method: &[u8], saved: Progress, layout: &Layout) -> Result<(), Error> {
-        let (result, memory) = memory::measured(|| self.method.restore(method));
-        self.account(memory);
+        let (result, used) = memory::measured(|| self.method.recall(method));
+        self.account(used);
         if !saved.watch.fits(layout) {
-            return Err(Error::Saved { reason: "the stability monitor does not fit the experiment".into() });
+            return Err(Error::Memory { reason: "the stability monitor does not fit the experiment".into() });
         }
         let peak_bytes = self.progress.peak_bytes.max(saved.peak_bytes);
         self.progress = Progress { peak_bytes, ..saved };
@@ -229,10 +207,11 @@ impl Runner {
 
 /// The estimates of a method with a smoother that no later analysis revises.
 fn smoothed(method: &dyn Assimilator, last: bool) -> Result<Vec<Smoothed>, Error> {
-    let Some(lag) = method.smoother_lag() else { return Ok(Vec::new()) };
+    let Some(smoother) = method.can().smoother else { return Ok(Vec::new()) };
+    let lag = smoother.lag();
     let ages = if last { 0..=lag } else { lag..=lag };
     let of_age = |cycles_ago| {
-        let estimate = method.smoothed(cycles_ago).transpose()?;
+        let estimate = smoother.smoothed(cycles_ago).transpose()?;
         Some(estimate.map(|estimate| Smoothed { cycles_ago, estimate }))
     };
     ages.rev().filter_map(of_age).collect()

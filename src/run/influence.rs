@@ -2,26 +2,26 @@
 
 use crate::outcome::{Influence, TypeInfluence};
 use isobar_assim::response::Responder;
-use isobar_assim::{Assimilator, Error, Estimate};
+use isobar_assim::{Assimilator, Background, Error};
 use isobar_model::random::stream;
 use isobar_obs::{ObservationTypes, ObservationWindow};
 use rand::RngExt;
 
-/// Asks a method that has just forecast `background` and sets it back. `innovations` are y − h(background).
+/// Asks a method that has just forecast `background`. `innovations` are y − h(background).
 ///
 /// tr(H K) is estimated as Σ δ_i (H K δ)_i / σ_i² with a random sign times σ_i for each δ_i (Hutchinson 1990; Desroziers
 /// and Ivanov 2001, Q. J. R. Meteorol. Soc. 127, eq. 13): unbiased, and for each type as well as for all. The analyses
 /// are as many as there are types, and one.
 pub(super) fn ask(
-    method: &mut dyn Assimilator,
-    background: &Estimate,
+    method: &dyn Assimilator,
+    background: &Background,
     observed: &ObservationWindow,
     innovations: &[f64],
 ) -> Result<Influence, Error> {
     let ObservationTypes { types, of_observation } = observed.types();
     let of_type = |observation_type| TypeInfluence { observation_type, increment: Vec::new(), signal: 0.0 };
     let mut types: Vec<TypeInfluence> = types.into_iter().map(of_type).collect();
-    let mut responder = Responder::new(method, background, observed)?;
+    let responder = Responder::new(method, background, observed);
     for (number, own) in types.iter_mut().enumerate() {
         let of_type = |(d, kind): (&f64, &usize)| if *kind == number { *d } else { 0.0 };
         own.increment = responder.to(&innovations.iter().zip(&of_observation).map(of_type).collect::<Vec<_>>())?.state;
@@ -33,6 +33,5 @@ pub(super) fn ask(
     for (((kind, fit), sign), sigma) in of_observation.iter().zip(fit).zip(&signs).zip(&observed.sigma) {
         types[*kind].signal += sign * fit / sigma;
     }
-    responder.finish()?;
     Ok(Influence { types })
 }

@@ -5,7 +5,6 @@
 
 mod accept;
 mod adapt;
-mod bias;
 mod cycle;
 mod ensemble_method;
 mod expected;
@@ -17,7 +16,6 @@ mod initial;
 mod initialise;
 mod method;
 mod model;
-mod network;
 mod quality;
 mod sensors;
 mod sweep;
@@ -27,29 +25,25 @@ pub use crate::reader::ScenarioError;
 pub use crate::scores::Expected;
 pub use accept::{AcceptError, accept, with_expected};
 pub use adapt::Adapt;
-pub use bias::{Bias, BiasEvolution, BiasOwner, InitialBias, RadiosondeBias, SatelliteBias, ScanTerm};
 pub use cycle::{CycleSettings, TruthSettings};
 pub use grid::GridSettings;
 pub use initial::Initial;
 pub use initialise::Initialise;
 pub use method::{Algorithm, Method};
 pub use model::{AdvectionScheme, Conserved, Dynamics, ModelSettings, ShallowWaterSettings, TimeScheme, Wind};
-pub use network::{
-    FileSettings, Heading, Instrument, Network, ObservedVariable, RadiosondeSettings, SatelliteSettings, Schedule,
-    StationLayout,
-};
 pub use sensors::{SensorSettings, StabilitySettings};
 pub use sweep::SweepSettings;
 pub use time_volume::{Correction, CorrectionSettings, FactorSettings, FactorTarget, TimeVolumeOptions};
 
 use crate::kinds::Domain;
 use crate::kinds::covariances::{self, Components};
+use crate::kinds::instruments;
 use crate::output::Outputs;
 use crate::reader::{self, Field, Read, Section, SourceFile};
 use crate::text;
 use indexmap::IndexMap;
 use isobar_model::Time;
-use isobar_obs::{QualityControl, times};
+use isobar_obs::{Network, QualityControl, times};
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use toml::de::DeValue;
@@ -94,8 +88,8 @@ pub struct Scenario {
     pub cycle: CycleSettings,
     /// How the values of observations are checked, if they are.
     pub quality_control: Option<QualityControl>,
-    /// The observing systems, in the order of the file.
-    pub networks: IndexMap<String, Network>,
+    /// The networks, in the order of the file.
+    pub networks: Vec<Network>,
     /// The methods, in the order of the file.
     pub methods: IndexMap<String, Method>,
     /// What some methods start from instead of the biases' priors.
@@ -168,7 +162,7 @@ impl Scenario {
         let truth = cycle::read_truth(&root, &model_field, &model, &grid.grid)?;
         let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", truth.model.time_step)];
         let cycle = cycle::read(&root, start, &steps)?;
-        let networks = network::read(&root, &grid, &model)?;
+        let networks = instruments::read(&root, &domain)?;
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
         let stability = sensors::read_stability(&root, cycle.count)?;
         let methods = method::read(
@@ -178,7 +172,7 @@ impl Scenario {
                 model: &model,
                 cycles: cycle.count,
                 freezes: stability.freeze_after_cycles.is_some(),
-                networks: networks.keys().map(String::as_str).collect(),
+                networks: networks.iter().map(|network| network.name.as_str()).collect(),
                 has_model_error: !model_error.is_empty(),
             },
         )?;

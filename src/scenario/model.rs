@@ -171,12 +171,6 @@ impl ModelSettings {
     }
 }
 
-/// The name of one of the model's variables.
-pub(super) fn variable(field: &Field<'_>, model: &ModelSettings) -> Read<String> {
-    let names: Vec<(&str, &str)> = model.variables().iter().map(|&(name, _)| (name, name)).collect();
-    Ok(field.choice(&names)?.to_string())
-}
-
 /// Whether the file asks for exact shifts, the only model that needs no neighbours and may have a ring of points for its grid.
 pub(super) fn is_exact_shift(root: &Section<'_>) -> bool {
     let kind = root.optional("model").and_then(|field| field.any_section().ok()?.optional("kind"));

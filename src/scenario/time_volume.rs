@@ -5,7 +5,7 @@ use super::model::{Dynamics, ModelSettings, Wind};
 use crate::reader::fields;
 use crate::reader::{Field, Kind, Limits, Read, Section};
 use crate::text::{clean, listed};
-use isobar_assim::fast_kalman::time_volume::{AmplitudeEvolution, TimeShape};
+use isobar_assim::time_volume::{AmplitudeEvolution, TimeShape};
 use isobar_model::{Boundary, Duration, Grid};
 
 /// What is estimated over a moving window of cycles.

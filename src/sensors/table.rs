@@ -3,7 +3,7 @@
 use super::SensorError;
 use super::record::{MOST_RECORDS, Record, Records};
 use crate::calendar::utc;
-use crate::reader::table_file;
+use crate::reader::files;
 use crate::text::{clean, listed, nearest};
 use isobar_obs::table::{Faults, LARGEST, Row, Table, TableError, decode};
 use std::path::Path;
@@ -40,7 +40,7 @@ const KINDS: [(&str, &[&str], &[&str]); 5] = [
 /// # Errors
 /// All lines that are no records, with what would be right.
 pub fn read(path: &Path) -> Result<Vec<(u64, Record)>, SensorError> {
-    let bytes = table_file::read(path, LARGEST_TABLE).map_err(|reason| SensorError::new(path, reason))?;
+    let bytes = files::bytes(path, LARGEST_TABLE).map_err(|reason| SensorError::new(path, reason))?;
     parse(path, &bytes)
 }
 

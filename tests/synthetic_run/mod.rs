@@ -234,8 +234,7 @@ fn observe(info: &RunInfo, cycle: usize, truth: &[State], calibration: &[Vec<f64
     for station in &info.stations {
         for variable in 0..2 {
             let (network, platform) = (Arc::clone(&station.network), Arc::clone(&station.name));
-            let time = info.start + Duration::from_seconds(info.window.seconds() * cycle as i64);
-            let report = Report { network, platform, variable, time, x_m: station.x_m, y_m: station.y_m, scan: None };
+            let report = Report { network, platform, variable, x_m: station.x_m, y_m: station.y_m, scan: None };
             let group = if &*station.group == "FR" { 0 } else { 1 };
             add(report, if variable == 0 { vec![(group, 1.0)] } else { vec![] });
         }
@@ -247,7 +246,6 @@ fn observe(info: &RunInfo, cycle: usize, truth: &[State], calibration: &[Vec<f64
                 network: "polar".into(),
                 platform: format!("line {along}, spot {across}").into(),
                 variable: 0,
-                time: info.start + Duration::from_seconds(info.window.seconds() * cycle as i64),
                 x_m: (grid.width_m() * (0.07 * cycle as f64 + 0.03 * across as f64 + 0.02 * along as f64))
                     .rem_euclid(grid.width_m()),
                 y_m: grid.height_m() * (along as f64 + 0.5) / 8.0,
@@ -264,6 +262,7 @@ fn observe(info: &RunInfo, cycle: usize, truth: &[State], calibration: &[Vec<f64
     let window = ObservationWindow {
         time: info.start + Duration::from_seconds(info.window.seconds() * cycle as i64),
         cycle,
+        times: vec![info.start + Duration::from_seconds(info.window.seconds() * cycle as i64); sigma.len()],
         values: with_noise(biased),
         sigma: sigma.clone(),
         reports,

@@ -6,7 +6,7 @@
 
 use super::block::{Eliminated, eliminate_whitened};
 use super::dissection::Dissection;
-use super::sparse::SparseRegression;
+use super::sparse_regression::SparseRegression;
 use crate::error::Error;
 use crate::linalg::{add_product, product, qr};
 use faer::linalg::solvers::Solve;

@@ -27,6 +27,7 @@ mod graph;
 mod partition;
 mod separator;
 mod sparse;
+mod sparse_regression;
 
 pub(crate) use block::Eliminated;
 pub use block::{Block, RegressionRows, UpdateRows};
@@ -37,7 +38,8 @@ pub use determined::{BorderRows, DeterminedBorder};
 pub use dissection::{Dissection, Member};
 pub use graph::Graph;
 pub use partition::{Component, PartitionReport, components};
-pub use sparse::{PartitionSizes, SparseRegression, SparseSolution, solve_sparse};
+pub use sparse::{PartitionSizes, SparseSolution, solve_sparse};
+pub use sparse_regression::SparseRegression;
 
 use crate::error::Error;
 use crate::linalg::{add_product, column};

@@ -9,29 +9,14 @@ use super::border::{self, Prior};
 use super::dissection::Dissection;
 use super::front::{Front, Plan};
 use super::graph::Graph;
+use super::sparse_regression::SparseRegression;
 use crate::error::Error;
 use crate::linalg::{add_product, column, product};
 use faer::{Mat, MatRef};
-use isobar_obs::SparseRows;
 use rayon::prelude::*;
 use std::sync::OnceLock;
 
-/// y = X b + G c + e, Cov(e) = diag(V).
-#[derive(Clone, Copy, Debug)]
-pub struct SparseRegression<'a> {
-    /// Number of unknowns b.
-    pub unknowns: usize,
-    /// X, `[n, unknowns]`; \[X G\] has full column rank, or X has if there are prior rows for c.
-    pub x: &'a SparseRows,
-    /// G, `[n, p]`.
-    pub g: MatRef<'a, f64>,
-    /// y, `[n]`.
-    pub y: &'a [f64],
-    /// The diagonal of V, `[n]`, all positive.
-    pub variance: &'a [f64],
-}
-
-/// Into what a system fell.
+/// Sizes of the partition found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PartitionSizes {
     /// Parts that are linked only through separators and c.

@@ -1,6 +1,6 @@
 //! Correlations as functions of distance.
 
-use crate::ensemble::gaspari_cohn;
+use super::taper::gaspari_cohn;
 
 /// An isotropic correlation c of distance over length, r = d/L, that is positive definite in the plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,6 +6,7 @@ mod homogeneous_filter;
 mod leading_factors;
 mod localized_ensemble;
 mod sum;
+mod taper;
 mod univariate;
 mod white;
 
@@ -15,6 +16,7 @@ pub use leading_factors::leading_factors;
 pub(crate) use leading_factors::{OVERSAMPLING, leading_columns, skip_draws};
 pub use localized_ensemble::LocalizedEnsemble;
 pub use sum::Sum;
+pub use taper::gaspari_cohn;
 pub use univariate::Univariate;
 pub use white::White;
 

@@ -3,11 +3,13 @@
 use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
 use super::filter::{EnsembleAnalysis, EnsembleFilter};
-use super::members::{Moments, ObservedEnsemble};
+use super::members::ObservedEnsemble;
+use super::moments::Moments;
 use super::transform::{WhitenedObservations, transform};
 use crate::error::Error;
 use crate::linalg::product;
 use crate::problem::Problem;
+use isobar_model::Model;
 
 /// One analysis of all observations in the space of the ensemble (Bishop, Etherton and Majumdar 2001; with the symmetric
 /// square root of Hunt, Kostelich and Szunyogh 2007), for the state and the biases alike. Without localisation it needs
@@ -15,6 +17,7 @@ use crate::problem::Problem;
 pub type EnsembleTransformKalmanFilter = EnsembleFilter<Transform>;
 
 /// The analysis of the [`EnsembleTransformKalmanFilter`].
+#[derive(Clone)]
 pub struct Transform;
 
 impl EnsembleTransformKalmanFilter {
@@ -22,8 +25,8 @@ impl EnsembleTransformKalmanFilter {
     ///
     /// # Errors
     /// As [`Ensemble::draw`](super::Ensemble::draw).
-    pub fn new(problem: Problem, settings: EnsembleSettings) -> Result<Self, Error> {
-        Ok(Self { cycle: EnsembleCycle::new(problem, settings, 1)?, analysis: Transform })
+    pub fn new(problem: impl Into<Problem<dyn Model>>, settings: EnsembleSettings) -> Result<Self, Error> {
+        Ok(Self { cycle: EnsembleCycle::new(problem.into(), settings, 1)?, analysis: Transform })
     }
 
     /// The filter with its ensemble smoother (EnKS) of the last `lag` analyses before the newest.
@@ -40,16 +43,16 @@ impl EnsembleAnalysis for Transform {
     fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> f64 {
         let whitened = WhitenedObservations::new(members);
         let inflation = cycle.settings.inflation;
-        let factor = &mut cycle.variance_factors[0];
+        let factor = &mut cycle.memory.variance_factors[0];
         *factor = inflation.variance_factor(*factor, &whitened, whitened.departures.len() as f64);
         let analysis = transform(&whitened, *factor);
-        if let Some(smoother) = &mut cycle.smoother {
+        if let Some(smoother) = &mut cycle.memory.smoother {
             let weights = analysis.earlier_weights();
             smoother.revise(|perturbations| product(perturbations.as_ref(), weights.as_ref()));
         }
         let chi2 = analysis.chi2;
         let weights = analysis.weights(inflation.relaxation_to_prior_perturbations);
-        let background = cycle.ensemble.moments();
+        let background = cycle.memory.ensemble.moments();
         let deviations = product(background.perturbations.as_ref(), weights.as_ref());
         let analysed = Moments::of_deviations(background.mean.clone(), deviations);
         cycle.set(&background, analysed);

@@ -1,25 +1,28 @@
 //! An ensemble Kalman filter: members in their cycle, and an analysis.
 
-use super::cycle::EnsembleCycle;
+use super::cycle::{EnsembleCycle, Memory};
 use super::fixed_lag::FixedLag;
 use super::members::{Ensemble, ObservedEnsemble};
-use crate::assimilator::{Analysis, Assimilator, Estimate};
-use crate::calibration_accuracy::CalibrationAccuracy;
-use crate::covariance_column::{CovarianceColumn, Unknown};
+use crate::assimilator::{Adjustments, Assimilator, CalibrationAdjustment, Smoother, Views, WidenCalibration};
+use crate::calibration_accuracy::{CalibrationAccuracy, CalibrationErrors};
+use crate::covariance_column::{CovarianceColumn, JointErrors, Unknown};
 use crate::error::Error;
+use crate::estimate::{Analysis, Background, Estimate};
+use crate::memory::{from_bytes, to_bytes};
 use faer::MatRef;
 use isobar_model::Duration;
 use isobar_obs::ObservationWindow;
 
 /// What the ensemble methods differ in.
-pub(super) trait EnsembleAnalysis: Send {
-    /// Takes the analysis of the observations, of which there are some, into the ensemble; returns χ².
+pub(super) trait EnsembleAnalysis: Clone + Send + 'static {
+    /// Takes the analysis of the observations, at least one, into the ensemble; returns χ².
     fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> f64;
 }
 
 /// An ensemble Kalman filter with an analysis: [`EnsembleTransformKalmanFilter`](super::EnsembleTransformKalmanFilter),
 /// [`LocalEnsembleTransformKalmanFilter`](super::LocalEnsembleTransformKalmanFilter),
 /// [`StochasticEnsembleKalmanFilter`](super::StochasticEnsembleKalmanFilter).
+#[derive(Clone)]
 pub struct EnsembleFilter<A> {
     pub(super) cycle: EnsembleCycle,
     pub(super) analysis: A,
@@ -28,54 +31,95 @@ pub struct EnsembleFilter<A> {
 impl<A> EnsembleFilter<A> {
     /// The members.
     pub fn ensemble(&self) -> &Ensemble {
-        &self.cycle.ensemble
+        &self.cycle.memory.ensemble
     }
 }
 
 impl<A: EnsembleAnalysis> Assimilator for EnsembleFilter<A> {
-    fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
-        self.cycle.forecast(window)
+    fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
+        let EnsembleCycle { problem, settings, memory } = &mut self.cycle;
+        memory.ensemble.forecast(problem, settings, window, &mut memory.random)?;
+        Ok(Background { estimate: self.cycle.estimate(), window })
     }
 
-    fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
+    fn analyse(&mut self, _: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
         let Self { cycle, analysis } = self;
-        let members = cycle.ensemble.observe(&cycle.problem, observed)?;
-        if let Some(smoother) = &mut cycle.smoother {
+        let members = cycle.memory.ensemble.observe(&cycle.problem, observed)?;
+        if let Some(smoother) = &mut cycle.memory.smoother {
             smoother.shorten();
         }
         let innovation_chi2 = if observed.is_empty() { 0.0 } else { analysis.update(cycle, &members) };
-        if let Some(smoother) = &mut cycle.smoother {
-            smoother.push(cycle.ensemble.moments());
+        let Memory { ensemble, smoother, .. } = &mut cycle.memory;
+        if let Some(smoother) = smoother {
+            smoother.push(ensemble.moments());
         }
         Ok(cycle.analysis(observed, members, innovation_chi2))
     }
 
-    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
-        self.cycle.covariance_column(unknown)
+    fn boxed_clone(&self) -> Box<dyn Assimilator> {
+        Box::new(self.clone())
     }
 
-    fn smoother_lag(&self) -> Option<usize> {
-        self.cycle.smoother.as_ref().map(FixedLag::lag)
+    fn memory(&self) -> Result<Vec<u8>, Error> {
+        to_bytes(&self.cycle.memory)
+    }
+
+    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
+        let memory: Memory = from_bytes(memory)?;
+        self.cycle.require(&memory)?;
+        self.cycle.memory = memory;
+        Ok(())
+    }
+
+    fn can(&self) -> Views<'_> {
+        Views {
+            joint_errors: Some(self),
+            calibration: (self.ensemble().parameters() > 0).then_some(self as &dyn CalibrationErrors),
+            smoother: self.cycle.memory.smoother.as_ref().map(|_| self as &dyn Smoother),
+            ..Views::default()
+        }
+    }
+
+    fn adjust(&mut self) -> Adjustments<'_> {
+        let estimates = self.ensemble().parameters() > 0;
+        Adjustments { calibration: estimates.then_some(CalibrationAdjustment::Widen(self)), error_factor: None }
+    }
+}
+
+impl<A> JointErrors for EnsembleFilter<A> {
+    /// A column of the members' covariance X Xᵀ/(N − 1), without localisation.
+    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
+        let m = self.cycle.state_values();
+        let number = match unknown {
+            Unknown::Value(number) => number,
+            Unknown::Parameter(number) => m + number,
+        };
+        let column = self.ensemble().covariance_column(number)?;
+        Some(CovarianceColumn::of_augmented(column, m, &self.cycle.problem.calibration))
+    }
+}
+
+impl<A> CalibrationErrors for EnsembleFilter<A> {
+    fn calibration_accuracy(&self) -> CalibrationAccuracy {
+        self.ensemble().calibration_accuracy(self.cycle.problem.background.layout().grid.cells())
+    }
+}
+
+impl<A> WidenCalibration for EnsembleFilter<A> {
+    /// Adds draws with the covariance to the members' parameters.
+    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        let Memory { ensemble, random, .. } = &mut self.cycle.memory;
+        ensemble.widen_calibration(covariance, random);
+        Ok(())
+    }
+}
+
+impl<A> Smoother for EnsembleFilter<A> {
+    fn lag(&self) -> usize {
+        self.cycle.memory.smoother.as_ref().map_or(0, FixedLag::lag)
     }
 
     fn smoothed(&self, analyses_ago: usize) -> Result<Option<Estimate>, Error> {
         Ok(self.cycle.smoothed(analyses_ago))
-    }
-
-    fn save(&self) -> Result<Vec<u8>, Error> {
-        self.cycle.save()
-    }
-
-    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        self.cycle.restore(saved)
-    }
-
-    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
-        self.cycle.calibration_accuracy()
-    }
-
-    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
-        self.cycle.widen_calibration(covariance);
-        Ok(())
     }
 }

@@ -1,8 +1,9 @@
 //! The fixed-lag ensemble Kalman smoother.
 
-use super::members::{Moments, spread};
+use super::members::Ensemble;
+use super::moments::{Moments, spread};
 use crate::error::Error;
-use crate::saved::{Matrix, unfit};
+use crate::memory::require;
 use faer::Mat;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
@@ -15,15 +16,12 @@ use std::collections::VecDeque;
 /// With the transform `A = I + Ỹᵀ Ỹ` of [`super::transform`] an earlier ensemble gets `x̄ ← x̄ + X A⁻¹ Ỹᵀ d̃ / √(N−1)` and
 /// `X ← X A^-½`, without the inflation and the relaxation that the present one gets beside: these are remedies for its
 /// further forecasts, which the past has not before it. No eigenvalue of A^-½ is above one, and so no variance grows.
+#[derive(Clone, Serialize, Deserialize)]
 pub(super) struct FixedLag {
     lag: usize,
     /// The oldest first, at most `lag` and the last one.
     ensembles: VecDeque<Moments>,
 }
-
-/// What a checkpoint holds of it: mean and perturbations.
-#[derive(Serialize, Deserialize)]
-pub(super) struct Saved(Vec<(Vec<f64>, Matrix)>);
 
 impl FixedLag {
     /// A smoother of the last `lag` analyses before the newest.
@@ -56,31 +54,21 @@ impl FixedLag {
         self.ensembles.push_back(analysed);
     }
 
-    /// The mean `[m + p]` of the ensemble so many analyses before the newest, and the standard deviations; `None` if there
+    /// The mean `[m + p]` of the ensemble `analyses_ago` before the newest, and the standard deviations; `None` if there
     /// was none, or it is out of reach.
     pub fn estimate(&self, analyses_ago: usize) -> Option<(&[f64], Vec<f64>)> {
         let past = self.ensembles.get(self.ensembles.len().checked_sub(analyses_ago + 1)?)?;
         Some((&past.mean, spread(&past.perturbations)))
     }
 
-    pub fn save(&self) -> Saved {
-        Saved(self.ensembles.iter().map(|past| (past.mean.clone(), (&past.perturbations).into())).collect())
-    }
-
-    /// Takes back what [`FixedLag::save`] gave.
+    /// Fails unless it is a smoother of this lag, of ensembles like this one.
     ///
     /// # Errors
-    /// [`Error::Saved`] if it is of ensembles of another size.
-    pub fn restore(&mut self, saved: Saved, rows: usize, members: usize) -> Result<(), Error> {
-        if saved.0.len() > self.lag + 1 {
-            return Err(unfit("the number of earlier ensembles"));
-        }
-        let name = "an earlier ensemble";
-        let past = saved.0.into_iter().map(|(mean, perturbations)| match mean.len() == rows {
-            true => Ok(Moments { mean, perturbations: perturbations.restored(rows, Some(members), name)? }),
-            false => Err(unfit(name)),
-        });
-        self.ensembles = past.collect::<Result<_, Error>>()?;
-        Ok(())
+    /// [`Error::Memory`].
+    pub fn require(&self, lag: usize, like: &Ensemble) -> Result<(), Error> {
+        require(self.lag == lag && self.ensembles.len() <= lag + 1, "the number of earlier ensembles")?;
+        let (rows, members) = (like.values().nrows(), like.members());
+        let fits = |past: &Moments| past.mean.len() == rows && past.perturbations.has_shape(rows, members);
+        require(self.ensembles.iter().all(fits), "an earlier ensemble")
     }
 }

@@ -1,6 +1,6 @@
 //! Inflation: the remedy for the spread that a small ensemble loses.
 
-use super::members::spread;
+use super::moments::spread;
 use super::transform::WhitenedObservations;
 use faer::Mat;
 

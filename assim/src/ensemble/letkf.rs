@@ -4,19 +4,21 @@ use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
 use super::filter::{EnsembleAnalysis, EnsembleFilter};
 use super::localization::Taper;
-use super::members::{Moments, ObservedEnsemble};
+use super::members::ObservedEnsemble;
+use super::moments::Moments;
 use super::tapered::{SharedParameters, TaperedInnovations, cross_taper};
 use super::transform::{WhitenedObservations, transform};
 use super::weights::WeightGrid;
-use crate::assimilator::Estimate;
 use crate::covariance::LocalizedEnsemble;
 use crate::error::Error;
+use crate::estimate::Estimate;
 use crate::linalg::product;
 use crate::problem::{Innovations, Problem};
 use faer::Mat;
-use isobar_model::{Grid, Location};
+use isobar_model::{Grid, Location, Model};
 use isobar_obs::ByPlacement;
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// How the analysis is localised.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,9 +44,10 @@ pub struct LocalSettings {
 pub type LocalEnsembleTransformKalmanFilter = EnsembleFilter<LocalTransform>;
 
 /// The analysis of the [`LocalEnsembleTransformKalmanFilter`]; the cycle has an inflation for each analysed cell.
+#[derive(Clone)]
 pub struct LocalTransform {
     taper: Taper,
-    grid: WeightGrid,
+    grid: Arc<WeightGrid>,
     /// κ of the taper between state and shared parameters.
     cross: f64,
     shared: Vec<usize>,
@@ -63,7 +66,12 @@ impl LocalEnsembleTransformKalmanFilter {
     ///
     /// # Errors
     /// As [`Ensemble::draw`](super::Ensemble::draw).
-    pub fn new(problem: Problem, settings: EnsembleSettings, local: LocalSettings) -> Result<Self, Error> {
+    pub fn new(
+        problem: impl Into<Problem<dyn Model>>,
+        settings: EnsembleSettings,
+        local: LocalSettings,
+    ) -> Result<Self, Error> {
+        let problem = problem.into();
         let layout = problem.background.layout().clone();
         let grid = WeightGrid::new(&layout, local.analysis_spacing_cells);
         let taper = Taper::new(&layout.grid, local.localization_radius_m);
@@ -71,7 +79,7 @@ impl LocalEnsembleTransformKalmanFilter {
         let ByPlacement { shared, local } = problem.estimated_calibration().by_placement();
         let local = local.into_iter().map(|(number, (x_m, y_m))| (number, layout.grid.cell_at(x_m, y_m))).collect();
         let cycle = EnsembleCycle::new(problem, settings, grid.points().len())?;
-        Ok(Self { cycle, analysis: LocalTransform { taper, grid, cross, shared, local } })
+        Ok(Self { cycle, analysis: LocalTransform { taper, grid: Arc::new(grid), cross, shared, local } })
     }
 
     /// Mean and spread of the members.
@@ -82,16 +90,16 @@ impl LocalEnsembleTransformKalmanFilter {
     /// The covariance of the members' states, localised.
     pub(crate) fn state_covariance(&self, localization_radius_m: f64) -> LocalizedEnsemble {
         let layout = self.cycle.problem.background.layout();
-        let states = self.cycle.ensemble.moments().perturbations.as_ref().get(..layout.len(), ..).to_owned();
+        let states = self.cycle.memory.ensemble.moments().perturbations.as_ref().get(..layout.len(), ..).to_owned();
         LocalizedEnsemble::new(layout, &states, localization_radius_m)
     }
 
     /// Shifts the members to another mean.
     pub(crate) fn shift_to(&mut self, estimate: &Estimate) {
-        let mut moments = self.cycle.ensemble.moments();
+        let mut moments = self.cycle.memory.ensemble.moments();
         let p = moments.mean.len() - estimate.state.values().len();
         moments.mean = estimate.state.values().iter().chain(&estimate.calibration[..p]).copied().collect();
-        self.cycle.ensemble.set(&moments);
+        self.cycle.memory.ensemble.set(&moments);
     }
 }
 
@@ -149,14 +157,14 @@ impl EnsembleAnalysis for LocalTransform {
             .grid
             .points()
             .par_iter()
-            .zip(&cycle.variance_factors)
+            .zip(&cycle.memory.variance_factors)
             .map(|(&cell, &last)| self.analyse_at(cycle, cell, last, &whitened, &members.places))
             .collect();
         let (weights, factors): (Vec<_>, Vec<_>) =
             analyses.into_iter().map(|analysis| (analysis.weights, analysis.variance_factor)).unzip();
-        cycle.variance_factors = factors;
+        cycle.memory.variance_factors = factors;
 
-        let background = cycle.ensemble.moments();
+        let background = cycle.memory.ensemble.moments();
         let mut deviations = self.grid.apply(&weights, background.perturbations.as_ref());
         for &(number, cell) in &self.local {
             let row = background.perturbations.as_ref().get(m + number..m + number + 1, ..);

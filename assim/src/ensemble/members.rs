@@ -1,23 +1,26 @@
 //! The ensemble: members (x, c) as columns.
 
 use super::model_error::add_model_error;
+use super::moments::{Moments, spread, variable_scales};
 use super::{EnsembleSettings, InitialMembers};
-use crate::assimilator::Estimate;
 use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance::{self, randomize};
 use crate::error::Error;
+use crate::estimate::Estimate;
 use crate::linalg::{add_symmetric_product, cholesky, column, product, qr, semidefinite_root};
-use crate::problem::{Innovations, Problem};
-use crate::saved::unfit;
+use crate::memory::Matrix;
+use crate::problem::{Innovations, Problem, require_finite, steps};
 use faer::{Mat, MatRef};
 use isobar_model::random::standard_normals;
-use isobar_model::{Duration, State, forecast};
+use isobar_model::vector::{add, axpy, subtract};
+use isobar_model::{Duration, Model, State, forecast};
 use isobar_obs::ObservationWindow;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 /// N members of the augmented state (x, c), each a column of m + p values; p is zero where biases are not estimated.
-#[derive(Clone)]
+#[derive(Clone, Serialize, Deserialize)]
 pub struct Ensemble {
     /// m.
     state_values: usize,
@@ -25,31 +28,6 @@ pub struct Ensemble {
     rows: usize,
     /// Column-major `[m + p, N]`.
     values: Vec<f64>,
-}
-
-/// An ensemble as its mean and the members' deviations from it.
-pub(super) struct Moments {
-    /// `[m + p]`.
-    pub mean: Vec<f64>,
-    /// `[m + p, N]`; each row has sum zero.
-    pub perturbations: Mat<f64>,
-}
-
-impl Moments {
-    /// The moments of members that deviate from `about` by the given columns, `[m + p, N]`.
-    pub fn of_deviations(mut about: Vec<f64>, mut deviations: Mat<f64>) -> Self {
-        let members = deviations.ncols();
-        let mut shift = vec![0.0; about.len()];
-        for j in 0..members {
-            shift.iter_mut().zip(deviations.col_as_slice(j)).for_each(|(sum, value)| *sum += value);
-        }
-        shift.iter_mut().for_each(|shift| *shift /= members as f64);
-        for j in 0..members {
-            deviations.col_as_slice_mut(j).iter_mut().zip(&shift).for_each(|(value, shift)| *value -= shift);
-        }
-        about.iter_mut().zip(&shift).for_each(|(mean, shift)| *mean += shift);
-        Self { mean: about, perturbations: deviations }
-    }
 }
 
 /// What the members make of the observations.
@@ -67,7 +45,11 @@ impl Ensemble {
     ///
     /// # Errors
     /// [`Error::Setting`] for too few members, [`Error::TooLarge`] if they do not fit into the memory limit.
-    pub fn draw(problem: &Problem, settings: &EnsembleSettings, random: &mut ChaCha8Rng) -> Result<Self, Error> {
+    pub fn draw(
+        problem: &Problem<dyn Model>,
+        settings: &EnsembleSettings,
+        random: &mut ChaCha8Rng,
+    ) -> Result<Self, Error> {
         let calibration = problem.estimated_calibration();
         let (m, p, members) = (problem.background.values().len(), calibration.len(), settings.members);
         check(problem, settings.initial_members, m + p, p, members)?;
@@ -90,7 +72,7 @@ impl Ensemble {
         let mut ensemble = Self { state_values: m, rows: m + p, values: perturbations };
         ensemble.center();
         for member in ensemble.values.chunks_exact_mut(m + p) {
-            member.iter_mut().zip(&mean).for_each(|(value, mean)| *value += mean);
+            add(member, &mean);
         }
         Ok(ensemble)
     }
@@ -105,28 +87,34 @@ impl Ensemble {
         MatRef::from_column_major_slice(&self.values, self.rows, self.members())
     }
 
-    /// One member, `[m + p]`.
-    pub(super) fn member(&self, number: usize) -> &[f64] {
-        &self.values[number * self.rows..][..self.rows]
+    /// p, the number of parameters that are estimated.
+    pub(super) fn parameters(&self) -> usize {
+        self.rows - self.state_values
     }
 
-    /// Takes back all members, one after another.
-    ///
-    /// # Errors
-    /// [`Error::Saved`] if they are not as many numbers.
-    pub(super) fn restore(&mut self, values: Vec<f64>) -> Result<(), Error> {
-        if values.len() != self.values.len() {
-            return Err(unfit("the ensemble"));
+    /// Whether it has the size of another one.
+    pub(super) fn is_like(&self, other: &Ensemble) -> bool {
+        let size = |it: &Ensemble| (it.state_values, it.rows, it.values.len());
+        size(self) == size(other)
+    }
+
+    /// A column of the members' covariance, `[m + p]`; `None` if there is no such number.
+    pub(super) fn covariance_column(&self, number: usize) -> Option<Vec<f64>> {
+        let Moments { perturbations, .. } = self.moments();
+        let mut column = vec![0.0; self.rows];
+        let degrees = (self.members() - 1) as f64;
+        for j in 0..self.members() {
+            let member = perturbations.col_as_slice(j);
+            axpy(member.get(number)? / degrees, member, &mut column);
         }
-        self.values = values;
-        Ok(())
+        Some(column)
     }
 
     /// The mean of the members, `[m + p]`.
     pub fn mean(&self) -> Vec<f64> {
         let mut mean = vec![0.0; self.rows];
         for member in self.values.chunks_exact(self.rows) {
-            mean.iter_mut().zip(member).for_each(|(mean, value)| *mean += value);
+            add(&mut mean, member);
         }
         let members = self.members() as f64;
         mean.iter_mut().for_each(|mean| *mean /= members);
@@ -137,14 +125,14 @@ impl Ensemble {
     fn center(&mut self) {
         let mean = self.mean();
         for member in self.values.chunks_exact_mut(self.rows) {
-            member.iter_mut().zip(&mean).for_each(|(value, mean)| *value -= mean);
+            subtract(member, &mean);
         }
     }
 
     pub(super) fn moments(&self) -> Moments {
         let mean = self.mean();
         let perturbations = Mat::from_fn(self.rows, self.members(), |i, j| self.values[j * self.rows + i] - mean[i]);
-        Moments { mean, perturbations }
+        Moments { mean, perturbations: Matrix(perturbations) }
     }
 
     pub(super) fn set(&mut self, moments: &Moments) {
@@ -159,12 +147,12 @@ impl Ensemble {
     /// Forecasts each member with the model, and adds what a window adds to the errors.
     pub(super) fn forecast(
         &mut self,
-        problem: &Problem,
+        problem: &Problem<dyn Model>,
         settings: &EnsembleSettings,
         window: Duration,
         random: &mut ChaCha8Rng,
     ) -> Result<(), Error> {
-        let (steps, m) = (problem.steps(window)?, self.state_values);
+        let (steps, m) = (steps(&*problem.model, window)?, self.state_values);
         let layout = problem.background.layout();
         self.values.par_chunks_exact_mut(self.rows).try_for_each(|member| {
             let mut state = State::from_values(layout, member[..m].to_vec());
@@ -178,24 +166,22 @@ impl Ensemble {
         Ok(())
     }
 
-    /// The members' covariance of the parameters and of the state's means; `None` without parameters.
-    pub(super) fn calibration_accuracy(&self, problem: &Problem) -> Option<CalibrationAccuracy> {
-        let p = self.rows - self.state_values;
-        if p == 0 {
-            return None;
-        }
-        let Moments { perturbations, .. } = self.moments();
-        let (m, cells) = (self.state_values, problem.background.layout().grid.cells());
-        let row = |number: usize, member: &[f64]| match number < p {
-            true => member[m + number],
-            false => member[(number - p) * cells..][..cells].iter().sum::<f64>() / cells as f64,
+    /// The members' covariance of the parameters and of the means of the state's fields of `cells` values.
+    pub(super) fn calibration_accuracy(&self, cells: usize) -> CalibrationAccuracy {
+        let (m, p, Moments { perturbations, .. }) = (self.state_values, self.parameters(), self.moments());
+        let row = |number: usize, member: &[f64]| {
+            if number < p {
+                member[m + number]
+            } else {
+                member[(number - p) * cells..][..cells].iter().sum::<f64>() / cells as f64
+            }
         };
         let (rows, members) = (p + m / cells, self.members());
         let reduced = Mat::from_fn(rows, members, |i, j| row(i, perturbations.col_as_slice(j)));
         let mut joint = Mat::zeros(rows, rows);
         let scale = 1.0 / (members - 1) as f64;
         add_symmetric_product(joint.as_mut(), scale, reduced.as_ref(), reduced.transpose());
-        Some(CalibrationAccuracy::new(joint, p))
+        CalibrationAccuracy::new(joint, p)
     }
 
     /// Adds draws with a covariance, about mean zero, to the members' parameters.
@@ -209,12 +195,12 @@ impl Ensemble {
             (0..members).for_each(|j| draws[(i, j)] -= mean);
         }
         for (j, member) in self.values.chunks_exact_mut(self.rows).enumerate() {
-            member[self.state_values..].iter_mut().zip(draws.col_as_slice(j)).for_each(|(value, draw)| *value += draw);
+            add(&mut member[self.state_values..], draws.col_as_slice(j));
         }
     }
 
     /// State and full calibration of a member or a mean.
-    fn unpack(&self, problem: &Problem, values: &[f64]) -> (State, Vec<f64>) {
+    fn unpack(&self, problem: &Problem<dyn Model>, values: &[f64]) -> (State, Vec<f64>) {
         let state = State::from_values(problem.background.layout(), values[..self.state_values].to_vec());
         let mut calibration = values[self.state_values..].to_vec();
         calibration.resize(problem.calibration.len(), 0.0);
@@ -222,13 +208,13 @@ impl Ensemble {
     }
 
     /// Mean and standard deviation of the members.
-    pub(super) fn estimate(&self, problem: &Problem) -> Estimate {
+    pub(super) fn estimate(&self, problem: &Problem<dyn Model>) -> Estimate {
         let Moments { mean, perturbations } = self.moments();
         self.estimate_of(problem, &mean, spread(&perturbations))
     }
 
     /// An estimate from a mean and standard deviations, both `[m + p]`.
-    pub(super) fn estimate_of(&self, problem: &Problem, mean: &[f64], spread: Vec<f64>) -> Estimate {
+    pub(super) fn estimate_of(&self, problem: &Problem<dyn Model>, mean: &[f64], spread: Vec<f64>) -> Estimate {
         let (state, calibration) = self.unpack(problem, mean);
         Estimate::with_spread(state, calibration, spread)
     }
@@ -237,7 +223,11 @@ impl Ensemble {
     ///
     /// # Errors
     /// [`Error::NotFinite`] if a departure is not finite.
-    pub(super) fn observe(&self, problem: &Problem, observed: &ObservationWindow) -> Result<ObservedEnsemble, Error> {
+    pub(super) fn observe(
+        &self,
+        problem: &Problem<dyn Model>,
+        observed: &ObservationWindow,
+    ) -> Result<ObservedEnsemble, Error> {
         let members: Vec<Vec<f64>> = self
             .values
             .par_chunks_exact(self.rows)
@@ -248,13 +238,10 @@ impl Ensemble {
             .collect();
         let (state, calibration) = self.unpack(problem, &self.mean());
         let mut innovations = problem.innovations(observed, &state, &calibration)?;
-        let n = innovations.variance.len();
+        let n = innovations.len();
         let mean = |row: usize| members.iter().map(|member: &Vec<f64>| member[row]).sum::<f64>() / members.len() as f64;
         innovations.departures = (0..n).map(mean).collect();
-        if let Some(row) = innovations.departures.iter().position(|departure| !departure.is_finite()) {
-            let report = &observed.reports[row];
-            return Err(Error::NotFinite { what: format!("the innovation of {}/{}", report.network, report.platform) });
-        }
+        require_finite(&innovations.departures, observed)?;
         // h(x, c) = y − departure.
         let perturbations = Mat::from_fn(n, members.len(), |i, j| innovations.departures[i] - members[j][i]);
         let places = observed.reports.iter().map(|report| (report.x_m, report.y_m)).collect();
@@ -262,32 +249,14 @@ impl Ensemble {
     }
 }
 
-/// Standard deviation of each row of perturbations.
-pub(super) fn spread(perturbations: &Mat<f64>) -> Vec<f64> {
-    let mut squares = vec![0.0; perturbations.nrows()];
-    for j in 0..perturbations.ncols() {
-        squares.iter_mut().zip(perturbations.col_as_slice(j)).for_each(|(sum, value)| *sum += value * value);
-    }
-    let degrees = (perturbations.ncols() - 1) as f64;
-    squares.iter().map(|square| (square / degrees).sqrt()).collect()
-}
-
-/// The standard deviation of each variable over the domain, for every value of the state: the scales of a norm in which
-/// no variable is lost beside another.
-pub(super) fn variable_scales(problem: &Problem, spread: &[f64]) -> Vec<f64> {
-    let cells = problem.background.layout().grid.cells();
-    let of_field = |field: &[f64]| {
-        let mean_square = field.iter().map(|sigma| sigma * sigma).sum::<f64>() / cells as f64;
-        if mean_square > 0.0 { mean_square.sqrt() } else { 1.0 }
-    };
-    let (state, calibration) = spread.split_at(problem.background.values().len());
-    let state = state.chunks_exact(cells).flat_map(|field| std::iter::repeat_n(of_field(field), cells));
-    state.chain(calibration.iter().map(|&sigma| if sigma > 0.0 { sigma } else { 1.0 })).collect()
-}
-
 /// √(N−1) F Ω, column-major `[m + p, N]`: F holds the leading factors of B and the priors, Ω `[N − 1, N]` orthonormal rows
 /// whose sums are zero.
-fn second_order_exact(problem: &Problem, root: &Mat<f64>, members: usize, random: &mut ChaCha8Rng) -> Vec<f64> {
+fn second_order_exact(
+    problem: &Problem<dyn Model>,
+    root: &Mat<f64>,
+    members: usize,
+    random: &mut ChaCha8Rng,
+) -> Vec<f64> {
     let (m, p) = (problem.background.values().len(), root.nrows());
     let variances: Vec<f64> = {
         // A few draws tell the scales of the variables well enough.
@@ -311,7 +280,13 @@ fn second_order_exact(problem: &Problem, root: &Mat<f64>, members: usize, random
     (0..members.ncols()).flat_map(|j| members.col_as_slice(j).iter().map(move |value| scale * value)).collect()
 }
 
-fn check(problem: &Problem, initial: InitialMembers, rows: usize, p: usize, members: usize) -> Result<(), Error> {
+fn check(
+    problem: &Problem<dyn Model>,
+    initial: InitialMembers,
+    rows: usize,
+    p: usize,
+    members: usize,
+) -> Result<(), Error> {
     if members < 2 {
         return Err(Error::Setting(format!("an ensemble of {members} has no spread; it needs 2 members or more")));
     }

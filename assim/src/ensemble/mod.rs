@@ -4,12 +4,13 @@
 //! |---|---|
 //! | `cycle` | what the methods share but for their analyses |
 //! | `filter` | such a cycle with an analysis is a method |
+//! | `moments` | their mean and perturbations |
 //! | `members` | [`Ensemble`]: the members, their draw, forecast and observation |
 //! | `model_error` | what a cycle adds to the members: draws of Q, or the square root that has no sampling error |
 //! | `transform` | the analysis in the space of the ensemble |
 //! | `inflation` | multiplicative, adaptive, relaxation to the prior spread and perturbations |
 //! | `weights` | the weights of local analyses at every cell |
-//! | `localization` | the taper of Gaspari and Cohn |
+//! | `localization` | the taper of Gaspari and Cohn on a plane |
 //! | `tapered` | innovations with a tapered covariance of state and shared biases |
 //! | `etkf` | [`EnsembleTransformKalmanFilter`] |
 //! | `fixed_lag` | its smoother, the EnKS |
@@ -27,6 +28,7 @@ mod letkf;
 mod localization;
 mod members;
 mod model_error;
+mod moments;
 mod stochastic;
 mod tapered;
 mod transform;
@@ -36,7 +38,6 @@ pub use etkf::EnsembleTransformKalmanFilter;
 pub use filter::EnsembleFilter;
 pub use inflation::{BackgroundInflation, Inflation};
 pub use letkf::{LocalEnsembleTransformKalmanFilter, LocalSettings};
-pub use localization::gaspari_cohn;
 pub use members::Ensemble;
 pub use stochastic::StochasticEnsembleKalmanFilter;
 

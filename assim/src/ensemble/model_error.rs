@@ -1,13 +1,13 @@
 //! What a cycle adds to the members: model error and the random walks of the biases.
 
 use super::ModelErrorTreatment;
-use super::members::{spread, variable_scales};
+use super::moments::{spread, variable_scales};
 use crate::covariance;
 use crate::linalg::{add_product, add_symmetric_product, eigen, product};
 use crate::problem::Problem;
 use faer::Mat;
-use isobar_model::Duration;
 use isobar_model::random::standard_normals;
+use isobar_model::{Duration, Model};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
@@ -16,7 +16,7 @@ const LEAST_VARIANCE: f64 = 1e-12;
 
 /// Adds the errors of a window to perturbations X, `[m + p, N]`.
 pub(super) fn add_model_error(
-    problem: &Problem,
+    problem: &Problem<dyn Model>,
     treatment: ModelErrorTreatment,
     window: Duration,
     perturbations: &mut Mat<f64>,
@@ -41,7 +41,13 @@ pub(super) fn add_model_error(
 }
 
 /// N draws of Q and the walks, with mean zero, `[m + p, N]`.
-fn draws(problem: &Problem, drift: &[f64], rows: usize, members: usize, random: &mut ChaCha8Rng) -> Mat<f64> {
+fn draws(
+    problem: &Problem<dyn Model>,
+    drift: &[f64],
+    rows: usize,
+    members: usize,
+    random: &mut ChaCha8Rng,
+) -> Mat<f64> {
     let m = rows - drift.len();
     let controls = problem.model_error.as_ref().map_or(0, |model_error| model_error.control_len());
     let normals: Vec<Vec<f64>> = (0..members).map(|_| standard_normals(random, controls + drift.len())).collect();
@@ -72,7 +78,7 @@ struct Span {
 }
 
 impl Span {
-    fn new(problem: &Problem, perturbations: &Mat<f64>) -> Self {
+    fn new(problem: &Problem<dyn Model>, perturbations: &Mat<f64>) -> Self {
         let scales = variable_scales(problem, &spread(perturbations));
         let members = perturbations.ncols();
         let scaled = Mat::from_fn(perturbations.nrows(), members, |i, j| perturbations[(i, j)] / scales[i]);
@@ -100,7 +106,7 @@ impl Span {
     }
 
     /// T = (I + (N − 1) Z⁺ S⁻¹ Q S⁻¹ Z⁺ᵀ)^½, so that X T has the covariance of X and the projected Q together.
-    fn square_root(&self, problem: &Problem, drift: &[f64]) -> Mat<f64> {
+    fn square_root(&self, problem: &Problem<dyn Model>, drift: &[f64]) -> Mat<f64> {
         let (rows, members) = (self.scaled.nrows(), self.scaled.ncols());
         let m = rows - drift.len();
         // Z⁺ᵀ = Z V Σ⁻² Vᵀ; of it the columns Z V Σ⁻² suffice.

@@ -4,7 +4,8 @@ use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
 use super::filter::{EnsembleAnalysis, EnsembleFilter};
 use super::localization::Taper;
-use super::members::{Moments, ObservedEnsemble};
+use super::members::ObservedEnsemble;
+use super::moments::Moments;
 use super::tapered::{SharedParameters, TaperedInnovations, cross_taper};
 use super::transform::WhitenedObservations;
 use crate::error::Error;
@@ -12,7 +13,7 @@ use crate::linalg::product;
 use crate::problem::Problem;
 use faer::{Mat, MatRef};
 use isobar_model::random::standard_normals;
-use isobar_model::{Layout, Location};
+use isobar_model::{Layout, Location, Model};
 use isobar_obs::ByPlacement;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -28,6 +29,7 @@ use rayon::prelude::*;
 pub type StochasticEnsembleKalmanFilter = EnsembleFilter<PerturbedObservations>;
 
 /// The analysis of the [`StochasticEnsembleKalmanFilter`].
+#[derive(Clone)]
 pub struct PerturbedObservations {
     taper: Taper,
     /// κ of the taper between state and shared parameters.
@@ -42,7 +44,12 @@ impl StochasticEnsembleKalmanFilter {
     ///
     /// # Errors
     /// As [`Ensemble::draw`](super::Ensemble::draw).
-    pub fn new(problem: Problem, settings: EnsembleSettings, localization_radius_m: f64) -> Result<Self, Error> {
+    pub fn new(
+        problem: impl Into<Problem<dyn Model>>,
+        settings: EnsembleSettings,
+        localization_radius_m: f64,
+    ) -> Result<Self, Error> {
+        let problem = problem.into();
         let grid = &problem.background.layout().grid;
         let taper = Taper::new(grid, localization_radius_m);
         let cross = cross_taper(grid, &taper);
@@ -58,19 +65,19 @@ impl EnsembleAnalysis for PerturbedObservations {
         let inflation = cycle.settings.inflation;
         let mut whitened = WhitenedObservations::new(members);
         let (n, columns) = (whitened.perturbations.nrows(), whitened.perturbations.ncols());
-        let variance_factor = &mut cycle.variance_factors[0];
+        let variance_factor = &mut cycle.memory.variance_factors[0];
         *variance_factor = inflation.variance_factor(*variance_factor, &whitened, n as f64);
         let factor = variance_factor.sqrt();
         whitened.perturbations *= faer::Scale(factor);
-        let background = cycle.ensemble.moments();
-        let inflated = &background.perturbations * faer::Scale(factor);
+        let background = cycle.memory.ensemble.moments();
+        let inflated = &*background.perturbations * faer::Scale(factor);
 
         let parameters = inflated.as_ref().get(m.., ..);
         let shared = SharedParameters { numbers: &self.shared, perturbations: parameters };
         let tapered = TaperedInnovations::new(members, &whitened, &shared, &self.taper, self.cross);
         // R^-½ (y + ε_i − h(x_i)), then S⁻¹ of it.
         let root = ((columns - 1) as f64).sqrt();
-        let errors = centered_normals(&mut cycle.random, n, columns);
+        let errors = centered_normals(&mut cycle.memory.random, n, columns);
         let innovations = Mat::from_fn(n, columns, |i, j| {
             whitened.departures[i] - root * whitened.perturbations[(i, j)] + errors[(i, j)]
         });
@@ -91,8 +98,8 @@ impl EnsembleAnalysis for PerturbedObservations {
         let mut analysed = Moments::of_deviations(background.mean.clone(), deviations);
         let relaxation = inflation.relaxation_to_prior_perturbations;
         if relaxation > 0.0 {
-            analysed.perturbations = &analysed.perturbations * faer::Scale(1.0 - relaxation)
-                + &background.perturbations * faer::Scale(relaxation);
+            *analysed.perturbations = &*analysed.perturbations * faer::Scale(1.0 - relaxation)
+                + &*background.perturbations * faer::Scale(relaxation);
         }
         cycle.set(&background, analysed);
         tapered.chi2()

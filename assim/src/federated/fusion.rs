@@ -1,9 +1,11 @@
 //! The fusion of estimates of one state with different biases, and its division.
 
-use crate::augmented::AugmentedState;
+use crate::augmented::Augmented;
 use crate::error::Error;
+use crate::errors::dense::KalmanFilter;
 use crate::linalg::{add_symmetric_product, cholesky, column, product, solve_lower};
 use faer::{Mat, MatRef};
+use isobar_model::vector::{add, difference};
 
 /// What is added to each variance before it is factored, as a share of it: the first with which there is a factor.
 /// Covariances such as a balanced B have no full rank; in directions in which both estimates have less than this share of the
@@ -20,10 +22,11 @@ pub(super) struct Fused {
     covariance: Mat<f64>,
 }
 
-impl From<&AugmentedState> for Fused {
-    fn from(local: &AugmentedState) -> Self {
-        let estimate = local.state.values().iter().chain(&local.bias).copied().collect();
-        Self { values: local.state.values().len(), estimate, covariance: local.covariance.clone() }
+impl From<&KalmanFilter> for Fused {
+    fn from(local: &KalmanFilter) -> Self {
+        let Augmented { state, bias } = &local.belief.s;
+        let estimate = state.values().iter().chain(bias).copied().collect();
+        Self { values: state.values().len(), estimate, covariance: local.covariance().to_owned() }
     }
 }
 
@@ -39,40 +42,39 @@ impl Fused {
     ///
     /// # Errors
     /// [`Error::NotPositiveDefinite`] if S has lost its meaning.
-    pub fn fuse(&mut self, other: &AugmentedState) -> Result<(), Error> {
+    pub fn fuse(&mut self, other: &KalmanFilter) -> Result<(), Error> {
         let (m, known) = (self.values, self.covariance.nrows());
-        let size = known + other.covariance.nrows() - m;
-        let (p, q) = (self.covariance.as_ref(), other.covariance.as_ref());
+        let size = known + other.covariance().nrows() - m;
+        let (p, q) = (self.covariance.as_ref(), other.covariance());
         let sum = Mat::from_fn(m, m, |i, j| p[(i, j)] + q[(i, j)]);
         let root = semidefinite_cholesky(sum.as_ref(), "the sum of two fused covariances")?;
         let mut w = Mat::zeros(m, size);
         w.as_mut().get_mut(.., ..known).copy_from(p.get(..m, ..));
         w.as_mut().get_mut(.., known..).copy_from(-q.get(..m, m..));
         solve_lower(root.as_ref(), w.as_mut());
-        let differences: Vec<f64> = other.state.values().iter().zip(&self.estimate).map(|(a, b)| a - b).collect();
-        let mut differences = column(&differences);
+        let mut differences = column(&difference(other.belief.s.state.values(), &self.estimate[..m]));
         solve_lower(root.as_ref(), differences.as_mut());
         let mut covariance = Mat::zeros(size, size);
         covariance.as_mut().get_mut(..known, ..known).copy_from(p);
         covariance.as_mut().get_mut(known.., known..).copy_from(q.get(m.., m..));
         add_symmetric_product(covariance.as_mut(), -1.0, w.transpose(), w.as_ref());
         self.covariance = covariance;
-        self.estimate.extend_from_slice(&other.bias[..size - known]);
+        self.estimate.extend_from_slice(&other.belief.s.bias[..size - known]);
         let increment = product(w.transpose(), differences.as_ref());
-        self.estimate.iter_mut().zip(increment.col_as_slice(0)).for_each(|(value, change)| *value += change);
+        add(&mut self.estimate[..size], increment.col_as_slice(0));
         Ok(())
     }
 
     /// Writes the estimate to where its values belong: number i to number `order[i]`.
-    pub fn store(self, order: &[usize], to: &mut AugmentedState) {
-        let m = self.values;
-        to.state.values_mut().copy_from_slice(&self.estimate[..m]);
+    pub fn store(self, order: &[usize], to: &mut KalmanFilter) {
+        let (m, Augmented { state, bias }) = (self.values, &mut to.belief.s);
+        state.values_mut().copy_from_slice(&self.estimate[..m]);
         for (&number, &value) in order[m..].iter().zip(&self.estimate[m..]) {
-            to.bias[number - m] = value;
+            bias[number - m] = value;
         }
         for (j, &to_column) in order.iter().enumerate() {
             let from = self.covariance.col_as_slice(j);
-            let column = to.covariance.col_as_slice_mut(to_column);
+            let column = to.covariance_mut().col_as_slice_mut(to_column);
             order.iter().zip(from).for_each(|(&row, &value)| column[row] = value);
         }
     }
@@ -82,14 +84,14 @@ impl Fused {
 ///
 /// # Errors
 /// [`Error::NotPositiveDefinite`] if P has lost its meaning.
-pub(super) fn explained_by_state(master: &AugmentedState) -> Result<Mat<f64>, Error> {
-    let (m, size) = (master.state.values().len(), master.covariance.nrows());
+pub(super) fn explained_by_state(master: &KalmanFilter) -> Result<Mat<f64>, Error> {
+    let (m, size) = (master.belief.s.state.values().len(), master.covariance().nrows());
     if size == m {
         return Ok(Mat::zeros(0, 0));
     }
-    let states = master.covariance.as_ref().get(..m, ..m);
+    let states = master.covariance().get(..m, ..m);
     let root = semidefinite_cholesky(states, "the fused covariance of the state")?;
-    let mut w = master.covariance.as_ref().get(..m, m..).to_owned();
+    let mut w = master.covariance().get(..m, m..).to_owned();
     solve_lower(root.as_ref(), w.as_mut());
     Ok(product(w.transpose(), w.as_ref()))
 }
@@ -102,22 +104,24 @@ pub(super) fn explained_by_state(master: &AugmentedState) -> Result<Mat<f64>, Er
 ///
 /// `biases` are the numbers of its biases among all.
 pub(super) fn divide(
-    master: &AugmentedState,
+    master: &KalmanFilter,
     explained: MatRef<'_, f64>,
     share: f64,
     biases: &[usize],
-    local: &mut AugmentedState,
+    local: &mut KalmanFilter,
 ) {
-    let m = master.state.values().len();
-    local.state.values_mut().copy_from_slice(master.state.values());
-    local.bias.iter_mut().zip(biases).for_each(|(value, &number)| *value = master.bias[number]);
+    let (from, to) = (&master.belief.s, &mut local.belief.s);
+    let m = from.state.values().len();
+    to.state.values_mut().copy_from_slice(from.state.values());
+    to.bias.iter_mut().zip(biases).for_each(|(value, &number)| *value = from.bias[number]);
     let number_of = |i: usize| if i < m { i } else { m + biases[i - m] };
-    let p = &master.covariance;
-    local.covariance = Mat::from_fn(local.covariance.nrows(), local.covariance.nrows(), |i, j| {
+    let (p, size) = (master.covariance(), local.covariance().nrows());
+    *local.covariance_mut() = Mat::from_fn(size, size, |i, j| {
         let value = p[(number_of(i), number_of(j))];
-        match i >= m && j >= m {
-            true => value + (1.0 / share - 1.0) * explained[(biases[i - m], biases[j - m])],
-            false => value / share,
+        if i >= m && j >= m {
+            value + (1.0 / share - 1.0) * explained[(biases[i - m], biases[j - m])]
+        } else {
+            value / share
         }
     });
 }

@@ -1,4 +1,4 @@
-//! Tall matrices: factors, each column of which is an increment.
+//! Tall matrices: factors, whose columns are increments.
 //!
 //! Millions of rows and some tens of columns: every operation goes through the rows in chunks of a fixed number, over
 //! threads, and sums are taken in the order of a fixed tree, so that the bits are the same on any number of threads.
@@ -13,6 +13,7 @@ pub(crate) use products::{cross_product, scaled_gram};
 
 use isobar_model::Stored;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
 /// How numbers are stored; all arithmetic is in double precision.
@@ -35,7 +36,7 @@ impl Precision {
 }
 
 /// All columns, one after another.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) enum Values {
     Double(Vec<f64>),
     Single(Vec<f32>),
@@ -65,7 +66,7 @@ macro_rules! stored {
 pub(crate) use stored;
 
 /// A column-major matrix `[rows, columns]` without padding, so that its columns are increments one after another.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct TallMatrix {
     rows: usize,
     columns: usize,
@@ -86,6 +87,12 @@ impl TallMatrix {
         let values = values.into();
         assert_eq!(stored!(&values, values => values.len()), rows * columns);
         Self { rows, columns, values }
+    }
+
+    /// Whether it has this shape, whatever was stored.
+    pub fn has_shape(&self, rows: usize, columns: usize) -> bool {
+        let len = stored!(&self.values, values => values.len());
+        (self.rows, self.columns) == (rows, columns) && rows.checked_mul(columns) == Some(len)
     }
 
     pub fn rows(&self) -> usize {
@@ -163,7 +170,7 @@ impl TallMatrix {
         });
     }
 
-    /// Makes room for so many columns in all, no more.
+    /// Makes room for `columns` columns in all, and no more.
     pub fn reserve(&mut self, columns: usize) {
         let wanted = self.rows * columns;
         stored!(&mut self.values, values => values.reserve_exact(wanted.saturating_sub(values.len())));

@@ -1,5 +1,7 @@
 //! Conjugate gradients for symmetric positive definite systems (Hestenes and Stiefel 1952).
 
+use isobar_model::vector::dot;
+
 /// When the minimiser stops.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stopping {
@@ -69,9 +71,4 @@ pub(super) fn solve(
         }
     }
     systems.into_iter().map(|system| system.solution).collect()
-}
-
-/// aᵀ b.
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -1,15 +1,16 @@
 //! Strong-constraint incremental 4D-Var with the biases in the control vector.
 
-use super::conjugate_gradient::{self, Stopping, dot};
+use super::conjugate_gradient::{self, Stopping};
 use super::control_space::ControlSpace;
-use crate::assimilator::{Analysis, Assimilator, Estimate};
-use crate::calibrated_state::{CalibratedState, SavedCalibratedState};
-use crate::calibration_accuracy::CalibrationAccuracy;
+use crate::assimilator::{Adjustments, Assimilator, CalibrationAdjustment, Views, WidenCalibration};
+use crate::calibrated_state::CalibratedState;
 use crate::error::Error;
-use crate::problem::{Innovations, Problem};
-use crate::saved::{from_bytes, to_bytes, unfit};
+use crate::estimate::{Analysis, Background};
+use crate::memory::{from_bytes, require, to_bytes};
+use crate::problem::{Innovations, Problem, steps};
 use faer::MatRef;
-use isobar_model::{ColumnsMut, Duration, State, forecast};
+use isobar_model::vector::{add, dot};
+use isobar_model::{Adjoint, ColumnsMut, Duration, Model, State, forecast};
 use isobar_obs::{Jacobian, LinearOperator, ObservationWindow};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -25,9 +26,9 @@ pub struct FourDVarSettings {
     pub covariance_scale: f64,
     /// Number of outer loops, at least one: linearisations about the latest trajectory.
     pub outer_loops: usize,
-    /// The minimiser of an outer loop stops when the gradient's norm has fallen by this factor,
+    /// The minimiser of an outer loop stops when the gradient's norm has fallen by this factor.
     pub tolerance: f64,
-    /// or after so many iterations.
+    /// The largest number of iterations of an outer loop.
     pub max_iterations: usize,
 }
 
@@ -46,23 +47,23 @@ pub struct FourDVarSettings {
 /// observations ended, so that no observation counts twice; until L cycles have passed, it is the first background. The
 /// result of each cycle is the end of the trajectory. P_c, the covariance of the biases' errors, belongs to the background
 /// too: it is that block of the inverse Hessian of the analysis from which the window starts.
+#[derive(Clone)]
 pub struct FourDVar {
-    problem: Problem,
+    problem: Problem<dyn Model>,
+    model: Arc<dyn Adjoint>,
     settings: FourDVarSettings,
     /// The analyses of the last cycles, at most L: the first is the background of the window.
     starts: VecDeque<CalibratedState>,
     /// The observations since the first of them, cycle by cycle.
     observed: VecDeque<ObservationWindow>,
-    /// Length of a cycle.
-    window: Duration,
     present: CalibratedState,
 }
 
 /// The present estimate, and the window that will slide on.
 #[derive(Serialize, Deserialize)]
-struct Saved {
-    present: SavedCalibratedState,
-    starts: Vec<SavedCalibratedState>,
+struct Memory {
+    present: CalibratedState,
+    starts: VecDeque<CalibratedState>,
     /// The observations of each cycle with the Jacobian of their operator, which is linear.
     observed: Vec<(ObservationWindow, Jacobian)>,
 }
@@ -72,62 +73,62 @@ impl FourDVar {
     ///
     /// # Errors
     /// [`Error::Setting`] for a window or a number of outer loops of zero.
-    pub fn new(problem: Problem, settings: FourDVarSettings) -> Result<Self, Error> {
+    pub fn new(problem: Problem<dyn Adjoint>, settings: FourDVarSettings) -> Result<Self, Error> {
         if settings.window_cycles == 0 || settings.outer_loops == 0 {
             return Err(Error::Setting("4D-Var needs a window of at least one cycle and one outer loop".into()));
         }
         let present = CalibratedState::new(&problem);
         Ok(Self {
-            problem,
+            model: Arc::clone(&problem.model),
+            problem: problem.into(),
             settings,
             starts: VecDeque::from([present.clone()]),
             observed: VecDeque::new(),
-            window: Duration::from_seconds(0),
             present,
         })
     }
 
     /// The trajectory from x_0 through the window, one list of states for each cycle, from its first step to its end.
-    fn trajectory(&self, start: &State) -> Result<Vec<Vec<State>>, Error> {
-        let steps = self.problem.steps(self.window)?;
+    fn trajectory(&self, start: &State, steps: usize) -> Result<Vec<Vec<State>>, Error> {
         let mut cycles: Vec<Vec<State>> = Vec::with_capacity(self.observed.len());
         for _ in 0..self.observed.len() {
             let from = cycles.last().map_or(start, |cycle| &cycle[steps]);
-            cycles.push(forecast::trajectory(&*self.problem.model, from, steps)?);
+            cycles.push(forecast::trajectory(&*self.model, from, steps)?);
         }
         Ok(cycles)
     }
 
-    /// The analysis of the window; the trajectory's end and the biases become the estimate. Returns χ².
-    fn analyse_window(&mut self) -> Result<f64, Error> {
+    /// The analysis of the window, whose cycles have this length; the trajectory's end and the biases become the estimate.
+    /// Returns χ².
+    fn analyse_window(&mut self, cycle: Duration) -> Result<f64, Error> {
+        let steps = steps(&*self.model, cycle)?;
         let mut background = self.starts.front().expect("there is always a background").clone();
         let cycles = self.observed.len();
-        background.drift(Duration::from_seconds(self.window.seconds() * cycles as i64));
+        background.drift(Duration::from_seconds(cycle.seconds() * cycles as i64));
         let scale = self.settings.covariance_scale;
         let control = ControlSpace::new(&*self.problem.background_error, scale, &background.bias_covariance)?;
         let stopping = Stopping { tolerance: self.settings.tolerance, max_iterations: self.settings.max_iterations };
         let mut estimate = background.clone();
         let mut chi2 = 0.0;
         for outer in 1..=self.settings.outer_loops {
-            let trajectory = self.trajectory(&estimate.state)?;
+            let trajectory = self.trajectory(&estimate.s.state, steps)?;
             let innovations = self
                 .observed
                 .iter()
                 .zip(&trajectory)
                 .map(|(observed, cycle)| {
-                    self.problem.innovations(observed, cycle.last().expect("a cycle has steps"), &estimate.bias)
+                    self.problem.innovations(observed, cycle.last().expect("a cycle has steps"), &estimate.s.bias)
                 })
                 .collect::<Result<Vec<_>, Error>>()?;
             let cost =
-                Cost { problem: &self.problem, control: &control, trajectory: &trajectory, innovations: &innovations };
+                Cost { model: &*self.model, control: &control, trajectory: &trajectory, innovations: &innovations };
             // Innovations about the background, to first order: d + H M (x − x_b) + G (c − c_b).
-            let dx = (&estimate.state - &background.state).values().to_vec();
-            let differences = estimate.bias.iter().zip(&background.bias).map(|(a, b)| a - b);
+            let dx = (&estimate.s.state - &background.s.state).values().to_vec();
+            let differences = estimate.s.bias.iter().zip(&background.s.bias).map(|(a, b)| a - b);
             let dc: Vec<f64> = differences.take(control.parameters()).collect();
             let mut right: Vec<Vec<f64>> = cost.observe(dx, &[dc]).swap_remove(0);
             for (values, own) in right.iter_mut().zip(&innovations) {
-                let departures = own.whiten(own.departures.clone());
-                values.iter_mut().zip(departures).for_each(|(value, departure)| *value += departure);
+                add(values, &own.whiten(own.departures.clone()));
             }
             let gradient = cost.multiply_transposed(&[right.clone()]).swap_remove(0);
             // The last outer loop finds the covariance of the biases along with the minimum.
@@ -141,27 +142,25 @@ impl FourDVar {
             estimate = background.clone();
             estimate.add(&dx, &dc);
             if units > 0 {
-                estimate.bias_covariance = control.bias_covariance(posterior);
+                estimate.bias_covariance = control.bias_covariance(posterior).into();
             }
         }
-        let steps = self.problem.steps(self.window)? * cycles;
-        forecast::forecast(&*self.problem.model, &mut estimate.state, steps)?;
+        forecast::forecast(&*self.model, &mut estimate.s.state, steps * cycles)?;
         self.present = estimate;
         Ok(chi2)
     }
 }
 
 impl Assimilator for FourDVar {
-    fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
-        self.window = window;
-        self.present.forecast(&self.problem, window)?;
-        self.present.estimate(None)
+    fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
+        self.present.forecast(&*self.model, window)?;
+        Ok(Background { estimate: self.present.estimate(None)?, window })
     }
 
-    fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
-        let innovations = self.problem.innovations(observed, &self.present.state, &self.present.bias)?;
+    fn analyse(&mut self, from: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        let innovations = self.problem.innovations(observed, &self.present.s.state, &self.present.s.bias)?;
         self.observed.push_back(observed.clone());
-        let window_chi2 = self.analyse_window()?;
+        let window_chi2 = self.analyse_window(from.window)?;
         // χ² is that of the window; each of its cycles has its part.
         let all: usize = self.observed.iter().map(|observed| observed.len()).sum();
         let innovation_chi2 = window_chi2 * observed.len() as f64 / all.max(1) as f64;
@@ -173,59 +172,59 @@ impl Assimilator for FourDVar {
         Ok(self.problem.analysis(observed, innovations, self.present.estimate(None)?, innovation_chi2))
     }
 
-    fn save(&self) -> Result<Vec<u8>, Error> {
-        let CalibratedState { state, bias, .. } = &self.present;
-        to_bytes(&Saved {
-            present: self.present.saved(),
-            starts: self.starts.iter().map(CalibratedState::saved).collect(),
-            observed: self.observed.iter().map(|it| (it.clone(), it.operator.linearize(state, bias))).collect(),
-        })
+    fn boxed_clone(&self) -> Box<dyn Assimilator> {
+        Box::new(self.clone())
     }
 
-    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        let Saved { present, starts, observed } = from_bytes(saved)?;
-        let restored = |saved: SavedCalibratedState| -> Result<CalibratedState, Error> {
-            let mut start = self.present.clone();
-            start.restore(saved)?;
-            Ok(start)
-        };
-        let starts = starts.into_iter().map(restored).collect::<Result<VecDeque<_>, _>>()?;
-        let layout = self.present.state.layout();
+    /// The operators of the window are linear: a Jacobian stands for each of them.
+    fn memory(&self) -> Result<Vec<u8>, Error> {
+        let s = &self.present.s;
+        let with_jacobian = |window: &ObservationWindow| (window.clone(), window.operator.linearize(&s.state, &s.bias));
+        let observed = self.observed.iter().map(with_jacobian).collect();
+        to_bytes(&Memory { present: self.present.clone(), starts: self.starts.clone(), observed })
+    }
+
+    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
+        let Memory { present, starts, observed } = from_bytes(memory)?;
+        starts.iter().chain([&present]).try_for_each(|start| start.require_like(&self.present))?;
+        let (layout, p) = (present.s.state.layout(), present.s.bias.len());
         let fits = |(window, jacobian): &(ObservationWindow, Jacobian)| {
             window.fits(layout)
                 && jacobian.state.has_shape(window.len(), layout.len())
-                && jacobian.calibration.has_shape(window.len(), self.problem.calibration.len())
+                && jacobian.calibration.has_shape(window.len(), p)
         };
-        if !observed.iter().all(fits)
-            || starts.len() != observed.len() + 1
-            || starts.len() > self.settings.window_cycles
-        {
-            return Err(unfit("the assimilation window"));
-        }
+        let is_whole = starts.len() == observed.len() + 1 && starts.len() <= self.settings.window_cycles;
+        require(is_whole && observed.iter().all(fits), "the assimilation window")?;
         let with_operator = |(window, jacobian)| {
             let operator = Arc::new(LinearOperator { jacobian });
             ObservationWindow { operator, ..window }
         };
-        (self.starts, self.observed) = (starts, observed.into_iter().map(with_operator).collect());
-        self.present.restore(present)
-    }
-
-    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
-        self.present.accuracy()
-    }
-
-    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
-        // The window's background says what was known of biases that are one and the same over the window.
-        self.starts.iter_mut().for_each(|start| start.bias_covariance += covariance);
-        self.present.bias_covariance += covariance;
+        let observed = observed.into_iter().map(with_operator).collect();
+        (self.present, self.starts, self.observed) = (present, starts, observed);
         Ok(())
+    }
+
+    fn can(&self) -> Views<'_> {
+        Views { calibration: self.present.view(), ..Views::default() }
+    }
+
+    fn adjust(&mut self) -> Adjustments<'_> {
+        let calibration = (self.present.parameters() > 0).then_some(CalibrationAdjustment::Widen(self));
+        Adjustments { calibration, error_factor: None }
+    }
+}
+
+impl WidenCalibration for FourDVar {
+    /// The window's background says what was known of biases that are one and the same over the window.
+    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        self.starts.iter_mut().chain([&mut self.present]).try_for_each(|start| start.widen_calibration(covariance))
     }
 }
 
 /// The quadratic problem of an outer loop; a control vector is (χ, β), a vector of whitened observations has one part for
 /// each cycle. All operators take several vectors at once, which the models propagate together.
 struct Cost<'a> {
-    problem: &'a Problem,
+    model: &'a dyn Adjoint,
     control: &'a ControlSpace<'a>,
     /// States of each cycle, from its first step to its end.
     trajectory: &'a [Vec<State>],
@@ -238,7 +237,7 @@ impl Cost<'_> {
         let m = self.control.state_values();
         let mut result: Vec<Vec<Vec<f64>>> = vec![Vec::with_capacity(self.trajectory.len()); biases.len()];
         for (cycle, own) in self.trajectory.iter().zip(self.innovations) {
-            self.problem.model.steps_tl(&cycle[0], ColumnsMut::Double(&mut columns), cycle.len() - 1);
+            self.model.steps_tl(&cycle[0], ColumnsMut::Double(&mut columns), cycle.len() - 1);
             for (number, dc) in biases.iter().enumerate() {
                 let dy = own.jacobian.apply(&columns[number * m..][..m], dc);
                 result[number].push(own.whiten(dy));
@@ -256,7 +255,7 @@ impl Cost<'_> {
             for (values, (dx, dc)) in whitened.iter().zip(columns.chunks_exact_mut(m).zip(&mut biases)) {
                 own.jacobian.apply_ad(&own.whiten(values[number].clone()), dx, dc);
             }
-            forecast::backward_ad(&*self.problem.model, cycle, &mut columns);
+            forecast::backward_ad(self.model, cycle, &mut columns);
         }
         columns.par_chunks_exact(m).zip(&biases).map(|(dx, dc)| self.control.controls(dx, dc)).collect()
     }
@@ -267,7 +266,7 @@ impl Cost<'_> {
             controls.par_iter().map(|control| self.control.increments(control)).unzip();
         let mut images = self.multiply_transposed(&self.observe(columns.concat(), &biases));
         for (image, control) in images.iter_mut().zip(controls) {
-            image.iter_mut().zip(control).for_each(|(image, own)| *image += own);
+            add(image, control);
         }
         images
     }

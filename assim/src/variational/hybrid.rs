@@ -1,16 +1,15 @@
 //! Hybrid 3D-Var: the covariance of an ensemble beside the static one.
 
 use super::{ThreeDVar, ThreeDVarSettings};
-use crate::assimilator::{Analysis, Assimilator, Estimate};
-use crate::calibration_accuracy::CalibrationAccuracy;
+use crate::assimilator::{Adjustments, Assimilator, CalibrationAdjustment, Views, WidenCalibration};
 use crate::covariance::{Covariance, LocalizedEnsemble};
-use crate::covariance_column::{CovarianceColumn, Unknown};
 use crate::ensemble::{EnsembleSettings, LocalEnsembleTransformKalmanFilter, LocalSettings};
 use crate::error::Error;
+use crate::estimate::{Analysis, Background, Estimate};
+use crate::memory::{from_bytes, to_bytes};
 use crate::problem::Problem;
-use crate::saved::{from_bytes, to_bytes};
 use faer::MatRef;
-use isobar_model::Duration;
+use isobar_model::{Duration, Model};
 use isobar_obs::ObservationWindow;
 use std::sync::Arc;
 
@@ -30,6 +29,7 @@ pub struct HybridSettings {
 /// 3D-Var with `B = (1 − w) s B_static + w ρ ∘ P_ensemble` (Hamill and Snyder 2000; Lorenc 2003). The members are updated by
 /// a local ensemble transform Kalman filter, and shifted to have the variational analysis as their mean. The static part
 /// covers the directions that the members do not know, the ensemble's the flow of the day.
+#[derive(Clone)]
 pub struct HybridThreeDVar {
     settings: HybridSettings,
     static_error: Arc<dyn Covariance>,
@@ -49,8 +49,9 @@ impl HybridThreeDVar {
     /// Hybrid 3D-Var from the background.
     ///
     /// # Errors
-    /// [`Error::Setting`] for a weight that is none; that of the ensemble.
-    pub fn new(problem: Problem, settings: HybridSettings) -> Result<Self, Error> {
+    /// [`Error::Setting`] for a weight outside \[0, 1\]; those of the ensemble.
+    pub fn new(problem: impl Into<Problem<dyn Model>>, settings: HybridSettings) -> Result<Self, Error> {
+        let problem = problem.into();
         if !(0.0..=1.0).contains(&settings.ensemble_weight) {
             return Err(Error::Setting(format!("an ensemble weight of {} is not in [0, 1]", settings.ensemble_weight)));
         }
@@ -67,13 +68,13 @@ impl HybridThreeDVar {
 }
 
 impl Assimilator for HybridThreeDVar {
-    fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
+    fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
         self.ensemble.forecast(window)?;
-        let estimate = self.variational.forecast(window)?;
-        Ok(self.with_spread(estimate))
+        let Background { estimate, .. } = self.variational.forecast(window)?;
+        Ok(Background { estimate: self.with_spread(estimate), window })
     }
 
-    fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
+    fn analyse(&mut self, from: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
         let weight = self.settings.ensemble_weight;
         self.variational.set_background_error(Arc::new(HybridCovariance {
             static_part: Arc::clone(&self.static_error),
@@ -81,33 +82,46 @@ impl Assimilator for HybridThreeDVar {
             ensemble: self.ensemble.state_covariance(self.settings.local.localization_radius_m),
             ensemble_root: weight.sqrt(),
         }));
-        let analysis = self.variational.analyse(observed)?;
-        self.ensemble.analyse(observed)?;
+        let analysis = self.variational.analyse(from, observed)?;
+        self.ensemble.analyse(from, observed)?;
         self.ensemble.shift_to(&analysis.estimate);
         Ok(Analysis { estimate: self.with_spread(analysis.estimate), ..analysis })
     }
 
-    fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
-        self.ensemble.covariance_column(unknown)
+    fn boxed_clone(&self) -> Box<dyn Assimilator> {
+        Box::new(self.clone())
     }
 
-    fn save(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&(self.variational.save()?, self.ensemble.save()?))
+    fn memory(&self) -> Result<Vec<u8>, Error> {
+        to_bytes(&(self.variational.memory()?, self.ensemble.memory()?))
     }
 
-    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        let (variational, ensemble): (Vec<u8>, Vec<u8>) = from_bytes(saved)?;
-        self.variational.restore(&variational)?;
-        self.ensemble.restore(&ensemble)
+    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
+        let (variational, ensemble): (Vec<u8>, Vec<u8>) = from_bytes(memory)?;
+        self.variational.recall(&variational)?;
+        self.ensemble.recall(&ensemble)
     }
 
-    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
-        self.variational.calibration_accuracy()
+    fn can(&self) -> Views<'_> {
+        let joint_errors = self.ensemble.can().joint_errors;
+        Views { joint_errors, ..self.variational.can() }
     }
 
+    fn adjust(&mut self) -> Adjustments<'_> {
+        let estimates = self.can().calibration.is_some();
+        Adjustments { calibration: estimates.then_some(CalibrationAdjustment::Widen(self)), error_factor: None }
+    }
+}
+
+impl WidenCalibration for HybridThreeDVar {
     fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
-        self.ensemble.widen_calibration(covariance)?;
-        self.variational.widen_calibration(covariance)
+        let parts: [&mut dyn Assimilator; 2] = [&mut self.ensemble, &mut self.variational];
+        for part in parts {
+            if let Some(calibration) = part.adjust().widen() {
+                calibration.widen_calibration(covariance)?;
+            }
+        }
+        Ok(())
     }
 }
 

@@ -1,16 +1,16 @@
 //! 3D-Var with the biases in the control vector.
 
-use super::conjugate_gradient::{self, Stopping, dot};
+use super::conjugate_gradient::{self, Stopping};
 use super::control_space::ControlSpace;
-use crate::assimilator::{Analysis, Assimilator, Estimate};
+use crate::assimilator::{Adjustments, Assimilator, Views};
 use crate::calibrated_state::CalibratedState;
-use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance::Covariance;
 use crate::error::Error;
+use crate::estimate::{Analysis, Background};
+use crate::memory::{from_bytes, to_bytes};
 use crate::problem::{Innovations, Problem};
-use crate::saved::{from_bytes, to_bytes};
-use faer::MatRef;
-use isobar_model::Duration;
+use isobar_model::vector::{add, dot};
+use isobar_model::{Duration, Model};
 use isobar_obs::ObservationWindow;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -20,9 +20,9 @@ use std::sync::Arc;
 pub struct ThreeDVarSettings {
     /// Factor on the covariance B of the problem.
     pub covariance_scale: f64,
-    /// The minimiser stops when the gradient's norm has fallen by this factor,
+    /// The minimiser stops when the gradient's norm has fallen by this factor.
     pub tolerance: f64,
-    /// or after so many iterations.
+    /// The largest number of iterations.
     pub max_iterations: usize,
 }
 
@@ -37,17 +37,19 @@ pub struct ThreeDVarSettings {
 /// errors' correlation with the state's is dropped, because B is static. 2 J at the minimum is the normalised
 /// innovation squared. With a complete minimisation this is optimal interpolation (Lorenc 1986); biases in the control
 /// vector: Derber and Wu (1998), Dee (2005).
+#[derive(Clone)]
 pub struct ThreeDVar {
-    problem: Problem,
+    problem: Problem<dyn Model>,
     settings: ThreeDVarSettings,
-    /// What B is multiplied by besides.
+    /// Another factor of B, that others may change.
     error_factor: f64,
     present: CalibratedState,
 }
 
 impl ThreeDVar {
     /// 3D-Var from the background.
-    pub fn new(problem: Problem, settings: ThreeDVarSettings) -> Self {
+    pub fn new(problem: impl Into<Problem<dyn Model>>, settings: ThreeDVarSettings) -> Self {
+        let problem = problem.into();
         Self { present: CalibratedState::new(&problem), problem, settings, error_factor: 1.0 }
     }
 
@@ -58,13 +60,13 @@ impl ThreeDVar {
 }
 
 impl Assimilator for ThreeDVar {
-    fn forecast(&mut self, window: Duration) -> Result<Estimate, Error> {
-        self.present.forecast(&self.problem, window)?;
-        self.present.estimate(None)
+    fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
+        self.present.forecast(&*self.problem.model, window)?;
+        Ok(Background { estimate: self.present.estimate(None)?, window })
     }
 
-    fn analyse(&mut self, observed: &ObservationWindow) -> Result<Analysis, Error> {
-        let innovations = self.problem.innovations(observed, &self.present.state, &self.present.bias)?;
+    fn analyse(&mut self, _: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        let innovations = self.problem.innovations(observed, &self.present.s.state, &self.present.s.bias)?;
         let background_error = &*self.problem.background_error;
         let scale = self.settings.covariance_scale * self.error_factor;
         let control = ControlSpace::new(background_error, scale, &self.present.bias_covariance)?;
@@ -81,30 +83,31 @@ impl Assimilator for ThreeDVar {
         let (state_increment, bias_increment) = control.increments(minimum);
         let bias_covariance = control.bias_covariance(posterior);
         self.present.add(&state_increment, &bias_increment);
-        self.present.bias_covariance = bias_covariance;
+        self.present.bias_covariance = bias_covariance.into();
         Ok(self.problem.analysis(observed, innovations, self.present.estimate(None)?, innovation_chi2))
     }
 
-    fn set_error_factor(&mut self, factor: f64) -> Result<(), Error> {
-        self.error_factor = factor;
+    fn boxed_clone(&self) -> Box<dyn Assimilator> {
+        Box::new(self.clone())
+    }
+
+    fn memory(&self) -> Result<Vec<u8>, Error> {
+        to_bytes(&self.present)
+    }
+
+    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
+        let present: CalibratedState = from_bytes(memory)?;
+        present.require_like(&self.present)?;
+        self.present = present;
         Ok(())
     }
 
-    fn save(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&self.present.saved())
+    fn can(&self) -> Views<'_> {
+        Views { calibration: self.present.view(), ..Views::default() }
     }
 
-    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
-        self.present.restore(from_bytes(saved)?)
-    }
-
-    fn calibration_accuracy(&self) -> Option<CalibrationAccuracy> {
-        self.present.accuracy()
-    }
-
-    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
-        self.present.bias_covariance += covariance;
-        Ok(())
+    fn adjust(&mut self) -> Adjustments<'_> {
+        Adjustments { calibration: self.present.adjustment(), error_factor: Some(&mut self.error_factor) }
     }
 }
 
@@ -128,7 +131,7 @@ impl Cost<'_> {
         let (dx, dc) = self.control.increments(control);
         let whitened = self.innovations.whiten(self.innovations.jacobian.apply(&dx, &dc));
         let mut image = self.multiply_transposed(&whitened);
-        image.iter_mut().zip(control).for_each(|(image, own)| *image += own);
+        add(&mut image, control);
         image
     }
 }

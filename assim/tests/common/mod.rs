@@ -1,11 +1,14 @@
 //! A small linear model whose propagator is a given matrix, and random observations of it.
 
-use faer::Mat;
+use faer::{Mat, MatRef};
 use isobar_assim::covariance::{Covariance, Sum, White};
 use isobar_assim::ensemble::{EnsembleSettings, Inflation, InitialMembers, ModelErrorTreatment};
-use isobar_assim::fast_kalman::time_volume::{AmplitudeEvolution, Factor, Target, TimeShape, TimeVolumeSettings};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Precision, Residual};
-use isobar_assim::{BiasTreatment, Problem};
+use isobar_assim::time_volume::{AmplitudeEvolution, Factor, Target, TimeShape, TimeVolumeSettings};
+use isobar_assim::{
+    Assimilator, Background, BiasTreatment, CalibrationAccuracy, CovarianceColumn, Error, Estimate, EstimatedParameter,
+    Problem, Unknown,
+};
 use isobar_model::initial::{JetConfig, geostrophic_jet};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{
@@ -214,22 +217,56 @@ pub fn window(problem: &Problem, count: usize, within_cell: bool, cycle: usize, 
         time: Time::from_seconds(cycle as i64 * WINDOW.seconds()),
         cycle,
         reports: vec![
-            Report {
-                network: "n".into(),
-                platform: "p".into(),
-                variable: 0,
-                time: Time::from_seconds(0),
-                x_m: 0.0,
-                y_m: 0.0,
-                scan: None
-            };
+            Report { network: "n".into(), platform: "p".into(), variable: 0, x_m: 0.0, y_m: 0.0, scan: None };
             count
         ],
+        times: vec![Time::from_seconds(cycle as i64 * WINDOW.seconds()); count],
         values,
         sigma: (0..count).map(|row| 0.5 + 0.1 * (row % 5) as f64).collect(),
         rejected: Vec::new(),
         operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
     }
+}
+
+/// The background before any forecast.
+pub fn start(problem: &Problem) -> Background {
+    let estimate = Estimate {
+        state: problem.background.clone(),
+        calibration: vec![0.0; problem.calibration.len()],
+        state_spread: None,
+        calibration_spread: None,
+    };
+    Background { estimate, window: Duration::from_seconds(0) }
+}
+
+/// A column of a method's covariance.
+pub fn column(method: &dyn Assimilator, unknown: Unknown) -> Option<CovarianceColumn> {
+    method.can().joint_errors?.covariance_column(unknown)
+}
+
+/// What a method knows of the calibration.
+pub fn accuracy(method: &dyn Assimilator) -> Option<CalibrationAccuracy> {
+    Some(method.can().calibration?.calibration_accuracy())
+}
+
+/// The lag of a method's smoother.
+pub fn lag(method: &dyn Assimilator) -> Option<usize> {
+    Some(method.can().smoother?.lag())
+}
+
+/// An earlier analysis given all observations so far.
+pub fn smoothed(method: &dyn Assimilator, analyses_ago: usize) -> Option<Estimate> {
+    method.can().smoother?.smoothed(analyses_ago).unwrap()
+}
+
+/// What a method has estimated beside state and calibration.
+pub fn parameters(method: &dyn Assimilator) -> Vec<EstimatedParameter> {
+    method.can().parameters.map_or_else(Vec::new, |it| it.estimated_parameters())
+}
+
+/// Widens the errors of a method's calibration.
+pub fn widen(method: &mut dyn Assimilator, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+    method.adjust().widen().expect("the method can").widen_calibration(covariance)
 }
 
 /// max |a − b| / max |b|.

@@ -4,13 +4,12 @@ mod whole;
 
 use self::whole::Whole;
 use crate::common::{
-    DAY, WINDOW, calibration, constant, factor, problem, relative_difference, settings, volume_settings, window,
+    DAY, WINDOW, accuracy, calibration, constant, factor, parameters, problem, relative_difference, settings,
+    volume_settings, widen, window,
 };
 use faer::Mat;
-use isobar_assim::fast_kalman::time_volume::{
-    AmplitudeEvolution, Factor, Target, TimeShape, TimeVolume, TimeVolumeSettings,
-};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter};
+use isobar_assim::time_volume::{AmplitudeEvolution, Factor, Target, TimeShape, TimeVolume, TimeVolumeSettings};
 use isobar_assim::{Assimilator, BiasTreatment, Problem};
 use isobar_model::Duration;
 use isobar_obs::{Jacobian, LinearOperator, ObservationWindow, SparseRows};
@@ -23,8 +22,8 @@ fn windows(problem: &Problem, count: usize) -> Vec<ObservationWindow> {
 fn run(method: &mut dyn Assimilator, windows: &[ObservationWindow]) -> isobar_assim::Analysis {
     let mut last = None;
     for observed in windows {
-        method.forecast(WINDOW).unwrap();
-        last = Some(method.analyse(observed).unwrap());
+        let from = method.forecast(WINDOW).unwrap();
+        last = Some(method.analyse(&from, observed).unwrap());
     }
     last.unwrap()
 }
@@ -34,7 +33,7 @@ fn run_recalibrated(method: &mut dyn Assimilator, windows: &[ObservationWindow],
     run(method, &windows[..2]);
     let added = [[0.8, 0.0, 0.3], [0.0; 3], [0.3, 0.0, 0.5]];
     let added = Mat::from_fn(p, p, |i, j| if i < 3 && j < 3 { added[i][j] } else { 0.0 });
-    method.widen_calibration(added.as_ref()).unwrap();
+    widen(method, added.as_ref()).unwrap();
     run(method, &windows[2..])
 }
 
@@ -79,7 +78,7 @@ fn it_is_the_least_squares_solution_of_all_cycles() {
         let spread: Vec<f64> = (0..whole.m).map(|i| covariance[(last(i), last(i))].sqrt()).collect();
         assert!(relative_difference(estimate.state.values(), &state) < 1e-8, "{name}: state");
         assert!(relative_difference(estimate.state_spread.as_ref().unwrap(), &spread) < 1e-8, "{name}: spread");
-        let found = volume.parameters();
+        let found = parameters(&volume);
         assert_eq!(found.len(), 7);
         for (k, parameter) in found.iter().enumerate() {
             let unknown = if k < 4 { whole.amplitude(k) } else { whole.evolving(k - 4, 7) };
@@ -142,7 +141,7 @@ fn with_the_prior_row_any_length_is_the_recursion() {
         assert!(relative_difference(found.estimate.state.values(), expected.estimate.state.values()) < 1e-8);
         let (a, b) = (found.estimate.state_spread.unwrap(), expected.estimate.state_spread.as_ref().unwrap());
         assert!(relative_difference(&a, b) < 1e-8);
-        for (k, parameter) in volume.parameters().iter().enumerate() {
+        for (k, parameter) in parameters(&volume).iter().enumerate() {
             assert!((parameter.value - expected.estimate.calibration[3 + k]).abs() < 1e-8);
             let sigma = expected.estimate.calibration_spread.as_ref().unwrap()[3 + k];
             assert!((parameter.sigma.unwrap() - sigma).abs() < 1e-8);
@@ -166,14 +165,14 @@ fn factors_that_depend_on_each_other_are_named() {
     let mut volume = TimeVolume::new(problem, volume_settings(20, factors), None).unwrap();
     // Before any observation three of the amplitudes move the bias without limit, each of them counted as one more prior:
     // two cosines and a hat at midnight.
-    let first = volume.calibration_accuracy().unwrap();
+    let first = accuracy(&volume).unwrap();
     assert!((first.covariance()[(0, 0)] / prior - 4.0).abs() < 1e-12, "{:?}", first.covariance());
     let analysis = run(&mut volume, &windows);
     assert!(analysis.estimate.state_spread.unwrap().iter().all(|sigma| sigma.is_finite()));
     // Now what is not determined does not move it.
-    let (last, sigma) = (volume.calibration_accuracy().unwrap(), analysis.estimate.calibration_spread.unwrap()[0]);
+    let (last, sigma) = (accuracy(&volume).unwrap(), analysis.estimate.calibration_spread.unwrap()[0]);
     assert!((last.covariance()[(0, 0)] / sigma.powi(2) - 1.0).abs() < 1e-8, "{:?}", last.covariance());
-    let found = volume.parameters();
+    let found = parameters(&volume);
     let verdict = |name: &str| found.iter().find(|it| it.name == name).unwrap();
     let sine = verdict("day/sine");
     assert!(sine.sigma.is_none() && sine.verdict.contains("again/sine"), "{sine:?}");
@@ -199,23 +198,23 @@ fn a_window_forgets_what_is_older_and_a_checkpoint_changes_nothing() {
     let (mut short, mut long) = (new(3), new(9));
     run(&mut short, &windows);
     run(&mut long, &windows);
-    let sigma = |volume: &TimeVolume| volume.parameters()[0].sigma.unwrap();
+    let sigma = |volume: &TimeVolume| parameters(volume)[0].sigma.unwrap();
     assert!(sigma(&short) > 1.2 * sigma(&long), "{} {}", sigma(&short), sigma(&long));
     let (mut whole, mut first, mut second) = (new(3), new(3), new(3));
     let expected = run(&mut whole, &windows);
     run(&mut first, &windows[..5]);
-    second.restore(&first.save().unwrap()).unwrap();
+    second.recall(&first.memory().unwrap()).unwrap();
     assert_eq!(run(&mut second, &windows[5..]), expected);
-    assert_eq!(second.parameters(), whole.parameters());
-    let mut bytes = first.save().unwrap();
+    assert_eq!(parameters(&second), parameters(&whole));
+    let mut bytes = first.memory().unwrap();
     bytes.truncate(bytes.len() / 2);
-    assert!(second.restore(&bytes).is_err());
+    assert!(second.recall(&bytes).is_err());
     assert!(
         new(3)
-            .restore(
+            .recall(
                 &TimeVolume::new(problem.clone(), volume_settings(3, factors[..1].to_vec()), None)
                     .unwrap()
-                    .save()
+                    .memory()
                     .unwrap()
             )
             .is_err()

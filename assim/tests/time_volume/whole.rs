@@ -1,10 +1,10 @@
 //! All cycles of a moving time volume as one dense least-squares problem.
 
-use crate::common::WINDOW;
+use crate::common::{WINDOW, accuracy, column};
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
-use isobar_assim::fast_kalman::time_volume::{AmplitudeEvolution, Factor, Target, TimeShape, TimeVolume};
-use isobar_assim::{Assimilator, Problem, Unknown};
+use isobar_assim::time_volume::{AmplitudeEvolution, Factor, Target, TimeShape, TimeVolume};
+use isobar_assim::{Problem, Unknown};
 use isobar_model::Time;
 use isobar_obs::ObservationWindow;
 
@@ -188,17 +188,17 @@ impl Whole {
         let sigma = |i: usize| dense[(i, i)].sqrt();
         let unknown = |i: usize| if i < m { Unknown::Value(i) } else { Unknown::Parameter(i - m) };
         for j in 0..m + p {
-            let column = volume.covariance_column(unknown(j)).unwrap();
+            let column = column(volume, unknown(j)).unwrap();
             assert_eq!((column.state.len(), column.calibration.len()), (m, p));
             for i in 0..m + p {
                 let off = (column.with(unknown(i)) - dense[(i, j)]).abs() / (sigma(i) * sigma(j));
                 assert!(off < 1e-8, "{name}: covariance of {i} with {j}: off by {off} in units of correlation");
             }
         }
-        assert!(volume.covariance_column(Unknown::Parameter(p)).is_none(), "an amplitude is no parameter");
+        assert!(column(volume, Unknown::Parameter(p)).is_none(), "an amplitude is no parameter");
         // Two variables.
         let cells = m / 2;
-        let accuracy = volume.calibration_accuracy().unwrap();
+        let accuracy = accuracy(volume).unwrap();
         let close = |value: f64, expected: f64, scale: f64| (value - expected).abs() < 1e-8 * scale;
         for j in 0..p {
             for i in 0..p {

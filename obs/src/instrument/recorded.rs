@@ -1,10 +1,13 @@
-//! Recorded observations: what somebody else made, as a file says it.
+//! Recorded observations: made elsewhere, and read from a file.
 
+use super::{Instrument, InstrumentSettings};
 use crate::error::{ObservationError, list, require};
-use crate::instrument::{Instrument, Observation, Reading};
+use crate::observation::{Observation, Reading};
 use crate::observation_file::{ObservationFile, ObservationPlace, ObservationRecord, ValidTime};
 use crate::projection::Projection;
 use crate::report::Report;
+use crate::site::Site;
+use crate::station::no_projection;
 use crate::table::Faults;
 use isobar_model::{Duration, Layout, Time};
 use rand_chacha::ChaCha8Rng;
@@ -15,14 +18,12 @@ use std::sync::Arc;
 /// Observations of a file, each in the cycle at whose end it is valid. What is valid within a window but not at its end
 /// arrives with that window, as a late report, unless it is near enough to the end of one. Nothing is known of biases.
 #[derive(Clone, Debug, PartialEq)]
-pub struct RecordedConfig {
-    /// Name of the network, unique in the observing system, without `/`.
-    pub name: String,
+pub struct RecordedSettings {
     /// The parsed file.
     pub observations: ObservationFile,
-    /// The variable of those of which the file does not say it.
+    /// The observed variable, for a file without a column `variable`.
     pub variable: Option<String>,
-    /// Standard deviation of the random error of those of which the file does not say it.
+    /// Standard deviation of the random error in the variable's unit, for a file without a column `sigma`; above 0.
     pub sigma: Option<f64>,
     /// An observation is used at the end of a window if it is valid at most this long before or after it; from 0 to half of
     /// the window.
@@ -80,65 +81,141 @@ impl fmt::Display for RecordedUse {
     }
 }
 
-/// A file of observations in operation.
-pub(crate) struct Recorded {
-    /// With their cycles, in the order of these; 0 before the first.
-    observations: Vec<(usize, Observation)>,
-    missing: usize,
-}
-
-impl Recorded {
-    /// The observations of `config`; cycle n ends `n × window` after `start`.
-    pub fn new(
-        config: &RecordedConfig,
-        layout: &Layout,
-        projection: Option<&Projection>,
-        window: Duration,
-        start: Time,
-    ) -> Result<Self, ObservationError> {
-        let (name, file) = (&config.name, &config.observations);
-        if let Some(sigma) = config.sigma {
-            require(sigma > 0.0, name, "sigma", sigma, "above 0")?;
+impl InstrumentSettings for RecordedSettings {
+    fn build(&self, site: &mut Site<'_>) -> Result<Box<dyn Instrument>, ObservationError> {
+        let file = self.observations.file();
+        if let Some(sigma) = self.sigma {
+            require(sigma > 0.0, site.network, "sigma", sigma, "above 0")?;
         }
-        let (tolerance, half) = (config.time_tolerance.as_f64(), 0.5 * window.as_f64());
+        let (tolerance, half) = (self.time_tolerance.as_f64(), 0.5 * site.window.as_f64());
         let expected = format!("from 0 to {half} s, half of the window");
-        require((0.0..=half).contains(&tolerance), name, "time_tolerance", tolerance, expected)?;
-        let network: Arc<str> = name.as_str().into();
-        let mut winds = Winds::new(config, layout);
+        require((0.0..=half).contains(&tolerance), site.network, "time_tolerance", tolerance, expected)?;
+        let network: Arc<str> = site.network.into();
+        let mut winds = Winds::new(self, site.layout);
         let (mut observations, mut faults) = (Vec::new(), Faults::default());
         let mut nameless = Nameless::default();
-        for record in file.records() {
-            let Some((variable, sigma)) = kind(config, record, layout, &mut faults)? else { continue };
-            let place = place(config, record, variable, layout, projection, &mut faults)?;
-            let Some((x_m, y_m, state_row)) = place else { continue };
-            let (cycle, time, is_late) = when(record.valid, config.time_tolerance, window, start);
+        for record in self.observations.records() {
+            let Some((variable, sigma)) = self.variable_and_sigma(record, site, &mut faults)? else { continue };
+            let Some((x_m, y_m, state_row)) = self.place(record, variable, site, &mut faults)? else { continue };
+            let (cycle, time, is_late) = when(record.valid, self.time_tolerance, site.window, site.start);
             let platform = match &record.id {
                 Some(id) => id.clone(),
                 None => nameless.platform(cycle, variable, words(record.place, (x_m, y_m)), [record.value, sigma]),
             };
             winds.add(record, variable, sigma, observations.len());
-            let report =
-                Report { network: network.clone(), platform: platform.into(), variable, time, x_m, y_m, scan: None };
-            let reading = Reading::Recorded { value: record.value, is_late };
+            let report = Report { network: network.clone(), platform: platform.into(), variable, x_m, y_m, scan: None };
+            let reading = Reading::Recorded { value: record.value, time, is_late };
             let (calibration_row, predictors) = (Vec::new(), Vec::new());
             observations.push((cycle, Observation { report, sigma, reading, state_row, calibration_row, predictors }));
         }
-        faults.check(file.file())?;
-        if let Some(projection) = projection {
-            winds.turn(&mut observations, layout, projection);
+        faults.check(file).map_err(|error| ObservationError::from(error).of_network(site.network, "file"))?;
+        if let Some(projection) = site.projection {
+            winds.turn(&mut observations, site.layout, projection);
         }
-        if !observations.is_empty() && observations.iter().all(|observation| observation.0 == 0) {
-            return Err(ObservationError::NoneAfterStart {
-                instrument: name.clone(),
-                file: file.file().to_owned(),
-                observations: observations.len(),
-            });
+        if !observations.is_empty() && observations.iter().all(|(cycle, _)| *cycle == 0) {
+            let count = observations.len();
+            let problem = format!("none of the {count} observations of {file} is valid after the start of the run");
+            return Err(ObservationError::in_setting(site.network, "file", problem));
         }
-        observations.sort_by_key(|observation| observation.0);
-        Ok(Self { observations, missing: file.missing() })
+        observations.sort_by_key(|(cycle, _)| *cycle);
+        Ok(Box::new(Recorded { observations, missing: self.observations.missing() }))
     }
 
-    fn usage(&self, cycles: usize) -> RecordedUse {
+    fn is_recorded(&self) -> bool {
+        true
+    }
+}
+
+impl RecordedSettings {
+    /// The number of the observed variable, and the standard deviation of the random error; `None`, and a fault, if the file
+    /// names a variable that is not there.
+    fn variable_and_sigma(
+        &self,
+        record: &ObservationRecord,
+        site: &Site<'_>,
+        faults: &mut Faults,
+    ) -> Result<Option<(usize, f64)>, ObservationError> {
+        let (layout, file) = (site.layout, self.observations.file());
+        let missing = |setting| {
+            let problem = format!("{file} has no column `{setting}`; add it, or give `{setting}` for the network");
+            ObservationError::in_setting(site.network, "file", problem)
+        };
+        let name = record.variable.as_ref().or(self.variable.as_ref()).ok_or_else(|| missing("variable"))?;
+        let sigma = record.sigma.or(self.sigma).ok_or_else(|| missing("sigma"))?;
+        let valid = || layout.variables.iter().map(|variable| variable.name);
+        match layout.variable(name) {
+            Some(variable) => Ok(Some((variable, sigma))),
+            None if record.variable.is_some() => {
+                let shown: String = name.chars().take(60).collect();
+                faults.add(record.line, format!("`variable` is `{shown}`, but must be one of {}", list(valid())));
+                Ok(None)
+            }
+            None => Err(ObservationError::unknown_name(site.network, "variable", name, valid())),
+        }
+    }
+
+    /// Where an observation is on the plane, and its row of X; the row is empty outside of the domain. `None`, and a fault,
+    /// if it is not a point of the grid.
+    fn place(
+        &self,
+        record: &ObservationRecord,
+        variable: usize,
+        site: &Site<'_>,
+        faults: &mut Faults,
+    ) -> Result<Option<(f64, f64, StateRow)>, ObservationError> {
+        let (layout, file) = (site.layout, self.observations.file());
+        let (grid, location) = (&layout.grid, layout.variables[variable].location);
+        let is_geographic = matches!(record.place, ObservationPlace::Geographic { .. });
+        if self.winds == Some(WindAxes::Earth) && !is_geographic {
+            let problem = format!("{file} has no latitudes and longitudes, without which east and north are not known");
+            return Err(ObservationError::in_setting(site.network, "winds", problem));
+        }
+        match (record.place, site.projection) {
+            (ObservationPlace::Plane { x_m, y_m }, _) => {
+                let (x_m, y_m) = grid.first_image(x_m, y_m);
+                Ok(Some((x_m, y_m, row(layout, variable, x_m, y_m))))
+            }
+            (ObservationPlace::Geographic { .. }, None) => Err(no_projection(site.network, "file", file)),
+            (ObservationPlace::Geographic { latitude_deg, longitude_deg }, Some(projection)) => {
+                // The antipode of the centre has no place on the plane.
+                let (x_m, y_m) = projection.forward(latitude_deg, longitude_deg).unwrap_or((f64::MAX, f64::MAX));
+                Ok(Some((x_m, y_m, row(layout, variable, x_m, y_m))))
+            }
+            (ObservationPlace::GridPoint { column, row }, _) => {
+                for (name, number, most) in [("column", column, grid.nx), ("row", row, grid.ny)] {
+                    if number > most {
+                        let expected = format!("a whole number from 1 to {most}");
+                        faults.add(record.line, format!("`{name}` is `{number}`, but must be {expected}"));
+                        return Ok(None);
+                    }
+                }
+                let (i, j) = (column - 1, row - 1);
+                let index = variable * grid.cells() + j * grid.nx + i;
+                Ok(Some((grid.x_m(location, i), grid.y_m(location, j), vec![(index, 1.0)])))
+            }
+        }
+    }
+}
+
+/// A file of observations, cycle after cycle.
+struct Recorded {
+    /// With their cycles, in the order of these; 0 before the first.
+    observations: Vec<(usize, Observation)>,
+    missing: usize,
+}
+
+impl Instrument for Recorded {
+    fn observe(&mut self, cycle: usize, _pass: usize) -> Vec<Observation> {
+        let first = self.observations.partition_point(|(other, _)| *other < cycle);
+        let valid = self.observations[first..].iter().take_while(|(other, _)| *other == cycle);
+        valid.map(|(_, observation)| observation.clone()).collect()
+    }
+
+    fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {
+        Vec::new()
+    }
+
+    fn recorded_use(&self, cycles: usize) -> Option<RecordedUse> {
         let mut usage = RecordedUse {
             rows: self.observations.len() + self.missing,
             missing: self.missing,
@@ -159,23 +236,7 @@ impl Recorded {
             };
             *count += 1;
         }
-        usage
-    }
-}
-
-impl Instrument for Recorded {
-    fn observe(&mut self, cycle: usize, _: Time, observations: &mut Vec<Observation>) {
-        let first = self.observations.partition_point(|observation| observation.0 < cycle);
-        let own = self.observations[first..].iter().take_while(|observation| observation.0 == cycle);
-        observations.extend(own.map(|observation| observation.1.clone()));
-    }
-
-    fn recorded_use(&self, cycles: usize) -> Option<RecordedUse> {
-        Some(self.usage(cycles))
-    }
-
-    fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {
-        Vec::new()
+        Some(usage)
     }
 }
 
@@ -227,8 +288,8 @@ struct Winds {
 }
 
 impl Winds {
-    fn new(config: &RecordedConfig, layout: &Layout) -> Self {
-        let turned = config.winds.unwrap_or(WindAxes::Earth) == WindAxes::Earth;
+    fn new(settings: &RecordedSettings, layout: &Layout) -> Self {
+        let turned = settings.winds.unwrap_or(WindAxes::Earth) == WindAxes::Earth;
         let components = layout.variable("u").zip(layout.variable("v")).filter(|_| turned).map(|(u, v)| [u, v]);
         Self { components, together: HashMap::new(), places: HashMap::new() }
     }
@@ -277,38 +338,6 @@ impl Winds {
     }
 }
 
-/// The number of the observed variable, and the standard deviation of the random error; `None`, and a fault, if the file
-/// names a variable that is not there.
-fn kind(
-    config: &RecordedConfig,
-    record: &ObservationRecord,
-    layout: &Layout,
-    faults: &mut Faults,
-) -> Result<Option<(usize, f64)>, ObservationError> {
-    let (name, file) = (&config.name, &config.observations);
-    let valid = || list(layout.variables.iter().map(|variable| variable.name));
-    let missing = |setting| {
-        let (instrument, file) = (name.clone(), file.file().to_owned());
-        ObservationError::NotSaid { instrument, file, setting }
-    };
-    let variable = record.variable.as_ref().or(config.variable.as_ref()).ok_or_else(|| missing("variable"))?;
-    let sigma = record.sigma.or(config.sigma).ok_or_else(|| missing("sigma"))?;
-    match layout.variable(variable) {
-        Some(number) => Ok(Some((number, sigma))),
-        None if record.variable.is_some() => {
-            let shown: String = variable.chars().take(60).collect();
-            faults.add(record.line, format!("`variable` is `{shown}`, but must be one of {}", valid()));
-            Ok(None)
-        }
-        None => Err(ObservationError::UnknownName {
-            instrument: name.clone(),
-            setting: "variable",
-            value: variable.clone(),
-            valid: valid(),
-        }),
-    }
-}
-
 /// A row of X: values of the state with their weights.
 type StateRow = Vec<(usize, f64)>;
 
@@ -317,50 +346,6 @@ fn row(layout: &Layout, variable: usize, x_m: f64, y_m: f64) -> StateRow {
     let (grid, location) = (&layout.grid, layout.variables[variable].location);
     let entries = grid.stencil(location, x_m, y_m).map_or_else(Vec::new, |stencil| stencil.entries);
     entries.into_iter().map(|(index, weight)| (variable * grid.cells() + index, weight)).collect()
-}
-
-/// Where an observation is on the plane, and its row of X; the row is empty outside of the domain. `None`, and a fault, if
-/// it is not a point of the grid.
-fn place(
-    config: &RecordedConfig,
-    record: &ObservationRecord,
-    variable: usize,
-    layout: &Layout,
-    projection: Option<&Projection>,
-    faults: &mut Faults,
-) -> Result<Option<(f64, f64, StateRow)>, ObservationError> {
-    let (grid, location) = (&layout.grid, layout.variables[variable].location);
-    if config.winds == Some(WindAxes::Earth) && !matches!(record.place, ObservationPlace::Geographic { .. }) {
-        let (instrument, file) = (config.name.clone(), config.observations.file().to_owned());
-        return Err(ObservationError::WindsNotOnEarth { instrument, file });
-    }
-    match (record.place, projection) {
-        (ObservationPlace::Plane { x_m, y_m }, _) => {
-            let (x_m, y_m) = grid.first_image(x_m, y_m);
-            Ok(Some((x_m, y_m, row(layout, variable, x_m, y_m))))
-        }
-        (ObservationPlace::Geographic { .. }, None) => {
-            let file = config.observations.file().to_owned();
-            Err(ObservationError::NoProjection { instrument: config.name.clone(), file })
-        }
-        (ObservationPlace::Geographic { latitude_deg, longitude_deg }, Some(projection)) => {
-            // The antipode of the centre has no place on the plane.
-            let (x_m, y_m) = projection.forward(latitude_deg, longitude_deg).unwrap_or((f64::MAX, f64::MAX));
-            Ok(Some((x_m, y_m, row(layout, variable, x_m, y_m))))
-        }
-        (ObservationPlace::GridPoint { column, row }, _) => {
-            for (name, number, most) in [("column", column, grid.nx), ("row", row, grid.ny)] {
-                if number > most {
-                    let expected = format!("a whole number from 1 to {most}");
-                    faults.add(record.line, format!("`{name}` is `{number}`, but must be {expected}"));
-                    return Ok(None);
-                }
-            }
-            let (i, j) = (column - 1, row - 1);
-            let index = variable * grid.cells() + j * grid.nx + i;
-            Ok(Some((grid.x_m(location, i), grid.y_m(location, j), vec![(index, 1.0)])))
-        }
-    }
 }
 
 /// A place in words, by which an observation without a name is known; `on_plane` is its place there \[m\].

@@ -1,17 +1,16 @@
 //! Satellites: a swath of footprints that moves from cycle to cycle, with a bias that depends on the scan position.
 
-use crate::air_mass::{AirMassBias, Predictor};
+use super::{Instrument, InstrumentSettings, ObservedVariable};
+use crate::air_mass::AirMassBias;
 use crate::bias::BiasProcess;
-use crate::biases::Biases;
 use crate::calibration::Placement;
 use crate::error::{ObservationError, require};
-use crate::faults::Faults;
 use crate::footprint::{TRUNCATION, footprint};
-use crate::instrument::{Instrument, MOST_PLATFORMS, Observation, ObservedVariable, Reading, Schedule};
+use crate::observation::{Observation, Reading};
+use crate::predictor::Predictor;
 use crate::report::Report;
-use isobar_model::random::stream;
-use isobar_model::{Boundary, Grid, Layout, Location, Time};
-use rand::RngExt;
+use crate::site::Site;
+use isobar_model::{Boundary, Grid, Location};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::sync::Arc;
@@ -24,6 +23,9 @@ pub const HEIGHT_SIGMA_M: f64 = 30.0;
 /// one standard deviation it varies by 3.15 from its least to its greatest value along the scan, like AMSU-A's.
 pub const SCAN_BIAS_SIGMAS: [f64; 3] = [2.75, 1.4, 1.4];
 
+/// The most footprints that one satellite may report in a cycle.
+const MOST_FOOTPRINTS: usize = 1_000_000;
+
 /// The farthest that a track may be or move \[m\]: beyond, the wrapped position would lose its digits.
 const FARTHEST_M: f64 = 1e9;
 
@@ -33,9 +35,7 @@ const FARTHEST_M: f64 = 1e9;
 /// `shift_per_cycle_m` further in each following cycle, wrapped in x. Scan lines are perpendicular to the track, one
 /// of them through the crossing; footprints whose centre falls beyond the domain in y are not reported.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SatelliteConfig {
-    /// Name, unique in the observing system, without `/`.
-    pub name: String,
+pub struct SatelliteSettings {
     /// What it observes.
     pub variable: ObservedVariable,
     /// Distance between the outermost footprints' centres of a scan line \[m\].
@@ -55,16 +55,10 @@ pub struct SatelliteConfig {
     pub heading: Heading,
     /// Angle of the track to the y axis \[degrees\], from −60 to 60; positive when the satellite moves to the east.
     pub track_angle_deg: f64,
-    /// In which cycles it passes.
-    pub schedule: Schedule,
-    /// Probability that a footprint is missing in a cycle, from 0 to 1.
-    pub missing_rate: f64,
     /// The biases that depend on the scan position; each term at most once.
     pub biases: Vec<ScanBias>,
     /// The biases that depend on the state.
     pub air_mass_biases: Vec<AirMassBias>,
-    /// Reports that must not be believed.
-    pub faults: Faults,
 }
 
 /// Which way a satellite flies.
@@ -118,7 +112,7 @@ impl ScanTerm {
         }
     }
 
-    /// The number of scan positions below which it cannot be told from the terms before it.
+    /// The fewest scan positions at which it differs from a combination of the terms before it.
     fn least_positions(self) -> usize {
         match self {
             ScanTerm::Offset => 1,
@@ -128,15 +122,14 @@ impl ScanTerm {
     }
 }
 
-impl SatelliteConfig {
+impl Default for SatelliteSettings {
     /// A satellite like AMSU-A that retrieves `h`: 30 footprints across 2340 km, error 30 m, and constant scan biases
     /// of 2.9 times the error. Its footprints (40 km, about 94 km between the half-power points) are those between
     /// nadir and the swath's edge; the track moves by 1500 km in each cycle.
-    pub fn new(name: &str) -> Self {
+    fn default() -> Self {
         let terms = [ScanTerm::Offset, ScanTerm::Linear, ScanTerm::Quadratic];
         let bias = |(term, sigma)| ScanBias { term, process: BiasProcess::constant(sigma * HEIGHT_SIGMA_M) };
         Self {
-            name: name.to_owned(),
             variable: ObservedVariable::new("h", HEIGHT_SIGMA_M),
             swath_width_m: 2_340e3,
             scan_positions: 30,
@@ -146,33 +139,28 @@ impl SatelliteConfig {
             shift_per_cycle_m: 1_500e3,
             heading: Heading::Alternating,
             track_angle_deg: 0.0,
-            schedule: Schedule::EVERY_CYCLE,
-            missing_rate: 0.0,
             biases: terms.into_iter().zip(SCAN_BIAS_SIGMAS).map(bias).collect(),
             air_mass_biases: Vec::new(),
-            faults: Faults::NONE,
         }
     }
+}
 
-    fn validate(&self, grid: &Grid) -> Result<(), ObservationError> {
-        let name = &self.name;
-        self.schedule.validate(name)?;
-        let rate = self.missing_rate;
-        require((0.0..=1.0).contains(&rate), name, "missing_rate", rate, "a probability from 0 to 1")?;
+impl SatelliteSettings {
+    fn validate(&self, name: &str, grid: &Grid) -> Result<(), ObservationError> {
         let (width, height) = (grid.width_m(), grid.height_m());
         let swath = self.swath_width_m;
-        let expected = format!("from 0 to below {width} m, the domain's width");
+        let expected = format!("from 0 to below {width} m, narrower than the domain ({} km)", width / 1e3);
         require((0.0..width).contains(&swath), name, "swath_width_m", swath, expected)?;
         let positions = self.scan_positions;
-        let expected = format!("from 1 to {MOST_PLATFORMS}");
-        require((1..=MOST_PLATFORMS).contains(&positions), name, "scan_positions", positions as f64, expected)?;
+        let expected = format!("from 1 to {MOST_FOOTPRINTS}");
+        require((1..=MOST_FOOTPRINTS).contains(&positions), name, "scan_positions", positions as f64, expected)?;
         let angle = self.track_angle_deg;
         require(angle.abs() <= 60.0, name, "track_angle_deg", angle, "from -60 to 60")?;
         let spacing = self.along_track_spacing_m;
         require(spacing > 0.0, name, "along_track_spacing_m", spacing, "above 0")?;
         let footprints = (2.0 * self.half_length_m(grid) / spacing + 1.0) * positions as f64;
-        let expected = format!("large enough for at most {MOST_PLATFORMS} footprints in a pass");
-        require(footprints <= MOST_PLATFORMS as f64, name, "along_track_spacing_m", spacing, expected)?;
+        let expected = "large enough for at most a million footprints in a pass";
+        require(footprints <= MOST_FOOTPRINTS as f64, name, "along_track_spacing_m", spacing, expected)?;
         for (setting, x) in [("crossing_x_m", self.crossing_x_m), ("shift_per_cycle_m", self.shift_per_cycle_m)] {
             require(x.abs() <= FARTHEST_M, name, setting, x, format!("from -{FARTHEST_M} to {FARTHEST_M} m"))?;
         }
@@ -183,7 +171,9 @@ impl SatelliteConfig {
         let sigma = self.footprint_sigma_m;
         let right = sigma == 0.0 || (least..most).contains(&sigma);
         let expected = format!(
-            "0 for a point, or from {least} m (half of a cell) to below {most} m (the domain holds a radius of 3σ)"
+            "0 for a point, or {} km (half of a cell) to below {:.0} km (the domain holds a radius of 3σ)",
+            least / 1e3,
+            most / 1e3
         );
         require(right, name, "footprint_sigma_m", sigma, expected)
     }
@@ -196,8 +186,8 @@ impl SatelliteConfig {
 }
 
 /// A satellite in operation.
-pub(crate) struct Satellite {
-    config: SatelliteConfig,
+struct Satellite {
+    settings: SatelliteSettings,
     network: Arc<str>,
     grid: Grid,
     /// Number of the observed variable, and where it lives.
@@ -207,7 +197,6 @@ pub(crate) struct Satellite {
     terms: Vec<(usize, ScanTerm)>,
     air_mass_terms: Vec<AirMassTerm>,
     errors: ChaCha8Rng,
-    missing: ChaCha8Rng,
 }
 
 /// An unknown parameter whose bias depends on the state.
@@ -231,56 +220,53 @@ struct Spot {
     y_m: f64,
 }
 
-impl Satellite {
-    /// The satellite of `config`; its parameters are added to `biases`.
-    pub fn new(
-        config: &SatelliteConfig,
-        layout: &Layout,
-        seed: u64,
-        biases: &mut Biases,
-    ) -> Result<Self, ObservationError> {
-        let name = &config.name;
-        let variable = config.variable.find(layout, name, ["variable", "variable.sigma"])?;
-        config.validate(&layout.grid)?;
+impl InstrumentSettings for SatelliteSettings {
+    fn build(&self, site: &mut Site<'_>) -> Result<Box<dyn Instrument>, ObservationError> {
+        let (name, layout) = (site.network, site.layout);
+        let variable = self.variable.find(layout, name, ["variable", "variable.sigma"])?;
+        self.validate(name, &layout.grid)?;
         let unit = layout.variables[variable].unit;
         let mut terms = Vec::new();
-        for ScanBias { term, process } in &config.biases {
+        for ScanBias { term, process } in &self.biases {
             let least = term.least_positions();
             let expected = format!("at least {least} for the bias `{}`", term.name());
-            let positions = config.scan_positions;
+            let positions = self.scan_positions;
             require(positions >= least, name, "scan_positions", positions as f64, expected)?;
-            let parameter = format!("{name}/{}", term.name());
-            if let Some(column) = biases.add(name, parameter, unit, Placement::Shared, process)? {
+            if let Some(column) = site.add_bias(term.name(), unit, Placement::Shared, process)? {
                 terms.push((column, *term));
             }
         }
         let mut air_mass_terms = Vec::new();
-        for bias in &config.air_mass_biases {
+        for bias in &self.air_mass_biases {
             let &AirMassBias { mean, scale, ref process, .. } = bias;
             let variable = bias.find(layout, name)?;
-            let parameter = format!("{name}/{}", bias.name());
-            if let Some(parameter) = biases.add(name, parameter, unit, Placement::Shared, process)? {
+            if let Some(parameter) = site.add_bias(&bias.name(), unit, Placement::Shared, process)? {
                 let location = layout.variables[variable].location;
                 air_mass_terms.push(AirMassTerm { parameter, variable, location, mean, scale });
             }
         }
-        Ok(Self {
-            config: config.clone(),
-            network: name.as_str().into(),
+        Ok(Box::new(Satellite {
+            settings: self.clone(),
+            network: name.into(),
             grid: layout.grid.clone(),
             variable,
             location: layout.variables[variable].location,
             terms,
             air_mass_terms,
-            errors: stream(seed, &format!("observations/{name}")),
-            missing: stream(seed, &format!("missing/{name}")),
-        })
+            errors: site.stream("observations"),
+        }))
     }
 
+    fn has_air_mass_bias(&self) -> bool {
+        self.air_mass_biases.iter().any(|bias| !bias.process.known)
+    }
+}
+
+impl Satellite {
     /// The predictors at a footprint.
     fn predictors(&self, x_m: f64, y_m: f64) -> Vec<Predictor> {
         let predictor = |&AirMassTerm { parameter, variable, location, mean, scale }: &AirMassTerm| {
-            let entries = footprint(&self.grid, location, x_m, y_m, self.config.footprint_sigma_m);
+            let entries = footprint(&self.grid, location, x_m, y_m, self.settings.footprint_sigma_m);
             let first = variable * self.grid.cells();
             let row = entries.into_iter().map(|(index, weight)| (first + index, weight / scale)).collect();
             Predictor { parameter, constant: -mean / scale, row }
@@ -290,25 +276,25 @@ impl Satellite {
 
     /// The footprints' centres in `cycle`, which is pass number `pass`, line by line along the heading.
     fn spots(&self, cycle: usize, pass: usize) -> Vec<Spot> {
-        let config = &self.config;
-        let north = match config.heading {
+        let settings = &self.settings;
+        let north = match settings.heading {
             Heading::Northward => true,
             Heading::Southward => false,
             Heading::Alternating => pass.is_multiple_of(2),
         };
-        let (sin, cos) = config.track_angle_deg.to_radians().sin_cos();
+        let (sin, cos) = settings.track_angle_deg.to_radians().sin_cos();
         let along = if north { (sin, cos) } else { (sin, -cos) };
         let right = (along.1, -along.0);
         let (width, height) = (self.grid.width_m(), self.grid.height_m());
-        let crossing = config.crossing_x_m + (cycle - 1) as f64 * config.shift_per_cycle_m;
-        let half = (config.half_length_m(&self.grid) / config.along_track_spacing_m).floor() as i64;
-        let last = config.scan_positions - 1;
+        let crossing = settings.crossing_x_m + (cycle - 1) as f64 * settings.shift_per_cycle_m;
+        let half = (settings.half_length_m(&self.grid) / settings.along_track_spacing_m).floor() as i64;
+        let last = settings.scan_positions - 1;
         let mut spots = Vec::new();
         for line in -half..=half {
-            let distance = line as f64 * config.along_track_spacing_m;
+            let distance = line as f64 * settings.along_track_spacing_m;
             for position in 0..=last {
                 let s = if last == 0 { 0.0 } else { 2.0 * position as f64 / last as f64 - 1.0 };
-                let across = 0.5 * s * config.swath_width_m;
+                let across = 0.5 * s * settings.swath_width_m;
                 let x = (crossing + distance * along.0 + across * right.0).rem_euclid(width);
                 let y_m = 0.5 * height + distance * along.1 + across * right.1;
                 // The remainder of a tiny negative number rounds to the width itself.
@@ -323,22 +309,17 @@ impl Satellite {
 }
 
 impl Instrument for Satellite {
-    fn observe(&mut self, cycle: usize, time: Time, observations: &mut Vec<Observation>) {
-        let Some(pass) = self.config.schedule.pass(cycle) else { return };
-        let (first, sigma) = (self.variable * self.grid.cells(), self.config.variable.sigma);
+    fn observe(&mut self, cycle: usize, pass: usize) -> Vec<Observation> {
+        let mut observations = Vec::new();
+        let (first, sigma) = (self.variable * self.grid.cells(), self.settings.variable.sigma);
         for Spot { line, position, s, x_m, y_m } in self.spots(cycle, pass) {
-            // All random numbers are drawn even if the report is missing, so that the rate changes no other report.
             let normal: f64 = StandardNormal.sample(&mut self.errors);
-            if self.missing.random::<f64>() < self.config.missing_rate {
-                continue;
-            }
-            let entries = footprint(&self.grid, self.location, x_m, y_m, self.config.footprint_sigma_m);
+            let entries = footprint(&self.grid, self.location, x_m, y_m, self.settings.footprint_sigma_m);
             observations.push(Observation {
                 report: Report {
                     network: Arc::clone(&self.network),
                     platform: format!("line {line} position {position}").into(),
                     variable: self.variable,
-                    time,
                     x_m,
                     y_m,
                     scan: Some(s),
@@ -350,9 +331,10 @@ impl Instrument for Satellite {
                 predictors: self.predictors(x_m, y_m),
             });
         }
+        observations
     }
 
     fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {
-        vec![&mut self.errors, &mut self.missing]
+        vec![&mut self.errors]
     }
 }

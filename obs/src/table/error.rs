@@ -41,7 +41,7 @@ impl TableError {
     /// The number of faults, and each of the first ones in a line of its own.
     pub fn listing(&self) -> String {
         let Self { faults, total, .. } = self;
-        let mut listing = format!("{total} faults");
+        let mut listing = format!("{total} faults:");
         for TableFault { line, problem } in faults {
             listing += &line.map_or("\n".to_owned(), |line| format!("\nline {line}: "));
             listing += problem;
@@ -59,7 +59,7 @@ impl fmt::Display for TableError {
         match &faults[..] {
             [TableFault { line: Some(line), problem }] => write!(f, "{file}, line {line}: {problem}"),
             [TableFault { line: None, problem }] => write!(f, "{file} {problem}"),
-            _ => write!(f, "{file}: {}", self.listing()),
+            _ => write!(f, "{file} has {}", self.listing()),
         }
     }
 }

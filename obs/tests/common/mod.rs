@@ -3,7 +3,7 @@
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Boundary, Duration, Grid, Layout, Location, State, Time, Variable};
 use isobar_obs::{
-    InstrumentConfig, ObservationError, ObservingSystem, Projection, RadiosondeConfig, SatelliteConfig, StationSource,
+    Network, ObservationError, ObservingSystem, Projection, RadiosondeSettings, SatelliteSettings, StationSource,
 };
 use std::sync::Arc;
 
@@ -45,32 +45,32 @@ pub fn random_stations(count: usize, groups: &[&str]) -> StationSource {
     StationSource::Random { count, groups: groups.iter().map(|&group| group.to_owned()).collect() }
 }
 
-pub fn network(name: &str, count: usize) -> RadiosondeConfig {
-    RadiosondeConfig::new(name, random_stations(count, &["a", "b", "c"]))
+pub fn radiosondes(count: usize) -> RadiosondeSettings {
+    RadiosondeSettings::new(random_stations(count, &["a", "b", "c"]))
 }
 
 /// A satellite whose swath fits into the domain of [`layout`].
-pub fn satellite(name: &str) -> SatelliteConfig {
-    SatelliteConfig {
+pub fn satellite() -> SatelliteSettings {
+    SatelliteSettings {
         swath_width_m: 1_000e3,
         scan_positions: 11,
         footprint_sigma_m: 60e3,
         crossing_x_m: 1_200e3,
         shift_per_cycle_m: 700e3,
-        ..SatelliteConfig::new(name)
+        ..SatelliteSettings::default()
     }
 }
 
 pub fn try_system(
     layout: &Arc<Layout>,
     projection: Option<&Projection>,
-    configs: &[InstrumentConfig],
+    networks: &[Network],
 ) -> Result<ObservingSystem, ObservationError> {
-    ObservingSystem::new(layout, projection, configs, 20_190_103, WINDOW, Time::from_seconds(0))
+    ObservingSystem::new(layout, projection, networks, 20_190_103, WINDOW, Time::from_seconds(0))
 }
 
-pub fn system(layout: &Arc<Layout>, configs: &[InstrumentConfig]) -> ObservingSystem {
-    try_system(layout, None, configs).unwrap()
+pub fn system(layout: &Arc<Layout>, networks: &[Network]) -> ObservingSystem {
+    try_system(layout, None, networks).unwrap()
 }
 
 /// Mean and variance about zero.

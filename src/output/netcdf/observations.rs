@@ -14,6 +14,7 @@ use std::path::PathBuf;
 pub struct ObservationsFile {
     path: PathBuf,
     reports: Vec<Report>,
+    times: Vec<f64>,
     values: Vec<f64>,
     values_bias_removed: Vec<f64>,
     sigma: Vec<f64>,
@@ -33,6 +34,7 @@ impl ObservationsFile {
         Self {
             path,
             reports: Vec::new(),
+            times: Vec::new(),
             values: Vec::new(),
             values_bias_removed: Vec::new(),
             sigma: Vec::new(),
@@ -49,7 +51,7 @@ impl ObservationsFile {
     /// If its parts differ in length, or the cycle had its observations already.
     pub fn add(&mut self, window: &ObservationWindow, values_bias_removed: &[f64]) -> Result<(), SinkError> {
         let (n, cycle) = (window.values.len(), window.cycle);
-        if [window.reports.len(), values_bias_removed.len(), window.sigma.len()] != [n; 3] {
+        if [window.reports.len(), window.times.len(), values_bias_removed.len(), window.sigma.len()] != [n; 4] {
             return Err(self.failure(format!("the observations of cycle {cycle} differ in number from their reports")));
         }
         let start = self.values.len();
@@ -58,6 +60,8 @@ impl ObservationsFile {
         }
         self.reports.extend_from_slice(&window.reports);
         let all = start + n + window.rejected.len();
+        let times = window.times.iter().chain(window.rejected.iter().map(|it| &it.time));
+        self.times.extend(times.map(|time| time.seconds() as f64));
         self.cycle_numbers.resize(all, i32::try_from(cycle).unwrap_or(i32::MAX));
         self.values.extend_from_slice(&window.values);
         self.values_bias_removed.extend_from_slice(values_bias_removed);
@@ -122,8 +126,7 @@ impl ObservationsFile {
     fn add_coordinates(&self, definition: &mut Definition, info: &RunInfo) {
         let xs = self.reports.iter().map(|report| report.x_m).collect();
         let ys = self.reports.iter().map(|report| report.y_m).collect();
-        let times = self.reports.iter().map(|report| report.time.seconds() as f64).collect();
-        definition.fixed(cf::time(Variable::new("time", &["obs"])), Values::Numbers(times));
+        definition.fixed(cf::time(Variable::new("time", &["obs"])), Values::Numbers(self.times.clone()));
         definition.fixed(cf::x(Variable::new("x", &["obs"]), "x of the observation"), Values::Numbers(xs));
         definition.fixed(cf::y(Variable::new("y", &["obs"]), "y of the observation"), Values::Numbers(ys));
         if let Some(projection) = &info.projection {

@@ -3,7 +3,6 @@
 use crate::sensors::SensorError;
 use isobar_model::ModelError;
 use isobar_obs::ObservationError;
-use isobar_obs::table::TableError;
 use std::path::PathBuf;
 
 /// Why a scenario cannot become an experiment.
@@ -32,7 +31,7 @@ pub enum ExperimentError {
     /// The database of sensors.
     #[error(transparent)]
     Sensors(#[from] SensorError),
-    /// A file of stations or observations.
+    /// A file that the scenario names.
     #[error("cannot read {}: {reason}", path.display())]
     File {
         /// The file.
@@ -40,10 +39,4 @@ pub enum ExperimentError {
         /// Why not.
         reason: String,
     },
-}
-
-impl From<TableError> for ExperimentError {
-    fn from(error: TableError) -> Self {
-        ExperimentError::Observations(error.into())
-    }
 }

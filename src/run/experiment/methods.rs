@@ -12,12 +12,12 @@ use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, Fast
 use isobar_assim::federated::FederatedKalmanFilter;
 use isobar_assim::free::FreeRun;
 use isobar_assim::high_pass::HighPassSettings;
-use isobar_assim::initialised::Initialised;
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::optimal_interpolation::OptimalInterpolation;
-use isobar_assim::serial_kalman::SerialKalmanFilter;
 use isobar_assim::variational::{FourDVar, HybridThreeDVar, ThreeDVar};
-use isobar_assim::{AdaptedCovariance, Adaptive, AdaptiveSettings, Assimilator, BiasTreatment, Error, Problem};
+use isobar_assim::{
+    AdaptedCovariance, Adaptive, AdaptiveSettings, Assimilator, BiasTreatment, Error, Initialised, Problem,
+};
 use std::sync::Arc;
 
 pub(super) fn build(ground: &Problem, method: &Method, scenario: &Scenario) -> Result<Box<dyn Assimilator>, Error> {
@@ -40,7 +40,7 @@ pub(super) fn build(ground: &Problem, method: &Method, scenario: &Scenario) -> R
         }
         Algorithm::SerialKalman { smoother_lag_cycles, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;
-            Box::new(smoothing(SerialKalmanFilter::new(problem)?, smoother_lag_cycles, SerialKalmanFilter::smoothing)?)
+            Box::new(smoothing(KalmanFilter::serial(problem)?, smoother_lag_cycles, KalmanFilter::smoothing)?)
         }
         Algorithm::BandedKalman { half_bandwidth, memory_limit_bytes } => {
             problem.memory_limit_bytes = memory_limit_bytes;

@@ -5,13 +5,12 @@ mod forecast_model;
 mod initial_state;
 mod methods;
 mod notices;
-mod observing;
 mod time_volume;
 
 pub use error::ExperimentError;
 
 use crate::event::{MethodInfo, RunInfo, StationInfo};
-use crate::kinds::covariances;
+use crate::kinds::{covariances, instruments};
 use crate::options::RunOptions;
 use crate::run::cycle::{Freezing, Runner};
 use crate::run::reference::Reference;
@@ -29,14 +28,19 @@ use std::path::Path;
 impl ExperimentError {
     /// The same fault with its place in the scenario's file.
     pub fn locate(&self, scenario: &Scenario) -> ScenarioError {
+        let place;
         let (path, label): (Vec<&str>, &str) = match self {
             ExperimentError::TimeStep(_) => (vec!["model", "time_step_s"], "too long"),
             ExperimentError::Model(_) => (vec!["initial"], "with this and [model]"),
             ExperimentError::Covariance(_) => (vec!["background_error"], "here or in [model_error]"),
             ExperimentError::Method { name, .. } => (vec!["methods", name], "this method"),
             ExperimentError::Sensors(_) => (vec!["sensors", "database"], "this database"),
-            ExperimentError::File { .. } => (vec!["networks"], "in one of these"),
-            ExperimentError::Observations(error) => (observing::place(error, scenario), "here"),
+            ExperimentError::Observations(error) => {
+                place = instruments::place(error, &scenario.text);
+                (place.iter().map(String::as_str).collect(), "here")
+            }
+            // It is a file that has changed since the scenario was read.
+            ExperimentError::File { .. } => (Vec::new(), "in this scenario"),
         };
         scenario.fault(&path, self.to_string(), label)
     }
@@ -240,10 +244,10 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
     let true_error = model_error.clone().map(|covariance| (covariance, scenario.truth.model_error_scale.sqrt()));
     let truth = Truth::new(true_model, steps, true_error, stream(seed, "truth/model error"), true_state);
 
-    let configs = observing::configs(scenario)?;
     let projection = scenario.grid.projection.as_ref();
+    let Scenario { networks, start, .. } = scenario;
     let observing =
-        ObservingSystem::new(background.layout(), projection, &configs, seed, scenario.cycle.window, scenario.start)?;
+        ObservingSystem::new(background.layout(), projection, networks, seed, scenario.cycle.window, *start)?;
     let sensors = sensors(scenario, &observing, cycles)?;
     let problem = Problem {
         model,

@@ -19,13 +19,13 @@ pub(super) fn warnings(scenario: &Scenario, observing: &ObservingSystem, cycles:
         let hint = if on_earth { "; latitudes are positive to the north, longitudes to the east" } else { "" };
         warnings.push(format!("networks.{network}: {usage}{hint}"));
     }
-    for network in scenario.networks.keys() {
+    for network in scenario.networks.iter().map(|network| network.name.as_str()) {
         let left_out: Vec<&LeftOutStation> =
-            observing.left_out().iter().filter(|station| *station.network == **network).collect();
+            observing.left_out().iter().filter(|station| *station.network == *network).collect();
         if left_out.is_empty() {
             continue;
         }
-        let all = left_out.len() + observing.stations().iter().filter(|own| *own.network == **network).count();
+        let all = left_out.len() + observing.stations().iter().filter(|own| *own.network == *network).count();
         let named = |station: &&LeftOutStation| match station.line {
             Some(line) => format!("{} (line {line})", station.name),
             None => station.name.to_string(),

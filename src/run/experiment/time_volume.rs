@@ -4,9 +4,9 @@ use super::forecast_model;
 use crate::scenario::{Correction, CorrectionSettings, Dynamics, FactorTarget, ModelSettings, Scenario};
 use crate::scenario::{TimeVolumeOptions, Wind};
 use isobar_assim::fast_kalman::FastKalmanSettings;
-use isobar_assim::fast_kalman::time_volume::{Candidate, Corrections, Factor, Target, TimeVolume, TimeVolumeSettings};
+use isobar_assim::time_volume::{Candidate, Corrections, Factor, Target, TimeVolume, TimeVolumeSettings};
 use isobar_assim::{Error, Problem};
-use isobar_model::{Adjoint, Duration, Grid, check_time_step};
+use isobar_model::{Duration, Grid, TangentLinear, check_time_step};
 use isobar_obs::Calibration;
 use std::sync::Arc;
 
@@ -94,7 +94,7 @@ impl Corrections for ModelCorrections {
         &self.candidates
     }
 
-    fn model(&self, corrections: &[f64]) -> Result<Arc<dyn Adjoint>, Error> {
+    fn model(&self, corrections: &[f64]) -> Result<Arc<dyn TangentLinear>, Error> {
         let mut model = self.model.clone();
         for (kind, &change) in self.kinds.iter().zip(corrections) {
             let place = match (&mut model.dynamics, kind) {

@@ -38,7 +38,8 @@ pub fn judge(
         ..Stability::default()
     };
     let prior = method.prior_covariance();
-    let Some(accuracy) = method.calibration_accuracy().filter(|_| prior.nrows() > 0) else { return Ok(stability) };
+    let Some(claims) = method.can().calibration.filter(|_| prior.nrows() > 0) else { return Ok(stability) };
+    let accuracy = claims.calibration_accuracy();
     let ratios = match prior.nrows() <= MOST_TOGETHER {
         true => {
             let observability = Observability::new(prior, &accuracy, variance_ratio)?;

@@ -1,0 +1,12 @@
+//! Decorators: what any method becomes with something added.
+//!
+//! | module | what it adds |
+//! |---|---|
+//! | [`sensors`] | what is known of the sensors: earlier calibrations, recalibrations, biases that are not to be adjusted |
+//! | [`adaptive`] | factors on the errors of observations and forecasts, found from the innovations |
+//! | [`first_calibration`] | a calibration from the first observations, by Lange's High-pass Filter |
+
+pub mod adaptive;
+pub mod first_calibration;
+mod likelihood;
+pub mod sensors;

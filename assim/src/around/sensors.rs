@@ -1,0 +1,338 @@
+//! A method with what is known of its sensors: earlier calibrations, announced recalibrations, frozen parameters.
+
+use crate::assimilator::{Adjustments, Assimilator, CalibrationAdjustment, Smoother, Views};
+use crate::calibration_accuracy::CalibrationAccuracy;
+use crate::error::Error;
+use crate::estimate::{Analysis, Background, Estimate};
+use crate::linalg::{add_symmetric_product, eigen};
+use crate::memory::{Matrix, from_bytes, require, to_bytes};
+use faer::{Mat, MatRef};
+use isobar_model::vector::add;
+use isobar_model::{Duration, State, Time};
+use isobar_obs::{Calibration, ObservationWindow};
+use serde::{Deserialize, Serialize};
+
+/// A sensor's announced recalibration: from a time on its bias is another, b ← b + u, with u known to a standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Recalibration {
+    /// From when on.
+    pub time: Time,
+    /// Number of the calibration parameter.
+    pub parameter: usize,
+    /// u, in the parameter's unit.
+    pub step: f64,
+    /// Standard deviation of the error of u, at least 0.
+    pub sigma: f64,
+}
+
+/// What is known of the calibration parameters beside their prior covariance.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SensorKnowledge {
+    /// The prior mean of each parameter at the start.
+    pub mean: Vec<f64>,
+    /// Recalibrations after the start, in any order.
+    pub recalibrations: Vec<Recalibration>,
+}
+
+/// Gives any method the term B u and the prior mean of the calibration's recursion (20) of WO 93/22625,
+/// `c_t = A_c c_{t−1} + B u_c + ε`, and keeps parameters from being adjusted.
+///
+/// *Mean.* The method itself estimates c' = c − o with prior mean zero, where the offset o is the prior mean and the steps
+/// of all recalibrations so far. It is given the observations y − G o, and its estimate of c' is reported with o added. That
+/// is exact, whatever the method, and for a window of several cycles as well: c' has no steps.
+///
+/// *Variance.* What is not known of a step, diag(σ²), is added to the covariance of c by
+/// [`WidenCalibration`](crate::assimilator::WidenCalibration).
+///
+/// *Frozen parameters.* With the gain's rows of frozen parameters F set to zero (Schmidt's consider filter), Joseph's form
+/// gives the optimal covariance but for its F × F block, which stays that of the forecast:
+/// `P⁺ = P⁺_optimal + K_F S K_Fᵀ`, `K_F S K_Fᵀ = P⁻_FF − P⁺_optimal,FF`. So the optimal analysis is made, o_F takes back what
+/// it did to c_F, and the difference of the blocks is added. The state's errors stay correlated with those of c_F.
+#[derive(Clone)]
+pub struct Calibrated {
+    method: Box<dyn Assimilator>,
+    /// What follows is empty where the method does not estimate biases.
+    knowledge: SensorKnowledge,
+    drift: Vec<f64>,
+    memory: Memory,
+}
+
+/// What is remembered from cycle to cycle.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Memory {
+    time: Time,
+    /// o.
+    offset: Vec<f64>,
+    /// The mean of c as it would be now without any observation.
+    prior_mean: Vec<f64>,
+    /// P_c as it would be now without any observation, `[p, p]`.
+    prior: Matrix,
+    /// ĉ'.
+    estimate: Vec<f64>,
+    frozen: Vec<bool>,
+    /// The length of the last forecast; without a forecast there is no analysis whose estimate could be smoothed.
+    window: Option<Duration>,
+}
+
+impl From<Box<dyn Assimilator>> for Calibrated {
+    /// The method as it is, with nothing known of any sensor.
+    fn from(method: Box<dyn Assimilator>) -> Self {
+        Self::new(method, &Calibration::default(), Time::from_seconds(0), SensorKnowledge::default())
+    }
+}
+
+impl Calibrated {
+    /// A method that estimates the parameters of `calibration`, whose prior covariance it has, from `start` on.
+    ///
+    /// # Panics
+    /// If the knowledge is of other parameters.
+    pub fn new(
+        method: Box<dyn Assimilator>,
+        calibration: &Calibration,
+        start: Time,
+        knowledge: SensorKnowledge,
+    ) -> Self {
+        let p = calibration.len();
+        assert!(knowledge.mean.len() == p && knowledge.recalibrations.iter().all(|it| it.parameter < p));
+        let memory = Memory {
+            time: start,
+            offset: knowledge.mean.clone(),
+            prior_mean: knowledge.mean.clone(),
+            prior: Matrix(Mat::from_fn(p, p, |i, j| calibration.prior_covariance(i, j))),
+            estimate: vec![0.0; p],
+            frozen: vec![false; p],
+            window: None,
+        };
+        let drift = calibration.parameters.iter().map(|parameter| parameter.sigma_drift_per_sqrt_day).collect();
+        Self { method, knowledge, drift, memory }
+    }
+
+    /// The covariance that the parameters would have now without any observation, `[p, p]`; without rows if the method
+    /// does not estimate them.
+    pub fn prior_covariance(&self) -> MatRef<'_, f64> {
+        self.memory.prior.as_ref()
+    }
+
+    /// The present estimate of the parameters.
+    pub fn calibration(&self) -> Vec<f64> {
+        let Memory { estimate, offset, .. } = &self.memory;
+        estimate.iter().zip(offset).map(|(estimate, offset)| estimate + offset).collect()
+    }
+
+    /// Which parameters are frozen.
+    pub fn frozen(&self) -> &[bool] {
+        &self.memory.frozen
+    }
+
+    /// Takes parameters back to their prior, and adjusts them no more.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for a method without a covariance of the biases, or with a smoother.
+    pub fn freeze(&mut self, parameters: &[usize]) -> Result<(), Error> {
+        let fresh: Vec<usize> = parameters.iter().copied().filter(|&number| !self.memory.frozen[number]).collect();
+        if fresh.is_empty() {
+            return Ok(());
+        }
+        if self.method.can().smoother.is_some() {
+            let message = "the fixed-lag smoother would go on adjusting what frozen parameters were";
+            return Err(Error::Setting(message.into()));
+        }
+        let accuracy = self.accuracy()?;
+        fresh.iter().for_each(|&number| self.memory.frozen[number] = true);
+        let prior = self.memory.prior.as_ref();
+        let widening = difference(prior, accuracy.covariance(), |number| fresh.contains(&number));
+        self.widen(widening.as_ref())?;
+        for number in fresh {
+            self.memory.offset[number] = self.memory.prior_mean[number] - self.memory.estimate[number];
+        }
+        Ok(())
+    }
+
+    /// What the method claims to know of the calibration.
+    fn accuracy(&self) -> Result<CalibrationAccuracy, Error> {
+        let calibration = self.method.can().calibration;
+        let accuracy = calibration.map(|calibration| calibration.calibration_accuracy());
+        accuracy.ok_or_else(|| {
+            Error::Setting("the method has no covariance of biases, so none of them can be frozen".into())
+        })
+    }
+
+    /// Adds a covariance to that of the calibration.
+    fn widen(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        let Some(calibration) = self.method.adjust().widen() else {
+            let message = "the method has no covariance of biases, which a recalibration could change";
+            return Err(Error::Setting(message.into()));
+        };
+        calibration.widen_calibration(covariance)
+    }
+
+    /// Whether the method is not to see the observations as they are.
+    fn is_shifted(&self) -> bool {
+        self.memory.offset.iter().any(|&offset| offset != 0.0)
+    }
+
+    fn is_plain(&self) -> bool {
+        self.drift.is_empty()
+    }
+
+    /// Takes up the recalibrations in the window that ends at `end`.
+    fn recalibrate(&mut self, end: Time) -> Result<(), Error> {
+        let p = self.drift.len();
+        let mut added = Mat::<f64>::zeros(p, p);
+        let Memory { time, offset, prior_mean, .. } = &mut self.memory;
+        for it in self.knowledge.recalibrations.iter().filter(|it| *time < it.time && it.time <= end) {
+            offset[it.parameter] += it.step;
+            prior_mean[it.parameter] += it.step;
+            added[(it.parameter, it.parameter)] += it.sigma * it.sigma;
+        }
+        if (0..p).any(|i| added[(i, i)] > 0.0) {
+            self.widen(added.as_ref())?;
+            *self.memory.prior += added;
+        }
+        Ok(())
+    }
+
+    /// What the recalibrations from a time until now have added to the parameters.
+    fn steps_since(&self, time: Time) -> Vec<f64> {
+        let mut steps = vec![0.0; self.drift.len()];
+        let since = |it: &&Recalibration| time < it.time && it.time <= self.memory.time;
+        self.knowledge.recalibrations.iter().filter(since).for_each(|it| steps[it.parameter] += it.step);
+        steps
+    }
+
+    /// The observations y − G o.
+    fn shifted(&self, observed: &ObservationWindow, at: &State) -> ObservationWindow {
+        let rows = observed.operator.linearize(at, &self.memory.offset).calibration;
+        let mut shifted = observed.clone();
+        for (row, value) in shifted.values.iter_mut().enumerate() {
+            *value -= rows.row_dot(row, &self.memory.offset);
+        }
+        shifted
+    }
+
+    /// Turns the method's estimate of c' into one of c.
+    fn report(&mut self, estimate: &mut Estimate) {
+        self.memory.estimate.clone_from(&estimate.calibration);
+        add(&mut estimate.calibration, &self.memory.offset);
+    }
+
+    /// The analysis, where some parameters are frozen.
+    fn analyse_frozen(&mut self, from: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        let before = self.accuracy()?;
+        let estimate = self.memory.estimate.clone();
+        let mut analysis = self.method.analyse(from, observed)?;
+        let after = self.accuracy()?;
+        let frozen = self.memory.frozen.clone();
+        let widening = difference(before.covariance(), after.covariance(), |number| frozen[number]);
+        self.widen(widening.as_ref())?;
+        for number in (0..frozen.len()).filter(|&number| frozen[number]) {
+            self.memory.offset[number] -= analysis.estimate.calibration[number] - estimate[number];
+            if let Some(spread) = &mut analysis.estimate.calibration_spread {
+                spread[number] = before.covariance()[(number, number)].max(0.0).sqrt();
+            }
+        }
+        Ok(analysis)
+    }
+}
+
+impl Assimilator for Calibrated {
+    fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
+        if self.is_plain() {
+            return self.method.forecast(window);
+        }
+        let end = self.memory.time + window;
+        self.recalibrate(end)?;
+        (self.memory.time, self.memory.window) = (end, Some(window));
+        for (i, sigma) in self.drift.iter().enumerate() {
+            self.memory.prior[(i, i)] += sigma * sigma * window.days();
+        }
+        let mut background = self.method.forecast(window)?;
+        self.report(&mut background.estimate);
+        Ok(background)
+    }
+
+    fn analyse(&mut self, from: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        if self.is_plain() {
+            return self.method.analyse(from, observed);
+        }
+        // The method's own background is one of c'.
+        let shifted = self.is_shifted().then(|| {
+            let mut own = from.clone();
+            own.estimate.calibration.clone_from(&self.memory.estimate);
+            let observed = self.shifted(observed, &own.estimate.state);
+            (own, observed)
+        });
+        let (from, observed) = shifted.as_ref().map_or((from, observed), |(from, observed)| (from, observed));
+        let mut analysis = if self.memory.frozen.contains(&true) {
+            self.analyse_frozen(from, observed)?
+        } else {
+            self.method.analyse(from, observed)?
+        };
+        self.report(&mut analysis.estimate);
+        Ok(analysis)
+    }
+
+    fn boxed_clone(&self) -> Box<dyn Assimilator> {
+        Box::new(self.clone())
+    }
+
+    fn memory(&self) -> Result<Vec<u8>, Error> {
+        to_bytes(&(self.method.memory()?, &self.memory))
+    }
+
+    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
+        let (method, memory): (Vec<u8>, Memory) = from_bytes(memory)?;
+        let p = self.drift.len();
+        let lengths = [memory.offset.len(), memory.prior_mean.len(), memory.estimate.len(), memory.frozen.len()];
+        require(lengths == [p; 4] && memory.prior.has_shape(p, p), "what is known of the sensors")?;
+        self.method.recall(&method)?;
+        self.memory = memory;
+        Ok(())
+    }
+
+    fn can(&self) -> Views<'_> {
+        let views = self.method.can();
+        Views { smoother: views.smoother.map(|_| self as &dyn Smoother), ..views }
+    }
+
+    fn adjust(&mut self) -> Adjustments<'_> {
+        let Adjustments { calibration, error_factor } = self.method.adjust();
+        // To replace it would be to replace c', which nobody else knows.
+        let calibration = calibration.map(|calibration| match calibration {
+            CalibrationAdjustment::Replace(method) => CalibrationAdjustment::Widen(method),
+            widen => widen,
+        });
+        Adjustments { calibration, error_factor }
+    }
+}
+
+impl Smoother for Calibrated {
+    fn lag(&self) -> usize {
+        self.method.can().smoother.map_or(0, |smoother| smoother.lag())
+    }
+
+    fn smoothed(&self, analyses_ago: usize) -> Result<Option<Estimate>, Error> {
+        let Some(smoother) = self.method.can().smoother else { return Ok(None) };
+        let mut smoothed = smoother.smoothed(analyses_ago)?;
+        if let (Some(estimate), Some(window)) = (&mut smoothed, self.memory.window) {
+            let back = Duration::from_seconds(-window.seconds() * analyses_ago as i64);
+            let steps = self.steps_since(self.memory.time + back);
+            for ((value, offset), step) in estimate.calibration.iter_mut().zip(&self.memory.offset).zip(steps) {
+                *value += offset - step;
+            }
+        }
+        Ok(smoothed)
+    }
+}
+
+/// `wide − narrow` on the chosen parameters, zero elsewhere; what is negative in it by rounding is left out.
+fn difference(wide: MatRef<'_, f64>, narrow: MatRef<'_, f64>, chosen: impl Fn(usize) -> bool) -> Mat<f64> {
+    let p = wide.nrows();
+    let difference =
+        Mat::from_fn(p, p, |i, j| if chosen(i) && chosen(j) { wide[(i, j)] - narrow[(i, j)] } else { 0.0 });
+    let (values, vectors) = eigen(difference.as_ref());
+    let scaled = Mat::from_fn(p, p, |i, j| vectors[(i, j)] * values[j].max(0.0));
+    let mut widening = Mat::zeros(p, p);
+    add_symmetric_product(widening.as_mut(), 1.0, scaled.as_ref(), vectors.transpose());
+    widening
+}

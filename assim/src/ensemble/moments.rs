@@ -1,0 +1,53 @@
+//! Mean and perturbations of an ensemble.
+
+use crate::memory::Matrix;
+use crate::problem::Problem;
+use faer::Mat;
+use isobar_model::Model;
+use isobar_model::vector::{add, subtract};
+use serde::{Deserialize, Serialize};
+
+/// An ensemble as its mean and the members' deviations from it.
+#[derive(Clone, Serialize, Deserialize)]
+pub(super) struct Moments {
+    /// `[m + p]`.
+    pub mean: Vec<f64>,
+    /// `[m + p, N]`; each row has sum zero.
+    pub perturbations: Matrix,
+}
+
+impl Moments {
+    /// The moments of members that deviate from `about` by the given columns, `[m + p, N]`.
+    pub fn of_deviations(mut about: Vec<f64>, mut deviations: Mat<f64>) -> Self {
+        let members = deviations.ncols();
+        let mut shift = vec![0.0; about.len()];
+        (0..members).for_each(|j| add(&mut shift, deviations.col_as_slice(j)));
+        shift.iter_mut().for_each(|shift| *shift /= members as f64);
+        (0..members).for_each(|j| subtract(deviations.col_as_slice_mut(j), &shift));
+        add(&mut about, &shift);
+        Self { mean: about, perturbations: Matrix(deviations) }
+    }
+}
+
+/// Standard deviation of each row of perturbations.
+pub(super) fn spread(perturbations: &Mat<f64>) -> Vec<f64> {
+    let mut squares = vec![0.0; perturbations.nrows()];
+    for j in 0..perturbations.ncols() {
+        squares.iter_mut().zip(perturbations.col_as_slice(j)).for_each(|(sum, value)| *sum += value * value);
+    }
+    let degrees = (perturbations.ncols() - 1) as f64;
+    squares.iter().map(|square| (square / degrees).sqrt()).collect()
+}
+
+/// The standard deviation of each variable over the domain, for every value of the state: the scales of a norm in which
+/// no variable is lost beside another.
+pub(super) fn variable_scales(problem: &Problem<dyn Model>, spread: &[f64]) -> Vec<f64> {
+    let cells = problem.background.layout().grid.cells();
+    let of_field = |field: &[f64]| {
+        let mean_square = field.iter().map(|sigma| sigma * sigma).sum::<f64>() / cells as f64;
+        if mean_square > 0.0 { mean_square.sqrt() } else { 1.0 }
+    };
+    let (state, calibration) = spread.split_at(problem.background.values().len());
+    let state = state.chunks_exact(cells).flat_map(|field| std::iter::repeat_n(of_field(field), cells));
+    state.chain(calibration.iter().map(|&sigma| if sigma > 0.0 { sigma } else { 1.0 })).collect()
+}

@@ -1,0 +1,252 @@
+//! The analysis: observations by component, and the solution taken into state, calibration and covariance.
+//!
+//! The components are eliminated in chunks, and what each of them adds to the factors, −D_k, is taken in at once, so that
+//! never all D_k are there together: they would need as much memory as the observed part of Φ.
+
+use super::factored_covariance::Patch;
+use super::solution::{Increments, Solved, SplitRows};
+use super::{BlockErrors, Frame, Residual};
+use crate::augmented::Augmented;
+use crate::block_angular::{Block, Component, Eliminated, Information, Prior, UpdateRows};
+use crate::error::Error;
+use crate::linalg::{cholesky, column, product};
+use crate::memory::Matrix;
+use crate::problem::Innovations;
+use faer::{Mat, MatRef};
+use isobar_model::vector::{add, axpy};
+use isobar_obs::SparseRows;
+use rayon::prelude::*;
+
+/// Components that are eliminated at a time.
+const COMPONENTS: usize = 128;
+
+impl BlockErrors {
+    pub(crate) fn split_rows(&self, innovations: &Innovations) -> SplitRows {
+        let (local, shared) = (&self.frame.local, &self.frame.shared);
+        let mut position = vec![(false, 0); local.len() + shared.len()];
+        local.iter().enumerate().for_each(|(i, &number)| position[number] = (true, innovations.state_values + i));
+        shared.iter().enumerate().for_each(|(i, &number)| position[number] = (false, i));
+        let (mut block, mut shared) = (SparseRows::new(), SparseRows::new());
+        for row in 0..innovations.len() {
+            let calibration = innovations.jacobian.calibration.row(row);
+            let of = |local: bool| {
+                let position = &position;
+                calibration
+                    .iter()
+                    .filter(move |entry| position[entry.0].0 == local)
+                    .map(|entry| (position[entry.0].1, entry.1))
+            };
+            block.push_row(innovations.jacobian.state.row(row).iter().copied().chain(of(true)));
+            shared.push_row(of(false));
+        }
+        SplitRows { block, shared }
+    }
+
+    /// Analyses the innovations, where the first `free` columns of Φ are no factors.
+    pub(super) fn update(
+        &mut self,
+        components: &[Component],
+        rows: &SplitRows,
+        innovations: &Innovations,
+        free: usize,
+    ) -> Result<Solved, Error> {
+        self.memory.covariance.linked.clear();
+        let r = self.factors().columns();
+        let prior = Prior { mean: vec![0.0; r], covariance: Mat::identity(r, r) };
+        let mut information = Information::new(&prior)?;
+        let mut increment = vec![0.0; self.frame.blocks.variables()];
+        for (chunk, components) in components.chunks(COMPONENTS).enumerate() {
+            let observed = self.eliminate(chunk * COMPONENTS, components, rows, innovations)?;
+            information.add(observed.iter().map(|(_, eliminated)| eliminated));
+            self.take_in(components, observed, &mut increment);
+        }
+        let border = information.solve()?;
+        self.finish(&border.estimate, border.covariance, increment, border.residual_chi2, free)
+    }
+
+    /// Takes in the factors' amplitudes ξ̂ and their covariance S, where β̂_k(ξ = 0) is in the increment and −D_k in Φ.
+    pub(super) fn finish(
+        &mut self,
+        amplitudes: &[f64],
+        covariance: Mat<f64>,
+        mut of_blocks: Vec<f64>,
+        chi2: f64,
+        free: usize,
+    ) -> Result<Solved, Error> {
+        let root = cholesky(covariance, || "the covariance S of the border".into())?;
+        if free > 0 {
+            return Ok(self.finish_with_free(amplitudes, root.as_ref(), of_blocks, chi2, free));
+        }
+        // β̂_k + Φ_b ξ̂ = β̂_k(ξ = 0) + (Φ_b − D) ξ̂.
+        let factors = self.factors_mut();
+        factors.multiply_add(amplitudes, &mut of_blocks);
+        let of_shared = product(factors.shared.as_ref(), column(amplitudes).as_ref()).col_as_slice(0).to_vec();
+        factors.rotate(root.as_ref());
+        Ok(Solved { increments: Increments { of_blocks, of_shared }, chi2, found: None })
+    }
+
+    /// The variables of each component, and what is left of its rows without them.
+    fn eliminate(
+        &self,
+        first: usize,
+        components: &[Component],
+        rows: &SplitRows,
+        innovations: &Innovations,
+    ) -> Result<Vec<(Vec<usize>, Eliminated)>, Error> {
+        let r = self.memory.covariance.factors.columns();
+        let mut first_rows = vec![0];
+        for (number, component) in components.iter().enumerate() {
+            first_rows.push(first_rows[number] + component.observations.len());
+        }
+        let g = self.observed_factors(components, rows);
+        let g = MatRef::from_column_major_slice(&g, first_rows[components.len()], r);
+        let eliminate = |(number, component): (usize, &Component)| {
+            let g = g.get(first_rows[number]..first_rows[number + 1], ..);
+            let (variables, block) = self.update_rows(component, g, rows, innovations);
+            Ok((variables, block.eliminate(first + number, r)?))
+        };
+        components.par_iter().enumerate().map(eliminate).collect()
+    }
+
+    /// H Φ_b + G Φ_c for the observations of the components, one component after another, `[observations, r]`.
+    ///
+    /// Factor by factor, because a column of Φ lies together in memory, and its row does not.
+    pub(super) fn observed_factors(&self, components: &[Component], rows: &SplitRows) -> Vec<f64> {
+        let observations: Vec<usize> =
+            components.iter().flat_map(|component| component.observations.iter().copied()).collect();
+        let factors = &self.memory.covariance.factors;
+        let mut result = vec![0.0; observations.len() * factors.columns()];
+        result.par_chunks_exact_mut(observations.len().max(1)).enumerate().for_each(|(factor, column)| {
+            let shared = factors.shared.col_as_slice(factor);
+            for (value, &row) in column.iter_mut().zip(&observations) {
+                let of_block = rows.block.row(row).iter();
+                *value = of_block.map(|&(variable, weight)| weight * factors.value(variable, factor)).sum::<f64>()
+                    + rows.shared.row_dot(row, shared);
+            }
+        });
+        result
+    }
+
+    /// The rows of a component in covariance form, and its variables; `g` holds its rows of H Φ_b + G Φ_c.
+    fn update_rows(
+        &self,
+        component: &Component,
+        g: MatRef<'_, f64>,
+        rows: &SplitRows,
+        innovations: &Innovations,
+    ) -> (Vec<usize>, Block) {
+        let members = component.blocks.iter().flat_map(|&block| self.frame.blocks.members(block));
+        let mut variables: Vec<usize> = members.copied().collect();
+        // Ascending: the state's values first, then the local parameters.
+        variables.sort_unstable();
+        let locate = |variable: usize| variables.binary_search(&variable).expect("the component holds the variable");
+        let (size, n) = (variables.len(), component.observations.len());
+        let mut prior = Mat::<f64>::zeros(size, size);
+        for &block in &component.blocks {
+            let own = self.memory.covariance.own.block(&self.frame.blocks, block);
+            let positions: Vec<usize> =
+                self.frame.blocks.members(block).iter().map(|&variable| locate(variable)).collect();
+            for (j, &column) in positions.iter().enumerate() {
+                for (i, &row) in positions.iter().enumerate() {
+                    prior[(row, column)] = own[(i, j)];
+                }
+            }
+        }
+        let mut cross = Mat::<f64>::zeros(size, n);
+        // What a separator's blocks show is in the factors.
+        let own = |row: usize| {
+            let entries = rows.block.row(row).iter();
+            entries.filter(|entry| component.blocks.binary_search(&self.frame.blocks.place(entry.0).0).is_ok())
+        };
+        for (column, &row) in component.observations.iter().enumerate() {
+            for &(variable, weight) in own(row) {
+                let source = prior.col_as_slice(locate(variable));
+                axpy(weight, source, cross.col_as_slice_mut(column));
+            }
+        }
+        let innovation = Mat::from_fn(n, n, |i, j| {
+            let row = component.observations[i];
+            let covariance: f64 = own(row).map(|&(variable, weight)| weight * cross[(locate(variable), j)]).sum();
+            covariance + if i == j { innovations.variance[row] } else { 0.0 }
+        });
+        let d = component.observations.iter().map(|&row| innovations.departures[row]).collect();
+        (variables, Block::Update(UpdateRows { prior, cross, innovation, g: g.to_owned(), d }))
+    }
+
+    /// Φ_b ← Φ_b − D and the new C_k on the variables of the components; β̂_k(ξ = 0) is added to the increment.
+    pub(super) fn take_in(
+        &mut self,
+        components: &[Component],
+        observed: Vec<(Vec<usize>, Eliminated)>,
+        increment: &mut [f64],
+    ) {
+        let m = self.frame.layout.len();
+        self.memory.covariance.factors.for_each_column(|factor, mut of_state, mut of_local| {
+            for (variables, eliminated) in &observed {
+                for (&variable, &sensitivity) in variables.iter().zip(eliminated.sensitivity.col_as_slice(factor)) {
+                    if variable < m {
+                        of_state.subtract(variable, sensitivity);
+                    } else {
+                        of_local.subtract(variable - m, sensitivity);
+                    }
+                }
+            }
+        });
+        for (component, (variables, Eliminated { estimate_without_border, covariance, .. })) in
+            components.iter().zip(observed)
+        {
+            for (position, &variable) in variables.iter().enumerate() {
+                increment[variable] += estimate_without_border[(position, 0)];
+            }
+            for &block in &component.blocks {
+                let members = self.frame.blocks.members(block);
+                let positions: Vec<usize> = members
+                    .iter()
+                    .map(|variable| variables.binary_search(variable).expect("the component holds its blocks"))
+                    .collect();
+                let mut own = self.memory.covariance.own.block_mut(&self.frame.blocks, block);
+                for (j, &column) in positions.iter().enumerate() {
+                    for (i, &row) in positions.iter().enumerate() {
+                        own[(i, j)] = covariance[(row, column)];
+                    }
+                }
+            }
+            // Other forecasts than the exact one have no use for what is linked beyond the blocks: that its leading
+            // directions join Φ does not change the scores, since the compression after the forecast drops them again.
+            if component.blocks.len() > 1 && self.frame.settings.residual == Residual::Exact {
+                self.memory.covariance.linked.push(Patch { variables, covariance: Matrix(covariance) });
+            }
+        }
+    }
+
+    /// s ← s + δs.
+    pub(crate) fn add_increments(&self, s: &mut Augmented, increments: &Increments) {
+        let Increments { of_blocks, of_shared } = increments;
+        let (of_state, of_local) = of_blocks.split_at(self.frame.layout.len());
+        add(s.state.values_mut(), of_state);
+        let Frame { local, shared, .. } = &*self.frame;
+        for (&number, change) in local.iter().zip(of_local).chain(shared.iter().zip(of_shared)) {
+            s.bias[number] += change;
+        }
+    }
+
+    pub(super) fn component_size(&self, component: &Component) -> usize {
+        component.blocks.iter().map(|&block| self.frame.blocks.size(block)).sum()
+    }
+
+    pub(super) fn check_component(&self, component: &Component) -> Result<(), Error> {
+        let (size, n) = (self.component_size(component) as u64, component.observations.len() as u64);
+        let needed_bytes = 8 * (2 * size * size + 3 * size * n + 2 * n * n);
+        if needed_bytes > self.frame.memory_limit_bytes {
+            return Err(Error::TooLarge {
+                what: format!(
+                    "the component of {} blocks ({size} variables) that {n} observations link",
+                    component.blocks.len()
+                ),
+                needed_bytes,
+                limit_bytes: self.frame.memory_limit_bytes,
+            });
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,135 @@
+//! A block-diagonal matrix: one small square matrix for each block, all in one array.
+
+use super::blocks::Blocks;
+use super::factors::Factors;
+use crate::covariance::{self, Covariance};
+use crate::linalg::add_product;
+use faer::{Mat, MatMut, MatRef};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Values of the matrices that one thread works on at a time.
+const VALUES: usize = 8192;
+
+/// The largest block for which a loop over its entries is faster than a matrix product.
+const SMALL: usize = 12;
+
+/// blkdiag(C_1 … C_K).
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct BlockDiagonal {
+    values: Vec<f64>,
+}
+
+impl BlockDiagonal {
+    pub fn zeros(blocks: &Blocks) -> Self {
+        Self { values: vec![0.0; blocks.matrices_len()] }
+    }
+
+    /// The blocks of a covariance of states; zero for local parameters.
+    pub fn of(operator: &dyn Covariance, blocks: &Blocks) -> Self {
+        let mut result = Self::zeros(blocks);
+        result.for_each_block(blocks, |block, mut matrix| {
+            let members = blocks.members(block);
+            let on_grid = &members[..members.partition_point(|&variable| variable < operator.len())];
+            if on_grid.len() > SMALL {
+                let own = covariance::block(operator, on_grid);
+                return matrix.get_mut(..on_grid.len(), ..on_grid.len()).copy_from(own);
+            }
+            for (j, &column) in on_grid.iter().enumerate() {
+                for (i, &row) in on_grid.iter().enumerate().skip(j) {
+                    let value = operator.covariance(row, column);
+                    (matrix[(i, j)], matrix[(j, i)]) = (value, value);
+                }
+            }
+        });
+        result
+    }
+
+    /// All matrices, one after another.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// All matrices, one after another.
+    pub fn values_mut(&mut self) -> &mut [f64] {
+        &mut self.values
+    }
+
+    pub fn block(&self, blocks: &Blocks, block: usize) -> MatRef<'_, f64> {
+        let size = blocks.size(block);
+        MatRef::from_column_major_slice(&self.values[blocks.matrix(block)], size, size)
+    }
+
+    pub fn block_mut(&mut self, blocks: &Blocks, block: usize) -> MatMut<'_, f64> {
+        let size = blocks.size(block);
+        MatMut::from_column_major_slice_mut(&mut self.values[blocks.matrix(block)], size, size)
+    }
+
+    /// Applies `work` to each block's number and matrix, in parallel.
+    pub fn for_each_block(&mut self, blocks: &Blocks, work: impl Fn(usize, MatMut<'_, f64>) + Sync) {
+        self.for_each_chunk(blocks, |first, matrices| {
+            let mut rest = matrices;
+            let mut block = first;
+            while !rest.is_empty() {
+                let size = blocks.size(block);
+                let (own, others) = rest.split_at_mut(size * size);
+                work(block, MatMut::from_column_major_slice_mut(own, size, size));
+                (rest, block) = (others, block + 1);
+            }
+        });
+    }
+
+    /// Applies `work` to the number of the first block and the matrices of each chunk of blocks, in parallel.
+    fn for_each_chunk(&mut self, blocks: &Blocks, work: impl Fn(usize, &mut [f64]) + Sync) {
+        let count = (VALUES * blocks.count() / blocks.matrices_len().max(1)).max(1);
+        let mut chunks = Vec::with_capacity(blocks.count().div_ceil(count));
+        let mut rest = self.values.as_mut_slice();
+        for first in (0..blocks.count()).step_by(count) {
+            let last = (first + count).min(blocks.count()) - 1;
+            let (own, others) = rest.split_at_mut(blocks.matrix(last).end - blocks.matrix(first).start);
+            chunks.push((first, own));
+            rest = others;
+        }
+        chunks.into_par_iter().for_each(|(first, matrices)| work(first, matrices));
+    }
+
+    /// C_k += M_k.
+    pub fn add(&mut self, other: &BlockDiagonal) {
+        self.values.par_iter_mut().zip(&other.values).for_each(|(own, other)| *own += other);
+    }
+
+    /// C_k += sign Φ_k Φ_kᵀ, the block diagonal of what the factors hold.
+    pub fn add_factors(&mut self, blocks: &Blocks, sign: f64, factors: &Factors) {
+        self.for_each_chunk(blocks, |first, matrices| {
+            for column in 0..factors.columns() {
+                let mut rest = &mut *matrices;
+                let mut block = first;
+                while !rest.is_empty() {
+                    let members = blocks.members(block);
+                    let size = members.len();
+                    let (own, others) = rest.split_at_mut(size * size);
+                    if size <= SMALL {
+                        let mut values = [0.0; SMALL];
+                        factors.values(members, column, &mut values[..size]);
+                        for (own, &right) in own.chunks_exact_mut(size).zip(&values) {
+                            own.iter_mut().zip(&values).for_each(|(own, left)| *own += sign * (left * right));
+                        }
+                    } else if column == 0 {
+                        let rows = Mat::from_fn(size, factors.columns(), |i, j| factors.value(members[i], j));
+                        let own = MatMut::from_column_major_slice_mut(own, size, size);
+                        add_product(own, sign, rows.as_ref(), rows.transpose());
+                    }
+                    (rest, block) = (others, block + 1);
+                }
+            }
+        });
+    }
+
+    /// Adds the diagonals to the variances of the block variables.
+    pub fn add_variances(&self, blocks: &Blocks, variances: &mut [f64]) {
+        variances.par_iter_mut().enumerate().for_each(|(variable, variance)| {
+            let (block, position) = blocks.place(variable);
+            *variance += self.values[blocks.matrix(block).start + position * (blocks.size(block) + 1)];
+        });
+    }
+}

@@ -1,0 +1,116 @@
+//! Compression of the common factors, which preserves every block's own covariance.
+
+use super::blocks::Blocks;
+use super::factored_covariance::FactoredCovariance;
+use crate::linalg::{eigen, product, qr};
+use crate::memory::Matrix;
+use crate::tall_matrix::TallMatrix;
+use faer::Mat;
+
+/// What joins the factors in a forecast.
+pub(super) struct Joining<'a> {
+    /// Factors of the model error, `[state values, q]`, if there is one.
+    pub model_error: Option<&'a TallMatrix>,
+    /// Standard deviations of what the shared parameters' random walks add, `[p]`.
+    pub drift: &'a [f64],
+}
+
+/// How many factors stay beside the p that carry the shared parameters.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Kept {
+    /// Their largest number.
+    pub at_most: usize,
+    /// No more than hold this share of the factors' energy; 1 for as many as may stay.
+    pub retained: f64,
+}
+
+impl Kept {
+    /// The number of leading directions, given the energies of all in ascending order.
+    fn count(self, energies: &[f64]) -> usize {
+        let wanted = self.retained * energies.iter().sum::<f64>();
+        let mut held = 0.0;
+        let enough = energies.iter().rev().position(|energy| {
+            held += energy;
+            held >= wanted
+        });
+        let needed = if self.retained < 1.0 { enough.map_or(energies.len(), |last| last + 1) } else { energies.len() };
+        needed.min(self.at_most)
+    }
+}
+
+/// Adds factors, and returns to those that are to be kept beside the p that carry the shared parameters.
+///
+/// `[Φ_b F_Q 0; Φ_c 0 diag(drift)]` is rotated so that p columns carry Φ_c exactly. Of the others the leading
+/// directions stay, where every variable is divided by its scale first (else the wind would be thrown away for the
+/// height). All rotations are found from the small Gram matrix of `S⁻¹ [Φ_b F_Q]`, and applied at once in place.
+///
+/// Of the block diagonal that goes with the dropped directions Φ_b's part is moved to C_k, so that Cov(b_k) of each
+/// block is what it was: `C_k += Φ_b,k Φ_b,kᵀ − Φ'_b,k Φ'_b,kᵀ`, Φ' the factors that stay. The caller has added *all* of
+/// Q_k to C_k, that of F_Q included.
+pub(super) fn join_and_compress(
+    covariance: &mut FactoredCovariance,
+    joining: &Joining<'_>,
+    kept: Kept,
+    scales: &[f64],
+    blocks: &Blocks,
+) {
+    let FactoredCovariance { own, factors, .. } = covariance;
+    let p = joining.drift.len();
+    let (r, q) = (factors.columns(), joining.model_error.map_or(0, TallMatrix::columns));
+    let walks = if joining.drift.iter().any(|&sigma| sigma > 0.0) { p } else { 0 };
+    if q + walks == 0 && r <= p + kept.at_most && kept.retained >= 1.0 {
+        return;
+    }
+    let shared = Mat::from_fn(r + q + walks, p, |i, j| {
+        if i < r {
+            factors.shared[(j, i)]
+        } else if i >= r + q && i - r - q == j {
+            joining.drift[j]
+        } else {
+            0.0
+        }
+    });
+    // The columns of the walks have no part in b: only the first r + q rows of the rotation count. Without shared
+    // parameters there is nothing to rotate for.
+    let (rotation, carried) = match p {
+        0 => (Mat::identity(r + q, r + q), Mat::zeros(0, 0)),
+        _ => {
+            let qr = qr(shared.as_ref());
+            (qr.compute_Q().as_ref().get(..r + q, ..).to_owned(), qr.thin_R().transpose().to_owned())
+        }
+    };
+    let rest = rotation.as_ref().get(.., p..);
+    let of_rest = if kept.at_most < rest.ncols() || kept.retained < 1.0 {
+        let gram = factors.scaled_gram(joining.model_error, scales);
+        let gram = product(rest.transpose(), product(gram.as_ref(), rest).as_ref());
+        let (energies, directions) = eigen(gram.as_ref());
+        let (all, count) = (energies.len(), kept.count(&energies));
+        let leading = Mat::from_fn(all, count, |i, j| directions[(i, all - 1 - j)]);
+        product(rest, leading.as_ref())
+    } else {
+        rest.to_owned()
+    };
+    let kept = of_rest.ncols();
+    let mut recombination = Mat::zeros(r + q, p + kept);
+    recombination.as_mut().get_mut(.., ..p).copy_from(rotation.as_ref().get(.., ..p));
+    recombination.as_mut().get_mut(.., p..).copy_from(of_rest);
+    own.add_factors(blocks, 1.0, factors);
+    factors.recombine(joining.model_error, recombination.as_ref());
+    own.add_factors(blocks, -1.0, factors);
+    factors.shared = Matrix(Mat::zeros(p, p + kept));
+    factors.shared.as_mut().get_mut(.., ..p).copy_from(&carried);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn as_many_directions_stay_as_hold_the_wanted_energy() {
+        let energies = [0.0, 1.0, 2.0, 3.0, 4.0];
+        let count = |retained, at_most| Kept { at_most, retained }.count(&energies);
+        assert_eq!([count(0.39, 9), count(0.4, 9), count(0.41, 9), count(0.99, 9)], [1, 1, 2, 4]);
+        assert_eq!([count(1.0, 9), count(1.0, 3), count(0.99, 2), count(0.5, 0)], [5, 3, 2, 0]);
+        assert_eq!(Kept { at_most: 3, retained: 0.5 }.count(&[]), 0);
+    }
+}

@@ -1,0 +1,168 @@
+//! The common factors Φ = [Φ_b; Φ_c].
+
+use crate::linalg::product;
+use crate::memory::Matrix;
+use crate::tall_matrix::{ColumnMut, Precision, TallMatrix, scaled_gram, stored};
+use faer::{Mat, MatRef};
+use isobar_model::Stored;
+use isobar_model::vector::axpy;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Φ: each row is a variable, each column a direction of errors that many blocks have in common.
+///
+/// The state's rows are apart from those of the local parameters, so that a column of them is an increment, which the
+/// tangent-linear model advances where it lies.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Factors {
+    /// Rows of Φ_b of the state's values, `[m, r]`, in the precision of the settings.
+    pub state: TallMatrix,
+    /// Rows of Φ_b of the local parameters, `[local, r]`, in double precision: they are few.
+    pub local: TallMatrix,
+    /// Φ_c, `[shared parameters, r]`.
+    pub shared: Matrix,
+}
+
+impl Factors {
+    /// `columns` columns of zeros, in double precision, for the variables of `like`.
+    pub fn zeros_like(like: &Factors, columns: usize) -> Self {
+        Self {
+            state: TallMatrix::zeros(like.state.rows(), columns, Precision::Double),
+            local: TallMatrix::zeros(like.local.rows(), columns, Precision::Double),
+            shared: Matrix(Mat::zeros(like.shared.nrows(), columns)),
+        }
+    }
+
+    /// Whether it is whole, and has these numbers of rows.
+    pub fn has_rows(&self, state: usize, local: usize, shared: usize) -> bool {
+        let columns = self.columns();
+        self.state.has_shape(state, columns)
+            && self.local.has_shape(local, columns)
+            && self.local.precision() == Precision::Double
+            && self.shared.has_shape(shared, columns)
+    }
+
+    /// Number of factors r.
+    pub fn columns(&self) -> usize {
+        self.state.columns()
+    }
+
+    /// Entry of a block variable.
+    pub fn value(&self, variable: usize, column: usize) -> f64 {
+        let m = self.state.rows();
+        if variable < m { self.state.value(variable, column) } else { self.local.value(variable - m, column) }
+    }
+
+    /// Entries of some block variables, in their order.
+    pub fn values(&self, variables: &[usize], column: usize, entries: &mut [f64]) {
+        let m = self.state.rows();
+        stored!(self.state.values(), values => {
+            let of_state = &values[column * m..][..m];
+            for (entry, &variable) in entries.iter_mut().zip(variables) {
+                *entry = match of_state.get(variable) {
+                    Some(value) => value.widen(),
+                    None => self.local.value(variable - m, column),
+                };
+            }
+        });
+    }
+
+    /// Sets an entry of a block variable.
+    pub fn set(&mut self, variable: usize, column: usize, value: f64) {
+        let m = self.state.rows();
+        if variable < m {
+            self.state.set(variable, column, value);
+        } else {
+            self.local.set(variable - m, column, value);
+        }
+    }
+
+    /// Appends factors of zeros.
+    pub fn append(&mut self, columns: usize) {
+        self.state.append(columns);
+        self.local.append(columns);
+        let before = &self.shared;
+        let entry = |i: usize, j: usize| if j < before.ncols() { before[(i, j)] } else { 0.0 };
+        self.shared = Matrix(Mat::from_fn(before.nrows(), before.ncols() + columns, entry));
+    }
+
+    /// Puts the columns of `others` before these, each multiplied by its scale.
+    pub fn prepend(&mut self, others: &Factors, scales: &[f64]) {
+        let q = scales.len();
+        self.state.prepend(q);
+        self.local.prepend(q);
+        for (k, &scale) in scales.iter().enumerate() {
+            self.state.edit_column(k, |column| axpy(scale, &others.state.column(k), column));
+            self.local.edit_column(k, |column| axpy(scale, &others.local.column(k), column));
+        }
+        let (before, others) = (&self.shared, &others.shared);
+        let entry = |i: usize, j: usize| if j < q { scales[j] * others[(i, j)] } else { before[(i, j - q)] };
+        self.shared = Matrix(Mat::from_fn(before.nrows(), q + before.ncols(), entry));
+    }
+
+    /// Takes the first columns out, each divided by its scale.
+    pub fn take_front(&mut self, scales: &[f64]) -> Factors {
+        let q = scales.len();
+        let (mut state, mut local) = (self.state.take_front(q), self.local.take_front(q));
+        for (k, divisor) in scales.iter().enumerate() {
+            for part in [&mut state, &mut local] {
+                part.edit_column(k, |column| column.iter_mut().for_each(|value| *value /= divisor));
+            }
+        }
+        let (p, joint) = (self.shared.nrows(), &self.shared);
+        let shared = Matrix(Mat::from_fn(p, q, |i, j| joint[(i, j)] / scales[j]));
+        self.shared = Matrix(Mat::from_fn(p, joint.ncols() - q, |i, j| joint[(i, q + j)]));
+        Factors { state, local, shared }
+    }
+
+    /// Φ ← Φ T.
+    pub fn rotate(&mut self, t: MatRef<'_, f64>) {
+        self.recombine(None, t);
+        self.shared = Matrix(product(self.shared.as_ref(), t));
+    }
+
+    /// Φ_b ← \[Φ_b \[F; 0\]\] T, where F are further factors of the state.
+    pub fn recombine(&mut self, further: Option<&TallMatrix>, t: MatRef<'_, f64>) {
+        let own = self.columns();
+        self.state.recombine(further, t);
+        self.local.recombine(None, t.get(..own, ..));
+    }
+
+    /// \[Φ_b \[F; 0\]\]ᵀ S⁻² \[Φ_b \[F; 0\]\], S the scales of the block variables.
+    pub fn scaled_gram(&self, further: Option<&TallMatrix>, scales: &[f64]) -> Mat<f64> {
+        let (of_state, of_local) = scales.split_at(self.state.rows());
+        let parts: Vec<&TallMatrix> = std::iter::once(&self.state).chain(further).collect();
+        let mut gram = scaled_gram(&parts, of_state);
+        let r = self.columns();
+        let mut own = gram.as_mut().get_mut(..r, ..r);
+        own += scaled_gram(&[&self.local], of_local);
+        gram
+    }
+
+    /// Φ_b x.
+    pub fn multiply_add(&self, x: &[f64], block_variables: &mut [f64]) {
+        let (of_state, of_local) = block_variables.split_at_mut(self.state.rows());
+        self.state.multiply_add(x, of_state);
+        self.local.multiply_add(x, of_local);
+    }
+
+    /// The variances that the block variables have through the factors.
+    pub fn block_variances(&self) -> Vec<f64> {
+        let m = self.state.rows();
+        let mut variances = vec![0.0; m + self.local.rows()];
+        self.state.add_squared_rows(&mut variances[..m]);
+        self.local.add_squared_rows(&mut variances[m..]);
+        variances
+    }
+
+    /// The variances of the shared parameters.
+    pub fn shared_variances(&self) -> Vec<f64> {
+        self.shared.row_iter().map(|row| row.iter().map(|value| value * value).sum()).collect()
+    }
+
+    /// Calls `work` with the number of each factor and its rows of state and local parameters, in parallel.
+    pub fn for_each_column(&mut self, work: impl Fn(usize, ColumnMut<'_>, ColumnMut<'_>) + Sync) {
+        let columns = self.state.columns_mut().into_par_iter().zip(self.local.columns_mut()).enumerate();
+        columns.for_each(|(number, (of_state, of_local))| work(number, of_state, of_local));
+    }
+}

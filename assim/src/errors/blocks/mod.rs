@@ -1,0 +1,305 @@
+//! The Fast Kalman Filter: the recursion (26)–(29) of WO 93/22625 on the blocks of a grid.
+//!
+//! The covariance of all errors is kept as a block-diagonal part and a few common factors that carry the shared
+//! calibration parameters c and what the blocks' errors have in common with them:
+//!
+//! ```text
+//! Cov(b, c) = blkdiag(C_1 … C_K, 0) + Φ Φᵀ,     Φ = [Φ_b; Φ_c]
+//! ```
+//!
+//! Analysis: the block-angular regression with X_k = H_k on β_k ~ N(0, C_k) and the factors' amplitudes ξ ~ N(0, I) as
+//! border, G_k := H_k Φ_b + G_k Φ_c. With its results, `b̂ = b~ + β̂ + Φ_b ξ̂`, `ĉ = c~ + Φ_c ξ̂`,
+//! `Φ ← [Φ_b − D; Φ_c] S^½`: exactly the Kalman filter's analysis for this covariance. Forecast: P_k = Σ_j A_kj C_j A_kjᵀ
+//! + Q_k and Φ_b ← A Φ_b; what the blocks' errors get in common beyond the factors is dropped.
+//!
+//! With r further factors (WO 97/18442) what the blocks' errors have in common is kept, as far as r directions can: the
+//! leading directions of B at the start, and in each forecast those of A Φ_b and of Q together. What a compression
+//! leaves over joins the C_k as a block diagonal, so that every block keeps its own covariance. The C_k then hold only
+//! a nearly white residual, which need not be propagated exactly: see [`Residual`].
+
+mod analysis;
+mod block_diagonal;
+mod blocks;
+mod calibration;
+mod coarse_grid;
+mod compression;
+mod factored_covariance;
+mod factors;
+mod forecast;
+mod free_columns;
+mod nested;
+mod product;
+mod residual;
+mod separation;
+mod settings;
+mod solution;
+mod structure;
+
+pub use crate::tall_matrix::Precision;
+pub use blocks::BlockShape;
+pub use settings::{BiasCoupling, FastKalmanSettings, Residual};
+
+pub(crate) use factors::Factors;
+pub(crate) use solution::{Increments, SplitRows};
+
+use crate::augmented::Augmented;
+use crate::covariance::{self, Covariance};
+use crate::error::Error;
+use crate::filter::{Cycle, ErrorBlocks, Errors, Filter, Fit};
+use crate::memory::require;
+use crate::problem::{Innovations, Problem};
+use crate::tall_matrix::TallMatrix;
+use block_diagonal::BlockDiagonal;
+use blocks::Blocks;
+use coarse_grid::CoarseGrid;
+use factored_covariance::FactoredCovariance;
+use faer::{Mat, MatRef};
+use isobar_model::{Layout, TangentLinear, random};
+use isobar_obs::ByPlacement;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// The Kalman filter with a covariance in blocks and common factors.
+pub type FastKalmanFilter = Filter<BlockErrors>;
+
+/// A covariance in blocks and common factors.
+#[derive(Clone)]
+pub struct BlockErrors {
+    frame: Arc<Frame>,
+    /// Where the factors are propagated, if not on the grid of the state.
+    coarse: Option<Arc<CoarseGrid>>,
+    memory: Memory,
+}
+
+/// What stays the same in all cycles.
+struct Frame {
+    settings: FastKalmanSettings,
+    layout: Arc<Layout>,
+    blocks: Blocks,
+    /// Numbers of the local parameters in the calibration, in the order of their block variables.
+    local: Vec<usize>,
+    /// Numbers of the shared parameters, in the order of the border.
+    shared: Vec<usize>,
+    model_error: Option<ModelError>,
+    /// The scale of each block variable in the norm by which factors are compressed: its standard deviation in B.
+    scales: Vec<f64>,
+    memory_limit_bytes: u64,
+}
+
+/// What changes from cycle to cycle.
+#[derive(Clone, Serialize, Deserialize)]
+pub struct Memory {
+    covariance: FactoredCovariance,
+    /// Draws the probes.
+    random: ChaCha8Rng,
+}
+
+/// Q of the state's values, as far as the filter keeps it.
+struct ModelError {
+    /// The leading factors F_Q.
+    factors: TallMatrix,
+    /// All of the blocks Q_k, what F_Q holds of them included.
+    blocks: BlockDiagonal,
+}
+
+impl ModelError {
+    /// That of α Q.
+    fn times(&self, factor: f64) -> Self {
+        let (mut factors, mut blocks) = (self.factors.clone(), self.blocks.clone());
+        factors.scale(factor.sqrt());
+        blocks.values_mut().iter_mut().for_each(|value| *value *= factor);
+        Self { factors, blocks }
+    }
+}
+
+impl FastKalmanFilter {
+    /// A filter that starts from the background, whose error covariance it truncates to the blocks.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] if the propagator and the blocks do not fit into the memory limit.
+    pub fn new(problem: impl Into<Problem<dyn TangentLinear>>, settings: FastKalmanSettings) -> Result<Self, Error> {
+        let problem = problem.into();
+        let errors = BlockErrors::new(&problem, settings)?;
+        Ok(Self::starting_with(problem, errors))
+    }
+
+    /// The same filter with its factors propagated by a model on a coarser grid of the same domain: where the errors'
+    /// correlation length is many cells, so nearly the same, for k³ times less work with cells k times as wide.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if the model's grid is not one of whole multiples of the state's cells, or if the blocks are
+    /// propagated exactly, which needs the whole propagator.
+    pub fn with_factors_on(mut self, model: Arc<dyn TangentLinear>) -> Result<Self, Error> {
+        let errors = &mut self.belief.errors;
+        if errors.frame.settings.residual == Residual::Exact {
+            return Err(Error::Setting("an exact forecast of the blocks leaves nothing to a coarser grid".into()));
+        }
+        errors.coarse = Some(Arc::new(CoarseGrid::new(&errors.frame.layout, model)?));
+        Ok(self)
+    }
+
+    /// The covariance of the errors of (state, calibration) as a dense matrix in that order, for tests and for queries
+    /// on small problems. After an analysis, what observations have linked beyond the blocks is in it only if the forecast
+    /// is exact; any other goes on with the blocks' own, as it does here.
+    pub fn dense_covariance(&self) -> Mat<f64> {
+        let errors = &self.belief.errors;
+        let Frame { blocks, local, shared, layout, .. } = &*errors.frame;
+        let m = layout.len();
+        let dense = errors.memory.covariance.dense(blocks);
+        let mut position: Vec<usize> = (0..m + local.len() + shared.len()).collect();
+        local.iter().enumerate().for_each(|(i, &number)| position[m + number] = m + i);
+        shared.iter().enumerate().for_each(|(i, &number)| position[m + number] = m + local.len() + i);
+        Mat::from_fn(position.len(), position.len(), |i, j| dense[(position[i], position[j])])
+    }
+}
+
+impl BlockErrors {
+    /// The errors of a problem's background.
+    ///
+    /// # Errors
+    /// Those of [`FastKalmanFilter::new`].
+    pub(crate) fn new(problem: &Problem<dyn TangentLinear>, settings: FastKalmanSettings) -> Result<Self, Error> {
+        let layout = problem.background.layout().clone();
+        let calibration = problem.estimated_calibration();
+        let ByPlacement { shared, local } = calibration.by_placement();
+        let (local, places): (Vec<usize>, Vec<(f64, f64)>) = local.into_iter().unzip();
+        let local_cells: Vec<usize> = places.into_iter().map(|(x_m, y_m)| layout.grid.cell_at(x_m, y_m)).collect();
+        let blocks = Blocks::new(&layout, settings.blocks, &local_cells);
+        settings.check(layout.len(), &blocks, shared.len(), problem.memory_limit_bytes)?;
+        let sigma_prior = |number: usize| calibration.parameters[number].sigma_prior;
+        let (m, p) = (layout.len(), shared.len());
+        let mut scales = state_scales(&*problem.background_error, &layout);
+        scales.extend(local.iter().map(|&number| sigma_prior(number)));
+        let leading = |operator: &dyn Covariance, random: &mut ChaCha8Rng| match settings.factors {
+            0 => TallMatrix::zeros(m, 0, settings.factor_precision),
+            rank => covariance::leading_columns(operator, &scales[..m], rank, settings.factor_precision, random),
+        };
+        // What is drawn for B comes first in the stream, then what is for Q, then the probes. But Q is factored first:
+        // its working space is gone when Φ comes, whose own is needed later for the probes.
+        let mut random = random::stream(0, "fast kalman filter");
+        let mut of_background = random.clone();
+        if settings.factors > 0 {
+            covariance::skip_draws(m, settings.factors, &mut random);
+        }
+        let model_error = problem.model_error.as_deref().map(|operator| {
+            let mut factors = leading(operator, &mut random);
+            factors.shrink_to_fit();
+            ModelError { factors, blocks: BlockDiagonal::of(operator, &blocks) }
+        });
+        let mut state = leading(&*problem.background_error, &mut of_background);
+        state.prepend(p);
+        let factors = calibration::with_priors(state, &calibration, &shared, &local)?;
+        let mut own = BlockDiagonal::of(&*problem.background_error, &blocks);
+        own.add_factors(&blocks, -1.0, &factors);
+        // What the factors hold of it has just been taken out.
+        for (i, &number) in local.iter().enumerate() {
+            for (j, &other) in local.iter().enumerate() {
+                let ((block, row), (of_other, column)) = (blocks.place(m + i), blocks.place(m + j));
+                if block == of_other {
+                    own.block_mut(&blocks, block)[(row, column)] += calibration.prior_covariance(number, other);
+                }
+            }
+        }
+        let memory = Memory { covariance: FactoredCovariance { own, linked: Vec::new(), factors }, random };
+        let memory_limit_bytes = problem.memory_limit_bytes;
+        let frame = Frame { settings, layout, blocks, local, shared, model_error, scales, memory_limit_bytes };
+        Ok(Self { frame: Arc::new(frame), coarse: None, memory })
+    }
+
+    /// Numbers of the shared parameters in the calibration, in the order of the border.
+    pub(crate) fn shared(&self) -> &[usize] {
+        &self.frame.shared
+    }
+
+    /// Number of block variables.
+    pub(crate) fn block_variables(&self) -> usize {
+        self.frame.blocks.variables()
+    }
+
+    /// Φ.
+    pub(crate) fn factors(&self) -> &Factors {
+        &self.memory.covariance.factors
+    }
+
+    /// Φ.
+    pub(crate) fn factors_mut(&mut self) -> &mut Factors {
+        &mut self.memory.covariance.factors
+    }
+}
+
+impl Errors for BlockErrors {
+    type Memory = Memory;
+
+    const NAME: &'static str = "the covariance of blocks and factors";
+
+    fn forecast(&mut self, s: &mut Augmented, cycle: &Cycle<'_>) -> Result<(), Error> {
+        self.propagate(&mut s.state, cycle)?;
+        self.add_errors(cycle)
+    }
+
+    fn analyse(&mut self, s: &mut Augmented, d: &Innovations) -> Result<Fit, Error> {
+        let analysis = self.analyse_rows(&self.split_rows(d), d, 0)?;
+        self.add_increments(s, &analysis.increments);
+        Ok(Fit { chi2: analysis.chi2, partition: Some(analysis.partition) })
+    }
+
+    fn variances(&self) -> Vec<f64> {
+        let Frame { blocks, local, shared, layout, .. } = &*self.frame;
+        let (m, covariance) = (layout.len(), &self.memory.covariance);
+        let mut variances = covariance.block_variances(blocks);
+        let of_local = variances.split_off(m);
+        variances.resize(m + local.len() + shared.len(), 0.0);
+        let of_shared = covariance.factors.shared_variances();
+        for (&number, variance) in local.iter().zip(of_local).chain(shared.iter().zip(of_shared)) {
+            variances[m + number] = variance;
+        }
+        variances
+    }
+
+    fn multiply(&self, h: &[f64]) -> Vec<f64> {
+        self.product(h)
+    }
+
+    fn widen_calibration(&mut self, widening: MatRef<'_, f64>) {
+        self.widen(widening);
+    }
+
+    fn replace_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        self.replace(covariance)
+    }
+
+    fn memory(&self) -> &Memory {
+        &self.memory
+    }
+
+    fn recall(&mut self, memory: Memory, _: &Augmented) -> Result<(), Error> {
+        let Frame { blocks, shared, layout, local, settings, .. } = &*self.frame;
+        memory.covariance.require(blocks)?;
+        let Factors { state, .. } = &memory.covariance.factors;
+        let fits = memory.covariance.factors.has_rows(layout.len(), local.len(), shared.len())
+            && state.precision() == settings.factor_precision;
+        require(fits, "the matrix of the factors")?;
+        self.memory = memory;
+        Ok(())
+    }
+
+    fn calibration_and_means(&self, _: usize, _: usize, _: usize) -> Mat<f64> {
+        self.joint_covariance()
+    }
+
+    fn blocks(&self) -> Option<&dyn ErrorBlocks> {
+        Some(self)
+    }
+}
+
+/// The standard deviation of each variable in the middle of the domain, for every value of the state.
+fn state_scales(operator: &dyn Covariance, layout: &Layout) -> Vec<f64> {
+    let (cells, grid) = (layout.grid.cells(), &layout.grid);
+    let middle = grid.ny / 2 * grid.nx + grid.nx / 2;
+    let scale = |variable: usize| {
+        let variance = operator.covariance(variable * cells + middle, variable * cells + middle);
+        if variance > 0.0 { variance.sqrt() } else { 1.0 }
+    };
+    (0..layout.variables.len()).flat_map(|variable| std::iter::repeat_n(scale(variable), cells)).collect()
+}

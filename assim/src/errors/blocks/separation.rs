@@ -1,0 +1,195 @@
+//! What is done with blocks that observations link into a component too large to be merged.
+//!
+//! A separator of the blocks is moved into the border: what the observations see of its blocks becomes common factors,
+//! which are estimated with the others, and the component falls apart. For touched variables t of a block it is
+//!
+//! ```text
+//! C = L L' + C_rest,     L = C_{.,t} (C_tt)^{-1/2},     C_rest without variance in t,
+//! ```
+//!
+//! so that L joins Φ in the rows of the block. The analysis stays exact, as does the covariance after it, between blocks
+//! too: it has the form blkdiag + Φ Φᵀ again.
+
+use super::solution::{BlockAnalysis, Solved, SplitRows};
+use super::{BlockErrors, Frame};
+use crate::block_angular::{self, Component, Dissection, Graph, PartitionReport};
+use crate::error::Error;
+use crate::problem::Innovations;
+use faer::{Mat, MatRef};
+use std::sync::Arc;
+
+/// The blocks that leave too large components for the border.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Separation {
+    /// Numbers of the blocks, ascending.
+    pub blocks: Vec<usize>,
+    /// Number of separators.
+    pub separators: usize,
+    /// Variables of these blocks that observations touch: as many factors join.
+    pub unknowns: usize,
+}
+
+/// A block's covariance by what is seen of it.
+pub(super) struct Seen {
+    /// L, `[variables, touched]`; its column j is zero above touched variable j.
+    pub root: Mat<f64>,
+    /// C − L L', without variance in the touched variables.
+    pub rest: Mat<f64>,
+}
+
+impl Seen {
+    /// Splits C, `[variables, variables]`, by an elimination of the variables at the `touched` positions.
+    pub fn new(covariance: MatRef<'_, f64>, touched: &[usize]) -> Self {
+        let size = covariance.nrows();
+        let (mut root, mut rest) = (Mat::zeros(size, touched.len()), covariance.to_owned());
+        let threshold = (0..size).map(|i| covariance[(i, i)]).fold(0.0, f64::max) * f64::EPSILON * size as f64;
+        for (column, &pivot) in touched.iter().enumerate() {
+            let variance = rest[(pivot, pivot)];
+            if variance > threshold {
+                for i in 0..size {
+                    // A C that is next to nothing holds rounding errors: what they say must not exceed the variance.
+                    let most = rest[(i, i)].max(0.0).sqrt();
+                    root[(i, column)] = (rest[(i, pivot)] / variance.sqrt()).clamp(-most, most);
+                }
+                for (i, j) in (0..size).flat_map(|i| (0..size).map(move |j| (i, j))) {
+                    rest[(i, j)] -= root[(i, column)] * root[(j, column)];
+                }
+            }
+            for i in 0..size {
+                (rest[(i, pivot)], rest[(pivot, i)]) = (0.0, 0.0);
+            }
+        }
+        (0..size).for_each(|i| rest[(i, i)] = rest[(i, i)].max(0.0));
+        Self { root, rest }
+    }
+}
+
+impl BlockErrors {
+    /// Merges the blocks that observations link, separates or nests components that are too large for it, and analyses.
+    /// The first `free` columns of Φ are no factors but sensitivities to unknowns without a prior.
+    pub(crate) fn analyse_rows(
+        &mut self,
+        rows: &SplitRows,
+        innovations: &Innovations,
+        free: usize,
+    ) -> Result<BlockAnalysis, Error> {
+        let frame = Arc::clone(&self.frame);
+        let Frame { blocks, settings, .. } = &*frame;
+        let mut touched = blocks.touched(&rows.block);
+        let mut components = block_angular::components(blocks.count(), &touched);
+        if components.iter().all(|component| self.component_size(component) <= settings.largest_component) {
+            let partition = self.report(&components, &Separation::default());
+            return Ok(self.update_components(&components, rows, innovations, free)?.with(partition));
+        }
+        let seen = seen_variables(rows, blocks.variables());
+        let separation = self.separate(&components, &touched, &seen);
+        if separation.unknowns > settings.separator_factors || !self.fits(separation.unknowns) {
+            let mut partition = self.report(&components, &Separation::default());
+            let (solved, sizes) = self.update_nested(rows, innovations, &seen, free)?;
+            (partition.nested, partition.separators) = (true, sizes.separators);
+            partition.separator_unknowns = sizes.separator_unknowns;
+            return Ok(solved.with(partition));
+        }
+        self.join_separators(&separation, &seen);
+        touched.iter_mut().for_each(|row| row.retain(|block| separation.blocks.binary_search(block).is_err()));
+        components = block_angular::components(blocks.count(), &touched);
+        let partition = self.report(&components, &separation);
+        Ok(self.update_components(&components, rows, innovations, free)?.with(partition))
+    }
+
+    /// Whether there is memory for `more_factors`, beside the blocks, those of Q, and the factors of both.
+    fn fits(&self, more_factors: usize) -> bool {
+        let Frame { blocks, settings, memory_limit_bytes, .. } = &*self.frame;
+        let (b, r) = (blocks.variables() as u64, self.factors().columns() as u64);
+        let factor_bytes = settings.factor_precision.bytes();
+        let needed_bytes = 8 * 3 * blocks.matrices_len() as u64 + factor_bytes * b * (2 * r + more_factors as u64);
+        needed_bytes <= *memory_limit_bytes
+    }
+
+    fn update_components(
+        &mut self,
+        components: &[Component],
+        rows: &SplitRows,
+        innovations: &Innovations,
+        free: usize,
+    ) -> Result<Solved, Error> {
+        for component in components {
+            self.check_component(component)?;
+        }
+        self.update(components, rows, innovations, free)
+    }
+
+    /// Cuts the components that have more variables than the settings allow.
+    pub(super) fn separate(&self, components: &[Component], touched: &[Vec<usize>], seen: &[bool]) -> Separation {
+        let mut separation = Separation::default();
+        for component in components.iter().filter(|it| self.component_size(it) > self.frame.settings.largest_component)
+        {
+            let number = |block: &usize| component.blocks.binary_search(block).expect("the component holds the block");
+            let rows: Vec<Vec<usize>> =
+                component.observations.iter().map(|&row| touched[row].iter().map(number).collect()).collect();
+            let weights = component.blocks.iter().map(|&block| self.frame.blocks.size(block)).collect();
+            let graph = Graph::of_rows(weights, rows.iter().map(Vec::as_slice));
+            let tree = Dissection::new(&graph, self.frame.settings.largest_component);
+            separation.separators += tree.members.iter().filter(|member| member.separator).count();
+            separation.blocks.extend(tree.border().into_iter().map(|number| component.blocks[number]));
+        }
+        separation.blocks.sort_unstable();
+        let members = separation.blocks.iter().flat_map(|&block| self.frame.blocks.members(block));
+        separation.unknowns = members.filter(|&&variable| seen[variable]).count();
+        separation
+    }
+
+    /// Positions in a block of its variables that observations see.
+    pub(super) fn seen_positions(&self, block: usize, seen: &[bool]) -> Vec<usize> {
+        let members = self.frame.blocks.members(block);
+        (0..members.len()).filter(|&position| seen[members[position]]).collect()
+    }
+
+    /// The partition of an analysis.
+    fn report(&self, components: &[Component], separation: &Separation) -> PartitionReport {
+        let factors = self.memory.covariance.factors.columns() - separation.unknowns;
+        let largest = components.iter().max_by_key(|component| self.component_size(component));
+        let observed: usize = components.iter().map(|component| component.blocks.len()).sum();
+        PartitionReport {
+            blocks: self.frame.blocks.count(),
+            components: components.iter().filter(|component| !component.blocks.is_empty()).count(),
+            merged_components: components.iter().filter(|component| component.blocks.len() > 1).count(),
+            largest_component_blocks: largest.map_or(0, |component| component.blocks.len()),
+            largest_component_variables: largest.map_or(0, |component| self.component_size(component)),
+            unobserved_blocks: self.frame.blocks.count() - observed - separation.blocks.len(),
+            fewest_factors: factors,
+            most_factors: factors,
+            separators: separation.separators,
+            separator_unknowns: separation.unknowns,
+            nested: false,
+            border: self.memory.covariance.factors.columns(),
+        }
+    }
+
+    /// Moves what is seen of some blocks into the common factors.
+    pub(super) fn join_separators(&mut self, separation: &Separation, seen: &[bool]) {
+        let mut column = self.memory.covariance.factors.columns();
+        self.memory.covariance.factors.append(separation.unknowns);
+        for &block in &separation.blocks {
+            let positions = self.seen_positions(block, seen);
+            let mut own = self.memory.covariance.own.block_mut(&self.frame.blocks, block);
+            let Seen { root, rest } = Seen::new(own.as_ref(), &positions);
+            own.copy_from(rest);
+            for j in 0..positions.len() {
+                for (position, &variable) in self.frame.blocks.members(block).iter().enumerate() {
+                    self.memory.covariance.factors.set(variable, column, root[(position, j)]);
+                }
+                column += 1;
+            }
+        }
+    }
+}
+
+/// The variables that the rows touch.
+pub(super) fn seen_variables(rows: &SplitRows, variables: usize) -> Vec<bool> {
+    let mut seen = vec![false; variables];
+    for row in 0..rows.block.rows() {
+        rows.block.row(row).iter().for_each(|entry| seen[entry.0] = true);
+    }
+    seen
+}

@@ -1,0 +1,13 @@
+//! Forms in which a [`Filter`](crate::filter::Filter) keeps the covariance P of its errors.
+//!
+//! | module | P |
+//! |---|---|
+//! | [`dense`] | the whole matrix: the reference for every other method |
+//! | `serial` | the same, analysed one observation at a time |
+//! | [`banded`] | a band beside what the calibration parameters explain: the Frobenius recursion |
+//! | [`blocks`] | blocks of the grid and common factors: Lange's Fast Kalman Filter |
+
+pub mod banded;
+pub mod blocks;
+pub mod dense;
+mod serial;

@@ -1,0 +1,43 @@
+//! The covariance of innovations, as a dense matrix.
+
+use crate::error::Error;
+use crate::linalg::{cholesky, column, solved_lower, squared_norm};
+use crate::problem::Innovations;
+use faer::{Mat, MatRef};
+use isobar_model::vector::axpy;
+
+/// The covariance H P Hᵀ + R of innovations.
+pub(crate) struct InnovationCovariance {
+    /// P Hᵀ, `[m + p, n]`.
+    pub cross: Mat<f64>,
+    /// L with L Lᵀ = H P Hᵀ + R, `[n, n]`.
+    pub root: Mat<f64>,
+}
+
+impl InnovationCovariance {
+    /// From the background's P, `[m + p, m + p]`.
+    ///
+    /// # Errors
+    /// [`Error::NotPositiveDefinite`].
+    pub fn new(p: MatRef<'_, f64>, d: &Innovations) -> Result<Self, Error> {
+        let n = d.len();
+        let mut cross = Mat::zeros(p.nrows(), n);
+        for row in 0..n {
+            for (column, weight) in d.row(row) {
+                let source = p.col(column).try_as_col_major().expect("columns are contiguous").as_slice();
+                axpy(weight, source, cross.col_as_slice_mut(row));
+            }
+        }
+        let covariance = Mat::from_fn(n, n, |i, j| {
+            let covariance: f64 = d.row(i).map(|(column, weight)| weight * cross[(column, j)]).sum();
+            covariance + if i == j { d.variance[i] } else { 0.0 }
+        });
+        let root = cholesky(covariance, || "the innovation covariance H P H' + R".into())?;
+        Ok(Self { cross, root })
+    }
+
+    /// dᵀ (H P Hᵀ + R)⁻¹ d.
+    pub fn normalised_square(&self, departures: &[f64]) -> f64 {
+        squared_norm(solved_lower(self.root.as_ref(), column(departures)).col_as_slice(0))
+    }
+}

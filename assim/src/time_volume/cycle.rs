@@ -1,0 +1,296 @@
+//! The cycle of a time volume: forecast and analysis.
+
+use super::factor::Target;
+use super::window::Information;
+use super::{Amplitude, AmplitudeEvolution, Memory, TimeVolume, transition};
+use crate::assimilator::{
+    Adjustments, Assimilator, CalibrationAdjustment, ReplaceCalibration, Views, WidenCalibration,
+};
+use crate::calibration_accuracy::CalibrationErrors;
+use crate::error::Error;
+use crate::errors::blocks::{BlockErrors, Increments};
+use crate::estimate::{Analysis, Background};
+use crate::filter::{Cycle, ErrorBlocks, Errors};
+use crate::memory::{Matrix, from_bytes, require, to_bytes};
+use crate::problem::steps;
+use crate::structure::{BlockStructure, Structure};
+use faer::{Mat, MatRef};
+use isobar_model::Duration;
+use isobar_model::vector::{add, axpy, scale};
+use isobar_obs::{Calibration, ObservationWindow, SparseRows};
+use std::sync::Arc;
+
+/// How an AR(1) amplitude decays over a window.
+struct Decay {
+    /// Its number among the evolving amplitudes.
+    number: usize,
+    /// φ, the part of it that is left.
+    kept: f64,
+    /// Its standard deviation in the long run.
+    sigma: f64,
+}
+
+impl TimeVolume {
+    /// What F^s adds to the forecast of a cycle.
+    fn add_model_factors(&mut self) {
+        let (p, first) = (self.parameters(), self.first_evolving());
+        let Memory { s, sensitivity, reference, time, .. } = &mut self.memory;
+        let cells = s.state.layout().grid.cells();
+        // What adds the effect of an amplitude of some size to a field.
+        let effect = |amplitude: &Amplitude| {
+            let factor = &self.settings.factors[amplitude.factor];
+            let Target::Forecast(variable) = factor.target else { return None };
+            let height = factor.shape.value(amplitude.function, *time);
+            let pattern = amplitude.pattern.map(|pattern| factor.patterns[pattern].as_slice());
+            Some(move |field: &mut [f64], size: f64| {
+                let field = &mut field[variable * cells..][..cells];
+                field.iter_mut().enumerate().for_each(|(i, v)| *v += size * height * pattern.map_or(1.0, |it| it[i]));
+            })
+        };
+        for (k, amplitude) in self.constant.iter().enumerate() {
+            if let Some(add_effect) = effect(amplitude) {
+                add_effect(s.state.values_mut(), reference[k]);
+                sensitivity.state.edit_column(k, |column| add_effect(column, 1.0));
+            }
+        }
+        // An evolving amplitude is an unknown of each cycle: whatever changes it changes the forecast.
+        for (k, amplitude) in self.evolving.iter().enumerate() {
+            let Some(add_effect) = effect(amplitude) else { continue };
+            add_effect(s.state.values_mut(), s.bias[p + k]);
+            for columns in [self.errors.factors_mut(), &mut *sensitivity] {
+                for j in 0..columns.columns() {
+                    let size = columns.shared[(first + k, j)];
+                    columns.state.edit_column(j, |column| add_effect(column, size));
+                }
+            }
+        }
+    }
+
+    /// What becomes of the AR(1) amplitudes over a window.
+    fn decays(&self, window: Duration) -> Vec<Decay> {
+        let decay = |(number, amplitude): (usize, &Amplitude)| {
+            let evolution = self.settings.factors[amplitude.factor].evolution;
+            let AmplitudeEvolution::FirstOrder { sigma, correlation_time } = evolution else { return None };
+            Some(Decay { number, kept: (-window.as_f64() / correlation_time.as_f64()).exp(), sigma })
+        };
+        self.evolving.iter().enumerate().filter_map(decay).collect()
+    }
+
+    /// The unknowns of a cycle with what their random walks add in it.
+    fn walks(&self, window: Duration) -> Calibration {
+        let mut calibration = self.calibration.clone();
+        for Decay { number, kept, sigma } in self.decays(window) {
+            let added = sigma * ((1.0 - kept * kept) / window.days()).sqrt();
+            calibration.parameters[self.parameters() + number].sigma_drift_per_sqrt_day = added;
+        }
+        calibration
+    }
+
+    /// Lets the AR(1) amplitudes decay.
+    fn decay(&mut self, window: Duration) {
+        let (p, first) = (self.parameters(), self.first_evolving());
+        for Decay { number, kept, .. } in self.decays(window) {
+            self.memory.s.bias[p + number] *= kept;
+            for columns in [self.errors.factors_mut(), &mut self.memory.sensitivity] {
+                (0..columns.columns()).for_each(|j| columns.shared[(first + number, j)] *= kept);
+            }
+        }
+    }
+
+    /// Moves C_0, and with it state and parameters; a correction for which there is no model goes half the way, or less.
+    fn move_reference(&mut self, shift: &[f64]) -> Result<(), Error> {
+        let first = self.constant.len();
+        let mut step = 1.0;
+        if let Some(family) = &self.corrections {
+            loop {
+                let mut moved = self.memory.reference[first..].to_vec();
+                axpy(step, &shift[first..], &mut moved);
+                match family.model(&moved) {
+                    Ok(model) => break self.model = model,
+                    Err(error) if step < 1e-3 => return Err(error),
+                    Err(_) => step *= 0.5,
+                }
+            }
+        }
+        let mut shift = shift.to_vec();
+        scale(&mut shift, step);
+        let Memory { s, sensitivity, reference, window, .. } = &mut self.memory;
+        let mut of_blocks = vec![0.0; self.errors.block_variables()];
+        sensitivity.multiply_add(&shift, &mut of_blocks);
+        let mut of_shared = vec![0.0; sensitivity.shared.nrows()];
+        shift
+            .iter()
+            .enumerate()
+            .for_each(|(k, shift)| axpy(*shift, sensitivity.shared.col_as_slice(k), &mut of_shared));
+        self.errors.add_increments(s, &Increments { of_blocks, of_shared });
+        add(reference, &shift);
+        window.shift(&shift);
+        Ok(())
+    }
+}
+
+impl Assimilator for TimeVolume {
+    fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
+        let (model, calibration) = (Arc::clone(&self.model), self.walks(window));
+        let steps = steps(&*model, window)?;
+        let cycle = Cycle { model: &*model, calibration: &calibration, window, steps, error_factor: 1.0 };
+        let first = self.constant.len();
+        let transitions = match &self.corrections {
+            Some(family) => {
+                let Memory { s, reference, .. } = &self.memory;
+                Some(transition::columns(&**family, &reference[first..], &s.state, steps)?)
+            }
+            None => None,
+        };
+        self.memory.time = self.memory.time + window;
+        let ones = vec![1.0; self.unknowns()];
+        self.errors.factors_mut().prepend(&self.memory.sensitivity, &ones);
+        self.errors.propagate(&mut self.memory.s.state, &cycle)?;
+        self.memory.sensitivity = self.errors.factors_mut().take_front(&ones);
+        self.add_model_factors();
+        self.decay(window);
+        for (k, columns) in transitions.iter().flat_map(|it| (0..it.columns()).map(move |k| (k, it.column(k)))) {
+            self.memory.sensitivity.state.edit_column(first + k, |own| add(own, &columns));
+        }
+        self.errors.add_errors(&cycle)?;
+        Ok(Background { estimate: self.estimate()?, window })
+    }
+
+    fn analyse(&mut self, _: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        self.memory.time = observed.time;
+        let (p, q) = (self.errors.shared().len(), self.unknowns());
+        let coefficients = self.coefficients(observed);
+        let innovations = self.innovations(observed, &coefficients)?;
+        let mut rows = self.errors.split_rows(&innovations);
+        let mut shared = SparseRows::new();
+        for (row, own) in coefficients.iter().enumerate() {
+            let of_constant = own.constant.iter().map(|&(k, value)| (p + k, value));
+            shared.push_row(rows.shared.row(row).iter().copied().chain(of_constant));
+        }
+        rows.shared = shared;
+        let scales = self.scales(&rows, &innovations.variance);
+        // The columns of U come before the factors, and the rows of C itself after those of the parameters.
+        let factors = self.errors.factors_mut();
+        factors.prepend(&self.memory.sensitivity, &scales);
+        let above = &factors.shared;
+        factors.shared = Matrix(Mat::from_fn(p + q, above.ncols(), |i, j| {
+            if i < p {
+                above[(i, j)]
+            } else if i - p == j {
+                scales[j]
+            } else {
+                0.0
+            }
+        }));
+        let analysis = self.errors.analyse_rows(&rows, &innovations, q)?;
+        let factors = self.errors.factors_mut();
+        factors.shared = Matrix(factors.shared.as_ref().get(..p, ..).to_owned());
+        self.memory.sensitivity = factors.take_front(&scales);
+        self.errors.add_increments(&mut self.memory.s, &analysis.increments);
+        let mut innovation_chi2 = analysis.chi2;
+        let mut cycle = Information::none(q);
+        if let Some(found) = analysis.found {
+            let entry = |i: usize, j: usize| found.matrix[(i, j)] / (scales[i] * scales[j]);
+            cycle.matrix = Matrix(Mat::from_fn(q, q, entry));
+            cycle.vector = found.vector.iter().zip(&scales).map(|(value, scale)| value / scale).collect();
+            innovation_chi2 += found.chi2_of_zero;
+        }
+        self.memory.window.make_room(self.settings.cycles, self.settings.keep_before);
+        let before = self.memory.window.total();
+        self.memory.window.cycles.push_back(cycle);
+        self.select();
+        let (posterior, shift) = self.solve_window();
+        // What the best C of before and the best one of now leave of the sum of squares.
+        innovation_chi2 += self.explained(&before) - self.explained(&self.memory.window.total());
+        self.memory.posterior = posterior;
+        self.move_reference(&shift)?;
+        self.restart_if_far(&shift);
+        let estimate = self.estimate()?;
+        let analysis_departures = self.innovations(observed, &coefficients)?.departures;
+        Ok(Analysis {
+            estimate,
+            background_departures: innovations.departures,
+            analysis_departures,
+            innovation_chi2: Some(innovation_chi2.max(0.0)),
+            partition: Some(analysis.partition),
+        })
+    }
+
+    fn boxed_clone(&self) -> Box<dyn Assimilator> {
+        Box::new(self.clone())
+    }
+
+    fn memory(&self) -> Result<Vec<u8>, Error> {
+        to_bytes(&(self.errors.memory(), &self.memory))
+    }
+
+    fn recall(&mut self, bytes: &[u8]) -> Result<(), Error> {
+        let (errors, memory): (<BlockErrors as Errors>::Memory, Memory) = from_bytes(bytes)?;
+        let (q, own) = (self.unknowns(), &self.memory.sensitivity);
+        memory.s.require_like(&self.memory.s)?;
+        let fits = memory.sensitivity.columns() == q
+            && memory.sensitivity.has_rows(own.state.rows(), own.local.rows(), own.shared.nrows());
+        require(fits, "the sensitivities to the unknowns of the time volume")?;
+        let fits = memory.reference.len() == q
+            && memory.active.len() == q
+            && memory.posterior.has_unknowns(q)
+            && memory.window.cycles.len() <= self.settings.cycles
+            && memory.window.has_unknowns(q);
+        require(fits, "the time volume")?;
+        self.errors.recall(errors, &memory.s)?;
+        self.memory = memory;
+        if let Some(family) = &self.corrections {
+            self.model = family.model(&self.memory.reference[self.constant.len()..])?;
+        }
+        Ok(())
+    }
+
+    fn can(&self) -> Views<'_> {
+        Views {
+            joint_errors: Some(self),
+            calibration: (self.parameters() > 0).then_some(self as &dyn CalibrationErrors),
+            smoother: None,
+            parameters: Some(self),
+            blocks: Some(self),
+        }
+    }
+
+    fn adjust(&mut self) -> Adjustments<'_> {
+        let calibration = (self.parameters() > 0).then_some(CalibrationAdjustment::Replace(self));
+        Adjustments { calibration, error_factor: None }
+    }
+}
+
+impl WidenCalibration for TimeVolume {
+    /// What is added to the covariance given C is independent of C, and of what the cycles of the window have said of it.
+    fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        let (p, all) = (self.parameters(), self.calibration.len());
+        let joint = Mat::from_fn(all, all, |i, j| if i < p && j < p { covariance[(i, j)] } else { 0.0 });
+        self.errors.widen_calibration(joint.as_ref());
+        Ok(())
+    }
+}
+
+impl ReplaceCalibration for TimeVolume {
+    /// The sensitivities to C stay: the new calibration is independent of C, as the priors were.
+    fn replace_calibration(&mut self, estimate: &[f64], covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        let (p, all) = (self.parameters(), self.calibration.len());
+        let prior = |number: usize| self.calibration.parameters[number].sigma_prior.powi(2);
+        let joint = Mat::from_fn(all, all, |i, j| match (i < p && j < p, i == j) {
+            (true, _) => covariance[(i, j)],
+            (false, true) => prior(i),
+            (false, false) => 0.0,
+        });
+        self.memory.s.bias.fill(0.0);
+        self.memory.s.bias[..p].copy_from_slice(estimate);
+        self.errors.replace_calibration(joint.as_ref())
+    }
+}
+
+impl BlockStructure for TimeVolume {
+    fn structure(&self, observed: &ObservationWindow, factors: usize) -> Structure {
+        let mut structure = self.errors.structure(&self.memory.s, observed, factors);
+        structure.factors.iter_mut().for_each(|factor| factor.calibration.truncate(self.parameters()));
+        structure
+    }
+}

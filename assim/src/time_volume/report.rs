@@ -1,0 +1,120 @@
+//! The estimate with all that the unknowns C add to it, and the report on them.
+
+use super::factor::Target;
+use super::{Amplitude, TimeVolume};
+use crate::error::Error;
+use crate::errors::blocks::BlockErrors;
+use crate::estimate::Estimate;
+use crate::estimated::{EstimatedParameter, EstimatesParameters};
+use crate::filter::Errors;
+use crate::high_pass::in_words;
+use crate::linalg::squared_norm;
+use isobar_model::vector::axpy;
+
+impl TimeVolume {
+    /// State and calibration as of now: a parameter with the factors that act on what it acts on, as far as they have no
+    /// pattern in space.
+    pub(super) fn estimate(&self) -> Result<Estimate, Error> {
+        let (s, p, variances) = (&self.memory.s, self.parameters(), self.errors.variances());
+        let (state, bias) = (s.state.clone(), s.bias.clone());
+        let mut estimate = Estimate::with_variances(state, bias, &self.calibration, &variances, BlockErrors::NAME)?;
+        if let Some(spread) = &mut estimate.state_spread {
+            let mut variances: Vec<f64> = spread.iter().map(|sigma| sigma * sigma).collect();
+            let mut columns = self.memory.sensitivity.state.clone();
+            columns.recombine(None, self.memory.posterior.root.as_ref());
+            columns.add_squared_rows(&mut variances);
+            *spread = variances.into_iter().map(f64::sqrt).collect();
+        }
+        estimate.calibration.truncate(p);
+        let mut spread = vec![0.0; p];
+        for number in 0..p {
+            let (value, variance) = self.parameter_now(number);
+            estimate.calibration[number] += value;
+            spread[number] = variance.sqrt();
+        }
+        estimate.calibration_spread = (p > 0).then_some(spread);
+        Ok(estimate)
+    }
+
+    /// With which weights constant and evolving amplitudes add to a calibration parameter now.
+    pub(super) fn heights(&self, number: usize) -> (Vec<f64>, Vec<f64>) {
+        let height = |amplitude: &Amplitude| {
+            let factor = &self.settings.factors[amplitude.factor];
+            match &factor.target {
+                Target::Observations(numbers) if numbers.contains(&number) && amplitude.pattern.is_none() => {
+                    factor.shape.value(amplitude.function, self.memory.time)
+                }
+                _ => 0.0,
+            }
+        };
+        (self.constant.iter().map(height).collect(), self.evolving.iter().map(height).collect())
+    }
+
+    /// What factors add to a calibration parameter now, and the variance of the sum.
+    fn parameter_now(&self, number: usize) -> (f64, f64) {
+        let (errors, factors, sensitivity) = (&self.errors, self.errors.factors(), &self.memory.sensitivity);
+        let mut common = errors.row_of_parameter(factors, number);
+        let mut weights = errors.row_of_parameter(sensitivity, number);
+        let (of_constant, of_evolving) = self.heights(number);
+        let mut value = 0.0;
+        for (k, height) in of_constant.into_iter().enumerate() {
+            value += height * self.memory.reference[k];
+            weights[k] += height;
+        }
+        for (k, height) in of_evolving.into_iter().enumerate() {
+            let amplitude = self.parameters() + k;
+            value += height * self.memory.s.bias[amplitude];
+            axpy(height, &errors.row_of_parameter(factors, amplitude), &mut common);
+            axpy(height, &errors.row_of_parameter(sensitivity, amplitude), &mut weights);
+        }
+        let known = self.memory.posterior.sigma(&weights).powi(2);
+        (value, errors.own_variance(number).max(0.0) + squared_norm(&common) + known)
+    }
+}
+
+impl EstimatesParameters for TimeVolume {
+    /// All amplitudes and corrections.
+    fn estimated_parameters(&self) -> Vec<EstimatedParameter> {
+        let q = self.unknowns();
+        let candidates = self.corrections.iter().flat_map(|it| it.candidates());
+        let corrections = candidates.map(|it| (format!("transition/{}", it.name), it.unit.clone()));
+        let names: Vec<(String, String)> =
+            self.constant.iter().map(|it| (it.name.clone(), it.unit.clone())).chain(corrections).collect();
+        let combinations: Vec<Vec<(f64, String)>> = (self.memory.posterior.undetermined.iter())
+            .map(|it| it.iter().zip(&names).filter(|it| *it.0 != 0.0).map(|(c, name)| (*c, name.0.clone())).collect())
+            .collect();
+        let total = self.memory.window.total();
+        let constant = (0..q).map(|k| {
+            let unit: Vec<f64> = (0..q).map(|j| f64::from(u8::from(j == k))).collect();
+            let undetermined: Vec<String> = (self.memory.posterior.undetermined.iter().zip(&combinations))
+                .filter(|(combination, _)| combination[k] != 0.0)
+                .map(|(_, words)| in_words(words))
+                .collect();
+            let verdict = match (self.memory.active[k], undetermined.is_empty()) {
+                (true, true) => "determined".to_string(),
+                (true, false) => format!("not determined: {}", undetermined.join("; ")),
+                (false, _) => match self.score(&total, &self.memory.active, k) {
+                    Some(score) => format!("not chosen: its correlation with the innovations is {score:.1} sigma"),
+                    None => "not chosen: what is chosen leaves nothing of it to be seen".to_string(),
+                },
+            };
+            let sigma = (self.memory.active[k] && undetermined.is_empty()).then(|| self.memory.posterior.sigma(&unit));
+            let (name, unit) = names[k].clone();
+            EstimatedParameter { name, unit, value: self.memory.reference[k], sigma, verdict }
+        });
+        let evolving = self.evolving.iter().enumerate().map(|(k, amplitude)| {
+            let number = self.parameters() + k;
+            let own = self.errors.row_of_parameter(self.errors.factors(), number);
+            let weights = self.errors.row_of_parameter(&self.memory.sensitivity, number);
+            let variance = squared_norm(&own) + self.memory.posterior.sigma(&weights).powi(2);
+            EstimatedParameter {
+                name: amplitude.name.clone(),
+                unit: amplitude.unit.clone(),
+                value: self.memory.s.bias[number],
+                sigma: Some(variance.sqrt()),
+                verdict: "determined".into(),
+            }
+        });
+        constant.chain(evolving).collect()
+    }
+}

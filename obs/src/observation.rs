@@ -1,0 +1,79 @@
+//! One observation as an instrument makes it: its rows of X and G, and what it reads.
+
+use crate::predictor::Predictor;
+use crate::report::Report;
+use isobar_model::{State, Time};
+
+/// One observation as an instrument makes it, before it arrives.
+#[derive(Clone, Debug)]
+pub struct Observation {
+    /// Where, what and by whom.
+    pub report: Report,
+    /// Standard deviation of the random error, in the variable's unit.
+    pub sigma: f64,
+    /// The random error, or the value of an observation made elsewhere.
+    pub reading: Reading,
+    /// Its row of X: (index in the state, weight).
+    pub state_row: Vec<(usize, f64)>,
+    /// Its row of G, the biases that do not depend on the state: (number of the parameter, factor).
+    pub calibration_row: Vec<(usize, f64)>,
+    /// The biases that depend on the state.
+    pub predictors: Vec<Predictor>,
+}
+
+/// What an observation reads.
+#[derive(Clone, Copy, Debug)]
+pub enum Reading {
+    /// The truth, its bias and this random error, drawn from N(0, sigma²).
+    Error(f64),
+    /// What was read elsewhere.
+    Recorded {
+        /// The value.
+        value: f64,
+        /// When it is valid.
+        time: Time,
+        /// Whether that is not near enough to the end of the window.
+        is_late: bool,
+    },
+}
+
+impl Reading {
+    /// The recorded value, or the random error.
+    pub(crate) fn value(&self) -> f64 {
+        match *self {
+            Reading::Error(value) | Reading::Recorded { value, .. } => value,
+        }
+    }
+
+    /// Replaces that.
+    pub(crate) fn set_value(&mut self, new: f64) {
+        match self {
+            Reading::Error(value) | Reading::Recorded { value, .. } => *value = new,
+        }
+    }
+}
+
+impl Observation {
+    /// Its row of G + P(x).
+    pub fn calibration_row_at<'a>(&'a self, x: &'a State) -> impl Iterator<Item = (usize, f64)> + 'a {
+        self.calibration_row.iter().copied().chain(self.predictors.iter().map(|predictor| predictor.entry(x)))
+    }
+
+    /// (G + P(x)) c.
+    pub fn bias(&self, x: &State, calibration: &[f64]) -> f64 {
+        let fixed: f64 = self.calibration_row.iter().map(|&(column, value)| value * calibration[column]).sum();
+        fixed + self.predictors.iter().map(|predictor| predictor.bias(x, calibration)).sum::<f64>()
+    }
+}
+
+/// An observation as it arrives.
+#[derive(Clone, Debug)]
+pub(crate) struct Arrival {
+    pub observation: Observation,
+    /// The reported value.
+    pub value: f64,
+    /// The same without the bias that methods estimate.
+    pub value_bias_removed: f64,
+    /// When it is valid.
+    pub time: Time,
+}

@@ -1,0 +1,66 @@
+//! Observations that fail quality control, and why.
+
+use crate::report::Report;
+use isobar_model::Time;
+use serde::{Deserialize, Serialize};
+
+/// Why an observation is not used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub enum Rejection {
+    /// Its value or its error is not finite.
+    NotFinite = 1,
+    /// It lies outside of the domain.
+    Outside = 2,
+    /// It is not valid at the time of the analysis.
+    Late = 3,
+    /// There is one of the same platform and variable already.
+    Duplicate = 4,
+    /// No state could have such a value.
+    Absurd = 5,
+    /// It contradicts its neighbours.
+    GrossError = 6,
+}
+
+impl Rejection {
+    /// All reasons, in the order of their codes from 1.
+    pub const ALL: [Rejection; 6] = [
+        Rejection::NotFinite,
+        Rejection::Outside,
+        Rejection::Late,
+        Rejection::Duplicate,
+        Rejection::Absurd,
+        Rejection::GrossError,
+    ];
+
+    /// Its code, from 1; 0 is the code of an observation that is used.
+    pub fn code(self) -> u8 {
+        self as u8
+    }
+
+    /// Its name, in one word: `not_finite`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Rejection::NotFinite => "not_finite",
+            Rejection::Outside => "outside",
+            Rejection::Late => "late",
+            Rejection::Duplicate => "duplicate",
+            Rejection::Absurd => "absurd",
+            Rejection::GrossError => "gross_error",
+        }
+    }
+}
+
+/// An observation that no method sees.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RejectedObservation {
+    /// Where, what and by whom.
+    pub report: Report,
+    /// When it is valid.
+    pub time: Time,
+    /// The reported value; it may not be finite.
+    pub value: f64,
+    /// Standard deviation of its random error, as it claims.
+    pub sigma: f64,
+    /// Why it is not used.
+    pub rejection: Rejection,
+}

@@ -1,0 +1,82 @@
+//! `[[networks.NAME.bias]]`: how a bias truly behaves, and what methods may assume of it.
+
+use crate::reader::{Field, Kind, Limits, Read, Section};
+use isobar_obs::{BiasProcess, Evolution, InitialBias};
+
+/// The keys of every bias, in the unit of the observed variable.
+pub(super) const KEYS: [&str; 6] =
+    ["sigma", "value", "evolution", "known", "assumed_sigma", "assumed_drift_per_sqrt_day"];
+
+/// The most biases of a network.
+pub(super) const MOST_BIASES: usize = 100;
+
+/// Reads [`KEYS`].
+pub(super) fn read(section: &Section<'_>) -> Read<BiasProcess> {
+    let known = section.yes_or_no_or("known", false)?;
+    let assumed_sigma_prior =
+        section.optional("assumed_sigma").map(|field| field.number(Limits::Positive)).transpose()?;
+    let initial = match (section.optional("sigma"), section.optional("value")) {
+        (Some(sigma), None) => InitialBias::Drawn { sigma: sigma.number(Limits::Positive)? },
+        (None, Some(value)) => {
+            let number = value.number(Limits::Any)?;
+            if number == 0.0 && !known && assumed_sigma_prior.is_none() {
+                let message = "methods cannot take their prior from a bias of 0".to_string();
+                return Err(value.invalid(message, "give `assumed_sigma` as well"));
+            }
+            InitialBias::Given { value: number }
+        }
+        (Some(_), Some(value)) => {
+            let message = format!("`{}` stands beside `sigma`", value.title());
+            return Err(value.misplaced(message, "a bias is either drawn with `sigma` or given by `value`"));
+        }
+        (None, None) => {
+            let message = format!("a bias needs `sigma` or `value`, and [{}] has neither", section.title());
+            return Err(section.file.error(section.span.clone(), message, "`sigma` must be given here", None));
+        }
+    };
+    let drift = section.optional("assumed_drift_per_sqrt_day");
+    Ok(BiasProcess {
+        initial,
+        evolution: section.optional("evolution").map_or(Ok(Evolution::Constant), |field| evolution(&field))?,
+        assumed_sigma_prior,
+        assumed_sigma_drift_per_sqrt_day: drift.map(|field| field.number(Limits::NonNegative)).transpose()?,
+        known,
+    })
+}
+
+type ReadEvolution = fn(&Section<'_>) -> Read<Evolution>;
+
+fn evolution(field: &Field<'_>) -> Read<Evolution> {
+    const KINDS: &[Kind<ReadEvolution>] = &[
+        ("constant", |_| Ok(Evolution::Constant), &[]),
+        (
+            "random_walk",
+            |section| {
+                let sigma_per_sqrt_day = section.number("sigma_per_sqrt_day", Limits::Positive)?;
+                Ok(Evolution::RandomWalk { sigma_per_sqrt_day })
+            },
+            &["sigma_per_sqrt_day"],
+        ),
+        (
+            "jump",
+            |section| {
+                let at_hours = section.number("at_hours", Limits::Between(0.0, 1e9))?;
+                Ok(Evolution::Jump { at_hours, size: section.number("size", Limits::Any)? })
+            },
+            &["at_hours", "size"],
+        ),
+        (
+            "sinusoid",
+            |section| {
+                Ok(Evolution::Sinusoid {
+                    amplitude: section.number("amplitude", Limits::Any)?,
+                    period_hours: section.number("period_hours", Limits::Between(0.01, 1e6))?,
+                    peak_hours: section.number_or("peak_hours", 0.0, Limits::Between(0.0, 1e6))?,
+                })
+            },
+            &["amplitude", "period_hours", "peak_hours"],
+        ),
+    ];
+    let (read, section) = field.section_of_kind(KINDS)?;
+    read(&section)
+}
