@@ -34,7 +34,7 @@ use std::sync::Arc;
 /// Weights up to which H B Hᵀ is formed exactly.
 const MOST_WEIGHTS: usize = 8;
 
-/// How a batch is initialised from.
+/// How a batch of cycles is used for the first calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HighPassSettings {
     /// Cycles before the first analysis: those whose observations calibrate, and the one that is analysed first.
@@ -109,9 +109,10 @@ impl HighPassFilter {
             // Where a report reads the state: its own weights, or for a wide footprint the cell in its middle.
             let reads = |row: usize| -> Vec<(usize, f64)> {
                 let (entries, report) = (jacobian.state.row(row), &observed.reports[row]);
-                match entries.len() <= MOST_WEIGHTS {
-                    true => entries.to_vec(),
-                    false => vec![(report.variable * cells + grid.cell_at(report.x_m, report.y_m), 1.0)],
+                if entries.len() <= MOST_WEIGHTS {
+                    entries.to_vec()
+                } else {
+                    vec![(report.variable * cells + grid.cell_at(report.x_m, report.y_m), 1.0)]
                 }
             };
             let reads: Vec<Vec<(usize, f64)>> = rows.iter().map(|&row| reads(row)).collect();
@@ -154,7 +155,7 @@ impl HighPassFilter {
         }
     }
 
-    /// What it remembers of the batch, for a checkpoint.
+    /// What it carries from cycle to cycle.
     pub(crate) fn triangle(&self) -> &Mat<f64> {
         self.rows.triangle()
     }

@@ -189,13 +189,13 @@ fn check_determined(trackers: &[Tracker], blocks: &[Block]) -> Result<(), Error>
         })
         .map(|it| in_words(&it))
         .collect();
-    match undetermined.is_empty() {
-        true => Ok(()),
-        false => Err(Error::Setting(format!(
-            "the flight does not determine {}: give a prior of the offsets, or another tracker",
-            undetermined.join("; ")
-        ))),
+    if undetermined.is_empty() {
+        return Ok(());
     }
+    let undetermined = undetermined.join("; ");
+    Err(Error::Setting(format!(
+        "the flight does not determine {undetermined}: give a prior of the offsets, or another tracker"
+    )))
 }
 
 fn from(tracker: &Tracker, position: [f64; 3]) -> [f64; 3] {

@@ -47,8 +47,11 @@ fn adaptive(method: Box<dyn Assimilator>, problem: &Problem) -> Adaptive {
     Adaptive::new(method, problem.background.layout().clone(), settings).unwrap()
 }
 
+/// Builds a method.
+type Build<'a> = Box<dyn Fn() -> Box<dyn Assimilator> + 'a>;
+
 /// A method of every kind that is built from a problem.
-fn all(problem: &Problem) -> Vec<(&'static str, Box<dyn Fn() -> Box<dyn Assimilator> + '_>)> {
+fn all(problem: &Problem) -> Vec<(&'static str, Build<'_>)> {
     let own = || problem.clone();
     let inflation = Inflation {
         background: BackgroundInflation::Factor(1.1),

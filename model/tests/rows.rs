@@ -1,45 +1,115 @@
-//! The sweep over rows against the tendency on whole fields, and on any number of threads: the same bits.
+//! The sweep over rows against the equations cell by cell, and on any number of threads: the same bits; the tangent-linear
+//! sweep against that of whole fields.
 
 use crate::common::{BOUNDARIES, FORMS, SCHEMES, difference, grid, jet, largest, parameters, stepped, turbulence};
 use isobar_model::forecast::forecast_tl;
 use isobar_model::initial::{self, Vortex};
 use isobar_model::random::{standard_normals, stream};
+use isobar_model::shallow_water::{H, U, V};
 use isobar_model::{
     Boundary, ColumnsMut, Duration, ForecastError, Layout, Leapfrog, LinearShallowWater, Model, ShallowWater,
-    ShallowWaterParameters, SpectralBounds, State, Stored, TangentLinear, Tendency,
+    ShallowWaterParameters, SpectralBounds, State, Stored, TangentLinear, Tendency, VectorInvariant,
 };
 use std::sync::Arc;
 
-/// A tendency that hides its forms by rows.
+/// A tendency that hides its forms by rows, with f itself evaluated in another way.
 #[derive(Clone)]
-struct WholeFields<T>(T);
+struct WholeFields<T> {
+    inner: T,
+    tendency: fn(&T, &[f64], &mut [f64]),
+}
+
+impl<T: Tendency> WholeFields<T> {
+    fn of(inner: T) -> Self {
+        Self { inner, tendency: |inner, x, out| inner.tendency(x, out, &mut vec![0.0; inner.scratch_len()]) }
+    }
+}
+
+/// The equations of shallow water, term by term for one cell after the other.
+fn cell_by_cell(model: &ShallowWater, x: &[f64], out: &mut [f64]) {
+    let (grid, parameters) = (&model.layout().grid, model.parameters());
+    let (nx, ny, walls) = (grid.nx as isize, grid.ny as isize, grid.boundary == Boundary::Channel);
+    let (per_dx, per_dy) = (1.0 / grid.dx_m, 1.0 / grid.dy_m);
+    let index = |variable: usize, j: isize, i: isize| variable * grid.cells() + (j * nx + i.rem_euclid(nx)) as usize;
+    // Periodic, or continued evenly beyond the walls; v = 0 there.
+    let continued = |field: &dyn Fn(isize, isize) -> f64, variable: usize, j: isize, i: isize| match walls {
+        true if variable == V && (j <= 0 || j >= ny) => 0.0,
+        true => field(j.clamp(0, ny - 1), i),
+        false => field(j.rem_euclid(ny), i),
+    };
+    let value = |variable: usize, j: isize, i: isize| continued(&|j, i| x[index(variable, j, i)], variable, j, i);
+    let (h, u, v) = (|j, i| value(H, j, i), |j, i| value(U, j, i), |j, i| value(V, j, i));
+    let flux_x = |j, i| 0.5 * (h(j, i) + h(j, i - 1)) * u(j, i);
+    let flux_y = |j, i| 0.5 * (h(j, i) + h(j - 1, i)) * v(j, i);
+    let q = |j: isize, i| {
+        let vorticity = (v(j, i) - v(j, i - 1)) * per_dx - (u(j, i) - u(j - 1, i)) * per_dy;
+        4.0 * (model.coriolis_per_s(j as usize) + vorticity) / (h(j, i) + h(j, i - 1) + h(j - 1, i) + h(j - 1, i - 1))
+    };
+    let b = |j, i| {
+        let [u, u_e, v, v_n] = [u(j, i), u(j, i + 1), v(j, i), v(j + 1, i)];
+        parameters.gravity_m_per_s2 * h(j, i) + 0.25 * (u * u + u_e * u_e + v * v + v_n * v_n)
+    };
+    let laplacian = |field: &dyn Fn(isize, isize) -> f64, j, i| {
+        let [center, west, east] = [field(j, i), field(j, i - 1), field(j, i + 1)];
+        let [south, north] = [field(j - 1, i), field(j + 1, i)];
+        ((east - center) - (center - west)) * grid.dx_m.powi(-2)
+            + ((north - center) - (center - south)) * grid.dy_m.powi(-2)
+    };
+    for (j, i) in (0..ny).flat_map(|j| (0..nx).map(move |i| (j, i))) {
+        let fluxes_y = [flux_y(j, i), flux_y(j, i - 1), flux_y(j + 1, i), flux_y(j + 1, i - 1)];
+        let fluxes_x = [flux_x(j, i), flux_x(j, i + 1), flux_x(j - 1, i), flux_x(j - 1, i + 1)];
+        let (q, q_n, q_e) = (q(j, i), q(j + 1, i), q(j, i + 1));
+        let (q_v, q_u) = match model.form() {
+            VectorInvariant::PotentialEnstrophy => {
+                let sum = |it: [f64; 4]| it[0] + it[1] + it[2] + it[3];
+                (0.125 * (q + q_n) * sum(fluxes_y), 0.125 * (q + q_e) * sum(fluxes_x))
+            }
+            VectorInvariant::Energy => {
+                let [(v, v_w, v_n, v_nw), (u, u_e, u_s, u_se)] = [fluxes_y, fluxes_x].map(|it| it.into());
+                (0.25 * (q * (v + v_w) + q_n * (v_n + v_nw)), 0.25 * (q * (u + u_s) + q_e * (u_e + u_se)))
+            }
+        };
+        let mut slopes = [
+            (fluxes_x[0] - fluxes_x[1]) * per_dx + (fluxes_y[0] - fluxes_y[2]) * per_dy,
+            (b(j, i - 1) - b(j, i)) * per_dx + q_v - parameters.drag_per_s * u(j, i),
+            (b(j - 1, i) - b(j, i)) * per_dy - q_u - parameters.drag_per_s * v(j, i),
+        ];
+        for (variable, slope) in slopes.iter_mut().enumerate() {
+            let once = |j, i| laplacian(&|j, i| value(variable, j, i), j, i);
+            let twice = laplacian(&|j, i| continued(&once, variable, j, i), j, i);
+            *slope -= parameters.hyperdiffusion_m4_per_s * twice;
+            let at_wall = walls && variable == V && j == 0;
+            out[index(variable, j, i)] = if at_wall { 0.0 } else { *slope };
+        }
+    }
+}
 
 impl<T: Tendency> Tendency for WholeFields<T> {
     type Linearisation = T::Linearisation;
 
     fn layout(&self) -> &Arc<Layout> {
-        self.0.layout()
+        self.inner.layout()
     }
     fn scratch_len(&self) -> usize {
-        self.0.scratch_len()
+        self.inner.scratch_len()
     }
     fn constrain(&self, x: &mut [f64]) {
-        self.0.constrain(x);
+        self.inner.constrain(x);
     }
-    fn tendency(&self, x: &[f64], out: &mut [f64], scratch: &mut [f64]) {
-        self.0.tendency(x, out, scratch);
+    fn tendency(&self, x: &[f64], out: &mut [f64], _scratch: &mut [f64]) {
+        (self.tendency)(&self.inner, x, out);
     }
     fn linearise(&self, at: &[f64]) -> Self::Linearisation {
-        self.0.linearise(at)
+        self.inner.linearise(at)
     }
     fn tendency_tl(&self, at: &Self::Linearisation, dx: &[f64], out: &mut [f64], scratch: &mut [f64]) {
-        self.0.tendency_tl(at, dx, out, scratch);
+        self.inner.tendency_tl(at, dx, out, scratch);
     }
     fn tendency_ad(&self, at: &Self::Linearisation, dy: &[f64], out_add: &mut [f64], scratch: &mut [f64]) {
-        self.0.tendency_ad(at, dy, out_add, scratch);
+        self.inner.tendency_ad(at, dy, out_add, scratch);
     }
     fn spectral_bounds(&self, x: &[f64]) -> SpectralBounds {
-        self.0.spectral_bounds(x)
+        self.inner.spectral_bounds(x)
     }
 }
 
@@ -55,7 +125,7 @@ fn after(model: &dyn Model, start: &State, steps: usize) -> State {
 }
 
 #[test]
-fn rows_give_the_bits_of_whole_fields() {
+fn rows_give_the_bits_of_the_equations_cell_by_cell() {
     for boundary in BOUNDARIES {
         for form in FORMS {
             for (nx, ny, drag_per_s, hyperdiffusion_m4_per_s) in [
@@ -68,7 +138,7 @@ fn rows_give_the_bits_of_whole_fields() {
             ] {
                 let parameters = ShallowWaterParameters { drag_per_s, hyperdiffusion_m4_per_s, ..parameters(boundary) };
                 let rows = ShallowWater::new(grid(nx, ny, boundary), parameters, form).unwrap();
-                let whole = WholeFields(rows.clone());
+                let whole = WholeFields { inner: rows.clone(), tendency: cell_by_cell };
                 assert!(rows.row_stream(nx).is_some() && whole.row_stream(nx).is_none());
                 let start = turbulence(&rows);
                 for scheme in SCHEMES {
@@ -138,7 +208,7 @@ fn strips_give_the_tangent_linear_of_whole_fields() {
 }
 
 fn check_strips<T: Tendency + Clone>(rows: &T, start: &State) {
-    let whole = WholeFields(rows.clone());
+    let whole = WholeFields::of(rows.clone());
     assert!(rows.tangent_row_stream(20).is_some() && whole.tangent_row_stream(20).is_none());
     for scheme in SCHEMES {
         check_sweep(&stepped(rows.clone(), 200, scheme), &stepped(whole.clone(), 200, scheme), start);
@@ -181,7 +251,7 @@ fn columns_in_single_precision_are_rounded_when_they_are_written() {
         let leapfrog = Leapfrog::new(equations.clone(), Duration::from_seconds(100), 0.05).unwrap();
         let cases: [(Box<dyn TangentLinear>, State); 3] = [
             (Box::new(stepped(equations.clone(), 200, SCHEMES[0])), start.clone()),
-            (Box::new(stepped(WholeFields(equations), 200, SCHEMES[1])), start.clone()),
+            (Box::new(stepped(WholeFields::of(equations), 200, SCHEMES[1])), start.clone()),
             (Box::new(leapfrog.clone()), leapfrog.start(&start)),
         ];
         for (model, at) in cases {

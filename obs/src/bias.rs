@@ -54,7 +54,7 @@ pub enum Evolution {
         size: f64,
     },
     /// It is larger by `amplitude` cos(2π (t/period − phase)), t the time of day in UTC if the period is a day: sensors
-    /// that the sun heats. Methods are not told.
+    /// that the sun heats. Methods do not know of it.
     Sinusoid {
         /// The largest deviation.
         amplitude: f64,
@@ -66,7 +66,7 @@ pub enum Evolution {
 }
 
 impl BiasProcess {
-    /// A constant drawn from N(0, `sigma`²), of which methods know `sigma`.
+    /// A constant drawn from N(0, `sigma`²); methods know `sigma`.
     pub fn constant(sigma: f64) -> Self {
         Self {
             initial: InitialBias::Drawn { sigma },
@@ -93,7 +93,7 @@ impl BiasProcess {
         })
     }
 
-    /// The mean of the true value over all that it might be, `elapsed` after the start, at a `time`.
+    /// The expectation of the true value `elapsed` after the start, at `time`.
     pub fn mean(&self, elapsed: Duration, time: Time) -> f64 {
         let initial = match self.initial {
             InitialBias::Drawn { .. } => 0.0,
@@ -118,7 +118,7 @@ impl BiasProcess {
         }
     }
 
-    /// By how much it differs from its initial value and random walk, `elapsed` after the start, at a `time`.
+    /// The part of the true value beyond its initial value and random walk, `elapsed` after the start, at `time`.
     pub(crate) fn known_change(&self, elapsed: Duration, time: Time) -> f64 {
         match self.evolution {
             Evolution::Jump { at_hours, size } if elapsed.as_f64() >= at_hours * 3600.0 => size,

@@ -48,7 +48,7 @@ impl Calibration {
         self.parameters.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no parameters.
     pub fn is_empty(&self) -> bool {
         self.parameters.is_empty()
     }

@@ -60,7 +60,7 @@ impl Schedule {
     /// Every cycle.
     pub const EVERY_CYCLE: Schedule = Schedule { every_cycles: 1, offset_cycles: 0 };
 
-    /// How many reports there were before that of `cycle` (from 1); `None` if there is none in this cycle.
+    /// Number of reports before that of `cycle` (from 1); `None` if the network does not report in this cycle.
     pub fn pass(&self, cycle: usize) -> Option<usize> {
         let first = if self.offset_cycles == 0 { self.every_cycles } else { self.offset_cycles };
         (cycle >= first && cycle % self.every_cycles == self.offset_cycles).then(|| (cycle - first) / self.every_cycles)

@@ -12,7 +12,7 @@ use isobar_model::Time;
 ///   grid, counted from 1 from the west and from the south;
 /// - `value`, in the variable's unit;
 /// - `variable` and `sigma` (the standard deviation of the random error), where they are not the same for all;
-/// - `id`, optional: the station, of which there may be one observation of a variable in a cycle; without it its place.
+/// - `id`, optional: the station, which may observe a variable once in a cycle; by default the observation's place.
 ///
 /// Other columns are not read.
 #[derive(Clone, Debug, PartialEq)]

@@ -30,7 +30,7 @@ pub trait ObservationOperator: Send + Sync {
     ///
     /// This is what variational bias correction does in practice: a bias must not pull the state by way of its predictor (Dee
     /// 2005, Q. J. R. Meteorol. Soc. 131, 3323–3343). The error that it leaves in observation i is Σ_j β_j (p_j(x_true) −
-    /// p_j(x_b)), of the size of β times the background's error in units of the predictor's scale; methods are not told of it.
+    /// p_j(x_b)), of the size of β times the background's error in units of the predictor's scale; methods do not know of it.
     /// Where x_b is the conditional mean of x_true, that error has mean 0 and is uncorrelated with p(x_b), so it adds to the
     /// random error but leaves estimates of β unbiased; of a worse background it biases them.
     fn anchored(&self, _background: &State) -> Option<LinearOperator> {

@@ -52,11 +52,11 @@ const NORMAL_MEDIAN: f64 = 0.674_489_750_196_081_7;
 pub(crate) fn check_reports(arrivals: &[Arrival], time: Time, grid: &Grid) -> Vec<Option<Rejection>> {
     let mut seen: HashSet<(Arc<str>, Arc<str>, usize)> = HashSet::new();
     let check = |arrival: &Arrival| {
-        let Arrival { observation, value, time: own, .. } = arrival;
+        let Arrival { observation, value, time: valid, .. } = arrival;
         let report = &observation.report;
         let is_late = match observation.reading {
-            Reading::Error(_) => *own != time,
-            Reading::Recorded { time: valid, is_late, .. } => is_late || *own != valid,
+            Reading::Error(_) => *valid != time,
+            Reading::Recorded { time, is_late, .. } => is_late || *valid != time,
         };
         if !value.is_finite() || !observation.sigma.is_finite() {
             Some(Rejection::NotFinite)
@@ -95,8 +95,8 @@ impl QualityControl {
             if sane.is_empty() {
                 continue;
             }
-            let own: Vec<&Arrival> = sane.iter().map(|&number| &arrivals[number]).collect();
-            for place in Departures::new(self, &own, reference, calibration, &layout).gross_errors(self.limit) {
+            let of_variable: Vec<&Arrival> = sane.iter().map(|&number| &arrivals[number]).collect();
+            for place in Departures::new(self, &of_variable, reference, calibration, &layout).gross_errors(self.limit) {
                 rejections[sane[place]] = Some(Rejection::GrossError);
             }
         }
@@ -122,7 +122,7 @@ fn departure(arrival: &Arrival, reference: &State) -> f64 {
 
 /// The departures of one variable's observations from the reference, and how they should vary together.
 struct Departures<'a> {
-    own: &'a [&'a Arrival],
+    arrivals: &'a [&'a Arrival],
     grid: &'a Grid,
     calibration: &'a Calibration,
     length_m: f64,
@@ -139,18 +139,20 @@ struct Departures<'a> {
 impl<'a> Departures<'a> {
     fn new(
         control: &QualityControl,
-        own: &'a [&'a Arrival],
+        arrivals: &'a [&'a Arrival],
         reference: &State,
         calibration: &'a Calibration,
         layout: &'a Layout,
     ) -> Self {
-        let departures: Vec<f64> = own.iter().map(|it| departure(it, reference)).collect();
+        let departures: Vec<f64> = arrivals.iter().map(|arrival| departure(arrival, reference)).collect();
         let (grid, length_m) = (&layout.grid, control.length_m);
-        let calibration_rows = own.iter().map(|it| it.observation.calibration_row_at(reference).collect()).collect();
+        let calibration_rows =
+            arrivals.iter().map(|arrival| arrival.observation.calibration_row_at(reference).collect()).collect();
         let (variance, neighbours) = (0.0, Vec::new());
-        let mut all = Self { own, grid, calibration, length_m, calibration_rows, departures, variance, neighbours };
+        let mut all =
+            Self { arrivals, grid, calibration, length_m, calibration_rows, departures, variance, neighbours };
         let total = (median(all.departures.iter().map(|d| d.abs()).collect()) / NORMAL_MEDIAN).powi(2);
-        let known = median((0..own.len()).map(|i| all.covariance(i, i)).collect());
+        let known = median((0..arrivals.len()).map(|i| all.covariance(i, i)).collect());
         all.variance = (total - known).max(0.25 * total);
         all.neighbours = all.nearest();
         all
@@ -158,7 +160,7 @@ impl<'a> Departures<'a> {
 
     /// The places of the gross errors, in the order in which they are found.
     fn gross_errors(&self, limit: f64) -> Vec<usize> {
-        let n = self.own.len();
+        let n = self.arrivals.len();
         let mut is_good = vec![true; n];
         let mut scores: Vec<f64> = (0..n).map(|i| self.score(i, &is_good)).collect();
         let mut found = Vec::new();
@@ -206,7 +208,7 @@ impl<'a> Departures<'a> {
         let predicted: f64 = weights.iter().zip(&whitened).map(|(w, e)| w * e).sum();
         let explained: f64 = weights.iter().map(|w| w * w).sum();
         // Its own random error cannot be predicted.
-        let variance = (self.covariance(i, i) - explained).max(self.own[i].observation.sigma.powi(2));
+        let variance = (self.covariance(i, i) - explained).max(self.arrivals[i].observation.sigma.powi(2));
         (self.departures[i] - predicted).abs() / variance.sqrt()
     }
 
@@ -219,12 +221,12 @@ impl<'a> Departures<'a> {
                 covariance += g * other * self.calibration.parameters[p].sigma_prior.powi(2);
             }
         }
-        if i == j { covariance + self.own[i].observation.sigma.powi(2) } else { covariance }
+        if i == j { covariance + self.arrivals[i].observation.sigma.powi(2) } else { covariance }
     }
 
     /// r_ij², the shortest way round where the domain is periodic \[m²\].
     fn squared_distance(&self, i: usize, j: usize) -> f64 {
-        let (a, b) = (&self.own[i].observation.report, &self.own[j].observation.report);
+        let (a, b) = (&self.arrivals[i].observation.report, &self.arrivals[j].observation.report);
         let around = |distance: f64, extent: f64| distance.abs().min(extent - distance.abs());
         let dx = around(a.x_m - b.x_m, self.grid.width_m());
         let dy = match self.grid.boundary {
@@ -234,13 +236,13 @@ impl<'a> Departures<'a> {
         dx * dx + dy * dy
     }
 
-    /// The nearest neighbours of each observation: from a mesh of bins with about four of them in each, those in the bins
-    /// around its own.
+    /// The nearest neighbours of each observation: from a mesh of bins with about four of them in each, those in its
+    /// own bin and the bins around it.
     fn nearest(&self) -> Vec<Vec<usize>> {
-        let n = self.own.len();
+        let n = self.arrivals.len();
         let side = ((n as f64 / 4.0).sqrt().floor() as usize).clamp(1, 1000);
         let bin_of = |i: usize| {
-            let report = &self.own[i].observation.report;
+            let report = &self.arrivals[i].observation.report;
             let place = |x: f64, extent: f64| ((x / extent * side as f64) as usize).min(side - 1);
             (place(report.x_m, self.grid.width_m()), place(report.y_m, self.grid.height_m()))
         };

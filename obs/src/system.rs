@@ -285,17 +285,19 @@ impl ObservingSystem {
         self.values_bias_removed.clear();
         for (arrival, rejection) in arrivals.into_iter().zip(rejections) {
             let Arrival { observation, value, value_bias_removed, time } = arrival;
-            let Observation { report, sigma: own, state_row, calibration_row, predictors: of_state, .. } = observation;
+            let Observation {
+                report, sigma: its_sigma, state_row, calibration_row, predictors: its_predictors, ..
+            } = observation;
             if let Some(rejection) = *rejection {
-                rejected.push(RejectedObservation { report, time, value, sigma: own, rejection });
+                rejected.push(RejectedObservation { report, time, value, sigma: its_sigma, rejection });
                 continue;
             }
             jacobian.state.push_row(state_row);
             jacobian.calibration.push_row(calibration_row);
-            predictors.push(of_state);
+            predictors.push(its_predictors);
             values.push(value);
             self.values_bias_removed.push(value_bias_removed);
-            sigma.push(own);
+            sigma.push(its_sigma);
             reports.push(report);
             times.push(time);
         }

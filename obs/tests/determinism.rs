@@ -21,7 +21,6 @@ fn biased_network(name: &str) -> Network {
     with_gaps(name, biased_radiosondes())
 }
 
-/// Three cycles.
 /// Three windows, each with its values without their biases.
 fn windows(configs: &[Network], seed: u64) -> Vec<(ObservationWindow, Vec<f64>)> {
     let layout = layout(Boundary::Channel);

@@ -1,7 +1,6 @@
 //! Which source file knows which other, and whether any two of them know each other.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt::Write as _;
 
 /// A module: the names from the crate's root to it.
 type Module = Vec<String>;
@@ -9,6 +8,14 @@ type Module = Vec<String>;
 /// The files of a crate, each as a module, and the modules that each of them names.
 pub struct Crate {
     files: BTreeMap<Module, File>,
+}
+
+/// Files or folders of which each can be reached from each other one.
+pub struct Circle {
+    /// All of them.
+    pub members: BTreeSet<String>,
+    /// The shortest way from the first of them back to it: `a → b → a`.
+    pub way: String,
 }
 
 /// What matters of a source file.
@@ -27,13 +34,13 @@ impl Crate {
         Self { files: sources.iter().map(of_file).collect() }
     }
 
-    /// Circles between files, in words.
-    pub fn circles_of_files(&self) -> Vec<String> {
+    /// Circles between files.
+    pub fn circles_of_files(&self) -> Vec<Circle> {
         circles(&self.graph(|module| module.join("/")))
     }
 
-    /// Circles between the folders and files at the top of the crate, in words.
-    pub fn circles_of_folders(&self) -> Vec<String> {
+    /// Circles between the folders and files at the top of the crate.
+    pub fn circles_of_folders(&self) -> Vec<Circle> {
         circles(&self.graph(|module| module.first().cloned().unwrap_or_default()))
     }
 
@@ -186,10 +193,14 @@ fn code(text: &str) -> String {
 }
 
 /// One circle for each set of nodes that can all be reached from each other, by Tarjan's algorithm.
-fn circles(graph: &BTreeMap<String, BTreeSet<String>>) -> Vec<String> {
+fn circles(graph: &BTreeMap<String, BTreeSet<String>>) -> Vec<Circle> {
     let mut search = Search::new(graph);
     graph.keys().for_each(|node| search.visit(node));
-    search.components.iter().map(|component| shortest(graph, component)).collect()
+    let circle = |component: &BTreeSet<&str>| Circle {
+        members: component.iter().map(|node| node.to_string()).collect(),
+        way: shortest(graph, component),
+    };
+    search.components.iter().map(circle).collect()
 }
 
 /// Tarjan's depth-first search (1972, SIAM J. Comput. 1, 146).
@@ -235,7 +246,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// The shortest way from the first node of a component back to it, and all its nodes.
+/// The shortest way from the first node of a component back to it.
 fn shortest(graph: &BTreeMap<String, BTreeSet<String>>, component: &BTreeSet<&str>) -> String {
     let start = *component.first().expect("it has several nodes");
     let mut ways = vec![vec![start]];
@@ -247,12 +258,7 @@ fn shortest(graph: &BTreeMap<String, BTreeSet<String>>, component: &BTreeSet<&st
             for next in graph[last].iter().map(String::as_str).filter(|next| component.contains(next)) {
                 let way = [way.as_slice(), &[next]].concat();
                 if next == start {
-                    let mut words = way.join(" → ");
-                    if component.len() + 1 > way.len() {
-                        let all: Vec<&str> = component.iter().copied().collect();
-                        let _ = write!(words, " (and with them: {})", all.join(", "));
-                    }
-                    return words;
+                    return way.join(" → ");
                 }
                 if seen.insert(next) {
                     longer.push(way);
@@ -268,19 +274,26 @@ fn of(sources: &[(&str, &str)]) -> Crate {
     Crate::new(&sources.iter().map(owned).collect::<Vec<_>>())
 }
 
+/// The ways of circles.
+fn ways(circles: Vec<Circle>) -> Vec<String> {
+    circles.into_iter().map(|circle| circle.way).collect()
+}
+
 #[test]
 fn files_that_know_each_other_are_found() {
     let pair = of(&[("lib.rs", "mod a;\nmod b;"), ("a.rs", "use crate::b::B;"), ("b.rs", "fn f() -> crate::a::A {}")]);
-    assert_eq!(pair.circles_of_files(), ["a → b → a"]);
+    assert_eq!(ways(pair.circles_of_files()), ["a → b → a"]);
     let through_groups = of(&[
         ("a.rs", "use super::{c, b::{self, B as Other}};"),
         ("b.rs", "use std::fmt;\nuse crate::c::C;"),
         ("c.rs", "use crate::{d, a::A};"),
         ("d.rs", ""),
     ]);
-    assert_eq!(through_groups.circles_of_files(), ["a → c → a (and with them: a, b, c)"]);
+    assert_eq!(ways(through_groups.circles_of_files()), ["a → c → a"]);
+    let members: Vec<String> = through_groups.circles_of_files()[0].members.iter().cloned().collect();
+    assert_eq!(members, ["a", "b", "c"]);
     let parent = of(&[("m/mod.rs", "mod child;\nuse child::help;\npub struct M;"), ("m/child.rs", "use super::M;")]);
-    assert_eq!(parent.circles_of_files(), ["m → m/child → m"]);
+    assert_eq!(ways(parent.circles_of_files()), ["m → m/child → m"]);
     assert!(parent.circles_of_folders().is_empty());
 }
 
@@ -295,7 +308,7 @@ fn folders_that_know_each_other_are_found_where_no_two_files_do() {
         ("y/four.rs", "use crate::x::three;"),
     ]);
     assert!(folders.circles_of_files().is_empty());
-    assert_eq!(folders.circles_of_folders(), ["x → y → x"]);
+    assert_eq!(ways(folders.circles_of_folders()), ["x → y → x"]);
 }
 
 #[test]
@@ -310,12 +323,12 @@ fn comments_texts_tests_and_re_exports_make_no_circle() {
         ("m/inner.rs", "use crate::A;"),
         ("m/other.rs", "use super::Inner;\nuse std::m::a;"),
     ]);
-    assert_eq!(innocent.circles_of_files(), Vec::<String>::new());
+    assert_eq!(ways(innocent.circles_of_files()), Vec::<String>::new());
     // What is re-exported is where it is defined.
     let hidden = of(&[
         ("m/mod.rs", "mod inner;\nmod other;\npub use inner::Inner;"),
         ("m/inner.rs", "use super::other;"),
         ("m/other.rs", "use crate::m::Inner;"),
     ]);
-    assert_eq!(hidden.circles_of_files(), ["m/inner → m/other → m/inner"]);
+    assert_eq!(ways(hidden.circles_of_files()), ["m/inner → m/other → m/inner"]);
 }

@@ -18,7 +18,7 @@ pub mod restarted;
 pub mod rows;
 pub mod runge_kutta;
 mod strips;
-mod sweep;
+pub(crate) mod sweep;
 mod tangent_sweep;
 pub mod tendency;
 mod update;

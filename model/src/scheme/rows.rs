@@ -71,9 +71,9 @@ pub trait RowStream: Send {
     /// The row beyond a wall, `[variable, x]`, given the row beside it.
     fn beyond_wall(&self, x: Row<'_>, ghost: &mut [f64]);
 
-    /// Takes row `row` of the grid (that beyond the northern wall being row `ny`), and says the tendency,
-    /// `[variable, x]`, of the row as far south of it as the stencil reaches, of which it was told before; the first
-    /// tendencies of a sweep, for which rows in the south are missing, are not to be used. `south` is the row south of it.
+    /// Takes row `row` of the grid, `north` (row `ny` lies beyond the northern wall), and the row south of it. Writes the
+    /// tendency, `[variable, x]`, of the row that is [`RowStream::reach`] rows south of `row`. The first tendencies of a
+    /// sweep, for which rows in the south are missing, are not to be used.
     fn push(&mut self, row: usize, south: Row<'_>, north: Row<'_>, tendency: &mut [f64]);
 
     /// With a reach of two rows: the tendency of the row beside the northern wall, that beyond it having been pushed.

@@ -8,7 +8,16 @@ use super::update::{Scheme, add_slopes, combine, leap};
 use pulp::Arch;
 use rayon::prelude::*;
 
-/// One step of x, row by row; false, and nothing done, if the tendency has no such form.
+/// f(x) by a sweep over the rows, for a tendency that has no other form.
+///
+/// # Panics
+/// If it has none by rows either.
+pub(crate) fn tendency_by_rows<T: Tendency>(tendency: &T, x: &[f64], out: &mut [f64]) {
+    out.copy_from_slice(x);
+    assert!(sweep(tendency, Scheme::Slope, out), "the tendency has no row form");
+}
+
+/// One step of x, row by row; returns false, with nothing done, if the tendency has no row form.
 pub(crate) fn sweep<T: Tendency>(tendency: &T, scheme: Scheme<'_>, x: &mut [f64]) -> bool {
     let (grid, variables, stages) = (&tendency.layout().grid, tendency.layout().variables.len(), scheme.stages());
     let wavefront = || {
@@ -36,8 +45,8 @@ struct Wavefront<'a> {
     states: Vec<Ring>,
     /// Slopes of each stage.
     slopes: Vec<Ring>,
-    /// How many rows each stream was told.
-    told: Vec<usize>,
+    /// Rows pushed to each stage so far.
+    pushed: Vec<usize>,
     ghost: Vec<f64>,
     nx: usize,
     /// Rows by which each stage is behind the one before.
@@ -51,7 +60,7 @@ impl<'a> Wavefront<'a> {
         let states = (1..stages).map(|_| Ring::new(row_len, 2)).collect();
         let slopes = (1..=stages).map(|stage| Ring::new(row_len, reach * (stages - stage) + 1)).collect();
         let ghost = vec![0.0; row_len];
-        Self { arch: Arch::new(), scheme, streams, states, slopes, told: vec![0; stages], ghost, nx, reach }
+        Self { arch: Arch::new(), scheme, streams, states, slopes, pushed: vec![0; stages], ghost, nx, reach }
     }
 
     /// Advances the band by one step, in place.
@@ -79,13 +88,13 @@ impl<'a> Wavefront<'a> {
         }
     }
 
-    /// Tells a stage's stream the state of a row, and takes whatever that makes known to the later stages.
+    /// Pushes the state of a row to the stream of a stage, and what that makes known to the later stages.
     fn cascade(&mut self, stage: usize, row: isize, band: &mut Band<'_>) {
         let (stream, slopes) = (&mut self.streams[stage], &mut self.slopes[stage]);
         let north = state(&self.states, self.nx, stage, row, band);
         let known = row - self.reach as isize;
-        self.told[stage] += 1;
-        if self.told[stage] == 1 {
+        self.pushed[stage] += 1;
+        if self.pushed[stage] == 1 {
             if !band.walls().0 {
                 return stream.begin(north);
             }
@@ -93,13 +102,13 @@ impl<'a> Wavefront<'a> {
             let ghost = Row::of(&self.ghost, self.nx);
             stream.begin(ghost);
             stream.push(band.grid_row(row), ghost, north, slopes.row_mut(known));
-            // As if it had been told of as many rows beyond the wall as it reaches.
-            self.told[stage] += self.reach;
+            // The row beyond the wall stands for all rows there within reach.
+            self.pushed[stage] += self.reach;
             return;
         }
         let south = state(&self.states, self.nx, stage, row - 1, band);
         stream.push(band.grid_row(row), south, north, slopes.row_mut(known));
-        if self.told[stage] > 2 * self.reach {
+        if self.pushed[stage] > 2 * self.reach {
             self.continue_with(stage, known, band);
         }
     }
@@ -116,6 +125,11 @@ impl<'a> Wavefront<'a> {
         match self.scheme {
             Scheme::RungeKutta { .. } => add_slopes(arch, &mut band.fields, start, nx, &terms[..count]),
             Scheme::Leapfrog(numbers) => leap(arch, numbers, &mut band.fields, start, nx, self.slopes[0].row(row)),
+            Scheme::Slope => {
+                for (field, slope) in band.fields.iter_mut().zip(self.slopes[0].row(row).chunks_exact(nx)) {
+                    field[start..start + nx].copy_from_slice(slope);
+                }
+            }
         }
     }
 }

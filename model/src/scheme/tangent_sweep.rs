@@ -1,6 +1,6 @@
 //! Tangent-linear steps of eight columns at once, each as one sweep over the rows, beside the step of the state they are
-//! linearised at: what the derivative needs to know of a row of the state is computed once for the eight, and neither
-//! the trajectory nor the stages' states nor their coefficients are ever stored for the whole grid.
+//! linearised at: the coefficients of the derivative in a row are computed once for the eight, and neither the trajectory
+//! nor the states of the stages nor their coefficients are ever stored for the whole grid.
 //!
 //! The columns of a group are interleaved for all steps of a forecast, so that one vector operation does the same for all
 //! of them, whatever the length of a row, and a sweep reads and writes memory from end to end; the columns missing from a
@@ -75,7 +75,7 @@ fn sweep_stored<T: Tendency, S: Stored>(
     true
 }
 
-/// States at the later stages and slopes at all, with so many lanes.
+/// States and slopes at all stages.
 struct Stages {
     states: Vec<Ring>,
     slopes: Vec<Ring>,
@@ -109,9 +109,12 @@ struct TangentWavefront<'a> {
     grid: &'a Grid,
     variables: usize,
     streams: Vec<Box<dyn TangentRowStream + 'a>>,
-    told: Vec<usize>,
-    /// Rows by which each stage is behind the one before, and all of them.
-    reach: [isize; 2],
+    /// Rows pushed to each stage so far.
+    pushed: Vec<usize>,
+    /// Rows by which each stage is behind the one before.
+    stage_reach: isize,
+    /// Rows by which the last stage is behind the first row pushed.
+    total_reach: isize,
     strip: Strip,
     x: Stages,
     dx: Stages,
@@ -127,7 +130,7 @@ struct TangentWavefront<'a> {
 }
 
 impl<'a> TangentWavefront<'a> {
-    /// For columns of so many variables, with a stream for each stage.
+    /// For columns of `variables` variables, with a stream for each stage.
     fn new(scheme: Scheme<'a>, streams: Vec<Box<dyn TangentRowStream + 'a>>, grid: &'a Grid, variables: usize) -> Self {
         let (stages, row_len) = (streams.len(), variables * grid.nx.min(MOST_PLACES));
         let of_stage = streams[0].reach();
@@ -137,8 +140,9 @@ impl<'a> TangentWavefront<'a> {
             scheme,
             grid,
             variables,
-            told: vec![0; stages],
-            reach: [of_stage as isize, reach as isize],
+            pushed: vec![0; stages],
+            stage_reach: of_stage as isize,
+            total_reach: reach as isize,
             strip: Strip::of_row(grid.nx, reach)[0],
             streams,
             x: Stages::new(stages, of_stage, row_len),
@@ -152,7 +156,7 @@ impl<'a> TangentWavefront<'a> {
         }
     }
 
-    /// Advances eight columns by so many steps along the trajectory from `start`, in place.
+    /// Advances eight columns by `steps` steps along the trajectory from `start`, in place.
     fn advance(&mut self, start: &[f64], columns: &mut [f64], steps: usize) {
         self.at[0].clear();
         self.at[0].extend_from_slice(start);
@@ -160,7 +164,7 @@ impl<'a> TangentWavefront<'a> {
         self.interleaving.interleave(columns);
         for step in 1..=steps {
             self.last_step = step == steps;
-            for strip in Strip::of_row(self.grid.nx, self.reach[1] as usize) {
+            for strip in Strip::of_row(self.grid.nx, self.total_reach as usize) {
                 self.strip = strip;
                 self.sweep_strip(columns);
             }
@@ -174,9 +178,9 @@ impl<'a> TangentWavefront<'a> {
     fn sweep_strip(&mut self, columns: &mut [f64]) {
         let stages = self.streams.len();
         let walls = self.grid.boundary == Boundary::Channel;
-        let (ny, [of_stage, of_all]) = (self.grid.ny as isize, self.reach);
+        let (ny, of_stage, of_all) = (self.grid.ny as isize, self.stage_reach, self.total_reach);
         let reach = if walls { 0 } else { of_all };
-        self.told.fill(0);
+        self.pushed.fill(0);
         for row in -reach..ny + reach {
             self.load_state(row);
             let increments = self.dx.states[0].row_mut(row);
@@ -213,19 +217,19 @@ impl<'a> TangentWavefront<'a> {
     }
 
     fn cascade(&mut self, stage: usize, row: isize, columns: &mut [f64]) {
-        self.told[stage] += 1;
+        self.pushed[stage] += 1;
         let walls = self.grid.boundary == Boundary::Channel;
-        if self.told[stage] == 1 && walls {
-            // As if it had been told of as many rows beyond the wall as it reaches.
-            self.told[stage] += self.reach[0] as usize;
+        if self.pushed[stage] == 1 && walls {
+            // The row beyond the wall stands for all rows there within reach.
+            self.pushed[stage] += self.stage_reach as usize;
             return self.push_beyond(stage, row, true);
         }
         let span = self.span(stage);
-        if self.told[stage] == 1 {
+        if self.pushed[stage] == 1 {
             let x = span.of_state(&self.x.states[stage], row);
             return self.streams[stage].begin(x, &self.dx.states[stage].row(row)[span.increments()]);
         }
-        let known = row - self.reach[0];
+        let known = row - self.stage_reach;
         let (x, dx) = (&self.x.states[stage], &self.dx.states[stage]);
         let d_slope = &mut self.dx.slopes[stage].row_mut(known)[span.increments()];
         self.streams[stage].push(
@@ -234,7 +238,7 @@ impl<'a> TangentWavefront<'a> {
             (&dx.row(row - 1)[span.increments()], &dx.row(row)[span.increments()], d_slope),
         );
         span.keep(&self.row, self.x.slopes[stage].row_mut(known));
-        if self.told[stage] > 2 * self.reach[0] as usize {
+        if self.pushed[stage] > 2 * self.stage_reach as usize {
             self.continue_with(stage, known, columns);
         }
     }
@@ -248,7 +252,7 @@ impl<'a> TangentWavefront<'a> {
         let (ghost, d_ghost) = (&mut x.ghost[..span.len()], &mut dx.ghost[..span.len() * LANES]);
         stream.beyond_wall(x_row, dx_row, ghost, d_ghost);
         let (x_ghost, pushed) = (Row::of(ghost, span.own.len()), if south { row } else { row + 1 });
-        let known = pushed - self.reach[0];
+        let known = pushed - self.stage_reach;
         let (slope, d_slope) = (&mut self.row[..span.len()], &mut dx.slopes[stage].row_mut(known)[span.increments()]);
         if south {
             stream.begin(x_ghost, d_ghost);
@@ -286,6 +290,7 @@ impl<'a> TangentWavefront<'a> {
             Scheme::Leapfrog(leapfrog) => {
                 leap(arch, leapfrog, &mut [now, before], 0, part.len(), &self.dx.slopes[0].row(row)[part]);
             }
+            Scheme::Slope => now.copy_from_slice(&self.dx.slopes[0].row(row)[part]),
         }
         if !self.last_step {
             self.advance_state(row);
@@ -321,7 +326,7 @@ impl<'a> TangentWavefront<'a> {
 
     /// What a stage works with.
     fn span(&self, stage: usize) -> Span {
-        let own = self.strip.without(stage * self.reach[0] as usize);
+        let own = self.strip.without(stage * self.stage_reach as usize);
         Span { own, places: self.strip.places(), variables: self.variables }
     }
 }

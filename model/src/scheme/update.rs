@@ -11,6 +11,8 @@ pub(crate) enum Scheme<'a> {
     RungeKutta { a: &'a [&'a [f64]], b: &'a [f64], dt: f64 },
     /// The fields are those of two levels.
     Leapfrog(Leap),
+    /// No step: the fields become their own slope.
+    Slope,
 }
 
 impl Scheme<'_> {
@@ -18,14 +20,14 @@ impl Scheme<'_> {
     pub fn stages(self) -> usize {
         match self {
             Scheme::RungeKutta { b, .. } => b.len(),
-            Scheme::Leapfrog(_) => 1,
+            Scheme::Leapfrog(_) | Scheme::Slope => 1,
         }
     }
 
     /// Time levels of a state.
     pub fn levels(self) -> usize {
         match self {
-            Scheme::RungeKutta { .. } => 1,
+            Scheme::RungeKutta { .. } | Scheme::Slope => 1,
             Scheme::Leapfrog(_) => 2,
         }
     }

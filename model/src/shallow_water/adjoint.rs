@@ -1,4 +1,4 @@
-//! The adjoint tendency N'(x̄)ᵀ δy: the lines of [`super::tangent_linear`] transposed, in reverse order.
+//! The adjoint tendency N'(x̄)ᵀ δy: the derivatives in [`super::kernel`] transposed, in reverse order.
 //!
 //! A stencil that reads at k + s becomes one that reads at k − s; the boundary condition's transpose comes last
 //! ([`Halo::fold`](crate::halo::Halo::fold)). With a star for the gradient with respect to a quantity and
@@ -12,8 +12,8 @@
 //! h* = g B* + mean_x(u U*) + mean_y(v V*) − mean_xy(q q*/h̄ˣʸ)
 //! ```
 
+use super::damping::add_damping;
 use super::tangent_linear::{Coefficients, VorticityTerm};
-use super::tendency::add_damping;
 use super::{ShallowWater, padded_fields};
 use crate::grid::Location;
 

@@ -1,4 +1,4 @@
-//! Hyperdiffusion row by row, behind a stream of the other terms: the lines of [`super::tendency`].
+//! Hyperdiffusion row by row, behind a stream of the other terms: with the bits of [`super::damping`].
 //!
 //! With L the five-point Laplacian, L(L x) reaches two rows: when row j is pushed, L x is known up to row j − 1 and
 //! L(L x) up to row j − 2, so that all tendencies come one row later than those of the stream within.

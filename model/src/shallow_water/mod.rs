@@ -22,12 +22,13 @@
 //! R. Sadourny (1975): The dynamics of finite-difference models of the shallow-water equations. J. Atmos. Sci. 32.
 
 mod adjoint;
+mod damping;
 mod hyperdiffusion;
+mod kernel;
 mod linear;
 mod rows;
 mod tangent_linear;
 mod tangent_rows;
-mod tendency;
 
 pub use linear::LinearShallowWater;
 pub use tangent_linear::Coefficients;
@@ -35,6 +36,7 @@ pub use tangent_linear::Coefficients;
 use crate::error::{ModelError, require, require_finite, require_non_negative, require_positive};
 use crate::grid::{Boundary, Grid, Location};
 use crate::halo::Halo;
+use crate::scheme::sweep::tendency_by_rows;
 use crate::scheme::{RowStream, SpectralBounds, TangentRowStream, Tendency};
 use crate::state::{Layout, Variable};
 
@@ -196,9 +198,8 @@ impl Tendency for ShallowWater {
         }
     }
 
-    #[inline(always)]
-    fn tendency(&self, x: &[f64], out: &mut [f64], scratch: &mut [f64]) {
-        tendency::tendency(self, x, out, scratch);
+    fn tendency(&self, x: &[f64], out: &mut [f64], _scratch: &mut [f64]) {
+        tendency_by_rows(self, x, out);
     }
 
     fn row_stream(&self, nx: usize) -> Option<Box<dyn RowStream + '_>> {
@@ -254,7 +255,7 @@ fn coriolis_at(grid: &Grid, parameters: &ShallowWaterParameters, row: f64) -> f6
     parameters.coriolis_per_s + parameters.beta_per_m_per_s * (row - 0.5 * grid.ny as f64) * grid.dy_m
 }
 
-/// The largest absolute value (not a number counting as none).
+/// The largest absolute value, leaving out what is not a number.
 fn largest(field: &[f64]) -> f64 {
     Arch::new().dispatch(Largest(field))
 }

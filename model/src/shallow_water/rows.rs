@@ -1,6 +1,7 @@
-//! The nonlinear tendency row by row: the lines of [`super::tendency`] in one pass, with the diagnostic fields of two
-//! or three rows in cache instead of on the whole grid. The bits are those of [`super::tendency`].
+//! The nonlinear tendency row by row: the equations of [`super::kernel`] in one pass over memory, with the diagnostic
+//! quantities of two or three rows in cache.
 
+use super::kernel::{Constants, Diagnosed, mass_flux};
 use super::{H, ShallowWater, U, V, VectorInvariant};
 use crate::grid::Boundary;
 use crate::scheme::rows::{Row, RowStream};
@@ -43,7 +44,7 @@ impl RowStream for ShallowWaterRows<'_> {
         let (h, u, flux) = (first.variable(H), first.variable(U), &mut self.flux_x[2]);
         let nx = h.len();
         for i in 0..nx {
-            flux[i] = 0.5 * (h[i] + h[if i == 0 { nx - 1 } else { i - 1 }]) * u[i];
+            flux[i] = mass_flux([h[i], h[if i == 0 { nx - 1 } else { i - 1 }]], u[i]);
         }
         flux[nx] = flux[0];
     }
@@ -82,27 +83,36 @@ impl WithSimd for Push<'_, '_> {
     fn with_simd<S: Simd>(self, _simd: S) {
         let Push { rows, row, south, north, tendency } = self;
         let ShallowWaterRows { model, flux_x, flux_y, q, bernoulli, .. } = rows;
-        let grid = &model.layout.grid;
-        let constants = Constants {
-            coriolis: model.coriolis_per_s(row),
-            gravity: model.parameters.gravity_m_per_s2,
-            per_dx: 1.0 / grid.dx_m,
-            per_dy: 1.0 / grid.dy_m,
+        let constants = Constants::new(model);
+        let diagnosed = Diagnostics {
+            mass_flux_x: &mut flux_x[2],
+            mass_flux_y: &mut flux_y[1],
+            potential_vorticity: &mut q[1],
+            bernoulli: &mut bernoulli[1],
         };
-        diagnose(constants, south, north, &mut flux_x[2], &mut flux_y[1], &mut q[1], &mut bernoulli[1]);
+        diagnose(constants, model.coriolis_per_s(row), south, north, diagnosed);
         let nx = north.variable(H).len();
         let (k_h, winds) = tendency.split_at_mut(nx);
         let (k_u, k_v) = winds.split_at_mut(nx);
-        let (flux_x, flux_y) = ([&flux_x[0][..], &flux_x[1][..]], [&flux_y[0][..], &flux_y[1][..]]);
-        let (q, b) = ([&q[0][..], &q[1][..]], [&bernoulli[0][..], &bernoulli[1][..]]);
+        let around = Around {
+            flux_x_s: &flux_x[0],
+            flux_x: &flux_x[1],
+            flux_y: &flux_y[0],
+            flux_y_n: &flux_y[1],
+            q: &q[0],
+            q_n: &q[1],
+            b_s: &bernoulli[0],
+            b: &bernoulli[1],
+        };
+        // One loop for each form.
         match model.form {
             VectorInvariant::PotentialEnstrophy => {
-                potential_enstrophy_form(constants, flux_x, flux_y, q, b, k_h, k_u, k_v);
+                tendencies(constants, VectorInvariant::PotentialEnstrophy, around, k_h, k_u, k_v);
             }
-            VectorInvariant::Energy => energy_form(constants, flux_x, flux_y, q, b, k_h, k_u, k_v),
+            VectorInvariant::Energy => tendencies(constants, VectorInvariant::Energy, around, k_h, k_u, k_v),
         }
         // The tendency is that of the row south of the one pushed.
-        let southern_wall = grid.boundary == Boundary::Channel && row == 1;
+        let southern_wall = model.layout.grid.boundary == Boundary::Channel && row == 1;
         if southern_wall {
             k_v.fill(0.0);
         }
@@ -116,109 +126,92 @@ impl WithSimd for Push<'_, '_> {
     }
 }
 
-/// Numbers of the equations.
-#[derive(Clone, Copy)]
-struct Constants {
-    /// f at the corners of the northern row.
-    coriolis: f64,
-    gravity: f64,
-    per_dx: f64,
-    per_dy: f64,
+/// Rows of the diagnostic quantities.
+struct Diagnostics<'a> {
+    mass_flux_x: &'a mut [f64],
+    mass_flux_y: &'a mut [f64],
+    potential_vorticity: &'a mut [f64],
+    bernoulli: &'a mut [f64],
 }
 
 /// U, V and q of the northern row, B of the southern, in one loop.
 #[inline(always)]
-fn diagnose(
-    constants: Constants,
-    south: Row<'_>,
-    north: Row<'_>,
-    flux_x: &mut [f64],
-    flux_y: &mut [f64],
-    q: &mut [f64],
-    b: &mut [f64],
-) {
+fn diagnose(constants: Constants, coriolis: f64, south: Row<'_>, north: Row<'_>, out: Diagnostics<'_>) {
+    let Diagnostics { mass_flux_x, mass_flux_y, potential_vorticity, bernoulli } = out;
     let ([h_s, u_s, v_s], [h, u, v]) = (south.variables(), north.variables());
     let last = h.len() - 1;
     // The first place, west of which is the last.
-    (flux_x[0], flux_y[1], q[0], b[last + 1]) =
-        constants.place([h[0], h[last], h_s[0], h_s[last]], [u[0], u_s[0], u_s[last]], [v[0], v[last], v_s[last]]);
+    let first = constants.place(
+        coriolis,
+        [h[0], h[last], h_s[0], h_s[last]],
+        [u[0], u_s[0], u_s[last]],
+        [v[0], v[last], v_s[last]],
+    );
+    mass_flux_x[0] = first.mass_flux_x;
+    mass_flux_y[1] = first.mass_flux_y;
+    potential_vorticity[0] = first.potential_vorticity;
+    bernoulli[last + 1] = first.bernoulli;
     let n = last;
     let (h, h_w, h_s, h_sw) = (&h[1..][..n], &h[..n], &h_s[1..][..n], &h_s[..n]);
     let (u, u_s, u_sw) = (&u[1..][..n], &u_s[1..][..n], &u_s[..n]);
     let (v, v_w, v_sw) = (&v[1..][..n], &v[..n], &v_s[..n]);
     {
-        let (flux_x, flux_y) = (&mut flux_x[1..][..n], &mut flux_y[2..][..n]);
-        let (q, b) = (&mut q[1..][..n], &mut b[1..][..n]);
+        let (flux_x, flux_y) = (&mut mass_flux_x[1..][..n], &mut mass_flux_y[2..][..n]);
+        let (q, b) = (&mut potential_vorticity[1..][..n], &mut bernoulli[1..][..n]);
         for i in 0..n {
-            (flux_x[i], flux_y[i], q[i], b[i]) =
-                constants.place([h[i], h_w[i], h_s[i], h_sw[i]], [u[i], u_s[i], u_sw[i]], [v[i], v_w[i], v_sw[i]]);
+            let Diagnosed { mass_flux_x, mass_flux_y, potential_vorticity, bernoulli } = constants.place(
+                coriolis,
+                [h[i], h_w[i], h_s[i], h_sw[i]],
+                [u[i], u_s[i], u_sw[i]],
+                [v[i], v_w[i], v_sw[i]],
+            );
+            (flux_x[i], flux_y[i], q[i], b[i]) = (mass_flux_x, mass_flux_y, potential_vorticity, bernoulli);
         }
     }
-    (flux_x[last + 1], flux_y[0], q[last + 1], b[0]) = (flux_x[0], flux_y[last + 1], q[0], b[last + 1]);
+    mass_flux_x[last + 1] = mass_flux_x[0];
+    mass_flux_y[0] = mass_flux_y[last + 1];
+    potential_vorticity[last + 1] = potential_vorticity[0];
+    bernoulli[0] = bernoulli[last + 1];
 }
 
-impl Constants {
-    /// U, V and q of a place of the northern row, and B south-west of it.
-    #[inline(always)]
-    fn place(self, [h, h_w, h_s, h_sw]: [f64; 4], [u, u_s, u_sw]: [f64; 3], v: [f64; 3]) -> (f64, f64, f64, f64) {
-        let Constants { coriolis, gravity, per_dx, per_dy } = self;
-        let [v, v_w, v_sw] = v;
-        let vorticity = (v - v_w) * per_dx - (u - u_s) * per_dy;
-        (
-            0.5 * (h + h_w) * u,
-            0.5 * (h + h_s) * v,
-            4.0 * (coriolis + vorticity) / (h + h_w + h_s + h_sw),
-            gravity * h_sw + 0.25 * (u_sw * u_sw + u_s * u_s + v_sw * v_sw + v_w * v_w),
-        )
+/// The diagnostic rows around a row: U and B of the row and south of it, V and q of the row and north of it.
+#[derive(Clone, Copy)]
+struct Around<'a> {
+    flux_x_s: &'a [f64],
+    flux_x: &'a [f64],
+    flux_y: &'a [f64],
+    flux_y_n: &'a [f64],
+    q: &'a [f64],
+    q_n: &'a [f64],
+    b_s: &'a [f64],
+    b: &'a [f64],
+}
+
+/// The tendencies of a row.
+#[inline(always)]
+fn tendencies(
+    constants: Constants,
+    form: VectorInvariant,
+    around: Around<'_>,
+    out_h: &mut [f64],
+    out_u: &mut [f64],
+    out_v: &mut [f64],
+) {
+    let Around { flux_x_s, flux_x, flux_y, flux_y_n, q, q_n, b_s, b } = around;
+    let n = out_h.len();
+    let (u, u_e, u_s, u_se) = (&flux_x[..n], &flux_x[1..][..n], &flux_x_s[..n], &flux_x_s[1..][..n]);
+    let (v, v_w, v_n, v_nw) = (&flux_y[1..][..n], &flux_y[..n], &flux_y_n[1..][..n], &flux_y_n[..n]);
+    let (q, q_e, q_n) = (&q[..n], &q[1..][..n], &q_n[..n]);
+    let (b, b_w, b_s) = (&b[1..][..n], &b[..n], &b_s[1..][..n]);
+    let (out_u, out_v) = (&mut out_u[..n], &mut out_v[..n]);
+    for i in 0..n {
+        let q_v = form.q_v([q[i], q_n[i]], [v[i], v_w[i], v_n[i], v_nw[i]]);
+        let q_u = form.q_u([q[i], q_e[i]], [u[i], u_e[i], u_s[i], u_se[i]]);
+        out_h[i] = constants.minus_divergence([u[i], u_e[i]], [v[i], v_n[i]]);
+        out_u[i] = constants.minus_gradient_x(b_w[i], b[i]) + q_v;
+        out_v[i] = constants.minus_gradient_y(b_s[i], b[i]) - q_u;
     }
 }
-
-macro_rules! tendencies {
-    ($(#[$doc:meta])* $name:ident, |$q:ident, $q_e:ident, $q_n:ident, $u:ident, $v:ident| $q_v:expr, $q_u:expr) => {
-        $(#[$doc])*
-        #[inline(always)]
-        fn $name(
-            constants: Constants,
-            [flux_x_s, flux_x]: [&[f64]; 2],
-            [flux_y, flux_y_n]: [&[f64]; 2],
-            [q, q_n]: [&[f64]; 2],
-            [b_s, b]: [&[f64]; 2],
-            out_h: &mut [f64],
-            out_u: &mut [f64],
-            out_v: &mut [f64],
-        ) {
-            let Constants { per_dx, per_dy, .. } = constants;
-            let n = out_h.len();
-            let (u0, u_e, u_s, u_se) = (&flux_x[..n], &flux_x[1..][..n], &flux_x_s[..n], &flux_x_s[1..][..n]);
-            let (v0, v_w, v_n, v_nw) = (&flux_y[1..][..n], &flux_y[..n], &flux_y_n[1..][..n], &flux_y_n[..n]);
-            let (q0, q_e, q_n) = (&q[..n], &q[1..][..n], &q_n[..n]);
-            let (b0, b_w, b_s) = (&b[1..][..n], &b[..n], &b_s[1..][..n]);
-            let (out_u, out_v) = (&mut out_u[..n], &mut out_v[..n]);
-            for i in 0..n {
-                let ($q, $q_e, $q_n) = (q0[i], q_e[i], q_n[i]);
-                let ($u, $v) = ([u0[i], u_e[i], u_s[i], u_se[i]], [v0[i], v_w[i], v_n[i], v_nw[i]]);
-                out_h[i] = (u0[i] - u_e[i]) * per_dx + (v0[i] - v_n[i]) * per_dy;
-                out_u[i] = (b_w[i] - b0[i]) * per_dx + $q_v;
-                out_v[i] = (b_s[i] - b0[i]) * per_dy - $q_u;
-            }
-        }
-    };
-}
-
-tendencies!(
-    /// The tendencies of a row with q̄ʸ V̄ˣʸ, −q̄ˣ Ūˣʸ: U of the row and south of it, V and q of the row and north of
-    /// it, B as U.
-    potential_enstrophy_form,
-    |q, q_e, q_n, u, v| 0.125 * (q + q_n) * (v[0] + v[1] + v[2] + v[3]),
-    0.125 * (q + q_e) * (u[0] + u[1] + u[2] + u[3])
-);
-
-tendencies!(
-    /// The same with mean_y(q V̄ˣ), −mean_x(q Ūʸ).
-    energy_form,
-    |q, q_e, q_n, u, v| 0.25 * (q * (v[0] + v[1]) + q_n * (v[2] + v[3])),
-    0.25 * (q * (u[0] + u[2]) + q_e * (u[1] + u[3]))
-);
 
 /// −r u.
 #[inline(always)]

@@ -1,4 +1,5 @@
-//! The tangent-linear tendency N'(x̄) δx: [`super::tendency`] differentiated line by line.
+//! The tangent-linear tendency N'(x̄) δx of whole fields, with coefficients computed once for many evaluations: for the
+//! forecast of a linear model's state, and the start of leapfrog. The lines are the derivatives in [`super::kernel`].
 //!
 //! ```text
 //! δU = h̄ˣ δu + u mean_x(δh)                       δq = δζ / h̄ˣʸ − (q / h̄ˣʸ) mean_xy(δh)
@@ -11,7 +12,8 @@
 //!
 //! The fields of x̄ in these lines are the [`Coefficients`].
 
-use super::tendency::{Diagnostics, add_damping, diagnose, load_all, minus_divergence, minus_gradient, zeros};
+use super::damping::add_damping;
+use super::kernel::{self, Constants, VorticityWeights, mass_flux, mass_flux_tl, potential_vorticity_tl};
 use super::{ShallowWater, VectorInvariant, padded_fields};
 use crate::grid::Location;
 use crate::halo::Halo;
@@ -31,7 +33,7 @@ pub struct Coefficients {
     pub(super) per_thickness: Vec<f64>,
     /// q / (4 h̄ˣʸ) at corners.
     pub(super) quarter_q_per_thickness: Vec<f64>,
-    /// What multiplies the vorticity term's increments.
+    /// Derivatives of the vorticity term.
     pub(super) vorticity_term: VorticityTerm,
 }
 
@@ -48,22 +50,21 @@ impl Coefficients {
     /// The coefficients at a state `[variable, y, x]`.
     pub(super) fn new(model: &ShallowWater, at: &[f64]) -> Self {
         let halo = &model.halo;
-        let [mut h, mut u, mut v, mut mass_flux_x, mut mass_flux_y, mut q, mut bernoulli] = zeros(halo);
+        let constants = Constants::new(model);
+        let [mut h, mut u, mut v, mut mass_flux_x, mut mass_flux_y, mut q] = std::array::from_fn(|_| halo.zeros());
         load_all(model, at, [&mut h, &mut u, &mut v]);
-        diagnose(
-            model,
-            &h,
-            &u,
-            &v,
-            &mut Diagnostics {
-                mass_flux_x: &mut mass_flux_x,
-                mass_flux_y: &mut mass_flux_y,
-                potential_vorticity: &mut q,
-                bernoulli: &mut bernoulli,
-            },
-        );
         let (h0, h_w, h_s, h_sw) =
             (halo.core(&h), halo.shift(&h, 0, -1), halo.shift(&h, -1, 0), halo.shift(&h, -1, -1));
+        let (u0, u_s, v0, v_w) = (halo.core(&u), halo.shift(&u, -1, 0), halo.core(&v), halo.shift(&v, 0, -1));
+        let coriolis = halo.core(&model.coriolis);
+        let (out_x, out_y, out_q) =
+            (halo.core_mut(&mut mass_flux_x), halo.core_mut(&mut mass_flux_y), halo.core_mut(&mut q));
+        for k in 0..halo.core_len() {
+            let vorticity = constants.vorticity([u0[k], u_s[k]], [v0[k], v_w[k]]);
+            out_x[k] = mass_flux([h0[k], h_w[k]], u0[k]);
+            out_y[k] = mass_flux([h0[k], h_s[k]], v0[k]);
+            out_q[k] = kernel::potential_vorticity(coriolis[k], vorticity, h0[k] + h_w[k] + h_s[k] + h_sw[k]);
+        }
         let (q0, q_n, q_e) = (halo.core(&q), halo.shift(&q, 1, 0), halo.shift(&q, 0, 1));
         let flux_x = |rows, columns| halo.shift(&mass_flux_x, rows, columns);
         let flux_y = |rows, columns| halo.shift(&mass_flux_y, rows, columns);
@@ -154,12 +155,12 @@ fn mass_fluxes(
     let (u0, thickness, half_u) = (halo.core(u), halo.core(&at.thickness_x), halo.core(&at.half_u));
     let out = halo.core_mut(flux_x);
     for k in 0..n {
-        out[k] = thickness[k] * u0[k] + half_u[k] * (h0[k] + h_w[k]);
+        out[k] = mass_flux_tl(thickness[k], half_u[k], h0[k] + h_w[k], u0[k]);
     }
     let (v0, thickness, half_v) = (halo.core(v), halo.core(&at.thickness_y), halo.core(&at.half_v));
     let out = halo.core_mut(flux_y);
     for k in 0..n {
-        out[k] = thickness[k] * v0[k] + half_v[k] * (h0[k] + h_s[k]);
+        out[k] = mass_flux_tl(thickness[k], half_v[k], h0[k] + h_s[k], v0[k]);
     }
 }
 
@@ -167,14 +168,15 @@ fn mass_fluxes(
 #[inline(always)]
 fn potential_vorticity(model: &ShallowWater, at: &Coefficients, h: &[f64], u: &[f64], v: &[f64], q: &mut [f64]) {
     let halo = &model.halo;
-    let (per_dx, per_dy) = (1.0 / model.layout.grid.dx_m, 1.0 / model.layout.grid.dy_m);
+    let constants = Constants::new(model);
     let (h0, h_w, h_s, h_sw) = (halo.core(h), halo.shift(h, 0, -1), halo.shift(h, -1, 0), halo.shift(h, -1, -1));
     let (u0, u_s, v0, v_w) = (halo.core(u), halo.shift(u, -1, 0), halo.core(v), halo.shift(v, 0, -1));
     let (per_thickness, quarter_q) = (halo.core(&at.per_thickness), halo.core(&at.quarter_q_per_thickness));
     let out = halo.core_mut(q);
     for k in 0..halo.core_len() {
-        let vorticity = (v0[k] - v_w[k]) * per_dx - (u0[k] - u_s[k]) * per_dy;
-        out[k] = vorticity * per_thickness[k] - quarter_q[k] * (h0[k] + h_w[k] + h_s[k] + h_sw[k]);
+        let vorticity = constants.vorticity([u0[k], u_s[k]], [v0[k], v_w[k]]);
+        let h_sum = (h0[k] + h_w[k]) + (h_s[k] + h_sw[k]);
+        out[k] = potential_vorticity_tl(per_thickness[k], quarter_q[k], vorticity, h_sum);
     }
 }
 
@@ -182,14 +184,14 @@ fn potential_vorticity(model: &ShallowWater, at: &Coefficients, h: &[f64], u: &[
 #[inline(always)]
 fn bernoulli_function(model: &ShallowWater, at: &Coefficients, h: &[f64], u: &[f64], v: &[f64], bernoulli: &mut [f64]) {
     let halo = &model.halo;
-    let gravity = model.parameters.gravity_m_per_s2;
+    let constants = Constants::new(model);
     let (h0, u0, u_e, v0, v_n) = (halo.core(h), halo.core(u), halo.shift(u, 0, 1), halo.core(v), halo.shift(v, 1, 0));
     let (half_u, half_u_e) = (halo.core(&at.half_u), halo.shift(&at.half_u, 0, 1));
     let (half_v, half_v_n) = (halo.core(&at.half_v), halo.shift(&at.half_v, 1, 0));
     let out = halo.core_mut(bernoulli);
     for k in 0..halo.core_len() {
-        out[k] =
-            gravity * h0[k] + (half_u[k] * u0[k] + half_u_e[k] * u_e[k]) + (half_v[k] * v0[k] + half_v_n[k] * v_n[k]);
+        let (half_u, half_v) = ([half_u[k], half_u_e[k]], [half_v[k], half_v_n[k]]);
+        out[k] = constants.bernoulli_tl(half_u, half_v, h0[k], [u0[k], u_e[k]], [v0[k], v_n[k]]);
     }
 }
 
@@ -214,15 +216,17 @@ fn add_vorticity_term(
             VorticityTerm::PotentialEnstrophy { flux_y, q_x, .. } => {
                 let (mean_flux, mean_q) = (row(flux_y, 0, 0), row(q_x, 0, 0));
                 for i in 0..nx {
-                    out[i] += mean_flux[i] * (q0[i] + q_n[i]) + mean_q[i] * (v[i] + v_w[i] + v_n[i] + v_nw[i]);
+                    let weights = VorticityWeights { of_q: [mean_flux[i]; 2], of_flux: [mean_q[i]; 2] };
+                    out[i] += weights.apply([q0[i], q_n[i]], [v[i] + v_w[i], v_n[i] + v_nw[i]]);
                 }
             }
             VorticityTerm::Energy { flux_y, q, .. } => {
                 let (mean_flux, mean_flux_n) = (row(flux_y, 0, 0), row(flux_y, 1, 0));
                 let (quarter_q, quarter_q_n) = (row(q, 0, 0), row(q, 1, 0));
                 for i in 0..nx {
-                    out[i] += (mean_flux[i] * q0[i] + mean_flux_n[i] * q_n[i])
-                        + (quarter_q[i] * (v[i] + v_w[i]) + quarter_q_n[i] * (v_n[i] + v_nw[i]));
+                    let (of_q, of_flux) = ([mean_flux[i], mean_flux_n[i]], [quarter_q[i], quarter_q_n[i]]);
+                    let weights = VorticityWeights { of_q, of_flux };
+                    out[i] += weights.apply([q0[i], q_n[i]], [v[i] + v_w[i], v_n[i] + v_nw[i]]);
                 }
             }
         }
@@ -235,17 +239,62 @@ fn add_vorticity_term(
             VorticityTerm::PotentialEnstrophy { flux_x, q_y, .. } => {
                 let (mean_flux, mean_q) = (row(flux_x, 0, 0), row(q_y, 0, 0));
                 for i in 0..nx {
-                    out[i] -= mean_flux[i] * (q0[i] + q_e[i]) + mean_q[i] * (u[i] + u_e[i] + u_s[i] + u_se[i]);
+                    let weights = VorticityWeights { of_q: [mean_flux[i]; 2], of_flux: [mean_q[i]; 2] };
+                    out[i] -= weights.apply([q0[i], q_e[i]], [u[i] + u_s[i], u_e[i] + u_se[i]]);
                 }
             }
             VorticityTerm::Energy { flux_x, q, .. } => {
                 let (mean_flux, mean_flux_e) = (row(flux_x, 0, 0), row(flux_x, 0, 1));
                 let (quarter_q, quarter_q_e) = (row(q, 0, 0), row(q, 0, 1));
                 for i in 0..nx {
-                    out[i] -= (mean_flux[i] * q0[i] + mean_flux_e[i] * q_e[i])
-                        + (quarter_q[i] * (u[i] + u_s[i]) + quarter_q_e[i] * (u_e[i] + u_se[i]));
+                    let (of_q, of_flux) = ([mean_flux[i], mean_flux_e[i]], [quarter_q[i], quarter_q_e[i]]);
+                    let weights = VorticityWeights { of_q, of_flux };
+                    out[i] -= weights.apply([q0[i], q_e[i]], [u[i] + u_s[i], u_e[i] + u_se[i]]);
                 }
             }
         }
+    }
+}
+
+/// `out_h` = −δx U/dx − δy V/dy.
+#[inline(always)]
+fn minus_divergence(model: &ShallowWater, flux_x: &[f64], flux_y: &[f64], out_h: &mut [f64]) {
+    let (halo, constants) = (&model.halo, Constants::new(model));
+    for (j, out) in out_h.chunks_exact_mut(halo.columns()).enumerate() {
+        let (west, east) = (halo.row(flux_x, j, 0, 0), halo.row(flux_x, j, 0, 1));
+        let (south, north) = (halo.row(flux_y, j, 0, 0), halo.row(flux_y, j, 1, 0));
+        for i in 0..halo.columns() {
+            out[i] = constants.minus_divergence([west[i], east[i]], [south[i], north[i]]);
+        }
+    }
+}
+
+/// `out_u` = −δx B/dx, `out_v` = −δy B/dy, but zero at walls.
+#[inline(always)]
+fn minus_gradient(model: &ShallowWater, bernoulli: &[f64], out_u: &mut [f64], out_v: &mut [f64]) {
+    let (halo, constants) = (&model.halo, Constants::new(model));
+    let walls = halo.first_row(Location::YFace);
+    out_v[..walls * halo.columns()].fill(0.0);
+    let rows = out_u.chunks_exact_mut(halo.columns()).zip(out_v.chunks_exact_mut(halo.columns()));
+    for (j, (out_u, out_v)) in rows.enumerate() {
+        let b = halo.row(bernoulli, j, 0, 0);
+        let (west, south) = (halo.row(bernoulli, j, 0, -1), halo.row(bernoulli, j, -1, 0));
+        for i in 0..halo.columns() {
+            out_u[i] = constants.minus_gradient_x(west[i], b[i]);
+        }
+        if j >= walls {
+            for i in 0..halo.columns() {
+                out_v[i] = constants.minus_gradient_y(south[i], b[i]);
+            }
+        }
+    }
+}
+
+/// Pads the three fields under their boundary conditions.
+#[inline(always)]
+fn load_all(model: &ShallowWater, x: &[f64], padded: [&mut [f64]; 3]) {
+    let locations = [Location::Center, Location::XFace, Location::YFace];
+    for ((field, padded), location) in model.fields(x).into_iter().zip(padded).zip(locations) {
+        model.halo.load(location, field, padded);
     }
 }

@@ -1,6 +1,6 @@
 //! `kind = "balanced"`.
 
-use super::{CovarianceSettings, LENGTH_KM};
+use super::component::{CovarianceSettings, LENGTH_KM};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{AnyKey, Key, Limits, Read, Section};
 use crate::scenario::Dynamics;

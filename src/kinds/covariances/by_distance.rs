@@ -1,6 +1,6 @@
 //! `kind = "by_distance"`.
 
-use super::{CovarianceSettings, LENGTH_KM, SIGMA, VARIABLE};
+use super::component::{CovarianceSettings, LENGTH_KM, SIGMA, VARIABLE};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, AnyKey, Choice, Key, Limits, Read, Section};
 use isobar_assim::covariance::{CorrelationFunction, Univariate};

@@ -1,6 +1,6 @@
 //! `kind = "members"`.
 
-use super::{CovarianceSettings, VARIABLE};
+use super::component::{CovarianceSettings, VARIABLE};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, AnyKey, Described, Key, Limits, Read, Section, fields};
 use faer::Mat;

@@ -2,16 +2,18 @@
 
 mod balanced;
 mod by_distance;
+mod component;
 mod members;
 mod univariate;
 mod white;
 
+pub use component::CovarianceSettings;
+
 use super::{Domain, Kinds};
-use crate::reader::{Described, Field, Key, Limits, Read};
+use crate::reader::{Field, Read};
 use isobar_assim::covariance::Sum;
 use isobar_assim::{Covariance, Error};
 use isobar_model::Layout;
-use std::fmt::Debug;
 use std::sync::Arc;
 
 /// All kinds of components.
@@ -22,18 +24,6 @@ pub(crate) const COVARIANCES: &Kinds<dyn CovarianceSettings, Domain> = &[
     &members::MembersKind,
     &white::WhiteKind,
 ];
-
-/// The settings of one of the independent components whose covariances add up.
-pub trait CovarianceSettings: Debug + Send + Sync {
-    /// The covariance of a state.
-    ///
-    /// # Errors
-    /// If there is no such covariance for the layout.
-    fn build(&self, layout: &Layout) -> Result<Box<dyn Covariance>, Error>;
-
-    /// The correlation length \[m\]; `None` where points are not correlated, or nothing says how far.
-    fn length_m(&self) -> Option<f64>;
-}
 
 /// The components of a covariance.
 pub type Components = Vec<Arc<dyn CovarianceSettings>>;
@@ -55,14 +45,3 @@ pub fn build(components: &Components, layout: &Layout) -> Result<Arc<dyn Covaria
     let terms = components.iter().map(|component| component.build(layout)).collect::<Result<Vec<_>, _>>()?;
     Ok(Arc::new(Sum::new(layout.len(), terms)))
 }
-
-const LENGTH_KM: Key<Limits> = Key::required(
-    "length_km",
-    "km",
-    Limits::Between(1e-3, 1e5),
-    "correlation length: of the height, or of the variable",
-);
-
-const VARIABLE: Key<Described> = Key::required("variable", "", Described("a variable of the model"), "the variable");
-
-const SIGMA: Key<Limits> = Key::required("sigma", "of the variable", Limits::Positive, "standard deviation");

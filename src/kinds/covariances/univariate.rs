@@ -1,6 +1,6 @@
 //! `kind = "univariate"`.
 
-use super::{CovarianceSettings, LENGTH_KM, SIGMA, VARIABLE};
+use super::component::{CovarianceSettings, LENGTH_KM, SIGMA, VARIABLE};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{AnyKey, Read, Section};
 use isobar_assim::covariance::Univariate;

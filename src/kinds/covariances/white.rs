@@ -1,6 +1,6 @@
 //! `kind = "white"`.
 
-use super::{CovarianceSettings, SIGMA, VARIABLE};
+use super::component::{CovarianceSettings, SIGMA, VARIABLE};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{AnyKey, Read, Section};
 use isobar_assim::covariance::White;

@@ -1,6 +1,6 @@
 //! `kind = "file"`: observations made elsewhere.
 
-use super::at_file;
+use super::common::at_file;
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, AnyKey, Choice, Described, Key, Limits, Read, Section, files};
 use isobar_model::Duration;

@@ -1,6 +1,7 @@
 //! `kind = "radiosonde"`: stations that stay where they are.
 
-use super::{COMMON, at_file, bias};
+use super::bias;
+use super::common::{COMMON, at_file};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, AnyKey, Described, Field, Key, Limits, Read, Section, files};
 use isobar_obs::{
@@ -118,7 +119,7 @@ impl Kind<dyn InstrumentSettings, Domain> for RadiosondeKind {
 
     fn read(&self, section: &Section<'_>, domain: &Domain) -> Read<Box<dyn InstrumentSettings>> {
         let variables = variables(section, domain)?;
-        let groups = texts(section, GROUPS.name)?;
+        let (groups, reference_groups) = (texts(section, GROUPS.name)?, texts(section, REFERENCE_GROUPS.name)?);
         let group_by = section.optional(GROUP_BY.name);
         let stations = match stations(&section.required(STATIONS.name)?)? {
             Stations::File(stations) => {
@@ -144,7 +145,7 @@ impl Kind<dyn InstrumentSettings, Domain> for RadiosondeKind {
         }
         Ok(Box::new(RadiosondeSettings {
             stations,
-            reference_groups: texts(section, REFERENCE_GROUPS.name)?,
+            reference_groups,
             edge_margin_m: section.get(&EDGE_MARGIN_KM)? * 1e3,
             biases: biases(section, &variables)?,
             variables,

@@ -1,6 +1,7 @@
 //! `kind = "satellite"`: a polar-orbiting satellite with a cross-track scanner.
 
-use super::{COMMON, bias};
+use super::bias;
+use super::common::COMMON;
 use crate::kinds::{Domain, Kind};
 use crate::reader::{self, Absent, AnyKey, Choice, Described, Key, Limits, Read, Section, Whole};
 use isobar_obs::{AirMassBias, Heading, InstrumentSettings, ObservedVariable, SatelliteSettings, ScanBias, ScanTerm};

@@ -1,7 +1,7 @@
 //! The forecast: tangent-linear columns a few at a time; only the band of their covariance is kept.
 
 use super::band::Band;
-use super::{Banded, Memory};
+use super::{BATCH, Banded, Memory};
 use crate::error::Error;
 use crate::filter::Cycle;
 use crate::linalg::{cholesky, product, semidefinite_root, solve_lower, solve_lower_transposed};
@@ -11,9 +11,6 @@ use faer::{Accum, Mat, MatRef, Par};
 use isobar_model::vector::{add, scale};
 use isobar_model::{State, forecast};
 use rayon::prelude::*;
-
-/// Columns that are propagated together.
-pub(super) const BATCH: usize = 128;
 
 /// Columns of the band that are worked out together.
 const STRIP: usize = 64;

@@ -21,6 +21,9 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
+/// Columns that are propagated together.
+const BATCH: usize = 128;
+
 /// WO 97/18442, p. 11: *error covariance matrices of numerical weather forecasts are typically band-diagonal*; then one can
 /// proceed *without merging state parameters s into the observational blocks*, and invert their covariance *as one large
 /// block*, bordered by the calibration parameters by Frobenius' formula (26).
@@ -102,7 +105,7 @@ impl Banded {
         let m = layout.len();
         let half_bandwidth = half_bandwidth.min(m - 1);
         // L, Q, W or the next L, and a batch of columns.
-        let needed_bytes = 8 * (3 * (half_bandwidth as u64 + 1) + 2 * forecast::BATCH as u64) * m as u64;
+        let needed_bytes = 8 * (3 * (half_bandwidth as u64 + 1) + 2 * BATCH as u64) * m as u64;
         if needed_bytes > problem.memory_limit_bytes {
             return Err(Error::TooLarge {
                 what: format!("the bands of {half_bandwidth} diagonals for {m} values"),

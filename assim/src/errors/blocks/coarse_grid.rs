@@ -170,9 +170,9 @@ impl Interpolation {
     /// Towards a wall points inside of the cells are continued constantly, those on the edges to zero at the wall.
     fn new(count: usize, factor: usize, offset: f64, walls: bool) -> Self {
         let (last, on_edge) = (count as i64 - 1, offset == 0.0);
-        let place = |number: i64| match walls {
-            false => number.rem_euclid(count as i64) as usize,
-            true => number.clamp(0, last) as usize,
+        let place = |number: i64| {
+            let place = if walls { number.clamp(0, last) } else { number.rem_euclid(count as i64) };
+            place as usize
         };
         let places: Vec<[(usize, f64); 2]> = (0..count * factor)
             .map(|fine| {

@@ -1,11 +1,13 @@
 //! The common factors Φ = [Φ_b; Φ_c].
 
-use crate::linalg::product;
+use crate::error::Error;
+use crate::linalg::{cholesky, product, solve_lower};
 use crate::memory::Matrix;
 use crate::tall_matrix::{ColumnMut, Precision, TallMatrix, scaled_gram, stored};
 use faer::{Mat, MatRef};
 use isobar_model::Stored;
 use isobar_model::vector::axpy;
+use isobar_obs::Calibration;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -21,6 +23,34 @@ pub(crate) struct Factors {
     pub local: TallMatrix,
     /// Φ_c, `[shared parameters, r]`.
     pub shared: Matrix,
+}
+
+/// Factors of the state `[m, r]` with those of the prior covariance P_c of the parameters. With P_c's part of the shared
+/// parameters as L Lᵀ, the local ones have `C_ls L⁻ᵀ` in the first p factors, which carry the shared ones: it holds their
+/// covariance with these. The rest of their covariance is in the blocks. What local parameters of two blocks have in common
+/// beyond the shared ones is dropped, as whatever two blocks have in common.
+///
+/// # Errors
+/// If P_c is not positive definite.
+pub(super) fn with_priors(
+    state: TallMatrix,
+    calibration: &Calibration,
+    shared: &[usize],
+    local: &[usize],
+) -> Result<Factors, Error> {
+    let covariance = |i: usize, j: usize| calibration.prior_covariance(i, j);
+    let (p, r) = (shared.len(), state.columns());
+    let own = Mat::from_fn(p, p, |i, j| covariance(shared[i], shared[j]));
+    let root = cholesky(own, || "the prior covariance of the shared calibration parameters".into())?;
+    // (C_ls L⁻ᵀ)ᵀ = L⁻¹ C_sl, `[p, local]`.
+    let mut with_local = Mat::from_fn(p, local.len(), |i, j| covariance(shared[i], local[j]));
+    solve_lower(root.as_ref(), with_local.as_mut());
+    let mut of_local = TallMatrix::zeros(local.len(), r, Precision::Double);
+    for column in 0..p {
+        (0..local.len()).for_each(|local| of_local.set(local, column, with_local[(column, local)]));
+    }
+    let of_shared = Mat::from_fn(p, r, |i, j| if j < p { root[(i, j)] } else { 0.0 });
+    Ok(Factors { state, local: of_local, shared: Matrix(of_shared) })
 }
 
 impl Factors {

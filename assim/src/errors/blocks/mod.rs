@@ -189,7 +189,7 @@ impl BlockErrors {
         });
         let mut state = leading(&*problem.background_error, &mut of_background);
         state.prepend(p);
-        let factors = calibration::with_priors(state, &calibration, &shared, &local)?;
+        let factors = factors::with_priors(state, &calibration, &shared, &local)?;
         let mut own = BlockDiagonal::of(&*problem.background_error, &blocks);
         own.add_factors(&blocks, -1.0, &factors);
         // What the factors hold of it has just been taken out.
