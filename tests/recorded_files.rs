@@ -157,7 +157,7 @@ fn what_cannot_be_used_is_said_before_the_run() {
     assert!(said(&output).contains(late) && said(&output).contains("no observation was used"), "{}", said(&output));
     let valid = numbers(directory.path(), "time");
     assert_eq!(valid[1] - valid[0], 43.0 * 60.0, "the times are those of the file");
-    assert_eq!(run(TRACER, "time_tolerance_minutes = 5", csv, "quality_code"), [3.0, 0.0]);
+    assert_eq!(run(TRACER, "time_tolerance_minutes = 5", csv, "quality_code"), [0.0, 3.0]);
     assert_eq!(run(TRACER, "time_tolerance_minutes = 45", csv, "time"), valid);
     let outside = "cycle,latitude_deg,longitude_deg,variable,value,sigma\n1,40,100,u,1,1\n";
     let (_directory, output) = command("run", WATER, &network(""), outside);
