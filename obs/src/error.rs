@@ -1,6 +1,6 @@
 //! What can be wrong with a file of stations or observations, or with the description of an observing system.
 
-use crate::table::TableError;
+use crate::table::error::TableError;
 use std::fmt;
 
 /// A fault in a file of stations or observations, or in the description of an observing system.

@@ -1,7 +1,7 @@
 //! Tables in CSV, of stations, observations, fields or sensors, as people and spreadsheets write them.
 
 mod decode;
-mod error;
+pub(crate) mod error;
 mod line;
 
 pub use decode::decode;

@@ -6,11 +6,11 @@ pub mod satellite;
 
 use crate::error::{ObservationError, require};
 use crate::observation::Observation;
+use crate::recorded_use::RecordedUse;
 use crate::site::Site;
 use crate::station::{LeftOutStation, Station};
 use isobar_model::Layout;
 use rand_chacha::ChaCha8Rng;
-use recorded::RecordedUse;
 use std::fmt;
 
 /// The settings of an instrument, and how it is built from them.

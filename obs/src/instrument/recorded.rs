@@ -5,6 +5,7 @@ use crate::error::{ObservationError, list, require};
 use crate::observation::{Observation, Reading};
 use crate::observation_file::{ObservationFile, ObservationPlace, ObservationRecord, ValidTime};
 use crate::projection::Projection;
+use crate::recorded_use::RecordedUse;
 use crate::report::Report;
 use crate::site::Site;
 use crate::station::no_projection;
@@ -12,7 +13,6 @@ use crate::table::Faults;
 use isobar_model::{Duration, Layout, Time};
 use rand_chacha::ChaCha8Rng;
 use std::collections::{HashMap, HashSet};
-use std::fmt;
 use std::sync::Arc;
 
 /// Observations of a file, each in the cycle at whose end it is valid. What is valid within a window but not at its end
@@ -40,45 +40,6 @@ pub enum WindAxes {
     Earth,
     /// u along the plane's x axis, v along its y axis.
     Grid,
-}
-
-/// What becomes of the observations of a file, before quality control looks at their values.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct RecordedUse {
-    /// Rows of the file.
-    pub rows: usize,
-    /// Of these: without a value or a place.
-    pub missing: usize,
-    /// Valid before the first window or after the last.
-    pub in_no_cycle: usize,
-    /// Not valid at the end of a window.
-    pub late: usize,
-    /// Outside of the domain.
-    pub outside: usize,
-    /// The same again.
-    pub duplicate: usize,
-    /// The rest.
-    pub usable: usize,
-}
-
-impl fmt::Display for RecordedUse {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { rows, missing, in_no_cycle, late, outside, duplicate, usable } = self;
-        write!(f, "{usable} of {rows} observations can be used")?;
-        let reasons = [
-            (missing, "missing"),
-            (in_no_cycle, "not valid in any cycle"),
-            (late, "not valid at the end of a cycle (time_tolerance_minutes allows for that)"),
-            (outside, "outside of the domain"),
-            (duplicate, "duplicate"),
-        ];
-        let mut separator = ": ";
-        for (count, reason) in reasons.iter().filter(|reason| *reason.0 > 0) {
-            write!(f, "{separator}{count} {reason}")?;
-            separator = ", ";
-        }
-        Ok(())
-    }
 }
 
 impl InstrumentSettings for RecordedSettings {

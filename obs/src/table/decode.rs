@@ -1,6 +1,6 @@
 //! From the bytes of a file to its text.
 
-use super::TableError;
+use super::error::TableError;
 
 /// The text of a table, which must be in UTF-8. `file` is its name, for messages.
 ///
