@@ -5,8 +5,9 @@
 //! actual Q and R ([`isobar_assim::actual_errors`]): what the mean squares of infinitely many seeds would be. The places of
 //! random observations (missing ones, random stations) are those of the scenario's seed.
 
+use crate::kinds::methods::Method;
 use crate::run::experiment::{self, ExperimentError, Ground};
-use crate::scenario::{Algorithm, Dynamics, Scenario, ScenarioError};
+use crate::scenario::{Scenario, ScenarioError};
 use crate::scores::Values;
 use indexmap::IndexMap;
 use isobar_assim::actual_errors::ActualErrors;
@@ -55,7 +56,7 @@ pub fn exact(scenario: &Scenario, options: &ExactOptions) -> Result<ExactSummary
     let (names, left_out) = chosen(scenario, options)?;
     // A smoother leaves the filter's gains as they are, and would only take part in the analyses that find them.
     let mut scenario = scenario.clone();
-    scenario.methods.values_mut().for_each(|method| method.algorithm = method.algorithm.clone().without_smoother());
+    scenario.methods.values_mut().for_each(|method| method.smoother_lag_cycles = None);
     let scenario = &scenario;
     let locate = |error: ExperimentError| error.locate(scenario);
     let Ground { problem, mut observing, .. } =
@@ -85,9 +86,7 @@ pub fn exact(scenario: &Scenario, options: &ExactOptions) -> Result<ExactSummary
     };
     let of_one = |name: &String| {
         let mut method = experiment::method(&problem, name, scenario).map_err(locate)?;
-        let bias = scenario.methods[name].bias;
-        let scores_bias = bias != BiasTreatment::Known && scenario.methods[name].algorithm != Algorithm::Free;
-        let scores = world.scores(&mut *method, (bias, scores_bias), &layout);
+        let scores = world.scores(&mut *method, &scenario.methods[name], &layout);
         Ok((name.clone(), scores.map_err(|error| of_method(name, error))?))
     };
     let methods = names.par_iter().map(of_one).collect::<Result<Vec<_>, ScenarioError>>()?;
@@ -111,7 +110,7 @@ impl World {
     fn scores(
         &self,
         method: &mut dyn isobar_assim::Assimilator,
-        (bias, scores_bias): (BiasTreatment, bool),
+        settings: &Method,
         layout: &Layout,
     ) -> Result<Values, Error> {
         let elapsed = |cycle: usize| Duration::from_seconds(self.window.seconds() * cycle as i64);
@@ -137,7 +136,7 @@ impl World {
             let estimate = method.analyse(&from, observed)?.estimate;
             let jacobian = observed.operator.linearize(&from.estimate.state, &from.estimate.calibration);
             let variance: Vec<f64> = observed.sigma.iter().map(|sigma| sigma * sigma).collect();
-            errors.analyse(&gain, &jacobian, &variance, bias != BiasTreatment::Known);
+            errors.analyse(&gain, &jacobian, &variance, settings.bias != BiasTreatment::Known);
             if scored {
                 add(&mut analysis, errors.mean_squares().into_iter());
                 let squares = |values: &Option<Vec<f64>>, count: usize| -> Vec<f64> {
@@ -162,7 +161,7 @@ impl World {
         if claims_state {
             insert("spread_analysis", &spread);
         }
-        if p > 0 && scores_bias {
+        if p > 0 && settings.scores_biases() {
             scores.insert("bias_rmse".into(), root(&analysis[m..]));
             scores.extend(claims_biases.then(|| ("bias_spread".into(), root(&spread[m..]))));
         }
@@ -179,8 +178,7 @@ fn chosen(scenario: &Scenario, options: &ExactOptions) -> Result<(Vec<String>, V
     let (mut names, mut left_out) = (Vec::new(), Vec::new());
     for (name, method) in &scenario.methods {
         let is_named = options.methods.as_ref().map(|chosen| chosen.contains(name));
-        let adapts = method.adapt.map(|_| "it adapts its errors to the data");
-        match (adapts.or(without_fixed_gain(&method.algorithm)), is_named) {
+        match (method.without_fixed_gain(), is_named) {
             (_, Some(false)) => {}
             (None, _) => names.push(name.clone()),
             (Some(reason), None) => left_out.push((name.clone(), reason)),
@@ -197,37 +195,12 @@ fn chosen(scenario: &Scenario, options: &ExactOptions) -> Result<(Vec<String>, V
     Ok((names, left_out))
 }
 
-/// Why an algorithm has no gain that the covariances alone determine; `None` if it has one.
-fn without_fixed_gain(algorithm: &Algorithm) -> Option<&'static str> {
-    match algorithm {
-        Algorithm::Free
-        | Algorithm::OptimalInterpolation { .. }
-        | Algorithm::ThreeDVar(_)
-        | Algorithm::Kalman { .. }
-        | Algorithm::SerialKalman { .. }
-        | Algorithm::BandedKalman { .. }
-        | Algorithm::FastKalman { .. } => None,
-        Algorithm::FederatedKalman { settings, .. } => {
-            let is_one = settings.systems.len() == 1 || settings.reset_every_cycles == Some(1);
-            (!is_one).then_some("its local filters go on from estimates of their own")
-        }
-        Algorithm::Climatology => Some("its background is no forecast of the model"),
-        Algorithm::TimeVolume { .. } => Some("its corrections of the model depend on the data"),
-        Algorithm::FourDVar(_) => Some("its window analyses earlier observations again"),
-        Algorithm::HybridThreeDVar { .. }
-        | Algorithm::EnsembleTransform { .. }
-        | Algorithm::LocalEnsembleTransform { .. }
-        | Algorithm::StochasticEnsemble { .. } => Some("the gain of an ensemble is random"),
-    }
-}
-
 fn check_linear(scenario: &Scenario) -> Result<(), ScenarioError> {
-    if matches!(scenario.model.dynamics, Dynamics::ShallowWater(_)) {
-        let message = "exact performance needs a linear model, and shallow_water is not linear".to_string();
-        let wanted = "it would have to be linear_shallow_water, advection or exact_shift";
-        return Err(scenario.fault(&["model", "kind"], message, wanted));
+    if !scenario.model.equations.is_linear() {
+        let message = format!("exact performance needs a linear model, and {} is not linear", scenario.model.kind);
+        return Err(scenario.fault(&["model", "kind"], message, "not linear"));
     }
-    if scenario.truth.model != scenario.model {
+    if scenario.truth_has_other_model() {
         let message =
             "exact performance needs the same model for the truth: else errors depend on the state".to_string();
         return Err(scenario.fault(&["truth", "model"], message, "another model"));

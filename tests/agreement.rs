@@ -1,17 +1,13 @@
 //! With one block over the domain and the biases' covariance carried, the Fast Kalman Filter *is* the Kalman filter: on
 //! every scenario that is small enough, with its biases and without.
 
-use crate::runs::{run_options, scenarios};
+use crate::runs::{run_options, scenarios, with_methods};
 use isobar::event::Event;
 use isobar::output::{Sink, SinkError};
-use isobar::scenario::{Algorithm, Method};
-use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Precision, Residual};
-use isobar_assim::{BiasTreatment, Estimate};
+use isobar_assim::Estimate;
 
 /// The largest state for which this takes seconds.
 const MOST_VALUES: usize = 2000;
-
-const MEMORY: u64 = 4 << 30;
 
 /// Backgrounds and analyses of each method.
 #[derive(Default)]
@@ -38,34 +34,17 @@ fn relative_difference(found: &[f64], expected: &[f64]) -> f64 {
 #[test]
 fn one_block_equals_the_kalman_filter_on_every_small_scenario() {
     let mut compared = 0;
-    for mut scenario in scenarios() {
+    for scenario in scenarios() {
         let grid = &scenario.grid.grid;
         if scenario.model.variables().len() * grid.cells() > MOST_VALUES {
             continue;
         }
-        for bias in [BiasTreatment::Estimate, BiasTreatment::Ignore] {
-            let algorithms = [
-                Algorithm::Kalman { smoother_lag_cycles: None, memory_limit_bytes: MEMORY },
-                Algorithm::FastKalman {
-                    settings: FastKalmanSettings {
-                        blocks: BlockShape::Domain,
-                        bias_coupling: BiasCoupling::Carry,
-                        factors: 0,
-                        retained_energy: 1.0,
-                        residual: Residual::Exact,
-                        largest_component: usize::MAX,
-                        separator_factors: 0,
-                        factor_precision: Precision::Double,
-                    },
-                    factor_grid: 1,
-                    memory_limit_bytes: MEMORY,
-                },
-            ];
-            scenario.methods = ["kf", "fkf"]
-                .map(String::from)
-                .into_iter()
-                .zip(algorithms.map(|algorithm| Method { bias, algorithm, adapt: None }))
-                .collect();
+        for bias in ["estimate", "ignore"] {
+            let methods = format!(
+                "kf = {{ kind = \"kf\", bias = \"{bias}\", memory_limit_gb = 4 }}\n\
+                 fkf = {{ kind = \"fkf\", bias = \"{bias}\", blocks = \"domain\", memory_limit_gb = 4 }}"
+            );
+            let scenario = with_methods(&scenario, &methods);
             let directory = tempfile::tempdir().unwrap();
             let mut estimates = Estimates::default();
             // The fourth cycle is the second with soundings where they come every other cycle.
@@ -76,10 +55,10 @@ fn one_block_equals_the_kalman_filter_on_every_small_scenario() {
                 let state = relative_difference(found.state.values(), expected.state.values());
                 let spread =
                     relative_difference(found.state_spread.as_ref().unwrap(), expected.state_spread.as_ref().unwrap());
-                assert!(state < 1e-8 && spread < 1e-8, "{}, {bias:?}: {state:e}, {spread:e}", scenario.name);
+                assert!(state < 1e-8 && spread < 1e-8, "{}, {bias}: {state:e}, {spread:e}", scenario.name);
                 if let (Some(found), Some(expected)) = (&found.calibration_spread, &expected.calibration_spread) {
                     let spread = relative_difference(found, expected);
-                    assert!(spread < 1e-8, "{}, {bias:?}: biases' spread {spread:e}", scenario.name);
+                    assert!(spread < 1e-8, "{}, {bias}: biases' spread {spread:e}", scenario.name);
                 }
             }
             compared += 1;

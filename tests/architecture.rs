@@ -24,8 +24,8 @@ fn own_dependencies(metadata: &serde_json::Value, package: &str) -> Vec<String> 
     names
 }
 
-#[test]
-fn data_flows_one_way_between_the_packages() {
+/// What cargo says of the project's packages.
+fn metadata() -> serde_json::Value {
     let cargo = std::env::var("CARGO").unwrap_or("cargo".into());
     let output = Command::new(cargo)
         .args(["metadata", "--format-version", "1", "--no-deps", "--offline"])
@@ -33,7 +33,33 @@ fn data_flows_one_way_between_the_packages() {
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let metadata: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn every_dependency_is_used() {
+    let metadata = metadata();
+    let packages = metadata["packages"].as_array().unwrap();
+    assert_eq!(packages.len(), 4);
+    for package in packages {
+        let folder = Path::new(package["manifest_path"].as_str().unwrap()).parent().unwrap();
+        let code_in = |folders: &[&str]| -> String {
+            let folders = folders.iter().map(|name| folder.join(name)).filter(|folder| folder.is_dir());
+            folders.flat_map(|folder| sources(&folder)).map(|path| fs::read_to_string(path).unwrap()).collect()
+        };
+        let (own, all) = (code_in(&["src"]), code_in(&["src", "tests", "benches", "examples"]));
+        for dependency in package["dependencies"].as_array().unwrap() {
+            let name = dependency["name"].as_str().unwrap();
+            let path = format!("{}::", name.replace('-', "_"));
+            let code = if dependency["kind"].is_null() { &own } else { &all };
+            assert!(code.contains(&path), "{} does not use {name}", package["name"]);
+        }
+    }
+}
+
+#[test]
+fn data_flows_one_way_between_the_packages() {
+    let metadata = metadata();
     assert_eq!(own_dependencies(&metadata, "isobar-model"), Vec::<String>::new());
     assert_eq!(own_dependencies(&metadata, "isobar-obs"), ["isobar-model"]);
     assert_eq!(own_dependencies(&metadata, "isobar-assim"), ["isobar-model", "isobar-obs"]);

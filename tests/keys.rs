@@ -31,7 +31,7 @@ fn every_list_of_kinds_is_shown_with_their_keys() {
             assert!(keys.status.success(), "{}", text(&keys.stderr));
             for key in &kind.keys {
                 assert!(
-                    text(&keys.stdout).lines().any(|line| line.starts_with(key.name)),
+                    text(&keys.stdout).lines().any(|line| line.starts_with(&key.name)),
                     "{} {}",
                     kind.name,
                     key.name

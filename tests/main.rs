@@ -14,6 +14,7 @@ mod failures;
 mod faults;
 mod file_errors;
 mod finished_runs;
+mod honest_numbers;
 mod hostile_input;
 mod keys;
 mod live;

@@ -2,11 +2,11 @@
 
 use crate::runs::{run_options, scenarios};
 use isobar::event::Event;
+use isobar::kinds::methods::Method;
 use isobar::output::{Sink, SinkError};
-use isobar::scenario::{Algorithm, Dynamics, Scenario};
+use isobar::scenario::Scenario;
 use isobar::scores::Regression;
 use isobar_assim::BiasTreatment;
-use isobar_assim::fast_kalman::{BlockShape, FastKalmanSettings};
 
 /// The largest grid for which this takes seconds.
 const MOST_CELLS: usize = 200;
@@ -37,9 +37,9 @@ fn small_scenarios_have_their_accepted_scores() {
 }
 
 /// Names of the methods that satisfy a condition.
-fn methods(scenario: &Scenario, condition: impl Fn(&Algorithm, BiasTreatment) -> bool) -> Vec<&str> {
+fn methods(scenario: &Scenario, condition: impl Fn(&Method) -> bool) -> Vec<&str> {
     let all = scenario.methods.iter();
-    all.filter(|(_, method)| condition(&method.algorithm, method.bias)).map(|(name, _)| name.as_str()).collect()
+    all.filter(|(_, method)| condition(method)).map(|(name, _)| name.as_str()).collect()
 }
 
 /// Scenarios in which the Kalman filter is not told the statistics of the world, or in which one draw says nothing of them:
@@ -63,11 +63,9 @@ fn the_kalman_filter_is_the_best_of_those_who_know_as_much() {
         }
         let expected = &scenario.expected.methods;
         let rmse = |name: &str| expected[name][&format!("rmse_analysis.{}", scenario.model.variables()[0].0)];
-        let kalman = |algorithm: &Algorithm, bias| {
-            matches!(algorithm, Algorithm::Kalman { .. }) && bias == BiasTreatment::Estimate
-        };
+        let kalman = |method: &Method| method.kind == "kf" && method.estimates_biases();
         let [best] = methods(&scenario, kalman)[..] else { panic!("{} has not one kf", scenario.name) };
-        for other in methods(&scenario, |_, bias| bias != BiasTreatment::Known) {
+        for other in methods(&scenario, |method| method.bias != BiasTreatment::Known) {
             assert!(rmse(other) > 0.999 * rmse(best), "{}: {other} beats {best}", scenario.name);
         }
     }
@@ -77,8 +75,7 @@ fn the_kalman_filter_is_the_best_of_those_who_know_as_much() {
 fn the_spread_of_the_kalman_filter_matches_its_error_on_linear_scenarios() {
     let mut checked = 0;
     for scenario in scenarios() {
-        let is_nonlinear = matches!(scenario.model.dynamics, Dynamics::ShallowWater(_));
-        if is_nonlinear || NOT_OPTIMAL.contains(&scenario.name.as_str()) {
+        if !scenario.model.equations.is_linear() || NOT_OPTIMAL.contains(&scenario.name.as_str()) {
             continue;
         }
         let scores = &scenario.expected.methods["kf"];
@@ -98,19 +95,13 @@ fn estimating_the_biases_pays() {
     for scenario in scenarios() {
         let expected = &scenario.expected.methods;
         let bias_rmse = |name: &str| expected[name]["bias_rmse"];
-        let blind =
-            methods(&scenario, |algorithm, bias| *algorithm != Algorithm::Free && bias == BiasTreatment::Ignore);
+        let ignores_biases =
+            |method: &Method| method.settings.uses_observations() && method.bias == BiasTreatment::Ignore;
+        let blind = methods(&scenario, ignores_biases);
         for blind in blind {
-            let full = |algorithm: &Algorithm, bias| {
-                bias == BiasTreatment::Estimate
-                    && !matches!(
-                        algorithm,
-                        Algorithm::Free
-                            | Algorithm::FastKalman {
-                                settings: FastKalmanSettings { blocks: BlockShape::Cell, .. },
-                                ..
-                            }
-                    )
+            let full = |method: &Method| {
+                let is_block_of_a_cell = method.kind == "fkf" && method.describe().contains("blocks of one cell");
+                method.estimates_biases() && !is_block_of_a_cell
             };
             for sighted in methods(&scenario, full) {
                 let (with, without) = (bias_rmse(sighted), bias_rmse(blind));

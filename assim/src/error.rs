@@ -56,6 +56,21 @@ pub enum Error {
         /// The value, in words.
         what: String,
     },
+    /// Observations that contradict each other are too accurate for double precision.
+    #[error(
+        "the analysis cannot be computed in double precision: it departs by {departure:e} from the observation {observation}, \
+         which contradicts others and has the standard deviation {sigma:e}, beside {spread:e} of the background there"
+    )]
+    Unresolved {
+        /// The network and platform of the observation.
+        observation: String,
+        /// y − h(analysis).
+        departure: f64,
+        /// σ of the observation's error.
+        sigma: f64,
+        /// Standard deviation of the background's error there.
+        spread: f64,
+    },
     /// A memory cannot be recalled.
     #[error("the saved state of the method cannot be used: {reason}")]
     Memory {

@@ -67,8 +67,11 @@ pub struct Analysis {
     /// y − h(analysis), one per observation.
     pub analysis_departures: Vec<f64>,
     /// Normalised innovation squared dᵀ (H P Hᵀ + R)⁻¹ d, with expectation equal to the number of observations if
-    /// the method's covariances are right; `None` for a method without them.
+    /// the method's covariances are right; `None` for a method without them, or where it could not be
+    /// computed.
     pub innovation_chi2: Option<f64>,
     /// How the observations linked blocks, for a method with blocks.
     pub partition: Option<PartitionReport>,
+    /// Why the analysis is not what the method stands for, such as a minimisation that has not converged; usually nothing.
+    pub warnings: Vec<String>,
 }

@@ -215,7 +215,7 @@ impl Assimilator for FederatedKalmanFilter {
             filters.reset()?;
         }
         let estimate = filters.estimate()?;
-        Ok(filters.master.problem.analysis(observed, innovations, estimate, innovation_chi2))
+        filters.master.problem.resolved_analysis(observed, innovations, estimate, innovation_chi2)
     }
 
     fn boxed_clone(&self) -> Box<dyn Assimilator> {

@@ -195,7 +195,8 @@ impl<E: Errors> Assimilator for Filter<E> {
         let Belief { s, errors } = &mut self.belief;
         let innovations = self.problem.innovations(observed, &s.state, &s.bias)?;
         let Fit { chi2, partition } = errors.analyse(s, &innovations)?;
-        let analysis = self.problem.analysis(observed, innovations, self.belief.estimate(&self.calibration)?, chi2);
+        let estimate = self.belief.estimate(&self.calibration)?;
+        let analysis = self.problem.resolved_analysis(observed, innovations, estimate, chi2)?;
         Ok(Analysis { partition, ..analysis })
     }
 

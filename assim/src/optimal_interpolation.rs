@@ -112,7 +112,7 @@ impl Assimilator for OptimalInterpolation {
         solve_lower(root.as_ref(), reduction.as_mut());
         *self.present.bias_covariance -= product(reduction.transpose(), reduction.as_ref());
         let estimate = self.present.estimate(Some(spread))?;
-        Ok(self.problem.analysis(observed, innovations, estimate, innovation_chi2))
+        self.problem.resolved_analysis(observed, innovations, estimate, innovation_chi2)
     }
 
     fn boxed_clone(&self) -> Box<dyn Assimilator> {

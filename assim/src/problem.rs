@@ -125,16 +125,62 @@ impl<M: ?Sized> Problem<M> {
         observed: &ObservationWindow,
         innovations: Innovations,
         estimate: Estimate,
-        innovation_chi2: f64,
+        innovation_chi2: impl Into<Option<f64>>,
     ) -> Analysis {
         let analysis_departures = self.departures(observed, &estimate.state, &estimate.calibration);
         Analysis {
             estimate,
             background_departures: innovations.departures,
             analysis_departures,
-            innovation_chi2: Some(innovation_chi2),
+            innovation_chi2: innovation_chi2.into(),
             partition: None,
+            warnings: Vec::new(),
         }
+    }
+
+    /// [`Problem::analysis`] of a method that holds covariances as sums: H P Hᵀ + R, or I + Lᵀ Hᵀ R⁻¹ H L.
+    ///
+    /// With s² a diagonal entry of H P Hᵀ, rounding changes H P Hᵀ by ε s², and the analysis at the observations by
+    /// δ(H x) ≈ (H K) δ(H P Hᵀ) z, where z = (H P Hᵀ + R)⁻¹ d = R⁻¹ (y − H x_a). As |H K| ≤ 1, the analysis is uncertain by
+    /// ε s² |y − H x_a|/σ². That matters where observations whose σ is beyond rounding contradict each other: of two, 1 ± σ
+    /// and 2 ± σ, nothing is left in the sums to show that both count the same.
+    ///
+    /// # Errors
+    /// [`Error::Unresolved`] where this exceeds 10⁻⁶ of s and of the background's departure. s is that of B, which bounds the method's from above but for errors
+    /// that grow; what is left of an observation that is fitted to 10⁻⁶ s is no contradiction.
+    pub(crate) fn resolved_analysis(
+        &self,
+        observed: &ObservationWindow,
+        innovations: Innovations,
+        estimate: Estimate,
+        innovation_chi2: impl Into<Option<f64>>,
+    ) -> Result<Analysis, Error> {
+        const TOLERANCE: f64 = 1e-6;
+        let (jacobian, variance) = (innovations.jacobian.clone(), innovations.variance.clone());
+        let analysis = self.analysis(observed, innovations, estimate, innovation_chi2);
+        for (row, (departure, variance)) in analysis.analysis_departures.iter().zip(variance).enumerate() {
+            // Nothing else can exceed the tolerance by both measures, and B is asked of these few alone.
+            if departure * departure < variance * TOLERANCE.powi(2) / f64::EPSILON {
+                continue;
+            }
+            let of_state = jacobian.state.row(row).iter();
+            let of_state = of_state.map(|&(i, weight)| weight.abs() * self.background_error.covariance(i, i).sqrt());
+            let of_biases = jacobian.calibration.row(row).iter();
+            let of_biases = of_biases.map(|&(i, weight)| weight.abs() * self.calibration.prior_covariance(i, i).sqrt());
+            let spread = of_state.sum::<f64>() + of_biases.sum::<f64>();
+            let uncertainty = f64::EPSILON * spread * spread * departure.abs() / variance;
+            let scale = spread.max(analysis.background_departures[row].abs());
+            if uncertainty > TOLERANCE * scale && departure.abs() > TOLERANCE * spread {
+                let report = &observed.reports[row];
+                return Err(Error::Unresolved {
+                    observation: format!("{}/{}", report.network, report.platform),
+                    departure: *departure,
+                    sigma: variance.sqrt(),
+                    spread,
+                });
+            }
+        }
+        Ok(analysis)
     }
 
     /// An estimate that takes no notice of `observed`.
@@ -146,6 +192,7 @@ impl<M: ?Sized> Problem<M> {
             analysis_departures: departures,
             innovation_chi2: None,
             partition: None,
+            warnings: Vec::new(),
         }
     }
 }

@@ -73,9 +73,12 @@ impl<'a> Responder<'a> {
         let (m, p, n) = (before.state.values().len(), before.calibration.len(), self.observed.len());
         let mut gain = Gain { state: Mat::zeros(m, n), calibration: Mat::zeros(p, n) };
         let mut innovations = vec![0.0; n];
+        // A response is a difference of two states: one of a thousandth of the state's size keeps all but three of its digits,
+        // where one of the size of a very small σ would be rounded away.
+        let values = before.state.values().iter().chain(&before.calibration).chain(&self.simulated);
+        let least = 1e-3 * values.fold(0.0f64, |largest, value| largest.max(value.abs()));
         for column in 0..n {
-            // Of the size of the errors, so that it is not lost among the digits of the state.
-            let size = self.observed.sigma[column];
+            let size = self.observed.sigma[column].max(least);
             innovations[column] = size;
             let response = self.to(&innovations)?;
             innovations[column] = 0.0;

@@ -90,6 +90,10 @@ fn serial_updates_stay_positive_under_nearly_perfect_observations() {
         let from_serial = serial.forecast(WINDOW).unwrap();
         let mut observed = window(&problem, 60, false, cycle, 5);
         observed.sigma.fill(1e-7);
+        // Of one state, for such observations must not contradict each other.
+        let layout = problem.background.layout();
+        let state = State::from_values(layout, standard_normals(&mut stream(cycle as u64, "state"), layout.len()));
+        observed.values = observed.operator.simulate(&state, &[0.0; 3]);
         serial.analyse(&from_serial, &observed).unwrap();
         let eigenvalues = serial.covariance().self_adjoint_eigenvalues(Side::Lower).unwrap();
         let (least, largest) = (eigenvalues[0], eigenvalues[eigenvalues.len() - 1]);

@@ -1,5 +1,6 @@
 //! The tests of the crate, in one binary.
 
+mod accurate_observations;
 mod adaptive;
 mod agreement;
 mod banded;

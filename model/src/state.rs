@@ -177,6 +177,13 @@ impl State {
         field(&self.layout, &self.values, variable)
     }
 
+    /// The root mean square of a variable about its mean over the domain, in the variable's unit.
+    pub fn variability(&self, variable: usize) -> f64 {
+        let field = self.field(variable);
+        let (sum, count) = (field.iter().sum::<f64>(), field.len() as f64);
+        (field.iter().map(|value| (value - sum / count).powi(2)).sum::<f64>() / count).sqrt()
+    }
+
     /// The values of one variable's field, row by row.
     pub fn field_mut(&mut self, variable: usize) -> &mut [f64] {
         let cells = self.layout.grid.cells();

@@ -53,7 +53,9 @@ fn a_restarted_leapfrog_keeps_the_contract_and_is_the_steps_from_its_start() {
         assert_eq!((model.time_step().seconds(), model.substeps()), (100 * steps as i64, steps));
         for at in [perturbed_jet(&tendency), turbulence(&tendency)] {
             assert!(check_contract(&model, &at).taylor_decades >= Some(4));
-            assert_eq!(check_time_step(&model, &at), check_time_step(&single, &single.start(&at)));
+            // The Euler step at the start makes waves grow, most of all if there is no other.
+            let longest = [model.largest_time_step_s(&at), single.largest_time_step_s(&single.start(&at))];
+            assert!(longest[0] < longest[1], "{longest:?}");
             let (mut levels, mut x) = (single.start(&at), at.clone());
             forecast(&single, &mut levels, steps).unwrap();
             model.step(&mut x);

@@ -18,11 +18,22 @@
 //! (Lorenc 1981, Mon. Wea. Rev. 109, 701–721). Of the observations with |z| above the limit the worst among its
 //! neighbours is rejected, then its neighbours are looked at again without it: a gross error makes its neighbours look wrong,
 //! too. The limit grows with the median of |z|, so that a wrong s or L costs power and not good observations.
+//!
+//! A median is no scale where half of the departures or more are gross, as those of a single observation may be: |z| would be
+//! 0.67 whatever it says. So s is bounded by what is expected of a forecast without observations,
+//!
+//! ```text
+//! s ≤ (3 − 2/n) e,    e² = σ_x² + (mean square of x_f about its mean over the domain),
+//! ```
+//!
+//! with σ_x what the experiment assumes of the forecast's errors: such a forecast is in the end as wrong as a state drawn from
+//! the climate. A single observation says nothing of the scale, so that s is at most e itself; many good ones may say that the
+//! errors are up to three times as large. The limit grows by at most as much.
 
 use crate::calibration::Calibration;
-use crate::observation::{Arrival, Reading};
+use crate::observation::{Arrival, Observation, Reading};
 use crate::rejection::Rejection;
-use isobar_model::{Boundary, Grid, Layout, State, Time};
+use isobar_model::{Boundary, Grid, State, Time};
 use std::collections::HashSet;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
@@ -34,6 +45,15 @@ pub struct QualityControl {
     pub length_m: f64,
     /// The least limit of |z|.
     pub limit: f64,
+}
+
+/// A forecast that no method makes, with which the values of observations are compared.
+#[derive(Clone, Copy, Debug)]
+pub struct Reference<'a> {
+    /// x_f.
+    pub state: &'a State,
+    /// σ_x of each variable, in its unit; nothing where it is not known, and departures are their own scale.
+    pub sigma: &'a [f64],
 }
 
 /// The default limit of |z|: one good observation in 16 000 is beyond it.
@@ -78,17 +98,19 @@ impl QualityControl {
     pub(crate) fn check_values(
         &self,
         arrivals: &[Arrival],
-        reference: &State,
+        reference: Reference<'_>,
         calibration: &Calibration,
         rejections: &mut [Option<Rejection>],
     ) {
-        let layout = Arc::clone(reference.layout());
-        for variable in 0..layout.variables.len() {
+        let Reference { state: reference, sigma } = reference;
+        for variable in 0..reference.layout().variables.len() {
             let of_variable = |&number: &usize| {
                 rejections[number].is_none() && arrivals[number].observation.report.variable == variable
             };
             let numbers: Vec<usize> = (0..arrivals.len()).filter(of_variable).collect();
-            let limits = sane_values(arrivals, &numbers, reference, variable);
+            let expected = sigma.get(variable).map(|sigma| sigma.hypot(reference.variability(variable)));
+            let expected = expected.filter(|expected| *expected > 0.0).unwrap_or(f64::INFINITY);
+            let limits = sane_values(arrivals, &numbers, reference, variable, expected, calibration);
             let (sane, absurd): (Vec<usize>, Vec<usize>) =
                 numbers.into_iter().partition(|&number| limits.contains(&arrivals[number].value));
             absurd.into_iter().for_each(|number| rejections[number] = Some(Rejection::Absurd));
@@ -96,20 +118,41 @@ impl QualityControl {
                 continue;
             }
             let of_variable: Vec<&Arrival> = sane.iter().map(|&number| &arrivals[number]).collect();
-            for place in Departures::new(self, &of_variable, reference, calibration, &layout).gross_errors(self.limit) {
+            for place in Departures::new(self, &of_variable, reference, calibration, expected).gross_errors(self.limit)
+            {
                 rejections[sane[place]] = Some(Rejection::GrossError);
             }
         }
     }
 }
 
+/// By how much the departures of so many observations may exceed what is expected.
+fn largest_factor(observations: usize) -> f64 {
+    3.0 - 2.0 / observations.max(1) as f64
+}
+
 /// The values that a variable could have.
-fn sane_values(arrivals: &[Arrival], numbers: &[usize], reference: &State, variable: usize) -> RangeInclusive<f64> {
+fn sane_values(
+    arrivals: &[Arrival],
+    numbers: &[usize],
+    reference: &State,
+    variable: usize,
+    expected: f64,
+    calibration: &Calibration,
+) -> RangeInclusive<f64> {
     let field = reference.field(variable);
     let (low, high) =
         field.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &v| (low.min(v), high.max(v)));
     let departures = numbers.iter().map(|&number| departure(&arrivals[number], reference).abs());
-    let usual = median(departures.collect()) / NORMAL_MEDIAN;
+    // Without the state's part: random errors and biases.
+    let known = |&number: &usize| {
+        let Observation { sigma, .. } = arrivals[number].observation;
+        let row = arrivals[number].observation.calibration_row_at(reference);
+        let of_biases = row.map(|(p, g)| (g * calibration.parameters[p].sigma_prior).powi(2));
+        (sigma * sigma + of_biases.sum::<f64>()).sqrt()
+    };
+    let largest = expected.hypot(numbers.iter().map(known).fold(0.0, f64::max)) * largest_factor(numbers.len());
+    let usual = (median(departures.collect()) / NORMAL_MEDIAN).min(largest);
     let margin = ABSURD * (high - low).max(high.abs()).max(low.abs()).max(usual);
     low - margin..=high + margin
 }
@@ -132,6 +175,8 @@ struct Departures<'a> {
     departures: Vec<f64>,
     /// s².
     variance: f64,
+    /// Whether something else than the departures says how large they may be.
+    is_bounded: bool,
     /// The nearest neighbours of each, the nearest first.
     neighbours: Vec<Vec<usize>>,
 }
@@ -140,20 +185,29 @@ impl<'a> Departures<'a> {
     fn new(
         control: &QualityControl,
         arrivals: &'a [&'a Arrival],
-        reference: &State,
+        reference: &'a State,
         calibration: &'a Calibration,
-        layout: &'a Layout,
+        expected: f64,
     ) -> Self {
         let departures: Vec<f64> = arrivals.iter().map(|arrival| departure(arrival, reference)).collect();
-        let (grid, length_m) = (&layout.grid, control.length_m);
+        let (grid, length_m) = (&reference.layout().grid, control.length_m);
         let calibration_rows =
             arrivals.iter().map(|arrival| arrival.observation.calibration_row_at(reference).collect()).collect();
-        let (variance, neighbours) = (0.0, Vec::new());
-        let mut all =
-            Self { arrivals, grid, calibration, length_m, calibration_rows, departures, variance, neighbours };
+        let (variance, is_bounded, neighbours) = (0.0, expected.is_finite(), Vec::new());
+        let mut all = Self {
+            arrivals,
+            grid,
+            calibration,
+            length_m,
+            calibration_rows,
+            departures,
+            variance,
+            is_bounded,
+            neighbours,
+        };
         let total = (median(all.departures.iter().map(|d| d.abs()).collect()) / NORMAL_MEDIAN).powi(2);
         let known = median((0..arrivals.len()).map(|i| all.covariance(i, i)).collect());
-        all.variance = (total - known).max(0.25 * total);
+        all.variance = (total - known).max(0.25 * total).min((largest_factor(arrivals.len()) * expected).powi(2));
         all.neighbours = all.nearest();
         all
     }
@@ -161,12 +215,13 @@ impl<'a> Departures<'a> {
     /// The places of the gross errors, in the order in which they are found.
     fn gross_errors(&self, limit: f64) -> Vec<usize> {
         let n = self.arrivals.len();
+        let largest_factor = if self.is_bounded { largest_factor(n) } else { f64::INFINITY };
         let mut is_good = vec![true; n];
         let mut scores: Vec<f64> = (0..n).map(|i| self.score(i, &is_good)).collect();
         let mut found = Vec::new();
         loop {
             let good = (0..n).filter(|&i| is_good[i]).map(|i| scores[i]).collect();
-            let limit = limit * (median(good) / NORMAL_MEDIAN).max(1.0);
+            let limit = limit * (median(good) / NORMAL_MEDIAN).min(largest_factor).max(1.0);
             // Ties go to the first one.
             let is_worse = |i: usize, j: usize| scores[i] > scores[j] || (scores[i] == scores[j] && i < j);
             let is_worst = |&i: &usize| {

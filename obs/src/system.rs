@@ -12,7 +12,7 @@ use crate::network::{Network, Schedule};
 use crate::observation::{Arrival, Observation, Reading};
 use crate::operator::{LinearOperator, ObservationOperator};
 use crate::projection::Projection;
-use crate::quality::{self, QualityControl};
+use crate::quality::{self, QualityControl, Reference};
 use crate::recorded_use::RecordedUse;
 use crate::rejection::{RejectedObservation, Rejection};
 use crate::site::Site;
@@ -252,7 +252,7 @@ impl ObservingSystem {
     pub fn observe_checked(
         &mut self,
         truth: &State,
-        reference: Option<(&QualityControl, &State)>,
+        reference: Option<(&QualityControl, Reference<'_>)>,
     ) -> ObservationWindow {
         assert_eq!(**truth.layout(), *self.layout, "the truth must have the observing system's layout");
         self.cycle += 1;

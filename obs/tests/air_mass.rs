@@ -3,6 +3,7 @@
 use crate::common::*;
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Boundary, State};
+use isobar_obs::quality::Reference;
 use isobar_obs::{AirMassBias, BiasProcess, InitialBias, Network, ObservingSystem, QualityControl, SatelliteSettings};
 
 fn air_mass(variable: &str, mean: f64, scale: f64, value: f64) -> AirMassBias {
@@ -116,7 +117,7 @@ fn quality_control_expects_the_bias_that_the_reference_predicts() {
         let sharp = SatelliteSettings { footprint_sigma_m: 0.0, ..satellite() };
         let config = SatelliteSettings { biases: Vec::new(), air_mass_biases, ..sharp };
         let mut system = system(&layout, &[Network::new("polar", config)]);
-        system.observe_checked(truth, Some((&control, &reference))).rejected.len()
+        system.observe_checked(truth, Some((&control, Reference { state: &reference, sigma: &[] }))).rejected.len()
     };
     let mut bias = air_mass("tracer", 0.0, 1.0, 10.0);
     bias.process.assumed_sigma_prior = Some(10.0);

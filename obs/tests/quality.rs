@@ -2,13 +2,19 @@
 
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Boundary, Duration, Grid, Layout, Location, State, Time, Variable};
+use isobar_obs::quality::Reference;
 use isobar_obs::{
-    Faults, Network, ObservedVariable, ObservingSystem, QualityControl, RadiosondeSettings, Rejection,
-    SatelliteSettings, StationSource,
+    Faults, Network, ObservationFile, ObservedVariable, ObservingSystem, QualityControl, RadiosondeSettings,
+    RecordedSettings, Rejection, SatelliteSettings, StationSource,
 };
 use std::sync::Arc;
 
 const CONTROL: QualityControl = QualityControl { length_m: 800e3, limit: isobar_obs::quality::LIMIT };
+
+/// A reference of which nothing is known but itself.
+fn unbounded(state: &State) -> Reference<'_> {
+    Reference { state, sigma: &[] }
+}
 
 fn layout() -> Arc<Layout> {
     let grid = Grid { nx: 28, ny: 20, dx_m: 185e3, dy_m: 185e3, boundary: Boundary::Channel };
@@ -64,7 +70,7 @@ fn good_observations_pass_whatever_the_reference_is_worth() {
         let (mut rejected, mut used) = (0, 0);
         for seed in 0..20 {
             let (truth, reference) = (state(&layout, size, seed), state(&layout, 0.0, 0));
-            let window = system(Faults::NONE, seed).observe_checked(&truth, Some((&CONTROL, &reference)));
+            let window = system(Faults::NONE, seed).observe_checked(&truth, Some((&CONTROL, unbounded(&reference))));
             (rejected, used) = (rejected + window.rejected.len(), used + window.len());
         }
         println!("waves × {size}: {rejected} of {} rejected", used + rejected);
@@ -82,7 +88,7 @@ fn gross_errors_are_found_by_their_neighbours() {
     for seed in 0..20 {
         let (truth, reference) = (state(&layout, 1.0, seed), state(&layout, 0.0, 0));
         let clean = system(Faults::NONE, seed).observe(&truth);
-        let checked = system(faults, seed).observe_checked(&truth, Some((&CONTROL, &reference)));
+        let checked = system(faults, seed).observe_checked(&truth, Some((&CONTROL, unbounded(&reference))));
         let value_of = |network: &str, platform: &str, variable: usize| {
             let same = |it: &isobar_obs::Report| {
                 &*it.network == network && &*it.platform == platform && it.variable == variable
@@ -116,7 +122,7 @@ fn what_a_report_says_of_itself_is_enough_for_these() {
     let layout = layout();
     let (truth, reference) = (state(&layout, 1.0, 1), state(&layout, 0.0, 0));
     let clean = system(Faults::NONE, 1).observe(&truth);
-    let window = system(faults, 1).observe_checked(&truth, Some((&CONTROL, &reference)));
+    let window = system(faults, 1).observe_checked(&truth, Some((&CONTROL, unbounded(&reference))));
     let count = |rejection| window.rejected.iter().filter(|it| it.rejection == rejection).count();
     for rejection in [Rejection::NotFinite, Rejection::Outside, Rejection::Late, Rejection::Duplicate] {
         let share = count(rejection) as f64 / clean.len() as f64;
@@ -128,7 +134,7 @@ fn what_a_report_says_of_itself_is_enough_for_these() {
     assert!(window.values.iter().all(|value| clean.values.contains(value)));
     assert_eq!(window.operator.simulate(&truth, &[0.0; 3]).len(), window.len());
     // A second look at the same cycle gives the same.
-    let again = system(faults, 1).observe_checked(&truth, Some((&CONTROL, &reference)));
+    let again = system(faults, 1).observe_checked(&truth, Some((&CONTROL, unbounded(&reference))));
     assert_eq!(again.values, window.values);
     assert_eq!(again.rejected.len(), window.rejected.len());
 }
@@ -138,7 +144,7 @@ fn absurd_values_are_rejected_before_they_can_disturb_the_statistics() {
     let faults = Faults { gross_error_rate: 0.3, gross_error_factor: 1e9, ..Faults::NONE };
     let layout = layout();
     let (truth, reference) = (state(&layout, 1.0, 1), state(&layout, 0.0, 0));
-    let window = system(faults, 1).observe_checked(&truth, Some((&CONTROL, &reference)));
+    let window = system(faults, 1).observe_checked(&truth, Some((&CONTROL, unbounded(&reference))));
     let absurd = window.rejected.iter().filter(|it| it.rejection == Rejection::Absurd).count();
     assert!(absurd * 10 > 9 * window.rejected.len() && absurd > 50, "{absurd} of {}", window.rejected.len());
     assert!(window.values.iter().all(|value| value.abs() < 1e4));
@@ -159,5 +165,50 @@ fn rates_that_are_not_probabilities_are_refused() {
             panic!("{wanted}")
         };
         assert!(error.to_string().contains(wanted), "{error}");
+    }
+}
+
+/// Where half of the observations or more are gross, their median is no scale: what is assumed of the forecast is.
+#[test]
+fn few_observations_are_not_their_own_scale() {
+    let layout = layout();
+    let (truth, reference) = (state(&layout, 0.0, 0), state(&layout, 0.0, 0));
+    // Good departures are of the order of σ_x = 30 m and the random error, 12 m.
+    let good = [8.0, -31.0, 22.0, -17.0, 40.0, 3.0, -25.0, 12.0, -9.0, 33.0];
+    let rejected = |departures: &[f64]| {
+        let rows: Vec<String> = departures
+            .iter()
+            .enumerate()
+            .map(|(i, d)| {
+                let (column, row) = (2 + 5 * (i % 5), 3 + 4 * (i / 5));
+                let value = reference.values()[row * 28 + column] + d;
+                format!("1,{column},{row},h,{value},12,S{i:02}")
+            })
+            .collect();
+        let text = format!("cycle,column,row,variable,value,sigma,id\n{}\n", rows.join("\n"));
+        let observations = ObservationFile::parse(&text, "file.csv", None).unwrap();
+        let configs = [Network::new("file", RecordedSettings::new(observations))];
+        let window = Duration::from_seconds(6 * 3600);
+        let mut system = ObservingSystem::new(&layout, None, &configs, 1, window, Time::from_seconds(0)).unwrap();
+        let sigma = [30.0, 3.0, 3.0];
+        let checked = Reference { state: &reference, sigma: &sigma };
+        let control = QualityControl { length_m: 300e3, ..CONTROL };
+        let window = system.observe_checked(&truth, Some((&control, checked)));
+        let mut rejected: Vec<String> = window.rejected.iter().map(|it| it.report.platform.to_string()).collect();
+        rejected.sort();
+        rejected
+    };
+    for count in 1..=good.len() {
+        assert!(rejected(&good[..count]).is_empty(), "{count}: {:?}", rejected(&good[..count]));
+    }
+    assert_eq!(rejected(&[1e3]), ["S00"]);
+    for gross in [1e4, -1e6, 1e15] {
+        assert_eq!(rejected(&[gross]), ["S00"], "alone: {gross}");
+        assert_eq!(rejected(&[8.0, gross]), ["S01"], "one of two: {gross}");
+        assert_eq!(rejected(&[gross, gross]), ["S00", "S01"], "both: {gross}");
+        assert_eq!(rejected(&[8.0, gross, -31.0]), ["S01"], "one of three: {gross}");
+        let half: Vec<f64> =
+            (0..10).map(|i| if i % 2 == 0 { good[i] } else { gross * (1.0 + 0.1 * i as f64) }).collect();
+        assert_eq!(rejected(&half), ["S01", "S03", "S05", "S07", "S09"], "half: {gross}");
     }
 }

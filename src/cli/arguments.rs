@@ -77,12 +77,21 @@ pub enum Command {
 
 const LIST_EXAMPLES: &str = "Examples:
   isobar list                                    the scenarios in ./scenarios
-  isobar list --covariances                      the kinds of covariances
-  isobar list --covariances balanced             the keys of one of them";
+  isobar list --methods                          the kinds of methods
+  isobar list --methods letkf                    the keys of one of them, with units, ranges and defaults";
 
 #[derive(Args, Debug)]
 #[group(multiple = false)]
 pub struct ListArguments {
+    /// List the kinds of methods, or the keys of one
+    #[arg(long, value_name = "KIND")]
+    pub methods: Option<Option<String>>,
+    /// List the kinds of models, or the keys of one
+    #[arg(long, value_name = "KIND")]
+    pub models: Option<Option<String>>,
+    /// List the kinds of initial states, or the keys of one
+    #[arg(long, value_name = "KIND")]
+    pub initial: Option<Option<String>>,
     /// List the kinds of instruments, or the keys of one
     #[arg(long, value_name = "KIND")]
     pub instruments: Option<Option<String>>,

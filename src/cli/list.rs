@@ -14,6 +14,9 @@ use std::process::ExitCode;
 pub fn list(arguments: &ListArguments) -> Result<ExitCode, Report> {
     for reference in reference::all() {
         let chosen = match reference.option {
+            "methods" => &arguments.methods,
+            "models" => &arguments.models,
+            "initial" => &arguments.initial,
             "covariances" => &arguments.covariances,
             "instruments" => &arguments.instruments,
             option => unreachable!("--{option} is no option"),
@@ -40,7 +43,7 @@ fn kinds(reference: &Reference, name: Option<&str>) -> Result<String, Report> {
         return Err(miette!(help = help, "there is no kind `{}` of {}", clean(name), reference.title.to_lowercase()));
     };
     let row = |KeyReference { name, unit, allowed, default, meaning }: &KeyReference| {
-        [name, unit, allowed.as_str(), default.as_str(), meaning].map(Cell::from).into()
+        [name.as_str(), *unit, allowed.as_str(), default.as_str(), *meaning].map(Cell::from).into()
     };
     let keys = Table::new(&["key", "unit", "value", "default", "meaning"], kind.keys.iter().map(row).collect());
     Ok(match keys.filled() {

@@ -5,80 +5,16 @@
 //! `scenarios/KEYS.md` go over these lists.
 
 pub mod covariances;
+mod domain;
+pub mod initial;
 pub(crate) mod instruments;
+mod kind;
+pub mod methods;
+pub mod models;
 pub mod reference;
 
-use crate::reader::{AnyKey, Field, Read, Section};
-use crate::scenario::ModelSettings;
-use crate::text::clean;
-use isobar_model::Grid;
-
-/// A kind of thing that a scenario chooses by name: reads a `T` from its section, in a scenario that otherwise is `C`.
-pub(crate) trait Kind<T: ?Sized, C: ?Sized>: Sync {
-    /// What a scenario calls it.
-    fn name(&self) -> &'static str;
-
-    /// What it is, in a line.
-    fn about(&self) -> &'static str;
-
-    /// Its keys, without the one that names the kind.
-    fn keys(&self) -> Vec<&'static dyn AnyKey>;
-
-    /// Whether it can be chosen in this scenario at all.
-    fn fits(&self, _: &C) -> bool {
-        true
-    }
-
-    /// Reads a section that has these keys at most.
-    fn read(&self, section: &Section<'_>, context: &C) -> Read<Box<T>>;
-}
-
-/// A list of kinds, as a scenario may choose from it.
-pub(crate) type Kinds<T, C> = [&'static dyn Kind<T, C>];
-
-/// The kind that a table names by its key `kind`, and the table, checked for keys that the kind does not have.
-pub(crate) fn choose<'a, T: ?Sized, C: ?Sized>(
-    field: &Field<'a>,
-    kinds: &Kinds<T, C>,
-    context: &C,
-) -> Read<(&'static dyn Kind<T, C>, Section<'a>)> {
-    let names = |kind: &dyn Kind<T, C>| kind.keys().iter().map(|key| key.name()).collect::<Vec<_>>();
-    let fitting = kinds.iter().filter(|kind| kind.fits(context));
-    let choices: Vec<_> = fitting.map(|&kind| (kind.name(), kind, names(kind))).collect();
-    field.section_by("kind", &choices)
-}
-
-/// Reads a table that chooses one of the kinds.
-pub(crate) fn read<T: ?Sized, C: ?Sized>(field: &Field<'_>, kinds: &Kinds<T, C>, context: &C) -> Read<Box<T>> {
-    let (kind, section) = choose(field, kinds, context)?;
-    kind.read(&section, context)
-}
-
-/// Refuses a name that could not be part of a file's name or of a parameter's.
-pub(crate) fn check_name(name: &str, field: &Field<'_>, what: &str) -> Read<()> {
-    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');
-    if name.is_empty() || name.len() > 40 || !name.chars().all(plain) || name.starts_with('-') {
-        let message = format!("\"{}\" cannot be the name of a {what}", clean(name));
-        return Err(field.misplaced(message, "a name has 1 to 40 letters a-z, A-Z, digits, underscores and hyphens"));
-    }
-    Ok(())
-}
-
-/// The plane and the model: what initial states, covariances and instruments must fit to.
-pub(crate) struct Domain {
-    /// The grid.
-    pub grid: Grid,
-    /// The model.
-    pub model: ModelSettings,
-}
-
-impl Domain {
-    /// The number of the model's variable that a key names.
-    pub fn variable(&self, field: &Field<'_>) -> Read<usize> {
-        let variables = self.model.variables().iter().enumerate();
-        field.choice(&variables.map(|(number, variable)| (variable.0, number)).collect::<Vec<_>>())
-    }
-}
+pub use domain::Domain;
+pub(crate) use kind::{Kind, Kinds, check_name, choose, read};
 
 #[cfg(test)]
 mod tests {
@@ -100,6 +36,9 @@ mod tests {
 
     #[test]
     fn kinds_and_keys_have_names_of_their_own_and_are_described() {
+        check(methods::METHODS);
+        check(models::MODELS);
+        check(initial::INITIAL);
         check(covariances::COVARIANCES);
         check(instruments::INSTRUMENTS);
     }

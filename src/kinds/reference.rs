@@ -1,6 +1,6 @@
 //! The reference of kinds and keys, from what the reader checks.
 
-use super::{Kinds, covariances, instruments};
+use super::{Kinds, covariances, initial, instruments, methods, models};
 use crate::reader::AnyKey;
 use std::fmt::Write;
 
@@ -28,8 +28,8 @@ pub struct KindReference {
 
 /// A key, as the reference shows it.
 pub struct KeyReference {
-    /// Its name.
-    pub name: &'static str,
+    /// Its name; of a key in a table, after that of the table and a point.
+    pub name: String,
     /// The unit of its value; empty if it has none.
     pub unit: &'static str,
     /// What its value may be.
@@ -42,36 +42,37 @@ pub struct KeyReference {
 
 /// All lists of kinds.
 pub fn all() -> Vec<Reference> {
+    let reference = |option, title, place, kinds| Reference { option, title, place, kinds };
     vec![
-        Reference {
-            option: "instruments",
-            title: "Instruments",
-            place: "`[networks.NAME]`",
-            kinds: kinds(instruments::INSTRUMENTS),
-        },
-        Reference {
-            option: "covariances",
-            title: "Covariances",
-            place: "an element of `components` in `[background_error]` or `[model_error]`",
-            kinds: kinds(covariances::COVARIANCES),
-        },
+        reference("methods", "Methods", "`[methods.NAME]`", kinds(methods::METHODS)),
+        reference("instruments", "Instruments", "`[networks.NAME]`", kinds(instruments::INSTRUMENTS)),
+        reference("models", "Models", "`[model]`", kinds(models::MODELS)),
+        reference("initial", "Initial states", "`[initial]` or `[truth.initial]`", kinds(initial::INITIAL)),
+        reference(
+            "covariances",
+            "Covariances",
+            "an element of `components` in `[background_error]` or `[model_error]`",
+            kinds(covariances::COVARIANCES),
+        ),
     ]
 }
 
 fn kinds<T: ?Sized, C: ?Sized>(kinds: &Kinds<T, C>) -> Vec<KindReference> {
-    let key = |key: &dyn AnyKey| KeyReference {
-        name: key.name(),
-        unit: key.unit(),
-        allowed: key.allowed(),
-        default: key.default().unwrap_or_else(|| "must be given".into()),
-        meaning: key.meaning(),
-    };
     let kind = |kind: &&'static dyn super::Kind<T, C>| KindReference {
         name: kind.name(),
         about: kind.about(),
-        keys: kind.keys().into_iter().map(key).collect(),
+        keys: kind.keys().into_iter().flat_map(|key| keys("", key)).collect(),
     };
     kinds.iter().map(kind).collect()
+}
+
+/// A key, and after it those of a value that is a table.
+fn keys(before: &str, key: &dyn AnyKey) -> Vec<KeyReference> {
+    let name = format!("{before}{}", key.name());
+    let inner = key.inner().iter().flat_map(|&inner| keys(&format!("{name}."), inner)).collect::<Vec<_>>();
+    let default = key.default().unwrap_or_else(|| "must be given".into());
+    let own = KeyReference { name, unit: key.unit(), allowed: key.allowed(), default, meaning: key.meaning() };
+    std::iter::once(own).chain(inner).collect()
 }
 
 /// The whole reference, as `scenarios/KEYS.md` holds it.

@@ -2,6 +2,7 @@
 
 use super::{Field, Limits, Read};
 use crate::text::listed;
+use toml::de::DeValue;
 
 /// A key of a section, as the reader checks it and the reference of keys describes it.
 pub(crate) struct Key<V: Allowed> {
@@ -37,6 +38,11 @@ pub(crate) trait Allowed: Sync {
 
     /// A default, as the file would give it.
     fn show(&self, value: &Self::Output) -> String;
+
+    /// The keys of a value that is a table.
+    fn inner(&self) -> &'static [&'static dyn AnyKey] {
+        &[]
+    }
 }
 
 /// A value that can be read without any knowledge of the rest of the file.
@@ -48,14 +54,26 @@ pub(crate) trait Value: Allowed {
 /// A whole number from the first to the second, both included.
 pub(crate) struct Whole(pub usize, pub usize);
 
+/// A whole number from the first to the second, both included, negative or not.
+pub(crate) struct Integer(pub i64, pub i64);
+
 /// True or false.
 pub(crate) struct YesNo;
 
 /// One of the words, as what it stands for.
 pub(crate) struct Choice<T: 'static>(pub &'static [(&'static str, T)]);
 
+/// This word, which is read as `None`, or something else.
+pub(crate) struct OrWord<V>(pub &'static str, pub V);
+
+/// A plain value, or a table with these keys.
+pub(crate) struct OrTable<V>(pub V, pub &'static [&'static dyn AnyKey]);
+
 /// A list, table or anything else that has its own reader, in words.
 pub(crate) struct Described(pub &'static str);
+
+/// A table, in words, with its keys.
+pub(crate) struct Table(pub &'static str, pub &'static [&'static dyn AnyKey]);
 
 impl<V: Allowed> Key<V> {
     /// A key that must be given.
@@ -87,6 +105,8 @@ pub(crate) trait AnyKey: Sync {
     fn default(&self) -> Option<String>;
     /// What it means, in a phrase.
     fn meaning(&self) -> &'static str;
+    /// The keys of a value that is a table.
+    fn inner(&self) -> &'static [&'static dyn AnyKey];
 }
 
 impl<V: Allowed> AnyKey for Key<V> {
@@ -112,6 +132,10 @@ impl<V: Allowed> AnyKey for Key<V> {
 
     fn meaning(&self) -> &'static str {
         self.meaning
+    }
+
+    fn inner(&self) -> &'static [&'static dyn AnyKey] {
+        self.allowed.inner()
     }
 }
 
@@ -148,6 +172,24 @@ impl Allowed for Whole {
 impl Value for Whole {
     fn read(&self, field: &Field<'_>) -> Read<usize> {
         field.whole(self.0, self.1)
+    }
+}
+
+impl Allowed for Integer {
+    type Output = i64;
+
+    fn words(&self) -> String {
+        format!("a whole number from {} to {}", self.0, self.1)
+    }
+
+    fn show(&self, value: &i64) -> String {
+        value.to_string()
+    }
+}
+
+impl Value for Integer {
+    fn read(&self, field: &Field<'_>) -> Read<i64> {
+        field.integer(self.0, self.1)
     }
 }
 
@@ -196,5 +238,66 @@ impl Allowed for Described {
 
     fn show(&self, value: &&'static str) -> String {
         value.to_string()
+    }
+}
+
+impl Allowed for Table {
+    type Output = &'static str;
+
+    fn words(&self) -> String {
+        self.0.into()
+    }
+
+    fn show(&self, value: &&'static str) -> String {
+        value.to_string()
+    }
+
+    fn inner(&self) -> &'static [&'static dyn AnyKey] {
+        self.1
+    }
+}
+
+impl<V: Allowed> Allowed for OrWord<V> {
+    type Output = Option<V::Output>;
+
+    fn words(&self) -> String {
+        format!("\"{}\" or {}", self.0, self.1.words())
+    }
+
+    fn show(&self, value: &Option<V::Output>) -> String {
+        value.as_ref().map_or_else(|| format!("\"{}\"", self.0), |value| self.1.show(value))
+    }
+}
+
+impl<V: Value> Value for OrWord<V> {
+    fn read(&self, field: &Field<'_>) -> Read<Option<V::Output>> {
+        if matches!(field.value.get_ref(), DeValue::String(_)) {
+            field.choice(&[(self.0, ())])?;
+            return Ok(None);
+        }
+        self.1.read(field).map(Some)
+    }
+}
+
+impl<V: Allowed> Allowed for OrTable<V> {
+    type Output = V::Output;
+
+    fn words(&self) -> String {
+        format!("{}, or a table", self.0.words())
+    }
+
+    fn show(&self, value: &V::Output) -> String {
+        self.0.show(value)
+    }
+
+    fn inner(&self) -> &'static [&'static dyn AnyKey] {
+        self.1
+    }
+}
+
+impl<V: Value> OrTable<V> {
+    /// Reads a value that is no table.
+    pub fn read_plain(&self, field: &Field<'_>) -> Read<V::Output> {
+        self.0.read(field)
     }
 }

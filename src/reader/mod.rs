@@ -13,7 +13,7 @@ mod section;
 pub use error::ScenarioError;
 pub(crate) use error::SourceFile;
 pub(crate) use field::{Field, Limits};
-pub(crate) use key::{Absent, AnyKey, Choice, Described, Key, Value, Whole, YesNo};
+pub(crate) use key::{Absent, AnyKey, Choice, Described, Integer, Key, OrTable, OrWord, Table, Value, Whole, YesNo};
 pub(crate) use section::{Section, parse};
 
 /// Result of reading a part of a scenario.

@@ -1,7 +1,7 @@
 //! One cycle of one method. The truth cannot enter here: there is no parameter for it.
 
 use super::influence;
-use super::monitor::{Fault, Monitor};
+use super::monitor::{self, Fault, Monitor};
 use crate::correlations::Correlations;
 use crate::memory::{self, Memory};
 use crate::outcome::{Outcome, Smoothed};
@@ -10,16 +10,19 @@ use isobar_assim::{
     Assimilator, Calibrated, CalibrationAccuracy, Error, Estimate, EstimatedParameter, Structure, Unknown,
     reserve_workspace,
 };
-use isobar_model::{Duration, Layout, State};
+use isobar_model::{Duration, Layout, Model, State};
 use isobar_obs::{Calibration, ObservationWindow};
 use serde::{Deserialize, Serialize};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// A method in its cycle.
 pub struct Runner {
     method: Calibrated,
+    /// The model that says whether a state is possible.
+    model: Option<Arc<dyn Model>>,
     /// When parameters without a stable update are frozen, if ever.
     freezing: Option<Freezing>,
     /// Memory that the method holds between cycles \[bytes\].
@@ -59,7 +62,8 @@ impl Runner {
     pub fn new<M: Into<Calibrated>, E>(build: impl FnOnce() -> Result<M, E>) -> Result<Self, E> {
         reserve_workspace();
         let (method, memory) = memory::measured(|| build().map(Into::into));
-        let mut runner = Self { method: method?, freezing: None, held_bytes: 0, progress: Progress::default() };
+        let mut runner =
+            Self { method: method?, model: None, freezing: None, held_bytes: 0, progress: Progress::default() };
         runner.account(memory);
         Ok(runner)
     }
@@ -67,6 +71,11 @@ impl Runner {
     /// The same with a stability monitor that counts from a cycle on, and perhaps freezes parameters.
     pub fn watched(self, from_cycle: usize, freezing: Option<Freezing>) -> Self {
         Self { progress: Progress { watch: Watch::new(from_cycle), ..self.progress }, freezing, ..self }
+    }
+
+    /// The same with a model whose states the estimates must be.
+    pub fn of_model(self, model: Arc<dyn Model>) -> Self {
+        Self { model: Some(model), ..self }
     }
 
     /// What the stability monitor says of the parameters of `calibration`; those that keep more than `variance_ratio` of
@@ -131,6 +140,9 @@ impl Runner {
         // What is given back is not the method's to hold.
         self.held_bytes -= outcome.bytes();
         self.progress.monitor.check(&outcome)?;
+        if let Some(model) = &self.model {
+            monitor::check_possible(&**model, &outcome)?;
+        }
         if let Some(method) = asked {
             let innovations = &outcome.analysis.background_departures;
             outcome.influence = Some(guarded(|| influence::ask(&method, &from, observed, innovations))?);

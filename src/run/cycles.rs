@@ -88,8 +88,9 @@ impl Cycles<'_, '_> {
     fn observe(&mut self, cycle: usize) -> Result<Observed, RunError> {
         let Experiment { info, truth, reference, observing, methods, .. } = &mut *self.experiment;
         self.workers.install(|| truth.advance()).map_err(|error| RunError::Truth { cycle, error })?;
+        truth.check_growth().map_err(|growth| RunError::TruthGrows { cycle, growth })?;
         if let Some(reference) = reference {
-            self.workers.install(|| reference.advance());
+            self.workers.install(|| reference.advance(cycle));
         }
         let window = observing.observe_checked(truth.state(), reference.as_ref().map(Reference::now));
         self.scores.observations.add(&window, &info.layout);
@@ -105,6 +106,9 @@ impl Cycles<'_, '_> {
             .then(|| ObservationWindow { values: values_bias_removed.to_vec(), ..window.clone() });
         let event = Event::Observed { window: Cow::Borrowed(&window), values_bias_removed: values_bias_removed.into() };
         self.events.send(&event)?;
+        let Experiment { info, units, .. } = &mut *self.experiment;
+        let warnings = units.check(&window, &info.calibration);
+        warnings.iter().try_for_each(|warning| self.events.send(&Event::Warning(warning)))?;
         Ok(Observed { window, bias_removed })
     }
 
@@ -149,6 +153,13 @@ impl Cycles<'_, '_> {
             structure: self.shown.structure.then(structure).flatten().map(Cow::Owned),
             correlations: (self.shown.structure && last).then(correlations).flatten().map(Cow::Owned),
         }))?;
+        if let Some(warning) = outcome.analysis.warnings.first()
+            && !std::mem::replace(&mut method.has_warned, true)
+        {
+            let name = &info.methods[number].name;
+            let text = format!("method {name}, cycle {cycle}: {warning}; said of the first such cycle only");
+            self.events.send(&Event::Warning(&text))?;
+        }
         Ok(Some(outcome))
     }
 

@@ -1,6 +1,7 @@
 //! Why a run ends early.
 
 use super::experiment::ExperimentError;
+use super::truth::Growth;
 use crate::output::SinkError;
 use isobar_model::ForecastError;
 use std::path::PathBuf;
@@ -18,6 +19,14 @@ pub enum RunError {
         cycle: usize,
         /// Why.
         error: ForecastError,
+    },
+    /// The truth grew by orders of magnitude.
+    #[error("cycle {cycle}, truth: {growth}")]
+    TruthGrows {
+        /// The cycle.
+        cycle: usize,
+        /// From what to what.
+        growth: Growth,
     },
     /// A signal ended the run after a cycle.
     #[error("ended by a signal after cycle {cycle} of {cycles}")]

@@ -12,6 +12,7 @@ pub mod monitor;
 pub mod reference;
 mod summary;
 pub mod truth;
+pub mod units;
 
 pub use error::RunError;
 

@@ -4,11 +4,13 @@
 //!
 //! - it reports an error: a forecast that blows up, a matrix that is not positive definite, a negative variance;
 //! - a value of its estimates, of their claimed spread or of its departures is not finite;
+//! - a state that it estimates is impossible for the model, such as a layer without thickness;
 //! - it has diverged: its normalised innovation χ²/n has been above [`DIVERGED_CHI2`] in [`DIVERGED_ANALYSES`] analyses
 //!   in succession, so that it misses the observations by more than ten times what it claims, and does not come back.
 
 use crate::outcome::Outcome;
 use isobar_assim::Estimate;
+use isobar_model::{Model, ModelError};
 use serde::{Deserialize, Serialize};
 
 /// The normalised innovation squared per observation, expected to be 1, beyond which a filter may have diverged: more than
@@ -33,6 +35,14 @@ pub enum Fault {
         place: String,
         /// The value.
         value: f64,
+    },
+    /// A state that the model cannot have.
+    #[error("{what} is impossible: {error}")]
+    Impossible {
+        /// The estimate, in words.
+        what: &'static str,
+        /// Why, and where.
+        error: ModelError,
     },
     /// Filter divergence.
     #[error(
@@ -81,6 +91,17 @@ impl Monitor {
     }
 }
 
+/// Whether the model could start from background and analysis.
+///
+/// # Errors
+/// [`Fault::Impossible`].
+pub fn check_possible(model: &dyn Model, outcome: &Outcome) -> Result<(), Fault> {
+    let states = [("the background", &outcome.background), ("the analysis", &outcome.analysis.estimate)];
+    states.into_iter().try_for_each(|(what, estimate)| {
+        model.check_state(&estimate.state).map_err(|error| Fault::Impossible { what, error })
+    })
+}
+
 fn check_estimate(estimate: &Estimate, stage: &str) -> Result<(), Fault> {
     let Estimate { state, calibration, state_spread, calibration_spread } = estimate;
     let value = |index: usize| state.layout().describe(index);
@@ -124,6 +145,7 @@ mod tests {
             analysis_departures: vec![0.1; 3],
             innovation_chi2: Some(3.0 * chi2_per_observation),
             partition: None,
+            warnings: Vec::new(),
         };
         let smoothed = vec![Smoothed { cycles_ago: 2, estimate: estimate.clone() }];
         Outcome { background: estimate, analysis, smoothed, influence: None, seconds: 0.0 }

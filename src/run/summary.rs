@@ -18,6 +18,7 @@ pub(super) fn summary(experiment: &Experiment, scores: &RunScores, with_memory: 
             // Scores of fewer cycles could not be compared with those of the other methods.
             Some(failure) => MethodScores { failure: Some(failure.clone()), ..MethodScores::default() },
         };
+        scores.parameters = method.runner.parameters();
         let progress = method.runner.progress();
         let (seconds, bytes) = (progress.seconds / cycles as f64, with_memory.then_some(progress.peak_bytes));
         scores.values = with_cost(scores.values, seconds, bytes);

@@ -1,11 +1,13 @@
 //! `[cycle]`, `[truth]`, `[diagnostics]` and `[output]`: how long the run is, how the truth differs from the model, what is
 //! found out and written.
 
-use super::initial::{self, Initial};
-use super::model::{self, ModelSettings};
+use crate::kinds::initial::{INITIAL, InitialState};
+use crate::kinds::models::{self, Model};
+use crate::kinds::{self, Domain};
 use crate::output::{OUTPUTS, Outputs};
 use crate::reader::{Field, Limits, Read, Section};
-use isobar_model::{Duration, Grid, Time};
+use isobar_model::{Duration, Time};
+use std::sync::Arc;
 
 /// The cycles of forecast and analysis.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,12 +21,12 @@ pub struct CycleSettings {
 }
 
 /// How the true world differs from what the methods assume.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct TruthSettings {
     /// The model of the truth.
-    pub model: ModelSettings,
+    pub model: Model,
     /// Where it starts; `None`: at a draw of the background error from the first background.
-    pub initial: Option<Initial>,
+    pub initial: Option<Arc<dyn InitialState>>,
     /// Factor on the variance of the model error that is really added each cycle; 0 for a perfect model.
     pub model_error_scale: f64,
     /// Factor on the variance of the truth's deviation from the first background; 0 for a perfect start.
@@ -60,21 +62,21 @@ pub(super) fn read(root: &Section<'_>, start: Time, steps: &[(&str, Duration)]) 
     Ok(CycleSettings { count, window, score_from_cycle })
 }
 
-pub(super) fn read_truth(
-    root: &Section<'_>,
-    model_field: &Field<'_>,
-    model: &ModelSettings,
-    grid: &Grid,
-) -> Read<TruthSettings> {
-    let mut truth =
-        TruthSettings { model: model.clone(), initial: None, model_error_scale: 1.0, background_error_scale: 1.0 };
+pub(super) fn read_truth(root: &Section<'_>, model_field: &Field<'_>, domain: &Domain) -> Read<TruthSettings> {
+    let mut truth = TruthSettings {
+        model: domain.model.clone(),
+        initial: None,
+        model_error_scale: 1.0,
+        background_error_scale: 1.0,
+    };
     let Some(field) = root.optional("truth") else { return Ok(truth) };
     let section = field.section(&["model", "initial", "model_error_scale", "background_error_scale"])?;
     if let Some(overrides) = section.optional("model") {
-        truth.model = model::read_with_overrides(model_field, &overrides, grid)?;
+        truth.model = models::read_with_overrides(model_field, &overrides, &domain.grid)?;
     }
     if let Some(field) = section.optional("initial") {
-        truth.initial = Some(initial::read(&field, &truth.model, grid)?);
+        let domain = Domain { grid: domain.grid.clone(), model: truth.model.clone() };
+        truth.initial = Some(kinds::read(&field, INITIAL, &domain)?.into());
         if let Some(scale) = section.optional("background_error_scale") {
             let message =
                 "a truth that starts at a given state does not start at a draw of the background error".into();

@@ -1,7 +1,7 @@
 //! `[expected]`: the scores that a run of the scenario had when they were last accepted.
 
-use super::method::Method;
-use super::model::ModelSettings;
+use crate::kinds::methods::Method;
+use crate::kinds::models::Model;
 use crate::reader::{Limits, Read, Section};
 use crate::scores::expected::TOLERANCE_KEY;
 use crate::scores::{Expected, SCORES, Values};
@@ -11,7 +11,7 @@ use indexmap::IndexMap;
 const DEFAULT_TOLERANCE: f64 = 1e-4;
 
 /// Reads `[expected]`.
-pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>, model: &ModelSettings) -> Read<Expected> {
+pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>, model: &Model) -> Read<Expected> {
     let mut expected = Expected { relative_tolerance: DEFAULT_TOLERANCE, methods: IndexMap::new() };
     let Some(field) = root.optional("expected") else { return Ok(expected) };
     let keys: Vec<&str> = std::iter::once(TOLERANCE_KEY).chain(methods.keys().map(String::as_str)).collect();

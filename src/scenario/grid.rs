@@ -1,6 +1,6 @@
 //! `[grid]`: the plane, and its place on the Earth.
 
-use super::model;
+use crate::kinds::models;
 use crate::reader::{Limits, Read, Section};
 use isobar_model::{Boundary, Grid};
 use isobar_obs::Projection;
@@ -17,7 +17,7 @@ pub struct GridSettings {
 pub(super) fn read(root: &Section<'_>) -> Read<GridSettings> {
     const KEYS: &[&str] = &["nx", "ny", "dx_km", "dy_km", "boundary", "center_latitude_deg", "center_longitude_deg"];
     const SPACING: Limits = Limits::Between(1e-3, 1e4);
-    let least = if model::is_exact_shift(root) { 1 } else { 4 };
+    let least = if models::needs_neighbours(root) { 4 } else { 1 };
     let section = root.required("grid")?.section(KEYS)?;
     let dx_km = section.number("dx_km", SPACING)?;
     let grid = Grid {

@@ -1,9 +1,9 @@
 //! `[initialise]`: where the first calibration comes from.
 
-use super::method::{Algorithm, Method};
+use crate::kinds::methods::Method;
 use crate::reader::{Limits, Read, Section};
+use crate::text::{clean, listed};
 use indexmap::IndexMap;
-use isobar_assim::BiasTreatment;
 use isobar_assim::high_pass::HighPassSettings;
 
 /// What some methods start from instead of the biases' priors.
@@ -14,6 +14,9 @@ pub struct Initialise {
     /// The methods that start from it.
     pub methods: Vec<String>,
 }
+
+/// What a method needs to be initialised.
+const NEEDED: &str = "it needs a method that carries the covariance of biases with the state, such as kf or fkf, with bias = \"estimate\"";
 
 /// Reads `[initialise]`; `cycles` are those of the run.
 pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>, cycles: usize) -> Read<Option<Initialise>> {
@@ -28,18 +31,16 @@ pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>, cycle
     }
     let box_m = 1e3 * section.number("box_km", Limits::Between(0.001, 1e6))?;
     let covariance_scale = section.number_or("covariance_scale", 2.0, Limits::NonNegative)?;
-    let able: Vec<&str> = methods.iter().filter(|(_, method)| is_able(method)).map(|(name, _)| name.as_str()).collect();
+    let able: Vec<&str> =
+        methods.iter().filter(|(_, method)| method.can_be_initialised()).map(|(name, _)| name.as_str()).collect();
     let chosen: Vec<String> = match section.optional("methods") {
         None => able.iter().map(ToString::to_string).collect(),
         Some(list) => {
             for element in list.elements(methods.len())? {
                 let name = element.text()?;
                 if !able.contains(&name.as_str()) {
-                    let message = format!("the method `{}` cannot be initialised", crate::text::clean(&name));
-                    let help = format!(
-                        "must be a method of kind kf, serial_kf, banded_kf, fkf or time_volume with bias = \"estimate\": {}",
-                        crate::text::listed(able.iter().copied())
-                    );
+                    let message = format!("the method `{}` cannot be initialised", clean(&name));
+                    let help = format!("{NEEDED}: {}", listed(able.iter().copied()));
                     return Err(element.invalid(message, &help));
                 }
             }
@@ -48,23 +49,8 @@ pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>, cycle
     };
     if chosen.is_empty() {
         let message = "[initialise] has no method to initialise".to_string();
-        return Err(field.misplaced(
-            message,
-            "it needs one of kind kf, serial_kf, banded_kf, fkf or time_volume with bias = \"estimate\"",
-        ));
+        return Err(field.misplaced(message, NEEDED));
     }
     let high_pass = HighPassSettings { cycles: batch, box_m, covariance_scale };
     Ok(Some(Initialise { high_pass, methods: chosen }))
-}
-
-fn is_able(method: &Method) -> bool {
-    let filters = matches!(
-        method.algorithm,
-        Algorithm::Kalman { .. }
-            | Algorithm::SerialKalman { .. }
-            | Algorithm::BandedKalman { .. }
-            | Algorithm::FastKalman { .. }
-            | Algorithm::TimeVolume { .. }
-    );
-    filters && method.bias == BiasTreatment::Estimate
 }

@@ -4,48 +4,40 @@
 //! No default is hidden from a reader of the file but those that the settings' documentation names.
 
 mod accept;
-mod adapt;
 mod cycle;
-mod ensemble_method;
 mod expected;
-mod fast_kalman;
 mod fault;
-mod federated;
 mod grid;
-mod initial;
 mod initialise;
-mod method;
-mod model;
 mod quality;
 mod sensors;
 mod sweep;
-mod time_volume;
 
 pub use crate::reader::ScenarioError;
 pub use crate::scores::Expected;
 pub use accept::{AcceptError, accept, with_expected};
-pub use adapt::Adapt;
 pub use cycle::{CycleSettings, TruthSettings};
 pub use grid::GridSettings;
-pub use initial::Initial;
 pub use initialise::Initialise;
-pub use method::{Algorithm, Method};
-pub use model::{AdvectionScheme, Conserved, Dynamics, ModelSettings, ShallowWaterSettings, TimeScheme, Wind};
 pub use sensors::{SensorSettings, StabilitySettings};
 pub use sweep::SweepSettings;
-pub use time_volume::{Correction, CorrectionSettings, FactorSettings, FactorTarget, TimeVolumeOptions};
 
-use crate::kinds::Domain;
 use crate::kinds::covariances::{self, Components};
+use crate::kinds::initial::{INITIAL, InitialState};
 use crate::kinds::instruments;
+use crate::kinds::methods::{self, Method, Surroundings};
+use crate::kinds::models::{self, Model};
+use crate::kinds::{self, Domain, check_name};
 use crate::output::Outputs;
 use crate::reader::{self, Field, Read, Section, SourceFile};
+use crate::scores::expected::TOLERANCE_KEY;
 use crate::text;
 use indexmap::IndexMap;
 use isobar_model::Time;
 use isobar_obs::{Network, QualityControl, times};
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use toml::de::DeValue;
 
 /// The largest scenario file \[bytes\].
@@ -75,9 +67,9 @@ pub struct Scenario {
     /// The plane.
     pub grid: GridSettings,
     /// The methods' model.
-    pub model: ModelSettings,
+    pub model: Model,
     /// The first background.
-    pub initial: Initial,
+    pub initial: Arc<dyn InitialState>,
     /// B: covariance of the truth's deviation from the first background, and static covariance of 3D-Var.
     pub background_error: Components,
     /// Q: covariance of the error that the model makes in one cycle; empty for a perfect model.
@@ -111,6 +103,23 @@ pub struct Scenario {
 }
 
 impl Scenario {
+    /// The plane, with the methods' model.
+    pub fn domain(&self) -> Domain {
+        Domain { grid: self.grid.grid.clone(), model: self.model.clone() }
+    }
+
+    /// The plane, with the model of the truth.
+    pub fn true_domain(&self) -> Domain {
+        Domain { grid: self.grid.grid.clone(), model: self.truth.model.clone() }
+    }
+
+    /// Whether the truth's model has a key with another value than `[model]`.
+    pub fn truth_has_other_model(&self) -> bool {
+        let file: toml::Table = self.text.parse().expect("the text has been read before");
+        let changes = file.get("truth").and_then(|truth| truth.get("model")?.as_table());
+        changes.is_some_and(|changes| changes.iter().any(|(key, value)| file["model"].get(key) != Some(value)))
+    }
+
     /// Reads a scenario file.
     ///
     /// # Errors
@@ -153,29 +162,26 @@ impl Scenario {
         let start = time(&root.required("start")?)?;
         let grid = grid::read(&root)?;
         let model_field = root.required("model")?;
-        let model = model::read(&model_field, &grid.grid)?;
-        let initial = initial::read(&root.required("initial")?, &model, &grid.grid)?;
+        let model = models::read(&model_field, &grid.grid)?;
         let domain = Domain { grid: grid.grid.clone(), model: model.clone() };
+        let initial = kinds::read(&root.required("initial")?, INITIAL, &domain)?.into();
         let background_error = covariances::read(&root.required("background_error")?, &domain)?;
         let model_error =
             root.optional("model_error").map_or(Ok(Vec::new()), |field| covariances::read(&field, &domain))?;
-        let truth = cycle::read_truth(&root, &model_field, &model, &grid.grid)?;
+        let truth = cycle::read_truth(&root, &model_field, &domain)?;
         let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", truth.model.time_step)];
         let cycle = cycle::read(&root, start, &steps)?;
         let networks = instruments::read(&root, &domain)?;
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
         let stability = sensors::read_stability(&root, cycle.count)?;
-        let methods = method::read(
-            &root,
-            &method::Surroundings {
-                grid: &grid.grid,
-                model: &model,
-                cycles: cycle.count,
-                freezes: stability.freeze_after_cycles.is_some(),
-                networks: networks.iter().map(|network| network.name.as_str()).collect(),
-                has_model_error: !model_error.is_empty(),
-            },
-        )?;
+        let surroundings = Surroundings {
+            domain,
+            cycles: cycle.count,
+            freezes: stability.freeze_after_cycles.is_some(),
+            networks: networks.iter().map(|network| network.name.clone()).collect(),
+            has_model_error: !model_error.is_empty(),
+        };
+        let methods = read_methods(&root, &surroundings)?;
         let initialise = initialise::read(&root, &methods, cycle.count)?;
         let sensors = sensors::read(&root, &methods)?;
         let influence_every_cycles = cycle::read_diagnostics(&root)?;
@@ -240,6 +246,35 @@ const KEYS: &[&str] = &[
     "regression",
     "expected",
 ];
+
+/// The most methods of a scenario.
+const MOST_METHODS: usize = 100;
+
+/// Reads `[methods]`, in the order of the file.
+fn read_methods(root: &Section<'_>, surroundings: &Surroundings) -> Read<IndexMap<String, Method>> {
+    let mut methods: IndexMap<String, Method> = IndexMap::new();
+    let field = root.required("methods")?;
+    for (name, field) in field.any_section()?.fields() {
+        check_name(name, &field, "method")?;
+        if methods.len() == MOST_METHODS {
+            return Err(field.misplaced(format!("there are more than {MOST_METHODS} methods"), "too many"));
+        }
+        if name == TOLERANCE_KEY {
+            let message = format!("a method cannot be called {name}");
+            return Err(field.misplaced(message, "[expected] has a key of that name"));
+        }
+        // Their files would be one and the same on a file system that does not distinguish case.
+        if let Some(other) = methods.keys().find(|other| other.eq_ignore_ascii_case(name)) {
+            let message = format!("the methods `{other}` and `{name}` differ in case only");
+            return Err(field.misplaced(message, "choose another name"));
+        }
+        methods.insert(name.to_string(), methods::read(&field, surroundings)?);
+    }
+    if methods.is_empty() {
+        return Err(field.misplaced("[methods] is empty".into(), "add a table such as [methods.fkf]"));
+    }
+    Ok(methods)
+}
 
 fn string(root: &Section<'_>, key: &str) -> Read<String> {
     root.required(key)?.text()

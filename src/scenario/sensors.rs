@@ -1,10 +1,9 @@
 //! `[sensors]` and `[stability]`: what is known of sensors from run to run, and when a bias is adjusted.
 
-use super::method::{Algorithm, Method};
+use crate::kinds::methods::Method;
 use crate::reader::{Limits, Read, Section};
 use crate::text::{clean, listed};
 use indexmap::IndexMap;
-use isobar_assim::BiasTreatment;
 use std::path::PathBuf;
 
 /// Share of its prior variance above which a parameter is not determined by the data, unless the scenario says what: the
@@ -38,15 +37,12 @@ pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>) -> Re
     let Some(field) = section.optional("writes") else {
         return Ok(Some(SensorSettings { database, writes: None }));
     };
-    let estimates = |method: &Method| {
-        method.bias == BiasTreatment::Estimate && !matches!(method.algorithm, Algorithm::Free | Algorithm::Climatology)
-    };
     let name = field.text()?;
-    if !methods.get(&name).is_some_and(estimates) {
-        let able: Vec<&str> = methods.iter().filter(|(_, own)| estimates(own)).map(|own| own.0.as_str()).collect();
+    if !methods.get(&name).is_some_and(Method::estimates_biases) {
+        let able = methods.iter().filter(|(_, method)| method.estimates_biases());
         let message =
             format!("`{}` cannot be \"{}\": no method of this name estimates biases", field.title(), clean(&name));
-        return Err(field.invalid(message, &format!("one of {}", listed(able))));
+        return Err(field.invalid(message, &format!("one of {}", listed(able.map(|(name, _)| name.as_str())))));
     }
     Ok(Some(SensorSettings { database, writes: Some(name) }))
 }

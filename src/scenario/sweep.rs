@@ -1,6 +1,6 @@
 //! `[sweep]`: keys of the scenario, and the values that they take in turn.
 
-use super::model::ModelSettings;
+use crate::kinds::models::Model;
 use crate::reader::{Field, Limits, Read, Section};
 use crate::scores::Score;
 use crate::scores::kinds::MEMORY;
@@ -27,7 +27,7 @@ pub struct SweepSettings {
 }
 
 /// Reads `[sweep]`.
-pub(super) fn read(root: &Section<'_>, model: &ModelSettings) -> Read<Option<SweepSettings>> {
+pub(super) fn read(root: &Section<'_>, model: &Model) -> Read<Option<SweepSettings>> {
     let Some(field) = root.optional("sweep") else { return Ok(None) };
     let section = field.section(&["seeds", "score", "vary"])?;
     let field = section.required("vary")?;
@@ -54,7 +54,7 @@ pub(super) fn read(root: &Section<'_>, model: &ModelSettings) -> Read<Option<Swe
 }
 
 /// The names of all scores that a method may have.
-fn scores(model: &ModelSettings) -> Vec<String> {
+fn scores(model: &Model) -> Vec<String> {
     // Of runs at the same time the memory of each is not known.
     Score::all(model.variables(), |kind| kind.name != MEMORY).iter().map(Score::key).collect()
 }

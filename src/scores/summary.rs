@@ -5,6 +5,7 @@ use crate::scores::diagnostics::Diagnostics;
 use crate::scores::stability::Stability;
 use crate::scores::statistics::Interval;
 use indexmap::IndexMap;
+use isobar_assim::EstimatedParameter;
 use isobar_assim::block_angular::PartitionReport;
 use isobar_model::Layout;
 use isobar_obs::{ObservationWindow, Report};
@@ -56,6 +57,9 @@ pub struct MethodScores {
     /// When and why the method failed; it has no scores then but those of cost.
     #[serde(default)]
     pub failure: Option<Failure>,
+    /// What the method estimated beside state and calibration in the last cycle, or found out about itself.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub parameters: Vec<EstimatedParameter>,
 }
 
 /// Intervals by the keys of their scores.

@@ -368,6 +368,7 @@ fn analyse(
         estimate: analysed,
         innovation_chi2: has_spread.then_some(1.0),
         partition: None,
+        warnings: Vec::new(),
     };
     (background, analysis, scores)
 }

@@ -98,7 +98,12 @@ impl EnsembleCycle {
     }
 
     /// What the analysis did.
-    pub fn analysis(&self, observed: &ObservationWindow, members: ObservedEnsemble, innovation_chi2: f64) -> Analysis {
+    pub fn analysis(
+        &self,
+        observed: &ObservationWindow,
+        members: ObservedEnsemble,
+        innovation_chi2: Option<f64>,
+    ) -> Analysis {
         self.problem.analysis(observed, members.innovations, self.estimate(), innovation_chi2)
     }
 

@@ -40,7 +40,7 @@ impl EnsembleTransformKalmanFilter {
 }
 
 impl EnsembleAnalysis for Transform {
-    fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> f64 {
+    fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> Result<Option<f64>, Error> {
         let whitened = WhitenedObservations::new(members);
         let inflation = cycle.settings.inflation;
         let factor = &mut cycle.memory.variance_factors[0];
@@ -54,8 +54,8 @@ impl EnsembleAnalysis for Transform {
         let weights = analysis.weights(inflation.relaxation_to_prior_perturbations);
         let background = cycle.memory.ensemble.moments();
         let deviations = product(background.perturbations.as_ref(), weights.as_ref());
-        let analysed = Moments::of_deviations(background.mean.clone(), deviations);
+        let analysed = Moments::of_transformed(background.mean.clone(), &deviations);
         cycle.set(&background, analysed);
-        chi2
+        Ok(Some(chi2))
     }
 }

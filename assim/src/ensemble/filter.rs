@@ -15,8 +15,12 @@ use isobar_obs::ObservationWindow;
 
 /// What the ensemble methods differ in.
 pub(super) trait EnsembleAnalysis: Clone + Send + 'static {
-    /// Takes the analysis of the observations, at least one, into the ensemble; returns χ².
-    fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> f64;
+    /// Takes the analysis of the observations, of which there are some, into the ensemble; returns χ² where double precision
+    /// has it.
+    ///
+    /// # Errors
+    /// That of an analysis which double precision cannot resolve.
+    fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> Result<Option<f64>, Error>;
 }
 
 /// An ensemble Kalman filter with an analysis: [`EnsembleTransformKalmanFilter`](super::EnsembleTransformKalmanFilter),
@@ -48,7 +52,7 @@ impl<A: EnsembleAnalysis> Assimilator for EnsembleFilter<A> {
         if let Some(smoother) = &mut cycle.memory.smoother {
             smoother.shorten();
         }
-        let innovation_chi2 = if observed.is_empty() { 0.0 } else { analysis.update(cycle, &members) };
+        let innovation_chi2 = if observed.is_empty() { Some(0.0) } else { analysis.update(cycle, &members)? };
         let Memory { ensemble, smoother, .. } = &mut cycle.memory;
         if let Some(smoother) = smoother {
             smoother.push(ensemble.moments());

@@ -41,11 +41,12 @@ impl FixedLag {
         }
     }
 
-    /// Revises the earlier ensembles by an analysis: what it makes of perturbations `[m + p, N]`, whose mean need not be zero.
+    /// Revises the earlier ensembles by an analysis: the perturbations `[m + p, N + 1]` that it makes of `[m + p, N]`, the last
+    /// column being the increment of the mean.
     pub fn revise(&mut self, analysis: impl Fn(&Mat<f64>) -> Mat<f64>) {
         for past in &mut self.ensembles {
-            let deviations = analysis(&past.perturbations);
-            *past = Moments::of_deviations(std::mem::take(&mut past.mean), deviations);
+            let transformed = analysis(&past.perturbations);
+            *past = Moments::of_transformed(std::mem::take(&mut past.mean), &transformed);
         }
     }
 

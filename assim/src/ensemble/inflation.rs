@@ -4,7 +4,8 @@ use super::moments::spread;
 use super::transform::WhitenedObservations;
 use faer::Mat;
 
-/// Inflation of the background's perturbations in an analysis. Where nothing is observed there is none.
+/// Inflation of the background's perturbations in an analysis. Where nothing is observed there is none: with localisation it
+/// falls off with the greatest weight that an observation has in a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BackgroundInflation {
     /// Perturbations are multiplied by this factor (Anderson and Anderson 1999); 1 for none.

@@ -40,7 +40,7 @@ pub struct LocalSettings {
 /// say of the bias and of the state around, and the filter does not become too sure of the bias, as it does with the
 /// weights of one analysis of all observations: N members know at most N − 1 directions of their errors.
 ///
-/// χ² is that of the innovations with the tapered covariance of the members (see `tapered`).
+/// χ² is that of the innovations with the tapered covariance of the members (see `tapered`), where double precision has it.
 pub type LocalEnsembleTransformKalmanFilter = EnsembleFilter<LocalTransform>;
 
 /// The analysis of the [`LocalEnsembleTransformKalmanFilter`]; the cycle has an inflation for each analysed cell.
@@ -124,18 +124,22 @@ impl LocalTransform {
             .collect();
         let members = whitened.perturbations.ncols();
         if near.is_empty() {
-            return LocalAnalysis { weights: Mat::identity(members, members), variance_factor: last_factor };
+            return LocalAnalysis { weights: Mat::identity(members, members + 1), variance_factor: last_factor };
         }
         let roots: Vec<f64> = near.iter().map(|(_, weight)| weight.sqrt()).collect();
         let observed = WhitenedObservations {
             perturbations: Mat::from_fn(near.len(), members, |i, j| roots[i] * whitened.perturbations[(near[i].0, j)]),
             departures: near.iter().zip(&roots).map(|((row, _), root)| root * whitened.departures[*row]).collect(),
+            rounding: near.iter().zip(&roots).map(|((row, _), root)| root * whitened.rounding[*row]).collect(),
         };
         let inflation = &cycle.settings.inflation;
         let total: f64 = near.iter().map(|(_, weight)| weight).sum();
         let variance_factor = inflation.variance_factor(last_factor, &observed, total);
+        // Inflation has the analysis's taper: at the edge of an observation's reach there is next to no analysis to make up for.
+        let nearest = near.iter().map(|(_, weight)| *weight).fold(0.0, f64::max);
+        let tapered_factor = (1.0 + (variance_factor.sqrt() - 1.0) * nearest).powi(2);
         let relaxation = inflation.relaxation_to_prior_perturbations;
-        LocalAnalysis { weights: transform(&observed, variance_factor).weights(relaxation), variance_factor }
+        LocalAnalysis { weights: transform(&observed, tapered_factor).weights(relaxation), variance_factor }
     }
 
     /// The cells in which observations see a shared parameter, each with the information G²/R on it.
@@ -150,7 +154,7 @@ impl LocalTransform {
 }
 
 impl EnsembleAnalysis for LocalTransform {
-    fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> f64 {
+    fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> Result<Option<f64>, Error> {
         let m = cycle.state_values();
         let whitened = WhitenedObservations::new(members);
         let analyses: Vec<LocalAnalysis> = self
@@ -181,8 +185,9 @@ impl EnsembleAnalysis for LocalTransform {
         }
         let shared = SharedParameters { numbers: &self.shared, perturbations: parameters };
         let tapered = TaperedInnovations::new(members, &whitened, &shared, &self.taper, self.cross);
-        let analysed = Moments::of_deviations(background.mean.clone(), deviations);
+        let analysed = Moments::of_transformed(background.mean.clone(), &deviations);
         cycle.set(&background, analysed);
-        tapered.chi2()
+        // What the sum of the tapered covariance and R does not resolve, the local analyses may: they fail for nothing.
+        Ok(tapered.ok().and_then(|tapered| tapered.chi2().ok()))
     }
 }

@@ -36,6 +36,8 @@ pub(super) struct ObservedEnsemble {
     pub innovations: Innovations,
     /// Y': the members' h(x, c) about their mean, `[n, N]`.
     pub perturbations: Mat<f64>,
+    /// How far rounding may have changed a row of Y': a machine epsilon of |h(x, c)|, `[n]`.
+    pub rounding: Vec<f64>,
     /// Where the observations are (x, y) \[m\].
     pub places: Vec<(f64, f64)>,
 }
@@ -233,19 +235,21 @@ impl Ensemble {
             .par_chunks_exact(self.rows)
             .map(|member| {
                 let (state, calibration) = self.unpack(problem, member);
-                problem.departures(observed, &state, &calibration)
+                observed.operator.simulate(&state, &calibration)
             })
             .collect();
         let (state, calibration) = self.unpack(problem, &self.mean());
         let mut innovations = problem.innovations(observed, &state, &calibration)?;
-        let n = innovations.len();
-        let mean = |row: usize| members.iter().map(|member: &Vec<f64>| member[row]).sum::<f64>() / members.len() as f64;
-        innovations.departures = (0..n).map(mean).collect();
+        let mean: Vec<f64> = (0..observed.len())
+            .map(|row| members.iter().map(|member: &Vec<f64>| member[row]).sum::<f64>() / members.len() as f64)
+            .collect();
+        innovations.departures = observed.values.iter().zip(&mean).map(|(y, mean)| y - mean).collect();
         require_finite(&innovations.departures, observed)?;
-        // h(x, c) = y − departure.
-        let perturbations = Mat::from_fn(n, members.len(), |i, j| innovations.departures[i] - members[j][i]);
+        // From h(x, c) itself, not from departures: a large y would round the members' differences away.
+        let perturbations = Mat::from_fn(mean.len(), members.len(), |i, j| members[j][i] - mean[i]);
         let places = observed.reports.iter().map(|report| (report.x_m, report.y_m)).collect();
-        Ok(ObservedEnsemble { innovations, perturbations, places })
+        let rounding = mean.iter().map(|mean| f64::EPSILON * mean.abs()).collect();
+        Ok(ObservedEnsemble { innovations, perturbations, rounding, places })
     }
 }
 

@@ -8,6 +8,7 @@
 //! | `members` | [`Ensemble`]: the members, their draw, forecast and observation |
 //! | `model_error` | what a cycle adds to the members: draws of Q, or the square root that has no sampling error |
 //! | `transform` | the analysis in the space of the ensemble |
+//! | `principal` | its directions where some observations are far more accurate than others |
 //! | `inflation` | multiplicative, adaptive, relaxation to the prior spread and perturbations |
 //! | `weights` | the weights of local analyses at every cell |
 //! | `localization` | the taper of Gaspari and Cohn on a plane |
@@ -29,6 +30,7 @@ mod localization;
 mod members;
 mod model_error;
 mod moments;
+mod principal;
 mod stochastic;
 mod tapered;
 mod transform;

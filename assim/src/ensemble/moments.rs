@@ -17,6 +17,14 @@ pub(super) struct Moments {
 }
 
 impl Moments {
+    /// The moments of members whose perturbations are the first columns of `transformed`, `[m + p, N + 1]`, about the given
+    /// mean plus the last column. The two are kept apart because an increment may exceed the perturbations by far.
+    pub fn of_transformed(mut mean: Vec<f64>, transformed: &Mat<f64>) -> Self {
+        let members = transformed.ncols() - 1;
+        add(&mut mean, transformed.col_as_slice(members));
+        Self::of_deviations(mean, transformed.get(.., ..members).to_owned())
+    }
+
     /// The moments of members that deviate from `about` by the given columns, `[m + p, N]`.
     pub fn of_deviations(mut about: Vec<f64>, mut deviations: Mat<f64>) -> Self {
         let members = deviations.ncols();

@@ -60,7 +60,7 @@ impl StochasticEnsembleKalmanFilter {
 }
 
 impl EnsembleAnalysis for PerturbedObservations {
-    fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> f64 {
+    fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> Result<Option<f64>, Error> {
         let m = cycle.state_values();
         let inflation = cycle.settings.inflation;
         let mut whitened = WhitenedObservations::new(members);
@@ -70,30 +70,35 @@ impl EnsembleAnalysis for PerturbedObservations {
         let factor = variance_factor.sqrt();
         whitened.perturbations *= faer::Scale(factor);
         let background = cycle.memory.ensemble.moments();
-        let inflated = &*background.perturbations * faer::Scale(factor);
+        let perturbations = background.perturbations.as_ref();
 
-        let parameters = inflated.as_ref().get(m.., ..);
-        let shared = SharedParameters { numbers: &self.shared, perturbations: parameters };
-        let tapered = TaperedInnovations::new(members, &whitened, &shared, &self.taper, self.cross);
+        let parameters = perturbations.get(m.., ..) * faer::Scale(factor);
+        let shared = SharedParameters { numbers: &self.shared, perturbations: parameters.as_ref() };
+        let tapered = TaperedInnovations::new(members, &whitened, &shared, &self.taper, self.cross)?;
+        let chi2 = tapered.chi2()?;
         // R^-½ (y + ε_i − h(x_i)), then S⁻¹ of it.
         let root = ((columns - 1) as f64).sqrt();
         let errors = centered_normals(&mut cycle.memory.random, n, columns);
         let innovations = Mat::from_fn(n, columns, |i, j| {
             whitened.departures[i] - root * whitened.perturbations[(i, j)] + errors[(i, j)]
         });
-        let solved = tapered.apply(|value| 1.0 / (1.0 + value), innovations.as_ref());
+        let local =
+            LocalUpdate { taper: &self.taper, members, tapered: &tapered, solved: tapered.solve(innovations), factor };
 
-        let mut deviations = inflated.clone();
-        self.update_cells(cycle.problem.background.layout(), &tapered, &solved, members, &mut deviations);
+        let mut deviations = perturbations.to_owned();
+        local.update_cells(cycle.problem.background.layout(), &mut deviations);
         for &(number, place) in &self.local {
-            let row = inflated.as_ref().get(m + number..m + number + 1, ..);
-            let increment = self.increment(&tapered, &solved, members, row, place);
-            (0..columns).for_each(|j| deviations[(m + number, j)] += increment[(0, j)]);
+            let row = perturbations.get(m + number..m + number + 1, ..);
+            deviations.as_mut().get_mut(m + number..m + number + 1, ..).copy_from(local.analysed(row, place));
         }
         let own = Mat::from_fn(self.shared.len(), columns, |i, j| parameters[(self.shared[i], j)]);
-        let increment = product(tapered.covariance_of_shared(own.as_ref()).as_ref(), solved.as_ref());
+        let increment = product(tapered.covariance_of_shared(own.as_ref()).as_ref(), local.solved.as_ref());
         for (i, &number) in self.shared.iter().enumerate() {
-            (0..columns).for_each(|j| deviations[(m + number, j)] += increment[(i, j)]);
+            // A bias that nothing observes is not inflated.
+            let observed =
+                (0..n).any(|row| members.innovations.jacobian.calibration.row(row).iter().any(|e| e.0 == number));
+            let before = if observed { parameters.as_ref() } else { perturbations.get(m.., ..) };
+            (0..columns).for_each(|j| deviations[(m + number, j)] = before[(number, j)] + increment[(i, j)]);
         }
         let mut analysed = Moments::of_deviations(background.mean.clone(), deviations);
         let relaxation = inflation.relaxation_to_prior_perturbations;
@@ -102,47 +107,51 @@ impl EnsembleAnalysis for PerturbedObservations {
                 + &*background.perturbations * faer::Scale(relaxation);
         }
         cycle.set(&background, analysed);
-        tapered.chi2()
+        Ok(Some(chi2))
     }
 }
 
-impl PerturbedObservations {
-    /// (ρ ∘ P Hᵀ) S⁻¹ (y + ε − h) for the values `[k, N]` of one place.
-    fn increment(
-        &self,
-        tapered: &TaperedInnovations<'_>,
-        solved: &Mat<f64>,
-        members: &ObservedEnsemble,
-        values: MatRef<'_, f64>,
-        place: (f64, f64),
-    ) -> Mat<f64> {
-        let weights: Vec<f64> = members.places.iter().map(|&other| self.taper.weight(place, other)).collect();
-        product(tapered.covariance_of_state(values, &weights).as_ref(), solved.as_ref())
+/// What the observations say, to be taken to places.
+struct LocalUpdate<'a> {
+    taper: &'a Taper,
+    members: &'a ObservedEnsemble,
+    tapered: &'a TaperedInnovations<'a>,
+    /// S⁻¹ R^-½ (y + ε_i − h(x_i)), `[n, N]`.
+    solved: Mat<f64>,
+    /// Inflation of the perturbations where something is observed.
+    factor: f64,
+}
+
+impl LocalUpdate<'_> {
+    /// The analysed values `[k, N]` of one place: inflated, plus (ρ ∘ P Hᵀ) S⁻¹ (y + ε − h).
+    ///
+    /// Inflation makes up for the spread that an analysis takes too much of, so it has the analysis's taper,
+    /// 1 + (f − 1) max ρ: full at an observation, none where no observation has an influence. There it would multiply the
+    /// spread in every cycle, with nothing to bring it back.
+    fn analysed(&self, values: MatRef<'_, f64>, place: (f64, f64)) -> Mat<f64> {
+        let weights: Vec<f64> = self.members.places.iter().map(|&other| self.taper.weight(place, other)).collect();
+        let nearest = weights.iter().copied().fold(0.0, f64::max);
+        let inflated = values * faer::Scale(1.0 + (self.factor - 1.0) * nearest);
+        let covariance = self.tapered.covariance_of_state(inflated.as_ref(), &weights);
+        inflated + product(covariance.as_ref(), self.solved.as_ref())
     }
 
-    /// Adds the increments of all cells to deviations that are the background's.
-    fn update_cells(
-        &self,
-        layout: &Layout,
-        tapered: &TaperedInnovations<'_>,
-        solved: &Mat<f64>,
-        members: &ObservedEnsemble,
-        deviations: &mut Mat<f64>,
-    ) {
+    /// Takes perturbations to analysed deviations from the background's mean in all cells.
+    fn update_cells(&self, layout: &Layout, deviations: &mut Mat<f64>) {
         let (grid, cells, variables) = (&layout.grid, layout.grid.cells(), layout.variables.len());
-        let increments: Vec<Mat<f64>> = (0..cells)
+        let columns = deviations.ncols();
+        let analysed: Vec<Mat<f64>> = (0..cells)
             .into_par_iter()
             .map(|cell| {
                 let place = (grid.x_m(Location::Center, cell % grid.nx), grid.y_m(Location::Center, cell / grid.nx));
-                let values =
-                    Mat::from_fn(variables, solved.ncols(), |variable, j| deviations[(variable * cells + cell, j)]);
-                self.increment(tapered, solved, members, values.as_ref(), place)
+                let values = Mat::from_fn(variables, columns, |variable, j| deviations[(variable * cells + cell, j)]);
+                self.analysed(values.as_ref(), place)
             })
             .collect();
-        for j in 0..solved.ncols() {
+        for j in 0..columns {
             let column = deviations.col_as_slice_mut(j);
-            for (cell, increment) in increments.iter().enumerate() {
-                (0..variables).for_each(|variable| column[variable * cells + cell] += increment[(variable, j)]);
+            for (cell, analysed) in analysed.iter().enumerate() {
+                (0..variables).for_each(|variable| column[variable * cells + cell] = analysed[(variable, j)]);
             }
         }
     }

@@ -3,7 +3,10 @@
 use super::localization::Taper;
 use super::members::ObservedEnsemble;
 use super::transform::WhitenedObservations;
-use crate::linalg::{add_symmetric_product, eigen, product};
+use crate::error::Error;
+use crate::linalg::{
+    add_symmetric_product, cholesky, column, product, solve_lower, solve_lower_transposed, squared_norm,
+};
 use crate::problem::Innovations;
 use faer::{Mat, MatRef};
 use isobar_model::Grid;
@@ -25,9 +28,12 @@ pub(super) struct TaperedInnovations<'a> {
     shared_part: Mat<f64>,
     /// κ.
     cross: f64,
-    /// Eigenvalues and eigenvectors of the tapered covariance.
-    values: Vec<f64>,
-    vectors: Mat<f64>,
+    /// The standard deviations of the members' h(x, c) over those of the observations, `[n]`.
+    spread: Vec<f64>,
+    /// σ of the observations.
+    sigma: Vec<f64>,
+    /// The Cholesky factor of S = I + L ∘ (Ỹ Ỹᵀ).
+    root: Mat<f64>,
 }
 
 /// The parameters that many places share, among those that are estimated.
@@ -40,13 +46,16 @@ pub(super) struct SharedParameters<'a> {
 
 impl<'a> TaperedInnovations<'a> {
     /// `members` is what `observed` was before it was whitened.
+    ///
+    /// # Errors
+    /// [`Error::NotPositiveDefinite`]: the observations are too accurate beside the members' spread.
     pub fn new(
         members: &ObservedEnsemble,
         observed: &'a WhitenedObservations,
         shared: &SharedParameters<'_>,
         taper: &Taper,
         cross: f64,
-    ) -> Self {
+    ) -> Result<Self, Error> {
         let ObservedEnsemble { innovations: Innovations { jacobian, variance, .. }, places, .. } = members;
         let (n, columns) = (observed.perturbations.nrows(), observed.perturbations.ncols());
         let root = ((columns - 1) as f64).sqrt();
@@ -68,25 +77,46 @@ impl<'a> TaperedInnovations<'a> {
                     + correction[(i, j)];
             }
         }
-        let (mut values, vectors) = eigen(covariance.as_ref());
-        values.iter_mut().for_each(|value| *value = value.max(0.0));
-        Self { observed, state_part, shared_part, cross, values, vectors }
+        let spread = (0..n).map(|i| covariance[(i, i)].max(0.0).sqrt()).collect();
+        let sigma = variance.iter().map(|variance| variance.sqrt()).collect();
+        (0..n).for_each(|i| covariance[(i, i)] += 1.0);
+        let root = cholesky(covariance, || "the members' tapered innovation covariance H P H' + R".into())?;
+        Ok(Self { observed, state_part, shared_part, cross, spread, sigma, root })
     }
 
     /// dᵀ S⁻¹ d.
-    pub fn chi2(&self) -> f64 {
-        let d = Mat::from_fn(self.values.len(), 1, |i, _| self.observed.departures[i]);
-        let projected = product(self.vectors.transpose(), d.as_ref());
-        self.values.iter().enumerate().map(|(i, value)| projected[(i, 0)].powi(2) / (1.0 + value)).sum()
+    ///
+    /// # Errors
+    /// [`Error::Unresolved`] where rounding of S changes what S⁻¹ d adds at an observation by more than 10⁻⁶ of the members'
+    /// spread there; see [`Problem::resolved_analysis`](crate::problem::Problem::resolved_analysis).
+    pub fn chi2(&self) -> Result<f64, Error> {
+        const TOLERANCE: f64 = 1e-6;
+        // S⁻¹ d is also the departure that is left, in standard deviations of the observation.
+        let left = self.solve(column(&self.observed.departures));
+        let left = left.col_as_slice(0);
+        let unresolved =
+            left.iter().zip(&self.spread).zip(&self.observed.departures).position(|((left, spread), d)| {
+                f64::EPSILON * spread * spread * left.abs() > TOLERANCE * spread.max(d.abs())
+            });
+        if let Some(row) = unresolved {
+            let sigma = self.sigma[row];
+            return Err(Error::Unresolved {
+                observation: format!("{} of the cycle", row + 1),
+                departure: sigma * left[row],
+                sigma,
+                spread: sigma * self.spread[row],
+            });
+        }
+        let mut whitened = column(&self.observed.departures);
+        solve_lower(self.root.as_ref(), whitened.as_mut());
+        Ok(squared_norm(whitened.col_as_slice(0)))
     }
 
-    /// g(S) times columns, for a function g of the eigenvalues of S − I.
-    pub fn apply(&self, function: impl Fn(f64) -> f64, columns: MatRef<'_, f64>) -> Mat<f64> {
-        let mut inner = product(self.vectors.transpose(), columns);
-        for j in 0..inner.ncols() {
-            inner.col_as_slice_mut(j).iter_mut().zip(&self.values).for_each(|(x, &value)| *x *= function(value));
-        }
-        product(self.vectors.as_ref(), inner.as_ref())
+    /// S⁻¹ times columns.
+    pub fn solve(&self, mut columns: Mat<f64>) -> Mat<f64> {
+        solve_lower(self.root.as_ref(), columns.as_mut());
+        solve_lower_transposed(self.root.as_ref(), columns.as_mut());
+        columns
     }
 
     /// The tapered covariance of deviations `[k, N]` at one place with the observations, `[k, n]`; `weights` is ρ of each.
@@ -101,7 +131,7 @@ impl<'a> TaperedInnovations<'a> {
     /// The tapered covariance of the deviations `[k, N]` of shared parameters with all observations, `[k, n]`.
     pub fn covariance_of_shared(&self, deviations: MatRef<'_, f64>) -> Mat<f64> {
         let root = ((deviations.ncols() - 1) as f64).sqrt();
-        let n = self.values.len();
+        let n = self.spread.len();
         let tapered = Mat::from_fn(deviations.ncols(), n, |j, i| {
             (self.cross * self.state_part[(i, j)] + self.shared_part[(i, j)]) / root
         });

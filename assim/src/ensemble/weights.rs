@@ -104,9 +104,13 @@ impl WeightGrid {
         })
     }
 
-    /// X T for perturbations X `[m + p, N]`, with the weights T of each cell; the last p rows are left as they are.
+    /// X T for perturbations X `[m + p, N]`, with the weights T `[N, N + 1]` of each cell; the last p rows are left as they
+    /// are, with zeros in the last column.
     pub fn apply(&self, weights: &[Mat<f64>], perturbations: MatRef<'_, f64>) -> Mat<f64> {
-        let mut result = perturbations.to_owned();
+        let columns = perturbations.ncols();
+        let mut result = Mat::from_fn(perturbations.nrows(), weights[0].ncols(), |i, j| {
+            if j < columns { perturbations[(i, j)] } else { 0.0 }
+        });
         let rows: Vec<Vec<(usize, Mat<f64>)>> =
             (0..self.rows.cells).into_par_iter().map(|j| self.apply_to_row(weights, perturbations, j)).collect();
         for (first, block) in rows.iter().flatten() {

@@ -213,6 +213,7 @@ impl Assimilator for TimeVolume {
             analysis_departures,
             innovation_chi2: Some(innovation_chi2.max(0.0)),
             partition: Some(analysis.partition),
+            warnings: Vec::new(),
         })
     }
 

@@ -1,5 +1,6 @@
 //! The control vector of the variational methods.
 
+use super::conjugate_gradient::Solution;
 use crate::covariance::Covariance;
 use crate::error::Error;
 use crate::linalg::{cholesky, column, product};
@@ -64,9 +65,10 @@ impl<'a> ControlSpace<'a> {
     }
 
     /// L Z Lᵀ with Z the β block of the inverse Hessian, from the solutions of the Hessian for the unit vectors of β.
-    pub fn bias_covariance(&self, solutions: &[Vec<f64>]) -> Mat<f64> {
+    pub fn bias_covariance(&self, solutions: &[Solution]) -> Mat<f64> {
         let (states, p) = (self.covariance.control_len(), self.parameters());
-        let whitened = Mat::from_fn(p, p, |i, j| 0.5 * (solutions[j][states + i] + solutions[i][states + j]));
+        let entry = |system: usize, parameter: usize| solutions[system].values[states + parameter];
+        let whitened = Mat::from_fn(p, p, |i, j| 0.5 * (entry(j, i) + entry(i, j)));
         let left = product(self.bias_root.as_ref(), whitened.as_ref());
         product(left.as_ref(), self.bias_root.transpose())
     }

@@ -2,14 +2,16 @@
 
 use super::conjugate_gradient::{self, Stopping};
 use super::control_space::ControlSpace;
+use super::convergence::Convergence;
 use crate::assimilator::{Adjustments, Assimilator, CalibrationAdjustment, Views, WidenCalibration};
 use crate::calibrated_state::CalibratedState;
 use crate::error::Error;
 use crate::estimate::{Analysis, Background};
+use crate::linalg::squared_norm;
 use crate::memory::{from_bytes, require, to_bytes};
 use crate::problem::{Innovations, Problem, steps};
 use faer::MatRef;
-use isobar_model::vector::{add, dot};
+use isobar_model::vector::add;
 use isobar_model::{Adjoint, ColumnsMut, Duration, Model, State, forecast};
 use isobar_obs::{Jacobian, LinearOperator, ObservationWindow};
 use rayon::prelude::*;
@@ -57,6 +59,7 @@ pub struct FourDVar {
     /// The observations since the first of them, cycle by cycle.
     observed: VecDeque<ObservationWindow>,
     present: CalibratedState,
+    convergence: Convergence,
 }
 
 /// The present estimate, and the window that will slide on.
@@ -66,6 +69,7 @@ struct Memory {
     starts: VecDeque<CalibratedState>,
     /// The observations of each cycle with the Jacobian of their operator, which is linear.
     observed: Vec<(ObservationWindow, Jacobian)>,
+    convergence: Convergence,
 }
 
 impl FourDVar {
@@ -85,6 +89,7 @@ impl FourDVar {
             starts: VecDeque::from([present.clone()]),
             observed: VecDeque::new(),
             present,
+            convergence: Convergence::default(),
         })
     }
 
@@ -99,8 +104,8 @@ impl FourDVar {
     }
 
     /// The analysis of the window, whose cycles have this length; the trajectory's end and the biases become the estimate.
-    /// Returns χ².
-    fn analyse_window(&mut self, cycle: Duration) -> Result<f64, Error> {
+    /// Returns χ², if the last minimisation has converged.
+    fn analyse_window(&mut self, cycle: Duration) -> Result<Option<f64>, Error> {
         let steps = steps(&*self.model, cycle)?;
         let mut background = self.starts.front().expect("there is always a background").clone();
         let cycles = self.observed.len();
@@ -109,7 +114,7 @@ impl FourDVar {
         let control = ControlSpace::new(&*self.problem.background_error, scale, &background.bias_covariance)?;
         let stopping = Stopping { tolerance: self.settings.tolerance, max_iterations: self.settings.max_iterations };
         let mut estimate = background.clone();
-        let mut chi2 = 0.0;
+        let mut chi2 = None;
         for outer in 1..=self.settings.outer_loops {
             let trajectory = self.trajectory(&estimate.s.state, steps)?;
             let innovations = self
@@ -135,10 +140,20 @@ impl FourDVar {
             let units = if outer == self.settings.outer_loops { control.parameters() } else { 0 };
             let systems: Vec<Vec<f64>> =
                 std::iter::once(gradient.clone()).chain(control.bias_units().take(units)).collect();
-            let solutions = conjugate_gradient::solve(&systems, stopping, |directions| cost.hessian(directions));
+            let observations = right.iter().map(Vec::len).sum();
+            let solutions =
+                conjugate_gradient::solve(&systems, observations, stopping, |directions| cost.hessian(directions));
             let (minimum, posterior) = solutions.split_first().expect("the minimum is the first");
-            chi2 = right.iter().flatten().map(|value| value * value).sum::<f64>() - dot(&gradient, minimum);
-            let (dx, dc) = control.increments(minimum);
+            let (dx, dc) = control.increments(&minimum.values);
+            if outer == self.settings.outer_loops {
+                self.convergence.add(&solutions);
+                if self.convergence.reached() {
+                    let fitted = cost.observe(dx.clone(), std::slice::from_ref(&dc)).swap_remove(0);
+                    let misfits = right.iter().flatten().zip(fitted.iter().flatten());
+                    let misfit: f64 = misfits.map(|(d, fitted)| (d - fitted).powi(2)).sum();
+                    chi2 = Some(misfit + squared_norm(&minimum.values));
+                }
+            }
             estimate = background.clone();
             estimate.add(&dx, &dc);
             if units > 0 {
@@ -163,13 +178,14 @@ impl Assimilator for FourDVar {
         let window_chi2 = self.analyse_window(from.window)?;
         // χ² is that of the window; each of its cycles has its part.
         let all: usize = self.observed.iter().map(|observed| observed.len()).sum();
-        let innovation_chi2 = window_chi2 * observed.len() as f64 / all.max(1) as f64;
+        let innovation_chi2 = window_chi2.map(|chi2| chi2 * observed.len() as f64 / all.max(1) as f64);
         self.starts.push_back(self.present.clone());
         if self.observed.len() == self.settings.window_cycles {
             self.observed.pop_front();
             self.starts.pop_front();
         }
-        Ok(self.problem.analysis(observed, innovations, self.present.estimate(None)?, innovation_chi2))
+        let analysis = self.problem.analysis(observed, innovations, self.present.estimate(None)?, innovation_chi2);
+        Ok(Analysis { warnings: self.convergence.warning().into_iter().collect(), ..analysis })
     }
 
     fn boxed_clone(&self) -> Box<dyn Assimilator> {
@@ -181,11 +197,12 @@ impl Assimilator for FourDVar {
         let s = &self.present.s;
         let with_jacobian = |window: &ObservationWindow| (window.clone(), window.operator.linearize(&s.state, &s.bias));
         let observed = self.observed.iter().map(with_jacobian).collect();
-        to_bytes(&Memory { present: self.present.clone(), starts: self.starts.clone(), observed })
+        let convergence = self.convergence.clone();
+        to_bytes(&Memory { present: self.present.clone(), starts: self.starts.clone(), observed, convergence })
     }
 
     fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
-        let Memory { present, starts, observed } = from_bytes(memory)?;
+        let Memory { present, starts, observed, convergence } = from_bytes(memory)?;
         starts.iter().chain([&present]).try_for_each(|start| start.require_like(&self.present))?;
         let (layout, p) = (present.s.state.layout(), present.s.bias.len());
         let fits = |(window, jacobian): &(ObservationWindow, Jacobian)| {
@@ -201,11 +218,12 @@ impl Assimilator for FourDVar {
         };
         let observed = observed.into_iter().map(with_operator).collect();
         (self.present, self.starts, self.observed) = (present, starts, observed);
+        self.convergence = convergence;
         Ok(())
     }
 
     fn can(&self) -> Views<'_> {
-        Views { calibration: self.present.view(), ..Views::default() }
+        Views { calibration: self.present.view(), parameters: Some(&self.convergence), ..Views::default() }
     }
 
     fn adjust(&mut self) -> Adjustments<'_> {

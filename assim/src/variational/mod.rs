@@ -2,6 +2,7 @@
 
 mod conjugate_gradient;
 mod control_space;
+mod convergence;
 mod four_d_var;
 mod hybrid;
 mod three_d_var;

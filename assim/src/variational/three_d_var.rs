@@ -2,14 +2,16 @@
 
 use super::conjugate_gradient::{self, Stopping};
 use super::control_space::ControlSpace;
+use super::convergence::Convergence;
 use crate::assimilator::{Adjustments, Assimilator, Views};
 use crate::calibrated_state::CalibratedState;
 use crate::covariance::Covariance;
 use crate::error::Error;
 use crate::estimate::{Analysis, Background};
+use crate::linalg::squared_norm;
 use crate::memory::{from_bytes, to_bytes};
 use crate::problem::{Innovations, Problem};
-use isobar_model::vector::{add, dot};
+use isobar_model::vector::add;
 use isobar_model::{Duration, Model};
 use isobar_obs::ObservationWindow;
 use rayon::prelude::*;
@@ -34,8 +36,8 @@ pub struct ThreeDVarSettings {
 ///
 /// by conjugate gradients on the Hessian I + KᵀK, K = R^-½ \[H √s U, G L\]. The covariance of the biases is carried from
 /// cycle to cycle: its analysis is the β block of the inverse Hessian, by one solution for each parameter; their
-/// errors' correlation with the state's is dropped, because B is static. 2 J at the minimum is the normalised
-/// innovation squared. With a complete minimisation this is optimal interpolation (Lorenc 1986); biases in the control
+/// errors' correlation with the state's is dropped, because B is static. 2 J at the minimum, a sum of squares, is the
+/// normalised innovation squared. With a complete minimisation this is optimal interpolation (Lorenc 1986); biases in the control
 /// vector: Derber and Wu (1998), Dee (2005).
 #[derive(Clone)]
 pub struct ThreeDVar {
@@ -44,13 +46,20 @@ pub struct ThreeDVar {
     /// Another factor of B, that others may change.
     error_factor: f64,
     present: CalibratedState,
+    convergence: Convergence,
 }
 
 impl ThreeDVar {
     /// 3D-Var from the background.
     pub fn new(problem: impl Into<Problem<dyn Model>>, settings: ThreeDVarSettings) -> Self {
         let problem = problem.into();
-        Self { present: CalibratedState::new(&problem), problem, settings, error_factor: 1.0 }
+        Self {
+            present: CalibratedState::new(&problem),
+            problem,
+            settings,
+            error_factor: 1.0,
+            convergence: Convergence::default(),
+        }
     }
 
     /// Replaces the covariance B of the problem.
@@ -75,16 +84,20 @@ impl Assimilator for ThreeDVar {
         let right = cost.multiply_transposed(&whitened);
         let stopping = Stopping { tolerance: self.settings.tolerance, max_iterations: self.settings.max_iterations };
         let systems: Vec<Vec<f64>> = std::iter::once(right.clone()).chain(control.bias_units()).collect();
-        let solutions = conjugate_gradient::solve(&systems, stopping, |directions| {
+        let solutions = conjugate_gradient::solve(&systems, whitened.len(), stopping, |directions| {
             directions.par_iter().map(|direction| cost.hessian(direction)).collect()
         });
+        self.convergence.add(&solutions);
         let (minimum, posterior) = solutions.split_first().expect("the minimum is the first");
-        let innovation_chi2 = dot(&whitened, &whitened) - dot(&right, minimum);
-        let (state_increment, bias_increment) = control.increments(minimum);
+        let (state_increment, bias_increment) = control.increments(&minimum.values);
+        let fitted = innovations.whiten(innovations.jacobian.apply(&state_increment, &bias_increment));
+        let misfit: f64 = whitened.iter().zip(fitted).map(|(d, fitted)| (d - fitted).powi(2)).sum();
+        let innovation_chi2 = self.convergence.reached().then(|| misfit + squared_norm(&minimum.values));
         let bias_covariance = control.bias_covariance(posterior);
         self.present.add(&state_increment, &bias_increment);
         self.present.bias_covariance = bias_covariance.into();
-        Ok(self.problem.analysis(observed, innovations, self.present.estimate(None)?, innovation_chi2))
+        let analysis = self.problem.analysis(observed, innovations, self.present.estimate(None)?, innovation_chi2);
+        Ok(Analysis { warnings: self.convergence.warning().into_iter().collect(), ..analysis })
     }
 
     fn boxed_clone(&self) -> Box<dyn Assimilator> {
@@ -92,18 +105,18 @@ impl Assimilator for ThreeDVar {
     }
 
     fn memory(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&self.present)
+        to_bytes(&(&self.present, &self.convergence))
     }
 
     fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
-        let present: CalibratedState = from_bytes(memory)?;
+        let (present, convergence): (CalibratedState, Convergence) = from_bytes(memory)?;
         present.require_like(&self.present)?;
-        self.present = present;
+        (self.present, self.convergence) = (present, convergence);
         Ok(())
     }
 
     fn can(&self) -> Views<'_> {
-        Views { calibration: self.present.view(), ..Views::default() }
+        Views { calibration: self.present.view(), parameters: Some(&self.convergence), ..Views::default() }
     }
 
     fn adjust(&mut self) -> Adjustments<'_> {

@@ -88,6 +88,12 @@ impl InstrumentSettings for RecordedSettings {
 }
 
 impl RecordedSettings {
+    /// The observations of a file that says variable and sigma of each, which are used if they are valid at the end of a
+    /// window.
+    pub fn new(observations: ObservationFile) -> Self {
+        Self { observations, variable: None, sigma: None, time_tolerance: Duration::from_seconds(0), winds: None }
+    }
+
     /// The number of the observed variable, and the standard deviation of the random error; `None`, and a fault, if the file
     /// names a variable that is not there.
     fn variable_and_sigma(

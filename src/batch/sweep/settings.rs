@@ -172,7 +172,7 @@ mod tests {
         assert_eq!(described[..4], expected);
         assert_eq!((settings.len(), settings[8].directory.as_str()), (9, "setting-0009"));
         let own = &settings[8].scenario;
-        let scale = |scenario: &Scenario| format!("{:?}", scenario.methods["var"].algorithm);
+        let scale = |scenario: &Scenario| format!("{:?}", scenario.methods["var"].settings);
         assert!(scale(own).contains("covariance_scale: 2.0"), "{}", scale(own));
         assert!(
             own.text.contains("sigma_height_m = 20") && own.text.contains("length_km = 700") && own.sweep.is_none()

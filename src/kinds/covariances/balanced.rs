@@ -3,7 +3,6 @@
 use super::component::{CovarianceSettings, LENGTH_KM};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{AnyKey, Key, Limits, Read, Section};
-use crate::scenario::Dynamics;
 use isobar_assim::covariance::{Balanced, BalancedParameters};
 use isobar_assim::{Covariance, Error};
 use isobar_model::Layout;
@@ -27,14 +26,12 @@ impl Kind<dyn CovarianceSettings, Domain> for BalancedKind {
     }
 
     fn read(&self, section: &Section<'_>, domain: &Domain) -> Read<Box<dyn CovarianceSettings>> {
-        let (Dynamics::ShallowWater(water) | Dynamics::LinearShallowWater { settings: water, .. }) =
-            &domain.model.dynamics
-        else {
-            return Err(without_rotation(section)?);
+        let water = domain.model.equations.water().map(|water| water.parameters);
+        let Some(water) = water.filter(|water| water.coriolis_per_s != 0.0) else {
+            let message = "a balanced covariance needs a shallow-water model with coriolis_per_s other than 0".into();
+            let allowed = "must be \"univariate\" or \"white\" for this model";
+            return Err(section.required("kind")?.invalid(message, allowed));
         };
-        if water.coriolis_per_s == 0.0 {
-            return Err(without_rotation(section)?);
-        }
         Ok(Box::new(BalancedParameters {
             sigma_height_m: section.get(&SIGMA_HEIGHT_M)?,
             length_m: section.get(&LENGTH_KM)? * 1e3,
@@ -45,11 +42,6 @@ impl Kind<dyn CovarianceSettings, Domain> for BalancedKind {
     }
 }
 
-fn without_rotation(section: &Section<'_>) -> Read<crate::reader::ScenarioError> {
-    let message = "a balanced covariance needs a shallow-water model with coriolis_per_s other than 0".into();
-    Ok(section.required("kind")?.invalid(message, "must be \"univariate\" or \"white\" for this model"))
-}
-
 impl CovarianceSettings for BalancedParameters {
     fn build(&self, layout: &Layout) -> Result<Box<dyn Covariance>, Error> {
         Ok(Box::new(Balanced::new(layout, self)?))
@@ -57,5 +49,9 @@ impl CovarianceSettings for BalancedParameters {
 
     fn length_m(&self) -> Option<f64> {
         Some(self.length_m)
+    }
+
+    fn balance(&self) -> Option<&BalancedParameters> {
+        Some(self)
     }
 }

@@ -1,6 +1,7 @@
 //! What the kinds of components have in common.
 
 use crate::reader::{Described, Key, Limits};
+use isobar_assim::covariance::BalancedParameters;
 use isobar_assim::{Covariance, Error};
 use isobar_model::Layout;
 use std::fmt::Debug;
@@ -15,6 +16,11 @@ pub trait CovarianceSettings: Debug + Send + Sync {
 
     /// The correlation length \[m\]; `None` where points are not correlated, or nothing says how far.
     fn length_m(&self) -> Option<f64>;
+
+    /// What is balanced, for a component whose winds are in geostrophic balance with its heights.
+    fn balance(&self) -> Option<&BalancedParameters> {
+        None
+    }
 }
 
 pub(super) const LENGTH_KM: Key<Limits> = Key::required(

@@ -20,6 +20,9 @@ pub enum ExperimentError {
     /// A covariance.
     #[error("{0}")]
     Covariance(isobar_assim::Error),
+    /// Geostrophic balance where f is too small for it.
+    #[error("{0}")]
+    Balance(String),
     /// A method.
     #[error("method {name}: {error}")]
     Method {

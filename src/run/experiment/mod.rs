@@ -1,11 +1,8 @@
 //! From a scenario to everything that runs: model, truth, observing system, methods.
 
+mod balance;
 mod error;
-mod forecast_model;
-mod initial_state;
-mod methods;
 mod notices;
-mod time_volume;
 
 pub use error::ExperimentError;
 
@@ -15,11 +12,13 @@ use crate::options::RunOptions;
 use crate::run::cycle::{Freezing, Runner};
 use crate::run::reference::Reference;
 use crate::run::truth::Truth;
-use crate::scenario::{Algorithm, Scenario, ScenarioError};
+use crate::run::units::UnitCheck;
+use crate::scenario::{Scenario, ScenarioError};
 use crate::scores::Failure;
 use crate::sensors::knowledge::{WarmStart, warm_start};
 use crate::sensors::{Database, SensorError, database::Missing};
-use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Problem, SensorKnowledge, covariance};
+use isobar_assim::high_pass::HighPassSettings;
+use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem, SensorKnowledge, covariance};
 use isobar_model::random::stream;
 use isobar_model::{Duration, check_time_step};
 use isobar_obs::ObservingSystem;
@@ -32,6 +31,7 @@ impl ExperimentError {
         let (path, label): (Vec<&str>, &str) = match self {
             ExperimentError::TimeStep(_) => (vec!["model", "time_step_s"], "too long"),
             ExperimentError::Model(_) => (vec!["initial"], "with this and [model]"),
+            ExperimentError::Balance(_) => (vec!["model", "coriolis_per_s"], "next to no rotation"),
             ExperimentError::Covariance(_) => (vec!["background_error"], "here or in [model_error]"),
             ExperimentError::Method { name, .. } => (vec!["methods", name], "this method"),
             ExperimentError::Sensors(_) => (vec!["sensors", "database"], "this database"),
@@ -60,6 +60,8 @@ pub struct Experiment {
     pub truth: Truth,
     /// What the values of observations are compared with, if they are checked.
     pub reference: Option<Reference>,
+    /// Whether observations can be in their unit.
+    pub units: UnitCheck,
     /// What observes it.
     pub observing: ObservingSystem,
     /// Checksum of everything on which results depend beside the scenario's text and the options: the contents of its
@@ -79,6 +81,8 @@ pub struct Competitor {
     pub failure: Option<Failure>,
     /// Whether its biases are scored: not where they are known to it or it has none.
     pub scores_bias: bool,
+    /// Whether it has warned of an analysis.
+    pub has_warned: bool,
     /// Whether it is given observations without their true biases.
     pub bias_known: bool,
 }
@@ -110,10 +114,9 @@ pub struct Checked {
 pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
     let ground = ground(scenario, scenario.seed, scenario.cycle.count)?;
     for (name, method) in &scenario.methods {
-        if let Algorithm::TimeVolume { options, .. } = &method.algorithm {
-            time_volume::factors(options, &ground.problem.calibration)
-                .map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
-        }
+        let calibration = &ground.problem.calibration;
+        let fault = |error| ExperimentError::Method { name: name.clone(), error };
+        method.settings.check(calibration).map_err(fault)?;
     }
     Ok(Checked {
         recorded: notices::recorded(&ground.observing, scenario.cycle.count),
@@ -136,9 +139,10 @@ impl Experiment {
         for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
             let build = || -> Result<Calibrated, ExperimentError> {
                 let built = self::method(&problem, name, scenario)?;
-                Ok(match method.bias == BiasTreatment::Estimate && methods::sees_observations(method) {
-                    true => Calibrated::new(built, &problem.calibration, scenario.start, sensors.knowledge.clone()),
-                    false => built.into(),
+                Ok(if method.estimates_biases() {
+                    Calibrated::new(built, &problem.calibration, scenario.start, sensors.knowledge.clone())
+                } else {
+                    built.into()
                 })
             };
             let freezing = scenario.stability.freeze_after_cycles.map(|after_cycle| Freezing {
@@ -147,13 +151,17 @@ impl Experiment {
                 calibration: problem.calibration.clone(),
             });
             let runner = Runner::new(build)?.watched(scenario.cycle.score_from_cycle, freezing);
+            let runner = runner.of_model(problem.model.clone());
             let smoother_lag_cycles = runner.smoother_lag();
             let bias_known = method.bias == BiasTreatment::Known;
-            let scores_bias = methods::sees_observations(method) && !bias_known;
-            methods.push(Competitor { runner, failure: None, scores_bias, bias_known });
-            let known = sensors_in_words(&sensors).filter(|_| method.bias == BiasTreatment::Estimate);
-            let own = methods::describe(method, name, scenario);
-            let description = [own].into_iter().chain(known).collect::<Vec<_>>().join(", ");
+            let scores_bias = method.scores_biases();
+            methods.push(Competitor { runner, failure: None, scores_bias, has_warned: false, bias_known });
+            let initialised = initialisation(name, scenario).map(|settings| {
+                format!("calibration initialised from {} cycles by a high-pass filter", settings.cycles)
+            });
+            let known = sensors_in_words(&sensors).filter(|_| method.estimates_biases());
+            let parts = [Some(method.describe()), initialised, known];
+            let description = parts.into_iter().flatten().collect::<Vec<_>>().join(", ");
             infos.push(MethodInfo { name: name.clone(), description, smoother_lag_cycles });
         }
         let stations = observing.stations().iter().map(|station| StationInfo {
@@ -180,15 +188,21 @@ impl Experiment {
         let steps = problem_steps(scenario, &problem);
         let mut warnings = sensors.warnings;
         warnings.extend(notices::warnings(scenario, &observing, cycles));
+        let chosen = scenario.methods.iter().filter(|(name, _)| chosen(name));
+        warnings.extend(chosen.filter_map(|(name, method)| {
+            Some(format!("methods.{name}: {}", method.settings.warning(&scenario.model)?))
+        }));
         Ok(Self {
             info,
             variance_ratio: scenario.stability.variance_ratio,
             score_from_cycle: scenario.cycle.score_from_cycle,
             influence_every_cycles: scenario.influence_every_cycles,
             truth,
-            reference: scenario
-                .quality_control
-                .map(|control| Reference::new(control, problem.model, steps, problem.background)),
+            units: UnitCheck::new(&*problem.background_error, &problem.background),
+            reference: scenario.quality_control.map(|control| {
+                let (background_error, model_error) = (&*problem.background_error, problem.model_error.as_deref());
+                Reference::new(control, problem.model, steps, problem.background, background_error, model_error)
+            }),
             observing,
             inputs,
             warnings,
@@ -208,10 +222,19 @@ fn problem_steps(scenario: &Scenario, problem: &Problem) -> usize {
 /// # Errors
 /// Those of the method.
 pub fn method(problem: &Problem, name: &str, scenario: &Scenario) -> Result<Box<dyn Assimilator>, ExperimentError> {
-    methods::build(problem, &scenario.methods[name], scenario)
-        .and_then(|method| methods::adapted(method, name, problem, scenario))
-        .and_then(|method| methods::initialised(method, name, problem, scenario))
-        .map_err(|error| ExperimentError::Method { name: name.to_string(), error })
+    let fault = |error| ExperimentError::Method { name: name.to_string(), error };
+    let method = scenario.methods[name].build(problem, &scenario.domain(), scenario.start, scenario.cycle.window);
+    let method = method.map_err(fault)?;
+    match initialisation(name, scenario) {
+        Some(high_pass) => Ok(Box::new(Initialised::new(method, problem.clone(), high_pass).map_err(fault)?)),
+        None => Ok(method),
+    }
+}
+
+/// How the method of this name is initialised from its first observations, if it is.
+fn initialisation(name: &str, scenario: &Scenario) -> Option<HighPassSettings> {
+    let initialise = scenario.initialise.as_ref()?;
+    initialise.methods.iter().any(|method| method == name).then_some(initialise.high_pass)
 }
 
 /// Sets up all of a scenario but its methods.
@@ -220,8 +243,9 @@ pub fn method(problem: &Problem, name: &str, scenario: &Scenario) -> Result<Box<
 /// As [`Experiment::new`].
 pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, ExperimentError> {
     let grid = &scenario.grid.grid;
-    let model = forecast_model::build(&scenario.model, grid, scenario.cycle.window)?;
-    let background = initial_state::build(&scenario.initial, &scenario.model, grid, seed)?;
+    let model = scenario.model.build(grid, scenario.cycle.window)?;
+    let background = scenario.initial.build(&scenario.domain(), seed)?;
+    balance::check(scenario, &background)?;
     check_time_step(&*model, &background).map_err(ExperimentError::TimeStep)?;
     let build = |components| covariances::build(components, background.layout()).map_err(ExperimentError::Covariance);
     let background_error = build(&scenario.background_error)?;
@@ -229,7 +253,7 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
     let model_error = has_model_error.then(|| build(&scenario.model_error)).transpose()?;
 
     let true_state = match &scenario.truth.initial {
-        Some(initial) => initial_state::build(initial, &scenario.truth.model, grid, seed)?,
+        Some(initial) => initial.build(&scenario.true_domain(), seed)?,
         None => {
             let mut state = background.clone();
             let deviation = covariance::randomize(&*background_error, &mut stream(seed, "truth/initial"));
@@ -238,11 +262,11 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
             state
         }
     };
-    let true_model = forecast_model::build(&scenario.truth.model, grid, scenario.cycle.window)?;
+    let true_model = scenario.truth.model.build(grid, scenario.cycle.window)?;
     check_time_step(&*true_model, &true_state).map_err(ExperimentError::TimeStep)?;
     let steps = scenario.cycle.window.steps_of(true_model.time_step()).expect("the scenario's window fits its steps");
     let true_error = model_error.clone().map(|covariance| (covariance, scenario.truth.model_error_scale.sqrt()));
-    let truth = Truth::new(true_model, steps, true_error, stream(seed, "truth/model error"), true_state);
+    let truth = Truth::new(true_model, steps, cycles, true_error, stream(seed, "truth/model error"), true_state);
 
     let projection = scenario.grid.projection.as_ref();
     let Scenario { networks, start, .. } = scenario;

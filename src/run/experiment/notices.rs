@@ -1,6 +1,6 @@
 //! What the user should know of the observations before a run.
 
-use crate::scenario::{Dynamics, Scenario};
+use crate::scenario::Scenario;
 use isobar_obs::{LeftOutStation, ObservingSystem};
 
 /// How many stations a warning names.
@@ -45,11 +45,7 @@ pub(super) fn warnings(scenario: &Scenario, observing: &ObservingSystem, cycles:
 /// A warning if the Coriolis parameter has the sign of the other hemisphere.
 fn hemisphere(scenario: &Scenario) -> Option<String> {
     let latitude_deg = scenario.grid.projection.as_ref()?.center_latitude_deg;
-    let (Dynamics::ShallowWater(settings) | Dynamics::LinearShallowWater { settings, .. }) = &scenario.model.dynamics
-    else {
-        return None;
-    };
-    let f = settings.coriolis_per_s;
+    let f = scenario.model.equations.water()?.parameters.coriolis_per_s;
     (f * latitude_deg < 0.0).then(|| {
         format!(
             "model.coriolis_per_s = {f} has not the sign of grid.center_latitude_deg = {latitude_deg}: it is positive in \

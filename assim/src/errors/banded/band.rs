@@ -14,11 +14,11 @@ pub(super) struct Band {
     values: Vec<f64>,
 }
 
-/// The least pivot of a correlation matrix: what it has less of is rounding.
-const LEAST_PIVOT: f64 = 1e-8;
+/// The least pivot of a matrix of correlations that is positive definite beyond rounding.
+const LEAST_PIVOT: f64 = 1e-10;
 
-/// By how much pivots of positive semidefinite matrices of correlations are raised at most.
-const ROUNDING: f64 = 1e-6;
+/// Shares of the variances taken as uncorrelated where a matrix of correlations is singular to rounding, the least first.
+const NUGGETS: [f64; 3] = [1e-12, 1e-10, 1e-8];
 
 impl Band {
     /// Zero, with the band no wider than the matrix.
@@ -107,8 +107,12 @@ impl Band {
     /// ρ_ij (1 − t |i − j|/(h + 1)),    0 ≤ t ≤ 1,
     /// ```
     ///
-    /// t is the least of 16 steps with which there is a Cholesky factor: 0 where the band of P is a covariance as it is.
-    pub fn covariance_factor(mut self) -> (Self, f64) {
+    /// t is the least of 16 steps with which there is a Cholesky factor: 0 where the band of P is a covariance as it is, be it
+    /// singular.
+    ///
+    /// # Errors
+    /// [`Error::NotPositiveDefinite`] where even the taper leaves no covariance: the matrix was none.
+    pub fn covariance_factor(mut self) -> Result<(Self, f64), Error> {
         let sigma: Vec<f64> = (0..self.size).map(|j| self.column(j)[0].max(0.0).sqrt()).collect();
         for j in 0..self.size {
             let own = sigma[j];
@@ -130,48 +134,56 @@ impl Band {
                 let column = own.column_mut(j).iter_mut().enumerate();
                 column.for_each(|(d, entry)| *entry *= 1.0 - taper * d as f64 / reach);
             }
-            own.nearly_positive_factor()
+            own.correlation_factor()
         };
-        let (mut root, mut rise) = tapered(0.0);
-        let (mut least, mut taper) = (0.0, 0.0);
-        if rise > ROUNDING {
-            taper = 1.0;
-            (root, _) = tapered(taper);
+        let (mut root, mut taper) = (tapered(0.0), 0.0);
+        if root.is_none() {
+            let mut least = 0.0;
+            (root, taper) = (tapered(1.0), 1.0);
             for _ in 0..4 {
                 let middle = 0.5 * (least + taper);
-                let factored = tapered(middle);
-                rise = factored.1;
-                if rise > ROUNDING {
-                    least = middle;
-                } else {
-                    (root, taper) = (factored.0, middle);
+                match tapered(middle) {
+                    None => least = middle,
+                    found => (root, taper) = (found, middle),
                 }
             }
         }
+        let matrix = || "the tapered band of the covariance".into();
+        let mut root =
+            root.ok_or_else(|| Error::NotPositiveDefinite { matrix: matrix(), pivot: 0, size: self.size })?;
         for j in 0..root.size {
             root.column_mut(j).iter_mut().zip(&sigma[j..]).for_each(|(entry, sigma)| *entry *= sigma);
         }
-        (root, taper)
+        Ok((root, taper))
     }
 
-    /// The Cholesky factor of a matrix of correlations, whose pivots are raised to
+    /// The Cholesky factor of a matrix of correlations, if it is positive semidefinite.
     ///
-    /// ```text
-    /// d_j = max(c_jj, max_i c_ij², δ),   i > j,
-    /// ```
-    ///
-    /// with what is left of the correlations, c (Gill, Murray and Wright 1981, Practical Optimization, section 4.4.2.2), and
-    /// the most that one was raised by: nothing but rounding where the matrix is positive semidefinite.
-    fn nearly_positive_factor(mut self) -> (Self, f64) {
-        let mut rise: f64 = 0.0;
+    /// The pivots of a smooth covariance fall to rounding long before the last column, and dividing by them, or raising one of
+    /// them, multiplies rounding errors without bounds. With a share δ of each variance taken as uncorrelated, (C + δ I)/(1 + δ),
+    /// no pivot is below δ, and the Cholesky factorisation succeeds if δ exceeds a few m ε |C| (Higham 2002, Accuracy and
+    /// Stability of Numerical Algorithms, theorem 10.7); the correlations change by δ.
+    fn correlation_factor(self) -> Option<Self> {
+        let with = |nugget: f64, least_pivot: f64| {
+            let mut own = self.clone();
+            for j in 0..own.size {
+                own.column_mut(j)[1..].iter_mut().for_each(|entry| *entry /= 1.0 + nugget);
+            }
+            own.factor_above(least_pivot)
+        };
+        with(0.0, LEAST_PIVOT).or_else(|| NUGGETS.into_iter().find_map(|nugget| with(nugget, 0.0)))
+    }
+
+    /// The Cholesky factor, if all pivots are above a limit.
+    fn factor_above(mut self, least_pivot: f64) -> Option<Self> {
         for j in 0..self.size {
-            let column = self.column(j);
-            let largest = column[1..].iter().fold(0.0f64, |largest, entry| largest.max(entry * entry));
-            let pivot = column[0].max(largest).max(LEAST_PIVOT);
-            rise = rise.max(pivot - column[0]);
+            let pivot = self.column(j)[0];
+            if !(pivot > least_pivot && pivot.is_finite()) {
+                return None;
+            }
             self.eliminate(j, pivot.sqrt());
         }
-        (self, rise)
+        Some(self)
     }
 
     /// Makes column j that of the factor, and takes what it explains off the columns to come.
@@ -271,7 +283,7 @@ mod tests {
             let (expected, scale) = (dense(&band, true), 30.0);
             let plain = band.clone().cholesky("a matrix").unwrap();
             assert!(largest_difference(&square(&plain), &expected) < 1e-13 * scale);
-            let (factor, taper) = band.covariance_factor();
+            let (factor, taper) = band.covariance_factor().unwrap();
             assert!(largest_difference(&square(&factor), &expected) < 1e-13 * scale && taper == 0.0);
             let x = standard_normals(&mut stream(1, "x"), 12);
             let mut y = plain.multiply(&x);
@@ -291,7 +303,7 @@ mod tests {
         band.values.fill(4.0);
         let error = band.clone().cholesky("ones").unwrap_err();
         assert!(matches!(error, Error::NotPositiveDefinite { pivot: 1, size: 6, .. }), "{error}");
-        let (root, taper) = band.covariance_factor();
+        let (root, taper) = band.covariance_factor().unwrap();
         // Positive definite are correlations below 1/(2 cos π/7) = 0.555.
         assert_eq!(taper, 15.0 / 16.0);
         let after = square(&root);
@@ -314,9 +326,37 @@ mod tests {
                 band.column_mut(j).iter_mut().enumerate().for_each(|(d, entry)| *entry = 9.0 * correlation(j + d, j));
             }
             let expected = dense(&band, true);
-            let (root, taper) = band.covariance_factor();
-            assert!(taper == 0.0 && largest_difference(&square(&root), &expected) < 1e-6);
+            let (root, taper) = band.covariance_factor().unwrap();
+            assert!(taper == 0.0 && largest_difference(&square(&root), &expected) < 1e-10);
         }
+    }
+
+    /// Values on a periodic plane in the order of the band, with a Gaussian correlation of three cells: of 320 eigenvalues 250
+    /// are rounding.
+    #[test]
+    fn a_smooth_covariance_that_is_singular_to_rounding_needs_no_taper() {
+        let (nx, ny, length) = (20, 16, 3.0);
+        let around = |d: usize, n: usize| -> f64 {
+            let images = (-8..=8).map(|image| d as f64 + f64::from(image * n as i32));
+            images.map(|d| (-0.5 * (d / length).powi(2)).exp()).sum()
+        };
+        let place = |index: usize| {
+            let (line, y) = (index / ny, index % ny);
+            (if line % 2 == 0 { line / 2 } else { nx - 1 - line / 2 }, y)
+        };
+        let size = nx * ny;
+        let mut band = Band::zeros(size, size - 1);
+        for j in 0..size {
+            let (x, y) = place(j);
+            for (d, entry) in band.column_mut(j).iter_mut().enumerate() {
+                let (other_x, other_y) = place(j + d);
+                *entry = around(x.abs_diff(other_x), nx) * around(y.abs_diff(other_y), ny);
+            }
+        }
+        let expected = dense(&band, true);
+        let (root, taper) = band.covariance_factor().unwrap();
+        let difference = largest_difference(&square(&root), &expected);
+        assert!(taper == 0.0 && difference < 1e-8, "taper {taper}, {difference:e}");
     }
 
     #[test]
@@ -326,7 +366,7 @@ mod tests {
             band.values[j * 3 + i - j] = 0.0;
         }
         let expected = dense(&band, true);
-        let (root, taper) = band.covariance_factor();
+        let (root, taper) = band.covariance_factor().unwrap();
         assert!(largest_difference(&square(&root), &expected) < 1e-12 && taper == 0.0);
     }
 }

@@ -49,7 +49,7 @@ impl Banded {
             }
         }
         self.memory.information = Band::identity(m);
-        (self.memory.root, self.memory.taper) = band.covariance_factor();
+        (self.memory.root, self.memory.taper) = band.covariance_factor()?;
         Ok(())
     }
 

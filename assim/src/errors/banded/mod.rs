@@ -61,6 +61,8 @@ pub struct Banded {
     position: Arc<[usize]>,
     /// Q, in the order of the band.
     model_error: Arc<Band>,
+    /// How far the band of B was tapered to be a covariance, from 0 to 1.
+    first_taper: f64,
     memory: Memory,
 }
 
@@ -126,7 +128,7 @@ impl Banded {
             band
         };
         let model_error = problem.model_error.as_deref().map_or_else(|| Band::zeros(m, half_bandwidth), banded);
-        let (root, taper) = banded(&*problem.background_error).covariance_factor();
+        let (root, taper) = banded(&*problem.background_error).covariance_factor()?;
         let calibration = problem.estimated_calibration();
         let p = calibration.len();
         let memory = Memory {
@@ -137,7 +139,13 @@ impl Banded {
             widening: Matrix(Mat::zeros(p, p)),
             taper,
         };
-        Ok(Self { order: order.into(), position: position.into(), model_error: Arc::new(model_error), memory })
+        Ok(Self {
+            order: order.into(),
+            position: position.into(),
+            model_error: Arc::new(model_error),
+            first_taper: taper,
+            memory,
+        })
     }
 
     fn in_band_order(&self, values: &[f64]) -> Vec<f64> {
@@ -245,12 +253,17 @@ impl Errors for Banded {
     }
 
     fn estimated_parameters(&self) -> Vec<EstimatedParameter> {
-        let taper = self.memory.taper;
-        let verdict = match taper {
-            0.0 => "the band is a covariance as it is",
-            _ => "how far the band is tapered to be a covariance, from 0 to 1",
+        let parameter = |name: &str, taper: f64| EstimatedParameter {
+            name: name.into(),
+            unit: "1".into(),
+            value: taper,
+            sigma: None,
+            verdict: match taper {
+                0.0 => "the band is a covariance as it is",
+                _ => "how far the band is tapered to be a covariance, from 0 to 1",
+            }
+            .into(),
         };
-        let (name, unit) = ("band/taper".into(), "1".into());
-        vec![EstimatedParameter { name, unit, value: taper, sigma: None, verdict: verdict.into() }]
+        vec![parameter("band/taper", self.memory.taper), parameter("band/first_taper", self.first_taper)]
     }
 }

@@ -1,0 +1,63 @@
+//! `kind = "cosine_wave"`.
+
+use super::state::InitialState;
+use crate::kinds::{Domain, Kind};
+use crate::reader::{Absent, AnyKey, Integer, Key, Limits, Read, Section};
+use isobar_model::initial::{CosineWave, cosine_wave};
+use isobar_model::{ModelError, State, advection};
+
+pub(super) struct CosineWaveKind;
+
+const MEAN: Key<Limits> = Key::absent("mean", "1", Limits::Any, Absent::Means(0.0), "mean of the tracer");
+
+const AMPLITUDE: Key<Limits> = Key::required("amplitude", "1", Limits::Any, "amplitude");
+
+const WAVES_X: Key<Integer> = waves("waves_x", 1, "number of waves along x");
+
+const WAVES_Y: Key<Integer> = waves("waves_y", 0, "number of waves along y");
+
+const PHASE_DEG: Key<Limits> = Key::absent(
+    "phase_deg",
+    "degrees",
+    Limits::Between(-360.0, 360.0),
+    Absent::Means(0.0),
+    "phase in the south-west corner",
+);
+
+const fn waves(name: &'static str, default: i64, meaning: &'static str) -> Key<Integer> {
+    Key::absent(name, "", Integer(-2048, 2048), Absent::Means(default), meaning)
+}
+
+impl Kind<dyn InitialState, Domain> for CosineWaveKind {
+    fn name(&self) -> &'static str {
+        "cosine_wave"
+    }
+
+    fn about(&self) -> &'static str {
+        "A cosine wave of tracer"
+    }
+
+    fn keys(&self) -> Vec<&'static dyn AnyKey> {
+        vec![&MEAN, &AMPLITUDE, &WAVES_X, &WAVES_Y, &PHASE_DEG]
+    }
+
+    fn fits(&self, domain: &Domain) -> bool {
+        !domain.model.is_shallow_water()
+    }
+
+    fn read(&self, section: &Section<'_>, _: &Domain) -> Read<Box<dyn InitialState>> {
+        Ok(Box::new(CosineWave {
+            mean: section.get(&MEAN)?,
+            amplitude: section.get(&AMPLITUDE)?,
+            waves_x: section.get(&WAVES_X)? as i32,
+            waves_y: section.get(&WAVES_Y)? as i32,
+            phase: section.get(&PHASE_DEG)?.to_radians(),
+        }))
+    }
+}
+
+impl InitialState for CosineWave {
+    fn build(&self, domain: &Domain, _: u64) -> Result<State, ModelError> {
+        cosine_wave(&advection::layout(domain.grid.clone()), self)
+    }
+}

@@ -1,0 +1,25 @@
+//! `[initial]`: the background at the start; `[truth.initial]`: the truth there, where it is given.
+
+mod cosine_wave;
+mod file;
+mod gaussian_hill;
+mod jet;
+mod random_balanced;
+mod rest;
+mod state;
+mod vortices;
+
+pub use state::{BalancedHeights, InitialState};
+
+use super::{Domain, Kinds};
+
+/// All kinds of initial states. Fractions are of the domain's extent, from the west and from the south.
+pub(crate) const INITIAL: &Kinds<dyn InitialState, Domain> = &[
+    &rest::RestKind,
+    &jet::JetKind,
+    &vortices::VorticesKind,
+    &random_balanced::RandomBalancedKind,
+    &gaussian_hill::GaussianHillKind,
+    &cosine_wave::CosineWaveKind,
+    &file::FileKind,
+];

@@ -1,0 +1,55 @@
+//! What every kind of thing that a scenario chooses by name is, and how one is chosen.
+
+use crate::reader::{AnyKey, Field, Read, Section};
+use crate::text::clean;
+
+/// A kind of thing that a scenario chooses by name: reads a `T` from its section, in a scenario that otherwise is `C`.
+pub(crate) trait Kind<T: ?Sized, C: ?Sized>: Sync {
+    /// What a scenario calls it.
+    fn name(&self) -> &'static str;
+
+    /// What it is, in a line.
+    fn about(&self) -> &'static str;
+
+    /// Its keys, without the one that names the kind.
+    fn keys(&self) -> Vec<&'static dyn AnyKey>;
+
+    /// Whether it can be chosen in this scenario at all.
+    fn fits(&self, _: &C) -> bool {
+        true
+    }
+
+    /// Reads a section that has these keys at most.
+    fn read(&self, section: &Section<'_>, context: &C) -> Read<Box<T>>;
+}
+
+/// A list of kinds, as a scenario may choose from it.
+pub(crate) type Kinds<T, C> = [&'static dyn Kind<T, C>];
+
+/// The kind that a table names by its key `kind`, and the table, checked for keys that the kind does not have.
+pub(crate) fn choose<'a, T: ?Sized, C: ?Sized>(
+    field: &Field<'a>,
+    kinds: &Kinds<T, C>,
+    context: &C,
+) -> Read<(&'static dyn Kind<T, C>, Section<'a>)> {
+    let names = |kind: &dyn Kind<T, C>| kind.keys().iter().map(|key| key.name()).collect::<Vec<_>>();
+    let fitting = kinds.iter().filter(|kind| kind.fits(context));
+    let choices: Vec<_> = fitting.map(|&kind| (kind.name(), kind, names(kind))).collect();
+    field.section_by("kind", &choices)
+}
+
+/// Reads a table that chooses one of the kinds.
+pub(crate) fn read<T: ?Sized, C: ?Sized>(field: &Field<'_>, kinds: &Kinds<T, C>, context: &C) -> Read<Box<T>> {
+    let (kind, section) = choose(field, kinds, context)?;
+    kind.read(&section, context)
+}
+
+/// Refuses a name that could not be part of a file's name or of a parameter's.
+pub(crate) fn check_name(name: &str, field: &Field<'_>, what: &str) -> Read<()> {
+    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');
+    if name.is_empty() || name.len() > 40 || !name.chars().all(plain) || name.starts_with('-') {
+        let message = format!("\"{}\" cannot be the name of a {what}", clean(name));
+        return Err(field.misplaced(message, "a name has 1 to 40 letters a-z, A-Z, digits, underscores and hyphens"));
+    }
+    Ok(())
+}

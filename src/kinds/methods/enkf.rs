@@ -1,0 +1,56 @@
+//! `kind = "enkf"`.
+
+use super::{MethodSettings, Setup, Surroundings, ensemble};
+use crate::kinds::Kind;
+use crate::reader::{AnyKey, Read, Section};
+use isobar_assim::ensemble::{EnsembleSettings, StochasticEnsembleKalmanFilter};
+use isobar_assim::{Assimilator, Error};
+
+pub(super) struct EnkfKind;
+
+impl Kind<dyn MethodSettings, Surroundings> for EnkfKind {
+    fn name(&self) -> &'static str {
+        "enkf"
+    }
+
+    fn about(&self) -> &'static str {
+        "The stochastic ensemble Kalman filter, with tapered covariances"
+    }
+
+    fn keys(&self) -> Vec<&'static dyn AnyKey> {
+        [ensemble::KEYS, &[&ensemble::OPTIONAL_RADIUS_KM]].concat()
+    }
+
+    fn read(&self, section: &Section<'_>, _: &Surroundings) -> Read<Box<dyn MethodSettings>> {
+        let radius_km = section.find(&ensemble::OPTIONAL_RADIUS_KM)?;
+        let localization_radius_m = radius_km.map_or(f64::INFINITY, |km| km * 1e3);
+        Ok(Box::new(Enkf { ensemble: ensemble::read(section)?, localization_radius_m }))
+    }
+}
+
+#[derive(Debug)]
+struct Enkf {
+    ensemble: EnsembleSettings,
+    /// Distance at which the covariances' taper ends \[m\]; infinite without localisation.
+    localization_radius_m: f64,
+}
+
+impl MethodSettings for Enkf {
+    fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
+        let radius_m = self.localization_radius_m;
+        Ok(Box::new(StochasticEnsembleKalmanFilter::new(setup.problem, self.ensemble, radius_m)?))
+    }
+
+    fn describe(&self) -> String {
+        let localization = if self.localization_radius_m.is_finite() {
+            format!("localised within {} km", self.localization_radius_m / 1e3)
+        } else {
+            "not localised".to_string()
+        };
+        format!("stochastic EnKF, {localization}, {}", ensemble::describe(&self.ensemble))
+    }
+
+    fn fixed_gain(&self) -> Result<(), &'static str> {
+        Err(ensemble::RANDOM_GAIN)
+    }
+}

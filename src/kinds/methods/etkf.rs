@@ -1,0 +1,45 @@
+//! `kind = "etkf"`.
+
+use super::{MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings, ensemble};
+use crate::kinds::Kind;
+use crate::reader::{AnyKey, Read, Section};
+use isobar_assim::ensemble::{EnsembleSettings, EnsembleTransformKalmanFilter};
+use isobar_assim::{Assimilator, Error};
+
+pub(super) struct EtkfKind;
+
+impl Kind<dyn MethodSettings, Surroundings> for EtkfKind {
+    fn name(&self) -> &'static str {
+        "etkf"
+    }
+
+    fn about(&self) -> &'static str {
+        "The ensemble transform Kalman filter"
+    }
+
+    fn keys(&self) -> Vec<&'static dyn AnyKey> {
+        [ensemble::KEYS, &[&SMOOTHER_LAG_CYCLES]].concat()
+    }
+
+    fn read(&self, section: &Section<'_>, _: &Surroundings) -> Read<Box<dyn MethodSettings>> {
+        Ok(Box::new(Etkf(ensemble::read(section)?)))
+    }
+}
+
+#[derive(Debug)]
+struct Etkf(EnsembleSettings);
+
+impl MethodSettings for Etkf {
+    fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
+        let filter = |problem| EnsembleTransformKalmanFilter::new(problem, self.0);
+        Ok(Box::new(setup.smoothed(filter, EnsembleTransformKalmanFilter::smoothing)?))
+    }
+
+    fn describe(&self) -> String {
+        format!("ETKF, {}", ensemble::describe(&self.0))
+    }
+
+    fn fixed_gain(&self) -> Result<(), &'static str> {
+        Err(ensemble::RANDOM_GAIN)
+    }
+}

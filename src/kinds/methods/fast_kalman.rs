@@ -1,0 +1,269 @@
+//! `kind = "fkf"`: Lange's Fast Kalman Filter, and the settings that it shares with the time volume.
+
+use super::adapt::ADAPT;
+use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, Setup, Surroundings};
+use crate::kinds::{Domain, Kind};
+use crate::reader::{Absent, AnyKey, Choice, Field, Key, Limits, OrTable, Read, Section, Table, Whole};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
+use isobar_assim::{Assimilator, Error};
+use isobar_model::Grid;
+use toml::de::DeValue;
+
+/// Variables up to which blocks that observations link are merged unless the scenario says otherwise: merging more costs
+/// more, and is no more accurate.
+const LARGEST_COMPONENT: usize = 500;
+
+/// This number of large blocks is merged in any case: as a separator is at least a block, cutting them would cost more.
+const MERGED_BLOCKS: usize = 4;
+
+const BLOCKS: Key<OrTable<Choice<BlockShape>>> = Key::absent(
+    "blocks",
+    "",
+    OrTable(Choice(&[("cell", BlockShape::Cell), ("domain", BlockShape::Domain)]), &[&TILE]),
+    Absent::Means(BlockShape::Cell),
+    "the blocks of the covariance: cells, tiles or the whole domain",
+);
+
+const TILE: Key<Table> = Key::required("tile", "cells", Table("[cells in x, cells in y]", &[]), "sides of a tile");
+
+const BIAS_COUPLING: Key<Choice<BiasCoupling>> = Key::absent(
+    "bias_coupling",
+    "",
+    Choice(&[("carry", BiasCoupling::Carry), ("drop", BiasCoupling::Drop)]),
+    Absent::Means(BiasCoupling::Carry),
+    "whether the covariance of biases with the state is carried from cycle to cycle; drop is the printed formula",
+);
+
+const FACTORS: Key<OrTable<Whole>> = Key::absent(
+    "factors",
+    "",
+    OrTable(Whole(0, MOST_FACTORS), &[&RETAINED, &AT_MOST]),
+    Absent::Means(0),
+    "number of common factors, which hold what blocks have in common",
+);
+
+/// The most common factors.
+const MOST_FACTORS: usize = 100_000;
+
+const RETAINED: Key<Limits> =
+    Key::required("retained", "", Limits::Between(0.01, 1.0), "share of their energy that is kept");
+
+const AT_MOST: Key<Whole> = Key::required("at_most", "", Whole(1, MOST_FACTORS), "the most factors");
+
+const FACTOR_GRID: Key<Whole> = Key::absent(
+    "factor_grid",
+    "cells",
+    Whole(1, 8),
+    Absent::Means(1),
+    "width of the cells on which factors are propagated: 1, 2, 4 or 8",
+);
+
+const FACTOR_PRECISION: Key<Choice<Precision>> = Key::absent(
+    "factor_precision",
+    "",
+    Choice(&[("double", Precision::Double), ("single", Precision::Single)]),
+    Absent::Means(Precision::Double),
+    "the numbers in which factors are kept",
+);
+
+const RESIDUAL: Key<Choice<Residual>> = Key::absent(
+    "residual",
+    "",
+    // Probes are counted by a key of their own.
+    Choice(&[("exact", Residual::Exact), ("persist", Residual::Persist), ("probe", Residual::Probe { count: 0 })]),
+    Absent::Explained("\"probe\" with factors, \"exact\" without"),
+    "how the blocks are forecast",
+);
+
+const PROBES: Key<Whole> = Key::absent(
+    "probes",
+    "",
+    Whole(1, 1000),
+    Absent::Means(8),
+    "draws that show how much of the residual blocks a forecast keeps",
+);
+
+const LARGEST: Key<Whole> = Key::absent(
+    "largest_component",
+    "",
+    Whole(1, 1_000_000),
+    Absent::Explained("500, or four blocks if they are larger"),
+    "variables up to which blocks that observations link are merged",
+);
+
+const SEPARATOR_FACTORS: Key<Whole> = Key::absent(
+    "separator_factors",
+    "",
+    Whole(0, 100_000),
+    Absent::Means(100),
+    "factors that the separators of larger components may add for an analysis",
+);
+
+/// The keys that the time volume has as well.
+pub(super) const SHARED_KEYS: &[&dyn AnyKey] =
+    &[&BLOCKS, &FACTORS, &RESIDUAL, &PROBES, &LARGEST, &SEPARATOR_FACTORS, &MEMORY_LIMIT_GB];
+
+pub(super) struct FastKalmanKind;
+
+impl Kind<dyn MethodSettings, Surroundings> for FastKalmanKind {
+    fn name(&self) -> &'static str {
+        "fkf"
+    }
+
+    fn about(&self) -> &'static str {
+        "Lange's Fast Kalman Filter: blocks, and the common factors that link them"
+    }
+
+    fn keys(&self) -> Vec<&'static dyn AnyKey> {
+        let own: [&dyn AnyKey; 5] = [&BIAS, &ADAPT, &BIAS_COUPLING, &FACTOR_GRID, &FACTOR_PRECISION];
+        [&own, SHARED_KEYS].concat()
+    }
+
+    fn read(&self, section: &Section<'_>, surroundings: &Surroundings) -> Read<Box<dyn MethodSettings>> {
+        let filter = read(section, &surroundings.domain)?;
+        let factor_grid = factor_grid(section, &surroundings.domain.grid, &filter)?;
+        Ok(Box::new(FastKalman { filter, factor_grid }))
+    }
+}
+
+#[derive(Debug)]
+struct FastKalman {
+    filter: FastKalmanSettings,
+    /// Cells on a side of those on which the factors are propagated: 1 on the grid of the state.
+    factor_grid: usize,
+}
+
+impl MethodSettings for FastKalman {
+    fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
+        let filter = FastKalmanFilter::new(setup.problem, self.filter)?;
+        if self.factor_grid == 1 {
+            return Ok(Box::new(filter));
+        }
+        let Domain { grid, model } = setup.domain;
+        let fault = |reason: String| Error::Setting(format!("factor_grid = {}: {reason}", self.factor_grid));
+        Ok(Box::new(filter.with_factors_on(model.build_coarser(grid, setup.cycle, self.factor_grid).map_err(fault)?)?))
+    }
+
+    fn describe(&self) -> String {
+        format!("Fast Kalman Filter, {}", describe(&self.filter, self.factor_grid))
+    }
+
+    fn fixed_gain(&self) -> Result<(), &'static str> {
+        Ok(())
+    }
+
+    fn carries_bias_covariance(&self) -> bool {
+        true
+    }
+}
+
+/// Reads the settings of the filter; keys that the time volume does not have are absent there.
+pub(super) fn read(section: &Section<'_>, domain: &Domain) -> Read<FastKalmanSettings> {
+    let (factors, retained_energy) = section.optional(FACTORS.name).map_or(Ok((0, 1.0)), |field| factors(&field))?;
+    let probe = Residual::Probe { count: section.get(&PROBES)? };
+    let residual = match section.find(&RESIDUAL)? {
+        Some(Residual::Probe { .. }) => probe,
+        Some(residual) => residual,
+        // Without factors the blocks hold all there is, and only the exact forecast does them justice.
+        None if factors == 0 => Residual::Exact,
+        None => probe,
+    };
+    let bias_coupling = section.get(&BIAS_COUPLING)?;
+    if let (Some(field), true, BiasCoupling::Drop) = (section.optional(FACTORS.name), factors > 0, bias_coupling) {
+        let message = "bias_coupling = \"drop\" is the printed formula, which has no factors".to_string();
+        return Err(field.invalid(message, "must be 0 with bias_coupling = \"drop\""));
+    }
+    let blocks = section.optional(BLOCKS.name).map_or(Ok(BlockShape::Cell), |field| blocks(&field, &domain.grid))?;
+    let (nx, ny) = blocks.cells(&domain.grid);
+    let merged_blocks = MERGED_BLOCKS * nx * ny * domain.model.variables().len();
+    Ok(FastKalmanSettings {
+        blocks,
+        bias_coupling,
+        factors,
+        retained_energy,
+        factor_precision: section.get(&FACTOR_PRECISION)?,
+        residual,
+        largest_component: section.find(&LARGEST)?.unwrap_or(LARGEST_COMPONENT.max(merged_blocks)),
+        separator_factors: section.get(&SEPARATOR_FACTORS)?,
+    })
+}
+
+/// The grids on which factors can be propagated, by the cells on a side of theirs.
+const FACTOR_GRIDS: [usize; 4] = [1, 2, 4, 8];
+
+/// The fewest cells on a side of a grid of factors.
+const FEWEST_CELLS: usize = 4;
+
+/// Reads how many cells wide those are on which the factors are propagated.
+fn factor_grid(section: &Section<'_>, grid: &Grid, settings: &FastKalmanSettings) -> Read<usize> {
+    let cells = section.get(&FACTOR_GRID)?;
+    if cells == 1 {
+        return Ok(cells);
+    }
+    let field = section.required(FACTOR_GRID.name)?;
+    let fits = |n: usize| n.is_multiple_of(cells) && n / cells >= FEWEST_CELLS;
+    if !FACTOR_GRIDS.contains(&cells) || !fits(grid.nx) || !fits(grid.ny) {
+        let message = format!("cells of {cells} × {cells} do not make a grid of {} × {}", grid.nx, grid.ny);
+        return Err(
+            field.invalid(message, "must be 1, 2, 4 or 8, divide both sides and leave at least 4 cells on each")
+        );
+    }
+    if settings.residual == Residual::Exact || settings.factors == 0 {
+        let message = "without factors, or with an exact forecast of the blocks, nothing can be coarser".to_string();
+        return Err(field.invalid(message, "needs `factors`, and residual = \"probe\" or \"persist\""));
+    }
+    Ok(cells)
+}
+
+/// A number of factors, or the most and the share of their energy that is kept.
+fn factors(field: &Field<'_>) -> Read<(usize, f64)> {
+    if !matches!(field.value.get_ref(), DeValue::Table(_)) {
+        return Ok((FACTORS.allowed.read_plain(field)?, 1.0));
+    }
+    let section = field.section(&[RETAINED.name, AT_MOST.name])?;
+    let retained = section.get(&RETAINED)?;
+    Ok((section.get(&AT_MOST)?, retained))
+}
+
+fn blocks(field: &Field<'_>, grid: &Grid) -> Read<BlockShape> {
+    if !matches!(field.value.get_ref(), DeValue::Table(_)) {
+        return BLOCKS.allowed.read_plain(field);
+    }
+    let tile = field.section(&[TILE.name])?.required(TILE.name)?;
+    let numbers = tile.elements(2)?;
+    let [nx, ny] = numbers.as_slice() else {
+        return Err(tile.invalid(format!("`{}` needs two numbers", tile.title()), "must be [cells in x, cells in y]"));
+    };
+    Ok(BlockShape::Tile { nx: nx.whole(1, grid.nx)?, ny: ny.whole(1, grid.ny)? })
+}
+
+/// A filter's settings in words.
+pub(super) fn describe(settings: &FastKalmanSettings, factor_grid: usize) -> String {
+    let blocks = match settings.blocks {
+        BlockShape::Cell => "blocks of one cell".to_string(),
+        BlockShape::Tile { nx, ny } => format!("blocks of {nx} × {ny} cells"),
+        BlockShape::Domain => "one block".to_string(),
+    };
+    let residual = match settings.residual {
+        Residual::Exact => "forecast exactly".to_string(),
+        Residual::Persist => "that persist".to_string(),
+        Residual::Probe { count } => format!("forecast by {count} probes"),
+    };
+    let coupling = match settings.bias_coupling {
+        BiasCoupling::Carry => "carried",
+        BiasCoupling::Drop => "dropped",
+    };
+    let mut factors = match settings.retained_energy {
+        retained if retained < 1.0 => {
+            format!("up to {} common factors, which hold {} % of their energy", settings.factors, 100.0 * retained)
+        }
+        _ => format!("{} common factors", settings.factors),
+    };
+    if settings.factor_precision == Precision::Single {
+        factors += " in single precision";
+    }
+    if factor_grid > 1 {
+        factors += &format!(" on a grid {factor_grid} times as wide");
+    }
+    format!("{factors}, {blocks} {residual}, covariance with biases {coupling}")
+}

@@ -1,0 +1,105 @@
+//! `kind = "federated_kf"`.
+
+use super::adapt::ADAPT;
+use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, Setup, Surroundings};
+use crate::kinds::Kind;
+use crate::kinds::models::Model;
+use crate::reader::{Absent, AnyKey, Key, Limits, Read, Section, Table, Whole};
+use isobar_assim::federated::{FederatedKalmanFilter, FederatedSettings};
+use isobar_assim::{Assimilator, Error};
+
+const INFORMATION_SHARING: Key<Table> = Key::absent(
+    "information_sharing",
+    "",
+    Table("a table with a factor for each network; their sum is 1", &[&SHARE]),
+    Absent::Explained("equal shares"),
+    "which part of the common information each system's filter has",
+);
+
+const SHARE: Key<Limits> =
+    Key::required("NETWORK", "", Limits::Between(1e-6, 1.0), "the part that the filter of this network has");
+
+const RESET_EVERY_CYCLES: Key<Whole> = Key::absent(
+    "reset_every_cycles",
+    "cycles",
+    Whole(0, 1_000_000),
+    Absent::Means(1),
+    "how often the systems' filters start again from the fused estimate; 0: never",
+);
+
+/// How far the sum of information-sharing factors may be from 1, for factors such as 0.333.
+const ROUNDING: f64 = 0.005;
+
+pub(super) struct FederatedKind;
+
+impl Kind<dyn MethodSettings, Surroundings> for FederatedKind {
+    fn name(&self) -> &'static str {
+        "federated_kf"
+    }
+
+    fn about(&self) -> &'static str {
+        "A Kalman filter for each observing system, and a master that fuses them"
+    }
+
+    fn keys(&self) -> Vec<&'static dyn AnyKey> {
+        vec![&BIAS, &ADAPT, &INFORMATION_SHARING, &RESET_EVERY_CYCLES, &MEMORY_LIMIT_GB]
+    }
+
+    fn read(&self, section: &Section<'_>, surroundings: &Surroundings) -> Read<Box<dyn MethodSettings>> {
+        let networks: Vec<&str> = surroundings.networks.iter().map(String::as_str).collect();
+        let reset_every_cycles = Some(section.get(&RESET_EVERY_CYCLES)?).filter(|&cycles| cycles > 0);
+        let shares = shares(section, &networks)?;
+        let sum: f64 = shares.iter().sum();
+        let systems = networks.iter().zip(shares).map(|(name, share)| (name.to_string(), share / sum)).collect();
+        Ok(Box::new(FederatedSettings { systems, reset_every_cycles }))
+    }
+}
+
+/// The factor of each network, to rounding.
+fn shares(section: &Section<'_>, networks: &[&str]) -> Read<Vec<f64>> {
+    let Some(field) = section.optional(INFORMATION_SHARING.name) else { return Ok(vec![1.0; networks.len()]) };
+    let table = field.section(networks)?;
+    let shares = networks.iter().map(|name| table.number(name, SHARE.allowed)).collect::<Read<Vec<f64>>>()?;
+    let sum: f64 = shares.iter().sum();
+    if (sum - 1.0).abs() > ROUNDING {
+        let message = format!("the factors of `{}` sum to {sum}", field.title());
+        return Err(field.invalid(message, "must sum to 1"));
+    }
+    Ok(shares)
+}
+
+impl MethodSettings for FederatedSettings {
+    fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
+        Ok(Box::new(FederatedKalmanFilter::new(setup.problem, self.clone())?))
+    }
+
+    fn describe(&self) -> String {
+        let reset = match self.reset_every_cycles {
+            None => "never reset".to_string(),
+            Some(1) => "reset in every cycle".to_string(),
+            Some(cycles) => format!("reset every {cycles} cycles"),
+        };
+        let shares = self.systems.iter().map(|(name, share)| format!("{name} {share:.3}"));
+        let shares = shares.collect::<Vec<_>>().join(", ");
+        format!("federated Kalman filter, information shared as {shares}, {reset}")
+    }
+
+    fn fixed_gain(&self) -> Result<(), &'static str> {
+        if self.systems.len() == 1 || self.reset_every_cycles == Some(1) {
+            Ok(())
+        } else {
+            Err("its local filters go on from estimates of their own")
+        }
+    }
+
+    fn warning(&self, model: &Model) -> Option<&'static str> {
+        (self.reset_every_cycles.is_none() && !model.equations.is_linear()).then_some(
+            "with reset_every_cycles = 0 on a nonlinear model each local filter linearises about an estimate of its own, which \
+             drifts away; its claimed errors are not to be believed, and it may be worse than no assimilation",
+        )
+    }
+
+    fn can_freeze_biases(&self) -> Result<(), &'static str> {
+        Err("local filters have no place for what frozen biases of two systems have in common")
+    }
+}

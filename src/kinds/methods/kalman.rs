@@ -1,0 +1,49 @@
+//! `kind = "kf"`.
+
+use super::adapt::ADAPT;
+use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings};
+use crate::kinds::Kind;
+use crate::reader::{AnyKey, Read, Section};
+use isobar_assim::kalman::KalmanFilter;
+use isobar_assim::{Assimilator, Error};
+
+pub(super) struct KalmanKind;
+
+impl Kind<dyn MethodSettings, Surroundings> for KalmanKind {
+    fn name(&self) -> &'static str {
+        "kf"
+    }
+
+    fn about(&self) -> &'static str {
+        "The dense (extended) Kalman filter on state and biases"
+    }
+
+    fn keys(&self) -> Vec<&'static dyn AnyKey> {
+        vec![&BIAS, &ADAPT, &SMOOTHER_LAG_CYCLES, &MEMORY_LIMIT_GB]
+    }
+
+    fn read(&self, _: &Section<'_>, _: &Surroundings) -> Read<Box<dyn MethodSettings>> {
+        Ok(Box::new(Kalman))
+    }
+}
+
+#[derive(Debug)]
+struct Kalman;
+
+impl MethodSettings for Kalman {
+    fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
+        Ok(Box::new(setup.smoothed(KalmanFilter::new, KalmanFilter::smoothing)?))
+    }
+
+    fn describe(&self) -> String {
+        "Kalman filter".into()
+    }
+
+    fn fixed_gain(&self) -> Result<(), &'static str> {
+        Ok(())
+    }
+
+    fn carries_bias_covariance(&self) -> bool {
+        true
+    }
+}

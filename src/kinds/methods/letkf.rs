@@ -1,0 +1,48 @@
+//! `kind = "letkf"`.
+
+use super::{MethodSettings, Setup, Surroundings, ensemble};
+use crate::kinds::Kind;
+use crate::reader::{AnyKey, Read, Section};
+use isobar_assim::ensemble::{EnsembleSettings, LocalEnsembleTransformKalmanFilter, LocalSettings};
+use isobar_assim::{Assimilator, Error};
+
+pub(super) struct LetkfKind;
+
+impl Kind<dyn MethodSettings, Surroundings> for LetkfKind {
+    fn name(&self) -> &'static str {
+        "letkf"
+    }
+
+    fn about(&self) -> &'static str {
+        "The local ensemble transform Kalman filter, with R-localisation"
+    }
+
+    fn keys(&self) -> Vec<&'static dyn AnyKey> {
+        [ensemble::KEYS, ensemble::LOCAL_KEYS].concat()
+    }
+
+    fn read(&self, section: &Section<'_>, _: &Surroundings) -> Read<Box<dyn MethodSettings>> {
+        Ok(Box::new(Letkf { ensemble: ensemble::read(section)?, local: ensemble::read_local(section)? }))
+    }
+}
+
+#[derive(Debug)]
+struct Letkf {
+    ensemble: EnsembleSettings,
+    local: LocalSettings,
+}
+
+impl MethodSettings for Letkf {
+    fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
+        Ok(Box::new(LocalEnsembleTransformKalmanFilter::new(setup.problem, self.ensemble, self.local)?))
+    }
+
+    fn describe(&self) -> String {
+        let radius_km = self.local.localization_radius_m / 1e3;
+        format!("LETKF, localised within {radius_km} km, {}", ensemble::describe(&self.ensemble))
+    }
+
+    fn fixed_gain(&self) -> Result<(), &'static str> {
+        Err(ensemble::RANDOM_GAIN)
+    }
+}

@@ -1,0 +1,157 @@
+//! `[methods.NAME]`: the data-assimilation methods that run side by side.
+
+mod adapt;
+mod banded_kalman;
+mod climatology;
+mod enkf;
+mod ensemble;
+mod etkf;
+mod fast_kalman;
+mod federated;
+mod four_d_var;
+mod free;
+mod hybrid;
+mod kalman;
+mod letkf;
+mod optimal_interpolation;
+mod serial_kalman;
+mod settings;
+mod three_d_var;
+mod time_volume;
+mod variational;
+
+pub use adapt::Adapt;
+pub use settings::{MethodSettings, Setup};
+
+use super::{Domain, Kinds, choose};
+use crate::reader::{Field, Read, Section};
+use isobar_assim::{Assimilator, BiasTreatment, Error, Problem};
+use isobar_model::{Duration, Time};
+pub(crate) use settings::Surroundings;
+use settings::{BIAS, COVARIANCE_SCALE, MEMORY_LIMIT_GB, SMOOTHER_LAG_CYCLES};
+use std::sync::Arc;
+
+/// All kinds of methods.
+pub(crate) const METHODS: &Kinds<dyn MethodSettings, Surroundings> = &[
+    &free::FreeKind,
+    &climatology::ClimatologyKind,
+    &optimal_interpolation::OptimalInterpolationKind,
+    &three_d_var::ThreeDVarKind,
+    &four_d_var::FourDVarKind,
+    &hybrid::HybridKind,
+    &kalman::KalmanKind,
+    &serial_kalman::SerialKalmanKind,
+    &banded_kalman::BandedKalmanKind,
+    &federated::FederatedKind,
+    &fast_kalman::FastKalmanKind,
+    &time_volume::TimeVolumeKind,
+    &etkf::EtkfKind,
+    &letkf::LetkfKind,
+    &enkf::EnkfKind,
+];
+
+/// A method with its settings.
+#[derive(Clone, Debug)]
+pub struct Method {
+    /// What the scenario calls its kind.
+    pub kind: &'static str,
+    /// How it treats the observations' biases.
+    pub bias: BiasTreatment,
+    /// Which errors it estimates from its innovations, if any.
+    pub adapt: Option<Adapt>,
+    /// The number of later cycles that revise its estimates, if it has a smoother.
+    pub smoother_lag_cycles: Option<usize>,
+    /// Memory that it may use.
+    pub memory_limit_bytes: u64,
+    /// What it does.
+    pub settings: Arc<dyn MethodSettings>,
+}
+
+/// Reads a method.
+pub(crate) fn read(field: &Field<'_>, surroundings: &Surroundings) -> Read<Method> {
+    let (kind, section) = choose(field, METHODS, surroundings)?;
+    let settings: Arc<dyn MethodSettings> = kind.read(&section, surroundings)?.into();
+    let bias = if settings.uses_observations() { section.get(&BIAS)? } else { BiasTreatment::Ignore };
+    if let (Err(reason), true, BiasTreatment::Estimate) = (settings.can_freeze_biases(), surroundings.freezes, bias) {
+        let help = "choose another kind of method, or leave out `freeze_after_cycles`";
+        return Err(section.required("kind")?.misplaced(reason.into(), help));
+    }
+    Ok(Method {
+        kind: kind.name(),
+        bias,
+        adapt: adapt::read(&section, settings.static_covariance_scale().is_some(), surroundings.has_model_error)?,
+        smoother_lag_cycles: smoother_lag_cycles(&section, surroundings.freezes)?,
+        memory_limit_bytes: (section.get(&MEMORY_LIMIT_GB)? * 1e9) as u64,
+        settings,
+    })
+}
+
+fn smoother_lag_cycles(section: &Section<'_>, freezes: bool) -> Read<Option<usize>> {
+    if let Some(field) = section.optional(SMOOTHER_LAG_CYCLES.name).filter(|_| freezes) {
+        let message = "a smoother would go on adjusting the biases that [stability] freezes".to_string();
+        return Err(field.misplaced(message, "leave out this key or `freeze_after_cycles`"));
+    }
+    section.find(&SMOOTHER_LAG_CYCLES)
+}
+
+impl Method {
+    /// Whether the method estimates biases from observations.
+    pub fn estimates_biases(&self) -> bool {
+        self.bias == BiasTreatment::Estimate && self.settings.uses_observations()
+    }
+
+    /// Whether its biases are scored: not where they are known to it, or it has none.
+    pub fn scores_biases(&self) -> bool {
+        self.bias != BiasTreatment::Known && self.settings.uses_observations()
+    }
+
+    /// Whether it can start from a calibration that `[initialise]` finds.
+    pub fn can_be_initialised(&self) -> bool {
+        self.bias == BiasTreatment::Estimate && self.settings.carries_bias_covariance()
+    }
+
+    /// Why it has no gains that follow from the covariances alone; `None` if it has.
+    pub fn without_fixed_gain(&self) -> Option<&'static str> {
+        let adapts = self.adapt.map(|_| "it adapts its errors to the data");
+        adapts.or(self.settings.fixed_gain().err())
+    }
+
+    /// The method as it starts, with factors on its errors' covariances if it adapts them.
+    ///
+    /// # Errors
+    /// That of the method.
+    pub fn build(
+        &self,
+        ground: &Problem,
+        domain: &Domain,
+        start: Time,
+        cycle: Duration,
+    ) -> Result<Box<dyn Assimilator>, Error> {
+        let problem = Problem { bias: self.bias, memory_limit_bytes: self.memory_limit_bytes, ..ground.clone() };
+        let smoother_lag_cycles = self.smoother_lag_cycles;
+        let method = self.settings.build(Setup { problem, smoother_lag_cycles, domain, start, cycle })?;
+        match &self.adapt {
+            Some(adapt) => adapt.around(method, ground, self.settings.static_covariance_scale()),
+            None => Ok(method),
+        }
+    }
+
+    /// The settings in words.
+    pub fn describe(&self) -> String {
+        let mut words = self.settings.describe();
+        if let Some(lag) = self.smoother_lag_cycles {
+            words += &format!(", with a smoother of lag {lag} cycles");
+        }
+        if self.settings.uses_observations() {
+            words += match self.bias {
+                BiasTreatment::Estimate => ", biases estimated",
+                BiasTreatment::Ignore => ", biases ignored",
+                BiasTreatment::Known => ", biases known",
+            };
+        }
+        if let Some(adapt) = &self.adapt {
+            words += &format!(", {}", adapt.describe(self.settings.static_covariance_scale().is_some()));
+        }
+        words
+    }
+}

@@ -1,0 +1,138 @@
+//! What the settings of every method can do, and the keys that methods share.
+
+use crate::kinds::Domain;
+use crate::kinds::models::Model;
+use crate::reader::{Absent, Choice, Key, Limits, Whole};
+use isobar_assim::{Assimilator, BiasTreatment, Error, Problem};
+use isobar_model::{Duration, Time};
+use isobar_obs::Calibration;
+use std::fmt::Debug;
+
+/// The settings of a method, and what such a method can do.
+pub trait MethodSettings: Debug + Send + Sync {
+    /// The method as it starts.
+    ///
+    /// # Errors
+    /// That of the method: settings that do not fit the problem, or more memory than is allowed.
+    fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error>;
+
+    /// The settings in words, as they stand in tables and on pages; how biases are treated is added to them.
+    fn describe(&self) -> String;
+
+    /// Whether its gains follow from the covariances alone, so that its exact performance can be computed.
+    ///
+    /// # Errors
+    /// Why they do not, as it stands after a colon.
+    fn fixed_gain(&self) -> Result<(), &'static str>;
+
+    /// Whether observations change its estimates.
+    fn uses_observations(&self) -> bool {
+        true
+    }
+
+    /// The factor on the static covariance B in which it believes; `None` for a method that forecasts its errors.
+    fn static_covariance_scale(&self) -> Option<f64> {
+        None
+    }
+
+    /// Whether it carries the covariance of biases with the state, and so can start from a calibration that `[initialise]`
+    /// finds.
+    fn carries_bias_covariance(&self) -> bool {
+        false
+    }
+
+    /// Whether single biases can be taken back to their prior and adjusted no more.
+    ///
+    /// # Errors
+    /// Why they cannot, in a sentence.
+    fn can_freeze_biases(&self) -> Result<(), &'static str> {
+        Ok(())
+    }
+
+    /// What the user should know of such a method with this model before it runs.
+    fn warning(&self, _: &Model) -> Option<&'static str> {
+        None
+    }
+
+    /// Whether the settings fit the biases that the observing systems turn out to have.
+    ///
+    /// # Errors
+    /// What does not fit.
+    fn check(&self, _: &Calibration) -> Result<(), Error> {
+        Ok(())
+    }
+}
+
+/// What a method is built from.
+pub struct Setup<'a> {
+    /// Model, background, covariances and biases.
+    pub problem: Problem,
+    /// The number of later cycles that revise its estimates, if it has a smoother.
+    pub smoother_lag_cycles: Option<usize>,
+    /// The plane, and the model from which others can be made.
+    pub domain: &'a Domain,
+    /// Valid time of the background.
+    pub start: Time,
+    /// Length of a cycle.
+    pub cycle: Duration,
+}
+
+impl Setup<'_> {
+    /// A method of this problem, with a smoother if one is asked for.
+    pub(super) fn smoothed<M>(
+        self,
+        method: impl FnOnce(Problem) -> Result<M, Error>,
+        smoothing: impl FnOnce(M, usize) -> Result<M, Error>,
+    ) -> Result<M, Error> {
+        let method = method(self.problem)?;
+        match self.smoother_lag_cycles {
+            Some(lag) => smoothing(method, lag),
+            None => Ok(method),
+        }
+    }
+}
+
+/// What the rest of the scenario says that a method must fit to.
+pub(crate) struct Surroundings {
+    /// The plane and the model.
+    pub domain: Domain,
+    /// Cycles of the run.
+    pub cycles: usize,
+    /// Whether biases may be frozen in a run.
+    pub freezes: bool,
+    /// The names of the observing systems.
+    pub networks: Vec<String>,
+    /// Whether the model makes errors.
+    pub has_model_error: bool,
+}
+
+pub(super) const BIAS: Key<Choice<BiasTreatment>> = Key::absent(
+    "bias",
+    "",
+    Choice(&[
+        ("estimate", BiasTreatment::Estimate),
+        ("ignore", BiasTreatment::Ignore),
+        ("known", BiasTreatment::Known),
+    ]),
+    Absent::Means(BiasTreatment::Estimate),
+    "how biases are treated: estimated with the state, ignored, or taken out of the data as they truly are",
+);
+
+pub(super) const MEMORY_LIMIT_GB: Key<Limits> = Key::absent(
+    "memory_limit_gb",
+    "GB",
+    Limits::Between(0.001, 10_000.0),
+    Absent::Means(2.0),
+    "memory that the method may use",
+);
+
+pub(super) const SMOOTHER_LAG_CYCLES: Key<Whole> = Key::absent(
+    "smoother_lag_cycles",
+    "cycles",
+    Whole(1, 1000),
+    Absent::Explained("no smoother"),
+    "number of later cycles whose observations revise an estimate",
+);
+
+pub(super) const COVARIANCE_SCALE: Key<Limits> =
+    Key::absent("covariance_scale", "", Limits::Positive, Absent::Means(1.0), "factor on the covariance B");

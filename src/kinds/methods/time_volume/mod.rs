@@ -1,0 +1,196 @@
+//! `kind = "time_volume"`: the Fast Kalman Filter over a moving window, with factors and state-transition corrections.
+
+mod corrections;
+mod factors;
+
+use super::{MethodSettings, Setup, Surroundings, fast_kalman};
+use crate::kinds::Kind;
+use crate::reader::{Absent, AnyKey, Choice, Key, Limits, Read, Section, Table, Whole};
+use corrections::ModelCorrections;
+use factors::{FactorSettings, MOST};
+use isobar_assim::fast_kalman::FastKalmanSettings;
+use isobar_assim::time_volume::{Candidate, Corrections, TimeVolume, TimeVolumeSettings};
+use isobar_assim::{Assimilator, Error};
+use isobar_obs::Calibration;
+use std::sync::Arc;
+
+/// The most corrections of a model.
+const MOST_CORRECTIONS: usize = 6;
+
+const WINDOW_CYCLES: Key<Whole> =
+    Key::required("window_cycles", "cycles", Whole(1, 1_000_000), "length of the window, at most that of the run");
+
+const BEFORE_WINDOW: Key<Choice<bool>> = Key::absent(
+    "before_window",
+    "",
+    Choice(&[("forget", false), ("keep", true)]),
+    Absent::Means(false),
+    "what becomes of the information of cycles before the window",
+);
+
+const OBSERVATION_FACTORS: Key<Table> = Key::absent(
+    "observation_factors",
+    "",
+    Table("a list of tables of kind \"constant\", \"sinusoid\", \"square_wave\" or \"hats\"", factors::KEYS),
+    Absent::Explained("none"),
+    "factors of the errors of observations",
+);
+
+const MODEL_FACTORS: Key<Table> = Key::absent(
+    "model_factors",
+    "",
+    Table("a list of tables as for observation_factors", &[]),
+    Absent::Explained("none"),
+    "factors of the errors of the model",
+);
+
+const TRANSITION_CORRECTIONS: Key<Table> = Key::absent(
+    "transition_corrections",
+    "",
+    Table("a list of tables", corrections::KEYS),
+    Absent::Explained("none"),
+    "parameters of the model that may be wrong",
+);
+
+const SELECTION_THRESHOLD: Key<Limits> = Key::absent(
+    "selection_threshold",
+    "",
+    Limits::Between(0.1, 100.0),
+    Absent::Means(4.0),
+    "how much a correction's column must correlate with the innovations, in standard deviations of chance",
+);
+
+pub(super) struct TimeVolumeKind;
+
+impl Kind<dyn MethodSettings, Surroundings> for TimeVolumeKind {
+    fn name(&self) -> &'static str {
+        "time_volume"
+    }
+
+    fn about(&self) -> &'static str {
+        "The Fast Kalman Filter with unknowns that a window of cycles shares: factors of errors, corrections of the model"
+    }
+
+    fn keys(&self) -> Vec<&'static dyn AnyKey> {
+        let own: [&dyn AnyKey; 6] = [
+            &WINDOW_CYCLES,
+            &BEFORE_WINDOW,
+            &OBSERVATION_FACTORS,
+            &MODEL_FACTORS,
+            &TRANSITION_CORRECTIONS,
+            &SELECTION_THRESHOLD,
+        ];
+        [fast_kalman::SHARED_KEYS, &own].concat()
+    }
+
+    fn read(&self, section: &Section<'_>, surroundings: &Surroundings) -> Read<Box<dyn MethodSettings>> {
+        let (domain, cycles) = (&surroundings.domain, surroundings.cycles);
+        let window_cycles = section.get(&WINDOW_CYCLES)?;
+        if window_cycles > cycles {
+            let message = format!("a window of {window_cycles} cycles is longer than the run of {cycles}");
+            let allowed = format!("must be from 1 to {cycles}, that is cycle.count");
+            return Err(section.required(WINDOW_CYCLES.name)?.invalid(message, &allowed));
+        }
+        let (factors, corrections) = (read_factors(section, surroundings)?, read_corrections(section, surroundings)?);
+        if factors.is_empty() && corrections.is_empty() {
+            let message = format!("[{}] has nothing to estimate over its window", section.title());
+            let label = "give `observation_factors`, `model_factors` or `transition_corrections`";
+            return Err(section.file.error(section.span.clone(), message, label, None));
+        }
+        Ok(Box::new(TimeVolumeOptions {
+            filter: fast_kalman::read(section, domain)?,
+            window_cycles,
+            keep_before: section.get(&BEFORE_WINDOW)?,
+            factors,
+            corrections,
+            selection_threshold: section.get(&SELECTION_THRESHOLD)?,
+        }))
+    }
+}
+
+fn read_factors(section: &Section<'_>, surroundings: &Surroundings) -> Read<Vec<FactorSettings>> {
+    let mut all: Vec<FactorSettings> = Vec::new();
+    for (key, of_model) in [(&OBSERVATION_FACTORS, false), (&MODEL_FACTORS, true)] {
+        for field in section.optional(key.name).map_or(Ok(Vec::new()), |field| field.elements(MOST))? {
+            let factor = factors::read(&field, of_model, &surroundings.domain)?;
+            factors::check_name(&factor, &all, &field)?;
+            all.push(factor);
+        }
+    }
+    Ok(all)
+}
+
+fn read_corrections(section: &Section<'_>, surroundings: &Surroundings) -> Read<Vec<Candidate>> {
+    let mut all: Vec<Candidate> = Vec::new();
+    let Some(list) = section.optional(TRANSITION_CORRECTIONS.name) else { return Ok(all) };
+    for field in list.elements(MOST_CORRECTIONS)? {
+        let candidate = corrections::read(&field, &surroundings.domain)?;
+        if all.iter().any(|other| other.name == candidate.name) {
+            return Err(field.invalid(format!("`{}` is a candidate already", field.title()), "already in the list"));
+        }
+        all.push(candidate);
+    }
+    Ok(all)
+}
+
+/// What is estimated over a moving window of cycles.
+#[derive(Debug)]
+struct TimeVolumeOptions {
+    /// The filter within each cycle.
+    filter: FastKalmanSettings,
+    window_cycles: usize,
+    /// Whether the information of cycles before the window is kept.
+    keep_before: bool,
+    factors: Vec<FactorSettings>,
+    /// The model's parameters that may be wrong.
+    corrections: Vec<Candidate>,
+    /// How much a correction's column must correlate with the innovations, in standard deviations of chance.
+    selection_threshold: f64,
+}
+
+impl MethodSettings for TimeVolumeOptions {
+    fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
+        let Setup { problem, domain, start, cycle, .. } = setup;
+        let factors = self.factors.iter().map(|factor| factor.resolve(&problem.calibration));
+        let settings = TimeVolumeSettings {
+            filter: self.filter,
+            cycles: self.window_cycles,
+            keep_before: self.keep_before,
+            factors: factors.collect::<Result<_, _>>()?,
+            start,
+            selection_threshold: self.selection_threshold,
+        };
+        let corrections = (!self.corrections.is_empty()).then(|| {
+            let (domain, candidates) = (domain.clone(), self.corrections.clone());
+            let background = problem.background.clone();
+            Arc::new(ModelCorrections { domain, cycle, background, candidates }) as Arc<dyn Corrections>
+        });
+        Ok(Box::new(TimeVolume::new(problem, settings, corrections)?))
+    }
+
+    fn describe(&self) -> String {
+        format!(
+            "moving time volume of {} cycles, {} factors of observations and model, {} candidates of transition, {}",
+            self.window_cycles,
+            self.factors.len(),
+            self.corrections.len(),
+            fast_kalman::describe(&self.filter, 1)
+        )
+    }
+
+    fn fixed_gain(&self) -> Result<(), &'static str> {
+        Err("its corrections of the model depend on the data")
+    }
+
+    fn carries_bias_covariance(&self) -> bool {
+        true
+    }
+
+    fn can_freeze_biases(&self) -> Result<(), &'static str> {
+        Err("factors of a time volume would go on changing the biases that [stability] freezes")
+    }
+
+    fn check(&self, calibration: &Calibration) -> Result<(), Error> {
+        self.factors.iter().try_for_each(|factor| factor.resolve(calibration).map(|_| ()))
+    }
+}

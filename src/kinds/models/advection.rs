@@ -1,0 +1,137 @@
+//! `kind = "advection"`.
+
+use super::equations::Equations;
+use super::integration::{self, Integration, TIME_STEP_S};
+use super::parameter::{Parameter, SPEED, flow, northward, speed_or_zero};
+use crate::kinds::{Kind, Kinds, read};
+use crate::reader::{Absent, AnyKey, Choice, Key, Limits, Read, Section, Table};
+use isobar_model::{Adjoint, Advection, AdvectionScheme, Duration, Grid, ModelError, Wind};
+use std::sync::Arc;
+
+pub(super) struct AdvectionKind;
+
+const WIND: Key<Table> = Key::required(
+    "wind",
+    "",
+    Table("a table of kind \"uniform\" or \"vortex\"", &[&U, &V, &VORTEX_SPEED]),
+    "the wind that advects the tracer",
+);
+
+const SCHEME: Key<Choice<AdvectionScheme>> = Key::absent(
+    "scheme",
+    "",
+    Choice(&[
+        ("first_order_upwind", AdvectionScheme::FirstOrderUpwind),
+        ("third_order_upwind", AdvectionScheme::ThirdOrderUpwind),
+        ("fourth_order_centred", AdvectionScheme::FourthOrderCentred),
+    ]),
+    Absent::Means(AdvectionScheme::ThirdOrderUpwind),
+    "how advection is discretised in space",
+);
+
+const U: Key<Limits> = Key::required("u_m_per_s", "m/s", SPEED, "eastward component of a uniform wind");
+
+const V: Key<Limits> = speed_or_zero("v_m_per_s", "northward component of a uniform wind; 0 in a channel");
+
+const VORTEX_SPEED: Key<Limits> =
+    Key::required("speed_m_per_s", "m/s", SPEED, "largest eastward wind of a vortex; clockwise if positive");
+
+#[derive(Clone, Debug)]
+struct AdvectionSettings {
+    wind: Wind,
+    scheme: AdvectionScheme,
+    integration: Integration,
+}
+
+impl Kind<dyn Equations, Grid> for AdvectionKind {
+    fn name(&self) -> &'static str {
+        "advection"
+    }
+
+    fn about(&self) -> &'static str {
+        "Advection of a tracer by a given wind"
+    }
+
+    fn keys(&self) -> Vec<&'static dyn AnyKey> {
+        [&[&TIME_STEP_S as &dyn AnyKey, &WIND, &SCHEME], integration::KEYS].concat()
+    }
+
+    fn read(&self, section: &Section<'_>, grid: &Grid) -> Read<Box<dyn Equations>> {
+        Ok(Box::new(AdvectionSettings {
+            wind: *read(&section.required(WIND.name)?, WINDS, grid)?,
+            scheme: section.get(&SCHEME)?,
+            integration: integration::read(section)?,
+        }))
+    }
+}
+
+const WINDS: &Kinds<Wind, Grid> = &[&UniformWind, &VortexWind];
+
+struct UniformWind;
+
+impl Kind<Wind, Grid> for UniformWind {
+    fn name(&self) -> &'static str {
+        "uniform"
+    }
+
+    fn about(&self) -> &'static str {
+        "The same wind everywhere"
+    }
+
+    fn keys(&self) -> Vec<&'static dyn AnyKey> {
+        vec![&U, &V]
+    }
+
+    fn read(&self, section: &Section<'_>, grid: &Grid) -> Read<Box<Wind>> {
+        let v_m_per_s = northward(section, &V, grid)?;
+        Ok(Box::new(Wind::Uniform { u_m_per_s: section.get(&U)?, v_m_per_s }))
+    }
+}
+
+struct VortexWind;
+
+impl Kind<Wind, Grid> for VortexWind {
+    fn name(&self) -> &'static str {
+        "vortex"
+    }
+
+    fn about(&self) -> &'static str {
+        "A vortex about the middle of the domain, at rest at its edges"
+    }
+
+    fn keys(&self) -> Vec<&'static dyn AnyKey> {
+        vec![&VORTEX_SPEED]
+    }
+
+    fn read(&self, section: &Section<'_>, _: &Grid) -> Read<Box<Wind>> {
+        Ok(Box::new(Wind::Vortex { speed_m_per_s: section.get(&VORTEX_SPEED)? }))
+    }
+}
+
+/// The variables of models of a tracer.
+pub(super) const VARIABLES: &[(&str, &str)] = &[("tracer", "1")];
+
+impl Equations for AdvectionSettings {
+    fn variables(&self) -> &'static [(&'static str, &'static str)] {
+        VARIABLES
+    }
+
+    fn build(&self, grid: &Grid, time_step: Duration, cycle: Duration) -> Result<Arc<dyn Adjoint>, ModelError> {
+        self.integration.of(Advection::new(grid.clone(), &self.wind, self.scheme)?, time_step, cycle)
+    }
+
+    fn boxed_clone(&self) -> Box<dyn Equations> {
+        Box::new(self.clone())
+    }
+
+    fn is_linear(&self) -> bool {
+        true
+    }
+
+    fn parameters(&mut self, grid: &Grid) -> Vec<(Parameter, &mut f64)> {
+        match &mut self.wind {
+            Wind::Uniform { u_m_per_s, v_m_per_s } => flow(u_m_per_s, v_m_per_s, grid),
+            Wind::Vortex { .. } => Vec::new(),
+        }
+    }
+}

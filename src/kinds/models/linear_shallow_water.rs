@@ -1,0 +1,89 @@
+//! `kind = "linear_shallow_water"`.
+
+use super::equations::Equations;
+use super::parameter::{BasicState, Parameter, flow, northward, speed_or_zero};
+use super::water::{self, VARIABLES, Water};
+use crate::kinds::Kind;
+use crate::reader::{AnyKey, Key, Limits, Read, Section};
+use isobar_model::{Adjoint, Duration, Grid, LinearShallowWater, ModelError};
+use std::sync::Arc;
+
+pub(super) struct LinearShallowWaterKind;
+
+const MEAN_DEPTH: Key<Limits> =
+    Key::required("mean_depth_m", "m", Limits::Positive, "depth at which the equations are linearised");
+
+const MEAN_FLOW_X: Key<Limits> =
+    speed_or_zero("mean_flow_m_per_s", "eastward flow at which the equations are linearised");
+
+const MEAN_FLOW_Y: Key<Limits> =
+    speed_or_zero("mean_flow_y_m_per_s", "northward flow at which they are linearised; 0 in a channel");
+
+#[derive(Clone, Debug)]
+struct LinearWater {
+    water: Water,
+    about: BasicState,
+}
+
+impl Kind<dyn Equations, Grid> for LinearShallowWaterKind {
+    fn name(&self) -> &'static str {
+        "linear_shallow_water"
+    }
+
+    fn about(&self) -> &'static str {
+        "The rotating shallow-water equations, linearised at a uniform depth and flow"
+    }
+
+    fn keys(&self) -> Vec<&'static dyn AnyKey> {
+        let mut keys = water::keys();
+        keys.extend([&MEAN_DEPTH as &dyn AnyKey, &MEAN_FLOW_X, &MEAN_FLOW_Y]);
+        keys
+    }
+
+    fn read(&self, section: &Section<'_>, grid: &Grid) -> Read<Box<dyn Equations>> {
+        let water = water::read(section, grid)?;
+        let about = BasicState {
+            mean_depth_m: section.get(&MEAN_DEPTH)?,
+            u_m_per_s: section.get(&MEAN_FLOW_X)?,
+            v_m_per_s: northward(section, &MEAN_FLOW_Y, grid)?,
+        };
+        Ok(Box::new(LinearWater { water, about }))
+    }
+}
+
+impl Equations for LinearWater {
+    fn variables(&self) -> &'static [(&'static str, &'static str)] {
+        VARIABLES
+    }
+
+    fn build(&self, grid: &Grid, time_step: Duration, cycle: Duration) -> Result<Arc<dyn Adjoint>, ModelError> {
+        let BasicState { mean_depth_m, u_m_per_s, v_m_per_s } = self.about;
+        let linear =
+            LinearShallowWater::about_uniform_wind(self.water.tendency(grid)?, mean_depth_m, u_m_per_s, v_m_per_s)?;
+        self.water.integration.of(linear, time_step, cycle)
+    }
+
+    fn boxed_clone(&self) -> Box<dyn Equations> {
+        Box::new(self.clone())
+    }
+
+    fn is_linear(&self) -> bool {
+        true
+    }
+
+    fn water(&self) -> Option<&Water> {
+        Some(&self.water)
+    }
+
+    fn basic_state(&self) -> Option<BasicState> {
+        Some(self.about)
+    }
+
+    fn parameters(&mut self, grid: &Grid) -> Vec<(Parameter, &mut f64)> {
+        let BasicState { mean_depth_m, u_m_per_s, v_m_per_s } = &mut self.about;
+        let mut parameters = flow(u_m_per_s, v_m_per_s, grid);
+        parameters.push((Parameter { name: MEAN_DEPTH.name, unit: "m", step: 1.0 }, mean_depth_m));
+        parameters.extend(self.water.parameters_mut());
+        parameters
+    }
+}
