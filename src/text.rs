@@ -31,6 +31,11 @@ pub(crate) fn clean(text: &str) -> String {
     cleaned
 }
 
+/// Every line of the text as [`clean`] writes it.
+pub(crate) fn clean_lines(text: &str) -> String {
+    text.lines().map(clean).collect::<Vec<_>>().join("\n")
+}
+
 /// The text with every unprintable character but line feeds written as an escape, however long it is.
 pub(crate) fn printable(text: &str) -> String {
     let mut printable = String::with_capacity(text.len());

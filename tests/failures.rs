@@ -127,6 +127,7 @@ fn a_panic_within_a_method_is_a_failure_of_the_method() {
         time: Time::from_seconds(0),
         cycle: 1,
         reports: Vec::new(),
+        times: Vec::new(),
         values: Vec::new(),
         sigma: Vec::new(),
         rejected: Vec::new(),

@@ -56,7 +56,11 @@ fn of_observations() {
         with(
             whole,
             Some("# buoys\ncycle,x,y,value\n1,1e5,1e5,1000\n"),
-            &["buoys.csv, line 2: the header has no column `x_m` and `y_m`", "it has `cycle`, `x`, `y`, `value`"],
+            &[
+                "buoys.csv, line 2: the header has no column `x_m` and `y_m`",
+                "it has `cycle`, `x`, `y`, `value`",
+                "is `x` for `x_m`, `y` for `y_m` meant?",
+            ],
         ),
         with(whole, Some("x_m,y_m,value\n1e5,1e5,1000\n"), &["buoys.csv, line 1", "no column `cycle` (or `time`)"]),
         with(
@@ -150,7 +154,7 @@ fn of_states() {
     const FROM_FILE: &str = "initial = { kind = \"file\", file = \"truth.csv\" }";
     assert_named(&[
         background(None, &["the file state.csv does not exist", "relative to this scenario"]),
-        background(Some(String::new()), &["state.csv: there is nothing in it"]),
+        background(Some(String::new()), &["state.csv has no rows of numbers"]),
         background(
             Some(fields("h,u", "1000,3", (0, "1000,3"))),
             &["state.csv has no column `v` in its header", "needs the columns h, u, v"],
@@ -158,9 +162,9 @@ fn of_states() {
         background(Some(fields("h,u,u,v", "1000,3,3,0", (0, "1000,3,3,0"))), &["two columns `u`"]),
         background(
             Some(fields("h,u,v", "1000,3,0", (9, "1000,east,0"))),
-            &["state.csv, line 11, column 2: `east` is not a finite number", "the grid is 8 × 6"],
+            &["state.csv, line 11: `u` is `east`, but must be a finite number", "the grid is 8 × 6"],
         ),
-        background(Some(good().replacen("1000,3,0\n", "", 1)), &["47 rows of numbers, but should be 48"]),
+        background(Some(good().replacen("1000,3,0\n", "", 1)), &["47 rows of numbers, but should have 48"]),
         background(Some(good() + "1000,3,0\n"), &["line 50: there are more than the 48 rows"]),
         background(
             Some(fields("h,u,v", "1000,3,0", (30, "-1,3,0"))),
@@ -172,7 +176,7 @@ fn of_states() {
             FROM_FILE,
             "\"truth.csv\"",
             Some(fields("h,u,v", "1000,3,0", (47, "1000,3,nan"))),
-            &["truth.csv, line 49, column 3: `nan` is not a finite number"],
+            &["truth.csv, line 49: `v` is `nan`, but must be a finite number"],
         ),
         truth("initial = { kind = \"jett\" }", "\"jett\"", None, &["did you mean \"jet\"?"]),
         truth("initial = { kind = \"rest\" }", "{ kind = \"rest\" }", None, &["`mean_depth_m` is missing"]),
@@ -198,10 +202,13 @@ fn of_patterns() {
     assert_named(&[
         case(
             fields("first,second", "1,2", (4, "1,2o")),
-            &["eof.csv, line 6, column 2: `2o` is not a finite number", "the grid is 8 × 6"],
+            &["eof.csv, line 6: `second` is `2o`, but must be a finite number", "the grid is 8 × 6"],
         ),
-        case(fields("first,second", "1,2", (4, "1")), &["eof.csv, line 6: there are 1 values, but should be 2"]),
-        case(fields("first", "1", (0, "1")).replacen("1\n", "", 1), &["47 rows of numbers, but should be 48"]),
+        case(
+            fields("first,second", "1,2", (4, "1")),
+            &["eof.csv, line 6: there are 1 fields, but the header has 2 columns"],
+        ),
+        case(fields("first", "1", (0, "1")).replacen("1\n", "", 1), &["47 rows of numbers, but should have 48"]),
     ]);
 }
 

@@ -22,6 +22,7 @@ mod observations;
 mod outputs;
 mod profilers;
 mod published;
+mod recorded_files;
 mod recording;
 mod regression;
 mod report;

@@ -94,10 +94,13 @@ fn a_table_with_a_bad_row_changes_nothing_and_the_row_is_named() {
         ("sensor,sondes/h/B,,,,,,K,,,,", "the unit of \"sondes/h/B\" is m, not K"),
         ("sensor,a\u{1b}[2J,,,,,,m,,,,", "`sensor` must be at most 200 printable characters"),
         ("calibration,nobody,2026-01-01T00:00:00Z,1,1,,,,,,lab,", "there is no sensor \"nobody\""),
-        ("calibration,other,2026-01-01,1,1,,,,,,lab,", "`time` is \"2026-01-01\", but must be as 2026-01-15T00:00:00Z"),
+        (
+            "calibration,other,2026-01-01,1,1,,,,,,lab,",
+            "`time` is `2026-01-01`, but must be a time such as 2026-01-15T06:00:00Z",
+        ),
         ("calibration,other,1700-01-01T00:00:00Z,1,1,,,,,,lab,", "`time` must be from 1900 to 2200"),
-        ("calibration,other,2026-01-01T00:00:00Z,one,1,,,,,,lab,", "`value` is \"one\", but must be a number"),
-        ("calibration,other,2026-01-01T00:00:00Z,nan,1,,,,,,lab,", "`value` is NaN, but must be a finite number"),
+        ("calibration,other,2026-01-01T00:00:00Z,one,1,,,,,,lab,", "`value` is `one`, but must be a finite number"),
+        ("calibration,other,2026-01-01T00:00:00Z,nan,1,,,,,,lab,", "`value` is `nan`, but must be a finite number"),
         ("calibration,other,2026-01-01T00:00:00Z,1,-1,,,,,,lab,", "`sigma` is -1, but must be a number greater than 0"),
         ("calibration,sondes/h/B,2026-01-01T00:00:00Z,4,0.1,,,,,,laboratory,", "contradicts another record"),
         (
@@ -130,8 +133,7 @@ fn a_table_with_a_bad_row_changes_nothing_and_the_row_is_named() {
     }
     fs::write(parent.join("bad.csv"), b"record,sensor\nsensor,\xff\n").unwrap();
     assert!(
-        fails(parent, &["sensors", "import", "known.db", "bad.csv"])
-            .contains("line 2: this is not a line of CSV in UTF-8")
+        fails(parent, &["sensors", "import", "known.db", "bad.csv"]).contains("line 2: the byte 0xff is not UTF-8")
     );
 }
 

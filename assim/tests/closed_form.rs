@@ -46,6 +46,7 @@ fn observe(observations: &[(usize, f64)], sigma: f64) -> ObservationWindow {
         time: Time::from_seconds(0),
         cycle: 1,
         reports: vec![report; values.len()],
+        times: vec![Time::from_seconds(0); values.len()],
         sigma: vec![sigma; values.len()],
         values,
         rejected: Vec::new(),

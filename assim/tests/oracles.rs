@@ -29,6 +29,7 @@ fn observe(rows: &[Observation]) -> ObservationWindow {
         time: Time::from_seconds(0),
         cycle: 1,
         reports: vec![report; rows.len()],
+        times: vec![Time::from_seconds(0); rows.len()],
         values: vec![0.0; rows.len()],
         sigma: rows.iter().map(|row| row.2).collect(),
         rejected: Vec::new(),

@@ -100,6 +100,20 @@ impl Grid {
         (0.0..self.width_m()).contains(&x_m) && (0.0..self.height_m()).contains(&y_m)
     }
 
+    /// The same point in the first image of the domain: x modulo the width, and y modulo the height unless there are walls.
+    pub fn first_image(&self, x_m: f64, y_m: f64) -> (f64, f64) {
+        let wrap = |position: f64, extent: f64| match position.rem_euclid(extent) {
+            // The remainder of a tiny negative number rounds to the extent itself.
+            rest if rest >= extent => 0.0,
+            rest => rest,
+        };
+        let y_m = match self.boundary {
+            Boundary::Periodic => wrap(y_m, self.height_m()),
+            Boundary::Channel => y_m,
+        };
+        (wrap(x_m, self.width_m()), y_m)
+    }
+
     /// Index of the cell in which a point of the domain lies.
     pub fn cell_at(&self, x_m: f64, y_m: f64) -> usize {
         let i = ((x_m / self.dx_m) as usize).min(self.nx - 1);
@@ -190,6 +204,13 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn points_beyond_a_periodic_edge_have_a_first_image() {
+        assert_eq!(grid(Boundary::Periodic).first_image(12.0, -1.0), (0.0, 14.0));
+        assert_eq!(grid(Boundary::Channel).first_image(-1.0, -1.0), (11.0, -1.0));
+        assert_eq!(grid(Boundary::Periodic).first_image(-1e-30, 31.0), (0.0, 1.0));
     }
 
     #[test]

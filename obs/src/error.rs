@@ -1,5 +1,6 @@
 //! What can be wrong with a file of stations or observations, or with the description of an observing system.
 
+use crate::table::error::TableError;
 use std::fmt;
 
 /// A fault in a file of stations or observations, or in the description of an observing system.
@@ -81,11 +82,6 @@ impl ObservationError {
         Self::in_setting(network, setting, format!("{setting} has `{value}` twice; each may occur once"))
     }
 
-    /// A field of a file that is not what it must be.
-    pub(crate) fn invalid_field(file: &str, line: usize, column: &str, value: &str, expected: &str) -> Self {
-        Self::in_file(file, Some(line), format!("`{column}` is `{value}`, but must be {expected}"))
-    }
-
     /// The network concerned; `None` for a fault elsewhere.
     pub fn network(&self) -> Option<&str> {
         match &self.place {
@@ -99,6 +95,15 @@ impl ObservationError {
         match self.place {
             Place::Setting { setting, .. } => Some(setting),
             _ => None,
+        }
+    }
+}
+
+impl From<TableError> for ObservationError {
+    fn from(error: TableError) -> Self {
+        match &error.faults[..] {
+            [fault] => Self::in_file(&error.file, fault.line, fault.problem.clone()),
+            _ => Self::in_file(&error.file, None, format!("has {}", error.listing())),
         }
     }
 }

@@ -12,7 +12,9 @@
 //! - [`network`]: [`Network`], an instrument, its [`Schedule`] and its [`Faults`]
 //! - [`bias`]: how biases truly behave, and what methods may assume; [`air_mass`]: biases that depend on the state
 //! - [`station`]: where stations come from; [`station_file`], [`observation_file`]: files of stations and observations
+//! - [`table`](mod@table), [`times`]: how all tables and times are read
 //! - [`projection`]: the plane's place on the Earth
+//! - [`recorded_use`]: [`RecordedUse`], how many observations of a file can be used
 //! - [`quality`]: [`QualityControl`], which observations no method sees; [`rejection`]: and why
 //! - [`error`]: [`ObservationError`], everything that can be wrong with it
 //!
@@ -41,6 +43,7 @@ pub mod operator;
 pub mod predictor;
 pub mod projection;
 pub mod quality;
+pub mod recorded_use;
 pub mod rejection;
 pub mod report;
 pub mod site;
@@ -48,9 +51,10 @@ pub mod sparse;
 pub mod station;
 pub mod station_file;
 pub mod system;
-mod table;
+pub mod table;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
+pub mod times;
 pub mod window;
 
 pub use air_mass::AirMassBias;
@@ -60,9 +64,9 @@ pub use error::ObservationError;
 pub use faults::Faults;
 pub use footprint::footprint;
 pub use instrument::radiosonde::{BiasScope, RadiosondeSettings, StationBias};
-pub use instrument::recorded::RecordedSettings;
+pub use instrument::recorded::{RecordedSettings, WindAxes};
 pub use instrument::satellite::{Heading, SatelliteSettings, ScanBias, ScanTerm};
-pub use instrument::{Instrument, InstrumentSettings, ObservedVariable, UnusedObservations};
+pub use instrument::{Instrument, InstrumentSettings, ObservedVariable};
 pub use jacobian::Jacobian;
 pub use network::{Network, Schedule};
 pub use observation::{Observation, Reading};
@@ -71,6 +75,7 @@ pub use operator::{LinearOperator, ObservationOperator};
 pub use predictor::Predictor;
 pub use projection::Projection;
 pub use quality::QualityControl;
+pub use recorded_use::RecordedUse;
 pub use rejection::{RejectedObservation, Rejection};
 pub use report::{ObservationType, Report};
 pub use site::Site;

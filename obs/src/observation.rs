@@ -26,8 +26,31 @@ pub struct Observation {
 pub enum Reading {
     /// The truth, its bias and this random error, drawn from N(0, sigma²).
     Error(f64),
-    /// This value, valid at this time.
-    Value(f64, Time),
+    /// What was read elsewhere.
+    Recorded {
+        /// The value.
+        value: f64,
+        /// When it is valid.
+        time: Time,
+        /// Whether that is not near enough to the end of the window.
+        is_late: bool,
+    },
+}
+
+impl Reading {
+    /// The recorded value, or the random error.
+    pub(crate) fn value(&self) -> f64 {
+        match *self {
+            Reading::Error(value) | Reading::Recorded { value, .. } => value,
+        }
+    }
+
+    /// Replaces that.
+    pub(crate) fn set_value(&mut self, new: f64) {
+        match self {
+            Reading::Error(value) | Reading::Recorded { value, .. } => *value = new,
+        }
+    }
 }
 
 impl Observation {

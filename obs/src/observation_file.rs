@@ -1,14 +1,13 @@
 //! Files of observations: a table in CSV of what was observed, where and when.
 
-use crate::error::ObservationError;
-use crate::table::Table;
+use crate::table::{Faults, LARGEST, Row, Table, TableError};
 use isobar_model::Time;
 
 /// The observations of a file, in its order.
 ///
-/// The file is CSV with a header line; empty lines and lines that begin with `#` are skipped. Columns:
+/// The file is a [`Table`]. Columns:
 ///
-/// - `cycle`, from 1, **or** `time`, such as `2026-01-15T06:00:00Z`, in whole seconds;
+/// - `cycle`, from 1, **or** `time`, as [`crate::times::parse`] reads it;
 /// - `x_m` and `y_m`, **or** `latitude_deg` and `longitude_deg`, **or** `column` and `row`: the variable's own point of the
 ///   grid, counted from 1 from the west and from the south;
 /// - `value`, in the variable's unit;
@@ -21,6 +20,7 @@ pub struct ObservationFile {
     file: String,
     columns: Vec<String>,
     records: Vec<ObservationRecord>,
+    missing: usize,
 }
 
 /// One line of a file of observations.
@@ -77,11 +77,28 @@ pub enum ObservationPlace {
     },
 }
 
-/// The largest size of a value or coordinate.
-const LARGEST: f64 = 1e18;
+/// Columns that are recognised in capitals too, and by synonyms.
+const KNOWN: &[&str] = &[
+    "cycle",
+    "time",
+    "x_m",
+    "y_m",
+    "latitude_deg",
+    "longitude_deg",
+    "column",
+    "row",
+    "value",
+    "variable",
+    "sigma",
+    "id",
+];
 
 /// The last cycle that a file may name, and the last column or row.
 const LAST: usize = 1_000_000;
+
+/// Values that usually mark a missing one.
+const USUAL_MARKERS: [f64; 12] =
+    [-9999.0, -999.0, -99999.0, -999.9, -9999.9, -999.99, -9999.99, -32767.0, -32768.0, 99999.0, 999999.0, 9999999.0];
 
 /// Numbers of the columns.
 struct Columns {
@@ -102,28 +119,35 @@ enum PlaceColumns {
 }
 
 impl ObservationFile {
-    /// Reads the text of a file of observations; `file` is its name, for messages.
+    /// Reads the text of a file of observations; `file` is its name, for messages. Rows without a value or a place (empty,
+    /// `NaN`, `NA`), or with a value that is one of `markers`, are counted as missing.
     ///
     /// # Errors
-    /// Lines that are not rows of the table, missing or ambiguous columns, fields that are not what they must be, each with
-    /// its line; a file without observations.
-    pub fn parse(text: &str, file: &str) -> Result<Self, ObservationError> {
+    /// A value that usually marks a missing one, such as -9999, unless there are `markers`. Missing or ambiguous columns; else all lines that are not rows of the table, and fields that are not what they must
+    /// be, each with its line; a file without observations.
+    pub fn parse(text: &str, file: &str, markers: Option<&[f64]>) -> Result<Self, TableError> {
         let no_observations = || {
-            let problem = "has no observations; it needs a header line such as \
-                           `cycle,x_m,y_m,variable,value,sigma` and a line for each observation";
-            ObservationError::in_file(file, None, problem)
+            let form =
+                "it needs a header line such as `cycle,x_m,y_m,variable,value,sigma` and a line for each observation";
+            TableError::whole(file, format!("has no observations: {form}"))
         };
-        let table = Table::new(text, file)?.ok_or_else(no_observations)?;
-        let numbers = find_columns(&table)?;
+        let table = Table::new(text, file, KNOWN)?.ok_or_else(no_observations)?;
+        let columns = find_columns(&table)?;
+        let mut faults = Faults::default();
         let mut records = Vec::new();
-        for row in table.lines() {
-            let (line, fields) = row?;
-            records.push(Row { file, line, columns: &table.columns, fields: &fields }.record(&numbers)?);
-        }
-        if records.is_empty() {
+        let mut missing = 0;
+        table.each_row(&mut faults, |row, faults| {
+            if columns.is_missing(&row, markers) {
+                missing += 1;
+            } else {
+                records.extend(columns.record(&row, markers.is_none(), faults));
+            }
+        });
+        faults.check(file)?;
+        if records.is_empty() && missing == 0 {
             return Err(no_observations());
         }
-        Ok(Self { file: file.to_owned(), columns: table.columns, records })
+        Ok(Self { file: file.to_owned(), columns: table.columns().to_vec(), records, missing })
     }
 
     /// Name of the file.
@@ -136,93 +160,81 @@ impl ObservationFile {
         &self.columns
     }
 
-    /// The observations, in the order of the file; at least one.
+    /// The observations, in the order of the file; at least one unless all are missing.
     pub fn records(&self) -> &[ObservationRecord] {
         &self.records
     }
+
+    /// The number of rows without a value or a place.
+    pub fn missing(&self) -> usize {
+        self.missing
+    }
 }
 
-/// A line of the table.
-struct Row<'a> {
-    file: &'a str,
-    line: usize,
-    columns: &'a [String],
-    fields: &'a [String],
-}
+impl Columns {
+    /// Whether a row has no value, or no place.
+    fn is_missing(&self, row: &Row<'_>, markers: Option<&[f64]>) -> bool {
+        let (PlaceColumns::Plane(x, y) | PlaceColumns::Geographic(x, y) | PlaceColumns::GridPoint(x, y)) = self.place;
+        let marked = |value: f64| markers.unwrap_or_default().contains(&value);
+        [self.value, x, y].iter().any(|column| row.is_missing(*column))
+            || row.text(self.value).parse().is_ok_and(marked)
+    }
 
-impl Row<'_> {
-    fn record(&self, numbers: &Columns) -> Result<ObservationRecord, ObservationError> {
-        let anywhere = |column| self.number(column, -LARGEST, LARGEST);
-        let valid = match (numbers.cycle, numbers.time) {
-            (Some(cycle), _) => ValidTime::Cycle(self.whole(cycle)?),
-            (None, Some(time)) => ValidTime::Time(self.time(time)?),
+    /// The observation of a row; `None`, and its faults, if the fields are none. `refuse_markers`: whether values that usually
+    /// mark a missing one are faults.
+    fn record(&self, row: &Row<'_>, refuse_markers: bool, faults: &mut Faults) -> Option<ObservationRecord> {
+        let anywhere = (-LARGEST, LARGEST);
+        let valid = match (self.cycle, self.time) {
+            (Some(cycle), _) => row.whole(cycle, LAST, faults).map(ValidTime::Cycle),
+            (None, Some(time)) => row.time(time, faults).map(ValidTime::Time),
             (None, None) => unreachable!("there is a column for the time"),
         };
-        let place = match numbers.place {
-            PlaceColumns::Plane(x, y) => ObservationPlace::Plane { x_m: anywhere(x)?, y_m: anywhere(y)? },
-            PlaceColumns::Geographic(latitude, longitude) => ObservationPlace::Geographic {
-                latitude_deg: self.number(latitude, -90.0, 90.0)?,
-                longitude_deg: self.number(longitude, -180.0, 360.0)?,
-            },
-            PlaceColumns::GridPoint(column, row) => {
-                ObservationPlace::GridPoint { column: self.whole(column)?, row: self.whole(row)? }
-            }
-        };
-        Ok(ObservationRecord {
-            line: self.line,
-            valid,
-            place,
-            variable: numbers.variable.map(|column| self.fields[column].clone()),
-            value: anywhere(numbers.value)?,
-            sigma: numbers.sigma.map(|column| self.number(column, 1.0 / LARGEST, LARGEST)).transpose()?,
-            id: numbers.id.map(|column| self.text(column)).transpose()?,
-        })
-    }
-
-    fn fault(&self, column: usize, expected: String) -> ObservationError {
-        ObservationError::invalid_field(self.file, self.line, &self.columns[column], &self.fields[column], &expected)
-    }
-
-    fn number(&self, column: usize, low: f64, high: f64) -> Result<f64, ObservationError> {
-        let number = self.fields[column].parse::<f64>().ok().filter(|number| (low..=high).contains(number));
-        number.ok_or_else(|| match low {
-            _ if high < LARGEST => self.fault(column, format!("a number from {low} to {high}")),
-            low if low > 0.0 => self.fault(column, "a finite number above 0".to_owned()),
-            _ => self.fault(column, "a finite number".to_owned()),
-        })
-    }
-
-    fn whole(&self, column: usize) -> Result<usize, ObservationError> {
-        let number = self.fields[column].parse::<usize>().ok().filter(|number| (1..=LAST).contains(number));
-        number.ok_or_else(|| self.fault(column, format!("a whole number from 1 to {LAST}")))
-    }
-
-    fn text(&self, column: usize) -> Result<String, ObservationError> {
-        match self.fields[column].as_str() {
-            "" => Err(self.fault(column, "a name".to_owned())),
-            text => Ok(text.to_owned()),
+        let place = self.place(row, faults);
+        let value = row.number(self.value, anywhere, faults);
+        if let Some(value) = value.filter(|value| refuse_markers && USUAL_MARKERS.contains(value)) {
+            let key = format!("`missing = [{value}]` for the network if it is, `missing = []` if not");
+            faults.add(row.line, format!("`value` is {value}, which usually marks a missing value: give {key}"));
         }
+        let sigma = self.sigma.map(|column| row.number(column, (1.0 / LARGEST, LARGEST), faults));
+        let id = self.id.map(|column| row.name(column, faults));
+        Some(ObservationRecord {
+            line: row.line,
+            valid: valid?,
+            place: place?,
+            variable: self.variable.map(|column| row.text(column).to_owned()),
+            value: value?,
+            sigma: if let Some(sigma) = sigma { Some(sigma?) } else { None },
+            id: if let Some(id) = id { Some(id?) } else { None },
+        })
     }
 
-    /// A time in whole seconds; universal time if it does not say another.
-    fn time(&self, column: usize) -> Result<Time, ObservationError> {
-        let field = self.fields[column].as_str();
-        let zoned = field.parse::<jiff::Timestamp>().ok();
-        let of_zero_offset = |civil: jiff::civil::DateTime| jiff::tz::Offset::UTC.to_timestamp(civil).ok();
-        let time = zoned.or_else(|| field.parse().ok().and_then(of_zero_offset));
-        match time.filter(|time| time.subsec_nanosecond() == 0) {
-            Some(time) => Ok(Time::from_seconds(time.as_second())),
-            None => Err(self.fault(column, "a time such as 2026-01-15T06:00:00Z, in whole seconds".to_owned())),
+    fn place(&self, row: &Row<'_>, faults: &mut Faults) -> Option<ObservationPlace> {
+        match self.place {
+            PlaceColumns::Plane(x, y) => {
+                let (x_m, y_m) =
+                    (row.number(x, (-LARGEST, LARGEST), faults), row.number(y, (-LARGEST, LARGEST), faults));
+                Some(ObservationPlace::Plane { x_m: x_m?, y_m: y_m? })
+            }
+            PlaceColumns::Geographic(latitude, longitude) => {
+                let latitude_deg = row.number(latitude, (-90.0, 90.0), faults);
+                let longitude_deg = row.number(longitude, (-180.0, 360.0), faults);
+                Some(ObservationPlace::Geographic { latitude_deg: latitude_deg?, longitude_deg: longitude_deg? })
+            }
+            PlaceColumns::GridPoint(column, row_number) => {
+                let (column, row) = (row.whole(column, LAST, faults), row.whole(row_number, LAST, faults));
+                Some(ObservationPlace::GridPoint { column: column?, row: row? })
+            }
         }
     }
 }
 
-fn find_columns(table: &Table<'_>) -> Result<Columns, ObservationError> {
-    let (find, missing) = (|name| table.find(name), |name: &str| table.missing(name));
-    let ambiguous = |problem: &str| table.wrong_header(problem);
+fn find_columns(table: &Table<'_>) -> Result<Columns, TableError> {
+    let find = |name| table.find(name);
+    let missing = |name: &str| table.missing(&format!("`{name}`"), &[name]);
+    let ambiguous = |problem: &str| table.wrong_header(problem.to_owned());
     let (cycle, time) = (find("cycle"), find("time"));
     match (cycle, time) {
-        (None, None) => return Err(missing("`cycle` (or `time`)")),
+        (None, None) => return Err(table.missing("`cycle` (or `time`)", &["time"])),
         (Some(_), Some(_)) => return Err(ambiguous("the header has both `cycle` and `time`; keep one")),
         _ => {}
     }
@@ -231,8 +243,8 @@ fn find_columns(table: &Table<'_>) -> Result<Columns, ObservationError> {
     for ((first, second), number) in pairs.into_iter().zip(0..) {
         match (find(first), find(second)) {
             (Some(first), Some(second)) => places.push((number, first, second)),
-            (Some(_), None) => return Err(missing(&format!("`{second}`"))),
-            (None, Some(_)) => return Err(missing(&format!("`{first}`"))),
+            (Some(_), None) => return Err(missing(second)),
+            (None, Some(_)) => return Err(missing(first)),
             (None, None) => {}
         }
     }
@@ -240,10 +252,13 @@ fn find_columns(table: &Table<'_>) -> Result<Columns, ObservationError> {
         [(0, x, y)] => PlaceColumns::Plane(x, y),
         [(1, latitude, longitude)] => PlaceColumns::Geographic(latitude, longitude),
         [(_, column, row)] => PlaceColumns::GridPoint(column, row),
-        [] => return Err(missing("`x_m` and `y_m` (or `latitude_deg` and `longitude_deg`, or `column` and `row`)")),
+        [] => {
+            let columns = "`x_m` and `y_m` (or `latitude_deg` and `longitude_deg`, or `column` and `row`)";
+            return Err(table.missing(columns, &["x_m", "y_m"]));
+        }
         _ => return Err(ambiguous("the header has several kinds of position; keep one")),
     };
-    let value = find("value").ok_or_else(|| missing("`value`"))?;
+    let value = find("value").ok_or_else(|| missing("value"))?;
     Ok(Columns { cycle, time, place, value, variable: find("variable"), sigma: find("sigma"), id: find("id") })
 }
 
@@ -256,14 +271,14 @@ mod tests {
 
     #[test]
     fn a_good_file_gives_its_observations_with_their_lines() {
-        let file = ObservationFile::parse(GOOD, "good.csv").unwrap();
+        let file = ObservationFile::parse(GOOD, "good.csv", None).unwrap();
         let [first, second] = file.records() else { panic!("two observations") };
         let six = Time::from_seconds(1_768_456_800);
         assert_eq!((first.line, first.valid, first.value), (4, ValidTime::Time(six), 1012.5));
         assert_eq!(first.place, ObservationPlace::Plane { x_m: 1e5, y_m: 2e5 });
         assert_eq!((first.variable.as_deref(), first.sigma, first.id.as_deref()), (Some("h"), Some(12.0), Some("a")));
         assert_eq!((second.line, second.valid), (6, ValidTime::Time(Time::from_seconds(six.seconds() + 6 * 3600))));
-        let short = ObservationFile::parse("cycle,column,row,value\r\n2,4,5,0.5\r\n", "short.csv").unwrap();
+        let short = ObservationFile::parse("cycle,column,row,value\r\n2,4,5,0.5\r\n", "short.csv", None).unwrap();
         let record = &short.records()[0];
         assert_eq!(
             (record.valid, record.place),
@@ -272,21 +287,87 @@ mod tests {
         assert_eq!((&record.variable, record.sigma, &record.id), (&None, None, &None));
     }
 
+    /// What spreadsheets, R and old systems make of a table.
+    #[test]
+    fn a_file_is_the_same_however_its_table_is_written() {
+        let clean = ObservationFile::parse("time,latitude_deg,longitude_deg,value,id\n2026-01-15T06:00:00Z,5,-6,7,a\n2026-01-15T12:00:00Z,8,9,-0.5,\"b, \"\"c\"\"\"\n", "t.csv", None).unwrap();
+        let body = "2026-01-15 06:00:00 UTC,5,-6,7,a\n2026-01-15T14:00:00+02:00,8,9,-0.5,\"b, \"\"c\"\"\"\n";
+        let long_remarks = "   # licence\n".repeat(2000);
+        for text in [
+            format!("\u{feff}\"time\",\"latitude_deg\",\"longitude_deg\",\"value\",\"id\"\n{body}"),
+            format!("\u{feff}# remark\n\nTime,Lat,LON,Value,ID\n{body}"),
+            format!("{long_remarks}time, latitude, longitude, value, id\n\n{body}"),
+            format!(",,,,,,\ntime,latitude_deg,longitude_deg,value,id,,\n{body},,,,,,\n,\n"),
+            format!("time,latitude_deg,longitude_deg,value,id\n{}", body.replace('\n', ",,\n")),
+            format!("time,latitude_deg,longitude_deg,value,id\n{body}").replace('\n', "\r"),
+        ] {
+            let file = ObservationFile::parse(&text, "t.csv", None).unwrap_or_else(|error| panic!("{text}: {error}"));
+            let without_lines = |file: &ObservationFile| -> Vec<ObservationRecord> {
+                file.records().iter().map(|record| ObservationRecord { line: 0, ..record.clone() }).collect()
+            };
+            assert_eq!(without_lines(&file), without_lines(&clean), "{text}");
+        }
+        let whole = ObservationFile::parse("cycle,column,row,value\n1.0,2.0,3,4\n", "t.csv", None).unwrap();
+        assert_eq!(whole.records()[0].valid, ValidTime::Cycle(1));
+    }
+
+    #[test]
+    fn rows_without_a_value_or_a_place_are_counted() {
+        let text =
+            "cycle,x_m,y_m,value,sigma\n1,2,3,,\n1,2,3,NaN,1\n1,2,3,NA,1\n1,,3,4,1\n1,2,3,-9999.0,1\n1,2,3,4,1\n";
+        let file = ObservationFile::parse(text, "t.csv", Some(&[-9999.0])).unwrap();
+        assert_eq!((file.records().len(), file.missing()), (1, 5));
+        let all = ObservationFile::parse("cycle,x_m,y_m,value\n1,2,3,\n", "t.csv", None).unwrap();
+        assert_eq!((all.records().len(), all.missing()), (0, 1));
+        let kept = ObservationFile::parse(text, "t.csv", Some(&[])).unwrap();
+        assert_eq!((kept.records().len(), kept.missing()), (2, 4));
+    }
+
+    #[test]
+    fn all_faults_are_listed_up_to_twenty() {
+        let text = "cycle,x_m,y_m,value,sigma\n1,one,2,3,-1\n1,2,3,4,5\n1.5,2,3,\"4,5\",1\n";
+        let error = ObservationFile::parse(text, "t.csv", None).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "t.csv has 4 faults:\n\
+             line 2: `x_m` is `one`, but must be a finite number\n\
+             line 2: `sigma` is `-1`, but must be a finite number above 0\n\
+             line 4: `cycle` is `1.5`, but must be a whole number from 1 to 1000000\n\
+             line 4: `value` is `4,5`, but must be a finite number; numbers have a decimal point, not a comma"
+        );
+        let many = format!("cycle,x_m,y_m,value\n{}", "1,2,3,x\n".repeat(23));
+        let error = ObservationFile::parse(&many, "t.csv", None).unwrap_err();
+        assert_eq!((error.faults.len(), error.total), (20, 23));
+        assert!(error.to_string().ends_with("\nand 3 more"), "{error}");
+    }
+
     #[test]
     fn errors_say_where_and_what() {
         let head = "cycle,x_m,y_m,value";
         for (text, expected) in [
             (format!("{head}\n1,2,3\n"), "line 2: there are 3 fields, but the header has 4"),
             (format!("{head}\n0,2,3,4\n"), "line 2: `cycle` is `0`, but must be a whole number from 1 to 1000000"),
-            (format!("{head}\n1,2,3,nan\n"), "line 2: `value` is `nan`, but must be a finite number"),
+            (format!("{head}\n1,2,3,inf\n"), "line 2: `value` is `inf`, but must be a finite number"),
+            (format!("{head}\n1,2,3,-9999.0\n"), "line 2: `value` is -9999, which usually marks a missing value"),
             (format!("{head}\n1,2,inf,4\n"), "line 2: `y_m` is `inf`, but must be a finite number"),
             (format!("{head}\n#\n1,2,3,1e19\n"), "line 3: `value` is `1e19`"),
             (format!("{head},sigma\n1,2,3,4,0\n"), "`sigma` is `0`, but must be a finite number above 0"),
-            (format!("{head},id\n1,2,3,4,\n"), "`id` is ``, but must be a name"),
+            (format!("{head},id\n1,2,3,4,\n"), "the column `id` is empty, but must be a name"),
             (format!("{head}\n1,2,3,\"4\n"), "line 2: a quotation mark is not closed"),
             ("time,x_m,y_m,value\nnoon,2,3,4\n".into(), "`time` is `noon`, but must be a time such as"),
             ("time,x_m,y_m,value\n2026-01-15T06:00:00.5Z,2,3,4\n".into(), "in whole seconds"),
             ("x_m,y_m,value\n".into(), "no column `cycle` (or `time`)"),
+            ("cycle;x_m;y_m;value\n1;2;3;4,5\n".into(), "line 1: the fields are separated by semicolons"),
+            ("\"cycle\"\tx_m\ty_m\tvalue\n".into(), "line 1: the fields are separated by tabs"),
+            (
+                format!("{head}\n1,2,3,4,5\n"),
+                "line 2: there are 5 fields, but the header has 4 columns; are there decimal",
+            ),
+            (format!("{head},,\n1,2,3,4,,5\n"), "line 2: field 6 is `5`, but its column has no name"),
+            (format!("{head},Value\n"), "two columns `value`"),
+            (format!("{head},id\n1,2,3,4,{}\n", "x".repeat(201)), "`id` has 201 characters"),
+            (format!("{head},note\n1,2,3,4,{}\n", "x".repeat(10_001)), "field 5 has 10001 characters"),
+            ("date,x_m,y_m,value\n".into(), "it has `date`, `x_m`, `y_m`, `value`; is `date` for `time` meant?"),
             ("cycle,time,x_m,y_m,value\n".into(), "both `cycle` and `time`"),
             ("cycle,x_m,value\n".into(), "no column `y_m`"),
             ("cycle,row,value\n".into(), "no column `column`"),
@@ -298,7 +379,7 @@ mod tests {
             (head.into(), "has no observations"),
             (String::new(), "has no observations"),
         ] {
-            let message = ObservationFile::parse(&text, "bad.csv").unwrap_err().to_string();
+            let message = ObservationFile::parse(&text, "bad.csv", None).unwrap_err().to_string();
             assert!(message.contains(expected) && message.contains("bad.csv"), "{text:?} gives: {message}");
         }
     }
@@ -310,7 +391,7 @@ mod tests {
             for new in ["", ",", "\"", "\n", "#", "é", "-", "9", "1e999"] {
                 let text = format!("{}{new}{}", &GOOD[..at], &GOOD[at + old.len_utf8()..]);
                 for text in [text.as_str(), &text[..at]] {
-                    let Ok(file) = ObservationFile::parse(text, "mutated.csv") else { continue };
+                    let Ok(file) = ObservationFile::parse(text, "mutated.csv", None) else { continue };
                     accepted += 1;
                     for record in file.records() {
                         assert!(record.value.is_finite() && record.sigma.is_none_or(|sigma| sigma > 0.0), "{text}");

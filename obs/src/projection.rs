@@ -41,6 +41,27 @@ impl Projection {
         Some((self.false_easting_m + x, self.false_northing_m + y))
     }
 
+    /// The direction of north at a place on the sphere: the angle from the plane's y axis to the meridian, positive
+    /// clockwise \[radians\]; 0 at the centre's antipode. A wind (u, v) to the east and north there is
+    /// (u cos γ + v sin γ, v cos γ − u sin γ) along x and y. The projection keeps areas, not angles: away from the centre the
+    /// parallel is not quite perpendicular to the meridian.
+    pub fn north(&self, latitude_deg: f64, longitude_deg: f64) -> f64 {
+        let (sin_lat, cos_lat) = latitude_deg.to_radians().sin_cos();
+        let (sin_center, cos_center) = self.center_latitude_deg.to_radians().sin_cos();
+        let (sin_lon, cos_lon) = (longitude_deg - self.center_longitude_deg).to_radians().sin_cos();
+        let denominator = 1.0 + sin_center * sin_lat + cos_center * cos_lat * cos_lon;
+        if denominator <= 1e-12 {
+            return 0.0;
+        }
+        // x = k X and y = k Y with k = √(2 / D); derivatives by latitude over k.
+        let change = -0.5 * (sin_center * cos_lat - cos_center * sin_lat * cos_lon) / denominator;
+        let x = change * cos_lat * sin_lon - sin_lat * sin_lon;
+        let y = change * (cos_center * sin_lat - sin_center * cos_lat * cos_lon)
+            + cos_center * cos_lat
+            + sin_center * sin_lat * cos_lon;
+        x.atan2(y)
+    }
+
     /// Latitude and longitude \[degrees\] of a point of the plane; `None` where the plane leaves the sphere.
     pub fn inverse(&self, x_m: f64, y_m: f64) -> Option<(f64, f64)> {
         let (x, y) = (x_m - self.false_easting_m, y_m - self.false_northing_m);
@@ -104,6 +125,21 @@ mod tests {
         let (_, north) = projection.forward(60.0, 14.0).unwrap();
         let (east, _) = projection.forward(52.5, 20.0).unwrap();
         assert!(north > 1_920e3 && east > 2_560e3);
+    }
+
+    /// From finite differences of the projection of a sphere about 40 N 100 W: at 47 N 53 W, γ = -32.889°.
+    #[test]
+    fn north_is_the_direction_of_the_meridian() {
+        let projection = about(40.0, -100.0);
+        assert!((projection.north(47.0, -53.0).to_degrees() + 32.889).abs() < 1e-3);
+        assert_eq!(projection.north(40.0, -100.0), 0.0);
+        for (latitude, longitude) in [(47.0, -53.0), (-10.0, 20.0), (80.0, 170.0), (20.0, -140.0)] {
+            let at = |latitude: f64| projection.forward(latitude, longitude).unwrap();
+            let (south, north) = (at(latitude - 1e-4), at(latitude + 1e-4));
+            let expected = (north.0 - south.0).atan2(north.1 - south.1);
+            let angle = projection.north(latitude, longitude);
+            assert!((angle - expected).abs() < 1e-8, "{latitude} {longitude}: {angle} {expected}");
+        }
     }
 
     /// The Jacobian determinant of the projection is R² cos φ everywhere: small areas keep their size.

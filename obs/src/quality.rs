@@ -31,7 +31,7 @@
 //! errors are up to three times as large. The limit grows by at most as much.
 
 use crate::calibration::Calibration;
-use crate::observation::{Arrival, Observation};
+use crate::observation::{Arrival, Observation, Reading};
 use crate::rejection::Rejection;
 use isobar_model::{Boundary, Grid, State, Time};
 use std::collections::HashSet;
@@ -74,11 +74,15 @@ pub(crate) fn check_reports(arrivals: &[Arrival], time: Time, grid: &Grid) -> Ve
     let check = |arrival: &Arrival| {
         let Arrival { observation, value, time: valid, .. } = arrival;
         let report = &observation.report;
+        let is_late = match observation.reading {
+            Reading::Error(_) => *valid != time,
+            Reading::Recorded { time, is_late, .. } => is_late || *valid != time,
+        };
         if !value.is_finite() || !observation.sigma.is_finite() {
             Some(Rejection::NotFinite)
         } else if !grid.contains(report.x_m, report.y_m) {
             Some(Rejection::Outside)
-        } else if *valid != time {
+        } else if is_late {
             Some(Rejection::Late)
         } else if !seen.insert((Arc::clone(&report.network), Arc::clone(&report.platform), report.variable)) {
             Some(Rejection::Duplicate)

@@ -1,6 +1,7 @@
 //! Observations that fail quality control, and why.
 
 use crate::report::Report;
+use isobar_model::Time;
 use serde::{Deserialize, Serialize};
 
 /// Why an observation is not used.
@@ -54,6 +55,8 @@ impl Rejection {
 pub struct RejectedObservation {
     /// Where, what and by whom.
     pub report: Report,
+    /// When it is valid.
+    pub time: Time,
     /// The reported value; it may not be finite.
     pub value: f64,
     /// Standard deviation of its random error, as it claims.

@@ -176,7 +176,7 @@ fn from_file(
         let problem = format!("there is no column `{column}` to group the stations of {file} by; it has {columns}");
         return Err(ObservationError::in_setting(name, "group_by", problem));
     };
-    let groups = stations.groups(number).map_err(|error| error.of_network(name, "stations"))?;
+    let groups = stations.groups(number).map_err(|error| ObservationError::from(error).of_network(name, "stations"))?;
     if let Some(missing) = chosen.iter().find(|group| !groups.contains(&group.as_str())) {
         let mut present = groups;
         present.sort_unstable();
@@ -196,7 +196,7 @@ fn candidate(
     group: &str,
 ) -> Result<Candidate, ObservationError> {
     let place_m = match (record.position, site.projection) {
-        (Position::Plane { x_m, y_m }, _) => Some((x_m, y_m)),
+        (Position::Plane { x_m, y_m }, _) => Some(site.layout.grid.first_image(x_m, y_m)),
         (Position::Geographic { latitude_deg, longitude_deg }, Some(projection)) => {
             projection.forward(latitude_deg, longitude_deg)
         }

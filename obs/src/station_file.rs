@@ -1,12 +1,11 @@
 //! Station files: a table of stations in CSV, with any further columns to group them by.
 
-use crate::error::ObservationError;
-use crate::table::Table;
+use crate::table::{Faults, LARGEST, LONGEST_NAME, Row, Table, TableError};
 use std::collections::HashMap;
 
 /// The stations of a file, in its order.
 ///
-/// The file is CSV with a header line; empty lines and lines that begin with `#` are skipped. Columns:
+/// The file is a [`Table`]. Columns:
 ///
 /// - `id`: unique, not empty;
 /// - `latitude_deg` in [-90, 90] and `longitude_deg` in [-180, 360], **or** `x_m` and `y_m`;
@@ -51,6 +50,9 @@ pub struct StationRecord {
     pub fields: Vec<String>,
 }
 
+/// Columns that are recognised in capitals too, and by synonyms.
+const KNOWN: &[&str] = &["id", "latitude_deg", "longitude_deg", "x_m", "y_m", "name"];
+
 /// Which columns hold the position, as numbers of columns.
 enum PositionColumns {
     Geographic(usize, usize),
@@ -61,43 +63,36 @@ impl StationFile {
     /// Reads the text of a station file; `file` is its name, for messages.
     ///
     /// # Errors
-    /// Lines that are not rows of the table, missing or ambiguous columns, coordinates that are not numbers or out of
-    /// range, empty or repeated identifiers, each with its line; a file without stations.
-    pub fn parse(text: &str, file: &str) -> Result<Self, ObservationError> {
+    /// Missing or ambiguous columns; else all lines that are not rows of the table, coordinates that are not numbers or
+    /// out of range, and empty or repeated identifiers, each with its line; a file without stations.
+    pub fn parse(text: &str, file: &str) -> Result<Self, TableError> {
         let no_stations = || {
-            let problem = "has no stations; it needs a header line such as `id,latitude_deg,longitude_deg` and \
-                           a line for each station";
-            ObservationError::in_file(file, None, problem)
+            let form = "it needs a header line such as `id,latitude_deg,longitude_deg` and a line for each station";
+            TableError::whole(file, format!("has no stations: {form}"))
         };
-        let table = Table::new(text, file)?.ok_or_else(no_stations)?;
+        let table = Table::new(text, file, KNOWN)?.ok_or_else(no_stations)?;
         let (id_column, position_columns) = find_columns(&table)?;
-
+        let mut faults = Faults::default();
         let mut records = Vec::new();
         let mut line_of_id: HashMap<String, usize> = HashMap::new();
-        for row in table.lines() {
-            let (line, fields) = row?;
-            let id = fields[id_column].clone();
-            if id.is_empty() {
-                return Err(empty_field(file, line, "id"));
+        table.each_row(&mut faults, |row, faults| {
+            let line = row.line;
+            let id = row.name(id_column, faults);
+            let position = position_columns.read(&row, faults);
+            if let Some(first_line) = id.as_ref().and_then(|id| line_of_id.insert(id.clone(), line)) {
+                let id = id.as_deref().unwrap_or_default();
+                faults
+                    .add(line, format!("the station `{id}` is already on line {first_line}; identifiers must differ"));
             }
-            if let Some(first_line) = line_of_id.insert(id.clone(), line) {
-                let problem = format!("the station `{id}` is already on line {first_line}; identifiers must differ");
-                return Err(ObservationError::in_file(file, Some(line), problem));
+            if let (Some(id), Some(position)) = (id, position) {
+                records.push(StationRecord { line, id, position, fields: row.into_fields() });
             }
-            let number = |column: usize, range| coordinate(&table.columns[column], &fields[column], range, file, line);
-            let position = match position_columns {
-                PositionColumns::Geographic(latitude, longitude) => Position::Geographic {
-                    latitude_deg: number(latitude, Some((-90.0, 90.0)))?,
-                    longitude_deg: number(longitude, Some((-180.0, 360.0)))?,
-                },
-                PositionColumns::Plane(x, y) => Position::Plane { x_m: number(x, None)?, y_m: number(y, None)? },
-            };
-            records.push(StationRecord { line, id, position, fields });
-        }
+        });
+        faults.check(file)?;
         if records.is_empty() {
             return Err(no_stations());
         }
-        Ok(Self { file: file.to_owned(), columns: table.columns, records })
+        Ok(Self { file: file.to_owned(), columns: table.columns().to_vec(), records })
     }
 
     /// Name of the file.
@@ -123,58 +118,63 @@ impl StationFile {
     /// The group of each station: its field in the column number `column`.
     ///
     /// # Errors
-    /// The first station whose field is empty.
-    pub(crate) fn groups(&self, column: usize) -> Result<Vec<&str>, ObservationError> {
-        if let Some(record) = self.records.iter().find(|record| record.fields[column].is_empty()) {
-            return Err(empty_field(&self.file, record.line, &self.columns[column]));
+    /// The stations whose field is empty.
+    pub(crate) fn groups(&self, column: usize) -> Result<Vec<&str>, TableError> {
+        let mut faults = Faults::default();
+        for record in &self.records {
+            let (name, length) = (&self.columns[column], record.fields[column].chars().count());
+            if length == 0 {
+                faults.add(record.line, format!("the column `{name}` is empty; every station needs one"));
+            } else if length > LONGEST_NAME {
+                faults.add(record.line, format!("`{name}` has {length} characters, but may have {LONGEST_NAME}"));
+            }
         }
+        faults.check(&self.file)?;
         Ok(self.records.iter().map(|record| record.fields[column].as_str()).collect())
     }
 }
 
-fn empty_field(file: &str, line: usize, column: &str) -> ObservationError {
-    let problem = format!("the column `{column}` is empty; every station needs one");
-    ObservationError::in_file(file, Some(line), problem)
-}
-
 /// The columns of the identifier and of the position.
-fn find_columns(table: &Table<'_>) -> Result<(usize, PositionColumns), ObservationError> {
-    let (find, missing) = (|name| table.find(name), |name| table.missing(name));
-    let id = find("id").ok_or_else(|| missing("`id`"))?;
+fn find_columns(table: &Table<'_>) -> Result<(usize, PositionColumns), TableError> {
+    let find = |name| table.find(name);
+    let missing = |name: &str| table.missing(&format!("`{name}`"), &[name]);
+    let id = find("id").ok_or_else(|| missing("id"))?;
     let position = match (find("latitude_deg"), find("longitude_deg"), find("x_m"), find("y_m")) {
         (Some(latitude), Some(longitude), None, None) => PositionColumns::Geographic(latitude, longitude),
         (None, None, Some(x), Some(y)) => PositionColumns::Plane(x, y),
-        (None, None, None, None) => return Err(missing("`latitude_deg` and `longitude_deg` (or `x_m` and `y_m`)")),
-        (Some(_), None, None, None) => return Err(missing("`longitude_deg`")),
-        (None, Some(_), None, None) => return Err(missing("`latitude_deg`")),
-        (None, None, Some(_), None) => return Err(missing("`y_m`")),
-        (None, None, None, Some(_)) => return Err(missing("`x_m`")),
+        (None, None, None, None) => {
+            let columns = "`latitude_deg` and `longitude_deg` (or `x_m` and `y_m`)";
+            return Err(table.missing(columns, &["x_m", "y_m"]));
+        }
+        (Some(_), None, None, None) => return Err(missing("longitude_deg")),
+        (None, Some(_), None, None) => return Err(missing("latitude_deg")),
+        (None, None, Some(_), None) => return Err(missing("y_m")),
+        (None, None, None, Some(_)) => return Err(missing("x_m")),
         _ => {
             let problem = "the header has columns of both kinds of position; \
                            keep `latitude_deg` and `longitude_deg`, or `x_m` and `y_m`";
-            return Err(table.wrong_header(problem));
+            return Err(table.wrong_header(problem.to_owned()));
         }
     };
     Ok((id, position))
 }
 
-/// A finite number, within `range` if there is one.
-fn coordinate(
-    column: &str,
-    value: &str,
-    range: Option<(f64, f64)>,
-    file: &str,
-    line: usize,
-) -> Result<f64, ObservationError> {
-    let number = value.parse::<f64>().ok().filter(|number| number.is_finite());
-    let (low, high) = range.unwrap_or((f64::MIN, f64::MAX));
-    number.filter(|number| (low..=high).contains(number)).ok_or_else(|| {
-        let expected = match range {
-            Some((low, high)) => format!("a number from {low} to {high}"),
-            None => "a finite number of metres".to_owned(),
-        };
-        ObservationError::invalid_field(file, line, column, value, &expected)
-    })
+impl PositionColumns {
+    /// The position of a row; `None`, and a fault, if its fields are none.
+    fn read(&self, row: &Row<'_>, faults: &mut Faults) -> Option<Position> {
+        match *self {
+            PositionColumns::Geographic(latitude, longitude) => {
+                let latitude_deg = row.number(latitude, (-90.0, 90.0), faults);
+                let longitude_deg = row.number(longitude, (-180.0, 360.0), faults);
+                Some(Position::Geographic { latitude_deg: latitude_deg?, longitude_deg: longitude_deg? })
+            }
+            PositionColumns::Plane(x, y) => {
+                let (x_m, y_m) =
+                    (row.number(x, (-LARGEST, LARGEST), faults), row.number(y, (-LARGEST, LARGEST), faults));
+                Some(Position::Plane { x_m: x_m?, y_m: y_m? })
+            }
+        }
+    }
 }
 
 #[cfg(test)]
@@ -203,6 +203,25 @@ mod tests {
     }
 
     #[test]
+    fn a_file_is_the_same_however_its_table_is_written() {
+        let remarks = "  # licence\n".repeat(2000);
+        for text in [
+            "\"id\",\"x_m\",\"y_m\"\n\"a\",1e5,-2\n",
+            "\n\nID,X_m,Y_M,,\na,1e5,-2,,\n,,,,\n",
+            "\u{feff}x_m,y_m,id\r1e5,-2,a\r",
+            "\u{feff}# remark\nid,x_m,y_m\na,1e5,-2",
+            &format!("{remarks}id,x_m,y_m\na,1e5,-2"),
+        ] {
+            let stations = StationFile::parse(text, "plane.csv").unwrap_or_else(|error| panic!("{text}: {error}"));
+            assert_eq!(stations.records()[0].position, Position::Plane { x_m: 1e5, y_m: -2.0 });
+        }
+        let earth = "id,lat,lon\na,51,7\n";
+        let Position::Geographic { .. } = StationFile::parse(earth, "earth.csv").unwrap().records()[0].position else {
+            panic!("on the Earth")
+        };
+    }
+
+    #[test]
     fn positions_may_be_on_the_plane() {
         let stations = StationFile::parse("id,x_m,y_m\na,1e5,-2\n", "plane.csv").unwrap();
         assert_eq!(stations.records()[0].position, Position::Plane { x_m: 1e5, y_m: -2.0 });
@@ -215,7 +234,7 @@ mod tests {
             ("id,latitude_deg,longitude_deg\na,NaN,2\n", "line 2: `latitude_deg` is `NaN`"),
             ("id,latitude_deg,longitude_deg\na,91,2\n", "must be a number from -90 to 90"),
             ("id,latitude_deg,longitude_deg\na,1,-200\n", "must be a number from -180 to 360"),
-            ("#\nid,x_m,y_m\n\na,inf,2\n", "line 4: `x_m` is `inf`, but must be a finite number of metres"),
+            ("#\nid,x_m,y_m\n\na,inf,2\n", "line 4: `x_m` is `inf`, but must be a finite number"),
             ("#\nid,x_m,y_m\na,1,1\n#\na,2,2\n", "line 5: the station `a` is already on line 3"),
             ("id,x_m,y_m\n,1,1\n", "line 2: the column `id` is empty"),
             ("id,x_m,y_m\na,1\n", "line 2: there are 2 fields, but the header has 3 columns"),

@@ -6,13 +6,14 @@ use crate::biases::Biases;
 use crate::calibration::{Calibration, Parameter};
 use crate::error::ObservationError;
 use crate::faults::Faults;
-use crate::instrument::{Instrument, UnusedObservations};
+use crate::instrument::Instrument;
 use crate::jacobian::Jacobian;
 use crate::network::{Network, Schedule};
 use crate::observation::{Arrival, Observation, Reading};
 use crate::operator::{LinearOperator, ObservationOperator};
 use crate::projection::Projection;
 use crate::quality::{self, QualityControl, Reference};
+use crate::recorded_use::RecordedUse;
 use crate::rejection::{RejectedObservation, Rejection};
 use crate::site::Site;
 use crate::station::{LeftOutStation, Station};
@@ -193,11 +194,9 @@ impl ObservingSystem {
         &self.left_out
     }
 
-    /// The networks with recorded observations that none of the first `cycles` cycles uses.
-    pub fn unused(&self, cycles: usize) -> impl Iterator<Item = (&str, UnusedObservations)> {
-        let recorded =
-            self.members.iter().filter_map(move |member| Some((&*member.name, member.instrument.unused(cycles)?)));
-        recorded.filter(|(_, observations)| observations.unused > 0)
+    /// What becomes of recorded observations in the first `cycles` cycles, for each network that has such.
+    pub fn recorded_use(&self, cycles: usize) -> impl Iterator<Item = (&str, RecordedUse)> {
+        self.members.iter().filter_map(move |member| Some((&*member.name, member.instrument.recorded_use(cycles)?)))
     }
 
     /// The present cycle: that of the last observations, 0 before the first.
@@ -264,7 +263,7 @@ impl ObservingSystem {
             let arrive = |observation: Observation| {
                 let (value_bias_removed, time) = match observation.reading {
                     Reading::Error(error) => (dot(&observation.state_row, truth.values()) + error, time),
-                    Reading::Value(value, time) => (value, time),
+                    Reading::Recorded { value, time, .. } => (value, time),
                 };
                 let value = value_bias_removed + observation.bias(truth, self.biases.values());
                 Arrival { observation, value, value_bias_removed, time }
@@ -280,17 +279,17 @@ impl ObservingSystem {
     }
 
     fn window(&mut self, time: Time, arrivals: Vec<Arrival>, rejections: &[Option<Rejection>]) -> ObservationWindow {
-        let (mut reports, mut values, mut sigma) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut reports, mut times, mut values, mut sigma) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let (mut rejected, mut predictors) = (Vec::new(), Vec::new());
         let mut jacobian = Jacobian::default();
         self.values_bias_removed.clear();
         for (arrival, rejection) in arrivals.into_iter().zip(rejections) {
-            let Arrival { observation, value, value_bias_removed, .. } = arrival;
+            let Arrival { observation, value, value_bias_removed, time } = arrival;
             let Observation {
                 report, sigma: its_sigma, state_row, calibration_row, predictors: its_predictors, ..
             } = observation;
             if let Some(rejection) = *rejection {
-                rejected.push(RejectedObservation { report, value, sigma: its_sigma, rejection });
+                rejected.push(RejectedObservation { report, time, value, sigma: its_sigma, rejection });
                 continue;
             }
             jacobian.state.push_row(state_row);
@@ -300,6 +299,7 @@ impl ObservingSystem {
             self.values_bias_removed.push(value_bias_removed);
             sigma.push(its_sigma);
             reports.push(report);
+            times.push(time);
         }
         let linear = LinearOperator { jacobian };
         let operator: Arc<dyn ObservationOperator> = if predictors.iter().all(Vec::is_empty) {
@@ -307,7 +307,7 @@ impl ObservingSystem {
         } else {
             Arc::new(AirMassOperator::new(linear, predictors))
         };
-        ObservationWindow { time, cycle: self.cycle, reports, values, sigma, rejected, operator }
+        ObservationWindow { time, cycle: self.cycle, reports, times, values, sigma, rejected, operator }
     }
 }
 

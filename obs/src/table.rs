@@ -1,46 +1,187 @@
-//! Tables in CSV, of stations or of observations: a header line, and each line with its number for messages.
+//! Tables in CSV, of stations, observations, fields or sensors, as people and spreadsheets write them.
 
-use crate::error::{ObservationError, list};
+mod decode;
+pub(crate) mod error;
+mod line;
+
+pub use decode::decode;
+pub use error::{Faults, TableError, TableFault};
+
+use crate::error::list;
+use crate::times;
+use isobar_model::Time;
+use line::{lines, separator, split};
+
+/// The largest number of characters of a field.
+const LONGEST_FIELD: usize = 10_000;
+
+/// The largest number of characters of a name: of a station, or of a group of them.
+pub const LONGEST_NAME: usize = 200;
+
+/// The largest size of a number.
+pub const LARGEST: f64 = 1e18;
+
+/// Other names of columns that can only mean the same.
+const SYNONYMS: &[(&str, &[&str])] = &[
+    ("latitude_deg", &["lat", "latitude", "lat_deg", "latitude_degrees", "latitude_degrees_north"]),
+    ("longitude_deg", &["lon", "long", "lng", "longitude", "lon_deg", "longitude_degrees", "longitude_degrees_east"]),
+];
+
+/// Names that people give to columns, of which a missing column may be meant.
+const LIKELY: &[(&str, &[&str])] = &[
+    ("id", &["station", "station_id", "stationid", "stid", "wmo", "wmo_id", "identifier", "name"]),
+    ("time", &["date", "datetime", "date_time", "timestamp", "valid_time", "valid"]),
+    ("value", &["obs", "observation", "obs_value", "observed", "measurement"]),
+    ("sigma", &["error", "obs_error", "std", "stdev", "standard_deviation", "uncertainty"]),
+    ("variable", &["var", "varname", "parameter", "quantity"]),
+    ("x_m", &["x", "x_km", "easting"]),
+    ("y_m", &["y", "y_km", "northing"]),
+    ("column", &["col", "i"]),
+    ("row", &["j"]),
+    ("record", &["kind", "type"]),
+];
 
 /// A table whose header has been read.
-pub(crate) struct Table<'a> {
-    text: &'a str,
+///
+/// A byte order mark, empty lines, rows of nothing but commas, and lines that begin with `#` are skipped wherever they are.
+/// Lines may end as on any system. Columns that have neither a name nor a field are no columns.
+pub struct Table<'a> {
     file: &'a str,
     header_line: usize,
-    /// Names of the columns, no two of which are the same.
-    pub columns: Vec<String>,
+    /// What is below the header: the lines that are neither empty nor remarks, with their numbers from 1.
+    lines: Vec<(usize, &'a str)>,
+    /// Names of the columns; empty for one without a name.
+    columns: Vec<String>,
+}
+
+/// A row of a table, with as many fields as the table has columns.
+pub struct Row<'a> {
+    /// Number of its line, from 1.
+    pub line: usize,
+    columns: &'a [String],
+    fields: Vec<String>,
 }
 
 impl<'a> Table<'a> {
-    /// Reads the header; `None` if there is no line at all. `file` is the table's name, for messages.
+    /// Reads the header of the table in `text`; `None` if there is no line at all. `file` is its name, for messages. The
+    /// names in `known` are recognised in capitals too, and by common synonyms unless the column itself is there.
     ///
     /// # Errors
-    /// A header that is not a line of CSV, a column that occurs twice.
-    pub fn new(text: &'a str, file: &'a str) -> Result<Option<Self>, ObservationError> {
-        let Some((header_line, header)) = rows(text).next() else { return Ok(None) };
-        let table = Self { text, file, header_line, columns: split(header, file, header_line)? };
-        for (index, column) in table.columns.iter().enumerate() {
-            if table.columns[..index].contains(column) {
-                let problem = format!("the header has two columns `{column}`; names of columns must differ");
-                return Err(table.wrong_header(problem));
+    /// A header that is not a line of CSV, other separators than commas, a column that is there twice.
+    pub fn new(text: &'a str, file: &'a str, known: &[&str]) -> Result<Option<Self>, TableError> {
+        let Some(mut table) = Self::of_lines(text, file)? else { return Ok(None) };
+        table.lines.remove(0);
+        for column in &mut table.columns {
+            if let Some(name) = known.iter().find(|name| name.eq_ignore_ascii_case(column)) {
+                *column = name.to_string();
             }
         }
-        Ok(Some(table))
+        for (name, synonyms) in SYNONYMS.iter().filter(|(name, _)| known.contains(name)) {
+            if table.find(name).is_none() {
+                let meant = table.columns.iter_mut().filter(|column| synonyms.contains(&plain(column).as_str()));
+                meant.for_each(|column| *column = name.to_string());
+            }
+        }
+        table.check_names().map(Some)
     }
 
-    /// The lines below the header, each with its number from 1 and as many fields as there are columns.
+    /// As [`Table::new`], of a table of numbers that may begin without a header: the columns are then called `column 1` and
+    /// so on. Also whether there is a header.
     ///
     /// # Errors
-    /// A line that is not a row of the table.
-    pub fn lines(&self) -> impl Iterator<Item = Result<(usize, Vec<String>), ObservationError>> {
-        rows(self.text).skip(1).map(|(line, row)| {
-            let (fields, width) = (split(row, self.file, line)?, self.columns.len());
-            if fields.len() != width {
-                let problem = format!("there are {} fields, but the header has {width} columns", fields.len());
-                return Err(ObservationError::in_file(self.file, Some(line), problem));
+    /// As there.
+    pub fn of_numbers(text: &'a str, file: &'a str) -> Result<Option<(Self, bool)>, TableError> {
+        let Some(mut table) = Self::of_lines(text, file)? else { return Ok(None) };
+        let has_header = table.columns.iter().any(|field| !field.is_empty() && field.parse::<f64>().is_err());
+        if has_header {
+            table.lines.remove(0);
+            return Ok(Some((table.check_names()?, true)));
+        }
+        let width = table.width();
+        for (number, column) in table.columns.iter_mut().enumerate() {
+            *column = if number < width { format!("column {}", number + 1) } else { String::new() };
+        }
+        Ok(Some((table, false)))
+    }
+
+    /// All lines of a text, the first as the names of columns.
+    fn of_lines(text: &'a str, file: &'a str) -> Result<Option<Self>, TableError> {
+        let is_empty = |line: &(usize, &str)| line.1.chars().all(|c| c == ',' || c.is_whitespace());
+        let lines: Vec<(usize, &str)> = lines(text).filter(|line| !is_empty(line)).collect();
+        let Some(&(header_line, header)) = lines.first() else { return Ok(None) };
+        let fault = |problem: String| TableError::at(file, header_line, problem);
+        if let Some(other) = separator(header) {
+            return Err(fault(format!(
+                "the fields are separated by {other}, but must be separated by commas, with points in numbers; save the \
+                 file so, or replace the {other} and any decimal commas"
+            )));
+        }
+        let columns = split(header).map_err(fault)?;
+        Ok(Some(Self { file, header_line, lines, columns }))
+    }
+
+    /// Refuses two columns of one name.
+    fn check_names(self) -> Result<Self, TableError> {
+        let is_repeated = |(index, name): &(usize, &String)| !name.is_empty() && self.columns[..*index].contains(name);
+        match self.columns.iter().enumerate().find(is_repeated) {
+            Some((_, name)) => Err(self
+                .wrong_header(format!("the header has two columns `{}`; names of columns must differ", shown(name)))),
+            None => Ok(self),
+        }
+    }
+
+    /// The number of columns up to the last one with a name.
+    pub fn width(&self) -> usize {
+        self.columns.iter().rposition(|name| !name.is_empty()).map_or(0, |last| last + 1)
+    }
+
+    /// Calls `take` with each row below the header. What is not a row is added to the faults.
+    pub fn each_row(&self, faults: &mut Faults, mut take: impl FnMut(Row<'_>, &mut Faults)) {
+        for &(line, text) in &self.lines {
+            match self.row(line, text) {
+                Ok(Some(row)) => take(row, faults),
+                Ok(None) => {}
+                Err(problem) => faults.add(line, problem),
             }
-            Ok((line, fields))
-        })
+        }
+    }
+
+    /// The row of a line; `None` if all of its fields are empty.
+    fn row(&self, line: usize, text: &str) -> Result<Option<Row<'_>>, String> {
+        let mut fields = split(text)?;
+        if fields.iter().all(String::is_empty) {
+            return Ok(None);
+        }
+        let named = self.width();
+        while fields.len() > self.columns.len() && fields.last().is_some_and(String::is_empty) {
+            fields.pop();
+        }
+        if fields.len() < named || fields.len() > self.columns.len() {
+            let hint = match separator(text) {
+                Some(other) => format!("; are they separated by {other}?"),
+                None if fields.len() > self.columns.len() => "; are there decimal commas in numbers?".to_owned(),
+                None => String::new(),
+            };
+            let (found, width) = (fields.len(), named);
+            return Err(format!("there are {found} fields, but the header has {width} columns{hint}"));
+        }
+        for (number, field) in fields.iter().enumerate() {
+            let length = field.chars().count();
+            if length > LONGEST_FIELD {
+                return Err(format!("field {} has {length} characters, but may have {LONGEST_FIELD}", number + 1));
+            }
+            if self.columns[number].is_empty() && !field.is_empty() {
+                let (number, field) = (number + 1, shown(field));
+                return Err(format!("field {number} is `{field}`, but its column has no name in the header"));
+            }
+        }
+        fields.resize(self.columns.len(), String::new());
+        Ok(Some(Row { line, columns: &self.columns, fields }))
+    }
+
+    /// Names of the columns; empty for one without a name.
+    pub fn columns(&self) -> &[String] {
+        &self.columns
     }
 
     /// The number of the column of this name.
@@ -48,33 +189,114 @@ impl<'a> Table<'a> {
         self.columns.iter().position(|column| column == name)
     }
 
-    /// That a column is missing, which `missing` says in words.
-    pub fn missing(&self, missing: &str) -> ObservationError {
-        self.wrong_header(format!("the header has no column {missing}; it has {}", list(&self.columns)))
+    /// That one of the columns `names` is missing, which `missing` says in words.
+    pub fn missing(&self, missing: &str, names: &[&str]) -> TableError {
+        let present = || self.columns.iter().filter(|column| !column.is_empty());
+        let meant = |name: &str| {
+            let likely = LIKELY.iter().find(|likely| likely.0 == name)?.1;
+            let column = present().find(|column| likely.contains(&plain(column).as_str()))?;
+            Some(format!("`{}` for `{name}`", shown(column)))
+        };
+        let meant: Vec<String> = names.iter().filter_map(|name| meant(name)).collect();
+        let hint = if meant.is_empty() { String::new() } else { format!("; is {} meant?", meant.join(", ")) };
+        let columns = list(present().map(|column| shown(column)));
+        self.wrong_header(format!("the header has no column {missing}; it has {columns}{hint}"))
     }
 
-    /// That the header is not what it must be.
-    pub fn wrong_header(&self, problem: impl Into<String>) -> ObservationError {
-        ObservationError::in_file(self.file, Some(self.header_line), problem)
+    /// What is wrong with the header.
+    pub fn wrong_header(&self, problem: String) -> TableError {
+        TableError::at(self.file, self.header_line, problem)
     }
 }
 
-/// The lines with their numbers from 1, without empty ones and remarks.
-fn rows(text: &str) -> impl Iterator<Item = (usize, &str)> {
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let lines = text.lines().enumerate().map(|(index, line)| (index + 1, line));
-    lines.filter(|(_, line)| !line.trim().is_empty() && !line.trim_start().starts_with('#'))
+impl Row<'_> {
+    /// The field in a column, without blanks around it.
+    pub fn text(&self, column: usize) -> &str {
+        &self.fields[column]
+    }
+
+    /// All fields.
+    pub fn into_fields(self) -> Vec<String> {
+        self.fields
+    }
+
+    /// Whether the field in a column says that there is no value: it is empty, `NaN`, `NA` or `null`.
+    pub fn is_missing(&self, column: usize) -> bool {
+        ["", "nan", "na", "n/a", "null", "none"].contains(&self.fields[column].to_lowercase().as_str())
+    }
+
+    /// A number from `low` to `high`; `None`, and a fault, if the field is none.
+    pub fn number(&self, column: usize, (low, high): (f64, f64), faults: &mut Faults) -> Option<f64> {
+        let number = self.fields[column].parse::<f64>().ok().filter(|number| (low..=high).contains(number));
+        if number.is_none() {
+            let expected = match (low, high) {
+                _ if high < LARGEST => format!("a number from {low} to {high}"),
+                _ if low > 0.0 => "a finite number above 0".to_owned(),
+                _ => "a finite number".to_owned(),
+            };
+            self.wrong(column, &expected, faults);
+        }
+        number
+    }
+
+    /// A whole number from 1 to `most`, which may be written as `1.0`; `None`, and a fault, if the field is none.
+    pub fn whole(&self, column: usize, most: usize, faults: &mut Faults) -> Option<usize> {
+        let number = self.fields[column].parse::<f64>().ok();
+        let number = number.filter(|number| number.fract() == 0.0 && (1.0..=most as f64).contains(number));
+        if number.is_none() {
+            self.wrong(column, &format!("a whole number from 1 to {most}"), faults);
+        }
+        number.map(|number| number as usize)
+    }
+
+    /// A time; `None`, and a fault, if the field is none.
+    pub fn time(&self, column: usize, faults: &mut Faults) -> Option<Time> {
+        times::parse(&self.fields[column])
+            .map_err(|expected| self.wrong(column, &format!("a time {expected}"), faults))
+            .ok()
+    }
+
+    /// A name of at most [`LONGEST_NAME`] characters; `None`, and a fault, if the field is none.
+    pub fn name(&self, column: usize, faults: &mut Faults) -> Option<String> {
+        let name = &self.fields[column];
+        let length = name.chars().count();
+        if (1..=LONGEST_NAME).contains(&length) {
+            return Some(name.clone());
+        }
+        let column = shown(&self.columns[column]);
+        faults.add(
+            self.line,
+            match length {
+                0 => format!("the column `{column}` is empty, but must be a name"),
+                _ => format!("`{column}` has {length} characters, but a name has at most {LONGEST_NAME}"),
+            },
+        );
+        None
+    }
+
+    /// Adds the fault that a field is not what it must be.
+    pub fn wrong(&self, column: usize, expected: &str, faults: &mut Faults) {
+        let (field, column) = (&self.fields[column], shown(&self.columns[column]));
+        let with_point = field.replacen(',', ".", 1);
+        let hint = match with_point.parse::<f64>() {
+            Ok(_) if with_point != *field => "; numbers have a decimal point, not a comma",
+            _ => "",
+        };
+        faults.add(self.line, format!("`{column}` is `{}`, but must be {expected}{hint}", shown(field)));
+    }
 }
 
-/// The fields of one line of CSV, without the blanks around them.
-fn split(line: &str, file: &str, number: usize) -> Result<Vec<String>, ObservationError> {
-    let malformed = |problem: String| ObservationError::in_file(file, Some(number), problem);
-    if line.matches('"').count() % 2 == 1 {
-        return Err(malformed("a quotation mark is not closed on its line".to_owned()));
+/// A column's name in lower case, with underscores for anything but letters and digits.
+fn plain(name: &str) -> String {
+    let plain: String = name.chars().map(|c| if c.is_alphanumeric() { c.to_ascii_lowercase() } else { '_' }).collect();
+    plain.trim_matches('_').to_owned()
+}
+
+/// A field as a message shows it: the beginning of a long one.
+fn shown(field: &str) -> String {
+    let mut shown: String = field.chars().take(60).collect();
+    if shown.len() < field.len() {
+        shown.push('…');
     }
-    let mut reader =
-        csv::ReaderBuilder::new().has_headers(false).trim(csv::Trim::All).from_reader(line.trim().as_bytes());
-    let mut record = csv::StringRecord::new();
-    reader.read_record(&mut record).map_err(|error| malformed(format!("this is not a line of CSV: {error}")))?;
-    Ok(record.iter().map(str::to_owned).collect())
+    shown
 }

@@ -19,6 +19,8 @@ pub struct ObservationWindow {
     pub cycle: usize,
     /// Where, what and by whom.
     pub reports: Vec<Report>,
+    /// When each is valid: at the end of the window, but for those of a file within its tolerance.
+    pub times: Vec<Time>,
     /// The reported values, with their biases.
     pub values: Vec<f64>,
     /// Standard deviation of each random error; errors are independent.
@@ -50,6 +52,7 @@ impl ObservationWindow {
         let mut reports = self.reports.iter().chain(self.rejected.iter().map(|rejected| &rejected.report));
         self.reports.len() == self.len()
             && self.sigma.len() == self.len()
+            && self.times.len() == self.len()
             && reports.all(|report| report.variable < layout.variables.len())
     }
 

@@ -86,7 +86,7 @@ fn where_its_stations_are() {
         network_error("edge_margin_m", "from 0 to below 720000 m", |config| config.edge_margin_m = margin);
     }
     network_error("stations", "none of the 1 stations lies in the domain", |config| {
-        config.stations = file("id,x_m,y_m\na,-5,5\n", None);
+        config.stations = file("id,x_m,y_m\na,5,-5\n", None);
     });
     network_error("stations", "some.csv gives latitudes and longitudes, but the domain has no projection", |config| {
         config.stations = file("id,latitude_deg,longitude_deg\na,50,5\n", None);
@@ -118,7 +118,7 @@ fn which_groups_and_biases_it_has() {
         config.biases = vec![bias("h", BiasScope::Station("d".to_owned()))];
     });
     network_error("biases.scope", "this one is outside of it", |config| {
-        config.stations = file("id,x_m,y_m\na,5,5\nfar,-5,5\n", None);
+        config.stations = file("id,x_m,y_m\na,5,5\nfar,5,-5\n", None);
         config.biases = vec![bias("h", BiasScope::Station("far".to_owned()))];
     });
     network_error("biases", "a bias is given to `a`, which is in the reference group `a`", |config| {

@@ -186,8 +186,8 @@ fn few_observations_are_not_their_own_scale() {
             })
             .collect();
         let text = format!("cycle,column,row,variable,value,sigma,id\n{}\n", rows.join("\n"));
-        let observations = ObservationFile::parse(&text, "file.csv").unwrap();
-        let configs = [Network::new("file", RecordedSettings { observations, variable: None, sigma: None })];
+        let observations = ObservationFile::parse(&text, "file.csv", None).unwrap();
+        let configs = [Network::new("file", RecordedSettings::new(observations))];
         let window = Duration::from_seconds(6 * 3600);
         let mut system = ObservingSystem::new(&layout, None, &configs, 1, window, Time::from_seconds(0)).unwrap();
         let sigma = [30.0, 3.0, 3.0];

@@ -218,7 +218,7 @@ fn stations_report_only_in_the_cycles_of_their_schedule() {
 #[test]
 fn stations_outside_are_left_out_and_told() {
     let layout = layout(Boundary::Channel);
-    let text = "id,x_m,y_m,name,type\nin,1e6,7e5,Inside,A\nwest,-1,7e5,West,A\nnorth,1e6,1.44e6,North,B\n\
+    let text = "id,x_m,y_m,name,type\nin,1e6,7e5,Inside,A\nsouth,1e6,-1,South,A\nnorth,1e6,1.44e6,North,B\n\
                 edge,5e4,7e5,Edge,B\ntwin,1e6,7e5,,A\n";
     let stations = StationFile::parse(text, "five.csv").unwrap();
     let source = StationSource::File { stations, group_by: Some("type".to_owned()), groups: Vec::new() };
@@ -232,7 +232,7 @@ fn stations_outside_are_left_out_and_told() {
     assert_eq!(counts(&config), (2, 3));
     let mut system = system(&layout, &[Network::new("net", config)]);
     let left_out: Vec<_> = system.left_out().iter().map(|station| (&*station.long_name, station.line)).collect();
-    assert_eq!(left_out, [("West", Some(3)), ("North", Some(4)), ("Edge", Some(5))]);
+    assert_eq!(left_out, [("South", Some(3)), ("North", Some(4)), ("Edge", Some(5))]);
     assert_eq!(system.left_out()[1].place_m, Some((1e6, 1.44e6)));
     assert_eq!((&*system.stations()[0].long_name, &*system.stations()[1].long_name), ("Inside", "twin"));
     // Two stations at exactly the same place are two stations.

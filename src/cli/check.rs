@@ -1,6 +1,6 @@
 //! `isobar check`.
 
-use super::console::{print, show};
+use super::console::{print, show, warn};
 use super::lookup;
 use crate::run::experiment;
 use miette::Report;
@@ -11,14 +11,14 @@ pub fn check(scenarios: &[String]) -> Result<ExitCode, Report> {
     let mut code = ExitCode::SUCCESS;
     for argument in scenarios {
         let checked = lookup::load(argument).and_then(|scenario| match experiment::check(&scenario) {
-            Ok(()) if scenario.sweep.is_some() => {
-                crate::batch::sweep::settings(&scenario, None).map(|_| scenario).map_err(Report::from)
+            Ok(checked) if scenario.sweep.is_some() => {
+                crate::batch::sweep::settings(&scenario, None).map(|_| (scenario, checked)).map_err(Report::from)
             }
-            Ok(()) => Ok(scenario),
+            Ok(checked) => Ok((scenario, checked)),
             Err(error) => Err(error.locate(&scenario).into()),
         });
         match checked {
-            Ok(scenario) => {
+            Ok((scenario, checked)) => {
                 let grid = &scenario.grid.grid;
                 let (cycles, window) = (scenario.cycle.count, scenario.cycle.window.as_f64() / 3600.0);
                 print(&format!(
@@ -28,6 +28,8 @@ pub fn check(scenarios: &[String]) -> Result<ExitCode, Report> {
                     grid.ny,
                     super::list::methods(&scenario)
                 ))?;
+                checked.recorded.iter().try_for_each(|recorded| print(recorded))?;
+                checked.warnings.iter().for_each(|warning| warn(warning));
             }
             Err(report) => {
                 show(&report);

@@ -10,6 +10,12 @@ pub fn show(report: &Report) {
     let _ = writeln!(std::io::stderr(), "{report:?}");
 }
 
+/// Writes a warning to standard error.
+pub fn warn(text: &str) {
+    use std::io::Write;
+    let _ = writeln!(std::io::stderr(), "{}", printable(&format!("warning: {text}")));
+}
+
 /// Prints text to standard output. A reader that has seen enough, as `head` has, is no failure.
 pub fn print(text: &str) -> Result<(), Report> {
     use std::io::{ErrorKind, Write};

@@ -50,7 +50,7 @@ pub fn run(arguments: &RunArguments) -> Result<ExitCode, Report> {
     Ok(code)
 }
 
-/// Runs a scenario, or continues it; whether no method failed.
+/// Runs a scenario, or continues it; whether no method failed and, if observations are read from files, any was used.
 pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) -> Result<bool, Report> {
     let mut progress = Progress::new(quiet);
     let summary = run_scenario(scenario, options, &mut progress)?;
@@ -68,7 +68,13 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
             listed(failed.iter().copied())
         ));
     }
-    Ok(failed.is_empty())
+    let reads_files = scenario.networks.iter().any(|network| network.instrument.is_recorded());
+    let nothing_used = reads_files && summary.observations.used == 0;
+    if nothing_used {
+        let help = "the warnings at the beginning say why, as does `isobar check`; observations.nc has all of them";
+        show(&miette!(help = help, "{}: no observation was used", scenario.name));
+    }
+    Ok(failed.is_empty() && !nothing_used)
 }
 
 /// Takes what the run has found out of its sensors into their database, if the scenario says so.

@@ -8,6 +8,7 @@ use crate::sensors::{Database, Record, Records, SensorError, table};
 use crate::tables::{Cell, NONE, Table};
 use crate::text::{clean, listed, nearest, printable};
 use clap::Subcommand;
+use isobar_model::Time;
 use miette::{Report, miette};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -50,7 +51,7 @@ pub enum SensorsCommand {
         /// The sensor
         sensor: String,
         /// From when on: 2026-03-01T00:00:00Z
-        #[arg(long, value_parser = table::time)]
+        #[arg(long, value_parser = time)]
         time: isobar_model::Time,
         /// The change of the bias, in its unit
         #[arg(long, allow_negative_numbers = true)]
@@ -192,4 +193,9 @@ fn show(records: &Records, wanted: &str) -> String {
         text.push('\n');
     }
     text.trim_end().to_string()
+}
+
+/// A time of the command line.
+fn time(text: &str) -> Result<Time, String> {
+    isobar_obs::times::parse(text).map_err(|expected| format!("must be a time {expected}"))
 }

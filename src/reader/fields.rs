@@ -1,8 +1,9 @@
 //! Files of fields: a column for each field, a row for each cell.
 
 use super::{Field, Read, files};
-use crate::text::clean;
+use crate::text::{clean, clean_lines};
 use isobar_model::Grid;
+use isobar_obs::table::{Faults, LARGEST, Table, TableError};
 
 /// The fields of a file.
 pub(crate) struct Fields {
@@ -17,56 +18,71 @@ pub(crate) struct Fields {
 /// header.
 pub(crate) fn read(field: &Field<'_>, grid: &Grid, most: usize) -> Read<Fields> {
     let shown = clean(&field.file.beside(&field.text()?).display().to_string());
-    parse(&files::read(field, "file")?, grid.cells(), most).map_err(|reason| {
-        let message = format!("{shown}{reason} (the grid is {} × {})", grid.nx, grid.ny);
-        field.invalid(message, "cannot be used")
+    parse(&files::read(field, "file")?, &shown, grid.cells(), most).map_err(|error| {
+        let message = format!("{error} (the grid is {} × {})", grid.nx, grid.ny);
+        field.invalid(clean_lines(&message), "cannot be used")
     })
 }
 
 /// The fields of a text, with `cells` values each.
 ///
 /// # Errors
-/// What is wrong, as it goes on after the file's name.
-fn parse(text: &str, cells: usize, most: usize) -> Result<Fields, String> {
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let rows = text.lines().enumerate().map(|(index, line)| (index + 1, line.trim()));
-    let mut rows = rows.filter(|(_, line)| !line.is_empty() && !line.starts_with('#')).peekable();
-    let Some(&(first, header)) = rows.peek() else { return Err(": there is nothing in it".into()) };
-    let count = header.split(',').count();
-    if count > most {
-        return Err(format!(", line {first}: there are {count} columns, more than the {most} allowed"));
+/// All that is wrong, each with its line.
+fn parse(text: &str, file: &str, cells: usize, most: usize) -> Result<Fields, TableError> {
+    let nothing = || TableError::whole(file, "has no rows of numbers");
+    let (table, has_header) = Table::of_numbers(text, file)?.ok_or_else(nothing)?;
+    let width = table.width();
+    if width > most {
+        return Err(table.wrong_header(format!("there are {width} columns, more than the {most} allowed")));
     }
-    let is_header = header.split(',').any(|word| word.trim().parse::<f64>().is_err());
-    let names = is_header.then(|| header.split(',').map(|word| clean(word.trim())).collect());
-    if is_header {
-        rows.next();
+    let mut columns = vec![Vec::new(); width];
+    let (mut faults, mut rows) = (Faults::default(), 0);
+    let mut commas = DecimalCommas::default();
+    table.each_row(&mut faults, |row, faults| {
+        rows += 1;
+        if rows == cells + 1 {
+            let names = if has_header { "" } else { "; names in a header must not be numbers" };
+            let problem = format!("there are more than the {cells} rows of numbers that the grid has cells{names}");
+            faults.add(row.line, problem);
+        }
+        if rows <= cells {
+            let numbers = columns.iter_mut().enumerate();
+            numbers.for_each(|(number, column)| column.extend(row.number(number, (-LARGEST, LARGEST), faults)));
+            commas.look_at((0..width).map(|number| row.text(number)));
+        }
+    });
+    faults.check(file)?;
+    if !has_header && commas.are_likely() {
+        let problem = "seems to have decimal commas; write numbers with points, or name the columns in a header";
+        return Err(TableError::whole(file, problem));
     }
-    let mut columns = vec![Vec::with_capacity(cells); count];
-    for (number, (line, row)) in rows.enumerate() {
-        if number == cells {
-            return Err(format!(
-                ", line {line}: there are more than the {cells} rows of numbers that the grid has cells"
-            ));
-        }
-        let found = row.split(',').count();
-        if found != count {
-            return Err(format!(", line {line}: there are {found} values, but should be {count}"));
-        }
-        for (place, (word, column)) in row.split(',').zip(&mut columns).enumerate() {
-            match word.trim().parse::<f64>() {
-                Ok(value) if value.abs() <= 1e18 => column.push(value),
-                _ => {
-                    let word = clean(word.trim());
-                    return Err(format!(", line {line}, column {}: `{word}` is not a finite number", place + 1));
-                }
-            }
+    if rows < cells {
+        let problem = format!("has {rows} rows of numbers, but should have {cells}, one for each cell of the grid");
+        return Err(TableError::whole(file, problem));
+    }
+    let names = has_header.then(|| table.columns()[..width].iter().map(|name| clean(name)).collect());
+    Ok(Fields { names, columns })
+}
+
+/// Whether each second column of a table could be the decimals of the column before it: digits alone, some of which begin
+/// with a zero as no number does.
+#[derive(Default)]
+struct DecimalCommas {
+    has_other: bool,
+    has_leading_zero: bool,
+}
+
+impl DecimalCommas {
+    fn look_at<'a>(&mut self, fields: impl ExactSizeIterator<Item = &'a str>) {
+        self.has_other |= fields.len() % 2 == 1;
+        for field in fields.skip(1).step_by(2) {
+            self.has_other |= !field.bytes().all(|byte| byte.is_ascii_digit());
+            self.has_leading_zero |= field.len() > 1 && field.starts_with('0');
         }
     }
-    match columns[0].len() {
-        rows if rows == cells => Ok(Fields { names, columns }),
-        rows => {
-            Err(format!(": there are {rows} rows of numbers, but should be {cells}, one for each cell of the grid"))
-        }
+
+    fn are_likely(&self) -> bool {
+        self.has_leading_zero && !self.has_other
     }
 }
 
@@ -76,30 +92,36 @@ mod tests {
 
     #[test]
     fn fields_are_read_with_and_without_names() {
-        let named = parse("# two\n\nh, u\n1,2\r\n-3e-2,4\n", 2, 2).unwrap();
+        let named = parse("# two\n\nh, u\n1,2\r\n-3e-2,4\n", "f.csv", 2, 2).unwrap();
         assert_eq!(
             (named.names, named.columns),
             (Some(vec!["h".into(), "u".into()]), vec![vec![1.0, -0.03], vec![2.0, 4.0]])
         );
-        let plain = parse("\u{feff}1\n2\n3", 3, 1).unwrap();
+        let plain = parse("\u{feff}1\n2\n3", "f.csv", 3, 1).unwrap();
         assert_eq!((plain.names, plain.columns), (None, vec![vec![1.0, 2.0, 3.0]]));
+        let of_a_spreadsheet = parse("\"h\",\"u\",,\r1,2,,\r,,,\r3,4,,\r", "f.csv", 2, 2).unwrap();
+        assert_eq!(of_a_spreadsheet.columns, [[1.0, 3.0], [2.0, 4.0]]);
     }
 
     #[test]
     fn faults_are_named_with_their_line() {
         for (text, expected) in [
-            ("", "nothing in it"),
-            ("# only a remark\n", "nothing in it"),
-            ("1,2\n3\n", "line 2: there are 1 values, but should be 2"),
-            ("a\n1\n#\nx\n", "line 4, column 1: `x` is not a finite number"),
-            ("1,2\n3,nan\n", "line 2, column 2: `nan`"),
-            ("1,2\n3,1e999\n", "line 2, column 2: `1e999`"),
-            ("1,2\n3,\u{1b}[2J\n", "`\\u{1b}[2J`"),
+            ("", "f.csv has no rows of numbers"),
+            ("# only a remark\n", "has no rows of numbers"),
+            ("1,2\n3\n", "line 2: there are 1 fields, but the header has 2"),
+            ("a\n1\n#\nx\n", "line 4: `a` is `x`, but must be a finite number"),
+            ("1,2\n3,nan\n", "line 2: `column 2` is `nan`"),
+            ("1,2\n3,1e999\n", "line 2: `column 2` is `1e999`"),
             ("1,2,3\n", "3 columns, more than the 2 allowed"),
-            ("1\n", "1 rows of numbers, but should be 2"),
+            ("1\n", "1 rows of numbers, but should have 2"),
             ("1\n2\n3\n", "line 3: there are more than the 2 rows"),
+            ("1;5\n2;5\n", "line 1: the fields are separated by semicolons"),
+            ("a\n1,5\n2,5\n", "line 2: there are 2 fields, but the header has 1 columns; are there decimal commas"),
+            ("1,05\n2,5\n", "decimal commas"),
+            ("\"1,5\"\n\"2,5\"\n", "`1,5`"),
         ] {
-            let Err(message) = parse(text, 2, 2) else { panic!("{text:?} is accepted") };
+            let Err(error) = parse(text, "f.csv", 2, 2) else { panic!("{text:?} is accepted") };
+            let message = error.to_string();
             assert!(message.contains(expected), "{text:?}: {message}");
         }
     }

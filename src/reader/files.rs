@@ -2,7 +2,9 @@
 
 use super::{Field, Read};
 use crate::text::clean;
+use isobar_obs::table::decode;
 use std::io::Read as _;
+use std::path::Path;
 
 /// The largest file \[bytes\].
 const LARGEST_FILE: u64 = 100_000_000;
@@ -17,11 +19,25 @@ pub(crate) fn read(field: &Field<'_>, what: &str) -> Read<String> {
         return Err(field.invalid(format!("the {what} {shown} does not exist"), "a path relative to this scenario"));
     }
     let fault = |reason: String| field.invalid(format!("{shown}: {reason}"), "cannot be used");
-    let file = std::fs::File::open(&path).map_err(|error| fault(error.to_string()))?;
-    let mut text = String::new();
-    file.take(LARGEST_FILE + 1).read_to_string(&mut text).map_err(|error| fault(error.to_string()))?;
-    if text.len() as u64 > LARGEST_FILE {
-        return Err(fault(format!("it is larger than {} MB", LARGEST_FILE / 1_000_000)));
+    let bytes = bytes(&path, LARGEST_FILE).map_err(fault)?;
+    let text = decode(&bytes, &field.text()?).map_err(|error| field.invalid(clean(&error.to_string()), "this file"))?;
+    Ok(text.to_owned())
+}
+
+/// The bytes of a file of at most `largest` of them.
+///
+/// # Errors
+/// In words, without the file's name.
+pub(crate) fn bytes(path: &Path, largest: u64) -> Result<Vec<u8>, String> {
+    // A pipe might never end, nor begin.
+    if !std::fs::metadata(path).map_err(|error| error.to_string())?.is_file() {
+        return Err("it is not a file".into());
     }
-    Ok(text)
+    let mut bytes = Vec::new();
+    let file = std::fs::File::open(path).map_err(|error| error.to_string())?;
+    file.take(largest + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
+    if bytes.len() as u64 > largest {
+        return Err(format!("it is larger than {} MB", largest / 1_000_000));
+    }
+    Ok(bytes)
 }

@@ -3,7 +3,7 @@
 use super::Scenario;
 use crate::reader;
 use crate::reader::{ScenarioError, SourceFile};
-use crate::text::clean;
+use crate::text::clean_lines;
 use toml::de::DeValue;
 
 impl Scenario {
@@ -28,7 +28,7 @@ impl Scenario {
                 _ => None,
             };
         }
-        // It may tell what a station file says.
-        file.error(span, clean(&message), label, None)
+        // It may quote what a station file says, and list several faults of it, each on its line.
+        file.error(span, clean_lines(&message), label, None)
     }
 }

@@ -22,7 +22,6 @@ pub use initialise::Initialise;
 pub use sensors::{SensorSettings, StabilitySettings};
 pub use sweep::SweepSettings;
 
-use crate::calendar;
 use crate::kinds::covariances::{self, Components};
 use crate::kinds::initial::{INITIAL, InitialState};
 use crate::kinds::instruments;
@@ -35,7 +34,7 @@ use crate::scores::expected::TOLERANCE_KEY;
 use crate::text;
 use indexmap::IndexMap;
 use isobar_model::Time;
-use isobar_obs::{Network, QualityControl};
+use isobar_obs::{Network, QualityControl, times};
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -289,8 +288,11 @@ fn time(field: &Field<'_>) -> Read<Time> {
         DeValue::Datetime(time) => time.to_string(),
         _ => return Err(field.invalid(format!("`{}` is not a time", field.title()), wanted)),
     };
-    let range = -2_208_988_800..7_258_118_400;
-    calendar::parse(&text)
-        .filter(|time| range.contains(&time.seconds()))
-        .ok_or_else(|| field.invalid(format!("`{}` cannot be \"{}\"", field.title(), text::clean(&text)), wanted))
+    let cannot = format!("`{}` cannot be \"{}\"", field.title(), text::clean(&text));
+    let time = times::parse(&text)
+        .map_err(|expected| field.invalid(format!("{cannot}: it must be a time {expected}"), wanted))?;
+    if !(-2_208_988_800..7_258_118_400).contains(&time.seconds()) {
+        return Err(field.invalid(cannot, wanted));
+    }
+    Ok(time)
 }

@@ -18,7 +18,8 @@ pub mod write_back;
 pub use database::Database;
 pub use record::{Record, Records};
 
-use crate::text::clean;
+use crate::text::{clean, clean_lines};
+use isobar_obs::table::TableError;
 use std::path::{Path, PathBuf};
 
 /// Why sensors cannot be read or written.
@@ -42,5 +43,14 @@ impl SensorError {
     /// A fault in a line of a table.
     pub fn at(path: &Path, line: u64, reason: impl ToString) -> Self {
         Self { path: path.to_path_buf(), line: Some(line), reason: reason.to_string() }
+    }
+
+    /// The faults of a table.
+    fn of_table(path: &Path, error: &TableError) -> Self {
+        let (line, reason) = match &error.faults[..] {
+            [fault] => (fault.line.map(|line| line as u64), clean(&fault.problem)),
+            _ => (None, clean_lines(&error.listing())),
+        };
+        Self { path: path.to_path_buf(), line, reason }
     }
 }

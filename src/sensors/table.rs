@@ -2,11 +2,10 @@
 
 use super::SensorError;
 use super::record::{MOST_RECORDS, Record, Records};
-use crate::calendar::{self, utc};
+use crate::calendar::utc;
+use crate::reader::files;
 use crate::text::{clean, listed, nearest};
-use isobar_model::Time;
-use std::fs::File;
-use std::io::Read;
+use isobar_obs::table::{Faults, LARGEST, Row, Table, TableError, decode};
 use std::path::Path;
 
 /// The largest table \[bytes\].
@@ -39,19 +38,9 @@ const KINDS: [(&str, &[&str], &[&str]); 5] = [
 /// Reads a table; each record with its line.
 ///
 /// # Errors
-/// The first line that is no record, with what would be right.
+/// All lines that are no records, with what would be right.
 pub fn read(path: &Path) -> Result<Vec<(u64, Record)>, SensorError> {
-    let failure = |reason: &dyn ToString| SensorError::new(path, reason.to_string());
-    let is_file = std::fs::metadata(path).map_err(|error| failure(&error))?.is_file();
-    if !is_file {
-        return Err(failure(&"it is not a file"));
-    }
-    let mut bytes = Vec::new();
-    let file = File::open(path).map_err(|error| failure(&error))?;
-    file.take(LARGEST_TABLE + 1).read_to_end(&mut bytes).map_err(|error| failure(&error))?;
-    if bytes.len() as u64 > LARGEST_TABLE {
-        return Err(failure(&format!("it is larger than {} MB, the largest table", LARGEST_TABLE / 1_000_000)));
-    }
+    let bytes = files::bytes(path, LARGEST_TABLE).map_err(|reason| SensorError::new(path, reason))?;
     parse(path, &bytes)
 }
 
@@ -60,140 +49,107 @@ pub fn read(path: &Path) -> Result<Vec<(u64, Record)>, SensorError> {
 /// # Errors
 /// As [`read`].
 pub fn parse(path: &Path, text: &[u8]) -> Result<Vec<(u64, Record)>, SensorError> {
-    let text = text.strip_prefix("\u{feff}".as_bytes()).unwrap_or(text);
-    let mut reader = csv::ReaderBuilder::new()
-        .has_headers(false)
-        .trim(csv::Trim::All)
-        .comment(Some(b'#'))
-        .flexible(true)
-        .from_reader(text);
-    let mut rows = reader.records();
-    let mut next = || -> Result<Option<(u64, csv::StringRecord)>, SensorError> {
-        match rows.next() {
-            None => Ok(None),
-            Some(Ok(row)) => Ok(Some((row.position().map_or(0, |place| place.line() + skipped(text, place)), row))),
-            Some(Err(error)) => {
-                let line = error.position().map_or(0, csv::Position::line);
-                Err(SensorError::at(path, line, "this is not a line of CSV in UTF-8"))
-            }
-        }
-    };
-    let Some((line, header)) = next()? else { return Err(SensorError::new(path, "it has no records")) };
-    let columns = header_columns(&header).map_err(|reason| SensorError::at(path, line, reason))?;
-    let mut records = Vec::new();
-    while let Some((line, row)) = next()? {
-        if row.len() != columns.len() {
-            let reason = format!("there are {} fields, but the header has {} columns", row.len(), columns.len());
-            return Err(SensorError::at(path, line, reason));
-        }
-        if records.len() == MOST_RECORDS {
-            return Err(SensorError::at(path, line, format!("there are more than {MOST_RECORDS} records")));
-        }
-        let field = |column: &str| {
-            let number = columns.iter().position(|own| own == column);
-            number.and_then(|number| row.get(number)).unwrap_or_default()
-        };
-        records.push((line, record(&field).map_err(|reason| SensorError::at(path, line, reason))?));
+    records(text).map_err(|error| SensorError::of_table(path, &error))
+}
+
+fn records(text: &[u8]) -> Result<Vec<(u64, Record)>, TableError> {
+    let table =
+        Table::new(decode(text, "")?, "", &COLUMNS)?.ok_or_else(|| TableError::whole("", "it has no records"))?;
+    let is_unknown = |name: &&String| !name.is_empty() && !COLUMNS.contains(&name.as_str());
+    if let Some(name) = table.columns().iter().find(is_unknown) {
+        let near = nearest(name, COLUMNS).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
+        let problem = format!("unknown column `{}`{near} (columns: {})", clean(name), listed(COLUMNS));
+        return Err(table.wrong_header(problem));
     }
+    if let Some(column) = ["record", "sensor"].into_iter().find(|column| table.find(column).is_none()) {
+        let problem = format!("the header has no column `{column}` (columns: {})", listed(COLUMNS));
+        return Err(table.wrong_header(problem));
+    }
+    let (mut faults, mut records) = (Faults::default(), Vec::new());
+    table.each_row(&mut faults, |row, faults| {
+        if records.len() == MOST_RECORDS {
+            faults.add(row.line, format!("there are more than {MOST_RECORDS} records"));
+        } else if let Some(record) = record(&table, &row, faults) {
+            records.push((row.line as u64, record));
+        }
+    });
+    faults.check("")?;
     Ok(records)
 }
 
-/// How many lines that are empty or remarks come between a place and the record that the reader found from there on.
-fn skipped(text: &[u8], place: &csv::Position) -> u64 {
-    let rest = text.get(place.byte() as usize..).unwrap_or_default();
-    let lines = rest.split(|&byte| byte == b'\n');
-    lines.take_while(|line| line.trim_ascii().is_empty() || line.starts_with(b"#")).count() as u64
-}
-
-/// The names of the columns.
-fn header_columns(header: &csv::StringRecord) -> Result<Vec<String>, String> {
-    let names: Vec<String> = header.iter().map(String::from).collect();
-    for (number, name) in names.iter().enumerate() {
-        if !COLUMNS.contains(&name.as_str()) {
-            let near = nearest(name, COLUMNS).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
-            return Err(format!("unknown column `{}`{near} (columns: {})", clean(name), listed(COLUMNS)));
-        }
-        if names[..number].contains(name) {
-            return Err(format!("the header has two columns `{}`", clean(name)));
-        }
-    }
-    match ["record", "sensor"].iter().find(|column| !names.iter().any(|name| name == *column)) {
-        Some(column) => Err(format!("the header has no column `{column}` (columns: {})", listed(COLUMNS))),
-        None => Ok(names),
-    }
-}
-
-/// The record of a row.
-fn record<'a>(field: &impl Fn(&str) -> &'a str) -> Result<Record, String> {
+/// The record of a row; `None`, and its faults, if it is none.
+fn record(table: &Table<'_>, row: &Row<'_>, faults: &mut Faults) -> Option<Record> {
+    let field = |column: &str| table.find(column).map_or("", |number| row.text(number));
     let kind = field("record");
     let Some((_, required, optional)) = KINDS.iter().find(|(name, ..)| *name == kind) else {
         let names = || KINDS.iter().map(|kind| kind.0);
         let near = nearest(kind, names()).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
-        return Err(format!("`record` cannot be \"{}\"{near} (records: {})", clean(kind), listed(names())));
+        faults.add(row.line, format!("`record` cannot be \"{}\"{near} (records: {})", clean(kind), listed(names())));
+        return None;
     };
+    let mut is_complete = true;
     for column in COLUMNS.iter().skip(2) {
         let empty = field(column).is_empty();
         if empty && required.contains(column) {
-            return Err(format!("`{column}` is empty, but a {kind} must have it"));
+            faults.add(row.line, format!("`{column}` is empty, but a {kind} must have it"));
+            is_complete = false;
         }
         if !empty && !required.contains(column) && !optional.contains(column) {
-            return Err(format!("`{column}` is \"{}\", but a {kind} has none", clean(field(column))));
+            faults.add(row.line, format!("`{column}` is \"{}\", but a {kind} has none", clean(field(column))));
+            is_complete = false;
         }
     }
-    let number = |column: &str| -> Result<f64, String> {
-        field(column).parse().map_err(|_| format!("`{column}` is \"{}\", but must be a number", clean(field(column))))
-    };
+    if !is_complete {
+        return None;
+    }
+    let anywhere = (-LARGEST, LARGEST);
+    let number =
+        |column: &str, faults: &mut Faults| table.find(column).and_then(|number| row.number(number, anywhere, faults));
+    let time = |faults: &mut Faults| table.find("time").and_then(|number| row.time(number, faults));
     let sensor = field("sensor").to_string();
-    let time = || time(field("time")).map_err(|reason| format!("`time` {reason}"));
-    Ok(match kind {
+    Some(match kind {
         "sensor" => Record::Sensor {
             name: sensor,
             unit: field("unit").into(),
             place: match (field("x_m").is_empty(), field("y_m").is_empty()) {
                 (true, true) => None,
-                (false, false) => Some((number("x_m")?, number("y_m")?)),
-                _ => return Err("a place has both `x_m` and `y_m`".into()),
+                (false, false) => Some((number("x_m", faults)?, number("y_m", faults)?)),
+                _ => {
+                    faults.add(row.line, "a place has both `x_m` and `y_m`");
+                    return None;
+                }
             },
             note: field("note").into(),
         },
         "calibration" => Record::Calibration {
             sensor,
-            time: time()?,
+            time: time(faults)?,
             origin: field("origin").into(),
-            value: number("value")?,
-            sigma: number("sigma")?,
+            value: number("value", faults)?,
+            sigma: number("sigma", faults)?,
         },
         "covariance" => Record::Covariance {
             sensor,
             other: field("other_sensor").into(),
-            time: time()?,
+            time: time(faults)?,
             origin: field("origin").into(),
-            covariance: number("value")?,
+            covariance: number("value", faults)?,
         },
         "test_point" => Record::TestPoint {
             sensor,
-            time: time()?,
-            reading: number("value")?,
-            reference: number("reference")?,
-            sigma: number("sigma")?,
+            time: time(faults)?,
+            reading: number("value", faults)?,
+            reference: number("reference", faults)?,
+            sigma: number("sigma", faults)?,
         },
         _ => Record::Recalibration {
             sensor,
-            time: time()?,
-            step: number("value")?,
-            sigma: number("sigma")?,
+            time: time(faults)?,
+            step: number("value", faults)?,
+            sigma: number("sigma", faults)?,
             note: field("note").into(),
         },
     })
-}
-
-/// A time in whole seconds.
-///
-/// # Errors
-/// In words.
-pub fn time(text: &str) -> Result<Time, String> {
-    calendar::parse(text)
-        .ok_or_else(|| format!("is \"{}\", but must be as 2026-01-15T00:00:00Z, in whole seconds", clean(text)))
 }
 
 /// The records as a table.

@@ -262,6 +262,7 @@ fn observe(info: &RunInfo, cycle: usize, truth: &[State], calibration: &[Vec<f64
     let window = ObservationWindow {
         time: info.start + Duration::from_seconds(info.window.seconds() * cycle as i64),
         cycle,
+        times: vec![info.start + Duration::from_seconds(info.window.seconds() * cycle as i64); sigma.len()],
         values: with_noise(biased),
         sigma: sigma.clone(),
         reports,

@@ -58,6 +58,7 @@ pub(super) fn observations_of(
         time: observed.time,
         cycle: observed.cycle,
         reports: rows.iter().map(|&row| observed.reports[row].clone()).collect(),
+        times: rows.iter().map(|&row| observed.times[row]).collect(),
         values: chosen(&observed.values),
         sigma: chosen(&observed.sigma),
         rejected: Vec::new(),

@@ -220,6 +220,7 @@ pub fn window(problem: &Problem, count: usize, within_cell: bool, cycle: usize, 
             Report { network: "n".into(), platform: "p".into(), variable: 0, x_m: 0.0, y_m: 0.0, scan: None };
             count
         ],
+        times: vec![Time::from_seconds(cycle as i64 * WINDOW.seconds()); count],
         values,
         sigma: (0..count).map(|row| 0.5 + 0.1 * (row % 5) as f64).collect(),
         rejected: Vec::new(),

@@ -6,6 +6,7 @@ pub mod satellite;
 
 use crate::error::{ObservationError, require};
 use crate::observation::Observation;
+use crate::recorded_use::RecordedUse;
 use crate::site::Site;
 use crate::station::{LeftOutStation, Station};
 use isobar_model::Layout;
@@ -19,6 +20,11 @@ pub trait InstrumentSettings: fmt::Debug + Send + Sync {
     /// # Errors
     /// Settings that are not what they must be.
     fn build(&self, site: &mut Site<'_>) -> Result<Box<dyn Instrument>, ObservationError>;
+
+    /// Whether its observations were made elsewhere.
+    fn is_recorded(&self) -> bool {
+        false
+    }
 
     /// Whether a bias that methods must estimate depends on the state.
     fn has_air_mass_bias(&self) -> bool {
@@ -45,20 +51,11 @@ pub trait Instrument: Send + Sync {
         &[]
     }
 
-    /// How many of its observations are valid in none of the first `cycles` cycles; `None` for an instrument that makes
-    /// its observations itself.
-    fn unused(&self, _cycles: usize) -> Option<UnusedObservations> {
+    /// What becomes of its observations in the first `cycles` cycles; `None` for an instrument that makes its observations
+    /// itself.
+    fn recorded_use(&self, _cycles: usize) -> Option<RecordedUse> {
         None
     }
-}
-
-/// Recorded observations that no cycle uses.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct UnusedObservations {
-    /// Number of observations that are valid before the first cycle or after the last.
-    pub unused: usize,
-    /// Number of all observations.
-    pub all: usize,
 }
 
 /// A variable of the state that an instrument reports.

@@ -1,18 +1,22 @@
 //! Recorded observations: made elsewhere, and read from a file.
 
-use super::{Instrument, InstrumentSettings, UnusedObservations};
+use super::{Instrument, InstrumentSettings};
 use crate::error::{ObservationError, list, require};
 use crate::observation::{Observation, Reading};
 use crate::observation_file::{ObservationFile, ObservationPlace, ObservationRecord, ValidTime};
+use crate::projection::Projection;
+use crate::recorded_use::RecordedUse;
 use crate::report::Report;
 use crate::site::Site;
 use crate::station::no_projection;
-use isobar_model::Duration;
+use crate::table::Faults;
+use isobar_model::{Duration, Layout, Time};
 use rand_chacha::ChaCha8Rng;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 /// Observations of a file, each in the cycle at whose end it is valid. What is valid within a window but not at its end
-/// arrives with that window, as a late report. Nothing is known of biases.
+/// arrives with that window, as a late report, unless it is near enough to the end of one. Nothing is known of biases.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordedSettings {
     /// The parsed file.
@@ -21,124 +25,142 @@ pub struct RecordedSettings {
     pub variable: Option<String>,
     /// Standard deviation of the random error in the variable's unit, for a file without a column `sigma`; above 0.
     pub sigma: Option<f64>,
+    /// An observation is used at the end of a window if it is valid at most this long before or after it; from 0 to half of
+    /// the window.
+    pub time_tolerance: Duration,
+    /// Along which axes the components u and v of winds are; `None`: [`WindAxes::Earth`] where the file gives latitudes and
+    /// longitudes, else [`WindAxes::Grid`].
+    pub winds: Option<WindAxes>,
+}
+
+/// Along which axes the components of a wind are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WindAxes {
+    /// u to the east, v to the north.
+    Earth,
+    /// u along the plane's x axis, v along its y axis.
+    Grid,
 }
 
 impl InstrumentSettings for RecordedSettings {
     fn build(&self, site: &mut Site<'_>) -> Result<Box<dyn Instrument>, ObservationError> {
+        let file = self.observations.file();
         if let Some(sigma) = self.sigma {
             require(sigma > 0.0, site.network, "sigma", sigma, "above 0")?;
         }
+        let (tolerance, half) = (self.time_tolerance.as_f64(), 0.5 * site.window.as_f64());
+        let expected = format!("from 0 to {half} s, half of the window");
+        require((0.0..=half).contains(&tolerance), site.network, "time_tolerance", tolerance, expected)?;
         let network: Arc<str> = site.network.into();
-        let all = self.observations.records().iter().map(|record| self.observation(record, site, &network));
-        let mut observations = all.collect::<Result<Vec<_>, ObservationError>>()?;
-        if observations.iter().all(|(cycle, _)| *cycle == 0) {
-            let (count, file) = (observations.len(), self.observations.file());
+        let mut winds = Winds::new(self, site.layout);
+        let (mut observations, mut faults) = (Vec::new(), Faults::default());
+        let mut nameless = Nameless::default();
+        for record in self.observations.records() {
+            let Some((variable, sigma)) = self.variable_and_sigma(record, site, &mut faults)? else { continue };
+            let Some((x_m, y_m, state_row)) = self.place(record, variable, site, &mut faults)? else { continue };
+            let (cycle, time, is_late) = when(record.valid, self.time_tolerance, site.window, site.start);
+            let platform = match &record.id {
+                Some(id) => id.clone(),
+                None => nameless.platform(cycle, variable, words(record.place, (x_m, y_m)), [record.value, sigma]),
+            };
+            winds.add(record, variable, sigma, observations.len());
+            let report = Report { network: network.clone(), platform: platform.into(), variable, x_m, y_m, scan: None };
+            let reading = Reading::Recorded { value: record.value, time, is_late };
+            let (calibration_row, predictors) = (Vec::new(), Vec::new());
+            observations.push((cycle, Observation { report, sigma, reading, state_row, calibration_row, predictors }));
+        }
+        faults.check(file).map_err(|error| ObservationError::from(error).of_network(site.network, "file"))?;
+        if let Some(projection) = site.projection {
+            winds.turn(&mut observations, site.layout, projection);
+        }
+        if !observations.is_empty() && observations.iter().all(|(cycle, _)| *cycle == 0) {
+            let count = observations.len();
             let problem = format!("none of the {count} observations of {file} is valid after the start of the run");
             return Err(ObservationError::in_setting(site.network, "file", problem));
         }
         observations.sort_by_key(|(cycle, _)| *cycle);
-        Ok(Box::new(Recorded { observations }))
+        Ok(Box::new(Recorded { observations, missing: self.observations.missing() }))
+    }
+
+    fn is_recorded(&self) -> bool {
+        true
     }
 }
 
 impl RecordedSettings {
-    /// An observation, and the cycle in which it arrives; 0 before the first.
-    fn observation(
-        &self,
-        record: &ObservationRecord,
-        site: &Site<'_>,
-        network: &Arc<str>,
-    ) -> Result<(usize, Observation), ObservationError> {
-        let window_s = site.window.seconds();
-        let (cycle, time) = match record.valid {
-            ValidTime::Cycle(cycle) => (cycle, site.start + Duration::from_seconds(window_s * cycle as i64)),
-            ValidTime::Time(time) => {
-                // The window that ends then, or next.
-                let windows = ((time - site.start).seconds().max(0) + window_s - 1) / window_s;
-                (windows as usize, time)
-            }
-        };
-        let (variable, sigma) = self.variable_and_sigma(record, site)?;
-        let (x_m, y_m, state_row) = self.place(record, variable, site)?;
-        let platform = record.id.clone().unwrap_or_else(|| describe(record.place));
-        let report = Report { network: Arc::clone(network), platform: platform.into(), variable, x_m, y_m, scan: None };
-        let reading = Reading::Value(record.value, time);
-        let (calibration_row, predictors) = (Vec::new(), Vec::new());
-        Ok((cycle, Observation { report, sigma, reading, state_row, calibration_row, predictors }))
+    /// The observations of a file that says variable and sigma of each, which are used if they are valid at the end of a
+    /// window.
+    pub fn new(observations: ObservationFile) -> Self {
+        Self { observations, variable: None, sigma: None, time_tolerance: Duration::from_seconds(0), winds: None }
     }
 
-    /// The number of the observed variable, and the standard deviation of the random error.
+    /// The number of the observed variable, and the standard deviation of the random error; `None`, and a fault, if the file
+    /// names a variable that is not there.
     fn variable_and_sigma(
         &self,
         record: &ObservationRecord,
         site: &Site<'_>,
-    ) -> Result<(usize, f64), ObservationError> {
+        faults: &mut Faults,
+    ) -> Result<Option<(usize, f64)>, ObservationError> {
         let (layout, file) = (site.layout, self.observations.file());
         let missing = |setting| {
             let problem = format!("{file} has no column `{setting}`; add it, or give `{setting}` for the network");
             ObservationError::in_setting(site.network, "file", problem)
         };
         let name = record.variable.as_ref().or(self.variable.as_ref()).ok_or_else(|| missing("variable"))?;
-        let variable = layout.variable(name).ok_or_else(|| {
-            let valid = layout.variables.iter().map(|variable| variable.name);
-            if record.variable.is_some() {
-                let expected = format!("one of {}", list(valid));
-                ObservationError::invalid_field(file, record.line, "variable", name, &expected)
-                    .of_network(site.network, "file")
-            } else {
-                ObservationError::unknown_name(site.network, "variable", name, valid)
+        let sigma = record.sigma.or(self.sigma).ok_or_else(|| missing("sigma"))?;
+        let valid = || layout.variables.iter().map(|variable| variable.name);
+        match layout.variable(name) {
+            Some(variable) => Ok(Some((variable, sigma))),
+            None if record.variable.is_some() => {
+                let shown: String = name.chars().take(60).collect();
+                faults.add(record.line, format!("`variable` is `{shown}`, but must be one of {}", list(valid())));
+                Ok(None)
             }
-        })?;
-        Ok((variable, record.sigma.or(self.sigma).ok_or_else(|| missing("sigma"))?))
+            None => Err(ObservationError::unknown_name(site.network, "variable", name, valid())),
+        }
     }
 
-    /// Where an observation is on the plane, and its row of X; the row is empty outside of the domain.
+    /// Where an observation is on the plane, and its row of X; the row is empty outside of the domain. `None`, and a fault,
+    /// if it is not a point of the grid.
     fn place(
         &self,
         record: &ObservationRecord,
         variable: usize,
         site: &Site<'_>,
-    ) -> Result<(f64, f64, StateRow), ObservationError> {
-        let grid = &site.layout.grid;
-        let (location, offset) = (site.layout.variables[variable].location, variable * grid.cells());
-        let at = |x_m: f64, y_m: f64| {
-            let entries = grid.stencil(location, x_m, y_m).map_or_else(Vec::new, |stencil| stencil.entries);
-            (x_m, y_m, entries.into_iter().map(|(index, weight)| (offset + index, weight)).collect())
-        };
-        let file = self.observations.file();
+        faults: &mut Faults,
+    ) -> Result<Option<(f64, f64, StateRow)>, ObservationError> {
+        let (layout, file) = (site.layout, self.observations.file());
+        let (grid, location) = (&layout.grid, layout.variables[variable].location);
+        let is_geographic = matches!(record.place, ObservationPlace::Geographic { .. });
+        if self.winds == Some(WindAxes::Earth) && !is_geographic {
+            let problem = format!("{file} has no latitudes and longitudes, without which east and north are not known");
+            return Err(ObservationError::in_setting(site.network, "winds", problem));
+        }
         match (record.place, site.projection) {
-            (ObservationPlace::Plane { x_m, y_m }, _) => Ok(at(x_m, y_m)),
+            (ObservationPlace::Plane { x_m, y_m }, _) => {
+                let (x_m, y_m) = grid.first_image(x_m, y_m);
+                Ok(Some((x_m, y_m, row(layout, variable, x_m, y_m))))
+            }
             (ObservationPlace::Geographic { .. }, None) => Err(no_projection(site.network, "file", file)),
             (ObservationPlace::Geographic { latitude_deg, longitude_deg }, Some(projection)) => {
                 // The antipode of the centre has no place on the plane.
                 let (x_m, y_m) = projection.forward(latitude_deg, longitude_deg).unwrap_or((f64::MAX, f64::MAX));
-                Ok(at(x_m, y_m))
+                Ok(Some((x_m, y_m, row(layout, variable, x_m, y_m))))
             }
             (ObservationPlace::GridPoint { column, row }, _) => {
                 for (name, number, most) in [("column", column, grid.nx), ("row", row, grid.ny)] {
                     if number > most {
                         let expected = format!("a whole number from 1 to {most}");
-                        let (line, value) = (record.line, number.to_string());
-                        let error = ObservationError::invalid_field(file, line, name, &value, &expected);
-                        return Err(error.of_network(site.network, "file"));
+                        faults.add(record.line, format!("`{name}` is `{number}`, but must be {expected}"));
+                        return Ok(None);
                     }
                 }
                 let (i, j) = (column - 1, row - 1);
-                Ok((grid.x_m(location, i), grid.y_m(location, j), vec![(offset + j * grid.nx + i, 1.0)]))
+                let index = variable * grid.cells() + j * grid.nx + i;
+                Ok(Some((grid.x_m(location, i), grid.y_m(location, j), vec![(index, 1.0)])))
             }
         }
-    }
-}
-
-/// A row of X: values of the state with their weights.
-type StateRow = Vec<(usize, f64)>;
-
-/// A place in words, the platform of an observation without a name.
-fn describe(place: ObservationPlace) -> String {
-    match place {
-        ObservationPlace::Plane { x_m, y_m } => format!("x {x_m} m, y {y_m} m"),
-        ObservationPlace::Geographic { latitude_deg, longitude_deg } => format!("{latitude_deg} N, {longitude_deg} E"),
-        ObservationPlace::GridPoint { column, row } => format!("column {column}, row {row}"),
     }
 }
 
@@ -146,6 +168,7 @@ fn describe(place: ObservationPlace) -> String {
 struct Recorded {
     /// With their cycles, in the order of these; 0 before the first.
     observations: Vec<(usize, Observation)>,
+    missing: usize,
 }
 
 impl Instrument for Recorded {
@@ -159,8 +182,144 @@ impl Instrument for Recorded {
         Vec::new()
     }
 
-    fn unused(&self, cycles: usize) -> Option<UnusedObservations> {
-        let unused = self.observations.iter().filter(|(cycle, _)| !(1..=cycles).contains(cycle)).count();
-        Some(UnusedObservations { unused, all: self.observations.len() })
+    fn recorded_use(&self, cycles: usize) -> Option<RecordedUse> {
+        let mut usage = RecordedUse {
+            rows: self.observations.len() + self.missing,
+            missing: self.missing,
+            ..RecordedUse::default()
+        };
+        let mut seen = HashSet::new();
+        for (cycle, Observation { report, reading, state_row, .. }) in &self.observations {
+            let count = if !(1..=cycles).contains(cycle) {
+                &mut usage.in_no_cycle
+            } else if state_row.is_empty() {
+                &mut usage.outside
+            } else if matches!(reading, Reading::Recorded { is_late: true, .. }) {
+                &mut usage.late
+            } else if !seen.insert((cycle, &report.platform, report.variable)) {
+                &mut usage.duplicate
+            } else {
+                &mut usage.usable
+            };
+            *count += 1;
+        }
+        Some(usage)
+    }
+}
+
+/// The cycle with which an observation arrives (0: before the first), its valid time, and whether it is late there.
+fn when(valid: ValidTime, tolerance: Duration, window: Duration, start: Time) -> (usize, Time, bool) {
+    let length = window.seconds();
+    match valid {
+        ValidTime::Cycle(cycle) => (cycle, start + Duration::from_seconds(length * cycle as i64), false),
+        ValidTime::Time(time) => {
+            let seconds = (time - start).seconds();
+            let nearest = (seconds + length / 2).div_euclid(length);
+            if nearest >= 1 && (seconds - nearest * length).abs() <= tolerance.seconds() {
+                return (nearest as usize, time, false);
+            }
+            // The window that ends next.
+            let next = (seconds.max(0) + length - 1) / length;
+            (next as usize, time, true)
+        }
+    }
+}
+
+/// Names of observations without an identifier: their place. Several of one place, variable and cycle are several unless
+/// they are equal.
+#[derive(Default)]
+struct Nameless {
+    /// Value and standard deviation of each, as bits.
+    seen: HashMap<(usize, usize, String), Vec<[u64; 2]>>,
+}
+
+impl Nameless {
+    fn platform(&mut self, cycle: usize, variable: usize, place: String, numbers: [f64; 2]) -> String {
+        let numbers = numbers.map(f64::to_bits);
+        let seen = self.seen.entry((cycle, variable, place.clone())).or_default();
+        let number = seen.iter().position(|other| *other == numbers).unwrap_or_else(|| {
+            seen.push(numbers);
+            seen.len() - 1
+        });
+        if number == 0 { place } else { format!("{place} ({})", number + 1) }
+    }
+}
+
+/// Winds whose components are to the east and to the north, which are turned to the axes of the plane.
+struct Winds {
+    /// Numbers of the variables u and v; `None` if nothing is turned.
+    components: Option<[usize; 2]>,
+    /// The components of one time, place, station and standard deviation: number in the list of observations, and place.
+    together: HashMap<String, [Vec<usize>; 2]>,
+    places: HashMap<usize, (f64, f64)>,
+}
+
+impl Winds {
+    fn new(settings: &RecordedSettings, layout: &Layout) -> Self {
+        let turned = settings.winds.unwrap_or(WindAxes::Earth) == WindAxes::Earth;
+        let components = layout.variable("u").zip(layout.variable("v")).filter(|_| turned).map(|(u, v)| [u, v]);
+        Self { components, together: HashMap::new(), places: HashMap::new() }
+    }
+
+    /// Takes an observation, if it is a component of a wind on the Earth.
+    fn add(&mut self, record: &ObservationRecord, variable: usize, sigma: f64, number: usize) {
+        let component = self.components.and_then(|components| components.iter().position(|own| *own == variable));
+        let (Some(component), ObservationPlace::Geographic { latitude_deg, longitude_deg }) = (component, record.place)
+        else {
+            return;
+        };
+        let key = format!("{:?} {latitude_deg} {longitude_deg} {sigma} {:?}", record.valid, record.id);
+        self.together.entry(key).or_default()[component].push(number);
+        self.places.insert(number, (latitude_deg, longitude_deg));
+    }
+
+    /// Turns both components of a wind to the axes of the plane. Of a single one, or of two that are not equally accurate, the
+    /// row of X is that of the component to the east or to the north.
+    fn turn(&self, observations: &mut [(usize, Observation)], layout: &Layout, projection: &Projection) {
+        let Some(components) = self.components else { return };
+        for (number, &(latitude_deg, longitude_deg)) in &self.places {
+            let (sin, cos) = projection.north(latitude_deg, longitude_deg).sin_cos();
+            let observation = &mut observations[*number].1;
+            let is_u = observation.report.variable == components[0];
+            let weights = if is_u { [cos, -sin] } else { [sin, cos] };
+            let (x_m, y_m) = (observation.report.x_m, observation.report.y_m);
+            observation.state_row = (components.iter().zip(weights))
+                .flat_map(|(&variable, weight)| {
+                    row(layout, variable, x_m, y_m).into_iter().map(move |(index, entry)| (index, weight * entry))
+                })
+                .filter(|entry| entry.1 != 0.0)
+                .collect();
+        }
+        for [u, v] in self.together.values() {
+            let (&[u], &[v]) = (&u[..], &v[..]) else { continue };
+            let (latitude_deg, longitude_deg) = self.places[&u];
+            let (sin, cos) = projection.north(latitude_deg, longitude_deg).sin_cos();
+            let [east, north] = [u, v].map(|number| observations[number].1.reading.value());
+            for (number, turned) in [(u, east * cos + north * sin), (v, north * cos - east * sin)] {
+                let observation = &mut observations[number].1;
+                let Report { variable, x_m, y_m, .. } = observation.report;
+                observation.reading.set_value(turned);
+                observation.state_row = row(layout, variable, x_m, y_m);
+            }
+        }
+    }
+}
+
+/// A row of X: values of the state with their weights.
+type StateRow = Vec<(usize, f64)>;
+
+/// The row of X of a variable at a point of the plane; empty outside of the domain.
+fn row(layout: &Layout, variable: usize, x_m: f64, y_m: f64) -> StateRow {
+    let (grid, location) = (&layout.grid, layout.variables[variable].location);
+    let entries = grid.stencil(location, x_m, y_m).map_or_else(Vec::new, |stencil| stencil.entries);
+    entries.into_iter().map(|(index, weight)| (variable * grid.cells() + index, weight)).collect()
+}
+
+/// A place in words, by which an observation without a name is known; `on_plane` is its place there \[m\].
+fn words(place: ObservationPlace, on_plane: (f64, f64)) -> String {
+    match place {
+        ObservationPlace::Plane { .. } => format!("x {} m, y {} m", on_plane.0, on_plane.1),
+        ObservationPlace::Geographic { latitude_deg, longitude_deg } => format!("{latitude_deg} N, {longitude_deg} E"),
+        ObservationPlace::GridPoint { column, row } => format!("column {column}, row {row}"),
     }
 }

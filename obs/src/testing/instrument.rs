@@ -131,8 +131,8 @@ mod tests {
             satellite.air_mass_biases.push(AirMassBias { variable, mean: 0.7, scale, process });
         }
         let text = "cycle,x_m,y_m,variable,value,sigma\n2,1e5,3e5,h,7,2\n2,1e5,3e5,u,7,2\n3,1e5,3e5,u,7,2\n";
-        let observations = ObservationFile::parse(text, "buoys.csv").unwrap();
-        let recorded = RecordedSettings { observations, variable: None, sigma: None };
+        let observations = ObservationFile::parse(text, "buoys.csv", None).unwrap();
+        let recorded = RecordedSettings::new(observations);
         let polar = Network { missing_rate: 0.2, ..Network::new("polar", satellite) };
         vec![Network::new("net", sondes), polar, Network::new("buoys", recorded)]
     }

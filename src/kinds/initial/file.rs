@@ -55,7 +55,7 @@ fn values(field: &Field<'_>, domain: &Domain) -> Read<Vec<f64>> {
     let names = fields.names.unwrap_or_default();
     let mut values = Vec::with_capacity(variables.len() * grid.cells());
     for &(name, _) in variables {
-        let mut columns = names.iter().zip(&fields.columns).filter(|(column, _)| *column == name);
+        let mut columns = names.iter().zip(&fields.columns).filter(|(column, _)| column.eq_ignore_ascii_case(name));
         match (columns.next(), columns.next()) {
             (Some((_, column)), None) => values.extend_from_slice(column),
             (found, _) => {

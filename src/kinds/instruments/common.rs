@@ -1,8 +1,9 @@
 //! What several kinds of instruments have in common.
 
 use crate::reader::{Absent, AnyKey, Described, Field, Key, Limits, Read, ScenarioError, Section, Whole};
-use crate::text::clean;
-use isobar_obs::{Faults, ObservationError};
+use crate::text::clean_lines;
+use isobar_obs::Faults;
+use isobar_obs::table::TableError;
 
 pub(super) const INTERVAL_CYCLES: Key<Whole> = Key::absent(
     "interval_cycles",
@@ -61,6 +62,6 @@ pub(super) fn faults(section: &Section<'_>) -> Read<Faults> {
 }
 
 /// The fault of a file, at the key that names it.
-pub(super) fn at_file(field: &Field<'_>, error: &ObservationError) -> ScenarioError {
-    field.invalid(clean(&error.to_string()), "this file")
+pub(super) fn at_file(field: &Field<'_>, error: &TableError) -> ScenarioError {
+    field.invalid(clean_lines(&error.to_string()), "this file")
 }

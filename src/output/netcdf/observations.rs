@@ -51,7 +51,7 @@ impl ObservationsFile {
     /// If its parts differ in length, or the cycle had its observations already.
     pub fn add(&mut self, window: &ObservationWindow, values_bias_removed: &[f64]) -> Result<(), SinkError> {
         let (n, cycle) = (window.values.len(), window.cycle);
-        if [window.reports.len(), values_bias_removed.len(), window.sigma.len()] != [n; 3] {
+        if [window.reports.len(), window.times.len(), values_bias_removed.len(), window.sigma.len()] != [n; 4] {
             return Err(self.failure(format!("the observations of cycle {cycle} differ in number from their reports")));
         }
         let start = self.values.len();
@@ -60,7 +60,8 @@ impl ObservationsFile {
         }
         self.reports.extend_from_slice(&window.reports);
         let all = start + n + window.rejected.len();
-        self.times.resize(all, window.time.seconds() as f64);
+        let times = window.times.iter().chain(window.rejected.iter().map(|it| &it.time));
+        self.times.extend(times.map(|time| time.seconds() as f64));
         self.cycle_numbers.resize(all, i32::try_from(cycle).unwrap_or(i32::MAX));
         self.values.extend_from_slice(&window.values);
         self.values_bias_removed.extend_from_slice(values_bias_removed);

@@ -2,6 +2,7 @@
 
 mod balance;
 mod error;
+mod notices;
 
 pub use error::ExperimentError;
 
@@ -20,7 +21,7 @@ use isobar_assim::high_pass::HighPassSettings;
 use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem, SensorKnowledge, covariance};
 use isobar_model::random::stream;
 use isobar_model::{Duration, check_time_step};
-use isobar_obs::{ObservingSystem, UnusedObservations};
+use isobar_obs::ObservingSystem;
 use std::path::Path;
 
 impl ExperimentError {
@@ -98,18 +99,29 @@ pub struct Ground {
     pub observing: ObservingSystem,
 }
 
+/// What a scenario is found to be when nothing is wrong with it.
+pub struct Checked {
+    /// For each network that is read from a file: how many of its observations can be used.
+    pub recorded: Vec<String>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
 /// Whether a scenario's model, initial state, covariances and observing systems fit together.
 ///
 /// # Errors
 /// The first thing that does not.
-pub fn check(scenario: &Scenario) -> Result<(), ExperimentError> {
+pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
     let ground = ground(scenario, scenario.seed, scenario.cycle.count)?;
     for (name, method) in &scenario.methods {
         let calibration = &ground.problem.calibration;
         let fault = |error| ExperimentError::Method { name: name.clone(), error };
         method.settings.check(calibration).map_err(fault)?;
     }
-    Ok(())
+    Ok(Checked {
+        recorded: notices::recorded(&ground.observing, scenario.cycle.count),
+        warnings: notices::warnings(scenario, &ground.observing, scenario.cycle.count),
+    })
 }
 
 impl Experiment {
@@ -175,9 +187,7 @@ impl Experiment {
         };
         let steps = problem_steps(scenario, &problem);
         let mut warnings = sensors.warnings;
-        warnings.extend(observing.unused(cycles).map(|(network, UnusedObservations { unused, all })| {
-            format!("networks.{network}: {unused} of {all} observations are not valid in any of the {cycles} cycles")
-        }));
+        warnings.extend(notices::warnings(scenario, &observing, cycles));
         let chosen = scenario.methods.iter().filter(|(name, _)| chosen(name));
         warnings.extend(chosen.filter_map(|(name, method)| {
             Some(format!("methods.{name}: {}", method.settings.warning(&scenario.model)?))
