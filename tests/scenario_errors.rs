@@ -253,7 +253,7 @@ const CASES: &[Case] = &[
         "kind = \"time_volume\"\nwindow_cycles = 5\nmodel_factors = [{ name = \"f\", kind = \"constant\", variable = \"h\", \
          patterns_file = \"broken.toml\" }]",
         "\"broken.toml\"",
-        &["broken.toml, line 2: a quotation mark", "is not a finite number"],
+        &["broken.toml, line 2: a quotation mark", "stands within a field that does not begin with one"],
     ),
     (
         "kind = \"fkf\"\nblocks = \"cell\"",
