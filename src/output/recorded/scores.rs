@@ -56,7 +56,7 @@ fn parse(text: &str) -> Result<Scores, String> {
         }
     }
     for kind in SCORES.iter().filter(|kind| kind.compared) {
-        if !found.iter().any(|(_, score)| std::ptr::eq(score.kind, kind)) {
+        if !found.iter().any(|(_, score)| score.kind.name == kind.name) {
             return Err(format!("it has no column `{}{}`", kind.name, if kind.per_variable { " …" } else { "" }));
         }
     }
