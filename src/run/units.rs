@@ -59,7 +59,7 @@ impl UnitCheck {
             let mean = own.iter().map(|it| it.departure).sum::<f64>() / n;
             let is_beyond = |it: &&Compared<'_>| it.departure * mean.signum() > LEAST_DEPARTURE * it.variance.sqrt();
             if own.len() < LEAST_OBSERVATIONS
-                || !own.iter().all(|it| is_beyond(it))
+                || !own.iter().all(is_beyond)
                 || !self.said.insert(of_type.clone())
             {
                 continue;

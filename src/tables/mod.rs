@@ -87,6 +87,10 @@ impl Table {
             column.set_padding((0, 1));
             column.set_cell_alignment(if of_figures { CellAlignment::Right } else { CellAlignment::Left });
         }
+        // The names in the first column are to be found and copied: they never break.
+        if let Some(names) = table.column_mut(0) {
+            names.set_constraint(comfy_table::ColumnConstraint::ContentWidth);
+        }
         table.to_string().lines().map(str::trim_end).collect::<Vec<_>>().join("\n")
     }
 
@@ -205,10 +209,7 @@ mod tests {
         let note = Cell { note: "1 … 3".into(), ..Cell::figure(Some(2.0)) };
         let rows = vec![vec!["a|b".into(), note], vec!["long name".into(), Cell::figure(Some(-10.0))]];
         let table = Table::new(&["method", "h [m]\nanalysis"], rows);
-        assert_eq!(
-            table.terminal(),
-            "method        h [m]\n           analysis\na|b            2.00\nlong name     -10.0"
-        );
+        assert_eq!(table.terminal(), "method       h [m]\n          analysis\na|b           2.00\nlong name    -10.0");
         assert!(table.terminal_with_notes().contains("2.00 (1 … 3)"));
         let rows = "| a\\|b | 2.00 (1 … 3) |\n| long name | -10.0 |\n";
         assert_eq!(table.markdown(), format!("| method | h [m] analysis |\n|---|---|\n{rows}"));

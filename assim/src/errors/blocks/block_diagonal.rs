@@ -1,7 +1,7 @@
 //! A block-diagonal matrix: one small square matrix for each block, all in one array.
 
-use super::blocks::Blocks;
 use super::factors::Factors;
+use super::grid_blocks::Blocks;
 use crate::covariance::{self, Covariance};
 use crate::linalg::add_product;
 use faer::{Mat, MatMut, MatRef};

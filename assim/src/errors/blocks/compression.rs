@@ -1,7 +1,7 @@
 //! Compression of the common factors, which preserves every block's own covariance.
 
-use super::blocks::Blocks;
 use super::factored_covariance::FactoredCovariance;
+use super::grid_blocks::Blocks;
 use crate::linalg::{eigen, product, qr};
 use crate::memory::Matrix;
 use crate::tall_matrix::TallMatrix;

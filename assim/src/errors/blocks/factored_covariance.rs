@@ -1,8 +1,8 @@
 //! The covariance of (b, c) in the form blkdiag(C_1 … C_K, 0) + Φ Φᵀ.
 
 use super::block_diagonal::BlockDiagonal;
-use super::blocks::Blocks;
 use super::factors::Factors;
+use super::grid_blocks::Blocks;
 use crate::error::Error;
 use crate::linalg::product;
 use crate::memory::{Matrix, require};

@@ -1,10 +1,10 @@
 //! The forecast of the factored covariance over one cycle.
 
 use super::block_diagonal::BlockDiagonal;
-use super::blocks::Blocks;
 use super::compression::{Joining, Kept, join_and_compress};
 use super::factored_covariance::FactoredCovariance;
 use super::factors::Factors;
+use super::grid_blocks::Blocks;
 use super::{BiasCoupling, BlockErrors, Residual, residual};
 use crate::error::Error;
 use crate::filter::Cycle;

@@ -19,7 +19,6 @@
 
 mod analysis;
 mod block_diagonal;
-mod blocks;
 mod calibration;
 mod coarse_grid;
 mod compression;
@@ -27,6 +26,7 @@ mod factored_covariance;
 mod factors;
 mod forecast;
 mod free_columns;
+mod grid_blocks;
 mod nested;
 mod product;
 mod residual;
@@ -36,7 +36,7 @@ mod solution;
 mod structure;
 
 pub use crate::tall_matrix::Precision;
-pub use blocks::BlockShape;
+pub use grid_blocks::BlockShape;
 pub use settings::{BiasCoupling, FastKalmanSettings, Residual};
 
 pub(crate) use factors::Factors;
@@ -50,10 +50,10 @@ use crate::memory::require;
 use crate::problem::{Innovations, Problem};
 use crate::tall_matrix::TallMatrix;
 use block_diagonal::BlockDiagonal;
-use blocks::Blocks;
 use coarse_grid::CoarseGrid;
 use factored_covariance::FactoredCovariance;
 use faer::{Mat, MatRef};
+use grid_blocks::Blocks;
 use isobar_model::{Layout, TangentLinear, random};
 use isobar_obs::ByPlacement;
 use rand_chacha::ChaCha8Rng;

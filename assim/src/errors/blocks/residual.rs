@@ -1,7 +1,7 @@
 //! Forecast of the residual blocks without the propagator: they persist, as far as random probes say.
 
 use super::block_diagonal::BlockDiagonal;
-use super::blocks::Blocks;
+use super::grid_blocks::Blocks;
 use crate::linalg::semidefinite_root;
 use crate::tall_matrix::TallMatrix;
 use isobar_model::Layout;

@@ -1,6 +1,6 @@
 //! How the Fast Kalman Filter is set up.
 
-use super::blocks::{BlockShape, Blocks};
+use super::grid_blocks::{BlockShape, Blocks};
 use crate::covariance;
 use crate::error::Error;
 use crate::tall_matrix::Precision;
