@@ -162,7 +162,7 @@ sigma_height_m = 12
 per = "group"
 variable = "h"
 sigma = 20
-assumed_sigma = 1e9
+assumed_sigma = 1e7
 [methods.oi]
 kind = "optimal_interpolation"
 [methods.var]

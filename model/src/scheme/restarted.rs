@@ -17,7 +17,7 @@
 //! x_k = A λ₊^k + B λ₋^k,    λ± = α + iθ ± √((1 − α)² − θ²),    x_0 = 1,    x_1 = 1 + iθ,
 //! ```
 //!
-//! the amplification factors being those of [`crate::leapfrog`]. Without the filter |x_n|² = 1 + θ²/(1 − θ²) sin²(n asin θ) for
+//! the amplification factors being those of [`super::leapfrog`]. Without the filter |x_n|² = 1 + θ²/(1 − θ²) sin²(n asin θ) for
 //! an even n, which is never below one: a free forecast grows from cycle to cycle, at a step of 45 % of the leapfrog's limit
 //! by 10 % in a cycle of four steps (α = 0.01). The filter damps a wave by about α θ²/2 in a step, so that n α ⪆ 1 makes up
 //! for it. The limit of the time step is that of the cycle: |x_n| ≤ 1 + [`LARGEST_GROWTH`] for all waves.
