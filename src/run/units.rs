@@ -58,10 +58,7 @@ impl UnitCheck {
             let n = own.len() as f64;
             let mean = own.iter().map(|it| it.departure).sum::<f64>() / n;
             let is_beyond = |it: &&Compared<'_>| it.departure * mean.signum() > LEAST_DEPARTURE * it.variance.sqrt();
-            if own.len() < LEAST_OBSERVATIONS
-                || !own.iter().all(is_beyond)
-                || !self.said.insert(of_type.clone())
-            {
+            if own.len() < LEAST_OBSERVATIONS || !own.iter().all(is_beyond) || !self.said.insert(of_type.clone()) {
                 continue;
             }
             let chi2 = own.iter().map(|it| it.departure * it.departure / it.variance).sum::<f64>() / n;
