@@ -168,8 +168,13 @@ fn the_texts_hold_scores_and_scenario() {
     };
     assert!(text("/text/scenario").contains(run.info.scenario_text.trim_end()));
     let scores = text("/text/scores");
-    for part in ["| fast_kalman | ", "| kalman | ", "RMSE u [m s-1]", "seed 42", "- **kalman**: extended Kalman filter"]
-    {
+    for part in [
+        "| fast_kalman | ",
+        "| kalman | ",
+        "u [m\u{a0}s⁻¹] analysis",
+        "seed 42",
+        "- **kalman**: extended Kalman filter",
+    ] {
         assert!(scores.contains(part), "no {part:?} in {scores}");
     }
 }
