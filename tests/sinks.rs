@@ -219,6 +219,7 @@ fn a_run_without_observations_or_parameters_has_all_its_files() {
         window.reports.clear();
         window.values.clear();
         window.sigma.clear();
+        window.times.clear();
     }
     for (background, analysis, _) in run.results.iter_mut().flatten() {
         background.calibration.clear();
