@@ -12,7 +12,7 @@ pub struct RunOptions {
     /// The directory of this run's files, named after the scenario.
     #[serde(skip)]
     pub out: PathBuf,
-    /// The methods to run; `None`: all of the scenario. Each is one of the scenario's.
+    /// The methods to run; `None`: all. Each is one of the scenario's, or added in code.
     pub methods: Option<Vec<String>>,
     /// Number of cycles instead of the scenario's.
     pub cycles: Option<usize>,

@@ -46,10 +46,18 @@ pub(crate) fn read<T: ?Sized, C: ?Sized>(field: &Field<'_>, kinds: &Kinds<T, C>,
 
 /// Refuses a name that could not be part of a file's name or of a parameter's.
 pub(crate) fn check_name(name: &str, field: &Field<'_>, what: &str) -> Read<()> {
+    plain_name(name, what).map_err(|(message, help)| field.misplaced(message, help))
+}
+
+/// As [`check_name`], for a name that stands in no file.
+///
+/// # Errors
+/// What is wrong, and what a name is.
+pub(crate) fn plain_name(name: &str, what: &str) -> Result<(), (String, &'static str)> {
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');
     if name.is_empty() || name.len() > 40 || !name.chars().all(plain) || name.starts_with('-') {
         let message = format!("\"{}\" cannot be the name of a {what}", clean(name));
-        return Err(field.misplaced(message, "a name has 1 to 40 letters a-z, A-Z, digits, underscores and hyphens"));
+        return Err((message, "a name has 1 to 40 letters a-z, A-Z, digits, underscores and hyphens"));
     }
     Ok(())
 }

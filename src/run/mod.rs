@@ -28,7 +28,7 @@ use crate::text::clean;
 use checkpoint::{Keeper, Newest, Plan, file, journal, newest};
 use cycles::{Cycles, Shown};
 use events::Events;
-use experiment::{Competitor, Experiment};
+use experiment::{Competitor, Experiment, ExperimentBuilder};
 use rayon::ThreadPoolBuilder;
 use std::path::Path;
 
@@ -38,34 +38,45 @@ use std::path::Path;
 /// # Errors
 /// Nothing is left in the output directory's place if there is one, and the last checkpoint stays.
 pub fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, RunError> {
-    let workers = ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0)).build()?;
-    let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
-    let open = if options.resume { OutputDirectory::resume } else { OutputDirectory::create };
-    let directory = open(options.out.clone(), existing).map_err(RunError::Place)?;
-    let mut experiment = workers.install(|| Experiment::new(scenario, options))?;
-    let plan = Plan::new(scenario, options, &experiment);
-    let mut events =
-        Events { keeper: None, sinks: open_all(&experiment.info, &directory, &options.outputs)?, listener };
-    let shown =
-        Shown { memory: !options.concurrent && memory::is_counted(), structure: events.sinks.shows_structure() };
-    let (scores, done) = if options.resume {
-        resume(&directory, &plan, &mut experiment, &mut events)?
-    } else {
-        if let Some(policy) = options.checkpoints {
-            events.keeper = Some(Keeper::start(directory.working(), plan, policy)?);
-        }
-        events.announce(&Event::Started(&experiment.info))?;
-        let totals = vec![Scorecard::default(); experiment.methods.len()];
-        (RunScores { totals, ..RunScores::default() }, 0)
-    };
-    experiment.warnings.iter().try_for_each(|warning| events.announce(&Event::Warning(warning)))?;
-    let mut cycles = Cycles { experiment: &mut experiment, scores, events: &mut events, workers: &workers, shown };
-    let summary = cycles.run(done)?;
-    write_sensors(scenario, &experiment, directory.path())?;
-    events.announce(&Event::Finished(&summary))?;
-    drop(events);
-    directory.complete()?;
-    Ok(summary)
+    Experiment::builder(scenario).run(options, listener)
+}
+
+impl ExperimentBuilder<'_> {
+    /// Runs the scenario's methods and the added ones, or continues such a run from its last checkpoint.
+    ///
+    /// # Errors
+    /// As [`run()`].
+    pub fn run(self, options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, RunError> {
+        let scenario = self.scenario;
+        let workers = ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0)).build()?;
+        let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
+        let open = if options.resume { OutputDirectory::resume } else { OutputDirectory::create };
+        let directory = open(options.out.clone(), existing).map_err(RunError::Place)?;
+        let mut experiment = workers.install(|| self.build(options))?;
+        let plan = Plan::new(scenario, options, &experiment);
+        let mut events =
+            Events { keeper: None, sinks: open_all(&experiment.info, &directory, &options.outputs)?, listener };
+        let shown =
+            Shown { memory: !options.concurrent && memory::is_counted(), structure: events.sinks.shows_structure() };
+        let (scores, done) = if options.resume {
+            resume(&directory, &plan, &mut experiment, &mut events)?
+        } else {
+            if let Some(policy) = options.checkpoints {
+                events.keeper = Some(Keeper::start(directory.working(), plan, policy)?);
+            }
+            events.announce(&Event::Started(&experiment.info))?;
+            let totals = vec![Scorecard::default(); experiment.methods.len()];
+            (RunScores { totals, ..RunScores::default() }, 0)
+        };
+        experiment.warnings.iter().try_for_each(|warning| events.announce(&Event::Warning(warning)))?;
+        let mut cycles = Cycles { experiment: &mut experiment, scores, events: &mut events, workers: &workers, shown };
+        let summary = cycles.run(done)?;
+        write_sensors(scenario, &experiment, directory.path())?;
+        events.announce(&Event::Finished(&summary))?;
+        drop(events);
+        directory.complete()?;
+        Ok(summary)
+    }
 }
 
 /// Brings the experiment to the state of the newest readable checkpoint, and sends again all events until then; the scores

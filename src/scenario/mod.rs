@@ -27,7 +27,7 @@ use crate::kinds::initial::{INITIAL, InitialState};
 use crate::kinds::instruments;
 use crate::kinds::methods::{self, Method, Surroundings};
 use crate::kinds::models::{self, Model};
-use crate::kinds::{self, Domain, check_name};
+use crate::kinds::{self, Domain, plain_name};
 use crate::output::Outputs;
 use crate::reader::{self, Field, Read, Section, SourceFile};
 use crate::scores::expected::TOLERANCE_KEY;
@@ -255,18 +255,9 @@ fn read_methods(root: &Section<'_>, surroundings: &Surroundings) -> Read<IndexMa
     let mut methods: IndexMap<String, Method> = IndexMap::new();
     let field = root.required("methods")?;
     for (name, field) in field.any_section()?.fields() {
-        check_name(name, &field, "method")?;
+        check_method_name(name, methods.keys()).map_err(|(message, help)| field.misplaced(message, help))?;
         if methods.len() == MOST_METHODS {
             return Err(field.misplaced(format!("there are more than {MOST_METHODS} methods"), "too many"));
-        }
-        if name == TOLERANCE_KEY {
-            let message = format!("a method cannot be called {name}");
-            return Err(field.misplaced(message, "[expected] has a key of that name"));
-        }
-        // Their files would be one and the same on a file system that does not distinguish case.
-        if let Some(other) = methods.keys().find(|other| other.eq_ignore_ascii_case(name)) {
-            let message = format!("the methods `{other}` and `{name}` differ in case only");
-            return Err(field.misplaced(message, "choose another name"));
         }
         methods.insert(name.to_string(), methods::read(&field, surroundings)?);
     }
@@ -274,6 +265,26 @@ fn read_methods(root: &Section<'_>, surroundings: &Surroundings) -> Read<IndexMa
         return Err(field.misplaced("[methods] is empty".into(), "add a table such as [methods.fkf]"));
     }
     Ok(methods)
+}
+
+/// Refuses a name that a method cannot have beside these others.
+///
+/// # Errors
+/// What is wrong, and what to do.
+pub(crate) fn check_method_name<'a>(
+    name: &str,
+    mut others: impl Iterator<Item = &'a String>,
+) -> Result<(), (String, &'static str)> {
+    plain_name(name, "method")?;
+    if name == TOLERANCE_KEY {
+        return Err((format!("a method cannot be called {name}"), "[expected] has a key of that name"));
+    }
+    // Their files would be one and the same on a file system that does not distinguish case.
+    match others.find(|other| other.eq_ignore_ascii_case(name)) {
+        None => Ok(()),
+        Some(other) if other == name => Err((format!("there are two methods `{name}`"), "choose another name")),
+        Some(other) => Err((format!("the methods `{other}` and `{name}` differ in case only"), "choose another name")),
+    }
 }
 
 fn string(root: &Section<'_>, key: &str) -> Read<String> {

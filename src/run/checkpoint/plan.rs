@@ -72,7 +72,8 @@ impl Plan {
             Some("it is of a run with other options")
         } else if self.inputs != other.inputs {
             Some(
-                "what it reads was different: a file of stations, observations or fields, or the database of sensors has changed since",
+                "other methods were added to its scenario in code, or what it reads was different: a file of stations, \
+                 observations or fields, or the database of sensors has changed since",
             )
         } else {
             None

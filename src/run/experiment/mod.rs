@@ -1,9 +1,11 @@
 //! From a scenario to everything that runs: model, truth, observing system, methods.
 
 mod balance;
+mod builder;
 mod error;
 mod notices;
 
+pub use builder::ExperimentBuilder;
 pub use error::ExperimentError;
 
 use crate::event::{MethodInfo, RunInfo, StationInfo};
@@ -17,6 +19,7 @@ use crate::scenario::{Scenario, ScenarioError};
 use crate::scores::Failure;
 use crate::sensors::knowledge::{WarmStart, warm_start};
 use crate::sensors::{Database, SensorError, database::Missing};
+use builder::AddedMethod;
 use isobar_assim::high_pass::HighPassSettings;
 use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem, SensorKnowledge, covariance};
 use isobar_model::random::stream;
@@ -65,7 +68,7 @@ pub struct Experiment {
     /// What observes it.
     pub observing: ObservingSystem,
     /// Checksum of everything on which results depend beside the scenario's text and the options: the contents of its
-    /// files, and what is known of its sensors.
+    /// files, what is known of its sensors, and the names of methods from code.
     pub inputs: u32,
     /// What the user should know of it before it runs.
     pub warnings: Vec<String>,
@@ -125,33 +128,44 @@ pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
 }
 
 impl Experiment {
-    /// Sets up a scenario.
+    /// A scenario, to which methods from code can be added.
+    pub fn builder(scenario: &Scenario) -> ExperimentBuilder<'_> {
+        ExperimentBuilder { scenario, added: Vec::new() }
+    }
+}
+
+impl ExperimentBuilder<'_> {
+    /// Sets up the experiment.
     ///
     /// # Errors
-    /// Faults that the scenario's file alone does not show: files, stations, time steps, memory.
-    pub fn new(scenario: &Scenario, options: &RunOptions) -> Result<Self, ExperimentError> {
+    /// Faults that the scenario's file alone does not show: files, stations, time steps, memory; the name of an added method.
+    pub fn build(self, options: &RunOptions) -> Result<Experiment, ExperimentError> {
+        self.check_names()?;
+        let Self { scenario, added } = self;
         let seed = options.seed.unwrap_or(scenario.seed);
         let cycles = options.cycles.unwrap_or(scenario.cycle.count);
         let Ground { problem, sensors, truth, observing } = ground(scenario, seed, cycles)?;
-        let inputs = checksum(scenario, &sensors)?;
+        let inputs = checksum(scenario, &sensors, &added)?;
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
+        let freezing = scenario.stability.freeze_after_cycles.map(|after_cycle| Freezing {
+            after_cycle,
+            variance_ratio: scenario.stability.variance_ratio,
+            calibration: problem.calibration.clone(),
+        });
+        let watched = |runner: Runner| {
+            runner.watched(scenario.cycle.score_from_cycle, freezing.clone()).of_model(problem.model.clone())
+        };
+        let calibrated = |method: Box<dyn Assimilator>, estimates_biases: bool| {
+            if estimates_biases {
+                Calibrated::new(method, &problem.calibration, scenario.start, sensors.knowledge.clone())
+            } else {
+                method.into()
+            }
+        };
         let (mut methods, mut infos) = (Vec::new(), Vec::new());
         for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
-            let build = || -> Result<Calibrated, ExperimentError> {
-                let built = self::method(&problem, name, scenario)?;
-                Ok(if method.estimates_biases() {
-                    Calibrated::new(built, &problem.calibration, scenario.start, sensors.knowledge.clone())
-                } else {
-                    built.into()
-                })
-            };
-            let freezing = scenario.stability.freeze_after_cycles.map(|after_cycle| Freezing {
-                after_cycle,
-                variance_ratio: scenario.stability.variance_ratio,
-                calibration: problem.calibration.clone(),
-            });
-            let runner = Runner::new(build)?.watched(scenario.cycle.score_from_cycle, freezing);
-            let runner = runner.of_model(problem.model.clone());
+            let build = || Ok(calibrated(self::method(&problem, name, scenario)?, method.estimates_biases()));
+            let runner = watched(Runner::new::<_, ExperimentError>(build)?);
             let smoother_lag_cycles = runner.smoother_lag();
             let bias_known = method.bias == BiasTreatment::Known;
             let scores_bias = method.scores_biases();
@@ -163,6 +177,18 @@ impl Experiment {
             let parts = [Some(method.describe()), initialised, known];
             let description = parts.into_iter().flatten().collect::<Vec<_>>().join(", ");
             infos.push(MethodInfo { name: name.clone(), description, smoother_lag_cycles });
+        }
+        for AddedMethod { name, description, set_up } in added.into_iter().filter(|method| chosen(&method.name)) {
+            let build = || {
+                let method = set_up(problem.clone())?;
+                let estimates_biases = method.can().calibration.is_some();
+                Ok(calibrated(method, estimates_biases))
+            };
+            let runner = Runner::new(build).map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
+            let runner = watched(runner);
+            let smoother_lag_cycles = runner.smoother_lag();
+            methods.push(Competitor { runner, failure: None, scores_bias: true, has_warned: false, bias_known: false });
+            infos.push(MethodInfo { name, description, smoother_lag_cycles });
         }
         let stations = observing.stations().iter().map(|station| StationInfo {
             network: station.network.clone(),
@@ -192,7 +218,7 @@ impl Experiment {
         warnings.extend(chosen.filter_map(|(name, method)| {
             Some(format!("methods.{name}: {}", method.settings.warning(&scenario.model)?))
         }));
-        Ok(Self {
+        Ok(Experiment {
             info,
             variance_ratio: scenario.stability.variance_ratio,
             score_from_cycle: scenario.cycle.score_from_cycle,
@@ -240,7 +266,7 @@ fn initialisation(name: &str, scenario: &Scenario) -> Option<HighPassSettings> {
 /// Sets up all of a scenario but its methods.
 ///
 /// # Errors
-/// As [`Experiment::new`].
+/// As [`ExperimentBuilder::build`].
 pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, ExperimentError> {
     let grid = &scenario.grid.grid;
     let model = scenario.model.build(grid, scenario.cycle.window)?;
@@ -285,9 +311,9 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
     Ok(Ground { problem, sensors, truth, observing })
 }
 
-/// A checksum of the contents of a scenario's files and of what is known of its sensors: a run can be resumed only with the
-/// same.
-fn checksum(scenario: &Scenario, sensors: &WarmStart) -> Result<u32, ExperimentError> {
+/// A checksum of the contents of a scenario's files, of what is known of its sensors and of the names of added methods: a run
+/// can be resumed only with the same.
+fn checksum(scenario: &Scenario, sensors: &WarmStart, added: &[AddedMethod<'_>]) -> Result<u32, ExperimentError> {
     let failure = |path: &Path, reason: String| ExperimentError::File { path: path.to_path_buf(), reason };
     let mut checksum = crc32fast::Hasher::new();
     for path in &scenario.inputs {
@@ -297,6 +323,10 @@ fn checksum(scenario: &Scenario, sensors: &WarmStart) -> Result<u32, ExperimentE
     }
     let knowledge = postcard::to_stdvec(&(&sensors.calibration, &sensors.knowledge));
     checksum.update(&knowledge.map_err(|error| failure(&scenario.path, error.to_string()))?);
+    for AddedMethod { name, .. } in added {
+        checksum.update(&[name.len() as u8]);
+        checksum.update(name.as_bytes());
+    }
     Ok(checksum.finalize())
 }
 

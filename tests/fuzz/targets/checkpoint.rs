@@ -33,7 +33,7 @@ fn scenario() -> Scenario {
 
 fn experiment() -> RefCell<Experiment> {
     let options = RunOptions { cycles: Some(120), outputs: isobar::output::Outputs::of(["netcdf"]), ..RunOptions::new("nowhere") };
-    RefCell::new(Experiment::new(&scenario(), &options).unwrap())
+    RefCell::new(Experiment::builder(&scenario()).build(&options).unwrap())
 }
 
 /// What a real checkpoint holds between its first line and its checksum.
