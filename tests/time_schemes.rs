@@ -22,11 +22,12 @@ fn errors(time_scheme: &str, time_step_s: i64) -> [f64; 2] {
 }
 
 /// The truth of each run has the model's own scheme, so that the schemes differ by how the weather went a little, and by
-/// nothing else: tangent-linear and adjoint serve the filter and 4D-Var as well.
+/// nothing else: tangent-linear and adjoint serve the filter and 4D-Var as well. Leapfrog, begun anew in every cycle, needs a short
+/// step.
 #[test]
 fn methods_are_as_good_with_any_time_scheme() {
     let expected = errors("rk4", 720);
-    for (scheme, time_step_s) in [("ssp_rk3", 720), ("leapfrog", 300)] {
+    for (scheme, time_step_s) in [("ssp_rk3", 720), ("leapfrog", 200)] {
         for (found, expected) in errors(scheme, time_step_s).into_iter().zip(expected) {
             assert!((found / expected - 1.0).abs() < 0.05, "{scheme}: {found} m, not {expected} m");
         }
