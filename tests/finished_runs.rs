@@ -52,6 +52,19 @@ fn a_directory_that_is_no_complete_run_is_refused_with_a_reason() {
     assert!(!here.join("comparison.html").exists());
 }
 
+/// A pipe into which nobody ever writes would never end.
+#[cfg(unix)]
+#[test]
+fn a_pipe_in_the_place_of_a_file_is_refused() {
+    let parent = tempfile::tempdir().unwrap();
+    let here = parent.path();
+    let scores = run(here, "piped", 1).join("scores.csv");
+    fs::remove_file(&scores).unwrap();
+    assert!(std::process::Command::new("mkfifo").arg(&scores).status().unwrap().success());
+    let said = complaint(here, &["compare", "piped"]);
+    assert!(said.contains("scores.csv") && said.contains("it is not a file"), "{said}");
+}
+
 #[test]
 fn a_missing_or_broken_recording_is_refused_before_a_viewer_is_sought() {
     let parent = tempfile::tempdir().unwrap();

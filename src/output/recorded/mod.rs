@@ -6,6 +6,7 @@ mod scores;
 pub use scores::{MethodSeries, Scores};
 
 use crate::output::directory::SUMMARY_FILE;
+use crate::reader::files::bytes;
 use crate::scores::Summary;
 use crate::text::clean;
 use miette::Diagnostic;
@@ -94,12 +95,8 @@ pub fn summary(text: &str, directory: &Path, path: &Path) -> Result<Summary, Sav
 
 /// The text of a file.
 fn read(path: &Path) -> Result<String, SavedRunError> {
-    let failure = |error: &dyn std::fmt::Display| SavedRunError::new(path, format!("it cannot be read: {error}"));
-    let length = fs::metadata(path).map_err(|error| failure(&error))?.len();
-    if length > LARGEST_FILE {
-        return Err(failure(&format!("{length} bytes are too many")));
-    }
-    fs::read_to_string(path).map_err(|error| failure(&error))
+    let failure = |reason: String| SavedRunError::new(path, format!("it cannot be read: {reason}"));
+    String::from_utf8(bytes(path, LARGEST_FILE).map_err(failure)?).map_err(|error| failure(error.to_string()))
 }
 
 /// Directories of runs directly below, by name.
