@@ -221,7 +221,7 @@ fn files_that_are_too_large_or_none_are_refused_at_once() {
     refused(&["check", "large.toml"], "larger than 1000 kB");
     fs::create_dir(parent.path().join("run")).unwrap();
     fs::File::create(parent.path().join("run/summary.json")).unwrap().set_len(1 << 40).unwrap();
-    refused(&["compare", "run"], "are too many");
+    refused(&["compare", "run"], "larger than 1000 MB");
     #[cfg(unix)]
     {
         // A pipe into which nobody ever writes.
