@@ -3,6 +3,7 @@
 mod agreement;
 mod air_mass;
 mod architecture;
+mod bounds;
 mod checkpoints;
 mod circles;
 mod command_line;

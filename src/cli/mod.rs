@@ -17,13 +17,14 @@ mod run;
 mod seeds;
 mod sensors;
 mod sweep;
+mod threads;
 mod view;
 
 use crate::interrupt;
 use arguments::{Arguments, Command};
 use clap::Parser;
 use console::show;
-use miette::MietteHandlerOpts;
+use miette::{MietteHandlerOpts, Report};
 use std::process::ExitCode;
 
 /// Does what the arguments of this process say.
@@ -35,7 +36,18 @@ pub fn main() -> ExitCode {
     let _ = miette::set_hook(Box::new(|_| {
         Box::new(MietteHandlerOpts::new().width(100).context_lines(1).terminal_links(false).build())
     }));
-    let outcome = match arguments.command {
+    let outcome = threads::check_environment().and_then(|()| obey(arguments.command));
+    match outcome {
+        Ok(code) => code,
+        Err(report) => {
+            show(&report);
+            if interrupt::requested() { ExitCode::from(interrupt::EXIT_CODE) } else { ExitCode::FAILURE }
+        }
+    }
+}
+
+fn obey(command: Command) -> Result<ExitCode, Report> {
+    match command {
         Command::Run(arguments) => run::run(&arguments),
         Command::Check(arguments) => check::check(&arguments.scenarios),
         Command::List(arguments) => list::list(&arguments),
@@ -48,12 +60,5 @@ pub fn main() -> ExitCode {
         Command::Sweep(arguments) => sweep::sweep(&arguments),
         Command::Exact(arguments) => exact::run(&arguments),
         Command::Diagnose { runs } => diagnose::diagnose(&runs),
-    };
-    match outcome {
-        Ok(code) => code,
-        Err(report) => {
-            show(&report);
-            if interrupt::requested() { ExitCode::from(interrupt::EXIT_CODE) } else { ExitCode::FAILURE }
-        }
     }
 }

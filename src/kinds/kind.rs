@@ -61,3 +61,15 @@ pub(crate) fn plain_name(name: &str, what: &str) -> Result<(), (String, &'static
     }
     Ok(())
 }
+
+/// Whether the files of two names would be one: where case does not count, and hyphens are underscores, as in the names of
+/// figures and of variables of netCDF.
+pub(crate) fn is_one_file(name: &str, other: &str) -> bool {
+    let stem = |name: &str| name.to_ascii_lowercase().replace('-', "_");
+    stem(name) == stem(other)
+}
+
+/// That the files of two `things` would be one.
+pub(crate) fn alike(things: &str, name: &str, other: &str) -> String {
+    format!("the {things} `{name}` and `{other}` differ in case or hyphens only, so that files of them would be one")
+}

@@ -14,7 +14,7 @@ pub mod models;
 pub mod reference;
 
 pub use domain::Domain;
-pub(crate) use kind::{Kind, Kinds, check_name, choose, plain_name, read};
+pub(crate) use kind::{Kind, Kinds, alike, check_name, choose, is_one_file, plain_name, read};
 
 #[cfg(test)]
 mod tests {

@@ -27,7 +27,7 @@ use crate::kinds::initial::{INITIAL, InitialState};
 use crate::kinds::instruments;
 use crate::kinds::methods::{self, Method, Surroundings};
 use crate::kinds::models::{self, Model};
-use crate::kinds::{self, Domain, plain_name};
+use crate::kinds::{self, Domain, alike, is_one_file, plain_name};
 use crate::output::Outputs;
 use crate::reader::{self, Field, Read, Section, SourceFile};
 use crate::scores::expected::TOLERANCE_KEY;
@@ -279,11 +279,13 @@ pub(crate) fn check_method_name<'a>(
     if name == TOLERANCE_KEY {
         return Err((format!("a method cannot be called {name}"), "[expected] has a key of that name"));
     }
-    // Their files would be one and the same on a file system that does not distinguish case.
-    match others.find(|other| other.eq_ignore_ascii_case(name)) {
+    if ["truth", "observations"].iter().any(|taken| taken.eq_ignore_ascii_case(name)) {
+        return Err((format!("a method cannot be called {name}"), "another file of the outputs has that name"));
+    }
+    match others.find(|other| is_one_file(other, name)) {
         None => Ok(()),
         Some(other) if other == name => Err((format!("there are two methods `{name}`"), "choose another name")),
-        Some(other) => Err((format!("the methods `{other}` and `{name}` differ in case only"), "choose another name")),
+        Some(other) => Err((alike("methods", other, name), "choose another name")),
     }
 }
 

@@ -47,6 +47,12 @@ impl Kind<dyn MethodSettings, Surroundings> for FederatedKind {
 
     fn read(&self, section: &Section<'_>, surroundings: &Surroundings) -> Read<Box<dyn MethodSettings>> {
         let networks: Vec<&str> = surroundings.networks.iter().map(String::as_str).collect();
+        if networks.is_empty() {
+            let message = "a federated filter has a filter for each network, and there are no networks".to_string();
+            return Err(section
+                .required("kind")?
+                .misplaced(message, "add a network, or choose another kind of method"));
+        }
         let reset_every_cycles = Some(section.get(&RESET_EVERY_CYCLES)?).filter(|&cycles| cycles > 0);
         let shares = shares(section, &networks)?;
         let sum: f64 = shares.iter().sum();

@@ -43,7 +43,7 @@ pub struct Cycle {
     pub time: Time,
     /// The true calibration parameters.
     pub true_calibration: Vec<f64>,
-    /// Network and variable of each observation.
+    /// Network and variable of each observation; of the newest cycle only.
     kinds: Vec<ObservationType>,
     /// The results of the methods; the place of one that has none is empty.
     pub methods: Vec<Option<MethodCycle>>,
@@ -148,6 +148,9 @@ impl History {
             return;
         }
         self.truth = state.values().to_vec();
+        if let Some(last) = self.cycles.last_mut() {
+            last.kinds = Vec::new();
+        }
         let methods = info.methods.iter().map(|_| None).collect();
         self.cycles.push(Cycle { cycle, time, true_calibration: calibration.to_vec(), kinds: Vec::new(), methods });
         if cycle == info.cycles || cycle == info.cycles.div_ceil(2) {

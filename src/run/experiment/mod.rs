@@ -116,10 +116,9 @@ pub struct Checked {
 /// The first thing that does not.
 pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
     let ground = ground(scenario, scenario.seed, scenario.cycle.count)?;
-    for (name, method) in &scenario.methods {
-        let calibration = &ground.problem.calibration;
-        let fault = |error| ExperimentError::Method { name: name.clone(), error };
-        method.settings.check(calibration).map_err(fault)?;
+    // What a method refuses depends on all that it is given, so that each is set up for once.
+    for name in scenario.methods.keys() {
+        method(&ground.problem, name, scenario)?;
     }
     Ok(Checked {
         recorded: notices::recorded(&ground.observing, scenario.cycle.count),
@@ -307,6 +306,7 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
         calibration: sensors.calibration.clone(),
         bias: BiasTreatment::Estimate,
         memory_limit_bytes: u64::MAX,
+        most_observations: observing.most_observations(cycles),
     };
     Ok(Ground { problem, sensors, truth, observing })
 }

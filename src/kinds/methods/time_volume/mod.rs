@@ -189,8 +189,4 @@ impl MethodSettings for TimeVolumeOptions {
     fn can_freeze_biases(&self) -> Result<(), &'static str> {
         Err("factors of a time volume would go on changing the biases that [stability] freezes")
     }
-
-    fn check(&self, calibration: &Calibration) -> Result<(), Error> {
-        self.factors.iter().try_for_each(|factor| factor.resolve(calibration).map(|_| ()))
-    }
 }
