@@ -67,7 +67,7 @@ impl HomogeneousFilter {
     pub fn gaussian_rows(grid: &Grid, length_y_m: f64) -> Result<usize, Error> {
         match grid.boundary {
             Boundary::Periodic => Ok(grid.ny),
-            Boundary::Channel => padded_rows(grid, grid.ny + 1, PADDING_LENGTHS, length_y_m),
+            Boundary::Channel => padded_rows(grid, grid.ny + 1, (PADDING_LENGTHS, length_y_m)),
         }
     }
 
@@ -86,7 +86,7 @@ impl HomogeneousFilter {
         let nx = grid.nx;
         let rows = match grid.boundary {
             Boundary::Periodic => grid.ny,
-            Boundary::Channel => (2 * grid.ny).max(padded_rows(grid, grid.ny + 1, padding_lengths, length_m)?),
+            Boundary::Channel => padded_rows(grid, 2 * grid.ny, (padding_lengths, length_m))?,
         };
         let around = |index: usize, n: usize, spacing_m: f64| index.min(n - index) as f64 * spacing_m;
         let table: Vec<f64> = (0..rows)
@@ -177,15 +177,16 @@ impl HomogeneousFilter {
     }
 }
 
-/// `first` rows and the padding beyond a wall, as a size that is quick to transform.
+/// The rows of a channel, its northern wall and the padding beyond, at least so many; a size that is quick to transform.
 ///
 /// # Errors
 /// [`Error::Setting`] if the array would be too large, with the longest correlation that fits.
-fn padded_rows(grid: &Grid, first: usize, padding_lengths: f64, length_m: f64) -> Result<usize, Error> {
-    let rows = first as f64 + (padding_lengths * length_m / grid.dy_m).ceil();
+fn padded_rows(grid: &Grid, least: usize, (padding_lengths, length_m): (f64, f64)) -> Result<usize, Error> {
+    let own = grid.ny + 1;
+    let rows = f64::max(least as f64, own as f64 + (padding_lengths * length_m / grid.dy_m).ceil());
     let most = MOST_VALUES / grid.nx;
     if rows > most as f64 {
-        let longest_km = most.saturating_sub(first) as f64 * grid.dy_m / padding_lengths / 1e3;
+        let longest_km = most.saturating_sub(own) as f64 * grid.dy_m / padding_lengths / 1e3;
         return Err(Error::Setting(format!(
             "a correlation of {} km in this channel would need {} rows of {} values, its own and those of {padding_lengths} \
              lengths beyond the wall, more than {MOST_VALUES} values in all: at most {longest_km:.4} km fit",

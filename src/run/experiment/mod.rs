@@ -206,6 +206,7 @@ impl ExperimentBuilder<'_> {
             start: scenario.start,
             window: scenario.cycle.window,
             cycles,
+            score_from_cycle: scenario.cycle.score_from_cycle,
             calibration: problem.calibration.clone(),
             methods: infos,
             stations: stations.collect(),
