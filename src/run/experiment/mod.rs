@@ -120,10 +120,9 @@ pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
     for name in scenario.methods.keys() {
         method(&ground.problem, name, scenario)?;
     }
-    Ok(Checked {
-        recorded: notices::recorded(&ground.observing, scenario.cycle.count),
-        warnings: notices::warnings(scenario, &ground.observing, scenario.cycle.count),
-    })
+    let mut warnings = notices::warnings(scenario, &ground.observing, scenario.cycle.count);
+    warnings.extend(notices::of_methods(scenario, |_| true));
+    Ok(Checked { recorded: notices::recorded(&ground.observing, scenario.cycle.count), warnings })
 }
 
 impl Experiment {
@@ -214,10 +213,7 @@ impl ExperimentBuilder<'_> {
         let steps = problem_steps(scenario, &problem);
         let mut warnings = sensors.warnings;
         warnings.extend(notices::warnings(scenario, &observing, cycles));
-        let chosen = scenario.methods.iter().filter(|(name, _)| chosen(name));
-        warnings.extend(chosen.filter_map(|(name, method)| {
-            Some(format!("methods.{name}: {}", method.settings.warning(&scenario.model)?))
-        }));
+        warnings.extend(notices::of_methods(scenario, chosen));
         Ok(Experiment {
             info,
             variance_ratio: scenario.stability.variance_ratio,
