@@ -109,10 +109,11 @@ fn squares_of_observations_and_biases_are_part_of_a_method() {
         assert_refused(&scenario(&[many], &[kind]), &["method m0", "20000 observations", "more than the limit of 2"]);
     }
     let biases = ("observe = { tracer = 0.1 }", BIAS);
-    for count in ["random = 20000", "random = 100000"] {
-        for kind in ["3dvar", "4dvar", "optimal_interpolation", "kf", "fkf", "letkf", "etkf", "enkf", "banded_kf"] {
+    let all = ["3dvar", "4dvar", "optimal_interpolation", "kf", "fkf", "letkf", "etkf", "enkf", "banded_kf"];
+    for (count, kinds) in [("random = 9000", &all[..]), ("random = 100000", &all[..1])] {
+        for kind in kinds {
             let mut keys = format!("kind = \"{kind}\"");
-            keys += match kind {
+            keys += match *kind {
                 "4dvar" => "\nwindow_cycles = 2",
                 "letkf" => "\nmembers = 4\nlocalization_radius_km = 300",
                 "etkf" | "enkf" => "\nmembers = 4",
@@ -132,7 +133,7 @@ fn squares_of_members_are_part_of_a_method() {
         "kind = \"etkf\"\nmembers = 100000",
         "kind = \"letkf\"\nmembers = 3000\nlocalization_radius_km = 400",
         "kind = \"hybrid_3dvar\"\nmembers = 3000\nensemble_weight = 0.5\nlocalization_radius_km = 400",
-        "kind = \"enkf\"\nmembers = 9000000",
+        "kind = \"enkf\"\nmembers = 100000",
     ] {
         assert_refused(&scenario(&[], &[kind]), &["method m0", "members", "more than the limit of 2000.0 MB"]);
     }
@@ -140,15 +141,18 @@ fn squares_of_members_are_part_of_a_method() {
 
 #[test]
 fn correlations_longer_than_the_channel_need_no_endless_padding() {
-    let long = ("length_km = 300", "length_km = 1e5");
-    let tiny = [("\"periodic\"", "\"channel\""), ("dx_km = 100", "dx_km = 0.01"), long];
+    let model = ("kind = \"exact_shift\"", "kind = \"advection\"\nwind = { kind = \"uniform\", u_m_per_s = 0.1 }");
+    let channel = [model, ("columns_per_step = 1\n", ""), ("\"periodic\"", "\"channel\"")];
+    let steps = [("time_step_s = 3600", "time_step_s = 36"), ("window_hours = 1", "window_hours = 0.01")];
+    let long = [("dx_km = 100", "dx_km = 0.01"), ("length_km = 300", "length_km = 1e5")];
+    let tiny = [&channel[..], &steps, &long].concat();
     assert_runs(&scenario(&tiny, &["kind = \"3dvar\""]));
     let components = "{ kind = \"by_distance\", correlation = \"gaussian\",";
-    let by_distance = [("{ kind = \"univariate\",", components), tiny[0], tiny[1], tiny[2]];
+    let by_distance = [&[("{ kind = \"univariate\",", components)], &tiny[..]].concat();
     assert_refused(&scenario(&by_distance, &[]), &["a correlation of 100000 km in this channel", "at most", "km fit"]);
     // As wide as no localisation at all: members and static covariance as they are.
     let hybrid = "kind = \"hybrid_3dvar\"\nmembers = 4\nensemble_weight = 0.5\nlocalization_radius_km = 1e9";
-    assert_runs(&scenario(&tiny[..1], &[hybrid]));
+    assert_runs(&scenario(&channel, &[hybrid]));
 }
 
 #[test]
@@ -207,7 +211,7 @@ fn a_long_name_is_refused_with_its_line() {
     let directory = tempdir().unwrap();
     let stations = [("{ random = 20 }", "{ file = \"s.csv\" }")];
     fs::write(directory.path().join("t.toml"), scenario(&stations, &[])).unwrap();
-    for (id, name) in [("x".repeat(1_000_000), "one".to_string()), ("a".to_string(), "é".repeat(201))] {
+    for (id, name) in [("x".repeat(5000), "one".to_string()), ("a".to_string(), "é".repeat(201))] {
         fs::write(directory.path().join("s.csv"), format!("id,name,x_m,y_m\nb,two,3e5,2e5\n{id},{name},2e5,2e5\n"))
             .unwrap();
         let output = confined(directory.path(), "check t.toml");
@@ -215,6 +219,24 @@ fn a_long_name_is_refused_with_its_line() {
         assert_eq!(output.status.code(), Some(1));
         assert!(message.contains("s.csv, line 3:") && message.contains("has at most 200"), "{message}");
     }
+}
+
+/// What is read of many files is bounded as well as what is read of each.
+#[test]
+fn files_are_limited_in_all() {
+    let directory = tempdir().unwrap();
+    let mut rows = "cycle,x_m,y_m,variable,value,sigma\n".to_string();
+    (0..60_000)
+        .for_each(|row| rows += &format!("1,3e5,2e5,tracer,{}.123456789012345678901234567890123456789,1\n", row));
+    fs::write(directory.path().join("o.csv"), &rows).unwrap();
+    let named = |number: usize| format!("[networks.f{number}]\nkind = \"file\"\nfile = \"o.csv\"\n");
+    let networks: String = (0..=300_000_000 / rows.len()).map(named).collect();
+    let networks = format!("{networks}[methods.free]");
+    fs::write(directory.path().join("t.toml"), scenario(&[("[methods.free]", &networks)], &[])).unwrap();
+    let output = confined(directory.path(), "check t.toml");
+    let message = flat(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("the files of this scenario have more than 300 MB"), "{message}");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use crate::text::{clean, same_length};
 use miette::{Diagnostic, LabeledSpan, NamedSource, SourceCode};
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::BTreeSet;
 use std::fmt;
 use std::ops::Range;
@@ -68,11 +68,18 @@ pub(crate) struct SourceFile {
     printable: String,
     /// The files that it names and that are read, see [`SourceFile::input`].
     inputs: RefCell<BTreeSet<PathBuf>>,
+    /// The bytes that have been read of them.
+    bytes: Cell<u64>,
 }
 
 impl SourceFile {
     pub fn new(path: &Path, text: &str) -> Self {
-        Self { path: path.to_path_buf(), printable: same_length(text), inputs: RefCell::default() }
+        Self {
+            path: path.to_path_buf(),
+            printable: same_length(text),
+            inputs: RefCell::default(),
+            bytes: Cell::default(),
+        }
     }
 
     /// The path of a file that this one names, relative to its own directory.
@@ -85,6 +92,12 @@ impl SourceFile {
         let path = self.beside(name);
         self.inputs.borrow_mut().insert(path.clone());
         path
+    }
+
+    /// Counts bytes that have been read of such files; how many there are now.
+    pub fn count(&self, bytes: u64) -> u64 {
+        self.bytes.set(self.bytes.get() + bytes);
+        self.bytes.get()
     }
 
     /// All files on whose contents the results depend.

@@ -2,7 +2,7 @@
 
 use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
-use super::filter::{EnsembleAnalysis, EnsembleFilter};
+use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis};
 use super::members::ObservedEnsemble;
 use super::moments::Moments;
 use super::transform::{self, WhitenedObservations, transform};
@@ -26,7 +26,7 @@ impl EnsembleTransformKalmanFilter {
     /// # Errors
     /// As [`Ensemble::draw`](super::Ensemble::draw).
     pub fn new(problem: impl Into<Problem<dyn Model>>, settings: EnsembleSettings) -> Result<Self, Error> {
-        Self::with_analysis(problem.into(), settings, 1, Transform)
+        with_analysis(problem.into(), settings, 1, Transform)
     }
 
     /// The filter with its ensemble smoother (EnKS) of the last `lag` analyses before the newest.

@@ -44,20 +44,18 @@ impl<A> EnsembleFilter<A> {
     }
 }
 
-impl<A: EnsembleAnalysis> EnsembleFilter<A> {
-    /// A filter with members about the background, which are analysed at so many places.
-    ///
-    /// # Errors
-    /// As [`Ensemble::draw`]; [`Error::TooLarge`] if the analysis of the most observations does not fit into the memory limit.
-    pub(super) fn with_analysis(
-        problem: Problem<dyn Model>,
-        settings: EnsembleSettings,
-        places: usize,
-        analysis: A,
-    ) -> Result<Self, Error> {
-        require_memory(&problem, settings.members, &analysis, problem.most_observations)?;
-        Ok(Self { cycle: EnsembleCycle::new(problem, settings, places)?, analysis })
-    }
+/// A filter with members about the background, which are analysed at so many places.
+///
+/// # Errors
+/// As [`Ensemble::draw`]; [`Error::TooLarge`] if the analysis of the most observations does not fit into the memory limit.
+pub(super) fn with_analysis<A: EnsembleAnalysis>(
+    problem: Problem<dyn Model>,
+    settings: EnsembleSettings,
+    places: usize,
+    analysis: A,
+) -> Result<EnsembleFilter<A>, Error> {
+    require_memory(&problem, settings.members, &analysis, problem.most_observations)?;
+    Ok(EnsembleFilter { cycle: EnsembleCycle::new(problem, settings, places)?, analysis })
 }
 
 /// Fails unless there is memory for the members, their perturbations before and after and the draws of Q; the priors of the

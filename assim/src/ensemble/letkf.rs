@@ -2,7 +2,7 @@
 
 use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
-use super::filter::{EnsembleAnalysis, EnsembleFilter};
+use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis};
 use super::localization::Taper;
 use super::members::ObservedEnsemble;
 use super::moments::Moments;
@@ -83,7 +83,7 @@ impl LocalEnsembleTransformKalmanFilter {
         let local = local.into_iter().map(|(number, (x_m, y_m))| (number, layout.grid.cell_at(x_m, y_m))).collect();
         let (places, reach) = (grid.points().len(), taper.reach());
         let analysis = LocalTransform { taper, grid: Arc::new(grid), cross, reach, shared, local };
-        Self::with_analysis(problem, settings, places, analysis)
+        with_analysis(problem, settings, places, analysis)
     }
 
     /// Mean and spread of the members.

@@ -2,7 +2,7 @@
 
 use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
-use super::filter::{EnsembleAnalysis, EnsembleFilter};
+use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis};
 use super::localization::Taper;
 use super::members::ObservedEnsemble;
 use super::moments::Moments;
@@ -55,7 +55,7 @@ impl StochasticEnsembleKalmanFilter {
         let cross = cross_taper(grid, &taper);
         let ByPlacement { shared, local } = problem.estimated_calibration().by_placement();
         let analysis = PerturbedObservations { taper, cross, shared, local };
-        Self::with_analysis(problem, settings, 1, analysis)
+        with_analysis(problem, settings, 1, analysis)
     }
 }
 

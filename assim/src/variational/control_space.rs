@@ -35,11 +35,6 @@ impl<'a> ControlSpace<'a> {
         self.bias_root.nrows()
     }
 
-    /// The length of χ.
-    pub fn state_controls(&self) -> usize {
-        self.covariance.control_len()
-    }
-
     /// σ of the error of a parameter.
     pub fn bias_sigma(&self, parameter: usize) -> f64 {
         let row = self.bias_root.row(parameter);

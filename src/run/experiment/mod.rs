@@ -110,6 +110,10 @@ pub struct Checked {
     pub warnings: Vec<String>,
 }
 
+/// The most values of a state for which a check sets up the methods: beyond, that takes minutes, and is left to the run, which
+/// refuses what does not fit before its first cycle.
+const MOST_SET_UP: usize = 200_000;
+
 /// Whether a scenario's model, initial state, covariances and observing systems fit together.
 ///
 /// # Errors
@@ -117,8 +121,10 @@ pub struct Checked {
 pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
     let ground = ground(scenario, scenario.seed, scenario.cycle.count)?;
     // What a method refuses depends on all that it is given, so that each is set up for once.
-    for name in scenario.methods.keys() {
-        method(&ground.problem, name, scenario)?;
+    if ground.problem.background.values().len() <= MOST_SET_UP {
+        for name in scenario.methods.keys() {
+            method(&ground.problem, name, scenario)?;
+        }
     }
     let mut warnings = notices::warnings(scenario, &ground.observing, scenario.cycle.count);
     warnings.extend(notices::of_methods(scenario, |_| true));

@@ -11,7 +11,6 @@ use factors::{FactorSettings, MOST};
 use isobar_assim::fast_kalman::FastKalmanSettings;
 use isobar_assim::time_volume::{Candidate, Corrections, TimeVolume, TimeVolumeSettings};
 use isobar_assim::{Assimilator, Error};
-use isobar_obs::Calibration;
 use std::sync::Arc;
 
 /// The most corrections of a model.
