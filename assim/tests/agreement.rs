@@ -175,10 +175,11 @@ fn dropping_the_coupling_with_the_biases_costs_bias_accuracy_and_spoils_its_clai
     let [carry, drop] = [0, 1].map(|number| (claims[number] / squared_error[number]).sqrt());
     let claim = (claims[1] / claims[0]).sqrt();
     println!("dropped: bias RMSE ×{loss:.3}, claimed σ ×{claim:.3}; claimed over actual {carry:.3} carried, {drop:.3}");
-    // Both see the same observations: the loss is significant although 300 errors know an RMSE to 4 % only.
-    assert!(loss > 1.01, "{loss}");
+    // Both see the same observations: the loss, 5 %, is significant although 300 errors know an RMSE to 4 % only. The claims
+    // do not depend on the data.
+    assert!((1.03..1.07).contains(&loss), "{loss}");
     assert!((carry - 1.0).abs() < 0.12, "the Kalman filter's claim is right: {carry}");
-    assert!(claim > 1.02, "{claim}");
+    assert!((1.035..1.045).contains(&claim), "{claim}");
 }
 
 #[test]
