@@ -19,14 +19,11 @@ const LONGEST: usize = 500;
 pub(crate) fn clean(text: &str) -> String {
     let mut cleaned = String::new();
     for (number, character) in text.chars().enumerate() {
-        match is_unprintable(character) {
-            _ if number == LONGEST => {
-                cleaned.push('…');
-                break;
-            }
-            true => cleaned.extend(character.escape_unicode()),
-            false => cleaned.push(character),
+        if number == LONGEST {
+            cleaned.push('…');
+            break;
         }
+        push_printable(&mut cleaned, character, is_unprintable(character));
     }
     cleaned
 }
@@ -40,12 +37,13 @@ pub(crate) fn clean_lines(text: &str) -> String {
 pub(crate) fn printable(text: &str) -> String {
     let mut printable = String::with_capacity(text.len());
     for character in text.chars() {
-        match is_unprintable(character) && character != '\n' {
-            true => printable.extend(character.escape_unicode()),
-            false => printable.push(character),
-        }
+        push_printable(&mut printable, character, is_unprintable(character) && character != '\n');
     }
     printable
+}
+
+fn push_printable(text: &mut String, character: char, is_escaped: bool) {
+    if is_escaped { text.extend(character.escape_unicode()) } else { text.push(character) }
 }
 
 /// The text with question marks for unprintable characters, one for each byte, so that places in it stay the same.

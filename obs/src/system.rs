@@ -1,21 +1,22 @@
 //! The observing system of an experiment: all of its networks, and their true biases as time goes by.
 
-use crate::air_mass::AirMassOperator;
 use crate::bias::BiasProcess;
 use crate::biases::Biases;
 use crate::calibration::{Calibration, Parameter};
 use crate::error::ObservationError;
 use crate::faults::Faults;
+use crate::general_operator::GeneralOperator;
 use crate::instrument::Instrument;
 use crate::jacobian::Jacobian;
 use crate::network::{Network, Schedule};
 use crate::observation::{Arrival, Observation, Reading};
-use crate::operator::{LinearOperator, ObservationOperator};
+use crate::operator::LinearOperator;
 use crate::projection::Projection;
 use crate::quality::{self, QualityControl, Reference};
 use crate::recorded_use::RecordedUse;
 use crate::rejection::{RejectedObservation, Rejection};
 use crate::site::Site;
+use crate::state_operator::StateOperator;
 use crate::station::{LeftOutStation, Station};
 use crate::window::ObservationWindow;
 use isobar_model::{Duration, Layout, State, Time};
@@ -262,7 +263,7 @@ impl ObservingSystem {
         for member in &mut self.members {
             let arrive = |observation: Observation| {
                 let (value_bias_removed, time) = match observation.reading {
-                    Reading::Error(error) => (dot(&observation.state_row, truth.values()) + error, time),
+                    Reading::Error(error) => (observation.state.value(truth) + error, time),
                     Reading::Recorded { value, time, .. } => (value, time),
                 };
                 let value = value_bias_removed + observation.bias(truth, self.biases.values());
@@ -280,19 +281,24 @@ impl ObservingSystem {
 
     fn window(&mut self, time: Time, arrivals: Vec<Arrival>, rejections: &[Option<Rejection>]) -> ObservationWindow {
         let (mut reports, mut times, mut values, mut sigma) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let (mut rejected, mut predictors) = (Vec::new(), Vec::new());
+        let (mut rejected, mut nonlinear, mut predictors) = (Vec::new(), Vec::new(), Vec::new());
         let mut jacobian = Jacobian::default();
         self.values_bias_removed.clear();
         for (arrival, rejection) in arrivals.into_iter().zip(rejections) {
             let Arrival { observation, value, value_bias_removed, time } = arrival;
-            let Observation {
-                report, sigma: its_sigma, state_row, calibration_row, predictors: its_predictors, ..
-            } = observation;
+            let Observation { report, sigma: its_sigma, state, calibration_row, predictors: its_predictors, .. } =
+                observation;
             if let Some(rejection) = *rejection {
                 rejected.push(RejectedObservation { report, time, value, sigma: its_sigma, rejection });
                 continue;
             }
-            jacobian.state.push_row(state_row);
+            match state {
+                StateOperator::Linear(row) => jacobian.state.push_row(row),
+                StateOperator::Nonlinear(operator) => {
+                    nonlinear.push((values.len(), operator));
+                    jacobian.state.push_row([]);
+                }
+            }
             jacobian.calibration.push_row(calibration_row);
             predictors.push(its_predictors);
             values.push(value);
@@ -301,17 +307,7 @@ impl ObservingSystem {
             reports.push(report);
             times.push(time);
         }
-        let linear = LinearOperator { jacobian };
-        let operator: Arc<dyn ObservationOperator> = if predictors.iter().all(Vec::is_empty) {
-            Arc::new(linear)
-        } else {
-            Arc::new(AirMassOperator::new(linear, predictors))
-        };
+        let operator = GeneralOperator { linear: LinearOperator { jacobian }, nonlinear, predictors }.simplified();
         ObservationWindow { time, cycle: self.cycle, reports, times, values, sigma, rejected, operator }
     }
-}
-
-/// A sparse row times a vector.
-fn dot(row: &[(usize, f64)], x: &[f64]) -> f64 {
-    row.iter().map(|&(column, value)| value * x[column]).sum()
 }

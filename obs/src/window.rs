@@ -75,7 +75,7 @@ impl ObservationWindow {
     /// [`anchored`](ObservationOperator::anchored).
     pub fn anchored(&self, background: &State) -> Cow<'_, Self> {
         match self.operator.anchored(background) {
-            Some(operator) => Cow::Owned(Self { operator: Arc::new(operator), ..self.clone() }),
+            Some(operator) => Cow::Owned(Self { operator, ..self.clone() }),
             None => Cow::Borrowed(self),
         }
     }

@@ -46,8 +46,8 @@ impl ExperimentBuilder<'_> {
     ///
     /// # Errors
     /// As [`run()`].
-    pub fn run(self, options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, RunError> {
-        let scenario = self.scenario;
+    pub fn run(&self, options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, RunError> {
+        let scenario = &*self.scenario;
         let workers = ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0)).build()?;
         let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
         let open = if options.resume { OutputDirectory::resume } else { OutputDirectory::create };

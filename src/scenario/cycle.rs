@@ -62,7 +62,8 @@ pub(super) fn read(root: &Section<'_>, start: Time, steps: &[(&str, Duration)]) 
     Ok(CycleSettings { count, window, score_from_cycle })
 }
 
-pub(super) fn read_truth(root: &Section<'_>, model_field: &Field<'_>, domain: &Domain) -> Read<TruthSettings> {
+/// Reads `[truth]`; there is no field of a model that is given by code.
+pub(super) fn read_truth(root: &Section<'_>, model_field: Option<&Field<'_>>, domain: &Domain) -> Read<TruthSettings> {
     let mut truth = TruthSettings {
         model: domain.model.clone(),
         initial: None,
@@ -72,7 +73,10 @@ pub(super) fn read_truth(root: &Section<'_>, model_field: &Field<'_>, domain: &D
     let Some(field) = root.optional("truth") else { return Ok(truth) };
     let section = field.section(&["model", "initial", "model_error_scale", "background_error_scale"])?;
     if let Some(overrides) = section.optional("model") {
-        truth.model = models::read_with_overrides(model_field, &overrides, &domain.grid)?;
+        let Some(model) = model_field else {
+            return Err(overrides.misplaced("a model that is given by code has no keys".into(), "leave it out"));
+        };
+        truth.model = models::read_with_overrides(model, &overrides, &domain.grid)?;
     }
     if let Some(field) = section.optional("initial") {
         let domain = Domain { grid: domain.grid.clone(), model: truth.model.clone() };

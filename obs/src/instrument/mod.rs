@@ -3,6 +3,9 @@
 pub mod radiosonde;
 pub mod recorded;
 pub mod satellite;
+pub mod steady;
+
+pub use steady::Steady;
 
 use crate::error::{ObservationError, require};
 use crate::observation::Observation;

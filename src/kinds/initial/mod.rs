@@ -3,12 +3,14 @@
 mod cosine_wave;
 mod file;
 mod gaussian_hill;
+mod given;
 mod jet;
 mod random_balanced;
 mod rest;
 mod state;
 mod vortices;
 
+pub(crate) use given::GivenState;
 pub use state::{BalancedHeights, InitialState};
 
 use super::{Domain, Kinds};

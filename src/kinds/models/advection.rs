@@ -112,7 +112,7 @@ impl Kind<Wind, Grid> for VortexWind {
 pub(super) const VARIABLES: &[(&str, &str)] = &[("tracer", "1")];
 
 impl Equations for AdvectionSettings {
-    fn variables(&self) -> &'static [(&'static str, &'static str)] {
+    fn variables(&self) -> &[(&'static str, &'static str)] {
         VARIABLES
     }
 

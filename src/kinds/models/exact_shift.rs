@@ -46,7 +46,7 @@ impl Kind<dyn Equations, Grid> for ExactShiftKind {
 }
 
 impl Equations for ExactShiftSettings {
-    fn variables(&self) -> &'static [(&'static str, &'static str)] {
+    fn variables(&self) -> &[(&'static str, &'static str)] {
         advection::VARIABLES
     }
 

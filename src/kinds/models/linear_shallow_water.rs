@@ -52,7 +52,7 @@ impl Kind<dyn Equations, Grid> for LinearShallowWaterKind {
 }
 
 impl Equations for LinearWater {
-    fn variables(&self) -> &'static [(&'static str, &'static str)] {
+    fn variables(&self) -> &[(&'static str, &'static str)] {
         VARIABLES
     }
 

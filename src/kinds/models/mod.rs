@@ -3,6 +3,7 @@
 mod advection;
 mod equations;
 mod exact_shift;
+mod given;
 mod integration;
 mod linear_shallow_water;
 mod parameter;
@@ -10,6 +11,7 @@ mod shallow_water;
 mod water;
 
 pub use equations::Equations;
+pub(crate) use given::given;
 pub use parameter::{BasicState, Parameter};
 pub use water::Water;
 
@@ -41,7 +43,7 @@ pub struct Model {
 
 impl Model {
     /// The prognostic variables: name and unit, in the order in which a state holds them.
-    pub fn variables(&self) -> &'static [(&'static str, &'static str)] {
+    pub fn variables(&self) -> &[(&'static str, &'static str)] {
         self.equations.variables()
     }
 

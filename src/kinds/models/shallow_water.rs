@@ -29,7 +29,7 @@ impl Kind<dyn Equations, Grid> for ShallowWaterKind {
 }
 
 impl Equations for Water {
-    fn variables(&self) -> &'static [(&'static str, &'static str)] {
+    fn variables(&self) -> &[(&'static str, &'static str)] {
         VARIABLES
     }
 

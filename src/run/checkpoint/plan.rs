@@ -72,7 +72,7 @@ impl Plan {
             Some("it is of a run with other options")
         } else if self.inputs != other.inputs {
             Some(
-                "other methods were added to its scenario in code, or what it reads was different: a file of stations, \
+                "other methods or networks were added to its scenario in code, or what it reads was different: a file of stations, \
                  observations or fields, or the database of sensors has changed since",
             )
         } else {

@@ -25,6 +25,7 @@ use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem,
 use isobar_model::random::stream;
 use isobar_model::{Duration, check_time_step};
 use isobar_obs::ObservingSystem;
+use std::borrow::Cow;
 use std::path::Path;
 
 impl ExperimentError {
@@ -128,9 +129,9 @@ pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
 }
 
 impl Experiment {
-    /// A scenario, to which methods from code can be added.
+    /// A scenario, to which methods and networks from code can be added.
     pub fn builder(scenario: &Scenario) -> ExperimentBuilder<'_> {
-        ExperimentBuilder { scenario, added: Vec::new() }
+        ExperimentBuilder { scenario: Cow::Borrowed(scenario), added: Vec::new() }
     }
 }
 
@@ -138,14 +139,16 @@ impl ExperimentBuilder<'_> {
     /// Sets up the experiment.
     ///
     /// # Errors
-    /// Faults that the scenario's file alone does not show: files, stations, time steps, memory; the name of an added method.
-    pub fn build(self, options: &RunOptions) -> Result<Experiment, ExperimentError> {
+    /// Faults that the scenario's file alone does not show: files, stations, time steps, memory; the name of an added method
+    /// or network.
+    pub fn build(&self, options: &RunOptions) -> Result<Experiment, ExperimentError> {
         self.check_names()?;
-        let Self { scenario, added } = self;
+        let Self { added, .. } = self;
+        let scenario = &*self.scenario;
         let seed = options.seed.unwrap_or(scenario.seed);
         let cycles = options.cycles.unwrap_or(scenario.cycle.count);
         let Ground { problem, sensors, truth, observing } = ground(scenario, seed, cycles)?;
-        let inputs = checksum(scenario, &sensors, &added)?;
+        let inputs = checksum(scenario, &sensors, added)?;
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
         let freezing = scenario.stability.freeze_after_cycles.map(|after_cycle| Freezing {
             after_cycle,
@@ -178,7 +181,7 @@ impl ExperimentBuilder<'_> {
             let description = parts.into_iter().flatten().collect::<Vec<_>>().join(", ");
             infos.push(MethodInfo { name: name.clone(), description, smoother_lag_cycles });
         }
-        for AddedMethod { name, description, set_up } in added.into_iter().filter(|method| chosen(&method.name)) {
+        for AddedMethod { name, description, set_up } in added.iter().filter(|method| chosen(&method.name)) {
             let build = || {
                 let method = set_up(problem.clone())?;
                 let estimates_biases = method.can().calibration.is_some();
@@ -188,7 +191,7 @@ impl ExperimentBuilder<'_> {
             let runner = watched(runner);
             let smoother_lag_cycles = runner.smoother_lag();
             methods.push(Competitor { runner, failure: None, scores_bias: true, has_warned: false, bias_known: false });
-            infos.push(MethodInfo { name, description, smoother_lag_cycles });
+            infos.push(MethodInfo { name: name.clone(), description: description.clone(), smoother_lag_cycles });
         }
         let stations = observing.stations().iter().map(|station| StationInfo {
             network: station.network.clone(),
@@ -311,8 +314,8 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
     Ok(Ground { problem, sensors, truth, observing })
 }
 
-/// A checksum of the contents of a scenario's files, of what is known of its sensors and of the names of added methods: a run
-/// can be resumed only with the same.
+/// A checksum of the contents of a scenario's files, of what is known of its sensors and of the names of networks and added
+/// methods: a run can be resumed only with the same.
 fn checksum(scenario: &Scenario, sensors: &WarmStart, added: &[AddedMethod<'_>]) -> Result<u32, ExperimentError> {
     let failure = |path: &Path, reason: String| ExperimentError::File { path: path.to_path_buf(), reason };
     let mut checksum = crc32fast::Hasher::new();
@@ -323,7 +326,8 @@ fn checksum(scenario: &Scenario, sensors: &WarmStart, added: &[AddedMethod<'_>])
     }
     let knowledge = postcard::to_stdvec(&(&sensors.calibration, &sensors.knowledge));
     checksum.update(&knowledge.map_err(|error| failure(&scenario.path, error.to_string()))?);
-    for AddedMethod { name, .. } in added {
+    let networks = scenario.networks.iter().map(|network| &network.name);
+    for name in networks.chain(added.iter().map(|method| &method.name)) {
         checksum.update(&[name.len() as u8]);
         checksum.update(name.as_bytes());
     }
