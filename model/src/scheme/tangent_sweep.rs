@@ -234,7 +234,11 @@ impl<'a> TangentWavefront<'a> {
         let d_slope = &mut self.dx.slopes[stage].row_mut(known)[span.increments()];
         self.streams[stage].push(
             row.rem_euclid(self.grid.ny as isize) as usize,
-            Pushed { south: span.of_state(x, row - 1), north: span.of_state(x, row), tendency: &mut self.row[..span.len()] },
+            Pushed {
+                south: span.of_state(x, row - 1),
+                north: span.of_state(x, row),
+                tendency: &mut self.row[..span.len()],
+            },
             Pushed {
                 south: &dx.row(row - 1)[span.increments()],
                 north: &dx.row(row)[span.increments()],
