@@ -23,12 +23,8 @@ use std::sync::Arc;
 use toml::de::{DeTable, DeValue};
 
 /// All kinds of models.
-pub(crate) const MODELS: &Kinds<dyn Equations, Grid> = &[
-    &shallow_water::ShallowWaterKind,
-    &linear_shallow_water::LinearShallowWaterKind,
-    &advection::AdvectionKind,
-    &exact_shift::ExactShiftKind,
-];
+pub(crate) const MODELS: &Kinds<dyn Equations, Grid> =
+    &[&shallow_water::KIND, &linear_shallow_water::KIND, &advection::KIND, &exact_shift::KIND];
 
 /// The forecast model.
 #[derive(Clone, Debug)]
@@ -99,14 +95,14 @@ impl Model {
 /// asked before the grid is read, and so before the model can be.
 pub(crate) fn needs_neighbours(root: &Section<'_>) -> bool {
     let kind = root.optional("model").and_then(|field| field.any_section().ok()?.optional("kind"));
-    kind.is_none_or(|kind| kind.value.get_ref().as_str() != Some(exact_shift::ExactShiftKind.name()))
+    kind.is_none_or(|kind| kind.value.get_ref().as_str() != Some(exact_shift::KIND.name))
 }
 
 /// Reads `[model]`.
 pub(crate) fn read(field: &Field<'_>, grid: &Grid) -> Read<Model> {
     let (kind, section) = choose(field, MODELS, grid)?;
     let time_step = Duration::from_seconds(section.get(&TIME_STEP_S)?);
-    Ok(Model { kind: kind.name(), time_step, equations: kind.read(&section, grid)?.into() })
+    Ok(Model { kind: kind.name, time_step, equations: (kind.read)(&section, grid)?.into() })
 }
 
 /// The truth's model: `[model]` with single keys replaced by those of `overrides`.
