@@ -77,6 +77,7 @@ methods.free = { kind = "free" }
 methods.fkf = { kind = "fkf", factors = 60 }
 "#;
 
+/// Runs the experiment.
 pub fn run(options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, Box<dyn Error>> {
     let scenario = Scenario::parse(Path::new("own_instrument.toml"), SCENARIO)?;
     Ok(Experiment::builder(&scenario).network(Network::new("masts", Anemometers(5))).run(options, listener)?)

@@ -48,10 +48,12 @@ methods.free = { kind = "free" }
 methods.etkf = { kind = "etkf", members = 40 }
 "#;
 
+/// The experiment without the method.
 pub fn scenario() -> Scenario {
     Scenario::parse(Path::new("own_method.toml"), SCENARIO).expect("a valid scenario")
 }
 
+/// The experiment with it.
 pub fn experiment(scenario: &Scenario) -> ExperimentBuilder<'_> {
     Experiment::builder(scenario).method("denkf", "deterministic ensemble Kalman filter with 40 members", |problem| {
         EnsembleFilter::by(DeterministicEnkf, problem, EnsembleSettings::new(40, 1.03))

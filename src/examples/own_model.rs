@@ -89,6 +89,7 @@ cycle = { count = 1000, window_hours = 6, score_from_cycle = 201 }
 methods.etkf = { kind = "etkf", members = 24, inflation = 1.02 }
 "#;
 
+/// Runs the experiment.
 pub fn run(options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, Box<dyn Error>> {
     let (layout, step) = (Layout::ring(POINTS, "x", "1"), Duration::from_seconds(21_600));
     let mut background = State::from_values(&layout, (0..POINTS).map(|i| 8.0 + (i as f64).sin()).collect());

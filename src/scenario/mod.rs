@@ -161,7 +161,7 @@ impl Scenario {
         if background.layout() != model.layout() {
             return Err(ScenarioError::of_file(path, "the background is not a state of the given model"));
         }
-        Self::read(path, text, Some((models::given(Arc::new(model)), background)))
+        Self::read(path, text, Some((Model::given(Arc::new(model)), background)))
     }
 
     fn read(path: &Path, text: &str, given: Option<(Model, State)>) -> Result<Self, ScenarioError> {

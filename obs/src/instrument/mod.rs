@@ -5,8 +5,6 @@ pub mod recorded;
 pub mod satellite;
 pub mod steady;
 
-pub use steady::Steady;
-
 use crate::error::{ObservationError, require};
 use crate::observation::Observation;
 use crate::recorded_use::RecordedUse;

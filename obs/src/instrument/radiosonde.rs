@@ -1,6 +1,7 @@
 //! Radiosondes: networks of stations that report the state at a point.
 
-use super::{Instrument, InstrumentSettings, ObservedVariable, Steady};
+use super::steady::Steady;
+use super::{Instrument, InstrumentSettings, ObservedVariable};
 use crate::bias::BiasProcess;
 use crate::calibration::Placement;
 use crate::error::{ObservationError, list};

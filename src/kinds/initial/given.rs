@@ -1,6 +1,6 @@
 //! A first background that is made by code.
 
-use super::InitialState;
+use super::state::InitialState;
 use crate::kinds::Domain;
 use isobar_model::{ModelError, State};
 

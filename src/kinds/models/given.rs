@@ -1,23 +1,23 @@
 //! A model that is made by code.
 
-use super::{Equations, Model};
+use super::equations::Equations;
 use isobar_model::{Adjoint, Duration, Grid, ModelError};
 use std::fmt::{self, Debug, Formatter};
 use std::sync::Arc;
 
-/// What the scenario's kind of model is called if it is made by code.
-const KIND: &str = "given by code";
-
+/// A model that is made by code, with the grid and the parameters that it has.
 #[derive(Clone)]
-struct GivenModel {
+pub(super) struct GivenModel {
     model: Arc<dyn Adjoint>,
     variables: Vec<(&'static str, &'static str)>,
 }
 
-/// The settings of a model that is made by code.
-pub(crate) fn given(model: Arc<dyn Adjoint>) -> Model {
-    let variables = model.layout().variables.iter().map(|variable| (variable.name, variable.unit)).collect();
-    Model { kind: KIND, time_step: model.time_step(), equations: Arc::new(GivenModel { model, variables }) }
+impl GivenModel {
+    /// The settings of this model.
+    pub fn new(model: Arc<dyn Adjoint>) -> Self {
+        let variables = model.layout().variables.iter().map(|variable| (variable.name, variable.unit)).collect();
+        Self { model, variables }
+    }
 }
 
 impl Debug for GivenModel {

@@ -11,12 +11,12 @@ mod shallow_water;
 mod water;
 
 pub use equations::Equations;
-pub(crate) use given::given;
 pub use parameter::{BasicState, Parameter};
 pub use water::Water;
 
 use super::{Kind, Kinds, choose};
 use crate::reader::{Field, Read, Section};
+use given::GivenModel;
 use integration::TIME_STEP_S;
 use isobar_model::{Adjoint, Duration, Grid, ModelError};
 use std::sync::Arc;
@@ -38,6 +38,11 @@ pub struct Model {
 }
 
 impl Model {
+    /// A model that is made by code.
+    pub(crate) fn given(model: Arc<dyn Adjoint>) -> Self {
+        Self { kind: "given by code", time_step: model.time_step(), equations: Arc::new(GivenModel::new(model)) }
+    }
+
     /// The prognostic variables: name and unit, in the order in which a state holds them.
     pub fn variables(&self) -> &[(&'static str, &'static str)] {
         self.equations.variables()
@@ -77,7 +82,7 @@ impl Model {
     /// Why there is no such model.
     pub fn build_coarser(&self, grid: &Grid, cycle: Duration, factor: usize) -> Result<Arc<dyn Adjoint>, String> {
         if !self.equations.has_other_resolutions() {
-            return Err("an exact shift by whole cells has no coarser grid".into());
+            return Err("an exact shift by whole cells, and a model that is given by code, have no coarser grid".into());
         }
         let Grid { nx, ny, dx_m, dy_m, boundary } = *grid;
         let width = factor as f64;

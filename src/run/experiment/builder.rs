@@ -45,7 +45,7 @@ impl<'a> ExperimentBuilder<'a> {
         set_up: impl Fn(Problem) -> Result<M, Error> + Send + Sync + 'a,
     ) -> Self {
         let (name, description) = (name.to_string(), description.to_string());
-        let set_up = move |problem| Ok(Box::new(set_up(problem)?) as Box<dyn Assimilator>);
+        let set_up = move |problem: Problem| -> Result<Box<dyn Assimilator>, Error> { Ok(Box::new(set_up(problem)?)) };
         self.added.push(AddedMethod { name, description, set_up: Box::new(set_up) });
         self
     }
