@@ -59,8 +59,8 @@ impl Tendency for Lorenz96 {
     }
 
     fn spectral_bounds(&self, x: &[f64]) -> SpectralBounds {
-        let largest = x.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
-        SpectralBounds { oscillation_per_s: 4.0 * largest / UNIT_S, damping_per_s: 1.0 / UNIT_S }
+        let rows = points().map(|[a, b, _, c]| 2.0 * x[b].abs() + (x[c] - x[a]).abs());
+        SpectralBounds { oscillation_per_s: rows.fold(0.0, f64::max) / UNIT_S, damping_per_s: 1.0 / UNIT_S }
     }
 }
 
