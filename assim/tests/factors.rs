@@ -153,6 +153,8 @@ fn the_factor_settings_that_make_no_sense_are_refused() {
     assert_eq!(error(settings), "41 common factors are more than the 40 variables they describe");
     (settings.factors, settings.bias_coupling) = (3, BiasCoupling::Drop);
     assert!(error(settings).contains("have no factors"));
+    settings.factors = 0;
+    assert!(error(settings).contains("forecast the blocks exactly"));
 }
 
 #[test]

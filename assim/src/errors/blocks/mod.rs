@@ -257,6 +257,15 @@ impl Errors for BlockErrors {
         variances
     }
 
+    fn part(&self, number: usize) -> Option<String> {
+        let Frame { blocks, local, layout, .. } = &*self.frame;
+        let variable = match number.checked_sub(layout.len()) {
+            None => Some(number),
+            Some(parameter) => local.iter().position(|&own| own == parameter).map(|own| layout.len() + own),
+        };
+        variable.map(|variable| blocks.describe(blocks.place(variable).0, layout))
+    }
+
     fn multiply(&self, h: &[f64]) -> Vec<f64> {
         self.product(h)
     }
@@ -302,4 +311,64 @@ fn state_scales(operator: &dyn Covariance, layout: &Layout) -> Vec<f64> {
         if variance > 0.0 { variance.sqrt() } else { 1.0 }
     };
     (0..layout.variables.len()).flat_map(|variable| std::iter::repeat_n(scale(variable), cells)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::problem::BiasTreatment;
+    use isobar_model::{Boundary, Duration, Grid, Location, Model, State, Variable};
+    use isobar_obs::Calibration;
+
+    /// What nothing moves.
+    struct AtRest(Arc<Layout>);
+
+    impl Model for AtRest {
+        fn layout(&self) -> &Arc<Layout> {
+            &self.0
+        }
+        fn time_step(&self) -> Duration {
+            Duration::from_seconds(60)
+        }
+        fn largest_time_step_s(&self, _: &State) -> f64 {
+            f64::INFINITY
+        }
+        fn step(&self, _: &mut State) {}
+    }
+
+    impl TangentLinear for AtRest {
+        fn step_tl(&self, _: &State, _: &mut [f64]) {}
+    }
+
+    #[test]
+    fn a_negative_variance_is_named_with_its_block() {
+        let name = "h";
+        let variable = Variable { name, long_name: name, standard_name: None, unit: "m", location: Location::Center };
+        let grid = Grid { nx: 4, ny: 3, dx_m: 1.0, dy_m: 1.0, boundary: Boundary::Periodic };
+        let layout = Arc::new(Layout { grid, variables: vec![variable] });
+        let problem = Problem::<dyn TangentLinear> {
+            background: State::zeros(&layout),
+            background_error: Arc::new(covariance::White::new(&layout, 0, 1.0)),
+            model_error: None,
+            calibration: Calibration::default(),
+            bias: BiasTreatment::Estimate,
+            memory_limit_bytes: 1 << 30,
+            model: Arc::new(AtRest(Arc::clone(&layout))),
+        };
+        let settings = FastKalmanSettings {
+            blocks: BlockShape::Cell,
+            bias_coupling: BiasCoupling::Carry,
+            factors: 0,
+            retained_energy: 1.0,
+            residual: Residual::Persist,
+            largest_component: usize::MAX,
+            separator_factors: 0,
+            factor_precision: Precision::Double,
+        };
+        let mut filter = FastKalmanFilter::new(problem, settings).unwrap();
+        filter.belief.errors.memory.covariance.own.values_mut()[6] = -0.5;
+        let error = filter.belief.estimate(&filter.calibration).unwrap_err().to_string();
+        let expected = "the variance of h at row 1, column 2 in block 6 (row 1, column 2) is -0.5";
+        assert!(error.contains(expected), "{error}");
+    }
 }
