@@ -114,7 +114,7 @@ kf = { kind = "kf" }
     }
     for (name, kind, rest) in [
         ("etkf", "etkf", "members = 14"),
-        ("etkf_large", "etkf", "members = 140, model_error = \"square_root\""),
+        ("etkf_large", "etkf", "members = 140, model_error_treatment = \"square_root\""),
         ("letkf", "letkf", "members = 9, localization_radius_km = 600"),
         ("enkf", "enkf", "members = 12, localization_radius_km = 600"),
         ("hybrid", "hybrid_3dvar", "members = 9, localization_radius_km = 600, ensemble_weight = 0.5"),

@@ -5,9 +5,9 @@ const ROUNDING: f64 = 1e-9;
 
 /// The index of the largest of some values that are not negative: of those that are equal to it but for rounding, the
 /// first. `None` if there are no values.
-pub(crate) fn first_largest(values: impl Iterator<Item = f64> + Clone) -> Option<usize> {
+pub(crate) fn first_largest(mut values: impl Iterator<Item = f64> + Clone) -> Option<usize> {
     let largest = values.clone().fold(0.0, f64::max);
-    values.into_iter().position(|value| value >= largest * (1.0 - ROUNDING))
+    values.position(|value| value >= largest * (1.0 - ROUNDING))
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use isobar_assim::variational::{
 };
 use isobar_assim::{Assimilator, Problem, covariance};
 use isobar_model::random::{standard_normals, stream};
-use isobar_model::{Grid, Layout, Model, State};
+use isobar_model::{Grid, Layout, State};
 use isobar_obs::{Jacobian, LinearOperator, ObservationWindow, SparseRows};
 use std::sync::Arc;
 

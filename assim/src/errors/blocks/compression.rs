@@ -99,10 +99,18 @@ pub(super) fn join_and_compress(
     recombination.as_mut().get_mut(.., ..p).copy_from(rotation.as_ref().get(.., ..p));
     recombination.as_mut().get_mut(.., p..).copy_from(of_rest);
     own.add_factors(blocks, 1.0, factors);
+    let mut all = vec![0.0; blocks.variables()];
+    own.add_variances(blocks, &mut all);
     factors.recombine(joining.model_error, recombination.as_ref());
     own.add_factors(blocks, -1.0, factors);
+    own.clear_rounding(blocks, &all, rounding(r + q));
     factors.shared = Matrix(Mat::zeros(p, p + kept));
     factors.shared.as_mut().get_mut(.., ..p).copy_from(&carried);
+}
+
+/// Rounding of a variance as a sum over so many factors, of which as much is taken as was put in.
+pub(super) fn rounding(factors: usize) -> f64 {
+    8.0 * f64::EPSILON * (factors as f64).sqrt()
 }
 
 #[cfg(test)]

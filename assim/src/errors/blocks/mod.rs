@@ -51,6 +51,7 @@ use crate::problem::{Innovations, Problem};
 use crate::tall_matrix::TallMatrix;
 use block_diagonal::BlockDiagonal;
 use coarse_grid::CoarseGrid;
+use compression::rounding;
 use factored_covariance::FactoredCovariance;
 use faer::{Mat, MatRef};
 use grid_blocks::Blocks;
@@ -191,6 +192,8 @@ impl BlockErrors {
         state.prepend(p);
         let factors = factors::with_priors(state, &calibration, &shared, &local)?;
         let mut own = BlockDiagonal::of(&*problem.background_error, &blocks);
+        let mut all = vec![0.0; blocks.variables()];
+        own.add_variances(&blocks, &mut all);
         own.add_factors(&blocks, -1.0, &factors);
         // What the factors hold of it has just been taken out.
         for (i, &number) in local.iter().enumerate() {
@@ -201,6 +204,8 @@ impl BlockErrors {
                 }
             }
         }
+        local.iter().zip(&mut all[m..]).for_each(|(&number, all)| *all = sigma_prior(number).powi(2));
+        own.clear_rounding(&blocks, &all, rounding(factors.columns()));
         let memory = Memory { covariance: FactoredCovariance { own, linked: Vec::new(), factors }, random };
         let memory_limit_bytes = problem.memory_limit_bytes;
         let frame = Frame { settings, layout, blocks, local, shared, model_error, scales, memory_limit_bytes };
