@@ -204,7 +204,7 @@ impl BlockErrors {
                 }
             }
         }
-        local.iter().zip(&mut all[m..]).for_each(|(&number, all)| *all = sigma_prior(number).powi(2));
+        local.iter().zip(&mut all[m..]).for_each(|(&number, all)| *all = calibration.prior_covariance(number, number));
         own.clear_rounding(&blocks, &all, rounding(factors.columns()));
         let memory = Memory { covariance: FactoredCovariance { own, linked: Vec::new(), factors }, random };
         let memory_limit_bytes = problem.memory_limit_bytes;
