@@ -180,6 +180,8 @@ impl Scenario {
             freezes: stability.freeze_after_cycles.is_some(),
             networks: networks.iter().map(|network| network.name.clone()).collect(),
             has_model_error: !model_error.is_empty(),
+            error_length_m: covariances::shortest_length_m(&model_error)
+                .or_else(|| covariances::shortest_length_m(&background_error)),
         };
         let methods = read_methods(&root, &surroundings)?;
         let initialise = initialise::read(&root, &methods, cycle.count)?;

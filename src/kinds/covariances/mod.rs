@@ -45,3 +45,8 @@ pub fn build(components: &Components, layout: &Layout) -> Result<Arc<dyn Covaria
     let terms = components.iter().map(|component| component.build(layout)).collect::<Result<Vec<_>, _>>()?;
     Ok(Arc::new(Sum::new(layout.len(), terms)))
 }
+
+/// The shortest correlation length of the components \[m\], if any has one.
+pub fn shortest_length_m(components: &Components) -> Option<f64> {
+    components.iter().filter_map(|component| component.length_m()).reduce(f64::min)
+}

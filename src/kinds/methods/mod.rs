@@ -13,6 +13,7 @@ mod free;
 mod hybrid;
 mod kalman;
 mod letkf;
+mod local_factors;
 mod optimal_interpolation;
 mod serial_kalman;
 mod settings;

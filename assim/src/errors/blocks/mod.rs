@@ -29,7 +29,7 @@ mod free_columns;
 mod grid_blocks;
 mod nested;
 mod product;
-mod residual;
+pub(super) mod residual;
 mod separation;
 mod settings;
 mod solution;
@@ -39,6 +39,9 @@ pub use crate::tall_matrix::Precision;
 pub use grid_blocks::BlockShape;
 pub use settings::{BiasCoupling, FastKalmanSettings, Residual};
 
+pub(super) use analysis::{check_component, component_size, update_rows};
+pub(super) use block_diagonal::BlockDiagonal;
+pub(super) use grid_blocks::Blocks;
 pub(crate) use factors::Factors;
 pub(crate) use solution::{Increments, SplitRows};
 
@@ -49,11 +52,9 @@ use crate::filter::{Cycle, ErrorBlocks, Errors, Filter, Fit};
 use crate::memory::require;
 use crate::problem::{Innovations, Problem};
 use crate::tall_matrix::TallMatrix;
-use block_diagonal::BlockDiagonal;
 use coarse_grid::CoarseGrid;
 use factored_covariance::FactoredCovariance;
 use faer::{Mat, MatRef};
-use grid_blocks::Blocks;
 use isobar_model::{Layout, TangentLinear, random};
 use isobar_obs::ByPlacement;
 use rand_chacha::ChaCha8Rng;
@@ -294,7 +295,7 @@ impl Errors for BlockErrors {
 }
 
 /// The standard deviation of each variable in the middle of the domain, for every value of the state.
-fn state_scales(operator: &dyn Covariance, layout: &Layout) -> Vec<f64> {
+pub(super) fn state_scales(operator: &dyn Covariance, layout: &Layout) -> Vec<f64> {
     let (cells, grid) = (layout.grid.cells(), &layout.grid);
     let middle = grid.ny / 2 * grid.nx + grid.nx / 2;
     let scale = |variable: usize| {
