@@ -53,6 +53,9 @@ impl LocalErrors {
         for component in &components {
             check_component(blocks, component, frame.memory_limit_bytes)?;
         }
+        if innovations.len() == 0 {
+            return Ok(Fit { chi2: 0.0, partition: Some(self.report(&components, self.columns())) });
+        }
         let tiles_of = |component: &Component| {
             let entries = component.observations.iter().flat_map(|&row| rows.block.row(row));
             let mut tiles: Vec<usize> =
@@ -88,7 +91,7 @@ impl LocalErrors {
         for (&number, change) in local.iter().zip(of_local).chain(shared.iter().zip(&solved.border)) {
             s.bias[number] += change;
         }
-        Ok(Fit { chi2: solved.chi2, partition: Some(self.report(&components, counts.iter().sum())) })
+        Ok(Fit { chi2: solved.chi2, partition: Some(self.report(&components, self.columns())) })
     }
 
     /// Gives each tile's factors rows for all variables of the components that see it.
@@ -206,6 +209,11 @@ impl LocalErrors {
         let (inside, outside): (Vec<_>, Vec<_>) = rooted.into_iter().unzip();
         add_to_blocks(&mut self.memory.own, blocks, 1.0, &outside);
         self.memory.factors = inside;
+    }
+
+    /// The factors of all tiles.
+    fn columns(&self) -> usize {
+        self.memory.factors.iter().map(LocalFactors::columns).sum()
     }
 
     fn report(&self, components: &[Component], factors: usize) -> PartitionReport {
