@@ -20,6 +20,7 @@ mod keys;
 mod live;
 mod observations;
 mod outputs;
+mod paths;
 mod profilers;
 mod published;
 mod recorded_files;

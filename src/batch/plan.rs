@@ -46,7 +46,7 @@ impl BatchPlan {
     /// If the directory cannot be created, or something else is there.
     pub fn begin(scenario: &Scenario, options: &RunOptions, kind: BatchKind) -> Result<OutputDirectory, Report> {
         let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
-        let open = if options.resume { OutputDirectory::resume_batch } else { OutputDirectory::create };
+        let open = if options.resume { OutputDirectory::resume_batch } else { OutputDirectory::create_batch };
         let directory = open(options.out.clone(), existing).into_diagnostic()?;
         let plan = Self { version: crate::VERSION.into(), run: PlannedRun::new(scenario, options), kind };
         plan.write(directory.working()).into_diagnostic()?;

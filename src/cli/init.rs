@@ -1,9 +1,10 @@
 //! `isobar init`.
 
 use super::console::print;
+use crate::safe_file;
 use crate::text::clean;
 use miette::{Report, miette};
-use std::io::{ErrorKind, Write};
+use std::io::ErrorKind;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -13,8 +14,7 @@ const TEMPLATE: &str = include_str!("template.toml");
 /// Writes the template to a file that does not exist yet.
 pub fn init(path: &Path) -> Result<ExitCode, Report> {
     let shown = clean(&path.display().to_string());
-    let file = std::fs::OpenOptions::new().write(true).create_new(true).open(path);
-    match file.and_then(|mut file| file.write_all(TEMPLATE.as_bytes())) {
+    match safe_file::write_new(path, TEMPLATE.as_bytes()) {
         Ok(()) => {
             print(&format!("wrote {shown}; now: isobar check {shown} && isobar run {shown}"))?;
             Ok(ExitCode::SUCCESS)

@@ -2,27 +2,52 @@
 
 use crate::options::RunOptions;
 use crate::output::Sink;
-use crate::output::directory::{checkpoints, working};
-use crate::run::{self, RunError};
+use crate::output::directory::{Stage, checkpoints, stage};
+use crate::output::working;
+use crate::run::{self, Afterwards, RunError};
 use crate::scenario::Scenario;
 use crate::scores::Summary;
 use crate::text::{clean, listed, nearest};
 use miette::{Report, miette};
+use std::path::Path;
 
 /// Runs a scenario. An error names the scenario, and what of the run is kept.
 pub fn run_scenario(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, Report> {
-    run::run(scenario, options, listener).map_err(|error| match error {
+    run::run(scenario, options, listener).map_err(|error| report(error, scenario, options))
+}
+
+/// The same with something to be done once the outputs are complete.
+pub fn run_scenario_then(
+    scenario: &Scenario,
+    options: &RunOptions,
+    listener: &mut dyn Sink,
+    afterwards: Afterwards<'_>,
+) -> Result<Summary, Report> {
+    run::run_then(scenario, options, listener, afterwards).map_err(|error| report(error, scenario, options))
+}
+
+fn report(error: RunError, scenario: &Scenario, options: &RunOptions) -> Report {
+    match error {
         RunError::Experiment(error) => error.locate(scenario).into(),
         RunError::Place(error) => miette!("{}: {error}", scenario.name),
         error => {
-            let kept = working(&options.out).ok().and_then(|working| Some(checkpoints(&working).first()?.0));
-            let help = kept.map_or("nothing of the run is kept".to_string(), |cycle| {
-                let out = options.out.display();
-                format!("the run is kept up to cycle {cycle}: `isobar resume {out}` continues it")
-            });
+            let help = kept(&options.out);
             miette!(help = help, "{}: {error}", scenario.name)
         }
-    })
+    }
+}
+
+/// What is kept of a run that has ended early, and how it goes on.
+fn kept(out: &Path) -> String {
+    let shown = clean(&out.display().to_string());
+    let cycle = working::path(out).ok().and_then(|working| Some(checkpoints(&working).first()?.0));
+    match (stage(out), cycle) {
+        (Ok(Stage::Complete | Stage::Published), _) => {
+            format!("the run is complete: `isobar resume {shown}` does the rest, once that is possible")
+        }
+        (_, Some(cycle)) => format!("the run is kept up to cycle {cycle}: `isobar resume {shown}` continues it"),
+        _ => "nothing of the run is kept".to_string(),
+    }
 }
 
 /// Refuses a method that the scenario does not have.

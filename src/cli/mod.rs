@@ -18,6 +18,7 @@ mod seeds;
 mod sensors;
 mod sweep;
 mod view;
+mod write_back;
 
 use crate::interrupt;
 use arguments::{Arguments, Command};

@@ -3,29 +3,51 @@
 use crate::options::{CheckpointPolicy, RunOptions};
 use crate::run::experiment::Experiment;
 use crate::scenario::{Scenario, ScenarioError};
+use percent_encoding::{AsciiSet, CONTROLS, percent_decode_str, percent_encode};
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
+use std::path::{Path, PathBuf, absolute};
+
+/// What of a path is encoded: what is no text anyway.
+const ENCODED: &AsciiSet = &CONTROLS.add(b'%');
 
 /// A scenario and the options of its runs, as they were asked for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlannedRun {
     /// The scenario's file, beside which its station files are.
-    scenario_path: PathBuf,
+    scenario_path: AnyPath,
     /// The scenario, to the letter.
     scenario_text: String,
     /// What the command line changed.
     options: RunOptions,
+    /// The database of sensors, if the command line named it.
+    sensors: Option<AnyPath>,
 }
 
 impl PlannedRun {
     /// What a run, or each run of a batch, is asked to do.
     pub fn new(scenario: &Scenario, options: &RunOptions) -> Self {
         Self {
-            // Whoever resumes the run may be in another directory.
-            scenario_path: std::path::absolute(&scenario.path).unwrap_or_else(|_| scenario.path.clone()),
+            scenario_path: AnyPath::absolute(&scenario.path),
             scenario_text: scenario.text.clone(),
             options: options.of_run(),
+            sensors: scenario.named_database().map(AnyPath::absolute),
         }
+    }
+
+    /// The database of sensors, if the command line named it. Whoever goes on with the run names it again: the plan comes
+    /// from a file.
+    pub fn named_database(&self) -> Option<&Path> {
+        self.sensors.as_ref().map(|path| path.0.as_path())
+    }
+
+    /// The scenario's file.
+    pub fn scenario_path(&self) -> &Path {
+        &self.scenario_path.0
+    }
+
+    /// Whether the scenario's file is still what it was.
+    pub fn has_scenario(&self) -> bool {
+        Scenario::load(self.scenario_path()).is_ok_and(|scenario| scenario.text == self.scenario_text)
     }
 
     /// The scenario, read from its text.
@@ -33,7 +55,7 @@ impl PlannedRun {
     /// # Errors
     /// If it is not valid, or its station files are gone.
     pub fn scenario(&self) -> Result<Scenario, ScenarioError> {
-        Scenario::parse(&self.scenario_path, &self.scenario_text)
+        Scenario::parse(self.scenario_path(), &self.scenario_text)
     }
 
     /// The options of a run that continues this one in the same place.
@@ -41,6 +63,37 @@ impl PlannedRun {
         let mut options = RunOptions { out: out.into(), threads, resume: true, ..self.options.clone() };
         options.outputs.set("live", live);
         options
+    }
+}
+
+/// A path that is kept as text, whatever its bytes are.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(from = "String", into = "String")]
+struct AnyPath(PathBuf);
+
+impl AnyPath {
+    /// The path from the root: whoever resumes the run may be in another directory.
+    fn absolute(path: &Path) -> Self {
+        Self(absolute(path).unwrap_or_else(|_| path.to_path_buf()))
+    }
+}
+
+impl From<AnyPath> for String {
+    fn from(path: AnyPath) -> Self {
+        percent_encode(path.0.as_os_str().as_encoded_bytes(), ENCODED).to_string()
+    }
+}
+
+impl From<String> for AnyPath {
+    fn from(text: String) -> Self {
+        let decoded = percent_decode_str(&text);
+        #[cfg(unix)]
+        {
+            use std::os::unix::ffi::OsStringExt;
+            Self(std::ffi::OsString::from_vec(decoded.collect()).into())
+        }
+        #[cfg(not(unix))]
+        Self(decoded.decode_utf8_lossy().into_owned().into())
     }
 }
 
