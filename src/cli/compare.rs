@@ -4,6 +4,7 @@ use super::arguments::CompareArguments;
 use super::console::print;
 use crate::comparison::Comparison;
 use crate::output::recorded::SavedRun;
+use crate::text::shown_path;
 use miette::{Report, miette};
 use std::fs::OpenOptions;
 use std::io::{ErrorKind, Write};
@@ -23,7 +24,7 @@ pub fn compare(arguments: &CompareArguments) -> Result<ExitCode, Report> {
             print(&format!("{title}\n{}\n* significant at the level of 5 %\n", differences.terminal()))?;
         }
     }
-    print(&format!("{}: with intervals, scores and figures", arguments.out.display()))?;
+    print(&format!("{}: with intervals, scores and figures", shown_path(&arguments.out)))?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -39,8 +40,8 @@ fn write(arguments: &CompareArguments, html: &str) -> Result<(), Report> {
     let written = options.open(path).and_then(|mut file| file.write_all(html.as_bytes()));
     written.map_err(|error| match error.kind() {
         ErrorKind::AlreadyExists => {
-            miette!(help = "--overwrite replaces it, --out writes to another place", "{} exists", path.display())
+            miette!(help = "--overwrite replaces it, --out writes to another place", "{} exists", shown_path(path))
         }
-        _ => miette!("cannot write {}: {error}", path.display()),
+        _ => miette!("cannot write {}: {error}", shown_path(path)),
     })
 }

@@ -7,9 +7,9 @@ use crate::batch::{BatchKind, BatchPlan};
 use crate::interrupt;
 use crate::options::RunOptions;
 use crate::output::directory::{SEEDS_FILE, SUMMARY_FILE, SWEEP_FILE, working};
-use crate::run::checkpoint::journal;
+use crate::run::checkpoint::{PlannedRun, journal};
 use crate::scenario::Scenario;
-use crate::text::clean;
+use crate::text::shown_path;
 use miette::{Report, miette};
 use std::path::Path;
 use std::process::ExitCode;
@@ -40,25 +40,29 @@ type Interrupted = (Scenario, RunOptions, Option<BatchKind>);
 
 /// The interrupted run, or batch of runs, that would have ended in `out`.
 fn interrupted(out: &Path, arguments: &ResumeArguments) -> Result<Interrupted, Report> {
-    let shown = clean(&out.display().to_string());
+    let shown = shown_path(out);
     let working = working(out)?;
     if !working.exists() {
         let is_complete = [SUMMARY_FILE, SEEDS_FILE, SWEEP_FILE].iter().any(|file| out.join(file).is_file());
         return Err(if is_complete {
             miette!("{shown}: the run is complete")
         } else {
-            miette!(help = "`isobar run` begins one", "{shown}: no run was interrupted there")
+            miette!("{shown}: no run was interrupted there, nor is one complete")
         });
     }
     let threads = arguments.threads.map(|threads| threads as usize);
     let batch = BatchPlan::read(&working).map_err(|reason| {
-        miette!(help = "begin it anew with --overwrite", "{shown}: its batch cannot be continued: {reason}")
+        let help = format!("--overwrite begins it anew; what is complete of it is in {}", shown_path(&working));
+        miette!(help = help, "{shown}: its batch cannot be continued: {reason}")
     })?;
+    let scenario = |run: &PlannedRun| {
+        run.scenario(out).map_err(|error| Report::from(error).wrap_err(format!("{shown} cannot be resumed")))
+    };
     if let Some(plan) = batch {
-        return Ok((plan.run.scenario()?, plan.run.options(out, threads, false), Some(plan.kind)));
+        return Ok((scenario(&plan.run)?, plan.run.options(out, threads, false), Some(plan.kind)));
     }
     let plan = journal::plan(&working).map_err(|reason| {
-        miette!(help = "begin it anew: `isobar run`", "{shown}: its journal cannot be used: {reason}")
+        miette!(help = "nothing of it can be used: begin it anew", "{shown}: its journal cannot be used: {reason}")
     })?;
-    Ok((plan.run.scenario()?, plan.run.options(out, threads, arguments.live), None))
+    Ok((scenario(&plan.run)?, plan.run.options(out, threads, arguments.live), None))
 }

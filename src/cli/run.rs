@@ -10,8 +10,9 @@ use crate::output::{OUTPUTS, Open, Output};
 use crate::progress::Progress;
 use crate::scenario::Scenario;
 use crate::sensors::write_back::{self, SENSORS_FILE};
+use crate::shell::command;
 use crate::tables;
-use crate::text::{clean, listed};
+use crate::text::{listed, shown_path};
 use miette::{Report, miette};
 use std::collections::HashMap;
 use std::process::ExitCode;
@@ -57,7 +58,7 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
     drop(progress);
     let scores = tables::scores::on_terminal(&summary, scenario.model.variables());
     print(&format!("{}: {}\n\n{scores}\n", scenario.name, scenario.title))?;
-    print(&format!("Files: {}\n", clean(&options.out.display().to_string())))?;
+    print(&format!("Files: {}\n", shown_path(&options.out)))?;
     write_sensors(scenario, options)?;
     let failed: Vec<&str> = summary.failures().map(|(name, _)| name).collect();
     if !failed.is_empty() {
@@ -71,7 +72,8 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
     let reads_files = scenario.networks.iter().any(|network| network.instrument.is_recorded());
     let nothing_used = reads_files && summary.observations.used == 0;
     if nothing_used {
-        let help = "the warnings at the beginning say why, as does `isobar check`; observations.nc has all of them";
+        let check = command("isobar check", &[&scenario.path]);
+        let help = format!("the warnings at the beginning say why, as does `{check}`; observations.nc has all of them");
         show(&miette!(help = help, "{}: no observation was used", scenario.name));
     }
     Ok(failed.is_empty() && !nothing_used)
@@ -81,12 +83,13 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
 fn write_sensors(scenario: &Scenario, options: &RunOptions) -> Result<(), Report> {
     let Some(settings) = scenario.sensors.as_ref().filter(|sensors| sensors.writes.is_some()) else { return Ok(()) };
     let table = options.out.join(SENSORS_FILE);
-    let [database, shown] = [&settings.database, &table].map(|path| clean(&path.display().to_string()));
+    let database = shown_path(&settings.database);
     if !table.is_file() {
         return print(&format!("Sensors: nothing to write into {database}, the method did not run to the end\n"));
     }
     let new = write_back::write_back(&options.out, &settings.database).map_err(|error| {
-        let help = format!("the run is complete; `isobar sensors import {database} {shown}` takes its sensors in");
+        let import = command("isobar sensors import", &[&settings.database, &table]);
+        let help = format!("the run is complete; `{import}` takes its sensors in");
         Report::from(error).wrap_err(help)
     })?;
     print(&format!("Sensors: {new} new records in {database}\n"))
@@ -117,11 +120,11 @@ fn check_names(scenarios: &[Scenario]) -> Result<(), Report> {
     for scenario in scenarios {
         // `..toml` would be written to the parent of where it belongs.
         if scenario.name.starts_with('.') {
-            let path = clean(&scenario.path.display().to_string());
+            let path = shown_path(&scenario.path);
             return Err(miette!(help = "give the file another name", "{path}: no directory can be named after it"));
         }
         if let Some(other) = seen.insert(&scenario.name, &scenario.path) {
-            let paths = [other, &scenario.path].map(|path| clean(&path.display().to_string()));
+            let paths = [other, &scenario.path].map(|path| shown_path(path));
             return Err(miette!("{} and {} would write into the same directory", paths[0], paths[1]));
         }
     }

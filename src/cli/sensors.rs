@@ -6,7 +6,7 @@ use crate::sensors::database::Missing;
 use crate::sensors::record::Key;
 use crate::sensors::{Database, Record, Records, SensorError, table};
 use crate::tables::{Cell, NONE, Table};
-use crate::text::{clean, listed, nearest, printable};
+use crate::text::{clean, listed, nearest, printable, shown_path};
 use clap::Subcommand;
 use isobar_model::Time;
 use miette::{Report, miette};
@@ -83,13 +83,13 @@ pub fn sensors(command: &SensorsCommand) -> Result<ExitCode, Report> {
                     records.add(record).map(drop).map_err(|reason| SensorError::at(&path, line, reason))
                 })
             })?;
-            print(&format!("{}: {new} of {all} records are new", clean(&database.display().to_string())))?;
+            print(&format!("{}: {new} of {all} records are new", shown_path(database)))?;
         }
         SensorsCommand::Export { database, out } => {
             let text = table::write(&read(database)?);
             match out {
                 Some(path) => std::fs::write(path, text)
-                    .map_err(|error| miette!("cannot write {}: {error}", clean(&path.display().to_string())))?,
+                    .map_err(|error| miette!("cannot write {}: {error}", shown_path(&path)))?,
                 None => print(text.trim_end())?,
             }
         }
@@ -132,7 +132,7 @@ fn check_sensor(records: &Records, sensor: &str, database: &Path) -> Result<(), 
     }
     let near = nearest(sensor, names(records)).map_or(String::new(), |near| format!("did you mean `{near}`?\n"));
     let help = printable(&format!("{near}sensors: {}", listed(names(records).take(20))));
-    let database = clean(&database.display().to_string());
+    let database = shown_path(database);
     Err(miette!(help = help, "{database} has no sensor `{}`", clean(sensor)))
 }
 

@@ -11,6 +11,9 @@
 //! | `batch.json` | what it takes to continue a batch of runs, whose complete runs are in `outputs/` |
 
 use crate::output::SinkError;
+use crate::place::parent_of;
+use crate::shell::command;
+use crate::text::shown_path;
 use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -74,9 +77,9 @@ impl OutputDirectory {
         if let (Some((cycle, _)), Existing::Refuse) = (kept.first(), existing) {
             return Err(SinkError {
                 reason: format!(
-                    "a run was interrupted there and is kept up to cycle {cycle}: `isobar resume {}` continues it, \
-                     --overwrite discards it",
-                    directory.destination.display()
+                    "a run was interrupted there and is kept up to cycle {cycle}: `{}` continues it, --overwrite \
+                     discards it",
+                    command("isobar resume", &[&directory.destination])
                 ),
                 path: directory.destination.clone(),
             });
@@ -85,10 +88,10 @@ impl OutputDirectory {
         if existing == Existing::Refuse && directory.keeps_batch() {
             return Err(SinkError {
                 reason: format!(
-                    "{} complete runs of a batch that was interrupted are kept: `isobar resume {}` runs the others, \
-                     --overwrite discards them",
+                    "{} complete runs of a batch that was interrupted are kept: `{}` runs the others, --overwrite \
+                     discards them",
                     complete_runs(&directory.outputs),
-                    directory.destination.display()
+                    command("isobar resume", &[&directory.destination])
                 ),
                 path: directory.destination.clone(),
             });
@@ -114,7 +117,7 @@ impl OutputDirectory {
             let reason = if destination.join(SUMMARY_FILE).is_file() {
                 "the run is complete".into()
             } else {
-                format!("there is no checkpoint in {}: `isobar run` begins anew", working.display())
+                format!("there is no checkpoint in {}, so nothing of it is kept: begin the run anew", shown_path(&working))
             };
             return Err(SinkError { path: destination, reason });
         }
@@ -246,7 +249,7 @@ impl OutputDirectory {
         if let Err(error) = fs::rename(outputs, destination) {
             let mut failed = failure(destination, "cannot move the outputs there", &error);
             if is_replaced && let Err(error) = fs::rename(&replaced, destination) {
-                let place = replaced.display();
+                let place = shown_path(&replaced);
                 failed.reason += &format!("; the old outputs are in {place} and could not be put back: {error}");
             }
             return Err(failed);
@@ -369,14 +372,6 @@ fn check_destination(destination: &Path, existing: Existing) -> Result<(), SinkE
             )
         }
         Existing::Overwrite => Ok(()),
-    }
-}
-
-/// The directory in which `path` lies.
-fn parent_of(path: &Path) -> &Path {
-    match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
     }
 }
 

@@ -16,6 +16,7 @@ pub mod scores;
 mod sink;
 pub mod structure;
 pub mod summary;
+pub mod whole;
 
 pub use directory::{Existing, OutputDirectory};
 pub use outputs::{OUTPUTS, Open, Output, Outputs, open_all};

@@ -13,6 +13,8 @@ const DEFAULT_VARIANCE_RATIO: f64 = 0.25;
 /// The database of sensors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorSettings {
+    /// The file's name in the scenario.
+    pub name: String,
     /// The file, which every method that estimates biases reads at its start.
     pub database: PathBuf,
     /// The method whose last calibration is written back once the run is complete; `None`: nothing is.
@@ -33,18 +35,18 @@ pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>) -> Re
     let Some(field) = root.optional("sensors") else { return Ok(None) };
     let section = field.section(&["database", "writes"])?;
     let file = section.required("database")?;
-    let database = file.file.beside(&file.text()?);
+    let (name, database) = (file.text()?, file.path()?);
     let Some(field) = section.optional("writes") else {
-        return Ok(Some(SensorSettings { database, writes: None }));
+        return Ok(Some(SensorSettings { name, database, writes: None }));
     };
-    let name = field.text()?;
-    if !methods.get(&name).is_some_and(Method::estimates_biases) {
+    let writer = field.text()?;
+    if !methods.get(&writer).is_some_and(Method::estimates_biases) {
         let able = methods.iter().filter(|(_, method)| method.estimates_biases());
         let message =
-            format!("`{}` cannot be \"{}\": no method of this name estimates biases", field.title(), clean(&name));
+            format!("`{}` cannot be \"{}\": no method of this name estimates biases", field.title(), clean(&writer));
         return Err(field.invalid(message, &format!("one of {}", listed(able.map(|(name, _)| name.as_str())))));
     }
-    Ok(Some(SensorSettings { database, writes: Some(name) }))
+    Ok(Some(SensorSettings { name, database, writes: Some(writer) }))
 }
 
 /// Reads `[stability]`.
