@@ -36,6 +36,7 @@ pub mod memory;
 pub mod options;
 pub mod outcome;
 pub mod output;
+mod place;
 pub mod plot;
 pub mod progress;
 mod reader;
@@ -44,6 +45,7 @@ mod safe_file;
 pub mod scenario;
 pub mod scores;
 pub mod sensors;
+mod shell;
 pub mod tables;
 mod text;
 

@@ -4,6 +4,7 @@
 //! What stands in a directory need not be what a run left there: an archive can bring links and pipes, and in a directory
 //! such as `/tmp` anyone can make them.
 
+use crate::place::parent_of;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
@@ -83,7 +84,7 @@ pub fn write_new(path: &Path, bytes: &[u8]) -> io::Result<()> {
     }
     let file = prepared(path, bytes)?;
     file.persist_noclobber(path).map_err(|error| error.error)?;
-    sync_directory(parent(path))
+    sync_directory(parent_of(path))
 }
 
 /// Replaces a file, or makes it: whatever happens, it holds what it held or these bytes.
@@ -102,7 +103,7 @@ pub fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
         file.as_file().set_permissions(old.permissions())?;
     }
     file.persist(path).map_err(|error| error.error)?;
-    sync_directory(parent(path))
+    sync_directory(parent_of(path))
 }
 
 /// The contents of a file to be, beside its place and durable.
@@ -110,7 +111,7 @@ fn prepared(path: &Path, bytes: &[u8]) -> io::Result<tempfile::NamedTempFile> {
     let name = path.file_name().ok_or_else(|| io::Error::other("the path does not end in a file's name"))?;
     // A longer name than the file's own might be too long.
     let prefix = format!(".isobar-{:08x}-", crc32fast::hash(name.as_encoded_bytes()));
-    remove_abandoned(parent(path), &prefix);
+    remove_abandoned(parent_of(path), &prefix);
     let mut builder = tempfile::Builder::new();
     builder.prefix(&prefix);
     #[cfg(unix)]
@@ -121,7 +122,7 @@ fn prepared(path: &Path, bytes: &[u8]) -> io::Result<tempfile::NamedTempFile> {
     }
     // Another process may take it for abandoned before it is locked.
     for _ in 0..10 {
-        let mut file = builder.tempfile_in(parent(path))?;
+        let mut file = builder.tempfile_in(parent_of(path))?;
         let _ = file.as_file().try_lock();
         if !is_at(file.as_file(), file.path()) {
             continue;
@@ -166,14 +167,6 @@ pub fn is_at(file: &File, path: &Path) -> bool {
 /// Those of the file system.
 pub fn sync_directory(directory: &Path) -> io::Result<()> {
     if cfg!(unix) { File::open(directory)?.sync_all() } else { Ok(()) }
-}
-
-/// The directory in which `path` lies.
-pub fn parent(path: &Path) -> &Path {
-    match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    }
 }
 
 /// Neither waits for the other end of a pipe nor becomes the owner of a terminal.

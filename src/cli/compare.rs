@@ -5,7 +5,7 @@ use super::console::print;
 use crate::comparison::Comparison;
 use crate::output::recorded::SavedRun;
 use crate::safe_file;
-use crate::text::clean;
+use crate::text::shown_path;
 use miette::{Report, miette};
 use std::io::ErrorKind;
 use std::process::ExitCode;
@@ -24,12 +24,12 @@ pub fn compare(arguments: &CompareArguments) -> Result<ExitCode, Report> {
             print(&format!("{title}\n{}\n* significant at the level of 5 %\n", differences.terminal()))?;
         }
     }
-    print(&format!("{}: with intervals, scores and figures", arguments.out.display()))?;
+    print(&format!("{}: with intervals, scores and figures", shown_path(&arguments.out)))?;
     Ok(ExitCode::SUCCESS)
 }
 
 fn write(arguments: &CompareArguments, html: &str) -> Result<(), Report> {
-    let shown = clean(&arguments.out.display().to_string());
+    let shown = shown_path(&arguments.out);
     let write = if arguments.overwrite { safe_file::replace } else { safe_file::write_new };
     write(&arguments.out, html.as_bytes()).map_err(|error| match error.kind() {
         ErrorKind::AlreadyExists => {

@@ -31,10 +31,13 @@ pub fn find(argument: &OsStr) -> Result<PathBuf, Report> {
     let known: Vec<String> = all()?.iter().filter_map(|path| Some(path.file_stem()?.to_str()?.to_string())).collect();
     let stem = path.file_stem().unwrap_or(argument).to_string_lossy().into_owned();
     let near = nearest(&stem, known.iter().map(String::as_str));
-    let mut help = near.map_or(String::new(), |near| format!("did you mean `{near}`?\n"));
+    let mut help = near.map_or(String::new(), |near| format!("did you mean `{}`?\n", clean(near)));
     match known.as_slice() {
         [] => help.push_str("there are no scenarios in ./scenarios; `isobar init` writes one to start from"),
-        known => help.push_str(&format!("scenarios in ./scenarios: {}", listed(known.iter().map(String::as_str)))),
+        known => {
+            let known: Vec<String> = known.iter().map(|name| clean(name)).collect();
+            help.push_str(&format!("scenarios in ./scenarios: {}", listed(known.iter().map(String::as_str))));
+        }
     }
     let argument = clean(&argument.to_string_lossy());
     Err(if looks_like_a_path {

@@ -16,7 +16,8 @@ use crate::run::checkpoint::journal;
 use crate::run::finish;
 use crate::scenario::Scenario;
 use crate::sensors::write_back::SENSORS_FILE;
-use crate::text::clean;
+use crate::shell::command;
+use crate::text::shown_path;
 use miette::{IntoDiagnostic, Report, miette};
 use std::path::Path;
 use std::process::ExitCode;
@@ -56,7 +57,7 @@ pub fn resume(arguments: &ResumeArguments) -> Result<ExitCode, Report> {
 
 /// What is left of the run, or batch of runs, that was to end in `out`.
 fn left(out: &Path, arguments: &ResumeArguments) -> Result<Left, Report> {
-    let shown = clean(&out.display().to_string());
+    let shown = shown_path(out);
     let stage = stage(out)?;
     let working = working::path(out)?;
     let is_there = |file: &str| working.join(file).is_file();
@@ -77,14 +78,15 @@ fn left(out: &Path, arguments: &ResumeArguments) -> Result<Left, Report> {
         return Ok(Left::End(scenario.map(Box::new)));
     }
     let batch = BatchPlan::read(&working).map_err(|reason| {
-        miette!(help = "begin it anew with --overwrite", "{shown}: its batch cannot be continued: {reason}")
+        let help = format!("--overwrite begins it anew; what is complete of it is in {}", shown_path(&working));
+        miette!(help = help, "{shown}: its batch cannot be continued: {reason}")
     })?;
     if let Some(plan) = batch {
         let scenario = planned_scenario(&plan.run, sensors, out, false)?;
         return Ok(Left::Batch(Box::new(scenario), plan.run.options(out, threads, false), plan.kind));
     }
     let plan = journal::plan(&working).map_err(|reason| {
-        miette!(help = "begin it anew: `isobar run`", "{shown}: its journal cannot be used: {reason}")
+        miette!(help = "nothing of it can be used: begin it anew", "{shown}: its journal cannot be used: {reason}")
     })?;
     let scenario = planned_scenario(&plan.run, sensors, out, true)?;
     Ok(Left::Run(Box::new(scenario), plan.run.options(out, threads, arguments.live)))
@@ -92,18 +94,18 @@ fn left(out: &Path, arguments: &ResumeArguments) -> Result<Left, Report> {
 
 /// Why there is nothing to be continued.
 fn nothing_left(out: &Path) -> Report {
-    let shown = clean(&out.display().to_string());
+    let shown = shown_path(out);
     let is_complete = [SUMMARY_FILE, SEEDS_FILE, SWEEP_FILE].iter().any(|file| out.join(file).is_file());
     let table = out.join(SENSORS_FILE);
     if is_complete && table.is_file() {
-        let table = clean(&table.display().to_string());
-        let help = format!("if a database of sensors lacks its sensors: `isobar sensors import DATABASE {table}`");
+        let import = command("isobar sensors import sensors.db", &[&table]);
+        let help = format!("if a database of sensors, as sensors.db, lacks its sensors: `{import}`");
         return miette!(help = help, "{shown}: the run is complete");
     }
     if is_complete {
         miette!("{shown}: the run is complete")
     } else {
-        miette!(help = "`isobar run` begins one", "{shown}: no run was interrupted there")
+        miette!("{shown}: no run was interrupted there, nor is one complete")
     }
 }
 
@@ -116,7 +118,7 @@ fn end(out: &Path, scenario: Option<&Scenario>) -> Result<bool, Report> {
     })
     .into_diagnostic()?;
     let (of_sensors, wrote_sensors) = write_back::report(written);
-    print(&format!("{}: the run is complete", clean(&out.display().to_string())))?;
+    print(&format!("{}: the run is complete", shown_path(out)))?;
     of_sensors.map_or(Ok(()), |text| print(&text))?;
     Ok(wrote_sensors)
 }

@@ -11,8 +11,9 @@ use crate::output::{OUTPUTS, Open, Output};
 use crate::progress::Progress;
 use crate::run::experiment::check_sensors;
 use crate::scenario::Scenario;
+use crate::shell::command;
 use crate::tables;
-use crate::text::{clean, listed};
+use crate::text::{listed, shown_path};
 use miette::{Report, miette};
 use std::collections::HashMap;
 use std::ffi::OsString;
@@ -73,7 +74,7 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
     let (of_sensors, wrote_sensors) = write_back::report(written);
     let scores = tables::scores::on_terminal(&summary, scenario.model.variables());
     print(&format!("{}: {}\n\n{scores}\n", scenario.name, scenario.title))?;
-    print(&format!("Files: {}\n", clean(&options.out.display().to_string())))?;
+    print(&format!("Files: {}\n", shown_path(&options.out)))?;
     of_sensors.map_or(Ok(()), |text| print(&text))?;
     let failed: Vec<&str> = summary.failures().map(|(name, _)| name).collect();
     if !failed.is_empty() {
@@ -87,7 +88,8 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
     let reads_files = scenario.networks.iter().any(|network| network.instrument.is_recorded());
     let nothing_used = reads_files && summary.observations.used == 0;
     if nothing_used {
-        let help = "the warnings at the beginning say why, as does `isobar check`; observations.nc has all of them";
+        let check = command("isobar check", &[&scenario.path]);
+        let help = format!("the warnings at the beginning say why, as does `{check}`; observations.nc has all of them");
         show(&miette!(help = help, "{}: no observation was used", scenario.name));
     }
     Ok(wrote_sensors && failed.is_empty() && !nothing_used)
@@ -118,11 +120,11 @@ fn check_names(scenarios: &[Scenario]) -> Result<(), Report> {
     for scenario in scenarios {
         // `..toml` would be written to the parent of where it belongs.
         if scenario.name.starts_with('.') {
-            let path = clean(&scenario.path.display().to_string());
+            let path = shown_path(&scenario.path);
             return Err(miette!(help = "give the file another name", "{path}: no directory can be named after it"));
         }
         if let Some(other) = seen.insert(&scenario.name, &scenario.path) {
-            let paths = [other, &scenario.path].map(|path| clean(&path.display().to_string()));
+            let paths = [other, &scenario.path].map(|path| shown_path(path));
             return Err(miette!("{} and {} would write into the same directory", paths[0], paths[1]));
         }
     }

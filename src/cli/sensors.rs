@@ -7,7 +7,7 @@ use crate::sensors::database::Missing;
 use crate::sensors::record::Key;
 use crate::sensors::{Database, Record, Records, SensorError, table};
 use crate::tables::{Cell, NONE, Table};
-use crate::text::{clean, listed, nearest, printable};
+use crate::text::{clean, listed, nearest, printable, shown_path};
 use clap::Subcommand;
 use isobar_model::Time;
 use miette::{Report, miette};
@@ -85,7 +85,7 @@ pub fn sensors(command: &SensorsCommand) -> Result<ExitCode, Report> {
                     records.add(record).map(drop).map_err(|reason| SensorError::at(&path, line, reason))
                 })
             })?;
-            print(&format!("{}: {new} of {all} records are new", clean(&database.display().to_string())))?;
+            print(&format!("{}: {new} of {all} records are new", shown_path(database)))?;
         }
         SensorsCommand::Export { database, out } => {
             let text = table::write(&read(database)?);
@@ -113,7 +113,7 @@ pub fn sensors(command: &SensorsCommand) -> Result<ExitCode, Report> {
 }
 
 fn cannot_write(path: &Path, error: &Error) -> Report {
-    let shown = clean(&path.display().to_string());
+    let shown = shown_path(path);
     match error.kind() {
         ErrorKind::AlreadyExists => {
             miette!(help = "give another path, or remove the file first", "{shown} exists; nothing was written")
@@ -145,7 +145,7 @@ fn check_sensor(records: &Records, sensor: &str, database: &Path) -> Result<(), 
     }
     let near = nearest(sensor, names(records)).map_or(String::new(), |near| format!("did you mean `{near}`?\n"));
     let help = printable(&format!("{near}sensors: {}", listed(names(records).take(20))));
-    let database = clean(&database.display().to_string());
+    let database = shown_path(database);
     Err(miette!(help = help, "{database} has no sensor `{}`", clean(sensor)))
 }
 

@@ -5,7 +5,8 @@ use crate::run::checkpoint::PlannedRun;
 use crate::scenario::Scenario;
 use crate::sensors::SensorError;
 use crate::sensors::write_back::{SENSORS_FILE, write_back};
-use crate::text::clean;
+use crate::shell::command;
+use crate::text::shown_path;
 use miette::{Report, miette};
 use std::path::Path;
 
@@ -24,23 +25,25 @@ pub fn name_database(scenario: &mut Scenario, named: Option<&Path>) -> Result<()
 /// The scenario of an interrupted run. Its plan comes from a file, which may come from anywhere: it leads to no database that
 /// the user or the scenario's file do not name.
 pub fn planned_scenario(plan: &PlannedRun, named: Option<&Path>, out: &Path, writes: bool) -> Result<Scenario, Report> {
-    let mut scenario = plan.scenario()?;
+    let shown = shown_path(out);
+    let scenario = plan.scenario(out);
+    let mut scenario = scenario.map_err(|error| Report::from(error).wrap_err(format!("{shown} cannot be resumed")))?;
     name_database(&mut scenario, named)?;
     let Some(settings) = scenario.sensors.as_ref().filter(|_| named.is_none()) else { return Ok(scenario) };
-    let out = clean(&out.display().to_string());
     let say = |database: &Path| {
-        format!("name it: `isobar resume {out} --sensors {}`", clean(&database.display().to_string()))
+        let named = command("isobar resume", &[out]) + " " + &command("--sensors", &[database]);
+        format!("name it: `{named}`")
     };
     if let Some(database) = plan.named_database() {
         let help = say(database);
-        return Err(miette!(help = help, "{out}: the run was begun with a database of sensors that --sensors named"));
+        return Err(miette!(help = help, "{shown}: the run was begun with a database of sensors that --sensors named"));
     }
-    if writes && settings.writes.is_some() && !plan.has_scenario() {
-        let (help, path) = (say(&settings.database), clean(&plan.scenario_path().display().to_string()));
+    if writes && settings.writes.is_some() && !plan.is_of(&scenario.path) {
+        let (help, path) = (say(&settings.database), shown_path(&scenario.path));
         return Err(miette!(
             help = help,
-            "{out}: {path} is no longer the scenario of this run, and only a scenario's file says into which database the \
-             run writes"
+            "{shown}: {path} is no longer the scenario of this run, and only a scenario's file says into which database \
+             the run writes"
         ));
     }
     Ok(scenario)
@@ -52,7 +55,7 @@ pub type Written = Option<Result<String, Report>>;
 /// Takes what a complete run has found out of its sensors into their database, if the scenario says so.
 pub fn write_sensors(scenario: &Scenario, out: &Path) -> Written {
     let settings = scenario.sensors.as_ref().filter(|sensors| sensors.writes.is_some())?;
-    let [database, shown] = [&settings.database, out].map(|path| clean(&path.display().to_string()));
+    let database = shown_path(&settings.database);
     if std::fs::symlink_metadata(out.join(SENSORS_FILE)).is_err() {
         return Some(Ok(format!("Sensors: nothing to write into {database}, the method did not run to the end\n")));
     }
@@ -60,7 +63,8 @@ pub fn write_sensors(scenario: &Scenario, out: &Path) -> Written {
     Some(match place.and_then(|()| write_back(out, &settings.database)) {
         Ok(new) => Ok(format!("Sensors: {new} new records in {database}\n")),
         Err(error) => {
-            let help = format!("the run is complete; `isobar resume {shown}` takes its sensors into the database");
+            let resume = command("isobar resume", &[out]);
+            let help = format!("the run is complete; `{resume}` takes its sensors into the database");
             Err(miette!(help = help, "{error}"))
         }
     })

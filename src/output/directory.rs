@@ -19,7 +19,10 @@ pub use crate::output::destination::{Existing, SEEDS_FILE, SUMMARY_FILE, SWEEP_F
 use crate::output::destination::RUNS_DEPTH;
 use crate::output::working::{self, WorkingDirectory};
 use crate::output::{SinkError, contents, destination};
-use crate::safe_file::{self, parent, sync_directory};
+use crate::place::parent_of;
+use crate::safe_file::{self, sync_directory};
+use crate::shell::command;
+use crate::text::shown_path;
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -126,7 +129,7 @@ impl OutputDirectory {
     fn create_any(destination: PathBuf, existing: Existing) -> Result<Self, SinkError> {
         let working = working::path(&destination)?;
         destination::check(&destination, existing)?;
-        let parent = parent(&destination);
+        let parent = parent_of(&destination);
         fs::create_dir_all(parent).map_err(|error| failure(parent, "cannot create the directory", &error))?;
         let directory = Self::lock(destination, existing)?;
         if existing == Existing::Refuse {
@@ -152,26 +155,17 @@ impl OutputDirectory {
 
     /// Refuses to discard what can be gone on with.
     fn refuse_to_discard(&self) -> Result<(), SinkError> {
-        let out = self.destination.display();
-        let reason = if self.stage() == Stage::Complete {
-            format!(
-                "a run is complete there but for the name of its outputs: `isobar resume {out}` gives it to them, --overwrite \
-                 discards them"
-            )
+        let kept = if self.stage() == Stage::Complete {
+            "a run is complete there but for the name of its outputs: `{}` gives it to them".to_string()
         } else if let Some((cycle, _)) = checkpoints(self.working.path()).first() {
-            format!(
-                "a run was interrupted there and is kept up to cycle {cycle}: `isobar resume {out}` continues it, \
-                 --overwrite discards it"
-            )
+            format!("a run was interrupted there and is kept up to cycle {cycle}: `{{}}` continues it")
         } else if self.keeps_batch() {
-            format!(
-                "{} complete runs of a batch that was interrupted are kept: `isobar resume {out}` runs the others, \
-                 --overwrite discards them",
-                complete_runs(&self.outputs)
-            )
+            let runs = complete_runs(&self.outputs);
+            format!("{runs} complete runs of a batch that was interrupted are kept: `{{}}` runs the others")
         } else {
             return Ok(());
         };
+        let reason = kept.replace("{}", &command("isobar resume", &[&self.destination])) + ", --overwrite discards it";
         Err(SinkError { path: self.destination.clone(), reason })
     }
 
@@ -186,7 +180,10 @@ impl OutputDirectory {
             let reason = if destination.join(SUMMARY_FILE).is_file() {
                 "the run is complete".into()
             } else {
-                format!("there is no checkpoint in {}: `isobar run` begins anew", working.display())
+                format!(
+                    "there is no checkpoint in {}, so nothing of it is kept: begin the run anew",
+                    shown_path(&working)
+                )
             };
             return Err(SinkError { path: destination, reason });
         }
@@ -263,7 +260,7 @@ impl OutputDirectory {
             return Ok(());
         }
         if fs::symlink_metadata(&self.destination).is_ok() {
-            let reason = format!("the outputs of an earlier run are in {}: move them away", replaced.display());
+            let reason = format!("the outputs of an earlier run are in {}: move them away", shown_path(&replaced));
             return Err(SinkError { path: self.destination.clone(), reason });
         }
         fs::rename(&replaced, &self.destination).map_err(|error| failure(&replaced, "cannot be put back", &error))
@@ -330,12 +327,12 @@ impl OutputDirectory {
         if let Err(mut failed) = renamed {
             failed.path = destination.clone();
             if exists && let Err(error) = fs::rename(&replaced, destination) {
-                let place = replaced.display();
+                let place = shown_path(&replaced);
                 failed.reason += &format!("; the old outputs are in {place} and could not be put back: {error}");
             }
             return Err(failed);
         }
-        let _ = sync_directory(parent(destination));
+        let _ = sync_directory(parent_of(destination));
         Ok(())
     }
 

@@ -4,8 +4,9 @@
 //! holds links, pipes or devices, or belongs to somebody else, is refused as it is.
 
 use crate::output::SinkError;
-use crate::safe_file::{self, is_at, parent};
-use crate::text::clean;
+use crate::place::parent_of;
+use crate::safe_file::{self, is_at};
+use crate::text::shown_path;
 use std::ffi::OsString;
 use std::fs::{self, DirBuilder, File, Metadata, TryLockError};
 use std::io::{self, ErrorKind};
@@ -138,7 +139,7 @@ pub fn path(destination: &Path) -> Result<PathBuf, SinkError> {
             let mut partial = OsString::from(".");
             partial.push(name);
             partial.push(PARTIAL);
-            Ok(parent(destination).join(partial))
+            Ok(parent_of(destination).join(partial))
         }
         None => Err(SinkError {
             path: destination.to_path_buf(),
@@ -248,7 +249,7 @@ fn check_entries(directory: &Path, owner: Owner) -> Result<(), String> {
     };
     for entry in entries {
         let path = entry.map_err(|error| error.to_string())?.path();
-        let shown = || clean(&path.display().to_string());
+        let shown = || shown_path(&path);
         let metadata = match fs::symlink_metadata(&path) {
             Err(error) if error.kind() == ErrorKind::NotFound => continue,
             metadata => metadata.map_err(|error| format!("{}: {error}", shown()))?,
@@ -290,7 +291,7 @@ impl Owner {
         #[cfg(unix)]
         {
             use std::os::unix::fs::MetadataExt;
-            Ok(Self { user: tempfile::tempfile_in(parent(path))?.metadata()?.uid() })
+            Ok(Self { user: tempfile::tempfile_in(parent_of(path))?.metadata()?.uid() })
         }
         #[cfg(not(unix))]
         {

@@ -24,7 +24,7 @@ use crate::scenario::Scenario;
 use crate::scores::{RunScores, Scorecard, Summary};
 use crate::sensors::table;
 use crate::sensors::write_back::{self, SENSORS_FILE};
-use crate::text::clean;
+use crate::text::shown_path;
 use checkpoint::{Keeper, Newest, Plan, file, journal, newest};
 use cycles::{Cycles, Shown};
 use events::Events;
@@ -138,7 +138,7 @@ fn resume(
     let refuse = |reason: String| RunError::Resume { directory: working.to_path_buf(), reason };
     let Newest { checkpoint, memories, damaged } = newest(working, plan).map_err(refuse)?;
     for (path, reason) in &damaged {
-        let text = format!("{}: {reason}; the checkpoint before it is used", clean(&path.display().to_string()));
+        let text = format!("{}: {reason}; the checkpoint before it is used", shown_path(&path));
         events.announce(&Event::Warning(&text))?;
     }
     let (cycle, bytes) = (checkpoint.cycle, checkpoint.journal_bytes);

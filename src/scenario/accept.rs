@@ -3,13 +3,14 @@
 use super::Scenario;
 use crate::safe_file;
 use crate::scores::Expected;
+use crate::text::shown_path;
 use std::path::PathBuf;
 
 /// Why the scores could not be accepted.
 #[derive(Debug, thiserror::Error)]
 pub enum AcceptError {
     /// The file cannot be written.
-    #[error("cannot write {}: {source}", crate::text::clean(&path.display().to_string()))]
+    #[error("cannot write {}: {source}", shown_path(path))]
     Write {
         /// The scenario file.
         path: PathBuf,
@@ -17,13 +18,13 @@ pub enum AcceptError {
         source: std::io::Error,
     },
     /// The file changed while the scenario ran.
-    #[error("{} has changed since it was read; nothing was written", crate::text::clean(&path.display().to_string()))]
+    #[error("{} has changed since it was read; nothing was written", shown_path(path))]
     Changed {
         /// The scenario file.
         path: PathBuf,
     },
     /// The file holds its scores in a form that cannot be replaced, such as `expected = { … }`.
-    #[error("cannot find the [expected] section of {}; remove it, and accept again", crate::text::clean(&path.display().to_string()))]
+    #[error("cannot find the [expected] section of {}; remove it, and accept again", shown_path(path))]
     Form {
         /// The scenario file.
         path: PathBuf,

@@ -9,6 +9,7 @@ mod expected;
 mod fault;
 mod grid;
 mod initialise;
+mod moved;
 mod quality;
 mod sensors;
 mod sweep;
@@ -29,12 +30,13 @@ use crate::kinds::methods::{self, Method, Surroundings};
 use crate::kinds::models::{self, Model};
 use crate::kinds::{self, Domain, distinct_name, plain_name};
 use crate::output::Outputs;
-use crate::reader::{self, Field, Read, Section, SourceFile};
+use crate::reader::{self, Field, FileName, Read, Section, SourceFile};
 use crate::scores::expected::TOLERANCE_KEY;
 use crate::text;
 use indexmap::IndexMap;
 use isobar_model::Time;
 use isobar_obs::{Network, QualityControl, times};
+use std::collections::BTreeMap;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -52,8 +54,11 @@ pub struct Scenario {
     pub path: PathBuf,
     /// The file's text, to the letter.
     pub text: String,
-    /// The files that it names and on whose contents the results depend: fields, stations, observations.
-    pub inputs: Vec<PathBuf>,
+    /// The names of files in it.
+    file_names: Vec<FileName>,
+    /// Checksums of what the tables say that it names and on which the results depend, of stations, observations and fields;
+    /// by their names in the file.
+    pub tables: BTreeMap<String, u32>,
     /// Title, in one line.
     pub title: String,
     /// The phenomenon that the experiment shows.
@@ -195,11 +200,13 @@ impl Scenario {
         let outputs = cycle::read_output(&root)?;
         let regression = root.yes_or_no_or("regression", true)?;
         let expected = expected::read(&root, &methods, &model)?;
+        let (file_names, tables) = file.into_names();
         Ok(Self {
             name: path.file_stem().map_or(String::new(), |stem| text::clean(&stem.to_string_lossy())),
             path: path.to_path_buf(),
             text: text.to_string(),
-            inputs: file.inputs(),
+            file_names,
+            tables,
             title,
             phenomenon,
             source,

@@ -1,9 +1,10 @@
 //! `[sensors]` and `[stability]`: what is known of sensors from run to run, and when a bias is adjusted.
 
 use crate::kinds::methods::Method;
+use crate::place::parent_of;
 use crate::reader::{Limits, Read, Section};
-use crate::safe_file::parent;
-use crate::text::{clean, listed};
+use crate::shell::command;
+use crate::text::{clean, listed, shown_path};
 use indexmap::IndexMap;
 use std::fs;
 use std::io::ErrorKind;
@@ -16,6 +17,8 @@ const DEFAULT_VARIANCE_RATIO: f64 = 0.25;
 /// The database of sensors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorSettings {
+    /// The file's name in the scenario.
+    pub name: String,
     /// The file, which every method that estimates biases reads at its start.
     pub database: PathBuf,
     /// The method whose last calibration is written back once the run is complete; `None`: nothing is.
@@ -35,8 +38,8 @@ impl SensorSettings {
         if self.writes.is_none() {
             return Ok(());
         }
-        let directory = parent(&self.database);
-        let shown = clean(&directory.display().to_string());
+        let directory = parent_of(&self.database);
+        let shown = shown_path(directory);
         let real = directory.canonicalize().ok().filter(|directory| directory.is_dir());
         let real = real.ok_or_else(|| format!("it cannot be written, for there is no directory {shown}"))?;
         if let Some(within) = &self.within {
@@ -47,8 +50,8 @@ impl SensorSettings {
             if !is_below || is_link || !within.canonicalize().is_ok_and(|within| real.starts_with(within)) {
                 let why = if is_link { "it is a link" } else { "it is not below the scenario's directory" };
                 return Err(format!(
-                    "{why}, and so a scenario may not write there: name it on the command line, `isobar run … --sensors {}`",
-                    clean(&self.database.display().to_string())
+                    "{why}, and so a scenario may not write there: name it on the command line, `{}`",
+                    command("isobar run … --sensors", &[&self.database])
                 ));
             }
         }
@@ -79,19 +82,18 @@ pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>) -> Re
     let Some(field) = root.optional("sensors") else { return Ok(None) };
     let section = field.section(&["database", "writes"])?;
     let file = section.required("database")?;
-    let database = file.file.beside(&file.text()?);
-    let within = Some(file.file.beside(""));
+    let (name, database, within) = (file.text()?, file.path()?, Some(parent_of(&file.file.path).to_path_buf()));
     let Some(field) = section.optional("writes") else {
-        return Ok(Some(SensorSettings { database, writes: None, within }));
+        return Ok(Some(SensorSettings { name, database, writes: None, within }));
     };
-    let name = field.text()?;
-    if !methods.get(&name).is_some_and(Method::estimates_biases) {
+    let writer = field.text()?;
+    if !methods.get(&writer).is_some_and(Method::estimates_biases) {
         let able = methods.iter().filter(|(_, method)| method.estimates_biases());
         let message =
-            format!("`{}` cannot be \"{}\": no method of this name estimates biases", field.title(), clean(&name));
+            format!("`{}` cannot be \"{}\": no method of this name estimates biases", field.title(), clean(&writer));
         return Err(field.invalid(message, &format!("one of {}", listed(able.map(|(name, _)| name.as_str())))));
     }
-    Ok(Some(SensorSettings { database, writes: Some(name), within }))
+    Ok(Some(SensorSettings { name, database, writes: Some(writer), within }))
 }
 
 /// Reads `[stability]`.

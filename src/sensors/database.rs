@@ -3,7 +3,8 @@
 
 use super::SensorError;
 use super::record::{Record, Records};
-use crate::safe_file::{self, parent};
+use crate::place::parent_of;
+use crate::safe_file;
 use crate::text::clean;
 use isobar_model::Time;
 use rusqlite::config::DbConfig;
@@ -98,7 +99,10 @@ impl Database {
             }
             Err(error) if error.kind() == ErrorKind::NotFound && missing == Missing::Create => true,
             Err(error) if error.kind() == ErrorKind::NotFound => {
-                return Err(SensorError::new(path, "there is no such database; `isobar sensors import` makes one"));
+                return Err(SensorError::new(
+                    path,
+                    "there is no such database; `isobar sensors import --help` says how to make one",
+                ));
             }
             Err(error) => return Err(SensorError::new(path, error)),
         };
@@ -227,9 +231,8 @@ fn real_path(path: &Path) -> Result<PathBuf, SensorError> {
                 return Err(failure(&"it is a link to a file that is not there"));
             }
             let name = path.file_name().ok_or_else(|| failure(&"the path does not end in a file's name"))?;
-            let directory = parent(path);
-            let cannot =
-                |error| failure(&format!("its directory {}: {error}", clean(&directory.display().to_string())));
+            let directory = parent_of(path);
+            let cannot = |error| failure(&format!("its directory {}: {error}", shown_path(directory)));
             Ok(directory.canonicalize().map_err(cannot)?.join(name))
         }
         real => real.map_err(|error| failure(&error)),

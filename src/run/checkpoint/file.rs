@@ -187,7 +187,7 @@ pub fn newest(working: &Path, plan: &Plan) -> Result<Newest, String> {
     for (_, path) in checkpoints(working) {
         match read(&path).and_then(|(checkpoint, memories)| match plan.difference(&checkpoint.plan) {
             None => Ok((checkpoint, memories)),
-            Some(difference) => Err(difference.to_string()),
+            Some(difference) => Err(difference),
         }) {
             Ok((checkpoint, memories)) => return Ok(Newest { checkpoint, memories, damaged }),
             Err(reason) => damaged.push((path, reason)),

@@ -1,61 +1,83 @@
 //! The plan of a run: enough to begin it again, and to decide whether a checkpoint belongs to it.
 
 use crate::options::{CheckpointPolicy, RunOptions};
-use crate::run::experiment::Experiment;
+use crate::place::{parent_of, seen_from};
+use crate::run::experiment::{Experiment, Inputs};
 use crate::scenario::{Scenario, ScenarioError};
-use percent_encoding::{AsciiSet, CONTROLS, percent_decode_str, percent_encode};
 use serde::{Deserialize, Serialize};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf, absolute};
-
-/// What of a path is encoded: what is no text anyway.
-const ENCODED: &AsciiSet = &CONTROLS.add(b'%');
 
 /// A scenario and the options of its runs, as they were asked for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlannedRun {
-    /// The scenario's file, beside which its station files are.
-    scenario_path: AnyPath,
+    /// The scenario's file, beside which the files are that it names: its absolute path, of whatever bytes.
+    scenario_path: OsString,
+    /// The same, seen from the directory in which that of the run is: both may be moved together.
+    scenario_beside: OsString,
     /// The scenario, to the letter.
     scenario_text: String,
     /// What the command line changed.
     options: RunOptions,
     /// The database of sensors, if the command line named it.
-    sensors: Option<AnyPath>,
+    sensors: Option<OsString>,
 }
 
 impl PlannedRun {
     /// What a run, or each run of a batch, is asked to do.
     pub fn new(scenario: &Scenario, options: &RunOptions) -> Self {
+        // Whoever resumes the run may be in another directory.
+        let from_root = |path: &Path| absolute(path).unwrap_or_else(|_| path.to_path_buf()).into_os_string();
         Self {
-            scenario_path: AnyPath::absolute(&scenario.path),
+            scenario_path: from_root(&scenario.path),
+            scenario_beside: seen_from(parent_of(&options.out), &scenario.path).into_os_string(),
             scenario_text: scenario.text.clone(),
             options: options.of_run(),
-            sensors: scenario.named_database().map(AnyPath::absolute),
+            sensors: scenario.named_database().map(from_root),
         }
     }
 
     /// The database of sensors, if the command line named it. Whoever goes on with the run names it again: the plan comes
     /// from a file.
     pub fn named_database(&self) -> Option<&Path> {
-        self.sensors.as_ref().map(|path| path.0.as_path())
+        self.sensors.as_ref().map(Path::new)
     }
 
-    /// The scenario's file.
-    pub fn scenario_path(&self) -> &Path {
-        &self.scenario_path.0
+    /// Whether a file is that of the scenario, as it was.
+    pub fn is_of(&self, path: &Path) -> bool {
+        Scenario::load(path).is_ok_and(|scenario| scenario.text == self.scenario_text)
     }
 
-    /// Whether the scenario's file is still what it was.
-    pub fn has_scenario(&self) -> bool {
-        Scenario::load(self.scenario_path()).is_ok_and(|scenario| scenario.text == self.scenario_text)
-    }
-
-    /// The scenario, read from its text.
+    /// The scenario, read from its text, with the files that are now where they were when the run in `out` began: as seen
+    /// from there, or, where some are missing, at their absolute paths.
     ///
     /// # Errors
-    /// If it is not valid, or its station files are gone.
-    pub fn scenario(&self) -> Result<Scenario, ScenarioError> {
-        Scenario::parse(self.scenario_path(), &self.scenario_text)
+    /// If it is not valid, or a file that it names is gone.
+    pub fn scenario(&self, out: &Path) -> Result<Scenario, ScenarioError> {
+        let places = self.places(out);
+        let mut found = Vec::new();
+        for path in &places {
+            match Scenario::parse(path, &self.scenario_text) {
+                Ok(scenario) if has_database(&scenario) => return Ok(scenario),
+                other => found.push(other),
+            }
+        }
+        // None is complete: a database may be yet to be made. Else the fault is shown where the scenario is.
+        let is_there = places.iter().position(|path| path.is_file());
+        let best = found.iter().position(Result::is_ok).or(is_there).unwrap_or(0);
+        found.swap_remove(best)
+    }
+
+    /// Where the scenario may be.
+    fn places(&self, out: &Path) -> Vec<PathBuf> {
+        let parent = parent_of(out);
+        let beside = parent.canonicalize().unwrap_or_else(|_| parent.to_path_buf()).join(&self.scenario_beside);
+        // Without detours, as far as it is there: messages show it.
+        let directory = parent_of(&beside).canonicalize().ok();
+        let beside = directory.zip(beside.file_name()).map_or_else(|| beside.clone(), |(place, name)| place.join(name));
+        let mut places = vec![beside, PathBuf::from(&self.scenario_path)];
+        places.dedup();
+        places
     }
 
     /// The options of a run that continues this one in the same place.
@@ -66,50 +88,24 @@ impl PlannedRun {
     }
 }
 
-/// A path that is kept as text, whatever its bytes are.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(from = "String", into = "String")]
-struct AnyPath(PathBuf);
-
-impl AnyPath {
-    /// The path from the root: whoever resumes the run may be in another directory.
-    fn absolute(path: &Path) -> Self {
-        Self(absolute(path).unwrap_or_else(|_| path.to_path_buf()))
-    }
+/// Whether the database of sensors is there, if the scenario names one.
+fn has_database(scenario: &Scenario) -> bool {
+    scenario.sensors.as_ref().is_none_or(|sensors| sensors.database.exists())
 }
 
-impl From<AnyPath> for String {
-    fn from(path: AnyPath) -> Self {
-        percent_encode(path.0.as_os_str().as_encoded_bytes(), ENCODED).to_string()
-    }
-}
-
-impl From<String> for AnyPath {
-    fn from(text: String) -> Self {
-        let decoded = percent_decode_str(&text);
-        #[cfg(unix)]
-        {
-            use std::os::unix::ffi::OsStringExt;
-            Self(std::ffi::OsString::from_vec(decoded.collect()).into())
-        }
-        #[cfg(not(unix))]
-        Self(decoded.decode_utf8_lossy().into_owned().into())
-    }
-}
-
-/// The identity of a run: what was asked for, and a checksum of everything else on which its results depend.
+/// The identity of a run: what was asked for, and everything else on which its results depend.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     /// What was asked for.
     pub run: PlannedRun,
-    /// [`Experiment::inputs`].
-    inputs: u32,
+    /// What it reads.
+    inputs: Inputs,
 }
 
 impl Plan {
     /// The plan of a run of a scenario.
     pub fn new(scenario: &Scenario, options: &RunOptions, experiment: &Experiment) -> Self {
-        Self { run: PlannedRun::new(scenario, options), inputs: experiment.inputs }
+        Self { run: PlannedRun::new(scenario, options), inputs: experiment.inputs.clone() }
     }
 
     /// When checkpoints are written; `None`: never.
@@ -118,18 +114,13 @@ impl Plan {
     }
 
     /// Why the other plan is that of another run; `None` if it is the same.
-    pub fn difference(&self, other: &Plan) -> Option<&'static str> {
+    pub fn difference(&self, other: &Plan) -> Option<String> {
         if self.run.scenario_text != other.run.scenario_text {
-            Some("its scenario is another one")
+            Some("its scenario is another one".into())
         } else if self.run.options != other.run.options {
-            Some("it is of a run with other options")
-        } else if self.inputs != other.inputs {
-            Some(
-                "other methods were added to its scenario in code, or what it reads was different: a file of stations, \
-                 observations or fields, or the database of sensors has changed since",
-            )
+            Some("it is of a run with other options".into())
         } else {
-            None
+            self.inputs.difference(&other.inputs)
         }
     }
 }
