@@ -108,7 +108,8 @@ fn a_batch_goes_on_only_with_what_it_began_with_and_a_remark_is_nothing() {
 /// Whole projects, with all that they read, and a run or a batch in the making.
 #[test]
 fn what_was_moved_goes_on_and_what_is_missing_is_named() {
-    let arguments = |more: &[&'static str]| [&["run", "small.toml", "--quiet", "--no-report", "--no-rerun"], more].concat();
+    let arguments =
+        |more: &[&'static str]| [&["run", "small.toml", "--quiet", "--no-report", "--no-rerun"], more].concat();
     for more in [&["--seeds", "8", "--cycles", "40"][..], &["--cycles", "40", "--checkpoint-cycles", "1"]] {
         let (moved, parent) = (project(), tempfile::tempdir().unwrap());
         if more[0] == "--seeds" {

@@ -277,7 +277,8 @@ fn a_signal_ends_the_run_after_the_cycle_with_a_checkpoint() {
 #[cfg(target_os = "linux")]
 fn a_run_that_is_immune_to_hangups_runs_to_its_end() {
     let parent = place();
-    let line = "trap '' HUP; exec \"$0\" run small.toml --no-rerun --no-report --quiet --cycles 50 --checkpoint-cycles 1";
+    let line =
+        "trap '' HUP; exec \"$0\" run small.toml --no-rerun --no-report --quiet --cycles 50 --checkpoint-cycles 1";
     let mut command = Command::new("sh");
     command.current_dir(parent.path()).args(["-c", line, env!("CARGO_BIN_EXE_isobar")]).stdout(Stdio::null());
     let mut child = command.stderr(Stdio::piped()).spawn().unwrap();

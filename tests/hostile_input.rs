@@ -341,6 +341,7 @@ fn figures_are_well_formed_whatever_the_names_are() {
         let svg = format!("<svg{}</svg>", svg.split("</svg>").next().unwrap());
         roxmltree::Document::parse(&svg).unwrap();
     }
-    let policy = page.find("http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:").unwrap();
+    let policy =
+        page.find("http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:").unwrap();
     assert!(policy < page.find("<style").unwrap() && !page.contains("<script"));
 }

@@ -6,7 +6,8 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-const NAMES: [&str; 7] = ["my run", "it's", "-x", "a$(touch hacked)b;c", "tick`touch hacked`", "tab\there", "red\u{1b}[31m"];
+const NAMES: [&str; 7] =
+    ["my run", "it's", "-x", "a$(touch hacked)b;c", "tick`touch hacked`", "tab\there", "red\u{1b}[31m"];
 
 /// Runs a line in a shell in which `isobar` is a command.
 fn paste(here: &Path, line: &str) {
@@ -57,8 +58,10 @@ fn what_was_interrupted_is_resumed_by_the_command_that_is_proposed() {
         let directory = tempfile::tempdir().unwrap();
         let here = directory.path();
         fs::write(here.join(format!("{name}.toml")), VALID).unwrap();
-        let (file, out) = (format!("./{name}.toml"), format!("--out={name} with-a-hyphen and many words {}", "x ".repeat(50)));
-        let run = ["run", &file, &out, "--quiet", "--no-report", "--no-rerun", "--cycles", "40", "--checkpoint-cycles", "1"];
+        let (file, out) =
+            (format!("./{name}.toml"), format!("--out={name} with-a-hyphen and many words {}", "x ".repeat(50)));
+        let run =
+            ["run", &file, &out, "--quiet", "--no-report", "--no-rerun", "--cycles", "40", "--checkpoint-cycles", "1"];
         let mut command = Command::new(env!("CARGO_BIN_EXE_isobar"));
         let child = command.current_dir(here).args(run).stderr(std::process::Stdio::piped()).spawn().unwrap();
         let partial = here.join(&out["--out=".len()..]).join(format!(".{name}.partial"));

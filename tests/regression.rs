@@ -111,7 +111,8 @@ fn the_spread_of_the_kalman_filter_matches_its_error_on_linear_scenarios() {
             continue;
         }
         for variable in scenario.model.variables().iter().map(|variable| variable.0) {
-            let [spread, rmse] = ["spread", "rmse"].map(|kind| scored.score("kf", &format!("{kind}_analysis.{variable}")));
+            let [spread, rmse] =
+                ["spread", "rmse"].map(|kind| scored.score("kf", &format!("{kind}_analysis.{variable}")));
             let ratio = spread / rmse;
             assert!((ratio - 1.0).abs() < 0.15, "{}: spread over error of {variable} is {ratio}", scenario.name);
         }

@@ -62,7 +62,8 @@ impl BatchPlan {
         let open = if options.resume { OutputDirectory::resume_batch } else { OutputDirectory::create };
         let directory = open(options.out.clone(), existing).into_diagnostic()?;
         let plan = Self { version: crate::VERSION.into(), run: PlannedRun::new(scenario, options), kind, inputs };
-        let old = if options.resume { Self::read(directory.working()).map_err(|reason| miette!(reason))? } else { None };
+        let old =
+            if options.resume { Self::read(directory.working()).map_err(|reason| miette!(reason))? } else { None };
         if let Some(difference) = old.as_ref().and_then(|old| plan.inputs.difference(&old.inputs)) {
             let out = shown_path(&options.out);
             let help = "put back what was there when it began, or begin it anew with --overwrite";

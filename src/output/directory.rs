@@ -117,7 +117,10 @@ impl OutputDirectory {
             let reason = if destination.join(SUMMARY_FILE).is_file() {
                 "the run is complete".into()
             } else {
-                format!("there is no checkpoint in {}, so nothing of it is kept: begin the run anew", shown_path(&working))
+                format!(
+                    "there is no checkpoint in {}, so nothing of it is kept: begin the run anew",
+                    shown_path(&working)
+                )
             };
             return Err(SinkError { path: destination, reason });
         }

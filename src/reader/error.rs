@@ -83,7 +83,12 @@ pub(crate) struct FileName {
 
 impl SourceFile {
     pub fn new(path: &Path, text: &str) -> Self {
-        Self { path: path.to_path_buf(), printable: same_length(text), names: RefCell::default(), tables: RefCell::default() }
+        Self {
+            path: path.to_path_buf(),
+            printable: same_length(text),
+            names: RefCell::default(),
+            tables: RefCell::default(),
+        }
     }
 
     /// The path of a file that this one names, relative to its own directory.

@@ -41,8 +41,14 @@ mod tests {
         let text = include_str!("../../tests/common/valid.toml")
             .replace("{ regular = [3, 2] }", "{ file = \"data/it's \\\"here\\\".csv\" }")
             .replace("groups = [\"A\", \"B\"]\n", "group_by = \"group\"\n")
-            .replace("kind = \"jet\"\nmean_depth_m = 1000\nspeed_m_per_s = 10\nwidth_km = 200", "kind = \"file\"\nfile = \"data/state.csv\"")
-            .replace("components = [", "components = [{ kind = \"members\", variable = \"h\", file = \"data/members.csv\" }, ")
+            .replace(
+                "kind = \"jet\"\nmean_depth_m = 1000\nspeed_m_per_s = 10\nwidth_km = 200",
+                "kind = \"file\"\nfile = \"data/state.csv\"",
+            )
+            .replace(
+                "components = [",
+                "components = [{ kind = \"members\", variable = \"h\", file = \"data/members.csv\" }, ",
+            )
             .replace(
                 "[methods.free]",
                 "[networks.buoys]\nkind = \"file\"\nfile = \"data/obs.csv\"\nvariable = \"h\"\nsigma = 5\n\

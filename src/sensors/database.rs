@@ -82,7 +82,10 @@ impl Database {
             Ok(metadata) => metadata.len() == 0,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound && missing == Missing::Create => true,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                return Err(SensorError::new(path, "there is no such database; `isobar sensors import --help` says how to make one"));
+                return Err(SensorError::new(
+                    path,
+                    "there is no such database; `isobar sensors import --help` says how to make one",
+                ));
             }
             Err(error) => return Err(SensorError::new(path, error)),
         };

@@ -57,7 +57,9 @@ impl SavedRun {
     pub fn open(directory: &Path) -> Result<Self, SavedRunError> {
         let failure = |reason: &str| SavedRunError::new(directory, reason);
         if !directory.exists() {
-            return Err(failure("there is no such directory").with_help("a complete run leaves one, by default below ./out"));
+            return Err(
+                failure("there is no such directory").with_help("a complete run leaves one, by default below ./out")
+            );
         }
         if !directory.is_dir() {
             return Err(failure("it is a file, not the directory of a run"));
