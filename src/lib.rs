@@ -41,6 +41,7 @@ pub mod plot;
 pub mod progress;
 mod reader;
 pub mod run;
+mod safe_file;
 pub mod scenario;
 pub mod scores;
 pub mod sensors;

@@ -22,6 +22,7 @@ mod live;
 mod observations;
 mod outputs;
 mod pasting;
+mod paths;
 mod profilers;
 mod published;
 mod recorded_files;

@@ -3,9 +3,10 @@
 use crate::interrupt;
 use crate::options::RunOptions;
 use crate::output::directory::{BATCH_FILE, complete_runs};
-use crate::output::{Existing, OutputDirectory, SinkError, whole};
+use crate::output::{Existing, OutputDirectory, SinkError};
 use crate::run::checkpoint::PlannedRun;
 use crate::run::experiment::Inputs;
+use crate::safe_file;
 use crate::scenario::Scenario;
 use crate::shell::command;
 use crate::text::shown_path;
@@ -59,7 +60,7 @@ impl BatchPlan {
         let inputs = Inputs::of_all(scenarios, options.seed, options.cycles);
         let inputs = inputs.map_err(|error| error.locate(scenario))?;
         let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
-        let open = if options.resume { OutputDirectory::resume_batch } else { OutputDirectory::create };
+        let open = if options.resume { OutputDirectory::resume_batch } else { OutputDirectory::create_batch };
         let directory = open(options.out.clone(), existing).into_diagnostic()?;
         let plan = Self { version: crate::VERSION.into(), run: PlannedRun::new(scenario, options), kind, inputs };
         let old =
@@ -78,7 +79,8 @@ impl BatchPlan {
     fn write(&self, working: &Path) -> Result<(), SinkError> {
         let path = working.join(BATCH_FILE);
         let text = serde_json::to_string(self).map_err(|error| error.to_string());
-        let written = text.and_then(|text| whole::write(&path, text.as_bytes()).map_err(|error| error.to_string()));
+        let written =
+            text.and_then(|text| safe_file::replace(&path, text.as_bytes()).map_err(|error| error.to_string()));
         written.map_err(|reason| SinkError { path, reason })
     }
 

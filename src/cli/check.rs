@@ -4,10 +4,11 @@ use super::console::{print, show, warn};
 use super::lookup;
 use crate::run::experiment;
 use miette::Report;
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 /// Says of each scenario whether it is valid. One that is not does not keep the others from being checked.
-pub fn check(scenarios: &[String]) -> Result<ExitCode, Report> {
+pub fn check(scenarios: &[OsString]) -> Result<ExitCode, Report> {
     let mut code = ExitCode::SUCCESS;
     for argument in scenarios {
         let checked = lookup::load(argument).and_then(|scenario| match experiment::check(&scenario) {

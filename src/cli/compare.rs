@@ -4,10 +4,10 @@ use super::arguments::CompareArguments;
 use super::console::print;
 use crate::comparison::Comparison;
 use crate::output::recorded::SavedRun;
+use crate::safe_file;
 use crate::text::shown_path;
 use miette::{Report, miette};
-use std::fs::OpenOptions;
-use std::io::{ErrorKind, Write};
+use std::io::ErrorKind;
 use std::process::ExitCode;
 
 /// Compares runs: a page, and the differences on the terminal.
@@ -29,19 +29,12 @@ pub fn compare(arguments: &CompareArguments) -> Result<ExitCode, Report> {
 }
 
 fn write(arguments: &CompareArguments, html: &str) -> Result<(), Report> {
-    let path = &arguments.out;
-    let mut options = OpenOptions::new();
-    options.write(true).truncate(true);
-    if arguments.overwrite {
-        options.create(true)
-    } else {
-        options.create_new(true)
-    };
-    let written = options.open(path).and_then(|mut file| file.write_all(html.as_bytes()));
-    written.map_err(|error| match error.kind() {
+    let shown = shown_path(&arguments.out);
+    let write = if arguments.overwrite { safe_file::replace } else { safe_file::write_new };
+    write(&arguments.out, html.as_bytes()).map_err(|error| match error.kind() {
         ErrorKind::AlreadyExists => {
-            miette!(help = "--overwrite replaces it, --out writes to another place", "{} exists", shown_path(path))
+            miette!(help = "--overwrite replaces it, --out writes to another place", "{shown} exists")
         }
-        _ => miette!("cannot write {}: {error}", shown_path(path)),
+        _ => miette!("cannot write {shown}: {error}"),
     })
 }

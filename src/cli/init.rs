@@ -1,10 +1,11 @@
 //! `isobar init`.
 
 use super::console::print;
+use crate::safe_file;
 use crate::shell::command;
 use crate::text::shown_path;
 use miette::{Report, miette};
-use std::io::{ErrorKind, Write};
+use std::io::ErrorKind;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -14,8 +15,7 @@ const TEMPLATE: &str = include_str!("template.toml");
 /// Writes the template to a file that does not exist yet.
 pub fn init(path: &Path) -> Result<ExitCode, Report> {
     let shown = shown_path(path);
-    let file = std::fs::OpenOptions::new().write(true).create_new(true).open(path);
-    match file.and_then(|mut file| file.write_all(TEMPLATE.as_bytes())) {
+    match safe_file::write_new(path, TEMPLATE.as_bytes()) {
         Ok(()) => {
             let [check, run] = ["isobar check", "isobar run"].map(|words| command(words, &[path]));
             print(&format!("wrote {shown}; now: {check} && {run}"))?;

@@ -3,13 +3,15 @@
 use crate::batch::JobError;
 use crate::options::RunOptions;
 use crate::output::Sink;
-use crate::output::directory::{checkpoints, working};
-use crate::run::{self, RunError};
+use crate::output::directory::{Stage, checkpoints, stage};
+use crate::output::working;
+use crate::run::{self, Afterwards, RunError};
 use crate::scenario::Scenario;
 use crate::scores::Summary;
 use crate::shell::command;
 use crate::text::{clean, listed, nearest};
 use miette::{Report, miette};
+use std::path::Path;
 
 /// The most failures of a batch that standard error names; the files have all of them.
 const MOST_FAILURES: usize = 10;
@@ -20,19 +22,38 @@ pub fn run_scenario(scenario: &Scenario, options: &RunOptions, listener: &mut dy
     run.map_err(|error| JobError { may_pass: error.may_pass(), report: report(error, scenario, options) })
 }
 
+/// The same with something to be done once the outputs are complete.
+pub fn run_scenario_then(
+    scenario: &Scenario,
+    options: &RunOptions,
+    listener: &mut dyn Sink,
+    afterwards: Afterwards<'_>,
+) -> Result<Summary, Report> {
+    run::run_then(scenario, options, listener, afterwards).map_err(|error| report(error, scenario, options))
+}
+
 /// The error of a run.
 fn report(error: RunError, scenario: &Scenario, options: &RunOptions) -> Report {
     match error {
         RunError::Experiment(error) => error.locate(scenario).into(),
         RunError::Place(error) => miette!("{}: {error}", scenario.name),
         error => {
-            let kept = working(&options.out).ok().and_then(|working| Some(checkpoints(&working).first()?.0));
-            let help = kept.map_or("nothing of the run is kept".to_string(), |cycle| {
-                let resume = command("isobar resume", &[&options.out]);
-                format!("the run is kept up to cycle {cycle}: `{resume}` continues it")
-            });
+            let help = kept(&options.out);
             miette!(help = help, "{}: {error}", scenario.name)
         }
+    }
+}
+
+/// What is kept of a run that has ended early, and how it goes on.
+fn kept(out: &Path) -> String {
+    let resume = command("isobar resume", &[out]);
+    let cycle = working::path(out).ok().and_then(|working| Some(checkpoints(&working).first()?.0));
+    match (stage(out), cycle) {
+        (Ok(Stage::Complete | Stage::Published), _) => {
+            format!("the run is complete: `{resume}` does the rest, once that is possible")
+        }
+        (_, Some(cycle)) => format!("the run is kept up to cycle {cycle}: `{resume}` continues it"),
+        _ => "nothing of the run is kept".to_string(),
     }
 }
 

@@ -19,6 +19,7 @@ mod seeds;
 mod sensors;
 mod sweep;
 mod view;
+mod write_back;
 
 use crate::interrupt;
 use crate::text::is_unprintable;

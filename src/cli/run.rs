@@ -2,24 +2,31 @@
 
 use super::arguments::RunArguments;
 use super::console::{print, show};
-use super::launch::{check_cycles, check_method, run_scenario};
+use super::launch::{check_cycles, check_method, run_scenario_then};
+use super::write_back::{self, name_database, write_sensors};
 use super::{lookup, seeds};
 use crate::interrupt;
 use crate::options::{CheckpointPolicy, RunOptions};
 use crate::output::{OUTPUTS, Open, Output};
 use crate::progress::Progress;
+use crate::run::experiment::check_sensors;
 use crate::scenario::Scenario;
-use crate::sensors::write_back::{self, SENSORS_FILE};
 use crate::shell::command;
 use crate::tables;
 use crate::text::{listed, shown_path};
 use miette::{Report, miette};
 use std::collections::HashMap;
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 /// Runs scenarios one after the other. All are read before the first one runs. The exit code is 1 if a method failed.
 pub fn run(arguments: &RunArguments) -> Result<ExitCode, Report> {
-    let scenarios = arguments.scenarios.iter().map(|argument| lookup::load(argument)).collect::<Result<Vec<_>, _>>()?;
+    let load = |argument: &OsString| {
+        let mut scenario = lookup::load(argument)?;
+        name_database(&mut scenario, arguments.sensors.as_deref())?;
+        Ok::<_, Report>(scenario)
+    };
+    let scenarios = arguments.scenarios.iter().map(load).collect::<Result<Vec<_>, _>>()?;
     check_names(&scenarios)?;
     let of_scenario = |scenario: &Scenario| {
         let options = options(arguments, scenario)?;
@@ -27,6 +34,9 @@ pub fn run(arguments: &RunArguments) -> Result<ExitCode, Report> {
         Ok::<_, Report>((options, seeds))
     };
     let all = scenarios.iter().map(of_scenario).collect::<Result<Vec<_>, _>>()?;
+    for (scenario, _) in scenarios.iter().zip(&all).filter(|(_, (_, seeds))| seeds.is_none()) {
+        check_sensors(scenario).map_err(|error| error.locate(scenario))?;
+    }
     for scenario in &scenarios {
         for (output, feature) in missing(arguments, scenario) {
             print(&format!(
@@ -54,12 +64,18 @@ pub fn run(arguments: &RunArguments) -> Result<ExitCode, Report> {
 /// Runs a scenario, or continues it; whether no method failed and, if observations are read from files, any was used.
 pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) -> Result<bool, Report> {
     let mut progress = Progress::new(quiet);
-    let summary = run_scenario(scenario, options, &mut progress)?;
+    let mut written = None;
+    let summary = run_scenario_then(scenario, options, &mut progress, &mut |out| {
+        // Before anything is printed: what is printed may reach nobody, and is not worth the run.
+        written = write_sensors(scenario, out);
+        !matches!(written, Some(Err(_)))
+    })?;
     drop(progress);
+    let (of_sensors, wrote_sensors) = write_back::report(written);
     let scores = tables::scores::on_terminal(&summary, scenario.model.variables());
     print(&format!("{}: {}\n\n{scores}\n", scenario.name, scenario.title))?;
     print(&format!("Files: {}\n", shown_path(&options.out)))?;
-    write_sensors(scenario, options)?;
+    of_sensors.map_or(Ok(()), |text| print(&text))?;
     let failed: Vec<&str> = summary.failures().map(|(name, _)| name).collect();
     if !failed.is_empty() {
         show(&miette!(
@@ -76,23 +92,7 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
         let help = format!("the warnings at the beginning say why, as does `{check}`; observations.nc has all of them");
         show(&miette!(help = help, "{}: no observation was used", scenario.name));
     }
-    Ok(failed.is_empty() && !nothing_used)
-}
-
-/// Takes what the run has found out of its sensors into their database, if the scenario says so.
-fn write_sensors(scenario: &Scenario, options: &RunOptions) -> Result<(), Report> {
-    let Some(settings) = scenario.sensors.as_ref().filter(|sensors| sensors.writes.is_some()) else { return Ok(()) };
-    let table = options.out.join(SENSORS_FILE);
-    let database = shown_path(&settings.database);
-    if !table.is_file() {
-        return print(&format!("Sensors: nothing to write into {database}, the method did not run to the end\n"));
-    }
-    let new = write_back::write_back(&options.out, &settings.database).map_err(|error| {
-        let import = command("isobar sensors import", &[&settings.database, &table]);
-        let help = format!("the run is complete; `{import}` takes its sensors in");
-        Report::from(error).wrap_err(help)
-    })?;
-    print(&format!("Sensors: {new} new records in {database}\n"))
+    Ok(wrote_sensors && failed.is_empty() && !nothing_used)
 }
 
 /// When checkpoints are written.

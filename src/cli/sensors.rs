@@ -2,6 +2,7 @@
 
 use super::console::print;
 use crate::calendar::utc;
+use crate::safe_file;
 use crate::sensors::database::Missing;
 use crate::sensors::record::Key;
 use crate::sensors::{Database, Record, Records, SensorError, table};
@@ -10,6 +11,7 @@ use crate::text::{clean, listed, nearest, printable, shown_path};
 use clap::Subcommand;
 use isobar_model::Time;
 use miette::{Report, miette};
+use std::io::{Error, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -40,7 +42,7 @@ pub enum SensorsCommand {
     Export {
         /// The database
         database: PathBuf,
-        /// Write the table into this file instead
+        /// Write the table into this new file instead
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
@@ -88,8 +90,9 @@ pub fn sensors(command: &SensorsCommand) -> Result<ExitCode, Report> {
         SensorsCommand::Export { database, out } => {
             let text = table::write(&read(database)?);
             match out {
-                Some(path) => std::fs::write(path, text)
-                    .map_err(|error| miette!("cannot write {}: {error}", shown_path(&path)))?,
+                Some(path) => {
+                    safe_file::write_new(path, text.as_bytes()).map_err(|error| cannot_write(path, &error))?
+                }
                 None => print(text.trim_end())?,
             }
         }
@@ -107,6 +110,16 @@ pub fn sensors(command: &SensorsCommand) -> Result<ExitCode, Report> {
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+fn cannot_write(path: &Path, error: &Error) -> Report {
+    let shown = shown_path(path);
+    match error.kind() {
+        ErrorKind::AlreadyExists => {
+            miette!(help = "give another path, or remove the file first", "{shown} exists; nothing was written")
+        }
+        _ => miette!("cannot write {shown}: {error}"),
+    }
 }
 
 /// What a table looks like.

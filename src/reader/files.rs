@@ -1,6 +1,7 @@
 //! Files that a scenario names.
 
 use super::{Field, Read};
+use crate::safe_file;
 use crate::text::{clean, shown_path};
 use isobar_obs::table::{decode, rows};
 use std::io::Read as _;
@@ -44,11 +45,8 @@ fn checksum(text: &str) -> u32 {
 /// In words, without the file's name.
 pub(crate) fn bytes(path: &Path, largest: u64) -> Result<Vec<u8>, String> {
     // A pipe might never end, nor begin.
-    if !std::fs::metadata(path).map_err(|error| error.to_string())?.is_file() {
-        return Err("it is not a file".into());
-    }
     let mut bytes = Vec::new();
-    let file = std::fs::File::open(path).map_err(|error| error.to_string())?;
+    let file = safe_file::open_named(path).map_err(|error| error.to_string())?;
     file.take(largest + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
     if bytes.len() as u64 > largest {
         return Err(format!("it is larger than {} MB", largest / 1_000_000));

@@ -1,9 +1,9 @@
 //! Rewriting `[expected]` in a scenario file, with every other byte as it was.
 
 use super::Scenario;
+use crate::safe_file;
 use crate::scores::Expected;
 use crate::text::shown_path;
-use std::io::Write;
 use std::path::PathBuf;
 
 /// Why the scores could not be accepted.
@@ -79,11 +79,5 @@ pub fn accept(scenario: &Scenario, expected: &Expected) -> Result<(), AcceptErro
     if std::fs::read_to_string(&path).map_err(fail)? != scenario.text {
         return Err(AcceptError::Changed { path: scenario.path.clone() });
     }
-    let directory = path.parent().unwrap_or(std::path::Path::new("."));
-    let mut file = tempfile::NamedTempFile::new_in(directory).map_err(fail)?;
-    file.write_all(text.as_bytes()).map_err(fail)?;
-    file.as_file().set_permissions(std::fs::metadata(&path).map_err(fail)?.permissions()).map_err(fail)?;
-    file.as_file().sync_all().map_err(fail)?;
-    file.persist(&path).map_err(|error| fail(error.error))?;
-    Ok(())
+    safe_file::replace(&path, text.as_bytes()).map_err(fail)
 }

@@ -28,7 +28,7 @@ use crate::kinds::initial::{INITIAL, InitialState};
 use crate::kinds::instruments;
 use crate::kinds::methods::{self, Method, Surroundings};
 use crate::kinds::models::{self, Model};
-use crate::kinds::{self, Domain, plain_name};
+use crate::kinds::{self, Domain, distinct_name, plain_name};
 use crate::output::Outputs;
 use crate::reader::{self, Field, FileName, Read, Section, SourceFile};
 use crate::scores::expected::TOLERANCE_KEY;
@@ -123,6 +123,12 @@ impl Scenario {
         let file: toml::Table = self.text.parse().expect("the text has been read before");
         let changes = file.get("truth").and_then(|truth| truth.get("model")?.as_table());
         changes.is_some_and(|changes| changes.iter().any(|(key, value)| file["model"].get(key) != Some(value)))
+    }
+
+    /// The database of sensors, if the user has named it.
+    pub fn named_database(&self) -> Option<&Path> {
+        let sensors = self.sensors.as_ref().filter(|sensors| sensors.within.is_none())?;
+        Some(&sensors.database)
     }
 
     /// Reads a scenario file.
@@ -280,18 +286,16 @@ fn read_methods(root: &Section<'_>, surroundings: &Surroundings) -> Read<IndexMa
 /// What is wrong, and what to do.
 pub(crate) fn check_method_name<'a>(
     name: &str,
-    mut others: impl Iterator<Item = &'a String>,
+    others: impl Iterator<Item = &'a String>,
 ) -> Result<(), (String, &'static str)> {
     plain_name(name, "method")?;
     if name == TOLERANCE_KEY {
         return Err((format!("a method cannot be called {name}"), "[expected] has a key of that name"));
     }
-    // Their files would be one and the same on a file system that does not distinguish case.
-    match others.find(|other| other.eq_ignore_ascii_case(name)) {
-        None => Ok(()),
-        Some(other) if other == name => Err((format!("there are two methods `{name}`"), "choose another name")),
-        Some(other) => Err((format!("the methods `{other}` and `{name}` differ in case only"), "choose another name")),
+    if ["truth", "observations"].iter().any(|file| name.eq_ignore_ascii_case(file)) {
+        return Err((format!("a method cannot be called {name}"), "a file of every run has that name"));
     }
+    distinct_name(name, others.map(String::as_str), "method")
 }
 
 fn string(root: &Section<'_>, key: &str) -> Read<String> {

@@ -6,7 +6,7 @@ use crate::run::experiment::{Experiment, Inputs};
 use crate::scenario::{Scenario, ScenarioError};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
-use std::path::{Path, PathBuf};
+use std::path::{Path, PathBuf, absolute};
 
 /// A scenario and the options of its runs, as they were asked for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -19,19 +19,33 @@ pub struct PlannedRun {
     scenario_text: String,
     /// What the command line changed.
     options: RunOptions,
+    /// The database of sensors, if the command line named it.
+    sensors: Option<OsString>,
 }
 
 impl PlannedRun {
     /// What a run, or each run of a batch, is asked to do.
     pub fn new(scenario: &Scenario, options: &RunOptions) -> Self {
         // Whoever resumes the run may be in another directory.
-        let absolute = std::path::absolute(&scenario.path).unwrap_or_else(|_| scenario.path.clone());
+        let from_root = |path: &Path| absolute(path).unwrap_or_else(|_| path.to_path_buf()).into_os_string();
         Self {
-            scenario_path: absolute.into_os_string(),
+            scenario_path: from_root(&scenario.path),
             scenario_beside: seen_from(parent_of(&options.out), &scenario.path).into_os_string(),
             scenario_text: scenario.text.clone(),
             options: options.of_run(),
+            sensors: scenario.named_database().map(from_root),
         }
+    }
+
+    /// The database of sensors, if the command line named it. Whoever goes on with the run names it again: the plan comes
+    /// from a file.
+    pub fn named_database(&self) -> Option<&Path> {
+        self.sensors.as_ref().map(Path::new)
+    }
+
+    /// Whether a file is that of the scenario, as it was.
+    pub fn is_of(&self, path: &Path) -> bool {
+        Scenario::load(path).is_ok_and(|scenario| scenario.text == self.scenario_text)
     }
 
     /// The scenario, read from its text, with the files that are now where they were when the run in `out` began: as seen

@@ -113,6 +113,7 @@ pub struct Checked {
 /// # Errors
 /// The first thing that does not.
 pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
+    check_sensors(scenario)?;
     let ground = ground(scenario, scenario.seed, scenario.cycle.count)?;
     for (name, method) in &scenario.methods {
         let calibration = &ground.problem.calibration;
@@ -123,6 +124,15 @@ pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
         recorded: notices::recorded(&ground.observing, scenario.cycle.count),
         warnings: notices::warnings(scenario, &ground.observing, scenario.cycle.count),
     })
+}
+
+/// Whether the scenario's database of sensors can be written back, and may be, if it is to be.
+///
+/// # Errors
+/// If not.
+pub fn check_sensors(scenario: &Scenario) -> Result<(), ExperimentError> {
+    let Some(settings) = &scenario.sensors else { return Ok(()) };
+    Ok(settings.check_place().map_err(|reason| SensorError::new(&settings.database, reason))?)
 }
 
 impl Experiment {
