@@ -50,8 +50,8 @@ impl SensorSettings {
             if !is_below || is_link || !within.canonicalize().is_ok_and(|within| real.starts_with(within)) {
                 let why = if is_link { "it is a link" } else { "it is not below the scenario's directory" };
                 return Err(format!(
-                    "{why}, and so a scenario may not write there: name it on the command line, `{}`",
-                    command("isobar run … --sensors", &[&self.database])
+                    "{why}, and so a scenario may not write there: name it on the command line with `{}`",
+                    command("--sensors", &[&self.database])
                 ));
             }
         }
