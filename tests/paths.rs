@@ -253,6 +253,8 @@ fn a_scenario_writes_no_database_outside_its_directory_unless_the_user_names_it(
         assert!(names(&elsewhere).is_empty() && !inner.join("out").exists(), "{database}");
     }
     fs::write(inner.join("small.toml"), with_sensors("../elsewhere/x.db")).unwrap();
+    succeeds(isobar(&inner, &["check", "small.toml", "--sensors", "../elsewhere/x.db"]));
+    assert!(names(&elsewhere).is_empty());
     assert!(succeeds(run(&inner, &["--sensors", "../elsewhere/x.db"])).contains("5 new records in ../elsewhere/x.db"));
     assert_eq!(names(&elsewhere), ["x.db"]);
     // Below its directory it may.

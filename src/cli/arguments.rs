@@ -251,6 +251,9 @@ pub struct CheckArguments {
     /// Scenario files, or names of scenarios in ./scenarios
     #[arg(required = true, value_name = "SCENARIO")]
     pub scenarios: Vec<OsString>,
+    /// Database of sensors that `isobar run --sensors` is to be given
+    #[arg(long, value_name = "FILE")]
+    pub sensors: Option<PathBuf>,
 }
 
 #[derive(Args, Debug)]

@@ -42,7 +42,7 @@ pub fn main() -> ExitCode {
     let _ = miette::set_hook(Box::new(|_| Box::new(Messages::new())));
     let outcome = match arguments.command {
         Command::Run(arguments) => run::run(&arguments),
-        Command::Check(arguments) => check::check(&arguments.scenarios),
+        Command::Check(arguments) => check::check(&arguments),
         Command::List(arguments) => list::list(&arguments),
         Command::Init { path } => init::init(&path),
         Command::Resume(arguments) => resume::resume(&arguments),

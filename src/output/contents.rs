@@ -49,8 +49,8 @@ pub fn check(directory: &Path) -> Result<(), SinkError> {
     let path = directory.join(LIST_FILE);
     let text = safe_file::read(&path, LARGEST_LIST).map_err(|error| {
         refuse(format!(
-            "it exists and is not the output of a complete run, for it has no list of its files ({LIST_FILE}: {error}): it \
-             will not be deleted"
+            "it exists and is not the output of a complete run, for it has no list of its files ({LIST_FILE}: {error}), so \
+             it will not be deleted: remove it yourself, or choose another --out"
         ))
     })?;
     let text = String::from_utf8_lossy(&text);
