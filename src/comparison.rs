@@ -11,6 +11,7 @@ use crate::plot::{Curve, CurvePlot, Dash};
 use crate::scores::statistics::{Difference, difference, root_interval};
 use crate::scores::{Score, Values};
 use crate::tables::{Cell, NONE, Table, figure};
+use crate::text::shown_path;
 
 /// Curves that a figure shows at most.
 const MOST_CURVES: usize = 14;
@@ -79,7 +80,7 @@ impl Comparison {
             let from = it.scored_from_cycle;
             let text = format!(
                 "{}: scenario {}, seed {}, {} cycles, scores from cycle {from}, isobar {}",
-                run.directory.display(),
+                shown_path(&run.directory),
                 it.scenario,
                 it.seed,
                 it.cycles,

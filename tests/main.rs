@@ -3,6 +3,7 @@
 mod agreement;
 mod air_mass;
 mod architecture;
+mod batches;
 mod checkpoints;
 mod circles;
 mod command_line;
@@ -20,6 +21,8 @@ mod keys;
 mod live;
 mod observations;
 mod outputs;
+mod pasting;
+mod paths;
 mod profilers;
 mod published;
 mod recorded_files;

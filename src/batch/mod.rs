@@ -5,5 +5,5 @@ mod plan;
 pub mod seeds;
 pub mod sweep;
 
-pub use jobs::{Job, JobOutcome, Run, Schedule, run_jobs};
-pub use plan::{BatchKind, BatchPlan, interrupted};
+pub use jobs::{Job, JobError, JobOutcome, Run, Schedule, run_jobs};
+pub use plan::{BatchKind, BatchPlan, interrupted, unfinished};

@@ -6,7 +6,7 @@ mod file;
 mod radiosonde;
 mod satellite;
 
-use super::{Domain, Kinds, check_name, choose};
+use super::{Domain, Kinds, check_name, choose, distinct_name};
 use crate::reader::{Field, Read, Section};
 use common::{FIRST_CYCLE, INTERVAL_CYCLES, MISSING_RATE, faults};
 use isobar_obs::{InstrumentSettings, Network, ObservationError, Schedule};
@@ -21,10 +21,12 @@ const MOST_NETWORKS: usize = 100;
 
 /// Reads `[networks]`; a scenario without it has no observations.
 pub(crate) fn read(root: &Section<'_>, domain: &Domain) -> Read<Vec<Network>> {
-    let mut networks = Vec::new();
+    let mut networks: Vec<Network> = Vec::new();
     let Some(field) = root.optional("networks") else { return Ok(networks) };
     for (name, field) in field.any_section()?.fields() {
         check_name(name, &field, "network")?;
+        let others = networks.iter().map(|network| network.name.as_str());
+        distinct_name(name, others, "network").map_err(|(message, help)| field.misplaced(message, help))?;
         if networks.len() == MOST_NETWORKS {
             return Err(field.misplaced(format!("there are more than {MOST_NETWORKS} networks"), "too many"));
         }

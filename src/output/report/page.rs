@@ -9,10 +9,11 @@ use crate::event::RunInfo;
 use crate::plot::{CurvePlot, PlotError};
 use crate::scores::Summary;
 use crate::tables::{MOST_PARAMETERS, Table, diagnostics, scores, stability};
+use crate::text::on_page;
 use base64::Engine;
 use minijinja::syntax::SyntaxConfig;
 use minijinja::value::{Serde, Value};
-use minijinja::{Environment, UndefinedBehavior, context};
+use minijinja::{Environment, UndefinedBehavior, context, escape_formatter};
 use serde::Serialize;
 
 /// Figures of bias parameters that are shown at once; the others are folded.
@@ -100,6 +101,10 @@ pub fn render(page: &Page) -> Result<String, PageError> {
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
     environment.set_syntax(SyntaxConfig::builder().trim_blocks(true).lstrip_blocks(true).build()?);
     environment.add_template("page.html", include_str!("page.html"))?;
+    environment.set_formatter(|output, state, value| match value.as_str() {
+        Some(text) if !value.is_safe() => escape_formatter(output, state, &Value::from(on_page(text))),
+        _ => escape_formatter(output, state, value),
+    });
     let style = include_str!("style.css");
     Ok(environment.get_template("page.html")?.render(context! { page => Value::from(Serde(page)), style })?)
 }

@@ -3,10 +3,12 @@
 mod balance;
 mod builder;
 mod error;
+mod inputs;
 mod notices;
 
 pub use builder::ExperimentBuilder;
 pub use error::ExperimentError;
+pub use inputs::Inputs;
 
 use crate::event::{MethodInfo, RunInfo, StationInfo};
 use crate::kinds::{covariances, instruments};
@@ -25,7 +27,6 @@ use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem,
 use isobar_model::random::stream;
 use isobar_model::{Duration, check_time_step};
 use isobar_obs::ObservingSystem;
-use std::path::Path;
 
 impl ExperimentError {
     /// The same fault with its place in the scenario's file.
@@ -42,8 +43,6 @@ impl ExperimentError {
                 place = instruments::place(error, &scenario.text);
                 (place.iter().map(String::as_str).collect(), "here")
             }
-            // It is a file that has changed since the scenario was read.
-            ExperimentError::File { .. } => (Vec::new(), "in this scenario"),
         };
         scenario.fault(&path, self.to_string(), label)
     }
@@ -67,9 +66,8 @@ pub struct Experiment {
     pub units: UnitCheck,
     /// What observes it.
     pub observing: ObservingSystem,
-    /// Checksum of everything on which results depend beside the scenario's text and the options: the contents of its
-    /// files, what is known of its sensors, and the names of methods from code.
-    pub inputs: u32,
+    /// Everything on which results depend beside the scenario's text and the options.
+    pub inputs: Inputs,
     /// What the user should know of it before it runs.
     pub warnings: Vec<String>,
     /// The methods, in the order of [`RunInfo::methods`].
@@ -115,6 +113,7 @@ pub struct Checked {
 /// # Errors
 /// The first thing that does not.
 pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
+    check_sensors(scenario)?;
     let ground = ground(scenario, scenario.seed, scenario.cycle.count)?;
     for (name, method) in &scenario.methods {
         let calibration = &ground.problem.calibration;
@@ -125,6 +124,15 @@ pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
         recorded: notices::recorded(&ground.observing, scenario.cycle.count),
         warnings: notices::warnings(scenario, &ground.observing, scenario.cycle.count),
     })
+}
+
+/// Whether the scenario's database of sensors can be written back, and may be, if it is to be.
+///
+/// # Errors
+/// If not.
+pub fn check_sensors(scenario: &Scenario) -> Result<(), ExperimentError> {
+    let Some(settings) = &scenario.sensors else { return Ok(()) };
+    Ok(settings.check_place().map_err(|reason| SensorError::new(&settings.database, reason))?)
 }
 
 impl Experiment {
@@ -145,7 +153,7 @@ impl ExperimentBuilder<'_> {
         let seed = options.seed.unwrap_or(scenario.seed);
         let cycles = options.cycles.unwrap_or(scenario.cycle.count);
         let Ground { problem, sensors, truth, observing } = ground(scenario, seed, cycles)?;
-        let inputs = checksum(scenario, &sensors, &added)?;
+        let inputs = Inputs::new(scenario, &sensors, &added);
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
         let freezing = scenario.stability.freeze_after_cycles.map(|after_cycle| Freezing {
             after_cycle,
@@ -309,25 +317,6 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
         memory_limit_bytes: u64::MAX,
     };
     Ok(Ground { problem, sensors, truth, observing })
-}
-
-/// A checksum of the contents of a scenario's files, of what is known of its sensors and of the names of added methods: a run
-/// can be resumed only with the same.
-fn checksum(scenario: &Scenario, sensors: &WarmStart, added: &[AddedMethod<'_>]) -> Result<u32, ExperimentError> {
-    let failure = |path: &Path, reason: String| ExperimentError::File { path: path.to_path_buf(), reason };
-    let mut checksum = crc32fast::Hasher::new();
-    for path in &scenario.inputs {
-        let contents = std::fs::read(path).map_err(|error| failure(path, error.to_string()))?;
-        checksum.update(&(contents.len() as u64).to_le_bytes());
-        checksum.update(&contents);
-    }
-    let knowledge = postcard::to_stdvec(&(&sensors.calibration, &sensors.knowledge));
-    checksum.update(&knowledge.map_err(|error| failure(&scenario.path, error.to_string()))?);
-    for AddedMethod { name, .. } in added {
-        checksum.update(&[name.len() as u8]);
-        checksum.update(name.as_bytes());
-    }
-    Ok(checksum.finalize())
 }
 
 /// What the database of sensors knows at the start of a run; nothing without one.
