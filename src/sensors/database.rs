@@ -5,7 +5,7 @@ use super::SensorError;
 use super::record::{Record, Records};
 use crate::place::parent_of;
 use crate::safe_file;
-use crate::text::clean;
+use crate::text::{clean, shown_path};
 use isobar_model::Time;
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, OpenFlags, Row, Transaction, TransactionBehavior, params};
