@@ -6,6 +6,7 @@ use crate::outputs::Outputs;
 use isobar::event::Event;
 use isobar::options::RunOptions;
 use isobar::output::{Sink, SinkError};
+use isobar::run::checkpoint::file::read;
 use isobar::run::run_then;
 use isobar::scenario::Scenario;
 use rusqlite::Connection;
@@ -149,18 +150,14 @@ fn pipes_and_devices_in_the_place_of_a_runs_files_are_refused() {
             fs::remove_dir_all(&working).unwrap();
         }
     }
-    // Holes of a terabyte.
-    for (name, beginning) in
-        [("journal", "isobar journal 3\n"), ("checkpoint-0000000003", "isobar checkpoint 3, version ")]
-    {
-        fs::create_dir_all(&working).unwrap();
-        for file in ["lock", "journal", "checkpoint-0000000003"] {
-            fs::write(working.join(file), beginning).unwrap();
-        }
+    // A hole of a terabyte.
+    fs::create_dir_all(&working).unwrap();
+    for (name, beginning) in [("lock", ""), ("journal", "isobar journal 3\n"), ("checkpoint-0000000003", "")] {
+        fs::write(working.join(name), beginning).unwrap();
         File::options().write(true).open(working.join(name)).unwrap().set_len(1 << 40).unwrap();
-        fails(isobar(parent, &["resume", "out/small"]));
-        fs::remove_dir_all(&working).unwrap();
     }
+    assert!(fails(isobar(parent, &["resume", "out/small"])).contains("its journal cannot be used"));
+    assert_eq!(read(&working.join("checkpoint-0000000003")).err().as_deref(), Some("it is not a checkpoint"));
 }
 
 #[test]
@@ -210,7 +207,7 @@ fn sensors_that_were_not_written_back_are_taken_up_by_resume() {
     let failed = fails(isobar(parent, &["resume", "out/small"]));
     assert!(failed.contains("`isobar resume out/small` takes its sensors into the database"), "{failed}");
     fs::remove_file(parent.join("known.db")).unwrap();
-    assert!(succeeds(isobar(parent, &["resume", "out/small"])).contains("5 new records in known.db"));
+    assert!(succeeds(isobar(parent, &["resume", "out/small"])).contains("5 new records"));
     assert!(calibrations(&parent.join("known.db")) > 0);
     assert_eq!(names(&parent.join("out")), ["small"]);
     let again = fails(isobar(parent, &["resume", "out/small"]));
@@ -340,6 +337,7 @@ fn what_is_exported_or_begun_replaces_no_file() {
     for out in ["page-link.html", "pipe.html", "."] {
         assert!(fails(compare(out, &["--overwrite"])).contains("it is not a file"), "{out}");
     }
+    assert!(fails(compare("t.csv", &["--overwrite"])).contains("replaces only pages of isobar"));
     assert!(fs::read_to_string(parent.join("t.csv")).unwrap().starts_with("record"));
 }
 

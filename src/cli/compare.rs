@@ -7,8 +7,15 @@ use crate::output::recorded::SavedRun;
 use crate::safe_file;
 use crate::text::shown_path;
 use miette::{Report, miette};
-use std::io::ErrorKind;
+use std::fs::File;
+use std::io::{ErrorKind, Read};
 use std::process::ExitCode;
+
+/// What every page of isobar has in its head.
+const MARK: &str = "<meta name=\"generator\" content=\"isobar\">";
+
+/// Bytes within which it has that.
+const HEAD_LENGTH: u64 = 500;
 
 /// Compares runs: a page, and the differences on the terminal.
 pub fn compare(arguments: &CompareArguments) -> Result<ExitCode, Report> {
@@ -31,10 +38,21 @@ pub fn compare(arguments: &CompareArguments) -> Result<ExitCode, Report> {
 fn write(arguments: &CompareArguments, html: &str) -> Result<(), Report> {
     let shown = shown_path(&arguments.out);
     let write = if arguments.overwrite { safe_file::replace } else { safe_file::write_new };
+    if arguments.overwrite && safe_file::open(&arguments.out).is_ok_and(|file| !is_page(file)) {
+        let help = "--overwrite replaces only pages of isobar; --out writes to another place";
+        return Err(miette!(help = help, "{shown} is no such page"));
+    }
     write(&arguments.out, html.as_bytes()).map_err(|error| match error.kind() {
         ErrorKind::AlreadyExists => {
             miette!(help = "--overwrite replaces it, --out writes to another place", "{shown} exists")
         }
         _ => miette!("cannot write {shown}: {error}"),
     })
+}
+
+/// Whether a file is a page that isobar wrote.
+fn is_page(file: File) -> bool {
+    let mut head = Vec::new();
+    let is_read = file.take(HEAD_LENGTH).read_to_end(&mut head).is_ok();
+    is_read && String::from_utf8_lossy(&head).contains(MARK)
 }

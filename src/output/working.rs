@@ -20,6 +20,9 @@ const PARTIAL: &str = ".partial";
 /// How often a directory is sought again that others remove at that moment.
 const ATTEMPTS: usize = 20;
 
+/// How often one without a lock is looked at before it counts as one that isobar did not make.
+const PATIENCE: usize = 5;
+
 /// A working directory that no other process uses.
 #[derive(Debug)]
 pub struct WorkingDirectory {
@@ -38,6 +41,7 @@ impl WorkingDirectory {
         let cannot = |error: &io::Error| failure(&path, "cannot create a directory for the outputs", error);
         let lock_path = path.join(LOCK);
         let owner = Owner::beside(&path).map_err(|error| cannot(&error))?;
+        let mut without_lock = 0;
         // Whoever was here before may be about to remove the directory, and with it the file that we lock.
         for _ in 0..ATTEMPTS {
             let made = match make(&path) {
@@ -52,11 +56,12 @@ impl WorkingDirectory {
             let opened = match safe_file::open_to_change(&lock_path) {
                 Err(error) if error.kind() == ErrorKind::NotFound => {
                     if !made && !is_empty(&path) {
-                        // Made by nobody, unless another process has just come first.
-                        match fs::symlink_metadata(&lock_path) {
-                            Ok(_) => continue,
-                            Err(_) => return Err(refused(&path, "it has no lock")),
+                        // Another process may have come first, or be about to leave.
+                        without_lock += 1;
+                        if without_lock < PATIENCE {
+                            continue;
                         }
+                        return Err(refused(&path, "it has no lock"));
                     }
                     safe_file::create_new(&lock_path)
                 }
