@@ -15,7 +15,7 @@ pub(crate) fn parent_of(path: &Path) -> &Path {
 ///
 /// The directory need not be there yet.
 pub(crate) fn seen_from(directory: &Path, file: &Path) -> PathBuf {
-    let relative = || {
+    let relative = || -> Option<PathBuf> {
         let name = file.file_name()?;
         let (from, to) = (real(directory)?, real(parent_of(file))?);
         let (from, to): (Vec<_>, Vec<_>) = (from.components().collect(), to.components().collect());

@@ -93,7 +93,7 @@ fn a_batch_goes_on_only_with_what_it_began_with_and_a_remark_is_nothing() {
         fs::write(here.join(name), format!("# a remark\n\n{}", contents.replace('\n', "\r\n"))).unwrap();
     }
     let database = fs::read(here.join("data/sensors.db")).unwrap();
-    fs::write(here.join("sensors.csv"), SENSORS.replace("bench,4", "field,5")).unwrap();
+    fs::write(here.join("sensors.csv"), SENSORS.replace("01T00:00:00Z,bench,4", "02T00:00:00Z,bench,5")).unwrap();
     assert!(isobar(here, &["sensors", "import", "data/sensors.db", "sensors.csv"]).status.success());
     let refused = said(here, &["resume", "out/small", "--quiet"], 1);
     assert!(refused.contains("what is known of its sensors has changed since, in data/sensors.db"), "{refused}");

@@ -137,7 +137,7 @@ mod tests {
 
     impl fmt::Debug for Rendered<'_> {
         fn fmt(&self, formatter: &mut Formatter<'_>) -> fmt::Result {
-            Messages::new().debug(self.0.as_ref(), formatter)
+            Messages::new().debug(&**self.0, formatter)
         }
     }
 
