@@ -30,6 +30,8 @@ pub struct RunInfo {
     pub window: Duration,
     /// Number of cycles.
     pub cycles: usize,
+    /// The first cycle that counts for the scores.
+    pub score_from_cycle: usize,
     /// The calibration parameters.
     pub calibration: Calibration,
     /// The methods, in the order in which they run.

@@ -14,11 +14,17 @@ use isobar_assim::actual_errors::ActualErrors;
 use isobar_assim::response::Responder;
 use isobar_assim::{BiasTreatment, Error, covariance};
 use isobar_model::{Duration, Layout, Time};
-use isobar_obs::{BiasProcess, Faults, ObservationWindow};
+use isobar_obs::{BiasProcess, Faults, ObservationWindow, ObservingSystem};
 use rayon::prelude::*;
 
 /// The most unknowns, of state and biases together: six matrices of that size squared, and its cube in every cycle.
 pub const MOST_UNKNOWNS: usize = 4000;
+
+/// The most observations of a cycle: a gain of each, found by an analysis of its own, and matrices of that size squared.
+pub const MOST_OBSERVATIONS: usize = 4000;
+
+/// The most observations of all cycles together, and the most weights of their rows: they are held for all methods.
+const MOST_HELD: [usize; 2] = [5_000_000, 50_000_000];
 
 /// What is computed of a scenario.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -62,8 +68,9 @@ pub fn exact(scenario: &Scenario, options: &ExactOptions) -> Result<ExactSummary
     let Ground { problem, mut observing, .. } =
         experiment::ground(scenario, scenario.seed, scenario.cycle.count).map_err(locate)?;
     let layout = problem.background.layout().clone();
-    check_size(scenario, layout.len() + observing.calibration().len())?;
     let cycles = options.cycles.unwrap_or(scenario.cycle.count);
+    check_size(scenario, layout.len() + observing.calibration().len())?;
+    check_observations(scenario, &observing, cycles)?;
     let windows: Vec<ObservationWindow> = (0..cycles).map(|_| observing.observe(&problem.background)).collect();
     let steps =
         scenario.cycle.window.steps_of(problem.model.time_step()).expect("the scenario's window fits its steps");
@@ -229,6 +236,26 @@ fn check_linear(scenario: &Scenario) -> Result<(), ScenarioError> {
         }
     }
     Ok(())
+}
+
+fn check_observations(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> Result<(), ScenarioError> {
+    let observations = observing.most_observations(cycles);
+    let held = [observations, observing.weights()].map(|size| size.saturating_mul(cycles));
+    let message = if observations > MOST_OBSERVATIONS {
+        format!(
+            "exact performance needs the gain of each observation: {observations} in a cycle are more than the \
+             {MOST_OBSERVATIONS} that it takes"
+        )
+    } else if held.iter().zip(MOST_HELD).any(|(held, most)| *held > most) {
+        format!(
+            "exact performance holds the observations of all {cycles} cycles, {} of which with {} weights are more than fit in \
+             memory: give fewer `--cycles`",
+            held[0], held[1]
+        )
+    } else {
+        return Ok(());
+    };
+    Err(scenario.fault(&["networks"], message, "fewer of these"))
 }
 
 fn check_size(scenario: &Scenario, unknowns: usize) -> Result<(), ScenarioError> {

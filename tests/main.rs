@@ -4,6 +4,7 @@ mod agreement;
 mod air_mass;
 mod architecture;
 mod batches;
+mod bounds;
 mod checkpoints;
 mod circles;
 mod command_line;

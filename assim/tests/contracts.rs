@@ -94,8 +94,8 @@ fn all(problem: &Problem) -> Vec<(&'static str, Build<'_>)> {
     vec![
         ("free", Box::new(move || Box::new(FreeRun::new(own())))),
         ("climatology", Box::new(move || Box::new(Climatology::new(own())))),
-        ("oi", Box::new(move || Box::new(OptimalInterpolation::new(own(), 0.7)))),
-        ("3dvar", Box::new(move || Box::new(ThreeDVar::new(own(), variational.clone())))),
+        ("oi", Box::new(move || Box::new(OptimalInterpolation::new(own(), 0.7).unwrap()))),
+        ("3dvar", Box::new(move || Box::new(ThreeDVar::new(own(), variational.clone()).unwrap()))),
         ("hybrid", Box::new(move || Box::new(HybridThreeDVar::new(own(), hybrid.clone()).unwrap()))),
         ("4dvar", Box::new(move || Box::new(FourDVar::new(own(), four.clone()).unwrap()))),
         ("kf", Box::new(move || Box::new(KalmanFilter::new(own()).unwrap()))),

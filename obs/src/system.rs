@@ -39,6 +39,12 @@ impl SavedSystem {
     }
 }
 
+/// The most observations that all networks together may report in a cycle.
+const MOST_OBSERVATIONS: usize = 1_000_000;
+
+/// The most weights of all their rows of X: 320 MB for each copy.
+const MOST_WEIGHTS: usize = 20_000_000;
+
 /// All networks of an experiment, which observe the truth cycle after cycle:
 ///
 /// ```text
@@ -120,7 +126,8 @@ impl ObservingSystem {
     /// Station files with latitudes and longitudes need a `projection`.
     ///
     /// # Errors
-    /// Settings that are not what they must be, or do not fit each other, the domain or their files.
+    /// Settings that are not what they must be, or do not fit each other, the domain or their files; more observations, or
+    /// wider ones, than fit in memory.
     pub fn new(
         layout: &Arc<Layout>,
         projection: Option<&Projection>,
@@ -135,6 +142,7 @@ impl ObservingSystem {
         }
         let mut biases = Biases::new(seed, start);
         let mut members: Vec<Member> = Vec::with_capacity(networks.len());
+        let (mut observations, mut weights) = (0, 0);
         for network in networks {
             network.validate()?;
             let name = &network.name;
@@ -151,6 +159,11 @@ impl ObservingSystem {
                 faulty: site.stream("faults"),
                 instrument: network.instrument.build(&mut site)?,
             });
+            let member = &members[members.len() - 1];
+            // Of recorded observations all weights are held, and those of a cycle are few.
+            observations += member.instrument.most_observations(1);
+            weights += member.instrument.weights();
+            check_size(name, observations, weights)?;
         }
         let stations = members.iter().flat_map(|member| member.instrument.stations()).cloned().collect();
         let left_out = members.iter().flat_map(|member| member.instrument.left_out()).cloned().collect();
@@ -182,6 +195,20 @@ impl ObservingSystem {
     /// The parameters that are known, and therefore not part of the calibration, with their true values in the present cycle.
     pub fn known_biases(&self) -> impl Iterator<Item = (&Parameter, f64)> {
         self.biases.known()
+    }
+
+    /// The most observations that all networks may report in one of the first `cycles` cycles.
+    pub fn most_observations(&self, cycles: usize) -> usize {
+        let of_member = |member: &Member, cycle: usize| {
+            member.schedule.pass(cycle).map_or(0, |_| member.instrument.most_observations(cycle))
+        };
+        let in_cycle = |cycle: usize| self.members.iter().map(|member| of_member(member, cycle)).sum();
+        (1..=cycles).map(in_cycle).max().unwrap_or(0)
+    }
+
+    /// About how many weights the rows of X have that all networks hold, or make in a cycle.
+    pub fn weights(&self) -> usize {
+        self.members.iter().map(|member| member.instrument.weights()).sum()
     }
 
     /// The stations in the domain, network after network.
@@ -309,6 +336,24 @@ impl ObservingSystem {
         };
         ObservationWindow { time, cycle: self.cycle, reports, times, values, sigma, rejected, operator }
     }
+}
+
+/// Refuses observing systems whose observations would not fit in memory; `name` is the network that is one too many.
+fn check_size(name: &str, observations: usize, weights: usize) -> Result<(), ObservationError> {
+    let fault = |problem: String| Err(ObservationError::in_setting(name, "kind", problem));
+    if observations > MOST_OBSERVATIONS {
+        return fault(format!(
+            "with this network there would be {observations} observations in a cycle, of at most {MOST_OBSERVATIONS}: use \
+             fewer stations or footprints, or fewer networks"
+        ));
+    }
+    if weights > MOST_WEIGHTS {
+        return fault(format!(
+            "with this network the observations of a cycle would read {weights} values of the state, of at most \
+             {MOST_WEIGHTS}: use fewer or smaller footprints, or fewer observations"
+        ));
+    }
+    Ok(())
 }
 
 /// A sparse row times a vector.

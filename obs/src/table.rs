@@ -229,8 +229,11 @@ impl Row<'_> {
     pub fn number(&self, column: usize, (low, high): (f64, f64), faults: &mut Faults) -> Option<f64> {
         let number = self.fields[column].parse::<f64>().ok().filter(|number| (low..=high).contains(number));
         if number.is_none() {
+            let found = self.fields[column].parse::<f64>().unwrap_or(0.0);
             let expected = match (low, high) {
                 _ if high < LARGEST => format!("a number from {low} to {high}"),
+                _ if low > 0.0 && found > 0.0 && found.is_finite() => format!("a number from {low:e} to {high:e}"),
+                _ if low <= 0.0 && found != 0.0 && found.is_finite() => format!("a number from {low:e} to {high:e}"),
                 _ if low > 0.0 => "a finite number above 0".to_owned(),
                 _ => "a finite number".to_owned(),
             };

@@ -1,5 +1,6 @@
 //! The runs of a batch: as many at a time as threads and memory allow.
 
+use super::temporary;
 use crate::interrupt;
 use crate::options::RunOptions;
 use crate::output::directory::SUMMARY_FILE;
@@ -9,7 +10,7 @@ use crate::progress::SeedsProgress;
 use crate::scenario::Scenario;
 use crate::scores::Summary;
 use crate::scores::kinds::MEMORY;
-use miette::{IntoDiagnostic, Report};
+use miette::Report;
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
@@ -136,7 +137,7 @@ fn schedule(jobs: &[Job<'_>], options: &RunOptions, left: usize, run: &Run<'_>) 
     let at_once = match wanted {
         0 | 1 => 1,
         _ => {
-            let directory = tempfile::tempdir().into_diagnostic()?;
+            let directory = temporary::directory()?;
             let needed_bytes = trial(&jobs[0], options, run, directory.path());
             let both = needed_bytes.zip(available_bytes());
             both.map_or(1, |(needed_bytes, available_bytes)| fitting(wanted, needed_bytes, available_bytes))

@@ -124,7 +124,7 @@ pub struct RunArguments {
     /// Use this seed instead of the scenario's
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
-    /// Number of threads [default: one for each core]; results do not depend on it
+    /// Number of threads [default: RAYON_NUM_THREADS, or one for each core]; results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
     pub threads: Option<u64>,
     /// Replace the files of an earlier run; what no run wrote is never deleted
@@ -170,7 +170,7 @@ pub struct ResumeArguments {
     /// Directories of the runs, as they would be called when complete
     #[arg(required = true, value_name = "OUT")]
     pub runs: Vec<PathBuf>,
-    /// Number of threads [default: one for each core]; results do not depend on it
+    /// Number of threads [default: RAYON_NUM_THREADS, or one for each core]; results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
     pub threads: Option<u64>,
     /// Show no progress
@@ -228,7 +228,7 @@ pub struct PartArguments {
     /// This number of cycles instead of the scenario's
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     pub cycles: Option<u64>,
-    /// Number of threads [default: one for each core]; results do not depend on it
+    /// Number of threads [default: RAYON_NUM_THREADS, or one for each core]; results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
     pub threads: Option<u64>,
 }
@@ -264,7 +264,7 @@ pub struct RegressArguments {
     /// Write the new scores into the scenario files
     #[arg(long)]
     pub accept: bool,
-    /// Number of threads [default: one for each core]; results do not depend on it
+    /// Number of threads [default: RAYON_NUM_THREADS, or one for each core]; results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
     pub threads: Option<u64>,
     /// Show no progress

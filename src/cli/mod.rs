@@ -18,6 +18,7 @@ mod run;
 mod seeds;
 mod sensors;
 mod sweep;
+mod threads;
 mod view;
 mod write_back;
 
@@ -27,6 +28,7 @@ use arguments::{Arguments, Command};
 use clap::Parser;
 use console::{complain, show};
 use messages::Messages;
+use miette::Report;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
@@ -40,7 +42,18 @@ pub fn main() -> ExitCode {
     };
     // A second hook is refused, and the first one stays: then messages look as its owner wants.
     let _ = miette::set_hook(Box::new(|_| Box::new(Messages::new())));
-    let outcome = match arguments.command {
+    let outcome = threads::check_environment().and_then(|()| obey(arguments.command));
+    match outcome {
+        Ok(code) => code,
+        Err(report) => {
+            show(&report);
+            if interrupt::requested() { ExitCode::from(interrupt::EXIT_CODE) } else { ExitCode::FAILURE }
+        }
+    }
+}
+
+fn obey(command: Command) -> Result<ExitCode, Report> {
+    match command {
         Command::Run(arguments) => run::run(&arguments),
         Command::Check(arguments) => check::check(&arguments),
         Command::List(arguments) => list::list(&arguments),
@@ -53,13 +66,6 @@ pub fn main() -> ExitCode {
         Command::Sweep(arguments) => sweep::sweep(&arguments),
         Command::Exact(arguments) => exact::run(&arguments),
         Command::Diagnose { runs } => diagnose::diagnose(&runs),
-    };
-    match outcome {
-        Ok(code) => code,
-        Err(report) => {
-            show(&report);
-            if interrupt::requested() { ExitCode::from(interrupt::EXIT_CODE) } else { ExitCode::FAILURE }
-        }
     }
 }
 

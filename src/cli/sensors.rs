@@ -9,6 +9,7 @@ use crate::sensors::{Database, Record, Records, SensorError, table};
 use crate::tables::{Cell, NONE, Table};
 use crate::text::{clean, listed, nearest, printable, shown_path};
 use clap::Subcommand;
+use indexmap::IndexMap;
 use isobar_model::Time;
 use miette::{Report, miette};
 use std::io::{Error, ErrorKind};
@@ -149,30 +150,49 @@ fn check_sensor(records: &Records, sensor: &str, database: &Path) -> Result<(), 
     Err(miette!(help = help, "{database} has no sensor `{}`", clean(sensor)))
 }
 
+/// What there is of a sensor.
+#[derive(Default)]
+struct Known<'a> {
+    unit: &'a str,
+    /// Time, value and σ of the last calibration.
+    last: Option<(Time, f64, f64)>,
+    calibrations: usize,
+    test_points: usize,
+    recalibrations: usize,
+}
+
 fn list(records: &Records) -> String {
-    let mut rows = Vec::new();
+    // Sensors come before what is known of them, and calibrations in the order of their times.
+    let mut sensors: IndexMap<&str, Known<'_>> = IndexMap::new();
     for record in records.iter() {
-        let Record::Sensor { name, unit, .. } = record else { continue };
-        let mut last = None;
-        let (mut calibrations, mut test_points, mut recalibrations) = (0, 0, 0);
-        for record in records.iter() {
-            match record {
-                Record::Calibration { sensor, time, value, sigma, .. } if sensor == name => {
-                    calibrations += 1;
-                    last = Some((time, value, sigma));
-                }
-                Record::TestPoint { sensor, .. } if sensor == name => test_points += 1,
-                Record::Recalibration { sensor, .. } if sensor == name => recalibrations += 1,
-                _ => {}
-            }
+        if let Record::Sensor { name, unit, .. } = record {
+            sensors.insert(name, Known { unit, ..Known::default() });
+            continue;
         }
-        let last = last.map(|(time, value, sigma)| [format!("{value:.4} ± {sigma:.4}"), utc(*time)]);
-        let last = last.map_or([NONE, NONE].map(Cell::from), |last| last.map(Cell::from));
-        let mut row = vec![name.as_str().into(), unit.as_str().into()];
-        row.extend(last);
-        row.extend([calibrations, test_points, recalibrations].map(|count: usize| Cell::from(count)));
-        rows.push(row);
+        let (Record::Calibration { sensor, .. }
+        | Record::TestPoint { sensor, .. }
+        | Record::Recalibration { sensor, .. }) = record
+        else {
+            continue;
+        };
+        let Some(known) = sensors.get_mut(sensor.as_str()) else { continue };
+        match record {
+            Record::Calibration { time, value, sigma, .. } => {
+                known.calibrations += 1;
+                known.last = Some((*time, *value, *sigma));
+            }
+            Record::TestPoint { .. } => known.test_points += 1,
+            _ => known.recalibrations += 1,
+        }
     }
+    let row = |(name, known): (&str, Known<'_>)| {
+        let last = known.last.map(|(time, value, sigma)| [format!("{value:.4} ± {sigma:.4}"), utc(time)]);
+        let mut row = vec![name.into(), known.unit.into()];
+        row.extend(last.map_or([NONE, NONE].map(Cell::from), |last| last.map(Cell::from)));
+        row.extend([known.calibrations, known.test_points, known.recalibrations].map(Cell::from));
+        row
+    };
+    let rows = sensors.into_iter().map(row).collect();
     let columns = ["sensor", "unit", "last bias ± σ", "of", "calibrations", "test points", "recalibrations"];
     Table::new(&columns, rows).terminal()
 }

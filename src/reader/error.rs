@@ -2,7 +2,7 @@
 
 use crate::text::{clean, same_length, shown_path};
 use miette::{Diagnostic, LabeledSpan, NamedSource, SourceCode};
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
@@ -70,6 +70,8 @@ pub(crate) struct SourceFile {
     names: RefCell<BTreeMap<usize, FileName>>,
     /// Checksums of what the tables say that it names and that have been read, by these names.
     tables: RefCell<BTreeMap<String, u32>>,
+    /// The bytes that have been read of them.
+    bytes: Cell<u64>,
 }
 
 /// The name of a file in a scenario.
@@ -88,6 +90,7 @@ impl SourceFile {
             printable: same_length(text),
             names: RefCell::default(),
             tables: RefCell::default(),
+            bytes: Cell::default(),
         }
     }
 
@@ -99,6 +102,12 @@ impl SourceFile {
     /// Takes note of where it names a file.
     pub(super) fn names(&self, span: Range<usize>, name: &str) {
         self.names.borrow_mut().insert(span.start, FileName { span, name: name.to_string() });
+    }
+
+    /// Counts bytes that have been read of such files; how many there are now.
+    pub fn count(&self, bytes: u64) -> u64 {
+        self.bytes.set(self.bytes.get() + bytes);
+        self.bytes.get()
     }
 
     /// Takes note of what a table says that it names.

@@ -43,6 +43,16 @@ impl Limits {
         }
     }
 
+    /// What a number must be that is not within the limits: where these say no more than its sign, and it has that, how large.
+    fn words_for(self, number: f64) -> String {
+        match self {
+            Limits::Any if number.is_finite() => "a number from -1e18 to 1e18".into(),
+            Limits::Positive if number.is_finite() && number > 0.0 => "a number from 1e-18 to 1e18".into(),
+            Limits::NonNegative if number.is_finite() && number > 0.0 => "0 or a number from 1e-18 to 1e18".into(),
+            _ => self.words(),
+        }
+    }
+
     pub(super) fn words(&self) -> String {
         match *self {
             Limits::Any => "a finite number".into(),
@@ -93,7 +103,7 @@ impl<'a> Field<'a> {
             _ => return Err(self.wrong_type(&limits.words())),
         };
         if !limits.contain(number) {
-            let wanted = limits.words();
+            let wanted = limits.words_for(number);
             let message = format!("`{}` is {number:?}, but must be {wanted}", self.title());
             return Err(self.invalid(message, &format!("must be {wanted}")));
         }

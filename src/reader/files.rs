@@ -10,6 +10,10 @@ use std::path::Path;
 /// The largest file \[bytes\].
 const LARGEST_FILE: u64 = 100_000_000;
 
+/// The most bytes of all files of a scenario, each counted as often as it is named: what is read of them takes some four
+/// times as much.
+const MOST_BYTES: u64 = 300_000_000;
+
 /// The text of the file that a key names, relative to the scenario; the results depend on its contents. `what` it is, for
 /// messages.
 pub(crate) fn read(field: &Field<'_>, what: &str) -> Read<String> {
@@ -21,6 +25,10 @@ pub(crate) fn read(field: &Field<'_>, what: &str) -> Read<String> {
     }
     let fault = |reason: String| field.invalid(format!("{shown}: {reason}"), "cannot be used");
     let bytes = bytes(&path, LARGEST_FILE).map_err(fault)?;
+    if field.file.count(bytes.len() as u64) > MOST_BYTES {
+        let message = format!("with {shown} the files of this scenario have more than {} MB", MOST_BYTES / 1_000_000);
+        return Err(field.invalid(message, "too much in all"));
+    }
     let text = decode(&bytes, &field.text()?).map_err(|error| field.invalid(clean(&error.to_string()), "this file"))?;
     field.file.has_read(&field.text()?, checksum(text));
     Ok(text.to_owned())

@@ -184,6 +184,7 @@ fn info(nx: usize, ny: usize, cycles: usize, methods: usize) -> RunInfo {
         start: Time::from_seconds(1_767_225_600),
         window: Duration::from_seconds(21_600),
         cycles,
+        score_from_cycle: cycles / 2,
         calibration: Calibration { parameters, ..Calibration::default() },
         methods: METHODS[..methods]
             .iter()

@@ -17,6 +17,7 @@ pub(crate) use leading_factors::{OVERSAMPLING, leading_columns, skip_draws};
 pub use localized_ensemble::LocalizedEnsemble;
 pub use sum::Sum;
 pub use taper::gaspari_cohn;
+pub(crate) use taper::{WIDEST, is_wide};
 pub use univariate::Univariate;
 pub use white::White;
 

@@ -181,6 +181,7 @@ pub fn problem(coupled: bool, calibration: Calibration, seed: u64) -> Problem {
         calibration,
         bias: BiasTreatment::Estimate,
         memory_limit_bytes: 1 << 30,
+        most_observations: 0,
     }
 }
 

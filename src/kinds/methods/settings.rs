@@ -5,7 +5,6 @@ use crate::kinds::models::Model;
 use crate::reader::{Absent, Choice, Key, Limits, Whole};
 use isobar_assim::{Assimilator, BiasTreatment, Error, Problem};
 use isobar_model::{Duration, Time};
-use isobar_obs::Calibration;
 use std::fmt::Debug;
 
 /// The settings of a method, and what such a method can do.
@@ -52,14 +51,6 @@ pub trait MethodSettings: Debug + Send + Sync {
     /// What the user should know of such a method with this model before it runs.
     fn warning(&self, _: &Model) -> Option<&'static str> {
         None
-    }
-
-    /// Whether the settings fit the biases that the observing systems turn out to have.
-    ///
-    /// # Errors
-    /// What does not fit.
-    fn check(&self, _: &Calibration) -> Result<(), Error> {
-        Ok(())
     }
 }
 

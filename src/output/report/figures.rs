@@ -31,8 +31,6 @@ pub struct Figures<'a> {
     pub info: &'a RunInfo,
     /// What happened in it.
     pub history: &'a History,
-    /// First cycle that counts for the scores.
-    pub scored_from: usize,
 }
 
 impl Figures<'_> {
@@ -125,15 +123,16 @@ impl Figures<'_> {
     pub fn reliability(&self) -> Vec<Drawing> {
         let mut drawings = Vec::new();
         for (number, variable) in self.info.layout.variables.iter().enumerate() {
-            let all: Vec<(usize, Reliability)> =
-                (0..self.info.methods.len()).map(|method| (method, self.gathered(method, number))).collect();
-            let with_spread = || all.iter().filter(|(_, reliability)| !reliability.is_empty());
+            let with_spread = || {
+                let all = (0..self.info.methods.len()).map(|method| (method, self.history.reliability(method, number)));
+                all.filter(|(_, reliability)| !reliability.is_empty())
+            };
             if with_spread().next().is_none() {
                 continue;
             }
             let curves_of = |pick: fn(&Reliability) -> Vec<[f64; 2]>| -> Vec<Curve> {
-                let curve = |(method, reliability): &(usize, Reliability)| {
-                    Curve::new(&self.info.methods[*method].name, of_method_on_paper(*method), pick(reliability))
+                let curve = |(method, reliability): (usize, &Reliability)| {
+                    Curve::new(&self.info.methods[method].name, of_method_on_paper(method), pick(reliability))
                 };
                 with_spread().map(curve).collect()
             };
@@ -280,20 +279,11 @@ impl Figures<'_> {
 
     /// A method's score in every cycle that has it.
     fn scores(&self, method: usize, key: &str) -> Vec<[f64; 2]> {
-        self.series(method, |own| own.scores.get(key).copied())
+        self.history.scores(method, key).map(|(cycle, value)| [self.day(cycle), value]).collect()
     }
 
     fn day(&self, cycle: &Cycle) -> f64 {
         (cycle.time - self.info.start).days()
-    }
-
-    fn gathered(&self, method: usize, variable: usize) -> Reliability {
-        let mut all = Reliability::default();
-        let scored = self.history.cycles.iter().filter(|cycle| cycle.cycle >= self.scored_from);
-        for own in scored.filter_map(|cycle| cycle.methods.get(method)?.as_ref()?.reliability.get(variable)) {
-            all.merge(own);
-        }
-        all
     }
 }
 

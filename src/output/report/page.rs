@@ -119,7 +119,7 @@ impl Report {
     /// Draws everything.
     pub fn new(info: &RunInfo, history: &History, summary: &Summary) -> Result<Self, PageError> {
         let mut report = Self { page: Page::default(), files: Vec::new() };
-        let figures = Figures { info, history, scored_from: summary.scored_from_cycle };
+        let figures = Figures { info, history };
         report.page.title.clone_from(&info.title);
         report.page.subtitle =
             format!("{}, seed {}: {} methods side by side", info.scenario, info.seed, info.methods.len());

@@ -108,6 +108,10 @@ pub struct Checked {
     pub warnings: Vec<String>,
 }
 
+/// The most values of a state for which a check sets up the methods: beyond, that takes minutes, and is left to the run, which
+/// refuses what does not fit before its first cycle.
+const MOST_SET_UP: usize = 200_000;
+
 /// Whether a scenario's model, initial state, covariances and observing systems fit together.
 ///
 /// # Errors
@@ -115,15 +119,15 @@ pub struct Checked {
 pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
     check_sensors(scenario)?;
     let ground = ground(scenario, scenario.seed, scenario.cycle.count)?;
-    for (name, method) in &scenario.methods {
-        let calibration = &ground.problem.calibration;
-        let fault = |error| ExperimentError::Method { name: name.clone(), error };
-        method.settings.check(calibration).map_err(fault)?;
+    // What a method refuses depends on all that it is given, so that each is set up for once.
+    if ground.problem.background.values().len() <= MOST_SET_UP {
+        for name in scenario.methods.keys() {
+            method(&ground.problem, name, scenario)?;
+        }
     }
-    Ok(Checked {
-        recorded: notices::recorded(&ground.observing, scenario.cycle.count),
-        warnings: notices::warnings(scenario, &ground.observing, scenario.cycle.count),
-    })
+    let mut warnings = notices::warnings(scenario, &ground.observing, scenario.cycle.count);
+    warnings.extend(notices::of_methods(scenario, |_| true));
+    Ok(Checked { recorded: notices::recorded(&ground.observing, scenario.cycle.count), warnings })
 }
 
 /// Whether the scenario's database of sensors can be written back, and may be, if it is to be.
@@ -215,6 +219,7 @@ impl ExperimentBuilder<'_> {
             start: scenario.start,
             window: scenario.cycle.window,
             cycles,
+            score_from_cycle: scenario.cycle.score_from_cycle,
             calibration: problem.calibration.clone(),
             methods: infos,
             stations: stations.collect(),
@@ -222,10 +227,7 @@ impl ExperimentBuilder<'_> {
         let steps = problem_steps(scenario, &problem);
         let mut warnings = sensors.warnings;
         warnings.extend(notices::warnings(scenario, &observing, cycles));
-        let chosen = scenario.methods.iter().filter(|(name, _)| chosen(name));
-        warnings.extend(chosen.filter_map(|(name, method)| {
-            Some(format!("methods.{name}: {}", method.settings.warning(&scenario.model)?))
-        }));
+        warnings.extend(notices::of_methods(scenario, chosen));
         Ok(Experiment {
             info,
             variance_ratio: scenario.stability.variance_ratio,
@@ -315,6 +317,7 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
         calibration: sensors.calibration.clone(),
         bias: BiasTreatment::Estimate,
         memory_limit_bytes: u64::MAX,
+        most_observations: observing.most_observations(cycles),
     };
     Ok(Ground { problem, sensors, truth, observing })
 }

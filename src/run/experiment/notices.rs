@@ -1,5 +1,6 @@
 //! What the user should know of the observations before a run.
 
+use crate::kinds::methods::Method;
 use crate::scenario::Scenario;
 use isobar_obs::{LeftOutStation, ObservingSystem};
 
@@ -9,6 +10,15 @@ const MOST_NAMED: usize = 5;
 /// For each network that is read from a file: how many of its observations can be used, and why the others cannot.
 pub(super) fn recorded(observing: &ObservingSystem, cycles: usize) -> Vec<String> {
     observing.recorded_use(cycles).map(|(network, usage)| format!("networks.{network}: {usage}")).collect()
+}
+
+/// What the user should know of the chosen methods with this model.
+pub(super) fn of_methods(scenario: &Scenario, chosen: impl Fn(&String) -> bool) -> Vec<String> {
+    let chosen = scenario.methods.iter().filter(|(name, _)| chosen(name));
+    let warning = |(name, method): (&String, &Method)| {
+        Some(format!("methods.{name}: {}", method.settings.warning(&scenario.model)?))
+    };
+    chosen.filter_map(warning).collect()
 }
 
 /// What makes the run other than the user may think.

@@ -23,6 +23,7 @@ static INFO: LazyLock<RunInfo> = LazyLock::new(|| {
         start: scenario.start,
         window: scenario.cycle.window,
         cycles: 10,
+        score_from_cycle: 2,
         calibration: Default::default(),
         methods: vec![method("free"), method("fkf")],
         stations: Vec::new(),

@@ -50,7 +50,7 @@ use crate::covariance::{self, Covariance};
 use crate::error::Error;
 use crate::filter::{Cycle, ErrorBlocks, Errors, Filter, Fit};
 use crate::memory::require;
-use crate::problem::{Innovations, Problem};
+use crate::problem::{Innovations, Problem, require_memory};
 use crate::tall_matrix::TallMatrix;
 use coarse_grid::CoarseGrid;
 use factored_covariance::FactoredCovariance;
@@ -283,6 +283,13 @@ impl Errors for BlockErrors {
         require(fits, "the matrix of the factors")?;
         self.memory = memory;
         Ok(())
+    }
+
+    fn require_memory(&self, observations: usize, _: usize, limit_bytes: u64) -> Result<(), Error> {
+        // H Φ and its copies; what components of blocks need is known when they are.
+        let r = self.factors().columns();
+        let numbers = 2.0 * observations as f64 * r as f64 + 4.0 * (r as f64).powi(2);
+        require_memory(limit_bytes, numbers, || format!("the analysis of {observations} observations with {r} factors"))
     }
 
     fn calibration_and_means(&self, _: usize, _: usize, _: usize) -> Mat<f64> {

@@ -3,7 +3,7 @@
 //! With C_k = L_k L_k' + C_rest (see `separation`), the observations see the amplitudes w_k ~ N(0, I) of each block
 //! b_k = L_k w_k + rest, and those ξ of the common factors. They and their prior rows are one sparse regression, which is
 //! solved by nested dissection. Estimates are exact, and so is the covariance but for what blocks get in common beyond
-//! the factors: it is dropped, as a forecast does with what merged blocks have in common.
+//! the factors. That is dropped: merged blocks keep it until the next forecast, of which only the exact one has a use for it.
 
 use super::BlockErrors;
 use super::separation::Seen;
