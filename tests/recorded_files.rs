@@ -192,7 +192,7 @@ fn the_other_hemisphere_and_stations_outside_are_warned_of() {
     assert!(said(&output).contains("has not the sign of grid.center_latitude_deg = 40"), "{}", said(&output));
     let sondes = "[networks.sondes]\nkind = \"radiosonde\"\nstations = { file = \"buoys.csv\" }\nobserve = { h = 5 }\n";
     let (_directory, output) = command("check", WATER, sondes, "ID,Lat,lon\nA,40,-100\nB,-40,100\n");
-    let expected = "networks.sondes: 1 of 2 stations lie outside of the domain or in its margin: B (line 3)";
+    let expected = "networks.sondes: 1 of 2 stations lie outside of the domain: B (line 3)";
     assert!(output.status.success() && said(&output).contains(expected), "{}", said(&output));
 }
 

@@ -3,7 +3,7 @@
 use super::arguments::SweepArguments;
 use super::console::print;
 use super::{launch, lookup};
-use crate::batch::sweep::{Outcome, SweepSummary, settings};
+use crate::batch::sweep::{Outcome, SweepSummary, first_score, settings};
 use crate::batch::{BatchKind, BatchPlan, Job, interrupted, run_jobs};
 use crate::interrupt;
 use crate::options::RunOptions;
@@ -38,8 +38,6 @@ pub fn sweep(arguments: &SweepArguments) -> Result<ExitCode, Report> {
 /// Runs a sweep, or continues it; whether nothing failed.
 pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) -> Result<bool, Report> {
     let (sweep, settings) = settings(scenario, options.methods.as_deref())?;
-    let variable = scenario.model.variables().first().map_or("", |variable| variable.0);
-    let score = sweep.score.clone().unwrap_or_else(|| format!("rmse_analysis.{variable}"));
     let seeds: Vec<u64> = (scenario.seed..).take(sweep.seeds).collect();
     let directory = BatchPlan::begin(scenario, options, BatchKind::Sweep)?;
     let mut jobs = Vec::new();
@@ -75,6 +73,7 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
         (job / seeds.len(), outcome.map_err(|error| error.to_string()))
     };
     let outcomes: Vec<Outcome> = outcomes.into_iter().map(of_setting).collect();
+    let score = sweep.score.clone().unwrap_or_else(|| first_score(scenario, &outcomes));
     let summary = SweepSummary::new(scenario, &settings, seeds.clone(), score, (schedule, outcomes), cycles);
     summary.write(directory.path(), scenario, options.outputs.contains(REPORT)).into_diagnostic()?;
     directory.complete().into_diagnostic()?;

@@ -1,4 +1,4 @@
-//! Scores: what is measured of a method once estimates meet the truth, and what becomes of it over a run.
+//! Scores: what is measured of a method once estimates meet the truth or observations, and what becomes of it over a run.
 //!
 //! | module | what it holds |
 //! |---|---|
@@ -23,9 +23,9 @@ pub mod summary;
 pub mod truths;
 
 pub use expected::{Expected, Regression};
-pub use kinds::{Better, Line, Part, SCORES, Score, ScoreKind, Unit, kind};
+pub use kinds::{Against, Better, Line, Part, SCORES, Score, ScoreKind, Unit, kind};
 pub use scorecard::{RunScores, Scorecard};
-pub use summary::{Failure, MethodScores, ObservationCounts, Summary, TypeCounts};
+pub use summary::{Failure, MethodScores, ObservationCounts, RejectedObservation, Summary, TypeCounts};
 pub use truths::{EarlierTruths, TrueValues};
 
 use indexmap::IndexMap;

@@ -30,8 +30,8 @@ pub struct History {
     pub snapshots: BTreeMap<usize, Snapshot>,
     /// What methods estimate beside state and calibration, by name; in the place of each method what it has of it.
     pub parameters: IndexMap<String, Vec<Option<ParameterHistory>>>,
-    /// The whole true state of the current cycle.
-    truth: Vec<f64>,
+    /// The whole true state of the current cycle, if there is a truth.
+    truth: Option<Vec<f64>>,
 }
 
 /// A cycle.
@@ -41,7 +41,7 @@ pub struct Cycle {
     pub cycle: usize,
     /// Valid time.
     pub time: Time,
-    /// The true calibration parameters.
+    /// The true calibration parameters; empty without a truth.
     pub true_calibration: Vec<f64>,
     /// Network and variable of each observation.
     kinds: Vec<ObservationType>,
@@ -78,8 +78,8 @@ pub struct ParameterHistory {
 pub struct Snapshot {
     /// Valid time.
     pub time: Time,
-    /// The truth, by variable.
-    pub truth: Vec<Vec<f32>>,
+    /// The truth, by variable, if there is one.
+    pub truth: Option<Vec<Vec<f32>>>,
     /// The observations, thinned.
     pub places: Vec<Place>,
     /// Every so many-th observation of each variable is among them.
@@ -138,7 +138,7 @@ impl History {
             cycles: Vec::new(),
             snapshots: BTreeMap::new(),
             parameters: IndexMap::new(),
-            truth: Vec::new(),
+            truth: None,
         }
     }
 
@@ -147,22 +147,36 @@ impl History {
         if cycle == 0 {
             return;
         }
-        self.truth = state.values().to_vec();
-        let methods = info.methods.iter().map(|_| None).collect();
-        self.cycles.push(Cycle { cycle, time, true_calibration: calibration.to_vec(), kinds: Vec::new(), methods });
-        if cycle == info.cycles || cycle == info.cycles.div_ceil(2) {
-            let (truth, methods) = (self.maps(state.values()), info.methods.iter().map(|_| None).collect());
-            self.snapshots.insert(cycle, Snapshot { time, truth, places: Vec::new(), every: Vec::new(), methods });
+        self.truth = Some(state.values().to_vec());
+        let maps = self.maps(state.values());
+        self.begin(info, cycle, time).true_calibration = calibration.to_vec();
+        if let Some(snapshot) = self.snapshots.get_mut(&cycle) {
+            snapshot.truth = Some(maps);
         }
     }
 
-    /// Takes the observations of a cycle.
-    pub fn add_observations(&mut self, window: &ObservationWindow) {
-        if let Some(cycle) = self.cycles.last_mut() {
-            cycle.kinds = window.reports.iter().map(Report::observation_type).collect();
+    /// A cycle, begun if it has not been.
+    fn begin(&mut self, info: &RunInfo, cycle: usize, time: Time) -> &mut Cycle {
+        if self.cycles.last().is_none_or(|last| last.cycle != cycle) {
+            let (true_calibration, kinds) = (Vec::new(), Vec::new());
+            let methods = info.methods.iter().map(|_| None).collect();
+            self.cycles.push(Cycle { cycle, time, true_calibration, kinds, methods });
+            if cycle == info.cycles || cycle == info.cycles.div_ceil(2) {
+                let every = vec![1; info.layout.variables.len()];
+                let methods = info.methods.iter().map(|_| None).collect();
+                self.snapshots.insert(cycle, Snapshot { time, truth: None, places: Vec::new(), every, methods });
+            }
         }
+        let last = self.cycles.len() - 1;
+        &mut self.cycles[last]
+    }
+
+    /// Takes the observations of a cycle.
+    pub fn add_observations(&mut self, info: &RunInfo, window: &ObservationWindow) {
+        self.begin(info, window.cycle, window.time).kinds =
+            window.reports.iter().map(Report::observation_type).collect();
         if let Some(snapshot) = self.snapshots.get_mut(&window.cycle) {
-            let mut counts = vec![0; snapshot.truth.len()];
+            let mut counts = vec![0; info.layout.variables.len()];
             window.reports.iter().for_each(|report| counts[report.variable] += 1);
             snapshot.every = counts.iter().map(|count: &usize| count.div_ceil(MOST_PLACES).max(1)).collect();
             let mut seen = vec![0; counts.len()];
@@ -192,9 +206,9 @@ impl History {
         if !fits(calibration_spread, calibration.len()) {
             return Err(format!("in cycle {cycle} the bias spread of method {method} does not fit its biases"));
         }
-        let reliability = match state_spread {
-            Some(spread) => self.reliability(info, state, spread),
-            None => Vec::new(),
+        let reliability = match (state_spread, &self.truth) {
+            (Some(spread), Some(truth)) => reliability(info, state, spread, truth),
+            _ => Vec::new(),
         };
         let fields = self.snapshots.get(&cycle).map(|snapshot| Fields {
             background: self.maps(background.state.values()),
@@ -216,7 +230,7 @@ impl History {
             snapshot.methods[method] = Some(fields);
         }
         let Some(own) = self.cycles.last_mut().filter(|own| own.cycle == cycle) else {
-            return Err(format!("method {method} has results of cycle {cycle} without its truth"));
+            return Err(format!("method {method} has results of cycle {cycle} before its observations"));
         };
         let departures = [&analysis.background_departures, &analysis.analysis_departures];
         own.methods[method] = Some(MethodCycle {
@@ -249,24 +263,25 @@ impl History {
         }
     }
 
-    fn reliability(&self, info: &RunInfo, state: &State, spread: &[f64]) -> Vec<Reliability> {
-        let cells = info.layout.grid.cells();
-        let of_variable = |variable: usize| {
-            let range = variable * cells..(variable + 1) * cells;
-            let mut reliability = Reliability::default();
-            if let Some(truth) = self.truth.get(range.clone()) {
-                let errors = state.values()[range.clone()].iter().zip(truth).map(|(value, truth)| value - truth);
-                reliability.add(errors.zip(spread[range].iter().copied()));
-            }
-            reliability
-        };
-        (0..info.layout.variables.len()).map(of_variable).collect()
-    }
-
     /// The variables of the values of a state, thinned.
     fn maps(&self, values: &[f64]) -> Vec<Vec<f32>> {
         values.chunks_exact(self.thinning.cells()).map(|field| self.thinning.apply(field)).collect()
     }
+}
+
+/// The errors of each variable against the claimed spread.
+fn reliability(info: &RunInfo, state: &State, spread: &[f64], truth: &[f64]) -> Vec<Reliability> {
+    let cells = info.layout.grid.cells();
+    let of_variable = |variable: usize| {
+        let range = variable * cells..(variable + 1) * cells;
+        let mut reliability = Reliability::default();
+        if let Some(truth) = truth.get(range.clone()) {
+            let errors = state.values()[range.clone()].iter().zip(truth).map(|(value, truth)| value - truth);
+            reliability.add(errors.zip(spread[range].iter().copied()));
+        }
+        reliability
+    };
+    (0..info.layout.variables.len()).map(of_variable).collect()
 }
 
 fn mean_departures(kinds: &[ObservationType], departures: [&Vec<f64>; 2]) -> BTreeMap<ObservationType, [f64; 2]> {

@@ -12,7 +12,7 @@ use std::io::{BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 /// The beginning of a journal.
-const FORMAT: &[u8] = b"isobar journal 2\n";
+const FORMAT: &[u8] = b"isobar journal 3\n";
 
 /// Name of the journal in the working directory.
 pub const JOURNAL_FILE: &str = "journal";
