@@ -39,6 +39,8 @@ pub struct RunInfo {
     pub has_truth: bool,
     /// The networks.
     pub networks: Vec<NetworkInfo>,
+    /// What there is to know of their stations and files.
+    pub notes: Vec<String>,
     /// The observing platforms with a fixed place.
     pub stations: Vec<StationInfo>,
 }

@@ -1,6 +1,7 @@
 //! The list of all scores. Files, tables, figures, `regress`, `compare`, `--seeds` and `sweep` go over it: a score is added
 //! by an entry here, and a function in [`super::measures`] unless one of those serves.
 
+use super::against::Against;
 use super::measures::{
     Stage, Sum, Verified, bias_error, bias_spread, chi2, departures, error, passive_departures, spread,
 };
@@ -64,31 +65,6 @@ pub enum Better {
     AsTheError,
     /// It should be 1.
     One,
-}
-
-/// With what a score compares estimates.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Against {
-    /// The truth, in the worlds that have one.
-    Truth,
-    /// The observations that are used, where there is no truth.
-    Used,
-    /// Passive observations, which are independent of the estimates.
-    Passive,
-    /// Nothing: what a method says of itself, or costs.
-    Nothing,
-}
-
-impl Against {
-    /// Whether there are such scores in a world with or without a truth and passive observations.
-    pub fn exists(self, has_truth: bool, has_passive: bool) -> bool {
-        match self {
-            Against::Truth => has_truth,
-            Against::Used => !has_truth,
-            Against::Passive => has_passive,
-            Against::Nothing => true,
-        }
-    }
 }
 
 /// The part of tables and files to which a score belongs.

@@ -1,7 +1,8 @@
 //! The measures of one method over the cycles of a run, and what they come to.
 
 use super::Values;
-use super::kinds::{Against, Better, Measure, SCORES, ScoreKind, kind_of};
+use super::against::Against;
+use super::kinds::{Better, Measure, SCORES, ScoreKind, kind_of};
 use super::measures::{Sum, Verified};
 use super::summary::{Intervals, MethodScores, ObservationCounts};
 use super::truths::{EarlierTruths, TrueValues, Truth};

@@ -1,7 +1,8 @@
 //! The scores of a run, as `summary.json` holds them.
 
 use super::Values;
-use super::kinds::{Against, MEMORY, Measure, SCORES, kind_of};
+use super::against::Against;
+use super::kinds::{MEMORY, Measure, SCORES, kind_of};
 use crate::scores::diagnostics::Diagnostics;
 use crate::scores::stability::Stability;
 use crate::scores::statistics::Interval;

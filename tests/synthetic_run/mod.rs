@@ -182,6 +182,7 @@ fn info(nx: usize, ny: usize, cycles: usize, methods: usize) -> RunInfo {
         seed: 42,
         has_truth: true,
         networks: Vec::new(),
+        notes: Vec::new(),
         stations: stations.collect(),
         layout: Arc::new(Layout { grid, variables }),
         projection: Some(projection),

@@ -148,10 +148,10 @@ impl History {
             return;
         }
         self.truth = Some(state.values().to_vec());
-        let maps = self.maps(state.values());
         self.begin(info, cycle, time).true_calibration = calibration.to_vec();
-        if let Some(snapshot) = self.snapshots.get_mut(&cycle) {
-            snapshot.truth = Some(maps);
+        if self.snapshots.contains_key(&cycle) {
+            let maps = self.maps(state.values());
+            self.snapshots.entry(cycle).and_modify(|snapshot| snapshot.truth = Some(maps));
         }
     }
 

@@ -216,6 +216,7 @@ impl ExperimentBuilder<'_> {
             methods: infos,
             has_truth: truth.is_some(),
             networks: networks.collect(),
+            notes: notices::information(scenario, &observing, cycles),
             stations: stations.collect(),
         };
         let steps = problem_steps(scenario, &problem);

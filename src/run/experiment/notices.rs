@@ -7,10 +7,12 @@ use isobar_obs::{LeftOutStation, ObservingSystem};
 const MOST_NAMED: usize = 5;
 
 /// What there is to know without being wrong: of each network that is read from a file how many of its observations can be
-/// used, and why the others cannot; which stations lie in the margin.
+/// used, and why the others cannot; which stations lie in the margin, and which of a list that covers more than the domain
+/// lie outside of it.
 pub(super) fn information(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> Vec<String> {
     let recorded = observing.recorded_use(cycles).map(|(network, usage)| format!("networks.{network}: {usage}"));
-    recorded.chain(left_out(scenario, observing, Place::Margin)).collect()
+    let places = [Place::Margin, Place::Beyond].map(|place| left_out(scenario, observing, place));
+    recorded.chain(places.into_iter().flatten()).collect()
 }
 
 /// What makes the run other than the user may think.
@@ -30,21 +32,25 @@ pub(super) fn warnings(scenario: &Scenario, observing: &ObservingSystem, cycles:
 /// Where stations are that do not report.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Place {
+    /// Outside, as most of the network: the domain or the list may be another one than was meant.
     Outside,
+    /// Outside, as a few of a list that covers more than the domain.
+    Beyond,
+    /// In the margin that the scenario leaves free.
     Margin,
 }
 
 /// For each network the stations that are left out there.
 fn left_out(scenario: &Scenario, observing: &ObservingSystem, place: Place) -> Vec<String> {
     let grid = &scenario.grid.grid;
-    let place_of = |station: &LeftOutStation| {
-        let is_inside = station.place_m.is_some_and(|(x_m, y_m)| grid.contains(x_m, y_m));
-        if is_inside { Place::Margin } else { Place::Outside }
-    };
+    let is_inside = |station: &LeftOutStation| station.place_m.is_some_and(|(x_m, y_m)| grid.contains(x_m, y_m));
     let in_words = |network: &str| {
-        let all = observing.left_out().iter().filter(|station| *station.network == *network);
-        let own: Vec<&LeftOutStation> = all.clone().filter(|station| place_of(station) == place).collect();
-        let total = all.count() + observing.stations().iter().filter(|own| *own.network == *network).count();
+        let all = || observing.left_out().iter().filter(|station| *station.network == *network);
+        let placed = observing.stations().iter().filter(|own| *own.network == *network).count();
+        let (total, outside) = (placed + all().count(), all().filter(|station| !is_inside(station)).count());
+        let of_outside = if 2 * outside >= total { Place::Outside } else { Place::Beyond };
+        let place_of = |station: &LeftOutStation| if is_inside(station) { Place::Margin } else { of_outside };
+        let own: Vec<&LeftOutStation> = all().filter(|station| place_of(station) == place).collect();
         let named = |station: &&LeftOutStation| match station.line {
             Some(line) => format!("{} (line {line})", station.name),
             None => station.name.to_string(),
@@ -52,7 +58,7 @@ fn left_out(scenario: &Scenario, observing: &ObservingSystem, place: Place) -> V
         let names: Vec<String> = own.iter().take(MOST_NAMED).map(named).collect();
         let more = if own.len() > MOST_NAMED { ", …" } else { "" };
         let text = match place {
-            Place::Outside => "lie outside of the domain",
+            Place::Outside | Place::Beyond => "lie outside of the domain",
             Place::Margin => "are left out, nearer than edge_margin_km to the edges",
         };
         let (count, names) = (own.len(), names.join(", "));
