@@ -34,7 +34,7 @@ pub fn check(arguments: &CheckArguments) -> Result<ExitCode, Report> {
                     grid.ny,
                     super::list::methods(&scenario)
                 ))?;
-                checked.recorded.iter().try_for_each(|recorded| print(recorded))?;
+                checked.information.iter().try_for_each(|information| print(information))?;
                 checked.warnings.iter().for_each(|warning| warn(warning));
             }
             Err(report) => {

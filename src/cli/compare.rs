@@ -24,8 +24,8 @@ pub fn compare(arguments: &CompareArguments) -> Result<ExitCode, Report> {
     let html = comparison.html().map_err(|error| miette!("{error}"))?;
     write(arguments, &html)?;
     for (title, differences) in [
-        ("Differences of analysis RMSE from run A", comparison.between_runs()),
-        ("Differences of analysis RMSE from each run's best method", comparison.within_runs()),
+        ("Differences of the scores from run A", comparison.between_runs()),
+        ("Differences of the scores from each run's best method", comparison.within_runs()),
     ] {
         if !differences.rows.is_empty() {
             print(&format!("{title}\n{}\n* significant at the level of 5 %\n", differences.terminal()))?;

@@ -86,7 +86,7 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
         ));
     }
     let reads_files = scenario.networks.iter().any(|network| network.instrument.is_recorded());
-    let nothing_used = reads_files && summary.observations.used == 0;
+    let nothing_used = reads_files && summary.observations.used + summary.observations.passive == 0;
     if nothing_used {
         let check = command("isobar check", &[&scenario.path]);
         let help = format!("the warnings at the beginning say why, as does `{check}`; observations.nc has all of them");

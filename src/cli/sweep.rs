@@ -3,7 +3,7 @@
 use super::arguments::SweepArguments;
 use super::console::{print, show};
 use super::{launch, lookup};
-use crate::batch::sweep::{Outcome, SweepSummary, settings};
+use crate::batch::sweep::{Outcome, SweepSummary, first_score, settings};
 use crate::batch::{BatchKind, BatchPlan, Job, JobOutcome, interrupted, run_jobs, unfinished};
 use crate::interrupt;
 use crate::options::RunOptions;
@@ -38,8 +38,6 @@ pub fn sweep(arguments: &SweepArguments) -> Result<ExitCode, Report> {
 /// Runs a sweep, or continues it; whether nothing failed.
 pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) -> Result<bool, Report> {
     let (sweep, settings) = settings(scenario, options.methods.as_deref())?;
-    let variable = scenario.model.variables().first().map_or("", |variable| variable.0);
-    let score = sweep.score.clone().unwrap_or_else(|| format!("rmse_analysis.{variable}"));
     let seeds: Vec<u64> = (scenario.seed..).take(sweep.seeds).collect();
     let scenarios = settings.iter().map(|own| &own.scenario);
     let directory = BatchPlan::begin(scenario, options, BatchKind::Sweep, scenarios)?;
@@ -86,6 +84,7 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
         (job / seeds.len(), outcome.map_err(|error| error.report.to_string()))
     };
     let outcomes: Vec<Outcome> = outcomes.into_iter().map(of_setting).collect();
+    let score = sweep.score.clone().unwrap_or_else(|| first_score(scenario, &outcomes));
     let summary = SweepSummary::new(scenario, &settings, seeds.clone(), score, (schedule, outcomes), cycles);
     summary.write(directory.path(), scenario, options.outputs.contains(REPORT)).into_diagnostic()?;
     directory.complete().into_diagnostic()?;

@@ -31,6 +31,7 @@ use crate::kinds::models::{self, Model};
 use crate::kinds::{self, Domain, distinct_name, plain_name};
 use crate::output::Outputs;
 use crate::reader::{self, Field, FileName, Read, Section, SourceFile};
+use crate::scores::ScoreKind;
 use crate::scores::expected::TOLERANCE_KEY;
 use crate::text;
 use indexmap::IndexMap;
@@ -79,8 +80,8 @@ pub struct Scenario {
     pub background_error: Components,
     /// Q: covariance of the error that the model makes in one cycle; empty for a perfect model.
     pub model_error: Components,
-    /// How the true world differs from that.
-    pub truth: TruthSettings,
+    /// How the true world differs from that; `None` in a world without a truth, of which there are recorded observations alone.
+    pub truth: Option<TruthSettings>,
     /// The cycles.
     pub cycle: CycleSettings,
     /// How the values of observations are checked, if they are.
@@ -113,9 +114,9 @@ impl Scenario {
         Domain { grid: self.grid.grid.clone(), model: self.model.clone() }
     }
 
-    /// The plane, with the model of the truth.
-    pub fn true_domain(&self) -> Domain {
-        Domain { grid: self.grid.grid.clone(), model: self.truth.model.clone() }
+    /// The plane, with another model.
+    pub fn domain_of(&self, model: &Model) -> Domain {
+        Domain { grid: self.grid.grid.clone(), model: model.clone() }
     }
 
     /// Whether the truth's model has a key with another value than `[model]`.
@@ -179,17 +180,18 @@ impl Scenario {
         let background_error = covariances::read(&root.required("background_error")?, &domain)?;
         let model_error =
             root.optional("model_error").map_or(Ok(Vec::new()), |field| covariances::read(&field, &domain))?;
-        let truth = cycle::read_truth(&root, &model_field, &domain)?;
-        let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", truth.model.time_step)];
-        let cycle = cycle::read(&root, start, &steps)?;
         let networks = instruments::read(&root, &domain)?;
+        let truth = cycle::read_truth(&root, &model_field, &domain, &networks)?;
+        let true_step = truth.as_ref().map_or(model.time_step, |truth| truth.model.time_step);
+        let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", true_step)];
+        let cycle = cycle::read(&root, start, &steps)?;
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
         let stability = sensors::read_stability(&root, cycle.count)?;
         let surroundings = Surroundings {
             domain,
             cycles: cycle.count,
             freezes: stability.freeze_after_cycles.is_some(),
-            networks: networks.iter().map(|network| network.name.clone()).collect(),
+            networks: networks.iter().filter(|it| it.assimilate).map(|network| network.name.clone()).collect(),
             has_model_error: !model_error.is_empty(),
             error_length_m: covariances::shortest_length_m(&model_error)
                 .or_else(|| covariances::shortest_length_m(&background_error)),
@@ -198,7 +200,9 @@ impl Scenario {
         let initialise = initialise::read(&root, &methods, cycle.count)?;
         let sensors = sensors::read(&root, &methods)?;
         let influence_every_cycles = cycle::read_diagnostics(&root)?;
-        let sweep = sweep::read(&root, &model)?;
+        let has_passive = networks.iter().any(|network| !network.assimilate);
+        let can_have = |kind: &ScoreKind| kind.against.exists(truth.is_some(), has_passive);
+        let sweep = sweep::read(&root, &model, can_have)?;
         let outputs = cycle::read_output(&root)?;
         let regression = root.yes_or_no_or("regression", true)?;
         let expected = expected::read(&root, &methods, &model)?;

@@ -8,7 +8,7 @@ mod satellite;
 
 use super::{Domain, Kinds, check_name, choose, distinct_name};
 use crate::reader::{Field, Read, Section};
-use common::{FIRST_CYCLE, INTERVAL_CYCLES, MISSING_RATE, faults};
+use common::{ASSIMILATE, FIRST_CYCLE, INTERVAL_CYCLES, MISSING_RATE, faults};
 use isobar_obs::{InstrumentSettings, Network, ObservationError, Schedule};
 use std::sync::Arc;
 
@@ -45,6 +45,7 @@ fn network(name: &str, field: &Field<'_>, domain: &Domain) -> Read<Network> {
         schedule: Schedule { every_cycles, offset_cycles: first_cycle % every_cycles },
         missing_rate: section.get(&MISSING_RATE)?,
         faults: faults(&section)?,
+        assimilate: section.get(&ASSIMILATE)?,
         instrument,
     })
 }

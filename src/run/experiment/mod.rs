@@ -10,14 +10,14 @@ pub use builder::ExperimentBuilder;
 pub use error::ExperimentError;
 pub use inputs::Inputs;
 
-use crate::event::{MethodInfo, RunInfo, StationInfo};
+use crate::event::{MethodInfo, NetworkInfo, RunInfo, StationInfo};
 use crate::kinds::{covariances, instruments};
 use crate::options::RunOptions;
 use crate::run::cycle::{Freezing, Runner};
 use crate::run::reference::Reference;
 use crate::run::truth::Truth;
 use crate::run::units::UnitCheck;
-use crate::scenario::{Scenario, ScenarioError};
+use crate::scenario::{Scenario, ScenarioError, TruthSettings};
 use crate::scores::Failure;
 use crate::sensors::knowledge::{WarmStart, warm_start};
 use crate::sensors::{Database, SensorError, database::Missing};
@@ -58,8 +58,8 @@ pub struct Experiment {
     pub score_from_cycle: usize,
     /// Number of cycles between two in which the influence of each type of observations is computed; `None`: never.
     pub influence_every_cycles: Option<usize>,
-    /// The true world.
-    pub truth: Truth,
+    /// The true world; `None` where all observations are recorded.
+    pub truth: Option<Truth>,
     /// What the values of observations are compared with, if they are checked.
     pub reference: Option<Reference>,
     /// Whether observations can be in their unit.
@@ -94,16 +94,16 @@ pub struct Ground {
     pub problem: Problem,
     /// What is known of the sensors.
     pub sensors: WarmStart,
-    /// The true world.
-    pub truth: Truth,
+    /// The true world; `None` where all observations are recorded.
+    pub truth: Option<Truth>,
     /// What observes it.
     pub observing: ObservingSystem,
 }
 
 /// What a scenario is found to be when nothing is wrong with it.
 pub struct Checked {
-    /// For each network that is read from a file: how many of its observations can be used.
-    pub recorded: Vec<String>,
+    /// What there is to know without being wrong, such as how many observations of a file can be used.
+    pub information: Vec<String>,
     /// What the user should know.
     pub warnings: Vec<String>,
 }
@@ -127,7 +127,7 @@ pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
     }
     let mut warnings = notices::warnings(scenario, &ground.observing, scenario.cycle.count);
     warnings.extend(notices::of_methods(scenario, |_| true));
-    Ok(Checked { recorded: notices::recorded(&ground.observing, scenario.cycle.count), warnings })
+    Ok(Checked { information: notices::information(scenario, &ground.observing, scenario.cycle.count), warnings })
 }
 
 /// Whether the scenario's database of sensors can be written back, and may be, if it is to be.
@@ -209,6 +209,11 @@ impl ExperimentBuilder<'_> {
             x_m: station.x_m,
             y_m: station.y_m,
         });
+        let networks = scenario.networks.iter().map(|network| NetworkInfo {
+            name: network.name.as_str().into(),
+            is_recorded: network.instrument.is_recorded(),
+            is_passive: !network.assimilate,
+        });
         let info = RunInfo {
             scenario: scenario.name.clone(),
             title: scenario.title.clone(),
@@ -222,6 +227,9 @@ impl ExperimentBuilder<'_> {
             score_from_cycle: scenario.cycle.score_from_cycle,
             calibration: problem.calibration.clone(),
             methods: infos,
+            has_truth: truth.is_some(),
+            networks: networks.collect(),
+            notes: notices::information(scenario, &observing, cycles),
             stations: stations.collect(),
         };
         let steps = problem_steps(scenario, &problem);
@@ -288,21 +296,24 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
     let has_model_error = !scenario.model_error.is_empty();
     let model_error = has_model_error.then(|| build(&scenario.model_error)).transpose()?;
 
-    let true_state = match &scenario.truth.initial {
-        Some(initial) => initial.build(&scenario.true_domain(), seed)?,
-        None => {
-            let mut state = background.clone();
-            let deviation = covariance::randomize(&*background_error, &mut stream(seed, "truth/initial"));
-            let factor = scenario.truth.background_error_scale.sqrt();
-            state.values_mut().iter_mut().zip(deviation).for_each(|(value, change)| *value += factor * change);
-            state
-        }
+    let truth = |settings: &TruthSettings| -> Result<Truth, ExperimentError> {
+        let state = match &settings.initial {
+            Some(initial) => initial.build(&scenario.domain_of(&settings.model), seed)?,
+            None => {
+                let mut state = background.clone();
+                let deviation = covariance::randomize(&*background_error, &mut stream(seed, "truth/initial"));
+                let factor = settings.background_error_scale.sqrt();
+                state.values_mut().iter_mut().zip(deviation).for_each(|(value, change)| *value += factor * change);
+                state
+            }
+        };
+        let model = settings.model.build(grid, scenario.cycle.window)?;
+        check_time_step(&*model, &state).map_err(ExperimentError::TimeStep)?;
+        let steps = scenario.cycle.window.steps_of(model.time_step()).expect("the scenario's window fits its steps");
+        let error = model_error.clone().map(|covariance| (covariance, settings.model_error_scale.sqrt()));
+        Ok(Truth::new(model, steps, cycles, error, stream(seed, "truth/model error"), state))
     };
-    let true_model = scenario.truth.model.build(grid, scenario.cycle.window)?;
-    check_time_step(&*true_model, &true_state).map_err(ExperimentError::TimeStep)?;
-    let steps = scenario.cycle.window.steps_of(true_model.time_step()).expect("the scenario's window fits its steps");
-    let true_error = model_error.clone().map(|covariance| (covariance, scenario.truth.model_error_scale.sqrt()));
-    let truth = Truth::new(true_model, steps, cycles, true_error, stream(seed, "truth/model error"), true_state);
+    let truth = scenario.truth.as_ref().map(truth).transpose()?;
 
     let projection = scenario.grid.projection.as_ref();
     let Scenario { networks, start, .. } = scenario;
