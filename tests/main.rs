@@ -19,6 +19,7 @@ mod finished_runs;
 mod honest_numbers;
 mod hostile_input;
 mod keys;
+mod last_bit;
 mod live;
 mod observations;
 mod outputs;

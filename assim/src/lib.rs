@@ -50,11 +50,13 @@ pub mod optimal_interpolation;
 pub mod problem;
 mod propagator;
 pub mod response;
+mod spectral_cut;
 mod spread;
 pub mod structure;
 mod tall_matrix;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
+mod ties;
 pub mod time_volume;
 pub mod variational;
 pub mod wind_finding;

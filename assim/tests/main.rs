@@ -5,6 +5,7 @@ mod adaptive;
 mod agreement;
 mod banded;
 mod block_angular;
+mod card_recursion;
 mod closed_form;
 mod common;
 mod contracts;

@@ -185,6 +185,12 @@ pub(super) fn read(section: &Section<'_>, domain: &Domain) -> Read<FastKalmanSet
         let message = "bias_coupling = \"drop\" is the printed formula, which has no factors".to_string();
         return Err(field.invalid(message, "must be 0 with bias_coupling = \"drop\""));
     }
+    if let (Some(field), false, BiasCoupling::Drop) =
+        (section.optional(RESIDUAL.name), residual == Residual::Exact, bias_coupling)
+    {
+        let message = "bias_coupling = \"drop\" is the printed formula, which forecasts the blocks exactly".to_string();
+        return Err(field.invalid(message, "must be \"exact\" with bias_coupling = \"drop\""));
+    }
     let blocks = section.optional(BLOCKS.name).map_or(Ok(BlockShape::Cell), |field| blocks(&field, &domain.grid))?;
     let (nx, ny) = blocks.cells(&domain.grid);
     let merged_blocks = MERGED_BLOCKS * nx * ny * domain.model.variables().len();

@@ -88,9 +88,22 @@ impl BlockErrors {
             let g = g.get(first_rows[number]..first_rows[number + 1], ..);
             let parts = (&self.frame.blocks, &self.memory.covariance.own);
             let (variables, block) = update_rows(parts, component, g, rows, innovations);
-            Ok((variables, block.eliminate(first + number, r)?))
+            let eliminated = block.eliminate(first + number, r).map_err(|error| self.of_component(component, error))?;
+            Ok((variables, eliminated))
         };
         components.par_iter().enumerate().map(eliminate).collect()
+    }
+
+    /// The failure of a component, whose blocks it names.
+    fn of_component(&self, component: &Component, error: Error) -> Error {
+        let Error::NotPositiveDefinite { pivot, size, .. } = error else { return error };
+        let name = |&block: &usize| self.frame.blocks.describe(block, &self.frame.layout);
+        let blocks = match component.blocks.as_slice() {
+            [] => "no block".into(),
+            [block] => name(block),
+            [first, others @ ..] => format!("{} and {} more, which observations link", name(first), others.len()),
+        };
+        Error::NotPositiveDefinite { matrix: format!("the innovation covariance H P H' + R of {blocks}"), pivot, size }
     }
 
     /// H Φ_b + G Φ_c for the observations of the components, one component after another, `[observations, r]`.

@@ -134,6 +134,20 @@ impl BlockDiagonal {
         });
     }
 
+    /// Sets to zero the rows and columns of variables whose variance is at most `share` of what it was taken from: a difference
+    /// that is nothing but rounding, which may be negative and would pile up from cycle to cycle.
+    pub fn clear_rounding(&mut self, blocks: &Blocks, taken_from: &[f64], share: f64) {
+        self.for_each_block(blocks, |block, mut matrix| {
+            for (i, &variable) in blocks.members(block).iter().enumerate() {
+                if matrix[(i, i)] <= share * taken_from[variable] {
+                    for j in 0..matrix.nrows() {
+                        (matrix[(i, j)], matrix[(j, i)]) = (0.0, 0.0);
+                    }
+                }
+            }
+        });
+    }
+
     /// Adds the diagonals to the variances of the block variables.
     pub fn add_variances(&self, blocks: &Blocks, variances: &mut [f64]) {
         variances.par_iter_mut().enumerate().for_each(|(variable, variance)| {

@@ -86,7 +86,7 @@ impl BlockErrors {
         let separation = self.separate(&components, &touched, &seen);
         if separation.unknowns > settings.separator_factors || !self.fits(separation.unknowns) {
             let mut partition = self.report(&components, &Separation::default());
-            let (solved, sizes) = self.update_nested(rows, innovations, &seen, free)?;
+            let (solved, sizes) = self.update_nested(&components, rows, innovations, &seen, free)?;
             (partition.nested, partition.separators) = (true, sizes.separators);
             partition.separator_unknowns = sizes.separator_unknowns;
             return Ok(solved.with(partition));
