@@ -114,6 +114,12 @@ pub(crate) trait Errors: Clone + Send + Sync + 'static {
         })
     }
 
+    /// Fails if the analysis of so many observations of a state of `m` values needs more memory than is allowed.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`].
+    fn require_memory(&self, observations: usize, m: usize, limit_bytes: u64) -> Result<(), Error>;
+
     /// Its smoother, if it has one.
     fn smoother(&self) -> Option<&FixedLag> {
         None
@@ -199,6 +205,7 @@ impl<E: Errors> Assimilator for Filter<E> {
 
     fn analyse(&mut self, _: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
         let Belief { s, errors } = &mut self.belief;
+        errors.require_memory(observed.len(), s.state.values().len(), self.problem.memory_limit_bytes)?;
         let innovations = self.problem.innovations(observed, &s.state, &s.bias)?;
         let Fit { chi2, partition } = errors.analyse(s, &innovations)?;
         let estimate = self.belief.estimate(&self.calibration)?;

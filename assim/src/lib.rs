@@ -71,7 +71,7 @@ pub use calibration_accuracy::{CalibrationAccuracy, CalibrationErrors};
 pub use covariance::Covariance;
 pub use covariance_column::{CovarianceColumn, JointErrors, Unknown, correlation};
 pub use error::Error;
-pub use errors::{banded, blocks as fast_kalman, dense as kalman};
+pub use errors::{banded, blocks as fast_kalman, dense as kalman, local as local_factors};
 pub use estimate::{Analysis, Background, Estimate};
 pub use estimated::{EstimatedParameter, EstimatesParameters};
 pub use linalg::reserve_workspace;

@@ -217,7 +217,7 @@ fn gain_form_equals_regression_form_of_the_kalman_filter() {
 fn three_d_var_equals_the_dense_analysis_with_static_covariance() {
     let problem = problem(true, calibration(2, 1, 0.5), 8);
     let settings = ThreeDVarSettings { covariance_scale: 0.4, tolerance: 1e-12, max_iterations: 500 };
-    let mut method = ThreeDVar::new(problem.clone(), settings);
+    let mut method = ThreeDVar::new(problem.clone(), settings).unwrap();
     let m = problem.background.values().len();
     let b = covariance::dense(&*problem.background_error);
     let mut bias_covariance =
@@ -268,7 +268,7 @@ fn biases_are_estimated_ignored_or_known() {
             Box::new(KalmanFilter::new(problem.clone()).unwrap()),
             Box::new(fast_kalman(problem, BlockShape::Domain, BiasCoupling::Carry)),
             Box::new(KalmanFilter::serial(problem.clone()).unwrap()),
-            Box::new(ThreeDVar::new(problem.clone(), settings)),
+            Box::new(ThreeDVar::new(problem.clone(), settings).unwrap()),
         ];
         methods
             .iter_mut()

@@ -207,6 +207,7 @@ fn factors_of_smooth_errors_need_no_fine_grid() {
         calibration: calibration(1, 0, 0.0),
         bias: BiasTreatment::Estimate,
         memory_limit_bytes: 1 << 30,
+        most_observations: 0,
     };
     let spread = |filter: FastKalmanFilter| {
         let mut filter = filter;

@@ -14,6 +14,7 @@ mod ensemble;
 mod factors;
 mod federated;
 mod high_pass;
+mod local_factors;
 mod oracles;
 mod recovered_amplitudes;
 mod response;

@@ -141,10 +141,11 @@ impl Record {
         };
         let number = |what: &str, value: f64| match value.abs() <= 1e18 {
             true => Ok(()),
-            false => Err(format!("`{what}` is {value}, but must be a finite number")),
+            false => Err(format!("`{what}` is {value:?}, but must be a number from -1e18 to 1e18")),
         };
         let positive = |what: &str, value: f64| match (1e-18..=1e18).contains(&value) {
             true => Ok(()),
+            false if value > 0.0 => Err(format!("`{what}` is {value:?}, but must be a number from 1e-18 to 1e18")),
             false => Err(format!("`{what}` is {value}, but must be a number greater than 0")),
         };
         let time = |time: &Time| match TIMES.contains(&time.seconds()) {

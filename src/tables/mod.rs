@@ -137,6 +137,19 @@ impl Cell {
         value.map_or_else(|| NONE.into(), figure).into()
     }
 
+    /// A number of which all digits matter, up to six, or a dash.
+    pub fn exact(value: Option<f64>) -> Self {
+        let shown = |value: f64| match value.abs() {
+            0.0 => "0".to_string(),
+            size if !(1e-4..1e9).contains(&size) => format!("{value:.5e}"),
+            size => {
+                let text = format!("{value:.*}", (5 - size.log10().floor() as i32).clamp(0, 9) as usize);
+                if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
+            }
+        };
+        value.map_or_else(|| NONE.into(), shown).into()
+    }
+
     /// A figure with its interval.
     pub fn known(value: Option<f64>, interval: Option<&Interval>) -> Self {
         let note = interval.map_or_else(String::new, |it| format!("{} … {}", figure(it.low), figure(it.high)));

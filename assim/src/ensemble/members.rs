@@ -54,7 +54,9 @@ impl Ensemble {
     ) -> Result<Self, Error> {
         let calibration = problem.estimated_calibration();
         let (m, p, members) = (problem.background.values().len(), calibration.len(), settings.members);
-        check(problem, settings.initial_members, m + p, p, members)?;
+        check(settings.initial_members, p, members)?;
+        let numbers = 4.0 * (m + p) as f64 * members as f64 + exact_sampling(settings.initial_members, members);
+        problem.require_memory(numbers, || format!("an ensemble of {members} members of {} unknowns", m + p))?;
         let prior = Mat::from_fn(p, p, |i, j| calibration.prior_covariance(i, j));
         let root = cholesky(prior, || "the prior covariance of the calibration parameters".into())?;
         let perturbations = match settings.initial_members {
@@ -285,6 +287,14 @@ fn second_order_exact(
     (0..members.ncols()).flat_map(|j| members.col_as_slice(j).iter().map(move |value| scale * value)).collect()
 }
 
+/// The rotation of second-order exact sampling, Q, and what it is made from.
+fn exact_sampling(initial: InitialMembers, members: usize) -> f64 {
+    match initial {
+        InitialMembers::Random => 0.0,
+        InitialMembers::SecondOrderExact => 4.0 * (members as f64).powi(2),
+    }
+}
+
 /// F R for the R orthogonal `[r, r]` that makes it the nearest to fixed random directions W, `[m, r]`:
 ///
 /// ```text
@@ -306,13 +316,7 @@ fn turned_to_fixed_directions(factors: Mat<f64>, scales: &[f64]) -> Mat<f64> {
     product(factors.as_ref(), polar_factor(alignment.as_ref()).as_ref())
 }
 
-fn check(
-    problem: &Problem<dyn Model>,
-    initial: InitialMembers,
-    rows: usize,
-    p: usize,
-    members: usize,
-) -> Result<(), Error> {
+fn check(initial: InitialMembers, p: usize, members: usize) -> Result<(), Error> {
     if members < 2 {
         return Err(Error::Setting(format!("an ensemble of {members} has no spread; it needs 2 members or more")));
     }
@@ -321,12 +325,6 @@ fn check(
             "{members} members cannot hold {p} biases and a factor of B; second-order exact sampling needs {}",
             p + 2
         )));
-    }
-    // The members, their perturbations before and after, and the draws of Q.
-    let needed_bytes = 4 * 8 * (rows * members) as u64;
-    if needed_bytes > problem.memory_limit_bytes {
-        let what = format!("an ensemble of {members} members of {rows} unknowns");
-        return Err(Error::TooLarge { what, needed_bytes, limit_bytes: problem.memory_limit_bytes });
     }
     Ok(())
 }

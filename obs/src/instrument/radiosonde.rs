@@ -10,6 +10,7 @@ use crate::site::Site;
 use crate::station::{LeftOutStation, PlacedStations, Station, StationSource, place};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// Error of a radiosonde's height of a pressure level near 500 hPa \[m\] (the WRF model's observation errors: 12.1 m).
@@ -105,9 +106,13 @@ impl RadiosondeSettings {
             ObservationError::in_setting(network, "biases", problem)
         };
         let is_reference = |group: &str| self.reference_groups.iter().any(|reference| reference == group);
+        let mut of_groups: HashMap<&str, Vec<usize>> = HashMap::new();
+        for (number, station) in stations.iter().enumerate() {
+            of_groups.entry(&station.group).or_default().push(number);
+        }
         let of_group = |name: &'a str| {
-            let numbers = (0..stations.len()).filter(|&number| &*stations[number].group == name).collect();
-            Member { name, placement: Placement::Shared, stations: numbers }
+            let stations = of_groups.get(name).cloned().unwrap_or_default();
+            Member { name, placement: Placement::Shared, stations }
         };
         let of_station = |number: usize| {
             let Station { name, x_m, y_m, .. } = &stations[number];
@@ -245,6 +250,14 @@ impl Instrument for Radiosondes {
             }
         }
         observations
+    }
+
+    fn most_observations(&self, _cycle: usize) -> usize {
+        self.channels.iter().map(Vec::len).sum()
+    }
+
+    fn weights(&self) -> usize {
+        self.channels.iter().flatten().map(|channel| channel.state_row.len()).sum()
     }
 
     fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {

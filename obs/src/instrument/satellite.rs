@@ -13,6 +13,7 @@ use crate::site::Site;
 use isobar_model::{Boundary, Grid, Location};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use std::f64::consts::PI;
 use std::sync::Arc;
 
 /// Error of a satellite's height retrieval \[m\]: two to four times that of a radiosonde.
@@ -196,6 +197,8 @@ struct Satellite {
     /// (number in the calibration, term) of each unknown parameter.
     terms: Vec<(usize, ScanTerm)>,
     air_mass_terms: Vec<AirMassTerm>,
+    /// Footprints of a pass.
+    footprints: usize,
     errors: ChaCha8Rng,
 }
 
@@ -245,7 +248,7 @@ impl InstrumentSettings for SatelliteSettings {
                 air_mass_terms.push(AirMassTerm { parameter, variable, location, mean, scale });
             }
         }
-        Ok(Box::new(Satellite {
+        let mut satellite = Satellite {
             settings: self.clone(),
             network: name.into(),
             grid: layout.grid.clone(),
@@ -253,8 +256,11 @@ impl InstrumentSettings for SatelliteSettings {
             location: layout.variables[variable].location,
             terms,
             air_mass_terms,
+            footprints: 0,
             errors: site.stream("observations"),
-        }))
+        };
+        satellite.footprints = satellite.spots(1, 0).len();
+        Ok(Box::new(satellite))
     }
 
     fn has_air_mass_bias(&self) -> bool {
@@ -332,6 +338,19 @@ impl Instrument for Satellite {
             });
         }
         observations
+    }
+
+    fn most_observations(&self, _cycle: usize) -> usize {
+        self.footprints
+    }
+
+    fn weights(&self) -> usize {
+        let (radius, Grid { dx_m, dy_m, .. }) = (TRUNCATION * self.settings.footprint_sigma_m, &self.grid);
+        let side = |step: f64| 2.0 * radius / step + 2.0;
+        // A disc in its square, with as much as bilinear interpolation at least.
+        let of_footprint = (0.25 * PI * side(*dx_m) * side(*dy_m)).min(self.grid.cells() as f64);
+        let rows = self.footprints as f64 * (1 + self.air_mass_terms.len()) as f64;
+        (rows * of_footprint) as usize
     }
 
     fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {

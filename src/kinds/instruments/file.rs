@@ -1,6 +1,6 @@
 //! `kind = "file"`: observations made elsewhere.
 
-use super::common::at_file;
+use super::common::{ASSIMILATE, at_file};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, AnyKey, Choice, Described, Key, Limits, Read, Section, files};
 use isobar_model::Duration;
@@ -65,7 +65,7 @@ impl Kind<dyn InstrumentSettings, Domain> for FileKind {
     }
 
     fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&FILE, &VARIABLE, &SIGMA, &MISSING, &TIME_TOLERANCE, &WINDS]
+        vec![&FILE, &ASSIMILATE, &VARIABLE, &SIGMA, &MISSING, &TIME_TOLERANCE, &WINDS]
     }
 
     fn read(&self, section: &Section<'_>, domain: &Domain) -> Read<Box<dyn InstrumentSettings>> {

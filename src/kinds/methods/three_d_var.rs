@@ -29,7 +29,7 @@ impl Kind<dyn MethodSettings, Surroundings> for ThreeDVarKind {
 
 impl MethodSettings for ThreeDVarSettings {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
-        Ok(Box::new(ThreeDVar::new(setup.problem, self.clone())))
+        Ok(Box::new(ThreeDVar::new(setup.problem, self.clone())?))
     }
 
     fn describe(&self) -> String {

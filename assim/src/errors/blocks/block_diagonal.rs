@@ -16,7 +16,7 @@ const SMALL: usize = 12;
 
 /// blkdiag(C_1 … C_K).
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct BlockDiagonal {
+pub(in crate::errors) struct BlockDiagonal {
     values: Vec<f64>,
 }
 
@@ -122,6 +122,15 @@ impl BlockDiagonal {
                     (rest, block) = (others, block + 1);
                 }
             }
+        });
+    }
+
+    /// C_k += sign (A Aᵀ)_kk of columns A, `[block variables, n]`.
+    pub fn add_columns(&mut self, blocks: &Blocks, sign: f64, columns: MatRef<'_, f64>) {
+        self.for_each_block(blocks, |block, matrix| {
+            let members = blocks.members(block);
+            let rows = Mat::from_fn(members.len(), columns.ncols(), |i, j| columns[(members[i], j)]);
+            add_product(matrix, sign, rows.as_ref(), rows.transpose());
         });
     }
 

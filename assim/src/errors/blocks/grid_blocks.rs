@@ -36,7 +36,7 @@ impl BlockShape {
 ///
 /// There may be millions of blocks of three variables: all lists are flat.
 #[derive(Clone, Debug)]
-pub(super) struct Blocks {
+pub(in crate::errors) struct Blocks {
     /// Where each block's variables begin in `members`, and where the last ones end.
     starts: Vec<usize>,
     /// The variables of each block, ascending.

@@ -29,7 +29,7 @@ mod free_columns;
 mod grid_blocks;
 mod nested;
 mod product;
-mod residual;
+pub(super) mod residual;
 mod separation;
 mod settings;
 mod solution;
@@ -39,6 +39,9 @@ pub use crate::tall_matrix::Precision;
 pub use grid_blocks::BlockShape;
 pub use settings::{BiasCoupling, FastKalmanSettings, Residual};
 
+pub(super) use analysis::{check_component, component_size, update_rows};
+pub(super) use block_diagonal::BlockDiagonal;
+pub(super) use grid_blocks::Blocks;
 pub(crate) use factors::Factors;
 pub(crate) use solution::{Increments, SplitRows};
 
@@ -47,14 +50,12 @@ use crate::covariance::{self, Covariance};
 use crate::error::Error;
 use crate::filter::{Cycle, ErrorBlocks, Errors, Filter, Fit};
 use crate::memory::require;
-use crate::problem::{Innovations, Problem};
+use crate::problem::{Innovations, Problem, require_memory};
 use crate::tall_matrix::TallMatrix;
-use block_diagonal::BlockDiagonal;
 use coarse_grid::CoarseGrid;
 use compression::rounding;
 use factored_covariance::FactoredCovariance;
 use faer::{Mat, MatRef};
-use grid_blocks::Blocks;
 use isobar_model::{Layout, TangentLinear, random};
 use isobar_obs::ByPlacement;
 use rand_chacha::ChaCha8Rng;
@@ -298,6 +299,13 @@ impl Errors for BlockErrors {
         Ok(())
     }
 
+    fn require_memory(&self, observations: usize, _: usize, limit_bytes: u64) -> Result<(), Error> {
+        // H Φ and its copies; what components of blocks need is known when they are.
+        let r = self.factors().columns();
+        let numbers = 2.0 * observations as f64 * r as f64 + 4.0 * (r as f64).powi(2);
+        require_memory(limit_bytes, numbers, || format!("the analysis of {observations} observations with {r} factors"))
+    }
+
     fn calibration_and_means(&self, _: usize, _: usize, _: usize) -> Mat<f64> {
         self.joint_covariance()
     }
@@ -308,7 +316,7 @@ impl Errors for BlockErrors {
 }
 
 /// The standard deviation of each variable in the middle of the domain, for every value of the state.
-fn state_scales(operator: &dyn Covariance, layout: &Layout) -> Vec<f64> {
+pub(super) fn state_scales(operator: &dyn Covariance, layout: &Layout) -> Vec<f64> {
     let (cells, grid) = (layout.grid.cells(), &layout.grid);
     let middle = grid.ny / 2 * grid.nx + grid.nx / 2;
     let scale = |variable: usize| {

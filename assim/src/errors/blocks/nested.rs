@@ -6,6 +6,7 @@
 //! is kept where the forecast is exact, which forms A C A' from it: P_k of (28) is A_k Cov(ŝ) A_k' + Q_k with the covariance of
 //! all blocks. Any other forecast drops it, as it does with what merged blocks have in common.
 
+use super::analysis::check_component;
 use super::separation::Seen;
 use super::solution::{Solved, SplitRows};
 use super::{BlockErrors, Residual};
@@ -59,7 +60,9 @@ impl BlockErrors {
         }
         if self.frame.settings.residual == Residual::Exact {
             // The covariance of all that observations link.
-            components.iter().try_for_each(|component| self.check_component(component))?;
+            for component in components {
+                check_component(&self.frame.blocks, component, self.frame.memory_limit_bytes)?;
+            }
         }
         let mut x = SparseRows::new();
         for row in 0..n {
