@@ -64,8 +64,9 @@ fn more_factors_come_nearer_to_the_kalman_filter() {
     let mut problem = problem(true, calibration(2, 0, 0.4), 2);
     let layout = problem.background.layout().clone();
     let smooth = |sigma: f64| -> Arc<dyn Covariance> {
-        let of = |variable| Box::new(Univariate::new(&layout, variable, sigma, 0.7 + 0.2 * variable as f64));
-        Arc::new(Sum::new(layout.len(), vec![of(0), of(1)]))
+        let of = |variable| Univariate::new(&layout, variable, sigma, 0.7 + 0.2 * variable as f64).unwrap();
+        let terms: Vec<Box<dyn Covariance>> = vec![Box::new(of(0)), Box::new(of(1))];
+        Arc::new(Sum::new(layout.len(), terms))
     };
     (problem.background_error, problem.model_error) = (smooth(1.5), Some(smooth(0.4)));
     let found: Vec<f64> = [0, 10, 20, 30, 40]

@@ -3,10 +3,10 @@
 //! The components are eliminated in chunks, and what each of them adds to the factors, −D_k, is taken in at once, so that
 //! never all D_k are there together: they would need as much memory as the observed part of Φ.
 
-use super::factored_covariance::Patch;
-use super::solution::{Increments, Solved, SplitRows};
 use super::block_diagonal::BlockDiagonal;
+use super::factored_covariance::Patch;
 use super::grid_blocks::Blocks;
+use super::solution::{Increments, Solved, SplitRows};
 use super::{BlockErrors, Frame, Residual};
 use crate::augmented::Augmented;
 use crate::block_angular::{Block, Component, Eliminated, Information, Prior, UpdateRows};
@@ -204,8 +204,7 @@ pub(in crate::errors) fn update_rows(
     let mut prior = Mat::<f64>::zeros(size, size);
     for &block in &component.blocks {
         let own = own.block(blocks, block);
-        let positions: Vec<usize> =
-            blocks.members(block).iter().map(|&variable| locate(variable)).collect();
+        let positions: Vec<usize> = blocks.members(block).iter().map(|&variable| locate(variable)).collect();
         for (j, &column) in positions.iter().enumerate() {
             for (i, &row) in positions.iter().enumerate() {
                 prior[(row, column)] = own[(i, j)];
@@ -242,7 +241,11 @@ pub(in crate::errors) fn component_size(blocks: &Blocks, component: &Component) 
 ///
 /// # Errors
 /// [`Error::TooLarge`].
-pub(in crate::errors) fn check_component(blocks: &Blocks, component: &Component, limit_bytes: u64) -> Result<(), Error> {
+pub(in crate::errors) fn check_component(
+    blocks: &Blocks,
+    component: &Component,
+    limit_bytes: u64,
+) -> Result<(), Error> {
     let (size, n) = (component_size(blocks, component) as u64, component.observations.len() as u64);
     let needed_bytes = 8 * (2 * size * size + 3 * size * n + 2 * n * n);
     if needed_bytes > limit_bytes {

@@ -41,8 +41,8 @@ pub use settings::{BiasCoupling, FastKalmanSettings, Residual};
 
 pub(super) use analysis::{check_component, component_size, update_rows};
 pub(super) use block_diagonal::BlockDiagonal;
-pub(super) use grid_blocks::Blocks;
 pub(crate) use factors::Factors;
+pub(super) use grid_blocks::Blocks;
 pub(crate) use solution::{Increments, SplitRows};
 
 use crate::augmented::Augmented;
@@ -366,6 +366,7 @@ mod tests {
             calibration: Calibration::default(),
             bias: BiasTreatment::Estimate,
             memory_limit_bytes: 1 << 30,
+            most_observations: 0,
             model: Arc::new(AtRest(Arc::clone(&layout))),
         };
         let settings = FastKalmanSettings {
