@@ -35,9 +35,7 @@ fn errors(boundary: Boundary) -> LocalErrors {
     let grid = Grid { nx: 16, ny: 11, dx_m: 1.0, dy_m: 1.0, boundary };
     let layout = isobar_model::shallow_water::layout(grid);
     let covariance = |length: f64| -> Arc<dyn Covariance> {
-        let smooth = (0..3).map(|variable| {
-            Box::new(Univariate::new(&layout, variable, 1.0 + variable as f64, length)) as Box<dyn Covariance>
-        });
+        let smooth = (0..3).map(|variable| Box::new(Univariate::new(&layout, variable, 1.0 + variable as f64, length)) as Box<dyn Covariance>);
         let white = (0..3).map(|variable| Box::new(White::new(&layout, variable, 0.1)) as Box<dyn Covariance>);
         Arc::new(Sum::new(layout.len(), smooth.chain(white).collect()))
     };
@@ -158,14 +156,9 @@ fn compression_keeps_the_covariance_of_each_block() {
         let mut fewer = LocalFactorSettings { per_tile: 3, ..errors.frame.settings };
         std::mem::swap(&mut Arc::get_mut(&mut errors.frame).unwrap().settings, &mut fewer);
         errors.compress();
-        assert!(
-            errors
-                .memory
-                .factors
-                .iter()
-                .zip(&errors.frame.supports)
-                .all(|(factors, support)| { factors.columns() == 3 && factors.variables == *support })
-        );
+        assert!(errors.memory.factors.iter().zip(&errors.frame.supports).all(|(factors, support)| {
+            factors.columns() == 3 && factors.variables == *support
+        }));
         assert!(difference(&of_blocks(&errors), &before) < 1e-13, "{boundary:?}");
     }
 }
