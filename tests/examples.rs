@@ -91,7 +91,7 @@ fn names_that_are_taken_or_not_valid_are_refused() {
         let error = refused(name);
         assert!(error.contains(reason), "{error}");
     }
-    for (name, reason) in [("sondes", "twice"), ("a/b", "cannot be the name of a network")] {
+    for (name, reason) in [("sondes", "two networks"), ("a/b", "cannot be the name of a network")] {
         let builder = Experiment::builder(&scenario).network(Network::new(name, own_instrument::Anemometers(2)));
         let error = builder.build(&RunOptions::new("nowhere")).err().unwrap().to_string();
         assert!(error.contains(reason), "{error}");

@@ -170,8 +170,25 @@ fn the_other_hemisphere_and_stations_outside_are_warned_of() {
     assert!(said(&output).contains("has not the sign of grid.center_latitude_deg = 40"), "{}", said(&output));
     let sondes = "[networks.sondes]\nkind = \"radiosonde\"\nstations = { file = \"buoys.csv\" }\nobserve = { h = 5 }\n";
     let (_directory, output) = command("check", WATER, sondes, "ID,Lat,lon\nA,40,-100\nB,-40,100\n");
-    let expected = "networks.sondes: 1 of 2 stations lie outside of the domain or in its margin: B (line 3)";
+    let expected = "networks.sondes: 1 of 2 stations lie outside of the domain: B (line 3)";
     assert!(output.status.success() && said(&output).contains(expected), "{}", said(&output));
+}
+
+/// A list of stations may cover more than the domain, and a margin is what the scenario wants.
+#[test]
+fn a_few_stations_beyond_the_edges_are_information_and_no_warning() {
+    let sondes = "[networks.sondes]\nkind = \"radiosonde\"\nstations = { file = \"buoys.csv\" }\nobserve = { h = 5 }\n\
+                  edge_margin_km = 300\n";
+    let stations = "id,lat,lon\nA,40,-100\nC,42,-100\nD,38,-100\nE,14,-100\nB,-40,100\n";
+    let (_directory, output) = command("check", WATER, sondes, stations);
+    let information = text(&output.stdout);
+    for expected in [
+        "networks.sondes: 1 of 5 stations lie outside of the domain: B (line 6)",
+        "networks.sondes: 1 of 5 stations are left out, nearer than edge_margin_km to the edges: E (line 5)",
+    ] {
+        assert!(information.contains(expected), "{information}");
+    }
+    assert!(output.status.success() && said(&output).is_empty(), "{}", said(&output));
 }
 
 #[test]

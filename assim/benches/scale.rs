@@ -223,6 +223,7 @@ fn experiment(n: usize) -> (Problem, ObservingSystem) {
         calibration,
         bias: BiasTreatment::Estimate,
         memory_limit_bytes: 16 << 30,
+        most_observations: 0,
     };
     (problem, observing)
 }

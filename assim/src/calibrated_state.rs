@@ -27,11 +27,15 @@ pub(crate) struct CalibratedState {
 
 impl CalibratedState {
     /// The background, with the parameters' priors.
-    pub fn new<M: ?Sized>(problem: &Problem<M>) -> Self {
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] if the covariance of the parameters does not fit into the memory limit.
+    pub fn new<M: ?Sized>(problem: &Problem<M>) -> Result<Self, Error> {
         let calibration = problem.estimated_calibration();
         let p = calibration.len();
+        problem.require_memory((p as f64).powi(2), || format!("the covariance of {p} biases"))?;
         let bias_covariance = Matrix(Mat::from_fn(p, p, |i, j| calibration.prior_covariance(i, j)));
-        Self { calibration, s: Augmented::background(problem), bias_covariance }
+        Ok(Self { calibration, s: Augmented::background(problem), bias_covariance })
     }
 
     /// p, the number of parameters that are estimated.

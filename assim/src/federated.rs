@@ -13,7 +13,7 @@ use crate::memory::{from_bytes, require, to_bytes};
 use crate::problem::{Innovations, Problem};
 use faer::MatRef;
 use fusion::Fused;
-use isobar_model::{Duration, TangentLinear};
+use isobar_model::{Duration, Model, TangentLinear};
 use isobar_obs::{Calibration, ObservationWindow};
 use rayon::prelude::*;
 use system::observations_of;
@@ -92,13 +92,17 @@ impl FederatedKalmanFilter {
     /// system, for biases of two systems whose priors are correlated, and for shares that do not sum to 1.
     pub fn new(problem: impl Into<Problem<dyn TangentLinear>>, settings: FederatedSettings) -> Result<Self, Error> {
         let problem = problem.into();
+        if settings.systems.is_empty() {
+            return Err(Error::Setting("a federated filter needs an observing system".into()));
+        }
         let total: f64 = settings.systems.iter().map(|(_, share)| share).sum();
         if settings.systems.iter().any(|(_, share)| *share <= 0.0) || (total - 1.0).abs() > 1e-9 {
             let message = format!("the information-sharing factors must be positive and sum to 1, but sum to {total}");
             return Err(Error::Setting(message));
         }
         let parameters = biases_of_systems(&problem.calibration, &settings.systems)?;
-        check_memory(&problem, &parameters)?;
+        let sizes = parameters.iter().map(Vec::len);
+        check_memory(&problem.clone().into(), sizes, problem.most_observations)?;
         let local = settings.systems.into_iter().zip(parameters).map(|((system, share), parameters)| {
             let own = parameters.iter().map(|&number| problem.calibration.parameters[number].clone()).collect();
             let within = |&(i, j): &(usize, usize)| {
@@ -107,12 +111,13 @@ impl FederatedKalmanFilter {
             let covariances = problem.calibration.covariances.iter();
             let covariances = covariances.filter_map(|(pair, value)| Some((within(pair)?, *value))).collect();
             let calibration = Calibration { parameters: own, covariances };
-            let problem = Problem { calibration, ..problem.clone() };
-            let filter = KalmanFilter::with_inflated_errors(problem, 1.0 / share)?;
+            // All together have been found to fit.
+            let problem = Problem { calibration, most_observations: 0, ..problem.clone() };
+            let filter = KalmanFilter::with_inflated_errors(problem, 1.0 / share, false)?;
             Ok(LocalFilter { system, share, parameters, filter })
         });
         let local = local.collect::<Result<_, Error>>()?;
-        let master = KalmanFilter::new(Problem { model_error: None, ..problem })?;
+        let master = KalmanFilter::new(Problem { model_error: None, most_observations: 0, ..problem })?;
         let filters = Filters { master, local };
         Ok(Self { filters, reset_every_cycles: settings.reset_every_cycles, cycle: 0, error_factor: 1.0 })
     }
@@ -139,7 +144,7 @@ impl Filters {
             };
             let own = &self.local[number].parameters;
             let read = innovations.jacobian.calibration.row(row);
-            if let Some(&(parameter, _)) = read.iter().find(|(parameter, _)| !own.contains(parameter)) {
+            if let Some(&(parameter, _)) = read.iter().find(|(parameter, _)| own.binary_search(parameter).is_err()) {
                 let name = &self.master.problem.calibration.parameters[parameter].name;
                 let message = format!("an observation of {} has the bias {name} of another system", report.network);
                 return Err(Error::Setting(message));
@@ -194,6 +199,8 @@ impl Assimilator for FederatedKalmanFilter {
 
     fn analyse(&mut self, from: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
         let filters = &mut self.filters;
+        let sizes = filters.local.iter().map(|local| local.parameters.len());
+        check_memory(&filters.master.problem, sizes, observed.len())?;
         let Augmented { state, bias } = &filters.master.belief.s;
         let innovations = filters.master.problem.innovations(observed, state, bias)?;
         let covariance = InnovationCovariance::new(filters.master.covariance(), &innovations)?;
@@ -305,18 +312,20 @@ fn biases_of_systems(calibration: &Calibration, systems: &[(String, f64)]) -> Re
     Ok(numbers)
 }
 
-fn check_memory(problem: &Problem<dyn TangentLinear>, parameters: &[Vec<usize>]) -> Result<(), Error> {
-    let m = problem.background.values().len() as u64;
-    let sizes = parameters.iter().map(|own| m + own.len() as u64);
-    // Covariance, model error, propagator and two products for each, the master and what it fuses.
-    let master = m + problem.calibration.len() as u64;
-    let needed_bytes = 8 * (sizes.map(|size| 5 * size.pow(2)).sum::<u64>() + 5 * master.pow(2));
-    if needed_bytes > problem.memory_limit_bytes {
-        return Err(Error::TooLarge {
-            what: format!("{} dense Kalman filters for {m} values each, and their fusion", parameters.len()),
-            needed_bytes,
-            limit_bytes: problem.memory_limit_bytes,
-        });
-    }
-    Ok(())
+/// `parameters` are the numbers of biases of the systems.
+fn check_memory(
+    problem: &Problem<dyn Model>,
+    parameters: impl ExactSizeIterator<Item = usize>,
+    observations: usize,
+) -> Result<(), Error> {
+    let m = problem.background.values().len();
+    let (systems, n) = (parameters.len(), observations as f64);
+    let squares: f64 = parameters.map(|own| ((m + own) as f64).powi(2)).sum();
+    let master = (m + problem.calibration.len()) as f64;
+    // Covariance, model error, propagator and two products for each, the master and what it fuses; for the innovations those
+    // of the master and, with the gains, those of all local filters.
+    let numbers = 5.0 * squares + 5.0 * master * master + 4.0 * master * n + 2.0 * n * n;
+    problem.require_memory(numbers, || {
+        format!("{systems} dense Kalman filters for {m} values each and {observations} observations, and their fusion")
+    })
 }

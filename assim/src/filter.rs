@@ -72,6 +72,11 @@ pub(crate) trait Errors: Clone + Send + Sync + 'static {
     /// The diagonal of P, `[m + p]`.
     fn variances(&self) -> Vec<f64>;
 
+    /// The part of P that one of the variances belongs to, in words, if P has parts.
+    fn part(&self, _number: usize) -> Option<String> {
+        None
+    }
+
     /// P h, `[m + p]`.
     fn multiply(&self, h: &[f64]) -> Vec<f64>;
 
@@ -108,6 +113,12 @@ pub(crate) trait Errors: Clone + Send + Sync + 'static {
             images[i.min(j)][first..first + count].iter().sum::<f64>() / count as f64
         })
     }
+
+    /// Fails if the analysis of so many observations of a state of `m` values needs more memory than is allowed.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`].
+    fn require_memory(&self, observations: usize, m: usize, limit_bytes: u64) -> Result<(), Error>;
 
     /// Its smoother, if it has one.
     fn smoother(&self) -> Option<&FixedLag> {
@@ -173,7 +184,8 @@ impl<E: Errors> Belief<E> {
     /// [`Error::NegativeVariance`] if P is no longer a covariance.
     pub fn estimate(&self, estimated: &Calibration) -> Result<Estimate, Error> {
         let Augmented { state, bias } = self.s.clone();
-        Estimate::with_variances(state, bias, estimated, &self.errors.variances(), E::NAME)
+        let part = |number| self.errors.part(number);
+        Estimate::with_variances(state, bias, estimated, &self.errors.variances(), E::NAME, part)
     }
 }
 
@@ -193,6 +205,7 @@ impl<E: Errors> Assimilator for Filter<E> {
 
     fn analyse(&mut self, _: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
         let Belief { s, errors } = &mut self.belief;
+        errors.require_memory(observed.len(), s.state.values().len(), self.problem.memory_limit_bytes)?;
         let innovations = self.problem.innovations(observed, &s.state, &s.bias)?;
         let Fit { chi2, partition } = errors.analyse(s, &innovations)?;
         let estimate = self.belief.estimate(&self.calibration)?;
@@ -279,7 +292,7 @@ impl<E: Errors> Smoother for Filter<E> {
         let past = self.belief.errors.smoother().and_then(|smoother| smoother.estimate(analyses_ago));
         let estimate = past.map(|(Augmented { state, bias }, variances)| {
             let covariance = "the covariance of a smoothed estimate";
-            Estimate::with_variances(state.clone(), bias.clone(), &self.calibration, variances, covariance)
+            Estimate::with_variances(state.clone(), bias.clone(), &self.calibration, variances, covariance, |_| None)
         });
         estimate.transpose()
     }

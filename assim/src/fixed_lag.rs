@@ -83,9 +83,11 @@ impl FixedLag {
         Self { lag, analyses: VecDeque::with_capacity(lag + 1) }
     }
 
-    /// The memory of a smoother of `lag` analyses with `unknowns` values each, m + p \[bytes\].
-    pub fn bytes(lag: usize, unknowns: usize) -> u64 {
-        2 * 8 * (lag as u64 + 1) * (unknowns as u64).pow(2)
+    /// How many numbers a smoother of `lag` analyses with `unknowns` values each, m + p, and n observations holds: P and A,
+    /// and what the observations say, of each; beside them H P Hᵀ + R, P Hᵀ and a copy of what they say.
+    pub fn numbers(lag: usize, unknowns: usize, observations: usize) -> f64 {
+        let (size, n) = (unknowns as f64, observations as f64);
+        2.0 * (lag as f64 + 1.0) * (size * size + size * n) + 4.0 * size * n + n * n
     }
 
     /// The number of analyses before the newest that are revised.

@@ -35,12 +35,16 @@ pub struct OptimalInterpolation {
 
 impl OptimalInterpolation {
     /// Optimal interpolation from the background, with the problem's B times a factor.
-    pub fn new(problem: impl Into<Problem<dyn Model>>, covariance_scale: f64) -> Self {
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] if the analysis of the most observations does not fit into the memory limit.
+    pub fn new(problem: impl Into<Problem<dyn Model>>, covariance_scale: f64) -> Result<Self, Error> {
         let problem = problem.into();
+        check_memory(&problem, problem.most_observations)?;
         let mut background_spread = covariance::standard_deviations(&*problem.background_error);
         background_spread.iter_mut().for_each(|sigma| *sigma *= covariance_scale.sqrt());
-        let present = CalibratedState::new(&problem);
-        Self { problem, covariance_scale, error_factor: 1.0, present, background_spread }
+        let present = CalibratedState::new(&problem)?;
+        Ok(Self { problem, covariance_scale, error_factor: 1.0, present, background_spread })
     }
 
     /// The standard deviations of the background's errors.
@@ -79,6 +83,7 @@ impl Assimilator for OptimalInterpolation {
     }
 
     fn analyse(&mut self, _: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        check_memory(&self.problem, observed.len())?;
         let innovations = self.problem.innovations(observed, &self.present.s.state, &self.present.s.bias)?;
         let (cross, bias_cross) = (self.cross_covariance(&innovations), self.bias_cross_covariance(&innovations));
         let n = innovations.len();
@@ -137,4 +142,14 @@ impl Assimilator for OptimalInterpolation {
     fn adjust(&mut self) -> Adjustments<'_> {
         Adjustments { calibration: self.present.adjustment(), error_factor: Some(&mut self.error_factor) }
     }
+}
+
+/// s B Hᵀ, its columns before and its transpose after; S; P_c Gᵀ and its transpose; P_c and what is taken off it.
+fn check_memory(problem: &Problem<dyn Model>, observations: usize) -> Result<(), Error> {
+    let (m, p) = (problem.background.values().len(), problem.estimated_calibration().len());
+    let [values, parameters, n] = [m, p, observations].map(|size| size as f64);
+    let numbers = 2.0 * n * (values + parameters) + n * n + 2.0 * parameters * parameters;
+    problem.require_memory(numbers, || {
+        format!("optimal interpolation of {observations} observations to {m} values and {p} biases")
+    })
 }

@@ -38,6 +38,8 @@ pub struct Problem<M: ?Sized = dyn Adjoint> {
     pub bias: BiasTreatment,
     /// The most memory that the method may use \[bytes\].
     pub memory_limit_bytes: u64,
+    /// The most observations that there will be in a cycle: a method that could not hold them is refused at the start.
+    pub most_observations: usize,
 }
 
 impl<M: ?Sized> Clone for Problem<M> {
@@ -50,6 +52,7 @@ impl<M: ?Sized> Clone for Problem<M> {
             calibration: self.calibration.clone(),
             bias: self.bias,
             memory_limit_bytes: self.memory_limit_bytes,
+            most_observations: self.most_observations,
         }
     }
 }
@@ -57,8 +60,26 @@ impl<M: ?Sized> Clone for Problem<M> {
 impl<M: ?Sized> Problem<M> {
     /// The same problem with another model of the same states.
     pub fn with_model<N: ?Sized>(self, model: Arc<N>) -> Problem<N> {
-        let Self { background, background_error, model_error, calibration, bias, memory_limit_bytes, .. } = self;
-        Problem { model, background, background_error, model_error, calibration, bias, memory_limit_bytes }
+        let Self {
+            background,
+            background_error,
+            model_error,
+            calibration,
+            bias,
+            memory_limit_bytes,
+            most_observations,
+            ..
+        } = self;
+        Problem {
+            model,
+            background,
+            background_error,
+            model_error,
+            calibration,
+            bias,
+            memory_limit_bytes,
+            most_observations,
+        }
     }
 }
 
@@ -90,6 +111,15 @@ impl<M: ?Sized> Problem<M> {
             BiasTreatment::Estimate => self.calibration.clone(),
             BiasTreatment::Ignore | BiasTreatment::Known => Calibration::default(),
         }
+    }
+
+    /// Fails if so many numbers in double precision, that `what` has to hold at one time, need more memory than is allowed.
+    /// They are counted as a float, which does not overflow.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`].
+    pub fn require_memory(&self, numbers: f64, what: impl FnOnce() -> String) -> Result<(), Error> {
+        require_memory(self.memory_limit_bytes, numbers, what)
     }
 
     /// Innovations about an estimate; `calibration` holds all parameters of the experiment.
@@ -195,6 +225,18 @@ impl<M: ?Sized> Problem<M> {
             warnings: Vec::new(),
         }
     }
+}
+
+/// Fails if so many numbers in double precision need more memory than is allowed.
+///
+/// # Errors
+/// [`Error::TooLarge`].
+pub(crate) fn require_memory(limit_bytes: u64, numbers: f64, what: impl FnOnce() -> String) -> Result<(), Error> {
+    let needed_bytes = (8.0 * numbers) as u64;
+    if needed_bytes <= limit_bytes {
+        return Ok(());
+    }
+    Err(Error::TooLarge { what: what(), needed_bytes, limit_bytes })
 }
 
 /// The time steps of a forecast over `window`.

@@ -1,7 +1,8 @@
 //! Wind-finding: one balloon flight as K consecutive positions and the calibration of the sensors that track it.
 //!
-//! WO 90/13794, eqs. (15), (16): the positions are the blocks b_k, of which each fix is seen by its own rows only, and the
-//! offsets of the trackers' range, azimuth and elevation are the border c, constant over the flight:
+//! It is a block-angular regression as in WO 90/13794, eqs. (15), (16): the positions are the blocks b_k, of which each fix is
+//! seen by its own rows only, and the offsets of the trackers' range, azimuth and elevation are the border c, constant over the
+//! flight. The trackers' equations are those of any that measure range and two angles, and not of the patent:
 //!
 //! ```text
 //! range     = |b − p|                           + c_r + e

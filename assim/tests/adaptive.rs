@@ -188,13 +188,13 @@ fn a_static_covariance_is_brought_to_the_size_of_the_errors() {
         sum
     };
     for scale in [0.1, 10.0] {
-        let mut method = OptimalInterpolation::new(problem.clone(), scale);
+        let mut method = OptimalInterpolation::new(problem.clone(), scale).unwrap();
         let before = chi2(&mut method);
         assert!((before - 1.0).abs() > 0.15, "{before}");
         let covariance = problem.background_error.clone();
         let state_error = Some(AdaptedCovariance { name: "background_error", covariance, scale });
         let settings = AdaptiveSettings { observation_error: false, state_error, memory_cycles: MEMORY };
-        let method = Box::new(OptimalInterpolation::new(problem.clone(), scale));
+        let method = Box::new(OptimalInterpolation::new(problem.clone(), scale).unwrap());
         let mut method = Adaptive::new(method, problem.background.layout().clone(), settings).unwrap();
         let after = chi2(&mut method);
         assert!((after - 1.0).abs() < 0.1, "{scale}: {before} became {after}");

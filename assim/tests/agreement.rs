@@ -217,7 +217,7 @@ fn gain_form_equals_regression_form_of_the_kalman_filter() {
 fn three_d_var_equals_the_dense_analysis_with_static_covariance() {
     let problem = problem(true, calibration(2, 1, 0.5), 8);
     let settings = ThreeDVarSettings { covariance_scale: 0.4, tolerance: 1e-12, max_iterations: 500 };
-    let mut method = ThreeDVar::new(problem.clone(), settings);
+    let mut method = ThreeDVar::new(problem.clone(), settings).unwrap();
     let m = problem.background.values().len();
     let b = covariance::dense(&*problem.background_error);
     let mut bias_covariance =
@@ -268,7 +268,7 @@ fn biases_are_estimated_ignored_or_known() {
             Box::new(KalmanFilter::new(problem.clone()).unwrap()),
             Box::new(fast_kalman(problem, BlockShape::Domain, BiasCoupling::Carry)),
             Box::new(KalmanFilter::serial(problem.clone()).unwrap()),
-            Box::new(ThreeDVar::new(problem.clone(), settings)),
+            Box::new(ThreeDVar::new(problem.clone(), settings).unwrap()),
         ];
         methods
             .iter_mut()
@@ -389,4 +389,24 @@ fn an_observation_of_what_is_known_without_error_is_refused() {
     observed.sigma[2] = 0.0;
     let error = filter.analyse(&from_filter, &observed).unwrap_err();
     assert!(matches!(error, Error::NotPositiveDefinite { pivot: 2, size: 3, .. }), "{error}");
+}
+
+/// Where a covariance has been lost, the failure says in which block: a whole state is no place to look.
+#[test]
+fn the_fast_kalman_filter_names_the_blocks_of_a_failure() {
+    let mut problem = problem(true, calibration(0, 0, 0.0), 8);
+    (problem.background_error, problem.model_error) = (white(problem.background.layout(), 0.0), None);
+    let mut observed = window(&problem, 1, false, 1, 6);
+    observed.sigma[0] = 0.0;
+    for (blocks, expected) in [
+        (BlockShape::Tile { nx: 5, ny: 2 }, "block 0 (rows 0 to 1, columns 0 to 4)"),
+        (BlockShape::Domain, "block 0 (rows 0 to 3, columns 0 to 4)"),
+        (BlockShape::Cell, "and 1 more, which observations link"),
+    ] {
+        let mut filter = fast_kalman(&problem, blocks, BiasCoupling::Carry);
+        let from_filter = filter.forecast(WINDOW).unwrap();
+        let error = filter.analyse(&from_filter, &observed).unwrap_err().to_string();
+        assert!(error.starts_with("the innovation covariance H P H' + R of block "), "{error}");
+        assert!(error.contains(expected), "{blocks:?}: {error}");
+    }
 }

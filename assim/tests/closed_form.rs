@@ -30,6 +30,7 @@ fn moving(layout: &Arc<Layout>, columns: i64, rows: i64, background: State, erro
         calibration: Calibration::default(),
         bias: BiasTreatment::Estimate,
         memory_limit_bytes: 1 << 30,
+        most_observations: 0,
     }
 }
 
@@ -49,7 +50,7 @@ fn observe(observations: &[(usize, f64)], sigma: f64) -> ObservationWindow {
         times: vec![Time::from_seconds(0); values.len()],
         sigma: vec![sigma; values.len()],
         values,
-        rejected: Vec::new(),
+        aside: Default::default(),
         operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
     }
 }
@@ -62,7 +63,7 @@ fn a_fully_observed_plane_decouples_into_wavenumbers() {
     let layout = layout(nx, ny);
     let cells = nx * ny;
     let terms = || -> Vec<Box<dyn Covariance>> {
-        vec![Box::new(Univariate::new(&layout, 0, 0.6, 1.5)), Box::new(White::new(&layout, 0, 0.3))]
+        vec![Box::new(Univariate::new(&layout, 0, 0.6, 1.5).unwrap()), Box::new(White::new(&layout, 0, 0.3))]
     };
     let model_error: Arc<dyn Covariance> = Arc::new(Sum::new(cells, terms()));
     // The spectrum of Q: the transform of its first row.

@@ -110,7 +110,7 @@ fn world(seed: u64, reference: bool) -> World {
     }
     let configs = [Network::new("net", network)];
     let observing = ObservingSystem::new(&layout, None, &configs, seed, WINDOW, Time::from_seconds(0)).unwrap();
-    let terms: Vec<Box<dyn Covariance>> = vec![Box::new(Univariate::new(&layout, 0, 1.5, 3e5))];
+    let terms: Vec<Box<dyn Covariance>> = vec![Box::new(Univariate::new(&layout, 0, 1.5, 3e5).unwrap())];
     let background_error: Arc<dyn Covariance> = Arc::new(Sum::new(layout.len(), terms));
     let background = State::zeros(&layout);
     let deviation = isobar_assim::covariance::randomize(&*background_error, &mut stream(seed, "deviation"));
@@ -123,6 +123,7 @@ fn world(seed: u64, reference: bool) -> World {
         calibration: observing.calibration().clone(),
         bias: BiasTreatment::Estimate,
         memory_limit_bytes: 1 << 30,
+        most_observations: 0,
     };
     World { problem, observing, truth, model }
 }

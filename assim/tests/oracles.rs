@@ -32,7 +32,7 @@ fn observe(rows: &[Observation]) -> ObservationWindow {
         times: vec![Time::from_seconds(0); rows.len()],
         values: vec![0.0; rows.len()],
         sigma: rows.iter().map(|row| row.2).collect(),
-        rejected: Vec::new(),
+        aside: Default::default(),
         operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
     }
 }
@@ -46,6 +46,7 @@ fn problem(model: Arc<dyn Adjoint>, background_error: Arc<dyn Covariance>, calib
         calibration,
         bias: BiasTreatment::Estimate,
         memory_limit_bytes: 1 << 30,
+        most_observations: 0,
     }
 }
 
@@ -81,7 +82,8 @@ fn the_model_carries_homogeneous_variance_as_its_damping_says() {
     let width = layout.grid.dx_m;
     // Errors of little and of great length.
     for (length_cells, least, most) in [(1.0, 0.0, 0.55), (8.0, 0.9, 0.97)] {
-        let terms: Vec<Box<dyn Covariance>> = vec![Box::new(Univariate::new(&layout, 0, 1.0, length_cells * width))];
+        let terms: Vec<Box<dyn Covariance>> =
+            vec![Box::new(Univariate::new(&layout, 0, 1.0, length_cells * width).unwrap())];
         let prior: Arc<dyn Covariance> = Arc::new(Sum::new(cells, terms));
         let row = isobar_assim::covariance::block(&*prior, &(0..cells).collect::<Vec<_>>());
         // The spectrum over x, whatever the wave in y: the wind does not know it.
@@ -229,7 +231,7 @@ fn observations_that_are_corrected_towards_the_background_keep_its_bias() {
         let model = affine(1, 1, 1.0 - g, g * climate);
         let prior = Arc::new(Sum::new(1, vec![Box::new(White::new(model.layout(), 0, 1.0)) as Box<dyn Covariance>]));
         let calibration = Calibration { parameters: vec![bias.clone()], ..Calibration::default() };
-        let mut method = OptimalInterpolation::new(problem(model, prior, calibration), 1.0);
+        let mut method = OptimalInterpolation::new(problem(model, prior, calibration), 1.0).unwrap();
         // An anchor of variance r has the weight 1/(1 + r); the other observation is far more accurate, and of no use.
         let anchor = (1.0 / weight - 1.0).sqrt();
         let observed = observe(&[Observation(0, None, anchor), Observation(0, Some(0), 0.01)]);

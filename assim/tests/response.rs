@@ -80,8 +80,8 @@ fn all(problem: &Problem) -> Vec<(&'static str, Box<dyn Assimilator>)> {
         max_iterations: 200,
     };
     vec![
-        ("oi", Box::new(OptimalInterpolation::new(own(), 0.7))),
-        ("3dvar", Box::new(ThreeDVar::new(own(), variational))),
+        ("oi", Box::new(OptimalInterpolation::new(own(), 0.7).unwrap())),
+        ("3dvar", Box::new(ThreeDVar::new(own(), variational).unwrap())),
         ("4dvar", Box::new(FourDVar::new(own(), window).unwrap())),
         ("kf", Box::new(KalmanFilter::new(own()).unwrap())),
         ("serial", Box::new(KalmanFilter::serial(own()).unwrap())),

@@ -42,8 +42,8 @@ fn methods(problem: &Problem) -> Vec<(&'static str, Method)> {
         ("kf", Box::new(KalmanFilter::new(problem.clone()).unwrap()) as Method),
         ("serial_kf", Box::new(KalmanFilter::serial(problem.clone()).unwrap())),
         ("fkf", Box::new(fast_kalman(problem))),
-        ("optimal_interpolation", Box::new(OptimalInterpolation::new(problem.clone(), 1.0))),
-        ("3dvar", Box::new(ThreeDVar::new(problem.clone(), variational()))),
+        ("optimal_interpolation", Box::new(OptimalInterpolation::new(problem.clone(), 1.0).unwrap())),
+        ("3dvar", Box::new(ThreeDVar::new(problem.clone(), variational()).unwrap())),
         ("4dvar", Box::new(FourDVar::new(problem.clone(), four).unwrap())),
         ("etkf", Box::new(EnsembleTransformKalmanFilter::new(problem.clone(), ensemble()).unwrap())),
     ]

@@ -77,6 +77,7 @@ fn jet_problem(cells: usize) -> Problem {
         calibration: calibration(2, 3, 0.1),
         bias: BiasTreatment::Estimate,
         memory_limit_bytes: 1 << 30,
+        most_observations: 0,
     }
 }
 

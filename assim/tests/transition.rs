@@ -70,9 +70,9 @@ fn world(seed: u64) -> World {
     let configs = [Network::new("net", network)];
     let observing = ObservingSystem::new(&layout, None, &configs, seed, WINDOW, Time::from_seconds(0)).unwrap();
     let sum = |terms: Vec<Box<dyn Covariance>>| -> Arc<dyn Covariance> { Arc::new(Sum::new(layout.len(), terms)) };
-    let background_error = sum(vec![Box::new(Univariate::new(&layout, 0, 2.0, 3e5))]);
+    let background_error = sum(vec![Box::new(Univariate::new(&layout, 0, 2.0, 3e5).unwrap())]);
     let model_error =
-        sum(vec![Box::new(Univariate::new(&layout, 0, 0.1, 3e5)), Box::new(White::new(&layout, 0, 0.02))]);
+        sum(vec![Box::new(Univariate::new(&layout, 0, 0.1, 3e5).unwrap()), Box::new(White::new(&layout, 0, 0.02))]);
     let mut random = stream(seed, "truth");
     let truth = State::from_values(&layout, randomize(&*background_error, &mut random));
     let problem: Problem = Problem {
@@ -83,6 +83,7 @@ fn world(seed: u64) -> World {
         calibration: observing.calibration().clone(),
         bias: BiasTreatment::Estimate,
         memory_limit_bytes: 1 << 30,
+        most_observations: 0,
     };
     World { problem, observing, truth, model_error, random }
 }

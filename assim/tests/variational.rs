@@ -87,8 +87,8 @@ fn the_window_of_four_d_var_slides() {
 #[test]
 fn optimal_interpolation_is_what_3d_var_converges_to() {
     let problem = problem(true, calibration(2, 1, 0.5), 8);
-    let mut interpolation = OptimalInterpolation::new(problem.clone(), 0.4);
-    let mut variational = ThreeDVar::new(problem.clone(), TO_ROUNDING);
+    let mut interpolation = OptimalInterpolation::new(problem.clone(), 0.4).unwrap();
+    let mut variational = ThreeDVar::new(problem.clone(), TO_ROUNDING).unwrap();
     for cycle in 1..=4 {
         let from_interpolation = interpolation.forecast(WINDOW).unwrap();
         let from_variational = variational.forecast(WINDOW).unwrap();
@@ -106,7 +106,8 @@ fn optimal_interpolation_is_what_3d_var_converges_to() {
 fn optimal_interpolation_claims_what_the_kalman_filter_does() {
     let problem = Problem { model_error: None, ..problem(true, calibration(2, 1, 0.0), 8) };
     let observed = window(&problem, 20, false, 1, 9);
-    let found = OptimalInterpolation::new(problem.clone(), 1.0).analyse(&start(&problem), &observed).unwrap().estimate;
+    let found =
+        OptimalInterpolation::new(problem.clone(), 1.0).unwrap().analyse(&start(&problem), &observed).unwrap().estimate;
     let expected = KalmanFilter::new(problem.clone()).unwrap().analyse(&start(&problem), &observed).unwrap().estimate;
     assert!(difference(&found, &expected) < 1e-10);
     assert!(relative_difference(&found.state_spread.unwrap(), &expected.state_spread.unwrap()) < 1e-10);
@@ -129,7 +130,7 @@ fn a_hybrid_of_weight_zero_or_one_is_one_of_its_parts() {
         local: LocalSettings { localization_radius_m: f64::INFINITY, analysis_spacing_cells: 1 },
     };
     let mut hybrid = HybridThreeDVar::new(problem.clone(), settings(0.0)).unwrap();
-    let mut variational = ThreeDVar::new(problem.clone(), TO_ROUNDING);
+    let mut variational = ThreeDVar::new(problem.clone(), TO_ROUNDING).unwrap();
     for cycle in 1..=3 {
         let from_hybrid = hybrid.forecast(WINDOW).unwrap();
         let from_variational = variational.forecast(WINDOW).unwrap();

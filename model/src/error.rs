@@ -1,10 +1,12 @@
 //! Why a model, a time step or an initial state cannot be had.
 
+use crate::readable::{Readable, at_most};
+
 /// What is wrong with a model's configuration.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ModelError {
     /// A parameter is outside of its range.
-    #[error("{name} = {value} must be {requirement}")]
+    #[error("{name} = {} must be {requirement}", Readable(*value))]
     Parameter {
         /// The parameter, with its unit: `mean_depth_m`.
         name: &'static str,
@@ -24,7 +26,7 @@ pub enum ModelError {
         least: usize,
     },
     /// The time step is beyond the stability limit.
-    #[error("time step {time_step_s} s exceeds the largest stable one, {largest_s:.0} s")]
+    #[error("time step {time_step_s} s exceeds the largest stable one, {} s", at_most(*largest_s))]
     TimeStepTooLong {
         /// The model's time step \[s\].
         time_step_s: i64,
@@ -32,7 +34,7 @@ pub enum ModelError {
         largest_s: f64,
     },
     /// A thickness is not positive.
-    #[error("the thickness at row {row}, column {column} is {thickness_m} m: it must be positive")]
+    #[error("the thickness at row {row}, column {column} is {} m: it must be positive", Readable(*thickness_m))]
     Thickness {
         /// Row.
         row: usize,
@@ -42,7 +44,7 @@ pub enum ModelError {
         thickness_m: f64,
     },
     /// A value of a state is not finite.
-    #[error("{place} is {value}: it must be finite")]
+    #[error("{place} is {}: it must be finite", Readable(*value))]
     NotFinite {
         /// Variable, row and column.
         place: String,
@@ -50,7 +52,7 @@ pub enum ModelError {
         value: f64,
     },
     /// No thickness balances the wind between two rows.
-    #[error("no thickness balances the zonal wind {wind_m_per_s} m/s at row {row}")]
+    #[error("no thickness balances the zonal wind {} m/s at row {row}", Readable(*wind_m_per_s))]
     NoBalance {
         /// The row that could not be balanced with the one south of it.
         row: usize,

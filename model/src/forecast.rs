@@ -68,7 +68,8 @@ pub enum ForecastError {
     Start(#[from] ModelError),
     /// The state left the finite numbers.
     #[error(
-        "the forecast is not finite after step {step}: {place} is {value} (CFL number of the step before: {cfl:.2})"
+        "the forecast is not finite after step {step}: {place} is {value} (CFL number of the step before: {})",
+        if *cfl < 1e6 { format!("{cfl:.2}") } else { format!("{cfl:.2e}") }
     )]
     NotFinite {
         /// Steps of the time scheme done since the forecast began.

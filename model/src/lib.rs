@@ -79,6 +79,7 @@ pub mod increment;
 pub mod initial;
 pub mod invariants;
 pub mod random;
+mod readable;
 pub mod scheme;
 pub mod shallow_water;
 pub mod state;

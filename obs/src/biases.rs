@@ -7,6 +7,7 @@ use isobar_model::random::stream;
 use isobar_model::{Duration, Time};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use std::collections::HashSet;
 
 /// One parameter's truth as time goes by.
 #[derive(Clone, Debug)]
@@ -52,13 +53,15 @@ pub(crate) struct Biases {
     truths: Vec<TrueBias>,
     values: Vec<f64>,
     known: Vec<(Parameter, TrueBias)>,
+    /// The names of all.
+    names: HashSet<String>,
 }
 
 impl Biases {
     /// No parameters yet.
     pub fn new(seed: u64, start: Time) -> Self {
-        let (calibration, truths, values, known) = Default::default();
-        Self { seed, start, time: start, calibration, truths, values, known }
+        let (calibration, truths, values, known, names) = Default::default();
+        Self { seed, start, time: start, calibration, truths, values, known, names }
     }
 
     /// Adds a parameter; its number in the calibration, or `None` if it is known.
@@ -74,7 +77,7 @@ impl Biases {
         process: &BiasProcess,
     ) -> Result<Option<usize>, ObservationError> {
         process.validate(network)?;
-        if self.calibration.position(&name).is_some() || self.known.iter().any(|known| known.0.name == name) {
+        if !self.names.insert(name.clone()) {
             return Err(ObservationError::duplicate_name(network, "biases", &name));
         }
         let truth = TrueBias::new(process.clone(), &name, self.seed);

@@ -1,10 +1,11 @@
 //! The operator of observations that are not all linear in state and calibration.
 
 use crate::jacobian::Jacobian;
+use crate::observation::Observation;
 use crate::operator::{LinearOperator, ObservationOperator};
 use crate::predictor::Predictor;
 use crate::sparse::SparseRows;
-use crate::state_operator::NonlinearOperator;
+use crate::state_operator::{NonlinearOperator, StateOperator};
 use isobar_model::State;
 use std::sync::Arc;
 
@@ -15,17 +16,33 @@ use std::sync::Arc;
 /// ```
 ///
 /// The bias is bilinear in x and c; a method gets the operator with [anchored](ObservationOperator::anchored) predictors.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct GeneralOperator {
     /// X and G.
-    pub linear: LinearOperator,
+    linear: LinearOperator,
     /// N: numbers of observations, in ascending order, with their operators.
-    pub nonlinear: Vec<(usize, Arc<dyn NonlinearOperator>)>,
+    nonlinear: Vec<(usize, Arc<dyn NonlinearOperator>)>,
     /// P: the predictors of each observation.
-    pub predictors: Vec<Vec<Predictor>>,
+    predictors: Vec<Vec<Predictor>>,
 }
 
 impl GeneralOperator {
+    /// Takes what an observation sees of state and biases, and gives back the rest.
+    pub fn take(&mut self, mut observation: Observation) -> Observation {
+        let state = std::mem::replace(&mut observation.state, StateOperator::Linear(Vec::new()));
+        let row = match state {
+            StateOperator::Linear(row) => row,
+            StateOperator::Nonlinear(operator) => {
+                self.nonlinear.push((self.predictors.len(), operator));
+                Vec::new()
+            }
+        };
+        self.linear.jacobian.state.push_row(row);
+        self.linear.jacobian.calibration.push_row(std::mem::take(&mut observation.calibration_row));
+        self.predictors.push(std::mem::take(&mut observation.predictors));
+        observation
+    }
+
     /// G + P(x).
     fn calibration_rows(&self, x: &State) -> SparseRows {
         let mut rows = SparseRows::new();

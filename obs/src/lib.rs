@@ -3,6 +3,7 @@
 //! What a method sees:
 //! - [`window`]: [`ObservationWindow`], the observations of one cycle
 //! - [`report`]: [`Report`], where, what and by whom each observation is
+//! - [`aside`]: [`Aside`], passive and rejected observations, which no method sees
 //! - [`operator`]: [`ObservationOperator`], y = h(x, c)
 //! - [`jacobian`], [`sparse`]: its Jacobians X and G
 //! - [`calibration`]: the parameters c, and what is known of them
@@ -15,7 +16,7 @@
 //! - [`table`](mod@table), [`times`]: how all tables and times are read
 //! - [`projection`]: the plane's place on the Earth
 //! - [`recorded_use`]: [`RecordedUse`], how many observations of a file can be used
-//! - [`quality`]: [`QualityControl`], which observations no method sees; [`rejection`]: and why
+//! - [`quality`]: [`QualityControl`], which values are rejected; [`rejection`]: why; [`value_check`]: what was expected
 //! - [`error`]: [`ObservationError`], everything that can be wrong with it
 //!
 //! What makes observations:
@@ -30,6 +31,7 @@
 //! `testing` (feature `testing`): the contract batteries that any operator and any instrument must pass.
 
 pub mod air_mass;
+pub mod aside;
 pub mod bias;
 mod biases;
 pub mod calibration;
@@ -59,9 +61,11 @@ pub mod table;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 pub mod times;
+pub mod value_check;
 pub mod window;
 
 pub use air_mass::AirMassBias;
+pub use aside::{Aside, Unused, UnusedObservation};
 pub use bias::{BiasProcess, Evolution, InitialBias};
 pub use calibration::{ByPlacement, Calibration, Parameter, Placement};
 pub use error::ObservationError;
@@ -81,7 +85,7 @@ pub use predictor::Predictor;
 pub use projection::Projection;
 pub use quality::QualityControl;
 pub use recorded_use::RecordedUse;
-pub use rejection::{RejectedObservation, Rejection};
+pub use rejection::Rejection;
 pub use report::{ObservationType, Report};
 pub use site::Site;
 pub use sparse::SparseRows;
@@ -89,4 +93,5 @@ pub use state_operator::{NonlinearOperator, StateOperator};
 pub use station::{LeftOutStation, Station, StationSource};
 pub use station_file::{Position, StationFile, StationRecord};
 pub use system::{ObservingSystem, SavedSystem};
+pub use value_check::ValueCheck;
 pub use window::{ObservationTypes, ObservationWindow};

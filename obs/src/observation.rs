@@ -88,4 +88,6 @@ pub(crate) struct Arrival {
     pub value_bias_removed: f64,
     /// When it is valid.
     pub time: Time,
+    /// Whether methods do not see it, whatever quality control says.
+    pub is_passive: bool,
 }

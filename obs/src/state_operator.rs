@@ -45,6 +45,14 @@ impl StateOperator {
         }
     }
 
+    /// How many weights its row has; of an operator that is not linear, only itself knows.
+    pub(crate) fn weights(&self) -> usize {
+        match self {
+            Self::Linear(row) => row.len(),
+            Self::Nonlinear(_) => 0,
+        }
+    }
+
     /// Whether it is the empty row of an observation outside of the domain.
     pub(crate) fn is_empty(&self) -> bool {
         matches!(self, Self::Linear(row) if row.is_empty())

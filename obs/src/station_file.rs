@@ -72,6 +72,7 @@ impl StationFile {
         };
         let table = Table::new(text, file, KNOWN)?.ok_or_else(no_stations)?;
         let (id_column, position_columns) = find_columns(&table)?;
+        let name_column = table.find("name");
         let mut faults = Faults::default();
         let mut records = Vec::new();
         let mut line_of_id: HashMap<String, usize> = HashMap::new();
@@ -79,6 +80,9 @@ impl StationFile {
             let line = row.line;
             let id = row.name(id_column, faults);
             let position = position_columns.read(&row, faults);
+            if let Some(column) = name_column.filter(|&column| !row.text(column).is_empty()) {
+                row.name(column, faults);
+            }
             if let Some(first_line) = id.as_ref().and_then(|id| line_of_id.insert(id.clone(), line)) {
                 let id = id.as_deref().unwrap_or_default();
                 faults

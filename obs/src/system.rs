@@ -1,5 +1,6 @@
 //! The observing system of an experiment: all of its networks, and their true biases as time goes by.
 
+use crate::aside::{Aside, Unused, UnusedObservation};
 use crate::bias::BiasProcess;
 use crate::biases::Biases;
 use crate::calibration::{Calibration, Parameter};
@@ -7,17 +8,15 @@ use crate::error::ObservationError;
 use crate::faults::Faults;
 use crate::general_operator::GeneralOperator;
 use crate::instrument::Instrument;
-use crate::jacobian::Jacobian;
 use crate::network::{Network, Schedule};
 use crate::observation::{Arrival, Observation, Reading};
-use crate::operator::LinearOperator;
 use crate::projection::Projection;
 use crate::quality::{self, QualityControl, Reference};
 use crate::recorded_use::RecordedUse;
-use crate::rejection::{RejectedObservation, Rejection};
+use crate::rejection::Rejection;
 use crate::site::Site;
-use crate::state_operator::StateOperator;
 use crate::station::{LeftOutStation, Station};
+use crate::value_check::ValueCheck;
 use crate::window::ObservationWindow;
 use isobar_model::{Duration, Layout, State, Time};
 use rand::RngExt;
@@ -39,6 +38,12 @@ impl SavedSystem {
         self.cycle
     }
 }
+
+/// The most observations that all networks together may report in a cycle.
+const MOST_OBSERVATIONS: usize = 1_000_000;
+
+/// The most weights of all their rows of X: 320 MB for each copy.
+const MOST_WEIGHTS: usize = 20_000_000;
 
 /// All networks of an experiment, which observe the truth cycle after cycle:
 ///
@@ -77,7 +82,7 @@ pub struct ObservingSystem {
     biases: Biases,
     stations: Vec<Station>,
     left_out: Vec<LeftOutStation>,
-    /// Of the present cycle.
+    /// Of the present cycle: observations that are used, then the others.
     values_bias_removed: Vec<f64>,
 }
 
@@ -89,6 +94,7 @@ struct Member {
     missing: ChaCha8Rng,
     faults: Faults,
     faulty: ChaCha8Rng,
+    is_passive: bool,
     instrument: Box<dyn Instrument>,
 }
 
@@ -121,7 +127,8 @@ impl ObservingSystem {
     /// Station files with latitudes and longitudes need a `projection`.
     ///
     /// # Errors
-    /// Settings that are not what they must be, or do not fit each other, the domain or their files.
+    /// Settings that are not what they must be, or do not fit each other, the domain or their files; more observations, or
+    /// wider ones, than fit in memory.
     pub fn new(
         layout: &Arc<Layout>,
         projection: Option<&Projection>,
@@ -136,12 +143,14 @@ impl ObservingSystem {
         }
         let mut biases = Biases::new(seed, start);
         let mut members: Vec<Member> = Vec::with_capacity(networks.len());
+        let (mut observations, mut weights) = (0, 0);
         for network in networks {
             network.validate()?;
             let name = &network.name;
             if members.iter().any(|member| member.name == *name) {
                 return Err(ObservationError::duplicate_name(name, "name", name));
             }
+            let parameters = biases.calibration().len();
             let mut site = Site { network: name, layout, projection, seed, window, start, biases: &mut biases };
             members.push(Member {
                 name: name.clone(),
@@ -150,8 +159,19 @@ impl ObservingSystem {
                 missing: site.stream("missing"),
                 faults: network.faults,
                 faulty: site.stream("faults"),
+                is_passive: !network.assimilate,
                 instrument: network.instrument.build(&mut site)?,
             });
+            let member = &members[members.len() - 1];
+            // Of recorded observations all weights are held, and those of a cycle are few.
+            observations += member.instrument.most_observations(1);
+            weights += member.instrument.weights();
+            check_size(name, observations, weights)?;
+            if !network.assimilate && biases.calibration().len() > parameters {
+                let problem = "assimilate is false, but the network has unknown biases, which only an assimilated network can \
+                               determine; leave out the biases or declare them known";
+                return Err(ObservationError::in_setting(name, "assimilate", problem));
+            }
         }
         let stations = members.iter().flat_map(|member| member.instrument.stations()).cloned().collect();
         let left_out = members.iter().flat_map(|member| member.instrument.left_out()).cloned().collect();
@@ -170,7 +190,8 @@ impl ObservingSystem {
     }
 
     /// The values of the present cycle's observations without any bias, as instruments with a known calibration would
-    /// report them.
+    /// report them: of those that are used, then of the others. Nothing is known of the biases of recorded observations,
+    /// whose values are as they were recorded.
     pub fn values_bias_removed(&self) -> &[f64] {
         &self.values_bias_removed
     }
@@ -183,6 +204,20 @@ impl ObservingSystem {
     /// The parameters that are known, and therefore not part of the calibration, with their true values in the present cycle.
     pub fn known_biases(&self) -> impl Iterator<Item = (&Parameter, f64)> {
         self.biases.known()
+    }
+
+    /// The most observations that all networks may report in one of the first `cycles` cycles.
+    pub fn most_observations(&self, cycles: usize) -> usize {
+        let of_member = |member: &Member, cycle: usize| {
+            member.schedule.pass(cycle).map_or(0, |_| member.instrument.most_observations(cycle))
+        };
+        let in_cycle = |cycle: usize| self.members.iter().map(|member| of_member(member, cycle)).sum();
+        (1..=cycles).map(in_cycle).max().unwrap_or(0)
+    }
+
+    /// About how many weights the rows of X have that all networks hold, or make in a cycle.
+    pub fn weights(&self) -> usize {
+        self.members.iter().map(|member| member.instrument.weights()).sum()
     }
 
     /// The stations in the domain, network after network.
@@ -241,73 +276,102 @@ impl ObservingSystem {
     /// # Panics
     /// As there.
     pub fn observe(&mut self, truth: &State) -> ObservationWindow {
-        self.observe_checked(truth, None)
+        self.observe_checked(Some(truth), None)
     }
 
     /// Goes on to the next cycle, lets the true biases evolve, and observes `truth`, the true state at its valid time
-    /// [`Self::time`]. The values have the biases of [`Self::calibration`], but not the known ones. Quality control
-    /// compares the values with the reference, if there is one.
+    /// [`Self::time`]; a world of recorded observations alone needs none. The values have the biases of
+    /// [`Self::calibration`], but not the known ones. Quality control compares the values with the reference, if there is one.
     ///
     /// # Panics
-    /// If `truth` has another layout than the observing system.
+    /// If `truth` has another layout than the observing system, or there is none to observe for an instrument that does.
     pub fn observe_checked(
         &mut self,
-        truth: &State,
+        truth: Option<&State>,
         reference: Option<(&QualityControl, Reference<'_>)>,
     ) -> ObservationWindow {
-        assert_eq!(**truth.layout(), *self.layout, "the truth must have the observing system's layout");
+        let fits = truth.is_none_or(|truth| **truth.layout() == *self.layout);
+        assert!(fits, "the truth must have the observing system's layout");
         self.cycle += 1;
         self.biases.advance(self.window);
         let time = self.time();
         let mut arrivals: Vec<Arrival> = Vec::new();
         for member in &mut self.members {
+            let observations = member.observe(self.cycle);
             let arrive = |observation: Observation| {
-                let (value_bias_removed, time) = match observation.reading {
-                    Reading::Error(error) => (observation.state.value(truth) + error, time),
-                    Reading::Recorded { value, time, .. } => (value, time),
+                let (value, value_bias_removed, time) = match observation.reading {
+                    Reading::Error(error) => {
+                        let truth = truth.expect("an instrument that observes the truth needs one");
+                        let value_bias_removed = observation.state.value(truth) + error;
+                        let bias = observation.bias(truth, self.biases.values());
+                        (value_bias_removed + bias, value_bias_removed, time)
+                    }
+                    Reading::Recorded { value, time, .. } => (value, value, time),
                 };
-                let value = value_bias_removed + observation.bias(truth, self.biases.values());
-                Arrival { observation, value, value_bias_removed, time }
+                Arrival { observation, value, value_bias_removed, time, is_passive: member.is_passive }
             };
-            let observed = member.observe(self.cycle).into_iter().map(arrive).collect();
+            let observed = observations.into_iter().map(arrive).collect();
             arrivals.extend(member.faults.spoil(observed, self.window, &self.layout.grid, &mut member.faulty));
         }
         let mut rejections = quality::check_reports(&arrivals, time, &self.layout.grid);
-        if let Some((control, reference)) = reference {
-            control.check_values(&arrivals, reference, self.biases.calibration(), &mut rejections);
-        }
-        self.window(time, arrivals, &rejections)
+        let checks = match reference {
+            Some((control, reference)) => {
+                control.check_values(&arrivals, reference, self.biases.calibration(), &mut rejections)
+            }
+            None => vec![None; arrivals.len()],
+        };
+        let judged = arrivals.into_iter().zip(rejections).zip(checks);
+        self.window(time, judged.map(|((arrival, rejection), check)| (arrival, rejection, check)))
     }
 
-    fn window(&mut self, time: Time, arrivals: Vec<Arrival>, rejections: &[Option<Rejection>]) -> ObservationWindow {
+    /// Parts what methods see from what they do not.
+    fn window(
+        &mut self,
+        time: Time,
+        judged: impl Iterator<Item = (Arrival, Option<Rejection>, Option<ValueCheck>)>,
+    ) -> ObservationWindow {
         let (mut reports, mut times, mut values, mut sigma) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let (mut rejected, mut nonlinear, mut predictors) = (Vec::new(), Vec::new(), Vec::new());
-        let mut jacobian = Jacobian::default();
+        let (mut checks, mut unused, mut unused_bias_removed) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut rows_of_used, mut rows_of_unused) = (GeneralOperator::default(), GeneralOperator::default());
         self.values_bias_removed.clear();
-        for (arrival, rejection) in arrivals.into_iter().zip(rejections) {
-            let Arrival { observation, value, value_bias_removed, time } = arrival;
-            let Observation { report, sigma: its_sigma, state, calibration_row, predictors: its_predictors, .. } =
-                observation;
-            if let Some(rejection) = *rejection {
-                rejected.push(RejectedObservation { report, time, value, sigma: its_sigma, rejection });
+        for (arrival, rejection, check) in judged {
+            let Arrival { observation, value, value_bias_removed, time, is_passive } = arrival;
+            let why = rejection.map(Unused::Rejected).or(is_passive.then_some(Unused::Passive));
+            if let Some(why) = why {
+                let Observation { report, sigma, .. } = rows_of_unused.take(observation);
+                unused.push(UnusedObservation { report, time, value, sigma, why, check });
+                unused_bias_removed.push(value_bias_removed);
                 continue;
             }
-            match state {
-                StateOperator::Linear(row) => jacobian.state.push_row(row),
-                StateOperator::Nonlinear(operator) => {
-                    nonlinear.push((values.len(), operator));
-                    jacobian.state.push_row([]);
-                }
-            }
-            jacobian.calibration.push_row(calibration_row);
-            predictors.push(its_predictors);
+            let Observation { report, sigma: its_sigma, .. } = rows_of_used.take(observation);
             values.push(value);
             self.values_bias_removed.push(value_bias_removed);
             sigma.push(its_sigma);
             reports.push(report);
             times.push(time);
+            checks.push(check);
         }
-        let operator = GeneralOperator { linear: LinearOperator { jacobian }, nonlinear, predictors }.simplified();
-        ObservationWindow { time, cycle: self.cycle, reports, times, values, sigma, rejected, operator }
+        self.values_bias_removed.extend(unused_bias_removed);
+        let aside = Aside { checks, unused, operator: rows_of_unused.simplified() };
+        let operator = rows_of_used.simplified();
+        ObservationWindow { time, cycle: self.cycle, reports, times, values, sigma, aside, operator }
     }
+}
+
+/// Refuses observing systems whose observations would not fit in memory; `name` is the network that is one too many.
+fn check_size(name: &str, observations: usize, weights: usize) -> Result<(), ObservationError> {
+    let fault = |problem: String| Err(ObservationError::in_setting(name, "kind", problem));
+    if observations > MOST_OBSERVATIONS {
+        return fault(format!(
+            "with this network there would be {observations} observations in a cycle, of at most {MOST_OBSERVATIONS}: use \
+             fewer stations or footprints, or fewer networks"
+        ));
+    }
+    if weights > MOST_WEIGHTS {
+        return fault(format!(
+            "with this network the observations of a cycle would read {weights} values of the state, of at most \
+             {MOST_WEIGHTS}: use fewer or smaller footprints, or fewer observations"
+        ));
+    }
+    Ok(())
 }

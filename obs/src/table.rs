@@ -229,8 +229,11 @@ impl Row<'_> {
     pub fn number(&self, column: usize, (low, high): (f64, f64), faults: &mut Faults) -> Option<f64> {
         let number = self.fields[column].parse::<f64>().ok().filter(|number| (low..=high).contains(number));
         if number.is_none() {
+            let found = self.fields[column].parse::<f64>().unwrap_or(0.0);
             let expected = match (low, high) {
                 _ if high < LARGEST => format!("a number from {low} to {high}"),
+                _ if low > 0.0 && found > 0.0 && found.is_finite() => format!("a number from {low:e} to {high:e}"),
+                _ if low <= 0.0 && found != 0.0 && found.is_finite() => format!("a number from {low:e} to {high:e}"),
                 _ if low > 0.0 => "a finite number above 0".to_owned(),
                 _ => "a finite number".to_owned(),
             };
@@ -284,6 +287,17 @@ impl Row<'_> {
         };
         faults.add(self.line, format!("`{column}` is `{}`, but must be {expected}{hint}", shown(field)));
     }
+}
+
+/// What a table says, row by row from its header on: the fields, without the blanks and quotation marks around them, and
+/// without empty ones at the end. Lines that say nothing, as remarks, do not count.
+pub fn rows(text: &str) -> impl Iterator<Item = Vec<String>> {
+    let fields = |(_, line): (usize, &str)| {
+        let mut fields = split(line).unwrap_or_else(|_| vec![line.to_owned()]);
+        fields.truncate(fields.iter().rposition(|field| !field.is_empty()).map_or(0, |last| last + 1));
+        fields
+    };
+    lines(text).map(fields).filter(|fields| !fields.is_empty())
 }
 
 /// A column's name in lower case, with underscores for anything but letters and digits.

@@ -1,5 +1,6 @@
 //! The runs of a batch: as many at a time as threads and memory allow.
 
+use super::temporary;
 use crate::interrupt;
 use crate::options::RunOptions;
 use crate::output::directory::SUMMARY_FILE;
@@ -9,7 +10,7 @@ use crate::progress::SeedsProgress;
 use crate::scenario::Scenario;
 use crate::scores::Summary;
 use crate::scores::kinds::MEMORY;
-use miette::{IntoDiagnostic, Report};
+use miette::Report;
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
@@ -28,7 +29,23 @@ const MEMORY_SHARE: f64 = 0.7;
 const OTHER_BYTES: u64 = 50_000_000;
 
 /// What runs an experiment: a listener hears its events.
-pub type Run<'a> = dyn Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, Report> + Sync + 'a;
+pub type Run<'a> = dyn Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, JobError> + Sync + 'a;
+
+/// Why a run ended early.
+#[derive(Debug)]
+pub struct JobError {
+    /// What is said of it.
+    pub report: Report,
+    /// Whether the same run could be completed another time: it failed for want of space or the like, and not for what it
+    /// computes.
+    pub may_pass: bool,
+}
+
+impl From<JobError> for Report {
+    fn from(error: JobError) -> Self {
+        error.report
+    }
+}
 
 /// How the runs are distributed over threads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -52,7 +69,7 @@ pub struct Job<'a> {
 }
 
 /// The number of a job, and what came of it.
-pub type JobOutcome = (usize, Result<Summary, Report>);
+pub type JobOutcome = (usize, Result<Summary, JobError>);
 
 /// Runs all jobs, as many at a time as threads and memory allow, with the options of all; the outcomes come in the order of
 /// the jobs. One whose files are complete is not run again. After a signal no more are begun, and the outcomes are those of
@@ -78,7 +95,8 @@ pub fn run_jobs(
             let Some(job) = jobs.get(number) else { break };
             let listener = &mut progress.listener(job.seed);
             let outcome = if is_complete(job) {
-                SavedRun::open(&job.out).map(|saved| saved.summary).map_err(Report::from)
+                let saved = SavedRun::open(&job.out).map(|saved| saved.summary);
+                saved.map_err(|error| JobError { report: error.into(), may_pass: true })
             } else {
                 run(job.scenario, &options_of(job, options, schedule), listener)
             };
@@ -119,7 +137,7 @@ fn schedule(jobs: &[Job<'_>], options: &RunOptions, left: usize, run: &Run<'_>) 
     let at_once = match wanted {
         0 | 1 => 1,
         _ => {
-            let directory = tempfile::tempdir().into_diagnostic()?;
+            let directory = temporary::directory()?;
             let needed_bytes = trial(&jobs[0], options, run, directory.path());
             let both = needed_bytes.zip(available_bytes());
             both.map_or(1, |(needed_bytes, available_bytes)| fitting(wanted, needed_bytes, available_bytes))

@@ -3,6 +3,7 @@
 use super::arguments::RegressArguments;
 use super::console::{print, show};
 use super::{launch, lookup};
+use crate::batch::temporary;
 use crate::interrupt;
 use crate::options::RunOptions;
 use crate::progress::Progress;
@@ -55,7 +56,7 @@ fn all() -> Result<Vec<Scenario>, Report> {
 
 /// Runs a scenario; whether its scores are as expected, or are now accepted.
 fn regress_one(scenario: &Scenario, arguments: &RegressArguments) -> Result<bool, Report> {
-    let directory = tempfile::tempdir().into_diagnostic()?;
+    let directory = temporary::directory()?;
     let threads = arguments.threads.map(|threads| threads as usize);
     let options = RunOptions { threads, ..RunOptions::new(directory.path().join(&scenario.name)) };
     let mut progress = Progress::new(arguments.quiet);

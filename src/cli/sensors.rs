@@ -2,14 +2,17 @@
 
 use super::console::print;
 use crate::calendar::utc;
+use crate::safe_file;
 use crate::sensors::database::Missing;
 use crate::sensors::record::Key;
 use crate::sensors::{Database, Record, Records, SensorError, table};
 use crate::tables::{Cell, NONE, Table};
-use crate::text::{clean, listed, nearest, printable};
+use crate::text::{clean, listed, nearest, printable, shown_path};
 use clap::Subcommand;
+use indexmap::IndexMap;
 use isobar_model::Time;
 use miette::{Report, miette};
+use std::io::{Error, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -40,7 +43,7 @@ pub enum SensorsCommand {
     Export {
         /// The database
         database: PathBuf,
-        /// Write the table into this file instead
+        /// Write the table into this new file instead
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
@@ -83,13 +86,14 @@ pub fn sensors(command: &SensorsCommand) -> Result<ExitCode, Report> {
                     records.add(record).map(drop).map_err(|reason| SensorError::at(&path, line, reason))
                 })
             })?;
-            print(&format!("{}: {new} of {all} records are new", clean(&database.display().to_string())))?;
+            print(&format!("{}: {new} of {all} records are new", shown_path(database)))?;
         }
         SensorsCommand::Export { database, out } => {
             let text = table::write(&read(database)?);
             match out {
-                Some(path) => std::fs::write(path, text)
-                    .map_err(|error| miette!("cannot write {}: {error}", clean(&path.display().to_string())))?,
+                Some(path) => {
+                    safe_file::write_new(path, text.as_bytes()).map_err(|error| cannot_write(path, &error))?
+                }
                 None => print(text.trim_end())?,
             }
         }
@@ -107,6 +111,16 @@ pub fn sensors(command: &SensorsCommand) -> Result<ExitCode, Report> {
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+fn cannot_write(path: &Path, error: &Error) -> Report {
+    let shown = shown_path(path);
+    match error.kind() {
+        ErrorKind::AlreadyExists => {
+            miette!(help = "give another path, or remove the file first", "{shown} exists; nothing was written")
+        }
+        _ => miette!("cannot write {shown}: {error}"),
+    }
 }
 
 /// What a table looks like.
@@ -132,34 +146,53 @@ fn check_sensor(records: &Records, sensor: &str, database: &Path) -> Result<(), 
     }
     let near = nearest(sensor, names(records)).map_or(String::new(), |near| format!("did you mean `{near}`?\n"));
     let help = printable(&format!("{near}sensors: {}", listed(names(records).take(20))));
-    let database = clean(&database.display().to_string());
+    let database = shown_path(database);
     Err(miette!(help = help, "{database} has no sensor `{}`", clean(sensor)))
 }
 
+/// What there is of a sensor.
+#[derive(Default)]
+struct Known<'a> {
+    unit: &'a str,
+    /// Time, value and σ of the last calibration.
+    last: Option<(Time, f64, f64)>,
+    calibrations: usize,
+    test_points: usize,
+    recalibrations: usize,
+}
+
 fn list(records: &Records) -> String {
-    let mut rows = Vec::new();
+    // Sensors come before what is known of them, and calibrations in the order of their times.
+    let mut sensors: IndexMap<&str, Known<'_>> = IndexMap::new();
     for record in records.iter() {
-        let Record::Sensor { name, unit, .. } = record else { continue };
-        let mut last = None;
-        let (mut calibrations, mut test_points, mut recalibrations) = (0, 0, 0);
-        for record in records.iter() {
-            match record {
-                Record::Calibration { sensor, time, value, sigma, .. } if sensor == name => {
-                    calibrations += 1;
-                    last = Some((time, value, sigma));
-                }
-                Record::TestPoint { sensor, .. } if sensor == name => test_points += 1,
-                Record::Recalibration { sensor, .. } if sensor == name => recalibrations += 1,
-                _ => {}
-            }
+        if let Record::Sensor { name, unit, .. } = record {
+            sensors.insert(name, Known { unit, ..Known::default() });
+            continue;
         }
-        let last = last.map(|(time, value, sigma)| [format!("{value:.4} ± {sigma:.4}"), utc(*time)]);
-        let last = last.map_or([NONE, NONE].map(Cell::from), |last| last.map(Cell::from));
-        let mut row = vec![name.as_str().into(), unit.as_str().into()];
-        row.extend(last);
-        row.extend([calibrations, test_points, recalibrations].map(|count: usize| Cell::from(count)));
-        rows.push(row);
+        let (Record::Calibration { sensor, .. }
+        | Record::TestPoint { sensor, .. }
+        | Record::Recalibration { sensor, .. }) = record
+        else {
+            continue;
+        };
+        let Some(known) = sensors.get_mut(sensor.as_str()) else { continue };
+        match record {
+            Record::Calibration { time, value, sigma, .. } => {
+                known.calibrations += 1;
+                known.last = Some((*time, *value, *sigma));
+            }
+            Record::TestPoint { .. } => known.test_points += 1,
+            _ => known.recalibrations += 1,
+        }
     }
+    let row = |(name, known): (&str, Known<'_>)| {
+        let last = known.last.map(|(time, value, sigma)| [format!("{value:.4} ± {sigma:.4}"), utc(time)]);
+        let mut row = vec![name.into(), known.unit.into()];
+        row.extend(last.map_or([NONE, NONE].map(Cell::from), |last| last.map(Cell::from)));
+        row.extend([known.calibrations, known.test_points, known.recalibrations].map(Cell::from));
+        row
+    };
+    let rows = sensors.into_iter().map(row).collect();
     let columns = ["sensor", "unit", "last bias ± σ", "of", "calibrations", "test points", "recalibrations"];
     Table::new(&columns, rows).terminal()
 }

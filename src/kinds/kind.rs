@@ -77,3 +77,28 @@ pub(crate) fn plain_name(name: &str, what: &str) -> Result<(), (String, &'static
     }
     Ok(())
 }
+
+/// Refuses a name that leads to the same names of files as another of its kind: without regard to case, which some file
+/// systems do not distinguish, and with an underscore for a hyphen.
+///
+/// # Errors
+/// What is wrong, and what to do.
+pub(crate) fn distinct_name<'a>(
+    name: &str,
+    mut others: impl Iterator<Item = &'a str>,
+    what: &str,
+) -> Result<(), (String, &'static str)> {
+    let of_files = |name: &str| name.to_ascii_lowercase().replace('-', "_");
+    let help = "choose another name";
+    match others.find(|other| of_files(other) == of_files(name)) {
+        None => Ok(()),
+        Some(other) if other == name => Err((format!("there are two {what}s `{name}`"), help)),
+        Some(other) if other.eq_ignore_ascii_case(name) => {
+            Err((format!("the {what}s `{other}` and `{name}` differ in case only"), help))
+        }
+        Some(other) => Err((
+            format!("the {what}s `{other}` and `{name}` differ only in hyphens and underscores, or in case"),
+            help,
+        )),
+    }
+}

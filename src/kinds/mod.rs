@@ -14,7 +14,7 @@ pub mod models;
 pub mod reference;
 
 pub use domain::Domain;
-pub(crate) use kind::{Kind, Kinds, check_name, choose, plain_name, read};
+pub(crate) use kind::{Kind, Kinds, check_name, choose, distinct_name, plain_name, read};
 
 #[cfg(test)]
 mod tests {

@@ -3,6 +3,7 @@
 use super::{Kind, Read, ScenarioError, Section, SourceFile};
 use crate::text::{clean, is_unprintable, listed, nearest};
 use std::ops::Range;
+use std::path::PathBuf;
 use toml::Spanned;
 use toml::de::DeValue;
 
@@ -39,6 +40,16 @@ impl Limits {
             Limits::NonNegative => number == 0.0 || (1e-18..=1e18).contains(&number),
             Limits::Between(least, most) => (least..=most).contains(&number),
             Limits::Fraction => (0.0..1.0).contains(&number),
+        }
+    }
+
+    /// What a number must be that is not within the limits: where these say no more than its sign, and it has that, how large.
+    fn words_for(self, number: f64) -> String {
+        match self {
+            Limits::Any if number.is_finite() => "a number from -1e18 to 1e18".into(),
+            Limits::Positive if number.is_finite() && number > 0.0 => "a number from 1e-18 to 1e18".into(),
+            Limits::NonNegative if number.is_finite() && number > 0.0 => "0 or a number from 1e-18 to 1e18".into(),
+            _ => self.words(),
         }
     }
 
@@ -92,7 +103,7 @@ impl<'a> Field<'a> {
             _ => return Err(self.wrong_type(&limits.words())),
         };
         if !limits.contain(number) {
-            let wanted = limits.words();
+            let wanted = limits.words_for(number);
             let message = format!("`{}` is {number:?}, but must be {wanted}", self.title());
             return Err(self.invalid(message, &format!("must be {wanted}")));
         }
@@ -137,6 +148,13 @@ impl<'a> Field<'a> {
         };
         let message = format!("`{}` {fault}", self.title());
         Err(self.invalid(message, "must be 1 to 500 printable characters"))
+    }
+
+    /// The path of the file that is named here, relative to the scenario's directory.
+    pub fn path(&self) -> Read<PathBuf> {
+        let name = self.text()?;
+        self.file.names(self.value.span(), &name);
+        Ok(self.file.beside(&name))
     }
 
     /// One of the words, as what it stands for.

@@ -9,6 +9,7 @@ mod expected;
 mod fault;
 mod grid;
 mod initialise;
+mod moved;
 mod quality;
 mod sensors;
 mod sweep;
@@ -27,14 +28,16 @@ use crate::kinds::initial::{GivenState, INITIAL, InitialState};
 use crate::kinds::instruments;
 use crate::kinds::methods::{self, Method, Surroundings};
 use crate::kinds::models::{self, Model};
-use crate::kinds::{self, Domain, plain_name};
+use crate::kinds::{self, Domain, distinct_name, plain_name};
 use crate::output::Outputs;
-use crate::reader::{self, Field, Read, Section, SourceFile, files};
+use crate::reader::{self, Field, FileName, Read, Section, SourceFile, files};
+use crate::scores::ScoreKind;
 use crate::scores::expected::TOLERANCE_KEY;
 use crate::text;
 use indexmap::IndexMap;
 use isobar_model::{Adjoint, State, Time};
 use isobar_obs::{Network, QualityControl, times};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use toml::de::DeValue;
@@ -51,8 +54,11 @@ pub struct Scenario {
     pub path: PathBuf,
     /// The file's text, to the letter.
     pub text: String,
-    /// The files that it names and on whose contents the results depend: fields, stations, observations.
-    pub inputs: Vec<PathBuf>,
+    /// The names of files in it.
+    file_names: Vec<FileName>,
+    /// Checksums of what the tables say that it names and on which the results depend, of stations, observations and fields;
+    /// by their names in the file.
+    pub tables: BTreeMap<String, u32>,
     /// Title, in one line.
     pub title: String,
     /// The phenomenon that the experiment shows.
@@ -73,8 +79,8 @@ pub struct Scenario {
     pub background_error: Components,
     /// Q: covariance of the error that the model makes in one cycle; empty for a perfect model.
     pub model_error: Components,
-    /// How the true world differs from that.
-    pub truth: TruthSettings,
+    /// How the true world differs from that; `None` in a world without a truth, of which there are recorded observations alone.
+    pub truth: Option<TruthSettings>,
     /// The cycles.
     pub cycle: CycleSettings,
     /// How the values of observations are checked, if they are.
@@ -107,9 +113,9 @@ impl Scenario {
         Domain { grid: self.grid.grid.clone(), model: self.model.clone() }
     }
 
-    /// The plane, with the model of the truth.
-    pub fn true_domain(&self) -> Domain {
-        Domain { grid: self.grid.grid.clone(), model: self.truth.model.clone() }
+    /// The plane, with another model.
+    pub fn domain_of(&self, model: &Model) -> Domain {
+        Domain { grid: self.grid.grid.clone(), model: model.clone() }
     }
 
     /// Whether the truth's model has a key with another value than `[model]`.
@@ -117,6 +123,12 @@ impl Scenario {
         let file: toml::Table = self.text.parse().expect("the text has been read before");
         let changes = file.get("truth").and_then(|truth| truth.get("model")?.as_table());
         changes.is_some_and(|changes| changes.iter().any(|(key, value)| file["model"].get(key) != Some(value)))
+    }
+
+    /// The database of sensors, if the user has named it.
+    pub fn named_database(&self) -> Option<&Path> {
+        let sensors = self.sensors.as_ref().filter(|sensors| sensors.within.is_none())?;
+        Some(&sensors.database)
     }
 
     /// Reads a scenario file.
@@ -181,32 +193,39 @@ impl Scenario {
         let background_error = covariances::read(&root.required("background_error")?, &domain)?;
         let model_error =
             root.optional("model_error").map_or(Ok(Vec::new()), |field| covariances::read(&field, &domain))?;
-        let truth = cycle::read_truth(&root, model_field.as_ref(), &domain)?;
-        let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", truth.model.time_step)];
-        let cycle = cycle::read(&root, start, &steps)?;
         let networks = instruments::read(&root, &domain)?;
+        let truth = cycle::read_truth(&root, model_field.as_ref(), &domain, &networks)?;
+        let true_step = truth.as_ref().map_or(model.time_step, |truth| truth.model.time_step);
+        let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", true_step)];
+        let cycle = cycle::read(&root, start, &steps)?;
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
         let stability = sensors::read_stability(&root, cycle.count)?;
         let surroundings = Surroundings {
             domain,
             cycles: cycle.count,
             freezes: stability.freeze_after_cycles.is_some(),
-            networks: networks.iter().map(|network| network.name.clone()).collect(),
+            networks: networks.iter().filter(|it| it.assimilate).map(|network| network.name.clone()).collect(),
             has_model_error: !model_error.is_empty(),
+            error_length_m: covariances::shortest_length_m(&model_error)
+                .or_else(|| covariances::shortest_length_m(&background_error)),
         };
         let methods = read_methods(&root, &surroundings)?;
         let initialise = initialise::read(&root, &methods, cycle.count)?;
         let sensors = sensors::read(&root, &methods)?;
         let influence_every_cycles = cycle::read_diagnostics(&root)?;
-        let sweep = sweep::read(&root, &model)?;
+        let has_passive = networks.iter().any(|network| !network.assimilate);
+        let can_have = |kind: &ScoreKind| kind.against.exists(truth.is_some(), has_passive);
+        let sweep = sweep::read(&root, &model, can_have)?;
         let outputs = cycle::read_output(&root)?;
         let regression = root.yes_or_no_or("regression", true)?;
         let expected = expected::read(&root, &methods, &model)?;
+        let (file_names, tables) = file.into_names();
         Ok(Self {
             name: path.file_stem().map_or(String::new(), |stem| text::clean(&stem.to_string_lossy())),
             path: path.to_path_buf(),
             text: text.to_string(),
-            inputs: file.inputs(),
+            file_names,
+            tables,
             title,
             phenomenon,
             source,
@@ -314,18 +333,16 @@ fn read_methods(root: &Section<'_>, surroundings: &Surroundings) -> Read<IndexMa
 /// What is wrong, and what to do.
 pub(crate) fn check_method_name<'a>(
     name: &str,
-    mut others: impl Iterator<Item = &'a String>,
+    others: impl Iterator<Item = &'a String>,
 ) -> Result<(), (String, &'static str)> {
     plain_name(name, "method")?;
     if name == TOLERANCE_KEY {
         return Err((format!("a method cannot be called {name}"), "[expected] has a key of that name"));
     }
-    // Their files would be one and the same on a file system that does not distinguish case.
-    match others.find(|other| other.eq_ignore_ascii_case(name)) {
-        None => Ok(()),
-        Some(other) if other == name => Err((format!("there are two methods `{name}`"), "choose another name")),
-        Some(other) => Err((format!("the methods `{other}` and `{name}` differ in case only"), "choose another name")),
+    if ["truth", "observations"].iter().any(|file| name.eq_ignore_ascii_case(file)) {
+        return Err((format!("a method cannot be called {name}"), "a file of every run has that name"));
     }
+    distinct_name(name, others.map(String::as_str), "method")
 }
 
 fn string(root: &Section<'_>, key: &str) -> Read<String> {

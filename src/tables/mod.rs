@@ -148,8 +148,21 @@ impl Cell {
     }
 
     /// A number with all its digits, for files; empty if there is none.
-    pub fn exact(value: Option<f64>) -> Self {
+    pub fn in_full(value: Option<f64>) -> Self {
         value.map_or_else(String::new, |value| value.to_string()).into()
+    }
+
+    /// A number of which all digits matter, up to six, or a dash.
+    pub fn exact(value: Option<f64>) -> Self {
+        let shown = |value: f64| match value.abs() {
+            0.0 => "0".to_string(),
+            size if !(1e-4..1e9).contains(&size) => format!("{value:.5e}"),
+            size => {
+                let text = format!("{value:.*}", (5 - size.log10().floor() as i32).clamp(0, 9) as usize);
+                if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
+            }
+        };
+        value.map_or_else(|| NONE.into(), shown).into()
     }
 
     /// A figure with its interval.

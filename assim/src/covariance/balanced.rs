@@ -43,7 +43,8 @@ impl Balanced {
     /// The covariance for a layout with variables h, u and v.
     ///
     /// # Errors
-    /// [`Error::Setting`] without these variables or without rotation.
+    /// [`Error::Setting`] without these variables or without rotation, and for a length that needs too much padding in a
+    /// channel.
     pub fn new(layout: &Layout, parameters: &BalancedParameters) -> Result<Self, Error> {
         let grid = &layout.grid;
         let offset = |name: &str| {
@@ -55,7 +56,7 @@ impl Balanced {
         if parameters.coriolis_per_s == 0.0 {
             return Err(Error::Setting("a balanced covariance needs rotation: coriolis_per_s is 0".into()));
         }
-        let filter = HomogeneousFilter::gaussian(grid, parameters.length_m);
+        let filter = HomogeneousFilter::gaussian(grid, [parameters.length_m; 2])?;
         let averaged = filter.variance_after(|k, l| (0.5 * k).cos().powi(2) * (0.5 * l).cos().powi(2));
         let gravity = parameters.gravity_m_per_s2;
         let middle = 0.5 * grid.height_m();
@@ -128,6 +129,10 @@ impl Covariance for Balanced {
 
     fn control_len(&self) -> usize {
         self.filter.len()
+    }
+
+    fn control_cells(&self) -> Option<Vec<usize>> {
+        Some(self.filter.cells(self.grid.ny))
     }
 
     fn root_add(&self, control: &[f64], increment: &mut [f64]) {

@@ -10,6 +10,12 @@ use std::sync::Arc;
 /// walls are correlated by less than exp(−8) of the variance.
 const PADDING_LENGTHS: f64 = 4.0;
 
+/// The most values of a filtered array: twice those of the largest grid of a scenario, and about 2 GB at work.
+const MOST_VALUES: usize = 1 << 25;
+
+/// A correlation that is longer than so many periods is the same everywhere, to the last bit.
+const FLAT_PERIODS: f64 = 4.0;
+
 /// An eigenvalue below minus this share of the largest is no rounding error.
 const ROUNDING: f64 = 1e-13;
 
@@ -35,16 +41,15 @@ enum Correlation {
 }
 
 impl HomogeneousFilter {
-    /// exp(−r²/2L²) summed over the periodic images, so that Λ is positive for any L.
-    pub fn gaussian(grid: &Grid, length_m: f64) -> Self {
-        let nx = grid.nx;
-        let rows = match grid.boundary {
-            Boundary::Periodic => grid.ny,
-            Boundary::Channel => good_fft_size(grid.ny + 1 + (PADDING_LENGTHS * length_m / grid.dy_m).ceil() as usize),
-        };
+    /// exp(−x²/2L_x² − y²/2L_y²), summed over the periodic images, so that Λ is positive for any length.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for a length that needs too much padding in a channel.
+    pub fn gaussian(grid: &Grid, [length_x_m, length_y_m]: [f64; 2]) -> Result<Self, Error> {
+        let (nx, rows) = (grid.nx, Self::gaussian_rows(grid, length_y_m)?);
         let [forward, backward] = plans(nx, rows);
-        let eigenvalues_x = correlation_eigenvalues(nx, grid.dx_m, length_m, forward[0].as_ref());
-        let eigenvalues_y = correlation_eigenvalues(rows, grid.dy_m, length_m, forward[1].as_ref());
+        let eigenvalues_x = correlation_eigenvalues(nx, grid.dx_m, length_x_m, forward[0].as_ref());
+        let eigenvalues_y = correlation_eigenvalues(rows, grid.dy_m, length_y_m, forward[1].as_ref());
         let correlation = Correlation::Product([
             correlation_of(&eigenvalues_x, backward[0].as_ref()),
             correlation_of(&eigenvalues_y, backward[1].as_ref()),
@@ -52,21 +57,36 @@ impl HomogeneousFilter {
         let scale = 1.0 / (nx * rows) as f64;
         let root_eigenvalues =
             eigenvalues_x.iter().flat_map(|&x| eigenvalues_y.iter().map(move |&y| (x * y).sqrt() * scale)).collect();
-        Self { nx, rows, root_eigenvalues, correlation, forward, backward }
+        Ok(Self { nx, rows, root_eigenvalues, correlation, forward, backward })
+    }
+
+    /// The rows of the array of [`HomogeneousFilter::gaussian`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn gaussian_rows(grid: &Grid, length_y_m: f64) -> Result<usize, Error> {
+        match grid.boundary {
+            Boundary::Periodic => Ok(grid.ny),
+            Boundary::Channel => padded_rows(grid, grid.ny + 1, (PADDING_LENGTHS, length_y_m)),
+        }
     }
 
     /// A function of the distance \[m\], the shortest one where the plane is periodic, to which nothing is added. In a channel
-    /// the array has twice the grid's rows at least, and `padding_m` beyond the wall, so that no distance goes round.
+    /// the array has twice the grid's rows at least, and `padding_lengths` times `length_m` beyond the wall, so that no
+    /// distance goes round.
     ///
     /// # Errors
-    /// [`Error::Setting`] if there is an eigenvalue below 0: it is then no correlation on this plane.
-    pub fn by_distance(grid: &Grid, padding_m: f64, correlation: impl Fn(f64) -> f64) -> Result<Self, Error> {
+    /// [`Error::Setting`] if there is an eigenvalue below 0: it is then no correlation on this plane; for a length that needs
+    /// too much padding in a channel.
+    pub fn by_distance(
+        grid: &Grid,
+        (padding_lengths, length_m): (f64, f64),
+        correlation: impl Fn(f64) -> f64,
+    ) -> Result<Self, Error> {
         let nx = grid.nx;
         let rows = match grid.boundary {
             Boundary::Periodic => grid.ny,
-            Boundary::Channel => {
-                good_fft_size((2 * grid.ny).max(grid.ny + 1 + (padding_m / grid.dy_m).ceil() as usize))
-            }
+            Boundary::Channel => padded_rows(grid, 2 * grid.ny, (padding_lengths, length_m))?,
         };
         let around = |index: usize, n: usize, spacing_m: f64| index.min(n - index) as f64 * spacing_m;
         let table: Vec<f64> = (0..rows)
@@ -97,6 +117,17 @@ impl HomogeneousFilter {
     /// Values of the filtered array.
     pub fn len(&self) -> usize {
         self.nx * self.rows
+    }
+
+    /// The cell of a grid of `ny` rows that each value of the filtered array is in, or is nearest to beyond a wall.
+    pub fn cells(&self, ny: usize) -> Vec<usize> {
+        let row_of = |row: usize| match row {
+            row if row < ny => row,
+            // Padding belongs to the nearer wall.
+            row if row - (ny - 1) <= self.rows - row => ny - 1,
+            _ => 0,
+        };
+        (0..self.len()).map(|index| row_of(index / self.nx) * self.nx + index % self.nx).collect()
     }
 
     pub fn rows(&self) -> usize {
@@ -157,6 +188,27 @@ impl HomogeneousFilter {
     }
 }
 
+/// The rows of a channel, its northern wall and the padding beyond, at least so many; a size that is quick to transform.
+///
+/// # Errors
+/// [`Error::Setting`] if the array would be too large, with the longest correlation that fits.
+fn padded_rows(grid: &Grid, least: usize, (padding_lengths, length_m): (f64, f64)) -> Result<usize, Error> {
+    let own = grid.ny + 1;
+    let rows = f64::max(least as f64, own as f64 + (padding_lengths * length_m / grid.dy_m).ceil());
+    let most = MOST_VALUES / grid.nx;
+    if rows > most as f64 {
+        let longest_km = most.saturating_sub(own) as f64 * grid.dy_m / padding_lengths / 1e3;
+        return Err(Error::Setting(format!(
+            "a correlation of {} km in this channel would need {} rows of {} values, its own and those of {padding_lengths} \
+             lengths beyond the wall, more than {MOST_VALUES} values in all: at most {longest_km:.4} km fit",
+            length_m / 1e3,
+            rows,
+            grid.nx
+        )));
+    }
+    Ok(good_fft_size(rows as usize))
+}
+
 /// Transforms along x and along y, forward and backward.
 fn plans(nx: usize, rows: usize) -> [[Arc<dyn Fft<f64>>; 2]; 2] {
     let mut planner = FftPlanner::new();
@@ -183,6 +235,7 @@ fn transpose(from: &[Complex<f64>], to: &mut [Complex<f64>], rows: usize, column
 /// Eigenvalues of the circulant matrix of exp(−r²/2L²), normalised to a unit diagonal.
 fn correlation_eigenvalues(n: usize, spacing_m: f64, length_m: f64, fft: &dyn Fft<f64>) -> Vec<f64> {
     let period = n as f64 * spacing_m;
+    let length_m = length_m.min(FLAT_PERIODS * period);
     let images = (8.0 * length_m / period).ceil() as i64 + 1;
     let kernel = |index: usize| -> f64 {
         (-images..=images)

@@ -2,8 +2,10 @@
 
 use super::Covariance;
 use super::homogeneous_filter::HomogeneousFilter;
+use super::taper::{MOST_HEIGHTS, is_wide};
+use crate::error::Error;
 use faer::Mat;
-use isobar_model::Layout;
+use isobar_model::{Grid, Layout};
 
 /// ρ ∘ (X' X'ᵀ)/(N−1), with a Gaussian correlation ρ = C Cᵀ between cells that all variables share:
 ///
@@ -27,21 +29,40 @@ impl LocalizedEnsemble {
     /// The covariance of perturbations `[m, N]` whose rows have sum zero, localised as by Gaspari and Cohn's function with
     /// this radius; infinite for none.
     ///
+    /// # Errors
+    /// [`Error::Setting`] for a radius that needs too much padding in a channel.
+    ///
     /// # Panics
     /// If the perturbations are not those of states of this layout.
-    pub fn new(layout: &Layout, perturbations: &Mat<f64>, localization_radius_m: f64) -> Self {
+    pub fn new(layout: &Layout, perturbations: &Mat<f64>, localization_radius_m: f64) -> Result<Self, Error> {
         assert_eq!(perturbations.nrows(), layout.len(), "perturbations have one row for each value of the state");
         let root = ((perturbations.ncols() - 1) as f64).sqrt();
-        let filter = localization_radius_m
-            .is_finite()
-            .then(|| HomogeneousFilter::gaussian(&layout.grid, LENGTH_OVER_RADIUS * localization_radius_m));
-        Self { factors: perturbations * faer::Scale(1.0 / root), cells: layout.grid.cells(), filter }
+        let lengths = lengths_m(&layout.grid, localization_radius_m);
+        let filter = lengths.map(|lengths| HomogeneousFilter::gaussian(&layout.grid, lengths)).transpose()?;
+        Ok(Self { factors: perturbations * faer::Scale(1.0 / root), cells: layout.grid.cells(), filter })
+    }
+
+    /// The length of the control vector for so many members.
+    ///
+    /// # Errors
+    /// As [`LocalizedEnsemble::new`].
+    pub(crate) fn control_len_of(grid: &Grid, members: usize, localization_radius_m: f64) -> Result<usize, Error> {
+        Ok(match lengths_m(grid, localization_radius_m) {
+            None => members,
+            Some([_, length_y_m]) => members * grid.nx * HomogeneousFilter::gaussian_rows(grid, length_y_m)?,
+        })
     }
 
     /// Length of each α_k.
     fn part(&self) -> usize {
         self.filter.as_ref().map_or(1, HomogeneousFilter::len)
     }
+}
+
+/// The lengths of the Gaussian for a radius, along the channel or plane and across; `None` if nothing is localised.
+fn lengths_m(grid: &Grid, radius_m: f64) -> Option<[f64; 2]> {
+    let length_m = LENGTH_OVER_RADIUS * radius_m;
+    (!is_wide(grid, radius_m)).then(|| [length_m, length_m.min(MOST_HEIGHTS * grid.height_m())])
 }
 
 impl Covariance for LocalizedEnsemble {
@@ -113,10 +134,10 @@ mod tests {
             let layout = isobar_model::shallow_water::layout(grid);
             let normals = standard_normals(&mut stream(1, "members"), layout.len() * 5);
             let perturbations = Mat::from_fn(layout.len(), 5, |i, j| normals[j * layout.len() + i]);
-            let plain = LocalizedEnsemble::new(&layout, &perturbations, f64::INFINITY);
+            let plain = LocalizedEnsemble::new(&layout, &perturbations, f64::INFINITY).unwrap();
             assert_eq!(check_covariance(&plain).rank, 5);
             let radius = 4.0;
-            let localized = LocalizedEnsemble::new(&layout, &perturbations, radius);
+            let localized = LocalizedEnsemble::new(&layout, &perturbations, radius).unwrap();
             assert!(check_covariance(&localized).rank > 50);
             let (plain, localized) = (dense(&plain), dense(&localized));
             // The taper at the place itself is one, and near a Gaussian at a distance of two cells in y.

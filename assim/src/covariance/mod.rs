@@ -17,6 +17,7 @@ pub(crate) use leading_factors::{OVERSAMPLING, leading_columns, skip_draws};
 pub use localized_ensemble::LocalizedEnsemble;
 pub use sum::Sum;
 pub use taper::gaspari_cohn;
+pub(crate) use taper::{WIDEST, is_wide};
 pub use univariate::Univariate;
 pub use white::White;
 
@@ -36,6 +37,11 @@ pub trait Covariance: Send + Sync {
 
     /// Length of the control vector χ.
     fn control_len(&self) -> usize;
+
+    /// The cell of the grid where each value of the control vector stands; `None` if U is no local operator.
+    fn control_cells(&self) -> Option<Vec<usize>> {
+        None
+    }
 
     /// δx += U χ.
     fn root_add(&self, control: &[f64], increment: &mut [f64]);

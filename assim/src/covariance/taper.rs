@@ -1,5 +1,19 @@
 //! The taper of covariances over distance.
 
+use isobar_model::Grid;
+
+/// In a channel a Gaussian correlation has at most so many heights of the domain as its length across the channel: from wall
+/// to wall it is then within 5 × 10⁻⁵ of 1.
+pub(super) const MOST_HEIGHTS: f64 = 100.0;
+
+/// Widths of a domain beyond which a larger radius of localisation makes no difference.
+pub(crate) const WIDEST: f64 = 10.0;
+
+/// Whether a radius of localisation \[m\] is so wide that nothing is localised.
+pub(crate) fn is_wide(grid: &Grid, radius_m: f64) -> bool {
+    radius_m >= WIDEST * grid.width_m().max(grid.height_m())
+}
+
 /// The compactly supported fifth-order function of Gaspari and Cohn (1999), eq. (4.10), of distance over radius: 1 at 0,
 /// near a Gaussian of standard deviation radius × 0.27, and 0 from 1 on.
 pub fn gaspari_cohn(distance_over_radius: f64) -> f64 {

@@ -1,6 +1,7 @@
 //! Homogeneous errors of one variable.
 
 use super::homogeneous_filter::HomogeneousFilter;
+use super::taper::MOST_HEIGHTS;
 use super::{CorrelationFunction, Covariance};
 use crate::error::Error;
 use isobar_model::{Boundary, Layout, Location};
@@ -13,6 +14,7 @@ pub struct Univariate {
     len: usize,
     offset: usize,
     cells: usize,
+    ny: usize,
     wall_values: usize,
     sigma: f64,
     filter: HomogeneousFilter,
@@ -21,8 +23,13 @@ pub struct Univariate {
 impl Univariate {
     /// Errors with standard deviation `sigma` (in the variable's unit) and ρ = exp(−r²/2L²), L = `length_m`, summed over the
     /// images of a periodic plane.
-    pub fn new(layout: &Layout, variable: usize, sigma: f64, length_m: f64) -> Self {
-        Self::with_filter(layout, variable, sigma, HomogeneousFilter::gaussian(&layout.grid, length_m))
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for a length that needs too much padding in a channel.
+    pub fn new(layout: &Layout, variable: usize, sigma: f64, length_m: f64) -> Result<Self, Error> {
+        let across_m = length_m.min(MOST_HEIGHTS * layout.grid.height_m());
+        let filter = HomogeneousFilter::gaussian(&layout.grid, [length_m, across_m])?;
+        Ok(Self::with_filter(layout, variable, sigma, filter))
     }
 
     /// Errors with standard deviation `sigma` and ρ = f δ(r) + (1 − f) c(r/L): c a function of the shortest distance, to the
@@ -30,7 +37,8 @@ impl Univariate {
     ///
     /// # Errors
     /// [`Error::Setting`] if that is no covariance on this plane. On a periodic one the shortest distance has a kink half way
-    /// round, which a small fraction mends where the correlation there is small.
+    /// round, which a small fraction mends where the correlation there is small. A length that needs too much padding in a
+    /// channel.
     pub fn by_distance(
         layout: &Layout,
         variable: usize,
@@ -42,8 +50,7 @@ impl Univariate {
             let point = if distance_m == 0.0 { uncorrelated_fraction } else { 0.0 };
             point + (1.0 - uncorrelated_fraction) * correlation.at(distance_m / length_m)
         };
-        let padding_m = PADDING_LENGTHS * length_m;
-        let filter = HomogeneousFilter::by_distance(&layout.grid, padding_m, value)?;
+        let filter = HomogeneousFilter::by_distance(&layout.grid, (PADDING_LENGTHS, length_m), value)?;
         Ok(Self::with_filter(layout, variable, sigma, filter))
     }
 
@@ -54,6 +61,7 @@ impl Univariate {
             len: layout.len(),
             offset: variable * cells,
             cells,
+            ny: grid.ny,
             wall_values: if on_wall { grid.nx } else { 0 },
             sigma,
             filter,
@@ -68,6 +76,10 @@ impl Covariance for Univariate {
 
     fn control_len(&self) -> usize {
         self.filter.len()
+    }
+
+    fn control_cells(&self) -> Option<Vec<usize>> {
+        Some(self.filter.cells(self.ny))
     }
 
     fn root_add(&self, control: &[f64], increment: &mut [f64]) {

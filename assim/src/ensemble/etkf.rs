@@ -2,9 +2,9 @@
 
 use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
-use super::filter::{EnsembleAnalysis, EnsembleFilter};
+use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis};
 use super::members::ObservedEnsemble;
-use super::transform::{WhitenedObservations, transform};
+use super::transform::{self, WhitenedObservations, transform};
 use crate::error::Error;
 use crate::problem::Problem;
 use isobar_model::Model;
@@ -24,7 +24,7 @@ impl EnsembleTransformKalmanFilter {
     /// # Errors
     /// As [`Ensemble::draw`](super::Ensemble::draw).
     pub fn new(problem: impl Into<Problem<dyn Model>>, settings: EnsembleSettings) -> Result<Self, Error> {
-        Ok(Self { cycle: EnsembleCycle::new(problem.into(), settings, 1)?, analysis: Transform })
+        with_analysis(problem.into(), settings, 1, Transform)
     }
 
     /// The filter with its ensemble smoother (EnKS) of the last `lag` analyses before the newest.
@@ -38,6 +38,10 @@ impl EnsembleTransformKalmanFilter {
 }
 
 impl EnsembleAnalysis for Transform {
+    fn numbers(&self, members: f64, observations: f64) -> f64 {
+        transform::numbers(members, observations)
+    }
+
     fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> Result<Option<f64>, Error> {
         let whitened = WhitenedObservations::new(members);
         let inflation = cycle.inflation(&whitened);

@@ -1,5 +1,6 @@
 //! An ensemble Kalman filter: members in their cycle, and an analysis.
 
+use super::EnsembleSettings;
 use super::cycle::{EnsembleCycle, Memory};
 use super::fixed_lag::FixedLag;
 use super::members::{Ensemble, ObservedEnsemble};
@@ -9,12 +10,16 @@ use crate::covariance_column::{CovarianceColumn, JointErrors, Unknown};
 use crate::error::Error;
 use crate::estimate::{Analysis, Background, Estimate};
 use crate::memory::{from_bytes, to_bytes};
+use crate::problem::Problem;
 use faer::MatRef;
-use isobar_model::Duration;
+use isobar_model::{Duration, Model};
 use isobar_obs::ObservationWindow;
 
 /// What the ensemble methods differ in.
 pub(super) trait EnsembleAnalysis: Clone + Send + 'static {
+    /// How many numbers the analysis of n observations holds for N members, beside these.
+    fn numbers(&self, members: f64, observations: f64) -> f64;
+
     /// Takes the analysis of the observations, of which there are some, into the ensemble; returns χ² where double precision
     /// has it.
     ///
@@ -39,6 +44,38 @@ impl<A> EnsembleFilter<A> {
     }
 }
 
+/// A filter with members about the background, which are analysed at so many places.
+///
+/// # Errors
+/// As [`Ensemble::draw`]; [`Error::TooLarge`] if the analysis of the most observations does not fit into the memory limit.
+pub(super) fn with_analysis<A: EnsembleAnalysis>(
+    problem: Problem<dyn Model>,
+    settings: EnsembleSettings,
+    places: usize,
+    analysis: A,
+) -> Result<EnsembleFilter<A>, Error> {
+    require_memory(&problem, settings.members, &analysis, problem.most_observations)?;
+    Ok(EnsembleFilter { cycle: EnsembleCycle::new(problem, settings, places)?, analysis })
+}
+
+/// Fails unless there is memory for the members, their perturbations before and after and the draws of Q; the priors of the
+/// biases; what the members make of the observations, with its perturbations as they are and whitened; and the analysis.
+fn require_memory(
+    problem: &Problem<dyn Model>,
+    members: usize,
+    analysis: &impl EnsembleAnalysis,
+    observations: usize,
+) -> Result<(), Error> {
+    let p = problem.estimated_calibration().len();
+    let rows = problem.background.values().len() + p;
+    let [size, parameters, columns, n] = [rows, p, members, observations].map(|size| size as f64);
+    let numbers =
+        4.0 * size * columns + 2.0 * parameters * parameters + 3.0 * n * columns + analysis.numbers(columns, n);
+    problem.require_memory(numbers, || {
+        format!("an ensemble of {members} members of {rows} unknowns with {observations} observations")
+    })
+}
+
 impl<A: EnsembleAnalysis> Assimilator for EnsembleFilter<A> {
     fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
         let EnsembleCycle { problem, settings, memory } = &mut self.cycle;
@@ -48,6 +85,7 @@ impl<A: EnsembleAnalysis> Assimilator for EnsembleFilter<A> {
 
     fn analyse(&mut self, _: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
         let Self { cycle, analysis } = self;
+        require_memory(&cycle.problem, cycle.settings.members, analysis, observed.len())?;
         let members = cycle.memory.ensemble.observe(&cycle.problem, observed)?;
         if let Some(smoother) = &mut cycle.memory.smoother {
             smoother.shorten();

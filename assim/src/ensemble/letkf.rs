@@ -2,12 +2,12 @@
 
 use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
-use super::filter::{EnsembleAnalysis, EnsembleFilter};
+use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis};
 use super::localization::Taper;
 use super::members::ObservedEnsemble;
 use super::moments::Moments;
-use super::tapered::{SharedParameters, TaperedInnovations, cross_taper};
-use super::transform::{WhitenedObservations, transform};
+use super::tapered::{self, SharedParameters, TaperedInnovations, cross_taper};
+use super::transform::{self, WhitenedObservations, transform};
 use super::weights::WeightGrid;
 use crate::covariance::LocalizedEnsemble;
 use crate::error::Error;
@@ -40,7 +40,8 @@ pub struct LocalSettings {
 /// say of the bias and of the state around, and the filter does not become too sure of the bias, as it does with the
 /// weights of one analysis of all observations: N members know at most N − 1 directions of their errors.
 ///
-/// χ² is that of the innovations with the tapered covariance of the members (see `tapered`), where double precision has it.
+/// χ² is that of the innovations with the tapered covariance of the members (see `tapered`), where double precision has it
+/// and the memory limit leaves room for a matrix of all observations.
 pub type LocalEnsembleTransformKalmanFilter = EnsembleFilter<LocalTransform>;
 
 /// The analysis of the [`LocalEnsembleTransformKalmanFilter`]; the cycle has an inflation for each analysed cell.
@@ -50,6 +51,8 @@ pub struct LocalTransform {
     grid: Arc<WeightGrid>,
     /// κ of the taper between state and shared parameters.
     cross: f64,
+    /// The share of the plane whose observations are near a place.
+    reach: f64,
     shared: Vec<usize>,
     /// Local parameters with the cells in which they belong.
     local: Vec<(usize, usize)>,
@@ -78,8 +81,9 @@ impl LocalEnsembleTransformKalmanFilter {
         let cross = cross_taper(&layout.grid, &taper);
         let ByPlacement { shared, local } = problem.estimated_calibration().by_placement();
         let local = local.into_iter().map(|(number, (x_m, y_m))| (number, layout.grid.cell_at(x_m, y_m))).collect();
-        let cycle = EnsembleCycle::new(problem, settings, grid.points().len())?;
-        Ok(Self { cycle, analysis: LocalTransform { taper, grid: Arc::new(grid), cross, shared, local } })
+        let (places, reach) = (grid.points().len(), taper.reach());
+        let analysis = LocalTransform { taper, grid: Arc::new(grid), cross, reach, shared, local };
+        with_analysis(problem, settings, places, analysis)
     }
 
     /// Mean and spread of the members.
@@ -88,7 +92,10 @@ impl LocalEnsembleTransformKalmanFilter {
     }
 
     /// The covariance of the members' states, localised.
-    pub(crate) fn state_covariance(&self, localization_radius_m: f64) -> LocalizedEnsemble {
+    ///
+    /// # Errors
+    /// As [`LocalizedEnsemble::new`].
+    pub(crate) fn state_covariance(&self, localization_radius_m: f64) -> Result<LocalizedEnsemble, Error> {
         let layout = self.cycle.problem.background.layout();
         let states = self.cycle.memory.ensemble.moments().perturbations.as_ref().get(..layout.len(), ..).to_owned();
         LocalizedEnsemble::new(layout, &states, localization_radius_m)
@@ -154,6 +161,14 @@ impl LocalTransform {
 }
 
 impl EnsembleAnalysis for LocalTransform {
+    /// The weights of all places; on each thread those of a row, or an analysis with the observations around.
+    fn numbers(&self, members: f64, observations: f64) -> f64 {
+        let near = observations * (2.0 * self.reach).min(1.0);
+        let on_thread = transform::numbers(members, near) + self.grid.weights_in_row() as f64 * members * members;
+        let threads = rayon::current_num_threads() as f64;
+        self.grid.points().len() as f64 * members * (members + 1.0) + threads * on_thread
+    }
+
     fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> Result<Option<f64>, Error> {
         let m = cycle.state_values();
         let whitened = WhitenedObservations::new(members);
@@ -184,10 +199,14 @@ impl EnsembleAnalysis for LocalTransform {
             }
         }
         let shared = SharedParameters { numbers: &self.shared, perturbations: parameters };
-        let tapered = TaperedInnovations::new(members, &whitened, &shared, &self.taper, self.cross);
+        // χ² alone needs the covariance of all observations, and is given where there is memory for it.
+        let (count, n) = (whitened.perturbations.ncols() as f64, whitened.departures.len() as f64);
+        let fits = cycle.problem.require_memory(tapered::numbers(count, n), || "χ²".into());
+        let tapered =
+            fits.and_then(|()| TaperedInnovations::new(members, &whitened, &shared, &self.taper, self.cross)?.chi2());
         let analysed = Moments::of_transformed(background.mean.clone(), &deviations);
         cycle.set(&background, analysed);
         // What the sum of the tapered covariance and R does not resolve, the local analyses may: they fail for nothing.
-        Ok(tapered.ok().and_then(|tapered| tapered.chi2().ok()))
+        Ok(tapered.ok())
     }
 }

@@ -1,10 +1,7 @@
 //! Localisation: correlations over long distances, which a small ensemble cannot know, are tapered off.
 
-use crate::covariance::gaspari_cohn;
+use crate::covariance::{WIDEST, gaspari_cohn, is_wide};
 use isobar_model::{Boundary, Grid};
-
-/// Widths of a periodic domain beyond which a larger radius makes no difference.
-const WIDEST: f64 = 10.0;
 
 /// A taper on a plane: Gaspari and Cohn's function, where the plane is periodic summed over the images of a place and
 /// divided by the sum for the place itself. So it is positive semidefinite for any radius; with that of the nearest image
@@ -15,6 +12,8 @@ pub(super) struct Taper {
     /// Distances between the images in x and in y \[m\], and how many there are to either side.
     periods_m: [f64; 2],
     images: [i32; 2],
+    /// Whether all weights are 1.
+    is_wide: bool,
     /// The sum for the place itself.
     total: f64,
 }
@@ -25,14 +24,21 @@ impl Taper {
         let periods_m = [grid.width_m(), grid.height_m()];
         let [x, y] = periods_m.map(|period| (radius_m / period).min(WIDEST).ceil() as i32);
         let images = [x, if grid.boundary == Boundary::Periodic { y } else { 0 }];
-        let mut taper = Self { radius_m, periods_m, images, total: 1.0 };
+        let is_wide = is_wide(grid, radius_m);
+        let mut taper = Self { radius_m, periods_m, images, is_wide, total: 1.0 };
         taper.total = taper.weight((0.0, 0.0), (0.0, 0.0));
         taper
     }
 
+    /// The share of the plane that is near a place.
+    pub fn reach(&self) -> f64 {
+        let [width, height] = self.periods_m.map(|period| (2.0 * self.radius_m / period).min(1.0));
+        width * height
+    }
+
     /// The weight of one place in the analysis of another.
     pub fn weight(&self, a: (f64, f64), b: (f64, f64)) -> f64 {
-        if self.radius_m >= WIDEST * self.periods_m[0].max(self.periods_m[1]) {
+        if self.is_wide {
             return 1.0;
         }
         let mut sum = 0.0;

@@ -7,12 +7,12 @@ use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance::{self, randomize};
 use crate::error::Error;
 use crate::estimate::Estimate;
-use crate::linalg::{add_symmetric_product, cholesky, column, product, qr, semidefinite_root};
+use crate::linalg::{add_symmetric_product, cholesky, column, polar_factor, product, qr, semidefinite_root};
 use crate::memory::Matrix;
 use crate::problem::{Innovations, Problem, require_finite, steps};
 use faer::{Mat, MatRef};
-use isobar_model::random::standard_normals;
-use isobar_model::vector::{add, axpy, subtract};
+use isobar_model::random::{standard_normals, stream};
+use isobar_model::vector::{add, axpy, dot, subtract};
 use isobar_model::{Duration, Model, State, forecast};
 use isobar_obs::ObservationWindow;
 use rand_chacha::ChaCha8Rng;
@@ -54,7 +54,9 @@ impl Ensemble {
     ) -> Result<Self, Error> {
         let calibration = problem.estimated_calibration();
         let (m, p, members) = (problem.background.values().len(), calibration.len(), settings.members);
-        check(problem, settings.initial_members, m + p, p, members)?;
+        check(settings.initial_members, p, members)?;
+        let numbers = 4.0 * (m + p) as f64 * members as f64 + exact_sampling(settings.initial_members, members);
+        problem.require_memory(numbers, || format!("an ensemble of {members} members of {} unknowns", m + p))?;
         let prior = Mat::from_fn(p, p, |i, j| calibration.prior_covariance(i, j));
         let root = cholesky(prior, || "the prior covariance of the calibration parameters".into())?;
         let perturbations = match settings.initial_members {
@@ -254,7 +256,7 @@ impl Ensemble {
 }
 
 /// √(N−1) F Ω, column-major `[m + p, N]`: F holds the leading factors of B and the priors, Ω `[N − 1, N]` orthonormal rows
-/// whose sums are zero.
+/// whose sums are zero (Pham 2001, Monthly Weather Review 129, second-order exact sampling).
 fn second_order_exact(
     problem: &Problem<dyn Model>,
     root: &Mat<f64>,
@@ -270,6 +272,7 @@ fn second_order_exact(
     let spread: Vec<f64> = variances.iter().map(|variance| variance.sqrt()).collect();
     let scales = variable_scales(problem, &spread);
     let factors = covariance::leading_factors(&*problem.background_error, &scales, members - 1 - p, random);
+    let factors = turned_to_fixed_directions(factors, &scales);
     let r = factors.ncols();
     let mut all = Mat::<f64>::zeros(m + p, members - 1);
     all.as_mut().get_mut(..m, ..r).copy_from(&factors);
@@ -284,13 +287,36 @@ fn second_order_exact(
     (0..members.ncols()).flat_map(|j| members.col_as_slice(j).iter().map(move |value| scale * value)).collect()
 }
 
-fn check(
-    problem: &Problem<dyn Model>,
-    initial: InitialMembers,
-    rows: usize,
-    p: usize,
-    members: usize,
-) -> Result<(), Error> {
+/// The rotation of second-order exact sampling, Q, and what it is made from.
+fn exact_sampling(initial: InitialMembers, members: usize) -> f64 {
+    match initial {
+        InitialMembers::Random => 0.0,
+        InitialMembers::SecondOrderExact => 4.0 * (members as f64).powi(2),
+    }
+}
+
+/// F R for the R orthogonal `[r, r]` that makes it the nearest to fixed random directions W, `[m, r]`:
+///
+/// ```text
+/// Fᵀ S⁻¹ W = U Σ Vᵀ,    R = U Vᵀ,    S the scales
+/// ```
+///
+/// (the orthogonal Procrustes problem, Schönemann 1966, Psychometrika 31). F O has the same covariance for any orthogonal O and
+/// the same F R. Eigenvectors of equal eigenvalues are known up to such an O only, which rounding chooses, and the members of a
+/// nonlinear model depend on the columns of F, not on F Fᵀ alone.
+fn turned_to_fixed_directions(factors: Mat<f64>, scales: &[f64]) -> Mat<f64> {
+    let (m, r) = (factors.nrows(), factors.ncols());
+    let mut directions = stream(0, "directions of the first members");
+    let mut alignment = Mat::zeros(r, r);
+    for j in 0..r {
+        let mut direction = standard_normals(&mut directions, m);
+        direction.iter_mut().zip(scales).for_each(|(value, scale)| *value /= scale);
+        (0..r).for_each(|i| alignment[(i, j)] = dot(factors.col_as_slice(i), &direction));
+    }
+    product(factors.as_ref(), polar_factor(alignment.as_ref()).as_ref())
+}
+
+fn check(initial: InitialMembers, p: usize, members: usize) -> Result<(), Error> {
     if members < 2 {
         return Err(Error::Setting(format!("an ensemble of {members} has no spread; it needs 2 members or more")));
     }
@@ -299,12 +325,6 @@ fn check(
             "{members} members cannot hold {p} biases and a factor of B; second-order exact sampling needs {}",
             p + 2
         )));
-    }
-    // The members, their perturbations before and after, and the draws of Q.
-    let needed_bytes = 4 * 8 * (rows * members) as u64;
-    if needed_bytes > problem.memory_limit_bytes {
-        let what = format!("an ensemble of {members} members of {rows} unknowns");
-        return Err(Error::TooLarge { what, needed_bytes, limit_bytes: problem.memory_limit_bytes });
     }
     Ok(())
 }

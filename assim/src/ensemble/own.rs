@@ -2,9 +2,9 @@
 
 use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
-use super::filter::{EnsembleAnalysis, EnsembleFilter};
+use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis};
 use super::members::ObservedEnsemble;
-use super::transform::{Transform, WhitenedObservations, transform};
+use super::transform::{self, Transform, WhitenedObservations, transform};
 use crate::error::Error;
 use crate::linalg::column;
 use crate::problem::Problem;
@@ -47,11 +47,16 @@ impl<T: EnsembleTransform> EnsembleFilter<By<T>> {
     /// # Errors
     /// As [`Ensemble::draw`](super::Ensemble::draw).
     pub fn by(transform: T, problem: impl Into<Problem<dyn Model>>, settings: EnsembleSettings) -> Result<Self, Error> {
-        Ok(Self { cycle: EnsembleCycle::new(problem.into(), settings, 1)?, analysis: By(transform) })
+        with_analysis(problem.into(), settings, 1, By(transform))
     }
 }
 
 impl<T: EnsembleTransform> EnsembleAnalysis for By<T> {
+    /// As much again for what is made outside.
+    fn numbers(&self, members: f64, observations: f64) -> f64 {
+        2.0 * transform::numbers(members, observations)
+    }
+
     fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> Result<Option<f64>, Error> {
         let whitened = WhitenedObservations::new(members);
         let inflation = cycle.inflation(&whitened);

@@ -2,11 +2,11 @@
 
 use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
-use super::filter::{EnsembleAnalysis, EnsembleFilter};
+use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis};
 use super::localization::Taper;
 use super::members::ObservedEnsemble;
 use super::moments::Moments;
-use super::tapered::{SharedParameters, TaperedInnovations, cross_taper};
+use super::tapered::{self, SharedParameters, TaperedInnovations, cross_taper};
 use super::transform::WhitenedObservations;
 use crate::error::Error;
 use crate::linalg::product;
@@ -55,11 +55,17 @@ impl StochasticEnsembleKalmanFilter {
         let cross = cross_taper(grid, &taper);
         let ByPlacement { shared, local } = problem.estimated_calibration().by_placement();
         let analysis = PerturbedObservations { taper, cross, shared, local };
-        Ok(Self { cycle: EnsembleCycle::new(problem, settings, 1)?, analysis })
+        with_analysis(problem, settings, 1, analysis)
     }
 }
 
 impl EnsembleAnalysis for PerturbedObservations {
+    /// The tapered innovations, their solution with its draws, and on each thread the covariance of a place.
+    fn numbers(&self, members: f64, observations: f64) -> f64 {
+        let threads = rayon::current_num_threads() as f64;
+        tapered::numbers(members, observations) + (3.0 + threads) * members * observations
+    }
+
     fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> Result<Option<f64>, Error> {
         let m = cycle.state_values();
         let inflation = cycle.settings.inflation;

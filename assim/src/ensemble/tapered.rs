@@ -139,6 +139,11 @@ impl<'a> TaperedInnovations<'a> {
     }
 }
 
+/// How many numbers [`TaperedInnovations`] holds for N members and n observations.
+pub(super) fn numbers(members: f64, observations: f64) -> f64 {
+    4.0 * observations * observations + 4.0 * members * observations
+}
+
 /// The largest κ for which the taper of state and shared parameters is positive semidefinite: the root of the mean of ρ
 /// over the domain, as seen from where that is least.
 pub(super) fn cross_taper(grid: &Grid, taper: &Taper) -> f64 {

@@ -136,6 +136,12 @@ pub(super) fn transform(observed: &WhitenedObservations, inflation: f64) -> Tran
     Transform { mean, root, inflation, chi2 }
 }
 
+/// How many numbers [`transform`] and the weights hold for N members and n observations: the roots, the eigenvectors of the
+/// smaller side, and the observations as they are and in the eigenvectors.
+pub(super) fn numbers(members: f64, observations: f64) -> f64 {
+    5.0 * members * members + 3.0 * members.min(observations).powi(2) + 3.0 * members * observations
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -65,6 +65,11 @@ impl WeightGrid {
         &self.points
     }
 
+    /// How many matrices of weights the interpolation along a row of cells holds.
+    pub fn weights_in_row(&self) -> usize {
+        if self.rows.points.len() < self.rows.cells { self.columns.points.len() } else { 0 }
+    }
+
     /// The weights of a point of the coarse grid's column in row `j` of the full grid.
     fn in_row<'a>(&self, weights: &'a [Mat<f64>], column: usize, row: Bracket) -> Cow<'a, Mat<f64>> {
         let at = |point: usize| &weights[point * self.columns.points.len() + column];

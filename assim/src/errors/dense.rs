@@ -9,7 +9,7 @@ use crate::fixed_lag::{FixedLag, Whitened};
 use crate::innovation_covariance::InnovationCovariance;
 use crate::linalg::{add_product, add_symmetric_product, column, product, solve_lower_transposed, solved_lower};
 use crate::memory::{Matrix, require};
-use crate::problem::{Innovations, Problem};
+use crate::problem::{Innovations, Problem, require_memory};
 use crate::propagator::propagator;
 use faer::{Mat, MatRef, Scale};
 use isobar_model::TangentLinear;
@@ -63,7 +63,7 @@ impl KalmanFilter {
     /// # Errors
     /// [`Error::TooLarge`] if the dense matrices do not fit into the memory limit.
     pub fn new(problem: impl Into<Problem<dyn TangentLinear>>) -> Result<Self, Error> {
-        Self::with_inflated_errors(problem.into(), 1.0)
+        Self::with_inflated_errors(problem.into(), 1.0, false)
     }
 
     /// A filter that starts from the background, and analyses one observation at a time.
@@ -71,17 +71,20 @@ impl KalmanFilter {
     /// # Errors
     /// As [`KalmanFilter::new`].
     pub fn serial(problem: impl Into<Problem<dyn TangentLinear>>) -> Result<Self, Error> {
-        let mut filter = Self::new(problem)?;
-        filter.belief.errors.one_by_one = true;
-        Ok(filter)
+        Self::with_inflated_errors(problem.into(), 1.0, true)
     }
 
     /// A filter that starts from the background, with the covariances of the state's errors at the start and of the
-    /// model's errors multiplied by a factor.
-    pub(crate) fn with_inflated_errors(problem: Problem<dyn TangentLinear>, factor: f64) -> Result<Self, Error> {
+    /// model's errors multiplied by a factor; `one_by_one` takes one observation at a time.
+    pub(crate) fn with_inflated_errors(
+        problem: Problem<dyn TangentLinear>,
+        factor: f64,
+        one_by_one: bool,
+    ) -> Result<Self, Error> {
         let calibration = problem.estimated_calibration();
         let (m, p) = (problem.background.values().len(), calibration.len());
-        check_memory(m + p, None, problem.memory_limit_bytes)?;
+        let size = Size { unknowns: m + p, observations: problem.most_observations, one_by_one, lag: None };
+        size.require_memory(problem.memory_limit_bytes)?;
         let mut covariance = Mat::zeros(m + p, m + p);
         let of_state = covariance::dense(&*problem.background_error) * Scale(factor);
         covariance.as_mut().get_mut(..m, ..m).copy_from(of_state);
@@ -90,7 +93,7 @@ impl KalmanFilter {
         let model_error = problem.model_error.as_deref();
         let model_error = model_error.map(|operator| Arc::new(covariance::dense(operator) * Scale(factor)));
         let memory = Memory { covariance: Matrix(covariance), smoother: None };
-        Ok(Self::starting_with(problem, Dense { model_error, one_by_one: false, memory }))
+        Ok(Self::starting_with(problem, Dense { model_error, one_by_one, memory }))
     }
 
     /// The filter with a fixed-lag smoother of the last `lag` analyses before the newest.
@@ -98,7 +101,8 @@ impl KalmanFilter {
     /// # Errors
     /// [`Error::TooLarge`] if it does not fit into the memory limit beside the filter.
     pub fn smoothing(mut self, lag: usize) -> Result<Self, Error> {
-        check_memory(self.covariance().nrows(), Some(lag), self.problem.memory_limit_bytes)?;
+        let size = Size { lag: Some(lag), ..self.belief.errors.size(self.problem.most_observations) };
+        size.require_memory(self.problem.memory_limit_bytes)?;
         self.belief.errors.memory.smoother = Some(FixedLag::new(lag));
         Ok(self)
     }
@@ -111,6 +115,14 @@ impl KalmanFilter {
     /// The covariance of the errors of (x, c), `[m + p, m + p]`.
     pub(crate) fn covariance_mut(&mut self) -> &mut Mat<f64> {
         &mut self.belief.errors.memory.covariance
+    }
+}
+
+impl Dense {
+    fn size(&self, observations: usize) -> Size {
+        let Memory { covariance, smoother } = &self.memory;
+        let (unknowns, lag) = (covariance.nrows(), smoother.as_ref().map(FixedLag::lag));
+        Size { unknowns, observations, one_by_one: self.one_by_one, lag }
     }
 }
 
@@ -200,6 +212,10 @@ impl Errors for Dense {
         Ok(())
     }
 
+    fn require_memory(&self, observations: usize, _: usize, limit_bytes: u64) -> Result<(), Error> {
+        self.size(observations).require_memory(limit_bytes)
+    }
+
     fn smoother(&self) -> Option<&FixedLag> {
         self.memory.smoother.as_ref()
     }
@@ -231,13 +247,35 @@ fn in_gain_form(p: &mut Mat<f64>, d: &Innovations) -> Result<(Vec<f64>, f64), Er
     Ok((increment.col_as_slice(0).to_vec(), chi2))
 }
 
-/// P, Q, the propagator A and two products of the same size, and the smoother if there is one.
-fn check_memory(size: usize, lag: Option<usize>, limit_bytes: u64) -> Result<(), Error> {
-    let needed_bytes = 5 * 8 * (size as u64).pow(2) + lag.map_or(0, |lag| FixedLag::bytes(lag, size));
-    if needed_bytes > limit_bytes {
-        let smoother = lag.map_or_else(String::new, |lag| format!(" with a smoother of {lag} analyses"));
-        let what = format!("the dense Kalman filter for {size} unknowns{smoother}");
-        return Err(Error::TooLarge { what, needed_bytes, limit_bytes });
+/// What a dense filter has to hold.
+#[derive(Clone, Copy)]
+struct Size {
+    /// m + p.
+    unknowns: usize,
+    /// n.
+    observations: usize,
+    /// Whether the analysis takes one observation at a time.
+    one_by_one: bool,
+    /// Analyses of a smoother before the newest, if there is one.
+    lag: Option<usize>,
+}
+
+impl Size {
+    /// P and Q, and for the forecast the propagator A and two products of the same size, or for the analysis P Hᵀ, twice the
+    /// gain and H P Hᵀ + R; the smoother, if there is one.
+    fn require_memory(self, limit_bytes: u64) -> Result<(), Error> {
+        let Self { unknowns, observations, one_by_one, lag } = self;
+        let (size, n) = (unknowns as f64, observations as f64);
+        let of_analysis = if one_by_one { size + n } else { 3.0 * size * n + n * n };
+        let of_smoother = lag.map_or(0.0, |lag| FixedLag::numbers(lag, unknowns, observations));
+        let numbers = 2.0 * size * size + f64::max(3.0 * size * size, of_analysis) + of_smoother;
+        require_memory(limit_bytes, numbers, || {
+            let smoother = lag.map_or_else(String::new, |lag| format!(" with a smoother of {lag} analyses"));
+            let observations = match observations {
+                0 => String::new(),
+                n => format!(" and {n} observations"),
+            };
+            format!("the dense Kalman filter for {unknowns} unknowns{observations}{smoother}")
+        })
     }
-    Ok(())
 }

@@ -172,7 +172,7 @@ mod tests {
                 let walls = if boundary == Boundary::Channel && variable == 2 { 9 } else { 0 };
                 let white = White::new(&layout, variable, 2.0);
                 assert_eq!(check_covariance(&white).rank, 72 - walls);
-                let correlated = Univariate::new(&layout, variable, 2.0, 2.5e5);
+                let correlated = Univariate::new(&layout, variable, 2.0, 2.5e5).unwrap();
                 assert!((20..=72 - walls).contains(&check_covariance(&correlated).rank));
             }
             // One streamfunction for three variables: no more degrees of freedom than it has corners.
@@ -193,7 +193,7 @@ mod tests {
         assert!((contract.condition.unwrap() - 1.0).abs() < 1e-12, "{contract:?}");
         let mut terms = noise(0.5);
         terms.push(Box::new(balanced(&layout)));
-        terms.push(Box::new(Univariate::new(&layout, 0, 3.0, 4e5)));
+        terms.push(Box::new(Univariate::new(&layout, 0, 3.0, 4e5).unwrap()));
         let contract = check_covariance(&Sum::new(layout.len(), terms));
         assert!(contract.rank == layout.len() && contract.condition.unwrap() > 100.0, "{contract:?}");
         let walled = self::layout(Boundary::Channel);

@@ -18,6 +18,8 @@ pub(super) struct Stopping {
 pub(super) struct Solution {
     /// v.
     pub values: Vec<f64>,
+    /// b − A v.
+    pub residual: Vec<f64>,
     /// How it ended.
     pub ending: Ending,
 }
@@ -48,12 +50,12 @@ struct System {
 
 impl System {
     /// A v = b, solved when |b − A v| has fallen to the tolerance times |b|, and to at most `largest`.
-    fn new(b: &[f64], stopping: Stopping, largest: f64) -> Self {
-        let right_squared = dot(b, b);
+    fn new(b: Vec<f64>, stopping: Stopping, largest: f64) -> Self {
+        let right_squared = dot(&b, &b);
         Self {
             solution: vec![0.0; b.len()],
-            residual: b.to_vec(),
-            direction: b.to_vec(),
+            direction: b.clone(),
+            residual: b,
             residual_squared: right_squared,
             right_squared,
             goal: (right_squared * stopping.tolerance.powi(2)).min(largest * largest),
@@ -93,27 +95,23 @@ impl System {
 /// In control space A = I + KᵀK is the Hessian of the cost J, so that 2 J(v) exceeds its minimum by
 /// (b − A v)ᵀ A⁻¹ (b − A v) ≤ |b − A v|², whatever the units. A tolerance relative to |b| alone stops far from the minimum
 /// where one term of the cost is much steeper than the others, as with a very accurate observation or a very wide prior.
-/// So the first system, that of the minimum, also needs |b − A v| ≤ √(tolerance n): 2 J is then within the tolerance of its
-/// expectation, the number n of observations.
+/// So the residual of each system must also fall to at most `largest` of its number.
 pub(super) fn solve(
-    right: &[Vec<f64>],
-    observations: usize,
+    right: Vec<Vec<f64>>,
+    largest: impl Fn(usize) -> f64,
     stopping: Stopping,
-    mut multiply: impl FnMut(&[Vec<f64>]) -> Vec<Vec<f64>>,
+    multiply: impl Fn(&[&[f64]]) -> Vec<Vec<f64>>,
 ) -> Vec<Solution> {
-    let largest = |number: usize| match number {
-        0 => (stopping.tolerance * observations as f64).sqrt(),
-        _ => f64::INFINITY,
-    };
     let mut systems: Vec<System> =
-        right.iter().enumerate().map(|(number, b)| System::new(b, stopping, largest(number))).collect();
+        right.into_iter().enumerate().map(|(number, b)| System::new(b, stopping, largest(number))).collect();
     for _ in 0..stopping.max_iterations {
         let mut open: Vec<&mut System> = systems.iter_mut().filter(|system| system.is_open()).collect();
         if open.is_empty() {
             break;
         }
-        let directions: Vec<Vec<f64>> = open.iter().map(|system| system.direction.clone()).collect();
-        for (system, image) in open.iter_mut().zip(multiply(&directions)) {
+        let directions: Vec<&[f64]> = open.iter().map(|system| &*system.direction).collect();
+        let images = multiply(&directions);
+        for (system, image) in open.iter_mut().zip(images) {
             system.iterate(&image);
         }
     }
@@ -121,7 +119,21 @@ pub(super) fn solve(
         let relative = if system.right_squared > 0.0 { system.residual_squared / system.right_squared } else { 0.0 };
         let ending =
             Ending { iterations: system.iterations, relative_residual: relative.sqrt(), reached: system.is_solved() };
-        Solution { values: system.solution, ending }
+        Solution { values: system.solution, residual: system.residual, ending }
     };
     systems.into_iter().map(solution).collect()
+}
+
+/// Minimises a cost with the Hessian A and the gradient −b at zero, for so many observations: with a residual of at most
+/// √(tolerance n), 2 J is within the tolerance of its expectation n.
+pub(super) fn minimise(
+    right: Vec<f64>,
+    observations: usize,
+    stopping: Stopping,
+    hessian: impl Fn(&[f64]) -> Vec<f64>,
+) -> Solution {
+    let largest = (stopping.tolerance * observations as f64).sqrt();
+    let solutions =
+        solve(vec![right], |_| largest, stopping, |directions| directions.iter().map(|v| hessian(v)).collect());
+    solutions.into_iter().next().expect("one system has one solution")
 }

@@ -1,6 +1,6 @@
 //! Whether the minimisations of a variational method have converged.
 
-use super::conjugate_gradient::Solution;
+use super::conjugate_gradient::Ending;
 use crate::estimated::{EstimatedParameter, EstimatesParameters};
 use serde::{Deserialize, Serialize};
 
@@ -19,8 +19,8 @@ pub(super) struct Convergence {
 
 impl Convergence {
     /// Takes in the last minimisations of an analysis: that of the cost, and those of the covariance of the biases.
-    pub fn add(&mut self, solutions: &[Solution]) {
-        let endings = || solutions.iter().map(|solution| solution.ending);
+    pub fn add(&mut self, minimum: Ending, of_biases: &[Ending]) {
+        let endings = || std::iter::once(minimum).chain(of_biases.iter().copied());
         self.iterations = endings().map(|ending| ending.iterations).max().unwrap_or(0);
         self.relative_gradient = endings().map(|ending| ending.relative_residual).fold(0.0, f64::max);
         self.reached = endings().all(|ending| ending.reached);

@@ -1,7 +1,8 @@
 //! Strong-constraint incremental 4D-Var with the biases in the control vector.
 
-use super::conjugate_gradient::{self, Stopping};
-use super::control_space::ControlSpace;
+use super::bias_information::BiasInformation;
+use super::conjugate_gradient::{Stopping, minimise};
+use super::control_space::{self, ControlSpace};
 use super::convergence::Convergence;
 use crate::assimilator::{Adjustments, Assimilator, CalibrationAdjustment, Views, WidenCalibration};
 use crate::calibrated_state::CalibratedState;
@@ -76,15 +77,18 @@ impl FourDVar {
     /// 4D-Var from the background.
     ///
     /// # Errors
-    /// [`Error::Setting`] for a window or a number of outer loops of zero.
+    /// [`Error::Setting`] for a window or a number of outer loops of zero; [`Error::TooLarge`] if the analysis of the most
+    /// observations does not fit into the memory limit.
     pub fn new(problem: Problem<dyn Adjoint>, settings: FourDVarSettings) -> Result<Self, Error> {
         if settings.window_cycles == 0 || settings.outer_loops == 0 {
             return Err(Error::Setting("4D-Var needs a window of at least one cycle and one outer loop".into()));
         }
-        let present = CalibratedState::new(&problem);
+        let (model, problem) = (Arc::clone(&problem.model), Problem::<dyn Model>::from(problem));
+        check_memory(&problem, settings.window_cycles, problem.most_observations * settings.window_cycles, 0)?;
+        let present = CalibratedState::new(&problem)?;
         Ok(Self {
-            model: Arc::clone(&problem.model),
-            problem: problem.into(),
+            model,
+            problem,
             settings,
             starts: VecDeque::from([present.clone()]),
             observed: VecDeque::new(),
@@ -107,8 +111,10 @@ impl FourDVar {
     /// Returns χ², if the last minimisation has converged.
     fn analyse_window(&mut self, cycle: Duration) -> Result<Option<f64>, Error> {
         let steps = steps(&*self.model, cycle)?;
+        let (cycles, window_cycles) = (self.observed.len(), self.settings.window_cycles);
+        let observations: usize = self.observed.iter().map(|observed| observed.len()).sum();
+        check_memory(&self.problem, window_cycles, observations, cycles * (steps + 1))?;
         let mut background = self.starts.front().expect("there is always a background").clone();
-        let cycles = self.observed.len();
         background.drift(Duration::from_seconds(cycle.seconds() * cycles as i64));
         let scale = self.settings.covariance_scale;
         let control = ControlSpace::new(&*self.problem.background_error, scale, &background.bias_covariance)?;
@@ -136,28 +142,22 @@ impl FourDVar {
                 add(values, &own.whiten(own.departures.clone()));
             }
             let gradient = cost.multiply_transposed(&[right.clone()]).swap_remove(0);
-            // The last outer loop finds the covariance of the biases along with the minimum.
-            let units = if outer == self.settings.outer_loops { control.parameters() } else { 0 };
-            let systems: Vec<Vec<f64>> =
-                std::iter::once(gradient.clone()).chain(control.bias_units().take(units)).collect();
-            let observations = right.iter().map(Vec::len).sum();
-            let solutions =
-                conjugate_gradient::solve(&systems, observations, stopping, |directions| cost.hessian(directions));
-            let (minimum, posterior) = solutions.split_first().expect("the minimum is the first");
+            let minimum = minimise(gradient, observations, stopping, |direction| cost.hessian(direction));
             let (dx, dc) = control.increments(&minimum.values);
+            estimate = background.clone();
+            estimate.add(&dx, &dc);
             if outer == self.settings.outer_loops {
-                self.convergence.add(&solutions);
+                // The last outer loop finds the covariance of the biases as well.
+                let information =
+                    BiasInformation::new(&innovations, &control, stopping, |vectors| cost.multiply_state(vectors));
+                estimate.bias_covariance = control.bias_covariance(&information.matrix)?.into();
+                self.convergence.add(minimum.ending, &information.endings);
                 if self.convergence.reached() {
                     let fitted = cost.observe(dx.clone(), std::slice::from_ref(&dc)).swap_remove(0);
                     let misfits = right.iter().flatten().zip(fitted.iter().flatten());
                     let misfit: f64 = misfits.map(|(d, fitted)| (d - fitted).powi(2)).sum();
                     chi2 = Some(misfit + squared_norm(&minimum.values));
                 }
-            }
-            estimate = background.clone();
-            estimate.add(&dx, &dc);
-            if units > 0 {
-                estimate.bias_covariance = control.bias_covariance(posterior).into();
             }
         }
         forecast::forecast(&*self.model, &mut estimate.s.state, steps * cycles)?;
@@ -266,6 +266,13 @@ impl Cost<'_> {
 
     /// Kᵀ of several vectors of whitened observations.
     fn multiply_transposed(&self, whitened: &[Vec<Vec<f64>>]) -> Vec<Vec<f64>> {
+        let (columns, biases) = self.back(whitened);
+        let m = self.control.state_values();
+        columns.par_chunks_exact(m).zip(&biases).map(|(dx, dc)| self.control.controls(dx, dc)).collect()
+    }
+
+    /// (Mᵀ Hᵀ R^-½ y, Gᵀ R^-½ y) of several vectors of whitened observations: the states one after another, and the biases.
+    fn back(&self, whitened: &[Vec<Vec<f64>>]) -> (Vec<f64>, Vec<Vec<f64>>) {
         let m = self.control.state_values();
         let mut columns = vec![0.0; m * whitened.len()];
         let mut biases = vec![vec![0.0; self.control.parameters()]; whitened.len()];
@@ -275,17 +282,51 @@ impl Cost<'_> {
             }
             forecast::backward_ad(self.model, cycle, &mut columns);
         }
-        columns.par_chunks_exact(m).zip(&biases).map(|(dx, dc)| self.control.controls(dx, dc)).collect()
+        (columns, biases)
     }
 
-    /// (I + KᵀK) of several control vectors.
-    fn hessian(&self, controls: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        let (columns, biases): (Vec<Vec<f64>>, Vec<Vec<f64>>) =
-            controls.par_iter().map(|control| self.control.increments(control)).unzip();
-        let mut images = self.multiply_transposed(&self.observe(columns.concat(), &biases));
-        for (image, control) in images.iter_mut().zip(controls) {
-            add(image, control);
-        }
-        images
+    /// (I + KᵀK) v.
+    fn hessian(&self, control: &[f64]) -> Vec<f64> {
+        let (dx, dc) = self.control.increments(control);
+        let mut image = self.multiply_transposed(&self.observe(dx, &[dc])).swap_remove(0);
+        add(&mut image, control);
+        image
     }
+
+    /// K_x K_xᵀ of several vectors of whitened observations, those of a window one after another; of the state alone.
+    fn multiply_state(&self, vectors: &[&[f64]]) -> Vec<Vec<f64>> {
+        let m = self.control.state_values();
+        let no_biases = vec![vec![0.0; self.control.parameters()]; vectors.len()];
+        let split = |vector: &&[f64]| -> Vec<Vec<f64>> {
+            let mut rest = *vector;
+            let mut of_cycle = |own: &Innovations| rest.split_off(..own.len()).expect("all cycles' rows").to_vec();
+            self.innovations.iter().map(&mut of_cycle).collect()
+        };
+        let (mut columns, _) = self.back(&vectors.iter().map(split).collect::<Vec<_>>());
+        columns.par_chunks_exact_mut(m).for_each(|dx| {
+            dx.copy_from_slice(&self.control.state_increment(&self.control.state_control(dx)));
+        });
+        self.observe(columns, &no_biases).into_iter().map(|parts| parts.concat()).collect()
+    }
+}
+
+/// What the minimisation needs, the trajectory's states and those that the window's vectors are propagated with, and the
+/// backgrounds of the window's cycles.
+fn check_memory(
+    problem: &Problem<dyn Model>,
+    window_cycles: usize,
+    observations: usize,
+    states: usize,
+) -> Result<(), Error> {
+    let (m, p) = (problem.background.values().len(), problem.estimated_calibration().len());
+    let controls = problem.background_error.control_len();
+    let [values, parameters, starts] = [m, p, window_cycles + 2].map(|size| size as f64);
+    let numbers = control_space::numbers(controls, m, p, observations)
+        + values * (states as f64 + 3.0 * (parameters + 1.0))
+        + starts * (parameters * parameters + values);
+    problem.require_memory(numbers, || {
+        format!(
+            "the minimisation for {controls} control variables, {p} biases and {observations} observations of a window"
+        )
+    })
 }

@@ -1,5 +1,6 @@
 //! Hybrid 3D-Var: the covariance of an ensemble beside the static one.
 
+use super::three_d_var::check_memory;
 use super::{ThreeDVar, ThreeDVarSettings};
 use crate::assimilator::{Adjustments, Assimilator, CalibrationAdjustment, Views, WidenCalibration};
 use crate::covariance::{Covariance, LocalizedEnsemble};
@@ -49,16 +50,21 @@ impl HybridThreeDVar {
     /// Hybrid 3D-Var from the background.
     ///
     /// # Errors
-    /// [`Error::Setting`] for a weight outside \[0, 1\]; those of the ensemble.
+    /// [`Error::Setting`] for a weight outside \[0, 1\]; those of the ensemble; [`Error::TooLarge`] if the control vectors do
+    /// not fit into the memory limit.
     pub fn new(problem: impl Into<Problem<dyn Model>>, settings: HybridSettings) -> Result<Self, Error> {
         let problem = problem.into();
         if !(0.0..=1.0).contains(&settings.ensemble_weight) {
             return Err(Error::Setting(format!("an ensemble weight of {} is not in [0, 1]", settings.ensemble_weight)));
         }
+        let (grid, radius_m) = (&problem.background.layout().grid, settings.local.localization_radius_m);
+        let of_ensemble = LocalizedEnsemble::control_len_of(grid, settings.ensemble.members, radius_m)?;
+        let controls = problem.background_error.control_len() + of_ensemble;
+        check_memory(&problem, controls, problem.most_observations)?;
         let ensemble = LocalEnsembleTransformKalmanFilter::new(problem.clone(), settings.ensemble, settings.local)?;
         let static_error = Arc::clone(&problem.background_error);
         let own = ThreeDVarSettings { covariance_scale: 1.0, ..settings.variational.clone() };
-        Ok(Self { variational: ThreeDVar::new(problem, own), static_error, ensemble, settings })
+        Ok(Self { variational: ThreeDVar::new(problem, own)?, static_error, ensemble, settings })
     }
 
     /// The variational estimate with the spread of the members.
@@ -79,7 +85,7 @@ impl Assimilator for HybridThreeDVar {
         self.variational.set_background_error(Arc::new(HybridCovariance {
             static_part: Arc::clone(&self.static_error),
             static_root: ((1.0 - weight) * self.settings.variational.covariance_scale).sqrt(),
-            ensemble: self.ensemble.state_covariance(self.settings.local.localization_radius_m),
+            ensemble: self.ensemble.state_covariance(self.settings.local.localization_radius_m)?,
             ensemble_root: weight.sqrt(),
         }));
         let analysis = self.variational.analyse(from, observed)?;

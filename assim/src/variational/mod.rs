@@ -1,5 +1,6 @@
 //! Variational methods: a cost function in control space and its minimiser.
 
+mod bias_information;
 mod conjugate_gradient;
 mod control_space;
 mod convergence;

@@ -1,7 +1,8 @@
 //! 3D-Var with the biases in the control vector.
 
-use super::conjugate_gradient::{self, Stopping};
-use super::control_space::ControlSpace;
+use super::bias_information::BiasInformation;
+use super::conjugate_gradient::{Stopping, minimise};
+use super::control_space::{self, ControlSpace};
 use super::convergence::Convergence;
 use crate::assimilator::{Adjustments, Assimilator, Views};
 use crate::calibrated_state::CalibratedState;
@@ -35,8 +36,9 @@ pub struct ThreeDVarSettings {
 /// ```
 ///
 /// by conjugate gradients on the Hessian I + KᵀK, K = R^-½ \[H √s U, G L\]. The covariance of the biases is carried from
-/// cycle to cycle: its analysis is the β block of the inverse Hessian, by one solution for each parameter; their
-/// errors' correlation with the state's is dropped, because B is static. 2 J at the minimum, a sum of squares, is the
+/// cycle to cycle: its analysis, the block of the inverse Hessian, follows from the information on the biases, by one
+/// solution for each of them in the space of the observations; their errors' correlation with the state's is dropped, because
+/// B is static. 2 J at the minimum, a sum of squares, is the
 /// normalised innovation squared. With a complete minimisation this is optimal interpolation (Lorenc 1986); biases in the control
 /// vector: Derber and Wu (1998), Dee (2005).
 #[derive(Clone)]
@@ -51,15 +53,14 @@ pub struct ThreeDVar {
 
 impl ThreeDVar {
     /// 3D-Var from the background.
-    pub fn new(problem: impl Into<Problem<dyn Model>>, settings: ThreeDVarSettings) -> Self {
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] if the analysis of the most observations does not fit into the memory limit.
+    pub fn new(problem: impl Into<Problem<dyn Model>>, settings: ThreeDVarSettings) -> Result<Self, Error> {
         let problem = problem.into();
-        Self {
-            present: CalibratedState::new(&problem),
-            problem,
-            settings,
-            error_factor: 1.0,
-            convergence: Convergence::default(),
-        }
+        check_memory(&problem, problem.background_error.control_len(), problem.most_observations)?;
+        let present = CalibratedState::new(&problem)?;
+        Ok(Self { present, problem, settings, error_factor: 1.0, convergence: Convergence::default() })
     }
 
     /// Replaces the covariance B of the problem.
@@ -75,6 +76,7 @@ impl Assimilator for ThreeDVar {
     }
 
     fn analyse(&mut self, _: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        check_memory(&self.problem, self.problem.background_error.control_len(), observed.len())?;
         let innovations = self.problem.innovations(observed, &self.present.s.state, &self.present.s.bias)?;
         let background_error = &*self.problem.background_error;
         let scale = self.settings.covariance_scale * self.error_factor;
@@ -83,17 +85,16 @@ impl Assimilator for ThreeDVar {
         let whitened = innovations.whiten(innovations.departures.clone());
         let right = cost.multiply_transposed(&whitened);
         let stopping = Stopping { tolerance: self.settings.tolerance, max_iterations: self.settings.max_iterations };
-        let systems: Vec<Vec<f64>> = std::iter::once(right.clone()).chain(control.bias_units()).collect();
-        let solutions = conjugate_gradient::solve(&systems, whitened.len(), stopping, |directions| {
-            directions.par_iter().map(|direction| cost.hessian(direction)).collect()
+        let minimum = minimise(right, whitened.len(), stopping, |direction| cost.hessian(direction));
+        let information = BiasInformation::new(std::slice::from_ref(&innovations), &control, stopping, |vectors| {
+            vectors.par_iter().map(|whitened| cost.multiply_state(whitened)).collect()
         });
-        self.convergence.add(&solutions);
-        let (minimum, posterior) = solutions.split_first().expect("the minimum is the first");
+        self.convergence.add(minimum.ending, &information.endings);
         let (state_increment, bias_increment) = control.increments(&minimum.values);
         let fitted = innovations.whiten(innovations.jacobian.apply(&state_increment, &bias_increment));
         let misfit: f64 = whitened.iter().zip(fitted).map(|(d, fitted)| (d - fitted).powi(2)).sum();
         let innovation_chi2 = self.convergence.reached().then(|| misfit + squared_norm(&minimum.values));
-        let bias_covariance = control.bias_covariance(posterior);
+        let bias_covariance = control.bias_covariance(&information.matrix)?;
         self.present.add(&state_increment, &bias_increment);
         self.present.bias_covariance = bias_covariance.into();
         let analysis = self.problem.analysis(observed, innovations, self.present.estimate(None)?, innovation_chi2);
@@ -139,6 +140,17 @@ impl Cost<'_> {
         self.control.controls(&dx, &dc)
     }
 
+    /// K_x K_xᵀ y, of the state alone.
+    fn multiply_state(&self, whitened: &[f64]) -> Vec<f64> {
+        let jacobian = &self.innovations.jacobian.state;
+        let mut dx = vec![0.0; self.control.state_values()];
+        jacobian.transpose_multiply_add(&self.innovations.whiten(whitened.to_vec()), &mut dx);
+        let dx = self.control.state_increment(&self.control.state_control(&dx));
+        let mut image = vec![0.0; whitened.len()];
+        jacobian.multiply_add(&dx, &mut image);
+        self.innovations.whiten(image)
+    }
+
     /// (I + KᵀK) v.
     fn hessian(&self, control: &[f64]) -> Vec<f64> {
         let (dx, dc) = self.control.increments(control);
@@ -147,4 +159,12 @@ impl Cost<'_> {
         add(&mut image, control);
         image
     }
+}
+
+/// With control vectors χ of so many values.
+pub(super) fn check_memory(problem: &Problem<dyn Model>, controls: usize, observations: usize) -> Result<(), Error> {
+    let (m, p) = (problem.background.values().len(), problem.estimated_calibration().len());
+    problem.require_memory(control_space::numbers(controls, m, p, observations), || {
+        format!("the minimisation for {controls} control variables, {p} biases and {observations} observations")
+    })
 }

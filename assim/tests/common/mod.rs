@@ -181,6 +181,7 @@ pub fn problem(coupled: bool, calibration: Calibration, seed: u64) -> Problem {
         calibration,
         bias: BiasTreatment::Estimate,
         memory_limit_bytes: 1 << 30,
+        most_observations: 0,
     }
 }
 
@@ -223,7 +224,7 @@ pub fn window(problem: &Problem, count: usize, within_cell: bool, cycle: usize, 
         times: vec![Time::from_seconds(cycle as i64 * WINDOW.seconds()); count],
         values,
         sigma: (0..count).map(|row| 0.5 + 0.1 * (row % 5) as f64).collect(),
-        rejected: Vec::new(),
+        aside: Default::default(),
         operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
     }
 }

@@ -39,6 +39,12 @@ pub trait Instrument: Send + Sync {
     /// after the other. `cycle` is counted from 1, `pass` says how often it reported before.
     fn observe(&mut self, cycle: usize, pass: usize) -> Vec<Observation>;
 
+    /// The most observations that it may report in a cycle in which it reports.
+    fn most_observations(&self, cycle: usize) -> usize;
+
+    /// About how many weights the rows of X and the predictors have that it holds, or makes in a cycle.
+    fn weights(&self) -> usize;
+
     /// Its random streams, always in the same order, for checkpoints.
     fn streams(&mut self) -> Vec<&mut ChaCha8Rng>;
 

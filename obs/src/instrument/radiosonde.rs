@@ -9,6 +9,7 @@ use crate::observation::Observation;
 use crate::site::Site;
 use crate::state_operator::StateOperator;
 use crate::station::{PlacedStations, Station, StationSource, place};
+use std::collections::HashMap;
 
 /// Error of a radiosonde's height of a pressure level near 500 hPa \[m\] (the WRF model's observation errors: 12.1 m).
 pub const HEIGHT_SIGMA_M: f64 = 12.0;
@@ -103,9 +104,13 @@ impl RadiosondeSettings {
             ObservationError::in_setting(network, "biases", problem)
         };
         let is_reference = |group: &str| self.reference_groups.iter().any(|reference| reference == group);
+        let mut of_groups: HashMap<&str, Vec<usize>> = HashMap::new();
+        for (number, station) in stations.iter().enumerate() {
+            of_groups.entry(&station.group).or_default().push(number);
+        }
         let of_group = |name: &'a str| {
-            let numbers = (0..stations.len()).filter(|&number| &*stations[number].group == name).collect();
-            Member { name, placement: Placement::Shared, stations: numbers }
+            let stations = of_groups.get(name).cloned().unwrap_or_default();
+            Member { name, placement: Placement::Shared, stations }
         };
         let of_station = |number: usize| {
             let Station { name, x_m, y_m, .. } = &stations[number];

@@ -178,6 +178,15 @@ impl Instrument for Recorded {
         valid.map(|(_, observation)| observation.clone()).collect()
     }
 
+    fn most_observations(&self, cycle: usize) -> usize {
+        let until = |cycle: usize| self.observations.partition_point(|(other, _)| *other < cycle);
+        until(cycle + 1) - until(cycle)
+    }
+
+    fn weights(&self) -> usize {
+        self.observations.iter().map(|(_, observation)| observation.state.weights()).sum()
+    }
+
     fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {
         Vec::new()
     }

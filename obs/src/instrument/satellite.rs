@@ -14,6 +14,7 @@ use crate::state_operator::StateOperator;
 use isobar_model::{Boundary, Grid, Location};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use std::f64::consts::PI;
 use std::sync::Arc;
 
 /// Error of a satellite's height retrieval \[m\]: two to four times that of a radiosonde.
@@ -197,6 +198,8 @@ struct Satellite {
     /// (number in the calibration, term) of each unknown parameter.
     terms: Vec<(usize, ScanTerm)>,
     air_mass_terms: Vec<AirMassTerm>,
+    /// Footprints of a pass.
+    footprints: usize,
     errors: ChaCha8Rng,
 }
 
@@ -246,7 +249,7 @@ impl InstrumentSettings for SatelliteSettings {
                 air_mass_terms.push(AirMassTerm { parameter, variable, location, mean, scale });
             }
         }
-        Ok(Box::new(Satellite {
+        let mut satellite = Satellite {
             settings: self.clone(),
             network: name.into(),
             grid: layout.grid.clone(),
@@ -254,8 +257,11 @@ impl InstrumentSettings for SatelliteSettings {
             location: layout.variables[variable].location,
             terms,
             air_mass_terms,
+            footprints: 0,
             errors: site.stream("observations"),
-        }))
+        };
+        satellite.footprints = satellite.spots(1, 0).len();
+        Ok(Box::new(satellite))
     }
 
     fn has_air_mass_bias(&self) -> bool {
@@ -335,6 +341,19 @@ impl Instrument for Satellite {
             });
         }
         observations
+    }
+
+    fn most_observations(&self, _cycle: usize) -> usize {
+        self.footprints
+    }
+
+    fn weights(&self) -> usize {
+        let (radius, Grid { dx_m, dy_m, .. }) = (TRUNCATION * self.settings.footprint_sigma_m, &self.grid);
+        let side = |step: f64| 2.0 * radius / step + 2.0;
+        // A disc in its square, with as much as bilinear interpolation at least.
+        let of_footprint = (0.25 * PI * side(*dx_m) * side(*dy_m)).min(self.grid.cells() as f64);
+        let rows = self.footprints as f64 * (1 + self.air_mass_terms.len()) as f64;
+        (rows * of_footprint) as usize
     }
 
     fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {

@@ -64,6 +64,14 @@ impl Instrument for Steady {
         observations
     }
 
+    fn most_observations(&self, _cycle: usize) -> usize {
+        self.observations.len()
+    }
+
+    fn weights(&self) -> usize {
+        self.observations.iter().map(|observation| observation.state.weights()).sum()
+    }
+
     fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {
         vec![&mut self.errors]
     }

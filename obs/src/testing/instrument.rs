@@ -180,6 +180,14 @@ mod tests {
             if self.is_silent { Vec::new() } else { vec![observation] }
         }
 
+        fn most_observations(&self, _: usize) -> usize {
+            1
+        }
+
+        fn weights(&self) -> usize {
+            1
+        }
+
         fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {
             Vec::new()
         }

@@ -47,14 +47,14 @@ impl SeedsSummary {
 
     fn table(&self) -> Table {
         let ends =
-            |interval: Option<Interval>| [interval.map(|it| it.low), interval.map(|it| it.high)].map(Cell::exact);
+            |interval: Option<Interval>| [interval.map(|it| it.low), interval.map(|it| it.high)].map(Cell::in_full);
         let row = |method: &String, name: &String, score: &SeedsScore| {
             let difference = score.difference;
             let mut row: Vec<Cell> = vec![method.as_str().into(), name.as_str().into()];
-            row.extend([score.values.iter().flatten().count().into(), Cell::exact(Some(score.mean))]);
+            row.extend([score.values.iter().flatten().count().into(), Cell::in_full(Some(score.mean))]);
             row.extend(ends(score.interval));
             row.push(difference.map_or("", |_| &self.against).into());
-            row.push(Cell::exact(difference.map(|it| it.mean)));
+            row.push(Cell::in_full(difference.map(|it| it.mean)));
             row.extend(ends(difference.and_then(|it| it.interval)));
             let significant = difference.and_then(|it| it.significant);
             row.push(significant.map_or_else(String::new, |it| it.to_string()).into());

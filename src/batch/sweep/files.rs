@@ -53,7 +53,7 @@ impl SweepSummary {
                     row.extend([name.as_str().into(), score.seeds.into()]);
                     let interval = score.interval;
                     row.extend(
-                        [Some(score.mean), interval.map(|it| it.low), interval.map(|it| it.high)].map(Cell::exact),
+                        [Some(score.mean), interval.map(|it| it.low), interval.map(|it| it.high)].map(Cell::in_full),
                     );
                     rows.push(row);
                 }

@@ -63,7 +63,7 @@ impl CovarianceSettings for MembersSettings {
             }
         }
         let radius_m = self.localization_radius_m.unwrap_or(f64::INFINITY);
-        Ok(Box::new(LocalizedEnsemble::new(layout, &perturbations, radius_m)))
+        Ok(Box::new(LocalizedEnsemble::new(layout, &perturbations, radius_m)?))
     }
 
     fn length_m(&self) -> Option<f64> {

@@ -26,6 +26,9 @@ pub type Components = Vec<Arc<dyn CovarianceSettings>>;
 /// The most components of a covariance.
 const MOST_COMPONENTS: usize = 20;
 
+/// The most values of the control vectors of all components of a covariance: 1 GB, and eight components of the largest grid.
+const MOST_CONTROLS: usize = 1 << 27;
+
 /// Reads a table of components.
 pub(crate) fn read(field: &Field<'_>, domain: &Domain) -> Read<Components> {
     let components = field.section(&["components"])?.required("components")?.elements(MOST_COMPONENTS)?;
@@ -35,8 +38,25 @@ pub(crate) fn read(field: &Field<'_>, domain: &Domain) -> Read<Components> {
 /// The sum of the components: zero if there are none.
 ///
 /// # Errors
-/// That of a component.
+/// That of a component; too many values in all.
 pub fn build(components: &Components, layout: &Layout) -> Result<Arc<dyn Covariance>, Error> {
-    let terms = components.iter().map(|component| component.build(layout)).collect::<Result<Vec<_>, _>>()?;
+    let (mut terms, mut controls) = (Vec::with_capacity(components.len()), 0);
+    for component in components {
+        let term = component.build(layout)?;
+        controls += term.control_len();
+        if controls > MOST_CONTROLS {
+            let message = format!(
+                "the components of a covariance would need {controls} values or more, of at most {MOST_CONTROLS}: fewer \
+                 components, or in a channel shorter lengths, fit"
+            );
+            return Err(Error::Setting(message));
+        }
+        terms.push(term);
+    }
     Ok(Arc::new(Sum::new(layout.len(), terms)))
+}
+
+/// The shortest correlation length of the components \[m\], if any has one.
+pub fn shortest_length_m(components: &Components) -> Option<f64> {
+    components.iter().filter_map(|component| component.length_m()).reduce(f64::min)
 }

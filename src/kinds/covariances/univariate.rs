@@ -32,7 +32,7 @@ struct UnivariateSettings {
 
 impl CovarianceSettings for UnivariateSettings {
     fn build(&self, layout: &Layout) -> Result<Box<dyn Covariance>, Error> {
-        Ok(Box::new(Univariate::new(layout, self.variable, self.sigma, self.length_m)))
+        Ok(Box::new(Univariate::new(layout, self.variable, self.sigma, self.length_m)?))
     }
 
     fn length_m(&self) -> Option<f64> {

@@ -19,8 +19,9 @@ pub(super) fn read(section: &Section<'_>) -> Read<BiasProcess> {
         (Some(sigma), None) => InitialBias::Drawn { sigma: sigma.number(Limits::Positive)? },
         (None, Some(value)) => {
             let number = value.number(Limits::Any)?;
-            if number == 0.0 && !known && assumed_sigma_prior.is_none() {
-                let message = "methods cannot take their prior from a bias of 0".to_string();
+            // What is no standard deviation that could be given.
+            if number.abs() < 1e-18 && !known && assumed_sigma_prior.is_none() {
+                let message = format!("methods cannot take their prior from a bias of {number:?}");
                 return Err(value.invalid(message, "give `assumed_sigma` as well"));
             }
             InitialBias::Given { value: number }

@@ -1,6 +1,6 @@
 //! `kind = "file"`: observations made elsewhere.
 
-use super::common::at_file;
+use super::common::{ASSIMILATE, at_file};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, Choice, Described, Key, Limits, Read, Section, files};
 use isobar_model::Duration;
@@ -56,7 +56,7 @@ const WINDS: Key<Choice<WindAxes>> = Key::absent(
 pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
     "file",
     "Observations of a file, each in the cycle at whose end it is valid",
-    &[&[&FILE, &VARIABLE, &SIGMA, &MISSING, &TIME_TOLERANCE, &WINDS]],
+    &[&[&FILE, &ASSIMILATE, &VARIABLE, &SIGMA, &MISSING, &TIME_TOLERANCE, &WINDS]],
     |section, domain| {
         let file = section.required(FILE.name)?;
         let text = files::read(&file, "file of observations")?;

@@ -6,9 +6,9 @@ mod file;
 mod radiosonde;
 mod satellite;
 
-use super::{Domain, Kinds, check_name, choose};
+use super::{Domain, Kinds, check_name, choose, distinct_name};
 use crate::reader::{Field, Read, Section};
-use common::{FIRST_CYCLE, INTERVAL_CYCLES, MISSING_RATE, faults};
+use common::{ASSIMILATE, FIRST_CYCLE, INTERVAL_CYCLES, MISSING_RATE, faults};
 use isobar_obs::{InstrumentSettings, Network, ObservationError, Schedule};
 use std::sync::Arc;
 
@@ -21,10 +21,12 @@ const MOST_NETWORKS: usize = 100;
 
 /// Reads `[networks]`; a scenario without it has no observations.
 pub(crate) fn read(root: &Section<'_>, domain: &Domain) -> Read<Vec<Network>> {
-    let mut networks = Vec::new();
+    let mut networks: Vec<Network> = Vec::new();
     let Some(field) = root.optional("networks") else { return Ok(networks) };
     for (name, field) in field.any_section()?.fields() {
         check_name(name, &field, "network")?;
+        let others = networks.iter().map(|network| network.name.as_str());
+        distinct_name(name, others, "network").map_err(|(message, help)| field.misplaced(message, help))?;
         if networks.len() == MOST_NETWORKS {
             return Err(field.misplaced(format!("there are more than {MOST_NETWORKS} networks"), "too many"));
         }
@@ -43,6 +45,7 @@ fn network(name: &str, field: &Field<'_>, domain: &Domain) -> Read<Network> {
         schedule: Schedule { every_cycles, offset_cycles: first_cycle % every_cycles },
         missing_rate: section.get(&MISSING_RATE)?,
         faults: faults(&section)?,
+        assimilate: section.get(&ASSIMILATE)?,
         instrument,
     })
 }

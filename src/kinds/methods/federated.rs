@@ -36,6 +36,12 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     &[&[&BIAS, &ADAPT, &INFORMATION_SHARING, &RESET_EVERY_CYCLES, &MEMORY_LIMIT_GB]],
     |section, surroundings| {
         let networks: Vec<&str> = surroundings.networks.iter().map(String::as_str).collect();
+        if networks.is_empty() {
+            let message = "a federated filter has a filter for each network, and there are no networks".to_string();
+            return Err(section
+                .required("kind")?
+                .misplaced(message, "add a network, or choose another kind of method"));
+        }
         let reset_every_cycles = Some(section.get(&RESET_EVERY_CYCLES)?).filter(|&cycles| cycles > 0);
         let shares = shares(section, &networks)?;
         let sum: f64 = shares.iter().sum();
@@ -82,9 +88,11 @@ impl MethodSettings for FederatedSettings {
     }
 
     fn warning(&self, model: &Model) -> Option<&'static str> {
-        (self.reset_every_cycles.is_none() && !model.equations.is_linear()).then_some(
-            "with reset_every_cycles = 0 on a nonlinear model each local filter linearises about an estimate of its own, which \
-             drifts away; its claimed errors are not to be believed, and it may be worse than no assimilation",
+        let goes_astray = self.reset_every_cycles != Some(1) && self.systems.len() > 1;
+        (goes_astray && !model.equations.is_linear()).then_some(
+            "with reset_every_cycles other than 1 on a nonlinear model each local filter linearises about an estimate of its \
+             own, which drifts away; its claimed errors are too small, and if it is never reset (0) it may be worse than no \
+             assimilation",
         )
     }
 

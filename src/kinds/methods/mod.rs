@@ -13,6 +13,7 @@ mod free;
 mod hybrid;
 mod kalman;
 mod letkf;
+mod local_factors;
 mod optimal_interpolation;
 mod serial_kalman;
 mod settings;
@@ -128,6 +129,11 @@ impl Method {
         cycle: Duration,
     ) -> Result<Box<dyn Assimilator>, Error> {
         let problem = Problem { bias: self.bias, memory_limit_bytes: self.memory_limit_bytes, ..ground.clone() };
+        if self.estimates_biases() {
+            let p = problem.calibration.len();
+            // Of the method, its prior, and what is asked of it and made of that at the end.
+            problem.require_memory(4.0 * (p as f64).powi(2), || format!("the covariance of {p} biases"))?;
+        }
         let smoother_lag_cycles = self.smoother_lag_cycles;
         let method = self.settings.build(Setup { problem, smoother_lag_cycles, domain, start, cycle })?;
         match &self.adapt {

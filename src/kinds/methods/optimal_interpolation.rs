@@ -22,7 +22,7 @@ struct Interpolation {
 
 impl MethodSettings for Interpolation {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
-        Ok(Box::new(OptimalInterpolation::new(setup.problem, self.covariance_scale)))
+        Ok(Box::new(OptimalInterpolation::new(setup.problem, self.covariance_scale)?))
     }
 
     fn describe(&self) -> String {

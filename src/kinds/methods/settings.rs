@@ -5,7 +5,6 @@ use crate::kinds::models::Model;
 use crate::reader::{Absent, Choice, Key, Limits, Whole};
 use isobar_assim::{Assimilator, BiasTreatment, Error, Problem};
 use isobar_model::{Duration, Time};
-use isobar_obs::Calibration;
 use std::fmt::Debug;
 
 /// The settings of a method, and what such a method can do.
@@ -53,14 +52,6 @@ pub trait MethodSettings: Debug + Send + Sync {
     fn warning(&self, _: &Model) -> Option<&'static str> {
         None
     }
-
-    /// Whether the settings fit the biases that the observing systems turn out to have.
-    ///
-    /// # Errors
-    /// What does not fit.
-    fn check(&self, _: &Calibration) -> Result<(), Error> {
-        Ok(())
-    }
 }
 
 /// What a method is built from.
@@ -104,6 +95,8 @@ pub(crate) struct Surroundings {
     pub networks: Vec<String>,
     /// Whether the model makes errors.
     pub has_model_error: bool,
+    /// The shortest correlation length of the model error, or of B if there is none \[m\].
+    pub error_length_m: Option<f64>,
 }
 
 pub(super) const BIAS: Key<Choice<BiasTreatment>> = Key::absent(

@@ -16,7 +16,7 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
 
 impl MethodSettings for ThreeDVarSettings {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
-        Ok(Box::new(ThreeDVar::new(setup.problem, self.clone())))
+        Ok(Box::new(ThreeDVar::new(setup.problem, self.clone())?))
     }
 
     fn describe(&self) -> String {

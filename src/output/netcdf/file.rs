@@ -1,9 +1,9 @@
 //! A netCDF-3 file (64-bit offset) that grows record by record.
 //!
-//! The file is opened anew by the netCDF library for every record, with the number of records so far in its header:
-//! it is well-formed after each of them, nothing needs to be known in advance, and no value is ever filled in by the
-//! library (which would destroy records). All fixed variables have their values from the start, and every record has
-//! a value for every record variable: that is checked.
+//! The netCDF library writes the header and the fixed variables. Records follow each other behind them, each with the
+//! numbers of every record variable, that is checked; after a record the number of records in the header is renewed. So the
+//! file is well-formed after each of them, nothing needs to be known in advance, no record costs more than its numbers
+//! however long the header's texts are, and no value is ever filled in by the library (which would destroy records).
 
 use crate::output::SinkError;
 use netcdf3::{DataSet, FileWriter, InvalidDataSet, Version, error::WriteError};
@@ -195,35 +195,40 @@ impl Definition {
         Ok(data_set)
     }
 
-    /// Writes header and fixed variables.
-    fn write_start(&self, output: impl Write + Seek + 'static) -> Result<(), String> {
+    /// Writes header and fixed variables; where the records begin.
+    fn write_start(&self, output: impl Write + Seek + 'static) -> Result<u64, String> {
         let data_set = self.data_set(0)?;
-        write(&data_set, output, |writer| {
+        let header = write(&data_set, output, |writer| {
             self.fixed.iter().try_for_each(|(variable, values)| match values {
                 Values::Numbers(numbers) => writer.write_var_f64(&variable.name, numbers),
                 Values::Integers(integers) => writer.write_var_i32(&variable.name, integers),
                 Values::Text(bytes) => writer.write_var_u8(&variable.name, bytes),
             })
-        })
+        })?;
+        let bytes = |values: &Values| match values {
+            Values::Numbers(numbers) => 8 * numbers.len(),
+            Values::Integers(integers) => 4 * integers.len(),
+            Values::Text(bytes) => bytes.len().next_multiple_of(4),
+        };
+        Ok(header + self.fixed.iter().map(|(_, values)| bytes(values) as u64).sum::<u64>())
     }
 
-    /// Writes record number `record`, and the header that includes it.
-    fn write_record(
-        &self,
-        record: usize,
-        values: &[(&str, &[f64])],
-        output: impl Write + Seek + 'static,
-    ) -> Result<(), String> {
+    /// How many numbers a record has of a variable.
+    fn record_len(&self, variable: &Variable) -> usize {
+        let length =
+            |name: &String| self.dimensions.iter().find(|(own, _)| own == name).map_or(1, |(_, length)| *length);
+        variable.dimensions.iter().map(length).product()
+    }
+
+    /// Fails unless a record has the numbers of every variable once.
+    fn check_complete(&self, record: usize, values: &[(&str, &[f64])]) -> Result<(), String> {
         for variable in &self.record {
             match values.iter().filter(|(name, _)| *name == variable.name).count() {
                 1 => {}
                 count => return Err(format!("record {record} has {count} values of `{}`, not 1", variable.name)),
             }
         }
-        let data_set = self.data_set(record + 1)?;
-        write(&data_set, output, |writer| {
-            values.iter().try_for_each(|(name, numbers)| writer.write_record_f64(name, record, numbers))
-        })
+        Ok(())
     }
 }
 
@@ -233,8 +238,13 @@ pub struct NetcdfFile {
     path: PathBuf,
     file: File,
     definition: Definition,
+    /// Where the records begin \[bytes\].
+    start: u64,
     records: usize,
 }
+
+/// Where the number of records stands in the header \[bytes\].
+const RECORD_COUNT: u64 = 4;
 
 impl NetcdfFile {
     /// Creates the file with its fixed variables and no records.
@@ -245,8 +255,8 @@ impl NetcdfFile {
         let failure = |reason| SinkError { path: path.to_path_buf(), reason };
         let file = File::create(path).map_err(|error| failure(error.to_string()))?;
         let output = file.try_clone().map_err(|error| failure(error.to_string()))?;
-        definition.write_start(output).map_err(failure)?;
-        Ok(Self { path: path.to_path_buf(), file, definition, records: 0 })
+        let start = definition.write_start(output).map_err(failure)?;
+        Ok(Self { path: path.to_path_buf(), file, definition, start, records: 0 })
     }
 
     /// Appends a record: the numbers of every record variable, by name.
@@ -254,8 +264,10 @@ impl NetcdfFile {
     /// # Errors
     /// If a variable is missing or has another number of values, or if the file cannot be written.
     pub fn append(&mut self, values: &[(&str, &[f64])]) -> Result<(), SinkError> {
-        let output = self.file.try_clone().map_err(|error| self.failure(error.to_string()))?;
-        self.definition.write_record(self.records, values, output).map_err(|reason| self.failure(reason))?;
+        self.definition.check_complete(self.records, values).map_err(|reason| self.failure(reason))?;
+        self.write(self.records, values)?;
+        let count = u32::try_from(self.records + 1).map_err(|_| self.failure("there are too many records".into()))?;
+        self.write_at(RECORD_COUNT, &count.to_be_bytes())?;
         self.records += 1;
         Ok(())
     }
@@ -268,12 +280,34 @@ impl NetcdfFile {
         if record >= self.records {
             return Err(self.failure(format!("record {record} of {} is to be amended", self.records)));
         }
-        let output = self.file.try_clone().map_err(|error| self.failure(error.to_string()))?;
-        let data_set = self.definition.data_set(self.records).map_err(|reason| self.failure(reason))?;
-        let written = write(&data_set, output, |writer| {
-            values.iter().try_for_each(|(name, numbers)| writer.write_record_f64(name, record, numbers))
-        });
-        written.map_err(|reason| self.failure(reason))
+        self.write(record, values)
+    }
+
+    /// Writes numbers of some variables into a record; none if one of them is wrong.
+    fn write(&mut self, record: usize, values: &[(&str, &[f64])]) -> Result<(), SinkError> {
+        let (mut places, mut record_bytes) = (Vec::with_capacity(self.definition.record.len()), 0);
+        for variable in &self.definition.record {
+            let length = self.definition.record_len(variable);
+            places.push((&*variable.name, length, record_bytes));
+            record_bytes += 8 * length as u64;
+        }
+        let start = self.start + record as u64 * record_bytes;
+        let mut parts = Vec::with_capacity(values.len());
+        for (name, numbers) in values {
+            let place = places.iter().find(|(own, ..)| own == name);
+            let &(_, length, offset) = place.ok_or_else(|| self.failure(format!("there is no variable `{name}`")))?;
+            if numbers.len() != length {
+                let reason = format!("record {record} has {} numbers of `{name}`, not {length}", numbers.len());
+                return Err(self.failure(reason));
+            }
+            parts.push((start + offset, numbers.iter().flat_map(|number| number.to_be_bytes()).collect::<Vec<u8>>()));
+        }
+        parts.iter().try_for_each(|(place, bytes)| self.write_at(*place, bytes))
+    }
+
+    fn write_at(&mut self, place: u64, bytes: &[u8]) -> Result<(), SinkError> {
+        let written = self.file.seek(SeekFrom::Start(place)).and_then(|_| self.file.write_all(bytes));
+        written.map_err(|error| self.failure(error.to_string()))
     }
 
     /// Appends a record of which nothing is known but its time.
@@ -281,12 +315,11 @@ impl NetcdfFile {
     /// # Errors
     /// If the file cannot be written.
     pub fn append_missing(&mut self, time: f64) -> Result<(), SinkError> {
-        let Definition { dimensions, record, .. } = &self.definition;
-        let length = |name: &String| dimensions.iter().find(|(own, _)| own == name).map_or(1, |(_, length)| *length);
         let values = |variable: &Variable| match variable.name.as_str() {
             "time" => vec![time],
-            _ => vec![FILL_VALUE; variable.dimensions.iter().map(length).product()],
+            _ => vec![FILL_VALUE; self.definition.record_len(variable)],
         };
+        let record = &self.definition.record;
         let missing: Vec<(String, Vec<f64>)> = record.iter().map(|it| (it.name.clone(), values(it))).collect();
         let missing: Vec<(&str, &[f64])> =
             missing.iter().map(|(name, values)| (name.as_str(), values.as_slice())).collect();
@@ -329,19 +362,30 @@ impl<W: Write + Seek> Seek for Shared<W> {
     }
 }
 
-/// Writes the header and what `body` writes, through a buffer: the library writes each number by itself.
+/// Writes the header and what `body` writes, through a buffer: the library writes each number by itself. Returns the length
+/// of the header.
 fn write<'a, W: Write + Seek + 'static>(
     data_set: &'a DataSet,
     output: W,
     body: impl FnOnce(&mut FileWriter<'a>) -> Result<(), WriteError>,
-) -> Result<(), String> {
+) -> Result<u64, String> {
     let shared = Rc::new(RefCell::new(BufWriter::with_capacity(1 << 18, output)));
     let mut writer = FileWriter::open_seek_write("", Box::new(Shared(Rc::clone(&shared)))).map_err(in_words)?;
-    writer.set_def(data_set, Version::Offset64Bit, 0).map_err(in_words)?;
-    body(&mut writer).map_err(in_words)?;
+    writer.set_def(data_set, Version::Offset64Bit, 0).map_err(failure)?;
+    let header = shared.borrow_mut().stream_position().map_err(|error| error.to_string())?;
+    body(&mut writer).map_err(failure)?;
     // Dropped, never closed: `close` overwrites records where it believes that something is missing.
     drop(writer);
-    shared.borrow_mut().flush().map_err(|error| error.to_string())
+    shared.borrow_mut().flush().map_err(|error| error.to_string())?;
+    Ok(header)
+}
+
+/// What the library could not write.
+fn failure(error: WriteError) -> String {
+    match error {
+        WriteError::IOErrorKind(kind) => io::Error::from(kind).to_string(),
+        error => in_words(error),
+    }
 }
 
 fn add_attributes(data_set: &mut DataSet, variable: &Variable) -> Result<(), String> {

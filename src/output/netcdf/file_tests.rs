@@ -158,5 +158,23 @@ fn a_sole_record_variable_is_laid_out_as_the_format_demands() {
 #[test]
 fn a_full_disk_is_noticed() {
     let error = definition().write_start(Full(0)).unwrap_err();
-    assert!(error.contains("no space left") || error.contains("StorageFull"), "{error}");
+    assert!(error.contains("no space left") || error.contains("no storage space"), "{error}");
+}
+
+#[test]
+fn a_record_costs_no_more_than_its_numbers_however_long_the_header_is() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.nc");
+    let mut long = definition();
+    long.attribute("scenario", "x".repeat(1_000_003));
+    let mut file = NetcdfFile::create(&path, long).unwrap();
+    let began = std::time::Instant::now();
+    for record in 0..2000 {
+        file.append(&[("h", &[record as f64; 3]), ("time", &[0.5])]).unwrap();
+    }
+    assert!(began.elapsed().as_secs_f64() < 2.0, "{:?} for 2000 records", began.elapsed());
+    let read = NcFile::open(&path).unwrap();
+    let expected: Vec<f64> = (0..6000).map(|number| f64::from(number / 3)).collect();
+    assert_eq!(numbers(&read, "h"), expected);
+    assert_eq!(numbers(&read, "x"), [1.0, 2.0, 4.0]);
 }

@@ -8,7 +8,7 @@ use crate::output::netcdf::coordinates::safe_name;
 use crate::plot::colors::of_method_on_paper;
 use crate::plot::range::quantile;
 use crate::plot::{Curve, CurvePlot, Dash, unit};
-use crate::scores::{Better, Line, MethodScores, Part, SCORES, Score, ScoreKind, Summary};
+use crate::scores::{Against, Better, Line, MethodScores, Part, SCORES, Score, ScoreKind, Summary};
 use isobar_obs::ObservationType;
 use std::collections::BTreeSet;
 
@@ -31,8 +31,6 @@ pub struct Figures<'a> {
     pub info: &'a RunInfo,
     /// What happened in it.
     pub history: &'a History,
-    /// First cycle that counts for the scores.
-    pub scored_from: usize,
 }
 
 impl Figures<'_> {
@@ -42,7 +40,7 @@ impl Figures<'_> {
             let name = variable.name;
             let mut curves = Vec::new();
             for (method, info) in self.info.methods.iter().enumerate() {
-                for (kind, line) in drawn(true).filter(|(kind, _)| kind.part != Part::Background) {
+                for (kind, line) in drawn(true).filter(|(kind, _)| self.is_shown(kind)) {
                     let points = self.scores(method, &kind.key(name));
                     let curve = Curve::new(&info.name, of_method_on_paper(method), points);
                     curves.push(match line {
@@ -54,18 +52,31 @@ impl Figures<'_> {
             }
             let is_smoothed = self.info.methods.iter().any(|method| method.smoother_lag_cycles.is_some());
             let smoothed = if is_smoothed { ", error once smoothed (dotted)" } else { "" };
-            let caption =
-                format!("Analysis of {}: error (solid), claimed spread (broken){smoothed}.", variable.long_name);
+            let has_passive = self.info.networks.iter().any(|network| network.is_passive);
+            let passive = if has_passive { ", of passive ones (dotted)" } else { "" };
+            let (stem, title, shown) = if self.info.has_truth {
+                ("rmse", "RMSE", format!("error (solid), claimed spread (broken){smoothed}"))
+            } else {
+                let shown = format!("departure of the observations (solid){passive}, claimed spread (broken)");
+                ("departure", "departure", shown)
+            };
+            let caption = format!("Analysis of {}: root-mean-square {shown}.", variable.long_name);
             self.over_time(
-                format!("rmse_{name}"),
+                format!("{stem}_{name}"),
                 caption,
-                format!("RMSE and spread of {name}"),
+                format!("{title} and spread of {name}"),
                 variable.unit,
                 curves,
                 None,
             )
         };
         self.info.layout.variables.iter().map(per_variable).collect()
+    }
+
+    /// Whether a line is drawn with those of the analysis: departures only where there is no truth.
+    fn is_shown(&self, kind: &ScoreKind) -> bool {
+        let is_departure = matches!(kind.against, Against::Used | Against::Passive);
+        kind.part != Part::Background && !(is_departure && self.info.has_truth)
     }
 
     /// The bias estimates with their bands and the truth.
@@ -88,8 +99,10 @@ impl Figures<'_> {
                 curves.push(curve);
             }
             let truth = |cycle: &Cycle| Some([self.day(cycle), *cycle.true_calibration.get(number)?]);
-            let points = self.history.cycles.iter().filter_map(truth).collect();
-            curves.push(Curve { name: Some("truth".into()), color: None, dash: Dash::Dashed, points, band: None });
+            let points: Vec<[f64; 2]> = self.history.cycles.iter().filter_map(truth).collect();
+            if !points.is_empty() {
+                curves.push(Curve { name: Some("truth".into()), color: None, dash: Dash::Dashed, points, band: None });
+            }
             let stem = format!("bias_{:02}_{}", number + 1, safe_name(&parameter.name, "_"));
             let caption = format!("Bias {}: estimates with ±2σ, and the truth (broken).", parameter.name);
             let mut drawing = self.over_time(stem, caption, parameter.name.clone(), &parameter.unit, curves, None);
@@ -125,15 +138,16 @@ impl Figures<'_> {
     pub fn reliability(&self) -> Vec<Drawing> {
         let mut drawings = Vec::new();
         for (number, variable) in self.info.layout.variables.iter().enumerate() {
-            let all: Vec<(usize, Reliability)> =
-                (0..self.info.methods.len()).map(|method| (method, self.gathered(method, number))).collect();
-            let with_spread = || all.iter().filter(|(_, reliability)| !reliability.is_empty());
+            let with_spread = || {
+                let all = (0..self.info.methods.len()).map(|method| (method, self.history.reliability(method, number)));
+                all.filter(|(_, reliability)| !reliability.is_empty())
+            };
             if with_spread().next().is_none() {
                 continue;
             }
             let curves_of = |pick: fn(&Reliability) -> Vec<[f64; 2]>| -> Vec<Curve> {
-                let curve = |(method, reliability): &(usize, Reliability)| {
-                    Curve::new(&self.info.methods[*method].name, of_method_on_paper(*method), pick(reliability))
+                let curve = |(method, reliability): (usize, &Reliability)| {
+                    Curve::new(&self.info.methods[method].name, of_method_on_paper(method), pick(reliability))
                 };
                 with_spread().map(curve).collect()
             };
@@ -280,20 +294,11 @@ impl Figures<'_> {
 
     /// A method's score in every cycle that has it.
     fn scores(&self, method: usize, key: &str) -> Vec<[f64; 2]> {
-        self.series(method, |own| own.scores.get(key).copied())
+        self.history.scores(method, key).map(|(cycle, value)| [self.day(cycle), value]).collect()
     }
 
     fn day(&self, cycle: &Cycle) -> f64 {
         (cycle.time - self.info.start).days()
-    }
-
-    fn gathered(&self, method: usize, variable: usize) -> Reliability {
-        let mut all = Reliability::default();
-        let scored = self.history.cycles.iter().filter(|cycle| cycle.cycle >= self.scored_from);
-        for own in scored.filter_map(|cycle| cycle.methods.get(method)?.as_ref()?.reliability.get(variable)) {
-            all.merge(own);
-        }
-        all
     }
 }
 

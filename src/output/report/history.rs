@@ -4,7 +4,7 @@ use super::reliability::Reliability;
 use crate::event::{Analysed, Estimated, RunInfo, Smoothed};
 use crate::output::structure::ShownStructure;
 use crate::plot::Thinning;
-use crate::scores::Values;
+use crate::scores::{SCORES, ScoreKind};
 use indexmap::IndexMap;
 use isobar_assim::{Estimate, EstimatedParameter};
 use isobar_model::{State, Time};
@@ -26,12 +26,16 @@ pub struct History {
     pub thinning: Thinning,
     /// The cycles, in their order.
     pub cycles: Vec<Cycle>,
+    /// The names of the scores that are drawn over time; the cycles have their values in this order.
+    drawn: Vec<String>,
+    /// The analysis errors of each method and variable against the claimed spread, over the cycles that count.
+    reliability: Vec<Vec<Reliability>>,
     /// Fields of the cycles that are shown as maps, by cycle.
     pub snapshots: BTreeMap<usize, Snapshot>,
     /// What methods estimate beside state and calibration, by name; in the place of each method what it has of it.
     pub parameters: IndexMap<String, Vec<Option<ParameterHistory>>>,
-    /// The whole true state of the current cycle.
-    truth: Vec<f64>,
+    /// The whole true state of the current cycle, if there is a truth.
+    truth: Option<Vec<f64>>,
 }
 
 /// A cycle.
@@ -41,9 +45,9 @@ pub struct Cycle {
     pub cycle: usize,
     /// Valid time.
     pub time: Time,
-    /// The true calibration parameters.
+    /// The true calibration parameters; empty without a truth.
     pub true_calibration: Vec<f64>,
-    /// Network and variable of each observation.
+    /// Network and variable of each observation; of the newest cycle only.
     kinds: Vec<ObservationType>,
     /// The results of the methods; the place of one that has none is empty.
     pub methods: Vec<Option<MethodCycle>>,
@@ -52,16 +56,14 @@ pub struct Cycle {
 /// A method's results in a cycle.
 #[derive(Debug)]
 pub struct MethodCycle {
-    /// The scores, those of the smoothed estimate among them once later observations have revised it.
-    pub scores: Values,
+    /// The scores that are drawn, those of the smoothed estimate among them once later observations have revised it.
+    scores: Vec<Option<f64>>,
     /// The calibration parameters after the analysis.
     pub calibration: Vec<f64>,
     /// Their claimed standard deviations.
     pub calibration_spread: Option<Vec<f64>>,
     /// Mean background and analysis departure of each network and variable.
     pub departures: BTreeMap<ObservationType, [f64; 2]>,
-    /// The analysis errors of each variable against the claimed spread.
-    pub reliability: Vec<Reliability>,
 }
 
 /// A parameter beside state and calibration, as a method has estimated it.
@@ -78,8 +80,8 @@ pub struct ParameterHistory {
 pub struct Snapshot {
     /// Valid time.
     pub time: Time,
-    /// The truth, by variable.
-    pub truth: Vec<Vec<f32>>,
+    /// The truth, by variable, if there is one.
+    pub truth: Option<Vec<Vec<f32>>>,
     /// The observations, thinned.
     pub places: Vec<Place>,
     /// Every so many-th observation of each variable is among them.
@@ -136,9 +138,11 @@ impl History {
             mapped: info.layout.variable("h").unwrap_or(0),
             thinning: Thinning::new(&info.layout.grid, MAP_CELLS),
             cycles: Vec::new(),
+            drawn: drawn_scores(info),
+            reliability: vec![vec![Reliability::default(); info.layout.variables.len()]; info.methods.len()],
             snapshots: BTreeMap::new(),
             parameters: IndexMap::new(),
-            truth: Vec::new(),
+            truth: None,
         }
     }
 
@@ -147,22 +151,39 @@ impl History {
         if cycle == 0 {
             return;
         }
-        self.truth = state.values().to_vec();
-        let methods = info.methods.iter().map(|_| None).collect();
-        self.cycles.push(Cycle { cycle, time, true_calibration: calibration.to_vec(), kinds: Vec::new(), methods });
-        if cycle == info.cycles || cycle == info.cycles.div_ceil(2) {
-            let (truth, methods) = (self.maps(state.values()), info.methods.iter().map(|_| None).collect());
-            self.snapshots.insert(cycle, Snapshot { time, truth, places: Vec::new(), every: Vec::new(), methods });
+        self.truth = Some(state.values().to_vec());
+        self.begin(info, cycle, time).true_calibration = calibration.to_vec();
+        if self.snapshots.contains_key(&cycle) {
+            let maps = self.maps(state.values());
+            self.snapshots.entry(cycle).and_modify(|snapshot| snapshot.truth = Some(maps));
         }
     }
 
-    /// Takes the observations of a cycle.
-    pub fn add_observations(&mut self, window: &ObservationWindow) {
-        if let Some(cycle) = self.cycles.last_mut() {
-            cycle.kinds = window.reports.iter().map(Report::observation_type).collect();
+    /// A cycle, begun if it has not been.
+    fn begin(&mut self, info: &RunInfo, cycle: usize, time: Time) -> &mut Cycle {
+        if self.cycles.last().is_none_or(|last| last.cycle != cycle) {
+            if let Some(last) = self.cycles.last_mut() {
+                last.kinds = Vec::new();
+            }
+            let (true_calibration, kinds) = (Vec::new(), Vec::new());
+            let methods = info.methods.iter().map(|_| None).collect();
+            self.cycles.push(Cycle { cycle, time, true_calibration, kinds, methods });
+            if cycle == info.cycles || cycle == info.cycles.div_ceil(2) {
+                let every = vec![1; info.layout.variables.len()];
+                let methods = info.methods.iter().map(|_| None).collect();
+                self.snapshots.insert(cycle, Snapshot { time, truth: None, places: Vec::new(), every, methods });
+            }
         }
+        let last = self.cycles.len() - 1;
+        &mut self.cycles[last]
+    }
+
+    /// Takes the observations of a cycle.
+    pub fn add_observations(&mut self, info: &RunInfo, window: &ObservationWindow) {
+        self.begin(info, window.cycle, window.time).kinds =
+            window.reports.iter().map(Report::observation_type).collect();
         if let Some(snapshot) = self.snapshots.get_mut(&window.cycle) {
-            let mut counts = vec![0; snapshot.truth.len()];
+            let mut counts = vec![0; info.layout.variables.len()];
             window.reports.iter().for_each(|report| counts[report.variable] += 1);
             snapshot.every = counts.iter().map(|count: &usize| count.div_ceil(MOST_PLACES).max(1)).collect();
             let mut seen = vec![0; counts.len()];
@@ -192,10 +213,9 @@ impl History {
         if !fits(calibration_spread, calibration.len()) {
             return Err(format!("in cycle {cycle} the bias spread of method {method} does not fit its biases"));
         }
-        let reliability = match state_spread {
-            Some(spread) => self.reliability(info, state, spread),
-            None => Vec::new(),
-        };
+        if let Some(spread) = state_spread.as_ref().filter(|_| cycle >= info.score_from_cycle) {
+            self.gather(info, method, state, spread);
+        }
         let fields = self.snapshots.get(&cycle).map(|snapshot| Fields {
             background: self.maps(background.state.values()),
             analysis: self.maps(state.values()),
@@ -216,15 +236,14 @@ impl History {
             snapshot.methods[method] = Some(fields);
         }
         let Some(own) = self.cycles.last_mut().filter(|own| own.cycle == cycle) else {
-            return Err(format!("method {method} has results of cycle {cycle} without its truth"));
+            return Err(format!("method {method} has results of cycle {cycle} before its observations"));
         };
         let departures = [&analysis.background_departures, &analysis.analysis_departures];
         own.methods[method] = Some(MethodCycle {
-            scores: scores.clone().into_owned(),
+            scores: self.drawn.iter().map(|name| scores.get(name).copied()).collect(),
             calibration: calibration.clone(),
             calibration_spread: calibration_spread.clone(),
             departures: mean_departures(&own.kinds, departures),
-            reliability,
         });
         Ok(())
     }
@@ -233,7 +252,9 @@ impl History {
     pub fn add_smoothed(&mut self, smoothed: &Smoothed<'_>) {
         let cycle = self.cycles.iter_mut().rev().find(|own| own.cycle == smoothed.cycle);
         if let Some(own) = cycle.and_then(|own| own.methods[smoothed.method].as_mut()) {
-            own.scores.extend(smoothed.scores.clone().into_owned());
+            for (value, name) in own.scores.iter_mut().zip(&self.drawn) {
+                *value = smoothed.scores.get(name).copied().or(*value);
+            }
         }
     }
 
@@ -249,24 +270,46 @@ impl History {
         }
     }
 
-    fn reliability(&self, info: &RunInfo, state: &State, spread: &[f64]) -> Vec<Reliability> {
+    /// Takes the errors of an analysis against its spread, by variable.
+    fn gather(&mut self, info: &RunInfo, method: usize, state: &State, spread: &[f64]) {
+        let Some(truth) = &self.truth else { return };
         let cells = info.layout.grid.cells();
-        let of_variable = |variable: usize| {
+        for (variable, reliability) in self.reliability[method].iter_mut().enumerate() {
             let range = variable * cells..(variable + 1) * cells;
-            let mut reliability = Reliability::default();
-            if let Some(truth) = self.truth.get(range.clone()) {
+            if let Some(truth) = truth.get(range.clone()) {
                 let errors = state.values()[range.clone()].iter().zip(truth).map(|(value, truth)| value - truth);
                 reliability.add(errors.zip(spread[range].iter().copied()));
             }
-            reliability
-        };
-        (0..info.layout.variables.len()).map(of_variable).collect()
+        }
+    }
+
+    /// The analysis errors of a method's variable against the claimed spread, over the cycles that count.
+    pub fn reliability(&self, method: usize, variable: usize) -> &Reliability {
+        &self.reliability[method][variable]
+    }
+
+    /// A method's score in every cycle that has it; it must be one that is drawn.
+    pub fn scores(&self, method: usize, name: &str) -> impl Iterator<Item = (&Cycle, f64)> {
+        let number = self.drawn.iter().position(|own| own == name);
+        self.cycles.iter().filter_map(move |cycle| {
+            let own = cycle.methods.get(method)?.as_ref()?;
+            Some((cycle, own.scores[number?]?))
+        })
     }
 
     /// The variables of the values of a state, thinned.
     fn maps(&self, values: &[f64]) -> Vec<Vec<f32>> {
         values.chunks_exact(self.thinning.cells()).map(|field| self.thinning.apply(field)).collect()
     }
+}
+
+/// The names of the scores that have a line.
+fn drawn_scores(info: &RunInfo) -> Vec<String> {
+    let of_kind = |kind: &ScoreKind| {
+        let all = info.layout.variables.iter().map(|variable| kind.key(variable.name));
+        all.take(if kind.per_variable { usize::MAX } else { 1 }).collect::<Vec<_>>()
+    };
+    SCORES.iter().filter(|kind| kind.line.is_some()).flat_map(of_kind).collect()
 }
 
 fn mean_departures(kinds: &[ObservationType], departures: [&Vec<f64>; 2]) -> BTreeMap<ObservationType, [f64; 2]> {

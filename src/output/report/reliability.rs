@@ -35,17 +35,6 @@ impl Reliability {
         }
     }
 
-    /// Takes in what another has gathered.
-    pub fn merge(&mut self, other: &Reliability) {
-        self.normalised.resize(BINS, 0);
-        self.normalised.iter_mut().zip(&other.normalised).for_each(|(own, other)| *own += other);
-        self.count += other.count;
-        for (bin, other) in &other.spreads {
-            let own = self.spreads.entry(*bin).or_default();
-            *own = (own.0 + other.0, own.1 + other.1, own.2 + other.2);
-        }
-    }
-
     /// Probability density of the normalised errors: centre of each bin, and density.
     pub fn density(&self) -> Vec<[f64; 2]> {
         let width = 2.0 * LARGEST / BINS as f64;
@@ -85,9 +74,8 @@ mod tests {
         let spread = |number: usize| if number.is_multiple_of(2) { 1.0 } else { 6.0 };
         let (first, second) = noise.split_at(50_000);
         for (part, offset) in [(first, 0), (second, 50_000)] {
-            let mut own = Reliability::default();
-            own.add(part.iter().enumerate().map(|(number, z)| (spread(number + offset) * z, spread(number + offset))));
-            honest.merge(&own);
+            honest
+                .add(part.iter().enumerate().map(|(number, z)| (spread(number + offset) * z, spread(number + offset))));
         }
         for [z, density] in honest.density() {
             let expected = (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt();

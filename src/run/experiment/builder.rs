@@ -1,7 +1,7 @@
 //! A scenario with methods and networks that are made by code.
 
 use super::error::ExperimentError;
-use crate::kinds::plain_name;
+use crate::kinds::{distinct_name, plain_name};
 use crate::scenario::{Scenario, check_method_name};
 use isobar_assim::{Assimilator, Error, Problem};
 use isobar_obs::{Network, ObservationError};
@@ -70,9 +70,17 @@ impl<'a> ExperimentBuilder<'a> {
                 error: Error::Setting(format!("{message}: {help}")),
             })?;
         }
-        for Network { name, .. } in &self.scenario.networks {
+        let networks = &self.scenario.networks;
+        for (number, Network { name, instrument, .. }) in networks.iter().enumerate() {
+            let others = networks[..number].iter().map(|network| network.name.as_str());
             plain_name(name, "network")
+                .and_then(|()| distinct_name(name, others, "network"))
                 .map_err(|(message, help)| ObservationError::in_setting(name, "name", format!("{message}: {help}")))?;
+            if self.scenario.truth.is_none() && !instrument.is_recorded() {
+                let problem =
+                    "there is no truth that the network could observe: all networks of the scenario are recorded";
+                return Err(ObservationError::in_setting(name, "instrument", problem).into());
+            }
         }
         Ok(())
     }

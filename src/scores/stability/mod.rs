@@ -1,8 +1,9 @@
 //! The stability monitor: which of a method's bias estimates can be relied on, and what would make the others so.
 //!
-//! An optimal filter is stable where its system is observable and controllable (Kalman 1960; section 8 of the patents'
-//! mathematics): then its claimed variances are bounded, and its innovations are white with the covariance that it claims.
-//! Each of that can be looked at from within, without the truth:
+//! An optimal filter is stable where its system is uniformly observable and controllable (Kalman 1960; Jazwinski 1970,
+//! section 7.6): its claimed variances are then bounded, and it forgets where it started. Where its model and covariances are
+//! right as well, its innovations are white with the covariance that it claims. Each of that can be looked at from within,
+//! without the truth:
 //!
 //! - *observability*: the posterior covariance of the biases against the prior (see [`isobar_assim::observability`]);
 //! - *growth* of the forecast variances between observations;

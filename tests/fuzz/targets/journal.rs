@@ -2,8 +2,8 @@
 //! whose checksums are made right.
 #![no_main]
 
-use isobar::run::checkpoint::journal::replay_bytes;
 use isobar::event::{MethodInfo, RunInfo};
+use isobar::run::checkpoint::journal::replay_bytes;
 use isobar::scenario::Scenario;
 use libfuzzer_sys::fuzz_target;
 use std::path::Path;
@@ -23,8 +23,12 @@ static INFO: LazyLock<RunInfo> = LazyLock::new(|| {
         start: scenario.start,
         window: scenario.cycle.window,
         cycles: 10,
+        score_from_cycle: 2,
         calibration: Default::default(),
         methods: vec![method("free"), method("fkf")],
+        has_truth: true,
+        networks: Vec::new(),
+        notes: Vec::new(),
         stations: Vec::new(),
     }
 });

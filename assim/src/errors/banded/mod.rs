@@ -12,7 +12,7 @@ use crate::estimated::EstimatedParameter;
 use crate::filter::{Cycle, Errors, Filter, Fit};
 use crate::linalg::product;
 use crate::memory::{Matrix, require};
-use crate::problem::{Innovations, Problem};
+use crate::problem::{Innovations, Problem, require_memory};
 use band::Band;
 use faer::{Mat, MatRef};
 use isobar_model::TangentLinear;
@@ -106,15 +106,9 @@ impl Banded {
         let layout = problem.background.layout();
         let m = layout.len();
         let half_bandwidth = half_bandwidth.min(m - 1);
-        // L, Q, W or the next L, and a batch of columns.
-        let needed_bytes = 8 * (3 * (half_bandwidth as u64 + 1) + 2 * BATCH as u64) * m as u64;
-        if needed_bytes > problem.memory_limit_bytes {
-            return Err(Error::TooLarge {
-                what: format!("the bands of {half_bandwidth} diagonals for {m} values"),
-                needed_bytes,
-                limit_bytes: problem.memory_limit_bytes,
-            });
-        }
+        let p = problem.estimated_calibration().len();
+        let numbers = numbers(m, p, half_bandwidth, problem.most_observations);
+        problem.require_memory(numbers, || in_words(m, half_bandwidth, problem.most_observations))?;
         let order = ordering::ordering(layout);
         let mut position = vec![0; m];
         order.iter().enumerate().for_each(|(place, &index)| position[index] = place);
@@ -252,6 +246,11 @@ impl Errors for Banded {
         Ok(())
     }
 
+    fn require_memory(&self, observations: usize, m: usize, limit_bytes: u64) -> Result<(), Error> {
+        let (half, p) = (self.memory.root.half(), self.memory.bias_covariance.nrows());
+        require_memory(limit_bytes, numbers(m, p, half, observations), || in_words(m, half, observations))
+    }
+
     fn estimated_parameters(&self) -> Vec<EstimatedParameter> {
         let parameter = |name: &str, taper: f64| EstimatedParameter {
             name: name.into(),
@@ -266,4 +265,14 @@ impl Errors for Banded {
         };
         vec![parameter("band/taper", self.memory.taper), parameter("band/first_taper", self.first_taper)]
     }
+}
+
+/// L, Q, W or the next L, and a batch of columns; T, P_c and what an analysis makes of them; the rows of n observations.
+fn numbers(m: usize, p: usize, half_bandwidth: usize, observations: usize) -> f64 {
+    let [m, p, width, n] = [m, p, half_bandwidth + 1, observations].map(|size| size as f64);
+    (3.0 * width + 2.0 * BATCH as f64) * m + 4.0 * m * p + 5.0 * p * p + n * (p + width)
+}
+
+fn in_words(m: usize, half_bandwidth: usize, observations: usize) -> String {
+    format!("the bands of {half_bandwidth} diagonals for {m} values and {observations} observations")
 }

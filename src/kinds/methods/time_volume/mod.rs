@@ -11,7 +11,6 @@ use factors::{FactorSettings, MOST};
 use isobar_assim::fast_kalman::FastKalmanSettings;
 use isobar_assim::time_volume::{Candidate, Corrections, TimeVolume, TimeVolumeSettings};
 use isobar_assim::{Assimilator, Error};
-use isobar_obs::Calibration;
 use std::sync::Arc;
 
 /// The most corrections of a model.
@@ -179,9 +178,5 @@ impl MethodSettings for TimeVolumeOptions {
 
     fn can_freeze_biases(&self) -> Result<(), &'static str> {
         Err("factors of a time volume would go on changing the biases that [stability] freezes")
-    }
-
-    fn check(&self, calibration: &Calibration) -> Result<(), Error> {
-        self.factors.iter().try_for_each(|factor| factor.resolve(calibration).map(|_| ()))
     }
 }
