@@ -43,7 +43,7 @@ use crate::covariance::Covariance;
 use crate::error::Error;
 use crate::filter::{Cycle, Errors, Filter, Fit};
 use crate::memory::{Matrix, require};
-use crate::problem::{Innovations, Problem};
+use crate::problem::{Innovations, Problem, require_memory};
 use faer::{Mat, MatRef};
 use isobar_model::{Layout, TangentLinear, random};
 use isobar_obs::ByPlacement;
@@ -229,6 +229,14 @@ impl Errors for LocalErrors {
         local.iter().zip(of_local).for_each(|(&number, variance)| variances[m + number] = variance);
         shared.iter().enumerate().for_each(|(i, &number)| variances[m + number] = memory.shared[(i, i)]);
         variances
+    }
+
+    fn require_memory(&self, observations: usize, _: usize, limit_bytes: u64) -> Result<(), Error> {
+        // E_j and E_c with their copies: an observation sees the factors in whose supports its cell is.
+        let tiles = self.frame.covering.iter().map(Vec::len).max().unwrap_or(0);
+        let largest = self.memory.factors.iter().map(LocalFactors::columns).max().unwrap_or(0);
+        let numbers = 2.0 * observations as f64 * (tiles * largest + self.frame.shared.len()) as f64;
+        require_memory(limit_bytes, numbers, || format!("the analysis of {observations} observations with local factors"))
     }
 
     /// (blkdiag(C) + Σ F_j F_jᵀ) h_b + Γ S (Γᵀ h_b + h_c), and S (Γᵀ h_b + h_c).
