@@ -231,14 +231,6 @@ impl Errors for LocalErrors {
         variances
     }
 
-    fn require_memory(&self, observations: usize, _: usize, limit_bytes: u64) -> Result<(), Error> {
-        // E_j and E_c with their copies: an observation sees the factors in whose supports its cell is.
-        let tiles = self.frame.covering.iter().map(Vec::len).max().unwrap_or(0);
-        let largest = self.memory.factors.iter().map(LocalFactors::columns).max().unwrap_or(0);
-        let numbers = 2.0 * observations as f64 * (tiles * largest + self.frame.shared.len()) as f64;
-        require_memory(limit_bytes, numbers, || format!("the analysis of {observations} observations with local factors"))
-    }
-
     /// (blkdiag(C) + Σ F_j F_jᵀ) h_b + Γ S (Γᵀ h_b + h_c), and S (Γᵀ h_b + h_c).
     fn multiply(&self, h: &[f64]) -> Vec<f64> {
         let Frame { blocks, local, shared, layout, .. } = &*self.frame;
