@@ -43,7 +43,7 @@ use crate::covariance::Covariance;
 use crate::error::Error;
 use crate::filter::{Cycle, Errors, Filter, Fit};
 use crate::memory::{Matrix, require};
-use crate::problem::{Innovations, Problem};
+use crate::problem::{Innovations, Problem, require_memory};
 use faer::{Mat, MatRef};
 use isobar_model::{Layout, TangentLinear, random};
 use isobar_obs::ByPlacement;
@@ -314,5 +314,14 @@ impl Errors for LocalErrors {
         require(memory.sensitivity.has_shape(b, p) && memory.shared.has_shape(p, p), "the border")?;
         self.memory = memory;
         Ok(())
+    }
+
+    fn require_memory(&self, observations: usize, _: usize, limit_bytes: u64) -> Result<(), Error> {
+        // M has a block for each two tiles whose supports overlap, its factor some times as much; the rows of a chunk of
+        // components see the tiles whose supports cover a cell.
+        let columns: usize = self.memory.factors.iter().map(LocalFactors::columns).sum();
+        let seen = self.frame.colours.count * self.frame.settings.per_tile + self.frame.shared.len();
+        let numbers = 16.0 * columns as f64 * seen as f64 + 4.0 * observations as f64 * seen as f64;
+        require_memory(limit_bytes, numbers, || format!("the analysis of {observations} observations with {columns} local factors"))
     }
 }
