@@ -12,6 +12,7 @@ mod common;
 mod determinism;
 mod diagnostics;
 mod exact;
+mod examples;
 mod failures;
 mod faults;
 mod file_errors;

@@ -35,9 +35,8 @@ fn errors(boundary: Boundary) -> LocalErrors {
     let grid = Grid { nx: 16, ny: 11, dx_m: 1.0, dy_m: 1.0, boundary };
     let layout = isobar_model::shallow_water::layout(grid);
     let covariance = |length: f64| -> Arc<dyn Covariance> {
-        let smooth = (0..3).map(|variable| {
-            Box::new(Univariate::new(&layout, variable, 1.0 + variable as f64, length)) as Box<dyn Covariance>
-        });
+        let of = |variable| Univariate::new(&layout, variable, 1.0 + variable as f64, length).unwrap();
+        let smooth = (0..3).map(|variable| Box::new(of(variable)) as Box<dyn Covariance>);
         let white = (0..3).map(|variable| Box::new(White::new(&layout, variable, 0.1)) as Box<dyn Covariance>);
         Arc::new(Sum::new(layout.len(), smooth.chain(white).collect()))
     };
@@ -58,6 +57,7 @@ fn errors(boundary: Boundary) -> LocalErrors {
         calibration,
         bias: crate::problem::BiasTreatment::Estimate,
         memory_limit_bytes: 1 << 30,
+        most_observations: 0,
     };
     let settings = LocalFactorSettings {
         blocks: super::super::blocks::BlockShape::Cell,
@@ -158,14 +158,9 @@ fn compression_keeps_the_covariance_of_each_block() {
         let mut fewer = LocalFactorSettings { per_tile: 3, ..errors.frame.settings };
         std::mem::swap(&mut Arc::get_mut(&mut errors.frame).unwrap().settings, &mut fewer);
         errors.compress();
-        assert!(
-            errors
-                .memory
-                .factors
-                .iter()
-                .zip(&errors.frame.supports)
-                .all(|(factors, support)| { factors.columns() == 3 && factors.variables == *support })
-        );
+        assert!(errors.memory.factors.iter().zip(&errors.frame.supports).all(|(factors, support)| {
+            factors.columns() == 3 && factors.variables == *support
+        }));
         assert!(difference(&of_blocks(&errors), &before) < 1e-13, "{boundary:?}");
     }
 }
@@ -203,8 +198,8 @@ fn all_directions_of_all_tiles_make_the_whole_covariance() {
         let grid = Grid { nx: 6, ny: 5, dx_m: 1.0, dy_m: 1.0, boundary };
         let layout = isobar_model::shallow_water::layout(grid.clone());
         let terms: Vec<Box<dyn Covariance>> = vec![
-            Box::new(Univariate::new(&layout, 0, 2.0, 1.5)),
-            Box::new(Univariate::new(&layout, 2, 1.0, 0.8)),
+            Box::new(Univariate::new(&layout, 0, 2.0, 1.5).unwrap()),
+            Box::new(Univariate::new(&layout, 2, 1.0, 0.8).unwrap()),
             Box::new(White::new(&layout, 1, 0.3)),
         ];
         let covariance = Sum::new(layout.len(), terms);
