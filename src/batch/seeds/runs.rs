@@ -88,7 +88,8 @@ impl ExperimentBuilder<'_> {
     /// If all runs failed, why the first one did; or if nothing can be written for a trial.
     pub fn run_seeds(&self, options: &RunOptions, seeds: &[u64], progress: &SeedsProgress) -> Result<SeedRuns, Report> {
         let run = |_: &Scenario, options: &RunOptions, listener: &mut dyn Sink| {
-            self.run(options, listener).map_err(|error| miette!("{error}"))
+            let run = self.run(options, listener);
+            run.map_err(|error| JobError { may_pass: error.may_pass(), report: miette!("{error}") })
         };
         run_all(&self.scenario, options, seeds, &run, progress)
     }
