@@ -22,14 +22,11 @@ const LONGEST: usize = 500;
 pub(crate) fn clean(text: &str) -> String {
     let mut cleaned = String::new();
     for (number, character) in text.chars().enumerate() {
-        match is_unprintable(character) {
-            _ if number == LONGEST => {
-                cleaned.push('…');
-                break;
-            }
-            true => cleaned.extend(character.escape_unicode()),
-            false => cleaned.push(character),
+        if number == LONGEST {
+            cleaned.push('…');
+            break;
         }
+        push_printable(&mut cleaned, character, is_unprintable(character));
     }
     cleaned
 }
@@ -48,22 +45,21 @@ pub(crate) fn clean_lines(text: &str) -> String {
 pub(crate) fn printable(text: &str) -> String {
     let mut printable = String::with_capacity(text.len());
     for character in text.chars() {
-        match is_unprintable(character) && character != '\n' {
-            true => printable.extend(character.escape_unicode()),
-            false => printable.push(character),
-        }
+        push_printable(&mut printable, character, is_unprintable(character) && character != '\n');
     }
     printable
+}
+
+fn push_printable(text: &mut String, character: char, is_escaped: bool) {
+    if is_escaped { text.extend(character.escape_unicode()) } else { text.push(character) }
 }
 
 /// The text with every character that a page cannot show written as an escape; line ends and tabs stay.
 pub(crate) fn on_page(text: &str) -> String {
     let mut shown = String::with_capacity(text.len());
     for character in text.chars() {
-        match is_unprintable(character) && !['\n', '\r', '\t'].contains(&character) {
-            true => shown.extend(character.escape_unicode()),
-            false => shown.push(character),
-        }
+        let is_shown = ['\n', '\r', '\t'].contains(&character) || !is_unprintable(character);
+        push_printable(&mut shown, character, !is_shown);
     }
     shown
 }

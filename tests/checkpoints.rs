@@ -106,15 +106,12 @@ fn a_run_that_is_killed_a_hundred_times_is_the_same_in_the_end() {
             if destination.exists() {
                 break;
             }
-            child = match checkpoints(parent.path()).is_empty() {
-                true => {
-                    anew += 1;
-                    start(parent.path(), CYCLES)
-                }
-                false => {
-                    resumed += 1;
-                    resume(parent.path())
-                }
+            child = if checkpoints(parent.path()).is_empty() {
+                anew += 1;
+                start(parent.path(), CYCLES)
+            } else {
+                resumed += 1;
+                resume(parent.path())
             };
         }
         whole.assert_same(&Outputs::of(&destination), "after kills");

@@ -33,7 +33,10 @@ fn with_all_factors_it_is_the_kalman_filter() {
                 let (background, expected) = (tiled.forecast(WINDOW).unwrap(), reference.forecast(WINDOW).unwrap());
                 let spread = |background: &isobar_assim::Background| background.estimate.state_spread.clone().unwrap();
                 let error = relative_difference(&spread(&background), &spread(&expected));
-                assert!(error < 1e-9, "{shared} shared, {local} local, cycle {cycle}: spread of the background {error:e}");
+                assert!(
+                    error < 1e-9,
+                    "{shared} shared, {local} local, cycle {cycle}: spread of the background {error:e}"
+                );
                 let found = tiled.analyse(&background, &observed).unwrap();
                 let expected = reference.analyse(&expected, &observed).unwrap();
                 let pairs = [
@@ -51,7 +54,8 @@ fn with_all_factors_it_is_the_kalman_filter() {
             }
             let unknowns = [Unknown::Value(7)].into_iter().chain((0..shared + local).map(Unknown::Parameter));
             for unknown in unknowns {
-                let column = |method: &dyn Assimilator| method.can().joint_errors.unwrap().covariance_column(unknown).unwrap();
+                let column =
+                    |method: &dyn Assimilator| method.can().joint_errors.unwrap().covariance_column(unknown).unwrap();
                 let (found, expected) = (column(&tiled), column(&reference));
                 let error = relative_difference(&found.state, &expected.state);
                 assert!(error < 1e-8, "{shared} shared, {local} local: covariance with {unknown:?} {error:e}");

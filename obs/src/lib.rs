@@ -22,8 +22,10 @@
 //! What makes observations:
 //! - [`instrument`]: [`InstrumentSettings`] and [`Instrument`], the traits of every instrument; an addition is one file
 //! - [`instrument::radiosonde`], [`instrument::satellite`], [`instrument::recorded`]
+//! - [`instrument::steady`]: [`Steady`], any instrument that sees the same in every cycle
 //! - [`site`]: where and when an instrument is to observe
 //! - [`observation`], [`predictor`]: one observation as an instrument makes it
+//! - [`state_operator`]: [`StateOperator`], what it sees of the state
 //! - [`footprint`](mod@footprint): what a satellite averages over
 //!
 //! `testing` (feature `testing`): the contract batteries that any operator and any instrument must pass.
@@ -36,6 +38,7 @@ pub mod calibration;
 pub mod error;
 pub mod faults;
 pub mod footprint;
+mod general_operator;
 pub mod instrument;
 pub mod jacobian;
 pub mod network;
@@ -50,6 +53,7 @@ pub mod rejection;
 pub mod report;
 pub mod site;
 pub mod sparse;
+pub mod state_operator;
 pub mod station;
 pub mod station_file;
 pub mod system;
@@ -70,6 +74,7 @@ pub use footprint::footprint;
 pub use instrument::radiosonde::{BiasScope, RadiosondeSettings, StationBias};
 pub use instrument::recorded::{RecordedSettings, WindAxes};
 pub use instrument::satellite::{Heading, SatelliteSettings, ScanBias, ScanTerm};
+pub use instrument::steady::Steady;
 pub use instrument::{Instrument, InstrumentSettings, ObservedVariable};
 pub use jacobian::Jacobian;
 pub use network::{Network, Schedule};
@@ -84,6 +89,7 @@ pub use rejection::Rejection;
 pub use report::{ObservationType, Report};
 pub use site::Site;
 pub use sparse::SparseRows;
+pub use state_operator::{NonlinearOperator, StateOperator};
 pub use station::{LeftOutStation, Station, StationSource};
 pub use station_file::{Position, StationFile, StationRecord};
 pub use system::{ObservingSystem, SavedSystem};

@@ -176,8 +176,7 @@ fn sane_values(
 
 /// d of an observation.
 fn departure(arrival: &Arrival, reference: &State) -> f64 {
-    let row = &arrival.observation.state_row;
-    arrival.value - row.iter().map(|&(i, weight)| weight * reference.values()[i]).sum::<f64>()
+    arrival.value - arrival.observation.state.value(reference)
 }
 
 /// The departures of one variable's observations from the reference, and how they should vary together.

@@ -1,18 +1,15 @@
 //! The observing system of an experiment: all of its networks, and their true biases as time goes by.
 
-use crate::air_mass::AirMassOperator;
 use crate::aside::{Aside, Unused, UnusedObservation};
 use crate::bias::BiasProcess;
 use crate::biases::Biases;
 use crate::calibration::{Calibration, Parameter};
 use crate::error::ObservationError;
 use crate::faults::Faults;
+use crate::general_operator::GeneralOperator;
 use crate::instrument::Instrument;
-use crate::jacobian::Jacobian;
 use crate::network::{Network, Schedule};
 use crate::observation::{Arrival, Observation, Reading};
-use crate::operator::{LinearOperator, ObservationOperator};
-use crate::predictor::Predictor;
 use crate::projection::Projection;
 use crate::quality::{self, QualityControl, Reference};
 use crate::recorded_use::RecordedUse;
@@ -305,7 +302,7 @@ impl ObservingSystem {
                 let (value, value_bias_removed, time) = match observation.reading {
                     Reading::Error(error) => {
                         let truth = truth.expect("an instrument that observes the truth needs one");
-                        let value_bias_removed = dot(&observation.state_row, truth.values()) + error;
+                        let value_bias_removed = observation.state.value(truth) + error;
                         let bias = observation.bias(truth, self.biases.values());
                         (value_bias_removed + bias, value_bias_removed, time)
                     }
@@ -335,7 +332,7 @@ impl ObservingSystem {
     ) -> ObservationWindow {
         let (mut reports, mut times, mut values, mut sigma) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let (mut checks, mut unused, mut unused_bias_removed) = (Vec::new(), Vec::new(), Vec::new());
-        let (mut rows_of_used, mut rows_of_unused) = (Rows::default(), Rows::default());
+        let (mut rows_of_used, mut rows_of_unused) = (GeneralOperator::default(), GeneralOperator::default());
         self.values_bias_removed.clear();
         for (arrival, rejection, check) in judged {
             let Arrival { observation, value, value_bias_removed, time, is_passive } = arrival;
@@ -355,35 +352,9 @@ impl ObservingSystem {
             checks.push(check);
         }
         self.values_bias_removed.extend(unused_bias_removed);
-        let aside = Aside { checks, unused, operator: rows_of_unused.operator() };
-        let operator = rows_of_used.operator();
+        let aside = Aside { checks, unused, operator: rows_of_unused.simplified() };
+        let operator = rows_of_used.simplified();
         ObservationWindow { time, cycle: self.cycle, reports, times, values, sigma, aside, operator }
-    }
-}
-
-/// The rows of an operator as they come.
-#[derive(Default)]
-struct Rows {
-    jacobian: Jacobian,
-    predictors: Vec<Vec<Predictor>>,
-}
-
-impl Rows {
-    /// Takes the rows of an observation, and gives back the rest.
-    fn take(&mut self, mut observation: Observation) -> Observation {
-        self.jacobian.state.push_row(std::mem::take(&mut observation.state_row));
-        self.jacobian.calibration.push_row(std::mem::take(&mut observation.calibration_row));
-        self.predictors.push(std::mem::take(&mut observation.predictors));
-        observation
-    }
-
-    fn operator(self) -> Arc<dyn ObservationOperator> {
-        let linear = LinearOperator { jacobian: self.jacobian };
-        if self.predictors.iter().all(Vec::is_empty) {
-            Arc::new(linear)
-        } else {
-            Arc::new(AirMassOperator::new(linear, self.predictors))
-        }
     }
 }
 
@@ -403,9 +374,4 @@ fn check_size(name: &str, observations: usize, weights: usize) -> Result<(), Obs
         ));
     }
     Ok(())
-}
-
-/// A sparse row times a vector.
-fn dot(row: &[(usize, f64)], x: &[f64]) -> f64 {
-    row.iter().map(|&(column, value)| value * x[column]).sum()
 }

@@ -80,10 +80,10 @@ impl ObservationWindow {
         }
         let mut anchored = self.clone();
         if let Some(operator) = of_used {
-            anchored.operator = Arc::new(operator);
+            anchored.operator = operator;
         }
         if let Some(operator) = of_unused {
-            anchored.aside.operator = Arc::new(operator);
+            anchored.aside.operator = operator;
         }
         Cow::Owned(anchored)
     }

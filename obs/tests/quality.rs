@@ -103,11 +103,11 @@ fn gross_errors_are_found_by_their_neighbours() {
             let error = error(report, checked.values[number], checked.sigma[number]);
             (large, missed) = (large + usize::from(error > 15.0), missed + usize::from(error > 15.0));
         }
-        for (it, _) in checked.aside.rejected() {
+        for (it, rejection) in checked.aside.rejected() {
             let error = error(&it.report, it.value, it.sigma);
             (large, wrong) = (large + usize::from(error > 15.0), wrong + usize::from(error == 0.0));
-            let known = [Rejection::GrossError, Rejection::Absurd].contains(&it.rejection);
-            assert!(known, "{:?}", it.rejection);
+            let known = [Rejection::GrossError, Rejection::Absurd].contains(&rejection);
+            assert!(known, "{rejection:?}");
         }
         all += checked.len() + checked.aside.rejected().count();
     }

@@ -57,7 +57,8 @@ pub(crate) fn bytes(path: &Path, largest: u64) -> Result<Vec<u8>, String> {
     let file = safe_file::open_named(path).map_err(|error| error.to_string())?;
     file.take(largest + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
     if bytes.len() as u64 > largest {
-        return Err(format!("it is larger than {} MB", largest / 1_000_000));
+        let (most, unit) = if largest < 10_000_000 { (largest / 1000, "kB") } else { (largest / 1_000_000, "MB") };
+        return Err(format!("it is larger than {most} {unit}"));
     }
     Ok(bytes)
 }

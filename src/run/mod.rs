@@ -74,17 +74,17 @@ impl ExperimentBuilder<'_> {
     ///
     /// # Errors
     /// As [`run()`].
-    pub fn run(self, options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, RunError> {
+    pub fn run(&self, options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, RunError> {
         self.run_all(options, listener, None)
     }
 
     fn run_all(
-        self,
+        &self,
         options: &RunOptions,
         listener: &mut dyn Sink,
         afterwards: Option<Afterwards<'_>>,
     ) -> Result<Summary, RunError> {
-        let scenario = self.scenario;
+        let scenario = &*self.scenario;
         let workers = ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0)).build()?;
         let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
         let open = if options.resume { OutputDirectory::resume } else { OutputDirectory::create };

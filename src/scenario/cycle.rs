@@ -63,10 +63,10 @@ pub(super) fn read(root: &Section<'_>, start: Time, steps: &[(&str, Duration)]) 
     Ok(CycleSettings { count, window, score_from_cycle })
 }
 
-/// Reads `[truth]`. There is none where it says so, and where all observations are recorded and nothing is said.
+/// Reads `[truth]`; there is no field of a model that is given by code. There is no truth where it says so, and where all observations are recorded and nothing is said.
 pub(super) fn read_truth(
     root: &Section<'_>,
-    model_field: &Field<'_>,
+    model_field: Option<&Field<'_>>,
     domain: &Domain,
     networks: &[Network],
 ) -> Read<Option<TruthSettings>> {
@@ -94,7 +94,10 @@ pub(super) fn read_truth(
         return Ok(None);
     }
     if let Some(overrides) = section.optional("model") {
-        truth.model = models::read_with_overrides(model_field, &overrides, &domain.grid)?;
+        let Some(model) = model_field else {
+            return Err(overrides.misplaced("a model that is given by code has no keys".into(), "leave it out"));
+        };
+        truth.model = models::read_with_overrides(model, &overrides, &domain.grid)?;
     }
     if let Some(field) = section.optional("initial") {
         let domain = Domain { grid: domain.grid.clone(), model: truth.model.clone() };

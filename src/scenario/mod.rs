@@ -24,21 +24,20 @@ pub use sensors::{SensorSettings, StabilitySettings};
 pub use sweep::SweepSettings;
 
 use crate::kinds::covariances::{self, Components};
-use crate::kinds::initial::{INITIAL, InitialState};
+use crate::kinds::initial::{GivenState, INITIAL, InitialState};
 use crate::kinds::instruments;
 use crate::kinds::methods::{self, Method, Surroundings};
 use crate::kinds::models::{self, Model};
 use crate::kinds::{self, Domain, distinct_name, plain_name};
 use crate::output::Outputs;
-use crate::reader::{self, Field, FileName, Read, Section, SourceFile};
+use crate::reader::{self, Field, FileName, Read, Section, SourceFile, files};
 use crate::scores::ScoreKind;
 use crate::scores::expected::TOLERANCE_KEY;
 use crate::text;
 use indexmap::IndexMap;
-use isobar_model::Time;
+use isobar_model::{Adjoint, State, Time};
 use isobar_obs::{Network, QualityControl, times};
 use std::collections::BTreeMap;
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use toml::de::DeValue;
@@ -102,7 +101,7 @@ pub struct Scenario {
     pub stability: StabilitySettings,
     /// What is written.
     pub outputs: Outputs,
-    /// Whether it is run for regression with all others; a scenario that is too dear says no.
+    /// Whether it is run for regression with all others: `false` for scenarios too expensive for that.
     pub regression: bool,
     /// The accepted scores.
     pub expected: Expected,
@@ -137,14 +136,7 @@ impl Scenario {
     /// # Errors
     /// The first fault in the file, with its place.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
-        let file_error = |reason: &dyn std::fmt::Display| ScenarioError::of_file(path, reason);
-        let metadata = std::fs::metadata(path).map_err(|error| file_error(&error))?;
-        if !metadata.is_file() {
-            return Err(file_error(&"it is not a file"));
-        }
-        let mut bytes = Vec::new();
-        let file = std::fs::File::open(path).map_err(|error| file_error(&error))?;
-        file.take(LARGEST_FILE + 1).read_to_end(&mut bytes).map_err(|error| file_error(&error))?;
+        let bytes = files::bytes(path, LARGEST_FILE).map_err(|reason| ScenarioError::of_file(path, reason))?;
         match String::from_utf8(bytes) {
             Ok(text) => Self::parse(path, &text),
             Err(error) => {
@@ -161,6 +153,30 @@ impl Scenario {
     /// # Errors
     /// As [`Scenario::load`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, ScenarioError> {
+        Self::read(path, text, None)
+    }
+
+    /// As [`Scenario::parse`], with a model that is made by code and the first background: the text has no `[grid]`, `[model]`
+    /// and `[initial]`.
+    ///
+    /// Each cycle is a forecast with this one model, and [`TruthSettings::model`] is it, too. A truth of another model can be
+    /// set there.
+    ///
+    /// # Errors
+    /// As [`Scenario::load`]; if the background is not a state of the model.
+    pub fn parse_with_model(
+        path: &Path,
+        text: &str,
+        model: impl Adjoint + 'static,
+        background: State,
+    ) -> Result<Self, ScenarioError> {
+        if background.layout() != model.layout() {
+            return Err(ScenarioError::of_file(path, "the background is not a state of the given model"));
+        }
+        Self::read(path, text, Some((Model::given(Arc::new(model)), background)))
+    }
+
+    fn read(path: &Path, text: &str, given: Option<(Model, State)>) -> Result<Self, ScenarioError> {
         if text.len() as u64 > LARGEST_FILE {
             let reason = format!("it is larger than {} kB, the largest scenario", LARGEST_FILE / 1000);
             return Err(ScenarioError::of_file(path, reason));
@@ -172,16 +188,13 @@ impl Scenario {
             (string(&root, "title")?, string(&root, "phenomenon")?, string(&root, "source")?);
         let seed = root.required("seed")?.integer(0, i64::MAX)? as u64;
         let start = time(&root.required("start")?)?;
-        let grid = grid::read(&root)?;
-        let model_field = root.required("model")?;
-        let model = models::read(&model_field, &grid.grid)?;
+        let World { grid, model_field, model, initial } = World::read(&root, given)?;
         let domain = Domain { grid: grid.grid.clone(), model: model.clone() };
-        let initial = kinds::read(&root.required("initial")?, INITIAL, &domain)?.into();
         let background_error = covariances::read(&root.required("background_error")?, &domain)?;
         let model_error =
             root.optional("model_error").map_or(Ok(Vec::new()), |field| covariances::read(&field, &domain))?;
         let networks = instruments::read(&root, &domain)?;
-        let truth = cycle::read_truth(&root, &model_field, &domain, &networks)?;
+        let truth = cycle::read_truth(&root, model_field.as_ref(), &domain, &networks)?;
         let true_step = truth.as_ref().map_or(model.time_step, |truth| truth.model.time_step);
         let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", true_step)];
         let cycle = cycle::read(&root, start, &steps)?;
@@ -237,6 +250,34 @@ impl Scenario {
             regression,
             expected,
         })
+    }
+}
+
+/// The plane, the model and its first background.
+struct World<'a> {
+    grid: GridSettings,
+    /// `[model]`; `None` if it is given by code.
+    model_field: Option<Field<'a>>,
+    model: Model,
+    initial: Arc<dyn InitialState>,
+}
+
+impl<'a> World<'a> {
+    fn read(root: &Section<'a>, given: Option<(Model, State)>) -> Read<Self> {
+        if let Some((model, background)) = given {
+            if let Some(field) = ["grid", "model", "initial"].into_iter().find_map(|key| root.optional(key)) {
+                let message = format!("[{}] is given by code, with the model", field.title());
+                return Err(field.misplaced(message, "leave it out"));
+            }
+            let grid = GridSettings { grid: background.layout().grid.clone(), projection: None };
+            return Ok(Self { grid, model_field: None, model, initial: Arc::new(GivenState(background)) });
+        }
+        let grid = grid::read(root)?;
+        let model_field = root.required("model")?;
+        let model = models::read(&model_field, &grid.grid)?;
+        let domain = Domain { grid: grid.grid.clone(), model: model.clone() };
+        let initial = kinds::read(&root.required("initial")?, INITIAL, &domain)?.into();
+        Ok(Self { grid, model_field: Some(model_field), model, initial })
     }
 }
 

@@ -89,12 +89,12 @@ fn values(field: &Field<'_>) -> Read<Vec<Value>> {
     let is_whole =
         |key: &str| section.optional(key).is_some_and(|field| matches!(field.value.get_ref(), DeValue::Integer(_)));
     let step = |number: usize| number as f64 / (count - 1) as f64;
-    let value = |number: usize| match is_logarithmic {
+    let value = |number: usize| match number {
         // The ends to the digit.
-        _ if number == 0 => from,
-        _ if number == count - 1 => to,
-        true => from * (to / from).powf(step(number)),
-        false => from + (to - from) * step(number),
+        0 => from,
+        last if last == count - 1 => to,
+        _ if is_logarithmic => from * (to / from).powf(step(number)),
+        _ => from + (to - from) * step(number),
     };
     let all: Vec<f64> = (0..count).map(value).collect();
     // Whole numbers where all are: a key that wants them would refuse 4.0.

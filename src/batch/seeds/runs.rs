@@ -2,10 +2,12 @@
 
 use crate::batch::{Job, JobError, Run, Schedule, run_jobs};
 use crate::options::RunOptions;
+use crate::output::Sink;
 use crate::progress::SeedsProgress;
+use crate::run::experiment::ExperimentBuilder;
 use crate::scenario::Scenario;
 use crate::scores::Summary;
-use miette::Report;
+use miette::{Report, miette};
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 
@@ -75,6 +77,20 @@ pub fn run_all(
             Err(error.wrap_err(format!("the runs of all {} seeds failed", seeds.len())))
         }
         _ => Ok(runs),
+    }
+}
+
+impl ExperimentBuilder<'_> {
+    /// Runs the experiment with each of the seeds into `seed-N` below the directory of `options`, whose seed is left alone;
+    /// [`SeedsSummary::new`](super::SeedsSummary::new) makes means and differences of the scores.
+    ///
+    /// # Errors
+    /// If all runs failed, why the first one did; or if nothing can be written for a trial.
+    pub fn run_seeds(&self, options: &RunOptions, seeds: &[u64], progress: &SeedsProgress) -> Result<SeedRuns, Report> {
+        let run = |_: &Scenario, options: &RunOptions, listener: &mut dyn Sink| {
+            self.run(options, listener).map_err(|error| miette!("{error}"))
+        };
+        run_all(&self.scenario, options, seeds, &run, progress)
     }
 }
 

@@ -17,13 +17,8 @@ use isobar_model::Layout;
 use std::sync::Arc;
 
 /// All kinds of components.
-pub(crate) const COVARIANCES: &Kinds<dyn CovarianceSettings, Domain> = &[
-    &balanced::BalancedKind,
-    &univariate::UnivariateKind,
-    &by_distance::ByDistanceKind,
-    &members::MembersKind,
-    &white::WhiteKind,
-];
+pub(crate) const COVARIANCES: &Kinds<dyn CovarianceSettings, Domain> =
+    &[&balanced::KIND, &univariate::KIND, &by_distance::KIND, &members::KIND, &white::KIND];
 
 /// The components of a covariance.
 pub type Components = Vec<Arc<dyn CovarianceSettings>>;

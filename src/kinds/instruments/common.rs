@@ -49,7 +49,7 @@ const FAULTS: Key<Described> = Key::absent(
 );
 
 /// What instruments that make their own observations have in common.
-pub(super) const COMMON: [&dyn AnyKey; 5] = [&ASSIMILATE, &INTERVAL_CYCLES, &FIRST_CYCLE, &MISSING_RATE, &FAULTS];
+pub(super) const COMMON: &[&dyn AnyKey] = &[&ASSIMILATE, &INTERVAL_CYCLES, &FIRST_CYCLE, &MISSING_RATE, &FAULTS];
 
 /// Reads the faults of a network.
 pub(super) fn faults(section: &Section<'_>) -> Read<Faults> {

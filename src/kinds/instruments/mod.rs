@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 /// All kinds of instruments.
 pub(crate) const INSTRUMENTS: &Kinds<dyn InstrumentSettings, Domain> =
-    &[&radiosonde::RadiosondeKind, &satellite::SatelliteKind, &file::FileKind];
+    &[&radiosonde::KIND, &satellite::KIND, &file::KIND];
 
 /// The most networks of a scenario.
 const MOST_NETWORKS: usize = 100;
@@ -37,7 +37,7 @@ pub(crate) fn read(root: &Section<'_>, domain: &Domain) -> Read<Vec<Network>> {
 
 fn network(name: &str, field: &Field<'_>, domain: &Domain) -> Read<Network> {
     let (kind, section) = choose(field, INSTRUMENTS, domain)?;
-    let instrument = Arc::from(kind.read(&section, domain)?);
+    let instrument = Arc::from((kind.read)(&section, domain)?);
     let every_cycles = section.get(&INTERVAL_CYCLES)?;
     let first_cycle = section.whole_or(FIRST_CYCLE.name, 1, 1, every_cycles)?;
     Ok(Network {

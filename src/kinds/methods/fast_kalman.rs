@@ -105,29 +105,17 @@ const SEPARATOR_FACTORS: Key<Whole> = Key::absent(
 pub(super) const SHARED_KEYS: &[&dyn AnyKey] =
     &[&BLOCKS, &FACTORS, &RESIDUAL, &PROBES, &LARGEST, &SEPARATOR_FACTORS, &MEMORY_LIMIT_GB];
 
-pub(super) struct FastKalmanKind;
-
-impl Kind<dyn MethodSettings, Surroundings> for FastKalmanKind {
-    fn name(&self) -> &'static str {
-        "fkf"
-    }
-
-    fn about(&self) -> &'static str {
-        "Lange's Fast Kalman Filter: blocks, and the common factors that link them"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        let own: [&dyn AnyKey; 6] = [&BIAS, &ADAPT, &BIAS_COUPLING, &FACTOR_GRID, &FACTOR_PRECISION, &LOCAL_FACTORS];
-        [&own, SHARED_KEYS].concat()
-    }
-
-    fn read(&self, section: &Section<'_>, surroundings: &Surroundings) -> Read<Box<dyn MethodSettings>> {
+pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
+    "fkf",
+    "Lange's Fast Kalman Filter: blocks, and the common factors that link them",
+    &[&[&BIAS, &ADAPT, &BIAS_COUPLING, &FACTOR_GRID, &FACTOR_PRECISION, &LOCAL_FACTORS], SHARED_KEYS],
+    |section, surroundings| {
         let filter = read(section, &surroundings.domain)?;
         let factor_grid = factor_grid(section, &surroundings.domain.grid, &filter)?;
         let local = local_factors::read(section, surroundings, &filter)?;
         Ok(Box::new(FastKalman { filter, factor_grid, local }))
-    }
-}
+    },
+);
 
 #[derive(Debug)]
 struct FastKalman {

@@ -124,7 +124,8 @@ pub(super) fn read(
 /// The settings in words.
 pub(super) fn describe(settings: &LocalFactorSettings) -> String {
     let LocalFactorSettings { per_tile, tile_m, support_tiles, mixed, .. } = settings;
-    let mut words = format!("{per_tile} factors on each tile of {} km, cut off beyond {support_tiles} tiles", tile_m / 1e3);
+    let mut words =
+        format!("{per_tile} factors on each tile of {} km, cut off beyond {support_tiles} tiles", tile_m / 1e3);
     if *mixed > 0 {
         words += &format!(", {mixed} of them mixed");
     }

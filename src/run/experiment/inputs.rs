@@ -16,14 +16,15 @@ pub struct Inputs {
     tables: BTreeMap<String, u32>,
     /// Checksums of what is known of the sensors, by the names of their databases in the scenario.
     sensors: BTreeMap<String, u32>,
-    /// Names of the methods that code has added.
+    /// Names of the networks, and of the methods that code has added.
     added: Vec<String>,
 }
 
 impl Inputs {
     /// Those of a run.
     pub(super) fn new(scenario: &Scenario, sensors: &WarmStart, added: &[AddedMethod<'_>]) -> Self {
-        let added = added.iter().map(|method| method.name.clone()).collect();
+        let networks = scenario.networks.iter().map(|network| &network.name);
+        let added = networks.chain(added.iter().map(|method| &method.name)).cloned().collect();
         let known = scenario.sensors.iter().map(|settings| (settings.name.clone(), checksum(sensors)));
         Self { tables: scenario.tables.clone(), sensors: known.collect(), added }
     }
@@ -60,7 +61,7 @@ impl Inputs {
         let list = |names: &[String]| listed(names.iter().map(String::as_str));
         let (tables, sensors) = (changed(&self.tables, &other.tables), changed(&self.sensors, &other.sensors));
         if self.added != other.added {
-            Some("other methods were added to its scenario in code".into())
+            Some("other methods or networks were added to its scenario in code".into())
         } else if !tables.is_empty() {
             Some(format!("what it reads has changed since: {}", list(&tables)))
         } else if !sensors.is_empty() {

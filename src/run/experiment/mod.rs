@@ -27,6 +27,7 @@ use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem,
 use isobar_model::random::stream;
 use isobar_model::{Duration, check_time_step};
 use isobar_obs::ObservingSystem;
+use std::borrow::Cow;
 
 impl ExperimentError {
     /// The same fault with its place in the scenario's file.
@@ -140,9 +141,9 @@ pub fn check_sensors(scenario: &Scenario) -> Result<(), ExperimentError> {
 }
 
 impl Experiment {
-    /// A scenario, to which methods from code can be added.
+    /// A scenario, to which methods and networks from code can be added.
     pub fn builder(scenario: &Scenario) -> ExperimentBuilder<'_> {
-        ExperimentBuilder { scenario, added: Vec::new() }
+        ExperimentBuilder { scenario: Cow::Borrowed(scenario), added: Vec::new() }
     }
 }
 
@@ -150,14 +151,16 @@ impl ExperimentBuilder<'_> {
     /// Sets up the experiment.
     ///
     /// # Errors
-    /// Faults that the scenario's file alone does not show: files, stations, time steps, memory; the name of an added method.
-    pub fn build(self, options: &RunOptions) -> Result<Experiment, ExperimentError> {
+    /// Faults that the scenario's file alone does not show: files, stations, time steps, memory; the name of an added method
+    /// or network.
+    pub fn build(&self, options: &RunOptions) -> Result<Experiment, ExperimentError> {
         self.check_names()?;
-        let Self { scenario, added } = self;
+        let Self { added, .. } = self;
+        let scenario = &*self.scenario;
         let seed = options.seed.unwrap_or(scenario.seed);
         let cycles = options.cycles.unwrap_or(scenario.cycle.count);
         let Ground { problem, sensors, truth, observing } = ground(scenario, seed, cycles)?;
-        let inputs = Inputs::new(scenario, &sensors, &added);
+        let inputs = Inputs::new(scenario, &sensors, added);
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
         let freezing = scenario.stability.freeze_after_cycles.map(|after_cycle| Freezing {
             after_cycle,
@@ -190,7 +193,7 @@ impl ExperimentBuilder<'_> {
             let description = parts.into_iter().flatten().collect::<Vec<_>>().join(", ");
             infos.push(MethodInfo { name: name.clone(), description, smoother_lag_cycles });
         }
-        for AddedMethod { name, description, set_up } in added.into_iter().filter(|method| chosen(&method.name)) {
+        for AddedMethod { name, description, set_up } in added.iter().filter(|method| chosen(&method.name)) {
             let build = || {
                 let method = set_up(problem.clone())?;
                 let estimates_biases = method.can().calibration.is_some();
@@ -200,7 +203,7 @@ impl ExperimentBuilder<'_> {
             let runner = watched(runner);
             let smoother_lag_cycles = runner.smoother_lag();
             methods.push(Competitor { runner, failure: None, scores_bias: true, has_warned: false, bias_known: false });
-            infos.push(MethodInfo { name, description, smoother_lag_cycles });
+            infos.push(MethodInfo { name: name.clone(), description: description.clone(), smoother_lag_cycles });
         }
         let stations = observing.stations().iter().map(|station| StationInfo {
             network: station.network.clone(),

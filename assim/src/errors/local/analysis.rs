@@ -78,7 +78,11 @@ impl LocalErrors {
         for (tile, factors) in self.memory.factors.iter().enumerate() {
             for (j, amplitude) in amplitudes.of(tile).enumerate() {
                 let (values, amplitude) = (factors.values.col_as_slice(j), solved.amplitudes[amplitude]);
-                factors.variables.iter().zip(values).for_each(|(&variable, value)| increment[variable] += amplitude * value);
+                factors
+                    .variables
+                    .iter()
+                    .zip(values)
+                    .for_each(|(&variable, value)| increment[variable] += amplitude * value);
             }
         }
         for (j, &change) in solved.border.iter().enumerate() {

@@ -53,7 +53,8 @@ fn leading(factors: LocalFactors, keep: usize, scales: &[f64]) -> (LocalFactors,
     // In descending order.
     let ordered = Mat::from_fn(r, r, |i, j| directions[(i, r - 1 - j)]);
     let rotated = product(values.as_ref(), ordered.as_ref());
-    let part = |columns: std::ops::Range<usize>| LocalFactors::new(variables.clone(), rotated.get(.., columns).to_owned());
+    let part =
+        |columns: std::ops::Range<usize>| LocalFactors::new(variables.clone(), rotated.get(.., columns).to_owned());
     (part(0..keep), part(keep..r))
 }
 

@@ -28,7 +28,10 @@ impl LocalErrors {
             for j in 0..factors.columns() {
                 let values = factors.values.col_as_slice(j);
                 columns.edit_column(colour * r + j, |column| {
-                    support[..on_grid(support)].iter().zip(values).for_each(|(&variable, value)| column[variable] = *value);
+                    support[..on_grid(support)]
+                        .iter()
+                        .zip(values)
+                        .for_each(|(&variable, value)| column[variable] = *value);
                 });
             }
         }

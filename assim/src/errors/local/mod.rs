@@ -153,8 +153,10 @@ impl LocalErrors {
         settings.check(&supports, &blocks, shared.len(), problem.memory_limit_bytes)?;
         let mut scales = state_scales(&*problem.background_error, &layout);
         scales.extend(local.iter().map(|&number| calibration.parameters[number].sigma_prior));
-        let state_supports: Vec<Vec<usize>> =
-            supports.iter().map(|support| support[..support.partition_point(|&variable| variable < m)].to_vec()).collect();
+        let state_supports: Vec<Vec<usize>> = supports
+            .iter()
+            .map(|support| support[..support.partition_point(|&variable| variable < m)].to_vec())
+            .collect();
         let mut random = random::stream(0, "local common factors");
         let mut factored = |covariance: &dyn Covariance, rank: usize| {
             let factors =
@@ -177,7 +179,18 @@ impl LocalErrors {
         let colours = tiles.colours(1);
         let memory_limit_bytes = problem.memory_limit_bytes;
         let frame = Frame {
-            settings, layout, blocks, tiles, colours, supports, covering, cells, local, shared, model_error, scales,
+            settings,
+            layout,
+            blocks,
+            tiles,
+            colours,
+            supports,
+            covering,
+            cells,
+            local,
+            shared,
+            model_error,
+            scales,
             memory_limit_bytes,
         };
         let mut errors = Self { frame: Arc::new(frame), memory };
@@ -215,7 +228,11 @@ impl Errors for LocalErrors {
         for factors in &memory.factors {
             for column in 0..factors.columns() {
                 let values = factors.values.col_as_slice(column);
-                factors.variables.iter().zip(values).for_each(|(&variable, value)| variances[variable] += value * value);
+                factors
+                    .variables
+                    .iter()
+                    .zip(values)
+                    .for_each(|(&variable, value)| variances[variable] += value * value);
             }
         }
         // (Γ S Γᵀ)ᵢᵢ.
@@ -243,7 +260,8 @@ impl Errors for LocalErrors {
             if members.iter().any(|&member| of_blocks[member] != 0.0) {
                 let own = memory.own.block(blocks, block);
                 for (i, &row) in members.iter().enumerate() {
-                    image[row] += members.iter().enumerate().map(|(j, &column)| own[(i, j)] * of_blocks[column]).sum::<f64>();
+                    image[row] +=
+                        members.iter().enumerate().map(|(j, &column)| own[(i, j)] * of_blocks[column]).sum::<f64>();
                 }
             }
         }

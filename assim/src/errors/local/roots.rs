@@ -60,14 +60,13 @@ pub(super) fn leading_local_factors(
         })
         .collect();
     for _ in 0..=POWER_ITERATIONS {
-        let basis: Vec<Mat<f64>> = root.images(&directions).into_par_iter().map(|image| orthonormal(image.as_ref())).collect();
+        let basis: Vec<Mat<f64>> =
+            root.images(&directions).into_par_iter().map(|image| orthonormal(image.as_ref())).collect();
         directions = root.transposed_images(&basis);
         directions = directions.into_par_iter().map(|image| leading_directions(image.as_ref())).collect();
     }
-    let directions: Vec<Mat<f64>> = directions
-        .into_iter()
-        .map(|all| all.get(.., ..rank.min(all.ncols())).to_owned())
-        .collect();
+    let directions: Vec<Mat<f64>> =
+        directions.into_iter().map(|all| all.get(.., ..rank.min(all.ncols())).to_owned()).collect();
     let factors = root.images(&directions).into_iter().zip(supports).map(|(mut scaled, support)| {
         for column in 0..scaled.ncols() {
             let values = scaled.col_as_slice_mut(column).iter_mut();

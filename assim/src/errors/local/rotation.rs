@@ -13,8 +13,10 @@ impl LocalErrors {
     pub(super) fn localize(&mut self) {
         let frame = Arc::clone(&self.frame);
         for group in frame.tiles.pairs() {
-            let rotated: Vec<[LocalFactors; 2]> =
-                group.par_iter().map(|pair| rotated(&frame, pair, pair.tiles.map(|tile| &self.memory.factors[tile]))).collect();
+            let rotated: Vec<[LocalFactors; 2]> = group
+                .par_iter()
+                .map(|pair| rotated(&frame, pair, pair.tiles.map(|tile| &self.memory.factors[tile])))
+                .collect();
             for (pair, factors) in group.iter().zip(rotated) {
                 for (&tile, factors) in pair.tiles.iter().zip(factors) {
                     self.memory.factors[tile] = factors;
@@ -53,6 +55,7 @@ fn rotated(frame: &Frame, pair: &Pair, factors: [&LocalFactors; 2]) -> [LocalFac
     add_symmetric_product(moments.as_mut(), 1.0, y.transpose(), weighted.as_ref());
     let (_, rotation) = eigen(moments.as_ref());
     let y = product(y.as_ref(), rotation.as_ref());
-    let part = |from: usize, count: usize| LocalFactors::new(variables.clone(), y.get(.., from..from + count).to_owned());
+    let part =
+        |from: usize, count: usize| LocalFactors::new(variables.clone(), y.get(.., from..from + count).to_owned());
     [part(0, first), part(first, second)]
 }

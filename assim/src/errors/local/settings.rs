@@ -1,7 +1,7 @@
 //! How the filter with local factors is set up.
 
-use crate::errors::blocks::{BlockShape, Blocks};
 use crate::error::Error;
+use crate::errors::blocks::{BlockShape, Blocks};
 
 /// How the filter with local factors is set up.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,7 +44,13 @@ impl LocalFactorSettings {
     ///
     /// # Errors
     /// [`Error::Setting`], [`Error::TooLarge`].
-    pub(super) fn check(&self, supports: &[Vec<usize>], blocks: &Blocks, shared: usize, limit: u64) -> Result<(), Error> {
+    pub(super) fn check(
+        &self,
+        supports: &[Vec<usize>],
+        blocks: &Blocks,
+        shared: usize,
+        limit: u64,
+    ) -> Result<(), Error> {
         let Self { per_tile, model_error_per_tile, mixed, .. } = *self;
         let smallest = supports.iter().map(Vec::len).min().unwrap_or(0);
         if per_tile == 0 || per_tile.max(model_error_per_tile) > smallest {
@@ -54,7 +60,9 @@ impl LocalFactorSettings {
             )));
         }
         if mixed >= per_tile {
-            return Err(Error::Setting(format!("of {per_tile} factors of a tile, {mixed} cannot be sums of what is left over")));
+            return Err(Error::Setting(format!(
+                "of {per_tile} factors of a tile, {mixed} cannot be sums of what is left over"
+            )));
         }
         let (b, p) = (blocks.variables() as u64, shared as u64);
         let held: u64 = supports.iter().map(|support| support.len() as u64).sum();
@@ -62,7 +70,12 @@ impl LocalFactorSettings {
         // The factors with those of Q, these, both as rotations embed them, the packed columns, the blocks and the border.
         let largest = supports.iter().map(|support| support.len() as u64).max().unwrap_or(0);
         let packed = b * (held / b.max(1) + 1) * per_tile as u64;
-        let needed_bytes = 8 * (held * (3 * columns + 2) + packed + 4 * largest * columns + 3 * blocks.matrices_len() as u64 + 3 * b * p);
+        let needed_bytes = 8
+            * (held * (3 * columns + 2)
+                + packed
+                + 4 * largest * columns
+                + 3 * blocks.matrices_len() as u64
+                + 3 * b * p);
         if needed_bytes > limit {
             let what = format!("{columns} factors on each of {} supports of up to {largest} variables", supports.len());
             return Err(Error::TooLarge { what, needed_bytes, limit_bytes: limit });

@@ -75,7 +75,9 @@ impl Axis {
         }
         // Those beyond the last whole round have colours of their own.
         let whole = tiles / apart * apart;
-        (0..tiles).map(|tile| if tile < whole { tile % apart } else { tile - whole + if whole > 0 { apart } else { 0 } }).collect()
+        (0..tiles)
+            .map(|tile| if tile < whole { tile % apart } else { tile - whole + if whole > 0 { apart } else { 0 } })
+            .collect()
     }
 
     /// The tiles at most `distance` tiles away, ascending.
@@ -187,12 +189,16 @@ impl Tiles {
         for group in self.x.pairs() {
             let pair = |y: usize| move |&(a, b): &(usize, usize)| (a, b, y);
             let all = (0..self.y.tiles()).flat_map(|y| group.iter().map(pair(y)).collect::<Vec<_>>());
-            groups.push(all.map(|(a, b, y)| Pair { tiles: [self.number(a, y), self.number(b, y)], along_x: true }).collect());
+            groups.push(
+                all.map(|(a, b, y)| Pair { tiles: [self.number(a, y), self.number(b, y)], along_x: true }).collect(),
+            );
         }
         for group in self.y.pairs() {
             let pair = |x: usize| move |&(a, b): &(usize, usize)| (x, a, b);
             let all = (0..self.x.tiles()).flat_map(|x| group.iter().map(pair(x)).collect::<Vec<_>>());
-            groups.push(all.map(|(x, a, b)| Pair { tiles: [self.number(x, a), self.number(x, b)], along_x: false }).collect());
+            groups.push(
+                all.map(|(x, a, b)| Pair { tiles: [self.number(x, a), self.number(x, b)], along_x: false }).collect(),
+            );
         }
         groups.retain(|group: &Vec<Pair>| !group.is_empty());
         groups
