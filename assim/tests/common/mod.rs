@@ -270,11 +270,12 @@ pub fn widen(method: &mut dyn Assimilator, covariance: MatRef<'_, f64>) -> Resul
     method.adjust().widen().expect("the method can").widen_calibration(covariance)
 }
 
-/// max |a − b| / max |b|.
+/// max |a − b| / max |b|; max |a − b| where b is zero.
 pub fn relative_difference(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len());
     let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
-    largest(&mut a.iter().zip(b).map(|(a, b)| (a - b).abs())) / largest(&mut b.iter().map(|b| b.abs()))
+    let size = largest(&mut b.iter().map(|b| b.abs()));
+    largest(&mut a.iter().zip(b).map(|(a, b)| (a - b).abs())) / if size > 0.0 { size } else { 1.0 }
 }
 
 pub fn flat(matrix: &Mat<f64>) -> Vec<f64> {
