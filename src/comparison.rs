@@ -9,8 +9,9 @@ use crate::output::report::page::{Figure, Page, PageError, Section, render};
 use crate::plot::colors::of_method_on_paper;
 use crate::plot::{Curve, CurvePlot, Dash};
 use crate::scores::statistics::{Difference, difference, root_interval};
-use crate::scores::{Score, Values};
+use crate::scores::{Against, Score, Values};
 use crate::tables::{Cell, NONE, Table, figure};
+use crate::text::shown_path;
 
 /// Curves that a figure shows at most.
 const MOST_CURVES: usize = 14;
@@ -79,7 +80,7 @@ impl Comparison {
             let from = it.scored_from_cycle;
             let text = format!(
                 "{}: scenario {}, seed {}, {} cycles, scores from cycle {from}, isobar {}",
-                run.directory.display(),
+                shown_path(&run.directory),
                 it.scenario,
                 it.seed,
                 it.cycles,
@@ -89,12 +90,14 @@ impl Comparison {
         });
         let mut sections = vec![Section {
             title: "Scores".into(),
-            text: "Root-mean-square analysis errors over the cycles that count in each run, with their 95 % intervals."
+            text: "Root-mean-square analysis errors, or departures of observations where there is no truth (O−B: from the \
+                   background, O−A passive: of passive observations from the analysis), over the cycles that count in each \
+                   run, with their 95 % intervals."
                 .into(),
             tables: vec![self.scores()],
             ..Section::default()
         }];
-        let explanation = "Differences of root-mean-square analysis errors, with their 95 % intervals from cycle by cycle \
+        let explanation = "Differences of root-mean-square analysis errors or departures, with their 95 % intervals from cycle by cycle \
                            differences. Coloured and with a star: significant at the level of 5 %, smaller is better. Of twenty comparisons \
                            without any real difference one looks significant. Runs of different seeds or scenarios have \
                            different truths: a difference between them holds for these two stretches of weather, and \
@@ -108,7 +111,7 @@ impl Comparison {
                 sections.push(Section { title, text, tables: vec![table], ..Section::default() });
             }
         }
-        sections.push(Section { title: "Error over time".into(), figures: self.figures(), ..Section::default() });
+        sections.push(Section { title: "Over time".into(), figures: self.figures(), ..Section::default() });
         let mut distinct = names.clone();
         distinct.dedup();
         render(&Page {
@@ -126,7 +129,7 @@ impl Comparison {
             .flat_map(|(run, (_, scores))| scores.methods.iter().map(move |(name, series)| Entry { run, name, series }))
     }
 
-    /// The scores that are compared: of all variables of all runs, then of the biases.
+    /// The scores that are compared: of all variables of all runs, then of the biases; without a truth departures instead.
     fn columns(&self) -> Vec<Score<'_>> {
         let mut variables: Vec<(&str, &str)> = Vec::new();
         for (name, unit) in self.runs.iter().flat_map(|(_, scores)| &scores.variables) {
@@ -134,7 +137,26 @@ impl Comparison {
                 variables.push((name, unit));
             }
         }
-        Score::all(&variables, |kind| kind.compared)
+        let mut columns = Score::all(&variables, |kind| kind.compared);
+        columns.retain(|score| {
+            let key = score.key();
+            score.kind.against == Against::Truth && self.has_truth()
+                || self.entries().any(|entry| entry.series.values().any(|values| values.contains_key(&key)))
+        });
+        columns
+    }
+
+    /// Whether methods were compared with a truth in any run.
+    fn has_truth(&self) -> bool {
+        self.runs.iter().any(|(run, _)| run.summary.has_truth())
+    }
+
+    /// The heading of a score's column.
+    fn heading(score: &Score<'_>) -> String {
+        match score.kind.against {
+            Against::Used | Against::Passive => format!("{} {}", score.subject(), score.kind.title),
+            Against::Truth | Against::Nothing => score.subject(),
+        }
     }
 
     fn scored_from(&self, run: usize) -> usize {
@@ -143,7 +165,7 @@ impl Comparison {
 
     fn scores(&self) -> Table {
         let columns = self.columns();
-        let header = ["run".to_string(), "method".into()].into_iter().chain(columns.iter().map(Score::subject));
+        let header = ["run".to_string(), "method".into()].into_iter().chain(columns.iter().map(Self::heading));
         let row = |entry: Entry<'_>| {
             let mut row: Vec<Cell> = vec![label(entry.run).into(), entry.name.into()];
             row.extend(columns.iter().map(|score| {
@@ -161,7 +183,7 @@ impl Comparison {
 
     fn differences(&self, pairs: Vec<(Entry<'_>, Entry<'_>)>) -> Table {
         let columns = self.columns();
-        let header = std::iter::once("difference".to_string()).chain(columns.iter().map(Score::subject)).collect();
+        let header = std::iter::once("difference".to_string()).chain(columns.iter().map(Self::heading)).collect();
         let row = |(first, second): (Entry<'_>, Entry<'_>)| {
             let name = format!("{} {} − {} {}", label(second.run), second.name, label(first.run), first.name);
             let cells =
@@ -191,9 +213,9 @@ impl Comparison {
                 Some(Curve { dash, ..Curve::new(&format!("{} {}", label(entry.run), entry.name), color, points) })
             };
             let curves: Vec<Curve> = self.entries().enumerate().filter_map(curve).take(MOST_CURVES).collect();
-            let plot = CurvePlot::new(format!("analysis RMSE of {title}"), "cycle [1]".into(), title.clone(), curves);
-            let caption = format!("Analysis error of {title}; a colour for each method, a style of line for each run.");
-            Figure::of_curves(&plot, number, caption)
+            let heading = format!("{} of {title}", score.kind.measured());
+            let caption = format!("{heading}; a colour for each method, a style of line for each run.");
+            Figure::of_curves(&CurvePlot::new(heading, "cycle [1]".into(), title, curves), number, caption)
         });
         drawn.collect()
     }

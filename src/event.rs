@@ -1,7 +1,8 @@
 //! What happens during a run, as the sinks hear it and the journal holds it.
 
 use crate::correlations::Correlations;
-use crate::scores::{Failure, Summary, Values};
+use crate::outcome::UnusedDepartures;
+use crate::scores::{Failure, ScoreKind, Summary, Values};
 use isobar_assim::{Analysis, Estimate, EstimatedParameter, Structure};
 use isobar_model::{Duration, Layout, State, Time};
 use isobar_obs::{Calibration, ObservationWindow, Projection};
@@ -36,6 +37,12 @@ pub struct RunInfo {
     pub calibration: Calibration,
     /// The methods, in the order in which they run.
     pub methods: Vec<MethodInfo>,
+    /// Whether there is a truth, with which methods are compared.
+    pub has_truth: bool,
+    /// The networks.
+    pub networks: Vec<NetworkInfo>,
+    /// What there is to know of their stations and files.
+    pub notes: Vec<String>,
     /// The observing platforms with a fixed place.
     pub stations: Vec<StationInfo>,
 }
@@ -50,6 +57,27 @@ impl RunInfo {
     pub fn variables(&self) -> Vec<(&'static str, &'static str)> {
         self.layout.variables.iter().map(|variable| (variable.name, variable.unit)).collect()
     }
+
+    /// Whether cycles of the run can have a score of this kind.
+    pub fn can_have(&self, kind: &ScoreKind) -> bool {
+        kind.against.exists(self.has_truth, self.networks.iter().any(|network| network.is_passive))
+    }
+
+    /// Whether nothing is known of the true biases of a network, since it was recorded elsewhere.
+    pub fn is_recorded(&self, network: &str) -> bool {
+        self.networks.iter().any(|own| own.is_recorded && *own.name == *network)
+    }
+}
+
+/// A network of the run.
+#[derive(Clone, Debug)]
+pub struct NetworkInfo {
+    /// Its name.
+    pub name: Arc<str>,
+    /// Whether its observations were made elsewhere.
+    pub is_recorded: bool,
+    /// Whether methods do not see its observations.
+    pub is_passive: bool,
 }
 
 /// A method of the run.
@@ -82,7 +110,7 @@ pub struct StationInfo {
 #[expect(clippy::large_enum_variant, reason = "there is one of them at a time")]
 #[derive(Serialize, Deserialize)]
 pub enum Event<'a> {
-    /// The truth of a cycle is known. It is also sent for cycle 0, the initial state.
+    /// The truth of a cycle is known. It is also sent for cycle 0, the initial state; never in a world without a truth.
     Truth {
         /// Number of the cycle.
         cycle: usize,
@@ -97,7 +125,8 @@ pub enum Event<'a> {
     Observed {
         /// As methods that estimate or ignore biases receive them.
         window: Cow<'a, ObservationWindow>,
-        /// Their values without the true biases.
+        /// Their values without the true biases: of those that are used, then of the others. Nothing is known of the biases of
+        /// recorded and of rejected observations.
         values_bias_removed: Cow<'a, [f64]>,
     },
     /// A method has analysed the observations of a cycle.
@@ -138,7 +167,7 @@ impl Event<'_> {
                 *state.layout() == info.layout && calibration.len() == info.calibration.len()
             }
             Event::Observed { window, values_bias_removed } => {
-                window.fits(&info.layout) && values_bias_removed.len() == window.len()
+                window.fits(&info.layout) && values_bias_removed.len() == window.len() + window.aside.unused.len()
             }
             Event::Analysed(analysed) => is_method(analysed.method) && analysed.fits(info),
             Event::Estimated(estimated) => is_method(estimated.method),
@@ -175,7 +204,7 @@ pub struct Smoothed<'a> {
     pub later_cycles: usize,
     /// The estimate.
     pub estimate: Cow<'a, Estimate>,
-    /// The scores of this cycle alone; empty if its truth is no longer known.
+    /// The scores of this cycle alone; without its truth the claims.
     pub scores: Cow<'a, Values>,
 }
 
@@ -192,6 +221,8 @@ pub struct Analysed<'a> {
     pub background: Cow<'a, Estimate>,
     /// The analysis.
     pub analysis: Cow<'a, Analysis>,
+    /// How the observations that the method did not see depart from its estimates.
+    pub unused: Cow<'a, UnusedDepartures>,
     /// The scores of this cycle alone.
     pub scores: Cow<'a, Values>,
     /// Blocks and common factors after the analysis, for a method that has them and if a sink shows them.

@@ -7,7 +7,7 @@
 
 use crate::kinds::methods::Method;
 use crate::run::experiment::{self, ExperimentError, Ground};
-use crate::scenario::{Scenario, ScenarioError};
+use crate::scenario::{Scenario, ScenarioError, TruthSettings};
 use crate::scores::Values;
 use indexmap::IndexMap;
 use isobar_assim::actual_errors::ActualErrors;
@@ -58,8 +58,9 @@ pub struct ExactSummary {
 /// With its place in the file, whatever makes the world nonlinear, or a method's gains depend on the data; a state that is
 /// too large; and what keeps the scenario from being run.
 pub fn exact(scenario: &Scenario, options: &ExactOptions) -> Result<ExactSummary, ScenarioError> {
-    check_linear(scenario)?;
+    let truth = check_linear(scenario)?;
     let (names, left_out) = chosen(scenario, options)?;
+    let (background_error_scale, model_error_scale) = (truth.background_error_scale, truth.model_error_scale);
     // A smoother leaves the filter's gains as they are, and would only take part in the analyses that find them.
     let mut scenario = scenario.clone();
     scenario.methods.values_mut().for_each(|method| method.smoother_lag_cycles = None);
@@ -78,12 +79,11 @@ pub fn exact(scenario: &Scenario, options: &ExactOptions) -> Result<ExactSummary
     let propagator = ActualErrors::propagator(&*problem.model, &problem.background, steps)
         .map_err(|error| of_method(&names[0], error))?;
     let world = World {
-        background_error: covariance::dense(&*problem.background_error)
-            * faer::Scale(scenario.truth.background_error_scale),
+        background_error: covariance::dense(&*problem.background_error) * faer::Scale(background_error_scale),
         model_error: problem
             .model_error
             .as_deref()
-            .map(|operator| covariance::dense(operator) * faer::Scale(scenario.truth.model_error_scale)),
+            .map(|operator| covariance::dense(operator) * faer::Scale(model_error_scale)),
         propagator,
         biases: observing.bias_processes().cloned().collect(),
         windows,
@@ -202,7 +202,13 @@ fn chosen(scenario: &Scenario, options: &ExactOptions) -> Result<(Vec<String>, V
     Ok((names, left_out))
 }
 
-fn check_linear(scenario: &Scenario) -> Result<(), ScenarioError> {
+/// Refuses a world that is not linear, or without a truth; how the truth differs from what methods assume.
+fn check_linear(scenario: &Scenario) -> Result<&TruthSettings, ScenarioError> {
+    let Some(truth) = &scenario.truth else {
+        let message =
+            "exact performance is that of errors against a truth, and all observations are recorded".to_string();
+        return Err(scenario.fault(&["networks"], message, "no truth"));
+    };
     if !scenario.model.equations.is_linear() {
         let message = format!("exact performance needs a linear model, and {} is not linear", scenario.model.kind);
         return Err(scenario.fault(&["model", "kind"], message, "not linear"));
@@ -212,7 +218,7 @@ fn check_linear(scenario: &Scenario) -> Result<(), ScenarioError> {
             "exact performance needs the same model for the truth: else errors depend on the state".to_string();
         return Err(scenario.fault(&["truth", "model"], message, "another model"));
     }
-    if scenario.truth.initial.is_some() {
+    if truth.initial.is_some() {
         let message = "exact performance is that of a truth which starts at a draw of the background error".to_string();
         return Err(scenario.fault(&["truth", "initial"], message, "a given start"));
     }
@@ -235,7 +241,7 @@ fn check_linear(scenario: &Scenario) -> Result<(), ScenarioError> {
             return Err(scenario.fault(&["networks", name, "bias"], message, "in one of these"));
         }
     }
-    Ok(())
+    Ok(truth)
 }
 
 fn check_observations(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> Result<(), ScenarioError> {

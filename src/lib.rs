@@ -36,13 +36,16 @@ pub mod memory;
 pub mod options;
 pub mod outcome;
 pub mod output;
+mod place;
 pub mod plot;
 pub mod progress;
 mod reader;
 pub mod run;
+mod safe_file;
 pub mod scenario;
 pub mod scores;
 pub mod sensors;
+mod shell;
 pub mod tables;
 mod text;
 

@@ -2,6 +2,7 @@
 
 use isobar_assim::{Analysis, Estimate};
 use isobar_obs::ObservationType;
+use serde::{Deserialize, Serialize};
 
 /// What a method made of one cycle.
 pub struct Outcome {
@@ -12,10 +13,21 @@ pub struct Outcome {
     /// The estimates of earlier cycles that it has revised for the last time, the earliest first; at the end of the run all
     /// that are left, and the analysis itself.
     pub smoothed: Vec<Smoothed>,
+    /// How the observations that the method did not see depart from its estimates.
+    pub unused: UnusedDepartures,
     /// What each type of observations did, if that was asked for.
     pub influence: Option<Influence>,
     /// Wall-clock seconds that it took.
     pub seconds: f64,
+}
+
+/// Departures of the observations that no method sees, in their order; `None` where there is none.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct UnusedDepartures {
+    /// y − h(background).
+    pub background: Vec<Option<f64>>,
+    /// y − h(analysis).
+    pub analysis: Vec<Option<f64>>,
 }
 
 /// The estimate of an earlier cycle, given all observations so far.

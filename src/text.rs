@@ -1,14 +1,17 @@
-//! Text from files on its way to a terminal.
+//! Text from files on its way to a terminal or a page.
 
+use std::path::Path;
 use strsim::jaro_winkler;
 
-/// Whether a terminal would obey or hide the character instead of showing it.
+/// Whether a terminal or a browser would obey or hide the character instead of showing it, or no text may hold it, as
+/// U+FFFE.
 pub(crate) fn is_unprintable(character: char) -> bool {
     character.is_control()
+        || u32::from(character) & 0xfffe == 0xfffe
         || matches!(
             character,
             '\u{ad}' | '\u{61c}' | '\u{180e}' | '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}'
-                | '\u{2060}'..='\u{206f}' | '\u{feff}' | '\u{fff9}'..='\u{fffb}' | '\u{e0000}'..='\u{e007f}'
+                | '\u{2060}'..='\u{206f}' | '\u{feff}' | '\u{fdd0}'..='\u{fdef}' | '\u{fff9}'..='\u{fffb}' | '\u{e0000}'..='\u{e007f}'
         )
 }
 
@@ -19,16 +22,18 @@ const LONGEST: usize = 500;
 pub(crate) fn clean(text: &str) -> String {
     let mut cleaned = String::new();
     for (number, character) in text.chars().enumerate() {
-        match is_unprintable(character) {
-            _ if number == LONGEST => {
-                cleaned.push('…');
-                break;
-            }
-            true => cleaned.extend(character.escape_unicode()),
-            false => cleaned.push(character),
+        if number == LONGEST {
+            cleaned.push('…');
+            break;
         }
+        push_printable(&mut cleaned, character, is_unprintable(character));
     }
     cleaned
+}
+
+/// A path as a message shows it.
+pub(crate) fn shown_path(path: &Path) -> String {
+    clean(&path.display().to_string())
 }
 
 /// Every line of the text as [`clean`] writes it.
@@ -40,12 +45,23 @@ pub(crate) fn clean_lines(text: &str) -> String {
 pub(crate) fn printable(text: &str) -> String {
     let mut printable = String::with_capacity(text.len());
     for character in text.chars() {
-        match is_unprintable(character) && character != '\n' {
-            true => printable.extend(character.escape_unicode()),
-            false => printable.push(character),
-        }
+        push_printable(&mut printable, character, is_unprintable(character) && character != '\n');
     }
     printable
+}
+
+fn push_printable(text: &mut String, character: char, is_escaped: bool) {
+    if is_escaped { text.extend(character.escape_unicode()) } else { text.push(character) }
+}
+
+/// The text with every character that a page cannot show written as an escape; line ends and tabs stay.
+pub(crate) fn on_page(text: &str) -> String {
+    let mut shown = String::with_capacity(text.len());
+    for character in text.chars() {
+        let is_shown = ['\n', '\r', '\t'].contains(&character) || !is_unprintable(character);
+        push_printable(&mut shown, character, !is_shown);
+    }
+    shown
 }
 
 /// The text with question marks for unprintable characters, one for each byte, so that places in it stay the same.

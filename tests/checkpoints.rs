@@ -106,15 +106,12 @@ fn a_run_that_is_killed_a_hundred_times_is_the_same_in_the_end() {
             if destination.exists() {
                 break;
             }
-            child = match checkpoints(parent.path()).is_empty() {
-                true => {
-                    anew += 1;
-                    start(parent.path(), CYCLES)
-                }
-                false => {
-                    resumed += 1;
-                    resume(parent.path())
-                }
+            child = if checkpoints(parent.path()).is_empty() {
+                anew += 1;
+                start(parent.path(), CYCLES)
+            } else {
+                resumed += 1;
+                resume(parent.path())
             };
         }
         whole.assert_same(&Outputs::of(&destination), "after kills");
@@ -169,10 +166,10 @@ fn what_is_of_another_version_or_scenario_is_refused_and_stays() {
         all.iter().zip(&originals).for_each(|(path, bytes)| fs::write(path, change(bytes)).unwrap());
     };
     let version = format!("version {}\n", env!("CARGO_PKG_VERSION"));
-    replace(&|bytes| [b"isobar checkpoint 2, version 0.0.1\x1b[2J\n", &bytes[28 + version.len()..]].concat());
+    replace(&|bytes| [b"isobar checkpoint 3, version 0.0.1\x1b[2J\n", &bytes[28 + version.len()..]].concat());
     let refused = refusal(parent.path());
     assert!(refused.contains("written by isobar 0.0.1\\u{1b}[2J, and this is"), "{refused}");
-    replace(&|bytes| [b"isobar checkpoint 1, ", &bytes[b"isobar checkpoint 2, ".len()..]].concat());
+    replace(&|bytes| [b"isobar checkpoint 1, ", &bytes[b"isobar checkpoint 3, ".len()..]].concat());
     let refused = refusal(parent.path());
     assert!(refused.contains("it is a checkpoint of another format"), "{refused}");
     replace(&|bytes| b"something else\n".iter().chain(bytes).copied().collect());
@@ -241,9 +238,9 @@ fn a_run_goes_on_only_with_the_files_with_which_it_began() {
         assert!(contents.contains(old));
         write(name, &contents.replacen(old, new, 1));
         let refused = refusal(parent.path());
-        let wanted = "a file of stations, observations or fields, or the database of sensors has changed since";
-        assert!(refused.contains(wanted), "{name}: {refused}");
-        write(name, contents);
+        assert!(refused.contains(&format!("what it reads has changed since: {name}")), "{refused}");
+        // What it says is the same.
+        write(name, &format!("# a remark\n\n{}", contents.replace('\n', "\r\n")));
     }
     assert!(resume(parent.path()).wait().unwrap().success());
 }
@@ -251,14 +248,17 @@ fn a_run_goes_on_only_with_the_files_with_which_it_began() {
 #[test]
 fn a_signal_ends_the_run_after_the_cycle_with_a_checkpoint() {
     let (whole, _) = undisturbed(CYCLES);
-    for signal in ["-INT", "-TERM"] {
+    for signal in ["-INT", "-TERM", "-HUP"] {
         let parent = place();
         let mut child = start(parent.path(), CYCLES);
         while checkpoints(parent.path()).is_empty() {
             assert!(child.try_wait().unwrap().is_none());
         }
-        let sent = Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap();
-        assert!(sent.success());
+        // A terminal that is closed says so twice.
+        for _ in 0..if signal == "-HUP" { 2 } else { 1 } {
+            let sent = Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap();
+            assert!(sent.success());
+        }
         let output = child.wait_with_output().unwrap();
         let said = text(&output.stderr).split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ");
         assert_eq!(output.status.code(), Some(130), "{said}");
@@ -267,4 +267,23 @@ fn a_signal_ends_the_run_after_the_cycle_with_a_checkpoint() {
         assert!(resume(parent.path()).wait().unwrap().success());
         whole.assert_same(&Outputs::of(&parent.path().join("out/small")), signal);
     }
+}
+
+/// As `nohup` starts it, a run does not notice that the terminal is closed.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_run_that_is_immune_to_hangups_runs_to_its_end() {
+    let parent = place();
+    let line =
+        "trap '' HUP; exec \"$0\" run small.toml --no-rerun --no-report --quiet --cycles 50 --checkpoint-cycles 1";
+    let mut command = Command::new("sh");
+    command.current_dir(parent.path()).args(["-c", line, env!("CARGO_BIN_EXE_isobar")]).stdout(Stdio::null());
+    let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
+    while checkpoints(parent.path()).is_empty() {
+        assert!(child.try_wait().unwrap().is_none());
+    }
+    assert!(Command::new("kill").args(["-HUP", &child.id().to_string()]).status().unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(parent.path().join("out/small/summary.json").is_file());
 }

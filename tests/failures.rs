@@ -130,7 +130,7 @@ fn a_panic_within_a_method_is_a_failure_of_the_method() {
         times: Vec::new(),
         values: Vec::new(),
         sigma: Vec::new(),
-        rejected: Vec::new(),
+        aside: Default::default(),
         operator: std::sync::Arc::new(LinearOperator { jacobian }),
     };
     let Err(fault) = runner.cycle(Duration::from_seconds(60), &nothing, false, false) else {

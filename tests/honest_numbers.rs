@@ -1,42 +1,11 @@
 //! Runs whose numbers would be wrong say so, or end.
 
-use crate::common::{isobar, text};
+use crate::common::{TRACER, isobar, text};
 use serde_json::Value;
 use std::path::Path;
 
-const TRACER: &str = r#"
-title = "A wave"
-phenomenon = "Advection"
-source = "made up"
-seed = 1
-start = "2026-01-15T00:00:00Z"
-
-[grid]
-nx = 16
-ny = 12
-dx_km = 100
-boundary = "periodic"
-
-[model]
-kind = "exact_shift"
-time_step_s = 3600
-columns_per_step = 0
-
-[initial]
-kind = "cosine_wave"
-amplitude = 0
-
-[background_error]
-components = [{ kind = "univariate", variable = "tracer", sigma = 1, length_km = 300 }]
-
-[cycle]
-count = 1
-window_hours = 6
-
-[networks.stations]
-kind = "file"
-file = "observations.csv"
-"#;
+/// Observations of a file.
+const STATIONS: &str = "[networks.stations]\nkind = \"file\"\nfile = \"observations.csv\"\n";
 
 const WATER: &str = r#"
 title = "Water at rest"
@@ -127,7 +96,7 @@ localization_radius_km = 600
 max_iterations = 3
 tolerance = 1e-12
 "#;
-    let (ok, said, summary) = run(&(TRACER.to_string() + methods), &smooth(0.1));
+    let (ok, said, summary) = run(&(TRACER.to_string() + STATIONS + methods), &smooth(0.1));
     assert!(ok, "{said}");
     for cut in ["cut", "cut_four", "cut_hybrid"] {
         assert!(summary["methods"][cut]["innovation_chi2"].is_null(), "{cut}");

@@ -264,3 +264,86 @@ fn more_than_a_scenario_may_have_is_refused_before_it_takes_memory() {
         assert!(began.elapsed() < Duration::from_secs(10), "{name}");
     }
 }
+
+/// Wherever a path is shown: scenarios beside the one that is not there, outputs, runs, databases, arguments.
+#[test]
+#[cfg(unix)]
+fn names_of_files_give_no_orders_to_the_terminal() {
+    let parent = tempfile::tempdir().unwrap();
+    let here = parent.path();
+    let raw = "e\u{1b}[31m\u{202e}";
+    fs::create_dir(here.join("scenarios")).unwrap();
+    fs::write(here.join(format!("scenarios/{raw}.toml")), VALID).unwrap();
+    fs::write(here.join("small.toml"), VALID).unwrap();
+    fs::write(here.join(raw), "a file").unwrap();
+    let (below, other) = (format!("{raw}/x"), format!("o{raw}"));
+    let quick = ["--quiet", "--cycles", "2", "--methods", "free", "--no-report", "--no-rerun"];
+    let run = |out: &str| harmless(&isobar(here, &[&["run", "small.toml", "--out", out], &quick[..]].concat()));
+    assert!(run(raw).contains("e\\u{1b}[31m\\u{202e}"));
+    run(&other);
+    assert!(run(&other).contains("it exists already"));
+    let run = format!("{other}/small");
+    for arguments in [
+        &["check", "nosuch"][..],
+        &["check", raw],
+        &["check", &below],
+        &["list"],
+        &["run", "small.toml", "--seeds", "3", "--out", raw],
+        &["sweep", "small.toml", "--out", raw],
+        &["compare", raw],
+        &["compare", &run, "--out", &below],
+        &["compare", &run, "--out", raw],
+        &["compare", &run, "--out", &format!("new{raw}")],
+        &["compare", &other],
+        &["diagnose", raw],
+        &["view", &run],
+        &["resume", raw, &below],
+        &["resume", &run],
+        &["sensors", "list", raw],
+        &["sensors", "import", raw, raw],
+        &["sensors", "export", raw, "--out", raw],
+        &["init", raw],
+        &["init", &below],
+        &["regress", &below],
+        &["exact", raw],
+        &[raw],
+        &["run", "small.toml", &format!("--{raw}")],
+        &["run", "small.toml", "--cycles", raw],
+    ] {
+        harmless(&isobar(here, arguments));
+    }
+}
+
+/// Characters that XML cannot hold are written as escapes on the page and in every figure, and a browser loads nothing.
+#[test]
+fn figures_are_well_formed_whatever_the_names_are() {
+    let parent = tempfile::tempdir().unwrap();
+    let raw = "A\u{1}\u{b}\u{fffe}\u{ffff}\u{1fffe}\u{202e}\0\u{7f}&<";
+    // What is not text is refused by its beginning.
+    let beginning = "x".repeat(1000);
+    let csv = format!("# {beginning}\nid,x_m,y_m,country\n1,210000,220000,{raw}\n2,430000,310000,\"B\u{c}\"\n");
+    let scenario = with_stations(parent.path(), &csv).replace("reference_groups = [\"A\"]\n", "");
+    let scenario = scenario.replace("# A comment", "# \u{fffe}\u{202e} A comment");
+    fs::write(parent.path().join("names.toml"), scenario).unwrap();
+    let output = isobar(parent.path(), &["run", "names.toml", "--no-rerun", "--quiet", "--cycles", "3"]);
+    assert!(output.status.success(), "{}", harmless(&output));
+    let run = parent.path().join("out/names");
+    let (mut svgs, mut escaped) = (0, 0);
+    for path in files(&run).into_iter().filter(|path| path.extension().is_some_and(|end| end == "svg")) {
+        let svg = fs::read_to_string(&path).unwrap();
+        roxmltree::Document::parse(&svg).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        svgs += 1;
+        escaped += usize::from(svg.contains("\\u{1}\\u{b}\\u{fffe}"));
+    }
+    assert!(svgs > 5 && escaped > 0, "{svgs}, {escaped}");
+    let page = fs::read_to_string(run.join("report.html")).unwrap();
+    let wrong = |c: char| c.is_control() && c != '\n' || ['\u{fffe}', '\u{ffff}', '\u{1fffe}', '\u{202e}'].contains(&c);
+    assert!(!page.chars().any(wrong));
+    for svg in page.split("<svg").skip(1) {
+        let svg = format!("<svg{}</svg>", svg.split("</svg>").next().unwrap());
+        roxmltree::Document::parse(&svg).unwrap();
+    }
+    let policy =
+        page.find("http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:").unwrap();
+    assert!(policy < page.find("<style").unwrap() && !page.contains("<script"));
+}

@@ -1,37 +1,11 @@
 //! Observations and stations of files, as people have them: read rightly, or refused, and never dropped without a word.
 
-use crate::common::{isobar, text};
+use crate::common::{self, isobar, text};
 use netcdf_reader::NcFile;
 use std::fs;
 use std::path::Path;
 use std::process::Output;
 use tempfile::{TempDir, tempdir};
-
-const TRACER: &str = r#"title = "t"
-phenomenon = "p"
-source = "s"
-seed = 1
-start = "2026-01-15T00:00:00Z"
-[grid]
-nx = 16
-ny = 12
-dx_km = 100
-boundary = "periodic"
-[model]
-kind = "exact_shift"
-time_step_s = 3600
-columns_per_step = 0
-[initial]
-kind = "cosine_wave"
-amplitude = 0
-[background_error]
-components = [{ kind = "univariate", variable = "tracer", sigma = 1, length_km = 200 }]
-[cycle]
-count = 1
-window_hours = 6
-[methods.oi]
-kind = "optimal_interpolation"
-"#;
 
 const WATER: &str = r#"title = "t"
 phenomenon = "p"
@@ -60,6 +34,10 @@ window_hours = 6
 [methods.oi]
 kind = "optimal_interpolation"
 "#;
+
+fn tracer() -> String {
+    format!("{}[methods.oi]\nkind = \"optimal_interpolation\"\n", common::TRACER)
+}
 
 /// A file network, with further keys.
 fn network(keys: &str) -> String {
@@ -100,7 +78,7 @@ fn run(scenario: &str, keys: &str, csv: &str, variable: &str) -> Vec<f64> {
 
 #[test]
 fn places_on_a_periodic_plane_go_round() {
-    let analysed = |csv: &str| run(TRACER, "sigma = 1", csv, "analysis_departure_oi");
+    let analysed = |csv: &str| run(&tracer(), "sigma = 1", csv, "analysis_departure_oi");
     let seam = analysed("cycle,x_m,y_m,value\n1,1600000,550000,1\n1,-50000,1450000,2\n");
     let first = analysed("cycle,x_m,y_m,value\n1,0,550000,1\n1,1550000,250000,2\n");
     assert_eq!(seam, first);
@@ -111,7 +89,7 @@ fn places_on_a_periodic_plane_go_round() {
 
 #[test]
 fn a_leap_second_is_used_and_another_second_60_is_refused() {
-    let scenario = TRACER.replace("2026-01-15T00:00:00Z", "2016-12-31T18:00:00Z");
+    let scenario = tracer().replace("2026-01-15T00:00:00Z", "2016-12-31T18:00:00Z");
     let csv =
         "time,x_m,y_m,value,id\n2016-12-31T23:59:60Z,150000,250000,0.4,A\n2017-01-01T00:00:00,850000,650000,-0.7,B\n";
     assert_eq!(run(&scenario, "sigma = 0.5", csv, "quality_code"), [0.0, 0.0]);
@@ -124,7 +102,7 @@ fn a_leap_second_is_used_and_another_second_60_is_refused() {
     }
     let midnight = "time,x_m,y_m,value\n2016-12-31T24:00:00Z,150000,250000,0.4\n";
     assert_eq!(run(&scenario, "sigma = 0.5", midnight, "quality_code"), [0.0]);
-    let without_zone = TRACER.replace("00:00:00Z", "00:00:00");
+    let without_zone = tracer().replace("00:00:00Z", "00:00:00");
     assert_eq!(run(&without_zone, "sigma = 1", "cycle,column,row,value\n1,2,3,4\n", "quality_code"), [0.0]);
 }
 
@@ -148,17 +126,17 @@ fn missing_values_are_counted_and_their_markers_are_named() {
 #[test]
 fn what_cannot_be_used_is_said_before_the_run() {
     let csv = "time,x_m,y_m,value,sigma,id\n2026-01-15T05:15:00Z,900000,300000,1,1,A\n2026-01-15T05:58:00Z,100000,1700000,2,1,B\n";
-    let (_directory, output) = command("check", TRACER, &network(""), csv);
+    let (_directory, output) = command("check", &tracer(), &network(""), csv);
     let late = "networks.buoys: 0 of 2 observations can be used: 2 not valid at the end of a cycle";
     assert!(output.status.success() && said(&output).contains(&format!("warning: {late}")), "{}", said(&output));
     assert!(text(&output.stdout).contains(late), "{}", text(&output.stdout));
-    let (directory, output) = command("run", TRACER, &network(""), csv);
+    let (directory, output) = command("run", &tracer(), &network(""), csv);
     assert_eq!(output.status.code(), Some(1), "{}", said(&output));
     assert!(said(&output).contains(late) && said(&output).contains("no observation was used"), "{}", said(&output));
     let valid = numbers(directory.path(), "time");
     assert_eq!(valid[1] - valid[0], 43.0 * 60.0, "the times are those of the file");
-    assert_eq!(run(TRACER, "time_tolerance_minutes = 5", csv, "quality_code"), [0.0, 3.0]);
-    assert_eq!(run(TRACER, "time_tolerance_minutes = 45", csv, "time"), valid);
+    assert_eq!(run(&tracer(), "time_tolerance_minutes = 5", csv, "quality_code"), [0.0, 3.0]);
+    assert_eq!(run(&tracer(), "time_tolerance_minutes = 45", csv, "time"), valid);
     let outside = "cycle,latitude_deg,longitude_deg,variable,value,sigma\n1,40,100,u,1,1\n";
     let (_directory, output) = command("run", WATER, &network(""), outside);
     assert_eq!(output.status.code(), Some(1));
@@ -192,20 +170,37 @@ fn the_other_hemisphere_and_stations_outside_are_warned_of() {
     assert!(said(&output).contains("has not the sign of grid.center_latitude_deg = 40"), "{}", said(&output));
     let sondes = "[networks.sondes]\nkind = \"radiosonde\"\nstations = { file = \"buoys.csv\" }\nobserve = { h = 5 }\n";
     let (_directory, output) = command("check", WATER, sondes, "ID,Lat,lon\nA,40,-100\nB,-40,100\n");
-    let expected = "networks.sondes: 1 of 2 stations lie outside of the domain or in its margin: B (line 3)";
+    let expected = "networks.sondes: 1 of 2 stations lie outside of the domain: B (line 3)";
     assert!(output.status.success() && said(&output).contains(expected), "{}", said(&output));
+}
+
+/// A list of stations may cover more than the domain, and a margin is what the scenario wants.
+#[test]
+fn a_few_stations_beyond_the_edges_are_information_and_no_warning() {
+    let sondes = "[networks.sondes]\nkind = \"radiosonde\"\nstations = { file = \"buoys.csv\" }\nobserve = { h = 5 }\n\
+                  edge_margin_km = 300\n";
+    let stations = "id,lat,lon\nA,40,-100\nC,42,-100\nD,38,-100\nE,14,-100\nB,-40,100\n";
+    let (_directory, output) = command("check", WATER, sondes, stations);
+    let information = text(&output.stdout);
+    for expected in [
+        "networks.sondes: 1 of 5 stations lie outside of the domain: B (line 6)",
+        "networks.sondes: 1 of 5 stations are left out, nearer than edge_margin_km to the edges: E (line 5)",
+    ] {
+        assert!(information.contains(expected), "{information}");
+    }
+    assert!(output.status.success() && said(&output).is_empty(), "{}", said(&output));
 }
 
 #[test]
 fn what_a_spreadsheet_leaves_behind_changes_nothing() {
     let clean = "cycle,x_m,y_m,value,sigma,id\n1,150000,250000,0.4,0.5,A\n1,850000,650000,-0.7,0.5,B\n";
-    let expected = run(TRACER, "", clean, "analysis_departure_oi");
+    let expected = run(&tracer(), "", clean, "analysis_departure_oi");
     let messy = "\u{feff}\"cycle\",\"X_M\",y_m,value,sigma,id,,\r1.0,150000,250000,0.4,0.5,A,,\r\r1,850000,650000,-0.7,0.5,B,,\r,,,,,,,\r";
-    assert_eq!(run(TRACER, "", messy, "analysis_departure_oi"), expected);
+    assert_eq!(run(&tracer(), "", messy, "analysis_departure_oi"), expected);
     let stations =
         "[networks.sondes]\nkind = \"radiosonde\"\nstations = { file = \"buoys.csv\" }\nobserve = { tracer = 0.5 }\n";
     let reports = |csv: &str| {
-        let (directory, output) = command("run", TRACER, stations, csv);
+        let (directory, output) = command("run", &tracer(), stations, csv);
         assert!(output.status.success(), "{}", said(&output));
         ["x", "y", "value"].map(|name| numbers(directory.path(), name))
     };
@@ -219,7 +214,7 @@ fn every_key_of_a_network_that_is_read_has_an_effect() {
                  scan_positions = 8\nalong_track_spacing_km = 100\nfootprint_sigma_km = 60\n";
     let sondes =
         "[networks.sondes]\nkind = \"radiosonde\"\nstations = { regular = [4, 3] }\nobserve = { tracer = 1 }\n";
-    let scenario = TRACER.replace("count = 1", "count = 3");
+    let scenario = tracer().replace("count = 1", "count = 3");
     let observed = |network: &str| {
         let (directory, output) = command("run", &scenario, network, "");
         assert!(output.status.success(), "{network}: {}", said(&output));
@@ -231,14 +226,10 @@ fn every_key_of_a_network_that_is_read_has_an_effect() {
     };
     for network in [polar, sondes] {
         let plain = observed(network);
-        let own: &[&str] = match network == polar {
-            true => &[
-                "start_x_fraction = 0.3",
-                "shift_per_cycle_km = 150",
-                "heading = \"southward\"",
-                "track_angle_deg = 10",
-            ],
-            false => &["edge_margin_km = 200", "stations = { regular = [3, 3] }"],
+        let own: &[&str] = if network == polar {
+            &["start_x_fraction = 0.3", "shift_per_cycle_km = 150", "heading = \"southward\"", "track_angle_deg = 10"]
+        } else {
+            &["edge_margin_km = 200", "stations = { regular = [3, 3] }"]
         };
         let common = [
             "interval_cycles = 2",
@@ -251,10 +242,8 @@ fn every_key_of_a_network_that_is_read_has_an_effect() {
             "faults = { late_rate = 0.5 }",
         ];
         for key in own.iter().chain(&common) {
-            let without = match key.starts_with("stations") {
-                true => network.replace("stations = { regular = [4, 3] }\n", ""),
-                false => network.to_string(),
-            };
+            let replaced = if key.starts_with("stations") { "stations = { regular = [4, 3] }\n" } else { "" };
+            let without = network.replacen(replaced, "", 1);
             assert_ne!(observed(&format!("{without}{key}\n")), plain, "{key} has no effect on\n{network}");
         }
     }
@@ -264,7 +253,7 @@ fn every_key_of_a_network_that_is_read_has_an_effect() {
     assert!((rows.len() as f64 - expected).abs() < 5.0 * 3.0 * (n / 5.0 * 0.09).sqrt(), "{} of {n}", rows.len());
     for key in ["missing_rate = 0.5", "interval_cycles = 2", "first_cycle = 1", "faults = { late_rate = 0.5 }"] {
         let (_directory, output) =
-            command("check", TRACER, &network(&format!("sigma = 1\n{key}")), "cycle,column,row,value\n1,1,1,1\n");
+            command("check", &tracer(), &network(&format!("sigma = 1\n{key}")), "cycle,column,row,value\n1,1,1,1\n");
         assert!(!output.status.success() && said(&output).contains("unknown key"), "{key}: {}", said(&output));
     }
 }

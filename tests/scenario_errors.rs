@@ -321,10 +321,8 @@ fn every_fault_is_shown_with_its_place_and_what_is_allowed() {
         assert!(VALID.contains(old), "case {number}: {old} is not in the valid scenario");
         let broken = VALID.replacen(old, new, 1);
         let changed = VALID.find(old).unwrap();
-        let at = match broken[changed..].starts_with(new) && new.contains(at.trim_end()) {
-            true => place_from(&broken, changed, at),
-            false => place(&broken, at),
-        };
+        let is_new = broken[changed..].starts_with(new) && new.contains(at.trim_end());
+        let at = if is_new { place_from(&broken, changed, at) } else { place(&broken, at) };
         let path = directory.path().join("broken.toml");
         fs::write(&path, &broken).unwrap();
         let output = isobar(directory.path(), &["check", "broken.toml"]);

@@ -29,7 +29,7 @@ impl Estimate {
     }
 
     /// With variances `[m + p]`, the diagonal of a covariance of this name, of the state and of the parameters that are
-    /// estimated.
+    /// estimated; `part` says of which part of the covariance one of them is, if it has parts.
     ///
     /// # Errors
     /// [`Error::NegativeVariance`] if the matrix is no longer a covariance.
@@ -39,10 +39,12 @@ impl Estimate {
         estimated: &Calibration,
         variances: &[f64],
         covariance: &str,
+        part: impl Fn(usize) -> Option<String>,
     ) -> Result<Self, Error> {
         let m = state.values().len();
         let spread = standard_deviations(variances, covariance, |i| {
-            if i < m { state.layout().describe(i) } else { estimated.parameters[i - m].name.clone() }
+            let value = if i < m { state.layout().describe(i) } else { estimated.parameters[i - m].name.clone() };
+            part(i).map_or(value.clone(), |part| format!("{value} in {part}"))
         })?;
         Ok(Self::with_spread(state, calibration, spread))
     }

@@ -72,6 +72,11 @@ pub(crate) trait Errors: Clone + Send + Sync + 'static {
     /// The diagonal of P, `[m + p]`.
     fn variances(&self) -> Vec<f64>;
 
+    /// The part of P that one of the variances belongs to, in words, if P has parts.
+    fn part(&self, _number: usize) -> Option<String> {
+        None
+    }
+
     /// P h, `[m + p]`.
     fn multiply(&self, h: &[f64]) -> Vec<f64>;
 
@@ -179,7 +184,8 @@ impl<E: Errors> Belief<E> {
     /// [`Error::NegativeVariance`] if P is no longer a covariance.
     pub fn estimate(&self, estimated: &Calibration) -> Result<Estimate, Error> {
         let Augmented { state, bias } = self.s.clone();
-        Estimate::with_variances(state, bias, estimated, &self.errors.variances(), E::NAME)
+        let part = |number| self.errors.part(number);
+        Estimate::with_variances(state, bias, estimated, &self.errors.variances(), E::NAME, part)
     }
 }
 
@@ -286,7 +292,7 @@ impl<E: Errors> Smoother for Filter<E> {
         let past = self.belief.errors.smoother().and_then(|smoother| smoother.estimate(analyses_ago));
         let estimate = past.map(|(Augmented { state, bias }, variances)| {
             let covariance = "the covariance of a smoothed estimate";
-            Estimate::with_variances(state.clone(), bias.clone(), &self.calibration, variances, covariance)
+            Estimate::with_variances(state.clone(), bias.clone(), &self.calibration, variances, covariance, |_| None)
         });
         estimate.transpose()
     }

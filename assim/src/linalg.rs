@@ -159,6 +159,12 @@ pub(crate) fn singular_values(matrix: MatRef<'_, f64>) -> (Mat<f64>, Vec<f64>, M
     (svd.U().to_owned(), values, svd.V().to_owned())
 }
 
+/// The orthogonal U Vᵀ of a square matrix U Σ Vᵀ.
+pub(crate) fn polar_factor(matrix: MatRef<'_, f64>) -> Mat<f64> {
+    let (u, _, v) = singular_values(matrix);
+    product(u.as_ref(), v.transpose())
+}
+
 /// Σ aᵢ².
 pub(crate) fn squared_norm(values: &[f64]) -> f64 {
     values.iter().map(|value| value * value).sum()

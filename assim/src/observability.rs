@@ -3,6 +3,7 @@
 use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::error::Error;
 use crate::linalg::{cholesky, eigen, mirror_lower, product, solve_lower, solve_lower_transposed};
+use crate::ties::first_largest;
 use faer::{Mat, MatRef};
 use isobar_model::vector::dot;
 
@@ -108,7 +109,7 @@ fn undetermined(
         if of_alone > 0.5 * direction.iter().map(|value| value * value).sum::<f64>() {
             continue;
         }
-        let largest = direction.iter().copied().fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
+        let largest = first_largest(direction.iter().map(|value| value.abs())).map_or(1.0, |j| direction[j]);
         direction.iter_mut().for_each(|value| *value /= largest);
         let mut functional = vector.to_owned();
         solve_lower_transposed(root, functional.as_mut());
@@ -119,8 +120,8 @@ fn undetermined(
             let most = variance * (correlation * correlation * value / (value - threshold) - 1.0);
             Inseparable { variable, correlation, sigma_needed: most.max(0.0).sqrt() }
         };
-        let all_means = accuracy.of_means().enumerate().map(with_mean);
-        let strongest = all_means.max_by(|a, b| a.correlation.abs().total_cmp(&b.correlation.abs()));
+        let all_means: Vec<Inseparable> = accuracy.of_means().enumerate().map(with_mean).collect();
+        let strongest = first_largest(all_means.iter().map(|mean| mean.correlation.abs())).map(|it| all_means[it]);
         let mean = strongest.filter(|mean| mean.correlation.abs() >= INSEPARABLE);
         all.push(Combination { direction, variance_ratio: value, mean });
     }
@@ -142,8 +143,9 @@ fn references(root: MatRef<'_, f64>, covariance: MatRef<'_, f64>, threshold: f64
         solve_lower_transposed(root, functional.as_mut());
         let with_all = product(rest.as_ref(), functional.as_ref());
         let gain = |j: &usize| with_all[(*j, 0)].powi(2) / rest[(*j, *j)];
-        let candidates = (0..rest.nrows()).filter(|j| !references.contains(j) && rest[(*j, *j)] > 0.0);
-        let Some(best) = candidates.max_by(|a, b| gain(a).total_cmp(&gain(b))) else { break };
+        let candidates: Vec<usize> =
+            (0..rest.nrows()).filter(|j| !references.contains(j) && rest[(*j, *j)] > 0.0).collect();
+        let Some(best) = first_largest(candidates.iter().map(gain)).map(|best| candidates[best]) else { break };
         let own = rest.col_as_slice(best).to_vec();
         rest = Mat::from_fn(own.len(), own.len(), |i, j| rest[(i, j)] - own[i] * own[j] / own[best]);
         references.push(best);

@@ -391,3 +391,23 @@ fn an_observation_of_what_is_known_without_error_is_refused() {
     let error = filter.analyse(&from_filter, &observed).unwrap_err();
     assert!(matches!(error, Error::NotPositiveDefinite { pivot: 2, size: 3, .. }), "{error}");
 }
+
+/// Where a covariance has been lost, the failure says in which block: a whole state is no place to look.
+#[test]
+fn the_fast_kalman_filter_names_the_blocks_of_a_failure() {
+    let mut problem = problem(true, calibration(0, 0, 0.0), 8);
+    (problem.background_error, problem.model_error) = (white(problem.background.layout(), 0.0), None);
+    let mut observed = window(&problem, 1, false, 1, 6);
+    observed.sigma[0] = 0.0;
+    for (blocks, expected) in [
+        (BlockShape::Tile { nx: 5, ny: 2 }, "block 0 (rows 0 to 1, columns 0 to 4)"),
+        (BlockShape::Domain, "block 0 (rows 0 to 3, columns 0 to 4)"),
+        (BlockShape::Cell, "and 1 more, which observations link"),
+    ] {
+        let mut filter = fast_kalman(&problem, blocks, BiasCoupling::Carry);
+        let from_filter = filter.forecast(WINDOW).unwrap();
+        let error = filter.analyse(&from_filter, &observed).unwrap_err().to_string();
+        assert!(error.starts_with("the innovation covariance H P H' + R of block "), "{error}");
+        assert!(error.contains(expected), "{blocks:?}: {error}");
+    }
+}

@@ -12,6 +12,7 @@ use isobar_assim::federated::{FederatedKalmanFilter, FederatedSettings};
 use isobar_assim::free::FreeRun;
 use isobar_assim::high_pass::HighPassSettings;
 use isobar_assim::kalman::KalmanFilter;
+use isobar_assim::local_factors::{LocalFactorSettings, LocalFastKalmanFilter, LocalResidual};
 use isobar_assim::optimal_interpolation::OptimalInterpolation;
 use isobar_assim::testing::{AssimilatorContract, Trial, check_assimilator};
 use isobar_assim::time_volume::{Target, TimeShape, TimeVolume};
@@ -64,6 +65,15 @@ fn all(problem: &Problem) -> Vec<(&'static str, Build<'_>)> {
     let probed = FastKalmanSettings { residual: Residual::Probe { count: 3 }, factors: 5, ..exact };
     let single = FastKalmanSettings { factor_precision: Precision::Single, ..probed };
     let cut = FastKalmanSettings { largest_component: 6, separator_factors: 60, ..probed };
+    let tiles = LocalFactorSettings {
+        blocks: BlockShape::Cell,
+        per_tile: 4,
+        model_error_per_tile: 6,
+        tile_m: 1.0,
+        support_tiles: 2,
+        mixed: 1,
+        residual: LocalResidual::Probe(3),
+    };
     let nested = FastKalmanSettings { largest_component: 6, separator_factors: 0, ..probed };
     let variational = ThreeDVarSettings { covariance_scale: 0.7, tolerance: 1e-12, max_iterations: 300 };
     let four = FourDVarSettings {
@@ -97,6 +107,10 @@ fn all(problem: &Problem) -> Vec<(&'static str, Build<'_>)> {
         ("fkf with probes", Box::new(move || Box::new(FastKalmanFilter::new(own(), probed).unwrap()))),
         ("fkf in single precision", Box::new(move || Box::new(FastKalmanFilter::new(own(), single).unwrap()))),
         ("fkf with separators", Box::new(move || Box::new(FastKalmanFilter::new(own(), cut).unwrap()))),
+        (
+            "fkf with local factors",
+            Box::new(move || Box::new(LocalFastKalmanFilter::with_local_factors(own(), tiles).unwrap())),
+        ),
         ("fkf, nested", Box::new(move || Box::new(FastKalmanFilter::new(own(), nested).unwrap()))),
         ("etkf", Box::new(move || Box::new(EnsembleTransformKalmanFilter::new(own(), members).unwrap()))),
         (

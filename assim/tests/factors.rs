@@ -2,7 +2,9 @@
 
 use crate::common::*;
 use faer::{Mat, Side};
-use isobar_assim::covariance::{self, Balanced, BalancedParameters, Covariance, Sum, White, leading_factors};
+use isobar_assim::covariance::{
+    self, Balanced, BalancedParameters, Covariance, Sum, Univariate, White, leading_factors,
+};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::{Assimilator, BiasTreatment, Problem};
@@ -58,7 +60,15 @@ fn one_block_with_any_factors_is_the_kalman_filter() {
 
 #[test]
 fn more_factors_come_nearer_to_the_kalman_filter() {
-    let problem = problem(true, calibration(2, 0, 0.4), 2);
+    // Errors with something in common: of white ones no direction comes before another.
+    let mut problem = problem(true, calibration(2, 0, 0.4), 2);
+    let layout = problem.background.layout().clone();
+    let smooth = |sigma: f64| -> Arc<dyn Covariance> {
+        let of = |variable| Univariate::new(&layout, variable, sigma, 0.7 + 0.2 * variable as f64).unwrap();
+        let terms: Vec<Box<dyn Covariance>> = vec![Box::new(of(0)), Box::new(of(1))];
+        Arc::new(Sum::new(layout.len(), terms))
+    };
+    (problem.background_error, problem.model_error) = (smooth(1.5), Some(smooth(0.4)));
     let found: Vec<f64> = [0, 10, 20, 30, 40]
         .iter()
         .map(|&factors| difference(&problem, filter(&problem, BlockShape::Cell, factors, Residual::Exact)))
@@ -136,8 +146,11 @@ fn leading_factors_are_below_the_covariance_and_hold_its_energy() {
         let least = rest.self_adjoint_eigenvalues(Side::Lower).unwrap()[0];
         assert!(least > -1e-9 * full.norm_max(), "rank {rank}: the rest has an eigenvalue {least:e}");
         let energy: f64 = (0..m).map(|i| (0..rank).map(|j| (factors[(i, j)] / scales[i]).powi(2)).sum::<f64>()).sum();
-        let best: f64 = eigenvalues[..rank].iter().sum();
-        assert!(energy <= best * (1.0 + 1e-9) && energy > 0.99 * best, "rank {rank}: {energy} of {best}");
+        // A pair of equal eigenvalues that the rank would cut, such as cosine and sine along the channel, is left out.
+        let weight = |value: f64| ((value / eigenvalues[rank] - 1.0) / 0.01).clamp(0.0, 1.0);
+        let best: f64 = eigenvalues[..rank].iter().map(|&value| value * weight(value).powi(2)).sum();
+        let most: f64 = eigenvalues[..rank].iter().sum();
+        assert!(energy <= most * (1.0 + 1e-9) && energy > 0.99 * best, "rank {rank}: {energy} of {best}");
     }
 }
 
@@ -153,6 +166,8 @@ fn the_factor_settings_that_make_no_sense_are_refused() {
     assert_eq!(error(settings), "41 common factors are more than the 40 variables they describe");
     (settings.factors, settings.bias_coupling) = (3, BiasCoupling::Drop);
     assert!(error(settings).contains("have no factors"));
+    settings.factors = 0;
+    assert!(error(settings).contains("forecast the blocks exactly"));
 }
 
 #[test]

@@ -5,7 +5,7 @@ use faer::Mat;
 use isobar_assim::block_angular::PartitionReport;
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
 use isobar_assim::kalman::KalmanFilter;
-use isobar_assim::{Analysis, Assimilator, Problem};
+use isobar_assim::{Analysis, Assimilator, Background, Problem};
 
 fn filter(problem: &Problem, settings: FastKalmanSettings) -> FastKalmanFilter {
     FastKalmanFilter::new(problem.clone(), settings).unwrap()
@@ -36,9 +36,23 @@ fn difference(analysis: &Analysis, expected: &Analysis) -> f64 {
 /// and by the Kalman filter: covariances and reports.
 fn analyse(problem: &Problem, settings: FastKalmanSettings) -> (f64, Mat<f64>, Mat<f64>, PartitionReport) {
     let (mut fast, mut reference) = (filter(problem, settings), KalmanFilter::new(problem.clone()).unwrap());
+    let from = (fast.forecast(WINDOW).unwrap(), reference.forecast(WINDOW).unwrap());
+    analysed(problem, fast, reference, from)
+}
+
+/// The same without a forecast before, in which a filter whose blocks persist would differ.
+fn analyse_at_start(problem: &Problem, settings: FastKalmanSettings) -> (f64, Mat<f64>, Mat<f64>, PartitionReport) {
+    let (fast, reference) = (filter(problem, settings), KalmanFilter::new(problem.clone()).unwrap());
+    analysed(problem, fast, reference, (start(problem), start(problem)))
+}
+
+fn analysed(
+    problem: &Problem,
+    mut fast: FastKalmanFilter,
+    mut reference: KalmanFilter,
+    (from_fast, from_reference): (Background, Background),
+) -> (f64, Mat<f64>, Mat<f64>, PartitionReport) {
     let observed = window(problem, 40, false, 1, 5);
-    let from_fast = fast.forecast(WINDOW).unwrap();
-    let from_reference = reference.forecast(WINDOW).unwrap();
     let (analysis, expected) =
         (fast.analyse(&from_fast, &observed).unwrap(), reference.analyse(&from_reference, &observed).unwrap());
     let found = difference(&analysis, &expected);
@@ -63,12 +77,16 @@ fn with_separators_in_the_border_the_analysis_and_all_of_its_covariance_are_exac
 }
 
 #[test]
-fn nested_elimination_is_exact_but_between_blocks() {
+fn nested_elimination_is_exact_and_between_blocks_too_where_the_forecast_is() {
     for (shared, local) in [(0, 0), (2, 0), (2, 3)] {
         let problem = problem(false, calibration(shared, local, 0.0), 3);
         let (found, covariance, expected, report) = analyse(&problem, cells(0, 10, 0));
         assert!(found < 1e-10, "{shared} shared, {local} local: {found:e}");
         assert!(report.nested && report.border == shared, "{report:?}");
+        assert!(relative_difference(&flat(&covariance), &flat(&expected)) < 1e-10);
+        let persisting = FastKalmanSettings { residual: Residual::Persist, ..cells(0, 10, 0) };
+        let (found, covariance, expected, report) = analyse_at_start(&problem, persisting);
+        assert!(found < 1e-10 && report.nested, "{shared} shared, {local} local: {found:e}");
         let (m, cells, scale) = (40, 20, expected.norm_max());
         for (i, j) in (0..m).flat_map(|i| [(i, i % cells), (i, i % cells + cells)]) {
             let (found, expected) = (covariance[(i, j)], expected[(i, j)]);
@@ -89,13 +107,15 @@ fn with_factors_from_the_start_separators_and_nested_elimination_agree_with_merg
     for residual in [Residual::Exact, Residual::Persist] {
         let (merged, covariance) = run(residual, cells(9, usize::MAX, 0));
         let (separated, with_separators) = run(residual, cells(9, 8, 1000));
-        let (nested, _) = run(residual, cells(9, 8, 0));
+        let (nested, with_nested) = run(residual, cells(9, 8, 0));
         assert!(difference(&separated, &merged) < 1e-10);
         assert!(difference(&nested, &merged) < 1e-10);
         // What observations link beyond the blocks, merged components keep only for a forecast that has a use for it.
         if residual == Residual::Exact {
-            let found = relative_difference(&with_separators, &covariance);
-            assert!(found < 1e-10, "{found:e}");
+            for cut in [&with_separators, &with_nested] {
+                let found = relative_difference(cut, &covariance);
+                assert!(found < 1e-10, "{found:e}");
+            }
         }
         let report = (separated.partition.unwrap(), nested.partition.unwrap());
         assert!(report.0.separators > 0 && !report.0.nested && report.1.nested, "{report:?}");

@@ -1,6 +1,6 @@
 //! The model state x: every variable's field in one contiguous array `[variable, y, x]`.
 
-use crate::grid::{Grid, Location};
+use crate::grid::{Boundary, Grid, Location};
 use crate::increment::Increment;
 use crate::vector;
 use ndarray::ArrayView2;
@@ -69,6 +69,13 @@ pub struct Layout {
 }
 
 impl Layout {
+    /// One variable on a ring of so many points: a single row of cells that are 1 m wide.
+    pub fn ring(points: usize, name: &'static str, unit: &'static str) -> Arc<Self> {
+        let grid = Grid { nx: points, ny: 1, dx_m: 1.0, dy_m: 1.0, boundary: Boundary::Periodic };
+        let variable = Variable { name, long_name: name, standard_name: None, unit, location: Location::Center };
+        Arc::new(Self { grid, variables: vec![variable] })
+    }
+
     /// Number of values: variables × cells.
     pub fn len(&self) -> usize {
         self.variables.len() * self.grid.cells()
@@ -88,6 +95,13 @@ impl Layout {
     pub fn place(&self, index: usize) -> (usize, usize, usize) {
         let cells = self.grid.cells();
         (index / cells, index % cells / self.grid.nx, index % self.grid.nx)
+    }
+
+    /// Bilinear interpolation of a variable to a point of the plane: (index in the state, weight); `None` outside of the domain.
+    pub fn interpolation(&self, variable: usize, x_m: f64, y_m: f64) -> Option<Vec<(usize, f64)>> {
+        let (grid, location) = (&self.grid, self.variables[variable].location);
+        let entries = grid.stencil(location, x_m, y_m)?.entries.into_iter();
+        Some(entries.map(|(index, weight)| (variable * grid.cells() + index, weight)).collect())
     }
 
     /// The value at `index` in words, for messages: `u at row 3, column 7`.
@@ -223,7 +237,6 @@ impl Sub for &State {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::Boundary;
 
     #[test]
     fn a_state_that_is_read_has_a_value_for_each_variable_and_cell() {

@@ -2,11 +2,7 @@
 
 use crate::bias::BiasProcess;
 use crate::error::{ObservationError, require};
-use crate::jacobian::Jacobian;
-use crate::operator::{LinearOperator, ObservationOperator};
-use crate::predictor::Predictor;
-use crate::sparse::SparseRows;
-use isobar_model::{Layout, State};
+use isobar_model::Layout;
 
 /// A part of a bias that is proportional to an air-mass predictor,
 ///
@@ -44,75 +40,5 @@ impl AirMassBias {
             let valid = layout.variables.iter().map(|variable| variable.name);
             ObservationError::unknown_name(network, "biases.variable", &self.variable, valid)
         })
-    }
-}
-
-/// Observations some of whose biases depend on the state:
-///
-/// ```text
-/// h(x, c) = X x + (G + P(x)) c,     P_ij(x) = p_j(x) of observation i
-/// ```
-///
-/// It is bilinear in x and c. A method gets it [anchored](ObservationOperator::anchored) at its background.
-#[derive(Clone, Debug)]
-pub(crate) struct AirMassOperator {
-    /// X and G.
-    linear: LinearOperator,
-    /// P: the predictors of each observation.
-    predictors: Vec<Vec<Predictor>>,
-}
-
-impl AirMassOperator {
-    /// The operator of X and G, and of the predictors of each observation.
-    pub fn new(linear: LinearOperator, predictors: Vec<Vec<Predictor>>) -> Self {
-        Self { linear, predictors }
-    }
-
-    /// G + P(x).
-    fn calibration_rows(&self, x: &State) -> SparseRows {
-        let mut rows = SparseRows::new();
-        for (number, predictors) in self.predictors.iter().enumerate() {
-            let fixed = self.linear.jacobian.calibration.row(number).iter().copied();
-            rows.push_row(fixed.chain(predictors.iter().map(|predictor| predictor.entry(x))));
-        }
-        rows
-    }
-}
-
-impl ObservationOperator for AirMassOperator {
-    fn len(&self) -> usize {
-        self.linear.len()
-    }
-
-    fn simulate(&self, x: &State, calibration: &[f64]) -> Vec<f64> {
-        let mut simulated = self.linear.simulate(x, calibration);
-        for (value, predictors) in simulated.iter_mut().zip(&self.predictors) {
-            *value += predictors.iter().map(|predictor| predictor.bias(x, calibration)).sum::<f64>();
-        }
-        simulated
-    }
-
-    /// ∂h/∂x = X + Σ_j c_j ∂p_j/∂x and ∂h/∂c = G + P(x).
-    fn linearize(&self, x: &State, calibration: &[f64]) -> Jacobian {
-        let mut state = SparseRows::new();
-        for (number, predictors) in self.predictors.iter().enumerate() {
-            let mut row = self.linear.jacobian.state.row(number).to_vec();
-            for predictor in predictors {
-                let coefficient = calibration[predictor.parameter];
-                for &(column, weight) in &predictor.row {
-                    match row.iter_mut().find(|entry| entry.0 == column) {
-                        Some(entry) => entry.1 += coefficient * weight,
-                        None => row.push((column, coefficient * weight)),
-                    }
-                }
-            }
-            state.push_row(row);
-        }
-        Jacobian { state, calibration: self.calibration_rows(x) }
-    }
-
-    fn anchored(&self, background: &State) -> Option<LinearOperator> {
-        let (state, calibration) = (self.linear.jacobian.state.clone(), self.calibration_rows(background));
-        Some(LinearOperator { jacobian: Jacobian { state, calibration } })
     }
 }

@@ -3,6 +3,7 @@
 //! What a method sees:
 //! - [`window`]: [`ObservationWindow`], the observations of one cycle
 //! - [`report`]: [`Report`], where, what and by whom each observation is
+//! - [`aside`]: [`Aside`], passive and rejected observations, which no method sees
 //! - [`operator`]: [`ObservationOperator`], y = h(x, c)
 //! - [`jacobian`], [`sparse`]: its Jacobians X and G
 //! - [`calibration`]: the parameters c, and what is known of them
@@ -15,25 +16,29 @@
 //! - [`table`](mod@table), [`times`]: how all tables and times are read
 //! - [`projection`]: the plane's place on the Earth
 //! - [`recorded_use`]: [`RecordedUse`], how many observations of a file can be used
-//! - [`quality`]: [`QualityControl`], which observations no method sees; [`rejection`]: and why
+//! - [`quality`]: [`QualityControl`], which values are rejected; [`rejection`]: why; [`value_check`]: what was expected
 //! - [`error`]: [`ObservationError`], everything that can be wrong with it
 //!
 //! What makes observations:
 //! - [`instrument`]: [`InstrumentSettings`] and [`Instrument`], the traits of every instrument; an addition is one file
 //! - [`instrument::radiosonde`], [`instrument::satellite`], [`instrument::recorded`]
+//! - [`instrument::steady`]: [`Steady`], any instrument that sees the same in every cycle
 //! - [`site`]: where and when an instrument is to observe
 //! - [`observation`], [`predictor`]: one observation as an instrument makes it
+//! - [`state_operator`]: [`StateOperator`], what it sees of the state
 //! - [`footprint`](mod@footprint): what a satellite averages over
 //!
 //! `testing` (feature `testing`): the contract batteries that any operator and any instrument must pass.
 
 pub mod air_mass;
+pub mod aside;
 pub mod bias;
 mod biases;
 pub mod calibration;
 pub mod error;
 pub mod faults;
 pub mod footprint;
+mod general_operator;
 pub mod instrument;
 pub mod jacobian;
 pub mod network;
@@ -48,6 +53,7 @@ pub mod rejection;
 pub mod report;
 pub mod site;
 pub mod sparse;
+pub mod state_operator;
 pub mod station;
 pub mod station_file;
 pub mod system;
@@ -55,9 +61,11 @@ pub mod table;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 pub mod times;
+pub mod value_check;
 pub mod window;
 
 pub use air_mass::AirMassBias;
+pub use aside::{Aside, Unused, UnusedObservation};
 pub use bias::{BiasProcess, Evolution, InitialBias};
 pub use calibration::{ByPlacement, Calibration, Parameter, Placement};
 pub use error::ObservationError;
@@ -66,6 +74,7 @@ pub use footprint::footprint;
 pub use instrument::radiosonde::{BiasScope, RadiosondeSettings, StationBias};
 pub use instrument::recorded::{RecordedSettings, WindAxes};
 pub use instrument::satellite::{Heading, SatelliteSettings, ScanBias, ScanTerm};
+pub use instrument::steady::Steady;
 pub use instrument::{Instrument, InstrumentSettings, ObservedVariable};
 pub use jacobian::Jacobian;
 pub use network::{Network, Schedule};
@@ -76,11 +85,13 @@ pub use predictor::Predictor;
 pub use projection::Projection;
 pub use quality::QualityControl;
 pub use recorded_use::RecordedUse;
-pub use rejection::{RejectedObservation, Rejection};
+pub use rejection::Rejection;
 pub use report::{ObservationType, Report};
 pub use site::Site;
 pub use sparse::SparseRows;
+pub use state_operator::{NonlinearOperator, StateOperator};
 pub use station::{LeftOutStation, Station, StationSource};
 pub use station_file::{Position, StationFile, StationRecord};
 pub use system::{ObservingSystem, SavedSystem};
+pub use value_check::ValueCheck;
 pub use window::{ObservationTypes, ObservationWindow};

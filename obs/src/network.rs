@@ -16,6 +16,9 @@ pub struct Network {
     pub missing_rate: f64,
     /// Reports that must not be believed.
     pub faults: Faults,
+    /// Whether methods assimilate its observations. Those of a passive network are compared with every method's estimates, and
+    /// take part in nothing else.
+    pub assimilate: bool,
     /// What reports.
     pub instrument: Arc<dyn InstrumentSettings>,
 }
@@ -28,6 +31,7 @@ impl Network {
             schedule: Schedule::EVERY_CYCLE,
             missing_rate: 0.0,
             faults: Faults::NONE,
+            assimilate: true,
             instrument: Arc::new(instrument),
         }
     }

@@ -1,7 +1,8 @@
-//! One observation as an instrument makes it: its rows of X and G, and what it reads.
+//! One observation as an instrument makes it: what it sees of the state, its biases, and what it reads.
 
 use crate::predictor::Predictor;
 use crate::report::Report;
+use crate::state_operator::StateOperator;
 use isobar_model::{State, Time};
 
 /// One observation as an instrument makes it, before it arrives.
@@ -13,8 +14,8 @@ pub struct Observation {
     pub sigma: f64,
     /// The random error, or the value of an observation made elsewhere.
     pub reading: Reading,
-    /// Its row of X: (index in the state, weight).
-    pub state_row: Vec<(usize, f64)>,
+    /// What it sees of the state.
+    pub state: StateOperator,
     /// Its row of G, the biases that do not depend on the state: (number of the parameter, factor).
     pub calibration_row: Vec<(usize, f64)>,
     /// The biases that depend on the state.
@@ -54,6 +55,17 @@ impl Reading {
 }
 
 impl Observation {
+    /// An observation without biases, whose random error is yet to be drawn.
+    pub fn new(report: Report, sigma: f64, state: StateOperator) -> Self {
+        let (calibration_row, predictors) = (Vec::new(), Vec::new());
+        Self { report, sigma, reading: Reading::Error(0.0), state, calibration_row, predictors }
+    }
+
+    /// The same with biases that do not depend on the state: (number of the parameter, factor).
+    pub fn with_bias(self, calibration_row: impl IntoIterator<Item = (usize, f64)>) -> Self {
+        Self { calibration_row: calibration_row.into_iter().collect(), ..self }
+    }
+
     /// Its row of G + P(x).
     pub fn calibration_row_at<'a>(&'a self, x: &'a State) -> impl Iterator<Item = (usize, f64)> + 'a {
         self.calibration_row.iter().copied().chain(self.predictors.iter().map(|predictor| predictor.entry(x)))
@@ -76,4 +88,6 @@ pub(crate) struct Arrival {
     pub value_bias_removed: f64,
     /// When it is valid.
     pub time: Time,
+    /// Whether methods do not see it, whatever quality control says.
+    pub is_passive: bool,
 }

@@ -3,6 +3,7 @@
 use crate::jacobian::Jacobian;
 use isobar_model::State;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// An observation operator y = h(x, c) of state and calibration.
 pub trait ObservationOperator: Send + Sync {
@@ -33,7 +34,7 @@ pub trait ObservationOperator: Send + Sync {
     /// p_j(x_b)), of the size of β times the background's error in units of the predictor's scale; methods do not know of it.
     /// Where x_b is the conditional mean of x_true, that error has mean 0 and is uncorrelated with p(x_b), so it adds to the
     /// random error but leaves estimates of β unbiased; of a worse background it biases them.
-    fn anchored(&self, _background: &State) -> Option<LinearOperator> {
+    fn anchored(&self, _background: &State) -> Option<Arc<dyn ObservationOperator>> {
         None
     }
 }

@@ -29,10 +29,14 @@
 //! with σ_x what the experiment assumes of the forecast's errors: such a forecast is in the end as wrong as a state drawn from
 //! the climate. A single observation says nothing of the scale, so that s is at most e itself; many good ones may say that the
 //! errors are up to three times as large. The limit grows by at most as much.
+//!
+//! Passive observations are judged by those that are used, and judge none: neither s nor the limit nor any prediction is from
+//! them.
 
 use crate::calibration::Calibration;
 use crate::observation::{Arrival, Observation, Reading};
 use crate::rejection::Rejection;
+use crate::value_check::ValueCheck;
 use isobar_model::{Boundary, Grid, State, Time};
 use std::collections::HashSet;
 use std::ops::RangeInclusive;
@@ -94,15 +98,16 @@ pub(crate) fn check_reports(arrivals: &[Arrival], time: Time, grid: &Grid) -> Ve
 }
 
 impl QualityControl {
-    /// Checks the values of the observations that are not rejected yet.
+    /// Checks the values of the observations that are not rejected yet; what is found of each.
     pub(crate) fn check_values(
         &self,
         arrivals: &[Arrival],
         reference: Reference<'_>,
         calibration: &Calibration,
         rejections: &mut [Option<Rejection>],
-    ) {
+    ) -> Vec<Option<ValueCheck>> {
         let Reference { state: reference, sigma } = reference;
+        let mut checks = vec![None; arrivals.len()];
         for variable in 0..reference.layout().variables.len() {
             let of_variable = |&number: &usize| {
                 rejections[number].is_none() && arrivals[number].observation.report.variable == variable
@@ -110,19 +115,31 @@ impl QualityControl {
             let numbers: Vec<usize> = (0..arrivals.len()).filter(of_variable).collect();
             let expected = sigma.get(variable).map(|sigma| sigma.hypot(reference.variability(variable)));
             let expected = expected.filter(|expected| *expected > 0.0).unwrap_or(f64::INFINITY);
-            let limits = sane_values(arrivals, &numbers, reference, variable, expected, calibration);
+            let judges = numbers.iter().filter(|&&number| !arrivals[number].is_passive).copied().collect::<Vec<_>>();
+            if judges.is_empty() && expected.is_infinite() {
+                continue;
+            }
+            let limits = sane_values(arrivals, &judges, reference, variable, expected, calibration);
             let (sane, absurd): (Vec<usize>, Vec<usize>) =
                 numbers.into_iter().partition(|&number| limits.contains(&arrivals[number].value));
-            absurd.into_iter().for_each(|number| rejections[number] = Some(Rejection::Absurd));
+            for number in absurd {
+                rejections[number] = Some(Rejection::Absurd);
+                let departure = departure(&arrivals[number], reference);
+                let predicted = arrivals[number].value - departure;
+                let z = departure / expected.hypot(arrivals[number].observation.sigma);
+                checks[number] = expected.is_finite().then_some(ValueCheck { predicted, z, neighbours: 0 });
+            }
             if sane.is_empty() {
                 continue;
             }
             let of_variable: Vec<&Arrival> = sane.iter().map(|&number| &arrivals[number]).collect();
-            for place in Departures::new(self, &of_variable, reference, calibration, expected).gross_errors(self.limit)
-            {
-                rejections[sane[place]] = Some(Rejection::GrossError);
+            let departures = Departures::new(self, &of_variable, reference, calibration, expected);
+            for (&number, (check, is_good)) in sane.iter().zip(departures.judge(self.limit)) {
+                checks[number] = Some(check);
+                rejections[number] = (!is_good).then_some(Rejection::GrossError);
             }
         }
+        checks
     }
 }
 
@@ -131,7 +148,7 @@ fn largest_factor(observations: usize) -> f64 {
     3.0 - 2.0 / observations.max(1) as f64
 }
 
-/// The values that a variable could have.
+/// The values that a variable could have, as the observations of these numbers tell.
 fn sane_values(
     arrivals: &[Arrival],
     numbers: &[usize],
@@ -143,7 +160,7 @@ fn sane_values(
     let field = reference.field(variable);
     let (low, high) =
         field.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &v| (low.min(v), high.max(v)));
-    let departures = numbers.iter().map(|&number| departure(&arrivals[number], reference).abs());
+    let departures: Vec<f64> = numbers.iter().map(|&number| departure(&arrivals[number], reference).abs()).collect();
     // Without the state's part: random errors and biases.
     let known = |&number: &usize| {
         let Observation { sigma, .. } = arrivals[number].observation;
@@ -152,15 +169,14 @@ fn sane_values(
         (sigma * sigma + of_biases.sum::<f64>()).sqrt()
     };
     let largest = expected.hypot(numbers.iter().map(known).fold(0.0, f64::max)) * largest_factor(numbers.len());
-    let usual = (median(departures.collect()) / NORMAL_MEDIAN).min(largest);
+    let usual = if departures.is_empty() { largest } else { (median(departures) / NORMAL_MEDIAN).min(largest) };
     let margin = ABSURD * (high - low).max(high.abs()).max(low.abs()).max(usual);
     low - margin..=high + margin
 }
 
 /// d of an observation.
 fn departure(arrival: &Arrival, reference: &State) -> f64 {
-    let row = &arrival.observation.state_row;
-    arrival.value - row.iter().map(|&(i, weight)| weight * reference.values()[i]).sum::<f64>()
+    arrival.value - arrival.observation.state.value(reference)
 }
 
 /// The departures of one variable's observations from the reference, and how they should vary together.
@@ -173,6 +189,8 @@ struct Departures<'a> {
     calibration_rows: Vec<Vec<(usize, f64)>>,
     /// d.
     departures: Vec<f64>,
+    /// Whether each judges others: whether it is not passive.
+    is_judge: Vec<bool>,
     /// s².
     variance: f64,
     /// Whether something else than the departures says how large they may be.
@@ -193,6 +211,7 @@ impl<'a> Departures<'a> {
         let (grid, length_m) = (&reference.layout().grid, control.length_m);
         let calibration_rows =
             arrivals.iter().map(|arrival| arrival.observation.calibration_row_at(reference).collect()).collect();
+        let is_judge: Vec<bool> = arrivals.iter().map(|arrival| !arrival.is_passive).collect();
         let (variance, is_bounded, neighbours) = (0.0, expected.is_finite(), Vec::new());
         let mut all = Self {
             arrivals,
@@ -201,25 +220,29 @@ impl<'a> Departures<'a> {
             length_m,
             calibration_rows,
             departures,
+            is_judge,
             variance,
             is_bounded,
             neighbours,
         };
-        let total = (median(all.departures.iter().map(|d| d.abs()).collect()) / NORMAL_MEDIAN).powi(2);
-        let known = median((0..arrivals.len()).map(|i| all.covariance(i, i)).collect());
-        all.variance = (total - known).max(0.25 * total).min((largest_factor(arrivals.len()) * expected).powi(2));
+        let judges: Vec<usize> = (0..arrivals.len()).filter(|&i| all.is_judge[i]).collect();
+        let total = (median(judges.iter().map(|&i| all.departures[i].abs()).collect()) / NORMAL_MEDIAN).powi(2);
+        let known = median(judges.iter().map(|&i| all.covariance(i, i)).collect());
+        let found = if judges.is_empty() { f64::INFINITY } else { (total - known).max(0.25 * total) };
+        all.variance = found.min((largest_factor(judges.len()) * expected).powi(2));
         all.neighbours = all.nearest();
         all
     }
 
-    /// The places of the gross errors, in the order in which they are found.
-    fn gross_errors(&self, limit: f64) -> Vec<usize> {
+    /// What is found of each, and whether it is good.
+    fn judge(&self, limit: f64) -> Vec<(ValueCheck, bool)> {
         let n = self.arrivals.len();
-        let largest_factor = if self.is_bounded { largest_factor(n) } else { f64::INFINITY };
-        let mut is_good = vec![true; n];
-        let mut scores: Vec<f64> = (0..n).map(|i| self.score(i, &is_good)).collect();
-        let mut found = Vec::new();
+        let judges = self.is_judge.iter().filter(|&&is_judge| is_judge).count();
+        let largest_factor = if self.is_bounded { largest_factor(judges) } else { f64::INFINITY };
+        let mut is_good = self.is_judge.clone();
+        let mut checks: Vec<ValueCheck> = (0..n).map(|i| self.check(i, &is_good)).collect();
         loop {
+            let scores: Vec<f64> = checks.iter().map(|check| check.z.abs()).collect();
             let good = (0..n).filter(|&i| is_good[i]).map(|i| scores[i]).collect();
             let limit = limit * (median(good) / NORMAL_MEDIAN).min(largest_factor).max(1.0);
             // Ties go to the first one.
@@ -229,20 +252,22 @@ impl<'a> Departures<'a> {
             };
             let worst: Vec<usize> = (0..n).filter(is_worst).collect();
             if worst.is_empty() {
-                return found;
+                let passes = |i: usize| is_good[i] || (!self.is_judge[i] && scores[i] <= limit);
+                return checks.iter().enumerate().map(|(i, check)| (*check, passes(i))).collect();
             }
             worst.iter().for_each(|&i| is_good[i] = false);
             for i in 0..n {
-                if is_good[i] && self.neighbours[i].iter().any(|j| worst.contains(j)) {
-                    scores[i] = self.score(i, &is_good);
+                // What is rejected keeps what it was rejected for.
+                let is_open = is_good[i] || !self.is_judge[i];
+                if is_open && self.neighbours[i].iter().any(|j| worst.contains(j)) {
+                    checks[i] = self.check(i, &is_good);
                 }
             }
-            found.extend(worst);
         }
     }
 
-    /// |z| of an observation, from those of its neighbours that are good.
-    fn score(&self, i: usize, is_good: &[bool]) -> f64 {
+    /// An observation beside those of its neighbours that are good.
+    fn check(&self, i: usize, is_good: &[bool]) -> ValueCheck {
         let from: Vec<usize> = self.neighbours[i].iter().copied().filter(|&j| is_good[j]).collect();
         let n = from.len();
         // The Cholesky factor L of S_NN, row by row, then w = L⁻¹ S_Ni and e = L⁻¹ d_N.
@@ -260,11 +285,13 @@ impl<'a> Departures<'a> {
             let known: f64 = (0..row).map(|k| factor[row * n + k] * whitened[k]).sum();
             whitened[row] = (self.departures[from[row]] - known) / factor[row * n + row];
         }
-        let predicted: f64 = weights.iter().zip(&whitened).map(|(w, e)| w * e).sum();
+        let departure: f64 = weights.iter().zip(&whitened).map(|(w, e)| w * e).sum();
         let explained: f64 = weights.iter().map(|w| w * w).sum();
         // Its own random error cannot be predicted.
         let variance = (self.covariance(i, i) - explained).max(self.arrivals[i].observation.sigma.powi(2));
-        (self.departures[i] - predicted).abs() / variance.sqrt()
+        let difference = self.departures[i] - departure;
+        let predicted = self.arrivals[i].value - difference;
+        ValueCheck { predicted, z: difference / variance.sqrt(), neighbours: n }
     }
 
     /// S_ij.
@@ -291,18 +318,19 @@ impl<'a> Departures<'a> {
         dx * dx + dy * dy
     }
 
-    /// The nearest neighbours of each observation: from a mesh of bins with about four of them in each, those in its
-    /// own bin and the bins around it.
+    /// The nearest neighbours of each observation among those that judge: from a mesh of bins with about four of them in
+    /// each, those in its own bin and the bins around it.
     fn nearest(&self) -> Vec<Vec<usize>> {
         let n = self.arrivals.len();
-        let side = ((n as f64 / 4.0).sqrt().floor() as usize).clamp(1, 1000);
+        let judges: Vec<usize> = (0..n).filter(|&i| self.is_judge[i]).collect();
+        let side = ((judges.len() as f64 / 4.0).sqrt().floor() as usize).clamp(1, 1000);
         let bin_of = |i: usize| {
             let report = &self.arrivals[i].observation.report;
             let place = |x: f64, extent: f64| ((x / extent * side as f64) as usize).min(side - 1);
             (place(report.x_m, self.grid.width_m()), place(report.y_m, self.grid.height_m()))
         };
         let mut bins = vec![Vec::new(); side * side];
-        for i in 0..n {
+        for i in judges {
             let (column, row) = bin_of(i);
             bins[row * side + column].push(i);
         }

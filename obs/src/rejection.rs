@@ -1,7 +1,5 @@
-//! Observations that fail quality control, and why.
+//! Why observations fail quality control.
 
-use crate::report::Report;
-use isobar_model::Time;
 use serde::{Deserialize, Serialize};
 
 /// Why an observation is not used.
@@ -48,19 +46,4 @@ impl Rejection {
             Rejection::GrossError => "gross_error",
         }
     }
-}
-
-/// An observation that no method sees.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct RejectedObservation {
-    /// Where, what and by whom.
-    pub report: Report,
-    /// When it is valid.
-    pub time: Time,
-    /// The reported value; it may not be finite.
-    pub value: f64,
-    /// Standard deviation of its random error, as it claims.
-    pub sigma: f64,
-    /// Why it is not used.
-    pub rejection: Rejection,
 }

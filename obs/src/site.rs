@@ -5,6 +5,7 @@ use crate::biases::Biases;
 use crate::calibration::Placement;
 use crate::error::ObservationError;
 use crate::projection::Projection;
+use crate::report::Report;
 use isobar_model::{Duration, Layout, Time, random};
 use rand_chacha::ChaCha8Rng;
 
@@ -29,6 +30,11 @@ impl Site<'_> {
     /// The network's random stream for a `purpose`: `observations/europe`.
     pub fn stream(&self, purpose: &str) -> ChaCha8Rng {
         random::stream(self.seed, &format!("{purpose}/{}", self.network))
+    }
+
+    /// The report of a platform on a variable of this number, at a point of the plane.
+    pub fn report(&self, platform: &str, variable: usize, x_m: f64, y_m: f64) -> Report {
+        Report { network: self.network.into(), platform: platform.into(), variable, x_m, y_m, scan: None }
     }
 
     /// Adds the bias parameter `network/name`; its number in the calibration, or `None` if it is known and methods need

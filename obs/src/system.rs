@@ -1,22 +1,22 @@
 //! The observing system of an experiment: all of its networks, and their true biases as time goes by.
 
-use crate::air_mass::AirMassOperator;
+use crate::aside::{Aside, Unused, UnusedObservation};
 use crate::bias::BiasProcess;
 use crate::biases::Biases;
 use crate::calibration::{Calibration, Parameter};
 use crate::error::ObservationError;
 use crate::faults::Faults;
+use crate::general_operator::GeneralOperator;
 use crate::instrument::Instrument;
-use crate::jacobian::Jacobian;
 use crate::network::{Network, Schedule};
 use crate::observation::{Arrival, Observation, Reading};
-use crate::operator::{LinearOperator, ObservationOperator};
 use crate::projection::Projection;
 use crate::quality::{self, QualityControl, Reference};
 use crate::recorded_use::RecordedUse;
-use crate::rejection::{RejectedObservation, Rejection};
+use crate::rejection::Rejection;
 use crate::site::Site;
 use crate::station::{LeftOutStation, Station};
+use crate::value_check::ValueCheck;
 use crate::window::ObservationWindow;
 use isobar_model::{Duration, Layout, State, Time};
 use rand::RngExt;
@@ -82,7 +82,7 @@ pub struct ObservingSystem {
     biases: Biases,
     stations: Vec<Station>,
     left_out: Vec<LeftOutStation>,
-    /// Of the present cycle.
+    /// Of the present cycle: observations that are used, then the others.
     values_bias_removed: Vec<f64>,
 }
 
@@ -94,6 +94,7 @@ struct Member {
     missing: ChaCha8Rng,
     faults: Faults,
     faulty: ChaCha8Rng,
+    is_passive: bool,
     instrument: Box<dyn Instrument>,
 }
 
@@ -149,6 +150,7 @@ impl ObservingSystem {
             if members.iter().any(|member| member.name == *name) {
                 return Err(ObservationError::duplicate_name(name, "name", name));
             }
+            let parameters = biases.calibration().len();
             let mut site = Site { network: name, layout, projection, seed, window, start, biases: &mut biases };
             members.push(Member {
                 name: name.clone(),
@@ -157,6 +159,7 @@ impl ObservingSystem {
                 missing: site.stream("missing"),
                 faults: network.faults,
                 faulty: site.stream("faults"),
+                is_passive: !network.assimilate,
                 instrument: network.instrument.build(&mut site)?,
             });
             let member = &members[members.len() - 1];
@@ -164,6 +167,11 @@ impl ObservingSystem {
             observations += member.instrument.most_observations(1);
             weights += member.instrument.weights();
             check_size(name, observations, weights)?;
+            if !network.assimilate && biases.calibration().len() > parameters {
+                let problem = "assimilate is false, but the network has unknown biases, which only an assimilated network can \
+                               determine; leave out the biases or declare them known";
+                return Err(ObservationError::in_setting(name, "assimilate", problem));
+            }
         }
         let stations = members.iter().flat_map(|member| member.instrument.stations()).cloned().collect();
         let left_out = members.iter().flat_map(|member| member.instrument.left_out()).cloned().collect();
@@ -182,7 +190,8 @@ impl ObservingSystem {
     }
 
     /// The values of the present cycle's observations without any bias, as instruments with a known calibration would
-    /// report them.
+    /// report them: of those that are used, then of the others. Nothing is known of the biases of recorded observations,
+    /// whose values are as they were recorded.
     pub fn values_bias_removed(&self) -> &[f64] {
         &self.values_bias_removed
     }
@@ -267,74 +276,85 @@ impl ObservingSystem {
     /// # Panics
     /// As there.
     pub fn observe(&mut self, truth: &State) -> ObservationWindow {
-        self.observe_checked(truth, None)
+        self.observe_checked(Some(truth), None)
     }
 
     /// Goes on to the next cycle, lets the true biases evolve, and observes `truth`, the true state at its valid time
-    /// [`Self::time`]. The values have the biases of [`Self::calibration`], but not the known ones. Quality control
-    /// compares the values with the reference, if there is one.
+    /// [`Self::time`]; a world of recorded observations alone needs none. The values have the biases of
+    /// [`Self::calibration`], but not the known ones. Quality control compares the values with the reference, if there is one.
     ///
     /// # Panics
-    /// If `truth` has another layout than the observing system.
+    /// If `truth` has another layout than the observing system, or there is none to observe for an instrument that does.
     pub fn observe_checked(
         &mut self,
-        truth: &State,
+        truth: Option<&State>,
         reference: Option<(&QualityControl, Reference<'_>)>,
     ) -> ObservationWindow {
-        assert_eq!(**truth.layout(), *self.layout, "the truth must have the observing system's layout");
+        let fits = truth.is_none_or(|truth| **truth.layout() == *self.layout);
+        assert!(fits, "the truth must have the observing system's layout");
         self.cycle += 1;
         self.biases.advance(self.window);
         let time = self.time();
         let mut arrivals: Vec<Arrival> = Vec::new();
         for member in &mut self.members {
+            let observations = member.observe(self.cycle);
             let arrive = |observation: Observation| {
-                let (value_bias_removed, time) = match observation.reading {
-                    Reading::Error(error) => (dot(&observation.state_row, truth.values()) + error, time),
-                    Reading::Recorded { value, time, .. } => (value, time),
+                let (value, value_bias_removed, time) = match observation.reading {
+                    Reading::Error(error) => {
+                        let truth = truth.expect("an instrument that observes the truth needs one");
+                        let value_bias_removed = observation.state.value(truth) + error;
+                        let bias = observation.bias(truth, self.biases.values());
+                        (value_bias_removed + bias, value_bias_removed, time)
+                    }
+                    Reading::Recorded { value, time, .. } => (value, value, time),
                 };
-                let value = value_bias_removed + observation.bias(truth, self.biases.values());
-                Arrival { observation, value, value_bias_removed, time }
+                Arrival { observation, value, value_bias_removed, time, is_passive: member.is_passive }
             };
-            let observed = member.observe(self.cycle).into_iter().map(arrive).collect();
+            let observed = observations.into_iter().map(arrive).collect();
             arrivals.extend(member.faults.spoil(observed, self.window, &self.layout.grid, &mut member.faulty));
         }
         let mut rejections = quality::check_reports(&arrivals, time, &self.layout.grid);
-        if let Some((control, reference)) = reference {
-            control.check_values(&arrivals, reference, self.biases.calibration(), &mut rejections);
-        }
-        self.window(time, arrivals, &rejections)
+        let checks = match reference {
+            Some((control, reference)) => {
+                control.check_values(&arrivals, reference, self.biases.calibration(), &mut rejections)
+            }
+            None => vec![None; arrivals.len()],
+        };
+        let judged = arrivals.into_iter().zip(rejections).zip(checks);
+        self.window(time, judged.map(|((arrival, rejection), check)| (arrival, rejection, check)))
     }
 
-    fn window(&mut self, time: Time, arrivals: Vec<Arrival>, rejections: &[Option<Rejection>]) -> ObservationWindow {
+    /// Parts what methods see from what they do not.
+    fn window(
+        &mut self,
+        time: Time,
+        judged: impl Iterator<Item = (Arrival, Option<Rejection>, Option<ValueCheck>)>,
+    ) -> ObservationWindow {
         let (mut reports, mut times, mut values, mut sigma) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let (mut rejected, mut predictors) = (Vec::new(), Vec::new());
-        let mut jacobian = Jacobian::default();
+        let (mut checks, mut unused, mut unused_bias_removed) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut rows_of_used, mut rows_of_unused) = (GeneralOperator::default(), GeneralOperator::default());
         self.values_bias_removed.clear();
-        for (arrival, rejection) in arrivals.into_iter().zip(rejections) {
-            let Arrival { observation, value, value_bias_removed, time } = arrival;
-            let Observation {
-                report, sigma: its_sigma, state_row, calibration_row, predictors: its_predictors, ..
-            } = observation;
-            if let Some(rejection) = *rejection {
-                rejected.push(RejectedObservation { report, time, value, sigma: its_sigma, rejection });
+        for (arrival, rejection, check) in judged {
+            let Arrival { observation, value, value_bias_removed, time, is_passive } = arrival;
+            let why = rejection.map(Unused::Rejected).or(is_passive.then_some(Unused::Passive));
+            if let Some(why) = why {
+                let Observation { report, sigma, .. } = rows_of_unused.take(observation);
+                unused.push(UnusedObservation { report, time, value, sigma, why, check });
+                unused_bias_removed.push(value_bias_removed);
                 continue;
             }
-            jacobian.state.push_row(state_row);
-            jacobian.calibration.push_row(calibration_row);
-            predictors.push(its_predictors);
+            let Observation { report, sigma: its_sigma, .. } = rows_of_used.take(observation);
             values.push(value);
             self.values_bias_removed.push(value_bias_removed);
             sigma.push(its_sigma);
             reports.push(report);
             times.push(time);
+            checks.push(check);
         }
-        let linear = LinearOperator { jacobian };
-        let operator: Arc<dyn ObservationOperator> = if predictors.iter().all(Vec::is_empty) {
-            Arc::new(linear)
-        } else {
-            Arc::new(AirMassOperator::new(linear, predictors))
-        };
-        ObservationWindow { time, cycle: self.cycle, reports, times, values, sigma, rejected, operator }
+        self.values_bias_removed.extend(unused_bias_removed);
+        let aside = Aside { checks, unused, operator: rows_of_unused.simplified() };
+        let operator = rows_of_used.simplified();
+        ObservationWindow { time, cycle: self.cycle, reports, times, values, sigma, aside, operator }
     }
 }
 
@@ -354,9 +374,4 @@ fn check_size(name: &str, observations: usize, weights: usize) -> Result<(), Obs
         ));
     }
     Ok(())
-}
-
-/// A sparse row times a vector.
-fn dot(row: &[(usize, f64)], x: &[f64]) -> f64 {
-    row.iter().map(|&(column, value)| value * x[column]).sum()
 }

@@ -289,6 +289,17 @@ impl Row<'_> {
     }
 }
 
+/// What a table says, row by row from its header on: the fields, without the blanks and quotation marks around them, and
+/// without empty ones at the end. Lines that say nothing, as remarks, do not count.
+pub fn rows(text: &str) -> impl Iterator<Item = Vec<String>> {
+    let fields = |(_, line): (usize, &str)| {
+        let mut fields = split(line).unwrap_or_else(|_| vec![line.to_owned()]);
+        fields.truncate(fields.iter().rposition(|field| !field.is_empty()).map_or(0, |last| last + 1));
+        fields
+    };
+    lines(text).map(fields).filter(|fields| !fields.is_empty())
+}
+
 /// A column's name in lower case, with underscores for anything but letters and digits.
 fn plain(name: &str) -> String {
     let plain: String = name.chars().map(|c| if c.is_alphanumeric() { c.to_ascii_lowercase() } else { '_' }).collect();

@@ -1,7 +1,7 @@
 //! The observations of one cycle, as a method receives them.
 
+use crate::aside::{Aside, UnusedObservation};
 use crate::operator::{LinearOperator, ObservationOperator};
-use crate::rejection::RejectedObservation;
 use crate::report::{ObservationType, Report};
 use isobar_model::{Layout, State, Time};
 use serde::{Deserialize, Serialize};
@@ -25,8 +25,8 @@ pub struct ObservationWindow {
     pub values: Vec<f64>,
     /// Standard deviation of each random error; errors are independent.
     pub sigma: Vec<f64>,
-    /// What was reported as well, but fails quality control: no method sees it.
-    pub rejected: Vec<RejectedObservation>,
+    /// What was reported as well, but is not used: no method sees it.
+    pub aside: Aside,
     /// h(x, c) of these observations.
     #[serde(skip, default = "no_operator")]
     pub operator: Arc<dyn ObservationOperator>,
@@ -49,7 +49,7 @@ impl ObservationWindow {
 
     /// Whether all observations are complete and of variables of this layout; those read from a file may not be.
     pub fn fits(&self, layout: &Layout) -> bool {
-        let mut reports = self.reports.iter().chain(self.rejected.iter().map(|rejected| &rejected.report));
+        let mut reports = self.reports.iter().chain(self.aside.unused.iter().map(|unused| &unused.report));
         self.reports.len() == self.len()
             && self.sigma.len() == self.len()
             && self.times.len() == self.len()
@@ -74,10 +74,29 @@ impl ObservationWindow {
     /// The same observations with bias predictors that are those of a background:
     /// [`anchored`](ObservationOperator::anchored).
     pub fn anchored(&self, background: &State) -> Cow<'_, Self> {
-        match self.operator.anchored(background) {
-            Some(operator) => Cow::Owned(Self { operator: Arc::new(operator), ..self.clone() }),
-            None => Cow::Borrowed(self),
+        let [of_used, of_unused] = [&self.operator, &self.aside.operator].map(|it| it.anchored(background));
+        if of_used.is_none() && of_unused.is_none() {
+            return Cow::Borrowed(self);
         }
+        let mut anchored = self.clone();
+        if let Some(operator) = of_used {
+            anchored.operator = operator;
+        }
+        if let Some(operator) = of_unused {
+            anchored.aside.operator = operator;
+        }
+        Cow::Owned(anchored)
+    }
+
+    /// The same observations with other values: those of the observations that are used, then of the others.
+    ///
+    /// # Panics
+    /// If there are fewer values than observations.
+    pub fn with_values(&self, values: &[f64]) -> Self {
+        let (used, unused) = values.split_at(self.len());
+        let with_value = |(it, value): (&UnusedObservation, &f64)| UnusedObservation { value: *value, ..it.clone() };
+        let unused = self.aside.unused.iter().zip(unused).map(with_value).collect();
+        Self { values: used.to_vec(), aside: Aside { unused, ..self.aside.clone() }, ..self.clone() }
     }
 }
 

@@ -117,7 +117,11 @@ fn quality_control_expects_the_bias_that_the_reference_predicts() {
         let sharp = SatelliteSettings { footprint_sigma_m: 0.0, ..satellite() };
         let config = SatelliteSettings { biases: Vec::new(), air_mass_biases, ..sharp };
         let mut system = system(&layout, &[Network::new("polar", config)]);
-        system.observe_checked(truth, Some((&control, Reference { state: &reference, sigma: &[] }))).rejected.len()
+        system
+            .observe_checked(Some(truth), Some((&control, Reference { state: &reference, sigma: &[] })))
+            .aside
+            .rejected()
+            .count()
     };
     let mut bias = air_mass("tracer", 0.0, 1.0, 10.0);
     bias.process.assumed_sigma_prior = Some(10.0);

@@ -4,6 +4,7 @@ mod air_mass;
 mod common;
 mod determinism;
 mod errors;
+mod passive;
 mod quality;
 mod radiosondes;
 mod satellites;

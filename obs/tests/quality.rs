@@ -70,8 +70,9 @@ fn good_observations_pass_whatever_the_reference_is_worth() {
         let (mut rejected, mut used) = (0, 0);
         for seed in 0..20 {
             let (truth, reference) = (state(&layout, size, seed), state(&layout, 0.0, 0));
-            let window = system(Faults::NONE, seed).observe_checked(&truth, Some((&CONTROL, unbounded(&reference))));
-            (rejected, used) = (rejected + window.rejected.len(), used + window.len());
+            let window =
+                system(Faults::NONE, seed).observe_checked(Some(&truth), Some((&CONTROL, unbounded(&reference))));
+            (rejected, used) = (rejected + window.aside.rejected().count(), used + window.len());
         }
         println!("waves × {size}: {rejected} of {} rejected", used + rejected);
         // A reference that is worth nothing at all (waves × 2) costs 11 of 9400; any better one at most 1.
@@ -88,7 +89,7 @@ fn gross_errors_are_found_by_their_neighbours() {
     for seed in 0..20 {
         let (truth, reference) = (state(&layout, 1.0, seed), state(&layout, 0.0, 0));
         let clean = system(Faults::NONE, seed).observe(&truth);
-        let checked = system(faults, seed).observe_checked(&truth, Some((&CONTROL, unbounded(&reference))));
+        let checked = system(faults, seed).observe_checked(Some(&truth), Some((&CONTROL, unbounded(&reference))));
         let value_of = |network: &str, platform: &str, variable: usize| {
             let same = |it: &isobar_obs::Report| {
                 &*it.network == network && &*it.platform == platform && it.variable == variable
@@ -102,13 +103,13 @@ fn gross_errors_are_found_by_their_neighbours() {
             let error = error(report, checked.values[number], checked.sigma[number]);
             (large, missed) = (large + usize::from(error > 15.0), missed + usize::from(error > 15.0));
         }
-        for it in &checked.rejected {
+        for (it, rejection) in checked.aside.rejected() {
             let error = error(&it.report, it.value, it.sigma);
             (large, wrong) = (large + usize::from(error > 15.0), wrong + usize::from(error == 0.0));
-            let known = [Rejection::GrossError, Rejection::Absurd].contains(&it.rejection);
-            assert!(known, "{:?}", it.rejection);
+            let known = [Rejection::GrossError, Rejection::Absurd].contains(&rejection);
+            assert!(known, "{rejection:?}");
         }
-        all += checked.len() + checked.rejected.len();
+        all += checked.len() + checked.aside.rejected().count();
     }
     println!("{large} errors above 15 σ, {missed} missed; {wrong} of {all} observations rejected wrongly");
     assert!(large > 100 && missed * 20 <= large, "{missed} of {large} missed");
@@ -122,8 +123,8 @@ fn what_a_report_says_of_itself_is_enough_for_these() {
     let layout = layout();
     let (truth, reference) = (state(&layout, 1.0, 1), state(&layout, 0.0, 0));
     let clean = system(Faults::NONE, 1).observe(&truth);
-    let window = system(faults, 1).observe_checked(&truth, Some((&CONTROL, unbounded(&reference))));
-    let count = |rejection| window.rejected.iter().filter(|it| it.rejection == rejection).count();
+    let window = system(faults, 1).observe_checked(Some(&truth), Some((&CONTROL, unbounded(&reference))));
+    let count = |rejection| window.aside.rejected().filter(|it| it.1 == rejection).count();
     for rejection in [Rejection::NotFinite, Rejection::Outside, Rejection::Late, Rejection::Duplicate] {
         let share = count(rejection) as f64 / clean.len() as f64;
         assert!((0.05..0.15).contains(&share), "{rejection:?}: {share}");
@@ -134,9 +135,9 @@ fn what_a_report_says_of_itself_is_enough_for_these() {
     assert!(window.values.iter().all(|value| clean.values.contains(value)));
     assert_eq!(window.operator.simulate(&truth, &[0.0; 3]).len(), window.len());
     // A second look at the same cycle gives the same.
-    let again = system(faults, 1).observe_checked(&truth, Some((&CONTROL, unbounded(&reference))));
+    let again = system(faults, 1).observe_checked(Some(&truth), Some((&CONTROL, unbounded(&reference))));
     assert_eq!(again.values, window.values);
-    assert_eq!(again.rejected.len(), window.rejected.len());
+    assert_eq!(again.aside.rejected().count(), window.aside.rejected().count());
 }
 
 #[test]
@@ -144,9 +145,13 @@ fn absurd_values_are_rejected_before_they_can_disturb_the_statistics() {
     let faults = Faults { gross_error_rate: 0.3, gross_error_factor: 1e9, ..Faults::NONE };
     let layout = layout();
     let (truth, reference) = (state(&layout, 1.0, 1), state(&layout, 0.0, 0));
-    let window = system(faults, 1).observe_checked(&truth, Some((&CONTROL, unbounded(&reference))));
-    let absurd = window.rejected.iter().filter(|it| it.rejection == Rejection::Absurd).count();
-    assert!(absurd * 10 > 9 * window.rejected.len() && absurd > 50, "{absurd} of {}", window.rejected.len());
+    let window = system(faults, 1).observe_checked(Some(&truth), Some((&CONTROL, unbounded(&reference))));
+    let absurd = window.aside.rejected().filter(|it| it.1 == Rejection::Absurd).count();
+    assert!(
+        absurd * 10 > 9 * window.aside.rejected().count() && absurd > 50,
+        "{absurd} of {}",
+        window.aside.rejected().count()
+    );
     assert!(window.values.iter().all(|value| value.abs() < 1e4));
 }
 
@@ -193,8 +198,8 @@ fn few_observations_are_not_their_own_scale() {
         let sigma = [30.0, 3.0, 3.0];
         let checked = Reference { state: &reference, sigma: &sigma };
         let control = QualityControl { length_m: 300e3, ..CONTROL };
-        let window = system.observe_checked(&truth, Some((&control, checked)));
-        let mut rejected: Vec<String> = window.rejected.iter().map(|it| it.report.platform.to_string()).collect();
+        let window = system.observe_checked(Some(&truth), Some((&control, checked)));
+        let mut rejected: Vec<String> = window.aside.rejected().map(|it| it.0.report.platform.to_string()).collect();
         rejected.sort();
         rejected
     };

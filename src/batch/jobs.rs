@@ -29,7 +29,23 @@ const MEMORY_SHARE: f64 = 0.7;
 const OTHER_BYTES: u64 = 50_000_000;
 
 /// What runs an experiment: a listener hears its events.
-pub type Run<'a> = dyn Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, Report> + Sync + 'a;
+pub type Run<'a> = dyn Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, JobError> + Sync + 'a;
+
+/// Why a run ended early.
+#[derive(Debug)]
+pub struct JobError {
+    /// What is said of it.
+    pub report: Report,
+    /// Whether the same run could be completed another time: it failed for want of space or the like, and not for what it
+    /// computes.
+    pub may_pass: bool,
+}
+
+impl From<JobError> for Report {
+    fn from(error: JobError) -> Self {
+        error.report
+    }
+}
 
 /// How the runs are distributed over threads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -53,7 +69,7 @@ pub struct Job<'a> {
 }
 
 /// The number of a job, and what came of it.
-pub type JobOutcome = (usize, Result<Summary, Report>);
+pub type JobOutcome = (usize, Result<Summary, JobError>);
 
 /// Runs all jobs, as many at a time as threads and memory allow, with the options of all; the outcomes come in the order of
 /// the jobs. One whose files are complete is not run again. After a signal no more are begun, and the outcomes are those of
@@ -79,7 +95,8 @@ pub fn run_jobs(
             let Some(job) = jobs.get(number) else { break };
             let listener = &mut progress.listener(job.seed);
             let outcome = if is_complete(job) {
-                SavedRun::open(&job.out).map(|saved| saved.summary).map_err(Report::from)
+                let saved = SavedRun::open(&job.out).map(|saved| saved.summary);
+                saved.map_err(|error| JobError { report: error.into(), may_pass: true })
             } else {
                 run(job.scenario, &options_of(job, options, schedule), listener)
             };

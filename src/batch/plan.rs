@@ -5,8 +5,11 @@ use crate::options::RunOptions;
 use crate::output::directory::{BATCH_FILE, complete_runs};
 use crate::output::{Existing, OutputDirectory, SinkError};
 use crate::run::checkpoint::PlannedRun;
+use crate::run::experiment::Inputs;
+use crate::safe_file;
 use crate::scenario::Scenario;
-use crate::text::clean;
+use crate::shell::command;
+use crate::text::shown_path;
 use miette::{IntoDiagnostic, Report, miette};
 use serde::{Deserialize, Serialize};
 use std::fs;
@@ -21,6 +24,8 @@ pub struct BatchPlan {
     pub run: PlannedRun,
     /// What it is a batch of.
     pub kind: BatchKind,
+    /// What its runs read.
+    inputs: Inputs,
 }
 
 /// What a batch is made of.
@@ -41,22 +46,41 @@ pub enum BatchKind {
 
 impl BatchPlan {
     /// Creates the directory of a batch, or with `resume` opens that of an interrupted one, and writes its plan there.
+    /// `scenarios` are those of its runs.
     ///
     /// # Errors
-    /// If the directory cannot be created, or something else is there.
-    pub fn begin(scenario: &Scenario, options: &RunOptions, kind: BatchKind) -> Result<OutputDirectory, Report> {
+    /// If the directory cannot be created, something else is there, or what the runs read is not what the complete ones
+    /// read.
+    pub fn begin<'a>(
+        scenario: &Scenario,
+        options: &RunOptions,
+        kind: BatchKind,
+        scenarios: impl IntoIterator<Item = &'a Scenario>,
+    ) -> Result<OutputDirectory, Report> {
+        let inputs = Inputs::of_all(scenarios, options.seed, options.cycles);
+        let inputs = inputs.map_err(|error| error.locate(scenario))?;
         let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
-        let open = if options.resume { OutputDirectory::resume_batch } else { OutputDirectory::create };
+        let open = if options.resume { OutputDirectory::resume_batch } else { OutputDirectory::create_batch };
         let directory = open(options.out.clone(), existing).into_diagnostic()?;
-        let plan = Self { version: crate::VERSION.into(), run: PlannedRun::new(scenario, options), kind };
-        plan.write(directory.working()).into_diagnostic()?;
+        let plan = Self { version: crate::VERSION.into(), run: PlannedRun::new(scenario, options), kind, inputs };
+        let old =
+            if options.resume { Self::read(directory.working()).map_err(|reason| miette!(reason))? } else { None };
+        if let Some(difference) = old.as_ref().and_then(|old| plan.inputs.difference(&old.inputs)) {
+            let out = shown_path(&options.out);
+            let help = "put back what was there when it began, or begin it anew with --overwrite";
+            return Err(miette!(help = help, "{out}: its batch cannot be continued: {difference}"));
+        }
+        if old.as_ref() != Some(&plan) {
+            plan.write(directory.working()).into_diagnostic()?;
+        }
         Ok(directory)
     }
 
     fn write(&self, working: &Path) -> Result<(), SinkError> {
         let path = working.join(BATCH_FILE);
         let text = serde_json::to_string(self).map_err(|error| error.to_string());
-        let written = text.and_then(|text| fs::write(&path, text).map_err(|error| error.to_string()));
+        let written =
+            text.and_then(|text| safe_file::replace(&path, text.as_bytes()).map_err(|error| error.to_string()));
         written.map_err(|reason| SinkError { path, reason })
     }
 
@@ -84,11 +108,21 @@ pub fn interrupted(out: &Path, outputs: &Path, jobs: usize) -> Option<Report> {
         return None;
     }
     let complete = complete_runs(outputs);
-    let help = match complete {
+    Some(miette!(help = kept(out, complete, ""), "ended by a signal after {complete} of {jobs} runs"))
+}
+
+/// The error of a batch some of whose runs could not be completed, but could be another time; `failed` are their names and
+/// what was said of them. `None` if there are no such runs.
+pub fn unfinished(out: &Path, outputs: &Path, jobs: usize, failed: &[(String, String)]) -> Option<Report> {
+    let (name, error) = failed.first()?;
+    let help = kept(out, complete_runs(outputs), " once that is mended");
+    Some(miette!(help = help, "{} of {jobs} runs could not be completed. {name}: {error}", failed.len()))
+}
+
+/// What is kept of a batch, and how it is continued.
+fn kept(out: &Path, complete: usize, when: &str) -> String {
+    match complete {
         0 => "nothing is kept".to_string(),
-        _ => {
-            format!("the complete ones are kept: `isobar resume {}` runs the others", clean(&out.display().to_string()))
-        }
-    };
-    Some(miette!(help = help, "ended by a signal after {complete} of {jobs} runs"))
+        _ => format!("the complete ones are kept: `{}` runs the others{when}", command("isobar resume", &[out])),
+    }
 }

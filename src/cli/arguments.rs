@@ -4,6 +4,7 @@ use super::outputs::OutputArguments;
 use super::sensors::SensorsCommand;
 use crate::batch::seeds::FEWEST_SEEDS;
 use clap::{Args, Parser, Subcommand};
+use std::ffi::OsString;
 use std::path::PathBuf;
 
 /// A 2-D data-assimilation testbed with Lange's Fast Kalman Filter.
@@ -110,7 +111,7 @@ const RUN_EXAMPLES: &str = "Examples:
 pub struct RunArguments {
     /// Scenario files, or names of scenarios in ./scenarios
     #[arg(required = true, value_name = "SCENARIO")]
-    pub scenarios: Vec<String>,
+    pub scenarios: Vec<OsString>,
     /// Directory for the results, one subdirectory for each scenario
     #[arg(long, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
@@ -126,9 +127,12 @@ pub struct RunArguments {
     /// Number of threads [default: RAYON_NUM_THREADS, or one for each core]; results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
     pub threads: Option<u64>,
-    /// Replace the files of an earlier run
+    /// Replace the files of an earlier run; what no run wrote is never deleted
     #[arg(long)]
     pub overwrite: bool,
+    /// Database of sensors, in the place of the scenario's; it may be anywhere, a scenario's only below its own directory
+    #[arg(long, value_name = "FILE")]
+    pub sensors: Option<PathBuf>,
     /// Show no progress
     #[arg(long, short)]
     pub quiet: bool,
@@ -175,6 +179,9 @@ pub struct ResumeArguments {
     /// Show the run in a running rerun viewer while it computes
     #[arg(long)]
     pub live: bool,
+    /// Database of sensors, if the run was begun with --sensors
+    #[arg(long, value_name = "FILE")]
+    pub sensors: Option<PathBuf>,
 }
 
 const SWEEP_EXAMPLES: &str = "In the scenario:
@@ -189,7 +196,7 @@ const SWEEP_EXAMPLES: &str = "In the scenario:
 pub struct SweepArguments {
     /// Scenario file, or name of a scenario in ./scenarios
     #[arg(value_name = "SCENARIO")]
-    pub scenario: String,
+    pub scenario: OsString,
     /// Directory for the results, which go to a subdirectory SCENARIO-sweep
     #[arg(long, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
@@ -207,7 +214,7 @@ pub struct SweepArguments {
 pub struct ExactArguments {
     /// Scenario file, or name of a scenario in ./scenarios
     #[arg(value_name = "SCENARIO")]
-    pub scenario: String,
+    pub scenario: OsString,
     #[command(flatten)]
     pub part: PartArguments,
 }
@@ -243,14 +250,17 @@ pub struct CompareArguments {
 pub struct CheckArguments {
     /// Scenario files, or names of scenarios in ./scenarios
     #[arg(required = true, value_name = "SCENARIO")]
-    pub scenarios: Vec<String>,
+    pub scenarios: Vec<OsString>,
+    /// Database of sensors that `isobar run --sensors` is to be given
+    #[arg(long, value_name = "FILE")]
+    pub sensors: Option<PathBuf>,
 }
 
 #[derive(Args, Debug)]
 pub struct RegressArguments {
     /// Scenario files, or names of scenarios in ./scenarios [default: all of ./scenarios]
     #[arg(value_name = "SCENARIO")]
-    pub scenarios: Vec<String>,
+    pub scenarios: Vec<OsString>,
     /// Write the new scores into the scenario files
     #[arg(long)]
     pub accept: bool,

@@ -1,16 +1,22 @@
 //! `isobar check`.
 
+use super::arguments::CheckArguments;
 use super::console::{print, show, warn};
 use super::lookup;
+use super::write_back::name_database;
 use crate::run::experiment;
 use miette::Report;
 use std::process::ExitCode;
 
 /// Says of each scenario whether it is valid. One that is not does not keep the others from being checked.
-pub fn check(scenarios: &[String]) -> Result<ExitCode, Report> {
+pub fn check(arguments: &CheckArguments) -> Result<ExitCode, Report> {
     let mut code = ExitCode::SUCCESS;
-    for argument in scenarios {
-        let checked = lookup::load(argument).and_then(|scenario| match experiment::check(&scenario) {
+    for argument in &arguments.scenarios {
+        let loaded = lookup::load(argument).and_then(|mut scenario| {
+            name_database(&mut scenario, arguments.sensors.as_deref())?;
+            Ok(scenario)
+        });
+        let checked = loaded.and_then(|scenario| match experiment::check(&scenario) {
             Ok(checked) if scenario.sweep.is_some() => {
                 crate::batch::sweep::settings(&scenario, None).map(|_| (scenario, checked)).map_err(Report::from)
             }
@@ -28,7 +34,7 @@ pub fn check(scenarios: &[String]) -> Result<ExitCode, Report> {
                     grid.ny,
                     super::list::methods(&scenario)
                 ))?;
-                checked.recorded.iter().try_for_each(|recorded| print(recorded))?;
+                checked.information.iter().try_for_each(|information| print(information))?;
                 checked.warnings.iter().for_each(|warning| warn(warning));
             }
             Err(report) => {

@@ -4,10 +4,18 @@ use super::arguments::CompareArguments;
 use super::console::print;
 use crate::comparison::Comparison;
 use crate::output::recorded::SavedRun;
+use crate::safe_file;
+use crate::text::shown_path;
 use miette::{Report, miette};
-use std::fs::OpenOptions;
-use std::io::{ErrorKind, Write};
+use std::fs::File;
+use std::io::{ErrorKind, Read};
 use std::process::ExitCode;
+
+/// What every page of isobar has in its head.
+const MARK: &str = "<meta name=\"generator\" content=\"isobar\">";
+
+/// Bytes within which it has that.
+const HEAD_LENGTH: u64 = 500;
 
 /// Compares runs: a page, and the differences on the terminal.
 pub fn compare(arguments: &CompareArguments) -> Result<ExitCode, Report> {
@@ -16,31 +24,35 @@ pub fn compare(arguments: &CompareArguments) -> Result<ExitCode, Report> {
     let html = comparison.html().map_err(|error| miette!("{error}"))?;
     write(arguments, &html)?;
     for (title, differences) in [
-        ("Differences of analysis RMSE from run A", comparison.between_runs()),
-        ("Differences of analysis RMSE from each run's best method", comparison.within_runs()),
+        ("Differences of the scores from run A", comparison.between_runs()),
+        ("Differences of the scores from each run's best method", comparison.within_runs()),
     ] {
         if !differences.rows.is_empty() {
             print(&format!("{title}\n{}\n* significant at the level of 5 %\n", differences.terminal()))?;
         }
     }
-    print(&format!("{}: with intervals, scores and figures", arguments.out.display()))?;
+    print(&format!("{}: with intervals, scores and figures", shown_path(&arguments.out)))?;
     Ok(ExitCode::SUCCESS)
 }
 
 fn write(arguments: &CompareArguments, html: &str) -> Result<(), Report> {
-    let path = &arguments.out;
-    let mut options = OpenOptions::new();
-    options.write(true).truncate(true);
-    if arguments.overwrite {
-        options.create(true)
-    } else {
-        options.create_new(true)
-    };
-    let written = options.open(path).and_then(|mut file| file.write_all(html.as_bytes()));
-    written.map_err(|error| match error.kind() {
+    let shown = shown_path(&arguments.out);
+    let write = if arguments.overwrite { safe_file::replace } else { safe_file::write_new };
+    if arguments.overwrite && safe_file::open(&arguments.out).is_ok_and(|file| !is_page(file)) {
+        let help = "--overwrite replaces only pages of isobar; --out writes to another place";
+        return Err(miette!(help = help, "{shown} is no such page"));
+    }
+    write(&arguments.out, html.as_bytes()).map_err(|error| match error.kind() {
         ErrorKind::AlreadyExists => {
-            miette!(help = "--overwrite replaces it, --out writes to another place", "{} exists", path.display())
+            miette!(help = "--overwrite replaces it, --out writes to another place", "{shown} exists")
         }
-        _ => miette!("cannot write {}: {error}", path.display()),
+        _ => miette!("cannot write {shown}: {error}"),
     })
+}
+
+/// Whether a file is a page that isobar wrote.
+fn is_page(file: File) -> bool {
+    let mut head = Vec::new();
+    let is_read = file.take(HEAD_LENGTH).read_to_end(&mut head).is_ok();
+    is_read && String::from_utf8_lossy(&head).contains(MARK)
 }

@@ -12,8 +12,13 @@ pub fn show(report: &Report) {
 
 /// Writes a warning to standard error.
 pub fn warn(text: &str) {
+    complain(&format!("warning: {text}"));
+}
+
+/// Writes text to standard error.
+pub fn complain(text: &str) {
     use std::io::Write;
-    let _ = writeln!(std::io::stderr(), "{}", printable(&format!("warning: {text}")));
+    let _ = writeln!(std::io::stderr(), "{}", printable(text.trim_end()));
 }
 
 /// Prints text to standard output. A reader that has seen enough, as `head` has, is no failure.

@@ -3,7 +3,7 @@
 use super::console::print;
 use crate::output::recorded::SavedRun;
 use crate::tables::diagnostics::all;
-use crate::text::clean;
+use crate::text::shown_path;
 use miette::{Report, miette};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -15,7 +15,7 @@ const MOST_ROWS: usize = 60;
 pub fn diagnose(runs: &[PathBuf]) -> Result<ExitCode, Report> {
     let runs = runs.iter().map(|run| SavedRun::open(run)).collect::<Result<Vec<_>, _>>()?;
     for run in &runs {
-        let shown = clean(&run.directory.display().to_string());
+        let shown = shown_path(&run.directory);
         let tables = all(&run.summary);
         if tables.is_empty() {
             return Err(miette!(help = "run it again", "{shown}: its summary.json holds no diagnostics"));

@@ -1,9 +1,11 @@
 //! `isobar init`.
 
 use super::console::print;
-use crate::text::clean;
+use crate::safe_file;
+use crate::shell::command;
+use crate::text::shown_path;
 use miette::{Report, miette};
-use std::io::{ErrorKind, Write};
+use std::io::ErrorKind;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -12,11 +14,11 @@ const TEMPLATE: &str = include_str!("template.toml");
 
 /// Writes the template to a file that does not exist yet.
 pub fn init(path: &Path) -> Result<ExitCode, Report> {
-    let shown = clean(&path.display().to_string());
-    let file = std::fs::OpenOptions::new().write(true).create_new(true).open(path);
-    match file.and_then(|mut file| file.write_all(TEMPLATE.as_bytes())) {
+    let shown = shown_path(path);
+    match safe_file::write_new(path, TEMPLATE.as_bytes()) {
         Ok(()) => {
-            print(&format!("wrote {shown}; now: isobar check {shown} && isobar run {shown}"))?;
+            let [check, run] = ["isobar check", "isobar run"].map(|words| command(words, &[path]));
+            print(&format!("wrote {shown}; now: {check} && {run}"))?;
             Ok(ExitCode::SUCCESS)
         }
         Err(error) if error.kind() == ErrorKind::AlreadyExists => {

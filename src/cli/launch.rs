@@ -1,28 +1,60 @@
 //! What the commands that run scenarios share.
 
+use crate::batch::JobError;
 use crate::options::RunOptions;
 use crate::output::Sink;
-use crate::output::directory::{checkpoints, working};
-use crate::run::{self, RunError};
+use crate::output::directory::{Stage, checkpoints, stage};
+use crate::output::working;
+use crate::run::{self, Afterwards, RunError};
 use crate::scenario::Scenario;
 use crate::scores::Summary;
+use crate::shell::command;
 use crate::text::{clean, listed, nearest};
 use miette::{Report, miette};
+use std::path::Path;
+
+/// The most failures of a batch that standard error names; the files have all of them.
+const MOST_FAILURES: usize = 10;
 
 /// Runs a scenario. An error names the scenario, and what of the run is kept.
-pub fn run_scenario(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, Report> {
-    run::run(scenario, options, listener).map_err(|error| match error {
+pub fn run_scenario(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, JobError> {
+    let run = run::run(scenario, options, listener);
+    run.map_err(|error| JobError { may_pass: error.may_pass(), report: report(error, scenario, options) })
+}
+
+/// The same with something to be done once the outputs are complete.
+pub fn run_scenario_then(
+    scenario: &Scenario,
+    options: &RunOptions,
+    listener: &mut dyn Sink,
+    afterwards: Afterwards<'_>,
+) -> Result<Summary, Report> {
+    run::run_then(scenario, options, listener, afterwards).map_err(|error| report(error, scenario, options))
+}
+
+/// The error of a run.
+fn report(error: RunError, scenario: &Scenario, options: &RunOptions) -> Report {
+    match error {
         RunError::Experiment(error) => error.locate(scenario).into(),
         RunError::Place(error) => miette!("{}: {error}", scenario.name),
         error => {
-            let kept = working(&options.out).ok().and_then(|working| Some(checkpoints(&working).first()?.0));
-            let help = kept.map_or("nothing of the run is kept".to_string(), |cycle| {
-                let out = options.out.display();
-                format!("the run is kept up to cycle {cycle}: `isobar resume {out}` continues it")
-            });
+            let help = kept(&options.out);
             miette!(help = help, "{}: {error}", scenario.name)
         }
-    })
+    }
+}
+
+/// What is kept of a run that has ended early, and how it goes on.
+fn kept(out: &Path) -> String {
+    let resume = command("isobar resume", &[out]);
+    let cycle = working::path(out).ok().and_then(|working| Some(checkpoints(&working).first()?.0));
+    match (stage(out), cycle) {
+        (Ok(Stage::Complete | Stage::Published), _) => {
+            format!("the run is complete: `{resume}` does the rest, once that is possible")
+        }
+        (_, Some(cycle)) => format!("the run is kept up to cycle {cycle}: `{resume}` continues it"),
+        _ => "nothing of the run is kept".to_string(),
+    }
 }
 
 /// Refuses a method that the scenario does not have.
@@ -42,4 +74,13 @@ pub fn check_cycles(cycles: Option<usize>, scenario: &Scenario) -> Result<(), Re
     let Some(cycles) = cycles.filter(|&cycles| cycles < first) else { return Ok(()) };
     let help = format!("--cycles {first} or more, or a smaller score_from_cycle");
     Err(miette!(help = help, "{} counts scores from cycle {first}, so {cycles} cycles have none", scenario.name))
+}
+
+/// What of a batch failed.
+pub fn failures(name: &str, failed: &[String]) -> Report {
+    let help = "the scores are those of all that did not fail";
+    let more = failed.len().saturating_sub(MOST_FAILURES);
+    let more = if more > 0 { format!("\nand {more} more") } else { String::new() };
+    let named = failed[..failed.len().min(MOST_FAILURES)].join("\n");
+    miette!(help = help, "{name}: failed:\n{named}{more}")
 }

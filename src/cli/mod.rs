@@ -10,6 +10,7 @@ mod init;
 mod launch;
 mod list;
 mod lookup;
+mod messages;
 mod outputs;
 mod regress;
 mod resume;
@@ -19,23 +20,28 @@ mod sensors;
 mod sweep;
 mod threads;
 mod view;
+mod write_back;
 
 use crate::interrupt;
+use crate::text::is_unprintable;
 use arguments::{Arguments, Command};
 use clap::Parser;
-use console::show;
-use miette::{MietteHandlerOpts, Report};
+use console::{complain, show};
+use messages::Messages;
+use miette::Report;
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 /// Does what the arguments of this process say.
 ///
 /// The exit code is 0 if all went well, 1 if something failed, 2 if the arguments make no sense, and 130 if a signal ended it.
 pub fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => return refuse(&error),
+    };
     // A second hook is refused, and the first one stays: then messages look as its owner wants.
-    let _ = miette::set_hook(Box::new(|_| {
-        Box::new(MietteHandlerOpts::new().width(100).context_lines(1).terminal_links(false).build())
-    }));
+    let _ = miette::set_hook(Box::new(|_| Box::new(Messages::new())));
     let outcome = threads::check_environment().and_then(|()| obey(arguments.command));
     match outcome {
         Ok(code) => code,
@@ -49,7 +55,7 @@ pub fn main() -> ExitCode {
 fn obey(command: Command) -> Result<ExitCode, Report> {
     match command {
         Command::Run(arguments) => run::run(&arguments),
-        Command::Check(arguments) => check::check(&arguments.scenarios),
+        Command::Check(arguments) => check::check(&arguments),
         Command::List(arguments) => list::list(&arguments),
         Command::Init { path } => init::init(&path),
         Command::Resume(arguments) => resume::resume(&arguments),
@@ -61,4 +67,17 @@ fn obey(command: Command) -> Result<ExitCode, Report> {
         Command::Exact(arguments) => exact::run(&arguments),
         Command::Diagnose { runs } => diagnose::diagnose(&runs),
     }
+}
+
+/// Shows what is wrong with the arguments, or the help or version that they ask for.
+fn refuse(error: &clap::Error) -> ExitCode {
+    // It quotes arguments, in which a terminal may find something to obey; its own colours are lost with that.
+    let has_unprintable = |argument: OsString| argument.to_string_lossy().chars().any(is_unprintable);
+    if error.use_stderr() && std::env::args_os().any(has_unprintable) {
+        complain(&error.to_string());
+    } else {
+        // There is nowhere to report that standard error is closed.
+        let _ = error.print();
+    }
+    u8::try_from(error.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from)
 }

@@ -2,23 +2,31 @@
 
 use super::arguments::RunArguments;
 use super::console::{print, show};
-use super::launch::{check_cycles, check_method, run_scenario};
+use super::launch::{check_cycles, check_method, run_scenario_then};
+use super::write_back::{self, name_database, write_sensors};
 use super::{lookup, seeds};
 use crate::interrupt;
 use crate::options::{CheckpointPolicy, RunOptions};
 use crate::output::{OUTPUTS, Open, Output};
 use crate::progress::Progress;
+use crate::run::experiment::check_sensors;
 use crate::scenario::Scenario;
-use crate::sensors::write_back::{self, SENSORS_FILE};
+use crate::shell::command;
 use crate::tables;
-use crate::text::{clean, listed};
+use crate::text::{listed, shown_path};
 use miette::{Report, miette};
 use std::collections::HashMap;
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 /// Runs scenarios one after the other. All are read before the first one runs. The exit code is 1 if a method failed.
 pub fn run(arguments: &RunArguments) -> Result<ExitCode, Report> {
-    let scenarios = arguments.scenarios.iter().map(|argument| lookup::load(argument)).collect::<Result<Vec<_>, _>>()?;
+    let load = |argument: &OsString| {
+        let mut scenario = lookup::load(argument)?;
+        name_database(&mut scenario, arguments.sensors.as_deref())?;
+        Ok::<_, Report>(scenario)
+    };
+    let scenarios = arguments.scenarios.iter().map(load).collect::<Result<Vec<_>, _>>()?;
     check_names(&scenarios)?;
     let of_scenario = |scenario: &Scenario| {
         let options = options(arguments, scenario)?;
@@ -26,6 +34,9 @@ pub fn run(arguments: &RunArguments) -> Result<ExitCode, Report> {
         Ok::<_, Report>((options, seeds))
     };
     let all = scenarios.iter().map(of_scenario).collect::<Result<Vec<_>, _>>()?;
+    for (scenario, _) in scenarios.iter().zip(&all).filter(|(_, (_, seeds))| seeds.is_none()) {
+        check_sensors(scenario).map_err(|error| error.locate(scenario))?;
+    }
     for scenario in &scenarios {
         for (output, feature) in missing(arguments, scenario) {
             print(&format!(
@@ -53,12 +64,18 @@ pub fn run(arguments: &RunArguments) -> Result<ExitCode, Report> {
 /// Runs a scenario, or continues it; whether no method failed and, if observations are read from files, any was used.
 pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) -> Result<bool, Report> {
     let mut progress = Progress::new(quiet);
-    let summary = run_scenario(scenario, options, &mut progress)?;
+    let mut written = None;
+    let summary = run_scenario_then(scenario, options, &mut progress, &mut |out| {
+        // Before anything is printed: what is printed may reach nobody, and is not worth the run.
+        written = write_sensors(scenario, out);
+        !matches!(written, Some(Err(_)))
+    })?;
     drop(progress);
+    let (of_sensors, wrote_sensors) = write_back::report(written);
     let scores = tables::scores::on_terminal(&summary, scenario.model.variables());
     print(&format!("{}: {}\n\n{scores}\n", scenario.name, scenario.title))?;
-    print(&format!("Files: {}\n", clean(&options.out.display().to_string())))?;
-    write_sensors(scenario, options)?;
+    print(&format!("Files: {}\n", shown_path(&options.out)))?;
+    of_sensors.map_or(Ok(()), |text| print(&text))?;
     let failed: Vec<&str> = summary.failures().map(|(name, _)| name).collect();
     if !failed.is_empty() {
         show(&miette!(
@@ -69,27 +86,13 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
         ));
     }
     let reads_files = scenario.networks.iter().any(|network| network.instrument.is_recorded());
-    let nothing_used = reads_files && summary.observations.used == 0;
+    let nothing_used = reads_files && summary.observations.used + summary.observations.passive == 0;
     if nothing_used {
-        let help = "the warnings at the beginning say why, as does `isobar check`; observations.nc has all of them";
+        let check = command("isobar check", &[&scenario.path]);
+        let help = format!("the warnings at the beginning say why, as does `{check}`; observations.nc has all of them");
         show(&miette!(help = help, "{}: no observation was used", scenario.name));
     }
-    Ok(failed.is_empty() && !nothing_used)
-}
-
-/// Takes what the run has found out of its sensors into their database, if the scenario says so.
-fn write_sensors(scenario: &Scenario, options: &RunOptions) -> Result<(), Report> {
-    let Some(settings) = scenario.sensors.as_ref().filter(|sensors| sensors.writes.is_some()) else { return Ok(()) };
-    let table = options.out.join(SENSORS_FILE);
-    let [database, shown] = [&settings.database, &table].map(|path| clean(&path.display().to_string()));
-    if !table.is_file() {
-        return print(&format!("Sensors: nothing to write into {database}, the method did not run to the end\n"));
-    }
-    let new = write_back::write_back(&options.out, &settings.database).map_err(|error| {
-        let help = format!("the run is complete; `isobar sensors import {database} {shown}` takes its sensors in");
-        Report::from(error).wrap_err(help)
-    })?;
-    print(&format!("Sensors: {new} new records in {database}\n"))
+    Ok(wrote_sensors && failed.is_empty() && !nothing_used)
 }
 
 /// When checkpoints are written.
@@ -117,11 +120,11 @@ fn check_names(scenarios: &[Scenario]) -> Result<(), Report> {
     for scenario in scenarios {
         // `..toml` would be written to the parent of where it belongs.
         if scenario.name.starts_with('.') {
-            let path = clean(&scenario.path.display().to_string());
+            let path = shown_path(&scenario.path);
             return Err(miette!(help = "give the file another name", "{path}: no directory can be named after it"));
         }
         if let Some(other) = seen.insert(&scenario.name, &scenario.path) {
-            let paths = [other, &scenario.path].map(|path| clean(&path.display().to_string()));
+            let paths = [other, &scenario.path].map(|path| shown_path(path));
             return Err(miette!("{} and {} would write into the same directory", paths[0], paths[1]));
         }
     }

@@ -1,17 +1,17 @@
 //! `isobar run --seeds`.
 
 use super::arguments::RunArguments;
-use super::console::print;
-use super::launch;
-use crate::batch::seeds::{SeedsSummary, run_all};
-use crate::batch::{BatchKind, BatchPlan, Run, interrupted};
+use super::console::{print, show};
+use super::launch::{self, failures};
+use crate::batch::seeds::{FailedSeed, SeedsSummary, run_all};
+use crate::batch::{BatchKind, BatchPlan, Run, interrupted, unfinished};
 use crate::options::RunOptions;
 use crate::output::Outputs;
 use crate::output::report::{REPORT, REPORT_FILE};
 use crate::progress::SeedsProgress;
 use crate::scenario::Scenario;
 use crate::tables::Table;
-use crate::text::clean;
+use crate::text::{clean, shown_path};
 use miette::{IntoDiagnostic, Report, miette};
 use std::fs;
 
@@ -66,7 +66,7 @@ fn run_by(
 ) -> Result<bool, Report> {
     let SeedsOptions { seeds, against, all_files } = wanted;
     let kind = BatchKind::Seeds { seeds: seeds.clone(), against: against.clone(), all_files: *all_files };
-    let directory = BatchPlan::begin(scenario, options, kind)?;
+    let directory = BatchPlan::begin(scenario, options, kind, [scenario])?;
     let mut each = RunOptions { out: directory.path().to_path_buf(), ..options.clone() };
     if !wanted.all_files {
         each.outputs = Outputs::default();
@@ -80,16 +80,25 @@ fn run_by(
         return Err(error);
     }
     let runs = runs?;
+    let missing: Vec<(String, String)> =
+        runs.unfinished.iter().map(|seed| (format!("seed {}", seed.seed), seed.error.clone())).collect();
+    if let Some(error) = unfinished(&options.out, directory.path(), seeds.len(), &missing) {
+        return Err(error);
+    }
     let summary = SeedsSummary::new(runs, &wanted.against).expect("a run is complete, or there is an error");
     summary.write(directory.path()).into_diagnostic()?;
     if options.outputs.contains(REPORT) {
         let html = summary.html(scenario).map_err(|error| miette!("{error}"))?;
         let path = directory.path().join(REPORT_FILE);
-        fs::write(&path, html).map_err(|error| miette!("cannot write {}: {error}", path.display()))?;
+        fs::write(&path, html).map_err(|error| miette!("cannot write {}: {error}", shown_path(&path)))?;
     }
     directory.complete().into_diagnostic()?;
     print(&text(&summary, scenario))?;
-    print(&format!("Files: {}\n", clean(&options.out.display().to_string())))?;
+    print(&format!("Files: {}\n", shown_path(&options.out)))?;
+    if !summary.failed.is_empty() {
+        let failed: Vec<String> = summary.failed.iter().map(FailedSeed::to_string).collect();
+        show(&failures(&scenario.name, &failed));
+    }
     Ok(summary.failed.is_empty())
 }
 
@@ -121,6 +130,7 @@ fn text(summary: &SeedsSummary, scenario: &Scenario) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::batch::JobError;
     use crate::output::Sink;
     use crate::scores::{MethodScores, Summary};
     use std::path::Path;
@@ -128,11 +138,13 @@ mod tests {
     /// A runner that fails for some seeds.
     fn runner(
         fails: &'static [u64],
-    ) -> impl Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, Report> + Sync {
+        may_pass: bool,
+    ) -> impl Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, JobError> + Sync {
         move |scenario, options, _| {
             let seed = options.seed.unwrap_or_default();
             if fails.contains(&seed) {
-                return Err(miette!("cycle 3, method fkf: it went wrong"));
+                let report = miette!("cycle 3, method fkf: it went wrong");
+                return Err(JobError { report, may_pass });
             }
             let mut scores = MethodScores::default();
             scores.values.insert("rmse_analysis.h".into(), seed as f64);
@@ -141,7 +153,7 @@ mod tests {
                 seed,
                 cycles: scenario.cycle.count,
                 scored_from_cycle: scenario.cycle.score_from_cycle,
-                version: String::new(),
+                version: crate::VERSION.into(),
                 observations: Default::default(),
                 methods: scenario.methods.keys().map(|name| (name.clone(), scores.clone())).collect(),
             })
@@ -149,11 +161,15 @@ mod tests {
     }
 
     fn run_with(fails: &'static [u64], out: &Path) -> Result<bool, Report> {
+        run_by(&runner(fails, false), out, false)
+    }
+
+    fn run_by(run: &Run<'_>, out: &Path, resume: bool) -> Result<bool, Report> {
         let scenario = Scenario::parse(Path::new("mine.toml"), include_str!("template.toml")).unwrap();
         let outputs = Outputs::of(["netcdf", REPORT]);
-        let options = RunOptions { threads: Some(2), outputs, ..RunOptions::new(out) };
+        let options = RunOptions { threads: Some(2), outputs, resume, ..RunOptions::new(out) };
         let wanted = SeedsOptions { seeds: (1..=5).collect(), against: "fkf".into(), all_files: false };
-        run_by(&runner(fails), &scenario, &options, &wanted, true)
+        super::run_by(run, &scenario, &options, &wanted, true)
     }
 
     #[test]
@@ -169,6 +185,37 @@ mod tests {
         assert_eq!(json["methods"]["fkf"]["rmse_analysis.h"]["mean"], 3.25);
         let page = fs::read_to_string(out.join(REPORT_FILE)).unwrap();
         assert!(page.contains("seed 2: cycle 3, method fkf: it went wrong"));
+    }
+
+    /// As when the disk is full for a while: two seeds leave files, one does not, one fails for good.
+    #[test]
+    fn a_batch_some_of_whose_outputs_could_not_be_written_goes_on_later() {
+        let parent = tempfile::tempdir().unwrap();
+        let out = parent.path().join("my batch");
+        let writes = |options: &RunOptions, summary: &Summary| {
+            fs::create_dir_all(&options.out).unwrap();
+            fs::write(options.out.join("summary.json"), serde_json::to_string(summary).unwrap()).unwrap();
+        };
+        let full = |scenario: &Scenario, options: &RunOptions, sink: &mut dyn Sink| match options.seed {
+            Some(4) => runner(&[4], true)(scenario, options, sink),
+            _ => runner(&[5], false)(scenario, options, sink).inspect(|summary| writes(options, summary)),
+        };
+        let error = run_by(&full, &out, false).unwrap_err();
+        let said = error.to_string();
+        assert!(said.contains("1 of 5 runs could not be completed. seed 4: cycle 3"), "{said}");
+        let help = error.help().unwrap().to_string();
+        assert!(help.contains("my batch'` runs the others") && !out.exists(), "{help}");
+        // Once there is space, the others are run, and those alone; what failed for good does so again.
+        let later = |scenario: &Scenario, options: &RunOptions, sink: &mut dyn Sink| {
+            let is_trial = options.out.ends_with("trial");
+            assert!(is_trial || [Some(4), Some(5)].contains(&options.seed), "{:?} is run again", options.seed);
+            runner(&[5], false)(scenario, options, sink)
+        };
+        assert!(!run_by(&later, &out, true).unwrap());
+        let json: serde_json::Value =
+            serde_json::from_str(&fs::read_to_string(out.join("seeds.json")).unwrap()).unwrap();
+        assert_eq!(json["seeds"], serde_json::json!([1, 2, 3, 4]));
+        assert_eq!(json["failed"][0]["seed"], 5);
     }
 
     #[test]

@@ -2,15 +2,17 @@
 
 use super::console::print;
 use crate::calendar::utc;
+use crate::safe_file;
 use crate::sensors::database::Missing;
 use crate::sensors::record::Key;
 use crate::sensors::{Database, Record, Records, SensorError, table};
 use crate::tables::{Cell, NONE, Table};
-use crate::text::{clean, listed, nearest, printable};
+use crate::text::{clean, listed, nearest, printable, shown_path};
 use clap::Subcommand;
 use indexmap::IndexMap;
 use isobar_model::Time;
 use miette::{Report, miette};
+use std::io::{Error, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -41,7 +43,7 @@ pub enum SensorsCommand {
     Export {
         /// The database
         database: PathBuf,
-        /// Write the table into this file instead
+        /// Write the table into this new file instead
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
@@ -84,13 +86,14 @@ pub fn sensors(command: &SensorsCommand) -> Result<ExitCode, Report> {
                     records.add(record).map(drop).map_err(|reason| SensorError::at(&path, line, reason))
                 })
             })?;
-            print(&format!("{}: {new} of {all} records are new", clean(&database.display().to_string())))?;
+            print(&format!("{}: {new} of {all} records are new", shown_path(database)))?;
         }
         SensorsCommand::Export { database, out } => {
             let text = table::write(&read(database)?);
             match out {
-                Some(path) => std::fs::write(path, text)
-                    .map_err(|error| miette!("cannot write {}: {error}", clean(&path.display().to_string())))?,
+                Some(path) => {
+                    safe_file::write_new(path, text.as_bytes()).map_err(|error| cannot_write(path, &error))?
+                }
                 None => print(text.trim_end())?,
             }
         }
@@ -108,6 +111,16 @@ pub fn sensors(command: &SensorsCommand) -> Result<ExitCode, Report> {
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+fn cannot_write(path: &Path, error: &Error) -> Report {
+    let shown = shown_path(path);
+    match error.kind() {
+        ErrorKind::AlreadyExists => {
+            miette!(help = "give another path, or remove the file first", "{shown} exists; nothing was written")
+        }
+        _ => miette!("cannot write {shown}: {error}"),
+    }
 }
 
 /// What a table looks like.
@@ -133,7 +146,7 @@ fn check_sensor(records: &Records, sensor: &str, database: &Path) -> Result<(), 
     }
     let near = nearest(sensor, names(records)).map_or(String::new(), |near| format!("did you mean `{near}`?\n"));
     let help = printable(&format!("{near}sensors: {}", listed(names(records).take(20))));
-    let database = clean(&database.display().to_string());
+    let database = shown_path(database);
     Err(miette!(help = help, "{database} has no sensor `{}`", clean(sensor)))
 }
 

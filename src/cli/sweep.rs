@@ -1,17 +1,17 @@
 //! `isobar sweep`.
 
 use super::arguments::SweepArguments;
-use super::console::print;
+use super::console::{print, show};
 use super::{launch, lookup};
-use crate::batch::sweep::{Outcome, SweepSummary, settings};
-use crate::batch::{BatchKind, BatchPlan, Job, interrupted, run_jobs};
+use crate::batch::sweep::{Outcome, SweepSummary, first_score, settings};
+use crate::batch::{BatchKind, BatchPlan, Job, JobOutcome, interrupted, run_jobs, unfinished};
 use crate::interrupt;
 use crate::options::RunOptions;
 use crate::output::Outputs;
 use crate::output::report::REPORT;
 use crate::progress::SeedsProgress;
 use crate::scenario::Scenario;
-use crate::text::clean;
+use crate::text::shown_path;
 use miette::{IntoDiagnostic, Report, miette};
 use std::fs;
 use std::process::ExitCode;
@@ -38,16 +38,15 @@ pub fn sweep(arguments: &SweepArguments) -> Result<ExitCode, Report> {
 /// Runs a sweep, or continues it; whether nothing failed.
 pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) -> Result<bool, Report> {
     let (sweep, settings) = settings(scenario, options.methods.as_deref())?;
-    let variable = scenario.model.variables().first().map_or("", |variable| variable.0);
-    let score = sweep.score.clone().unwrap_or_else(|| format!("rmse_analysis.{variable}"));
     let seeds: Vec<u64> = (scenario.seed..).take(sweep.seeds).collect();
-    let directory = BatchPlan::begin(scenario, options, BatchKind::Sweep)?;
+    let scenarios = settings.iter().map(|own| &own.scenario);
+    let directory = BatchPlan::begin(scenario, options, BatchKind::Sweep, scenarios)?;
     let mut jobs = Vec::new();
     for own in &settings {
         let folder = directory.path().join(&own.directory);
-        let written =
-            fs::create_dir_all(&folder).and_then(|()| fs::write(folder.join("scenario.toml"), &own.scenario.text));
-        written.map_err(|error| miette!("cannot write {}: {error}", clean(&folder.display().to_string())))?;
+        let text = own.scenario.text_in(&directory.destination().join(&own.directory));
+        let written = fs::create_dir_all(&folder).and_then(|()| fs::write(folder.join("scenario.toml"), text));
+        written.map_err(|error| miette!("cannot write {}: {error}", shown_path(&folder)))?;
         jobs.extend(seeds.iter().map(|&seed| Job {
             scenario: &own.scenario,
             seed,
@@ -65,21 +64,36 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
         return Err(error);
     }
     let (schedule, outcomes) = outcomes?;
+    let missing = outcomes.iter().filter_map(|(job, outcome)| match outcome {
+        Err(error) if error.may_pass => {
+            let (folder, seed) = (&settings[job / seeds.len()].directory, jobs[*job].seed);
+            Some((format!("{folder}/seed-{seed}"), error.report.to_string()))
+        }
+        _ => None,
+    });
+    if let Some(error) = unfinished(&options.out, directory.path(), jobs.len(), &missing.collect::<Vec<_>>()) {
+        return Err(error);
+    }
     if let Some((_, Err(_))) = outcomes.iter().find(|(_, outcome)| outcome.is_err())
         && outcomes.iter().all(|(_, outcome)| outcome.is_err())
     {
         let first = outcomes.into_iter().find_map(|(_, outcome)| outcome.err()).expect("all of them failed");
-        return Err(first.wrap_err(format!("all {} runs failed", jobs.len())));
+        return Err(first.report.wrap_err(format!("all {} runs failed", jobs.len())));
     }
-    let of_setting = |(job, outcome): (usize, Result<_, Report>)| -> Outcome {
-        (job / seeds.len(), outcome.map_err(|error| error.to_string()))
+    let of_setting = |(job, outcome): JobOutcome| -> Outcome {
+        (job / seeds.len(), outcome.map_err(|error| error.report.to_string()))
     };
     let outcomes: Vec<Outcome> = outcomes.into_iter().map(of_setting).collect();
+    let score = sweep.score.clone().unwrap_or_else(|| first_score(scenario, &outcomes));
     let summary = SweepSummary::new(scenario, &settings, seeds.clone(), score, (schedule, outcomes), cycles);
     summary.write(directory.path(), scenario, options.outputs.contains(REPORT)).into_diagnostic()?;
     directory.complete().into_diagnostic()?;
     print(&text(&summary, scenario))?;
-    print(&format!("Files: {}\n", clean(&options.out.display().to_string())))?;
+    print(&format!("Files: {}\n", shown_path(&options.out)))?;
+    if !summary.failed.is_empty() {
+        let failed: Vec<String> = summary.failed.iter().map(|(place, error)| format!("{place}: {error}")).collect();
+        show(&launch::failures(&scenario.name, &failed));
+    }
     Ok(summary.failed.is_empty())
 }
 

@@ -4,7 +4,7 @@ use crate::output::recorded::SavedRun;
 use crate::output::recorded::recording::{self, VIEWER_VERSION};
 use miette::{Report, miette};
 use std::io::ErrorKind;
-use std::path::Path;
+use std::path::{Path, absolute};
 use std::process::{Command, ExitCode};
 
 /// Opens the recording of a run in the viewer, and waits until it is closed.
@@ -29,7 +29,8 @@ pub fn view(run: &Path) -> Result<ExitCode, Report> {
             }
         }
     }
-    let status = Command::new("rerun").arg(&recording).status();
+    // From the root: a directory whose name begins with a hyphen is no option of the viewer.
+    let status = absolute(&recording).and_then(|recording| Command::new("rerun").arg(recording).status());
     match status {
         Ok(status) if status.success() => Ok(ExitCode::SUCCESS),
         Ok(status) => Err(miette!("the rerun viewer ended with {status}")),

@@ -4,44 +4,60 @@ use crate::reader::{AnyKey, Field, Read, Section};
 use crate::text::clean;
 
 /// A kind of thing that a scenario chooses by name: reads a `T` from its section, in a scenario that otherwise is `C`.
-pub(crate) trait Kind<T: ?Sized, C: ?Sized>: Sync {
+pub(crate) struct Kind<T: ?Sized, C: ?Sized> {
     /// What a scenario calls it.
-    fn name(&self) -> &'static str;
-
+    pub name: &'static str,
     /// What it is, in a line.
-    fn about(&self) -> &'static str;
-
-    /// Its keys, without the one that names the kind.
-    fn keys(&self) -> Vec<&'static dyn AnyKey>;
-
+    pub about: &'static str,
+    /// Its keys, without the one that names the kind: lists, one after another.
+    keys: &'static [&'static [&'static dyn AnyKey]],
     /// Whether it can be chosen in this scenario at all.
-    fn fits(&self, _: &C) -> bool {
-        true
+    fits: fn(&C) -> bool,
+    /// Reads a section that has these keys at most.
+    pub read: fn(&Section<'_>, &C) -> Read<Box<T>>,
+}
+
+impl<T: ?Sized, C: ?Sized> Kind<T, C> {
+    /// A kind of this name, in a line, with these lists of keys, and what reads it.
+    pub const fn new(
+        name: &'static str,
+        about: &'static str,
+        keys: &'static [&'static [&'static dyn AnyKey]],
+        read: fn(&Section<'_>, &C) -> Read<Box<T>>,
+    ) -> Self {
+        Self { name, about, keys, fits: |_| true, read }
     }
 
-    /// Reads a section that has these keys at most.
-    fn read(&self, section: &Section<'_>, context: &C) -> Read<Box<T>>;
+    /// The same, for some scenarios only.
+    pub const fn only_if(self, fits: fn(&C) -> bool) -> Self {
+        Self { fits, ..self }
+    }
+
+    /// Its keys, without the one that names the kind.
+    pub fn keys(&self) -> impl Iterator<Item = &'static dyn AnyKey> {
+        self.keys.iter().flat_map(|keys| keys.iter().copied())
+    }
 }
 
 /// A list of kinds, as a scenario may choose from it.
-pub(crate) type Kinds<T, C> = [&'static dyn Kind<T, C>];
+pub(crate) type Kinds<T, C> = [&'static Kind<T, C>];
 
 /// The kind that a table names by its key `kind`, and the table, checked for keys that the kind does not have.
 pub(crate) fn choose<'a, T: ?Sized, C: ?Sized>(
     field: &Field<'a>,
     kinds: &Kinds<T, C>,
     context: &C,
-) -> Read<(&'static dyn Kind<T, C>, Section<'a>)> {
-    let names = |kind: &dyn Kind<T, C>| kind.keys().iter().map(|key| key.name()).collect::<Vec<_>>();
-    let fitting = kinds.iter().filter(|kind| kind.fits(context));
-    let choices: Vec<_> = fitting.map(|&kind| (kind.name(), kind, names(kind))).collect();
+) -> Read<(&'static Kind<T, C>, Section<'a>)> {
+    let names = |kind: &Kind<T, C>| kind.keys().map(|key| key.name()).collect::<Vec<_>>();
+    let fitting = kinds.iter().filter(|kind| (kind.fits)(context));
+    let choices: Vec<_> = fitting.map(|&kind| (kind.name, kind, names(kind))).collect();
     field.section_by("kind", &choices)
 }
 
 /// Reads a table that chooses one of the kinds.
 pub(crate) fn read<T: ?Sized, C: ?Sized>(field: &Field<'_>, kinds: &Kinds<T, C>, context: &C) -> Read<Box<T>> {
     let (kind, section) = choose(field, kinds, context)?;
-    kind.read(&section, context)
+    (kind.read)(&section, context)
 }
 
 /// Refuses a name that could not be part of a file's name or of a parameter's.
@@ -62,14 +78,27 @@ pub(crate) fn plain_name(name: &str, what: &str) -> Result<(), (String, &'static
     Ok(())
 }
 
-/// Whether the files of two names would be one: where case does not count, and hyphens are underscores, as in the names of
-/// figures and of variables of netCDF.
-pub(crate) fn is_one_file(name: &str, other: &str) -> bool {
-    let stem = |name: &str| name.to_ascii_lowercase().replace('-', "_");
-    stem(name) == stem(other)
-}
-
-/// That the files of two `things` would be one.
-pub(crate) fn alike(things: &str, name: &str, other: &str) -> String {
-    format!("the {things} `{name}` and `{other}` differ in case or hyphens only, so that files of them would be one")
+/// Refuses a name that leads to the same names of files as another of its kind: without regard to case, which some file
+/// systems do not distinguish, and with an underscore for a hyphen.
+///
+/// # Errors
+/// What is wrong, and what to do.
+pub(crate) fn distinct_name<'a>(
+    name: &str,
+    mut others: impl Iterator<Item = &'a str>,
+    what: &str,
+) -> Result<(), (String, &'static str)> {
+    let of_files = |name: &str| name.to_ascii_lowercase().replace('-', "_");
+    let help = "choose another name";
+    match others.find(|other| of_files(other) == of_files(name)) {
+        None => Ok(()),
+        Some(other) if other == name => Err((format!("there are two {what}s `{name}`"), help)),
+        Some(other) if other.eq_ignore_ascii_case(name) => {
+            Err((format!("the {what}s `{other}` and `{name}` differ in case only"), help))
+        }
+        Some(other) => Err((
+            format!("the {what}s `{other}` and `{name}` differ only in hyphens and underscores, or in case"),
+            help,
+        )),
+    }
 }

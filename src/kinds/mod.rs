@@ -14,7 +14,7 @@ pub mod models;
 pub mod reference;
 
 pub use domain::Domain;
-pub(crate) use kind::{Kind, Kinds, alike, check_name, choose, is_one_file, plain_name, read};
+pub(crate) use kind::{Kind, Kinds, check_name, choose, distinct_name, plain_name, read};
 
 #[cfg(test)]
 mod tests {
@@ -22,14 +22,14 @@ mod tests {
     use std::collections::HashSet;
 
     fn check<T: ?Sized, C: ?Sized>(kinds: &Kinds<T, C>) {
-        let names: HashSet<_> = kinds.iter().map(|kind| kind.name()).collect();
+        let names: HashSet<_> = kinds.iter().map(|kind| kind.name).collect();
         assert_eq!(names.len(), kinds.len(), "two kinds have one name");
         for kind in kinds {
-            let keys = kind.keys();
+            let keys: Vec<_> = kind.keys().collect();
             let names: HashSet<_> = keys.iter().map(|key| key.name()).collect();
-            assert_eq!(names.len(), keys.len(), "{} has a key twice", kind.name());
-            for words in keys.iter().map(|key| key.meaning()).chain([kind.about()]) {
-                assert!(!words.is_empty() && !words.ends_with('.'), "{}: {words:?} is not a phrase", kind.name());
+            assert_eq!(names.len(), keys.len(), "{} has a key twice", kind.name);
+            for words in keys.iter().map(|key| key.meaning()).chain([kind.about]) {
+                assert!(!words.is_empty() && !words.ends_with('.'), "{}: {words:?} is not a phrase", kind.name);
             }
         }
     }

@@ -58,10 +58,10 @@ pub fn all() -> Vec<Reference> {
 }
 
 fn kinds<T: ?Sized, C: ?Sized>(kinds: &Kinds<T, C>) -> Vec<KindReference> {
-    let kind = |kind: &&'static dyn super::Kind<T, C>| KindReference {
-        name: kind.name(),
-        about: kind.about(),
-        keys: kind.keys().into_iter().flat_map(|key| keys("", key)).collect(),
+    let kind = |kind: &&'static super::Kind<T, C>| KindReference {
+        name: kind.name,
+        about: kind.about,
+        keys: kind.keys().flat_map(|key| keys("", key)).collect(),
     };
     kinds.iter().map(kind).collect()
 }

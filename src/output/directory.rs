@@ -6,23 +6,26 @@
 //! |---|---|
 //! | `lock` | locked by the process that works here |
 //! | `outputs/` | the outputs in the making, which become `NAME` by being renamed |
+//! | `complete` | there once the outputs are complete and durable |
 //! | `replaced/` | for a moment: the outputs of an earlier run that they replace |
 //! | `journal`, `checkpoint-…` | what it takes to resume the run (see [`crate::run::checkpoint`]) |
 //! | `batch.json` | what it takes to continue a batch of runs, whose complete runs are in `outputs/` |
+//!
+//! Where there is `complete` but no `outputs/`, these have become `NAME`. So an end at any moment leaves one of the stages in
+//! [`Stage`], and nothing complete is lost.
 
-use crate::output::SinkError;
-use std::fs::{self, File, TryLockError};
-use std::io;
+pub use crate::output::destination::{Existing, SEEDS_FILE, SUMMARY_FILE, SWEEP_FILE, complete_runs};
+
+use crate::output::destination::RUNS_DEPTH;
+use crate::output::working::{self, WorkingDirectory};
+use crate::output::{SinkError, contents, destination};
+use crate::place::parent_of;
+use crate::safe_file::{self, sync_directory};
+use crate::shell::command;
+use crate::text::shown_path;
+use std::fs;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-
-/// The file that the complete directory of a run holds; a directory without it is never replaced.
-pub const SUMMARY_FILE: &str = "summary.json";
-
-/// The file that the directory of runs with several seeds holds in its place.
-pub const SEEDS_FILE: &str = "seeds.json";
-
-/// The file that the directory of a sweep holds in its place.
-pub const SWEEP_FILE: &str = "sweep.json";
 
 /// The file in the working directory that says what a batch of runs was asked to do.
 pub const BATCH_FILE: &str = "batch.json";
@@ -30,77 +33,140 @@ pub const BATCH_FILE: &str = "batch.json";
 /// The beginning of the names of checkpoints in the working directory; the number of the cycle follows.
 pub const CHECKPOINT_PREFIX: &str = "checkpoint-";
 
-const LOCK: &str = "lock";
+/// The journal of a run in its working directory, which begins with the run's plan.
+pub const JOURNAL_FILE: &str = "journal";
+
+/// What the mark of complete outputs holds if they replace others.
+const OVERWRITES: &[u8] = b"overwrite";
+
 const OUTPUTS: &str = "outputs";
 const REPLACED: &str = "replaced";
+const COMPLETE: &str = "complete";
 
-/// What to do about outputs that are already there.
+/// How far the run got that worked in a working directory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Existing {
-    /// Leave them alone, and fail.
-    Refuse,
-    /// Replace them, once the new ones are complete; an interrupted run is discarded at once.
-    Overwrite,
+pub enum Stage {
+    /// There is no working directory.
+    Absent,
+    /// It was interrupted.
+    Interrupted,
+    /// Its outputs are complete, but do not have their final name.
+    Complete,
+    /// Its outputs have their final name, but something was left to be done.
+    Published,
+}
+
+/// How far the run got that was to end in `destination`.
+///
+/// # Errors
+/// If the working directory is not one that isobar made for this user.
+pub fn stage(destination: &Path) -> Result<Stage, SinkError> {
+    working::examine(destination)?;
+    let working = working::path(destination)?;
+    Ok(if working.exists() { stage_of(&working) } else { Stage::Absent })
+}
+
+fn stage_of(working: &Path) -> Stage {
+    if !working.join(COMPLETE).exists() {
+        Stage::Interrupted
+    } else if working.join(OUTPUTS).exists() {
+        Stage::Complete
+    } else {
+        Stage::Published
+    }
+}
+
+/// Whether complete outputs hold a file, whether or not they have their final name yet.
+///
+/// # Errors
+/// If the destination does not end in a name.
+pub fn holds(destination: &Path, file: &str) -> Result<bool, SinkError> {
+    let unnamed = working::path(destination)?.join(OUTPUTS);
+    let outputs = if unnamed.exists() { &unnamed } else { destination };
+    Ok(outputs.join(file).is_file())
+}
+
+/// Removes a working directory in which nothing is left to be gone on with.
+pub fn tidy(destination: &Path) {
+    // If another process uses it, that is not so.
+    drop(OutputDirectory::lock(destination.to_path_buf(), Existing::Refuse));
 }
 
 /// A directory in which outputs are written beside the final one.
 ///
 /// [`OutputDirectory::complete`] gives it its final name; dropped without that, it is removed with all that it holds, unless
-/// it holds a checkpoint.
+/// it holds a checkpoint, complete runs of a batch, or complete outputs.
 #[derive(Debug)]
 pub struct OutputDirectory {
-    working: PathBuf,
+    working: WorkingDirectory,
     outputs: PathBuf,
     destination: PathBuf,
     existing: Existing,
-    /// Locked as long as it is open.
-    lock: File,
 }
 
 impl OutputDirectory {
-    /// Creates the working directory of outputs whose final place is `destination`; missing parents are created.
+    /// Creates the working directory of a run whose outputs' final place is `destination`; missing parents are created.
     ///
     /// # Errors
     /// If `destination` exists and may not be replaced, if a run is under way there or was interrupted, or if nothing can
-    /// be written beside it.
+    /// be written beside it. A directory of several runs is never replaced by that of one.
     pub fn create(destination: impl Into<PathBuf>, existing: Existing) -> Result<Self, SinkError> {
         let destination = destination.into();
-        let working = working(&destination)?;
-        check_destination(&destination, existing)?;
+        if existing == Existing::Overwrite {
+            destination::check_single(&destination)?;
+        }
+        Self::create_any(destination, existing)
+    }
+
+    /// The same for a batch of runs.
+    ///
+    /// # Errors
+    /// As [`OutputDirectory::create`], but the directory of other runs may be replaced.
+    pub fn create_batch(destination: impl Into<PathBuf>, existing: Existing) -> Result<Self, SinkError> {
+        Self::create_any(destination.into(), existing)
+    }
+
+    fn create_any(destination: PathBuf, existing: Existing) -> Result<Self, SinkError> {
+        let working = working::path(&destination)?;
+        destination::check(&destination, existing)?;
         let parent = parent_of(&destination);
         fs::create_dir_all(parent).map_err(|error| failure(parent, "cannot create the directory", &error))?;
-        let directory = Self::lock(working, destination, existing)?;
-        let kept = checkpoints(&directory.working);
-        if let (Some((cycle, _)), Existing::Refuse) = (kept.first(), existing) {
-            return Err(SinkError {
-                reason: format!(
-                    "a run was interrupted there and is kept up to cycle {cycle}: `isobar resume {}` continues it, \
-                     --overwrite discards it",
-                    directory.destination.display()
-                ),
-                path: directory.destination.clone(),
-            });
+        let directory = Self::lock(destination, existing)?;
+        if existing == Existing::Refuse {
+            directory.refuse_to_discard()?;
         }
-        let batch = directory.working.join(BATCH_FILE);
-        if existing == Existing::Refuse && directory.keeps_batch() {
-            return Err(SinkError {
-                reason: format!(
-                    "{} complete runs of a batch that was interrupted are kept: `isobar resume {}` runs the others, \
-                     --overwrite discards them",
-                    complete_runs(&directory.outputs),
-                    directory.destination.display()
-                ),
-                path: directory.destination.clone(),
-            });
+        directory.put_back()?;
+        // What was put back, or has come to be there since.
+        destination::check(&directory.destination, existing)?;
+        if directory.stage() == Stage::Published {
+            // The mark last: until then replaced outputs are not taken for some to be put back.
+            directory.working.clear(&[COMPLETE])?;
         }
-        if batch.exists() {
-            fs::remove_file(&batch).map_err(|error| failure(&batch, "cannot be removed", &error))?;
+        // Without these nothing is taken for a run to be gone on with, whenever this one ends.
+        let mark = directory.working.path().join(COMPLETE);
+        let kept = checkpoints(&working).into_iter().map(|(_, path)| path);
+        for path in [mark, working.join(BATCH_FILE)].into_iter().chain(kept).filter(|path| path.exists()) {
+            fs::remove_file(&path).map_err(|error| failure(&path, "cannot be removed", &error))?;
         }
-        for (_, checkpoint) in kept {
-            fs::remove_file(&checkpoint).map_err(|error| failure(&checkpoint, "cannot be removed", &error))?;
-        }
-        directory.clear()?;
+        directory.working.clear(&[OUTPUTS])?;
+        directory.empty_outputs()?;
         Ok(directory)
+    }
+
+    /// Refuses to discard what can be gone on with.
+    fn refuse_to_discard(&self) -> Result<(), SinkError> {
+        let kept = if self.stage() == Stage::Complete {
+            "a run is complete there but for the name of its outputs: `{}` gives it to them".to_string()
+        } else if let Some((cycle, _)) = checkpoints(self.working.path()).first() {
+            format!("a run was interrupted there and is kept up to cycle {cycle}: `{{}}` continues it")
+        } else if self.keeps_batch() {
+            let runs = complete_runs(&self.outputs);
+            format!("{runs} complete runs of a batch that was interrupted are kept: `{{}}` runs the others")
+        } else {
+            return Ok(());
+        };
+        let reason = kept.replace("{}", &command("isobar resume", &[&self.destination])) + ", --overwrite discards it";
+        Err(SinkError { path: self.destination.clone(), reason })
     }
 
     /// Opens the directory of an interrupted run again. Its outputs are made anew.
@@ -109,22 +175,25 @@ impl OutputDirectory {
     /// If there is none, or a run is under way there.
     pub fn resume(destination: impl Into<PathBuf>, existing: Existing) -> Result<Self, SinkError> {
         let destination = destination.into();
-        let working = working(&destination)?;
+        let working = working::path(&destination)?;
         if checkpoints(&working).is_empty() {
             let reason = if destination.join(SUMMARY_FILE).is_file() {
                 "the run is complete".into()
             } else {
-                format!("there is no checkpoint in {}: `isobar run` begins anew", working.display())
+                format!(
+                    "there is no checkpoint in {}, so nothing of it is kept: begin the run anew",
+                    shown_path(&working)
+                )
             };
             return Err(SinkError { path: destination, reason });
         }
-        let directory = Self::lock(working, destination, existing)?;
-        if !directory.outputs.exists() && directory.destination.join(SUMMARY_FILE).is_file() {
-            // It was ended after its outputs had their final name and before all else was cleared away.
-            checkpoints(&directory.working).iter().for_each(|(_, path)| drop(fs::remove_file(path)));
-            return Err(SinkError { path: directory.destination.clone(), reason: "the run is complete".into() });
+        let directory = Self::lock(destination, existing)?;
+        if directory.stage() != Stage::Interrupted {
+            let reason = "the run is complete".into();
+            return Err(SinkError { path: directory.destination.clone(), reason });
         }
-        directory.clear()?;
+        directory.put_back()?;
+        directory.empty_outputs()?;
         Ok(directory)
     }
 
@@ -134,82 +203,74 @@ impl OutputDirectory {
     /// If there is none, or it is under way.
     pub fn resume_batch(destination: impl Into<PathBuf>, existing: Existing) -> Result<Self, SinkError> {
         let destination = destination.into();
-        let working = working(&destination)?;
+        let working = working::path(&destination)?;
         if !working.join(BATCH_FILE).is_file() {
             return Err(SinkError { path: destination, reason: "no batch was interrupted there".into() });
         }
-        let directory = Self::lock(working, destination, existing)?;
-        if !directory.outputs.exists() {
-            // It was ended after its outputs had their final name and before all else was cleared away.
-            let _ = fs::remove_file(directory.working.join(BATCH_FILE));
-            return Err(SinkError { path: directory.destination.clone(), reason: "the batch is complete".into() });
+        let directory = Self::lock(destination, existing)?;
+        if directory.stage() != Stage::Interrupted {
+            let reason = "the batch is complete".into();
+            return Err(SinkError { path: directory.destination.clone(), reason });
         }
         directory.put_back()?;
+        working::clear_runs(&directory.outputs, RUNS_DEPTH)?;
         Ok(directory)
+    }
+
+    /// Opens the directory of a run, or batch, that is complete but for what comes after that. It is to be published, if it
+    /// has not been, and cleared away.
+    ///
+    /// # Errors
+    /// If there is none, or another process is about to do this.
+    pub fn finish(destination: impl Into<PathBuf>) -> Result<Self, SinkError> {
+        let destination = destination.into();
+        let working = working::path(&destination)?;
+        let mut directory = Self::lock(destination, Existing::Refuse)?;
+        if directory.stage() == Stage::Interrupted {
+            let reason = "there is nothing to be finished".into();
+            return Err(SinkError { path: directory.destination.clone(), reason });
+        }
+        let mark = safe_file::read(&working.join(COMPLETE), OVERWRITES.len() as u64).unwrap_or_default();
+        if mark == OVERWRITES {
+            directory.existing = Existing::Overwrite;
+        }
+        Ok(directory)
+    }
+
+    fn lock(destination: PathBuf, existing: Existing) -> Result<Self, SinkError> {
+        let working = WorkingDirectory::lock(&destination)?;
+        let outputs = working.path().join(OUTPUTS);
+        Ok(Self { working, outputs, destination, existing })
+    }
+
+    /// How far the run got.
+    pub fn stage(&self) -> Stage {
+        stage_of(self.working.path())
     }
 
     /// Whether there are complete runs of a batch to continue.
     fn keeps_batch(&self) -> bool {
-        self.working.join(BATCH_FILE).is_file() && complete_runs(&self.outputs) > 0
+        self.working.path().join(BATCH_FILE).is_file() && complete_runs(&self.outputs) > 0
     }
 
-    /// Makes the working directory and locks it.
-    fn lock(working: PathBuf, destination: PathBuf, existing: Existing) -> Result<Self, SinkError> {
-        let cannot = |error: &io::Error| failure(&working, "cannot create a directory for the outputs", error);
-        let path = working.join(LOCK);
-        // Whoever was here before may be about to remove the directory, and with it the file that we lock.
-        for _ in 0..10 {
-            match fs::create_dir(&working) {
-                Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(cannot(&error)),
-                _ => {}
-            }
-            let opened = File::options().create(true).truncate(false).write(true).open(&path);
-            let lock = match opened {
-                Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
-                opened => opened.map_err(|error| cannot(&error))?,
-            };
-            match lock.try_lock() {
-                Ok(()) if is_at(&lock, &path) => {
-                    let outputs = working.join(OUTPUTS);
-                    return Ok(Self { working, outputs, destination, existing, lock });
-                }
-                Ok(()) => {}
-                Err(TryLockError::WouldBlock) => {
-                    let reason = "another run writes there at this moment; wait for its end, or choose another --out";
-                    return Err(SinkError { path: destination, reason: reason.into() });
-                }
-                Err(TryLockError::Error(error)) => return Err(failure(&path, "cannot be locked", &error)),
-            }
-        }
-        Err(SinkError { path: working, reason: "the directory keeps disappearing; is another run using it?".into() })
-    }
-
-    /// Outputs that were about to be replaced go back to their place, unless that is taken.
+    /// Outputs that were about to be replaced go back to their place, if they have not been replaced.
     fn put_back(&self) -> Result<(), SinkError> {
-        let replaced = self.working.join(REPLACED);
-        let cannot = |error: io::Error| failure(&replaced, "cannot be cleared away", &error);
-        match (replaced.exists(), self.destination.exists()) {
-            (false, _) => Ok(()),
-            (true, true) => fs::remove_dir_all(&replaced).map_err(cannot),
-            (true, false) => fs::rename(&replaced, &self.destination).map_err(cannot),
+        let replaced = self.working.path().join(REPLACED);
+        if !replaced.exists() || self.stage() == Stage::Published {
+            return Ok(());
         }
+        if fs::symlink_metadata(&self.destination).is_ok() {
+            let reason = format!("the outputs of an earlier run are in {}: move them away", shown_path(&replaced));
+            return Err(SinkError { path: self.destination.clone(), reason });
+        }
+        fs::rename(&replaced, &self.destination).map_err(|error| failure(&replaced, "cannot be put back", &error))
     }
 
-    /// Leaves no outputs of an earlier attempt, but never loses those that one was about to replace.
-    fn clear(&self) -> Result<(), SinkError> {
-        self.put_back()?;
-        let cannot = |path: &Path, error: &io::Error| failure(path, "cannot be cleared away", error);
-        // The directory itself stays: where it is missing, it has become the destination.
-        match fs::read_dir(&self.outputs) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {
-                fs::create_dir(&self.outputs).map_err(|error| failure(&self.outputs, "cannot be created", &error))
-            }
-            Err(error) => Err(cannot(&self.outputs, &error)),
-            Ok(entries) => entries.into_iter().try_for_each(|entry| {
-                let path = entry.map_err(|error| cannot(&self.outputs, &error))?.path();
-                let removed = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
-                removed.map_err(|error| cannot(&path, &error))
-            }),
+    /// Leaves no outputs of an earlier attempt. The directory itself stays: where it is missing, it has become the destination.
+    fn empty_outputs(&self) -> Result<(), SinkError> {
+        match fs::create_dir(&self.outputs) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => working::clear(&self.outputs, &|_| false),
+            made => made.map_err(|error| failure(&self.outputs, "cannot be created", &error)),
         }
     }
 
@@ -220,7 +281,7 @@ impl OutputDirectory {
 
     /// Where journal and checkpoints are.
     pub fn working(&self) -> &Path {
-        &self.working
+        self.working.path()
     }
 
     /// Where the outputs will be when complete.
@@ -231,63 +292,93 @@ impl OutputDirectory {
     /// Moves the outputs to their final name, and removes those that were there before.
     ///
     /// # Errors
-    /// If the destination has meanwhile come to be something that may not be replaced, or if it cannot be renamed; what
-    /// was there before is then there again.
+    /// As [`OutputDirectory::publish`] and [`OutputDirectory::clear_away`].
     pub fn complete(self) -> Result<(), SinkError> {
-        let Self { working, outputs, destination, existing, .. } = &self;
-        check_destination(destination, *existing)?;
-        sync_all(outputs).map_err(|error| failure(destination, "the outputs cannot be stored", &error))?;
-        let replaced = working.join(REPLACED);
-        let is_replaced = fs::symlink_metadata(destination).is_ok();
-        if is_replaced {
+        self.publish()?;
+        self.clear_away()
+    }
+
+    /// Moves the outputs to their final name. Those that were there before are kept until all is cleared away.
+    ///
+    /// # Errors
+    /// If the destination has meanwhile come to be something that may not be replaced, or if it cannot be renamed; what
+    /// was there before is then there again, and the outputs are kept, so that this can be done later.
+    pub fn publish(&self) -> Result<(), SinkError> {
+        let Self { working, outputs, destination, existing } = self;
+        if self.stage() == Stage::Published {
+            return Ok(());
+        }
+        let replaced = working.path().join(REPLACED);
+        if !replaced.exists() {
+            self.mark_complete().map_err(|error| failure(destination, "the outputs cannot be stored", &error))?;
+        }
+        destination::check(destination, *existing)?;
+        let exists = fs::symlink_metadata(destination).is_ok();
+        if exists {
             let moved = fs::rename(destination, &replaced);
             moved.map_err(|error| failure(destination, "cannot move the old outputs away", &error))?;
         }
-        if let Err(error) = fs::rename(outputs, destination) {
-            let mut failed = failure(destination, "cannot move the outputs there", &error);
-            if is_replaced && let Err(error) = fs::rename(&replaced, destination) {
-                let place = replaced.display();
+        // Once more: by now nobody finds the old outputs under their name to put something beside them.
+        let checked = if exists { contents::check(&replaced) } else { Ok(()) };
+        let renamed = checked.and_then(|()| {
+            fs::rename(outputs, destination)
+                .map_err(|error| failure(destination, "cannot move the outputs there", &error))
+        });
+        if let Err(mut failed) = renamed {
+            failed.path = destination.clone();
+            if exists && let Err(error) = fs::rename(&replaced, destination) {
+                let place = shown_path(&replaced);
                 failed.reason += &format!("; the old outputs are in {place} and could not be put back: {error}");
             }
             return Err(failed);
         }
         let _ = sync_directory(parent_of(destination));
-        // The checkpoints first: without them nothing is left to be resumed, whatever happens now.
-        checkpoints(working).iter().for_each(|(_, path)| drop(fs::remove_file(path)));
-        fs::remove_dir_all(working)
-            .map_err(|error| failure(working, "the outputs are complete, but this remains", &error))
+        Ok(())
+    }
+
+    /// Makes the outputs durable, with the list of their files, and takes note of that.
+    fn mark_complete(&self) -> io::Result<()> {
+        contents::list(&self.outputs)?;
+        let mut mark = safe_file::create(&self.working.path().join(COMPLETE))?;
+        mark.write_all(if self.existing == Existing::Overwrite { OVERWRITES } else { b"" })?;
+        mark.sync_all()?;
+        sync_directory(self.working.path())
+    }
+
+    /// Removes the working directory of outputs that have their final name.
+    ///
+    /// # Errors
+    /// What cannot be removed; the outputs are complete all the same.
+    pub fn clear_away(&self) -> Result<(), SinkError> {
+        // The mark last: until then replaced outputs are not taken for some to be put back.
+        let removed = self.working.clear(&[COMPLETE]).and_then(|()| self.working.remove());
+        removed.map_err(|error| SinkError {
+            reason: format!("the outputs are complete, but this remains: {}", error.reason),
+            ..error
+        })
+    }
+
+    /// Whether there is something that must not be lost, whatever becomes of this attempt.
+    fn is_kept(&self) -> bool {
+        let working = self.working.path();
+        let old = working.join(REPLACED).exists();
+        match self.stage() {
+            Stage::Absent => false,
+            Stage::Interrupted => old || !checkpoints(working).is_empty() || self.keeps_batch(),
+            Stage::Complete => true,
+            // What is left to be done is in its plan.
+            Stage::Published => working.join(JOURNAL_FILE).exists(),
+        }
     }
 }
 
 impl Drop for OutputDirectory {
     fn drop(&mut self) {
-        // Only the owner of the lock removes: it is still held here. Of old outputs there must be no doubt.
-        if checkpoints(&self.working).is_empty() && !self.working.join(REPLACED).exists() && !self.keeps_batch() {
-            let _ = fs::remove_dir_all(&self.working);
+        // Only the owner of the lock removes: it is still held here.
+        if !self.is_kept() {
+            let _ = self.working.remove();
         }
-        let _ = self.lock.unlock();
     }
-}
-
-/// The number of complete runs in a directory and those below it, as far down as a batch has any.
-pub fn complete_runs(directory: &Path) -> usize {
-    fn count(directory: &Path, depth: usize) -> usize {
-        let Ok(entries) = fs::read_dir(directory) else { return 0 };
-        let paths = entries.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| path.is_dir());
-        // What is in the making has a name with a dot.
-        let named = paths.filter(|path| !path.file_name().is_some_and(|it| it.to_string_lossy().starts_with('.')));
-        let of_one = |path: PathBuf| {
-            if path.join(SUMMARY_FILE).is_file() {
-                1
-            } else if depth > 1 {
-                count(&path, depth - 1)
-            } else {
-                0
-            }
-        };
-        named.map(of_one).sum()
-    }
-    count(directory, 2)
 }
 
 /// The checkpoints in a working directory with their cycles, the newest first.
@@ -298,86 +389,6 @@ pub fn checkpoints(working: &Path) -> Vec<(usize, PathBuf)> {
     let mut all: Vec<(usize, PathBuf)> = paths.filter_map(|path| Some((cycle(&path)?, path))).collect();
     all.sort_by(|a, b| b.cmp(a));
     all
-}
-
-/// Makes renamings in a directory durable.
-///
-/// # Errors
-/// Those of the file system.
-pub fn sync_directory(directory: &Path) -> io::Result<()> {
-    if cfg!(unix) { File::open(directory)?.sync_all() } else { Ok(()) }
-}
-
-/// The working directory for a destination.
-///
-/// # Errors
-/// If the destination does not end in a name.
-pub fn working(destination: &Path) -> Result<PathBuf, SinkError> {
-    match destination.file_name() {
-        Some(name) => Ok(parent_of(destination).join(format!(".{}.partial", name.to_string_lossy()))),
-        None => Err(SinkError {
-            path: destination.to_path_buf(),
-            reason: "the path does not end in a directory's name".into(),
-        }),
-    }
-}
-
-/// Whether the file is still the one of that name.
-fn is_at(file: &File, path: &Path) -> bool {
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::MetadataExt;
-        let same = |(a, b): (fs::Metadata, fs::Metadata)| (a.dev(), a.ino()) == (b.dev(), b.ino());
-        file.metadata().ok().zip(fs::metadata(path).ok()).is_some_and(same)
-    }
-    #[cfg(not(unix))]
-    {
-        let _ = file;
-        path.exists()
-    }
-}
-
-/// Makes all files in a directory and below it durable.
-fn sync_all(directory: &Path) -> io::Result<()> {
-    for entry in fs::read_dir(directory)? {
-        let path = entry?.path();
-        if path.is_dir() {
-            sync_all(&path)?;
-        } else {
-            File::options().write(true).open(&path)?.sync_all()?;
-        }
-    }
-    sync_directory(directory)
-}
-
-/// Whether outputs may go to `destination`.
-fn check_destination(destination: &Path, existing: Existing) -> Result<(), SinkError> {
-    let refuse = |reason: &str| Err(SinkError { path: destination.to_path_buf(), reason: reason.into() });
-    let metadata = match fs::symlink_metadata(destination) {
-        Ok(metadata) => metadata,
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
-        Err(error) => return Err(failure(destination, "cannot be examined", &error)),
-    };
-    match existing {
-        _ if !metadata.is_dir() => refuse("it exists and is not a directory"),
-        Existing::Refuse => refuse("it exists already (--overwrite replaces it, once the new run is complete)"),
-        Existing::Overwrite
-            if ![SUMMARY_FILE, SEEDS_FILE, SWEEP_FILE].iter().any(|file| destination.join(file).is_file()) =>
-        {
-            refuse(
-                "it exists and holds no summary.json, so it is not the output of a complete run, and will not be deleted",
-            )
-        }
-        Existing::Overwrite => Ok(()),
-    }
-}
-
-/// The directory in which `path` lies.
-fn parent_of(path: &Path) -> &Path {
-    match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    }
 }
 
 fn failure(path: &Path, what: &str, error: &io::Error) -> SinkError {

@@ -1,9 +1,11 @@
 //! Sinks hear the events of a run and write files. None of them changes the run.
 //!
-//! Contents: [`directory`] (where outputs go), [`OUTPUTS`] (the outputs that can be switched off), [`netcdf`],
+//! Contents: [`directory`] (where outputs go, with [`working`], [`destination`] and [`contents`]), [`OUTPUTS`] (the outputs that can be switched off), [`netcdf`],
 //! [`parameters`], [`report`], [`scores`], [`summary`], and with the cargo feature `rerun` the recording for the rerun
 //! viewer; [`structure`] is what report and recording show of a method's blocks.
 
+pub mod contents;
+pub mod destination;
 pub mod directory;
 pub mod netcdf;
 mod outputs;
@@ -16,6 +18,7 @@ pub mod scores;
 mod sink;
 pub mod structure;
 pub mod summary;
+pub mod working;
 
 pub use directory::{Existing, OutputDirectory};
 pub use outputs::{OUTPUTS, Open, Output, Outputs, open_all};

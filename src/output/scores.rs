@@ -4,12 +4,15 @@
 //! `rmse_background`, `rmse_analysis`, `spread_background`, `spread_analysis`, as in `rmse_analysis h [m]`, then
 //! `bias_rmse`, `bias_spread` and `innovation_chi2`. If a method has a smoother, `rmse_smoothed` and `spread_smoothed`
 //! of each variable and `bias_rmse_smoothed`, `bias_spread_smoothed` follow: the scores of the cycle's estimate once later
-//! observations have revised it. A field is empty where a method has no such figure. `isobar compare` reads it.
+//! observations have revised it. A field is empty where a method has no such figure. Without a truth there are no columns
+//! of `rmse_…` and `bias_rmse`; instead there are `departure_background` and `departure_analysis`, the root-mean-square
+//! departures of the observations that are used. With passive networks there are `passive_departure_background` and
+//! `passive_departure_analysis`. `isobar compare` reads it.
 
 use crate::calendar::utc;
 use crate::event::{Analysed, Event, RunInfo};
 use crate::output::{OutputDirectory, Sink, SinkError};
-use crate::scores::{Part, Score, Values};
+use crate::scores::{Part, Score, ScoreKind, Values};
 use isobar_model::Time;
 use std::collections::VecDeque;
 use std::fmt::Display;
@@ -51,7 +54,7 @@ impl ScoresSink {
         let mut writer = csv::Writer::from_path(&path).map_err(|error| failure(&path, &error))?;
         let lag = info.methods.iter().filter_map(|method| method.smoother_lag_cycles).max();
         let mut header: Vec<String> = ["cycle", "valid_time", "method"].map(String::from).into();
-        let columns = columns(&info.variables(), lag.is_some());
+        let columns = columns(info, lag.is_some());
         header.extend(columns.iter().map(|(_, title)| title.clone()));
         writer.write_record(&header).map_err(|error| failure(&path, &error))?;
         let keys = columns.into_iter().map(|(key, _)| key).collect();
@@ -72,9 +75,11 @@ impl ScoresSink {
 }
 
 /// The scores of a cycle: keys and titles, `rmse_analysis.h` and `rmse_analysis h [m]`.
-fn columns(variables: &[(&str, &str)], with_smoothed: bool) -> Vec<(String, String)> {
+fn columns(info: &RunInfo, with_smoothed: bool) -> Vec<(String, String)> {
+    let variables = info.variables();
     let scores = |smoothed: bool| {
-        Score::all(variables, move |kind| kind.is_of_cycles() && (kind.part == Part::Smoothed) == smoothed)
+        let is_there = |kind: &ScoreKind| kind.is_of_cycles() && info.can_have(kind);
+        Score::all(&variables, move |kind| is_there(kind) && (kind.part == Part::Smoothed) == smoothed)
     };
     let all = scores(false).into_iter().chain(if with_smoothed { scores(true) } else { Vec::new() });
     all.map(|score| (score.key(), score.column())).collect()

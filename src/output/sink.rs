@@ -1,6 +1,7 @@
 //! What every output is to a run: something that hears its events.
 
 use crate::event::Event;
+use crate::text::shown_path;
 use std::path::PathBuf;
 
 /// Something that hears the events of a run.
@@ -39,7 +40,7 @@ impl Sink for Vec<Box<dyn Sink>> {
 
 /// An output that could not be written.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, miette::Diagnostic)]
-#[error("cannot write {}: {reason}", path.display())]
+#[error("cannot write {}: {reason}", shown_path(path))]
 pub struct SinkError {
     /// The file or directory.
     pub path: PathBuf,

@@ -2,6 +2,7 @@
 
 use crate::event::RunInfo;
 use crate::plot::{Thinning, number, parts};
+use crate::tables::figure;
 use isobar_assim::{CommonFactor, Structure};
 
 /// The structure of a method after one analysis.
@@ -52,7 +53,7 @@ impl ShownFactor {
         let most = moved.filter(|it| it.2 > 0.02).max_by(|a, b| a.2.total_cmp(&b.2));
         if let Some((value, parameter, _)) = most {
             let sign = if value < 0.0 { '−' } else { '+' };
-            summary += &format!(", {} {sign}{} {}", parameter.name, short(value.abs()), parameter.unit);
+            summary += &format!(", {} {sign}{} {}", parameter.name, figure(value.abs()), parameter.unit);
         }
         Self { fields, largest, summary }
     }
@@ -68,12 +69,6 @@ fn summary(part_of_cell: &[usize], observed: &[bool]) -> String {
     format!("{count} observed {parts}, the largest of {largest} cells; {unseen} cells unobserved")
 }
 
-/// Two significant digits.
-fn short(value: f64) -> String {
-    let digits = (1 - value.log10().floor() as i32).clamp(0, 9);
-    format!("{value:.*}", digits as usize)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -82,10 +77,5 @@ mod tests {
     fn parts_are_counted() {
         let text = summary(&[0, 0, 1, 2, 2, 2, 3, 4], &[true, false, true, false, true, true]);
         assert_eq!(text, "3 observed parts, the largest of 3 cells; 2 cells unobserved");
-    }
-
-    #[test]
-    fn figures_have_two_digits() {
-        assert_eq!([12.34, 0.567, 345.6, 0.0123].map(short), ["12", "0.57", "346", "0.012"]);
     }
 }

@@ -1,6 +1,7 @@
 //! Curves and bands over a common axis, as SVG.
 
 use super::colors::hex;
+use crate::text::printable;
 use kuva::plot::legend::{LegendEntry, LegendPosition, LegendShape};
 use kuva::plot::{BandPlot, LinePlot, ScatterPlot};
 use kuva::prelude::{Layout, Plot, Theme};
@@ -113,8 +114,21 @@ impl CurvePlot {
         Self { title, x_label, y_label, curves, reference: None, from_zero: true, highest: None, legend: true }
     }
 
-    /// Draws the figure. `id` is a word that no other figure of the page has.
+    /// Draws the figure. `id` is a word that no other figure of the page has. Characters that XML cannot hold or a browser
+    /// would obey are written as escapes.
     pub fn svg(&self, id: &str) -> Svg {
+        self.clone().with_texts(printable).draw(id)
+    }
+
+    /// The same with other texts.
+    fn with_texts(mut self, change: impl Fn(&str) -> String) -> Self {
+        let names = self.curves.iter_mut().filter_map(|curve| curve.name.as_mut());
+        let texts = [&mut self.title, &mut self.x_label, &mut self.y_label].into_iter().chain(names);
+        texts.for_each(|text| *text = change(text));
+        self
+    }
+
+    fn draw(&self, id: &str) -> Svg {
         let [_, [bottom, top]] = self.ranges();
         let plots: Vec<Plot> = self.curves.iter().flat_map(|curve| draw(curve, [bottom, top])).collect();
         let layout = self.layout(&plots);

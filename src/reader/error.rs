@@ -1,9 +1,9 @@
 //! A fault in a scenario, with the place in the file at which it is.
 
-use crate::text::{clean, same_length};
+use crate::text::{clean, same_length, shown_path};
 use miette::{Diagnostic, LabeledSpan, NamedSource, SourceCode};
 use std::cell::{Cell, RefCell};
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -24,7 +24,7 @@ struct Details {
 impl ScenarioError {
     /// A fault of the file as a whole.
     pub(crate) fn of_file(path: &Path, reason: impl fmt::Display) -> Self {
-        let message = format!("cannot read {}: {reason}", clean(&path.display().to_string()));
+        let message = format!("cannot read {}: {reason}", shown_path(path));
         Self { details: Box::new(Details { message, help: None, place: None }) }
     }
 
@@ -66,10 +66,21 @@ pub(crate) struct SourceFile {
     pub path: PathBuf,
     /// Its text, byte for byte in the places of the original, without anything that a terminal would obey.
     printable: String,
-    /// The files that it names and that are read, see [`SourceFile::input`].
-    inputs: RefCell<BTreeSet<PathBuf>>,
+    /// Where it names files.
+    names: RefCell<BTreeMap<usize, FileName>>,
+    /// Checksums of what the tables say that it names and that have been read, by these names.
+    tables: RefCell<BTreeMap<String, u32>>,
     /// The bytes that have been read of them.
     bytes: Cell<u64>,
+}
+
+/// The name of a file in a scenario.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct FileName {
+    /// Its place in the text, with the quotation marks.
+    pub span: Range<usize>,
+    /// The name.
+    pub name: String,
 }
 
 impl SourceFile {
@@ -77,21 +88,20 @@ impl SourceFile {
         Self {
             path: path.to_path_buf(),
             printable: same_length(text),
-            inputs: RefCell::default(),
+            names: RefCell::default(),
+            tables: RefCell::default(),
             bytes: Cell::default(),
         }
     }
 
     /// The path of a file that this one names, relative to its own directory.
-    pub fn beside(&self, name: &str) -> PathBuf {
+    pub(super) fn beside(&self, name: &str) -> PathBuf {
         self.path.parent().unwrap_or(Path::new("")).join(name)
     }
 
-    /// The same of a file on whose contents the results depend.
-    pub fn input(&self, name: &str) -> PathBuf {
-        let path = self.beside(name);
-        self.inputs.borrow_mut().insert(path.clone());
-        path
+    /// Takes note of where it names a file.
+    pub(super) fn names(&self, span: Range<usize>, name: &str) {
+        self.names.borrow_mut().insert(span.start, FileName { span, name: name.to_string() });
     }
 
     /// Counts bytes that have been read of such files; how many there are now.
@@ -100,9 +110,14 @@ impl SourceFile {
         self.bytes.get()
     }
 
-    /// All files on whose contents the results depend.
-    pub fn inputs(&self) -> Vec<PathBuf> {
-        self.inputs.borrow().iter().cloned().collect()
+    /// Takes note of what a table says that it names.
+    pub(super) fn has_read(&self, name: &str, checksum: u32) {
+        self.tables.borrow_mut().insert(name.to_string(), checksum);
+    }
+
+    /// The names of files in it, in the order of their places; and checksums of what the tables among these say.
+    pub fn into_names(self) -> (Vec<FileName>, BTreeMap<String, u32>) {
+        (self.names.into_inner().into_values().collect(), self.tables.into_inner())
     }
 
     /// A fault at `span`. The caret is labelled `label`; only the first line of a longer span is marked.
@@ -111,7 +126,7 @@ impl SourceFile {
         let end = self.printable.floor_char_boundary(span.end.clamp(start, self.printable.len()));
         let end = self.printable[start..end].find('\n').map_or(end, |newline| start + newline);
         let end = self.printable.floor_char_boundary(end.min(start + WIDEST));
-        let name = clean(&self.path.display().to_string());
+        let name = shown_path(&self.path);
         let column = start - self.printable[..start].rfind('\n').map_or(0, |newline| newline + 1);
         if column > WIDEST {
             let line = self.printable[..start].matches('\n').count() + 1;

@@ -3,6 +3,7 @@
 use super::{Kind, Read, ScenarioError, Section, SourceFile};
 use crate::text::{clean, is_unprintable, listed, nearest};
 use std::ops::Range;
+use std::path::PathBuf;
 use toml::Spanned;
 use toml::de::DeValue;
 
@@ -147,6 +148,13 @@ impl<'a> Field<'a> {
         };
         let message = format!("`{}` {fault}", self.title());
         Err(self.invalid(message, "must be 1 to 500 printable characters"))
+    }
+
+    /// The path of the file that is named here, relative to the scenario's directory.
+    pub fn path(&self) -> Read<PathBuf> {
+        let name = self.text()?;
+        self.file.names(self.value.span(), &name);
+        Ok(self.file.beside(&name))
     }
 
     /// One of the words, as what it stands for.

@@ -1,7 +1,7 @@
 //! Files of fields: a column for each field, a row for each cell.
 
 use super::{Field, Read, files};
-use crate::text::{clean, clean_lines};
+use crate::text::{clean, clean_lines, shown_path};
 use isobar_model::Grid;
 use isobar_obs::table::{Faults, LARGEST, Table, TableError};
 
@@ -17,7 +17,7 @@ pub(crate) struct Fields {
 /// row from the south, each from the west. Empty lines and lines that begin with `#` are skipped; the first line may be a
 /// header.
 pub(crate) fn read(field: &Field<'_>, grid: &Grid, most: usize) -> Read<Fields> {
-    let shown = clean(&field.file.beside(&field.text()?).display().to_string());
+    let shown = shown_path(&field.path()?);
     parse(&files::read(field, "file")?, &shown, grid.cells(), most).map_err(|error| {
         let message = format!("{error} (the grid is {} × {})", grid.nx, grid.ny);
         field.invalid(clean_lines(&message), "cannot be used")

@@ -1,8 +1,9 @@
 //! Files that a scenario names.
 
 use super::{Field, Read};
-use crate::text::clean;
-use isobar_obs::table::decode;
+use crate::safe_file;
+use crate::text::{clean, shown_path};
+use isobar_obs::table::{decode, rows};
 use std::io::Read as _;
 use std::path::Path;
 
@@ -16,8 +17,8 @@ const MOST_BYTES: u64 = 300_000_000;
 /// The text of the file that a key names, relative to the scenario; the results depend on its contents. `what` it is, for
 /// messages.
 pub(crate) fn read(field: &Field<'_>, what: &str) -> Read<String> {
-    let path = field.file.input(&field.text()?);
-    let shown = clean(&path.display().to_string());
+    let path = field.path()?;
+    let shown = shown_path(&path);
     // Neither a directory nor a pipe, which might never end, nor begin.
     if !path.is_file() {
         return Err(field.invalid(format!("the {what} {shown} does not exist"), "a path relative to this scenario"));
@@ -29,7 +30,21 @@ pub(crate) fn read(field: &Field<'_>, what: &str) -> Read<String> {
         return Err(field.invalid(message, "too much in all"));
     }
     let text = decode(&bytes, &field.text()?).map_err(|error| field.invalid(clean(&error.to_string()), "this file"))?;
+    field.file.has_read(&field.text()?, checksum(text));
     Ok(text.to_owned())
+}
+
+/// A checksum of what a table says: remarks, empty lines, line ends and quotation marks do not count.
+fn checksum(text: &str) -> u32 {
+    let mut checksum = crc32fast::Hasher::new();
+    for row in rows(text) {
+        for field in &row {
+            checksum.update(&(field.len() as u64).to_le_bytes());
+            checksum.update(field.as_bytes());
+        }
+        checksum.update(&u64::MAX.to_le_bytes());
+    }
+    checksum.finalize()
 }
 
 /// The bytes of a file of at most `largest` of them.
@@ -38,14 +53,29 @@ pub(crate) fn read(field: &Field<'_>, what: &str) -> Read<String> {
 /// In words, without the file's name.
 pub(crate) fn bytes(path: &Path, largest: u64) -> Result<Vec<u8>, String> {
     // A pipe might never end, nor begin.
-    if !std::fs::metadata(path).map_err(|error| error.to_string())?.is_file() {
-        return Err("it is not a file".into());
-    }
     let mut bytes = Vec::new();
-    let file = std::fs::File::open(path).map_err(|error| error.to_string())?;
+    let file = safe_file::open_named(path).map_err(|error| error.to_string())?;
     file.take(largest + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
     if bytes.len() as u64 > largest {
-        return Err(format!("it is larger than {} MB", largest / 1_000_000));
+        let (most, unit) = if largest < 10_000_000 { (largest / 1000, "kB") } else { (largest / 1_000_000, "MB") };
+        return Err(format!("it is larger than {most} {unit}"));
     }
     Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_checksum_is_that_of_what_a_table_says() {
+        let of = |text: &str| checksum(text);
+        let plain = of("a,b\n1,2\n");
+        for same in ["# by hand\n\na,b\n1,2", "\u{feff}a,b\r\n1,2\r\n\r\n", " a , \"b\"\n\"1\",2,,\n,,\n#1,3\n"] {
+            assert_eq!(of(same), plain, "{same:?}");
+        }
+        for other in ["a,b\n1,3\n", "a,b\n1,2\n1,2\n", "a,b\n12\n", "a,b\n12,\n", "a,b,1\n2\n", "a,b\n,1,2\n", ""] {
+            assert_ne!(of(other), plain, "{other:?}");
+        }
+    }
 }

@@ -11,7 +11,7 @@ mod key;
 mod section;
 
 pub use error::ScenarioError;
-pub(crate) use error::SourceFile;
+pub(crate) use error::{FileName, SourceFile};
 pub(crate) use field::{Field, Limits};
 pub(crate) use key::{Absent, AnyKey, Choice, Described, Integer, Key, OrTable, OrWord, Table, Value, Whole, YesNo};
 pub(crate) use section::{Section, parse};

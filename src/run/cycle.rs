@@ -4,7 +4,7 @@ use super::influence;
 use super::monitor::{self, Fault, Monitor};
 use crate::correlations::Correlations;
 use crate::memory::{self, Memory};
-use crate::outcome::{Outcome, Smoothed};
+use crate::outcome::{Outcome, Smoothed, UnusedDepartures};
 use crate::scores::stability::{Stability, Watch, judge};
 use isobar_assim::{
     Assimilator, Calibrated, CalibrationAccuracy, Error, Estimate, EstimatedParameter, Structure, Unknown,
@@ -136,7 +136,12 @@ impl Runner {
         let analysis = self.step(|method| method.analyse(&from, observed))?;
         let smoothed = self.step(|method| smoothed(method, last))?;
         let seconds = self.progress.seconds - before;
-        let mut outcome = Outcome { background: from.estimate.clone(), analysis, smoothed, influence: None, seconds };
+        let unused = UnusedDepartures {
+            background: departures(observed, &from.estimate),
+            analysis: departures(observed, &analysis.estimate),
+        };
+        let background = from.estimate.clone();
+        let mut outcome = Outcome { background, analysis, smoothed, unused, influence: None, seconds };
         // What is given back is not the method's to hold.
         self.held_bytes -= outcome.bytes();
         self.progress.monitor.check(&outcome)?;
@@ -215,6 +220,11 @@ impl Runner {
         self.progress.peak_bytes = self.progress.peak_bytes.max((self.held_bytes + memory.peak_bytes).max(0) as u64);
         self.held_bytes += memory.left_bytes;
     }
+}
+
+/// How the observations that no method sees depart from an estimate.
+fn departures(observed: &ObservationWindow, estimate: &Estimate) -> Vec<Option<f64>> {
+    observed.aside.departures(&estimate.state, &estimate.calibration)
 }
 
 /// The estimates of a method with a smoother that no later analysis revises.

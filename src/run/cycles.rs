@@ -6,6 +6,7 @@ use super::events::Events;
 use super::experiment::Experiment;
 use super::reference::Reference;
 use super::summary::summary;
+use super::truth::Truth;
 use crate::correlations::Correlations;
 use crate::event::{Analysed, Estimated, Event, Smoothed};
 use crate::interrupt;
@@ -80,30 +81,34 @@ impl Cycles<'_, '_> {
 
     fn send_truth(&mut self, cycle: usize) -> Result<(), RunError> {
         let Experiment { info, truth, observing, .. } = &*self.experiment;
+        let Some(truth) = truth else { return Ok(()) };
         let (state, calibration) = (Cow::Borrowed(truth.state()), observing.true_calibration().into());
         Ok(self.events.send(&Event::Truth { cycle, time: info.time(cycle), state, calibration })?)
     }
 
-    /// Advances truth and reference by a cycle, and observes the truth.
+    /// Advances truth and reference by a cycle, and observes the truth if there is one.
     fn observe(&mut self, cycle: usize) -> Result<Observed, RunError> {
         let Experiment { info, truth, reference, observing, methods, .. } = &mut *self.experiment;
-        self.workers.install(|| truth.advance()).map_err(|error| RunError::Truth { cycle, error })?;
-        truth.check_growth().map_err(|growth| RunError::TruthGrows { cycle, growth })?;
+        if let Some(truth) = truth {
+            self.workers.install(|| truth.advance()).map_err(|error| RunError::Truth { cycle, error })?;
+            truth.check_growth().map_err(|growth| RunError::TruthGrows { cycle, growth })?;
+        }
         if let Some(reference) = reference {
             self.workers.install(|| reference.advance(cycle));
         }
-        let window = observing.observe_checked(truth.state(), reference.as_ref().map(Reference::now));
+        let state = truth.as_ref().map(Truth::state);
+        let window = observing.observe_checked(state, reference.as_ref().map(Reference::now));
         self.scores.observations.add(&window, &info.layout);
-        let truth = TrueValues { state: truth.state(), calibration: observing.true_calibration() };
-        let lags = methods.iter().filter_map(|method| method.runner.smoother_lag());
-        self.scores.earlier_truths.add(truth, lags.max());
+        if let Some(state) = state {
+            let truth = TrueValues { state, calibration: observing.true_calibration() };
+            let lags = methods.iter().filter_map(|method| method.runner.smoother_lag());
+            self.scores.earlier_truths.add(truth, lags.max());
+        }
         self.send_truth(cycle)?;
         let Experiment { observing, methods, .. } = &*self.experiment;
         let values_bias_removed = observing.values_bias_removed();
-        let bias_removed = methods
-            .iter()
-            .any(|method| method.bias_known)
-            .then(|| ObservationWindow { values: values_bias_removed.to_vec(), ..window.clone() });
+        let bias_removed =
+            methods.iter().any(|method| method.bias_known).then(|| window.with_values(values_bias_removed));
         let event = Event::Observed { window: Cow::Borrowed(&window), values_bias_removed: values_bias_removed.into() };
         self.events.send(&event)?;
         let Experiment { info, units, .. } = &mut *self.experiment;
@@ -133,7 +138,8 @@ impl Cycles<'_, '_> {
                 return Ok(None);
             }
         };
-        let truth = TrueValues { state: truth.state(), calibration: observing.true_calibration() };
+        let calibration = observing.true_calibration();
+        let truth = truth.as_ref().map(|truth| TrueValues { state: truth.state(), calibration });
         let scores = Scorecard::of_cycle(truth, &outcome, observed, &info.calibration, method.scores_bias);
         if is_scored {
             self.scores.totals[number].add(&scores);
@@ -149,6 +155,7 @@ impl Cycles<'_, '_> {
             time: observed.time,
             background: Cow::Borrowed(&outcome.background),
             analysis: Cow::Borrowed(&outcome.analysis),
+            unused: Cow::Borrowed(&outcome.unused),
             scores: Cow::Owned(with_cost(scores.values(), outcome.seconds, bytes)),
             structure: self.shown.structure.then(structure).flatten().map(Cow::Owned),
             correlations: (self.shown.structure && last).then(correlations).flatten().map(Cow::Owned),
@@ -170,7 +177,6 @@ impl Cycles<'_, '_> {
             let (ago, truths) = (smoothed.cycles_ago, &self.scores.earlier_truths);
             let earlier = cycle - ago;
             let scores = Scorecard::of_smoothed(truths, ago, &smoothed.estimate, methods[number].scores_bias);
-            let scores = scores.unwrap_or_default();
             if earlier >= *score_from_cycle {
                 self.scores.totals[number].add(&scores);
             }

@@ -3,6 +3,7 @@
 use super::experiment::ExperimentError;
 use super::truth::Growth;
 use crate::output::SinkError;
+use crate::text::shown_path;
 use isobar_model::ForecastError;
 use std::path::PathBuf;
 
@@ -37,7 +38,7 @@ pub enum RunError {
         cycles: usize,
     },
     /// The run cannot be resumed.
-    #[error("{} cannot be resumed: {reason}", directory.display())]
+    #[error("{} cannot be resumed: {reason}", shown_path(directory))]
     Resume {
         /// The working directory.
         directory: PathBuf,
@@ -53,4 +54,16 @@ pub enum RunError {
     /// No threads could be started.
     #[error("cannot start the threads: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),
+}
+
+impl RunError {
+    /// Whether the same run could be completed another time: it failed for want of space, threads or the like, and not for
+    /// what it computes.
+    pub fn may_pass(&self) -> bool {
+        match self {
+            Self::Interrupted { .. } | Self::Resume { .. } | Self::Place(_) | Self::Sink(_) | Self::Threads(_) => true,
+            Self::Experiment(error) => matches!(error, ExperimentError::Sensors(_)),
+            Self::Truth { .. } | Self::TruthGrows { .. } => false,
+        }
+    }
 }

@@ -24,7 +24,7 @@ use crate::scenario::Scenario;
 use crate::scores::{RunScores, Scorecard, Summary};
 use crate::sensors::table;
 use crate::sensors::write_back::{self, SENSORS_FILE};
-use crate::text::clean;
+use crate::text::shown_path;
 use checkpoint::{Keeper, Newest, Plan, file, journal, newest};
 use cycles::{Cycles, Shown};
 use events::Events;
@@ -41,13 +41,50 @@ pub fn run(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -
     Experiment::builder(scenario).run(options, listener)
 }
 
+/// What is to be done once a run's outputs have their final name, with their directory, but before the run counts as done:
+/// whether it was. What was not done can be done later, see [`finish()`].
+pub type Afterwards<'a> = &'a mut dyn FnMut(&Path) -> bool;
+
+/// As [`run()`], with something to be done afterwards.
+///
+/// # Errors
+/// As [`run()`].
+pub fn run_then(
+    scenario: &Scenario,
+    options: &RunOptions,
+    listener: &mut dyn Sink,
+    afterwards: Afterwards<'_>,
+) -> Result<Summary, RunError> {
+    Experiment::builder(scenario).run_all(options, listener, Some(afterwards))
+}
+
+/// Gives the outputs of a run or batch that are complete their final name, if they have it not yet, and does what was to be
+/// done afterwards.
+///
+/// # Errors
+/// If the outputs cannot have their name, or something remains that cannot be removed.
+pub fn finish(out: &Path, afterwards: Afterwards<'_>) -> Result<(), SinkError> {
+    let directory = OutputDirectory::finish(out)?;
+    directory.publish()?;
+    if afterwards(out) { directory.clear_away() } else { Ok(()) }
+}
+
 impl ExperimentBuilder<'_> {
     /// Runs the scenario's methods and the added ones, or continues such a run from its last checkpoint.
     ///
     /// # Errors
     /// As [`run()`].
-    pub fn run(self, options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, RunError> {
-        let scenario = self.scenario;
+    pub fn run(&self, options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, RunError> {
+        self.run_all(options, listener, None)
+    }
+
+    fn run_all(
+        &self,
+        options: &RunOptions,
+        listener: &mut dyn Sink,
+        afterwards: Option<Afterwards<'_>>,
+    ) -> Result<Summary, RunError> {
+        let scenario = &*self.scenario;
         let workers = ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0)).build()?;
         let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
         let open = if options.resume { OutputDirectory::resume } else { OutputDirectory::create };
@@ -63,6 +100,9 @@ impl ExperimentBuilder<'_> {
         } else {
             if let Some(policy) = options.checkpoints {
                 events.keeper = Some(Keeper::start(directory.working(), plan, policy)?);
+            } else if afterwards.is_some() {
+                // Whoever has to do it later finds the plan there.
+                journal::Journal::create(directory.working(), &plan)?;
             }
             events.announce(&Event::Started(&experiment.info))?;
             let totals = vec![Scorecard::default(); experiment.methods.len()];
@@ -73,8 +113,15 @@ impl ExperimentBuilder<'_> {
         let summary = cycles.run(done)?;
         write_sensors(scenario, &experiment, directory.path())?;
         events.announce(&Event::Finished(&summary))?;
-        drop(events);
-        directory.complete()?;
+        let Events { keeper, sinks, listener } = events;
+        // Their files are closed.
+        drop((keeper, sinks));
+        directory.publish()?;
+        if afterwards.is_none_or(|afterwards| afterwards(directory.destination()))
+            && let Err(error) = directory.clear_away()
+        {
+            listener.record(&Event::Warning(&error.to_string()))?;
+        }
         Ok(summary)
     }
 }
@@ -91,7 +138,7 @@ fn resume(
     let refuse = |reason: String| RunError::Resume { directory: working.to_path_buf(), reason };
     let Newest { checkpoint, memories, damaged } = newest(working, plan).map_err(refuse)?;
     for (path, reason) in &damaged {
-        let text = format!("{}: {reason}; the checkpoint before it is used", clean(&path.display().to_string()));
+        let text = format!("{}: {reason}; the checkpoint before it is used", shown_path(&path));
         events.announce(&Event::Warning(&text))?;
     }
     let (cycle, bytes) = (checkpoint.cycle, checkpoint.journal_bytes);

@@ -93,7 +93,7 @@ impl UnitCheck {
             }
         });
         let by_value = |rejection| matches!(rejection, Rejection::Absurd | Rejection::GrossError);
-        let rejected = observed.rejected.iter().filter(|it| by_value(it.rejection)).map(|it| {
+        let rejected = observed.aside.rejected().filter(|(_, rejection)| by_value(*rejection)).map(|(it, _)| {
             let grid = &background.layout().grid;
             let cell = it.report.variable * grid.cells() + grid.cell_at(it.report.x_m, it.report.y_m);
             Compared {

@@ -1,15 +1,16 @@
 //! Rewriting `[expected]` in a scenario file, with every other byte as it was.
 
 use super::Scenario;
+use crate::safe_file;
 use crate::scores::Expected;
-use std::io::Write;
+use crate::text::shown_path;
 use std::path::PathBuf;
 
 /// Why the scores could not be accepted.
 #[derive(Debug, thiserror::Error)]
 pub enum AcceptError {
     /// The file cannot be written.
-    #[error("cannot write {}: {source}", crate::text::clean(&path.display().to_string()))]
+    #[error("cannot write {}: {source}", shown_path(path))]
     Write {
         /// The scenario file.
         path: PathBuf,
@@ -17,13 +18,13 @@ pub enum AcceptError {
         source: std::io::Error,
     },
     /// The file changed while the scenario ran.
-    #[error("{} has changed since it was read; nothing was written", crate::text::clean(&path.display().to_string()))]
+    #[error("{} has changed since it was read; nothing was written", shown_path(path))]
     Changed {
         /// The scenario file.
         path: PathBuf,
     },
     /// The file holds its scores in a form that cannot be replaced, such as `expected = { … }`.
-    #[error("cannot find the [expected] section of {}; remove it, and accept again", crate::text::clean(&path.display().to_string()))]
+    #[error("cannot find the [expected] section of {}; remove it, and accept again", shown_path(path))]
     Form {
         /// The scenario file.
         path: PathBuf,
@@ -78,11 +79,5 @@ pub fn accept(scenario: &Scenario, expected: &Expected) -> Result<(), AcceptErro
     if std::fs::read_to_string(&path).map_err(fail)? != scenario.text {
         return Err(AcceptError::Changed { path: scenario.path.clone() });
     }
-    let directory = path.parent().unwrap_or(std::path::Path::new("."));
-    let mut file = tempfile::NamedTempFile::new_in(directory).map_err(fail)?;
-    file.write_all(text.as_bytes()).map_err(fail)?;
-    file.as_file().set_permissions(std::fs::metadata(&path).map_err(fail)?.permissions()).map_err(fail)?;
-    file.as_file().sync_all().map_err(fail)?;
-    file.persist(&path).map_err(|error| fail(error.error))?;
-    Ok(())
+    safe_file::replace(&path, text.as_bytes()).map_err(fail)
 }

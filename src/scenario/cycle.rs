@@ -7,6 +7,7 @@ use crate::kinds::{self, Domain};
 use crate::output::{OUTPUTS, Outputs};
 use crate::reader::{Field, Limits, Read, Section};
 use isobar_model::{Duration, Time};
+use isobar_obs::Network;
 use std::sync::Arc;
 
 /// The cycles of forecast and analysis.
@@ -62,17 +63,41 @@ pub(super) fn read(root: &Section<'_>, start: Time, steps: &[(&str, Duration)]) 
     Ok(CycleSettings { count, window, score_from_cycle })
 }
 
-pub(super) fn read_truth(root: &Section<'_>, model_field: &Field<'_>, domain: &Domain) -> Read<TruthSettings> {
+/// Reads `[truth]`; there is no field of a model that is given by code. There is no truth where it says so, and where all observations are recorded and nothing is said.
+pub(super) fn read_truth(
+    root: &Section<'_>,
+    model_field: Option<&Field<'_>>,
+    domain: &Domain,
+    networks: &[Network],
+) -> Read<Option<TruthSettings>> {
+    let observes_truth = networks.iter().find(|network| !network.instrument.is_recorded());
+    let is_recorded = !networks.is_empty() && observes_truth.is_none();
     let mut truth = TruthSettings {
         model: domain.model.clone(),
         initial: None,
         model_error_scale: 1.0,
         background_error_scale: 1.0,
     };
-    let Some(field) = root.optional("truth") else { return Ok(truth) };
-    let section = field.section(&["model", "initial", "model_error_scale", "background_error_scale"])?;
+    let Some(field) = root.optional("truth") else { return Ok((!is_recorded).then_some(truth)) };
+    let keys = ["kind", "model", "initial", "model_error_scale", "background_error_scale"];
+    let section = field.section(&keys)?;
+    if let Some(kind) = section.optional("kind") {
+        kind.choice(&[("none", ())])?;
+        if let Some(network) = observes_truth {
+            let message = format!("there is no truth that network {} could observe", network.name);
+            return Err(kind.misplaced(message, "leave out this key, or read all observations from files"));
+        }
+        if let Some(other) = keys[1..].iter().find_map(|key| section.optional(key)) {
+            let message = format!("`{}` says something of a truth that is not there", other.title());
+            return Err(other.misplaced(message, "leave out this key or truth.kind"));
+        }
+        return Ok(None);
+    }
     if let Some(overrides) = section.optional("model") {
-        truth.model = models::read_with_overrides(model_field, &overrides, &domain.grid)?;
+        let Some(model) = model_field else {
+            return Err(overrides.misplaced("a model that is given by code has no keys".into(), "leave it out"));
+        };
+        truth.model = models::read_with_overrides(model, &overrides, &domain.grid)?;
     }
     if let Some(field) = section.optional("initial") {
         let domain = Domain { grid: domain.grid.clone(), model: truth.model.clone() };
@@ -85,7 +110,7 @@ pub(super) fn read_truth(root: &Section<'_>, model_field: &Field<'_>, domain: &D
     }
     truth.model_error_scale = section.number_or("model_error_scale", 1.0, Limits::NonNegative)?;
     truth.background_error_scale = section.number_or("background_error_scale", 1.0, Limits::NonNegative)?;
-    Ok(truth)
+    Ok(Some(truth))
 }
 
 /// Reads `[diagnostics]`: in every so-many-th cycle it is found out what each type of observations did; `None`: never.

@@ -9,6 +9,7 @@ mod expected;
 mod fault;
 mod grid;
 mod initialise;
+mod moved;
 mod quality;
 mod sensors;
 mod sweep;
@@ -23,19 +24,20 @@ pub use sensors::{SensorSettings, StabilitySettings};
 pub use sweep::SweepSettings;
 
 use crate::kinds::covariances::{self, Components};
-use crate::kinds::initial::{INITIAL, InitialState};
+use crate::kinds::initial::{GivenState, INITIAL, InitialState};
 use crate::kinds::instruments;
 use crate::kinds::methods::{self, Method, Surroundings};
 use crate::kinds::models::{self, Model};
-use crate::kinds::{self, Domain, alike, is_one_file, plain_name};
+use crate::kinds::{self, Domain, distinct_name, plain_name};
 use crate::output::Outputs;
-use crate::reader::{self, Field, Read, Section, SourceFile};
+use crate::reader::{self, Field, FileName, Read, Section, SourceFile, files};
+use crate::scores::ScoreKind;
 use crate::scores::expected::TOLERANCE_KEY;
 use crate::text;
 use indexmap::IndexMap;
-use isobar_model::Time;
+use isobar_model::{Adjoint, State, Time};
 use isobar_obs::{Network, QualityControl, times};
-use std::io::Read as _;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use toml::de::DeValue;
@@ -52,8 +54,11 @@ pub struct Scenario {
     pub path: PathBuf,
     /// The file's text, to the letter.
     pub text: String,
-    /// The files that it names and on whose contents the results depend: fields, stations, observations.
-    pub inputs: Vec<PathBuf>,
+    /// The names of files in it.
+    file_names: Vec<FileName>,
+    /// Checksums of what the tables say that it names and on which the results depend, of stations, observations and fields;
+    /// by their names in the file.
+    pub tables: BTreeMap<String, u32>,
     /// Title, in one line.
     pub title: String,
     /// The phenomenon that the experiment shows.
@@ -74,8 +79,8 @@ pub struct Scenario {
     pub background_error: Components,
     /// Q: covariance of the error that the model makes in one cycle; empty for a perfect model.
     pub model_error: Components,
-    /// How the true world differs from that.
-    pub truth: TruthSettings,
+    /// How the true world differs from that; `None` in a world without a truth, of which there are recorded observations alone.
+    pub truth: Option<TruthSettings>,
     /// The cycles.
     pub cycle: CycleSettings,
     /// How the values of observations are checked, if they are.
@@ -96,7 +101,7 @@ pub struct Scenario {
     pub stability: StabilitySettings,
     /// What is written.
     pub outputs: Outputs,
-    /// Whether it is run for regression with all others; a scenario that is too dear says no.
+    /// Whether it is run for regression with all others: `false` for scenarios too expensive for that.
     pub regression: bool,
     /// The accepted scores.
     pub expected: Expected,
@@ -108,9 +113,9 @@ impl Scenario {
         Domain { grid: self.grid.grid.clone(), model: self.model.clone() }
     }
 
-    /// The plane, with the model of the truth.
-    pub fn true_domain(&self) -> Domain {
-        Domain { grid: self.grid.grid.clone(), model: self.truth.model.clone() }
+    /// The plane, with another model.
+    pub fn domain_of(&self, model: &Model) -> Domain {
+        Domain { grid: self.grid.grid.clone(), model: model.clone() }
     }
 
     /// Whether the truth's model has a key with another value than `[model]`.
@@ -120,19 +125,18 @@ impl Scenario {
         changes.is_some_and(|changes| changes.iter().any(|(key, value)| file["model"].get(key) != Some(value)))
     }
 
+    /// The database of sensors, if the user has named it.
+    pub fn named_database(&self) -> Option<&Path> {
+        let sensors = self.sensors.as_ref().filter(|sensors| sensors.within.is_none())?;
+        Some(&sensors.database)
+    }
+
     /// Reads a scenario file.
     ///
     /// # Errors
     /// The first fault in the file, with its place.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
-        let file_error = |reason: &dyn std::fmt::Display| ScenarioError::of_file(path, reason);
-        let metadata = std::fs::metadata(path).map_err(|error| file_error(&error))?;
-        if !metadata.is_file() {
-            return Err(file_error(&"it is not a file"));
-        }
-        let mut bytes = Vec::new();
-        let file = std::fs::File::open(path).map_err(|error| file_error(&error))?;
-        file.take(LARGEST_FILE + 1).read_to_end(&mut bytes).map_err(|error| file_error(&error))?;
+        let bytes = files::bytes(path, LARGEST_FILE).map_err(|reason| ScenarioError::of_file(path, reason))?;
         match String::from_utf8(bytes) {
             Ok(text) => Self::parse(path, &text),
             Err(error) => {
@@ -149,6 +153,30 @@ impl Scenario {
     /// # Errors
     /// As [`Scenario::load`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, ScenarioError> {
+        Self::read(path, text, None)
+    }
+
+    /// As [`Scenario::parse`], with a model that is made by code and the first background: the text has no `[grid]`, `[model]`
+    /// and `[initial]`.
+    ///
+    /// Each cycle is a forecast with this one model, and [`TruthSettings::model`] is it, too. A truth of another model can be
+    /// set there.
+    ///
+    /// # Errors
+    /// As [`Scenario::load`]; if the background is not a state of the model.
+    pub fn parse_with_model(
+        path: &Path,
+        text: &str,
+        model: impl Adjoint + 'static,
+        background: State,
+    ) -> Result<Self, ScenarioError> {
+        if background.layout() != model.layout() {
+            return Err(ScenarioError::of_file(path, "the background is not a state of the given model"));
+        }
+        Self::read(path, text, Some((Model::given(Arc::new(model)), background)))
+    }
+
+    fn read(path: &Path, text: &str, given: Option<(Model, State)>) -> Result<Self, ScenarioError> {
         if text.len() as u64 > LARGEST_FILE {
             let reason = format!("it is larger than {} kB, the largest scenario", LARGEST_FILE / 1000);
             return Err(ScenarioError::of_file(path, reason));
@@ -160,40 +188,44 @@ impl Scenario {
             (string(&root, "title")?, string(&root, "phenomenon")?, string(&root, "source")?);
         let seed = root.required("seed")?.integer(0, i64::MAX)? as u64;
         let start = time(&root.required("start")?)?;
-        let grid = grid::read(&root)?;
-        let model_field = root.required("model")?;
-        let model = models::read(&model_field, &grid.grid)?;
+        let World { grid, model_field, model, initial } = World::read(&root, given)?;
         let domain = Domain { grid: grid.grid.clone(), model: model.clone() };
-        let initial = kinds::read(&root.required("initial")?, INITIAL, &domain)?.into();
         let background_error = covariances::read(&root.required("background_error")?, &domain)?;
         let model_error =
             root.optional("model_error").map_or(Ok(Vec::new()), |field| covariances::read(&field, &domain))?;
-        let truth = cycle::read_truth(&root, &model_field, &domain)?;
-        let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", truth.model.time_step)];
-        let cycle = cycle::read(&root, start, &steps)?;
         let networks = instruments::read(&root, &domain)?;
+        let truth = cycle::read_truth(&root, model_field.as_ref(), &domain, &networks)?;
+        let true_step = truth.as_ref().map_or(model.time_step, |truth| truth.model.time_step);
+        let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", true_step)];
+        let cycle = cycle::read(&root, start, &steps)?;
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
         let stability = sensors::read_stability(&root, cycle.count)?;
         let surroundings = Surroundings {
             domain,
             cycles: cycle.count,
             freezes: stability.freeze_after_cycles.is_some(),
-            networks: networks.iter().map(|network| network.name.clone()).collect(),
+            networks: networks.iter().filter(|it| it.assimilate).map(|network| network.name.clone()).collect(),
             has_model_error: !model_error.is_empty(),
+            error_length_m: covariances::shortest_length_m(&model_error)
+                .or_else(|| covariances::shortest_length_m(&background_error)),
         };
         let methods = read_methods(&root, &surroundings)?;
         let initialise = initialise::read(&root, &methods, cycle.count)?;
         let sensors = sensors::read(&root, &methods)?;
         let influence_every_cycles = cycle::read_diagnostics(&root)?;
-        let sweep = sweep::read(&root, &model)?;
+        let has_passive = networks.iter().any(|network| !network.assimilate);
+        let can_have = |kind: &ScoreKind| kind.against.exists(truth.is_some(), has_passive);
+        let sweep = sweep::read(&root, &model, can_have)?;
         let outputs = cycle::read_output(&root)?;
         let regression = root.yes_or_no_or("regression", true)?;
         let expected = expected::read(&root, &methods, &model)?;
+        let (file_names, tables) = file.into_names();
         Ok(Self {
             name: path.file_stem().map_or(String::new(), |stem| text::clean(&stem.to_string_lossy())),
             path: path.to_path_buf(),
             text: text.to_string(),
-            inputs: file.inputs(),
+            file_names,
+            tables,
             title,
             phenomenon,
             source,
@@ -218,6 +250,34 @@ impl Scenario {
             regression,
             expected,
         })
+    }
+}
+
+/// The plane, the model and its first background.
+struct World<'a> {
+    grid: GridSettings,
+    /// `[model]`; `None` if it is given by code.
+    model_field: Option<Field<'a>>,
+    model: Model,
+    initial: Arc<dyn InitialState>,
+}
+
+impl<'a> World<'a> {
+    fn read(root: &Section<'a>, given: Option<(Model, State)>) -> Read<Self> {
+        if let Some((model, background)) = given {
+            if let Some(field) = ["grid", "model", "initial"].into_iter().find_map(|key| root.optional(key)) {
+                let message = format!("[{}] is given by code, with the model", field.title());
+                return Err(field.misplaced(message, "leave it out"));
+            }
+            let grid = GridSettings { grid: background.layout().grid.clone(), projection: None };
+            return Ok(Self { grid, model_field: None, model, initial: Arc::new(GivenState(background)) });
+        }
+        let grid = grid::read(root)?;
+        let model_field = root.required("model")?;
+        let model = models::read(&model_field, &grid.grid)?;
+        let domain = Domain { grid: grid.grid.clone(), model: model.clone() };
+        let initial = kinds::read(&root.required("initial")?, INITIAL, &domain)?.into();
+        Ok(Self { grid, model_field: Some(model_field), model, initial })
     }
 }
 
@@ -273,20 +333,16 @@ fn read_methods(root: &Section<'_>, surroundings: &Surroundings) -> Read<IndexMa
 /// What is wrong, and what to do.
 pub(crate) fn check_method_name<'a>(
     name: &str,
-    mut others: impl Iterator<Item = &'a String>,
+    others: impl Iterator<Item = &'a String>,
 ) -> Result<(), (String, &'static str)> {
     plain_name(name, "method")?;
     if name == TOLERANCE_KEY {
         return Err((format!("a method cannot be called {name}"), "[expected] has a key of that name"));
     }
-    if ["truth", "observations"].iter().any(|taken| taken.eq_ignore_ascii_case(name)) {
-        return Err((format!("a method cannot be called {name}"), "another file of the outputs has that name"));
+    if ["truth", "observations"].iter().any(|file| name.eq_ignore_ascii_case(file)) {
+        return Err((format!("a method cannot be called {name}"), "a file of every run has that name"));
     }
-    match others.find(|other| is_one_file(other, name)) {
-        None => Ok(()),
-        Some(other) if other == name => Err((format!("there are two methods `{name}`"), "choose another name")),
-        Some(other) => Err((alike("methods", other, name), "choose another name")),
-    }
+    distinct_name(name, others.map(String::as_str), "method")
 }
 
 fn string(root: &Section<'_>, key: &str) -> Read<String> {

@@ -1,10 +1,14 @@
 //! `[sensors]` and `[stability]`: what is known of sensors from run to run, and when a bias is adjusted.
 
 use crate::kinds::methods::Method;
+use crate::place::parent_of;
 use crate::reader::{Limits, Read, Section};
-use crate::text::{clean, listed};
+use crate::shell::command;
+use crate::text::{clean, listed, shown_path};
 use indexmap::IndexMap;
-use std::path::PathBuf;
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Component, Path, PathBuf};
 
 /// Share of its prior variance above which a parameter is not determined by the data, unless the scenario says what: the
 /// data must at least halve its standard deviation.
@@ -13,10 +17,55 @@ const DEFAULT_VARIANCE_RATIO: f64 = 0.25;
 /// The database of sensors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorSettings {
+    /// The file's name in the scenario.
+    pub name: String,
     /// The file, which every method that estimates biases reads at its start.
     pub database: PathBuf,
     /// The method whose last calibration is written back once the run is complete; `None`: nothing is.
     pub writes: Option<String>,
+    /// The directory below which the file must be to be written: the scenario's own. `None`: wherever it is, for the user
+    /// has named it on the command line.
+    pub within: Option<PathBuf>,
+}
+
+impl SensorSettings {
+    /// Whether the database can be written back, and may be: a scenario comes from anywhere, and writes into no place but its
+    /// own directory and those below.
+    ///
+    /// # Errors
+    /// In words, if not.
+    pub fn check_place(&self) -> Result<(), String> {
+        if self.writes.is_none() {
+            return Ok(());
+        }
+        let directory = parent_of(&self.database);
+        let shown = shown_path(directory);
+        let real = directory.canonicalize().ok().filter(|directory| directory.is_dir());
+        let real = real.ok_or_else(|| format!("it cannot be written, for there is no directory {shown}"))?;
+        if let Some(within) = &self.within {
+            let named = self.database.strip_prefix(within).unwrap_or(&self.database);
+            let is_below = named.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+            let within = if within.as_os_str().is_empty() { Path::new(".") } else { within };
+            let is_link = fs::symlink_metadata(&self.database).is_ok_and(|metadata| metadata.is_symlink());
+            if !is_below || is_link || !within.canonicalize().is_ok_and(|within| real.starts_with(within)) {
+                let why = if is_link { "it is a link" } else { "it is not below the scenario's directory" };
+                return Err(format!(
+                    "{why}, and so a scenario may not write there: name it on the command line with `{}`",
+                    command("--sensors", &[&self.database])
+                ));
+            }
+        }
+        let cannot = |error: std::io::Error| format!("it cannot be written: {error}");
+        match fs::metadata(&self.database) {
+            // A file without a name: nothing is left of it.
+            Err(error) if error.kind() == ErrorKind::NotFound => tempfile::tempfile_in(&real).map(drop).map_err(cannot),
+            Ok(metadata) if metadata.is_file() => {
+                fs::OpenOptions::new().write(true).open(&self.database).map(drop).map_err(cannot)
+            }
+            // Neither waits for a pipe.
+            _ => Err("it is not a file".into()),
+        }
+    }
 }
 
 /// When a bias counts as determined, and what becomes of one that does not.
@@ -33,18 +82,18 @@ pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>) -> Re
     let Some(field) = root.optional("sensors") else { return Ok(None) };
     let section = field.section(&["database", "writes"])?;
     let file = section.required("database")?;
-    let database = file.file.beside(&file.text()?);
+    let (name, database, within) = (file.text()?, file.path()?, Some(parent_of(&file.file.path).to_path_buf()));
     let Some(field) = section.optional("writes") else {
-        return Ok(Some(SensorSettings { database, writes: None }));
+        return Ok(Some(SensorSettings { name, database, writes: None, within }));
     };
-    let name = field.text()?;
-    if !methods.get(&name).is_some_and(Method::estimates_biases) {
+    let writer = field.text()?;
+    if !methods.get(&writer).is_some_and(Method::estimates_biases) {
         let able = methods.iter().filter(|(_, method)| method.estimates_biases());
         let message =
-            format!("`{}` cannot be \"{}\": no method of this name estimates biases", field.title(), clean(&name));
+            format!("`{}` cannot be \"{}\": no method of this name estimates biases", field.title(), clean(&writer));
         return Err(field.invalid(message, &format!("one of {}", listed(able.map(|(name, _)| name.as_str())))));
     }
-    Ok(Some(SensorSettings { database, writes: Some(name) }))
+    Ok(Some(SensorSettings { name, database, writes: Some(writer), within }))
 }
 
 /// Reads `[stability]`.

@@ -2,8 +2,8 @@
 
 use crate::kinds::models::Model;
 use crate::reader::{Field, Limits, Read, Section};
-use crate::scores::Score;
 use crate::scores::kinds::MEMORY;
+use crate::scores::{Score, ScoreKind};
 use indexmap::IndexMap;
 use toml::Value;
 use toml::de::DeValue;
@@ -19,7 +19,8 @@ const MOST_KEYS: usize = 8;
 pub struct SweepSettings {
     /// Number of seeds of each setting, from the scenario's on.
     pub seeds: usize,
-    /// Dotted name of the score of which less is better; `None`: the analysis error of the first variable.
+    /// Dotted name of the score of which less is better; `None`: the analysis error of the first variable, or a
+    /// departure where there is no truth.
     pub score: Option<String>,
     /// The values of each key, by its dotted name, `methods.var.covariance_scale`; a number stands for an element of a list,
     /// from 0.
@@ -27,7 +28,11 @@ pub struct SweepSettings {
 }
 
 /// Reads `[sweep]`.
-pub(super) fn read(root: &Section<'_>, model: &Model) -> Read<Option<SweepSettings>> {
+pub(super) fn read(
+    root: &Section<'_>,
+    model: &Model,
+    can_have: impl Fn(&ScoreKind) -> bool,
+) -> Read<Option<SweepSettings>> {
     let Some(field) = root.optional("sweep") else { return Ok(None) };
     let section = field.section(&["seeds", "score", "vary"])?;
     let field = section.required("vary")?;
@@ -47,16 +52,16 @@ pub(super) fn read(root: &Section<'_>, model: &Model) -> Read<Option<SweepSettin
         return Err(field.invalid("no key varies".into(), "keys with lists of values"));
     }
     let seeds = section.whole_or("seeds", 1, 1, 1000)?;
-    let scores = scores(model);
+    let scores = scores(model, can_have);
     let known: Vec<(&str, &str)> = scores.iter().map(|name| (name.as_str(), name.as_str())).collect();
     let score = section.optional("score").map(|field| field.choice(&known)).transpose()?.map(String::from);
     Ok(Some(SweepSettings { seeds, score, vary }))
 }
 
 /// The names of all scores that a method may have.
-fn scores(model: &Model) -> Vec<String> {
+fn scores(model: &Model, can_have: impl Fn(&ScoreKind) -> bool) -> Vec<String> {
     // Of runs at the same time the memory of each is not known.
-    Score::all(model.variables(), |kind| kind.name != MEMORY).iter().map(Score::key).collect()
+    Score::all(model.variables(), |kind| kind.name != MEMORY && can_have(kind)).iter().map(Score::key).collect()
 }
 
 /// A list, or `{ from, to, count }`.
@@ -84,12 +89,12 @@ fn values(field: &Field<'_>) -> Read<Vec<Value>> {
     let is_whole =
         |key: &str| section.optional(key).is_some_and(|field| matches!(field.value.get_ref(), DeValue::Integer(_)));
     let step = |number: usize| number as f64 / (count - 1) as f64;
-    let value = |number: usize| match is_logarithmic {
+    let value = |number: usize| match number {
         // The ends to the digit.
-        _ if number == 0 => from,
-        _ if number == count - 1 => to,
-        true => from * (to / from).powf(step(number)),
-        false => from + (to - from) * step(number),
+        0 => from,
+        last if last == count - 1 => to,
+        _ if is_logarithmic => from * (to / from).powf(step(number)),
+        _ => from + (to - from) * step(number),
     };
     let all: Vec<f64> = (0..count).map(value).collect();
     // Whole numbers where all are: a key that wants them would refuse 4.0.

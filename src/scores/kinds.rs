@@ -1,7 +1,10 @@
 //! The list of all scores. Files, tables, figures, `regress`, `compare`, `--seeds` and `sweep` go over it: a score is added
 //! by an entry here, and a function in [`super::measures`] unless one of those serves.
 
-use super::measures::{Sum, Verified, bias_error, bias_spread, chi2, error, spread};
+use super::against::Against;
+use super::measures::{
+    Stage, Sum, Verified, bias_error, bias_spread, chi2, departures, error, passive_departures, spread,
+};
 use crate::plot;
 use crate::scores::diagnostics::StateDiagnostics;
 
@@ -20,6 +23,8 @@ pub struct ScoreKind {
     pub unit: Unit,
     /// Which values are good.
     pub better: Better,
+    /// With what estimates are compared.
+    pub against: Against,
     /// The part of tables and files to which it belongs.
     pub part: Part,
     /// Whether it has a column in the tables of a run and of several seeds; files hold it in any case.
@@ -115,6 +120,7 @@ const ERROR: ScoreKind = ScoreKind {
     per_variable: true,
     unit: Unit::Variable,
     better: Better::Less,
+    against: Against::Truth,
     part: Part::Analysis,
     tabulated: true,
     regressed: true,
@@ -125,14 +131,23 @@ const ERROR: ScoreKind = ScoreKind {
 };
 
 /// Root-mean-square claimed standard deviation of the state.
-const SPREAD: ScoreKind = ScoreKind { better: Better::AsTheError, line: Some(Line::Dashed), title: "spread", ..ERROR };
+const SPREAD: ScoreKind = ScoreKind {
+    better: Better::AsTheError,
+    against: Against::Nothing,
+    line: Some(Line::Dashed),
+    title: "spread",
+    ..ERROR
+};
+
+/// Root-mean-square departure of observations.
+const DEPARTURE: ScoreKind = ScoreKind { against: Against::Used, ..ERROR };
 
 /// A single score of the biases.
 const BIAS: ScoreKind =
     ScoreKind { per_variable: false, unit: Unit::Parameters, part: Part::Biases, line: None, ..ERROR };
 
 /// Time or memory.
-const COST: ScoreKind = ScoreKind { part: Part::Cost, regressed: false, ..BIAS };
+const COST: ScoreKind = ScoreKind { part: Part::Cost, against: Against::Nothing, regressed: false, ..BIAS };
 
 /// All scores, in the order of files and tables.
 pub const SCORES: &[ScoreKind] = &[
@@ -152,6 +167,44 @@ pub const SCORES: &[ScoreKind] = &[
         swept: true,
         measure: Measure::RootMean(|it| error(it, it.analysis)),
         ..ERROR
+    },
+    ScoreKind {
+        name: "departure_background",
+        title: "O−B",
+        about: "Root-mean-square departure of the observations from the background.",
+        part: Part::Background,
+        compared: true,
+        swept: true,
+        measure: Measure::RootMean(|it| departures(it, Stage::Background)),
+        ..DEPARTURE
+    },
+    ScoreKind {
+        name: "departure_analysis",
+        title: "O−A",
+        about: "Root-mean-square departure of the observations from the analysis that has used them.",
+        measure: Measure::RootMean(|it| departures(it, Stage::Analysis)),
+        ..DEPARTURE
+    },
+    ScoreKind {
+        name: "passive_departure_background",
+        title: "O−B passive",
+        about: "Root-mean-square departure of passive observations from the background.",
+        against: Against::Passive,
+        part: Part::Background,
+        line: None,
+        measure: Measure::RootMean(|it| passive_departures(it, Stage::Background)),
+        ..DEPARTURE
+    },
+    ScoreKind {
+        name: "passive_departure_analysis",
+        title: "O−A passive",
+        about: "Root-mean-square departure of passive observations from the analysis, which has not used them.",
+        against: Against::Passive,
+        compared: true,
+        swept: true,
+        line: Some(Line::Dotted),
+        measure: Measure::RootMean(|it| passive_departures(it, Stage::Analysis)),
+        ..DEPARTURE
     },
     ScoreKind {
         name: "spread_background",
@@ -210,6 +263,7 @@ pub const SCORES: &[ScoreKind] = &[
         title: "bias spread",
         about: "Root-mean-square claimed standard deviation of the bias parameters.",
         better: Better::AsTheError,
+        against: Against::Nothing,
         measure: Measure::RootMean(|it| bias_spread(it, it.analysis)),
         ..BIAS
     },
@@ -219,6 +273,7 @@ pub const SCORES: &[ScoreKind] = &[
         about: "Normalised innovation squared per observation: 1 if the claimed covariances are right.",
         unit: Unit::One,
         better: Better::One,
+        against: Against::Nothing,
         swept: true,
         line: Some(Line::Solid),
         measure: Measure::Mean(chi2),
@@ -238,6 +293,7 @@ pub const SCORES: &[ScoreKind] = &[
         about: "Root-mean-square claimed standard deviation of the bias parameters that later observations have revised.",
         part: Part::Smoothed,
         better: Better::AsTheError,
+        against: Against::Nothing,
         measure: Measure::RootMean(|it| bias_spread(it, it.smoothed)),
         ..BIAS
     },
@@ -262,10 +318,25 @@ pub fn kind(name: &str) -> Option<&'static ScoreKind> {
     SCORES.iter().find(|kind| kind.name == name)
 }
 
+/// The kind of the score with this key in [`super::Values`].
+pub fn kind_of(key: &str) -> Option<&'static ScoreKind> {
+    kind(key.split('.').next().unwrap_or_default())
+}
+
 impl ScoreKind {
     /// The key of its value in [`super::Values`], for a variable if it has one of each.
     pub fn key(&self, variable: &str) -> String {
         if self.per_variable { format!("{}.{variable}", self.name) } else { self.name.to_string() }
+    }
+
+    /// What it measures, before "of" and a variable: for titles of figures and tables.
+    pub fn measured(&self) -> &'static str {
+        match self.against {
+            Against::Truth => "analysis RMSE",
+            Against::Used => "departure from the background",
+            Against::Passive => "departure of passive observations from the analysis",
+            Against::Nothing => self.title,
+        }
     }
 
     /// Whether every cycle has a value of it, as `scores.csv` holds them.
@@ -359,6 +430,7 @@ mod tests {
     #[test]
     fn scores_come_variable_by_variable_with_their_units() {
         let all = Score::all(&[("h", "m"), ("u", "m s-1")], |kind| kind.compared);
+        let all: Vec<Score<'_>> = all.into_iter().filter(|score| score.kind.against == Against::Truth).collect();
         assert_eq!(all.iter().map(Score::key).collect::<Vec<_>>(), ["rmse_analysis.h", "rmse_analysis.u", "bias_rmse"]);
         let titles: Vec<String> = all.iter().map(Score::title).collect();
         for score in all {

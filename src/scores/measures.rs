@@ -1,7 +1,10 @@
 //! What is measured of a method in one cycle. Only here do estimate and truth meet.
 
-use isobar_assim::{Analysis, Estimate};
+use super::truths::Truth;
+use crate::outcome::Outcome;
+use isobar_assim::Estimate;
 use isobar_model::Layout;
+use isobar_obs::ObservationWindow;
 use serde::{Deserialize, Serialize};
 
 /// The estimates of one method and the truth of the same time.
@@ -9,16 +12,16 @@ use serde::{Deserialize, Serialize};
 pub struct Verified<'a> {
     /// Grid and variables.
     pub layout: &'a Layout,
-    /// The true state, in the order of [`isobar_model::State::values`].
-    pub true_state: &'a [f64],
-    /// The true calibration parameters; empty if they are not scored, since the method is given them.
-    pub true_calibration: &'a [f64],
+    /// The truth; `None` in a world of recorded observations, or if it is not known any more.
+    pub truth: Option<Truth<'a>>,
+    /// Number of calibration parameters, 0 if they are not scored, since the method is given them.
+    pub scored_parameters: usize,
     /// The estimate before the observations of the cycle; `None` where a smoothed one is verified, as the next.
     pub background: Option<&'a Estimate>,
     /// That after them.
     pub analysis: Option<&'a Estimate>,
-    /// The departures of the analysis.
-    pub departures: Option<&'a Analysis>,
+    /// The observations of the cycle, and what the method made of them.
+    pub departures: Option<(&'a ObservationWindow, &'a Outcome)>,
     /// The estimate that later observations have revised; `None` where an analysis is verified.
     pub smoothed: Option<&'a Estimate>,
 }
@@ -32,9 +35,9 @@ pub struct Sum {
     pub weight: f64,
 }
 
-/// The mean square error of each variable of an estimate.
+/// The mean square error of each variable of an estimate; `None` without a truth.
 pub fn error(it: &Verified<'_>, estimate: Option<&Estimate>) -> Option<Vec<Sum>> {
-    let errors = estimate?.state.values().iter().zip(it.true_state).map(|(value, truth)| value - truth);
+    let errors = estimate?.state.values().iter().zip(it.truth?.state).map(|(value, truth)| value - truth);
     Some(mean_squares(it.layout, errors))
 }
 
@@ -43,23 +46,64 @@ pub fn spread(it: &Verified<'_>, estimate: Option<&Estimate>) -> Option<Vec<Sum>
     Some(mean_squares(it.layout, estimate?.state_spread.as_ref()?.iter().copied()))
 }
 
-/// The mean square error of the bias parameters; `None` if there are none that are scored.
+/// The mean square error of the bias parameters; `None` if there are none that are scored, or without a truth.
 pub fn bias_error(it: &Verified<'_>, estimate: Option<&Estimate>) -> Option<Vec<Sum>> {
-    let errors = estimate?.calibration.iter().zip(it.true_calibration).map(|(value, truth)| value - truth);
-    mean_square(errors, it.true_calibration.len())
+    let parameters = estimate?.calibration.iter().zip(it.truth?.calibration).take(it.scored_parameters);
+    mean_square(parameters.map(|(value, truth)| value - truth), it.scored_parameters)
 }
 
-/// The mean claimed variance of the bias parameters; `None` as for [`bias_error`], or without a claim.
+/// The mean claimed variance of the bias parameters; `None` if there are none that are scored, or without a claim.
 pub fn bias_spread(it: &Verified<'_>, estimate: Option<&Estimate>) -> Option<Vec<Sum>> {
     let spread = estimate?.calibration_spread.as_ref()?;
-    mean_square(spread.iter().copied(), it.true_calibration.len())
+    mean_square(spread.iter().copied(), it.scored_parameters)
 }
 
 /// The normalised innovation squared, χ² of the n observations of the cycle; its average is that per observation.
 pub fn chi2(it: &Verified<'_>) -> Option<Vec<Sum>> {
-    let analysis = it.departures?;
+    let (_, Outcome { analysis, .. }) = it.departures?;
     let weight = analysis.background_departures.len() as f64;
     Some(vec![Sum { total: analysis.innovation_chi2?, weight }])
+}
+
+/// An estimate from which observations depart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// That before the observations.
+    Background,
+    /// That after them.
+    Analysis,
+}
+
+/// The squares of the departures of the observations that are used, for each variable.
+pub fn departures(it: &Verified<'_>, stage: Stage) -> Option<Vec<Sum>> {
+    let (observed, Outcome { analysis, .. }) = it.departures?;
+    let departures = match stage {
+        Stage::Background => &analysis.background_departures,
+        Stage::Analysis => &analysis.analysis_departures,
+    };
+    let variables = observed.reports.iter().map(|report| report.variable);
+    Some(squares_by_variable(it.layout, variables.zip(departures.iter().copied())))
+}
+
+/// The same of passive observations.
+pub fn passive_departures(it: &Verified<'_>, stage: Stage) -> Option<Vec<Sum>> {
+    let (observed, Outcome { unused, .. }) = it.departures?;
+    let departures = match stage {
+        Stage::Background => &unused.background,
+        Stage::Analysis => &unused.analysis,
+    };
+    let departures = observed.aside.passive().filter_map(|(at, it)| Some((it.report.variable, departures[at]?)));
+    Some(squares_by_variable(it.layout, departures))
+}
+
+/// The sums of squares of values of these variables, and their numbers.
+fn squares_by_variable(layout: &Layout, values: impl Iterator<Item = (usize, f64)>) -> Vec<Sum> {
+    let mut sums = vec![Sum { total: 0.0, weight: 0.0 }; layout.variables.len()];
+    for (variable, value) in values {
+        sums[variable].total += value * value;
+        sums[variable].weight += 1.0;
+    }
+    sums
 }
 
 fn mean_square(values: impl Iterator<Item = f64>, count: usize) -> Option<Vec<Sum>> {

@@ -1,7 +1,8 @@
-//! Scores: what is measured of a method once estimates meet the truth, and what becomes of it over a run.
+//! Scores: what is measured of a method once estimates meet the truth or observations, and what becomes of it over a run.
 //!
 //! | module | what it holds |
 //! |---|---|
+//! | [`against`] | with what a score compares estimates |
 //! | [`kinds`] | the list of all scores, over which every file, table and figure goes |
 //! | [`measures`] | what is measured in one cycle; the only place where truth and estimate meet |
 //! | [`scorecard`] | the measures of a run, and their averages |
@@ -12,6 +13,7 @@
 //! | [`summary`] | the scores of a run, as `summary.json` holds them |
 //! | [`expected`] | the accepted scores of a scenario, and how a run compares with them |
 
+pub mod against;
 pub mod diagnostics;
 pub mod expected;
 pub mod kinds;
@@ -22,10 +24,11 @@ pub mod statistics;
 pub mod summary;
 pub mod truths;
 
+pub use against::Against;
 pub use expected::{Expected, Regression};
 pub use kinds::{Better, Line, Part, SCORES, Score, ScoreKind, Unit, kind};
 pub use scorecard::{RunScores, Scorecard};
-pub use summary::{Failure, MethodScores, ObservationCounts, Summary, TypeCounts};
+pub use summary::{Failure, MethodScores, ObservationCounts, RejectedObservation, Summary, TypeCounts};
 pub use truths::{EarlierTruths, TrueValues};
 
 use indexmap::IndexMap;

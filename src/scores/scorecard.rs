@@ -1,10 +1,11 @@
 //! The measures of one method over the cycles of a run, and what they come to.
 
 use super::Values;
-use super::kinds::{Better, Measure, SCORES, ScoreKind, kind};
+use super::against::Against;
+use super::kinds::{Better, Measure, SCORES, ScoreKind, kind_of};
 use super::measures::{Sum, Verified};
 use super::summary::{Intervals, MethodScores, ObservationCounts};
-use super::truths::{EarlierTruths, TrueValues};
+use super::truths::{EarlierTruths, TrueValues, Truth};
 use crate::outcome::Outcome;
 use crate::scores::diagnostics::DiagnosticSums;
 use crate::scores::statistics::{mean, root_interval};
@@ -36,9 +37,10 @@ pub struct RunScores {
 }
 
 impl Scorecard {
-    /// The scores of one cycle; the biases are scored only if the method estimates or ignores them.
+    /// The scores of one cycle, those against the truth if there is one; the biases are scored only if the method estimates or
+    /// ignores them.
     pub fn of_cycle(
-        truth: TrueValues<'_>,
+        truth: Option<TrueValues<'_>>,
         outcome: &Outcome,
         observed: &ObservationWindow,
         calibration: &Calibration,
@@ -46,12 +48,12 @@ impl Scorecard {
     ) -> Self {
         let analysis = &outcome.analysis;
         let verified = Verified {
-            layout: truth.state.layout(),
-            true_state: truth.state.values(),
-            true_calibration: if scores_bias { truth.calibration } else { &[] },
+            layout: analysis.estimate.state.layout(),
+            truth: truth.map(Truth::from),
+            scored_parameters: if scores_bias { calibration.len() } else { 0 },
             background: Some(&outcome.background),
             analysis: Some(&analysis.estimate),
-            departures: Some(analysis),
+            departures: Some((observed, outcome)),
             smoothed: None,
         };
         Self {
@@ -61,24 +63,18 @@ impl Scorecard {
         }
     }
 
-    /// The scores of the smoothed estimate of an earlier cycle; `None` if its truth is not known any more.
-    pub fn of_smoothed(
-        truths: &EarlierTruths,
-        cycles_ago: usize,
-        estimate: &Estimate,
-        scores_bias: bool,
-    ) -> Option<Self> {
-        let (true_state, calibration) = truths.ago(cycles_ago)?;
+    /// The scores of the smoothed estimate of an earlier cycle: without its truth the claims alone.
+    pub fn of_smoothed(truths: &EarlierTruths, cycles_ago: usize, estimate: &Estimate, scores_bias: bool) -> Self {
         let verified = Verified {
             layout: estimate.state.layout(),
-            true_state,
-            true_calibration: if scores_bias { calibration } else { &[] },
+            truth: truths.ago(cycles_ago),
+            scored_parameters: if scores_bias { estimate.calibration.len() } else { 0 },
             background: None,
             analysis: None,
             departures: None,
             smoothed: Some(estimate),
         };
-        Some(Self { measured: measured(&verified), ..Self::default() })
+        Self { measured: measured(&verified), ..Self::default() }
     }
 
     /// Adds the scores of another cycle.
@@ -114,7 +110,8 @@ impl Scorecard {
     fn intervals(&self) -> Intervals {
         let interval = |(key, sums): (&String, &Vec<Sum>)| {
             let kind = kind_of(key).filter(|kind| kind.better == Better::Less)?;
-            let of_cycles: Vec<f64> = sums.iter().map(|sum| sum.total / sum.weight).collect();
+            let filled = sums.iter().filter(|sum| sum.weight > 0.0);
+            let of_cycles: Vec<f64> = filled.map(|sum| sum.total / sum.weight).collect();
             let interval = match kind.measure {
                 Measure::RootMean(_) => root_interval(&of_cycles),
                 _ => mean(&of_cycles).and_then(|mean| mean.interval()),
@@ -130,6 +127,9 @@ fn measured(verified: &Verified<'_>) -> IndexMap<String, Vec<Sum>> {
     let mut all = IndexMap::new();
     for kind in SCORES {
         let (Measure::RootMean(measure) | Measure::Mean(measure)) = kind.measure else { continue };
+        if kind.against == Against::Used && verified.truth.is_some() {
+            continue;
+        }
         let names = verified.layout.variables.iter().map(|variable| variable.name);
         let keys: Vec<String> =
             if kind.per_variable { names.map(|name| kind.key(name)).collect() } else { vec![kind.key("")] };
@@ -137,10 +137,6 @@ fn measured(verified: &Verified<'_>) -> IndexMap<String, Vec<Sum>> {
         all.extend(keys.into_iter().zip(sums));
     }
     all
-}
-
-fn kind_of(key: &str) -> Option<&'static ScoreKind> {
-    kind(key.split('.').next().unwrap_or_default())
 }
 
 /// `None` if there is nothing to average, such as no observations.

@@ -1,7 +1,8 @@
 //! The scores of a run, as `summary.json` holds them.
 
 use super::Values;
-use super::kinds::{MEMORY, Measure, SCORES};
+use super::against::Against;
+use super::kinds::{MEMORY, Measure, SCORES, kind_of};
 use crate::scores::diagnostics::Diagnostics;
 use crate::scores::stability::Stability;
 use crate::scores::statistics::Interval;
@@ -9,7 +10,7 @@ use indexmap::IndexMap;
 use isobar_assim::EstimatedParameter;
 use isobar_assim::block_angular::PartitionReport;
 use isobar_model::Layout;
-use isobar_obs::{ObservationWindow, Report};
+use isobar_obs::{ObservationWindow, Rejection, Report, UnusedObservation};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -86,15 +87,21 @@ impl MethodScores {
 pub type Intervals = IndexMap<String, Interval>;
 
 /// Observations, by what became of them.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ObservationCounts {
     /// Those that the methods assimilated.
     pub used: usize,
     /// Those that failed quality control, by reason.
     pub rejected: BTreeMap<String, usize>,
+    /// Those of passive networks.
+    #[serde(default)]
+    pub passive: usize,
     /// The same of each type, `network/variable`.
     #[serde(default)]
     pub by_type: BTreeMap<String, TypeCounts>,
+    /// The first of those that failed quality control.
+    #[serde(default)]
+    pub first_rejected: Vec<RejectedObservation>,
 }
 
 /// Observations of one type, by what became of them.
@@ -102,9 +109,40 @@ pub struct ObservationCounts {
 pub struct TypeCounts {
     /// Those that the methods assimilated.
     pub used: usize,
+    /// Those of passive networks.
+    #[serde(default)]
+    pub passive: usize,
     /// Those that failed quality control, by reason.
     pub rejected: BTreeMap<String, usize>,
 }
+
+/// An observation that failed quality control.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RejectedObservation {
+    /// The cycle with whose observations it came.
+    pub cycle: usize,
+    /// Its network.
+    pub network: String,
+    /// Its station, or its place in the swath.
+    pub platform: String,
+    /// The observed variable.
+    pub variable: String,
+    /// The variable's unit.
+    pub unit: String,
+    /// Why it was rejected, in one word.
+    pub reason: String,
+    /// The value; `None` if it is not finite.
+    pub value: Option<f64>,
+    /// What reference and neighbours predict, if the value was compared with them.
+    pub predicted: Option<f64>,
+    /// Value minus prediction, in standard deviations of that difference.
+    pub z: Option<f64>,
+    /// Number of neighbours that the prediction is from.
+    pub neighbours: Option<usize>,
+}
+
+/// The most rejected observations that are told one by one; the file of observations has them all.
+const MOST_REJECTED: usize = 50;
 
 impl ObservationCounts {
     /// Counts those of a cycle.
@@ -114,11 +152,18 @@ impl ObservationCounts {
         for report in &window.reports {
             self.by_type.entry(kind(report)).or_default().used += 1;
         }
-        for rejected in &window.rejected {
-            let reason = rejected.rejection.name().to_string();
-            let of_type = self.by_type.entry(kind(&rejected.report)).or_default();
+        for (_, passive) in window.aside.passive() {
+            self.passive += 1;
+            self.by_type.entry(kind(&passive.report)).or_default().passive += 1;
+        }
+        for (observation, rejection) in window.aside.rejected() {
+            let reason = rejection.name().to_string();
+            let of_type = self.by_type.entry(kind(&observation.report)).or_default();
             *of_type.rejected.entry(reason.clone()).or_default() += 1;
             *self.rejected.entry(reason).or_default() += 1;
+            if self.first_rejected.len() < MOST_REJECTED {
+                self.first_rejected.push(RejectedObservation::new(window.cycle, observation, rejection, layout));
+            }
         }
     }
 
@@ -127,8 +172,28 @@ impl ObservationCounts {
         let count: usize = self.rejected.values().sum();
         let reasons: Vec<String> = self.rejected.iter().map(|(name, count)| format!("{count} {name}")).collect();
         (count > 0).then(|| {
-            format!("{count} of {} observations rejected by quality control: {}", self.used + count, reasons.join(", "))
+            let all = self.used + self.passive + count;
+            format!("{count} of {all} observations rejected by quality control: {}", reasons.join(", "))
         })
+    }
+}
+
+impl RejectedObservation {
+    fn new(cycle: usize, observation: &UnusedObservation, rejection: Rejection, layout: &Layout) -> Self {
+        let UnusedObservation { report, value, check, .. } = observation;
+        let variable = &layout.variables[report.variable];
+        Self {
+            cycle,
+            network: report.network.to_string(),
+            platform: report.platform.to_string(),
+            variable: variable.name.to_string(),
+            unit: variable.unit.to_string(),
+            reason: rejection.name().to_string(),
+            value: Some(*value).filter(|value| value.is_finite()),
+            predicted: check.map(|check| check.predicted),
+            z: check.map(|check| check.z),
+            neighbours: check.map(|check| check.neighbours),
+        }
     }
 }
 
@@ -142,6 +207,15 @@ pub struct Failure {
 }
 
 impl Summary {
+    /// Whether the methods were compared with a truth, as far as their scores show it: where none has any, it is not said.
+    pub fn has_truth(&self) -> bool {
+        let against = |against: Against| {
+            let of_kind = |key: &String| kind_of(key).is_some_and(|kind| kind.against == against);
+            self.methods.values().any(|scores| scores.values.keys().any(of_kind))
+        };
+        against(Against::Truth) || !against(Against::Used)
+    }
+
     /// The methods that failed, by name.
     pub fn failures(&self) -> impl Iterator<Item = (&str, &Failure)> {
         self.methods.iter().filter_map(|(name, scores)| Some((name.as_str(), scores.failure.as_ref()?)))

@@ -13,6 +13,21 @@ pub struct TrueValues<'a> {
     pub calibration: &'a [f64],
 }
 
+/// The truth, as estimates of the same time are compared with it.
+#[derive(Clone, Copy)]
+pub struct Truth<'a> {
+    /// The true state, in the order of [`State::values`].
+    pub state: &'a [f64],
+    /// The true calibration parameters.
+    pub calibration: &'a [f64],
+}
+
+impl<'a> From<TrueValues<'a>> for Truth<'a> {
+    fn from(truth: TrueValues<'a>) -> Self {
+        Self { state: truth.state.values(), calibration: truth.calibration }
+    }
+}
+
 /// The truths of the last cycles, as far back as estimates are smoothed.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct EarlierTruths {
@@ -31,9 +46,9 @@ impl EarlierTruths {
     }
 
     /// State and calibration a number of cycles ago.
-    pub(super) fn ago(&self, cycles: usize) -> Option<(&[f64], &[f64])> {
+    pub(super) fn ago(&self, cycles: usize) -> Option<Truth<'_>> {
         let (state, calibration) = self.cycles.get(self.cycles.len().checked_sub(cycles + 1)?)?;
-        Some((state, calibration))
+        Some(Truth { state, calibration })
     }
 
     /// Whether all states and calibrations have these lengths.

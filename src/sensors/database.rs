@@ -3,15 +3,28 @@
 
 use super::SensorError;
 use super::record::{Record, Records};
-use crate::text::clean;
+use crate::place::parent_of;
+use crate::safe_file;
+use crate::text::{clean, shown_path};
 use isobar_model::Time;
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, OpenFlags, Row, Transaction, TransactionBehavior, params};
+use std::fs;
+use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// "ISOB": what tells the file from databases of other programs.
 const APPLICATION_ID: i32 = 0x4953_4f42;
+
+const OTHER_PROGRAM: &str = "it is a database, but of another program: not one of sensors";
+
+/// The beginning of every SQLite database.
+const MAGIC: &[u8] = b"SQLite format 3\0";
+
+/// Where the identifier is after that, and the length of the whole head.
+const ID_AT: usize = 68 - MAGIC.len();
+const HEAD_LENGTH: u64 = 100;
 
 /// Of the tables below.
 const SCHEMA_VERSION: i32 = 1;
@@ -73,27 +86,35 @@ impl Database {
     /// # Errors
     /// A file that is not there, is no database of sensors, is of another version, too large, or damaged.
     pub fn open(path: &Path, missing: Missing) -> Result<Self, SensorError> {
-        let fresh = match std::fs::metadata(path) {
+        let real = real_path(path)?;
+        let fresh = match fs::metadata(&real) {
             Ok(metadata) if !metadata.is_file() => return Err(SensorError::new(path, "it is not a file")),
             Ok(metadata) if metadata.len() > LARGEST_DATABASE => {
                 let most = LARGEST_DATABASE / 1_000_000;
                 return Err(SensorError::new(path, format!("it is larger than {most} MB, the largest database")));
             }
-            Ok(metadata) => metadata.len() == 0,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound && missing == Missing::Create => true,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                return Err(SensorError::new(path, "there is no such database; `isobar sensors import` makes one"));
+            Ok(metadata) => {
+                check_program(path, &real, missing)?;
+                metadata.len() == 0
+            }
+            Err(error) if error.kind() == ErrorKind::NotFound && missing == Missing::Create => true,
+            Err(error) if error.kind() == ErrorKind::NotFound => {
+                return Err(SensorError::new(
+                    path,
+                    "there is no such database; `isobar sensors import --help` says how to make one",
+                ));
             }
             Err(error) => return Err(SensorError::new(path, error)),
         };
         if fresh && missing == Missing::Refuse {
             return Err(SensorError::new(path, "it is empty, and so no database of sensors"));
         }
-        let mut flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let mut flags =
+            OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX | OpenFlags::SQLITE_OPEN_NOFOLLOW;
         if missing == Missing::Create {
             flags |= OpenFlags::SQLITE_OPEN_CREATE;
         }
-        let opened = Connection::open_with_flags(path, flags).and_then(|connection| {
+        let opened = Connection::open_with_flags(&real, flags).and_then(|connection| {
             connection.busy_timeout(PATIENCE)?;
             // The file may come from anywhere: nothing in its schema is to be run.
             connection.set_db_config(DbConfig::SQLITE_DBCONFIG_DEFENSIVE, true)?;
@@ -140,7 +161,7 @@ impl Database {
             value.map_err(|error| self.failure(&error))
         };
         if number("application_id")? != APPLICATION_ID {
-            return Err(SensorError::new(&self.path, "it is a database, but of another program: not one of sensors"));
+            return Err(SensorError::new(&self.path, OTHER_PROGRAM));
         }
         let version = number("user_version")?;
         if version != SCHEMA_VERSION {
@@ -198,6 +219,39 @@ impl Database {
         let changed = write(&transaction, &before, &after).map_err(failure)?;
         transaction.commit().map_err(failure)?;
         Ok(changed)
+    }
+}
+
+/// The path of the file from the root, without links: SQLite takes names such as `:memory:` and `file:…` for something else.
+fn real_path(path: &Path) -> Result<PathBuf, SensorError> {
+    let failure = |reason: &dyn std::fmt::Display| SensorError::new(path, reason);
+    match path.canonicalize() {
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            if fs::symlink_metadata(path).is_ok() {
+                return Err(failure(&"it is a link to a file that is not there"));
+            }
+            let name = path.file_name().ok_or_else(|| failure(&"the path does not end in a file's name"))?;
+            let directory = parent_of(path);
+            let cannot = |error| failure(&format!("its directory {}: {error}", shown_path(directory)));
+            Ok(directory.canonicalize().map_err(cannot)?.join(name))
+        }
+        real => real.map_err(|error| failure(&error)),
+    }
+}
+
+/// Refuses the file of another program before SQLite opens it: it might change it, as far as that program left it unfinished.
+fn check_program(path: &Path, real: &Path, missing: Missing) -> Result<(), SensorError> {
+    let mut head = Vec::new();
+    let file = safe_file::open(real).map_err(|error| SensorError::new(path, error))?;
+    file.take(HEAD_LENGTH).read_to_end(&mut head).map_err(|error| SensorError::new(path, error))?;
+    let Some(id) = head.strip_prefix(MAGIC).and_then(|head| head.get(ID_AT..)?.first_chunk::<4>()) else {
+        return Ok(());
+    };
+    match i32::from_be_bytes(*id) {
+        APPLICATION_ID => Ok(()),
+        // An empty one may be about to become a database of sensors.
+        0 if missing == Missing::Create => Ok(()),
+        _ => Err(SensorError::new(path, OTHER_PROGRAM)),
     }
 }
 

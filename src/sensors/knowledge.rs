@@ -133,24 +133,21 @@ pub fn warm_start(records: &Records, calibration: &Calibration, start: Time, end
             }
             Record::TestPoint { sensor, time, reading, reference, sigma } => {
                 if let Some(number) = number(sensor) {
-                    match *time <= start {
-                        true => {
-                            touched[number] = true;
-                            events.push((*time, Event::Tested(number, reading - reference, sigma * sigma)));
-                        }
-                        false => late_test_points += usize::from(*time <= end),
+                    if *time <= start {
+                        touched[number] = true;
+                        events.push((*time, Event::Tested(number, reading - reference, sigma * sigma)));
+                    } else {
+                        late_test_points += usize::from(*time <= end);
                     }
                 }
             }
             Record::Recalibration { sensor, time, step, sigma, .. } => {
                 if let Some(parameter) = number(sensor) {
                     touched[parameter] |= *time <= end;
-                    match *time <= start {
-                        true => events.push((*time, Event::Recalibrated(parameter, *step, sigma * sigma))),
-                        false if *time <= end => {
-                            recalibrations.push(Recalibration { time: *time, parameter, step: *step, sigma: *sigma });
-                        }
-                        false => {}
+                    if *time <= start {
+                        events.push((*time, Event::Recalibrated(parameter, *step, sigma * sigma)));
+                    } else if *time <= end {
+                        recalibrations.push(Recalibration { time: *time, parameter, step: *step, sigma: *sigma });
                     }
                 }
             }

@@ -18,13 +18,13 @@ pub mod write_back;
 pub use database::Database;
 pub use record::{Record, Records};
 
-use crate::text::{clean, clean_lines};
+use crate::text::{clean, clean_lines, shown_path};
 use isobar_obs::table::TableError;
 use std::path::{Path, PathBuf};
 
 /// Why sensors cannot be read or written.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, miette::Diagnostic)]
-#[error("{}{}: {reason}", clean(&path.display().to_string()), line.map_or(String::new(), |line| format!(", line {line}")))]
+#[error("{}{}: {reason}", shown_path(path), line.map_or(String::new(), |line| format!(", line {line}")))]
 pub struct SensorError {
     /// The database or the table.
     pub path: PathBuf,

@@ -139,19 +139,17 @@ impl Record {
                 Ok(())
             }
         };
-        let number = |what: &str, value: f64| match value.abs() <= 1e18 {
-            true => Ok(()),
-            false => Err(format!("`{what}` is {value:?}, but must be a number from -1e18 to 1e18")),
+        let require = |right: bool, fault: String| if right { Ok(()) } else { Err(fault) };
+        let number = |what: &str, value: f64| {
+            require(value.abs() <= 1e18, format!("`{what}` is {value:?}, but must be a number from -1e18 to 1e18"))
         };
-        let positive = |what: &str, value: f64| match (1e-18..=1e18).contains(&value) {
-            true => Ok(()),
-            false if value > 0.0 => Err(format!("`{what}` is {value:?}, but must be a number from 1e-18 to 1e18")),
-            false => Err(format!("`{what}` is {value}, but must be a number greater than 0")),
+        let positive = |what: &str, value: f64| {
+            let range = if value > 0.0 { "from 1e-18 to 1e18" } else { "greater than 0" };
+            let fault = format!("`{what}` is {value:?}, but must be a number {range}");
+            require((1e-18..=1e18).contains(&value), fault)
         };
-        let time = |time: &Time| match TIMES.contains(&time.seconds()) {
-            true => Ok(()),
-            false => Err("`time` must be from 1900 to 2200".to_string()),
-        };
+        let time =
+            |time: &Time| require(TIMES.contains(&time.seconds()), "`time` must be from 1900 to 2200".to_string());
         for sensor in self.sensors() {
             text("sensor", sensor, false)?;
         }
@@ -172,10 +170,8 @@ impl Record {
                 time(when)?;
                 text("origin", origin, false)?;
                 number("value", *covariance)?;
-                match sensor == other {
-                    true => Err("`other_sensor` is the sensor itself, whose variance its calibration has".into()),
-                    false => Ok(()),
-                }
+                let fault = "`other_sensor` is the sensor itself, whose variance its calibration has";
+                require(sensor != other, fault.to_string())
             }
             Record::TestPoint { time: when, reading, reference, sigma, .. } => {
                 time(when)?;

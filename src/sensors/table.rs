@@ -4,6 +4,7 @@ use super::SensorError;
 use super::record::{MOST_RECORDS, Record, Records};
 use crate::calendar::utc;
 use crate::reader::files;
+use crate::tables::{self, Cell};
 use crate::text::{clean, listed, nearest};
 use isobar_obs::table::{Faults, LARGEST, Row, Table, TableError, decode};
 use std::path::Path;
@@ -154,16 +155,12 @@ fn record(table: &Table<'_>, row: &Row<'_>, faults: &mut Faults) -> Option<Recor
 
 /// The records as a table.
 pub fn write(records: &Records) -> String {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    let written = writer.write_record(COLUMNS).and_then(|()| {
-        records.iter().try_for_each(|record| {
-            let fields = fields(record);
-            let of = |column: &str| fields.iter().find(|field| field.0 == column).map_or("", |field| field.1.as_str());
-            writer.write_record(COLUMNS.map(of))
-        })
-    });
-    let bytes = written.ok().and_then(|()| writer.into_inner().ok()).expect("memory takes any table");
-    String::from_utf8(bytes).expect("CSV of UTF-8 is UTF-8")
+    let row = |record: &Record| -> Vec<Cell> {
+        let fields = fields(record);
+        let of = |column: &str| fields.iter().find(|field| field.0 == column).map_or("", |field| field.1.as_str());
+        COLUMNS.map(|column| of(column).into()).into()
+    };
+    tables::Table::new(&COLUMNS, records.iter().map(row).collect()).csv()
 }
 
 /// The fields of a record that are not empty. Numbers are the shortest that are read back as the same.

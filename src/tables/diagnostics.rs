@@ -1,8 +1,8 @@
 //! Diagnostics as tables, for the report and for the terminal.
 
 use super::{Cell, MOST_PARAMETERS, Table, Titled, figure};
-use crate::scores::diagnostics::{BiasDiagnostics, Diagnostics, ObservationDiagnostics, StateDiagnostics};
-use crate::scores::{MethodScores, Summary, TypeCounts};
+use crate::scores::diagnostics::{BiasDiagnostics, Departures, Diagnostics, ObservationDiagnostics, StateDiagnostics};
+use crate::scores::{MethodScores, RejectedObservation, Summary, TypeCounts};
 
 /// All tables that have rows.
 pub fn all(summary: &Summary) -> Vec<Titled> {
@@ -14,6 +14,13 @@ pub fn all(summary: &Summary) -> Vec<Titled> {
                    better. Coverage: the share of truths within the central 95 % of the claim. Slope: of squared errors on \
                    claimed variances, 1 if the spread tells where errors are large, 0 if it tells nothing.",
             table: distributions(summary),
+        },
+        Titled {
+            title: "Departures",
+            text: "Per type of observations: number, mean and root mean square of O−B, observation minus background, and O−A, \
+                   observation minus analysis. Passive observations take no part in any analysis: theirs are an \
+                   independent score.",
+            table: plain_departures(summary),
         },
         Titled {
             title: "What departures tell",
@@ -48,6 +55,13 @@ pub fn all(summary: &Summary) -> Vec<Titled> {
             text: "Observations by type and by what became of them.",
             table: quality(summary),
         },
+        Titled {
+            title: "Rejected observations",
+            text: "The first of those that failed quality control. Predicted: what a forecast without observations and the \
+                   neighbours say; z: value minus prediction, in standard deviations of that difference. \
+                   observations.nc has all of them (quality_code above 0), with the departures of every method.",
+            table: rejected(summary),
+        },
     ];
     tables.into_iter().filter(|it| !it.table.rows.is_empty()).collect()
 }
@@ -74,6 +88,37 @@ fn distributions(summary: &Summary) -> Table {
         diagnostics.state.iter().map(move |(variable, own)| row(name, scores, variable, own))
     });
     Table::new(&["analysis of", "RMSE", "spread", "spread/error", "CRPS", "coverage", "slope"], rows.collect())
+}
+
+fn plain_departures(summary: &Summary) -> Table {
+    let row = |method: &str, kind: &str, role: &str, own: &Departures| -> Vec<Cell> {
+        let figures = [own.background_mean, own.background_rms, own.analysis_mean, own.analysis_rms];
+        let mut row: Vec<Cell> = vec![format!("{method} {kind}").into(), role.into(), own.count.to_string().into()];
+        row.extend(figures.map(|value| Cell::figure(Some(value))));
+        row
+    };
+    let rows = each(summary).flat_map(|(name, _, diagnostics)| {
+        let used = diagnostics.used.iter().map(move |(kind, own)| row(name, kind, "used", own));
+        used.chain(diagnostics.passive.iter().map(move |(kind, own)| row(name, kind, "passive", own)))
+    });
+    Table::new(&["observations of", "role", "number", "O−B mean", "O−B rms", "O−A mean", "O−A rms"], rows.collect())
+}
+
+fn rejected(summary: &Summary) -> Table {
+    let row = |own: &RejectedObservation| -> Vec<Cell> {
+        vec![
+            format!("{} {}", own.network, own.platform).into(),
+            own.cycle.into(),
+            own.variable.as_str().into(),
+            own.reason.as_str().into(),
+            Cell::exact(own.value),
+            Cell::exact(own.predicted),
+            Cell::figure(own.z),
+            own.neighbours.map_or(Cell::figure(None), Cell::from),
+        ]
+    };
+    let header = ["station", "cycle", "variable", "rejected as", "value", "predicted", "z", "neighbours"];
+    Table::new(&header, summary.observations.first_rejected.iter().map(row).collect())
 }
 
 fn departures(summary: &Summary) -> Table {
@@ -176,13 +221,16 @@ fn biases(summary: &Summary) -> Table {
 fn quality(summary: &Summary) -> Table {
     let types = &summary.observations.by_type;
     let reasons: Vec<&String> = summary.observations.rejected.keys().collect();
+    let has_passive = summary.observations.passive > 0;
     let row = |(kind, own): (&String, &TypeCounts)| -> Vec<Cell> {
         let rejected = reasons.iter().map(|reason| own.rejected.get(*reason).copied().unwrap_or(0).to_string().into());
-        [kind.as_str().into(), own.used.to_string().into()].into_iter().chain(rejected).collect()
+        let passive = has_passive.then(|| own.passive.to_string().into());
+        [kind.as_str().into(), own.used.to_string().into()].into_iter().chain(passive).chain(rejected).collect()
     };
     let columns = reasons.iter().map(|reason| reason.to_string());
+    let passive = has_passive.then(|| "passive".to_string());
     Table {
-        header: ["observations of", "used"].map(String::from).into_iter().chain(columns).collect(),
+        header: ["observations of", "used"].map(String::from).into_iter().chain(passive).chain(columns).collect(),
         rows: types.iter().map(row).collect(),
     }
 }

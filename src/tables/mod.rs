@@ -1,4 +1,4 @@
-//! Tables of scores and of everything else that is told in rows: for the terminal, the page and the viewer.
+//! Tables of scores and of everything else that is shown in rows: on the terminal, on the page, in the viewer and in files.
 //!
 //! | module | what it holds |
 //! |---|---|
@@ -107,6 +107,16 @@ impl Table {
         format!("{header}|{}\n{}", "---|".repeat(self.header.len()), rows.collect::<String>())
     }
 
+    /// The table as CSV, without notes.
+    pub fn csv(&self) -> String {
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        let rows = self.rows.iter().map(|row| row.iter().map(|cell| cell.text.as_str()).collect::<Vec<_>>());
+        let written =
+            writer.write_record(&self.header).and_then(|()| rows.map(|row| writer.write_record(row)).collect());
+        let bytes = written.ok().and_then(|()| writer.into_inner().ok()).expect("memory takes rows of equal length");
+        String::from_utf8(bytes).expect("CSV of UTF-8 is UTF-8")
+    }
+
     /// The table, or `None` if it has no rows.
     pub fn filled(self) -> Option<Self> {
         (!self.rows.is_empty()).then_some(self)
@@ -135,6 +145,24 @@ impl Cell {
     /// A figure, or a dash.
     pub fn figure(value: Option<f64>) -> Self {
         value.map_or_else(|| NONE.into(), figure).into()
+    }
+
+    /// A number with all its digits, for files; empty if there is none.
+    pub fn in_full(value: Option<f64>) -> Self {
+        value.map_or_else(String::new, |value| value.to_string()).into()
+    }
+
+    /// A number of which all digits matter, up to six, or a dash.
+    pub fn exact(value: Option<f64>) -> Self {
+        let shown = |value: f64| match value.abs() {
+            0.0 => "0".to_string(),
+            size if !(1e-4..1e9).contains(&size) => format!("{value:.5e}"),
+            size => {
+                let text = format!("{value:.*}", (5 - size.log10().floor() as i32).clamp(0, 9) as usize);
+                if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
+            }
+        };
+        value.map_or_else(|| NONE.into(), shown).into()
     }
 
     /// A figure with its interval.
@@ -205,13 +233,14 @@ mod tests {
     }
 
     #[test]
-    fn the_same_table_is_shown_on_a_terminal_and_in_markdown() {
+    fn the_same_table_is_shown_on_a_terminal_in_markdown_and_as_csv() {
         let note = Cell { note: "1 … 3".into(), ..Cell::figure(Some(2.0)) };
         let rows = vec![vec!["a|b".into(), note], vec!["long name".into(), Cell::figure(Some(-10.0))]];
         let table = Table::new(&["method", "h [m]\nanalysis"], rows);
         assert_eq!(table.terminal(), "method       h [m]\n          analysis\na|b           2.00\nlong name    -10.0");
         assert!(table.terminal_with_notes().contains("2.00 (1 … 3)"));
         let rows = "| a\\|b | 2.00 (1 … 3) |\n| long name | -10.0 |\n";
+        assert_eq!(table.csv(), "method,\"h [m]\nanalysis\"\na|b,2.00\nlong name,-10.0\n");
         assert_eq!(table.markdown(), format!("| method | h [m] analysis |\n|---|---|\n{rows}"));
     }
 }

@@ -2,7 +2,7 @@
 
 use super::stability;
 use super::{Cell, Table};
-use crate::scores::{MethodScores, Part, Score, Summary, Values};
+use crate::scores::{Against, MethodScores, Part, Score, Summary, Values};
 use indexmap::IndexMap;
 use isobar_assim::block_angular::PartitionReport;
 
@@ -17,8 +17,13 @@ pub fn on_terminal(summary: &Summary, variables: &[(&str, &str)]) -> String {
     let smoothed = smoothed(summary, variables).map_or_else(String::new, |table| {
         format!("\n\nEstimates of the same cycles as later observations revise them\n{}", table.terminal())
     });
+    let shown = if summary.has_truth() {
+        "Root-mean-square error of background and analysis"
+    } else {
+        "Root-mean-square departure of observations from background (O−B) and analysis (O−A)"
+    };
     format!(
-        "Root-mean-square error of background and analysis, and claimed analysis spread, cycles {} to {}\n{}\n\n\
+        "{shown}, and claimed analysis spread, cycles {} to {}\n{}\n\n\
          Biases, consistency, cost\n{}{}",
         summary.scored_from_cycle,
         summary.cycles,
@@ -40,7 +45,7 @@ pub fn costs(summary: &Summary) -> Table {
 
 /// The scores of smoothed estimates; `None` if no method has a smoother.
 pub fn smoothed(summary: &Summary, variables: &[(&str, &str)]) -> Option<Table> {
-    let columns = Score::all(variables, |kind| kind.tabulated && kind.part == Part::Smoothed);
+    let columns = columns(summary, variables, &[Part::Smoothed]);
     let mut header = vec!["method".to_string(), "lag\n[cycles]".into()];
     header.extend(columns.iter().map(Score::title));
     let rows = summary.methods.iter().filter_map(|(name, scores)| {
@@ -50,9 +55,23 @@ pub fn smoothed(summary: &Summary, variables: &[(&str, &str)]) -> Option<Table> 
     Table { rows: rows.collect(), header }.filled()
 }
 
+/// The scores of these parts that the run has: those against the truth if there is one, departures where there are some.
+fn columns<'a>(summary: &Summary, variables: &[(&'a str, &'a str)], parts: &[Part]) -> Vec<Score<'a>> {
+    let mut columns = Score::all(variables, |kind| kind.tabulated && parts.contains(&kind.part));
+    columns.retain(|score| match score.kind.against {
+        Against::Truth => summary.has_truth(),
+        Against::Used | Against::Passive => {
+            let key = score.key();
+            summary.methods.values().any(|scores| scores.values.contains_key(&key))
+        }
+        Against::Nothing => true,
+    });
+    columns
+}
+
 /// A row for each method, with the scores of these parts.
 fn of_parts(summary: &Summary, variables: &[(&str, &str)], parts: &[Part]) -> Table {
-    let columns = Score::all(variables, |kind| kind.tabulated && parts.contains(&kind.part));
+    let columns = columns(summary, variables, parts);
     let header = std::iter::once("method".to_string()).chain(columns.iter().map(Score::title));
     let row = |(name, scores): (&String, &MethodScores)| {
         let name = if scores.failure.is_some() { format!("{name} (failed)") } else { name.clone() };

@@ -54,7 +54,7 @@ pub fn findings(stability: &Stability) -> Vec<String> {
     if !stability.references.is_empty() {
         let named = shortened(&stability.references);
         findings.push(format!(
-            "would be cured by test points (`isobar sensors`), or by stations without bias (reference_groups), of {named}"
+            "would be cured by test points (`isobar sensors --help`), or by stations without bias (reference_groups), of {named}"
         ));
     }
     for parameter in stability.parameters.iter().filter(|it| !it.stable).take(MOST_NAMED) {

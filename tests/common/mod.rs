@@ -6,6 +6,31 @@ use std::process::{Command, Output};
 /// A small scenario that uses most keys.
 pub const VALID: &str = include_str!("valid.toml");
 
+/// A tracer that does not move, on the cells of a small grid, without networks and methods.
+pub const TRACER: &str = r#"title = "t"
+phenomenon = "p"
+source = "s"
+seed = 1
+start = "2026-01-15T00:00:00Z"
+[grid]
+nx = 16
+ny = 12
+dx_km = 100
+boundary = "periodic"
+[model]
+kind = "exact_shift"
+time_step_s = 3600
+columns_per_step = 0
+[initial]
+kind = "cosine_wave"
+amplitude = 0
+[background_error]
+components = [{ kind = "univariate", variable = "tracer", sigma = 1, length_km = 200 }]
+[cycle]
+count = 1
+window_hours = 6
+"#;
+
 /// Runs the program in a directory.
 pub fn isobar(directory: &Path, arguments: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_isobar"));

@@ -92,7 +92,9 @@ impl SyntheticRun {
                 let structure = structure.map(Cow::Owned);
                 let correlations = (method == 0).then(|| self.correlations());
                 let correlations = correlations.map(Cow::Owned);
-                let analysed = Analysed { method, cycle, time, background, analysis, scores, structure, correlations };
+                let unused = Cow::Owned(Default::default());
+                let analysed =
+                    Analysed { method, cycle, time, background, analysis, unused, scores, structure, correlations };
                 sink.record(&Event::Analysed(analysed))?;
             }
             sink.record(&Event::CycleEnded(cycle))?;
@@ -178,6 +180,9 @@ fn info(nx: usize, ny: usize, cycles: usize, methods: usize) -> RunInfo {
         title: "A vortex over a channel".into(),
         scenario_text: "title = \"A vortex over a channel\"\nseed = 42\n\n[grid]\nnx = 32\nny = 24\n".into(),
         seed: 42,
+        has_truth: true,
+        networks: Vec::new(),
+        notes: Vec::new(),
         stations: stations.collect(),
         layout: Arc::new(Layout { grid, variables }),
         projection: Some(projection),
@@ -267,7 +272,7 @@ fn observe(info: &RunInfo, cycle: usize, truth: &[State], calibration: &[Vec<f64
         values: with_noise(biased),
         sigma: sigma.clone(),
         reports,
-        rejected: Vec::new(),
+        aside: Default::default(),
         operator: Arc::new(LinearOperator { jacobian }),
     };
     (window, with_noise(unbiased))

@@ -9,8 +9,10 @@
 
 use super::block::{Block, Eliminated};
 use crate::error::Error;
-use crate::linalg::{product, qr, singular_values};
+use crate::linalg::{product, qr, singular_values, squared_norm};
+use crate::ties::first_largest;
 use faer::{Mat, MatRef};
+use isobar_model::vector::{axpy, dot};
 use rayon::prelude::*;
 
 /// Blocks that one thread reduces at a time.
@@ -126,16 +128,30 @@ fn triangle_of(rows: &[MatRef<'_, f64>], columns: usize) -> Mat<f64> {
     qr(stacked.as_ref()).thin_R().to_owned()
 }
 
-/// The same space by vectors each of which has an unknown that no other has (Gauss–Jordan with complete pivoting, in units
-/// of the scales), scaled to a largest coefficient of 1.
+/// The same space by vectors each of which has an unknown that no other has, scaled to a largest coefficient of 1.
+///
+/// The unknowns are those that pivoted QR of the transposed basis, in units of the scales, comes upon (Businger and Golub
+/// 1965, Numerische Mathematik 7): the next one is that whose row is the longest once those of the others are taken out of
+/// it. Lengths are the same for every orthonormal basis of the space, of which rounding gives one or another.
 pub(crate) fn reduced_basis(mut basis: Mat<f64>, scales: &[f64]) -> Vec<Vec<f64>> {
     let (p, count) = (basis.nrows(), basis.ncols());
-    let mut is_pivot = vec![false; p];
-    for k in 0..count {
-        let candidates = (0..p).filter(|&i| !is_pivot[i]).flat_map(|i| (k..count).map(move |j| (i, j)));
-        let size = |(i, j): (usize, usize)| basis[(i, j)].abs() / scales[i];
-        let Some((row, column)) = candidates.max_by(|&a, &b| size(a).total_cmp(&size(b))) else { break };
-        is_pivot[row] = true;
+    let mut rows: Vec<Vec<f64>> = (0..p).map(|i| (0..count).map(|k| basis[(i, k)] / scales[i]).collect()).collect();
+    let mut pivots: Vec<usize> = Vec::new();
+    for _ in 0..count {
+        let free: Vec<usize> = (0..p).filter(|i| !pivots.contains(i)).collect();
+        let lengths = free.iter().map(|&i| squared_norm(&rows[i]));
+        let Some(pivot) = first_largest(lengths).map(|longest| free[longest]) else { break };
+        pivots.push(pivot);
+        let along = rows[pivot].clone();
+        let length = squared_norm(&along);
+        if length > 0.0 {
+            rows.iter_mut().for_each(|row| axpy(-dot(row, &along) / length, &along, row));
+        }
+    }
+    // Gauss–Jordan elimination of the pivots' rows.
+    for (k, &row) in pivots.iter().enumerate() {
+        let size = |j: usize| basis[(row, j)].abs();
+        let column = (k..count).max_by(|&a, &b| size(a).total_cmp(&size(b))).expect("there is column k");
         for i in 0..p {
             (basis[(i, k)], basis[(i, column)]) = (basis[(i, column)], basis[(i, k)]);
         }
@@ -148,10 +164,40 @@ pub(crate) fn reduced_basis(mut basis: Mat<f64>, scales: &[f64]) -> Vec<Vec<f64>
     }
     let vector = |k: usize| {
         let column = basis.col_as_slice(k);
-        let largest = column.iter().fold(0.0, |a: f64, b| if b.abs() > a.abs() { *b } else { a });
+        let largest = first_largest(column.iter().map(|value| value.abs())).map_or(1.0, |i| column[i]);
         // What elimination leaves of an exact zero.
         let clean = |value: &f64| if (value / largest).abs() < 1e-9 { 0.0 } else { value / largest };
         column.iter().map(clean).collect()
     };
     (0..count).map(vector).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two combinations that are as little determined as each other may come in any mixture of them.
+    #[test]
+    fn the_reduced_basis_of_a_space_is_the_same_for_all_of_its_bases() {
+        let (a, b) = ([1.0, 1.0, 0.0, 0.5, 0.0], [0.0, 0.0, -3.0, 1.0, 3.0]);
+        let norm = |v: &[f64; 5]| squared_norm(v).sqrt();
+        let along = dot(&b, &a) / squared_norm(&a);
+        let c: [f64; 5] = std::array::from_fn(|i| b[i] - along * a[i]);
+        let reduced = |angle: f64| {
+            let (sine, cosine) = angle.sin_cos();
+            let basis = Mat::from_fn(5, 2, |i, j| {
+                let (x, y) = (a[i] / norm(&a), c[i] / norm(&c));
+                if j == 0 { cosine * x + sine * y } else { cosine * y - sine * x }
+            });
+            reduced_basis(basis, &[1.0; 5])
+        };
+        let expected = reduced(0.0);
+        for angle in [1e-16, 0.3, 0.8, 2.0, 3.1, 5.5] {
+            let found = reduced(angle);
+            for (found, expected) in found.iter().flatten().zip(expected.iter().flatten()) {
+                assert!((found - expected).abs() < 1e-9, "{angle}: {found} and {expected}");
+            }
+        }
+        assert!(expected.iter().all(|it| it.contains(&1.0) && it.iter().all(|value| value.abs() < 1.0 + 1e-9)));
+    }
 }

@@ -181,20 +181,29 @@ impl SparseSolution {
         conditional.iter().enumerate().map(|(i, own)| own[(0, 0)] + through_border(i)).collect()
     }
 
-    /// The covariances of all unknowns (b, c) with unknown `number` of b: a column of the matrix, which is never formed.
+    /// The covariances, given c, of all unknowns b with unknown `number` of b: a column of N⁻¹.
     ///
     /// # Panics
     /// If there is no such unknown.
-    pub fn covariance_column(&self, number: usize) -> Vec<f64> {
+    pub fn conditional_column(&self, number: usize) -> Vec<f64> {
         let mut unit = vec![0.0; self.estimate.len()];
         unit[number] = 1.0;
         for root in &self.roots {
             root.reduce(&mut unit);
             root.substitute(&mut unit);
         }
+        unit
+    }
+
+    /// The covariances of all unknowns (b, c) with unknown `number` of b: a column of the matrix, which is never formed.
+    ///
+    /// # Panics
+    /// If there is no such unknown.
+    pub fn covariance_column(&self, number: usize) -> Vec<f64> {
+        let conditional = self.conditional_column(number);
         let own: Vec<f64> = (0..self.border.len()).map(|j| self.sensitivity[(number, j)]).collect();
         let with_border = product(self.border_covariance.as_ref(), column(&own).as_ref());
-        let mut result = column(&unit);
+        let mut result = column(&conditional);
         add_product(result.as_mut(), 1.0, self.sensitivity.as_ref(), with_border.as_ref());
         let with_border = with_border.col_as_slice(0).iter().map(|value| -value);
         result.col_as_slice(0).iter().copied().chain(with_border).collect()

@@ -131,6 +131,10 @@ impl Covariance for Balanced {
         self.filter.len()
     }
 
+    fn control_cells(&self) -> Option<Vec<usize>> {
+        Some(self.filter.cells(self.grid.ny))
+    }
+
     fn root_add(&self, control: &[f64], increment: &mut [f64]) {
         let mut streamfunction = control.to_vec();
         self.filter.apply(&mut streamfunction);

@@ -119,6 +119,17 @@ impl HomogeneousFilter {
         self.nx * self.rows
     }
 
+    /// The cell of a grid of `ny` rows that each value of the filtered array is in, or is nearest to beyond a wall.
+    pub fn cells(&self, ny: usize) -> Vec<usize> {
+        let row_of = |row: usize| match row {
+            row if row < ny => row,
+            // Padding belongs to the nearer wall.
+            row if row - (ny - 1) <= self.rows - row => ny - 1,
+            _ => 0,
+        };
+        (0..self.len()).map(|index| row_of(index / self.nx) * self.nx + index % self.nx).collect()
+    }
+
     pub fn rows(&self) -> usize {
         self.rows
     }

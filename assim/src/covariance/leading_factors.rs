@@ -2,6 +2,7 @@
 
 use super::Covariance;
 use crate::linalg::{cholesky, eigen, product, solve_lower};
+use crate::spectral_cut;
 use crate::tall_matrix::{Precision, TallMatrix, cross_product, scaled_gram};
 use faer::{Mat, MatRef};
 use isobar_model::random::standard_normals;
@@ -21,7 +22,9 @@ const IMAGES: usize = 4;
 ///
 /// Randomised range finder with Nyström's approximation (Halko, Martinsson and Tropp 2011, SIAM Review 53, algorithms
 /// 4.4 and 5.5): with a basis Q of the range of A = S⁻¹ U Uᵀ S⁻¹, `A ≈ (A Q)(Qᵀ A Q)⁻¹(A Q)ᵀ`, whose remainder is positive
-/// semidefinite, and of this the leading eigenvectors. Columns are in the order of their energy.
+/// semidefinite, and of this the leading eigenvectors. Columns are in the order of their energy; those that are not above
+/// the first one left out are damped, to zero if they are equal to it: a pair of equal eigenvalues is kept or left out as a
+/// whole, for which of its directions comes first only rounding says.
 pub fn leading_factors(covariance: &dyn Covariance, scales: &[f64], rank: usize, stream: &mut ChaCha8Rng) -> Mat<f64> {
     let columns = leading_columns(covariance, scales, rank, Precision::Double, stream);
     columns.part(0, columns.rows(), 0, &mut Vec::new()).to_owned()
@@ -51,7 +54,7 @@ pub(crate) fn leading_columns(
     let root = pseudo_root(core, precision);
     let gram = scaled_gram(&[&basis], &vec![1.0; m]);
     let gram = product(root.transpose(), product(gram.as_ref(), root.as_ref()).as_ref());
-    let rotation = product(root.as_ref(), leading_eigenvectors(gram.as_ref(), rank).as_ref());
+    let rotation = product(root.as_ref(), leading_directions(gram.as_ref(), rank).as_ref());
     basis.recombine(None, rotation.as_ref());
     basis.edit_columns(|column| {
         column.iter_mut().zip(scales).for_each(|(value, scale)| *value *= scale);
@@ -157,8 +160,11 @@ fn pseudo_root(matrix: Mat<f64>, precision: Precision) -> Mat<f64> {
     Mat::from_fn(n, n, |i, j| if values[j] > threshold { vectors[(i, j)] / values[j].sqrt() } else { 0.0 })
 }
 
-/// The eigenvectors of the `count` largest eigenvalues of a symmetric matrix, in descending order, as columns.
-fn leading_eigenvectors(matrix: MatRef<'_, f64>, count: usize) -> Mat<f64> {
-    let (_, vectors) = eigen(matrix);
-    Mat::from_fn(matrix.nrows(), count, |i, j| vectors[(i, matrix.nrows() - 1 - j)])
+/// The eigenvectors of the `count` largest eigenvalues of a symmetric matrix, in descending order, as columns, each with its
+/// weight beside what is left out.
+fn leading_directions(matrix: MatRef<'_, f64>, count: usize) -> Mat<f64> {
+    let (values, vectors) = eigen(matrix);
+    let descending: Vec<f64> = values.into_iter().rev().collect();
+    let weights = spectral_cut::weights(&descending, count);
+    Mat::from_fn(matrix.nrows(), count, |i, j| vectors[(i, matrix.nrows() - 1 - j)] * weights[j])
 }

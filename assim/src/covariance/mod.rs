@@ -38,6 +38,11 @@ pub trait Covariance: Send + Sync {
     /// Length of the control vector χ.
     fn control_len(&self) -> usize;
 
+    /// The cell of the grid where each value of the control vector stands; `None` if U is no local operator.
+    fn control_cells(&self) -> Option<Vec<usize>> {
+        None
+    }
+
     /// δx += U χ.
     fn root_add(&self, control: &[f64], increment: &mut [f64]);
 

@@ -28,6 +28,11 @@ impl Covariance for Sum {
         self.terms.iter().map(|term| term.control_len()).sum()
     }
 
+    fn control_cells(&self) -> Option<Vec<usize>> {
+        let parts: Option<Vec<Vec<usize>>> = self.terms.iter().map(|term| term.control_cells()).collect();
+        parts.map(|parts| parts.concat())
+    }
+
     fn root_add(&self, control: &[f64], increment: &mut [f64]) {
         let mut rest = control;
         for term in &self.terms {

@@ -14,6 +14,7 @@ pub struct Univariate {
     len: usize,
     offset: usize,
     cells: usize,
+    ny: usize,
     wall_values: usize,
     sigma: f64,
     filter: HomogeneousFilter,
@@ -60,6 +61,7 @@ impl Univariate {
             len: layout.len(),
             offset: variable * cells,
             cells,
+            ny: grid.ny,
             wall_values: if on_wall { grid.nx } else { 0 },
             sigma,
             filter,
@@ -74,6 +76,10 @@ impl Covariance for Univariate {
 
     fn control_len(&self) -> usize {
         self.filter.len()
+    }
+
+    fn control_cells(&self) -> Option<Vec<usize>> {
+        Some(self.filter.cells(self.ny))
     }
 
     fn root_add(&self, control: &[f64], increment: &mut [f64]) {

@@ -9,6 +9,7 @@ pub struct White {
     /// First index that varies, and number of values.
     start: usize,
     count: usize,
+    cells: usize,
     sigma: f64,
 }
 
@@ -18,7 +19,7 @@ impl White {
         let (grid, cells) = (&layout.grid, layout.grid.cells());
         let on_wall = grid.boundary == Boundary::Channel && layout.variables[variable].location == Location::YFace;
         let wall = if on_wall { grid.nx } else { 0 };
-        Self { len: layout.len(), start: variable * cells + wall, count: cells - wall, sigma }
+        Self { len: layout.len(), start: variable * cells + wall, count: cells - wall, cells, sigma }
     }
 }
 
@@ -29,6 +30,10 @@ impl Covariance for White {
 
     fn control_len(&self) -> usize {
         self.count
+    }
+
+    fn control_cells(&self) -> Option<Vec<usize>> {
+        Some((self.start..self.start + self.count).map(|value| value % self.cells).collect())
     }
 
     fn root_add(&self, control: &[f64], increment: &mut [f64]) {

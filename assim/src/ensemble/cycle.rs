@@ -3,9 +3,11 @@
 use super::fixed_lag::FixedLag;
 use super::members::{Ensemble, ObservedEnsemble};
 use super::moments::{Moments, spread};
+use super::transform::{Transform, WhitenedObservations};
 use super::{EnsembleSettings, InitialMembers, ModelErrorTreatment};
 use crate::error::Error;
 use crate::estimate::{Analysis, Estimate};
+use crate::linalg::product;
 use crate::memory::require;
 use crate::problem::Problem;
 use isobar_model::{Model, random};
@@ -87,6 +89,28 @@ impl EnsembleCycle {
     /// Mean and spread of the members.
     pub fn estimate(&self) -> Estimate {
         self.memory.ensemble.estimate(&self.problem)
+    }
+
+    /// The factor on the background's covariance in the one analysis of all observations.
+    pub fn inflation(&mut self, observed: &WhitenedObservations) -> f64 {
+        let factor = &mut self.memory.variance_factors[0];
+        *factor = self.settings.inflation.variance_factor(*factor, observed, observed.departures.len() as f64);
+        *factor
+    }
+
+    /// Takes an analysis of all observations in the space of the ensemble, also into the smoother; returns χ².
+    pub fn transform(&mut self, analysis: Transform) -> f64 {
+        if let Some(smoother) = &mut self.memory.smoother {
+            let weights = analysis.earlier_weights();
+            smoother.revise(|perturbations| product(perturbations.as_ref(), weights.as_ref()));
+        }
+        let chi2 = analysis.chi2;
+        let weights = analysis.weights(self.settings.inflation.relaxation_to_prior_perturbations);
+        let background = self.memory.ensemble.moments();
+        let deviations = product(background.perturbations.as_ref(), weights.as_ref());
+        let analysed = Moments::of_transformed(background.mean.clone(), &deviations);
+        self.set(&background, analysed);
+        chi2
     }
 
     /// Takes the analysed members, from those of the background, and relaxes their spread.

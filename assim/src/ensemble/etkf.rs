@@ -4,10 +4,8 @@ use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
 use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis};
 use super::members::ObservedEnsemble;
-use super::moments::Moments;
 use super::transform::{self, WhitenedObservations, transform};
 use crate::error::Error;
-use crate::linalg::product;
 use crate::problem::Problem;
 use isobar_model::Model;
 
@@ -46,20 +44,7 @@ impl EnsembleAnalysis for Transform {
 
     fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> Result<Option<f64>, Error> {
         let whitened = WhitenedObservations::new(members);
-        let inflation = cycle.settings.inflation;
-        let factor = &mut cycle.memory.variance_factors[0];
-        *factor = inflation.variance_factor(*factor, &whitened, whitened.departures.len() as f64);
-        let analysis = transform(&whitened, *factor);
-        if let Some(smoother) = &mut cycle.memory.smoother {
-            let weights = analysis.earlier_weights();
-            smoother.revise(|perturbations| product(perturbations.as_ref(), weights.as_ref()));
-        }
-        let chi2 = analysis.chi2;
-        let weights = analysis.weights(inflation.relaxation_to_prior_perturbations);
-        let background = cycle.memory.ensemble.moments();
-        let deviations = product(background.perturbations.as_ref(), weights.as_ref());
-        let analysed = Moments::of_transformed(background.mean.clone(), &deviations);
-        cycle.set(&background, analysed);
-        Ok(Some(chi2))
+        let inflation = cycle.inflation(&whitened);
+        Ok(Some(cycle.transform(transform(&whitened, inflation))))
     }
 }

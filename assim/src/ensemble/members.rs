@@ -7,12 +7,12 @@ use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance::{self, randomize};
 use crate::error::Error;
 use crate::estimate::Estimate;
-use crate::linalg::{add_symmetric_product, cholesky, column, product, qr, semidefinite_root};
+use crate::linalg::{add_symmetric_product, cholesky, column, polar_factor, product, qr, semidefinite_root};
 use crate::memory::Matrix;
 use crate::problem::{Innovations, Problem, require_finite, steps};
 use faer::{Mat, MatRef};
-use isobar_model::random::standard_normals;
-use isobar_model::vector::{add, axpy, subtract};
+use isobar_model::random::{standard_normals, stream};
+use isobar_model::vector::{add, axpy, dot, subtract};
 use isobar_model::{Duration, Model, State, forecast};
 use isobar_obs::ObservationWindow;
 use rand_chacha::ChaCha8Rng;
@@ -256,7 +256,7 @@ impl Ensemble {
 }
 
 /// √(N−1) F Ω, column-major `[m + p, N]`: F holds the leading factors of B and the priors, Ω `[N − 1, N]` orthonormal rows
-/// whose sums are zero.
+/// whose sums are zero (Pham 2001, Monthly Weather Review 129, second-order exact sampling).
 fn second_order_exact(
     problem: &Problem<dyn Model>,
     root: &Mat<f64>,
@@ -272,6 +272,7 @@ fn second_order_exact(
     let spread: Vec<f64> = variances.iter().map(|variance| variance.sqrt()).collect();
     let scales = variable_scales(problem, &spread);
     let factors = covariance::leading_factors(&*problem.background_error, &scales, members - 1 - p, random);
+    let factors = turned_to_fixed_directions(factors, &scales);
     let r = factors.ncols();
     let mut all = Mat::<f64>::zeros(m + p, members - 1);
     all.as_mut().get_mut(..m, ..r).copy_from(&factors);
@@ -292,6 +293,27 @@ fn exact_sampling(initial: InitialMembers, members: usize) -> f64 {
         InitialMembers::Random => 0.0,
         InitialMembers::SecondOrderExact => 4.0 * (members as f64).powi(2),
     }
+}
+
+/// F R for the R orthogonal `[r, r]` that makes it the nearest to fixed random directions W, `[m, r]`:
+///
+/// ```text
+/// Fᵀ S⁻¹ W = U Σ Vᵀ,    R = U Vᵀ,    S the scales
+/// ```
+///
+/// (the orthogonal Procrustes problem, Schönemann 1966, Psychometrika 31). F O has the same covariance for any orthogonal O and
+/// the same F R. Eigenvectors of equal eigenvalues are known up to such an O only, which rounding chooses, and the members of a
+/// nonlinear model depend on the columns of F, not on F Fᵀ alone.
+fn turned_to_fixed_directions(factors: Mat<f64>, scales: &[f64]) -> Mat<f64> {
+    let (m, r) = (factors.nrows(), factors.ncols());
+    let mut directions = stream(0, "directions of the first members");
+    let mut alignment = Mat::zeros(r, r);
+    for j in 0..r {
+        let mut direction = standard_normals(&mut directions, m);
+        direction.iter_mut().zip(scales).for_each(|(value, scale)| *value /= scale);
+        (0..r).for_each(|i| alignment[(i, j)] = dot(factors.col_as_slice(i), &direction));
+    }
+    product(factors.as_ref(), polar_factor(alignment.as_ref()).as_ref())
 }
 
 fn check(initial: InitialMembers, p: usize, members: usize) -> Result<(), Error> {

@@ -14,6 +14,7 @@
 //! | `localization` | the taper of Gaspari and Cohn on a plane |
 //! | `tapered` | innovations with a tapered covariance of state and shared biases |
 //! | `etkf` | [`EnsembleTransformKalmanFilter`] |
+//! | `own` | [`EnsembleTransform`]: the analysis made elsewhere |
 //! | `fixed_lag` | its smoother, the EnKS |
 //! | `letkf` | [`LocalEnsembleTransformKalmanFilter`] |
 //! | `stochastic` | [`StochasticEnsembleKalmanFilter`] |
@@ -30,6 +31,7 @@ mod localization;
 mod members;
 mod model_error;
 mod moments;
+mod own;
 mod principal;
 mod stochastic;
 mod tapered;
@@ -41,6 +43,7 @@ pub use filter::EnsembleFilter;
 pub use inflation::{BackgroundInflation, Inflation};
 pub use letkf::{LocalEnsembleTransformKalmanFilter, LocalSettings};
 pub use members::Ensemble;
+pub use own::{By, EnsembleTransform, EnsembleWeights};
 pub use stochastic::StochasticEnsembleKalmanFilter;
 
 /// How the first members are made.
@@ -75,4 +78,17 @@ pub struct EnsembleSettings {
     pub inflation: Inflation,
     /// The seed of the method's own random stream.
     pub seed: u64,
+}
+
+impl EnsembleSettings {
+    /// So many members, drawn at random with seed 1, whose perturbations are multiplied by `inflation` before each analysis.
+    pub fn new(members: usize, inflation: f64) -> Self {
+        Self {
+            members,
+            initial_members: InitialMembers::Random,
+            model_error: ModelErrorTreatment::Random,
+            inflation: Inflation { background: BackgroundInflation::Factor(inflation), ..Inflation::NONE },
+            seed: 1,
+        }
+    }
 }

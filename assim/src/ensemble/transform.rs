@@ -45,10 +45,11 @@ impl WhitenedObservations {
 /// An analysis in the space of the ensemble, and what the observations said of the covariance.
 pub(super) struct Transform {
     /// A⁻¹ Ỹᵀ d̃ / √(N−1) but for a factor √f, `[N]`.
-    mean: Vec<f64>,
+    pub mean: Vec<f64>,
     /// W, `[N, N]`.
-    root: Mat<f64>,
-    inflation: f64,
+    pub root: Mat<f64>,
+    /// f.
+    pub inflation: f64,
     /// dᵀ (H P Hᵀ + R)⁻¹ d.
     pub chi2: f64,
 }

@@ -6,8 +6,10 @@
 //! | `serial` | the same, analysed one observation at a time |
 //! | [`banded`] | a band beside what the calibration parameters explain: the Frobenius recursion |
 //! | [`blocks`] | blocks of the grid and common factors: Lange's Fast Kalman Filter |
+//! | [`local`] | blocks of the grid and factors of tiles, whose number does not grow with the domain |
 
 pub mod banded;
 pub mod blocks;
 pub mod dense;
+pub mod local;
 mod serial;

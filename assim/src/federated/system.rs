@@ -61,7 +61,7 @@ pub(super) fn observations_of(
         times: rows.iter().map(|&row| observed.times[row]).collect(),
         values: chosen(&observed.values),
         sigma: chosen(&observed.sigma),
-        rejected: Vec::new(),
+        aside: Default::default(),
         operator: Arc::new(SystemOperator {
             whole: Arc::clone(&observed.operator),
             rows,

@@ -77,6 +77,20 @@ pub enum AmplitudeEvolution {
     },
 }
 
+impl AmplitudeEvolution {
+    /// The variance of an amplitude that nothing is observed of, a time t after the start: the stationary σ² of a first-order
+    /// process, σ² + q t of a random walk; infinite without a prior.
+    pub(super) fn unobserved_variance(self, since_start: Duration) -> f64 {
+        match self {
+            AmplitudeEvolution::Constant { sigma_prior } => sigma_prior.map_or(f64::INFINITY, |sigma| sigma.powi(2)),
+            AmplitudeEvolution::RandomWalk { sigma_prior, sigma_per_sqrt_day } => {
+                sigma_prior.powi(2) + sigma_per_sqrt_day.powi(2) * since_start.days()
+            }
+            AmplitudeEvolution::FirstOrder { sigma, .. } => sigma.powi(2),
+        }
+    }
+}
+
 impl TimeShape {
     /// What its functions are called; an empty name if there is one only.
     fn names(self) -> Vec<String> {

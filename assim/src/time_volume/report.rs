@@ -11,13 +11,19 @@ use crate::high_pass::in_words;
 use crate::linalg::squared_norm;
 use isobar_model::vector::axpy;
 
+/// An evolving amplitude that keeps more than this share of the variance that it has without observations is not determined:
+/// its standard deviation is not yet half of that.
+const DETERMINED: f64 = 0.25;
+
 impl TimeVolume {
     /// State and calibration as of now: a parameter with the factors that act on what it acts on, as far as they have no
     /// pattern in space.
     pub(super) fn estimate(&self) -> Result<Estimate, Error> {
         let (s, p, variances) = (&self.memory.s, self.parameters(), self.errors.variances());
         let (state, bias) = (s.state.clone(), s.bias.clone());
-        let mut estimate = Estimate::with_variances(state, bias, &self.calibration, &variances, BlockErrors::NAME)?;
+        let part = |number| self.errors.part(number);
+        let name = BlockErrors::NAME;
+        let mut estimate = Estimate::with_variances(state, bias, &self.calibration, &variances, name, part)?;
         if let Some(spread) = &mut estimate.state_spread {
             let mut variances: Vec<f64> = spread.iter().map(|sigma| sigma * sigma).collect();
             let mut columns = self.memory.sensitivity.state.clone();
@@ -48,6 +54,16 @@ impl TimeVolume {
             }
         };
         (self.constant.iter().map(height).collect(), self.evolving.iter().map(height).collect())
+    }
+
+    /// Whether the observations have determined an evolving amplitude: its variance beside that which it has without them.
+    fn evolving_verdict(&self, amplitude: &Amplitude, variance: f64) -> String {
+        let evolution = self.settings.factors[amplitude.factor].evolution;
+        let kept = variance / evolution.unobserved_variance(self.memory.time - self.settings.start);
+        if kept <= DETERMINED {
+            return "determined".into();
+        }
+        format!("not determined: it keeps {:.0} % of the variance it has without observations", 100.0 * kept)
     }
 
     /// What factors add to a calibration parameter now, and the variance of the sum.
@@ -112,7 +128,7 @@ impl EstimatesParameters for TimeVolume {
                 unit: amplitude.unit.clone(),
                 value: self.memory.s.bias[number],
                 sigma: Some(variance.sqrt()),
-                verdict: "determined".into(),
+                verdict: self.evolving_verdict(amplitude, variance),
             }
         });
         constant.chain(evolving).collect()

@@ -2,6 +2,7 @@
 
 use super::TimeVolume;
 use super::window::{Information, Posterior};
+use crate::ties::first_largest;
 
 impl TimeVolume {
     /// The window's solution, relative to the reference: of the active unknowns, with the others at zero.
@@ -51,8 +52,9 @@ impl TimeVolume {
         let mut active = self.memory.active.clone();
         loop {
             let scores = (first..q).filter(|&k| !active[k]);
-            let scores = scores.filter_map(|k| self.score(&total, &active, k).map(|score| (k, score.abs())));
-            match scores.max_by(|a, b| a.1.total_cmp(&b.1)) {
+            let scores: Vec<(usize, f64)> =
+                scores.filter_map(|k| self.score(&total, &active, k).map(|score| (k, score.abs()))).collect();
+            match first_largest(scores.iter().map(|it| it.1)).map(|best| scores[best]) {
                 Some((best, score)) if score > threshold => active[best] = true,
                 _ => break,
             }

@@ -3,6 +3,7 @@
 use crate::block_angular::reduced_basis;
 use crate::linalg::{eigen, product};
 use crate::memory::Matrix;
+use crate::ties::first_largest;
 use faer::Mat;
 use isobar_model::vector::add;
 use serde::{Deserialize, Serialize};
@@ -78,8 +79,12 @@ impl Information {
                     *combination = all;
                 }
             }
-            let Some(&worst) = free.first() else { break (scales, values, vectors) };
-            let largest = (0..numbers.len()).max_by(|&a, &b| entry(a, worst).abs().total_cmp(&entry(b, worst).abs()));
+            if free.is_empty() {
+                break (scales, values, vectors);
+            }
+            // Whatever basis of them the eigenvectors are.
+            let part = |i: usize| free.iter().map(|&k| entry(i, k).powi(2)).sum::<f64>();
+            let largest = first_largest((0..numbers.len()).map(part));
             numbers.remove(largest.expect("a combination has parts"));
         };
         let mut root = Mat::zeros(q, numbers.len());

@@ -224,7 +224,7 @@ pub fn window(problem: &Problem, count: usize, within_cell: bool, cycle: usize, 
         times: vec![Time::from_seconds(cycle as i64 * WINDOW.seconds()); count],
         values,
         sigma: (0..count).map(|row| 0.5 + 0.1 * (row % 5) as f64).collect(),
-        rejected: Vec::new(),
+        aside: Default::default(),
         operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
     }
 }
@@ -270,11 +270,12 @@ pub fn widen(method: &mut dyn Assimilator, covariance: MatRef<'_, f64>) -> Resul
     method.adjust().widen().expect("the method can").widen_calibration(covariance)
 }
 
-/// max |a − b| / max |b|.
+/// max |a − b| / max |b|; max |a − b| where b is zero.
 pub fn relative_difference(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len());
     let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
-    largest(&mut a.iter().zip(b).map(|(a, b)| (a - b).abs())) / largest(&mut b.iter().map(|b| b.abs()))
+    let size = largest(&mut b.iter().map(|b| b.abs()));
+    largest(&mut a.iter().zip(b).map(|(a, b)| (a - b).abs())) / if size > 0.0 { size } else { 1.0 }
 }
 
 pub fn flat(matrix: &Mat<f64>) -> Vec<f64> {

@@ -85,7 +85,13 @@ fn it_is_the_least_squares_solution_of_all_cycles() {
             let (value, sigma) = (exact[(unknown, 0)], covariance[(unknown, unknown)].sqrt());
             assert!((parameter.value - value).abs() < 1e-8 * sigma, "{name}: {parameter:?} and not {value}");
             assert!((parameter.sigma.unwrap() / sigma - 1.0).abs() < 1e-8, "{name}: {parameter:?} and not ± {sigma}");
-            assert_eq!(parameter.verdict, "determined");
+            // What an evolving amplitude would be without observations: a stationary process, and a walk of seven windows.
+            let days = 7.0 * WINDOW.days();
+            let unobserved =
+                [0.5_f64.powi(2), 0.8_f64.powi(2) + 0.6_f64.powi(2) * days, 0.8_f64.powi(2) + 0.6_f64.powi(2) * days];
+            let determined = k < 4 || sigma * sigma <= 0.25 * unobserved[k - 4];
+            let beginning = if determined { "determined" } else { "not determined: it keeps" };
+            assert!(parameter.verdict.starts_with(beginning), "{name}: {parameter:?}");
         }
         // A parameter as it is now, with what factors add to it: c₀ + C₁ cos ωt + C₂ sin ωt.
         let mut weights = vec![0.0; whole.dense.unknowns];
@@ -148,6 +154,49 @@ fn with_the_prior_row_any_length_is_the_recursion() {
         }
         let (a, b) = (found.innovation_chi2.unwrap(), expected.innovation_chi2.unwrap());
         assert!((a / b - 1.0).abs() < 1e-8, "{cycles}: {a} and not {b}");
+    }
+}
+
+/// Amplitudes that change with time on a bias that observations see, and on one that none of them has.
+#[test]
+fn an_evolving_amplitude_that_nothing_is_observed_of_is_not_called_determined() {
+    let problem = problem(true, calibration(2, 0, 0.0), 7);
+    let evolving = |name: &str, number: usize, evolution| {
+        factor(name, Target::Observations(vec![number]), TimeShape::Constant, evolution)
+    };
+    let first_order =
+        AmplitudeEvolution::FirstOrder { sigma: 4.0, correlation_time: Duration::from_seconds(30 * 86_400) };
+    let walk = AmplitudeEvolution::RandomWalk { sigma_prior: 4.0, sigma_per_sqrt_day: 1.0 };
+    let factors = vec![
+        evolving("seen process", 0, first_order),
+        evolving("seen walk", 0, walk),
+        evolving("unseen process", 1, first_order),
+        evolving("unseen walk", 1, walk),
+    ];
+    let blind = |observed: ObservationWindow| {
+        let own = observed.operator.linearize(&problem.background, &[0.0; 2]);
+        let mut rows = SparseRows::new();
+        for row in 0..observed.len() {
+            rows.push_row(own.calibration.row(row).iter().copied().filter(|entry| entry.0 == 0));
+        }
+        let operator = Arc::new(LinearOperator { jacobian: Jacobian { state: own.state, calibration: rows } });
+        ObservationWindow { operator, ..observed }
+    };
+    let windows: Vec<ObservationWindow> = windows(&problem, 8).into_iter().map(blind).collect();
+    // Each alone, for the sum of two is all that observations see of them.
+    for factor in factors {
+        let seen = !factor.name.starts_with("unseen");
+        // The parameter's own bias is known, so that what is seen is the amplitude.
+        let mut problem = problem.clone();
+        problem.calibration.parameters.iter_mut().for_each(|parameter| parameter.sigma_prior = 1e-3);
+        let mut volume = TimeVolume::new(problem, volume_settings(4, vec![factor.clone()]), None).unwrap();
+        run(&mut volume, &windows);
+        let [found] = &parameters(&volume)[..] else { panic!("there is one amplitude") };
+        if seen {
+            assert_eq!(found.verdict, "determined", "{found:?}");
+        } else {
+            assert!(found.verdict.starts_with("not determined: it keeps 100 % of the variance"), "{found:?}");
+        }
     }
 }
 

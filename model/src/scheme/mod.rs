@@ -25,7 +25,7 @@ mod update;
 
 pub use leapfrog::Leapfrog;
 pub use restarted::RestartedLeapfrog;
-pub use rows::{RowStream, TangentRowStream};
+pub use rows::{Pushed, RowStream, TangentRowStream};
 pub use runge_kutta::{Stepped, TimeScheme, check_time_step};
 pub use strips::MOST_PLACES;
 pub use tendency::{SpectralBounds, Tendency};

@@ -80,6 +80,16 @@ pub trait RowStream: Send {
     fn finish(&mut self, _tendency: &mut [f64]) {}
 }
 
+/// What a [`TangentRowStream`] takes of the state, or of the increments, and what it writes.
+pub struct Pushed<'a, R> {
+    /// The row south of the one that is pushed.
+    pub south: R,
+    /// The row that is pushed.
+    pub north: R,
+    /// The tendency, of the row that is [`TangentRowStream::reach`] rows south of it.
+    pub tendency: &'a mut [f64],
+}
+
 /// A tendency and its derivative, row by row from the south, for stencils that reach one or two rows and columns.
 ///
 /// Rows of the state are as in [`RowStream`], at most [`MOST_PLACES`](super::MOST_PLACES) long; rows of increments hold
@@ -96,8 +106,8 @@ pub trait TangentRowStream: Send {
     /// The rows beyond a wall, of the state `[variable, x]` and the increments, given the rows beside it.
     fn beyond_wall(&self, x: Row<'_>, dx: &[f64], ghost: &mut [f64], d_ghost: &mut [f64]);
 
-    /// As [`RowStream::push`], for state (`x`: southern and northern row, tendency) and increments (`dx`).
-    fn push(&mut self, row: usize, x: (Row<'_>, Row<'_>, &mut [f64]), dx: (&[f64], &[f64], &mut [f64]));
+    /// As [`RowStream::push`], for state and increments.
+    fn push(&mut self, row: usize, x: Pushed<'_, Row<'_>>, dx: Pushed<'_, &[f64]>);
 
     /// As [`RowStream::finish`], for state and increments.
     fn finish(&mut self, _tendency: &mut [f64], _d_tendency: &mut [f64]) {}

@@ -9,7 +9,7 @@
 //! stage, as a strip takes itself for periodic: the next stage leaves them out.
 
 use super::interleaving::Interleaving;
-use super::rows::{Ring, Row, TangentRowStream};
+use super::rows::{Pushed, Ring, Row, TangentRowStream};
 use super::strips::{Group, MOST_PLACES, Strip};
 use super::tendency::Tendency;
 use super::update::{Scheme, combine, leap};
@@ -234,8 +234,16 @@ impl<'a> TangentWavefront<'a> {
         let d_slope = &mut self.dx.slopes[stage].row_mut(known)[span.increments()];
         self.streams[stage].push(
             row.rem_euclid(self.grid.ny as isize) as usize,
-            (span.of_state(x, row - 1), span.of_state(x, row), &mut self.row[..span.len()]),
-            (&dx.row(row - 1)[span.increments()], &dx.row(row)[span.increments()], d_slope),
+            Pushed {
+                south: span.of_state(x, row - 1),
+                north: span.of_state(x, row),
+                tendency: &mut self.row[..span.len()],
+            },
+            Pushed {
+                south: &dx.row(row - 1)[span.increments()],
+                north: &dx.row(row)[span.increments()],
+                tendency: d_slope,
+            },
         );
         span.keep(&self.row, self.x.slopes[stage].row_mut(known));
         if self.pushed[stage] > 2 * self.stage_reach as usize {
@@ -256,9 +264,11 @@ impl<'a> TangentWavefront<'a> {
         let (slope, d_slope) = (&mut self.row[..span.len()], &mut dx.slopes[stage].row_mut(known)[span.increments()]);
         if south {
             stream.begin(x_ghost, d_ghost);
-            stream.push(pushed as usize, (x_ghost, x_row, slope), (d_ghost, dx_row, d_slope));
+            let x = Pushed { south: x_ghost, north: x_row, tendency: slope };
+            stream.push(pushed as usize, x, Pushed { south: d_ghost, north: dx_row, tendency: d_slope });
         } else {
-            stream.push(pushed as usize, (x_row, x_ghost, slope), (dx_row, d_ghost, d_slope));
+            let x = Pushed { south: x_row, north: x_ghost, tendency: slope };
+            stream.push(pushed as usize, x, Pushed { south: dx_row, north: d_ghost, tendency: d_slope });
         }
         span.keep(&self.row, x.slopes[stage].row_mut(known));
     }
@@ -280,17 +290,13 @@ impl<'a> TangentWavefront<'a> {
             return self.cascade(stage + 1, row, columns);
         }
         let part = span.increments();
-        let (terms, count) = scheme.terms(stage, &self.dx.slopes, row, part.clone());
         let (now, before) = self.group.row_mut(columns, row as usize, self.strip);
-        match scheme {
-            Scheme::RungeKutta { .. } => {
-                let x = Row::of(&self.dx.states[0].row(row)[part], now.len());
-                combine(arch, now, x, now.len(), &terms[..count]);
-            }
-            Scheme::Leapfrog(leapfrog) => {
-                leap(arch, leapfrog, &mut [now, before], 0, part.len(), &self.dx.slopes[0].row(row)[part]);
-            }
-            Scheme::Slope => now.copy_from_slice(&self.dx.slopes[0].row(row)[part]),
+        if let Scheme::Leapfrog(leapfrog) = scheme {
+            leap(arch, leapfrog, &mut [now, before], 0, part.len(), &self.dx.slopes[0].row(row)[part]);
+        } else {
+            let (terms, count) = scheme.terms(stage, &self.dx.slopes, row, part.clone());
+            let x = Row::of(&self.dx.states[0].row(row)[part], now.len());
+            combine(arch, now, x, now.len(), &terms[..count]);
         }
         if !self.last_step {
             self.advance_state(row);

@@ -17,7 +17,9 @@ pub trait Tendency: Send + Sync {
     fn layout(&self) -> &Arc<Layout>;
 
     /// Number of values of scratch space the other functions need.
-    fn scratch_len(&self) -> usize;
+    fn scratch_len(&self) -> usize {
+        0
+    }
 
     /// Sets to zero the values that must be zero (the flow through a wall): a projection on coordinates, applied
     /// to a state or an increment at the beginning of each step.

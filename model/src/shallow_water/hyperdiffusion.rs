@@ -9,7 +9,7 @@ use super::{ShallowWater, V};
 use crate::columns::LANES;
 use crate::grid::Boundary;
 use crate::scheme::MOST_PLACES;
-use crate::scheme::rows::{Row, RowStream, TangentRowStream};
+use crate::scheme::rows::{Pushed, Row, RowStream, TangentRowStream};
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -93,15 +93,15 @@ impl TangentRowStream for HyperdiffusedTangentRows<'_> {
         self.inner.beyond_wall(x, dx, ghost, d_ghost);
     }
 
-    fn push(&mut self, row: usize, x: (Row<'_>, Row<'_>, &mut [f64]), dx: (&[f64], &[f64], &mut [f64])) {
-        let ((x_south, x_north, slope), (south, north, d_slope)) = (x, dx);
-        self.of_state.release(slope);
-        self.of_columns.release(d_slope);
+    fn push(&mut self, row: usize, x: Pushed<'_, Row<'_>>, dx: Pushed<'_, &[f64]>) {
+        self.of_state.release(x.tendency);
+        self.of_columns.release(dx.tendency);
         let (pending, d_pending) = (&mut self.of_state.pending, &mut self.of_columns.pending);
-        let (pending, d_pending) = (&mut pending[..slope.len()], &mut d_pending[..d_slope.len()]);
-        self.inner.push(row, (x_south, x_north, pending), (south, north, d_pending));
-        self.of_state.push(row, &x_south.variables::<VARIABLES>(), &x_north.variables::<VARIABLES>(), slope);
-        self.of_columns.push(row, &[south], &[north], d_slope);
+        let (pending, d_pending) = (&mut pending[..x.tendency.len()], &mut d_pending[..dx.tendency.len()]);
+        self.inner.push(row, Pushed { tendency: pending, ..x }, Pushed { tendency: d_pending, ..dx });
+        let [south, north] = [x.south, x.north].map(|row| row.variables::<VARIABLES>());
+        self.of_state.push(row, &south, &north, x.tendency);
+        self.of_columns.push(row, &[dx.south], &[dx.north], dx.tendency);
     }
 
     fn finish(&mut self, tendency: &mut [f64], d_tendency: &mut [f64]) {

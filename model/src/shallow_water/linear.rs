@@ -3,7 +3,7 @@
 use super::{Coefficients, ShallowWater};
 use crate::error::{ModelError, require, require_finite, require_positive};
 use crate::grid::Boundary;
-use crate::scheme::rows::{Row, TangentRowStream};
+use crate::scheme::rows::{Pushed, Row, TangentRowStream};
 use crate::scheme::{SpectralBounds, Tendency};
 use crate::state::{Layout, State};
 
@@ -178,10 +178,9 @@ impl TangentRowStream for SteadyRows<'_> {
         self.0.beyond_wall(x, dx, ghost, d_ghost);
     }
 
-    fn push(&mut self, row: usize, x: (Row<'_>, Row<'_>, &mut [f64]), dx: (&[f64], &[f64], &mut [f64])) {
-        let (south, north, tendency) = x;
-        self.0.push(row, (south, north, &mut *tendency), dx);
-        tendency.fill(0.0);
+    fn push(&mut self, row: usize, x: Pushed<'_, Row<'_>>, dx: Pushed<'_, &[f64]>) {
+        self.0.push(row, Pushed { tendency: &mut *x.tendency, ..x }, dx);
+        x.tendency.fill(0.0);
     }
 
     fn finish(&mut self, tendency: &mut [f64], d_tendency: &mut [f64]) {

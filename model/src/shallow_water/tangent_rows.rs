@@ -6,7 +6,7 @@ use super::{H, ShallowWater, U, V, VectorInvariant};
 use crate::columns::LANES;
 use crate::grid::Boundary;
 use crate::scheme::MOST_PLACES;
-use crate::scheme::rows::{Row, RowStream, TangentRowStream};
+use crate::scheme::rows::{Pushed, Row, RowStream, TangentRowStream};
 
 use pulp::{Simd, WithSimd};
 
@@ -156,10 +156,10 @@ impl TangentRowStream for TangentRows<'_> {
         d_ghost.as_chunks_mut::<LANES>().0.iter_mut().skip(V).step_by(VARIABLES).for_each(|v| v.fill(0.0));
     }
 
-    fn push(&mut self, row: usize, x: (Row<'_>, Row<'_>, &mut [f64]), dx: (&[f64], &[f64], &mut [f64])) {
-        self.state.push(row, x.0, x.1, x.2);
+    fn push(&mut self, row: usize, x: Pushed<'_, Row<'_>>, dx: Pushed<'_, &[f64]>) {
+        self.state.push(row, x.south, x.north, x.tendency);
         let at_wall = self.model.layout.grid.boundary == Boundary::Channel && row == 1;
-        self.arch.dispatch(Push { rows: self, at_wall, x: (x.0, x.1), south: dx.0, north: dx.1, tendency: dx.2 });
+        self.arch.dispatch(Push { rows: self, at_wall, x: (x.south, x.north), dx });
     }
 }
 
@@ -167,10 +167,9 @@ impl TangentRowStream for TangentRows<'_> {
 struct Push<'a, 'b> {
     rows: &'a mut TangentRows<'b>,
     at_wall: bool,
+    /// The southern and the northern row.
     x: (Row<'a>, Row<'a>),
-    south: &'a [f64],
-    north: &'a [f64],
-    tendency: &'a mut [f64],
+    dx: Pushed<'a, &'a [f64]>,
 }
 
 impl WithSimd for Push<'_, '_> {
@@ -178,7 +177,7 @@ impl WithSimd for Push<'_, '_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Push { rows, at_wall, x, south, north, tendency } = self;
+        let Push { rows, at_wall, x, dx: Pushed { south, north, tendency } } = self;
         rows.coefficients.compute(rows.model.form, &rows.state, x.0, x.1);
         let vector_len = S::as_simd_f64s(&[0.0; 2 * LANES]).0.len() / 2;
         match vector_len {

@@ -3,6 +3,7 @@
 pub mod radiosonde;
 pub mod recorded;
 pub mod satellite;
+pub mod steady;
 
 use crate::error::{ObservationError, require};
 use crate::observation::Observation;

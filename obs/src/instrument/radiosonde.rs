@@ -1,17 +1,15 @@
 //! Radiosondes: networks of stations that report the state at a point.
 
+use super::steady::Steady;
 use super::{Instrument, InstrumentSettings, ObservedVariable};
 use crate::bias::BiasProcess;
 use crate::calibration::Placement;
 use crate::error::{ObservationError, list};
-use crate::observation::{Observation, Reading};
-use crate::report::Report;
+use crate::observation::Observation;
 use crate::site::Site;
-use crate::station::{LeftOutStation, PlacedStations, Station, StationSource, place};
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
+use crate::state_operator::StateOperator;
+use crate::station::{PlacedStations, Station, StationSource, place};
 use std::collections::HashMap;
-use std::sync::Arc;
 
 /// Error of a radiosonde's height of a pressure level near 500 hPa \[m\] (the WRF model's observation errors: 12.1 m).
 pub const HEIGHT_SIGMA_M: f64 = 12.0;
@@ -166,16 +164,15 @@ impl InstrumentSettings for RadiosondeSettings {
     fn build(&self, site: &mut Site<'_>) -> Result<Box<dyn Instrument>, ObservationError> {
         let variables = self.find_variables(site)?;
         let placed = place(site, &self.stations, &self.reference_groups, self.edge_margin_m)?;
-        let (layout, cells) = (site.layout, site.layout.grid.cells());
-        let channel = |station: &Station, &(variable, sigma): &(usize, f64)| {
-            let stencil = layout.grid.stencil(layout.variables[variable].location, station.x_m, station.y_m);
-            let entries = stencil.expect("stations are in the domain").entries;
-            let state_row = entries.into_iter().map(|(index, weight)| (variable * cells + index, weight)).collect();
-            Channel { variable, sigma, state_row, calibration_row: Vec::new() }
-        };
-        let mut channels: Vec<Vec<Channel>> = (placed.stations.iter())
-            .map(|station| variables.iter().map(|variable| channel(station, variable)).collect())
-            .collect();
+        let layout = site.layout;
+        let mut observations = Vec::with_capacity(placed.stations.len() * variables.len());
+        for Station { name, x_m, y_m, .. } in &placed.stations {
+            for &(variable, sigma) in &variables {
+                let row = layout.interpolation(variable, *x_m, *y_m).expect("stations are in the domain");
+                let report = site.report(name, variable, *x_m, *y_m);
+                observations.push(Observation::new(report, sigma, StateOperator::Linear(row)));
+            }
+        }
         for bias in &self.biases {
             let Some(number) = self.variables.iter().position(|observed| observed.name == bias.variable) else {
                 let valid = self.variables.iter().map(|observed| &observed.name);
@@ -186,17 +183,13 @@ impl InstrumentSettings for RadiosondeSettings {
                 let name = format!("{}/{}", bias.variable, member.name);
                 if let Some(column) = site.add_bias(&name, unit, member.placement, &bias.process)? {
                     for station in member.stations {
-                        channels[station][number].calibration_row.push((column, 1.0));
+                        observations[station * variables.len() + number].calibration_row.push((column, 1.0));
                     }
                 }
             }
         }
-        Ok(Box::new(Radiosondes {
-            network: site.network.into(),
-            placed,
-            channels,
-            errors: site.stream("observations"),
-        }))
+        let PlacedStations { stations, left_out, .. } = placed;
+        Ok(Box::new(Steady::with_stations(site, observations, stations, left_out)))
     }
 }
 
@@ -207,68 +200,4 @@ struct Member<'a> {
     placement: Placement,
     /// Their numbers among the stations in the domain.
     stations: Vec<usize>,
-}
-
-/// One number that a station reports.
-struct Channel {
-    variable: usize,
-    sigma: f64,
-    state_row: Vec<(usize, f64)>,
-    calibration_row: Vec<(usize, f64)>,
-}
-
-/// A network of radiosondes in operation.
-struct Radiosondes {
-    network: Arc<str>,
-    placed: PlacedStations,
-    /// What each station in the domain reports.
-    channels: Vec<Vec<Channel>>,
-    errors: ChaCha8Rng,
-}
-
-impl Instrument for Radiosondes {
-    fn observe(&mut self, _cycle: usize, _pass: usize) -> Vec<Observation> {
-        let mut observations = Vec::new();
-        for (station, channels) in self.placed.stations.iter().zip(&self.channels) {
-            for channel in channels {
-                let normal: f64 = StandardNormal.sample(&mut self.errors);
-                observations.push(Observation {
-                    report: Report {
-                        network: Arc::clone(&self.network),
-                        platform: Arc::clone(&station.name),
-                        variable: channel.variable,
-                        x_m: station.x_m,
-                        y_m: station.y_m,
-                        scan: None,
-                    },
-                    sigma: channel.sigma,
-                    reading: Reading::Error(channel.sigma * normal),
-                    state_row: channel.state_row.clone(),
-                    calibration_row: channel.calibration_row.clone(),
-                    predictors: Vec::new(),
-                });
-            }
-        }
-        observations
-    }
-
-    fn most_observations(&self, _cycle: usize) -> usize {
-        self.channels.iter().map(Vec::len).sum()
-    }
-
-    fn weights(&self) -> usize {
-        self.channels.iter().flatten().map(|channel| channel.state_row.len()).sum()
-    }
-
-    fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {
-        vec![&mut self.errors]
-    }
-
-    fn stations(&self) -> &[Station] {
-        &self.placed.stations
-    }
-
-    fn left_out(&self) -> &[LeftOutStation] {
-        &self.placed.left_out
-    }
 }

@@ -8,6 +8,7 @@ use crate::projection::Projection;
 use crate::recorded_use::RecordedUse;
 use crate::report::Report;
 use crate::site::Site;
+use crate::state_operator::StateOperator;
 use crate::station::no_projection;
 use crate::table::Faults;
 use isobar_model::{Duration, Layout, Time};
@@ -57,7 +58,7 @@ impl InstrumentSettings for RecordedSettings {
         let mut nameless = Nameless::default();
         for record in self.observations.records() {
             let Some((variable, sigma)) = self.variable_and_sigma(record, site, &mut faults)? else { continue };
-            let Some((x_m, y_m, state_row)) = self.place(record, variable, site, &mut faults)? else { continue };
+            let Some((x_m, y_m, state)) = self.place(record, variable, site, &mut faults)? else { continue };
             let (cycle, time, is_late) = when(record.valid, self.time_tolerance, site.window, site.start);
             let platform = match &record.id {
                 Some(id) => id.clone(),
@@ -66,8 +67,7 @@ impl InstrumentSettings for RecordedSettings {
             winds.add(record, variable, sigma, observations.len());
             let report = Report { network: network.clone(), platform: platform.into(), variable, x_m, y_m, scan: None };
             let reading = Reading::Recorded { value: record.value, time, is_late };
-            let (calibration_row, predictors) = (Vec::new(), Vec::new());
-            observations.push((cycle, Observation { report, sigma, reading, state_row, calibration_row, predictors }));
+            observations.push((cycle, Observation { reading, ..Observation::new(report, sigma, state) }));
         }
         faults.check(file).map_err(|error| ObservationError::from(error).of_network(site.network, "file"))?;
         if let Some(projection) = site.projection {
@@ -129,7 +129,7 @@ impl RecordedSettings {
         variable: usize,
         site: &Site<'_>,
         faults: &mut Faults,
-    ) -> Result<Option<(f64, f64, StateRow)>, ObservationError> {
+    ) -> Result<Option<(f64, f64, StateOperator)>, ObservationError> {
         let (layout, file) = (site.layout, self.observations.file());
         let (grid, location) = (&layout.grid, layout.variables[variable].location);
         let is_geographic = matches!(record.place, ObservationPlace::Geographic { .. });
@@ -140,13 +140,13 @@ impl RecordedSettings {
         match (record.place, site.projection) {
             (ObservationPlace::Plane { x_m, y_m }, _) => {
                 let (x_m, y_m) = grid.first_image(x_m, y_m);
-                Ok(Some((x_m, y_m, row(layout, variable, x_m, y_m))))
+                Ok(Some((x_m, y_m, StateOperator::Linear(row(layout, variable, x_m, y_m)))))
             }
             (ObservationPlace::Geographic { .. }, None) => Err(no_projection(site.network, "file", file)),
             (ObservationPlace::Geographic { latitude_deg, longitude_deg }, Some(projection)) => {
                 // The antipode of the centre has no place on the plane.
                 let (x_m, y_m) = projection.forward(latitude_deg, longitude_deg).unwrap_or((f64::MAX, f64::MAX));
-                Ok(Some((x_m, y_m, row(layout, variable, x_m, y_m))))
+                Ok(Some((x_m, y_m, StateOperator::Linear(row(layout, variable, x_m, y_m)))))
             }
             (ObservationPlace::GridPoint { column, row }, _) => {
                 for (name, number, most) in [("column", column, grid.nx), ("row", row, grid.ny)] {
@@ -158,7 +158,7 @@ impl RecordedSettings {
                 }
                 let (i, j) = (column - 1, row - 1);
                 let index = variable * grid.cells() + j * grid.nx + i;
-                Ok(Some((grid.x_m(location, i), grid.y_m(location, j), vec![(index, 1.0)])))
+                Ok(Some((grid.x_m(location, i), grid.y_m(location, j), StateOperator::Linear(vec![(index, 1.0)]))))
             }
         }
     }
@@ -184,7 +184,7 @@ impl Instrument for Recorded {
     }
 
     fn weights(&self) -> usize {
-        self.observations.iter().map(|(_, observation)| observation.state_row.len()).sum()
+        self.observations.iter().map(|(_, observation)| observation.state.weights()).sum()
     }
 
     fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {
@@ -198,10 +198,10 @@ impl Instrument for Recorded {
             ..RecordedUse::default()
         };
         let mut seen = HashSet::new();
-        for (cycle, Observation { report, reading, state_row, .. }) in &self.observations {
+        for (cycle, Observation { report, reading, state, .. }) in &self.observations {
             let count = if !(1..=cycles).contains(cycle) {
                 &mut usage.in_no_cycle
-            } else if state_row.is_empty() {
+            } else if state.is_empty() {
                 &mut usage.outside
             } else if matches!(reading, Reading::Recorded { is_late: true, .. }) {
                 &mut usage.late
@@ -292,12 +292,13 @@ impl Winds {
             let is_u = observation.report.variable == components[0];
             let weights = if is_u { [cos, -sin] } else { [sin, cos] };
             let (x_m, y_m) = (observation.report.x_m, observation.report.y_m);
-            observation.state_row = (components.iter().zip(weights))
+            let turned = (components.iter().zip(weights))
                 .flat_map(|(&variable, weight)| {
                     row(layout, variable, x_m, y_m).into_iter().map(move |(index, entry)| (index, weight * entry))
                 })
                 .filter(|entry| entry.1 != 0.0)
                 .collect();
+            observation.state = StateOperator::Linear(turned);
         }
         for [u, v] in self.together.values() {
             let (&[u], &[v]) = (&u[..], &v[..]) else { continue };
@@ -308,20 +309,15 @@ impl Winds {
                 let observation = &mut observations[number].1;
                 let Report { variable, x_m, y_m, .. } = observation.report;
                 observation.reading.set_value(turned);
-                observation.state_row = row(layout, variable, x_m, y_m);
+                observation.state = StateOperator::Linear(row(layout, variable, x_m, y_m));
             }
         }
     }
 }
 
-/// A row of X: values of the state with their weights.
-type StateRow = Vec<(usize, f64)>;
-
 /// The row of X of a variable at a point of the plane; empty outside of the domain.
-fn row(layout: &Layout, variable: usize, x_m: f64, y_m: f64) -> StateRow {
-    let (grid, location) = (&layout.grid, layout.variables[variable].location);
-    let entries = grid.stencil(location, x_m, y_m).map_or_else(Vec::new, |stencil| stencil.entries);
-    entries.into_iter().map(|(index, weight)| (variable * grid.cells() + index, weight)).collect()
+fn row(layout: &Layout, variable: usize, x_m: f64, y_m: f64) -> Vec<(usize, f64)> {
+    layout.interpolation(variable, x_m, y_m).unwrap_or_default()
 }
 
 /// A place in words, by which an observation without a name is known; `on_plane` is its place there \[m\].

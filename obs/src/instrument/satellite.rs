@@ -10,6 +10,7 @@ use crate::observation::{Observation, Reading};
 use crate::predictor::Predictor;
 use crate::report::Report;
 use crate::site::Site;
+use crate::state_operator::StateOperator;
 use isobar_model::{Boundary, Grid, Location};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -332,7 +333,9 @@ impl Instrument for Satellite {
                 },
                 sigma,
                 reading: Reading::Error(sigma * normal),
-                state_row: entries.into_iter().map(|(index, weight)| (first + index, weight)).collect(),
+                state: StateOperator::Linear(
+                    entries.into_iter().map(|(index, weight)| (first + index, weight)).collect(),
+                ),
                 calibration_row: self.terms.iter().map(|&(column, term)| (column, term.value(s))).collect(),
                 predictors: self.predictors(x_m, y_m),
             });

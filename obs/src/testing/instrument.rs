@@ -110,7 +110,8 @@ mod tests {
     use crate::testing::layout;
     use crate::{
         AirMassBias, BiasProcess, BiasScope, Instrument, InstrumentSettings, Observation, ObservationFile,
-        RadiosondeSettings, Reading, RecordedSettings, Report, SatelliteSettings, Site, StationBias, StationSource,
+        RadiosondeSettings, Reading, RecordedSettings, Report, SatelliteSettings, Site, StateOperator, StationBias,
+        StationSource,
     };
     use isobar_model::Boundary;
     use rand_chacha::ChaCha8Rng;
@@ -172,7 +173,7 @@ mod tests {
                 report: Report { network, platform: "a".into(), variable: 0, x_m: 1.0, y_m: 1.0, scan: None },
                 sigma: self.sigma.unwrap_or(1.0),
                 reading: Reading::Error(error),
-                state_row: vec![(0, 1.0)],
+                state: StateOperator::Linear(vec![(0, 1.0)]),
                 calibration_row: Vec::new(),
                 predictors: Vec::new(),
             };

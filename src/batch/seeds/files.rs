@@ -4,10 +4,11 @@
 //! `against`, `difference`, `difference_low`, `difference_high`, `significant`. Intervals are at 95 %; a field is empty
 //! where there is no such figure.
 
-use super::SeedsSummary;
+use super::{SeedsScore, SeedsSummary};
 use crate::output::SinkError;
 use crate::output::directory::SEEDS_FILE;
 use crate::scores::statistics::Interval;
+use crate::tables::{Cell, Table};
 use std::fs;
 use std::path::Path;
 
@@ -39,31 +40,27 @@ impl SeedsSummary {
             let written = text.and_then(|text| fs::write(&path, text).map_err(|error| error.to_string()));
             written.map_err(|reason| SinkError { path, reason })
         };
-        put(TABLE_FILE, self.csv().map_err(|error| error.to_string()))?;
+        put(TABLE_FILE, Ok(self.table().csv()))?;
         let json = serde_json::to_string_pretty(self).map(|text| text + "\n");
         put(SEEDS_FILE, json.map_err(|error| error.to_string()))
     }
 
-    fn csv(&self) -> Result<String, csv::Error> {
-        let mut writer = csv::Writer::from_writer(Vec::new());
-        writer.write_record(HEADER)?;
-        let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
-        let ends = |interval: Option<Interval>| [interval.map(|it| it.low), interval.map(|it| it.high)].map(number);
-        for (method, scores) in &self.methods {
-            for (name, score) in scores {
-                let count = score.values.iter().flatten().count();
-                let mut row = vec![method.clone(), name.clone(), count.to_string(), score.mean.to_string()];
-                row.extend(ends(score.interval));
-                let difference = score.difference;
-                row.push(difference.map_or_else(String::new, |_| self.against.clone()));
-                row.push(number(difference.map(|it| it.mean)));
-                row.extend(ends(difference.and_then(|it| it.interval)));
-                let significant = difference.and_then(|it| it.significant);
-                row.push(significant.map_or_else(String::new, |it| it.to_string()));
-                writer.write_record(&row)?;
-            }
-        }
-        let bytes = writer.into_inner().map_err(|error| error.into_error())?;
-        Ok(String::from_utf8_lossy(&bytes).into_owned())
+    fn table(&self) -> Table {
+        let ends =
+            |interval: Option<Interval>| [interval.map(|it| it.low), interval.map(|it| it.high)].map(Cell::in_full);
+        let row = |method: &String, name: &String, score: &SeedsScore| {
+            let difference = score.difference;
+            let mut row: Vec<Cell> = vec![method.as_str().into(), name.as_str().into()];
+            row.extend([score.values.iter().flatten().count().into(), Cell::in_full(Some(score.mean))]);
+            row.extend(ends(score.interval));
+            row.push(difference.map_or("", |_| &self.against).into());
+            row.push(Cell::in_full(difference.map(|it| it.mean)));
+            row.extend(ends(difference.and_then(|it| it.interval)));
+            let significant = difference.and_then(|it| it.significant);
+            row.push(significant.map_or_else(String::new, |it| it.to_string()).into());
+            row
+        };
+        let rows = self.methods.iter().flat_map(|(method, scores)| scores.iter().map(move |own| (method, own)));
+        Table::new(&HEADER, rows.map(|(method, (name, score))| row(method, name, score)).collect())
     }
 }

@@ -73,7 +73,7 @@ pub struct PairedDifference {
 impl SeedsSummary {
     /// The scores of runs that differ in their seeds only; `None` if none is complete.
     pub fn new(runs: SeedRuns, against: &str) -> Option<Self> {
-        let SeedRuns { schedule, complete, failed } = runs;
+        let SeedRuns { schedule, complete, failed, unfinished: _ } = runs;
         let first = complete.first()?;
         let scores: Vec<IndexMap<&str, Values>> = complete
             .iter()
@@ -167,7 +167,8 @@ mod tests {
 
     fn summary(complete: Vec<Summary>) -> SeedsSummary {
         let failed = vec![FailedSeed { seed: 99, method: None, error: "no".into() }];
-        SeedsSummary::new(SeedRuns { schedule: Schedule::default(), complete, failed }, "kf").unwrap()
+        SeedsSummary::new(SeedRuns { schedule: Schedule::default(), complete, failed, unfinished: Vec::new() }, "kf")
+            .unwrap()
     }
 
     /// Against a calculation by hand: mean 5, s = 1, t of 3 degrees of freedom 3.182.
@@ -223,7 +224,12 @@ mod tests {
         let summary = summary(vec![run(1, &[("kf", 1.0)]), run(2, &[("kf", 3.0)])]);
         let kf = &summary.methods["kf"]["rmse_analysis.h"];
         assert_eq!((kf.mean, kf.interval), (2.0, None));
-        let none = SeedRuns { schedule: Schedule::default(), complete: Vec::new(), failed: Vec::new() };
+        let none = SeedRuns {
+            schedule: Schedule::default(),
+            complete: Vec::new(),
+            failed: Vec::new(),
+            unfinished: Vec::new(),
+        };
         assert_eq!(SeedsSummary::new(none, "kf"), None);
     }
 }

@@ -25,8 +25,9 @@ impl SeedsSummary {
                 title: "Scores".into(),
                 text: format!(
                     "Means over {} seeds with half the width of their 95 % intervals (Student's t over the seeds): \
-                     root-mean-square errors over cycles {} to {}, and what the methods claim them to be.{about_smoothed}",
+                     {} over cycles {} to {}, and what the methods claim their errors to be.{about_smoothed}",
                     self.seeds.len(),
+                    if scenario.truth.is_some() { "root-mean-square errors" } else { "departures of the observations" },
                     self.scored_from_cycle,
                     self.cycles
                 ),
@@ -87,8 +88,9 @@ impl SeedsSummary {
                 Some(Curve { dash: Dash::Solid, ..Curve::new(method, of_method_on_paper(place), points) })
             };
             let curves: Vec<Curve> = self.methods.keys().enumerate().filter_map(curve).collect();
-            let plot = CurvePlot::new(format!("analysis RMSE of {title}"), "seed".into(), title.clone(), curves);
-            Figure::of_curves(&plot, number, format!("Analysis error of {title}, by seed."))
+            let heading = format!("{} of {title}", score.kind.measured());
+            let caption = format!("{heading}, by seed.");
+            Figure::of_curves(&CurvePlot::new(heading, "seed".into(), title, curves), number, caption)
         };
         Score::all(variables, |kind| kind.compared).into_iter().enumerate().filter_map(draw).collect()
     }

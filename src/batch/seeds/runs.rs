@@ -1,11 +1,13 @@
 //! The runs of all seeds.
 
-use crate::batch::{Job, Run, Schedule, run_jobs};
+use crate::batch::{Job, JobError, Run, Schedule, run_jobs};
 use crate::options::RunOptions;
+use crate::output::Sink;
 use crate::progress::SeedsProgress;
+use crate::run::experiment::ExperimentBuilder;
 use crate::scenario::Scenario;
 use crate::scores::Summary;
-use miette::Report;
+use miette::{Report, miette};
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 
@@ -16,8 +18,10 @@ pub struct SeedRuns {
     pub schedule: Schedule,
     /// The scores of those that are complete.
     pub complete: Vec<Summary>,
-    /// The others.
+    /// Those that failed, and would fail again.
     pub failed: Vec<FailedSeed>,
+    /// Those that could be completed another time.
+    pub unfinished: Vec<FailedSeed>,
 }
 
 /// A seed whose run failed, or one of whose methods did.
@@ -48,7 +52,7 @@ pub fn run_all(
     };
     let jobs: Vec<Job<'_>> = seeds.iter().map(job).collect();
     let (schedule, outcomes) = run_jobs(&jobs, options, run, progress)?;
-    let mut runs = SeedRuns { schedule, complete: Vec::new(), failed: Vec::new() };
+    let mut runs = SeedRuns { schedule, complete: Vec::new(), failed: Vec::new(), unfinished: Vec::new() };
     let mut first_error = None;
     for (number, outcome) in outcomes {
         let seed = seeds[number];
@@ -61,17 +65,33 @@ pub fn run_all(
                 }));
                 runs.complete.push(summary);
             }
-            Err(error) => {
-                runs.failed.push(FailedSeed { seed, method: None, error: error.to_string() });
-                first_error.get_or_insert(error);
+            Err(JobError { report, may_pass }) => {
+                let list = if may_pass { &mut runs.unfinished } else { &mut runs.failed };
+                list.push(FailedSeed { seed, method: None, error: report.to_string() });
+                first_error.get_or_insert(report);
             }
         }
     }
     match first_error {
-        Some(error) if runs.complete.is_empty() => {
+        Some(error) if runs.complete.is_empty() && runs.unfinished.is_empty() => {
             Err(error.wrap_err(format!("the runs of all {} seeds failed", seeds.len())))
         }
         _ => Ok(runs),
+    }
+}
+
+impl ExperimentBuilder<'_> {
+    /// Runs the experiment with each of the seeds into `seed-N` below the directory of `options`, whose seed is left alone;
+    /// [`SeedsSummary::new`](super::SeedsSummary::new) makes means and differences of the scores.
+    ///
+    /// # Errors
+    /// If all runs failed, why the first one did; or if nothing can be written for a trial.
+    pub fn run_seeds(&self, options: &RunOptions, seeds: &[u64], progress: &SeedsProgress) -> Result<SeedRuns, Report> {
+        let run = |_: &Scenario, options: &RunOptions, listener: &mut dyn Sink| {
+            let run = self.run(options, listener);
+            run.map_err(|error| JobError { may_pass: error.may_pass(), report: miette!("{error}") })
+        };
+        run_all(&self.scenario, options, seeds, &run, progress)
     }
 }
 

@@ -9,6 +9,7 @@ use crate::output::SinkError;
 use crate::output::directory::SWEEP_FILE;
 use crate::output::report::{FIGURES_DIRECTORY, REPORT_FILE};
 use crate::scenario::Scenario;
+use crate::tables::{Cell, Table};
 use std::fs;
 use std::path::Path;
 
@@ -26,7 +27,7 @@ impl SweepSummary {
             let written = text.and_then(|text| fs::write(&path, text).map_err(|error| error.to_string()));
             written.map_err(|reason| SinkError { path, reason })
         };
-        put(TABLE_FILE, self.csv(scenario).map_err(|error| error.to_string()))?;
+        put(TABLE_FILE, Ok(self.table(scenario).csv()))?;
         if with_page {
             put(REPORT_FILE, self.html(scenario).map_err(|error| error.to_string()))?;
             let figures = directory.join(FIGURES_DIRECTORY);
@@ -40,24 +41,24 @@ impl SweepSummary {
         put(SWEEP_FILE, json.map_err(|error| error.to_string()))
     }
 
-    fn csv(&self, scenario: &Scenario) -> Result<String, csv::Error> {
-        let keys: Vec<&String> = scenario.sweep.iter().flat_map(|sweep| sweep.vary.keys()).collect();
-        let mut writer = csv::Writer::from_writer(Vec::new());
-        let header = ["method", "setting"].into_iter().chain(keys.iter().map(|key| key.as_str()));
-        writer.write_record(header.chain(["score", "seeds", "mean", "mean_low", "mean_high"]))?;
-        let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
+    fn table(&self, scenario: &Scenario) -> Table {
+        let keys: Vec<&str> = scenario.sweep.iter().flat_map(|sweep| sweep.vary.keys()).map(String::as_str).collect();
+        let header = [&["method", "setting"], &keys[..], &["score", "seeds", "mean", "mean_low", "mean_high"]].concat();
+        let mut rows = Vec::new();
         for (method, settings) in &self.methods {
             for own in settings {
                 for (name, score) in &own.scores {
-                    let mut row = vec![method.clone(), own.directory.clone()];
-                    row.extend(keys.iter().map(|key| own.values.get(*key).map_or_else(String::new, shown)));
-                    row.extend([name.clone(), score.seeds.to_string(), score.mean.to_string()]);
-                    row.extend([score.interval.map(|it| it.low), score.interval.map(|it| it.high)].map(number));
-                    writer.write_record(&row)?;
+                    let mut row: Vec<Cell> = vec![method.as_str().into(), own.directory.as_str().into()];
+                    row.extend(keys.iter().map(|key| own.values.get(*key).map_or_else(String::new, shown).into()));
+                    row.extend([name.as_str().into(), score.seeds.into()]);
+                    let interval = score.interval;
+                    row.extend(
+                        [Some(score.mean), interval.map(|it| it.low), interval.map(|it| it.high)].map(Cell::in_full),
+                    );
+                    rows.push(row);
                 }
             }
         }
-        let bytes = writer.into_inner().map_err(|error| error.into_error())?;
-        Ok(String::from_utf8_lossy(&bytes).into_owned())
+        Table::new(&header, rows)
     }
 }

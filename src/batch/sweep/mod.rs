@@ -120,6 +120,19 @@ impl SweepSummary {
     }
 }
 
+/// The score by which settings are compared unless the scenario says another: the analysis error of the first variable;
+/// without a truth the departure of passive observations from the analysis, or of all from the background, of the first variable
+/// that has one.
+pub fn first_score(scenario: &Scenario, outcomes: &[Outcome]) -> String {
+    let variables: Vec<&str> = scenario.model.variables().iter().map(|variable| variable.0).collect();
+    let candidates = ["rmse_analysis", "passive_departure_analysis", "departure_background"];
+    let keys = candidates.iter().flat_map(|kind| variables.iter().map(move |variable| format!("{kind}.{variable}")));
+    let runs = || outcomes.iter().filter_map(|(_, outcome)| outcome.as_ref().ok());
+    let has = |key: &String| runs().any(|run| run.methods.values().any(|scores| scores.values.contains_key(key)));
+    let first = keys.clone().next().unwrap_or_default();
+    keys.into_iter().find(has).unwrap_or(first)
+}
+
 /// The mean of each score over the runs that have it.
 fn means(all: Vec<Values>) -> IndexMap<String, SweepScore> {
     let mut values: IndexMap<String, Vec<f64>> = IndexMap::new();

@@ -97,7 +97,7 @@ fn check(scenario: &Scenario, sweep: &SweepSettings) -> Result<(), ScenarioError
     Ok(())
 }
 
-/// The scenario with other values, and without its sweep and its accepted scores.
+/// The scenario with other values, and without its sweep, its accepted scores, and what it writes back of sensors.
 fn with_values(scenario: &Scenario, values: &IndexMap<String, Value>) -> Result<Scenario, ScenarioError> {
     let described = || values.iter().map(|(key, value)| format!("{key} = {value}")).collect::<Vec<_>>().join(", ");
     let fault = |key: &str, message: String| scenario.fault(&["sweep", "vary", key], clean(&message), "this key");
@@ -108,9 +108,20 @@ fn with_values(scenario: &Scenario, values: &IndexMap<String, Value>) -> Result<
         put(&mut table, key, value.clone()).map_err(|message| fault(key, message))?;
     }
     let last = values.keys().last().map_or("", String::as_str);
-    let text = toml::to_string(&table).map_err(|error| fault(last, error.to_string()))?;
-    Scenario::parse(&scenario.path, &text)
-        .map_err(|error| fault(last, format!("with {}: {}", described(), error.message())))
+    let parse = |table: &Table| {
+        let text = toml::to_string(table).map_err(|error| fault(last, error.to_string()))?;
+        Scenario::parse(&scenario.path, &text)
+            .map_err(|error| fault(last, format!("with {}: {}", described(), error.message())))
+    };
+    let own = parse(&table)?;
+    match own.sensors.as_ref().filter(|sensors| sensors.writes.is_some()).map(|sensors| sensors.database.exists()) {
+        None => return Ok(own),
+        // A sweep writes nothing back.
+        Some(true) => drop(table.get_mut("sensors").and_then(|sensors| sensors.as_table_mut()?.remove("writes"))),
+        // Nothing is known yet.
+        Some(false) => drop(table.remove("sensors")),
+    }
+    parse(&table)
 }
 
 /// Sets a dotted key, whose table must be there.

@@ -2,30 +2,19 @@
 
 use super::component::{CovarianceSettings, LENGTH_KM};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{AnyKey, Key, Limits, Read, Section};
+use crate::reader::{Key, Limits, Read, Section};
 use isobar_assim::covariance::{Balanced, BalancedParameters};
 use isobar_assim::{Covariance, Error};
 use isobar_model::Layout;
 
-pub(super) struct BalancedKind;
-
 const SIGMA_HEIGHT_M: Key<Limits> =
     Key::required("sigma_height_m", "m", Limits::Positive, "standard deviation of the height");
 
-impl Kind<dyn CovarianceSettings, Domain> for BalancedKind {
-    fn name(&self) -> &'static str {
-        "balanced"
-    }
-
-    fn about(&self) -> &'static str {
-        "A height with a Gaussian correlation, and the wind in geostrophic balance with it"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&SIGMA_HEIGHT_M, &LENGTH_KM]
-    }
-
-    fn read(&self, section: &Section<'_>, domain: &Domain) -> Read<Box<dyn CovarianceSettings>> {
+pub(super) const KIND: Kind<dyn CovarianceSettings, Domain> = Kind::new(
+    "balanced",
+    "A height with a Gaussian correlation, and the wind in geostrophic balance with it",
+    &[&[&SIGMA_HEIGHT_M, &LENGTH_KM]],
+    |section, domain| {
         let water = domain.model.equations.water().map(|water| water.parameters);
         let Some(water) = water.filter(|water| water.coriolis_per_s != 0.0) else {
             let message = "a balanced covariance needs a shallow-water model with coriolis_per_s other than 0".into();
@@ -39,8 +28,8 @@ impl Kind<dyn CovarianceSettings, Domain> for BalancedKind {
             coriolis_per_s: water.coriolis_per_s,
             beta_per_m_per_s: water.beta_per_m_per_s,
         }))
-    }
-}
+    },
+);
 
 impl CovarianceSettings for BalancedParameters {
     fn build(&self, layout: &Layout) -> Result<Box<dyn Covariance>, Error> {

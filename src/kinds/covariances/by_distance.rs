@@ -2,12 +2,10 @@
 
 use super::component::{CovarianceSettings, LENGTH_KM, SIGMA, VARIABLE};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Absent, AnyKey, Choice, Key, Limits, Read, Section};
+use crate::reader::{Absent, Choice, Key, Limits, Read, Section};
 use isobar_assim::covariance::{CorrelationFunction, Univariate};
 use isobar_assim::{Covariance, Error};
 use isobar_model::Layout;
-
-pub(super) struct ByDistanceKind;
 
 const CORRELATION: Key<Choice<CorrelationFunction>> = Key::required(
     "correlation",
@@ -30,20 +28,11 @@ const UNCORRELATED_FRACTION: Key<Limits> = Key::absent(
     "fraction of the variance that is not correlated from point to point",
 );
 
-impl Kind<dyn CovarianceSettings, Domain> for ByDistanceKind {
-    fn name(&self) -> &'static str {
-        "by_distance"
-    }
-
-    fn about(&self) -> &'static str {
-        "One variable alone, with a correlation that is a function of the shortest distance"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&VARIABLE, &CORRELATION, &SIGMA, &LENGTH_KM, &UNCORRELATED_FRACTION]
-    }
-
-    fn read(&self, section: &Section<'_>, domain: &Domain) -> Read<Box<dyn CovarianceSettings>> {
+pub(super) const KIND: Kind<dyn CovarianceSettings, Domain> = Kind::new(
+    "by_distance",
+    "One variable alone, with a correlation that is a function of the shortest distance",
+    &[&[&VARIABLE, &CORRELATION, &SIGMA, &LENGTH_KM, &UNCORRELATED_FRACTION]],
+    |section, domain| {
         Ok(Box::new(ByDistanceSettings {
             variable: domain.variable(&section.required(VARIABLE.name)?)?,
             correlation: section.get(&CORRELATION)?,
@@ -51,8 +40,8 @@ impl Kind<dyn CovarianceSettings, Domain> for ByDistanceKind {
             length_m: section.get(&LENGTH_KM)? * 1e3,
             uncorrelated_fraction: section.get(&UNCORRELATED_FRACTION)?,
         }))
-    }
-}
+    },
+);
 
 #[derive(Debug)]
 struct ByDistanceSettings {

@@ -2,13 +2,11 @@
 
 use super::component::{CovarianceSettings, VARIABLE};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Absent, AnyKey, Described, Key, Limits, Read, Section, fields};
+use crate::reader::{Absent, Described, Key, Limits, Read, Section, fields};
 use faer::Mat;
 use isobar_assim::covariance::LocalizedEnsemble;
 use isobar_assim::{Covariance, Error};
 use isobar_model::Layout;
-
-pub(super) struct MembersKind;
 
 /// The most members in a file.
 const MOST_MEMBERS: usize = 1000;
@@ -28,20 +26,11 @@ const LOCALIZATION_RADIUS_KM: Key<Limits> = Key::absent(
     "distance at which the taper of the correlations ends",
 );
 
-impl Kind<dyn CovarianceSettings, Domain> for MembersKind {
-    fn name(&self) -> &'static str {
-        "members"
-    }
-
-    fn about(&self) -> &'static str {
-        "One variable alone, with the covariance of the members of an ensemble"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&VARIABLE, &FILE, &LOCALIZATION_RADIUS_KM]
-    }
-
-    fn read(&self, section: &Section<'_>, domain: &Domain) -> Read<Box<dyn CovarianceSettings>> {
+pub(super) const KIND: Kind<dyn CovarianceSettings, Domain> = Kind::new(
+    "members",
+    "One variable alone, with the covariance of the members of an ensemble",
+    &[&[&VARIABLE, &FILE, &LOCALIZATION_RADIUS_KM]],
+    |section, domain| {
         let file = section.required(FILE.name)?;
         let members = fields::read(&file, &domain.grid, MOST_MEMBERS)?.columns;
         if members.len() < 2 {
@@ -50,8 +39,8 @@ impl Kind<dyn CovarianceSettings, Domain> for MembersKind {
         let localization_radius_m = section.find(&LOCALIZATION_RADIUS_KM)?.map(|km| km * 1e3);
         let variable = domain.variable(&section.required(VARIABLE.name)?)?;
         Ok(Box::new(MembersSettings { variable, members, localization_radius_m }))
-    }
-}
+    },
+);
 
 #[derive(Debug)]
 struct MembersSettings {

@@ -17,13 +17,8 @@ use isobar_model::Layout;
 use std::sync::Arc;
 
 /// All kinds of components.
-pub(crate) const COVARIANCES: &Kinds<dyn CovarianceSettings, Domain> = &[
-    &balanced::BalancedKind,
-    &univariate::UnivariateKind,
-    &by_distance::ByDistanceKind,
-    &members::MembersKind,
-    &white::WhiteKind,
-];
+pub(crate) const COVARIANCES: &Kinds<dyn CovarianceSettings, Domain> =
+    &[&balanced::KIND, &univariate::KIND, &by_distance::KIND, &members::KIND, &white::KIND];
 
 /// The components of a covariance.
 pub type Components = Vec<Arc<dyn CovarianceSettings>>;
@@ -59,4 +54,9 @@ pub fn build(components: &Components, layout: &Layout) -> Result<Arc<dyn Covaria
         terms.push(term);
     }
     Ok(Arc::new(Sum::new(layout.len(), terms)))
+}
+
+/// The shortest correlation length of the components \[m\], if any has one.
+pub fn shortest_length_m(components: &Components) -> Option<f64> {
+    components.iter().filter_map(|component| component.length_m()).reduce(f64::min)
 }

@@ -2,34 +2,23 @@
 
 use super::component::{CovarianceSettings, LENGTH_KM, SIGMA, VARIABLE};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{AnyKey, Read, Section};
+use crate::reader::{Read, Section};
 use isobar_assim::covariance::Univariate;
 use isobar_assim::{Covariance, Error};
 use isobar_model::Layout;
 
-pub(super) struct UnivariateKind;
-
-impl Kind<dyn CovarianceSettings, Domain> for UnivariateKind {
-    fn name(&self) -> &'static str {
-        "univariate"
-    }
-
-    fn about(&self) -> &'static str {
-        "One variable alone, with a Gaussian correlation"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&VARIABLE, &SIGMA, &LENGTH_KM]
-    }
-
-    fn read(&self, section: &Section<'_>, domain: &Domain) -> Read<Box<dyn CovarianceSettings>> {
+pub(super) const KIND: Kind<dyn CovarianceSettings, Domain> = Kind::new(
+    "univariate",
+    "One variable alone, with a Gaussian correlation",
+    &[&[&VARIABLE, &SIGMA, &LENGTH_KM]],
+    |section, domain| {
         Ok(Box::new(UnivariateSettings {
             variable: domain.variable(&section.required(VARIABLE.name)?)?,
             sigma: section.get(&SIGMA)?,
             length_m: section.get(&LENGTH_KM)? * 1e3,
         }))
-    }
-}
+    },
+);
 
 #[derive(Debug)]
 struct UnivariateSettings {

@@ -2,31 +2,20 @@
 
 use super::component::{CovarianceSettings, SIGMA, VARIABLE};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{AnyKey, Read, Section};
+use crate::reader::{Read, Section};
 use isobar_assim::covariance::White;
 use isobar_assim::{Covariance, Error};
 use isobar_model::Layout;
 
-pub(super) struct WhiteKind;
-
-impl Kind<dyn CovarianceSettings, Domain> for WhiteKind {
-    fn name(&self) -> &'static str {
-        "white"
-    }
-
-    fn about(&self) -> &'static str {
-        "One variable alone, uncorrelated from point to point"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&VARIABLE, &SIGMA]
-    }
-
-    fn read(&self, section: &Section<'_>, domain: &Domain) -> Read<Box<dyn CovarianceSettings>> {
+pub(super) const KIND: Kind<dyn CovarianceSettings, Domain> = Kind::new(
+    "white",
+    "One variable alone, uncorrelated from point to point",
+    &[&[&VARIABLE, &SIGMA]],
+    |section, domain| {
         let variable = domain.variable(&section.required(VARIABLE.name)?)?;
         Ok(Box::new(WhiteSettings { variable, sigma: section.get(&SIGMA)? }))
-    }
-}
+    },
+);
 
 #[derive(Debug)]
 struct WhiteSettings {

@@ -2,11 +2,9 @@
 
 use super::state::InitialState;
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Absent, AnyKey, Integer, Key, Limits, Read, Section};
+use crate::reader::{Absent, Integer, Key, Limits, Read, Section};
 use isobar_model::initial::{CosineWave, cosine_wave};
 use isobar_model::{ModelError, State, advection};
-
-pub(super) struct CosineWaveKind;
 
 const MEAN: Key<Limits> = Key::absent("mean", "1", Limits::Any, Absent::Means(0.0), "mean of the tracer");
 
@@ -28,24 +26,11 @@ const fn waves(name: &'static str, default: i64, meaning: &'static str) -> Key<I
     Key::absent(name, "", Integer(-2048, 2048), Absent::Means(default), meaning)
 }
 
-impl Kind<dyn InitialState, Domain> for CosineWaveKind {
-    fn name(&self) -> &'static str {
-        "cosine_wave"
-    }
-
-    fn about(&self) -> &'static str {
-        "A cosine wave of tracer"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&MEAN, &AMPLITUDE, &WAVES_X, &WAVES_Y, &PHASE_DEG]
-    }
-
-    fn fits(&self, domain: &Domain) -> bool {
-        !domain.model.is_shallow_water()
-    }
-
-    fn read(&self, section: &Section<'_>, _: &Domain) -> Read<Box<dyn InitialState>> {
+pub(super) const KIND: Kind<dyn InitialState, Domain> = Kind::new(
+    "cosine_wave",
+    "A cosine wave of tracer",
+    &[&[&MEAN, &AMPLITUDE, &WAVES_X, &WAVES_Y, &PHASE_DEG]],
+    |section, _| {
         Ok(Box::new(CosineWave {
             mean: section.get(&MEAN)?,
             amplitude: section.get(&AMPLITUDE)?,
@@ -53,8 +38,9 @@ impl Kind<dyn InitialState, Domain> for CosineWaveKind {
             waves_y: section.get(&WAVES_Y)? as i32,
             phase: section.get(&PHASE_DEG)?.to_radians(),
         }))
-    }
-}
+    },
+)
+.only_if(|domain| !domain.model.is_shallow_water());
 
 impl InitialState for CosineWave {
     fn build(&self, domain: &Domain, _: u64) -> Result<State, ModelError> {

@@ -2,11 +2,9 @@
 
 use super::state::InitialState;
 use crate::kinds::{Domain, Kind};
-use crate::reader::{AnyKey, Described, Field, Key, Read, Section, fields};
+use crate::reader::{Described, Field, Key, Read, Section, fields};
 use crate::text::clean;
 use isobar_model::{Boundary, ModelError, State, advection, shallow_water};
-
-pub(super) struct FileKind;
 
 /// The most columns of a file of states.
 const MOST_COLUMNS: usize = 100;
@@ -18,23 +16,10 @@ const FILE: Key<Described> = Key::required(
     "the state",
 );
 
-impl Kind<dyn InitialState, Domain> for FileKind {
-    fn name(&self) -> &'static str {
-        "file"
-    }
-
-    fn about(&self) -> &'static str {
-        "The values of a file"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&FILE]
-    }
-
-    fn read(&self, section: &Section<'_>, domain: &Domain) -> Read<Box<dyn InitialState>> {
+pub(super) const KIND: Kind<dyn InitialState, Domain> =
+    Kind::new("file", "The values of a file", &[&[&FILE]], |section, domain| {
         Ok(Box::new(Values(values(&section.required(FILE.name)?, domain)?)))
-    }
-}
+    });
 
 /// The values of a state, `[variable, y, x]`.
 #[derive(Debug)]

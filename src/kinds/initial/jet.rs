@@ -2,11 +2,9 @@
 
 use super::state::{InitialState, LENGTH, MEAN_DEPTH_M, check_rotation, fraction, mean_depth_m, on_water};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Absent, AnyKey, Key, Limits, Read, Section};
+use crate::reader::{Absent, Key, Limits, Read, Section};
 use isobar_model::initial::{HeightPerturbation, JetConfig, geostrophic_jet};
 use isobar_model::{ModelError, State};
-
-pub(super) struct JetKind;
 
 const SPEED: Key<Limits> = Key::required("speed_m_per_s", "m/s", Limits::Between(-300.0, 300.0), "speed on the axis");
 
@@ -30,24 +28,11 @@ const PERTURBATION_WIDTH_KM: Key<Limits> = Key::absent(
     "half width of the bump in both directions",
 );
 
-impl Kind<dyn InitialState, Domain> for JetKind {
-    fn name(&self) -> &'static str {
-        "jet"
-    }
-
-    fn about(&self) -> &'static str {
-        "An eastward jet in geostrophic balance"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&MEAN_DEPTH_M, &SPEED, &WIDTH_KM, &CENTER_Y, &PERTURBATION_HEIGHT_M, &PERTURBATION_WIDTH_KM]
-    }
-
-    fn fits(&self, domain: &Domain) -> bool {
-        domain.model.is_shallow_water()
-    }
-
-    fn read(&self, section: &Section<'_>, domain: &Domain) -> Read<Box<dyn InitialState>> {
+pub(super) const KIND: Kind<dyn InitialState, Domain> = Kind::new(
+    "jet",
+    "An eastward jet in geostrophic balance",
+    &[&[&MEAN_DEPTH_M, &SPEED, &WIDTH_KM, &CENTER_Y, &PERTURBATION_HEIGHT_M, &PERTURBATION_WIDTH_KM]],
+    |section, domain| {
         check_rotation(section, domain)?;
         let grid = &domain.grid;
         let center_y_m = section.get(&CENTER_Y)? * grid.height_m();
@@ -67,8 +52,9 @@ impl Kind<dyn InitialState, Domain> for JetKind {
             width_m: width_km * 1e3,
             perturbation: (bump.amplitude_m != 0.0).then_some(bump),
         }))
-    }
-}
+    },
+)
+.only_if(|domain| domain.model.is_shallow_water());
 
 impl InitialState for JetConfig {
     fn build(&self, domain: &Domain, _: u64) -> Result<State, ModelError> {

@@ -3,23 +3,25 @@
 mod cosine_wave;
 mod file;
 mod gaussian_hill;
+mod given;
 mod jet;
 mod random_balanced;
 mod rest;
 mod state;
 mod vortices;
 
+pub(crate) use given::GivenState;
 pub use state::{BalancedHeights, InitialState};
 
 use super::{Domain, Kinds};
 
 /// All kinds of initial states. Fractions are of the domain's extent, from the west and from the south.
 pub(crate) const INITIAL: &Kinds<dyn InitialState, Domain> = &[
-    &rest::RestKind,
-    &jet::JetKind,
-    &vortices::VorticesKind,
-    &random_balanced::RandomBalancedKind,
-    &gaussian_hill::GaussianHillKind,
-    &cosine_wave::CosineWaveKind,
-    &file::FileKind,
+    &rest::KIND,
+    &jet::KIND,
+    &vortices::KIND,
+    &random_balanced::KIND,
+    &gaussian_hill::KIND,
+    &cosine_wave::KIND,
+    &file::KIND,
 ];

@@ -2,33 +2,15 @@
 
 use super::state::{InitialState, MEAN_DEPTH_M, mean_depth_m, on_water};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{AnyKey, Read, Section};
+use crate::reader::{Read, Section};
 use isobar_model::initial::rest;
 use isobar_model::{ModelError, State};
 
-pub(super) struct RestKind;
-
-impl Kind<dyn InitialState, Domain> for RestKind {
-    fn name(&self) -> &'static str {
-        "rest"
-    }
-
-    fn about(&self) -> &'static str {
-        "Still water"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&MEAN_DEPTH_M]
-    }
-
-    fn fits(&self, domain: &Domain) -> bool {
-        domain.model.is_shallow_water()
-    }
-
-    fn read(&self, section: &Section<'_>, domain: &Domain) -> Read<Box<dyn InitialState>> {
+pub(super) const KIND: Kind<dyn InitialState, Domain> =
+    Kind::new("rest", "Still water", &[&[&MEAN_DEPTH_M]], |section, domain| {
         Ok(Box::new(Rest { mean_depth_m: mean_depth_m(section, domain)? }))
-    }
-}
+    })
+    .only_if(|domain| domain.model.is_shallow_water());
 
 #[derive(Debug)]
 struct Rest {

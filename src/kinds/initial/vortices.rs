@@ -2,13 +2,11 @@
 
 use super::state::{BalancedHeights, InitialState, LENGTH, MEAN_DEPTH_M, check_rotation, mean_depth_m, on_water};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{AnyKey, Key, Limits, Read, Section, Whole};
+use crate::reader::{Key, Limits, Read, Section, Whole};
 use isobar_model::initial::{Vortex, vortices};
 use isobar_model::random::stream;
 use isobar_model::{ModelError, State};
 use rand::RngExt;
-
-pub(super) struct VorticesKind;
 
 const COUNT: Key<Whole> = Key::required("count", "", Whole(1, 1000), "number of vortices");
 
@@ -17,24 +15,11 @@ const HEIGHT_M: Key<Limits> = Key::required("height_m", "m", Limits::Any, "heigh
 const RADIUS_KM: Key<Limits> =
     Key::required("radius_km", "km", LENGTH, "radius, the standard deviation of the Gaussian");
 
-impl Kind<dyn InitialState, Domain> for VorticesKind {
-    fn name(&self) -> &'static str {
-        "vortices"
-    }
-
-    fn about(&self) -> &'static str {
-        "Balanced vortices at random places, of both signs in turn"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&MEAN_DEPTH_M, &COUNT, &HEIGHT_M, &RADIUS_KM]
-    }
-
-    fn fits(&self, domain: &Domain) -> bool {
-        domain.model.is_shallow_water()
-    }
-
-    fn read(&self, section: &Section<'_>, domain: &Domain) -> Read<Box<dyn InitialState>> {
+pub(super) const KIND: Kind<dyn InitialState, Domain> = Kind::new(
+    "vortices",
+    "Balanced vortices at random places, of both signs in turn",
+    &[&[&MEAN_DEPTH_M, &COUNT, &HEIGHT_M, &RADIUS_KM]],
+    |section, domain| {
         check_rotation(section, domain)?;
         Ok(Box::new(Vortices {
             mean_depth_m: mean_depth_m(section, domain)?,
@@ -42,8 +27,9 @@ impl Kind<dyn InitialState, Domain> for VorticesKind {
             height_m: section.get(&HEIGHT_M)?,
             radius_m: section.get(&RADIUS_KM)? * 1e3,
         }))
-    }
-}
+    },
+)
+.only_if(|domain| domain.model.is_shallow_water());
 
 #[derive(Debug)]
 struct Vortices {

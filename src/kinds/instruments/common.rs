@@ -1,6 +1,6 @@
 //! What several kinds of instruments have in common.
 
-use crate::reader::{Absent, AnyKey, Described, Field, Key, Limits, Read, ScenarioError, Section, Whole};
+use crate::reader::{Absent, AnyKey, Described, Field, Key, Limits, Read, ScenarioError, Section, Whole, YesNo};
 use crate::text::clean_lines;
 use isobar_obs::Faults;
 use isobar_obs::table::TableError;
@@ -29,6 +29,14 @@ pub(super) const MISSING_RATE: Key<Limits> = Key::absent(
     "probability that a station or footprint does not report in a cycle",
 );
 
+pub(super) const ASSIMILATE: Key<YesNo> = Key::absent(
+    "assimilate",
+    "",
+    YesNo,
+    Absent::Means(true),
+    "whether methods assimilate it; a passive network (`false`) is compared with their estimates and does nothing else",
+);
+
 const FAULTS: Key<Described> = Key::absent(
     "faults",
     "",
@@ -41,7 +49,7 @@ const FAULTS: Key<Described> = Key::absent(
 );
 
 /// What instruments that make their own observations have in common.
-pub(super) const COMMON: [&dyn AnyKey; 4] = [&INTERVAL_CYCLES, &FIRST_CYCLE, &MISSING_RATE, &FAULTS];
+pub(super) const COMMON: &[&dyn AnyKey] = &[&ASSIMILATE, &INTERVAL_CYCLES, &FIRST_CYCLE, &MISSING_RATE, &FAULTS];
 
 /// Reads the faults of a network.
 pub(super) fn faults(section: &Section<'_>) -> Read<Faults> {

@@ -1,12 +1,10 @@
 //! `kind = "file"`: observations made elsewhere.
 
-use super::common::at_file;
+use super::common::{ASSIMILATE, at_file};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Absent, AnyKey, Choice, Described, Key, Limits, Read, Section, files};
+use crate::reader::{Absent, Choice, Described, Key, Limits, Read, Section, files};
 use isobar_model::Duration;
 use isobar_obs::{InstrumentSettings, ObservationFile, RecordedSettings, WindAxes};
-
-pub(super) struct FileKind;
 
 const FILE: Key<Described> = Key::required(
     "file",
@@ -55,20 +53,11 @@ const WINDS: Key<Choice<WindAxes>> = Key::absent(
     "axes of the components u and v: east and north, or x and y of the plane",
 );
 
-impl Kind<dyn InstrumentSettings, Domain> for FileKind {
-    fn name(&self) -> &'static str {
-        "file"
-    }
-
-    fn about(&self) -> &'static str {
-        "Observations of a file, each in the cycle at whose end it is valid"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&FILE, &VARIABLE, &SIGMA, &MISSING, &TIME_TOLERANCE, &WINDS]
-    }
-
-    fn read(&self, section: &Section<'_>, domain: &Domain) -> Read<Box<dyn InstrumentSettings>> {
+pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
+    "file",
+    "Observations of a file, each in the cycle at whose end it is valid",
+    &[&[&FILE, &ASSIMILATE, &VARIABLE, &SIGMA, &MISSING, &TIME_TOLERANCE, &WINDS]],
+    |section, domain| {
         let file = section.required(FILE.name)?;
         let text = files::read(&file, "file of observations")?;
         let missing = section.optional(MISSING.name).map(|field| {
@@ -88,5 +77,5 @@ impl Kind<dyn InstrumentSettings, Domain> for FileKind {
             time_tolerance: Duration::from_seconds((section.get(&TIME_TOLERANCE)? * 60.0).round() as i64),
             winds: section.find(&WINDS)?,
         }))
-    }
-}
+    },
+);

@@ -6,15 +6,15 @@ mod file;
 mod radiosonde;
 mod satellite;
 
-use super::{Domain, Kinds, alike, check_name, choose, is_one_file};
+use super::{Domain, Kinds, check_name, choose, distinct_name};
 use crate::reader::{Field, Read, Section};
-use common::{FIRST_CYCLE, INTERVAL_CYCLES, MISSING_RATE, faults};
+use common::{ASSIMILATE, FIRST_CYCLE, INTERVAL_CYCLES, MISSING_RATE, faults};
 use isobar_obs::{InstrumentSettings, Network, ObservationError, Schedule};
 use std::sync::Arc;
 
 /// All kinds of instruments.
 pub(crate) const INSTRUMENTS: &Kinds<dyn InstrumentSettings, Domain> =
-    &[&radiosonde::RadiosondeKind, &satellite::SatelliteKind, &file::FileKind];
+    &[&radiosonde::KIND, &satellite::KIND, &file::KIND];
 
 /// The most networks of a scenario.
 const MOST_NETWORKS: usize = 100;
@@ -25,9 +25,8 @@ pub(crate) fn read(root: &Section<'_>, domain: &Domain) -> Read<Vec<Network>> {
     let Some(field) = root.optional("networks") else { return Ok(networks) };
     for (name, field) in field.any_section()?.fields() {
         check_name(name, &field, "network")?;
-        if let Some(other) = networks.iter().find(|other| is_one_file(&other.name, name)) {
-            return Err(field.misplaced(alike("networks", &other.name, name), "choose another name"));
-        }
+        let others = networks.iter().map(|network| network.name.as_str());
+        distinct_name(name, others, "network").map_err(|(message, help)| field.misplaced(message, help))?;
         if networks.len() == MOST_NETWORKS {
             return Err(field.misplaced(format!("there are more than {MOST_NETWORKS} networks"), "too many"));
         }
@@ -38,7 +37,7 @@ pub(crate) fn read(root: &Section<'_>, domain: &Domain) -> Read<Vec<Network>> {
 
 fn network(name: &str, field: &Field<'_>, domain: &Domain) -> Read<Network> {
     let (kind, section) = choose(field, INSTRUMENTS, domain)?;
-    let instrument = Arc::from(kind.read(&section, domain)?);
+    let instrument = Arc::from((kind.read)(&section, domain)?);
     let every_cycles = section.get(&INTERVAL_CYCLES)?;
     let first_cycle = section.whole_or(FIRST_CYCLE.name, 1, 1, every_cycles)?;
     Ok(Network {
@@ -46,6 +45,7 @@ fn network(name: &str, field: &Field<'_>, domain: &Domain) -> Read<Network> {
         schedule: Schedule { every_cycles, offset_cycles: first_cycle % every_cycles },
         missing_rate: section.get(&MISSING_RATE)?,
         faults: faults(&section)?,
+        assimilate: section.get(&ASSIMILATE)?,
         instrument,
     })
 }

@@ -3,12 +3,10 @@
 use super::bias;
 use super::common::{COMMON, at_file};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Absent, AnyKey, Described, Field, Key, Limits, Read, Section, files};
+use crate::reader::{Absent, Described, Field, Key, Limits, Read, Section, files};
 use isobar_obs::{
     BiasScope, InstrumentSettings, ObservedVariable, RadiosondeSettings, StationBias, StationFile, StationSource,
 };
-
-pub(super) struct RadiosondeKind;
 
 /// The most columns and rows of regular stations.
 const MOST_COLUMNS: usize = 300;
@@ -93,17 +91,11 @@ const BIAS: Key<Described> = Key::absent(
     "biases, one for each group or station",
 );
 
-impl Kind<dyn InstrumentSettings, Domain> for RadiosondeKind {
-    fn name(&self) -> &'static str {
-        "radiosonde"
-    }
-
-    fn about(&self) -> &'static str {
-        "Stations that report variables where they are"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        let keys: [&'static dyn AnyKey; 9] = [
+pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
+    "radiosonde",
+    "Stations that report variables where they are",
+    &[
+        &[
             &STATIONS,
             &GROUP_BY,
             &GROUPS,
@@ -113,11 +105,10 @@ impl Kind<dyn InstrumentSettings, Domain> for RadiosondeKind {
             &SIGMA_WIND_M_PER_S,
             &OBSERVE,
             &BIAS,
-        ];
-        keys.into_iter().chain(COMMON).collect()
-    }
-
-    fn read(&self, section: &Section<'_>, domain: &Domain) -> Read<Box<dyn InstrumentSettings>> {
+        ],
+        COMMON,
+    ],
+    |section, domain| {
         let variables = variables(section, domain)?;
         let (groups, reference_groups) = (texts(section, GROUPS.name)?, texts(section, REFERENCE_GROUPS.name)?);
         let group_by = section.optional(GROUP_BY.name);
@@ -150,8 +141,8 @@ impl Kind<dyn InstrumentSettings, Domain> for RadiosondeKind {
             biases: biases(section, &variables)?,
             variables,
         }))
-    }
-}
+    },
+);
 
 fn texts(section: &Section<'_>, key: &str) -> Read<Vec<String>> {
     section.optional(key).map_or(Ok(Vec::new()), |field| field.texts(MOST_GROUPS))

@@ -3,10 +3,8 @@
 use super::bias;
 use super::common::COMMON;
 use crate::kinds::{Domain, Kind};
-use crate::reader::{self, Absent, AnyKey, Choice, Described, Key, Limits, Read, Section, Whole};
+use crate::reader::{self, Absent, Choice, Described, Key, Limits, Read, Section, Whole};
 use isobar_obs::{AirMassBias, Heading, InstrumentSettings, ObservedVariable, SatelliteSettings, ScanBias, ScanTerm};
-
-pub(super) struct SatelliteKind;
 
 const VARIABLE: Key<Described> =
     Key::required("variable", "", Described("a variable of the model"), "the observed variable");
@@ -84,17 +82,11 @@ const BIAS: Key<Described> = Key::absent(
     "biases, each with a coefficient to estimate",
 );
 
-impl Kind<dyn InstrumentSettings, Domain> for SatelliteKind {
-    fn name(&self) -> &'static str {
-        "satellite"
-    }
-
-    fn about(&self) -> &'static str {
-        "A swath of footprints along a track that moves from cycle to cycle"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        let keys: [&'static dyn AnyKey; 11] = [
+pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
+    "satellite",
+    "A swath of footprints along a track that moves from cycle to cycle",
+    &[
+        &[
             &VARIABLE,
             &SIGMA,
             &SWATH_WIDTH_KM,
@@ -106,11 +98,10 @@ impl Kind<dyn InstrumentSettings, Domain> for SatelliteKind {
             &HEADING,
             &TRACK_ANGLE_DEG,
             &BIAS,
-        ];
-        keys.into_iter().chain(COMMON).collect()
-    }
-
-    fn read(&self, section: &Section<'_>, domain: &Domain) -> Read<Box<dyn InstrumentSettings>> {
+        ],
+        COMMON,
+    ],
+    |section, domain| {
         let variable = domain.variable(&section.required(VARIABLE.name)?)?;
         let mut settings = SatelliteSettings {
             variable: ObservedVariable::new(domain.model.variables()[variable].0, section.get(&SIGMA)?),
@@ -127,8 +118,8 @@ impl Kind<dyn InstrumentSettings, Domain> for SatelliteKind {
         };
         read_biases(section, domain, &mut settings)?;
         Ok(Box::new(settings))
-    }
-}
+    },
+);
 
 fn read_biases(section: &Section<'_>, domain: &Domain, settings: &mut SatelliteSettings) -> Read<()> {
     const AIR_MASS: [&str; 9] = {

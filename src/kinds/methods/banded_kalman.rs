@@ -3,7 +3,7 @@
 use super::adapt::ADAPT;
 use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, Setup, Surroundings};
 use crate::kinds::Kind;
-use crate::reader::{AnyKey, Key, Read, Section, Whole};
+use crate::reader::{Key, Read, Section, Whole};
 use isobar_assim::banded::BandedKalmanFilter;
 use isobar_assim::{Assimilator, Error};
 
@@ -17,25 +17,12 @@ const HALF_BANDWIDTH: Key<Whole> = Key::required(
     "diagonals of the covariance on either side of the main one",
 );
 
-pub(super) struct BandedKalmanKind;
-
-impl Kind<dyn MethodSettings, Surroundings> for BandedKalmanKind {
-    fn name(&self) -> &'static str {
-        "banded_kf"
-    }
-
-    fn about(&self) -> &'static str {
-        "The Kalman filter with a banded covariance"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&BIAS, &ADAPT, &HALF_BANDWIDTH, &MEMORY_LIMIT_GB]
-    }
-
-    fn read(&self, section: &Section<'_>, _: &Surroundings) -> Read<Box<dyn MethodSettings>> {
-        Ok(Box::new(BandedKalman { half_bandwidth: section.get(&HALF_BANDWIDTH)? }))
-    }
-}
+pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
+    "banded_kf",
+    "The Kalman filter with a banded covariance",
+    &[&[&BIAS, &ADAPT, &HALF_BANDWIDTH, &MEMORY_LIMIT_GB]],
+    |section, _| Ok(Box::new(BandedKalman { half_bandwidth: section.get(&HALF_BANDWIDTH)? })),
+);
 
 #[derive(Debug)]
 struct BandedKalman {

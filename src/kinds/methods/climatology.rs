@@ -2,29 +2,12 @@
 
 use super::{MethodSettings, Setup, Surroundings};
 use crate::kinds::Kind;
-use crate::reader::{AnyKey, Read, Section};
+use crate::reader::{Read, Section};
 use isobar_assim::climatology::Climatology;
 use isobar_assim::{Assimilator, Error};
 
-pub(super) struct ClimatologyKind;
-
-impl Kind<dyn MethodSettings, Surroundings> for ClimatologyKind {
-    fn name(&self) -> &'static str {
-        "climatology"
-    }
-
-    fn about(&self) -> &'static str {
-        "The first background, which never changes"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        Vec::new()
-    }
-
-    fn read(&self, _: &Section<'_>, _: &Surroundings) -> Read<Box<dyn MethodSettings>> {
-        Ok(Box::new(Constant))
-    }
-}
+pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> =
+    Kind::new("climatology", "The first background, which never changes", &[], |_, _| Ok(Box::new(Constant)));
 
 #[derive(Debug)]
 struct Constant;

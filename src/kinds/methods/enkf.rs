@@ -2,31 +2,20 @@
 
 use super::{MethodSettings, Setup, Surroundings, ensemble};
 use crate::kinds::Kind;
-use crate::reader::{AnyKey, Read, Section};
+use crate::reader::{Read, Section};
 use isobar_assim::ensemble::{EnsembleSettings, StochasticEnsembleKalmanFilter};
 use isobar_assim::{Assimilator, Error};
 
-pub(super) struct EnkfKind;
-
-impl Kind<dyn MethodSettings, Surroundings> for EnkfKind {
-    fn name(&self) -> &'static str {
-        "enkf"
-    }
-
-    fn about(&self) -> &'static str {
-        "The stochastic ensemble Kalman filter, with tapered covariances"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        [ensemble::KEYS, &[&ensemble::OPTIONAL_RADIUS_KM]].concat()
-    }
-
-    fn read(&self, section: &Section<'_>, _: &Surroundings) -> Read<Box<dyn MethodSettings>> {
+pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
+    "enkf",
+    "The stochastic ensemble Kalman filter, with tapered covariances",
+    &[ensemble::KEYS, &[&ensemble::OPTIONAL_RADIUS_KM]],
+    |section, _| {
         let radius_km = section.find(&ensemble::OPTIONAL_RADIUS_KM)?;
         let localization_radius_m = radius_km.map_or(f64::INFINITY, |km| km * 1e3);
         Ok(Box::new(Enkf { ensemble: ensemble::read(section)?, localization_radius_m }))
-    }
-}
+    },
+);
 
 #[derive(Debug)]
 struct Enkf {

@@ -2,29 +2,16 @@
 
 use super::{MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings, ensemble};
 use crate::kinds::Kind;
-use crate::reader::{AnyKey, Read, Section};
+use crate::reader::{Read, Section};
 use isobar_assim::ensemble::{EnsembleSettings, EnsembleTransformKalmanFilter};
 use isobar_assim::{Assimilator, Error};
 
-pub(super) struct EtkfKind;
-
-impl Kind<dyn MethodSettings, Surroundings> for EtkfKind {
-    fn name(&self) -> &'static str {
-        "etkf"
-    }
-
-    fn about(&self) -> &'static str {
-        "The ensemble transform Kalman filter"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        [ensemble::KEYS, &[&SMOOTHER_LAG_CYCLES]].concat()
-    }
-
-    fn read(&self, section: &Section<'_>, _: &Surroundings) -> Read<Box<dyn MethodSettings>> {
-        Ok(Box::new(Etkf(ensemble::read(section)?)))
-    }
-}
+pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
+    "etkf",
+    "The ensemble transform Kalman filter",
+    &[ensemble::KEYS, &[&SMOOTHER_LAG_CYCLES]],
+    |section, _| Ok(Box::new(Etkf(ensemble::read(section)?))),
+);
 
 #[derive(Debug)]
 struct Etkf(EnsembleSettings);

@@ -1,10 +1,12 @@
 //! `kind = "fkf"`: Lange's Fast Kalman Filter, and the settings that it shares with the time volume.
 
 use super::adapt::ADAPT;
+use super::local_factors::{self, LOCAL_FACTORS};
 use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, Setup, Surroundings};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, AnyKey, Choice, Field, Key, Limits, OrTable, Read, Section, Table, Whole};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
+use isobar_assim::local_factors::{LocalFactorSettings, LocalFastKalmanFilter};
 use isobar_assim::{Assimilator, Error};
 use isobar_model::Grid;
 use toml::de::DeValue;
@@ -103,38 +105,32 @@ const SEPARATOR_FACTORS: Key<Whole> = Key::absent(
 pub(super) const SHARED_KEYS: &[&dyn AnyKey] =
     &[&BLOCKS, &FACTORS, &RESIDUAL, &PROBES, &LARGEST, &SEPARATOR_FACTORS, &MEMORY_LIMIT_GB];
 
-pub(super) struct FastKalmanKind;
-
-impl Kind<dyn MethodSettings, Surroundings> for FastKalmanKind {
-    fn name(&self) -> &'static str {
-        "fkf"
-    }
-
-    fn about(&self) -> &'static str {
-        "Lange's Fast Kalman Filter: blocks, and the common factors that link them"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        let own: [&dyn AnyKey; 5] = [&BIAS, &ADAPT, &BIAS_COUPLING, &FACTOR_GRID, &FACTOR_PRECISION];
-        [&own, SHARED_KEYS].concat()
-    }
-
-    fn read(&self, section: &Section<'_>, surroundings: &Surroundings) -> Read<Box<dyn MethodSettings>> {
+pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
+    "fkf",
+    "Lange's Fast Kalman Filter: blocks, and the common factors that link them",
+    &[&[&BIAS, &ADAPT, &BIAS_COUPLING, &FACTOR_GRID, &FACTOR_PRECISION, &LOCAL_FACTORS], SHARED_KEYS],
+    |section, surroundings| {
         let filter = read(section, &surroundings.domain)?;
         let factor_grid = factor_grid(section, &surroundings.domain.grid, &filter)?;
-        Ok(Box::new(FastKalman { filter, factor_grid }))
-    }
-}
+        let local = local_factors::read(section, surroundings, &filter)?;
+        Ok(Box::new(FastKalman { filter, factor_grid, local }))
+    },
+);
 
 #[derive(Debug)]
 struct FastKalman {
     filter: FastKalmanSettings,
     /// Cells on a side of those on which the factors are propagated: 1 on the grid of the state.
     factor_grid: usize,
+    /// Factors of tiles instead of the whole domain.
+    local: Option<LocalFactorSettings>,
 }
 
 impl MethodSettings for FastKalman {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
+        if let Some(local) = self.local {
+            return Ok(Box::new(LocalFastKalmanFilter::with_local_factors(setup.problem, local)?));
+        }
         let filter = FastKalmanFilter::new(setup.problem, self.filter)?;
         if self.factor_grid == 1 {
             return Ok(Box::new(filter));
@@ -145,7 +141,11 @@ impl MethodSettings for FastKalman {
     }
 
     fn describe(&self) -> String {
-        format!("Fast Kalman Filter, {}", describe(&self.filter, self.factor_grid))
+        let settings = match &self.local {
+            Some(local) => local_factors::describe(local),
+            None => describe(&self.filter, self.factor_grid),
+        };
+        format!("Fast Kalman Filter, {settings}")
     }
 
     fn fixed_gain(&self) -> Result<(), &'static str> {
@@ -172,6 +172,12 @@ pub(super) fn read(section: &Section<'_>, domain: &Domain) -> Read<FastKalmanSet
     if let (Some(field), true, BiasCoupling::Drop) = (section.optional(FACTORS.name), factors > 0, bias_coupling) {
         let message = "bias_coupling = \"drop\" is the printed formula, which has no factors".to_string();
         return Err(field.invalid(message, "must be 0 with bias_coupling = \"drop\""));
+    }
+    if let (Some(field), false, BiasCoupling::Drop) =
+        (section.optional(RESIDUAL.name), residual == Residual::Exact, bias_coupling)
+    {
+        let message = "bias_coupling = \"drop\" is the printed formula, which forecasts the blocks exactly".to_string();
+        return Err(field.invalid(message, "must be \"exact\" with bias_coupling = \"drop\""));
     }
     let blocks = section.optional(BLOCKS.name).map_or(Ok(BlockShape::Cell), |field| blocks(&field, &domain.grid))?;
     let (nx, ny) = blocks.cells(&domain.grid);

@@ -4,7 +4,7 @@ use super::adapt::ADAPT;
 use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, Setup, Surroundings};
 use crate::kinds::Kind;
 use crate::kinds::models::Model;
-use crate::reader::{Absent, AnyKey, Key, Limits, Read, Section, Table, Whole};
+use crate::reader::{Absent, Key, Limits, Read, Section, Table, Whole};
 use isobar_assim::federated::{FederatedKalmanFilter, FederatedSettings};
 use isobar_assim::{Assimilator, Error};
 
@@ -30,22 +30,11 @@ const RESET_EVERY_CYCLES: Key<Whole> = Key::absent(
 /// How far the sum of information-sharing factors may be from 1, for factors such as 0.333.
 const ROUNDING: f64 = 0.005;
 
-pub(super) struct FederatedKind;
-
-impl Kind<dyn MethodSettings, Surroundings> for FederatedKind {
-    fn name(&self) -> &'static str {
-        "federated_kf"
-    }
-
-    fn about(&self) -> &'static str {
-        "A Kalman filter for each observing system, and a master that fuses them"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&BIAS, &ADAPT, &INFORMATION_SHARING, &RESET_EVERY_CYCLES, &MEMORY_LIMIT_GB]
-    }
-
-    fn read(&self, section: &Section<'_>, surroundings: &Surroundings) -> Read<Box<dyn MethodSettings>> {
+pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
+    "federated_kf",
+    "A Kalman filter for each observing system, and a master that fuses them",
+    &[&[&BIAS, &ADAPT, &INFORMATION_SHARING, &RESET_EVERY_CYCLES, &MEMORY_LIMIT_GB]],
+    |section, surroundings| {
         let networks: Vec<&str> = surroundings.networks.iter().map(String::as_str).collect();
         if networks.is_empty() {
             let message = "a federated filter has a filter for each network, and there are no networks".to_string();
@@ -58,8 +47,8 @@ impl Kind<dyn MethodSettings, Surroundings> for FederatedKind {
         let sum: f64 = shares.iter().sum();
         let systems = networks.iter().zip(shares).map(|(name, share)| (name.to_string(), share / sum)).collect();
         Ok(Box::new(FederatedSettings { systems, reset_every_cycles }))
-    }
-}
+    },
+);
 
 /// The factor of each network, to rounding.
 fn shares(section: &Section<'_>, networks: &[&str]) -> Read<Vec<f64>> {

@@ -2,7 +2,7 @@
 
 use super::{BIAS, MethodSettings, Setup, Surroundings, variational};
 use crate::kinds::Kind;
-use crate::reader::{Absent, AnyKey, Key, Read, Section, Whole};
+use crate::reader::{Absent, Key, Read, Section, Whole};
 use isobar_assim::variational::{FourDVar, FourDVarSettings, ThreeDVarSettings};
 use isobar_assim::{Assimilator, Error};
 
@@ -11,22 +11,11 @@ const WINDOW_CYCLES: Key<Whole> = Key::required("window_cycles", "cycles", Whole
 const OUTER_LOOPS: Key<Whole> =
     Key::absent("outer_loops", "", Whole(1, 100), Absent::Means(2), "number of times the problem is linearised anew");
 
-pub(super) struct FourDVarKind;
-
-impl Kind<dyn MethodSettings, Surroundings> for FourDVarKind {
-    fn name(&self) -> &'static str {
-        "4dvar"
-    }
-
-    fn about(&self) -> &'static str {
-        "Strong-constraint incremental 4D-Var over a moving window, with outer loops"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        [&[&BIAS as &dyn AnyKey, &WINDOW_CYCLES, &OUTER_LOOPS], variational::KEYS].concat()
-    }
-
-    fn read(&self, section: &Section<'_>, _: &Surroundings) -> Read<Box<dyn MethodSettings>> {
+pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
+    "4dvar",
+    "Strong-constraint incremental 4D-Var over a moving window, with outer loops",
+    &[&[&BIAS, &WINDOW_CYCLES, &OUTER_LOOPS], variational::KEYS],
+    |section, _| {
         let ThreeDVarSettings { covariance_scale, tolerance, max_iterations } = variational::read(section)?;
         Ok(Box::new(FourDVarSettings {
             window_cycles: section.get(&WINDOW_CYCLES)?,
@@ -35,8 +24,8 @@ impl Kind<dyn MethodSettings, Surroundings> for FourDVarKind {
             tolerance,
             max_iterations,
         }))
-    }
-}
+    },
+);
 
 impl MethodSettings for FourDVarSettings {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {

@@ -2,29 +2,12 @@
 
 use super::{MethodSettings, Setup, Surroundings};
 use crate::kinds::Kind;
-use crate::reader::{AnyKey, Read, Section};
+use crate::reader::{Read, Section};
 use isobar_assim::free::FreeRun;
 use isobar_assim::{Assimilator, Error};
 
-pub(super) struct FreeKind;
-
-impl Kind<dyn MethodSettings, Surroundings> for FreeKind {
-    fn name(&self) -> &'static str {
-        "free"
-    }
-
-    fn about(&self) -> &'static str {
-        "No assimilation: a forecast that never sees an observation"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        Vec::new()
-    }
-
-    fn read(&self, _: &Section<'_>, _: &Surroundings) -> Read<Box<dyn MethodSettings>> {
-        Ok(Box::new(Free))
-    }
-}
+pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> =
+    Kind::new("free", "No assimilation: a forecast that never sees an observation", &[], |_, _| Ok(Box::new(Free)));
 
 #[derive(Debug)]
 struct Free;

@@ -2,7 +2,7 @@
 
 use super::{MethodSettings, Setup, Surroundings, ensemble, variational};
 use crate::kinds::Kind;
-use crate::reader::{AnyKey, Key, Limits, Read, Section};
+use crate::reader::{Key, Limits, Read, Section};
 use isobar_assim::variational::{HybridSettings, HybridThreeDVar};
 use isobar_assim::{Assimilator, Error};
 
@@ -13,30 +13,19 @@ const ENSEMBLE_WEIGHT: Key<Limits> = Key::required(
     "weight of the ensemble's covariance; the static one has the rest",
 );
 
-pub(super) struct HybridKind;
-
-impl Kind<dyn MethodSettings, Surroundings> for HybridKind {
-    fn name(&self) -> &'static str {
-        "hybrid_3dvar"
-    }
-
-    fn about(&self) -> &'static str {
-        "3D-Var with the localised covariance of an ensemble beside the static one"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        [ensemble::KEYS, ensemble::LOCAL_KEYS, &[&ENSEMBLE_WEIGHT], variational::KEYS].concat()
-    }
-
-    fn read(&self, section: &Section<'_>, _: &Surroundings) -> Read<Box<dyn MethodSettings>> {
+pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
+    "hybrid_3dvar",
+    "3D-Var with the localised covariance of an ensemble beside the static one",
+    &[ensemble::KEYS, ensemble::LOCAL_KEYS, &[&ENSEMBLE_WEIGHT], variational::KEYS],
+    |section, _| {
         Ok(Box::new(HybridSettings {
             ensemble_weight: section.get(&ENSEMBLE_WEIGHT)?,
             variational: variational::read(section)?,
             ensemble: ensemble::read(section)?,
             local: ensemble::read_local(section)?,
         }))
-    }
-}
+    },
+);
 
 impl MethodSettings for HybridSettings {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {

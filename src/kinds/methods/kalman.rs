@@ -3,29 +3,16 @@
 use super::adapt::ADAPT;
 use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings};
 use crate::kinds::Kind;
-use crate::reader::{AnyKey, Read, Section};
+use crate::reader::{Read, Section};
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::{Assimilator, Error};
 
-pub(super) struct KalmanKind;
-
-impl Kind<dyn MethodSettings, Surroundings> for KalmanKind {
-    fn name(&self) -> &'static str {
-        "kf"
-    }
-
-    fn about(&self) -> &'static str {
-        "The dense (extended) Kalman filter on state and biases"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&BIAS, &ADAPT, &SMOOTHER_LAG_CYCLES, &MEMORY_LIMIT_GB]
-    }
-
-    fn read(&self, _: &Section<'_>, _: &Surroundings) -> Read<Box<dyn MethodSettings>> {
-        Ok(Box::new(Kalman))
-    }
-}
+pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
+    "kf",
+    "The dense (extended) Kalman filter on state and biases",
+    &[&[&BIAS, &ADAPT, &SMOOTHER_LAG_CYCLES, &MEMORY_LIMIT_GB]],
+    |_, _| Ok(Box::new(Kalman)),
+);
 
 #[derive(Debug)]
 struct Kalman;

@@ -2,29 +2,16 @@
 
 use super::{MethodSettings, Setup, Surroundings, ensemble};
 use crate::kinds::Kind;
-use crate::reader::{AnyKey, Read, Section};
+use crate::reader::{Read, Section};
 use isobar_assim::ensemble::{EnsembleSettings, LocalEnsembleTransformKalmanFilter, LocalSettings};
 use isobar_assim::{Assimilator, Error};
 
-pub(super) struct LetkfKind;
-
-impl Kind<dyn MethodSettings, Surroundings> for LetkfKind {
-    fn name(&self) -> &'static str {
-        "letkf"
-    }
-
-    fn about(&self) -> &'static str {
-        "The local ensemble transform Kalman filter, with R-localisation"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        [ensemble::KEYS, ensemble::LOCAL_KEYS].concat()
-    }
-
-    fn read(&self, section: &Section<'_>, _: &Surroundings) -> Read<Box<dyn MethodSettings>> {
-        Ok(Box::new(Letkf { ensemble: ensemble::read(section)?, local: ensemble::read_local(section)? }))
-    }
-}
+pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
+    "letkf",
+    "The local ensemble transform Kalman filter, with R-localisation",
+    &[ensemble::KEYS, ensemble::LOCAL_KEYS],
+    |section, _| Ok(Box::new(Letkf { ensemble: ensemble::read(section)?, local: ensemble::read_local(section)? })),
+);
 
 #[derive(Debug)]
 struct Letkf {

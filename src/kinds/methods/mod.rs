@@ -13,6 +13,7 @@ mod free;
 mod hybrid;
 mod kalman;
 mod letkf;
+mod local_factors;
 mod optimal_interpolation;
 mod serial_kalman;
 mod settings;
@@ -33,21 +34,21 @@ use std::sync::Arc;
 
 /// All kinds of methods.
 pub(crate) const METHODS: &Kinds<dyn MethodSettings, Surroundings> = &[
-    &free::FreeKind,
-    &climatology::ClimatologyKind,
-    &optimal_interpolation::OptimalInterpolationKind,
-    &three_d_var::ThreeDVarKind,
-    &four_d_var::FourDVarKind,
-    &hybrid::HybridKind,
-    &kalman::KalmanKind,
-    &serial_kalman::SerialKalmanKind,
-    &banded_kalman::BandedKalmanKind,
-    &federated::FederatedKind,
-    &fast_kalman::FastKalmanKind,
-    &time_volume::TimeVolumeKind,
-    &etkf::EtkfKind,
-    &letkf::LetkfKind,
-    &enkf::EnkfKind,
+    &free::KIND,
+    &climatology::KIND,
+    &optimal_interpolation::KIND,
+    &three_d_var::KIND,
+    &four_d_var::KIND,
+    &hybrid::KIND,
+    &kalman::KIND,
+    &serial_kalman::KIND,
+    &banded_kalman::KIND,
+    &federated::KIND,
+    &fast_kalman::KIND,
+    &time_volume::KIND,
+    &etkf::KIND,
+    &letkf::KIND,
+    &enkf::KIND,
 ];
 
 /// A method with its settings.
@@ -70,14 +71,14 @@ pub struct Method {
 /// Reads a method.
 pub(crate) fn read(field: &Field<'_>, surroundings: &Surroundings) -> Read<Method> {
     let (kind, section) = choose(field, METHODS, surroundings)?;
-    let settings: Arc<dyn MethodSettings> = kind.read(&section, surroundings)?.into();
+    let settings: Arc<dyn MethodSettings> = (kind.read)(&section, surroundings)?.into();
     let bias = if settings.uses_observations() { section.get(&BIAS)? } else { BiasTreatment::Ignore };
     if let (Err(reason), true, BiasTreatment::Estimate) = (settings.can_freeze_biases(), surroundings.freezes, bias) {
         let help = "choose another kind of method, or leave out `freeze_after_cycles`";
         return Err(section.required("kind")?.misplaced(reason.into(), help));
     }
     Ok(Method {
-        kind: kind.name(),
+        kind: kind.name,
         bias,
         adapt: adapt::read(&section, settings.static_covariance_scale().is_some(), surroundings.has_model_error)?,
         smoother_lag_cycles: smoother_lag_cycles(&section, surroundings.freezes)?,

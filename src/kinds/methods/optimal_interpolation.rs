@@ -3,29 +3,16 @@
 use super::adapt::ADAPT_STATIC;
 use super::{BIAS, COVARIANCE_SCALE, MethodSettings, Setup, Surroundings};
 use crate::kinds::Kind;
-use crate::reader::{AnyKey, Read, Section};
+use crate::reader::{Read, Section};
 use isobar_assim::optimal_interpolation::OptimalInterpolation;
 use isobar_assim::{Assimilator, Error};
 
-pub(super) struct OptimalInterpolationKind;
-
-impl Kind<dyn MethodSettings, Surroundings> for OptimalInterpolationKind {
-    fn name(&self) -> &'static str {
-        "optimal_interpolation"
-    }
-
-    fn about(&self) -> &'static str {
-        "Optimal interpolation: a static B, solved directly in the space of the observations"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&BIAS, &COVARIANCE_SCALE, &ADAPT_STATIC]
-    }
-
-    fn read(&self, section: &Section<'_>, _: &Surroundings) -> Read<Box<dyn MethodSettings>> {
-        Ok(Box::new(Interpolation { covariance_scale: section.get(&COVARIANCE_SCALE)? }))
-    }
-}
+pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
+    "optimal_interpolation",
+    "Optimal interpolation: a static B, solved directly in the space of the observations",
+    &[&[&BIAS, &COVARIANCE_SCALE, &ADAPT_STATIC]],
+    |section, _| Ok(Box::new(Interpolation { covariance_scale: section.get(&COVARIANCE_SCALE)? })),
+);
 
 #[derive(Debug)]
 struct Interpolation {

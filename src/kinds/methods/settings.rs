@@ -95,6 +95,8 @@ pub(crate) struct Surroundings {
     pub networks: Vec<String>,
     /// Whether the model makes errors.
     pub has_model_error: bool,
+    /// The shortest correlation length of the model error, or of B if there is none \[m\].
+    pub error_length_m: Option<f64>,
 }
 
 pub(super) const BIAS: Key<Choice<BiasTreatment>> = Key::absent(

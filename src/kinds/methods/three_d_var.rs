@@ -3,29 +3,16 @@
 use super::adapt::ADAPT_STATIC;
 use super::{BIAS, MethodSettings, Setup, Surroundings, variational};
 use crate::kinds::Kind;
-use crate::reader::{AnyKey, Read, Section};
+use crate::reader::{Read, Section};
 use isobar_assim::variational::{ThreeDVar, ThreeDVarSettings};
 use isobar_assim::{Assimilator, Error};
 
-pub(super) struct ThreeDVarKind;
-
-impl Kind<dyn MethodSettings, Surroundings> for ThreeDVarKind {
-    fn name(&self) -> &'static str {
-        "3dvar"
-    }
-
-    fn about(&self) -> &'static str {
-        "3D-Var: a static B, conjugate gradients, biases in the control vector"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        [&[&BIAS as &dyn AnyKey, &ADAPT_STATIC], variational::KEYS].concat()
-    }
-
-    fn read(&self, section: &Section<'_>, _: &Surroundings) -> Read<Box<dyn MethodSettings>> {
-        Ok(Box::new(variational::read(section)?))
-    }
-}
+pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
+    "3dvar",
+    "3D-Var: a static B, conjugate gradients, biases in the control vector",
+    &[&[&BIAS, &ADAPT_STATIC], variational::KEYS],
+    |section, _| Ok(Box::new(variational::read(section)?)),
+);
 
 impl MethodSettings for ThreeDVarSettings {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {

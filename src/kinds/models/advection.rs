@@ -4,11 +4,9 @@ use super::equations::Equations;
 use super::integration::{self, Integration, TIME_STEP_S};
 use super::parameter::{Parameter, SPEED, flow, northward, speed_or_zero};
 use crate::kinds::{Kind, Kinds, read};
-use crate::reader::{Absent, AnyKey, Choice, Key, Limits, Read, Section, Table};
+use crate::reader::{Absent, Choice, Key, Limits, Read, Section, Table};
 use isobar_model::{Adjoint, Advection, AdvectionScheme, Duration, Grid, ModelError, Wind};
 use std::sync::Arc;
-
-pub(super) struct AdvectionKind;
 
 const WIND: Key<Table> = Key::required(
     "wind",
@@ -43,76 +41,39 @@ struct AdvectionSettings {
     integration: Integration,
 }
 
-impl Kind<dyn Equations, Grid> for AdvectionKind {
-    fn name(&self) -> &'static str {
-        "advection"
-    }
-
-    fn about(&self) -> &'static str {
-        "Advection of a tracer by a given wind"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        [&[&TIME_STEP_S as &dyn AnyKey, &WIND, &SCHEME], integration::KEYS].concat()
-    }
-
-    fn read(&self, section: &Section<'_>, grid: &Grid) -> Read<Box<dyn Equations>> {
+pub(super) const KIND: Kind<dyn Equations, Grid> = Kind::new(
+    "advection",
+    "Advection of a tracer by a given wind",
+    &[&[&TIME_STEP_S, &WIND, &SCHEME], integration::KEYS],
+    |section, grid| {
         Ok(Box::new(AdvectionSettings {
             wind: *read(&section.required(WIND.name)?, WINDS, grid)?,
             scheme: section.get(&SCHEME)?,
             integration: integration::read(section)?,
         }))
-    }
-}
+    },
+);
 
-const WINDS: &Kinds<Wind, Grid> = &[&UniformWind, &VortexWind];
+const WINDS: &Kinds<Wind, Grid> = &[&UNIFORM_WIND, &VORTEX_WIND];
 
-struct UniformWind;
-
-impl Kind<Wind, Grid> for UniformWind {
-    fn name(&self) -> &'static str {
-        "uniform"
-    }
-
-    fn about(&self) -> &'static str {
-        "The same wind everywhere"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&U, &V]
-    }
-
-    fn read(&self, section: &Section<'_>, grid: &Grid) -> Read<Box<Wind>> {
+const UNIFORM_WIND: Kind<Wind, Grid> =
+    Kind::new("uniform", "The same wind everywhere", &[&[&U, &V]], |section, grid| {
         let v_m_per_s = northward(section, &V, grid)?;
         Ok(Box::new(Wind::Uniform { u_m_per_s: section.get(&U)?, v_m_per_s }))
-    }
-}
+    });
 
-struct VortexWind;
-
-impl Kind<Wind, Grid> for VortexWind {
-    fn name(&self) -> &'static str {
-        "vortex"
-    }
-
-    fn about(&self) -> &'static str {
-        "A vortex about the middle of the domain, at rest at its edges"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&VORTEX_SPEED]
-    }
-
-    fn read(&self, section: &Section<'_>, _: &Grid) -> Read<Box<Wind>> {
-        Ok(Box::new(Wind::Vortex { speed_m_per_s: section.get(&VORTEX_SPEED)? }))
-    }
-}
+const VORTEX_WIND: Kind<Wind, Grid> = Kind::new(
+    "vortex",
+    "A vortex about the middle of the domain, at rest at its edges",
+    &[&[&VORTEX_SPEED]],
+    |section, _| Ok(Box::new(Wind::Vortex { speed_m_per_s: section.get(&VORTEX_SPEED)? })),
+);
 
 /// The variables of models of a tracer.
 pub(super) const VARIABLES: &[(&str, &str)] = &[("tracer", "1")];
 
 impl Equations for AdvectionSettings {
-    fn variables(&self) -> &'static [(&'static str, &'static str)] {
+    fn variables(&self) -> &[(&'static str, &'static str)] {
         VARIABLES
     }
 

@@ -9,7 +9,7 @@ use std::sync::Arc;
 /// The equations of a model, with their parameters.
 pub trait Equations: Debug + Send + Sync {
     /// The prognostic variables: name and unit, in the order in which a state holds them.
-    fn variables(&self) -> &'static [(&'static str, &'static str)];
+    fn variables(&self) -> &[(&'static str, &'static str)];
 
     /// The model on a grid, for cycles of this length.
     ///

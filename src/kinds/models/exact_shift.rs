@@ -4,11 +4,9 @@ use super::advection;
 use super::equations::Equations;
 use super::integration::TIME_STEP_S;
 use crate::kinds::Kind;
-use crate::reader::{Absent, AnyKey, Integer, Key, Read, Section};
+use crate::reader::{Absent, Integer, Key, Read, Section};
 use isobar_model::{Adjoint, Boundary, Duration, ExactShift, Grid, ModelError};
 use std::sync::Arc;
-
-pub(super) struct ExactShiftKind;
 
 const COLUMNS: Key<Integer> =
     Key::required("columns_per_step", "cells", Integer(-4096, 4096), "eastward shift in a time step");
@@ -22,31 +20,22 @@ struct ExactShiftSettings {
     rows_per_step: i64,
 }
 
-impl Kind<dyn Equations, Grid> for ExactShiftKind {
-    fn name(&self) -> &'static str {
-        "exact_shift"
-    }
-
-    fn about(&self) -> &'static str {
-        "A tracer that moves by a whole number of cells in each step, without any numerical error"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        vec![&TIME_STEP_S, &COLUMNS, &ROWS]
-    }
-
-    fn read(&self, section: &Section<'_>, grid: &Grid) -> Read<Box<dyn Equations>> {
+pub(super) const KIND: Kind<dyn Equations, Grid> = Kind::new(
+    "exact_shift",
+    "A tracer that moves by a whole number of cells in each step, without any numerical error",
+    &[&[&TIME_STEP_S, &COLUMNS, &ROWS]],
+    |section, grid| {
         if grid.boundary == Boundary::Channel {
             let message = "exact shifts need a doubly periodic domain, but grid.boundary is \"channel\"";
             return Err(section.required("kind")?.invalid(message.into(), "needs grid.boundary = \"periodic\""));
         }
         let (columns_per_step, rows_per_step) = (section.get(&COLUMNS)?, section.get(&ROWS)?);
         Ok(Box::new(ExactShiftSettings { columns_per_step, rows_per_step }))
-    }
-}
+    },
+);
 
 impl Equations for ExactShiftSettings {
-    fn variables(&self) -> &'static [(&'static str, &'static str)] {
+    fn variables(&self) -> &[(&'static str, &'static str)] {
         advection::VARIABLES
     }
 

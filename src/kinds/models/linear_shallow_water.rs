@@ -1,14 +1,13 @@
 //! `kind = "linear_shallow_water"`.
 
 use super::equations::Equations;
+use super::integration;
 use super::parameter::{BasicState, Parameter, flow, northward, speed_or_zero};
 use super::water::{self, VARIABLES, Water};
 use crate::kinds::Kind;
-use crate::reader::{AnyKey, Key, Limits, Read, Section};
+use crate::reader::{Key, Limits, Read, Section};
 use isobar_model::{Adjoint, Duration, Grid, LinearShallowWater, ModelError};
 use std::sync::Arc;
-
-pub(super) struct LinearShallowWaterKind;
 
 const MEAN_DEPTH: Key<Limits> =
     Key::required("mean_depth_m", "m", Limits::Positive, "depth at which the equations are linearised");
@@ -25,22 +24,11 @@ struct LinearWater {
     about: BasicState,
 }
 
-impl Kind<dyn Equations, Grid> for LinearShallowWaterKind {
-    fn name(&self) -> &'static str {
-        "linear_shallow_water"
-    }
-
-    fn about(&self) -> &'static str {
-        "The rotating shallow-water equations, linearised at a uniform depth and flow"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        let mut keys = water::keys();
-        keys.extend([&MEAN_DEPTH as &dyn AnyKey, &MEAN_FLOW_X, &MEAN_FLOW_Y]);
-        keys
-    }
-
-    fn read(&self, section: &Section<'_>, grid: &Grid) -> Read<Box<dyn Equations>> {
+pub(super) const KIND: Kind<dyn Equations, Grid> = Kind::new(
+    "linear_shallow_water",
+    "The rotating shallow-water equations, linearised at a uniform depth and flow",
+    &[water::KEYS, integration::KEYS, &[&MEAN_DEPTH, &MEAN_FLOW_X, &MEAN_FLOW_Y]],
+    |section, grid| {
         let water = water::read(section, grid)?;
         let about = BasicState {
             mean_depth_m: section.get(&MEAN_DEPTH)?,
@@ -48,11 +36,11 @@ impl Kind<dyn Equations, Grid> for LinearShallowWaterKind {
             v_m_per_s: northward(section, &MEAN_FLOW_Y, grid)?,
         };
         Ok(Box::new(LinearWater { water, about }))
-    }
-}
+    },
+);
 
 impl Equations for LinearWater {
-    fn variables(&self) -> &'static [(&'static str, &'static str)] {
+    fn variables(&self) -> &[(&'static str, &'static str)] {
         VARIABLES
     }
 

@@ -3,6 +3,7 @@
 mod advection;
 mod equations;
 mod exact_shift;
+mod given;
 mod integration;
 mod linear_shallow_water;
 mod parameter;
@@ -15,18 +16,15 @@ pub use water::Water;
 
 use super::{Kind, Kinds, choose};
 use crate::reader::{Field, Read, Section};
+use given::GivenModel;
 use integration::TIME_STEP_S;
 use isobar_model::{Adjoint, Duration, Grid, ModelError};
 use std::sync::Arc;
 use toml::de::{DeTable, DeValue};
 
 /// All kinds of models.
-pub(crate) const MODELS: &Kinds<dyn Equations, Grid> = &[
-    &shallow_water::ShallowWaterKind,
-    &linear_shallow_water::LinearShallowWaterKind,
-    &advection::AdvectionKind,
-    &exact_shift::ExactShiftKind,
-];
+pub(crate) const MODELS: &Kinds<dyn Equations, Grid> =
+    &[&shallow_water::KIND, &linear_shallow_water::KIND, &advection::KIND, &exact_shift::KIND];
 
 /// The forecast model.
 #[derive(Clone, Debug)]
@@ -40,8 +38,13 @@ pub struct Model {
 }
 
 impl Model {
+    /// A model that is made by code.
+    pub(crate) fn given(model: Arc<dyn Adjoint>) -> Self {
+        Self { kind: "given by code", time_step: model.time_step(), equations: Arc::new(GivenModel::new(model)) }
+    }
+
     /// The prognostic variables: name and unit, in the order in which a state holds them.
-    pub fn variables(&self) -> &'static [(&'static str, &'static str)] {
+    pub fn variables(&self) -> &[(&'static str, &'static str)] {
         self.equations.variables()
     }
 
@@ -79,7 +82,7 @@ impl Model {
     /// Why there is no such model.
     pub fn build_coarser(&self, grid: &Grid, cycle: Duration, factor: usize) -> Result<Arc<dyn Adjoint>, String> {
         if !self.equations.has_other_resolutions() {
-            return Err("an exact shift by whole cells has no coarser grid".into());
+            return Err("an exact shift by whole cells, and a model that is given by code, have no coarser grid".into());
         }
         let Grid { nx, ny, dx_m, dy_m, boundary } = *grid;
         let width = factor as f64;
@@ -97,14 +100,14 @@ impl Model {
 /// asked before the grid is read, and so before the model can be.
 pub(crate) fn needs_neighbours(root: &Section<'_>) -> bool {
     let kind = root.optional("model").and_then(|field| field.any_section().ok()?.optional("kind"));
-    kind.is_none_or(|kind| kind.value.get_ref().as_str() != Some(exact_shift::ExactShiftKind.name()))
+    kind.is_none_or(|kind| kind.value.get_ref().as_str() != Some(exact_shift::KIND.name))
 }
 
 /// Reads `[model]`.
 pub(crate) fn read(field: &Field<'_>, grid: &Grid) -> Read<Model> {
     let (kind, section) = choose(field, MODELS, grid)?;
     let time_step = Duration::from_seconds(section.get(&TIME_STEP_S)?);
-    Ok(Model { kind: kind.name(), time_step, equations: kind.read(&section, grid)?.into() })
+    Ok(Model { kind: kind.name, time_step, equations: (kind.read)(&section, grid)?.into() })
 }
 
 /// The truth's model: `[model]` with single keys replaced by those of `overrides`.

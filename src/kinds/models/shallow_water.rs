@@ -1,35 +1,23 @@
 //! `kind = "shallow_water"`.
 
 use super::equations::Equations;
+use super::integration;
 use super::parameter::Parameter;
 use super::water::{self, VARIABLES, Water};
 use crate::kinds::Kind;
-use crate::reader::{AnyKey, Read, Section};
+use crate::reader::{Read, Section};
 use isobar_model::{Adjoint, Duration, Grid, ModelError};
 use std::sync::Arc;
 
-pub(super) struct ShallowWaterKind;
-
-impl Kind<dyn Equations, Grid> for ShallowWaterKind {
-    fn name(&self) -> &'static str {
-        "shallow_water"
-    }
-
-    fn about(&self) -> &'static str {
-        "The nonlinear rotating shallow-water equations for h, u and v"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        water::keys()
-    }
-
-    fn read(&self, section: &Section<'_>, grid: &Grid) -> Read<Box<dyn Equations>> {
-        Ok(Box::new(water::read(section, grid)?))
-    }
-}
+pub(super) const KIND: Kind<dyn Equations, Grid> = Kind::new(
+    "shallow_water",
+    "The nonlinear rotating shallow-water equations for h, u and v",
+    &[water::KEYS, integration::KEYS],
+    |section, grid| Ok(Box::new(water::read(section, grid)?)),
+);
 
 impl Equations for Water {
-    fn variables(&self) -> &'static [(&'static str, &'static str)] {
+    fn variables(&self) -> &[(&'static str, &'static str)] {
         VARIABLES
     }
 

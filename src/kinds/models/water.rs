@@ -36,7 +36,8 @@ const CONSERVES: Key<Choice<VectorInvariant>> = Key::absent(
     "the invariant that the discretised vorticity term conserves",
 );
 
-const KEYS: &[&dyn AnyKey] = &[&TIME_STEP_S, &GRAVITY, &CORIOLIS, &BETA, &DRAG, &HYPERDIFFUSION, &CONSERVES];
+/// The keys that the nonlinear and the linear equations share, beside those of the integration.
+pub(super) const KEYS: &[&dyn AnyKey] = &[&TIME_STEP_S, &GRAVITY, &CORIOLIS, &BETA, &DRAG, &HYPERDIFFUSION, &CONSERVES];
 
 /// The shallow-water equations with their parameters.
 #[derive(Clone, Debug)]
@@ -45,11 +46,6 @@ pub struct Water {
     pub parameters: ShallowWaterParameters,
     form: VectorInvariant,
     pub(super) integration: Integration,
-}
-
-/// The keys that the nonlinear and the linear equations share.
-pub(super) fn keys() -> Vec<&'static dyn AnyKey> {
-    [KEYS, integration::KEYS].concat()
 }
 
 /// Reads what the nonlinear and the linear equations share.

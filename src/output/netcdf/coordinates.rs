@@ -15,7 +15,12 @@ pub fn add_global_attributes(definition: &mut Definition, info: &RunInfo, conten
     let version = env!("CARGO_PKG_VERSION");
     definition.attribute("Conventions", "CF-1.8");
     definition.attribute("title", format!("{}: {content}", info.title));
-    definition.attribute("source", format!("isobar {version}, a data-assimilation testbed; all data are synthetic"));
+    let recorded = info.networks.iter().filter(|network| network.is_recorded).map(|network| &*network.name);
+    let data = match recorded.collect::<Vec<_>>() {
+        recorded if recorded.is_empty() => "all data are synthetic".to_string(),
+        recorded => format!("recorded observations: {}", recorded.join(", ")),
+    };
+    definition.attribute("source", format!("isobar {version}, a data-assimilation testbed; {data}"));
     definition.attribute(
         "history",
         format!("written by isobar {version} from scenario {} with seed {}", info.scenario, info.seed),

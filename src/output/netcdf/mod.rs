@@ -1,4 +1,5 @@
-//! netCDF-3 files by the CF conventions 1.8: `truth.nc`, `<method>.nc` for each method, `observations.nc`.
+//! netCDF-3 files by the CF conventions 1.8: `truth.nc` if there is a truth, `<method>.nc` for each method,
+//! `observations.nc`.
 //!
 //! All numbers are of 64 bits, so that a file holds exactly what was computed. Missing values are
 //! [`FILL_VALUE`](file::FILL_VALUE).
@@ -21,7 +22,8 @@ use truth::TruthFile;
 #[derive(Debug)]
 pub struct NetcdfSink {
     info: RunInfo,
-    truth: TruthFile,
+    /// `None` in a world without a truth.
+    truth: Option<TruthFile>,
     observations: ObservationsFile,
     method_paths: Vec<PathBuf>,
     /// A method's file is made with its first result, which shows whether the method has spreads.
@@ -47,7 +49,7 @@ impl NetcdfSink {
             }
         }
         Ok(Self {
-            truth: TruthFile::create(&path("truth"), info)?,
+            truth: info.has_truth.then(|| TruthFile::create(&path("truth"), info)).transpose()?,
             observations: ObservationsFile::new(path("observations"), info),
             method_paths: info.methods.iter().map(|method| path(&coordinates::safe_name(&method.name, "_-"))).collect(),
             methods: info.methods.iter().map(|_| None).collect(),
@@ -83,7 +85,7 @@ impl NetcdfSink {
             }
             check_records(self.method(number, None)?.file(), cycles)?;
         }
-        check_records(self.truth.file(), cycles + 1)
+        self.truth.as_ref().map_or(Ok(()), |truth| check_records(truth.file(), cycles + 1))
     }
 }
 
@@ -91,8 +93,13 @@ impl Sink for NetcdfSink {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         match event {
             Event::Started(_) | Event::Resumed(_) => Ok(()),
-            Event::Truth { time, state, calibration, .. } => self.truth.append(*time, state, calibration),
-            Event::Observed { window, values_bias_removed } => self.observations.add(window, values_bias_removed),
+            Event::Truth { time, state, calibration, .. } => match &mut self.truth {
+                Some(truth) => truth.append(*time, state, calibration),
+                None => Ok(()),
+            },
+            Event::Observed { window, values_bias_removed } => {
+                self.observations.add(&self.info, window, values_bias_removed)
+            }
             Event::Analysed(analysed) => {
                 self.method(analysed.method, Some(analysed))?.append(analysed)?;
                 self.observations.add_departures(analysed)

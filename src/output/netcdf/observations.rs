@@ -4,7 +4,7 @@ use super::coordinates as cf;
 use super::file::{Definition, FILL_VALUE, NetcdfFile, Values, Variable};
 use crate::event::{Analysed, RunInfo};
 use crate::output::SinkError;
-use isobar_obs::{ObservationWindow, Rejection, Report};
+use isobar_obs::{ObservationWindow, Report, Unused};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::PathBuf;
@@ -18,12 +18,14 @@ pub struct ObservationsFile {
     values: Vec<f64>,
     values_bias_removed: Vec<f64>,
     sigma: Vec<f64>,
+    /// What quality control predicted, z, and the number of neighbours.
+    checks: [Vec<f64>; 3],
     /// Why each is not used; 0 for those that are.
     codes: Vec<i32>,
     /// The cycle of each.
     cycle_numbers: Vec<i32>,
-    /// The observations of each cycle that are used.
-    cycles: BTreeMap<usize, Range<usize>>,
+    /// The observations of each cycle: those that are used, and those that are not.
+    cycles: BTreeMap<usize, [Range<usize>; 2]>,
     /// Background and analysis departures of each method.
     departures: Vec<[Vec<f64>; 2]>,
 }
@@ -38,6 +40,7 @@ impl ObservationsFile {
             values: Vec::new(),
             values_bias_removed: Vec::new(),
             sigma: Vec::new(),
+            checks: Default::default(),
             codes: Vec::new(),
             cycle_numbers: Vec::new(),
             cycles: BTreeMap::new(),
@@ -49,32 +52,42 @@ impl ObservationsFile {
     ///
     /// # Errors
     /// If its parts differ in length, or the cycle had its observations already.
-    pub fn add(&mut self, window: &ObservationWindow, values_bias_removed: &[f64]) -> Result<(), SinkError> {
-        let (n, cycle) = (window.values.len(), window.cycle);
-        if [window.reports.len(), window.times.len(), values_bias_removed.len(), window.sigma.len()] != [n; 4] {
+    pub fn add(
+        &mut self,
+        info: &RunInfo,
+        window: &ObservationWindow,
+        values_bias_removed: &[f64],
+    ) -> Result<(), SinkError> {
+        let (n, cycle, unused) = (window.values.len(), window.cycle, &window.aside.unused);
+        let lengths = [window.reports.len(), window.times.len(), window.sigma.len()];
+        if lengths != [n; 3] || values_bias_removed.len() != n + unused.len() {
             return Err(self.failure(format!("the observations of cycle {cycle} differ in number from their reports")));
         }
         let start = self.values.len();
-        if self.cycles.insert(cycle, start..start + n).is_some() {
+        let all = start + n + unused.len();
+        if self.cycles.insert(cycle, [start..start + n, start + n..all]).is_some() {
             return Err(self.failure(format!("the observations of cycle {cycle} came twice")));
         }
-        self.reports.extend_from_slice(&window.reports);
-        let all = start + n + window.rejected.len();
-        let times = window.times.iter().chain(window.rejected.iter().map(|it| &it.time));
+        self.reports.extend(window.reports.iter().chain(unused.iter().map(|it| &it.report)).cloned());
+        let times = window.times.iter().chain(unused.iter().map(|it| &it.time));
         self.times.extend(times.map(|time| time.seconds() as f64));
         self.cycle_numbers.resize(all, i32::try_from(cycle).unwrap_or(i32::MAX));
-        self.values.extend_from_slice(&window.values);
-        self.values_bias_removed.extend_from_slice(values_bias_removed);
-        self.sigma.extend_from_slice(&window.sigma);
+        let filled = |value: f64| if value.is_finite() { value } else { FILL_VALUE };
+        self.values.extend(window.values.iter().copied().chain(unused.iter().map(|it| filled(it.value))));
+        self.sigma.extend(window.sigma.iter().copied().chain(unused.iter().map(|it| filled(it.sigma))));
         self.codes.resize(start + n, 0);
-        for it in &window.rejected {
-            let finite = |value: f64| if value.is_finite() { value } else { FILL_VALUE };
-            self.reports.push(it.report.clone());
-            self.values.push(finite(it.value));
-            // Nothing is known of its errors.
-            self.values_bias_removed.push(FILL_VALUE);
-            self.sigma.push(finite(it.sigma));
-            self.codes.push(i32::from(it.rejection.code()));
+        self.codes.extend(unused.iter().map(|it| i32::from(it.why.code())));
+        let rejected = std::iter::repeat_n(false, n).chain(unused.iter().map(|it| it.why.rejection().is_some()));
+        for ((report, is_rejected), &value) in self.reports[start..].iter().zip(rejected).zip(values_bias_removed) {
+            // Nothing is known of the errors of what was recorded elsewhere, or fails quality control.
+            let is_known = !is_rejected && !info.is_recorded(&report.network);
+            self.values_bias_removed.push(if is_known { filled(value) } else { FILL_VALUE });
+        }
+        let of_used = (0..n).map(|number| window.aside.checks.get(number).copied().flatten());
+        for check in of_used.chain(unused.iter().map(|it| it.check)) {
+            let numbers = check.map(|it| [it.predicted, it.z, it.neighbours as f64]);
+            let numbers = numbers.unwrap_or([FILL_VALUE; 3]);
+            self.checks.iter_mut().zip(numbers).for_each(|(own, number)| own.push(filled(number)));
         }
         for method in self.departures.iter_mut().flatten() {
             method.resize(all, FILL_VALUE);
@@ -87,18 +100,21 @@ impl ObservationsFile {
     /// # Errors
     /// If the cycle has other observations.
     pub fn add_departures(&mut self, analysed: &Analysed<'_>) -> Result<(), SinkError> {
-        let &Analysed { cycle, method, ref analysis, .. } = analysed;
-        let range = self.cycles.get(&cycle).cloned().unwrap_or(0..0);
-        for (departures, given) in
-            self.departures[method].iter_mut().zip([&analysis.background_departures, &analysis.analysis_departures])
-        {
-            if given.len() != range.len() {
-                let (given, n) = (given.len(), range.len());
+        let &Analysed { cycle, method, ref analysis, ref unused, .. } = analysed;
+        let [of_used, of_unused] = self.cycles.get(&cycle).cloned().unwrap_or([0..0, 0..0]);
+        let given =
+            [(&analysis.background_departures, &unused.background), (&analysis.analysis_departures, &unused.analysis)];
+        for (departures, (used, unused)) in self.departures[method].iter_mut().zip(given) {
+            if used.len() != of_used.len() || unused.len() != of_unused.len() {
+                let (given, n) = (used.len() + unused.len(), of_used.len() + of_unused.len());
                 let reason =
                     format!("method {method} has {given} departures from the {n} observations of cycle {cycle}");
                 return Err(SinkError { path: self.path.clone(), reason });
             }
-            departures[range.clone()].copy_from_slice(given);
+            departures[of_used.clone()].copy_from_slice(used);
+            for (own, given) in departures[of_unused.clone()].iter_mut().zip(unused) {
+                *own = given.unwrap_or(FILL_VALUE);
+            }
         }
         Ok(())
     }
@@ -149,8 +165,8 @@ impl ObservationsFile {
 
     /// Which are used, and why the others are not.
     fn add_codes(&self, definition: &mut Definition) {
-        let names: Vec<&str> = Rejection::ALL.iter().map(|rejection| rejection.name()).collect();
-        let codes: Vec<i32> = std::iter::once(0).chain(Rejection::ALL.map(|it| i32::from(it.code()))).collect();
+        let names: Vec<&str> = Unused::all().map(Unused::name).collect();
+        let codes: Vec<i32> = std::iter::once(0).chain(Unused::all().map(|it| i32::from(it.code()))).collect();
         let variable = Variable::new("quality_code", &["obs"])
             .with("long_name", "0 for an observation that is used, else why it is not")
             .with("flag_values", codes)
@@ -183,8 +199,15 @@ impl ObservationsFile {
             ("value_bias_removed", "observed value without its true bias", self.values_bias_removed.clone()),
             ("true_bias", "true bias of the observed value", biases.collect()),
             ("sigma", "standard deviation of the random error", self.sigma.clone()),
+            ("quality_prediction", "value that quality control predicts from neighbours", self.checks[0].clone()),
         ] {
             definition.fixed(quantity(name, long_name), Values::Numbers(values));
+        }
+        for (name, long_name, values) in [
+            ("quality_z", "value minus prediction, in standard deviations of that difference", &self.checks[1]),
+            ("quality_neighbours", "number of neighbours that the prediction is from", &self.checks[2]),
+        ] {
+            definition.fixed(number(name, long_name).with("units", "1"), Values::Numbers(values.clone()));
         }
         for (method, departures) in info.methods.iter().zip(&self.departures) {
             for (stage, values) in ["background", "analysis"].into_iter().zip(departures) {

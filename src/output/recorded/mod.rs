@@ -8,7 +8,7 @@ pub use scores::{MethodSeries, Scores};
 use crate::output::directory::SUMMARY_FILE;
 use crate::reader::files::bytes;
 use crate::scores::Summary;
-use crate::text::clean;
+use crate::text::{clean, shown_path};
 use miette::Diagnostic;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ const LARGEST_FILE: u64 = 1_000_000_000;
 
 /// Why a directory is not that of a run that can be read.
 #[derive(Debug, thiserror::Error, Diagnostic)]
-#[error("{}: {reason}", clean(&path.display().to_string()))]
+#[error("{}: {reason}", shown_path(path))]
 pub struct SavedRunError {
     /// The directory, or a file in it.
     pub path: PathBuf,
@@ -57,7 +57,9 @@ impl SavedRun {
     pub fn open(directory: &Path) -> Result<Self, SavedRunError> {
         let failure = |reason: &str| SavedRunError::new(directory, reason);
         if !directory.exists() {
-            return Err(failure("there is no such directory").with_help("`isobar run` writes one"));
+            return Err(
+                failure("there is no such directory").with_help("a complete run leaves one, by default below ./out")
+            );
         }
         if !directory.is_dir() {
             return Err(failure("it is a file, not the directory of a run"));

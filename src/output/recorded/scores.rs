@@ -2,7 +2,7 @@
 
 use super::{SavedRun, SavedRunError, read};
 use crate::output::scores::SCORES_FILE;
-use crate::scores::{SCORES, Score, Values};
+use crate::scores::{Against, SCORES, Score, ScoreKind, Values};
 use indexmap::IndexMap;
 use std::collections::BTreeMap;
 
@@ -55,7 +55,10 @@ fn parse(text: &str) -> Result<Scores, String> {
             scores.variables.push((name.to_string(), unit.to_string()));
         }
     }
-    for kind in SCORES.iter().filter(|kind| kind.compared) {
+    let is_compared = |against| move |kind: &&ScoreKind| kind.compared && kind.against == against;
+    let without_truth = found.iter().any(|(_, score)| score.kind.against == Against::Used);
+    let against = if without_truth { Against::Used } else { Against::Truth };
+    for kind in SCORES.iter().filter(is_compared(against)) {
         if !found.iter().any(|(_, score)| score.kind.name == kind.name) {
             return Err(format!("it has no column `{}{}`", kind.name, if kind.per_variable { " …" } else { "" }));
         }

@@ -17,6 +17,9 @@ pub fn facts(info: &RunInfo, summary: &Summary) -> Vec<(String, String)> {
     add("grid", Some(grid(info)));
     add("model", scenario.get("model").and_then(Value::as_table).map(settings));
     add("observations", networks(&scenario));
+    add("stations and files", (!info.notes.is_empty()).then(|| info.notes.join("; ")));
+    let no_truth = "all observations are recorded: methods are judged by departures of observations, with no truth";
+    add("truth", (!info.has_truth).then(|| no_truth.to_string()));
     add("quality control", summary.observations.describe_rejected());
     let parameters = info.calibration.len();
     add("biases", (parameters > 0).then(|| format!("{parameters} unknown parameters")));

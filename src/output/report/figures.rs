@@ -8,7 +8,7 @@ use crate::output::netcdf::coordinates::safe_name;
 use crate::plot::colors::of_method_on_paper;
 use crate::plot::range::quantile;
 use crate::plot::{Curve, CurvePlot, Dash, unit};
-use crate::scores::{Better, Line, MethodScores, Part, SCORES, Score, ScoreKind, Summary};
+use crate::scores::{Against, Better, Line, MethodScores, Part, SCORES, Score, ScoreKind, Summary};
 use isobar_obs::ObservationType;
 use std::collections::BTreeSet;
 
@@ -40,7 +40,7 @@ impl Figures<'_> {
             let name = variable.name;
             let mut curves = Vec::new();
             for (method, info) in self.info.methods.iter().enumerate() {
-                for (kind, line) in drawn(true).filter(|(kind, _)| kind.part != Part::Background) {
+                for (kind, line) in drawn(true).filter(|(kind, _)| self.is_shown(kind)) {
                     let points = self.scores(method, &kind.key(name));
                     let curve = Curve::new(&info.name, of_method_on_paper(method), points);
                     curves.push(match line {
@@ -52,18 +52,31 @@ impl Figures<'_> {
             }
             let is_smoothed = self.info.methods.iter().any(|method| method.smoother_lag_cycles.is_some());
             let smoothed = if is_smoothed { ", error once smoothed (dotted)" } else { "" };
-            let caption =
-                format!("Analysis of {}: error (solid), claimed spread (broken){smoothed}.", variable.long_name);
+            let has_passive = self.info.networks.iter().any(|network| network.is_passive);
+            let passive = if has_passive { ", of passive ones (dotted)" } else { "" };
+            let (stem, title, shown) = if self.info.has_truth {
+                ("rmse", "RMSE", format!("error (solid), claimed spread (broken){smoothed}"))
+            } else {
+                let shown = format!("departure of the observations (solid){passive}, claimed spread (broken)");
+                ("departure", "departure", shown)
+            };
+            let caption = format!("Analysis of {}: root-mean-square {shown}.", variable.long_name);
             self.over_time(
-                format!("rmse_{name}"),
+                format!("{stem}_{name}"),
                 caption,
-                format!("RMSE and spread of {name}"),
+                format!("{title} and spread of {name}"),
                 variable.unit,
                 curves,
                 None,
             )
         };
         self.info.layout.variables.iter().map(per_variable).collect()
+    }
+
+    /// Whether a line is drawn with those of the analysis: departures only where there is no truth.
+    fn is_shown(&self, kind: &ScoreKind) -> bool {
+        let is_departure = matches!(kind.against, Against::Used | Against::Passive);
+        kind.part != Part::Background && !(is_departure && self.info.has_truth)
     }
 
     /// The bias estimates with their bands and the truth.
@@ -86,8 +99,10 @@ impl Figures<'_> {
                 curves.push(curve);
             }
             let truth = |cycle: &Cycle| Some([self.day(cycle), *cycle.true_calibration.get(number)?]);
-            let points = self.history.cycles.iter().filter_map(truth).collect();
-            curves.push(Curve { name: Some("truth".into()), color: None, dash: Dash::Dashed, points, band: None });
+            let points: Vec<[f64; 2]> = self.history.cycles.iter().filter_map(truth).collect();
+            if !points.is_empty() {
+                curves.push(Curve { name: Some("truth".into()), color: None, dash: Dash::Dashed, points, band: None });
+            }
             let stem = format!("bias_{:02}_{}", number + 1, safe_name(&parameter.name, "_"));
             let caption = format!("Bias {}: estimates with ±2σ, and the truth (broken).", parameter.name);
             let mut drawing = self.over_time(stem, caption, parameter.name.clone(), &parameter.unit, curves, None);

@@ -34,8 +34,8 @@ pub struct History {
     pub snapshots: BTreeMap<usize, Snapshot>,
     /// What methods estimate beside state and calibration, by name; in the place of each method what it has of it.
     pub parameters: IndexMap<String, Vec<Option<ParameterHistory>>>,
-    /// The whole true state of the current cycle.
-    truth: Vec<f64>,
+    /// The whole true state of the current cycle, if there is a truth.
+    truth: Option<Vec<f64>>,
 }
 
 /// A cycle.
@@ -45,7 +45,7 @@ pub struct Cycle {
     pub cycle: usize,
     /// Valid time.
     pub time: Time,
-    /// The true calibration parameters.
+    /// The true calibration parameters; empty without a truth.
     pub true_calibration: Vec<f64>,
     /// Network and variable of each observation; of the newest cycle only.
     kinds: Vec<ObservationType>,
@@ -80,8 +80,8 @@ pub struct ParameterHistory {
 pub struct Snapshot {
     /// Valid time.
     pub time: Time,
-    /// The truth, by variable.
-    pub truth: Vec<Vec<f32>>,
+    /// The truth, by variable, if there is one.
+    pub truth: Option<Vec<Vec<f32>>>,
     /// The observations, thinned.
     pub places: Vec<Place>,
     /// Every so many-th observation of each variable is among them.
@@ -142,7 +142,7 @@ impl History {
             reliability: vec![vec![Reliability::default(); info.layout.variables.len()]; info.methods.len()],
             snapshots: BTreeMap::new(),
             parameters: IndexMap::new(),
-            truth: Vec::new(),
+            truth: None,
         }
     }
 
@@ -151,25 +151,39 @@ impl History {
         if cycle == 0 {
             return;
         }
-        self.truth = state.values().to_vec();
-        if let Some(last) = self.cycles.last_mut() {
-            last.kinds = Vec::new();
-        }
-        let methods = info.methods.iter().map(|_| None).collect();
-        self.cycles.push(Cycle { cycle, time, true_calibration: calibration.to_vec(), kinds: Vec::new(), methods });
-        if cycle == info.cycles || cycle == info.cycles.div_ceil(2) {
-            let (truth, methods) = (self.maps(state.values()), info.methods.iter().map(|_| None).collect());
-            self.snapshots.insert(cycle, Snapshot { time, truth, places: Vec::new(), every: Vec::new(), methods });
+        self.truth = Some(state.values().to_vec());
+        self.begin(info, cycle, time).true_calibration = calibration.to_vec();
+        if self.snapshots.contains_key(&cycle) {
+            let maps = self.maps(state.values());
+            self.snapshots.entry(cycle).and_modify(|snapshot| snapshot.truth = Some(maps));
         }
     }
 
-    /// Takes the observations of a cycle.
-    pub fn add_observations(&mut self, window: &ObservationWindow) {
-        if let Some(cycle) = self.cycles.last_mut() {
-            cycle.kinds = window.reports.iter().map(Report::observation_type).collect();
+    /// A cycle, begun if it has not been.
+    fn begin(&mut self, info: &RunInfo, cycle: usize, time: Time) -> &mut Cycle {
+        if self.cycles.last().is_none_or(|last| last.cycle != cycle) {
+            if let Some(last) = self.cycles.last_mut() {
+                last.kinds = Vec::new();
+            }
+            let (true_calibration, kinds) = (Vec::new(), Vec::new());
+            let methods = info.methods.iter().map(|_| None).collect();
+            self.cycles.push(Cycle { cycle, time, true_calibration, kinds, methods });
+            if cycle == info.cycles || cycle == info.cycles.div_ceil(2) {
+                let every = vec![1; info.layout.variables.len()];
+                let methods = info.methods.iter().map(|_| None).collect();
+                self.snapshots.insert(cycle, Snapshot { time, truth: None, places: Vec::new(), every, methods });
+            }
         }
+        let last = self.cycles.len() - 1;
+        &mut self.cycles[last]
+    }
+
+    /// Takes the observations of a cycle.
+    pub fn add_observations(&mut self, info: &RunInfo, window: &ObservationWindow) {
+        self.begin(info, window.cycle, window.time).kinds =
+            window.reports.iter().map(Report::observation_type).collect();
         if let Some(snapshot) = self.snapshots.get_mut(&window.cycle) {
-            let mut counts = vec![0; snapshot.truth.len()];
+            let mut counts = vec![0; info.layout.variables.len()];
             window.reports.iter().for_each(|report| counts[report.variable] += 1);
             snapshot.every = counts.iter().map(|count: &usize| count.div_ceil(MOST_PLACES).max(1)).collect();
             let mut seen = vec![0; counts.len()];
@@ -222,7 +236,7 @@ impl History {
             snapshot.methods[method] = Some(fields);
         }
         let Some(own) = self.cycles.last_mut().filter(|own| own.cycle == cycle) else {
-            return Err(format!("method {method} has results of cycle {cycle} without its truth"));
+            return Err(format!("method {method} has results of cycle {cycle} before its observations"));
         };
         let departures = [&analysis.background_departures, &analysis.analysis_departures];
         own.methods[method] = Some(MethodCycle {
@@ -258,10 +272,11 @@ impl History {
 
     /// Takes the errors of an analysis against its spread, by variable.
     fn gather(&mut self, info: &RunInfo, method: usize, state: &State, spread: &[f64]) {
+        let Some(truth) = &self.truth else { return };
         let cells = info.layout.grid.cells();
         for (variable, reliability) in self.reliability[method].iter_mut().enumerate() {
             let range = variable * cells..(variable + 1) * cells;
-            if let Some(truth) = self.truth.get(range.clone()) {
+            if let Some(truth) = truth.get(range.clone()) {
                 let errors = state.values()[range.clone()].iter().zip(truth).map(|(value, truth)| value - truth);
                 reliability.add(errors.zip(spread[range].iter().copied()));
             }

@@ -26,8 +26,8 @@ pub struct MapsOfCycle {
     pub cycle: usize,
     /// Its valid time.
     pub time: String,
-    /// The truth.
-    pub truth: Drawing,
+    /// The truth, if there is one.
+    pub truth: Option<Drawing>,
     /// For each method its name and maps.
     pub methods: Vec<(String, MethodMaps)>,
 }
@@ -36,8 +36,8 @@ pub struct MapsOfCycle {
 pub struct MethodMaps {
     /// Background and analysis.
     pub states: Vec<Drawing>,
-    /// Error of the analysis.
-    pub error: Drawing,
+    /// Error of the analysis, if there is a truth.
+    pub error: Option<Drawing>,
     /// Claimed spread of the analysis, if there is one.
     pub spread: Option<Drawing>,
 }
@@ -88,22 +88,25 @@ impl<'a> Maps<'a> {
             let (time, variable) = (utc(snapshot.time), self.history.mapped);
             let name = self.info.layout.variables[variable].name;
             let methods = self.subjects(cycle, snapshot).map(|it| (it.method.to_string(), self.of_method(&it)));
-            let truth = Drawing {
+            let truth = snapshot.truth.as_ref().map(|truth| Drawing {
                 stem: format!("map_{cycle:04}_truth"),
                 caption: format!("Truth of {name} at {time}."),
-                map: self.state(variable, format!("truth {name}"), &snapshot.truth),
-            };
+                map: self.state(variable, format!("truth {name}"), truth),
+            });
             MapsOfCycle { cycle, truth, methods: methods.collect(), time }
         };
         self.history.snapshots.iter().rev().map(of_cycle).collect()
     }
 
-    /// Errors and spreads of every other variable in the last cycle, with the variable's name.
+    /// Errors, or analyses without a truth, and spreads of every other variable in the last cycle, with the variable's name.
     pub fn other_variables(&self) -> Vec<(String, Vec<Drawing>)> {
         let Some((&cycle, snapshot)) = self.history.snapshots.last_key_value() else { return Vec::new() };
         let others = self.info.layout.variables.iter().enumerate().filter(|(number, _)| *number != self.history.mapped);
         let drawings = |number: usize| {
-            let pair = |it: Subject<'_>| std::iter::once(self.error(&it, number)).chain(self.spread(&it, number));
+            let pair = |it: Subject<'_>| {
+                let first = self.error(&it, number).unwrap_or_else(|| self.analysis(&it, number));
+                std::iter::once(first).chain(self.spread(&it, number))
+            };
             self.subjects(cycle, snapshot).flat_map(pair).collect()
         };
         others.map(|(number, variable)| (variable.name.to_string(), drawings(number))).collect()
@@ -186,24 +189,30 @@ impl<'a> Maps<'a> {
             self.observations(it, variable)
         );
         let background = Drawing { stem: format!("{}_background", it.stem), caption, map: background };
-        let analysis = Drawing {
-            stem: format!("{}_analysis", it.stem),
-            caption: format!("Analysis of {method}."),
-            map: self.state(variable, format!("{method}: analysis {name}"), &it.fields.analysis),
-        };
+        let analysis = self.analysis(it, variable);
         let (error, spread) = (self.error(it, variable), self.spread(it, variable));
         MethodMaps { states: vec![background, analysis], error, spread }
     }
 
-    fn error(&self, it: &Subject<'_>, variable: usize) -> Drawing {
+    fn analysis(&self, it: &Subject<'_>, variable: usize) -> Drawing {
+        let (name, _) = self.variable(variable);
+        Drawing {
+            stem: format!("{}_analysis{}", it.stem, self.suffix(variable)),
+            caption: format!("Analysis of {}.", it.method),
+            map: self.state(variable, format!("{}: analysis {name}", it.method), &it.fields.analysis),
+        }
+    }
+
+    fn error(&self, it: &Subject<'_>, variable: usize) -> Option<Drawing> {
+        let truth = it.snapshot.truth.as_ref()?;
         let ((name, _), limit) = (self.variable(variable), self.ranges[variable].difference);
-        let pairs = it.fields.analysis[variable].iter().zip(&it.snapshot.truth[variable]);
+        let pairs = it.fields.analysis[variable].iter().zip(&truth[variable]);
         let error = pairs.map(|(value, truth)| value - truth).collect();
         let title = format!("{}: analysis error {name}", it.method);
         let mut map = self.map(variable, title, error, Scale::Difference, [-limit, limit]);
         map.marks = self.marks(it, variable);
         let caption = format!("Analysis minus truth of {}. Dots: {}.", it.method, self.observations(it, variable));
-        Drawing { stem: format!("{}_error{}", it.stem, self.suffix(variable)), caption, map }
+        Some(Drawing { stem: format!("{}_error{}", it.stem, self.suffix(variable)), caption, map })
     }
 
     fn spread(&self, it: &Subject<'_>, variable: usize) -> Option<Drawing> {
@@ -289,8 +298,16 @@ impl<'a> Maps<'a> {
 }
 
 fn ranges(history: &History, variable: usize, methods: usize) -> Ranges {
-    let truths = history.snapshots.values().flat_map(|it| &it.truth[variable]).filter(|value| value.is_finite());
-    let (low, high) = truths.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &it| (low.min(it), high.max(it)));
+    // Without a truth the colours are those of the analyses.
+    let analyses = |it: &'_ Snapshot| -> Vec<f32> {
+        it.methods.iter().flatten().flat_map(|fields| fields.analysis[variable].iter().copied()).collect()
+    };
+    let shown = history.snapshots.values().flat_map(|it| match &it.truth {
+        Some(truth) => truth[variable].clone(),
+        None => analyses(it),
+    });
+    let shown = shown.filter(|value| value.is_finite());
+    let (low, high) = shown.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), it| (low.min(it), high.max(it)));
     // The median over the methods: one that goes astray must not make the maps of all others pale.
     let of_methods = |pick: &dyn Fn(&Snapshot, &Fields) -> Vec<f32>| {
         let quantiles = (0..methods).filter_map(|method| {
@@ -301,9 +318,15 @@ fn ranges(history: &History, variable: usize, methods: usize) -> Ranges {
     };
     Ranges {
         state: if low <= high { around(low, high) } else { [0.0, 1.0] },
-        difference: of_methods(&|snapshot, fields| {
-            let pairs = fields.analysis[variable].iter().zip(&snapshot.truth[variable]);
-            pairs.map(|(value, truth)| (value - truth).abs()).collect()
+        difference: of_methods(&|snapshot, fields| match &snapshot.truth {
+            Some(truth) => {
+                let pairs = fields.analysis[variable].iter().zip(&truth[variable]);
+                pairs.map(|(value, truth)| (value - truth).abs()).collect()
+            }
+            None => {
+                let departures = snapshot.places.iter().zip(&fields.departures);
+                departures.filter(|(place, _)| place.variable == variable).map(|(_, d)| d.abs()).collect()
+            }
         }),
         spread: of_methods(&|_, fields| fields.spread.as_ref().map_or_else(Vec::new, |it| it[variable].clone())),
     }

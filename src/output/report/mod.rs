@@ -74,7 +74,7 @@ impl Sink for ReportSink {
                 Ok(())
             }
             Event::Observed { window, .. } => {
-                self.history.add_observations(window);
+                self.history.add_observations(&self.info, window);
                 Ok(())
             }
             Event::Analysed(analysed) => {

@@ -9,10 +9,11 @@ use crate::event::RunInfo;
 use crate::plot::{CurvePlot, PlotError};
 use crate::scores::Summary;
 use crate::tables::{MOST_PARAMETERS, Table, diagnostics, scores, stability};
+use crate::text::on_page;
 use base64::Engine;
 use minijinja::syntax::SyntaxConfig;
 use minijinja::value::{Serde, Value};
-use minijinja::{Environment, UndefinedBehavior, context};
+use minijinja::{Environment, UndefinedBehavior, context, escape_formatter};
 use serde::Serialize;
 
 /// Figures of bias parameters that are shown at once; the others are folded.
@@ -100,6 +101,10 @@ pub fn render(page: &Page) -> Result<String, PageError> {
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
     environment.set_syntax(SyntaxConfig::builder().trim_blocks(true).lstrip_blocks(true).build()?);
     environment.add_template("page.html", include_str!("page.html"))?;
+    environment.set_formatter(|output, state, value| match value.as_str() {
+        Some(text) if !value.is_safe() => escape_formatter(output, state, &Value::from(on_page(text))),
+        _ => escape_formatter(output, state, value),
+    });
     let style = include_str!("style.css");
     Ok(environment.get_template("page.html")?.render(context! { page => Value::from(Serde(page)), style })?)
 }
@@ -120,17 +125,23 @@ impl Report {
             format!("{}, seed {}: {} methods side by side", info.scenario, info.seed, info.methods.len());
         report.page.facts = facts::facts(info, summary);
         let scores = report.scores(info, summary);
+        let (title, text) = if info.has_truth {
+            let text = "A method whose claimed spread (broken line) lies on its error (solid line) knows what it does not know.";
+            ("Error over time", text)
+        } else {
+            let text = "Departures hold the observations' own errors, so that they stay above the claimed spread.";
+            ("Departures over time", text)
+        };
         let errors = Section {
-            title: "Error over time".into(),
-            text: "A method whose claimed spread (broken line) lies on its error (solid line) knows what it does not know."
-                .into(),
+            title: title.into(),
+            text: text.into(),
             figures: report.curves(figures.errors()),
             ..Section::default()
         };
         let maps = Maps::new(info, history);
         let structures = report.structures(maps.structures())?;
         let correlations = report.correlations(maps.correlations(), history.mapped)?;
-        let maps = report.maps(maps.all(), maps.other_variables())?;
+        let maps = report.maps(info, maps.all(), maps.other_variables())?;
         let biases = report.biases(info, history, &figures);
         let parameters = report.parameters(info, history, &figures);
         let stability = stability(summary);
@@ -200,13 +211,24 @@ impl Report {
             Some(_) => " Smoothed is the estimate of the same cycles once later observations have revised it.",
             None => "",
         };
+        let passive = if info.networks.iter().any(|network| network.is_passive) {
+            " Passive observations take no part in any analysis: their departures are an independent score."
+        } else {
+            ""
+        };
         Section {
             title: "Scores".into(),
             text: format!(
-                "Root-mean-square errors over cycles {} to {}; below each its 95 % interval, for which successive cycles \
+                "{} over cycles {} to {}; below each its 95 % interval, for which successive cycles \
                  count the less the more they resemble each other. No interval: the cycles are worth fewer than three \
-                 independent ones. Spread is what a method claims its analysis error to be.{about_them}",
-                summary.scored_from_cycle, summary.cycles
+                 independent ones. Spread is what a method claims its analysis error to be.{about_them}{passive}",
+                if info.has_truth {
+                    "Root-mean-square errors"
+                } else {
+                    "Root-mean-square departures of the observations"
+                },
+                summary.scored_from_cycle,
+                summary.cycles
             ),
             tables: tables::failures(summary)
                 .into_iter()
@@ -304,36 +326,40 @@ impl Report {
     /// The maps of the last cycle, and folded the errors of others; the files hold all.
     fn maps(
         &mut self,
+        info: &RunInfo,
         all: Vec<maps::MapsOfCycle>,
         others: Vec<(String, Vec<maps::Drawing>)>,
     ) -> Result<Section, PageError> {
         let mut section = Section { title: "Maps".into(), ..Section::default() };
+        let (shown, told) = if info.has_truth {
+            ("error", "Truth, and the error of every method.")
+        } else {
+            ("analysis", "The analysis of every method.")
+        };
         for (number, maps) in all.into_iter().enumerate() {
             let when = format!("cycle {}, {}", maps.cycle, maps.time);
-            let mut figures = vec![self.map(maps.truth)?];
+            let mut figures: Vec<Figure> = maps.truth.into_iter().map(|it| self.map(it)).collect::<Result<_, _>>()?;
             let mut more = Vec::new();
             for (name, own) in maps.methods {
-                figures.push(self.map(own.error)?);
                 let mut others = own.states.into_iter().map(|it| self.map(it)).collect::<Result<Vec<_>, _>>()?;
+                let error = own.error.map(|it| self.map(it)).transpose()?;
+                figures.extend(error.or_else(|| others.last().cloned()));
                 others.extend(own.spread.map(|it| self.map(it)).transpose()?);
                 let title = format!("{name}: background with observations, analysis, claimed spread");
                 more.push(Folded { title, figures: others, ..Folded::default() });
             }
             if number == 0 {
                 section.title = format!("Maps of {when}");
-                section.text =
-                    "Truth, and the error of every method. All maps of a kind have the same colours for the \
-                                same values."
-                        .into();
+                section.text = format!("{told} All maps of a kind have the same colours for the same values.");
                 (section.figures, section.folded) = (figures, more);
             } else {
-                let title = format!("Truth and errors of {when}");
+                let title = format!("The same of {when}");
                 section.folded.push(Folded { title, figures, ..Folded::default() });
             }
         }
         for (variable, drawings) in others {
             let figures = drawings.into_iter().map(|it| self.map(it)).collect::<Result<_, _>>()?;
-            let title = format!("{variable}: error and claimed spread of every method in the last cycle");
+            let title = format!("{variable}: {shown} and claimed spread of every method in the last cycle");
             section.folded.push(Folded { title, figures, ..Folded::default() });
         }
         Ok(section)

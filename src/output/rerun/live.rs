@@ -7,13 +7,15 @@ use super::recording;
 use crate::event::RunInfo;
 use crate::output::recorded::recording::VIEWER_VERSION;
 use crate::scores::Summary;
+use crate::text::clean;
 use ::rerun::{RecordingStream, RecordingStreamBuilder};
 use std::fmt;
-use std::net::{SocketAddr, TcpStream};
+use std::net::{Ipv4Addr, SocketAddr, TcpStream};
 use std::time::Duration;
 
-/// Where a viewer listens by default.
-const VIEWER: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::LOCALHOST), 9876);
+/// The port on which a viewer listens by default, and the environment variable that names another.
+const PORT: u16 = 9876;
+const PORT_VARIABLE: &str = "ISOBAR_VIEWER_PORT";
 
 /// How long a viewer may take to answer.
 const PATIENCE: Duration = Duration::from_secs(3);
@@ -35,19 +37,20 @@ impl Live {
     /// Connects to the viewer that listens on this machine.
     ///
     /// # Errors
-    /// In words, if there is none.
+    /// In words, if there is none, or the environment names no port.
     pub fn connect(info: &RunInfo) -> std::result::Result<Self, String> {
+        let viewer = viewer()?;
         let absent = |reason: &dyn fmt::Display| {
             format!(
-                "no rerun viewer listens on {VIEWER} ({reason}), the run goes on without it; start one with `rerun` \
+                "no rerun viewer listens on {viewer} ({reason}), the run goes on without it; start one with `rerun` \
                  before the run (pip install rerun-sdk=={VIEWER_VERSION})"
             )
         };
         // The viewer's own connection would wait for it, and only say so at the end.
-        TcpStream::connect_timeout(&VIEWER, PATIENCE).map_err(|error| absent(&error))?;
+        TcpStream::connect_timeout(&viewer, PATIENCE).map_err(|error| absent(&error))?;
         let builder =
             RecordingStreamBuilder::new(APPLICATION_ID).recording_id(recording::id(info)).send_properties(false);
-        let recording = builder.connect_grpc_opts(format!("rerun+http://{VIEWER}/proxy"));
+        let recording = builder.connect_grpc_opts(format!("rerun+http://{viewer}/proxy"));
         Ok(Self { recording: recording.map_err(|error| absent(&error))?, ranges: None })
     }
 
@@ -83,4 +86,16 @@ impl Live {
     fn flush(&self) -> Result {
         Ok(self.recording.flush_with_timeout(PATIENCE)?)
     }
+}
+
+/// Where the viewer listens.
+fn viewer() -> std::result::Result<SocketAddr, String> {
+    let port = match std::env::var_os(PORT_VARIABLE) {
+        None => PORT,
+        Some(text) => text.to_str().and_then(|text| text.parse().ok()).filter(|&port| port > 0).ok_or_else(|| {
+            let text = clean(&text.to_string_lossy());
+            format!("{PORT_VARIABLE} is `{text}`, but must be a port, 1 to 65535; the run goes on without a viewer")
+        })?,
+    };
+    Ok(SocketAddr::from((Ipv4Addr::LOCALHOST, port)))
 }

@@ -10,7 +10,7 @@ use crate::plot::range::{around, quantile, round_up};
 pub struct Ranges {
     /// Those of each variable.
     pub variables: Vec<VariableRanges>,
-    /// Highest wind speed of the truth; 0 without wind.
+    /// Highest wind speed of the truth, or of the analyses without one; 0 without wind.
     pub wind: f32,
 }
 
@@ -33,30 +33,36 @@ impl Ranges {
         let names = info.layout.variables.iter().map(|variable| variable.name);
         Self {
             variables: names.enumerate().map(|(number, name)| of_variable(history, number, name)).collect(),
-            wind: history.truth.values().map(|truth| history.highest_speed(&truth.fields)).fold(0.0, f32::max),
+            wind: shown(history).map(|fields| history.highest_speed(fields)).fold(0.0, f32::max),
         }
     }
 }
 
+/// The fields whose range all maps of states have: those of the truth, without one those of the analyses.
+fn shown(history: &History) -> impl Iterator<Item = &Vec<Vec<f32>>> {
+    let analyses = history.methods.iter().flat_map(|method| method.values().map(|it| &it.analysis));
+    let of_truth = history.truth.values().map(|truth| &truth.fields);
+    of_truth.chain(analyses.filter(move |_| history.truth.is_empty()))
+}
+
 fn of_variable(history: &History, number: usize, name: &str) -> VariableRanges {
-    let (low, high) = history
-        .truth
-        .values()
-        .flat_map(|truth| &truth.fields[number])
+    let (low, high) = shown(history)
+        .flat_map(|fields| &fields[number])
         .filter(|value| value.is_finite())
         .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)));
     // A method that goes astray must not make the pictures of all others pale: the median over the methods. Nor may the
     // first cycles, in which all know little: nine tenths of the values, and a little more.
-    let median = |of_method: &dyn Fn(&Estimates, &Truth) -> Option<Vec<f32>>| {
+    let median = |of_method: &dyn Fn(&Estimates, Option<&Truth>) -> Option<Vec<f32>>| {
         let quantiles = history.methods.iter().filter_map(|method| {
-            let values = method.iter().filter_map(|(cycle, it)| of_method(it, history.truth.get(cycle)?));
+            let values = method.iter().filter_map(|(cycle, it)| of_method(it, history.truth.get(cycle)));
             quantile(values.flatten().collect(), 0.9)
         });
         round_up(quantile(quantiles.collect(), 0.5).map(|it| 1.2 * it))
     };
-    let difference = |it: &Estimates, truth: &Truth| {
-        let pairs = it.background[number].iter().zip(&truth.fields[number]);
-        Some(pairs.map(|(a, b)| (a - b).abs()).collect())
+    // Without a truth the differences are increments.
+    let difference = |it: &Estimates, truth: Option<&Truth>| {
+        let other = truth.map_or(&it.analysis, |truth| &truth.fields);
+        Some(it.background[number].iter().zip(&other[number]).map(|(a, b)| (a - b).abs()).collect())
     };
     VariableRanges {
         state: if low <= high { around(low, high) } else { [0.0, 1.0] },

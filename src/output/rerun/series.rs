@@ -52,6 +52,11 @@ pub fn drawn() -> impl Iterator<Item = &'static ScoreKind> {
     of_line(Line::Dashed).chain(of_line(Line::Solid))
 }
 
+/// The score of variables by which methods are compared.
+pub fn compared(info: &RunInfo) -> Option<&'static ScoreKind> {
+    SCORES.iter().find(|kind| kind.per_variable && kind.compared && info.can_have(kind))
+}
+
 /// Colour and width of a curve: claims are paler and thinner than errors.
 fn style<'a>(kind: &ScoreKind, name: &'a str) -> Style<'a> {
     let (color, width) = match (kind.part, kind.line) {
@@ -82,7 +87,7 @@ fn log_scores<'a>(
             let path = names.score(method, variable, kind.name);
             log(recording, &path, &style(kind, &title), &points(&kind.key(variable)))?;
         }
-        for kind in SCORES.iter().filter(|kind| kind.per_variable && kind.compared) {
+        if let Some(kind) = compared(info) {
             log(recording, &names.comparison(variable, method), &own, &points(&kind.key(variable)))?;
         }
     }

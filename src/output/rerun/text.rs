@@ -14,7 +14,12 @@ pub fn scores(info: &RunInfo, summary: &Summary) -> String {
     for (name, failure) in summary.failures() {
         let _ = writeln!(text, "\n**{name}** failed in cycle {}: {}", failure.cycle, failure.reason);
     }
-    text += "\nRoot-mean-square errors of background and analysis. The spread is the claimed standard deviation of the analysis: it \
+    text += if info.has_truth {
+        "\nRoot-mean-square errors of background and analysis."
+    } else {
+        "\nRoot-mean-square departures of observations from background (O−B) and analysis (O−A)."
+    };
+    text += " The spread is the claimed standard deviation of the analysis: it \
          should agree with its error, and χ²/n should be 1.\n\n";
     for method in &info.methods {
         let _ = writeln!(text, "- **{}**: {}", method.name, method.description);

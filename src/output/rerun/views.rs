@@ -5,9 +5,10 @@ use super::frame::Frame;
 use super::history::History;
 use super::names::{Names, Result};
 use super::ranges::Ranges;
-use super::series::{PARAMETERS_PER_PAGE, shown_parameters};
+use super::series::{PARAMETERS_PER_PAGE, compared, shown_parameters};
 use crate::event::RunInfo;
 use crate::plot::number as number_text;
+use crate::scores::ScoreKind;
 use ::rerun::RecordingStream;
 
 /// Sends the layout of the run's views.
@@ -33,7 +34,8 @@ impl Views<'_> {
     fn overview(&mut self) -> Result<Part> {
         let mut plots = Vec::new();
         for (variable, range) in self.info.layout.variables.iter().zip(&self.ranges.variables) {
-            let name = format!("analysis RMSE of {} [{}]", variable.name, variable.unit);
+            let measured = compared(self.info).map_or("score", ScoreKind::measured);
+            let name = format!("{measured} of {} [{}]", variable.name, variable.unit);
             let contents = [format!("comparison/{}/**", variable.name)];
             let highest = range.score.iter().copied().fold(0.0, f64::max);
             plots.push(self.blueprint.curves(&name, &contents, Some([0.0, highest]), true)?);
@@ -90,6 +92,10 @@ impl Views<'_> {
             (format!("background error · {difference}"), "difference", vec![own("background_error")]),
             (format!("analysis error · {difference}"), "difference", vec![own("analysis_error")]),
         ];
+        if !self.info.has_truth {
+            maps = maps.split_off(1);
+            maps.truncate(3);
+        }
         if has_spread {
             maps.push((format!("claimed spread · {spread}"), "spread", vec![own("spread")]));
         }
@@ -100,7 +106,7 @@ impl Views<'_> {
             parts.push(self.blueprint.map(&title, &contents, bounds)?);
         }
         let contents = [self.names.score(method, name, "**")];
-        let title = format!("RMSE and spread [{unit}]");
+        let title = format!("{} and spread [{unit}]", if self.info.has_truth { "RMSE" } else { "departures" });
         parts.push(self.blueprint.curves(&title, &contents, Some([0.0, ranges.score[method]]), true)?);
         let title = format!("{name} [{unit}]");
         self.blueprint.container(&title, Arrangement::Grid(4), &parts)

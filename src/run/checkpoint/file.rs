@@ -1,7 +1,7 @@
 //! The file of a checkpoint: written beside its place and renamed, so that it is there complete or not at all.
 //!
 //! ```text
-//! isobar checkpoint 2, version 0.1.0⏎      format and program
+//! isobar checkpoint 3, version 0.1.0⏎      format and program
 //! the checkpoint                            postcard
 //! length, memory                            of each method: the length in 8 bytes, little-endian
 //! checksum                                  CRC-32 of all before it, 4 bytes, little-endian
@@ -9,17 +9,26 @@
 
 use super::{Checkpoint, Plan};
 use crate::output::SinkError;
-use crate::output::directory::{CHECKPOINT_PREFIX, checkpoints, sync_directory};
+use crate::output::directory::{CHECKPOINT_PREFIX, checkpoints};
+use crate::safe_file::{self, sync_directory};
 use crate::text::clean;
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufReader, BufWriter, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
 /// The beginning of checkpoints of this format.
-const FORMAT: &str = "isobar checkpoint 2, version ";
+const FORMAT: &str = "isobar checkpoint 3, version ";
 
 /// The beginning of checkpoints of any format; the number of the format follows.
 const ANY_FORMAT: &str = "isobar checkpoint ";
+
+/// The longest first line, with room for the versions to come \[bytes\].
+const LONGEST_BEGINNING: u64 = 200;
+
+/// CRC-32 of anything that is followed by its own CRC-32, little-endian.
+const RESIDUE: u32 = 0x2144_df1c;
+
+const DAMAGED: &str = "it is damaged: its checksum is not that of its contents";
 
 /// How many checkpoints are kept.
 const KEPT: usize = 2;
@@ -47,7 +56,8 @@ pub fn write(directory: &Path, checkpoint: &Checkpoint, memories: &[Vec<u8>]) ->
 }
 
 fn write_new(path: &Path, head: &[u8], memories: &[Vec<u8>]) -> io::Result<()> {
-    let mut output = Checksummed { output: BufWriter::new(File::create(path)?), checksum: crc32fast::Hasher::new() };
+    let mut output =
+        Checksummed { output: BufWriter::new(safe_file::create(path)?), checksum: crc32fast::Hasher::new() };
     output.put(format!("{FORMAT}{}\n", env!("CARGO_PKG_VERSION")).as_bytes())?;
     output.put(head)?;
     for memory in memories {
@@ -84,7 +94,36 @@ pub fn put_aside(path: &Path) {
 /// # Errors
 /// In words, if it is damaged or was written by another version.
 pub fn read(path: &Path) -> Result<(Checkpoint, Vec<Vec<u8>>), String> {
-    parse(&fs::read(path).map_err(|error| error.to_string())?)
+    let words = |error: io::Error| error.to_string();
+    let mut file = safe_file::open(path).map_err(words)?;
+    // Only once beginning and checksum are right is memory taken: a file may be a hole of a terabyte.
+    check(&mut file)?;
+    file.rewind().map_err(words)?;
+    let mut bytes = Vec::new();
+    file.read_to_end(&mut bytes).map_err(words)?;
+    parse(&bytes)
+}
+
+/// Whether a file begins as a checkpoint, and whether its checksum is right.
+fn check(file: &mut File) -> Result<(), String> {
+    let words = |error: io::Error| error.to_string();
+    let length = file.metadata().map_err(words)?.len();
+    let mut input = BufReader::with_capacity(1 << 18, file);
+    let mut beginning = Vec::new();
+    input.by_ref().take(LONGEST_BEGINNING).read_to_end(&mut beginning).map_err(words)?;
+    after_first_line(&beginning)?;
+    let mut checksum = crc32fast::Hasher::new();
+    checksum.update(&beginning);
+    // Of the last four bytes too: the checksum of a text and its checksum is always the same.
+    let mut chunk = vec![0; 1 << 16];
+    let mut left = length.saturating_sub(beginning.len() as u64);
+    while left > 0 {
+        let part = &mut chunk[..left.min(1 << 16) as usize];
+        input.read_exact(part).map_err(words)?;
+        checksum.update(part);
+        left -= part.len() as u64;
+    }
+    if checksum.finalize() == RESIDUE { Ok(()) } else { Err(DAMAGED.into()) }
 }
 
 /// A checkpoint from the bytes of its file.
@@ -92,25 +131,13 @@ pub fn read(path: &Path) -> Result<(Checkpoint, Vec<Vec<u8>>), String> {
 /// # Errors
 /// As [`read`].
 pub fn parse(bytes: &[u8]) -> Result<(Checkpoint, Vec<Vec<u8>>), String> {
-    let version = bytes.strip_prefix(FORMAT.as_bytes()).ok_or_else(|| {
-        if bytes.starts_with(ANY_FORMAT.as_bytes()) {
-            "it is a checkpoint of another format, written by another version of isobar: begin the run anew".to_string()
-        } else {
-            "it is not a checkpoint".to_string()
-        }
-    })?;
-    let end = version.iter().take(100).position(|&byte| byte == b'\n').ok_or("its first line has no end")?;
-    let (version, own) = (&version[..end], env!("CARGO_PKG_VERSION"));
-    if version != own.as_bytes() {
-        let version = clean(&String::from_utf8_lossy(version));
-        return Err(format!("it was written by isobar {version}, and this is isobar {own}"));
-    }
-    let damaged = || "it is damaged: its checksum is not that of its contents".to_string();
+    let body = after_first_line(bytes)?;
+    let damaged = || DAMAGED.to_string();
     let (contents, checksum) = bytes.split_last_chunk::<4>().ok_or_else(damaged)?;
     if crc32fast::hash(contents) != u32::from_le_bytes(*checksum) {
         return Err(damaged());
     }
-    let body = contents.get(FORMAT.len() + end + 1..).ok_or_else(damaged)?;
+    let body = body.split_last_chunk::<4>().ok_or_else(damaged)?.0;
     let (checkpoint, mut rest): (Checkpoint, _) =
         postcard::take_from_bytes(body).map_err(|error| format!("it cannot be understood: {error}"))?;
     let mut memories = Vec::new();
@@ -121,6 +148,24 @@ pub fn parse(bytes: &[u8]) -> Result<(Checkpoint, Vec<Vec<u8>>), String> {
         rest = after;
     }
     if rest.is_empty() { Ok((checkpoint, memories)) } else { Err("there is something behind its end".into()) }
+}
+
+/// What follows the first line, if that is the one of a checkpoint of this version.
+fn after_first_line(bytes: &[u8]) -> Result<&[u8], String> {
+    let version = bytes.strip_prefix(FORMAT.as_bytes()).ok_or_else(|| {
+        if bytes.starts_with(ANY_FORMAT.as_bytes()) {
+            "it is a checkpoint of another format, written by another version of isobar: begin the run anew".to_string()
+        } else {
+            "it is not a checkpoint".to_string()
+        }
+    })?;
+    let end = version.iter().take(100).position(|&byte| byte == b'\n').ok_or("its first line has no end")?;
+    let (own, version) = (env!("CARGO_PKG_VERSION"), version.split_at(end));
+    if version.0 != own.as_bytes() {
+        let version = clean(&String::from_utf8_lossy(version.0));
+        return Err(format!("it was written by isobar {version}, and this is isobar {own}"));
+    }
+    Ok(&version.1[1..])
 }
 
 /// The newest checkpoint that can be used, and those that cannot.
@@ -142,7 +187,7 @@ pub fn newest(working: &Path, plan: &Plan) -> Result<Newest, String> {
     for (_, path) in checkpoints(working) {
         match read(&path).and_then(|(checkpoint, memories)| match plan.difference(&checkpoint.plan) {
             None => Ok((checkpoint, memories)),
-            Some(difference) => Err(difference.to_string()),
+            Some(difference) => Err(difference),
         }) {
             Ok((checkpoint, memories)) => return Ok(Newest { checkpoint, memories, damaged }),
             Err(reason) => damaged.push((path, reason)),

@@ -6,16 +6,21 @@
 use super::Plan;
 use crate::event::{Event, RunInfo};
 use crate::output::SinkError;
+use crate::output::directory::JOURNAL_FILE;
+use crate::safe_file;
 use serde::{Deserialize, Serialize};
-use std::fs::{File, OpenOptions};
-use std::io::{BufReader, BufWriter, Read, Write};
+use std::fs::File;
+use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 /// The beginning of a journal.
-const FORMAT: &[u8] = b"isobar journal 2\n";
+const FORMAT: &[u8] = b"isobar journal 3\n";
 
-/// Name of the journal in the working directory.
-pub const JOURNAL_FILE: &str = "journal";
+/// The longest plan \[bytes\]: of the largest scenario with the longest options.
+const LONGEST_PLAN: u64 = 10_000_000;
+
+/// Bytes that are read at a time to check them.
+const CHUNK: u64 = 1 << 16;
 
 /// The journal of a run under way.
 #[derive(Debug)]
@@ -27,17 +32,18 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Begins a journal.
+    /// Begins a journal; its plan is durable.
     ///
     /// # Errors
     /// If it cannot be written.
     pub fn create(directory: &Path, plan: &Plan) -> Result<Self, SinkError> {
         let path = directory.join(JOURNAL_FILE);
-        let mut file = File::create(&path).map_err(|error| failure(&path, &error))?;
+        let mut file = safe_file::create(&path).map_err(|error| failure(&path, &error))?;
         file.write_all(FORMAT).map_err(|error| failure(&path, &error))?;
         let output = BufWriter::with_capacity(1 << 18, file);
         let mut journal = Self { path, output, bytes: FORMAT.len() as u64, frame: Vec::new() };
         journal.put(plan)?;
+        journal.sync()?;
         Ok(journal)
     }
 
@@ -46,10 +52,9 @@ impl Journal {
     /// # Errors
     /// If it cannot be written.
     pub fn resume(directory: &Path, bytes: u64) -> Result<Self, SinkError> {
-        use std::io::{Seek, SeekFrom};
         let path = directory.join(JOURNAL_FILE);
-        let failed = |error: std::io::Error| failure(&path, &error);
-        let mut file = OpenOptions::new().write(true).open(&path).map_err(failed)?;
+        let failed = |error: io::Error| failure(&path, &error);
+        let mut file = safe_file::open_to_change(&path).map_err(failed)?;
         file.set_len(bytes).map_err(failed)?;
         file.seek(SeekFrom::Start(bytes)).map_err(failed)?;
         Ok(Self { output: BufWriter::with_capacity(1 << 18, file), path, bytes, frame: Vec::new() })
@@ -95,6 +100,7 @@ impl Journal {
 /// In words, if there is none.
 pub fn plan(directory: &Path) -> Result<Plan, String> {
     let mut frames = open(directory, None)?;
+    frames.left = frames.left.min(LONGEST_PLAN);
     let frame = frames.next()?.ok_or("it is empty")?;
     decode(frame)
 }
@@ -109,6 +115,8 @@ pub fn replay(
     info: &RunInfo,
     send: &mut dyn FnMut(Event<'_>) -> Result<(), SinkError>,
 ) -> Result<(), String> {
+    // Only once all checksums are right is memory taken: a length may be that of a hole of a terabyte.
+    open(directory, Some(bytes))?.check()?;
     replay_frames(open(directory, Some(bytes))?, info, send)
 }
 
@@ -157,7 +165,7 @@ struct Frames<R> {
 
 /// The frames of a journal, all or those in the first bytes.
 fn open(directory: &Path, bytes: Option<u64>) -> Result<Frames<BufReader<File>>, String> {
-    let mut file = File::open(directory.join(JOURNAL_FILE)).map_err(|error| error.to_string())?;
+    let mut file = safe_file::open(&directory.join(JOURNAL_FILE)).map_err(|error| error.to_string())?;
     let length = file.metadata().map_err(|error| error.to_string())?.len();
     let left = bytes.unwrap_or(length);
     if length < left {
@@ -172,7 +180,8 @@ fn open(directory: &Path, bytes: Option<u64>) -> Result<Frames<BufReader<File>>,
 }
 
 impl<R: Read> Frames<R> {
-    fn next(&mut self) -> Result<Option<&[u8]>, String> {
+    /// The length and the checksum of the next frame; `None` at the end.
+    fn head(&mut self) -> Result<Option<(u64, u32)>, String> {
         if self.left == 0 {
             return Ok(None);
         }
@@ -182,16 +191,38 @@ impl<R: Read> Frames<R> {
         let length = u64::from_le_bytes(length);
         // No longer than the file: a damaged length must not allocate all memory.
         self.left = self.left.checked_sub(12).and_then(|left| left.checked_sub(length)).ok_or("a frame is cut off")?;
+        // A hole would be read as frames without end.
+        if length == 0 { Err("a frame is empty".into()) } else { Ok(Some((length, u32::from_le_bytes(checksum)))) }
+    }
+
+    fn next(&mut self) -> Result<Option<&[u8]>, String> {
+        let Some((length, checksum)) = self.head()? else { return Ok(None) };
         self.frame.resize(usize::try_from(length).map_err(|error| error.to_string())?, 0);
         self.input.read_exact(&mut self.frame).map_err(|error| error.to_string())?;
-        if crc32fast::hash(&self.frame) == u32::from_le_bytes(checksum) {
-            Ok(Some(&self.frame))
-        } else {
-            Err("it is damaged: a checksum is not that of its contents".into())
+        if crc32fast::hash(&self.frame) == checksum { Ok(Some(&self.frame)) } else { Err(DAMAGED.into()) }
+    }
+
+    /// Whether all checksums are right, without memory for more than a chunk.
+    fn check(mut self) -> Result<(), String> {
+        let mut chunk = vec![0; CHUNK as usize];
+        while let Some((mut length, checksum)) = self.head()? {
+            let mut of_frame = crc32fast::Hasher::new();
+            while length > 0 {
+                let part = &mut chunk[..length.min(CHUNK) as usize];
+                self.input.read_exact(part).map_err(|error| error.to_string())?;
+                of_frame.update(part);
+                length -= part.len() as u64;
+            }
+            if of_frame.finalize() != checksum {
+                return Err(DAMAGED.into());
+            }
         }
+        Ok(())
     }
 }
 
-fn failure(path: &Path, error: &std::io::Error) -> SinkError {
+const DAMAGED: &str = "it is damaged: a checksum is not that of its contents";
+
+fn failure(path: &Path, error: &io::Error) -> SinkError {
     SinkError { path: path.to_path_buf(), reason: error.to_string() }
 }

@@ -22,7 +22,7 @@ pub use plan::{Plan, PlannedRun};
 
 use crate::run::cycle::Progress;
 use crate::run::experiment::{Competitor, Experiment};
-use crate::run::truth::SavedTruth;
+use crate::run::truth::{SavedTruth, Truth};
 use crate::scores::{EarlierTruths, Failure, ObservationCounts, RunScores, Scorecard};
 use isobar_model::State;
 use isobar_obs::SavedSystem;
@@ -37,7 +37,7 @@ pub struct Checkpoint {
     pub cycle: usize,
     /// Length of the journal then \[bytes\].
     pub journal_bytes: u64,
-    truth: SavedTruth,
+    truth: Option<SavedTruth>,
     reference: Option<State>,
     observing: SavedSystem,
     observations: ObservationCounts,
@@ -74,7 +74,7 @@ impl Checkpoint {
             plan: plan.clone(),
             cycle,
             journal_bytes,
-            truth: experiment.truth.save(),
+            truth: experiment.truth.as_ref().map(Truth::save),
             reference: experiment.reference.as_ref().map(|reference| reference.state().clone()),
             observing: experiment.observing.save(),
             observations: scores.observations.clone(),
@@ -97,7 +97,11 @@ impl Checkpoint {
             (Some(reference), Some(saved)) => reference.restore(saved),
             (reference, saved) => reference.is_none() && saved.is_none(),
         };
-        if !fits || !reference_fits || !experiment.truth.restore(self.truth) {
+        let truth_fits = match (&mut experiment.truth, self.truth) {
+            (Some(truth), Some(saved)) => truth.restore(saved),
+            (truth, saved) => truth.is_none() && saved.is_none(),
+        };
+        if !fits || !reference_fits || !truth_fits {
             return Err("it is not one of this experiment".into());
         }
         experiment.observing.restore(&self.observing).map_err(|error| error.to_string())?;

@@ -1,17 +1,21 @@
-//! A scenario and methods that are made by code.
+//! A scenario with methods and networks that are made by code.
 
 use super::error::ExperimentError;
+use crate::kinds::{distinct_name, plain_name};
 use crate::scenario::{Scenario, check_method_name};
 use isobar_assim::{Assimilator, Error, Problem};
+use isobar_obs::{Network, ObservationError};
+use std::borrow::Cow;
 
-/// A scenario with methods that are made by code: they run after its own, with the same observations, events, scores and
-/// outputs.
+/// A scenario with methods and networks that are made by code: they run after its own, in the same cycles, with the same
+/// events, scores and outputs. A model made by code is part of the scenario:
+/// [`Scenario::parse_with_model`](crate::scenario::Scenario::parse_with_model).
 ///
 /// A run that was interrupted is continued by the same code with [`RunOptions::resume`](crate::options::RunOptions::resume);
-/// `isobar resume` cannot make the methods and refuses.
+/// `isobar resume` cannot make what the code makes and refuses.
 pub struct ExperimentBuilder<'a> {
-    /// The scenario.
-    pub(crate) scenario: &'a Scenario,
+    /// The scenario, with the added networks.
+    pub(crate) scenario: Cow<'a, Scenario>,
     /// The methods added to it, in their order.
     pub(super) added: Vec<AddedMethod<'a>>,
 }
@@ -20,11 +24,11 @@ pub struct ExperimentBuilder<'a> {
 pub(super) struct AddedMethod<'a> {
     pub name: String,
     pub description: String,
-    pub set_up: SetUp<'a>,
+    pub set_up: Box<SetUp<'a>>,
 }
 
 /// Makes a method for a problem.
-type SetUp<'a> = Box<dyn FnOnce(Problem) -> Result<Box<dyn Assimilator>, Error> + Send + 'a>;
+type SetUp<'a> = dyn Fn(Problem) -> Result<Box<dyn Assimilator>, Error> + Send + Sync + 'a;
 
 impl<'a> ExperimentBuilder<'a> {
     /// Adds a method.
@@ -34,21 +38,30 @@ impl<'a> ExperimentBuilder<'a> {
     /// [`Views::calibration`](isobar_assim::Views::calibration).
     ///
     /// [`ExperimentBuilder::build`] refuses a name that is not valid or that another method has.
-    pub fn method(
+    pub fn method<M: Assimilator + 'static>(
         mut self,
         name: &str,
         description: &str,
-        set_up: impl FnOnce(Problem) -> Result<Box<dyn Assimilator>, Error> + Send + 'a,
+        set_up: impl Fn(Problem) -> Result<M, Error> + Send + Sync + 'a,
     ) -> Self {
         let (name, description) = (name.to_string(), description.to_string());
+        let set_up = move |problem: Problem| -> Result<Box<dyn Assimilator>, Error> { Ok(Box::new(set_up(problem)?)) };
         self.added.push(AddedMethod { name, description, set_up: Box::new(set_up) });
         self
     }
 
-    /// Refuses names that are not valid or that another method has.
+    /// Adds a network with an instrument of any kind, such as [`Steady`](isobar_obs::Steady).
+    ///
+    /// [`ExperimentBuilder::build`] refuses a name that is not valid or that another network has.
+    pub fn network(mut self, network: Network) -> Self {
+        self.scenario.to_mut().networks.push(network);
+        self
+    }
+
+    /// Refuses names that are not valid or that another method or network has.
     ///
     /// # Errors
-    /// [`ExperimentError::Method`] with the first such name.
+    /// [`ExperimentError`] with the first such name.
     pub(super) fn check_names(&self) -> Result<(), ExperimentError> {
         for (number, AddedMethod { name, .. }) in self.added.iter().enumerate() {
             let others = self.scenario.methods.keys().chain(self.added[..number].iter().map(|method| &method.name));
@@ -56,6 +69,18 @@ impl<'a> ExperimentBuilder<'a> {
                 name: name.clone(),
                 error: Error::Setting(format!("{message}: {help}")),
             })?;
+        }
+        let networks = &self.scenario.networks;
+        for (number, Network { name, instrument, .. }) in networks.iter().enumerate() {
+            let others = networks[..number].iter().map(|network| network.name.as_str());
+            plain_name(name, "network")
+                .and_then(|()| distinct_name(name, others, "network"))
+                .map_err(|(message, help)| ObservationError::in_setting(name, "name", format!("{message}: {help}")))?;
+            if self.scenario.truth.is_none() && !instrument.is_recorded() {
+                let problem =
+                    "there is no truth that the network could observe: all networks of the scenario are recorded";
+                return Err(ObservationError::in_setting(name, "instrument", problem).into());
+            }
         }
         Ok(())
     }

@@ -3,7 +3,6 @@
 use crate::sensors::SensorError;
 use isobar_model::ModelError;
 use isobar_obs::ObservationError;
-use std::path::PathBuf;
 
 /// Why a scenario cannot become an experiment.
 #[derive(Debug, thiserror::Error)]
@@ -34,12 +33,4 @@ pub enum ExperimentError {
     /// The database of sensors.
     #[error(transparent)]
     Sensors(#[from] SensorError),
-    /// A file that the scenario names.
-    #[error("cannot read {}: {reason}", path.display())]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// Why not.
-        reason: String,
-    },
 }

@@ -3,19 +3,21 @@
 mod balance;
 mod builder;
 mod error;
+mod inputs;
 mod notices;
 
 pub use builder::ExperimentBuilder;
 pub use error::ExperimentError;
+pub use inputs::Inputs;
 
-use crate::event::{MethodInfo, RunInfo, StationInfo};
+use crate::event::{MethodInfo, NetworkInfo, RunInfo, StationInfo};
 use crate::kinds::{covariances, instruments};
 use crate::options::RunOptions;
 use crate::run::cycle::{Freezing, Runner};
 use crate::run::reference::Reference;
 use crate::run::truth::Truth;
 use crate::run::units::UnitCheck;
-use crate::scenario::{Scenario, ScenarioError};
+use crate::scenario::{Scenario, ScenarioError, TruthSettings};
 use crate::scores::Failure;
 use crate::sensors::knowledge::{WarmStart, warm_start};
 use crate::sensors::{Database, SensorError, database::Missing};
@@ -25,7 +27,7 @@ use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem,
 use isobar_model::random::stream;
 use isobar_model::{Duration, check_time_step};
 use isobar_obs::ObservingSystem;
-use std::path::Path;
+use std::borrow::Cow;
 
 impl ExperimentError {
     /// The same fault with its place in the scenario's file.
@@ -42,8 +44,6 @@ impl ExperimentError {
                 place = instruments::place(error, &scenario.text);
                 (place.iter().map(String::as_str).collect(), "here")
             }
-            // It is a file that has changed since the scenario was read.
-            ExperimentError::File { .. } => (Vec::new(), "in this scenario"),
         };
         scenario.fault(&path, self.to_string(), label)
     }
@@ -59,17 +59,16 @@ pub struct Experiment {
     pub score_from_cycle: usize,
     /// Number of cycles between two in which the influence of each type of observations is computed; `None`: never.
     pub influence_every_cycles: Option<usize>,
-    /// The true world.
-    pub truth: Truth,
+    /// The true world; `None` where all observations are recorded.
+    pub truth: Option<Truth>,
     /// What the values of observations are compared with, if they are checked.
     pub reference: Option<Reference>,
     /// Whether observations can be in their unit.
     pub units: UnitCheck,
     /// What observes it.
     pub observing: ObservingSystem,
-    /// Checksum of everything on which results depend beside the scenario's text and the options: the contents of its
-    /// files, what is known of its sensors, and the names of methods from code.
-    pub inputs: u32,
+    /// Everything on which results depend beside the scenario's text and the options.
+    pub inputs: Inputs,
     /// What the user should know of it before it runs.
     pub warnings: Vec<String>,
     /// The methods, in the order of [`RunInfo::methods`].
@@ -96,16 +95,16 @@ pub struct Ground {
     pub problem: Problem,
     /// What is known of the sensors.
     pub sensors: WarmStart,
-    /// The true world.
-    pub truth: Truth,
+    /// The true world; `None` where all observations are recorded.
+    pub truth: Option<Truth>,
     /// What observes it.
     pub observing: ObservingSystem,
 }
 
 /// What a scenario is found to be when nothing is wrong with it.
 pub struct Checked {
-    /// For each network that is read from a file: how many of its observations can be used.
-    pub recorded: Vec<String>,
+    /// What there is to know without being wrong, such as how many observations of a file can be used.
+    pub information: Vec<String>,
     /// What the user should know.
     pub warnings: Vec<String>,
 }
@@ -119,6 +118,7 @@ const MOST_SET_UP: usize = 200_000;
 /// # Errors
 /// The first thing that does not.
 pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
+    check_sensors(scenario)?;
     let ground = ground(scenario, scenario.seed, scenario.cycle.count)?;
     // What a method refuses depends on all that it is given, so that each is set up for once.
     if ground.problem.background.values().len() <= MOST_SET_UP {
@@ -128,13 +128,22 @@ pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
     }
     let mut warnings = notices::warnings(scenario, &ground.observing, scenario.cycle.count);
     warnings.extend(notices::of_methods(scenario, |_| true));
-    Ok(Checked { recorded: notices::recorded(&ground.observing, scenario.cycle.count), warnings })
+    Ok(Checked { information: notices::information(scenario, &ground.observing, scenario.cycle.count), warnings })
+}
+
+/// Whether the scenario's database of sensors can be written back, and may be, if it is to be.
+///
+/// # Errors
+/// If not.
+pub fn check_sensors(scenario: &Scenario) -> Result<(), ExperimentError> {
+    let Some(settings) = &scenario.sensors else { return Ok(()) };
+    Ok(settings.check_place().map_err(|reason| SensorError::new(&settings.database, reason))?)
 }
 
 impl Experiment {
-    /// A scenario, to which methods from code can be added.
+    /// A scenario, to which methods and networks from code can be added.
     pub fn builder(scenario: &Scenario) -> ExperimentBuilder<'_> {
-        ExperimentBuilder { scenario, added: Vec::new() }
+        ExperimentBuilder { scenario: Cow::Borrowed(scenario), added: Vec::new() }
     }
 }
 
@@ -142,14 +151,16 @@ impl ExperimentBuilder<'_> {
     /// Sets up the experiment.
     ///
     /// # Errors
-    /// Faults that the scenario's file alone does not show: files, stations, time steps, memory; the name of an added method.
-    pub fn build(self, options: &RunOptions) -> Result<Experiment, ExperimentError> {
+    /// Faults that the scenario's file alone does not show: files, stations, time steps, memory; the name of an added method
+    /// or network.
+    pub fn build(&self, options: &RunOptions) -> Result<Experiment, ExperimentError> {
         self.check_names()?;
-        let Self { scenario, added } = self;
+        let Self { added, .. } = self;
+        let scenario = &*self.scenario;
         let seed = options.seed.unwrap_or(scenario.seed);
         let cycles = options.cycles.unwrap_or(scenario.cycle.count);
         let Ground { problem, sensors, truth, observing } = ground(scenario, seed, cycles)?;
-        let inputs = checksum(scenario, &sensors, &added)?;
+        let inputs = Inputs::new(scenario, &sensors, added);
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
         let freezing = scenario.stability.freeze_after_cycles.map(|after_cycle| Freezing {
             after_cycle,
@@ -182,7 +193,7 @@ impl ExperimentBuilder<'_> {
             let description = parts.into_iter().flatten().collect::<Vec<_>>().join(", ");
             infos.push(MethodInfo { name: name.clone(), description, smoother_lag_cycles });
         }
-        for AddedMethod { name, description, set_up } in added.into_iter().filter(|method| chosen(&method.name)) {
+        for AddedMethod { name, description, set_up } in added.iter().filter(|method| chosen(&method.name)) {
             let build = || {
                 let method = set_up(problem.clone())?;
                 let estimates_biases = method.can().calibration.is_some();
@@ -192,7 +203,7 @@ impl ExperimentBuilder<'_> {
             let runner = watched(runner);
             let smoother_lag_cycles = runner.smoother_lag();
             methods.push(Competitor { runner, failure: None, scores_bias: true, has_warned: false, bias_known: false });
-            infos.push(MethodInfo { name, description, smoother_lag_cycles });
+            infos.push(MethodInfo { name: name.clone(), description: description.clone(), smoother_lag_cycles });
         }
         let stations = observing.stations().iter().map(|station| StationInfo {
             network: station.network.clone(),
@@ -200,6 +211,11 @@ impl ExperimentBuilder<'_> {
             group: station.group.clone(),
             x_m: station.x_m,
             y_m: station.y_m,
+        });
+        let networks = scenario.networks.iter().map(|network| NetworkInfo {
+            name: network.name.as_str().into(),
+            is_recorded: network.instrument.is_recorded(),
+            is_passive: !network.assimilate,
         });
         let info = RunInfo {
             scenario: scenario.name.clone(),
@@ -214,6 +230,9 @@ impl ExperimentBuilder<'_> {
             score_from_cycle: scenario.cycle.score_from_cycle,
             calibration: problem.calibration.clone(),
             methods: infos,
+            has_truth: truth.is_some(),
+            networks: networks.collect(),
+            notes: notices::information(scenario, &observing, cycles),
             stations: stations.collect(),
         };
         let steps = problem_steps(scenario, &problem);
@@ -280,21 +299,24 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
     let has_model_error = !scenario.model_error.is_empty();
     let model_error = has_model_error.then(|| build(&scenario.model_error)).transpose()?;
 
-    let true_state = match &scenario.truth.initial {
-        Some(initial) => initial.build(&scenario.true_domain(), seed)?,
-        None => {
-            let mut state = background.clone();
-            let deviation = covariance::randomize(&*background_error, &mut stream(seed, "truth/initial"));
-            let factor = scenario.truth.background_error_scale.sqrt();
-            state.values_mut().iter_mut().zip(deviation).for_each(|(value, change)| *value += factor * change);
-            state
-        }
+    let truth = |settings: &TruthSettings| -> Result<Truth, ExperimentError> {
+        let state = match &settings.initial {
+            Some(initial) => initial.build(&scenario.domain_of(&settings.model), seed)?,
+            None => {
+                let mut state = background.clone();
+                let deviation = covariance::randomize(&*background_error, &mut stream(seed, "truth/initial"));
+                let factor = settings.background_error_scale.sqrt();
+                state.values_mut().iter_mut().zip(deviation).for_each(|(value, change)| *value += factor * change);
+                state
+            }
+        };
+        let model = settings.model.build(grid, scenario.cycle.window)?;
+        check_time_step(&*model, &state).map_err(ExperimentError::TimeStep)?;
+        let steps = scenario.cycle.window.steps_of(model.time_step()).expect("the scenario's window fits its steps");
+        let error = model_error.clone().map(|covariance| (covariance, settings.model_error_scale.sqrt()));
+        Ok(Truth::new(model, steps, cycles, error, stream(seed, "truth/model error"), state))
     };
-    let true_model = scenario.truth.model.build(grid, scenario.cycle.window)?;
-    check_time_step(&*true_model, &true_state).map_err(ExperimentError::TimeStep)?;
-    let steps = scenario.cycle.window.steps_of(true_model.time_step()).expect("the scenario's window fits its steps");
-    let true_error = model_error.clone().map(|covariance| (covariance, scenario.truth.model_error_scale.sqrt()));
-    let truth = Truth::new(true_model, steps, cycles, true_error, stream(seed, "truth/model error"), true_state);
+    let truth = scenario.truth.as_ref().map(truth).transpose()?;
 
     let projection = scenario.grid.projection.as_ref();
     let Scenario { networks, start, .. } = scenario;
@@ -312,25 +334,6 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
         most_observations: observing.most_observations(cycles),
     };
     Ok(Ground { problem, sensors, truth, observing })
-}
-
-/// A checksum of the contents of a scenario's files, of what is known of its sensors and of the names of added methods: a run
-/// can be resumed only with the same.
-fn checksum(scenario: &Scenario, sensors: &WarmStart, added: &[AddedMethod<'_>]) -> Result<u32, ExperimentError> {
-    let failure = |path: &Path, reason: String| ExperimentError::File { path: path.to_path_buf(), reason };
-    let mut checksum = crc32fast::Hasher::new();
-    for path in &scenario.inputs {
-        let contents = std::fs::read(path).map_err(|error| failure(path, error.to_string()))?;
-        checksum.update(&(contents.len() as u64).to_le_bytes());
-        checksum.update(&contents);
-    }
-    let knowledge = postcard::to_stdvec(&(&sensors.calibration, &sensors.knowledge));
-    checksum.update(&knowledge.map_err(|error| failure(&scenario.path, error.to_string()))?);
-    for AddedMethod { name, .. } in added {
-        checksum.update(&[name.len() as u8]);
-        checksum.update(name.as_bytes());
-    }
-    Ok(checksum.finalize())
 }
 
 /// What the database of sensors knows at the start of a run; nothing without one.

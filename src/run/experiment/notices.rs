@@ -7,9 +7,13 @@ use isobar_obs::{LeftOutStation, ObservingSystem};
 /// How many stations a warning names.
 const MOST_NAMED: usize = 5;
 
-/// For each network that is read from a file: how many of its observations can be used, and why the others cannot.
-pub(super) fn recorded(observing: &ObservingSystem, cycles: usize) -> Vec<String> {
-    observing.recorded_use(cycles).map(|(network, usage)| format!("networks.{network}: {usage}")).collect()
+/// What there is to know without being wrong: of each network that is read from a file how many of its observations can be
+/// used, and why the others cannot; which stations lie in the margin, and which of a list that covers more than the domain
+/// lie outside of it.
+pub(super) fn information(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> Vec<String> {
+    let recorded = observing.recorded_use(cycles).map(|(network, usage)| format!("networks.{network}: {usage}"));
+    let places = [Place::Margin, Place::Beyond].map(|place| left_out(scenario, observing, place));
+    recorded.chain(places.into_iter().flatten()).collect()
 }
 
 /// What the user should know of the chosen methods with this model.
@@ -29,27 +33,57 @@ pub(super) fn warnings(scenario: &Scenario, observing: &ObservingSystem, cycles:
         let hint = if on_earth { "; latitudes are positive to the north, longitudes to the east" } else { "" };
         warnings.push(format!("networks.{network}: {usage}{hint}"));
     }
-    for network in scenario.networks.iter().map(|network| network.name.as_str()) {
-        let left_out: Vec<&LeftOutStation> =
-            observing.left_out().iter().filter(|station| *station.network == *network).collect();
-        if left_out.is_empty() {
-            continue;
-        }
-        let all = left_out.len() + observing.stations().iter().filter(|own| *own.network == *network).count();
+    warnings.extend(left_out(scenario, observing, Place::Outside));
+    warnings.extend(hemisphere(scenario));
+    warnings.extend(only_passive(scenario));
+    warnings
+}
+
+/// Where stations are that do not report.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Place {
+    /// Outside, as most of the network: the domain or the list may be another one than was meant.
+    Outside,
+    /// Outside, as a few of a list that covers more than the domain.
+    Beyond,
+    /// In the margin that the scenario leaves free.
+    Margin,
+}
+
+/// For each network the stations that are left out there.
+fn left_out(scenario: &Scenario, observing: &ObservingSystem, place: Place) -> Vec<String> {
+    let grid = &scenario.grid.grid;
+    let is_inside = |station: &LeftOutStation| station.place_m.is_some_and(|(x_m, y_m)| grid.contains(x_m, y_m));
+    let in_words = |network: &str| {
+        let all = || observing.left_out().iter().filter(|station| *station.network == *network);
+        let placed = observing.stations().iter().filter(|own| *own.network == *network).count();
+        let (total, outside) = (placed + all().count(), all().filter(|station| !is_inside(station)).count());
+        let of_outside = if 2 * outside >= total { Place::Outside } else { Place::Beyond };
+        let place_of = |station: &LeftOutStation| if is_inside(station) { Place::Margin } else { of_outside };
+        let own: Vec<&LeftOutStation> = all().filter(|station| place_of(station) == place).collect();
         let named = |station: &&LeftOutStation| match station.line {
             Some(line) => format!("{} (line {line})", station.name),
             None => station.name.to_string(),
         };
-        let names: Vec<String> = left_out.iter().take(MOST_NAMED).map(named).collect();
-        let more = if left_out.len() > MOST_NAMED { ", …" } else { "" };
-        warnings.push(format!(
-            "networks.{network}: {} of {all} stations lie outside of the domain or in its margin: {}{more}",
-            left_out.len(),
-            names.join(", ")
-        ));
-    }
-    warnings.extend(hemisphere(scenario));
-    warnings
+        let names: Vec<String> = own.iter().take(MOST_NAMED).map(named).collect();
+        let more = if own.len() > MOST_NAMED { ", …" } else { "" };
+        let text = match place {
+            Place::Outside | Place::Beyond => "lie outside of the domain",
+            Place::Margin => "are left out, nearer than edge_margin_km to the edges",
+        };
+        let (count, names) = (own.len(), names.join(", "));
+        (count > 0).then(|| format!("networks.{network}: {count} of {total} stations {text}: {names}{more}"))
+    };
+    scenario.networks.iter().filter_map(|network| in_words(&network.name)).collect()
+}
+
+/// A warning if there are networks and none of them is assimilated.
+fn only_passive(scenario: &Scenario) -> Option<String> {
+    let all_passive = !scenario.networks.is_empty() && scenario.networks.iter().all(|network| !network.assimilate);
+    all_passive.then(|| {
+        "all networks are passive (`assimilate = false`): nothing is assimilated, and every analysis is its background"
+            .to_string()
+    })
 }
 
 /// A warning if the Coriolis parameter has the sign of the other hemisphere.

@@ -4,20 +4,23 @@
 //! Sums are gathered cycle by cycle in [`DiagnosticSums`], and come to [`Diagnostics`].
 
 mod bias;
+mod departures;
 mod normal;
 mod observations;
 mod state;
 
 pub use bias::BiasDiagnostics;
+pub use departures::Departures;
 pub use normal::{crps, probability_below};
 pub use observations::ObservationDiagnostics;
 pub use state::{BINS, StateDiagnostics};
 
-use crate::outcome::{Influence, Outcome};
+use crate::outcome::{Influence, Outcome, TypeInfluence};
 use crate::scores::PerVariable;
 use crate::scores::TrueValues;
 use crate::scores::statistics::{self, Interval};
 use bias::BiasSums;
+use departures::DepartureSums;
 use indexmap::IndexMap;
 use isobar_model::Layout;
 use isobar_obs::{Calibration, ObservationType, ObservationWindow};
@@ -32,6 +35,9 @@ pub struct DiagnosticSums {
     /// By number of the variable.
     state: Vec<StateSums>,
     observations: BTreeMap<ObservationType, ObservationSums>,
+    /// Departures of the observations that are used, and of passive ones.
+    used: BTreeMap<ObservationType, DepartureSums>,
+    passive: BTreeMap<ObservationType, DepartureSums>,
     /// The last background departure of each platform and type.
     last: BTreeMap<(ObservationType, String), f64>,
     /// By number of the parameter.
@@ -49,6 +55,12 @@ pub struct Diagnostics {
     pub state: IndexMap<String, StateDiagnostics>,
     /// Of each type of observations, `network/variable`.
     pub observations: IndexMap<String, ObservationDiagnostics>,
+    /// Departures of each type of observations that are used.
+    #[serde(default)]
+    pub used: IndexMap<String, Departures>,
+    /// The same of passive observations, which are independent of the estimates.
+    #[serde(default)]
+    pub passive: IndexMap<String, Departures>,
     /// What the probed analyses took off the mean square error of each variable, in the square of its unit.
     pub error_reduction: Option<PerVariable>,
     /// 95 % interval of the mean over cycles of χ²/n.
@@ -60,15 +72,22 @@ pub struct Diagnostics {
 }
 
 impl DiagnosticSums {
-    /// Those of one cycle; the biases count only if the method estimates or ignores them.
+    /// Those of one cycle: without a truth those alone that need none. The biases count only if the method estimates or
+    /// ignores them.
     pub fn of_cycle(
-        truth: TrueValues<'_>,
+        truth: Option<TrueValues<'_>>,
         outcome: &Outcome,
         observed: &ObservationWindow,
         calibration: &Calibration,
         scores_bias: bool,
     ) -> Self {
         let mut sums = Self::default();
+        sums.take_departures(outcome, observed);
+        let Some(truth) = truth else {
+            let types = outcome.influence.iter().flat_map(|influence| &influence.types);
+            types.for_each(|own| sums.probe(own, &[]));
+            return sums;
+        };
         let (background, analysis) = (&outcome.background, &outcome.analysis.estimate);
         let (layout, cells) = (truth.state.layout(), truth.state.layout().grid.cells());
         let errors = |values: &[f64]| -> Vec<f64> {
@@ -86,7 +105,6 @@ impl DiagnosticSums {
                 sums.biases.push(BiasSums::of_cycle(analysis.calibration[number] - truth, sigma));
             }
         }
-        sums.take_departures(outcome, observed);
         if let Some(influence) = &outcome.influence {
             let background_errors = errors(background.state.values());
             sums.take_influence(layout, influence, &background_errors, &analysis_errors);
@@ -94,15 +112,26 @@ impl DiagnosticSums {
         sums
     }
 
+    /// Takes what a probe shows of the observations of one type.
+    fn probe(&mut self, own: &TypeInfluence, reduction: &[f64]) {
+        self.observations.entry(own.observation_type.clone()).or_default().probe(own.signal, reduction);
+    }
+
     fn take_departures(&mut self, outcome: &Outcome, observed: &ObservationWindow) {
         let analysis = &outcome.analysis;
         let departures = analysis.background_departures.iter().zip(&analysis.analysis_departures);
         for ((report, sigma), (&background, &after)) in observed.reports.iter().zip(&observed.sigma).zip(departures) {
             let kind = report.observation_type();
+            self.used.entry(kind.clone()).or_default().add([background, after]);
             self.observations.entry(kind.clone()).or_default().observe(background, after, sigma * sigma);
             self.last.insert((kind, report.platform.to_string()), background);
         }
         self.observations.values_mut().for_each(ObservationSums::end_cycle);
+        for (at, it) in observed.aside.passive() {
+            if let (Some(background), Some(after)) = (outcome.unused.background[at], outcome.unused.analysis[at]) {
+                self.passive.entry(it.report.observation_type()).or_default().add([background, after]);
+            }
+        }
         let n = analysis.background_departures.len();
         self.chi2.extend(analysis.innovation_chi2.filter(|_| n > 0).map(|chi2| chi2 / n as f64));
     }
@@ -126,10 +155,7 @@ impl DiagnosticSums {
             pairs.map(of_variable).map(|sum: f64| (0.0 - sum) / cells as f64).collect()
         };
         for own in &influence.types {
-            self.observations
-                .entry(own.observation_type.clone())
-                .or_default()
-                .probe(own.signal, &reduction(&own.increment));
+            self.probe(own, &reduction(&own.increment));
         }
         let increment: Vec<f64> = before.iter().zip(after).map(|(before, after)| after - before).collect();
         self.probed = (1, reduction(&increment));
@@ -141,6 +167,11 @@ impl DiagnosticSums {
         self.state.iter_mut().zip(&cycle.state).for_each(|(own, other)| own.add(other));
         for (kind, other) in &cycle.observations {
             self.observations.entry(kind.clone()).or_default().add(other);
+        }
+        for (own, other) in [(&mut self.used, &cycle.used), (&mut self.passive, &cycle.passive)] {
+            for (kind, other) in other {
+                own.entry(kind.clone()).or_default().take(other);
+            }
         }
         for (place, &now) in &cycle.last {
             if let Some(before) = self.last.insert(place.clone(), now)
@@ -168,11 +199,16 @@ impl DiagnosticSums {
         for (parameter, sums) in parameters.clone() {
             together.get_or_insert_default().add(&sums.scaled(1.0 / parameter.sigma_prior));
         }
+        let departures = |all: &BTreeMap<ObservationType, DepartureSums>| {
+            all.iter().map(|(kind, sums)| (kind.name(layout), sums.departures())).collect()
+        };
         let (probed, reduction) = &self.probed;
         let reduction = names().zip(reduction).map(|(name, sum)| (name.to_string(), sum / *probed as f64));
         Diagnostics {
             state: state.filter_map(|(name, sums)| Some((name.to_string(), sums.diagnostics()?))).collect(),
             observations: self.observations.iter().filter(|(_, sums)| !sums.is_empty()).map(of_type).collect(),
+            used: departures(&self.used),
+            passive: departures(&self.passive),
             error_reduction: (*probed > 0).then(|| reduction.collect()),
             innovation_chi2_interval: statistics::mean(&self.chi2).and_then(|mean| mean.interval()),
             all_biases: together.map(|sums| sums.diagnostics()),

@@ -154,7 +154,7 @@ impl ObservationSums {
             signal: (self.probed > 0).then(|| probed(self.trace)),
             lagged_covariance: (pairs > 0).then(|| product / pairs as f64),
             lagged_correlation: (pairs > 0 && correlation.is_finite()).then_some(correlation),
-            impact: (self.probed > 0)
+            impact: (self.probed > 0 && !self.impact.is_empty())
                 .then(|| variables.zip(&self.impact).map(|(name, &sum)| (name.to_string(), probed(sum))).collect()),
         }
     }

@@ -40,16 +40,15 @@ pub fn judge(
     let prior = method.prior_covariance();
     let Some(claims) = method.can().calibration.filter(|_| prior.nrows() > 0) else { return Ok(stability) };
     let accuracy = claims.calibration_accuracy();
-    let ratios = match prior.nrows() <= MOST_TOGETHER {
-        true => {
-            let observability = Observability::new(prior, &accuracy, variance_ratio)?;
-            let named = |it: &Combination| named(it, calibration, layout);
-            stability.undetermined = observability.undetermined.iter().map(named).collect();
-            let name = |number: &usize| calibration.parameters[*number].name.clone();
-            stability.references = observability.references.iter().map(name).collect();
-            observability.variance_ratios
-        }
-        false => alone(&accuracy, prior.nrows(), |j| prior[(j, j)]),
+    let ratios = if prior.nrows() <= MOST_TOGETHER {
+        let observability = Observability::new(prior, &accuracy, variance_ratio)?;
+        let named = |it: &Combination| named(it, calibration, layout);
+        stability.undetermined = observability.undetermined.iter().map(named).collect();
+        let name = |number: &usize| calibration.parameters[*number].name.clone();
+        stability.references = observability.references.iter().map(name).collect();
+        observability.variance_ratios
+    } else {
+        alone(&accuracy, prior.nrows(), |j| prior[(j, j)])
     };
     let parameters = calibration.parameters.iter().enumerate();
     stability.parameters = parameters

@@ -36,8 +36,8 @@ fn experiment() -> RefCell<Experiment> {
     RefCell::new(Experiment::builder(&scenario()).build(&options).unwrap())
 }
 
-/// What a real checkpoint holds between its first line and its checksum.
-fn real_contents() -> Vec<u8> {
+/// A real checkpoint in two parts: its first line, and what it holds between that and its checksum.
+fn real_parts() -> (Vec<u8>, Vec<u8>) {
     let parent = tempfile::tempdir().unwrap();
     let checkpoints = Some(CheckpointPolicy { minutes: None, cycles: Some(3) });
     let own = RunOptions::new(parent.path().join("run"));
@@ -47,17 +47,17 @@ fn real_contents() -> Vec<u8> {
     let is_checkpoint = |file: &std::fs::DirEntry| file.file_name().to_string_lossy().starts_with("checkpoint-");
     let bytes = std::fs::read(files.into_iter().find(is_checkpoint).unwrap().path()).unwrap();
     let head = bytes.iter().position(|&byte| byte == b'\n').unwrap() + 1;
-    bytes[head..bytes.len() - 4].to_vec()
+    (bytes[..head].to_vec(), bytes[head..bytes.len() - 4].to_vec())
 }
 
 thread_local! {
     static EXPERIMENT: RefCell<Experiment> = experiment();
-    static REAL: Vec<u8> = real_contents();
+    static REAL: (Vec<u8>, Vec<u8>) = real_parts();
 }
 
 /// The contents with a byte changed, at a place of three bytes, by every four bytes of `changes`.
 fn changed(changes: &[u8]) -> Vec<u8> {
-    let mut contents = REAL.with(Vec::clone);
+    let mut contents = REAL.with(|real| real.1.clone());
     let length = contents.len();
     for change in changes.chunks_exact(4) {
         contents[u32::from_le_bytes([change[0], change[1], change[2], 0]) as usize % length] = change[3];
@@ -69,8 +69,7 @@ fuzz_target!(|bytes: &[u8]| {
     let _ = parse(bytes);
     let Some((first, rest)) = bytes.split_first() else { return };
     let contents = if first % 2 == 0 { rest.to_vec() } else { changed(rest) };
-    let head = format!("isobar checkpoint 1, version {}\n", isobar::VERSION);
-    let mut sealed = [head.as_bytes(), &contents].concat();
+    let mut sealed = REAL.with(|real| [&real.0[..], &contents].concat());
     sealed.extend(crc32fast::hash(&sealed).to_le_bytes());
     if let Ok((checkpoint, memories)) = parse(&sealed) {
         EXPERIMENT.with_borrow_mut(|experiment| drop(checkpoint.restore(&memories, experiment)));

@@ -2,8 +2,8 @@
 //! whose checksums are made right.
 #![no_main]
 
-use isobar::run::checkpoint::journal::replay_bytes;
 use isobar::event::{MethodInfo, RunInfo};
+use isobar::run::checkpoint::journal::replay_bytes;
 use isobar::scenario::Scenario;
 use libfuzzer_sys::fuzz_target;
 use std::path::Path;
@@ -26,6 +26,9 @@ static INFO: LazyLock<RunInfo> = LazyLock::new(|| {
         score_from_cycle: 2,
         calibration: Default::default(),
         methods: vec![method("free"), method("fkf")],
+        has_truth: true,
+        networks: Vec::new(),
+        notes: Vec::new(),
         stations: Vec::new(),
     }
 });

@@ -3,7 +3,9 @@
 //! The components are eliminated in chunks, and what each of them adds to the factors, −D_k, is taken in at once, so that
 //! never all D_k are there together: they would need as much memory as the observed part of Φ.
 
+use super::block_diagonal::BlockDiagonal;
 use super::factored_covariance::Patch;
+use super::grid_blocks::Blocks;
 use super::solution::{Increments, Solved, SplitRows};
 use super::{BlockErrors, Frame, Residual};
 use crate::augmented::Augmented;
@@ -14,7 +16,6 @@ use crate::memory::Matrix;
 use crate::problem::Innovations;
 use faer::{Mat, MatRef};
 use isobar_model::vector::{add, axpy};
-use isobar_obs::SparseRows;
 use rayon::prelude::*;
 
 /// Components that are eliminated at a time.
@@ -22,24 +23,7 @@ const COMPONENTS: usize = 128;
 
 impl BlockErrors {
     pub(crate) fn split_rows(&self, innovations: &Innovations) -> SplitRows {
-        let (local, shared) = (&self.frame.local, &self.frame.shared);
-        let mut position = vec![(false, 0); local.len() + shared.len()];
-        local.iter().enumerate().for_each(|(i, &number)| position[number] = (true, innovations.state_values + i));
-        shared.iter().enumerate().for_each(|(i, &number)| position[number] = (false, i));
-        let (mut block, mut shared) = (SparseRows::new(), SparseRows::new());
-        for row in 0..innovations.len() {
-            let calibration = innovations.jacobian.calibration.row(row);
-            let of = |local: bool| {
-                let position = &position;
-                calibration
-                    .iter()
-                    .filter(move |entry| position[entry.0].0 == local)
-                    .map(|entry| (position[entry.0].1, entry.1))
-            };
-            block.push_row(innovations.jacobian.state.row(row).iter().copied().chain(of(true)));
-            shared.push_row(of(false));
-        }
-        SplitRows { block, shared }
+        SplitRows::new(innovations, &self.frame.local, &self.frame.shared)
     }
 
     /// Analyses the innovations, where the first `free` columns of Φ are no factors.
@@ -102,10 +86,24 @@ impl BlockErrors {
         let g = MatRef::from_column_major_slice(&g, first_rows[components.len()], r);
         let eliminate = |(number, component): (usize, &Component)| {
             let g = g.get(first_rows[number]..first_rows[number + 1], ..);
-            let (variables, block) = self.update_rows(component, g, rows, innovations);
-            Ok((variables, block.eliminate(first + number, r)?))
+            let parts = (&self.frame.blocks, &self.memory.covariance.own);
+            let (variables, block) = update_rows(parts, component, g, rows, innovations);
+            let eliminated = block.eliminate(first + number, r).map_err(|error| self.of_component(component, error))?;
+            Ok((variables, eliminated))
         };
         components.par_iter().enumerate().map(eliminate).collect()
+    }
+
+    /// The failure of a component, whose blocks it names.
+    fn of_component(&self, component: &Component, error: Error) -> Error {
+        let Error::NotPositiveDefinite { pivot, size, .. } = error else { return error };
+        let name = |&block: &usize| self.frame.blocks.describe(block, &self.frame.layout);
+        let blocks = match component.blocks.as_slice() {
+            [] => "no block".into(),
+            [block] => name(block),
+            [first, others @ ..] => format!("{} and {} more, which observations link", name(first), others.len()),
+        };
+        Error::NotPositiveDefinite { matrix: format!("the innovation covariance H P H' + R of {blocks}"), pivot, size }
     }
 
     /// H Φ_b + G Φ_c for the observations of the components, one component after another, `[observations, r]`.
@@ -125,52 +123,6 @@ impl BlockErrors {
             }
         });
         result
-    }
-
-    /// The rows of a component in covariance form, and its variables; `g` holds its rows of H Φ_b + G Φ_c.
-    fn update_rows(
-        &self,
-        component: &Component,
-        g: MatRef<'_, f64>,
-        rows: &SplitRows,
-        innovations: &Innovations,
-    ) -> (Vec<usize>, Block) {
-        let members = component.blocks.iter().flat_map(|&block| self.frame.blocks.members(block));
-        let mut variables: Vec<usize> = members.copied().collect();
-        // Ascending: the state's values first, then the local parameters.
-        variables.sort_unstable();
-        let locate = |variable: usize| variables.binary_search(&variable).expect("the component holds the variable");
-        let (size, n) = (variables.len(), component.observations.len());
-        let mut prior = Mat::<f64>::zeros(size, size);
-        for &block in &component.blocks {
-            let own = self.memory.covariance.own.block(&self.frame.blocks, block);
-            let positions: Vec<usize> =
-                self.frame.blocks.members(block).iter().map(|&variable| locate(variable)).collect();
-            for (j, &column) in positions.iter().enumerate() {
-                for (i, &row) in positions.iter().enumerate() {
-                    prior[(row, column)] = own[(i, j)];
-                }
-            }
-        }
-        let mut cross = Mat::<f64>::zeros(size, n);
-        // What a separator's blocks show is in the factors.
-        let own = |row: usize| {
-            let entries = rows.block.row(row).iter();
-            entries.filter(|entry| component.blocks.binary_search(&self.frame.blocks.place(entry.0).0).is_ok())
-        };
-        for (column, &row) in component.observations.iter().enumerate() {
-            for &(variable, weight) in own(row) {
-                let source = prior.col_as_slice(locate(variable));
-                axpy(weight, source, cross.col_as_slice_mut(column));
-            }
-        }
-        let innovation = Mat::from_fn(n, n, |i, j| {
-            let row = component.observations[i];
-            let covariance: f64 = own(row).map(|&(variable, weight)| weight * cross[(locate(variable), j)]).sum();
-            covariance + if i == j { innovations.variance[row] } else { 0.0 }
-        });
-        let d = component.observations.iter().map(|&row| innovations.departures[row]).collect();
-        (variables, Block::Update(UpdateRows { prior, cross, innovation, g: g.to_owned(), d }))
     }
 
     /// Φ_b ← Φ_b − D and the new C_k on the variables of the components; β̂_k(ξ = 0) is added to the increment.
@@ -231,22 +183,75 @@ impl BlockErrors {
     }
 
     pub(super) fn component_size(&self, component: &Component) -> usize {
-        component.blocks.iter().map(|&block| self.frame.blocks.size(block)).sum()
+        component_size(&self.frame.blocks, component)
     }
+}
 
-    pub(super) fn check_component(&self, component: &Component) -> Result<(), Error> {
-        let (size, n) = (self.component_size(component) as u64, component.observations.len() as u64);
-        let needed_bytes = 8 * (2 * size * size + 3 * size * n + 2 * n * n);
-        if needed_bytes > self.frame.memory_limit_bytes {
-            return Err(Error::TooLarge {
-                what: format!(
-                    "the component of {} blocks ({size} variables) that {n} observations link",
-                    component.blocks.len()
-                ),
-                needed_bytes,
-                limit_bytes: self.frame.memory_limit_bytes,
-            });
+/// The rows of a component in covariance form, and its variables; `g` holds its rows for the border.
+pub(in crate::errors) fn update_rows(
+    (blocks, own): (&Blocks, &BlockDiagonal),
+    component: &Component,
+    g: MatRef<'_, f64>,
+    rows: &SplitRows,
+    innovations: &Innovations,
+) -> (Vec<usize>, Block) {
+    let members = component.blocks.iter().flat_map(|&block| blocks.members(block));
+    let mut variables: Vec<usize> = members.copied().collect();
+    // Ascending: the state's values first, then the local parameters.
+    variables.sort_unstable();
+    let locate = |variable: usize| variables.binary_search(&variable).expect("the component holds the variable");
+    let (size, n) = (variables.len(), component.observations.len());
+    let mut prior = Mat::<f64>::zeros(size, size);
+    for &block in &component.blocks {
+        let own = own.block(blocks, block);
+        let positions: Vec<usize> = blocks.members(block).iter().map(|&variable| locate(variable)).collect();
+        for (j, &column) in positions.iter().enumerate() {
+            for (i, &row) in positions.iter().enumerate() {
+                prior[(row, column)] = own[(i, j)];
+            }
         }
-        Ok(())
     }
+    let mut cross = Mat::<f64>::zeros(size, n);
+    // What a separator's blocks show is in the factors.
+    let entries_of = |row: usize| {
+        let entries = rows.block.row(row).iter();
+        entries.filter(|entry| component.blocks.binary_search(&blocks.place(entry.0).0).is_ok())
+    };
+    for (column, &row) in component.observations.iter().enumerate() {
+        for &(variable, weight) in entries_of(row) {
+            let source = prior.col_as_slice(locate(variable));
+            axpy(weight, source, cross.col_as_slice_mut(column));
+        }
+    }
+    let innovation = Mat::from_fn(n, n, |i, j| {
+        let row = component.observations[i];
+        let covariance: f64 = entries_of(row).map(|&(variable, weight)| weight * cross[(locate(variable), j)]).sum();
+        covariance + if i == j { innovations.variance[row] } else { 0.0 }
+    });
+    let d = component.observations.iter().map(|&row| innovations.departures[row]).collect();
+    (variables, Block::Update(UpdateRows { prior, cross, innovation, g: g.to_owned(), d }))
+}
+
+/// Variables of a component.
+pub(in crate::errors) fn component_size(blocks: &Blocks, component: &Component) -> usize {
+    component.blocks.iter().map(|&block| blocks.size(block)).sum()
+}
+
+/// Fails if a component does not fit into the memory.
+///
+/// # Errors
+/// [`Error::TooLarge`].
+pub(in crate::errors) fn check_component(
+    blocks: &Blocks,
+    component: &Component,
+    limit_bytes: u64,
+) -> Result<(), Error> {
+    let (size, n) = (component_size(blocks, component) as u64, component.observations.len() as u64);
+    let needed_bytes = 8 * (2 * size * size + 3 * size * n + 2 * n * n);
+    if needed_bytes > limit_bytes {
+        let count = component.blocks.len();
+        let what = format!("the component of {count} blocks ({size} variables) that {n} observations link");
+        return Err(Error::TooLarge { what, needed_bytes, limit_bytes });
+    }
+    Ok(())
 }

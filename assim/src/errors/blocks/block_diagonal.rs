@@ -16,7 +16,7 @@ const SMALL: usize = 12;
 
 /// blkdiag(C_1 … C_K).
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct BlockDiagonal {
+pub(in crate::errors) struct BlockDiagonal {
     values: Vec<f64>,
 }
 
@@ -120,6 +120,29 @@ impl BlockDiagonal {
                         add_product(own, sign, rows.as_ref(), rows.transpose());
                     }
                     (rest, block) = (others, block + 1);
+                }
+            }
+        });
+    }
+
+    /// C_k += sign (A Aᵀ)_kk of columns A, `[block variables, n]`.
+    pub fn add_columns(&mut self, blocks: &Blocks, sign: f64, columns: MatRef<'_, f64>) {
+        self.for_each_block(blocks, |block, matrix| {
+            let members = blocks.members(block);
+            let rows = Mat::from_fn(members.len(), columns.ncols(), |i, j| columns[(members[i], j)]);
+            add_product(matrix, sign, rows.as_ref(), rows.transpose());
+        });
+    }
+
+    /// Sets to zero the rows and columns of variables whose variance is at most `share` of what it was taken from: a difference
+    /// that is nothing but rounding, which may be negative and would pile up from cycle to cycle.
+    pub fn clear_rounding(&mut self, blocks: &Blocks, taken_from: &[f64], share: f64) {
+        self.for_each_block(blocks, |block, mut matrix| {
+            for (i, &variable) in blocks.members(block).iter().enumerate() {
+                if matrix[(i, i)] <= share * taken_from[variable] {
+                    for j in 0..matrix.nrows() {
+                        (matrix[(i, j)], matrix[(j, i)]) = (0.0, 0.0);
+                    }
                 }
             }
         });

@@ -4,6 +4,7 @@ use super::factored_covariance::FactoredCovariance;
 use super::grid_blocks::Blocks;
 use crate::linalg::{eigen, product, qr};
 use crate::memory::Matrix;
+use crate::spectral_cut;
 use crate::tall_matrix::TallMatrix;
 use faer::Mat;
 
@@ -42,7 +43,8 @@ impl Kept {
 ///
 /// `[Φ_b F_Q 0; Φ_c 0 diag(drift)]` is rotated so that p columns carry Φ_c exactly. Of the others the leading
 /// directions stay, where every variable is divided by its scale first (else the wind would be thrown away for the
-/// height). All rotations are found from the small Gram matrix of `S⁻¹ [Φ_b F_Q]`, and applied at once in place.
+/// height), damped where nothing but rounding tells them from the first that is dropped (see [`spectral_cut`]). All
+/// rotations are found from the small Gram matrix of `S⁻¹ [Φ_b F_Q]`, and applied at once in place.
 ///
 /// Of the block diagonal that goes with the dropped directions Φ_b's part is moved to C_k, so that Cov(b_k) of each
 /// block is what it was: `C_k += Φ_b,k Φ_b,kᵀ − Φ'_b,k Φ'_b,kᵀ`, Φ' the factors that stay. The caller has added *all* of
@@ -85,7 +87,9 @@ pub(super) fn join_and_compress(
         let gram = product(rest.transpose(), product(gram.as_ref(), rest).as_ref());
         let (energies, directions) = eigen(gram.as_ref());
         let (all, count) = (energies.len(), kept.count(&energies));
-        let leading = Mat::from_fn(all, count, |i, j| directions[(i, all - 1 - j)]);
+        let descending: Vec<f64> = energies.into_iter().rev().collect();
+        let weights = spectral_cut::weights(&descending, count);
+        let leading = Mat::from_fn(all, count, |i, j| directions[(i, all - 1 - j)] * weights[j]);
         product(rest, leading.as_ref())
     } else {
         rest.to_owned()
@@ -95,10 +99,18 @@ pub(super) fn join_and_compress(
     recombination.as_mut().get_mut(.., ..p).copy_from(rotation.as_ref().get(.., ..p));
     recombination.as_mut().get_mut(.., p..).copy_from(of_rest);
     own.add_factors(blocks, 1.0, factors);
+    let mut all = vec![0.0; blocks.variables()];
+    own.add_variances(blocks, &mut all);
     factors.recombine(joining.model_error, recombination.as_ref());
     own.add_factors(blocks, -1.0, factors);
+    own.clear_rounding(blocks, &all, rounding(r + q));
     factors.shared = Matrix(Mat::zeros(p, p + kept));
     factors.shared.as_mut().get_mut(.., ..p).copy_from(&carried);
+}
+
+/// Rounding of a variance as a sum over so many factors, of which as much is taken as was put in.
+pub(super) fn rounding(factors: usize) -> f64 {
+    8.0 * f64::EPSILON * (factors as f64).sqrt()
 }
 
 #[cfg(test)]

@@ -36,7 +36,7 @@ impl BlockShape {
 ///
 /// There may be millions of blocks of three variables: all lists are flat.
 #[derive(Clone, Debug)]
-pub(super) struct Blocks {
+pub(in crate::errors) struct Blocks {
     /// Where each block's variables begin in `members`, and where the last ones end.
     starts: Vec<usize>,
     /// The variables of each block, ascending.
@@ -85,6 +85,20 @@ impl Blocks {
     /// Number of blocks.
     pub fn count(&self) -> usize {
         self.starts.len() - 1
+    }
+
+    /// Which cells a block is, in words: `block 7 (row 1, column 3)`, counted from 0.
+    pub fn describe(&self, block: usize, layout: &Layout) -> String {
+        let grid = &layout.grid;
+        let cells = || self.members(block).iter().filter(|&&it| it < layout.len()).map(|it| it % grid.cells());
+        let (Some(first), Some(last)) = (cells().min(), cells().max()) else { return format!("block {block}") };
+        let (row, column) = (first / grid.nx, first % grid.nx);
+        let (last_row, last_column) = (last / grid.nx, last % grid.nx);
+        if first == last {
+            format!("block {block} (row {row}, column {column})")
+        } else {
+            format!("block {block} (rows {row} to {last_row}, columns {column} to {last_column})")
+        }
     }
 
     /// Number of block variables.

@@ -29,7 +29,7 @@ mod free_columns;
 mod grid_blocks;
 mod nested;
 mod product;
-mod residual;
+pub(super) mod residual;
 mod separation;
 mod settings;
 mod solution;
@@ -39,7 +39,10 @@ pub use crate::tall_matrix::Precision;
 pub use grid_blocks::BlockShape;
 pub use settings::{BiasCoupling, FastKalmanSettings, Residual};
 
+pub(super) use analysis::{check_component, component_size, update_rows};
+pub(super) use block_diagonal::BlockDiagonal;
 pub(crate) use factors::Factors;
+pub(super) use grid_blocks::Blocks;
 pub(crate) use solution::{Increments, SplitRows};
 
 use crate::augmented::Augmented;
@@ -49,11 +52,10 @@ use crate::filter::{Cycle, ErrorBlocks, Errors, Filter, Fit};
 use crate::memory::require;
 use crate::problem::{Innovations, Problem, require_memory};
 use crate::tall_matrix::TallMatrix;
-use block_diagonal::BlockDiagonal;
 use coarse_grid::CoarseGrid;
+use compression::rounding;
 use factored_covariance::FactoredCovariance;
 use faer::{Mat, MatRef};
-use grid_blocks::Blocks;
 use isobar_model::{Layout, TangentLinear, random};
 use isobar_obs::ByPlacement;
 use rand_chacha::ChaCha8Rng;
@@ -191,6 +193,8 @@ impl BlockErrors {
         state.prepend(p);
         let factors = factors::with_priors(state, &calibration, &shared, &local)?;
         let mut own = BlockDiagonal::of(&*problem.background_error, &blocks);
+        let mut all = vec![0.0; blocks.variables()];
+        own.add_variances(&blocks, &mut all);
         own.add_factors(&blocks, -1.0, &factors);
         // What the factors hold of it has just been taken out.
         for (i, &number) in local.iter().enumerate() {
@@ -201,6 +205,8 @@ impl BlockErrors {
                 }
             }
         }
+        local.iter().zip(&mut all[m..]).for_each(|(&number, all)| *all = calibration.prior_covariance(number, number));
+        own.clear_rounding(&blocks, &all, rounding(factors.columns()));
         let memory = Memory { covariance: FactoredCovariance { own, linked: Vec::new(), factors }, random };
         let memory_limit_bytes = problem.memory_limit_bytes;
         let frame = Frame { settings, layout, blocks, local, shared, model_error, scales, memory_limit_bytes };
@@ -257,6 +263,15 @@ impl Errors for BlockErrors {
         variances
     }
 
+    fn part(&self, number: usize) -> Option<String> {
+        let Frame { blocks, local, layout, .. } = &*self.frame;
+        let variable = match number.checked_sub(layout.len()) {
+            None => Some(number),
+            Some(parameter) => local.iter().position(|&own| own == parameter).map(|own| layout.len() + own),
+        };
+        variable.map(|variable| blocks.describe(blocks.place(variable).0, layout))
+    }
+
     fn multiply(&self, h: &[f64]) -> Vec<f64> {
         self.product(h)
     }
@@ -301,7 +316,7 @@ impl Errors for BlockErrors {
 }
 
 /// The standard deviation of each variable in the middle of the domain, for every value of the state.
-fn state_scales(operator: &dyn Covariance, layout: &Layout) -> Vec<f64> {
+pub(super) fn state_scales(operator: &dyn Covariance, layout: &Layout) -> Vec<f64> {
     let (cells, grid) = (layout.grid.cells(), &layout.grid);
     let middle = grid.ny / 2 * grid.nx + grid.nx / 2;
     let scale = |variable: usize| {
@@ -309,4 +324,65 @@ fn state_scales(operator: &dyn Covariance, layout: &Layout) -> Vec<f64> {
         if variance > 0.0 { variance.sqrt() } else { 1.0 }
     };
     (0..layout.variables.len()).flat_map(|variable| std::iter::repeat_n(scale(variable), cells)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::problem::BiasTreatment;
+    use isobar_model::{Boundary, Duration, Grid, Location, Model, State, Variable};
+    use isobar_obs::Calibration;
+
+    /// What nothing moves.
+    struct AtRest(Arc<Layout>);
+
+    impl Model for AtRest {
+        fn layout(&self) -> &Arc<Layout> {
+            &self.0
+        }
+        fn time_step(&self) -> Duration {
+            Duration::from_seconds(60)
+        }
+        fn largest_time_step_s(&self, _: &State) -> f64 {
+            f64::INFINITY
+        }
+        fn step(&self, _: &mut State) {}
+    }
+
+    impl TangentLinear for AtRest {
+        fn step_tl(&self, _: &State, _: &mut [f64]) {}
+    }
+
+    #[test]
+    fn a_negative_variance_is_named_with_its_block() {
+        let name = "h";
+        let variable = Variable { name, long_name: name, standard_name: None, unit: "m", location: Location::Center };
+        let grid = Grid { nx: 4, ny: 3, dx_m: 1.0, dy_m: 1.0, boundary: Boundary::Periodic };
+        let layout = Arc::new(Layout { grid, variables: vec![variable] });
+        let problem = Problem::<dyn TangentLinear> {
+            background: State::zeros(&layout),
+            background_error: Arc::new(covariance::White::new(&layout, 0, 1.0)),
+            model_error: None,
+            calibration: Calibration::default(),
+            bias: BiasTreatment::Estimate,
+            memory_limit_bytes: 1 << 30,
+            most_observations: 0,
+            model: Arc::new(AtRest(Arc::clone(&layout))),
+        };
+        let settings = FastKalmanSettings {
+            blocks: BlockShape::Cell,
+            bias_coupling: BiasCoupling::Carry,
+            factors: 0,
+            retained_energy: 1.0,
+            residual: Residual::Persist,
+            largest_component: usize::MAX,
+            separator_factors: 0,
+            factor_precision: Precision::Double,
+        };
+        let mut filter = FastKalmanFilter::new(problem, settings).unwrap();
+        filter.belief.errors.memory.covariance.own.values_mut()[6] = -0.5;
+        let error = filter.belief.estimate(&filter.calibration).unwrap_err().to_string();
+        let expected = "the variance of h at row 1, column 2 in block 6 (row 1, column 2) is -0.5";
+        assert!(error.contains(expected), "{error}");
+    }
 }

@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 /// Draws of the state's part of N(0, blkdiag(C_k)), one in each column from the first probe on.
-pub(super) fn draw_probes(
+pub(in crate::errors) fn draw_probes(
     covariance: &BlockDiagonal,
     blocks: &Blocks,
     columns: &mut TallMatrix,
@@ -37,7 +37,7 @@ pub(super) fn draw_probes(
 }
 
 /// Sum of the squares of each variable over all probes.
-pub(super) fn energy(layout: &Layout, columns: &TallMatrix, first_probe: usize) -> Vec<f64> {
+pub(in crate::errors) fn energy(layout: &Layout, columns: &TallMatrix, first_probe: usize) -> Vec<f64> {
     let cells = layout.grid.cells();
     let mut sums = vec![0.0; layout.variables.len()];
     for number in first_probe..columns.columns() {
@@ -49,13 +49,13 @@ pub(super) fn energy(layout: &Layout, columns: &TallMatrix, first_probe: usize) 
 }
 
 /// How much of its standard deviation each variable of the state keeps: ρ_v² = Σ (probes out)_v² / Σ (probes in)_v².
-pub(super) fn persistence(before: &[f64], after: &[f64]) -> Vec<f64> {
+pub(in crate::errors) fn persistence(before: &[f64], after: &[f64]) -> Vec<f64> {
     let ratio = |(after, before): (&f64, &f64)| if *before > 0.0 { (after / before).sqrt() } else { 1.0 };
     after.iter().zip(before).map(ratio).collect()
 }
 
 /// C_k ← ρ_i ρ_j C_k; local parameters persist.
-pub(super) fn scale(covariance: &mut BlockDiagonal, blocks: &Blocks, layout: &Layout, persistence: &[f64]) {
+pub(in crate::errors) fn scale(covariance: &mut BlockDiagonal, blocks: &Blocks, layout: &Layout, persistence: &[f64]) {
     let (m, cells) = (layout.len(), layout.grid.cells());
     let factor = |variable: usize| if variable < m { persistence[variable / cells] } else { 1.0 };
     covariance.for_each_block(blocks, |block, mut matrix| {

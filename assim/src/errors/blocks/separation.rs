@@ -10,6 +10,7 @@
 //! so that L joins Φ in the rows of the block. The analysis stays exact, as does the covariance after it, between blocks
 //! too: it has the form blkdiag + Φ Φᵀ again.
 
+use super::analysis::check_component;
 use super::solution::{BlockAnalysis, Solved, SplitRows};
 use super::{BlockErrors, Frame};
 use crate::block_angular::{self, Component, Dissection, Graph, PartitionReport};
@@ -85,7 +86,7 @@ impl BlockErrors {
         let separation = self.separate(&components, &touched, &seen);
         if separation.unknowns > settings.separator_factors || !self.fits(separation.unknowns) {
             let mut partition = self.report(&components, &Separation::default());
-            let (solved, sizes) = self.update_nested(rows, innovations, &seen, free)?;
+            let (solved, sizes) = self.update_nested(&components, rows, innovations, &seen, free)?;
             (partition.nested, partition.separators) = (true, sizes.separators);
             partition.separator_unknowns = sizes.separator_unknowns;
             return Ok(solved.with(partition));
@@ -114,7 +115,7 @@ impl BlockErrors {
         free: usize,
     ) -> Result<Solved, Error> {
         for component in components {
-            self.check_component(component)?;
+            check_component(&self.frame.blocks, component, self.frame.memory_limit_bytes)?;
         }
         self.update(components, rows, innovations, free)
     }

@@ -65,6 +65,10 @@ impl FastKalmanSettings {
             let message = "the printed formulae (28)/(29), which drop the coupling, have no factors";
             return Err(Error::Setting(message.into()));
         }
+        if self.residual != Residual::Exact && self.bias_coupling == BiasCoupling::Drop {
+            let message = "the printed formulae (28)/(29), which drop the coupling, forecast the blocks exactly";
+            return Err(Error::Setting(message.into()));
+        }
         let probes = if let Residual::Probe { count } = self.residual { count as u64 } else { 0 };
         let extra = probes.max(covariance::OVERSAMPLING as u64);
         // The blocks, those of Q and their roots; the factors with the probes, and the factors of Q.

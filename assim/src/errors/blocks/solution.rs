@@ -1,6 +1,7 @@
 //! What goes into an analysis, and what comes out of it beside the covariance.
 
 use crate::block_angular::PartitionReport;
+use crate::problem::Innovations;
 use faer::Mat;
 use isobar_obs::SparseRows;
 
@@ -8,6 +9,30 @@ use isobar_obs::SparseRows;
 pub(crate) struct SplitRows {
     pub block: SparseRows,
     pub shared: SparseRows,
+}
+
+impl SplitRows {
+    /// The rows of H, where the block variables are the state's values and then the local parameters, in the order of these
+    /// numbers.
+    pub fn new(innovations: &Innovations, local: &[usize], shared: &[usize]) -> Self {
+        let mut position = vec![(false, 0); local.len() + shared.len()];
+        local.iter().enumerate().for_each(|(i, &number)| position[number] = (true, innovations.state_values + i));
+        shared.iter().enumerate().for_each(|(i, &number)| position[number] = (false, i));
+        let (mut block, mut shared) = (SparseRows::new(), SparseRows::new());
+        for row in 0..innovations.len() {
+            let calibration = innovations.jacobian.calibration.row(row);
+            let of = |local: bool| {
+                let position = &position;
+                calibration
+                    .iter()
+                    .filter(move |entry| position[entry.0].0 == local)
+                    .map(|entry| (position[entry.0].1, entry.1))
+            };
+            block.push_row(innovations.jacobian.state.row(row).iter().copied().chain(of(true)));
+            shared.push_row(of(false));
+        }
+        SplitRows { block, shared }
+    }
 }
 
 /// What an analysis adds to the estimate.

@@ -6,6 +6,7 @@ use crate::block_angular;
 use crate::filter::ErrorBlocks;
 use crate::linalg::{eigen, product};
 use crate::structure::{CommonFactor, Structure};
+use crate::ties::first_largest;
 use faer::Mat;
 use isobar_model::Increment;
 use isobar_obs::ObservationWindow;
@@ -53,9 +54,8 @@ impl BlockErrors {
             let mut values = vec![0.0; b];
             factors.multiply_add(rotation.col_as_slice(j), &mut values);
             // A direction has no sign of its own: the largest value is positive.
-            let scaled = values.iter().zip(scales).map(|(value, scale)| value / scale);
-            let largest = scaled.fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
-            let sign = if largest < 0.0 { -1.0 } else { 1.0 };
+            let scaled = values.iter().zip(scales).map(|(value, scale)| value.abs() / scale);
+            let sign = if first_largest(scaled).is_some_and(|largest| values[largest] < 0.0) { -1.0 } else { 1.0 };
             values.iter_mut().for_each(|value| *value *= sign);
             let mut calibration = vec![0.0; parameters];
             local.iter().zip(&values[m..]).for_each(|(&number, value)| calibration[number] = *value);

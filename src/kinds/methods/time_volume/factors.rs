@@ -98,58 +98,32 @@ const COUNT: Key<Whole> = Key::absent(
     "number of hat functions in a period",
 );
 
+/// The keys of factors of every shape.
+const COMMON: &[&dyn AnyKey] = &[&NAME, &BIASES, &VARIABLE, &PATTERNS_FILE, &SIGMA, &DRIFT, &CORRELATION_HOURS];
+
 /// The keys of a factor beside the kind, which is how it depends on time: constant, sinusoid, square_wave or hats.
 pub(super) const KEYS: &[&dyn AnyKey] =
     &[&NAME, &BIASES, &VARIABLE, &PATTERNS_FILE, &SIGMA, &DRIFT, &CORRELATION_HOURS, &PERIOD_HOURS, &COUNT];
 
 /// How a factor depends on time.
-struct ShapeKind {
-    name: &'static str,
-    about: &'static str,
-    keys: &'static [&'static dyn AnyKey],
-    shape: fn(&Section<'_>) -> Read<TimeShape>,
-}
-
 const SHAPES: &Kinds<TimeShape, Domain> = &[
-    &ShapeKind { name: "constant", about: "The same at all times", keys: &[], shape: |_| Ok(TimeShape::Constant) },
-    &ShapeKind {
-        name: "sinusoid",
-        about: "Sine and cosine of a period",
-        keys: &[&PERIOD_HOURS],
-        shape: |section| Ok(TimeShape::Sinusoid { period: period(section)? }),
-    },
-    &ShapeKind {
-        name: "square_wave",
-        about: "One value in the first half of a period, another in the second",
-        keys: &[&PERIOD_HOURS],
-        shape: |section| Ok(TimeShape::SquareWave { period: period(section)? }),
-    },
-    &ShapeKind {
-        name: "hats",
-        about: "Hat functions, equally spaced in a period",
-        keys: &[&PERIOD_HOURS, &COUNT],
-        shape: |section| Ok(TimeShape::Hats { period: period(section)?, count: section.get(&COUNT)? }),
-    },
+    &Kind::new("constant", "The same at all times", &[COMMON], |_, _| Ok(Box::new(TimeShape::Constant))),
+    &Kind::new("sinusoid", "Sine and cosine of a period", &[COMMON, &[&PERIOD_HOURS]], |section, _| {
+        Ok(Box::new(TimeShape::Sinusoid { period: period(section)? }))
+    }),
+    &Kind::new(
+        "square_wave",
+        "One value in the first half of a period, another in the second",
+        &[COMMON, &[&PERIOD_HOURS]],
+        |section, _| Ok(Box::new(TimeShape::SquareWave { period: period(section)? })),
+    ),
+    &Kind::new(
+        "hats",
+        "Hat functions, equally spaced in a period",
+        &[COMMON, &[&PERIOD_HOURS, &COUNT]],
+        |section, _| Ok(Box::new(TimeShape::Hats { period: period(section)?, count: section.get(&COUNT)? })),
+    ),
 ];
-
-impl Kind<TimeShape, Domain> for ShapeKind {
-    fn name(&self) -> &'static str {
-        self.name
-    }
-
-    fn about(&self) -> &'static str {
-        self.about
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        let every = KEYS.len() - 2;
-        [&KEYS[..every], self.keys].concat()
-    }
-
-    fn read(&self, section: &Section<'_>, _: &Domain) -> Read<Box<TimeShape>> {
-        Ok(Box::new((self.shape)(section)?))
-    }
-}
 
 fn period(section: &Section<'_>) -> Read<Duration> {
     Ok(Duration::from_seconds((section.get(&PERIOD_HOURS)? * 3600.0).round() as i64))
@@ -166,7 +140,7 @@ pub(super) fn read(field: &Field<'_>, of_model: bool, domain: &Domain) -> Read<F
     }
     let target = section.required(own.name)?;
     let acts_on = if of_model { ActsOn::Variable(domain.variable(&target)?) } else { ActsOn::Biases(biases(&target)?) };
-    let shape = *kind.read(&section, domain)?;
+    let shape = *(kind.read)(&section, domain)?;
     let patterns = section.optional(PATTERNS_FILE.name);
     let patterns = patterns.map(|field| fields::read(&field, &domain.grid, MOST)).transpose()?;
     let patterns = patterns.map_or(Vec::new(), |fields| fields.columns);

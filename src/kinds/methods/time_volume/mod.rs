@@ -59,30 +59,21 @@ const SELECTION_THRESHOLD: Key<Limits> = Key::absent(
     "how much a correction's column must correlate with the innovations, in standard deviations of chance",
 );
 
-pub(super) struct TimeVolumeKind;
-
-impl Kind<dyn MethodSettings, Surroundings> for TimeVolumeKind {
-    fn name(&self) -> &'static str {
-        "time_volume"
-    }
-
-    fn about(&self) -> &'static str {
-        "The Fast Kalman Filter with unknowns that a window of cycles shares: factors of errors, corrections of the model"
-    }
-
-    fn keys(&self) -> Vec<&'static dyn AnyKey> {
-        let own: [&dyn AnyKey; 6] = [
+pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
+    "time_volume",
+    "The Fast Kalman Filter with unknowns that a window of cycles shares: factors of errors, corrections of the model",
+    &[
+        fast_kalman::SHARED_KEYS,
+        &[
             &WINDOW_CYCLES,
             &BEFORE_WINDOW,
             &OBSERVATION_FACTORS,
             &MODEL_FACTORS,
             &TRANSITION_CORRECTIONS,
             &SELECTION_THRESHOLD,
-        ];
-        [fast_kalman::SHARED_KEYS, &own].concat()
-    }
-
-    fn read(&self, section: &Section<'_>, surroundings: &Surroundings) -> Read<Box<dyn MethodSettings>> {
+        ],
+    ],
+    |section, surroundings| {
         let (domain, cycles) = (&surroundings.domain, surroundings.cycles);
         let window_cycles = section.get(&WINDOW_CYCLES)?;
         if window_cycles > cycles {
@@ -104,8 +95,8 @@ impl Kind<dyn MethodSettings, Surroundings> for TimeVolumeKind {
             corrections,
             selection_threshold: section.get(&SELECTION_THRESHOLD)?,
         }))
-    }
-}
+    },
+);
 
 fn read_factors(section: &Section<'_>, surroundings: &Surroundings) -> Read<Vec<FactorSettings>> {
     let mut all: Vec<FactorSettings> = Vec::new();

@@ -1,0 +1,178 @@
+//! What observations say of the amplitudes ξ of all tiles' factors, and of the border.
+
+use crate::error::Error;
+use crate::linalg::{cholesky, eigen, product, solve_lower, solve_lower_transposed};
+use faer::prelude::Solve;
+use faer::sparse::{SparseColMat, Triplet};
+use faer::{Mat, MatRef, Par, Side};
+use std::collections::BTreeMap;
+
+/// The normal equations of the amplitudes ξ_j ~ N(0, I) and of the border c ~ N(0, S),
+///
+/// ```text
+/// M = I + Eᵀ T⁻¹ E       M_xc = Eᵀ T⁻¹ E_c       M_cc = S⁻¹ + E_cᵀ T⁻¹ E_c       right = \[E E_c\]ᵀ T⁻¹ d
+/// ```
+///
+/// of which M has a block for each two tiles whose supports have an observation in common.
+pub(super) struct Amplitudes {
+    /// The first amplitude of each tile, and their number.
+    firsts: Vec<usize>,
+    /// Blocks (i, j) of EᵀT⁻¹E with i ≥ j.
+    blocks: BTreeMap<(usize, usize), Mat<f64>>,
+    /// M_xc, `[amplitudes, p]`.
+    cross: Mat<f64>,
+    /// E_cᵀ T⁻¹ E_c, `[p, p]`.
+    border: Mat<f64>,
+    /// `[amplitudes + p]`.
+    right: Vec<f64>,
+    /// dᵀ T⁻¹ d.
+    squares: f64,
+}
+
+/// The solution of the normal equations.
+pub(super) struct Solved {
+    /// ξ̂, `[amplitudes]`.
+    pub amplitudes: Vec<f64>,
+    /// What is added to c, `[p]`.
+    pub border: Vec<f64>,
+    /// M⁻¹ M_xc, `[amplitudes, p]`.
+    pub of_border: Mat<f64>,
+    /// S of the analysis, `[p, p]`.
+    pub shared: Mat<f64>,
+    /// dᵀ Cov(d)⁻¹ d.
+    pub chi2: f64,
+}
+
+impl Amplitudes {
+    /// Those of tiles with so many factors each.
+    pub fn new(factors: &[usize], p: usize) -> Self {
+        let mut firsts = vec![0];
+        factors.iter().for_each(|count| firsts.push(firsts[firsts.len() - 1] + count));
+        let n = firsts[factors.len()];
+        Self {
+            firsts,
+            blocks: BTreeMap::new(),
+            cross: Mat::zeros(n, p),
+            border: Mat::zeros(p, p),
+            right: vec![0.0; n + p],
+            squares: 0.0,
+        }
+    }
+
+    /// The amplitudes of a tile.
+    pub fn of(&self, tile: usize) -> std::ops::Range<usize> {
+        self.firsts[tile]..self.firsts[tile + 1]
+    }
+
+    fn len(&self) -> usize {
+        self.firsts[self.firsts.len() - 1]
+    }
+
+    /// Adds the Gram matrix of whitened rows \[E E_c d\], in which E has the columns of these tiles.
+    pub fn add(&mut self, tiles: &[usize], gram: MatRef<'_, f64>) {
+        let (p, n) = (self.border.nrows(), self.len());
+        let mut columns = vec![0];
+        tiles.iter().for_each(|&tile| columns.push(columns[columns.len() - 1] + self.of(tile).len()));
+        let border = columns[tiles.len()];
+        for (a, &tile) in tiles.iter().enumerate() {
+            let rows = columns[a]..columns[a + 1];
+            for (b, &other) in tiles.iter().enumerate().take(a + 1) {
+                let part = gram.get(rows.clone(), columns[b]..columns[b + 1]);
+                // The lists of tiles ascend.
+                let block = self.blocks.entry((tile, other)).or_insert_with(|| Mat::zeros(part.nrows(), part.ncols()));
+                *block += part;
+            }
+            let own = self.of(tile);
+            let mut cross = self.cross.as_mut().get_mut(own.clone(), ..);
+            cross += gram.get(rows.clone(), border..border + p);
+            for (target, row) in own.zip(rows) {
+                self.right[target] += gram[(row, border + p)];
+            }
+        }
+        self.border += gram.get(border..border + p, border..border + p);
+        (0..p).for_each(|i| self.right[n + i] += gram[(border + i, border + p)]);
+        self.squares += gram[(border + p, border + p)];
+    }
+
+    /// Solves them, with the border's prior S, by a sparse Cholesky factorisation of M.
+    ///
+    /// # Errors
+    /// If M or S is not positive definite.
+    pub fn solve(&self, shared: MatRef<'_, f64>) -> Result<Solved, Error> {
+        let (p, n) = (self.border.nrows(), self.len());
+        let right = Mat::from_fn(n, p + 1, |i, j| if j < p { self.cross[(i, j)] } else { self.right[i] });
+        let solved = self.solved(right)?;
+        let of_border = solved.get(.., ..p).to_owned();
+        let without_border = solved.get(.., p..).to_owned();
+        // With S = L Lᵀ: S_a = L (I + Lᵀ (M_cc − S⁻¹ − M_cx M⁻¹ M_xc) L)⁻¹ Lᵀ.
+        let root = cholesky(shared.to_owned(), || "the covariance of the shared parameters".into())?;
+        let information = &self.border - product(self.cross.transpose(), of_border.as_ref());
+        let mut whitened = product(root.transpose(), product(information.as_ref(), root.as_ref()).as_ref());
+        (0..p).for_each(|i| whitened[(i, i)] += 1.0);
+        let whitened = cholesky(whitened, || "the information matrix of the border".into())?;
+        let seen = product(self.cross.transpose(), without_border.as_ref());
+        let seen = Mat::from_fn(p, 1, |i, _| self.right[n + i] - seen[(i, 0)]);
+        let mut of_seen = product(root.transpose(), seen.as_ref());
+        solve_lower(whitened.as_ref(), of_seen.as_mut());
+        let explained = crate::linalg::squared_norm(of_seen.col_as_slice(0));
+        solve_lower_transposed(whitened.as_ref(), of_seen.as_mut());
+        let border = product(root.as_ref(), of_seen.as_ref());
+        let mut spread = root.transpose().to_owned();
+        solve_lower(whitened.as_ref(), spread.as_mut());
+        let shared = product(spread.transpose(), spread.as_ref());
+        let amplitudes = &without_border - product(of_border.as_ref(), border.as_ref());
+        let of_amplitudes = isobar_model::vector::dot(&self.right[..n], without_border.col_as_slice(0));
+        Ok(Solved {
+            amplitudes: amplitudes.col_as_slice(0).to_vec(),
+            border: border.col_as_slice(0).to_vec(),
+            of_border,
+            shared,
+            chi2: (self.squares - of_amplitudes - explained).max(0.0),
+        })
+    }
+
+    /// M⁻¹ B.
+    fn solved(&self, right: Mat<f64>) -> Result<Mat<f64>, Error> {
+        let n = self.len();
+        let mut entries: Vec<Triplet<usize, usize, f64>> = (0..n).map(|i| Triplet::new(i, i, 1.0)).collect();
+        for (&(tile, other), block) in &self.blocks {
+            for (j, column) in self.of(other).enumerate() {
+                let rows = self.of(tile).enumerate().filter(|(_, row)| *row >= column);
+                entries.extend(rows.map(|(i, row)| Triplet::new(row, column, block[(i, j)])));
+            }
+        }
+        let not_positive = || Error::NotPositiveDefinite {
+            matrix: "the information matrix of the local factors".into(),
+            pivot: 0,
+            size: n,
+        };
+        faer::set_global_parallelism(Par::Seq);
+        let matrix = SparseColMat::try_new_from_triplets(n, n, &entries).map_err(|_| not_positive())?;
+        let factor = matrix.sp_cholesky(Side::Lower).map_err(|_| not_positive())?;
+        Ok(factor.solve(right))
+    }
+
+    /// The columns of a tile in the symmetric root M^-½, as the principal submatrix of these tiles has them: a matrix for each
+    /// of them, `[factors of it, factors of the tile]`.
+    pub fn root_columns(&self, tile: usize, near: &[usize]) -> Vec<Mat<f64>> {
+        let mut firsts = vec![0];
+        near.iter().for_each(|&other| firsts.push(firsts[firsts.len() - 1] + self.of(other).len()));
+        let size = firsts[near.len()];
+        let mut part = Mat::<f64>::identity(size, size);
+        for (a, &row) in near.iter().enumerate() {
+            for (b, &column) in near.iter().enumerate().take(a + 1) {
+                if let Some(block) = self.blocks.get(&(row, column)) {
+                    let mut target = part.as_mut().get_mut(firsts[a]..firsts[a + 1], firsts[b]..firsts[b + 1]);
+                    target += block;
+                }
+            }
+        }
+        // The lower triangle is read.
+        let (values, vectors) = eigen(part.as_ref());
+        let own = near.iter().position(|&other| other == tile).expect("a tile is near itself");
+        let (first, end) = (firsts[own], firsts[own + 1]);
+        let weighted = Mat::from_fn(size, end - first, |k, j| vectors[(first + j, k)] / values[k].max(1.0).sqrt());
+        let root = product(vectors.as_ref(), weighted.as_ref());
+        (0..near.len()).map(|a| root.get(firsts[a]..firsts[a + 1], ..).to_owned()).collect()
+    }
+}

@@ -1,0 +1,264 @@
+//! The analysis: a nested block-angular regression, cells → amplitudes of the tiles → border.
+//!
+//! With T = R + H blkdiag(C) Hᵀ, component by component, E_j = H F_j, E_c = H Γ + G and d the innovations:
+//!
+//! ```text
+//! b ← b~ + Σ_j Ψ_j ξ̂_j + Γ' δc + C Hᵀ T⁻¹ d        Ψ_j = F_j − C Hᵀ T⁻¹ E_j,  Γ' = Γ − C Hᵀ T⁻¹ E_c
+//! c ← c~ + δc                                       S, ξ̂, δc of the normal equations (`amplitudes`)
+//! Γ ← Γ' − Σ_j Ψ_j (M⁻¹ M_xc)_j                     C ← C − C Hᵀ T⁻¹ H C
+//! F_j ← Σ_i Ψ_i (M^-½)_ij
+//! ```
+//!
+//! M^-½, which is symmetric, decays from tile to tile: its columns are taken from the principal submatrix of the tiles
+//! next to j. Everything else is exact, and F_j is if those are all tiles.
+
+use super::amplitudes::Amplitudes;
+use super::local_factors::{LocalFactors, add_to_blocks, union};
+use super::{Frame, LocalErrors};
+use crate::augmented::Augmented;
+use crate::block_angular::{self, Component, Eliminated, PartitionReport};
+use crate::error::Error;
+use crate::errors::blocks::{SplitRows, check_component, component_size, update_rows};
+use crate::filter::Fit;
+use crate::linalg::{add_symmetric_product, product};
+use crate::memory::Matrix;
+use crate::problem::Innovations;
+use faer::Mat;
+use isobar_model::vector::{add, axpy};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Components that are eliminated at a time.
+const COMPONENTS: usize = 256;
+
+/// Tiles away from a tile, in x and y, whose factors have a part in its factors after an analysis.
+const NEAR: usize = 1;
+
+/// A component without its own unknowns.
+struct Part {
+    /// The tiles in whose supports its observations are, ascending.
+    tiles: Vec<usize>,
+    variables: Vec<usize>,
+    eliminated: Eliminated,
+}
+
+impl LocalErrors {
+    /// s ← s + K d, and the covariance of its errors.
+    pub(super) fn analyse_rows(&mut self, s: &mut Augmented, innovations: &Innovations) -> Result<Fit, Error> {
+        let frame = Arc::clone(&self.frame);
+        let Frame { blocks, shared, local, layout, covering, cells, .. } = &*frame;
+        let rows = SplitRows::new(innovations, local, shared);
+        let components = block_angular::components(blocks.count(), &blocks.touched(&rows.block));
+        for component in &components {
+            check_component(blocks, component, frame.memory_limit_bytes)?;
+        }
+        if innovations.len() == 0 {
+            return Ok(Fit { chi2: 0.0, partition: Some(self.report(&components, self.columns())) });
+        }
+        let tiles_of = |component: &Component| {
+            let entries = component.observations.iter().flat_map(|&row| rows.block.row(row));
+            let mut tiles: Vec<usize> =
+                entries.flat_map(|&(variable, _)| covering[cells[variable]].iter().copied()).collect();
+            tiles.sort_unstable();
+            tiles.dedup();
+            tiles
+        };
+        let tiles: Vec<Vec<usize>> = components.par_iter().map(tiles_of).collect();
+        self.extend_to(&components, &tiles);
+        let counts: Vec<usize> = self.memory.factors.iter().map(LocalFactors::columns).collect();
+        let mut amplitudes = Amplitudes::new(&counts, shared.len());
+        let mut increment = vec![0.0; blocks.variables()];
+        for (chunk, (components, tiles)) in components.chunks(COMPONENTS).zip(tiles.chunks(COMPONENTS)).enumerate() {
+            let parts = self.eliminate(chunk * COMPONENTS, components, tiles, &rows, innovations)?;
+            add_information(&mut amplitudes, &parts);
+            self.take_in(components, parts, &mut increment);
+        }
+        let solved = amplitudes.solve(self.memory.shared.as_ref())?;
+        for (tile, factors) in self.memory.factors.iter().enumerate() {
+            for (j, amplitude) in amplitudes.of(tile).enumerate() {
+                let (values, amplitude) = (factors.values.col_as_slice(j), solved.amplitudes[amplitude]);
+                factors
+                    .variables
+                    .iter()
+                    .zip(values)
+                    .for_each(|(&variable, value)| increment[variable] += amplitude * value);
+            }
+        }
+        for (j, &change) in solved.border.iter().enumerate() {
+            axpy(change, self.memory.sensitivity.col_as_slice(j), &mut increment);
+        }
+        self.finish(&amplitudes, solved.of_border.as_ref());
+        self.memory.shared = Matrix(solved.shared);
+        let (of_state, of_local) = increment.split_at(layout.len());
+        add(s.state.values_mut(), of_state);
+        for (&number, change) in local.iter().zip(of_local).chain(shared.iter().zip(&solved.border)) {
+            s.bias[number] += change;
+        }
+        Ok(Fit { chi2: solved.chi2, partition: Some(self.report(&components, self.columns())) })
+    }
+
+    /// Gives each tile's factors rows for all variables of the components that see it.
+    fn extend_to(&mut self, components: &[Component], tiles: &[Vec<usize>]) {
+        let frame = Arc::clone(&self.frame);
+        let mut seen = vec![Vec::new(); self.memory.factors.len()];
+        for (component, tiles) in components.iter().zip(tiles) {
+            tiles.iter().for_each(|&tile| seen[tile].extend(&component.blocks));
+        }
+        self.memory.factors.par_iter_mut().zip(seen).for_each(|(factors, seen)| {
+            let members: Vec<usize> = seen.iter().flat_map(|&block| frame.blocks.members(block)).copied().collect();
+            if members.iter().any(|&variable| factors.row(variable).is_none()) {
+                *factors = factors.extended(&union([factors.variables.as_slice(), &members]));
+            }
+        });
+    }
+
+    fn eliminate(
+        &self,
+        first: usize,
+        components: &[Component],
+        tiles: &[Vec<usize>],
+        rows: &SplitRows,
+        innovations: &Innovations,
+    ) -> Result<Vec<Part>, Error> {
+        let (blocks, p) = (&self.frame.blocks, self.frame.shared.len());
+        let eliminate = |(number, (component, tiles)): (usize, (&Component, &Vec<usize>))| {
+            let factors: Vec<&LocalFactors> = tiles.iter().map(|&tile| &self.memory.factors[tile]).collect();
+            let columns = factors.iter().map(|factors| factors.columns()).sum::<usize>();
+            let mut g = Mat::<f64>::zeros(component.observations.len(), columns + p);
+            for (i, &row) in component.observations.iter().enumerate() {
+                for &(variable, weight) in rows.block.row(row) {
+                    let mut column = 0;
+                    for factors in &factors {
+                        let place = factors.row(variable);
+                        for j in 0..factors.columns() {
+                            g[(i, column)] += place.map_or(0.0, |place| weight * factors.values[(place, j)]);
+                            column += 1;
+                        }
+                    }
+                    (0..p).for_each(|j| g[(i, columns + j)] += weight * self.memory.sensitivity[(variable, j)]);
+                }
+                rows.shared.row(row).iter().for_each(|&(j, weight)| g[(i, columns + j)] += weight);
+            }
+            let parts = (blocks, &self.memory.own);
+            let (variables, block) = update_rows(parts, component, g.as_ref(), rows, innovations);
+            let eliminated = block.eliminate(first + number, columns + p)?;
+            Ok(Part { tiles: tiles.clone(), variables, eliminated })
+        };
+        components.par_iter().zip(tiles).enumerate().map(eliminate).collect()
+    }
+
+    /// F_j ← Ψ_j, Γ ← Γ' and the new C_k on the variables of the components; C Hᵀ T⁻¹ d is added to the increment.
+    fn take_in(&mut self, components: &[Component], parts: Vec<Part>, increment: &mut [f64]) {
+        let frame = Arc::clone(&self.frame);
+        let (blocks, p) = (&frame.blocks, frame.shared.len());
+        for (component, Part { tiles, variables, eliminated }) in components.iter().zip(parts) {
+            let Eliminated { estimate_without_border, covariance, sensitivity, .. } = eliminated;
+            let mut column = 0;
+            for &tile in &tiles {
+                let factors = &mut self.memory.factors[tile];
+                let places: Vec<Option<usize>> = variables.iter().map(|&variable| factors.row(variable)).collect();
+                for j in 0..factors.columns() {
+                    let values = factors.values.col_as_slice_mut(j);
+                    for (place, change) in places.iter().zip(sensitivity.col_as_slice(column)) {
+                        values[place.expect("the factors have rows for the component")] -= change;
+                    }
+                    column += 1;
+                }
+            }
+            for j in 0..p {
+                let values = self.memory.sensitivity.col_as_slice_mut(j);
+                let changes = sensitivity.col_as_slice(column + j);
+                variables.iter().zip(changes).for_each(|(&variable, change)| values[variable] -= change);
+            }
+            let estimate = estimate_without_border.col_as_slice(0);
+            variables.iter().zip(estimate).for_each(|(&variable, value)| increment[variable] += value);
+            for &block in &component.blocks {
+                let members = blocks.members(block);
+                let locate = |variable| variables.binary_search(variable).expect("the component holds its blocks");
+                let positions: Vec<usize> = members.iter().map(locate).collect();
+                let mut own = self.memory.own.block_mut(blocks, block);
+                for (j, &column) in positions.iter().enumerate() {
+                    positions.iter().enumerate().for_each(|(i, &row)| own[(i, j)] = covariance[(row, column)]);
+                }
+            }
+        }
+    }
+
+    /// Γ ← Γ' − Σ_j Ψ_j (M⁻¹ M_xc)_j and F_j ← Σ_i Ψ_i (M^-½)_ij, of which what is outside of the support joins the blocks.
+    fn finish(&mut self, amplitudes: &Amplitudes, of_border: faer::MatRef<'_, f64>) {
+        let frame = Arc::clone(&self.frame);
+        let Frame { tiles, supports, blocks, shared, .. } = &*frame;
+        for (tile, psi) in self.memory.factors.iter().enumerate() {
+            let change = product(psi.values.as_ref(), of_border.get(amplitudes.of(tile), ..));
+            for j in 0..shared.len() {
+                let values = self.memory.sensitivity.col_as_slice_mut(j);
+                let changes = change.col_as_slice(j);
+                psi.variables.iter().zip(changes).for_each(|(&variable, change)| values[variable] -= change);
+            }
+        }
+        let psi = &self.memory.factors;
+        let rooted: Vec<(LocalFactors, LocalFactors)> = (0..psi.len())
+            .into_par_iter()
+            .map(|tile| {
+                let near = tiles.near(tile, NEAR);
+                let variables = union(near.iter().map(|&other| psi[other].variables.as_slice()));
+                let mut values = Mat::zeros(variables.len(), psi[tile].columns());
+                for (&other, root) in near.iter().zip(amplitudes.root_columns(tile, &near)) {
+                    psi[other].add_to(&variables, values.as_mut(), Some(root.as_ref()));
+                }
+                LocalFactors::new(variables, values).split(&supports[tile])
+            })
+            .collect();
+        let (inside, outside): (Vec<_>, Vec<_>) = rooted.into_iter().unzip();
+        add_to_blocks(&mut self.memory.own, blocks, 1.0, &outside);
+        self.memory.factors = inside;
+    }
+
+    /// The factors of all tiles.
+    fn columns(&self) -> usize {
+        self.memory.factors.iter().map(LocalFactors::columns).sum()
+    }
+
+    fn report(&self, components: &[Component], factors: usize) -> PartitionReport {
+        let blocks = &self.frame.blocks;
+        let largest = components.iter().max_by_key(|component| component_size(blocks, component));
+        let observed: usize = components.iter().map(|component| component.blocks.len()).sum();
+        PartitionReport {
+            blocks: blocks.count(),
+            components: components.iter().filter(|component| !component.blocks.is_empty()).count(),
+            merged_components: components.iter().filter(|component| component.blocks.len() > 1).count(),
+            largest_component_blocks: largest.map_or(0, |component| component.blocks.len()),
+            largest_component_variables: largest.map_or(0, |component| component_size(blocks, component)),
+            unobserved_blocks: blocks.count() - observed,
+            fewest_factors: factors,
+            most_factors: factors,
+            border: self.frame.shared.len(),
+            ..PartitionReport::default()
+        }
+    }
+}
+
+/// Adds what the components say of amplitudes and border, those that see the same tiles together.
+fn add_information(amplitudes: &mut Amplitudes, parts: &[Part]) {
+    let mut groups: BTreeMap<&[usize], Vec<&Eliminated>> = BTreeMap::new();
+    parts.iter().for_each(|part| groups.entry(&part.tiles).or_default().push(&part.eliminated));
+    let groups: Vec<(&[usize], Vec<&Eliminated>)> = groups.into_iter().collect();
+    let gram = |(_, group): &(&[usize], Vec<&Eliminated>)| {
+        let columns = group[0].border_rows.ncols();
+        let mut gram = Mat::zeros(columns, columns);
+        let mut rows = Mat::zeros(group.iter().map(|part| part.border_rows.nrows()).sum(), columns);
+        let mut first = 0;
+        for part in group {
+            let count = part.border_rows.nrows();
+            rows.as_mut().get_mut(first..first + count, ..).copy_from(&part.border_rows);
+            first += count;
+        }
+        add_symmetric_product(gram.as_mut(), 1.0, rows.transpose(), rows.as_ref());
+        gram
+    };
+    let grams: Vec<Mat<f64>> = groups.par_iter().map(gram).collect();
+    for ((tiles, _), gram) in groups.iter().zip(&grams) {
+        amplitudes.add(tiles, gram.as_ref());
+    }
+}

@@ -1,0 +1,327 @@
+//! The Fast Kalman Filter with local common factors, whose number does not grow with the domain.
+//!
+//! ```text
+//! b = b~ + Γ (c − c~) + Σ_j F_j ξ_j + e,     ξ_j ~ N(0, I_r),  c − c~ ~ N(0, S),  e ~ N(0, blkdiag(C_1 … C_K))
+//!
+//! Cov(b) = blkdiag(C_k) + Σ_j F_j F_jᵀ + Γ S Γᵀ        Cov(b, c) = Γ S        Cov(c) = S
+//! ```
+//!
+//! Each tile j of the domain has r factors F_j, which are zero outside of a support of q × q tiles about it. The shared
+//! calibration parameters c are the border, with the sensitivities Γ of all variables to them. It is a covariance
+//! whatever F_j, Γ, C_k ≥ 0 and S ≥ 0 are: everything that is dropped is a block diagonal of a positive semidefinite
+//! matrix, and joins the C_k, so that each block keeps its covariance.
+//!
+//! In a cycle
+//!
+//! 1. the factors of tiles whose supports have no cell in common are *packed* into one column of the tangent-linear model:
+//!    q² r columns, however large the domain is (`forecast`);
+//! 2. the leading directions of Q that belong to a tile join its factors, and *localising rotations* of neighbours' factors,
+//!    which change no covariance, move each direction to the tile that it is nearest to (`rotation`);
+//! 3. each tile keeps its r leading directions, in its support (`compression`);
+//! 4. the observations are analysed by a nested block-angular regression: cells, amplitudes ξ, border c (`analysis`).
+//!
+//! With one tile it is the Fast Kalman Filter of `blocks` with its border in another form.
+
+mod amplitudes;
+mod analysis;
+mod calibration;
+mod compression;
+mod forecast;
+mod local_factors;
+mod roots;
+mod rotation;
+mod settings;
+#[cfg(test)]
+mod tests;
+mod tiles;
+
+pub use settings::{LocalFactorSettings, LocalResidual};
+
+use super::blocks::{BlockDiagonal, Blocks, state_scales};
+use crate::augmented::Augmented;
+use crate::covariance::Covariance;
+use crate::error::Error;
+use crate::filter::{Cycle, Errors, Filter, Fit};
+use crate::memory::{Matrix, require};
+use crate::problem::{Innovations, Problem, require_memory};
+use faer::{Mat, MatRef};
+use isobar_model::{Layout, TangentLinear, random};
+use isobar_obs::ByPlacement;
+use local_factors::{LocalFactors, add_to_blocks};
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+use tiles::{Colours, Tiles};
+
+/// The Kalman filter with a covariance in blocks and the factors of tiles.
+pub type LocalFastKalmanFilter = Filter<LocalErrors>;
+
+/// A covariance in blocks and the factors of tiles.
+#[derive(Clone)]
+pub struct LocalErrors {
+    frame: Arc<Frame>,
+    memory: Memory,
+}
+
+/// What stays the same in all cycles.
+struct Frame {
+    settings: LocalFactorSettings,
+    layout: Arc<Layout>,
+    blocks: Blocks,
+    tiles: Tiles,
+    colours: Colours,
+    /// The block variables of each tile's support, ascending.
+    supports: Vec<Vec<usize>>,
+    /// The tiles in whose support each cell is, ascending.
+    covering: Vec<Vec<usize>>,
+    /// The cell of each block variable.
+    cells: Vec<usize>,
+    /// Numbers of the local parameters in the calibration, in the order of their block variables.
+    local: Vec<usize>,
+    /// Numbers of the shared parameters, in the order of the border.
+    shared: Vec<usize>,
+    model_error: Option<ModelError>,
+    /// The scale of each block variable in the norm by which factors are compressed: its standard deviation in B.
+    scales: Vec<f64>,
+    memory_limit_bytes: u64,
+}
+
+/// What changes from cycle to cycle.
+#[derive(Clone, Serialize, Deserialize)]
+pub struct Memory {
+    /// C_1 … C_K.
+    own: BlockDiagonal,
+    /// F_j, each on the support of its tile.
+    factors: Vec<LocalFactors>,
+    /// Γ, `[block variables, shared]`.
+    sensitivity: Matrix,
+    /// S, `[shared, shared]`.
+    shared: Matrix,
+    /// Draws the probes, and the signs of what is mixed.
+    random: ChaCha8Rng,
+}
+
+/// Q of the state's values.
+struct ModelError {
+    /// The leading directions of each tile.
+    factors: Vec<LocalFactors>,
+    /// The blocks of what is left.
+    rest: BlockDiagonal,
+}
+
+impl LocalFastKalmanFilter {
+    /// A filter that starts from the background, whose error covariance it truncates to the factors and blocks.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] beyond the memory limit; [`Error::Setting`] for a B or Q without places for its control vector.
+    pub fn with_local_factors(
+        problem: impl Into<Problem<dyn TangentLinear>>,
+        settings: LocalFactorSettings,
+    ) -> Result<Self, Error> {
+        let problem = problem.into();
+        let errors = LocalErrors::new(&problem, settings)?;
+        Ok(Self::starting_with(problem, errors))
+    }
+
+    /// The columns that a forecast propagates, whatever the size of the domain: packed factors, the border's and probes.
+    pub fn propagated_columns(&self) -> usize {
+        let errors = &self.belief.errors;
+        let Frame { settings, colours, shared, .. } = &*errors.frame;
+        colours.count * settings.per_tile + shared.len() + settings.residual.probes()
+    }
+}
+
+impl LocalErrors {
+    fn new(problem: &Problem<dyn TangentLinear>, settings: LocalFactorSettings) -> Result<Self, Error> {
+        let layout = problem.background.layout().clone();
+        let calibration = problem.estimated_calibration();
+        let ByPlacement { shared, local } = calibration.by_placement();
+        let (local, places): (Vec<usize>, Vec<(f64, f64)>) = local.into_iter().unzip();
+        let local_cells: Vec<usize> = places.into_iter().map(|(x_m, y_m)| layout.grid.cell_at(x_m, y_m)).collect();
+        let blocks = Blocks::new(&layout, settings.blocks, &local_cells);
+        let tiles = Tiles::new(&layout.grid, settings.tile_m, settings.support_tiles);
+        let (m, cell_count) = (layout.len(), layout.grid.cells());
+        let cells: Vec<usize> = (0..m).map(|value| value % cell_count).chain(local_cells).collect();
+        let mut covering = vec![Vec::new(); cell_count];
+        for tile in 0..tiles.count() {
+            tiles.support(tile).into_iter().for_each(|cell| covering[cell].push(tile));
+        }
+        let mut supports = vec![Vec::new(); tiles.count()];
+        for (variable, &cell) in cells.iter().enumerate() {
+            covering[cell].iter().for_each(|&tile| supports[tile].push(variable));
+        }
+        settings.check(&supports, &blocks, shared.len(), problem.memory_limit_bytes)?;
+        let mut scales = state_scales(&*problem.background_error, &layout);
+        scales.extend(local.iter().map(|&number| calibration.parameters[number].sigma_prior));
+        let state_supports: Vec<Vec<usize>> = supports
+            .iter()
+            .map(|support| support[..support.partition_point(|&variable| variable < m)].to_vec())
+            .collect();
+        let mut random = random::stream(0, "local common factors");
+        let mut factored = |covariance: &dyn Covariance, rank: usize| {
+            let factors =
+                roots::leading_local_factors(covariance, &tiles, &state_supports, &scales, rank, &mut random)?;
+            let mut rest = BlockDiagonal::of(covariance, &blocks);
+            add_to_blocks(&mut rest, &blocks, -1.0, &factors);
+            let factors = factors.iter().zip(&supports).map(|(factors, support)| factors.extended(support)).collect();
+            Ok::<_, Error>(ModelError { factors, rest })
+        };
+        let background = factored(&*problem.background_error, settings.per_tile)?;
+        let model_error = problem.model_error.as_deref();
+        let model_error = model_error.map(|operator| factored(operator, settings.model_error_per_tile)).transpose()?;
+        let memory = Memory {
+            own: background.rest,
+            factors: background.factors,
+            sensitivity: Matrix(Mat::zeros(blocks.variables(), shared.len())),
+            shared: Matrix(Mat::zeros(shared.len(), shared.len())),
+            random,
+        };
+        let colours = tiles.colours(1);
+        let memory_limit_bytes = problem.memory_limit_bytes;
+        let frame = Frame {
+            settings,
+            layout,
+            blocks,
+            tiles,
+            colours,
+            supports,
+            covering,
+            cells,
+            local,
+            shared,
+            model_error,
+            scales,
+            memory_limit_bytes,
+        };
+        let mut errors = Self { frame: Arc::new(frame), memory };
+        let p = calibration.len();
+        let prior = Mat::from_fn(p, p, |i, j| calibration.prior_covariance(i, j));
+        errors.add_calibration_errors(prior.as_ref())?;
+        Ok(errors)
+    }
+
+    /// L with L Lᵀ = S.
+    fn shared_root(&self) -> Result<Mat<f64>, Error> {
+        crate::linalg::cholesky(self.memory.shared.0.clone(), || "the covariance of the shared parameters".into())
+    }
+}
+
+impl Errors for LocalErrors {
+    type Memory = Memory;
+
+    const NAME: &'static str = "the covariance of blocks and local factors";
+
+    fn forecast(&mut self, s: &mut Augmented, cycle: &Cycle<'_>) -> Result<(), Error> {
+        self.propagate(&mut s.state, cycle)?;
+        self.add_errors(cycle)
+    }
+
+    fn analyse(&mut self, s: &mut Augmented, d: &Innovations) -> Result<Fit, Error> {
+        self.analyse_rows(s, d)
+    }
+
+    fn variances(&self) -> Vec<f64> {
+        let Frame { blocks, local, shared, layout, .. } = &*self.frame;
+        let (m, memory) = (layout.len(), &self.memory);
+        let mut variances = vec![0.0; blocks.variables()];
+        memory.own.add_variances(blocks, &mut variances);
+        for factors in &memory.factors {
+            for column in 0..factors.columns() {
+                let values = factors.values.col_as_slice(column);
+                factors
+                    .variables
+                    .iter()
+                    .zip(values)
+                    .for_each(|(&variable, value)| variances[variable] += value * value);
+            }
+        }
+        // (Γ S Γᵀ)ᵢᵢ.
+        let of_border = crate::linalg::product(memory.sensitivity.as_ref(), memory.shared.as_ref());
+        for column in 0..shared.len() {
+            let (a, b) = (of_border.col_as_slice(column), memory.sensitivity.col_as_slice(column));
+            variances.iter_mut().zip(a.iter().zip(b)).for_each(|(variance, (a, b))| *variance += a * b);
+        }
+        let of_local = variances.split_off(m);
+        variances.resize(m + local.len() + shared.len(), 0.0);
+        local.iter().zip(of_local).for_each(|(&number, variance)| variances[m + number] = variance);
+        shared.iter().enumerate().for_each(|(i, &number)| variances[m + number] = memory.shared[(i, i)]);
+        variances
+    }
+
+    /// (blkdiag(C) + Σ F_j F_jᵀ) h_b + Γ S (Γᵀ h_b + h_c), and S (Γᵀ h_b + h_c).
+    fn multiply(&self, h: &[f64]) -> Vec<f64> {
+        let Frame { blocks, local, shared, layout, .. } = &*self.frame;
+        let (m, memory) = (layout.len(), &self.memory);
+        let of_variable = |variable: usize| if variable < m { h[variable] } else { h[m + local[variable - m]] };
+        let of_blocks: Vec<f64> = (0..blocks.variables()).map(of_variable).collect();
+        let mut image = vec![0.0; blocks.variables()];
+        for block in 0..blocks.count() {
+            let members = blocks.members(block);
+            if members.iter().any(|&member| of_blocks[member] != 0.0) {
+                let own = memory.own.block(blocks, block);
+                for (i, &row) in members.iter().enumerate() {
+                    image[row] +=
+                        members.iter().enumerate().map(|(j, &column)| own[(i, j)] * of_blocks[column]).sum::<f64>();
+                }
+            }
+        }
+        for factors in memory.factors.iter() {
+            for column in 0..factors.columns() {
+                let values = factors.values.col_as_slice(column);
+                let rows = || factors.variables.iter().zip(values);
+                let amplitude: f64 = rows().map(|(&variable, value)| value * of_blocks[variable]).sum();
+                if amplitude != 0.0 {
+                    rows().for_each(|(&variable, value)| image[variable] += amplitude * value);
+                }
+            }
+        }
+        let p = shared.len();
+        let seen: Vec<f64> = (0..p)
+            .map(|i| h[m + shared[i]] + isobar_model::vector::dot(memory.sensitivity.col_as_slice(i), &of_blocks))
+            .collect();
+        let of_shared: Vec<f64> = (0..p).map(|i| (0..p).map(|j| memory.shared[(i, j)] * seen[j]).sum()).collect();
+        for (i, &amplitude) in of_shared.iter().enumerate() {
+            isobar_model::vector::axpy(amplitude, memory.sensitivity.col_as_slice(i), &mut image);
+        }
+        let mut result = image[..m].to_vec();
+        result.resize(m + local.len() + p, 0.0);
+        local.iter().zip(&image[m..]).for_each(|(&number, value)| result[m + number] = *value);
+        shared.iter().zip(of_shared).for_each(|(&number, value)| result[m + number] = value);
+        result
+    }
+
+    fn widen_calibration(&mut self, widening: MatRef<'_, f64>) {
+        self.widen(widening);
+    }
+
+    fn replace_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
+        self.replace(covariance)
+    }
+
+    fn memory(&self) -> &Memory {
+        &self.memory
+    }
+
+    fn recall(&mut self, memory: Memory, _: &Augmented) -> Result<(), Error> {
+        let Frame { blocks, shared, supports, .. } = &*self.frame;
+        let (b, p) = (blocks.variables(), shared.len());
+        require(memory.own.values().len() == blocks.matrices_len(), "the covariance of the blocks")?;
+        let fits = memory.factors.len() == supports.len()
+            && memory.factors.iter().zip(supports).all(|(factors, support)| {
+                factors.variables == *support && factors.values.has_shape(support.len(), factors.columns())
+            });
+        require(fits, "the matrix of the local factors")?;
+        require(memory.sensitivity.has_shape(b, p) && memory.shared.has_shape(p, p), "the border")?;
+        self.memory = memory;
+        Ok(())
+    }
+
+    fn require_memory(&self, observations: usize, _: usize, limit_bytes: u64) -> Result<(), Error> {
+        // M has a block for each two tiles whose supports overlap, its factor some times as much; the rows of a chunk of
+        // components see the tiles whose supports cover a cell.
+        let columns: usize = self.memory.factors.iter().map(LocalFactors::columns).sum();
+        let seen = self.frame.colours.count * self.frame.settings.per_tile + self.frame.shared.len();
+        let numbers = 16.0 * columns as f64 * seen as f64 + 4.0 * observations as f64 * seen as f64;
+        require_memory(limit_bytes, numbers, || format!("the analysis of {observations} observations with {columns} local factors"))
+    }
+}

@@ -1,0 +1,61 @@
+//! Localising rotations: each direction of the factors moves to the tile that it is nearest to.
+
+use super::local_factors::{LocalFactors, positions, union};
+use super::tiles::Pair;
+use super::{Frame, LocalErrors};
+use crate::linalg::{add_symmetric_product, eigen, product};
+use faer::Mat;
+use rayon::prelude::*;
+use std::sync::Arc;
+
+impl LocalErrors {
+    /// Rotates the factors of all pairs of neighbours, first along x, then along y; supports grow to those of both.
+    pub(super) fn localize(&mut self) {
+        let frame = Arc::clone(&self.frame);
+        for group in frame.tiles.pairs() {
+            let rotated: Vec<[LocalFactors; 2]> = group
+                .par_iter()
+                .map(|pair| rotated(&frame, pair, pair.tiles.map(|tile| &self.memory.factors[tile])))
+                .collect();
+            for (pair, factors) in group.iter().zip(rotated) {
+                for (&tile, factors) in pair.tiles.iter().zip(factors) {
+                    self.memory.factors[tile] = factors;
+                }
+            }
+        }
+    }
+}
+
+/// The factors of a pair, rotated: with `Y = [F_1 F_2]` and s(x) the place across their common edge,
+///
+/// ```text
+/// U = eigenvectors of Yᵀ N diag(s) Y, ascending      F_1 ← Y U(:, 1 … r_1)      F_2 ← Y U(:, r_1 + 1 …)
+/// ```
+///
+/// U is orthogonal, so that Σ F Fᵀ stays what it is. Of all rotations it makes tr F_1ᵀ N diag(s) F_1 least: since the
+/// squares of the distances from the middles of the two tiles differ by a linear function of s, that makes the sum of
+/// squared distances, weighted with the variance, as small as it can be.
+fn rotated(frame: &Frame, pair: &Pair, factors: [&LocalFactors; 2]) -> [LocalFactors; 2] {
+    let variables = union(factors.map(|factors| factors.variables.as_slice()));
+    let [first, second] = factors.map(LocalFactors::columns);
+    let mut y = Mat::zeros(variables.len(), first + second);
+    for (factors, from) in factors.into_iter().zip([0, first]) {
+        let rows = positions(&factors.variables, &variables);
+        for column in 0..factors.columns() {
+            let target = y.col_as_slice_mut(from + column);
+            rows.iter().zip(factors.values.col_as_slice(column)).for_each(|(&row, value)| target[row] = *value);
+        }
+    }
+    let weights: Vec<f64> = variables
+        .iter()
+        .map(|&variable| frame.tiles.beyond(pair, frame.cells[variable]) / frame.scales[variable].powi(2))
+        .collect();
+    let weighted = Mat::from_fn(y.nrows(), y.ncols(), |i, j| weights[i] * y[(i, j)]);
+    let mut moments = Mat::zeros(y.ncols(), y.ncols());
+    add_symmetric_product(moments.as_mut(), 1.0, y.transpose(), weighted.as_ref());
+    let (_, rotation) = eigen(moments.as_ref());
+    let y = product(y.as_ref(), rotation.as_ref());
+    let part =
+        |from: usize, count: usize| LocalFactors::new(variables.clone(), y.get(.., from..from + count).to_owned());
+    [part(0, first), part(first, second)]
+}

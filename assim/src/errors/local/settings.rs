@@ -1,0 +1,85 @@
+//! How the filter with local factors is set up.
+
+use crate::error::Error;
+use crate::errors::blocks::{BlockShape, Blocks};
+
+/// How the filter with local factors is set up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LocalFactorSettings {
+    /// The blocks.
+    pub blocks: BlockShape,
+    /// Factors r of each tile.
+    pub per_tile: usize,
+    /// Directions of Q that join the factors of each tile in a forecast.
+    pub model_error_per_tile: usize,
+    /// About how wide a tile is \[m\].
+    pub tile_m: f64,
+    /// How many tiles wide the support of a tile's factors is, q.
+    pub support_tiles: usize,
+    /// Of the factors of a tile, how many are random sums of the directions that a compression leaves over. These keep
+    /// what blocks have in common there, in the mean, where a dissipative model would soon take it from the blocks.
+    pub mixed: usize,
+    /// How the block-diagonal part is forecast.
+    pub residual: LocalResidual,
+}
+
+/// How the block-diagonal part C_k of the covariance is forecast.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LocalResidual {
+    /// C_k stays as it is.
+    Persist,
+    /// ρ_i ρ_j C_k, where ρ is how much of its standard deviation each variable keeps, as so many random draws show.
+    Probe(usize),
+}
+
+impl LocalResidual {
+    /// Number of draws.
+    pub(super) fn probes(self) -> usize {
+        if let Self::Probe(count) = self { count } else { 0 }
+    }
+}
+
+impl LocalFactorSettings {
+    /// Fails if they make no sense, or need more memory than the limit.
+    ///
+    /// # Errors
+    /// [`Error::Setting`], [`Error::TooLarge`].
+    pub(super) fn check(
+        &self,
+        supports: &[Vec<usize>],
+        blocks: &Blocks,
+        shared: usize,
+        limit: u64,
+    ) -> Result<(), Error> {
+        let Self { per_tile, model_error_per_tile, mixed, .. } = *self;
+        let smallest = supports.iter().map(Vec::len).min().unwrap_or(0);
+        if per_tile == 0 || per_tile.max(model_error_per_tile) > smallest {
+            return Err(Error::Setting(format!(
+                "{per_tile} factors of a tile, with {model_error_per_tile} of the model error, do not fit: there must be one at \
+                 least, and no more than the {smallest} variables of the smallest support"
+            )));
+        }
+        if mixed >= per_tile {
+            return Err(Error::Setting(format!(
+                "of {per_tile} factors of a tile, {mixed} cannot be sums of what is left over"
+            )));
+        }
+        let (b, p) = (blocks.variables() as u64, shared as u64);
+        let held: u64 = supports.iter().map(|support| support.len() as u64).sum();
+        let columns = (per_tile + model_error_per_tile) as u64;
+        // The factors with those of Q, these, both as rotations embed them, the packed columns, the blocks and the border.
+        let largest = supports.iter().map(|support| support.len() as u64).max().unwrap_or(0);
+        let packed = b * (held / b.max(1) + 1) * per_tile as u64;
+        let needed_bytes = 8
+            * (held * (3 * columns + 2)
+                + packed
+                + 4 * largest * columns
+                + 3 * blocks.matrices_len() as u64
+                + 3 * b * p);
+        if needed_bytes > limit {
+            let what = format!("{columns} factors on each of {} supports of up to {largest} variables", supports.len());
+            return Err(Error::TooLarge { what, needed_bytes, limit_bytes: limit });
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,133 @@
+//! `local_factors`: factors of tiles instead of the whole domain, in a Fast Kalman Filter.
+
+use super::Surroundings;
+use crate::reader::{Absent, AnyKey, Key, Limits, Read, Section, Table, Whole};
+use isobar_assim::fast_kalman::{FastKalmanSettings, Precision, Residual};
+use isobar_assim::local_factors::{LocalFactorSettings, LocalResidual};
+
+/// Tiles are so many correlation lengths of the model error wide, unless the scenario says otherwise.
+const TILE_LENGTHS: f64 = 2.0;
+
+/// The supports of factors are so many tiles wide: a margin of 1.5 tiles, 3 lengths, on either side of a tile.
+const SUPPORT_TILES: usize = 4;
+
+pub(super) const LOCAL_FACTORS: Key<Table> = Key::absent(
+    "local_factors",
+    "",
+    Table("a table", KEYS),
+    Absent::Explained("factors of the whole domain"),
+    "common factors of tiles, whose number does not grow with the domain; in place of `factors`",
+);
+
+const KEYS: &[&dyn AnyKey] = &[&PER_TILE, &TILE_KM, &SUPPORT_KM, &MODEL_ERROR_PER_TILE, &MIXED];
+
+const PER_TILE: Key<Whole> =
+    Key::absent("per_tile", "", Whole(1, 1000), Absent::Means(8), "factors of each tile; 12 for a nonlinear model");
+
+const TILE_KM: Key<Limits> = Key::absent(
+    "tile_km",
+    "km",
+    Limits::Between(1e-3, 1e6),
+    Absent::Explained("twice the shortest correlation length of the model error"),
+    "width of a tile",
+);
+
+const SUPPORT_KM: Key<Limits> = Key::absent(
+    "support_km",
+    "km",
+    Limits::Between(1e-3, 1e6),
+    Absent::Explained("four tiles"),
+    "width of the square about a tile beyond which its factors are cut off: what errors travel in a cycle must stay in it",
+);
+
+const MODEL_ERROR_PER_TILE: Key<Whole> = Key::absent(
+    "model_error_per_tile",
+    "",
+    Whole(1, 1000),
+    Absent::Explained("twice `per_tile`"),
+    "directions of the model error that join the factors of each tile in a forecast",
+);
+
+const MIXED: Key<Whole> = Key::absent(
+    "mixed",
+    "",
+    Whole(0, 999),
+    Absent::Means(0),
+    "factors of each tile that are random sums of what a compression leaves over; 2 for a nonlinear model",
+);
+
+/// The settings of local factors, if the method has any, and of its blocks.
+pub(super) fn read(
+    section: &Section<'_>,
+    surroundings: &Surroundings,
+    filter: &FastKalmanSettings,
+) -> Read<Option<LocalFactorSettings>> {
+    let Some(field) = section.optional(LOCAL_FACTORS.name) else { return Ok(None) };
+    for (key, excluded) in [
+        ("factors", filter.factors > 0),
+        ("factor_grid", section.optional("factor_grid").is_some()),
+        ("factor_precision", filter.factor_precision == Precision::Single),
+        ("bias_coupling", section.optional("bias_coupling").is_some()),
+        ("separator_factors", section.optional("separator_factors").is_some()),
+        ("largest_component", section.optional("largest_component").is_some()),
+    ] {
+        if excluded {
+            return Err(section.required(key)?.misplaced(
+                format!("`{key}` belongs to factors of the whole domain, and this method has local ones"),
+                "leave out this key or `local_factors`",
+            ));
+        }
+    }
+    let residual = match (section.optional("residual"), filter.residual) {
+        (None, _) => LocalResidual::Probe(8),
+        (_, Residual::Persist) => LocalResidual::Persist,
+        (_, Residual::Probe { count }) => LocalResidual::Probe(count),
+        (Some(field), Residual::Exact) => {
+            let message = "local factors leave a residual that no exact forecast is worth".to_string();
+            return Err(field.invalid(message, "must be \"probe\" or \"persist\" with `local_factors`"));
+        }
+    };
+    let own = field.section(&KEYS.iter().map(|key| key.name()).collect::<Vec<_>>())?;
+    let per_tile = own.get(&PER_TILE)?;
+    let tile_m = match (own.find(&TILE_KM)?, surroundings.error_length_m) {
+        (Some(tile_km), _) => tile_km * 1e3,
+        (None, Some(length_m)) => TILE_LENGTHS * length_m,
+        (None, None) => {
+            let message = "no correlation length says how wide a tile should be".to_string();
+            return Err(field.invalid(message, "needs `tile_km`"));
+        }
+    };
+    let support_tiles = match own.find(&SUPPORT_KM)? {
+        Some(support_km) if support_km * 1e3 < tile_m => {
+            let message = format!("a support of {support_km} km is narrower than a tile, {} km", tile_m / 1e3);
+            return Err(own.required(SUPPORT_KM.name)?.invalid(message, "must be at least as wide as a tile"));
+        }
+        Some(support_km) => (support_km * 1e3 / tile_m).round() as usize,
+        None => SUPPORT_TILES,
+    };
+    let mixed = own.get(&MIXED)?;
+    if mixed >= per_tile {
+        let message = format!("{mixed} of {per_tile} factors of a tile cannot be sums of what is left over");
+        return Err(own.required(MIXED.name)?.invalid(message, "must be less than `per_tile`"));
+    }
+    Ok(Some(LocalFactorSettings {
+        blocks: filter.blocks,
+        per_tile,
+        model_error_per_tile: own.find(&MODEL_ERROR_PER_TILE)?.unwrap_or(2 * per_tile),
+        tile_m,
+        support_tiles,
+        mixed,
+        residual,
+    }))
+}
+
+/// The settings in words.
+pub(super) fn describe(settings: &LocalFactorSettings) -> String {
+    let LocalFactorSettings { per_tile, tile_m, support_tiles, mixed, .. } = settings;
+    let mut words =
+        format!("{per_tile} factors on each tile of {} km, cut off beyond {support_tiles} tiles", tile_m / 1e3);
+    if *mixed > 0 {
+        words += &format!(", {mixed} of them mixed");
+    }
+    words
+}
