@@ -27,7 +27,7 @@ impl SweepSummary {
             let written = text.and_then(|text| fs::write(&path, text).map_err(|error| error.to_string()));
             written.map_err(|reason| SinkError { path, reason })
         };
-        put(TABLE_FILE, Ok(self.table(scenario).csv()))?;
+        put(TABLE_FILE, Ok(self.all_scores(scenario).csv()))?;
         if with_page {
             put(REPORT_FILE, self.html(scenario).map_err(|error| error.to_string()))?;
             let figures = directory.join(FIGURES_DIRECTORY);
@@ -41,7 +41,7 @@ impl SweepSummary {
         put(SWEEP_FILE, json.map_err(|error| error.to_string()))
     }
 
-    fn table(&self, scenario: &Scenario) -> Table {
+    fn all_scores(&self, scenario: &Scenario) -> Table {
         let keys: Vec<&str> = scenario.sweep.iter().flat_map(|sweep| sweep.vary.keys()).map(String::as_str).collect();
         let header = [&["method", "setting"], &keys[..], &["score", "seeds", "mean", "mean_low", "mean_high"]].concat();
         let mut rows = Vec::new();

@@ -2,7 +2,7 @@
 
 use super::component::{CovarianceSettings, LENGTH_KM};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Key, Limits, Read, Section};
+use crate::reader::{Key, Limits};
 use isobar_assim::covariance::{Balanced, BalancedParameters};
 use isobar_assim::{Covariance, Error};
 use isobar_model::Layout;

@@ -2,7 +2,7 @@
 
 use super::component::{CovarianceSettings, LENGTH_KM, SIGMA, VARIABLE};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Absent, Choice, Key, Limits, Read, Section};
+use crate::reader::{Absent, Choice, Key, Limits};
 use isobar_assim::covariance::{CorrelationFunction, Univariate};
 use isobar_assim::{Covariance, Error};
 use isobar_model::Layout;

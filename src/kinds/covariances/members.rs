@@ -2,7 +2,7 @@
 
 use super::component::{CovarianceSettings, VARIABLE};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Absent, Described, Key, Limits, Read, Section, fields};
+use crate::reader::{Absent, Described, Key, Limits, fields};
 use faer::Mat;
 use isobar_assim::covariance::LocalizedEnsemble;
 use isobar_assim::{Covariance, Error};

@@ -2,7 +2,6 @@
 
 use super::component::{CovarianceSettings, LENGTH_KM, SIGMA, VARIABLE};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Read, Section};
 use isobar_assim::covariance::Univariate;
 use isobar_assim::{Covariance, Error};
 use isobar_model::Layout;

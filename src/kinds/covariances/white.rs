@@ -2,7 +2,6 @@
 
 use super::component::{CovarianceSettings, SIGMA, VARIABLE};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Read, Section};
 use isobar_assim::covariance::White;
 use isobar_assim::{Covariance, Error};
 use isobar_model::Layout;

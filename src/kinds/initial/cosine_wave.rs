@@ -2,7 +2,7 @@
 
 use super::state::InitialState;
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Absent, Integer, Key, Limits, Read, Section};
+use crate::reader::{Absent, Integer, Key, Limits};
 use isobar_model::initial::{CosineWave, cosine_wave};
 use isobar_model::{ModelError, State, advection};
 
@@ -26,7 +26,7 @@ const fn waves(name: &'static str, default: i64, meaning: &'static str) -> Key<I
     Key::absent(name, "", Integer(-2048, 2048), Absent::Means(default), meaning)
 }
 
-pub(super) const KIND: Kind<dyn InitialState, Domain> = Kind::new(
+pub(super) const KIND: Kind<dyn InitialState, Domain> = Kind::<dyn InitialState, Domain>::new(
     "cosine_wave",
     "A cosine wave of tracer",
     &[&[&MEAN, &AMPLITUDE, &WAVES_X, &WAVES_Y, &PHASE_DEG]],

@@ -2,7 +2,7 @@
 
 use super::state::InitialState;
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Described, Field, Key, Read, Section, fields};
+use crate::reader::{Described, Field, Key, Read, fields};
 use crate::text::clean;
 use isobar_model::{Boundary, ModelError, State, advection, shallow_water};
 

@@ -2,7 +2,7 @@
 
 use super::state::{InitialState, LENGTH, fraction};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Key, Limits, Read, Section};
+use crate::reader::{Key, Limits};
 use isobar_model::initial::{GaussianHill, gaussian_hills};
 use isobar_model::{ModelError, State, advection};
 
@@ -14,7 +14,7 @@ const CENTER_X: Key<Limits> = fraction("center_x_fraction", "x of the top");
 
 const CENTER_Y: Key<Limits> = fraction("center_y_fraction", "y of the top");
 
-pub(super) const KIND: Kind<dyn InitialState, Domain> = Kind::new(
+pub(super) const KIND: Kind<dyn InitialState, Domain> = Kind::<dyn InitialState, Domain>::new(
     "gaussian_hill",
     "A Gaussian hill of tracer",
     &[&[&AMPLITUDE, &WIDTH_KM, &CENTER_X, &CENTER_Y]],

@@ -2,7 +2,7 @@
 
 use super::state::{InitialState, LENGTH, MEAN_DEPTH_M, check_rotation, fraction, mean_depth_m, on_water};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Absent, Key, Limits, Read, Section};
+use crate::reader::{Absent, Key, Limits};
 use isobar_model::initial::{HeightPerturbation, JetConfig, geostrophic_jet};
 use isobar_model::{ModelError, State};
 
@@ -28,7 +28,7 @@ const PERTURBATION_WIDTH_KM: Key<Limits> = Key::absent(
     "half width of the bump in both directions",
 );
 
-pub(super) const KIND: Kind<dyn InitialState, Domain> = Kind::new(
+pub(super) const KIND: Kind<dyn InitialState, Domain> = Kind::<dyn InitialState, Domain>::new(
     "jet",
     "An eastward jet in geostrophic balance",
     &[&[&MEAN_DEPTH_M, &SPEED, &WIDTH_KM, &CENTER_Y, &PERTURBATION_HEIGHT_M, &PERTURBATION_WIDTH_KM]],

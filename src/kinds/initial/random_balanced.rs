@@ -2,7 +2,7 @@
 
 use super::state::{BalancedHeights, InitialState, LENGTH, MEAN_DEPTH_M, check_rotation, mean_depth_m, on_water};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Key, Limits, Read, Section};
+use crate::reader::{Key, Limits};
 use isobar_model::initial::{RandomConfig, random_balanced};
 use isobar_model::random::stream;
 use isobar_model::{ModelError, State};
@@ -12,7 +12,7 @@ const SIGMA_HEIGHT_M: Key<Limits> =
 
 const LENGTH_KM: Key<Limits> = Key::required("length_km", "km", LENGTH, "correlation length");
 
-pub(super) const KIND: Kind<dyn InitialState, Domain> = Kind::new(
+pub(super) const KIND: Kind<dyn InitialState, Domain> = Kind::<dyn InitialState, Domain>::new(
     "random_balanced",
     "A random height with the wind in geostrophic balance",
     &[&[&MEAN_DEPTH_M, &SIGMA_HEIGHT_M, &LENGTH_KM]],

@@ -2,12 +2,11 @@
 
 use super::state::{InitialState, MEAN_DEPTH_M, mean_depth_m, on_water};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Read, Section};
 use isobar_model::initial::rest;
 use isobar_model::{ModelError, State};
 
 pub(super) const KIND: Kind<dyn InitialState, Domain> =
-    Kind::new("rest", "Still water", &[&[&MEAN_DEPTH_M]], |section, domain| {
+    Kind::<dyn InitialState, Domain>::new("rest", "Still water", &[&[&MEAN_DEPTH_M]], |section, domain| {
         Ok(Box::new(Rest { mean_depth_m: mean_depth_m(section, domain)? }))
     })
     .only_if(|domain| domain.model.is_shallow_water());

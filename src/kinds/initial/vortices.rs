@@ -2,7 +2,7 @@
 
 use super::state::{BalancedHeights, InitialState, LENGTH, MEAN_DEPTH_M, check_rotation, mean_depth_m, on_water};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Key, Limits, Read, Section, Whole};
+use crate::reader::{Key, Limits, Whole};
 use isobar_model::initial::{Vortex, vortices};
 use isobar_model::random::stream;
 use isobar_model::{ModelError, State};
@@ -15,7 +15,7 @@ const HEIGHT_M: Key<Limits> = Key::required("height_m", "m", Limits::Any, "heigh
 const RADIUS_KM: Key<Limits> =
     Key::required("radius_km", "km", LENGTH, "radius, the standard deviation of the Gaussian");
 
-pub(super) const KIND: Kind<dyn InitialState, Domain> = Kind::new(
+pub(super) const KIND: Kind<dyn InitialState, Domain> = Kind::<dyn InitialState, Domain>::new(
     "vortices",
     "Balanced vortices at random places, of both signs in turn",
     &[&[&MEAN_DEPTH_M, &COUNT, &HEIGHT_M, &RADIUS_KM]],

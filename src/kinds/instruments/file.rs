@@ -2,7 +2,7 @@
 
 use super::common::{ASSIMILATE, at_file};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Absent, Choice, Described, Key, Limits, Read, Section, files};
+use crate::reader::{Absent, Choice, Described, Key, Limits, Read, files};
 use isobar_model::Duration;
 use isobar_obs::{InstrumentSettings, ObservationFile, RecordedSettings, WindAxes};
 

@@ -3,7 +3,7 @@
 use super::adapt::ADAPT;
 use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, Setup, Surroundings};
 use crate::kinds::Kind;
-use crate::reader::{Key, Read, Section, Whole};
+use crate::reader::{Key, Whole};
 use isobar_assim::banded::BandedKalmanFilter;
 use isobar_assim::{Assimilator, Error};
 

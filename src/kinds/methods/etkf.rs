@@ -2,7 +2,6 @@
 
 use super::{MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings, ensemble};
 use crate::kinds::Kind;
-use crate::reader::{Read, Section};
 use isobar_assim::ensemble::{EnsembleSettings, EnsembleTransformKalmanFilter};
 use isobar_assim::{Assimilator, Error};
 

@@ -2,7 +2,7 @@
 
 use super::{BIAS, MethodSettings, Setup, Surroundings, variational};
 use crate::kinds::Kind;
-use crate::reader::{Absent, Key, Read, Section, Whole};
+use crate::reader::{Absent, Key, Whole};
 use isobar_assim::variational::{FourDVar, FourDVarSettings, ThreeDVarSettings};
 use isobar_assim::{Assimilator, Error};
 

@@ -2,7 +2,6 @@
 
 use super::{MethodSettings, Setup, Surroundings};
 use crate::kinds::Kind;
-use crate::reader::{Read, Section};
 use isobar_assim::free::FreeRun;
 use isobar_assim::{Assimilator, Error};
 

@@ -2,7 +2,7 @@
 
 use super::{MethodSettings, Setup, Surroundings, ensemble, variational};
 use crate::kinds::Kind;
-use crate::reader::{Key, Limits, Read, Section};
+use crate::reader::{Key, Limits};
 use isobar_assim::variational::{HybridSettings, HybridThreeDVar};
 use isobar_assim::{Assimilator, Error};
 

@@ -3,7 +3,6 @@
 use super::adapt::ADAPT;
 use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings};
 use crate::kinds::Kind;
-use crate::reader::{Read, Section};
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::{Assimilator, Error};
 

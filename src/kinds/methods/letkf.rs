@@ -2,7 +2,6 @@
 
 use super::{MethodSettings, Setup, Surroundings, ensemble};
 use crate::kinds::Kind;
-use crate::reader::{Read, Section};
 use isobar_assim::ensemble::{EnsembleSettings, LocalEnsembleTransformKalmanFilter, LocalSettings};
 use isobar_assim::{Assimilator, Error};
 

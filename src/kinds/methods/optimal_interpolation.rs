@@ -3,7 +3,6 @@
 use super::adapt::ADAPT_STATIC;
 use super::{BIAS, COVARIANCE_SCALE, MethodSettings, Setup, Surroundings};
 use crate::kinds::Kind;
-use crate::reader::{Read, Section};
 use isobar_assim::optimal_interpolation::OptimalInterpolation;
 use isobar_assim::{Assimilator, Error};
 

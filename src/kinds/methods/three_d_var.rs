@@ -3,7 +3,6 @@
 use super::adapt::ADAPT_STATIC;
 use super::{BIAS, MethodSettings, Setup, Surroundings, variational};
 use crate::kinds::Kind;
-use crate::reader::{Read, Section};
 use isobar_assim::variational::{ThreeDVar, ThreeDVarSettings};
 use isobar_assim::{Assimilator, Error};
 

@@ -4,7 +4,7 @@ use super::equations::Equations;
 use super::integration::{self, Integration, TIME_STEP_S};
 use super::parameter::{Parameter, SPEED, flow, northward, speed_or_zero};
 use crate::kinds::{Kind, Kinds, read};
-use crate::reader::{Absent, Choice, Key, Limits, Read, Section, Table};
+use crate::reader::{Absent, Choice, Key, Limits, Table};
 use isobar_model::{Adjoint, Advection, AdvectionScheme, Duration, Grid, ModelError, Wind};
 use std::sync::Arc;
 

@@ -4,7 +4,7 @@ use super::advection;
 use super::equations::Equations;
 use super::integration::TIME_STEP_S;
 use crate::kinds::Kind;
-use crate::reader::{Absent, Integer, Key, Read, Section};
+use crate::reader::{Absent, Integer, Key};
 use isobar_model::{Adjoint, Boundary, Duration, ExactShift, Grid, ModelError};
 use std::sync::Arc;
 

@@ -5,7 +5,7 @@ use super::integration;
 use super::parameter::{BasicState, Parameter, flow, northward, speed_or_zero};
 use super::water::{self, VARIABLES, Water};
 use crate::kinds::Kind;
-use crate::reader::{Key, Limits, Read, Section};
+use crate::reader::{Key, Limits};
 use isobar_model::{Adjoint, Duration, Grid, LinearShallowWater, ModelError};
 use std::sync::Arc;
 

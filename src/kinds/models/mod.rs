@@ -14,7 +14,7 @@ pub use equations::Equations;
 pub use parameter::{BasicState, Parameter};
 pub use water::Water;
 
-use super::{Kind, Kinds, choose};
+use super::{Kinds, choose};
 use crate::reader::{Field, Read, Section};
 use given::GivenModel;
 use integration::TIME_STEP_S;

@@ -5,7 +5,6 @@ use super::integration;
 use super::parameter::Parameter;
 use super::water::{self, VARIABLES, Water};
 use crate::kinds::Kind;
-use crate::reader::{Read, Section};
 use isobar_model::{Adjoint, Duration, Grid, ModelError};
 use std::sync::Arc;
 

@@ -5,7 +5,7 @@ mod factors;
 
 use super::{MethodSettings, Setup, Surroundings, fast_kalman};
 use crate::kinds::Kind;
-use crate::reader::{Absent, AnyKey, Choice, Key, Limits, Read, Section, Table, Whole};
+use crate::reader::{Absent, Choice, Key, Limits, Read, Section, Table, Whole};
 use corrections::ModelCorrections;
 use factors::{FactorSettings, MOST};
 use isobar_assim::fast_kalman::FastKalmanSettings;
