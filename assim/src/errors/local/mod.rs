@@ -322,6 +322,8 @@ impl Errors for LocalErrors {
         let columns: usize = self.memory.factors.iter().map(LocalFactors::columns).sum();
         let seen = self.frame.colours.count * self.frame.settings.per_tile + self.frame.shared.len();
         let numbers = 16.0 * columns as f64 * seen as f64 + 4.0 * observations as f64 * seen as f64;
-        require_memory(limit_bytes, numbers, || format!("the analysis of {observations} observations with {columns} local factors"))
+        require_memory(limit_bytes, numbers, || {
+            format!("the analysis of {observations} observations with {columns} local factors")
+        })
     }
 }

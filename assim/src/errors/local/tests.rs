@@ -158,9 +158,14 @@ fn compression_keeps_the_covariance_of_each_block() {
         let mut fewer = LocalFactorSettings { per_tile: 3, ..errors.frame.settings };
         std::mem::swap(&mut Arc::get_mut(&mut errors.frame).unwrap().settings, &mut fewer);
         errors.compress();
-        assert!(errors.memory.factors.iter().zip(&errors.frame.supports).all(|(factors, support)| {
-            factors.columns() == 3 && factors.variables == *support
-        }));
+        assert!(
+            errors
+                .memory
+                .factors
+                .iter()
+                .zip(&errors.frame.supports)
+                .all(|(factors, support)| { factors.columns() == 3 && factors.variables == *support })
+        );
         assert!(difference(&of_blocks(&errors), &before) < 1e-13, "{boundary:?}");
     }
 }
