@@ -126,6 +126,25 @@ fn squares_of_observations_and_biases_are_part_of_a_method() {
     }
 }
 
+/// The first calibration takes the observations box by box.
+#[test]
+fn squares_of_the_observations_in_a_box_are_part_of_the_first_calibration() {
+    let biases = BIAS.replace("per = \"station\"", "per = \"group\"");
+    let changes = [("random = 20", "random = 30000"), ("observe = { tracer = 0.1 }", biases.as_str())];
+    for (box_km, is_refused) in [(5000, true), (100, false)] {
+        let initialise = format!("[initialise]\nmethod = \"high-pass\"\ncycles = 2\nbox_km = {box_km}\n");
+        let scenario = scenario(&changes, &["kind = \"serial_kf\""]) + &initialise;
+        if is_refused {
+            assert_refused(&scenario, &["method m0", "the first calibration of 1 biases from 30000 observations"]);
+        } else {
+            let directory = tempdir().unwrap();
+            fs::write(directory.path().join("t.toml"), &scenario).unwrap();
+            let output = confined(directory.path(), "check t.toml");
+            assert!(output.status.success(), "{}", flat(&output.stderr));
+        }
+    }
+}
+
 #[test]
 fn squares_of_members_are_part_of_a_method() {
     for kind in [

@@ -82,7 +82,6 @@ impl HighPassFilter {
         let simulated = observed.operator.simulate(background, &zero);
         let layout = background.layout();
         let (grid, cells) = (&layout.grid, layout.grid.cells());
-        let mut boxes: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
         for (row, report) in observed.reports.iter().enumerate() {
             let departure = observed.values[row] - simulated[row];
             if !departure.is_finite() {
@@ -90,9 +89,8 @@ impl HighPassFilter {
                     what: format!("the innovation of {}/{}", report.network, report.platform),
                 });
             }
-            let number = |place_m: f64| (place_m / self.settings.box_m) as usize;
-            boxes.entry((number(report.y_m), number(report.x_m))).or_default().push(row);
         }
+        let boxes = self.boxes(observed);
         let block = |rows: &Vec<usize>| {
             // How much a correction of 1 of its variable changes an observation: 1, but beside a wall.
             let weight = |row: usize| {
@@ -139,6 +137,22 @@ impl HighPassFilter {
         self.rows.add(&blocks)
     }
 
+    /// The numbers of the observations in each box.
+    fn boxes(&self, observed: &ObservationWindow) -> BTreeMap<(usize, usize), Vec<usize>> {
+        let number = |place_m: f64| (place_m / self.settings.box_m) as usize;
+        let mut boxes: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
+        for (row, report) in observed.reports.iter().enumerate() {
+            boxes.entry((number(report.y_m), number(report.x_m))).or_default().push(row);
+        }
+        boxes
+    }
+
+    /// How many numbers the observations of a cycle take: V and G of all boxes, twice while they are eliminated, and what is
+    /// known of the biases.
+    pub(crate) fn numbers(&self, observed: &ObservationWindow) -> f64 {
+        numbers(self.boxes(observed).values().map(Vec::len), self.calibration.len())
+    }
+
     /// The calibration as far as the batch determines it.
     pub fn solve(&self) -> HighPassSolution {
         let parameters = &self.calibration.parameters;
@@ -164,6 +178,13 @@ impl HighPassFilter {
     pub(crate) fn restore(&mut self, triangle: Mat<f64>) {
         self.rows = BorderRows::from_triangle(triangle);
     }
+}
+
+/// How many numbers boxes with so many observations take, with p biases.
+pub(crate) fn numbers(boxes: impl Iterator<Item = usize>, parameters: usize) -> f64 {
+    let p = parameters as f64;
+    let of_boxes: f64 = boxes.map(|n| n as f64 * (n as f64 + p)).sum();
+    2.0 * of_boxes + 3.0 * p * p
 }
 
 /// A combination of parameters in words: `europe/h/A + 0.5 polar/offset`.

@@ -4,7 +4,7 @@ use crate::assimilator::{Adjustments, Assimilator, CalibrationAdjustment, Views,
 use crate::error::Error;
 use crate::estimate::{Analysis, Background};
 use crate::estimated::{EstimatedParameter, EstimatesParameters};
-use crate::high_pass::{HighPassFilter, HighPassSettings, HighPassSolution, in_words};
+use crate::high_pass::{self, HighPassFilter, HighPassSettings, HighPassSolution, in_words};
 use crate::memory::{Matrix, from_bytes, require, to_bytes};
 use crate::problem::Problem;
 use faer::MatRef;
@@ -50,6 +50,12 @@ impl Initialised {
         if inner.adjust().replace().is_none() {
             return refuse("this method cannot start from another calibration than the parameters' priors");
         }
+        // As if the observations lay evenly over the boxes; those of a cycle are counted when they come.
+        let grid = &problem.background.layout().grid;
+        let boxes = [grid.width_m(), grid.height_m()].map(|side_m| (side_m / settings.box_m).ceil().max(1.0));
+        let (boxes, observations) = ((boxes[0] * boxes[1]).min(1e6) as usize, problem.most_observations);
+        let numbers = high_pass::numbers((0..boxes).map(|_| observations / boxes), calibration.len());
+        problem.require_memory(numbers, || in_words_of_size(observations, calibration.len()))?;
         let filter = HighPassFilter::new(calibration, problem.background_error.clone(), settings);
         Ok(Self { inner, problem, filter, cycles: settings.cycles, done: 0, solution: None, is_reported: false })
     }
@@ -58,6 +64,12 @@ impl Initialised {
     pub fn solution(&self) -> Option<&HighPassSolution> {
         self.solution.as_ref()
     }
+}
+
+fn in_words_of_size(observations: usize, parameters: usize) -> String {
+    format!(
+        "the first calibration of {parameters} biases from {observations} observations, with the square of those in each box,"
+    )
 }
 
 impl Assimilator for Initialised {
@@ -72,6 +84,8 @@ impl Assimilator for Initialised {
         }
         self.done += 1;
         if self.done < self.cycles {
+            let (numbers, p) = (self.filter.numbers(observed), self.problem.calibration.len());
+            self.problem.require_memory(numbers, || in_words_of_size(observed.len(), p))?;
             self.filter.observe(observed, &from.estimate.state)?;
             return Ok(self.problem.unchanged(observed, from.estimate.clone()));
         }

@@ -273,7 +273,11 @@ pub fn method(problem: &Problem, name: &str, scenario: &Scenario) -> Result<Box<
     let method = scenario.methods[name].build(problem, &scenario.domain(), scenario.start, scenario.cycle.window);
     let method = method.map_err(fault)?;
     match initialisation(name, scenario) {
-        Some(high_pass) => Ok(Box::new(Initialised::new(method, problem.clone(), high_pass).map_err(fault)?)),
+        Some(high_pass) => {
+            let memory_limit_bytes = scenario.methods[name].memory_limit_bytes;
+            let problem = Problem { memory_limit_bytes, ..problem.clone() };
+            Ok(Box::new(Initialised::new(method, problem, high_pass).map_err(fault)?))
+        }
         None => Ok(method),
     }
 }
