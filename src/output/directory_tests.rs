@@ -340,7 +340,7 @@ fn runs_at_the_end_of_another_do_not_disturb_it() {
     let destination = parent.path().join("run");
     let complete = std::sync::atomic::AtomicUsize::new(0);
     let work = || {
-        for _ in 0..100 {
+        for _ in 0..30 {
             match OutputDirectory::create(&destination, Existing::Overwrite) {
                 Ok(output) => {
                     fs::write(output.path().join(SUMMARY_FILE), "new").unwrap();
