@@ -240,12 +240,11 @@ fn a_long_name_is_refused_with_its_line() {
 #[test]
 fn files_are_limited_in_all() {
     let directory = tempdir().unwrap();
-    let mut rows = "cycle,x_m,y_m,variable,value,sigma\n".to_string();
-    (0..60_000)
-        .for_each(|row| rows += &format!("1,3e5,2e5,tracer,{}.123456789012345678901234567890123456789,1\n", row));
+    let remarks = format!("# {}\n", "x".repeat(997)).repeat(80_000);
+    let rows = format!("{remarks}cycle,x_m,y_m,variable,value,sigma\n1,3e5,2e5,tracer,1,1\n");
     fs::write(directory.path().join("o.csv"), &rows).unwrap();
     let named = |number: usize| format!("[networks.f{number}]\nkind = \"file\"\nfile = \"o.csv\"\n");
-    let networks: String = (0..=300_000_000 / rows.len()).map(named).collect();
+    let networks: String = (0..4).map(named).collect();
     let networks = format!("{networks}[methods.free]");
     fs::write(directory.path().join("t.toml"), scenario(&[("[methods.free]", &networks)], &[])).unwrap();
     let output = confined(directory.path(), "check t.toml");
