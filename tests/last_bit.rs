@@ -103,6 +103,12 @@ reference_groups = ["A"]
 observe = { tracer = 0.1 }
 bias = [{ per = "group", variable = "tracer", value = 0.3, assumed_sigma = 0.3 }]
 
+[methods.volume]
+kind = "time_volume"
+factors = 9
+window_cycles = 4
+observation_factors = [{ name = "daily", kind = "sinusoid", period_hours = 24, biases = ["fixed/tracer"] }]
+
 [methods]
 kf = { kind = "kf" }
 "#;
