@@ -58,11 +58,13 @@ pub fn open_to_change(path: &Path) -> io::Result<File> {
 /// # Errors
 /// Those of the file system.
 pub fn create(path: &Path) -> io::Result<File> {
-    match fs::remove_file(path) {
-        Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
-        _ => {}
+    match create_new(path) {
+        Err(error) if error.kind() == ErrorKind::AlreadyExists => {
+            fs::remove_file(path)?;
+            create_new(path)
+        }
+        made => made,
     }
-    create_new(path)
 }
 
 /// Makes an empty file where there is nothing, not even a link.

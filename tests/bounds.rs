@@ -152,7 +152,6 @@ fn squares_of_members_are_part_of_a_method() {
         "kind = \"etkf\"\nmembers = 100000",
         "kind = \"letkf\"\nmembers = 3000\nlocalization_radius_km = 400",
         "kind = \"hybrid_3dvar\"\nmembers = 3000\nensemble_weight = 0.5\nlocalization_radius_km = 400",
-        "kind = \"enkf\"\nmembers = 100000",
     ] {
         assert_refused(&scenario(&[], &[kind]), &["method m0", "members", "more than the limit of 2000.0 MB"]);
     }
@@ -209,10 +208,7 @@ fn what_run_would_refuse_is_refused_by_check() {
         assert_refused(&scenario(&[("[methods.free]", &named)], &[]), &["cannot be called", "has that name"]);
     }
     let pair = "[methods.a-b]\nkind = \"free\"\n[methods.a_b]";
-    assert_refused(
-        &scenario(&[("[methods.free]", pair)], &[]),
-        &["the methods `a-b` and `a_b` differ in case or hyphens"],
-    );
+    assert_refused(&scenario(&[("[methods.free]", pair)], &[]), &["the methods `a-b` and `a_b` differ"]);
     let network = "[networks.Fi-xed]\nkind = \"radiosonde\"\nstations = { random = 2 }\nobserve = { tracer = 1 }\n";
     let networks = format!("{network}{}[methods.free]", network.replace("Fi-xed", "fi_xed"));
     assert_refused(&scenario(&[("[methods.free]", &networks)], &[]), &["the networks `Fi-xed` and `fi_xed` differ"]);
@@ -244,12 +240,11 @@ fn a_long_name_is_refused_with_its_line() {
 #[test]
 fn files_are_limited_in_all() {
     let directory = tempdir().unwrap();
-    let mut rows = "cycle,x_m,y_m,variable,value,sigma\n".to_string();
-    (0..60_000)
-        .for_each(|row| rows += &format!("1,3e5,2e5,tracer,{}.123456789012345678901234567890123456789,1\n", row));
+    let remarks = format!("# {}\n", "x".repeat(997)).repeat(80_000);
+    let rows = format!("{remarks}cycle,x_m,y_m,variable,value,sigma\n1,3e5,2e5,tracer,1,1\n");
     fs::write(directory.path().join("o.csv"), &rows).unwrap();
     let named = |number: usize| format!("[networks.f{number}]\nkind = \"file\"\nfile = \"o.csv\"\n");
-    let networks: String = (0..=300_000_000 / rows.len()).map(named).collect();
+    let networks: String = (0..4).map(named).collect();
     let networks = format!("{networks}[methods.free]");
     fs::write(directory.path().join("t.toml"), scenario(&[("[methods.free]", &networks)], &[])).unwrap();
     let output = confined(directory.path(), "check t.toml");

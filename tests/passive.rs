@@ -49,6 +49,7 @@ factors = 6
 kind = "time_volume"
 blocks = "domain"
 window_cycles = 3
+model_factors = [{ name = "mean", kind = "constant", variable = "tracer" }]
 [methods.etkf]
 kind = "etkf"
 members = 8

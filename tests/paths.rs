@@ -211,7 +211,10 @@ fn sensors_that_were_not_written_back_are_taken_up_by_resume() {
     assert!(calibrations(&parent.join("known.db")) > 0);
     assert_eq!(names(&parent.join("out")), ["small"]);
     let again = fails(isobar(parent, &["resume", "out/small"]));
-    assert!(again.contains("the run is complete") && again.contains("sensors import DATABASE"), "{again}");
+    assert!(
+        again.contains("the run is complete") && again.contains("sensors import sensors.db out/small/sensors.csv"),
+        "{again}"
+    );
 }
 
 /// The plan of a run comes from a file as well: it leads to a database only as long as its scenario says so.

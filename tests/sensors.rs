@@ -393,7 +393,7 @@ fn a_run_is_resumed_only_with_the_knowledge_it_began_with() {
             &["sensors", "recalibrate", "known.db", "polar/offset", "--time", "2026-01-15T12:00:00Z", "--step", "1"],
         );
         let message = fails(parent, &["resume", &run, "--quiet"]);
-        assert!(message.contains("the database of sensors has changed since"), "{message}");
+        assert!(message.contains("what is known of its sensors has changed since, in known.db"), "{message}");
         // With the same one, to the same bits.
         fs::write(parent.join("known.db"), &database).unwrap();
         assert!(succeeds(parent, &["resume", &run, "--quiet"]).contains("new records in"));

@@ -5,7 +5,7 @@ use crate::options::RunOptions;
 use crate::output::directory::{BATCH_FILE, complete_runs};
 use crate::output::{Existing, OutputDirectory, SinkError};
 use crate::run::checkpoint::PlannedRun;
-use crate::run::experiment::Inputs;
+use crate::run::experiment::{self, Inputs};
 use crate::safe_file;
 use crate::scenario::Scenario;
 use crate::shell::command;
@@ -57,7 +57,7 @@ impl BatchPlan {
         kind: BatchKind,
         scenarios: impl IntoIterator<Item = &'a Scenario>,
     ) -> Result<OutputDirectory, Report> {
-        let inputs = Inputs::of_all(scenarios, options.seed, options.cycles);
+        let inputs = experiment::inputs_of(scenarios, options.seed, options.cycles);
         let inputs = inputs.map_err(|error| error.locate(scenario))?;
         let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
         let open = if options.resume { OutputDirectory::resume_batch } else { OutputDirectory::create_batch };

@@ -310,8 +310,14 @@ fn a_working_directory_that_holds_links_or_pipes_is_left_alone() {
                         assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
                     }
                 }
-                for attempt in attempts() {
-                    let error = attempt.unwrap_err().to_string();
+                // A process that another test starts at this moment has the lock, too, until it executes its program.
+                let errors = loop {
+                    let errors = attempts().map(|attempt| attempt.unwrap_err().to_string());
+                    if !errors.iter().any(|error| error.contains("another run writes")) {
+                        break errors;
+                    }
+                };
+                for error in errors {
                     assert!(error.contains("stays as it is"), "{below} {name} {target:?}: {error}");
                 }
                 assert_eq!(names(&precious), ["thesis"]);
@@ -340,7 +346,7 @@ fn runs_at_the_end_of_another_do_not_disturb_it() {
     let destination = parent.path().join("run");
     let complete = std::sync::atomic::AtomicUsize::new(0);
     let work = || {
-        for _ in 0..100 {
+        for _ in 0..30 {
             match OutputDirectory::create(&destination, Existing::Overwrite) {
                 Ok(output) => {
                     fs::write(output.path().join(SUMMARY_FILE), "new").unwrap();

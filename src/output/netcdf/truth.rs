@@ -14,6 +14,8 @@ use std::sync::Arc;
 pub struct TruthFile {
     file: NetcdfFile,
     layout: Arc<Layout>,
+    /// The names of the variables of the state.
+    names: Vec<String>,
     parameters: usize,
 }
 
@@ -30,11 +32,17 @@ impl TruthFile {
         cf::add_global_attributes(&mut definition, info, "truth");
         cf::add_time(&mut definition);
         cf::add_grid(&mut definition, &info.layout, info.projection.as_ref());
+        let taken = [CALIBRATION, "parameter_name", "parameter_unit"];
+        let mut names = Vec::new();
         for variable in &info.layout.variables {
+            // A model may have a variable `x`, as the grid has.
+            let is_taken = taken.contains(&variable.name) || definition.has_variable(variable.name);
+            let name = if is_taken { format!("{}_true", variable.name) } else { variable.name.to_string() };
             let long_name = format!("true {}", variable.long_name);
             let projected = info.projection.is_some();
-            let field = cf::field(variable.name, &long_name, variable.unit, variable.location, projected);
+            let field = cf::field(&name, &long_name, variable.unit, variable.location, projected);
             definition.record(field.with_some("standard_name", variable.standard_name));
+            names.push(name);
         }
         let Calibration { parameters, .. } = &info.calibration;
         if !parameters.is_empty() {
@@ -42,7 +50,7 @@ impl TruthFile {
             definition.record(cf::parameters(CALIBRATION, "true calibration parameters", &info.calibration));
         }
         let (layout, parameters) = (Arc::clone(&info.layout), parameters.len());
-        Ok(Self { file: NetcdfFile::create(path, definition)?, layout, parameters })
+        Ok(Self { file: NetcdfFile::create(path, definition)?, layout, names, parameters })
     }
 
     /// Appends a cycle's truth.
@@ -53,8 +61,7 @@ impl TruthFile {
         let cells = self.layout.grid.cells();
         let time = [time.seconds() as f64];
         let mut values: Vec<(&str, &[f64])> = vec![("time", &time)];
-        let names = self.layout.variables.iter().map(|variable| variable.name);
-        values.extend(names.zip(state.values().chunks_exact(cells)));
+        values.extend(self.names.iter().map(String::as_str).zip(state.values().chunks_exact(cells)));
         if self.parameters > 0 {
             values.push((CALIBRATION, calibration));
         }

@@ -1,7 +1,6 @@
 //! What a run reads beside its scenario's text: it can be resumed only with the same.
 
 use super::builder::AddedMethod;
-use super::{ExperimentError, ground};
 use crate::scenario::Scenario;
 use crate::sensors::knowledge::WarmStart;
 use crate::text::{clean, listed};
@@ -29,27 +28,16 @@ impl Inputs {
         Self { tables: scenario.tables.clone(), sensors: known.collect(), added }
     }
 
-    /// Those of runs of some scenarios, each with at most this number of cycles, beside each other in one directory.
-    ///
-    /// # Errors
-    /// If a database of sensors cannot be read, or a scenario that names one cannot become an experiment.
-    pub fn of_all<'a>(
-        scenarios: impl IntoIterator<Item = &'a Scenario>,
-        seed: Option<u64>,
-        cycles: Option<usize>,
-    ) -> Result<Self, ExperimentError> {
-        let mut all = Self::default();
-        for scenario in scenarios {
-            all.tables.extend(scenario.tables.clone());
-            if let Some(settings) = &scenario.sensors
-                && !all.sensors.contains_key(&settings.name)
-            {
-                let (seed, cycles) = (seed.unwrap_or(scenario.seed), cycles.unwrap_or(scenario.cycle.count));
-                let sensors = ground(scenario, seed, cycles)?.sensors;
-                all.sensors.insert(settings.name.clone(), checksum(&sensors));
-            }
-        }
-        Ok(all)
+    /// Takes up what a run of a scenario reads beside that of others; of the sensors only in a run for which that is known.
+    pub(super) fn add(&mut self, scenario: &Scenario, sensors: Option<&WarmStart>) {
+        self.tables.extend(scenario.tables.clone());
+        let known = scenario.sensors.iter().zip(sensors);
+        self.sensors.extend(known.map(|(settings, sensors)| (settings.name.clone(), checksum(sensors))));
+    }
+
+    /// Whether it holds what is known of the sensors of a scenario, as far as it names a database of them.
+    pub(super) fn has_sensors_of(&self, scenario: &Scenario) -> bool {
+        scenario.sensors.as_ref().is_none_or(|settings| self.sensors.contains_key(&settings.name))
     }
 
     /// What is not as it was when these were the other ones; `None` if all is.

@@ -340,6 +340,25 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
     Ok(Ground { problem, sensors, truth, observing })
 }
 
+/// What runs of some scenarios read that are beside each other in one directory, each with at most this number of cycles.
+///
+/// # Errors
+/// If a database of sensors cannot be read, or a scenario that names one cannot become an experiment.
+pub fn inputs_of<'a>(
+    scenarios: impl IntoIterator<Item = &'a Scenario>,
+    seed: Option<u64>,
+    cycles: Option<usize>,
+) -> Result<Inputs, ExperimentError> {
+    let mut inputs = Inputs::default();
+    for scenario in scenarios {
+        let (seed, cycles) = (seed.unwrap_or(scenario.seed), cycles.unwrap_or(scenario.cycle.count));
+        let is_new = !inputs.has_sensors_of(scenario);
+        let sensors = is_new.then(|| ground(scenario, seed, cycles)).transpose()?.map(|ground| ground.sensors);
+        inputs.add(scenario, sensors.as_ref());
+    }
+    Ok(inputs)
+}
+
 /// What the database of sensors knows at the start of a run; nothing without one.
 fn sensors(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> Result<WarmStart, SensorError> {
     let calibration = observing.calibration();

@@ -21,6 +21,7 @@ mod analysis;
 mod block_diagonal;
 mod calibration;
 mod coarse_grid;
+mod component;
 mod compression;
 mod factored_covariance;
 mod factors;
@@ -39,7 +40,7 @@ pub use crate::tall_matrix::Precision;
 pub use grid_blocks::BlockShape;
 pub use settings::{BiasCoupling, FastKalmanSettings, Residual};
 
-pub(super) use analysis::{check_component, component_size, update_rows};
+pub(super) use component::{check_component, component_size, update_rows};
 pub(super) use block_diagonal::BlockDiagonal;
 pub(crate) use factors::Factors;
 pub(super) use grid_blocks::Blocks;

@@ -6,7 +6,7 @@
 //! is kept where the forecast is exact, which forms A C A' from it: P_k of (28) is A_k Cov(ŝ) A_k' + Q_k with the covariance of
 //! all blocks. Any other forecast drops it, as it does with what merged blocks have in common.
 
-use super::analysis::check_component;
+use super::component::check_component;
 use super::separation::Seen;
 use super::solution::{Solved, SplitRows};
 use super::{BlockErrors, Residual};

@@ -10,7 +10,7 @@
 //! so that L joins Φ in the rows of the block. The analysis stays exact, as does the covariance after it, between blocks
 //! too: it has the form blkdiag + Φ Φᵀ again.
 
-use super::analysis::check_component;
+use super::component::check_component;
 use super::solution::{BlockAnalysis, Solved, SplitRows};
 use super::{BlockErrors, Frame};
 use crate::block_angular::{self, Component, Dissection, Graph, PartitionReport};
