@@ -43,7 +43,7 @@ fn with_sigma(scenario: &Scenario, larger: bool) -> Option<Scenario> {
     Some(Scenario::parse(&scenario.path, &toml::to_string(&file).unwrap()).unwrap())
 }
 
-/// The largest relative difference of scores in units of what is allowed, and the score: 1e-9, and 1e-8 where a minimisation
+/// The largest relative difference of scores in units of what is allowed, and the score: 1e-9, and 1e-5 where a minimisation
 /// ends at a tolerance.
 fn difference([first, second]: &[Scenario; 2], cycles: usize) -> (f64, String) {
     let (name, methods) = (&first.name, &first.methods);
@@ -53,7 +53,7 @@ fn difference([first, second]: &[Scenario; 2], cycles: usize) -> (f64, String) {
         assert!(!first.is_empty() && first.keys().eq(second.keys()), "{method}");
         for (key, value) in first {
             // Beside the size of the score, but not of one that is zero but for rounding.
-            let allowed = if methods[method].kind.ends_with("var") { 1e-8 } else { 1e-9 };
+            let allowed = if methods[method].kind.ends_with("var") { 1e-5 } else { 1e-9 };
             let found = (second[key] - value).abs() / value.abs().max(1e-6) / allowed;
             if found > largest.0 {
                 largest = (found, format!("{name}: {method} {key}, {value}"));
@@ -75,7 +75,7 @@ fn check(scenario: &Scenario, cycles: usize) -> bool {
 #[test]
 fn a_unit_in_the_last_place_changes_no_score_of_a_small_scenario() {
     let small = |scenario: &Scenario| scenario.grid.grid.cells() <= MOST_CELLS;
-    let checked = scenarios().into_iter().filter(small).filter(|scenario| check(scenario, 4)).count();
+    let checked = scenarios().into_iter().filter(small).filter(|scenario| check(scenario, 3)).count();
     assert!(checked >= 3, "{checked}");
 }
 
