@@ -40,8 +40,8 @@ pub use crate::tall_matrix::Precision;
 pub use grid_blocks::BlockShape;
 pub use settings::{BiasCoupling, FastKalmanSettings, Residual};
 
-pub(super) use component::{check_component, component_size, update_rows};
 pub(super) use block_diagonal::BlockDiagonal;
+pub(super) use component::{check_component, component_size, update_rows};
 pub(crate) use factors::Factors;
 pub(super) use grid_blocks::Blocks;
 pub(crate) use solution::{Increments, SplitRows};
