@@ -144,8 +144,11 @@ impl Record {
             require(value.abs() <= 1e18, format!("`{what}` is {value:?}, but must be a number from -1e18 to 1e18"))
         };
         let positive = |what: &str, value: f64| {
-            let range = if value > 0.0 { "from 1e-18 to 1e18" } else { "greater than 0" };
-            let fault = format!("`{what}` is {value:?}, but must be a number {range}");
+            let fault = if value > 0.0 {
+                format!("`{what}` is {value:?}, but must be a number from 1e-18 to 1e18")
+            } else {
+                format!("`{what}` is {value}, but must be a number greater than 0")
+            };
             require((1e-18..=1e18).contains(&value), fault)
         };
         let time =
