@@ -55,8 +55,12 @@ pub(crate) fn bytes(path: &Path, largest: u64) -> Result<Vec<u8>, String> {
     // A pipe might never end, nor begin.
     let mut bytes = Vec::new();
     let file = safe_file::open_named(path).map_err(|error| error.to_string())?;
-    file.take(largest + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
-    if bytes.len() as u64 > largest {
+    let length = file.metadata().map_err(|error| error.to_string())?.len();
+    // It may have grown since.
+    if length <= largest {
+        file.take(largest + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
+    }
+    if length.max(bytes.len() as u64) > largest {
         let (most, unit) = if largest < 10_000_000 { (largest / 1000, "kB") } else { (largest / 1_000_000, "MB") };
         return Err(format!("it is larger than {most} {unit}"));
     }
