@@ -138,7 +138,7 @@ fn resume(
     let refuse = |reason: String| RunError::Resume { directory: working.to_path_buf(), reason };
     let Newest { checkpoint, memories, damaged } = newest(working, plan).map_err(refuse)?;
     for (path, reason) in &damaged {
-        let text = format!("{}: {reason}; the checkpoint before it is used", shown_path(&path));
+        let text = format!("{}: {reason}; the checkpoint before it is used", shown_path(path));
         events.announce(&Event::Warning(&text))?;
     }
     let (cycle, bytes) = (checkpoint.cycle, checkpoint.journal_bytes);

@@ -110,9 +110,9 @@ impl Table {
     /// The table as CSV, without notes.
     pub fn csv(&self) -> String {
         let mut writer = csv::Writer::from_writer(Vec::new());
-        let rows = self.rows.iter().map(|row| row.iter().map(|cell| cell.text.as_str()).collect::<Vec<_>>());
+        let mut rows = self.rows.iter().map(|row| row.iter().map(|cell| cell.text.as_str()).collect::<Vec<_>>());
         let written =
-            writer.write_record(&self.header).and_then(|()| rows.map(|row| writer.write_record(row)).collect());
+            writer.write_record(&self.header).and_then(|()| rows.try_for_each(|row| writer.write_record(row)));
         let bytes = written.ok().and_then(|()| writer.into_inner().ok()).expect("memory takes rows of equal length");
         String::from_utf8(bytes).expect("CSV of UTF-8 is UTF-8")
     }

@@ -186,10 +186,10 @@ impl History {
             let mut counts = vec![0; info.layout.variables.len()];
             window.reports.iter().for_each(|report| counts[report.variable] += 1);
             snapshot.every = counts.iter().map(|count: &usize| count.div_ceil(MOST_PLACES).max(1)).collect();
-            let mut seen = vec![0; counts.len()];
+            let mut seen = vec![0_usize; counts.len()];
             for (number, report) in window.reports.iter().enumerate() {
                 let variable = report.variable;
-                if seen[variable] % snapshot.every[variable] == 0 {
+                if seen[variable].is_multiple_of(snapshot.every[variable]) {
                     snapshot.places.push(Place { number, variable, x_m: report.x_m, y_m: report.y_m });
                 }
                 seen[variable] += 1;

@@ -45,6 +45,9 @@ fn shown(history: &History) -> impl Iterator<Item = &Vec<Vec<f32>>> {
     of_truth.chain(analyses.filter(move |_| history.truth.is_empty()))
 }
 
+/// Values of a map that estimates make, beside the truth if there is one.
+type OfEstimates<'a> = dyn Fn(&Estimates, Option<&Truth>) -> Option<Vec<f32>> + 'a;
+
 fn of_variable(history: &History, number: usize, name: &str) -> VariableRanges {
     let (low, high) = shown(history)
         .flat_map(|fields| &fields[number])
@@ -52,7 +55,7 @@ fn of_variable(history: &History, number: usize, name: &str) -> VariableRanges {
         .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)));
     // A method that goes astray must not make the pictures of all others pale: the median over the methods. Nor may the
     // first cycles, in which all know little: nine tenths of the values, and a little more.
-    let median = |of_method: &dyn Fn(&Estimates, Option<&Truth>) -> Option<Vec<f32>>| {
+    let median = |of_method: &OfEstimates<'_>| {
         let quantiles = history.methods.iter().filter_map(|method| {
             let values = method.iter().filter_map(|(cycle, it)| of_method(it, history.truth.get(cycle)));
             quantile(values.flatten().collect(), 0.9)
