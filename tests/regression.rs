@@ -1,4 +1,5 @@
-//! The accepted scores of the scenarios: the small ones are run, and all of them must say what the project claims.
+//! The accepted scores of the scenarios: the small ones are run, and all of them must say what the project claims. That the
+//! others are what the program computes is held by `isobar regress`, which runs beside these tests.
 
 use crate::runs::{run_options, scenarios};
 use isobar::event::Event;
