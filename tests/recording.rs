@@ -137,7 +137,7 @@ fn blocks_and_common_factors_have_maps_where_a_method_has_them() {
     assert_eq!(is_grey, [false, false, true, true, false, false, true, true]);
     let component = Points2D::descriptor_labels().component;
     let text = of(&chunks, &headline).find_map(|chunk| chunk.iter_slices::<String>(component).flatten().next());
-    assert_eq!(text.unwrap().to_string(), "cycle 1: ±1 m, 30 % of the claimed variance, europe/h/FR −7.3 m");
+    assert_eq!(text.unwrap().to_string(), "cycle 1: ±1 m, 30 % of the claimed variance, europe/h/FR −7.26 m");
 }
 
 #[test]
