@@ -101,10 +101,7 @@ fn a_table_with_a_bad_row_changes_nothing_and_the_row_is_named() {
         ("calibration,other,1700-01-01T00:00:00Z,1,1,,,,,,lab,", "`time` must be from 1900 to 2200"),
         ("calibration,other,2026-01-01T00:00:00Z,one,1,,,,,,lab,", "`value` is `one`, but must be a finite number"),
         ("calibration,other,2026-01-01T00:00:00Z,nan,1,,,,,,lab,", "`value` is `nan`, but must be a finite number"),
-        (
-            "calibration,other,2026-01-01T00:00:00Z,1,-1,,,,,,lab,",
-            "`sigma` is -1.0, but must be a number greater than 0",
-        ),
+        ("calibration,other,2026-01-01T00:00:00Z,1,-1,,,,,,lab,", "`sigma` is -1, but must be a number greater than 0"),
         ("calibration,sondes/h/B,2026-01-01T00:00:00Z,4,0.1,,,,,,laboratory,", "contradicts another record"),
         (
             "covariance,other,2026-01-01T00:00:00Z,1,,,sondes/h/B,,,,laboratory,",
