@@ -29,7 +29,7 @@ impl Estimate {
     }
 
     /// With variances `[m + p]`, the diagonal of a covariance of this name, of the state and of the parameters that are
-    /// estimated; `part` says of which part of the covariance one of them is, if it has parts.
+    /// estimated; `part` names the part of the covariance that a variance belongs to, if it has parts.
     ///
     /// # Errors
     /// [`Error::NegativeVariance`] if the matrix is no longer a covariance.

@@ -114,7 +114,7 @@ pub(crate) trait Errors: Clone + Send + Sync + 'static {
         })
     }
 
-    /// Fails if the analysis of so many observations of a state of `m` values needs more memory than is allowed.
+    /// Fails if the analysis of this number of observations, for a state of `m` values, needs more memory than is allowed.
     ///
     /// # Errors
     /// [`Error::TooLarge`].

@@ -180,7 +180,7 @@ impl HighPassFilter {
     }
 }
 
-/// How many numbers boxes with so many observations take, with p biases.
+/// The numbers held for boxes, given the observations in each and the number of biases.
 pub(crate) fn numbers(boxes: impl Iterator<Item = usize>, parameters: usize) -> f64 {
     let p = parameters as f64;
     let of_boxes: f64 = boxes.map(|n| n as f64 * (n as f64 + p)).sum();

@@ -113,7 +113,7 @@ impl<M: ?Sized> Problem<M> {
         }
     }
 
-    /// Fails if so many numbers in double precision, that `what` has to hold at one time, need more memory than is allowed.
+    /// Fails if the numbers in double precision that `what` has to hold at one time need more memory than is allowed.
     /// They are counted as a float, which does not overflow.
     ///
     /// # Errors
@@ -227,7 +227,7 @@ impl<M: ?Sized> Problem<M> {
     }
 }
 
-/// Fails if so many numbers in double precision need more memory than is allowed.
+/// Fails if this number of values in double precision needs more memory than is allowed.
 ///
 /// # Errors
 /// [`Error::TooLarge`].

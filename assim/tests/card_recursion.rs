@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! (27)  s~_k = A_k ŝ,  c~ = ĉ         V_0 = Cov(ĉ) + Q_c,    V_k = diag(R_k, P_k)
-//! (28)  P_k = A_k Cov(ŝ) A_k' + Q_k   with all of Cov(ŝ), of which only the blocks k stay
+//! (28)  P_k = A_k Cov(ŝ) A_k' + Q_k   with all of Cov(ŝ); only the blocks k stay
 //! (29)  Cov(ŝ) = blkdiag(C_k, 0) + Γ S Γ'
 //! ```
 //!

@@ -12,7 +12,7 @@ use isobar_assim::federated::{FederatedKalmanFilter, FederatedSettings};
 use isobar_assim::free::FreeRun;
 use isobar_assim::high_pass::HighPassSettings;
 use isobar_assim::kalman::KalmanFilter;
-use isobar_assim::local_factors::{LocalFactorSettings, LocalFastKalmanFilter, LocalResidual};
+use isobar_assim::local_factors::{LocalFactorSettings, LocalFastKalmanFilter};
 use isobar_assim::optimal_interpolation::OptimalInterpolation;
 use isobar_assim::testing::{AssimilatorContract, Trial, check_assimilator};
 use isobar_assim::time_volume::{Target, TimeShape, TimeVolume};
@@ -72,7 +72,7 @@ fn all(problem: &Problem) -> Vec<(&'static str, Build<'_>)> {
         tile_m: 1.0,
         support_tiles: 2,
         mixed: 1,
-        residual: LocalResidual::Probe(3),
+        residual: Residual::Probe { count: 3 },
     };
     let nested = FastKalmanSettings { largest_component: 6, separator_factors: 0, ..probed };
     let variational = ThreeDVarSettings { covariance_scale: 0.7, tolerance: 1e-12, max_iterations: 300 };

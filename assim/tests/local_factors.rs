@@ -1,9 +1,9 @@
 //! The Fast Kalman Filter with local factors in the limits in which it is exact.
 
 use crate::common::*;
-use isobar_assim::fast_kalman::BlockShape;
+use isobar_assim::fast_kalman::{BlockShape, Residual};
 use isobar_assim::kalman::KalmanFilter;
-use isobar_assim::local_factors::{LocalFactorSettings, LocalFastKalmanFilter, LocalResidual};
+use isobar_assim::local_factors::{LocalFactorSettings, LocalFastKalmanFilter};
 use isobar_assim::{Assimilator, Unknown};
 
 /// Three tiles by two, the factors of each with the whole domain as their support, and as many as there can be.
@@ -15,7 +15,7 @@ fn everything() -> LocalFactorSettings {
         tile_m: 2.0,
         support_tiles: 3,
         mixed: 0,
-        residual: LocalResidual::Persist,
+        residual: Residual::Persist,
     }
 }
 

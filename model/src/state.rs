@@ -69,7 +69,7 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// One variable on a ring of so many points: a single row of cells that are 1 m wide.
+    /// One variable on a ring of points: a single row of cells that are 1 m wide.
     pub fn ring(points: usize, name: &'static str, unit: &'static str) -> Arc<Self> {
         let grid = Grid { nx: points, ny: 1, dx_m: 1.0, dy_m: 1.0, boundary: Boundary::Periodic };
         let variable = Variable { name, long_name: name, standard_name: None, unit, location: Location::Center };

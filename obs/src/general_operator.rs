@@ -9,7 +9,7 @@ use crate::state_operator::{NonlinearOperator, StateOperator};
 use isobar_model::State;
 use std::sync::Arc;
 
-/// Observations some of which are not linear in the state, or have biases that depend on it:
+/// An operator with observations that are not linear in the state, or whose biases depend on it:
 ///
 /// ```text
 /// h(x, c) = X x + N(x) + (G + P(x)) c,     P_ij(x) = p_j(x) of observation i

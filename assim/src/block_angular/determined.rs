@@ -128,11 +128,12 @@ fn triangle_of(rows: &[MatRef<'_, f64>], columns: usize) -> Mat<f64> {
     qr(stacked.as_ref()).thin_R().to_owned()
 }
 
-/// The same space by vectors each of which has an unknown that no other has, scaled to a largest coefficient of 1.
+/// Another basis of the same space: each vector has an unknown that the others lack, and is scaled to a largest coefficient
+/// of 1.
 ///
 /// The unknowns are those that pivoted QR of the transposed basis, in units of the scales, comes upon (Businger and Golub
 /// 1965, Numerische Mathematik 7): the next one is that whose row is the longest once those of the others are taken out of
-/// it. Lengths are the same for every orthonormal basis of the space, of which rounding gives one or another.
+/// it. Lengths are the same for every orthonormal basis of the space, and rounding decides which basis is given.
 pub(crate) fn reduced_basis(mut basis: Mat<f64>, scales: &[f64]) -> Vec<Vec<f64>> {
     let (p, count) = (basis.nrows(), basis.ncols());
     let mut rows: Vec<Vec<f64>> = (0..p).map(|i| (0..count).map(|k| basis[(i, k)] / scales[i]).collect()).collect();

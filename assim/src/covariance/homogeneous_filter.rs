@@ -13,7 +13,7 @@ const PADDING_LENGTHS: f64 = 4.0;
 /// The most values of a filtered array: twice those of the largest grid of a scenario, and about 2 GB at work.
 const MOST_VALUES: usize = 1 << 25;
 
-/// A correlation that is longer than so many periods is the same everywhere, to the last bit.
+/// A correlation longer than this many periods of the domain is 1 everywhere, to the last bit.
 const FLAT_PERIODS: f64 = 4.0;
 
 /// An eigenvalue below minus this share of the largest is no rounding error.
@@ -188,7 +188,7 @@ impl HomogeneousFilter {
     }
 }
 
-/// The rows of a channel, its northern wall and the padding beyond, at least so many; a size that is quick to transform.
+/// A number of rows that is quick to transform, and no smaller than the rows of a channel, its northern wall and the padding.
 ///
 /// # Errors
 /// [`Error::Setting`] if the array would be too large, with the longest correlation that fits.

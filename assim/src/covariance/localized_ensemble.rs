@@ -42,7 +42,7 @@ impl LocalizedEnsemble {
         Ok(Self { factors: perturbations * faer::Scale(1.0 / root), cells: layout.grid.cells(), filter })
     }
 
-    /// The length of the control vector for so many members.
+    /// The length of the control vector for a given number of members.
     ///
     /// # Errors
     /// As [`LocalizedEnsemble::new`].

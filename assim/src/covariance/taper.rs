@@ -2,8 +2,8 @@
 
 use isobar_model::Grid;
 
-/// In a channel a Gaussian correlation has at most so many heights of the domain as its length across the channel: from wall
-/// to wall it is then within 5 × 10⁻⁵ of 1.
+/// The largest correlation length across a channel, in heights of the domain: a Gaussian of this length is within 5 × 10⁻⁵ of
+/// 1 from wall to wall.
 pub(super) const MOST_HEIGHTS: f64 = 100.0;
 
 /// Widths of a domain beyond which a larger radius of localisation makes no difference.

@@ -44,7 +44,7 @@ impl<A> EnsembleFilter<A> {
     }
 }
 
-/// A filter with members about the background, which are analysed at so many places.
+/// A filter with members drawn about the background and `places` places that are analysed separately.
 ///
 /// # Errors
 /// As [`Ensemble::draw`]; [`Error::TooLarge`] if the analysis of the most observations does not fit into the memory limit.

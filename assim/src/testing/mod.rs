@@ -3,6 +3,10 @@
 
 mod assimilator;
 mod covariance;
+#[cfg(test)]
+mod still;
 
 pub use assimilator::{AssimilatorContract, Trial, check_assimilator};
 pub use covariance::{CovarianceContract, check_covariance};
+#[cfg(test)]
+pub(crate) use still::Still;

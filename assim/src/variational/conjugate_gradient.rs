@@ -124,8 +124,8 @@ pub(super) fn solve(
     systems.into_iter().map(solution).collect()
 }
 
-/// Minimises a cost with the Hessian A and the gradient −b at zero, for so many observations: with a residual of at most
-/// √(tolerance n), 2 J is within the tolerance of its expectation n.
+/// Minimises a cost with the Hessian A and the gradient −b at zero. For n observations the residual ends at √(tolerance n)
+/// at most: 2 J is then within the tolerance of its expectation n.
 pub(super) fn minimise(
     right: Vec<f64>,
     observations: usize,

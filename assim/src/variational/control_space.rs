@@ -93,8 +93,7 @@ impl<'a> ControlSpace<'a> {
     }
 }
 
-/// How many numbers the minimisation holds for control vectors of χ of so many values, states of m, p biases and n
-/// observations: the control vectors of conjugate gradients and of the threads; P_c and what becomes of it; for each bias
+/// The numbers that the minimisation holds, given the lengths of χ and of the state (m), p biases and n observations: the control vectors of conjugate gradients and of the threads; P_c and what becomes of it; for each bias
 /// what conjugate gradients hold in the space of the observations.
 pub(super) fn numbers(state_controls: usize, m: usize, p: usize, observations: usize) -> f64 {
     let threads = rayon::current_num_threads() as f64;

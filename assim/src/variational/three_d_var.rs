@@ -161,7 +161,10 @@ impl Cost<'_> {
     }
 }
 
-/// With control vectors χ of so many values.
+/// Fails unless the minimisation fits into the memory limit; `controls` is the length of χ.
+///
+/// # Errors
+/// [`Error::TooLarge`].
 pub(super) fn check_memory(problem: &Problem<dyn Model>, controls: usize, observations: usize) -> Result<(), Error> {
     let (m, p) = (problem.background.values().len(), problem.estimated_calibration().len());
     problem.require_memory(control_space::numbers(controls, m, p, observations), || {

@@ -3,9 +3,9 @@
 //! The components are eliminated in chunks, and what each of them adds to the factors, −D_k, is taken in at once, so that
 //! never all D_k are there together: they would need as much memory as the observed part of Φ.
 
-use super::component::{component_size, update_rows};
+use super::component::{component_size, set_blocks, update_rows};
 use super::factored_covariance::Patch;
-use super::solution::{Increments, Solved, SplitRows};
+use super::solution::{Increments, Solved, SplitRows, augmented};
 use super::{BlockErrors, Frame, Residual};
 use crate::augmented::Augmented;
 use crate::block_angular::{Component, Eliminated, Information, Prior};
@@ -14,7 +14,6 @@ use crate::linalg::{cholesky, column, product};
 use crate::memory::Matrix;
 use crate::problem::Innovations;
 use faer::{Mat, MatRef};
-use isobar_model::vector::add;
 use rayon::prelude::*;
 
 /// Components that are eliminated at a time.
@@ -149,19 +148,8 @@ impl BlockErrors {
             for (position, &variable) in variables.iter().enumerate() {
                 increment[variable] += estimate_without_border[(position, 0)];
             }
-            for &block in &component.blocks {
-                let members = self.frame.blocks.members(block);
-                let positions: Vec<usize> = members
-                    .iter()
-                    .map(|variable| variables.binary_search(variable).expect("the component holds its blocks"))
-                    .collect();
-                let mut own = self.memory.covariance.own.block_mut(&self.frame.blocks, block);
-                for (j, &column) in positions.iter().enumerate() {
-                    for (i, &row) in positions.iter().enumerate() {
-                        own[(i, j)] = covariance[(row, column)];
-                    }
-                }
-            }
+            let parts = (&self.frame.blocks, &mut self.memory.covariance.own);
+            set_blocks(parts, component, &variables, covariance.as_ref());
             // Other forecasts than the exact one have no use for what is linked beyond the blocks: that its leading
             // directions join Φ does not change the scores, since the compression after the forecast drops them again.
             if component.blocks.len() > 1 && self.frame.settings.residual == Residual::Exact {
@@ -172,13 +160,8 @@ impl BlockErrors {
 
     /// s ← s + δs.
     pub(crate) fn add_increments(&self, s: &mut Augmented, increments: &Increments) {
-        let Increments { of_blocks, of_shared } = increments;
-        let (of_state, of_local) = of_blocks.split_at(self.frame.layout.len());
-        add(s.state.values_mut(), of_state);
         let Frame { local, shared, .. } = &*self.frame;
-        for (&number, change) in local.iter().zip(of_local).chain(shared.iter().zip(of_shared)) {
-            s.bias[number] += change;
-        }
+        s.add(&augmented(&increments.of_blocks, &increments.of_shared, local, shared));
     }
 
     pub(super) fn component_size(&self, component: &Component) -> usize {

@@ -134,15 +134,19 @@ impl BlockDiagonal {
         });
     }
 
+    /// Sets the row and column of a variable to zero.
+    pub fn clear(&mut self, blocks: &Blocks, variable: usize) {
+        let (block, position) = blocks.place(variable);
+        clear(self.block_mut(blocks, block), position);
+    }
+
     /// Sets to zero the rows and columns of variables whose variance is at most `share` of what it was taken from: a difference
     /// that is nothing but rounding, which may be negative and would pile up from cycle to cycle.
     pub fn clear_rounding(&mut self, blocks: &Blocks, taken_from: &[f64], share: f64) {
         self.for_each_block(blocks, |block, mut matrix| {
             for (i, &variable) in blocks.members(block).iter().enumerate() {
                 if matrix[(i, i)] <= share * taken_from[variable] {
-                    for j in 0..matrix.nrows() {
-                        (matrix[(i, j)], matrix[(j, i)]) = (0.0, 0.0);
-                    }
+                    clear(matrix.as_mut(), i);
                 }
             }
         });
@@ -154,5 +158,12 @@ impl BlockDiagonal {
             let (block, position) = blocks.place(variable);
             *variance += self.values[blocks.matrix(block).start + position * (blocks.size(block) + 1)];
         });
+    }
+}
+
+/// Sets a row and the column of the same number to zero.
+fn clear(mut matrix: MatMut<'_, f64>, number: usize) {
+    for other in 0..matrix.nrows() {
+        (matrix[(number, other)], matrix[(other, number)]) = (0.0, 0.0);
     }
 }

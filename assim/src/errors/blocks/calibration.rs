@@ -97,11 +97,9 @@ impl BlockErrors {
         for i in shared..p {
             let variance = (shared..=i).map(|j| root[(i, j)].powi(2)).sum();
             let (block, position) = frame.blocks.place(m + i - shared);
-            let mut own = self.memory.covariance.own.block_mut(&frame.blocks, block);
-            for other in 0..own.nrows() {
-                (own[(position, other)], own[(other, position)]) = (0.0, 0.0);
-            }
-            own[(position, position)] = variance;
+            let own = &mut self.memory.covariance.own;
+            own.clear(&frame.blocks, m + i - shared);
+            own.block_mut(&frame.blocks, block)[(position, position)] = variance;
         }
         Ok(())
     }

@@ -208,28 +208,9 @@ fn later(error: ForecastError, done: usize) -> ForecastError {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::Still;
     use isobar_model::random::{standard_normals, stream};
-    use isobar_model::{Grid, Model, shallow_water};
-
-    /// A model that does nothing.
-    struct Still(Arc<Layout>);
-
-    impl Model for Still {
-        fn layout(&self) -> &Arc<Layout> {
-            &self.0
-        }
-        fn time_step(&self) -> Duration {
-            Duration::from_seconds(60)
-        }
-        fn largest_time_step_s(&self, _: &State) -> f64 {
-            f64::INFINITY
-        }
-        fn step(&self, _: &mut State) {}
-    }
-
-    impl TangentLinear for Still {
-        fn step_tl(&self, _: &State, _: &mut [f64]) {}
-    }
+    use isobar_model::{Grid, shallow_water};
 
     fn layout(n: usize, boundary: Boundary) -> Arc<Layout> {
         let spacing = 48e5 / n as f64;

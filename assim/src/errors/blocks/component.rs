@@ -3,7 +3,7 @@
 use super::block_diagonal::BlockDiagonal;
 use super::grid_blocks::Blocks;
 use super::solution::SplitRows;
-use crate::block_angular::{Block, Component, UpdateRows};
+use crate::block_angular::{Block, Component, PartitionReport, UpdateRows};
 use crate::error::Error;
 use crate::problem::Innovations;
 use faer::{Mat, MatRef};
@@ -76,4 +76,44 @@ pub(in crate::errors) fn check_component(
         return Err(Error::TooLarge { what, needed_bytes, limit_bytes });
     }
     Ok(())
+}
+
+/// Takes from the covariance of a component's ascending variables what is within its blocks.
+pub(in crate::errors) fn set_blocks(
+    (blocks, own): (&Blocks, &mut BlockDiagonal),
+    component: &Component,
+    variables: &[usize],
+    covariance: MatRef<'_, f64>,
+) {
+    for &block in &component.blocks {
+        let locate = |variable| variables.binary_search(variable).expect("the component holds its blocks");
+        let positions: Vec<usize> = blocks.members(block).iter().map(locate).collect();
+        let mut own = own.block_mut(blocks, block);
+        for (j, &column) in positions.iter().enumerate() {
+            positions.iter().enumerate().for_each(|(i, &row)| own[(i, j)] = covariance[(row, column)]);
+        }
+    }
+}
+
+/// The partition into these components if no larger one was cut, with the numbers of factors and of border unknowns.
+pub(in crate::errors) fn partition(
+    blocks: &Blocks,
+    components: &[Component],
+    factors: usize,
+    border: usize,
+) -> PartitionReport {
+    let largest = components.iter().max_by_key(|component| component_size(blocks, component));
+    let observed: usize = components.iter().map(|component| component.blocks.len()).sum();
+    PartitionReport {
+        blocks: blocks.count(),
+        components: components.iter().filter(|component| !component.blocks.is_empty()).count(),
+        merged_components: components.iter().filter(|component| component.blocks.len() > 1).count(),
+        largest_component_blocks: largest.map_or(0, |component| component.blocks.len()),
+        largest_component_variables: largest.map_or(0, |component| component_size(blocks, component)),
+        unobserved_blocks: blocks.count() - observed,
+        fewest_factors: factors,
+        most_factors: factors,
+        border,
+        ..PartitionReport::default()
+    }
 }

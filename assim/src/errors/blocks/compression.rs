@@ -108,7 +108,7 @@ pub(super) fn join_and_compress(
     factors.shared.as_mut().get_mut(.., ..p).copy_from(&carried);
 }
 
-/// Rounding of a variance as a sum over so many factors, of which as much is taken as was put in.
+/// The relative rounding error of a variance to which a sum over the factors is added, and from which it is taken again.
 pub(super) fn rounding(factors: usize) -> f64 {
     8.0 * f64::EPSILON * (factors as f64).sqrt()
 }

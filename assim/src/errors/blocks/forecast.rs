@@ -30,27 +30,18 @@ impl BlockErrors {
             propagate_factors(a, &mut covariance.factors);
             return Ok(());
         }
-        let count = if let Residual::Probe { count } = frame.settings.residual { count } else { 0 };
-        let columns = &mut covariance.factors.state;
+        let FactoredCovariance { own, factors, .. } = covariance;
+        let (columns, grid) = (&mut factors.state, (&frame.blocks, &*frame.layout));
         let r = columns.columns();
-        columns.append(count);
-        residual::draw_probes(&covariance.own, &frame.blocks, columns, r, random);
-        let before = residual::energy(&frame.layout, columns, r);
-        let outcome = stored!(columns.values_mut(), columns => match &self.coarse {
-            None => forecast_tl(cycle.model, x, columns, cycle.steps).map_err(Error::from),
-            Some(coarse) => {
-                let (factors, probes) = columns.split_at_mut(r * m);
-                coarse.forecast(cycle.model, x, (cycle.window, cycle.steps), factors, probes)
-            }
-        });
-        let after = residual::energy(&frame.layout, columns, r);
-        columns.truncate(r);
-        outcome?;
-        if count > 0 {
-            let persistence = residual::persistence(&before, &after);
-            residual::scale(&mut covariance.own, &frame.blocks, &frame.layout, &persistence);
-        }
-        Ok(())
+        residual::forecast((own, columns), grid, frame.settings.residual.probes(), random, |columns| {
+            stored!(columns.values_mut(), columns => match &self.coarse {
+                None => forecast_tl(cycle.model, x, columns, cycle.steps).map_err(Error::from),
+                Some(coarse) => {
+                    let (factors, probes) = columns.split_at_mut(r * m);
+                    coarse.forecast(cycle.model, x, (cycle.window, cycle.steps), factors, probes)
+                }
+            })
+        })
     }
 
     /// Adds what a window adds to the covariance: model error and the parameters' random walks.

@@ -41,10 +41,11 @@ pub use grid_blocks::BlockShape;
 pub use settings::{BiasCoupling, FastKalmanSettings, Residual};
 
 pub(super) use block_diagonal::BlockDiagonal;
-pub(super) use component::{check_component, component_size, update_rows};
+pub(super) use component::{check_component, partition, set_blocks, update_rows};
 pub(crate) use factors::Factors;
 pub(super) use grid_blocks::Blocks;
 pub(crate) use solution::{Increments, SplitRows};
+pub(super) use solution::{augmented, of_blocks};
 
 use crate::augmented::Augmented;
 use crate::covariance::{self, Covariance};
@@ -252,16 +253,9 @@ impl Errors for BlockErrors {
     }
 
     fn variances(&self) -> Vec<f64> {
-        let Frame { blocks, local, shared, layout, .. } = &*self.frame;
-        let (m, covariance) = (layout.len(), &self.memory.covariance);
-        let mut variances = covariance.block_variances(blocks);
-        let of_local = variances.split_off(m);
-        variances.resize(m + local.len() + shared.len(), 0.0);
-        let of_shared = covariance.factors.shared_variances();
-        for (&number, variance) in local.iter().zip(of_local).chain(shared.iter().zip(of_shared)) {
-            variances[m + number] = variance;
-        }
-        variances
+        let Frame { blocks, local, shared, .. } = &*self.frame;
+        let covariance = &self.memory.covariance;
+        augmented(&covariance.block_variances(blocks), &covariance.factors.shared_variances(), local, shared)
     }
 
     fn part(&self, number: usize) -> Option<String> {
@@ -331,28 +325,9 @@ pub(super) fn state_scales(operator: &dyn Covariance, layout: &Layout) -> Vec<f6
 mod tests {
     use super::*;
     use crate::problem::BiasTreatment;
-    use isobar_model::{Boundary, Duration, Grid, Location, Model, State, Variable};
+    use crate::testing::Still;
+    use isobar_model::{Boundary, Grid, Location, State, Variable};
     use isobar_obs::Calibration;
-
-    /// What nothing moves.
-    struct AtRest(Arc<Layout>);
-
-    impl Model for AtRest {
-        fn layout(&self) -> &Arc<Layout> {
-            &self.0
-        }
-        fn time_step(&self) -> Duration {
-            Duration::from_seconds(60)
-        }
-        fn largest_time_step_s(&self, _: &State) -> f64 {
-            f64::INFINITY
-        }
-        fn step(&self, _: &mut State) {}
-    }
-
-    impl TangentLinear for AtRest {
-        fn step_tl(&self, _: &State, _: &mut [f64]) {}
-    }
 
     #[test]
     fn a_negative_variance_is_named_with_its_block() {
@@ -368,7 +343,7 @@ mod tests {
             bias: BiasTreatment::Estimate,
             memory_limit_bytes: 1 << 30,
             most_observations: 0,
-            model: Arc::new(AtRest(Arc::clone(&layout))),
+            model: Arc::new(Still(Arc::clone(&layout))),
         };
         let settings = FastKalmanSettings {
             blocks: BlockShape::Cell,

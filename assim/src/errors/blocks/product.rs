@@ -1,5 +1,6 @@
 //! The covariance times a vector, without the matrix.
 
+use super::solution::{augmented, of_blocks};
 use super::{BlockErrors, Frame};
 use isobar_model::vector::axpy;
 
@@ -9,10 +10,7 @@ impl BlockErrors {
         let Frame { blocks, local, shared, layout, .. } = &*self.frame;
         let (covariance, factors, m) = (&self.memory.covariance, self.factors(), layout.len());
         // h of the block variables where it is not zero.
-        let of_blocks: Vec<(usize, f64)> = (0..blocks.variables())
-            .map(|variable| (variable, if variable < m { h[variable] } else { h[m + local[variable - m]] }))
-            .filter(|entry| entry.1 != 0.0)
-            .collect();
+        let of_blocks: Vec<(usize, f64)> = of_blocks(h, m, local).enumerate().filter(|entry| entry.1 != 0.0).collect();
         let amplitudes: Vec<f64> = (0..factors.columns())
             .map(|j| {
                 let seen = of_blocks.iter().map(|&(variable, weight)| weight * factors.value(variable, j)).sum::<f64>();
@@ -35,12 +33,8 @@ impl BlockErrors {
             let column = members.binary_search(&variable).expect("a variable is in its block");
             members.iter().enumerate().for_each(|(i, &member)| image[member] += weight * own[(i, column)]);
         }
-        let mut product = image[..m].to_vec();
-        product.resize(m + local.len() + shared.len(), 0.0);
-        local.iter().zip(&image[m..]).for_each(|(&number, value)| product[m + number] = *value);
         let mut of_shared = vec![0.0; shared.len()];
         (0..factors.columns()).for_each(|j| axpy(amplitudes[j], factors.shared.col_as_slice(j), &mut of_shared));
-        shared.iter().zip(of_shared).for_each(|(&number, value)| product[m + number] = value);
-        product
+        augmented(&image, &of_shared, local, shared)
     }
 }

@@ -2,6 +2,7 @@
 
 use super::block_diagonal::BlockDiagonal;
 use super::grid_blocks::Blocks;
+use crate::error::Error;
 use crate::linalg::semidefinite_root;
 use crate::tall_matrix::TallMatrix;
 use isobar_model::Layout;
@@ -9,8 +10,34 @@ use isobar_model::random::standard_normals;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
+/// Advances columns, and with them the blocks: C_k ← ρ_i ρ_j C_k, where ρ is what probes keep of their size.
+/// `advance` finds them behind the columns. Without probes the blocks persist.
+///
+/// # Errors
+/// Those of `advance`; the blocks are then as they were.
+pub(in crate::errors) fn forecast(
+    (covariance, columns): (&mut BlockDiagonal, &mut TallMatrix),
+    (blocks, layout): (&Blocks, &Layout),
+    probes: usize,
+    random: &mut ChaCha8Rng,
+    advance: impl FnOnce(&mut TallMatrix) -> Result<(), Error>,
+) -> Result<(), Error> {
+    let first = columns.columns();
+    columns.append(probes);
+    draw_probes(covariance, blocks, columns, first, random);
+    let before = energy(layout, columns, first);
+    let outcome = advance(columns);
+    let after = energy(layout, columns, first);
+    columns.truncate(first);
+    outcome?;
+    if probes > 0 {
+        scale(covariance, blocks, layout, &persistence(&before, &after));
+    }
+    Ok(())
+}
+
 /// Draws of the state's part of N(0, blkdiag(C_k)), one in each column from the first probe on.
-pub(in crate::errors) fn draw_probes(
+fn draw_probes(
     covariance: &BlockDiagonal,
     blocks: &Blocks,
     columns: &mut TallMatrix,
@@ -37,7 +64,7 @@ pub(in crate::errors) fn draw_probes(
 }
 
 /// Sum of the squares of each variable over all probes.
-pub(in crate::errors) fn energy(layout: &Layout, columns: &TallMatrix, first_probe: usize) -> Vec<f64> {
+fn energy(layout: &Layout, columns: &TallMatrix, first_probe: usize) -> Vec<f64> {
     let cells = layout.grid.cells();
     let mut sums = vec![0.0; layout.variables.len()];
     for number in first_probe..columns.columns() {
@@ -49,13 +76,13 @@ pub(in crate::errors) fn energy(layout: &Layout, columns: &TallMatrix, first_pro
 }
 
 /// How much of its standard deviation each variable of the state keeps: ρ_v² = Σ (probes out)_v² / Σ (probes in)_v².
-pub(in crate::errors) fn persistence(before: &[f64], after: &[f64]) -> Vec<f64> {
+fn persistence(before: &[f64], after: &[f64]) -> Vec<f64> {
     let ratio = |(after, before): (&f64, &f64)| if *before > 0.0 { (after / before).sqrt() } else { 1.0 };
     after.iter().zip(before).map(ratio).collect()
 }
 
 /// C_k ← ρ_i ρ_j C_k; local parameters persist.
-pub(in crate::errors) fn scale(covariance: &mut BlockDiagonal, blocks: &Blocks, layout: &Layout, persistence: &[f64]) {
+fn scale(covariance: &mut BlockDiagonal, blocks: &Blocks, layout: &Layout, persistence: &[f64]) {
     let (m, cells) = (layout.len(), layout.grid.cells());
     let factor = |variable: usize| if variable < m { persistence[variable / cells] } else { 1.0 };
     covariance.for_each_block(blocks, |block, mut matrix| {

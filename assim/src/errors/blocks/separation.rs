@@ -10,7 +10,7 @@
 //! so that L joins Φ in the rows of the block. The analysis stays exact, as does the covariance after it, between blocks
 //! too: it has the form blkdiag + Φ Φᵀ again.
 
-use super::component::check_component;
+use super::component::{check_component, partition};
 use super::solution::{BlockAnalysis, Solved, SplitRows};
 use super::{BlockErrors, Frame};
 use crate::block_angular::{self, Component, Dissection, Graph, PartitionReport};
@@ -148,22 +148,13 @@ impl BlockErrors {
 
     /// The partition of an analysis.
     fn report(&self, components: &[Component], separation: &Separation) -> PartitionReport {
-        let factors = self.memory.covariance.factors.columns() - separation.unknowns;
-        let largest = components.iter().max_by_key(|component| self.component_size(component));
-        let observed: usize = components.iter().map(|component| component.blocks.len()).sum();
+        let border = self.memory.covariance.factors.columns();
+        let whole = partition(&self.frame.blocks, components, border - separation.unknowns, border);
         PartitionReport {
-            blocks: self.frame.blocks.count(),
-            components: components.iter().filter(|component| !component.blocks.is_empty()).count(),
-            merged_components: components.iter().filter(|component| component.blocks.len() > 1).count(),
-            largest_component_blocks: largest.map_or(0, |component| component.blocks.len()),
-            largest_component_variables: largest.map_or(0, |component| self.component_size(component)),
-            unobserved_blocks: self.frame.blocks.count() - observed - separation.blocks.len(),
-            fewest_factors: factors,
-            most_factors: factors,
+            unobserved_blocks: whole.unobserved_blocks - separation.blocks.len(),
             separators: separation.separators,
             separator_unknowns: separation.unknowns,
-            nested: false,
-            border: self.memory.covariance.factors.columns(),
+            ..whole
         }
     }
 

@@ -51,6 +51,13 @@ pub enum Residual {
     },
 }
 
+impl Residual {
+    /// Number of draws.
+    pub(in crate::errors) fn probes(self) -> usize {
+        if let Self::Probe { count } = self { count } else { 0 }
+    }
+}
+
 impl FastKalmanSettings {
     /// Fails if they make no sense for a state of `m` values, or need more memory than the limit.
     ///
@@ -69,8 +76,7 @@ impl FastKalmanSettings {
             let message = "the printed formulae (28)/(29), which drop the coupling, forecast the blocks exactly";
             return Err(Error::Setting(message.into()));
         }
-        let probes = if let Residual::Probe { count } = self.residual { count as u64 } else { 0 };
-        let extra = probes.max(covariance::OVERSAMPLING as u64);
+        let extra = (self.residual.probes() as u64).max(covariance::OVERSAMPLING as u64);
         // The blocks, those of Q and their roots; the factors with the probes, and the factors of Q.
         let mut needed_bytes =
             8 * 3 * blocks.matrices_len() as u64 + self.factor_precision.bytes() * b * (2 * r + shared as u64 + extra);

@@ -76,3 +76,25 @@ pub(crate) struct Found {
     /// By how much dᵀ Cov(d)⁻¹ d is larger for C = 0 than with the nominal prior.
     pub chi2_of_zero: f64,
 }
+
+/// A vector over (x, c) from what it holds of the block variables, the state's values and then the local parameters with these
+/// numbers, and of the shared parameters.
+pub(in crate::errors) fn augmented(
+    of_blocks: &[f64],
+    of_shared: &[f64],
+    local: &[usize],
+    shared: &[usize],
+) -> Vec<f64> {
+    let m = of_blocks.len() - local.len();
+    let mut all = of_blocks[..m].to_vec();
+    all.resize(m + local.len() + shared.len(), 0.0);
+    for (&number, value) in local.iter().zip(&of_blocks[m..]).chain(shared.iter().zip(of_shared)) {
+        all[m + number] = *value;
+    }
+    all
+}
+
+/// What a vector h over (x, c) holds of the block variables: the inverse of [`augmented`].
+pub(in crate::errors) fn of_blocks<'a>(h: &'a [f64], m: usize, local: &'a [usize]) -> impl Iterator<Item = f64> + 'a {
+    h[..m].iter().copied().chain(local.iter().map(move |&number| h[m + number]))
+}

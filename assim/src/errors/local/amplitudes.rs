@@ -10,10 +10,10 @@ use std::collections::BTreeMap;
 /// The normal equations of the amplitudes ξ_j ~ N(0, I) and of the border c ~ N(0, S),
 ///
 /// ```text
-/// M = I + Eᵀ T⁻¹ E       M_xc = Eᵀ T⁻¹ E_c       M_cc = S⁻¹ + E_cᵀ T⁻¹ E_c       right = \[E E_c\]ᵀ T⁻¹ d
+/// M = I + Eᵀ T⁻¹ E       M_xc = Eᵀ T⁻¹ E_c       M_cc = S⁻¹ + E_cᵀ T⁻¹ E_c       right = [E E_c]ᵀ T⁻¹ d
 /// ```
 ///
-/// of which M has a block for each two tiles whose supports have an observation in common.
+/// M has a block for each two tiles whose supports have an observation in common.
 pub(super) struct Amplitudes {
     /// The first amplitude of each tile, and their number.
     firsts: Vec<usize>,
@@ -44,7 +44,7 @@ pub(super) struct Solved {
 }
 
 impl Amplitudes {
-    /// Those of tiles with so many factors each.
+    /// The equations without observations, for tiles with these numbers of factors and p border unknowns.
     pub fn new(factors: &[usize], p: usize) -> Self {
         let mut firsts = vec![0];
         factors.iter().for_each(|count| firsts.push(firsts[firsts.len() - 1] + count));

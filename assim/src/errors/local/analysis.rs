@@ -18,13 +18,13 @@ use super::{Frame, LocalErrors};
 use crate::augmented::Augmented;
 use crate::block_angular::{self, Component, Eliminated, PartitionReport};
 use crate::error::Error;
-use crate::errors::blocks::{SplitRows, check_component, component_size, update_rows};
+use crate::errors::blocks::{SplitRows, augmented, check_component, partition, set_blocks, update_rows};
 use crate::filter::Fit;
 use crate::linalg::{add_symmetric_product, product};
 use crate::memory::Matrix;
 use crate::problem::Innovations;
 use faer::Mat;
-use isobar_model::vector::{add, axpy};
+use isobar_model::vector::axpy;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -47,14 +47,14 @@ impl LocalErrors {
     /// s ← s + K d, and the covariance of its errors.
     pub(super) fn analyse_rows(&mut self, s: &mut Augmented, innovations: &Innovations) -> Result<Fit, Error> {
         let frame = Arc::clone(&self.frame);
-        let Frame { blocks, shared, local, layout, covering, cells, .. } = &*frame;
+        let Frame { blocks, shared, local, covering, cells, .. } = &*frame;
         let rows = SplitRows::new(innovations, local, shared);
         let components = block_angular::components(blocks.count(), &blocks.touched(&rows.block));
         for component in &components {
             check_component(blocks, component, frame.memory_limit_bytes)?;
         }
         if innovations.len() == 0 {
-            return Ok(Fit { chi2: 0.0, partition: Some(self.report(&components, self.columns())) });
+            return Ok(Fit { chi2: 0.0, partition: Some(self.report(&components)) });
         }
         let tiles_of = |component: &Component| {
             let entries = component.observations.iter().flat_map(|&row| rows.block.row(row));
@@ -90,12 +90,8 @@ impl LocalErrors {
         }
         self.finish(&amplitudes, solved.of_border.as_ref());
         self.memory.shared = Matrix(solved.shared);
-        let (of_state, of_local) = increment.split_at(layout.len());
-        add(s.state.values_mut(), of_state);
-        for (&number, change) in local.iter().zip(of_local).chain(shared.iter().zip(&solved.border)) {
-            s.bias[number] += change;
-        }
-        Ok(Fit { chi2: solved.chi2, partition: Some(self.report(&components, self.columns())) })
+        s.add(&augmented(&increment, &solved.border, local, shared));
+        Ok(Fit { chi2: solved.chi2, partition: Some(self.report(&components)) })
     }
 
     /// Gives each tile's factors rows for all variables of the components that see it.
@@ -173,19 +169,11 @@ impl LocalErrors {
             }
             let estimate = estimate_without_border.col_as_slice(0);
             variables.iter().zip(estimate).for_each(|(&variable, value)| increment[variable] += value);
-            for &block in &component.blocks {
-                let members = blocks.members(block);
-                let locate = |variable| variables.binary_search(variable).expect("the component holds its blocks");
-                let positions: Vec<usize> = members.iter().map(locate).collect();
-                let mut own = self.memory.own.block_mut(blocks, block);
-                for (j, &column) in positions.iter().enumerate() {
-                    positions.iter().enumerate().for_each(|(i, &row)| own[(i, j)] = covariance[(row, column)]);
-                }
-            }
+            set_blocks((blocks, &mut self.memory.own), component, &variables, covariance.as_ref());
         }
     }
 
-    /// Γ ← Γ' − Σ_j Ψ_j (M⁻¹ M_xc)_j and F_j ← Σ_i Ψ_i (M^-½)_ij, of which what is outside of the support joins the blocks.
+    /// Γ ← Γ' − Σ_j Ψ_j (M⁻¹ M_xc)_j and F_j ← Σ_i Ψ_i (M^-½)_ij; the part of F_j outside its support joins the blocks.
     fn finish(&mut self, amplitudes: &Amplitudes, of_border: faer::MatRef<'_, f64>) {
         let frame = Arc::clone(&self.frame);
         let Frame { tiles, supports, blocks, shared, .. } = &*frame;
@@ -220,22 +208,8 @@ impl LocalErrors {
         self.memory.factors.iter().map(LocalFactors::columns).sum()
     }
 
-    fn report(&self, components: &[Component], factors: usize) -> PartitionReport {
-        let blocks = &self.frame.blocks;
-        let largest = components.iter().max_by_key(|component| component_size(blocks, component));
-        let observed: usize = components.iter().map(|component| component.blocks.len()).sum();
-        PartitionReport {
-            blocks: blocks.count(),
-            components: components.iter().filter(|component| !component.blocks.is_empty()).count(),
-            merged_components: components.iter().filter(|component| component.blocks.len() > 1).count(),
-            largest_component_blocks: largest.map_or(0, |component| component.blocks.len()),
-            largest_component_variables: largest.map_or(0, |component| component_size(blocks, component)),
-            unobserved_blocks: blocks.count() - observed,
-            fewest_factors: factors,
-            most_factors: factors,
-            border: self.frame.shared.len(),
-            ..PartitionReport::default()
-        }
+    fn report(&self, components: &[Component]) -> PartitionReport {
+        partition(&self.frame.blocks, components, self.columns(), self.frame.shared.len())
     }
 }
 

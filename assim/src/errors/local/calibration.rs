@@ -87,13 +87,7 @@ impl LocalErrors {
                 factors.values.col_as_slice_mut(column)[first..].fill(0.0);
             }
         }
-        for variable in m..m + local.len() {
-            let (block, position) = blocks.place(variable);
-            let mut own = self.memory.own.block_mut(blocks, block);
-            for other in 0..own.nrows() {
-                (own[(position, other)], own[(other, position)]) = (0.0, 0.0);
-            }
-        }
+        (m..m + local.len()).for_each(|variable| self.memory.own.clear(blocks, variable));
         self.memory.sensitivity = Matrix(Mat::zeros(blocks.variables(), p));
         self.memory.shared = Matrix(Mat::zeros(p, p));
         self.add_calibration_errors(covariance)

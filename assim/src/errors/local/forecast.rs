@@ -21,8 +21,8 @@ impl LocalErrors {
         let Frame { layout, blocks, colours, supports, settings, shared, .. } = &*frame;
         let (m, p) = (layout.len(), shared.len());
         let r = self.memory.factors.iter().map(LocalFactors::columns).max().unwrap_or(0);
-        let (border, probes) = (colours.count * r, colours.count * r + p);
-        let mut columns = TallMatrix::zeros(m, probes + settings.residual.probes(), Precision::Double);
+        let border = colours.count * r;
+        let mut columns = TallMatrix::zeros(m, border + p, Precision::Double);
         let on_grid = |support: &[usize]| support.partition_point(|&variable| variable < m);
         for ((factors, support), colour) in self.memory.factors.iter().zip(supports).zip(&colours.of_tile) {
             for j in 0..factors.columns() {
@@ -40,14 +40,12 @@ impl LocalErrors {
                 column.copy_from_slice(&self.memory.sensitivity.col_as_slice(j)[..m]);
             });
         }
-        residual::draw_probes(&self.memory.own, blocks, &mut columns, probes, &mut self.memory.random);
-        let before = residual::energy(layout, &columns, probes);
-        stored!(columns.values_mut(), columns => forecast_tl(cycle.model, x, columns, cycle.steps))?;
-        if settings.residual.probes() > 0 {
-            let after = residual::energy(layout, &columns, probes);
-            let persistence = residual::persistence(&before, &after);
-            residual::scale(&mut self.memory.own, blocks, layout, &persistence);
-        }
+        let super::Memory { own, random, .. } = &mut self.memory;
+        let probes = settings.residual.probes();
+        residual::forecast((own, &mut columns), (blocks, layout), probes, random, |columns| {
+            stored!(columns.values_mut(), columns => forecast_tl(cycle.model, x, columns, cycle.steps))?;
+            Ok(())
+        })?;
         for ((factors, support), colour) in self.memory.factors.iter_mut().zip(supports).zip(&colours.of_tile) {
             for j in 0..factors.columns() {
                 let column = columns.column(colour * r + j);
@@ -58,26 +56,21 @@ impl LocalErrors {
         for j in 0..p {
             self.memory.sensitivity.col_as_slice_mut(j)[..m].copy_from_slice(&columns.column(border + j));
         }
-        let lost: Vec<LocalFactors> = (0..colours.count).filter_map(|colour| self.lost(&columns, colour, r)).collect();
+        let lost: Vec<LocalFactors> = (0..colours.count).map(|colour| self.lost(&columns, colour, r)).collect();
         add_to_blocks(&mut self.memory.own, blocks, 1.0, &lost);
         Ok(())
     }
 
     /// The rows of a colour's columns that are in no support of it.
-    fn lost(&self, columns: &TallMatrix, colour: usize, r: usize) -> Option<LocalFactors> {
-        let Frame { covering, cells, colours, layout, .. } = &*self.frame;
-        let held = |variable: &usize| covering[cells[*variable]].iter().any(|&tile| colours.of_tile[tile] == colour);
-        let variables: Vec<usize> = (0..layout.len()).filter(|variable| !held(variable)).collect();
-        if variables.is_empty() {
-            return None;
-        }
+    fn lost(&self, columns: &TallMatrix, colour: usize, r: usize) -> LocalFactors {
+        let variables = &self.frame.uncovered[colour];
         let mut values = Mat::zeros(variables.len(), r);
         for j in 0..r {
             let column = columns.column(colour * r + j);
             let rows = values.col_as_slice_mut(j).iter_mut();
-            rows.zip(&variables).for_each(|(value, &variable)| *value = column[variable]);
+            rows.zip(variables).for_each(|(value, &variable)| *value = column[variable]);
         }
-        Some(LocalFactors::new(variables, values))
+        LocalFactors::new(variables.clone(), values)
     }
 
     /// Adds what a window adds to the covariance, model error and the parameters' random walks, and compresses the factors.

@@ -99,7 +99,7 @@ pub(super) fn add_to_blocks(own: &mut BlockDiagonal, blocks: &Blocks, sign: f64,
 }
 
 /// Where the entries of an ascending list are in a longer one.
-pub(super) fn positions(of: &[usize], within: &[usize]) -> Vec<usize> {
+fn positions(of: &[usize], within: &[usize]) -> Vec<usize> {
     let mut place = 0;
     of.iter()
         .map(|variable| {

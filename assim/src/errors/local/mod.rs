@@ -35,9 +35,9 @@ mod settings;
 mod tests;
 mod tiles;
 
-pub use settings::{LocalFactorSettings, LocalResidual};
+pub use settings::LocalFactorSettings;
 
-use super::blocks::{BlockDiagonal, Blocks, state_scales};
+use super::blocks::{BlockDiagonal, Blocks, augmented, of_blocks, state_scales};
 use crate::augmented::Augmented;
 use crate::covariance::Covariance;
 use crate::error::Error;
@@ -70,6 +70,8 @@ struct Frame {
     blocks: Blocks,
     tiles: Tiles,
     colours: Colours,
+    /// The state's values that are in no support of each colour.
+    uncovered: Vec<Vec<usize>>,
     /// The block variables of each tile's support, ascending.
     supports: Vec<Vec<usize>>,
     /// The tiles in whose support each cell is, ascending.
@@ -177,6 +179,10 @@ impl LocalErrors {
             random,
         };
         let colours = tiles.colours(1);
+        let is_uncovered =
+            |value: &usize, colour: usize| covering[cells[*value]].iter().all(|&tile| colours.of_tile[tile] != colour);
+        let uncovered = |colour| (0..m).filter(|value| is_uncovered(value, colour)).collect();
+        let uncovered: Vec<Vec<usize>> = (0..colours.count).map(uncovered).collect();
         let memory_limit_bytes = problem.memory_limit_bytes;
         let frame = Frame {
             settings,
@@ -184,6 +190,7 @@ impl LocalErrors {
             blocks,
             tiles,
             colours,
+            uncovered,
             supports,
             covering,
             cells,
@@ -221,8 +228,8 @@ impl Errors for LocalErrors {
     }
 
     fn variances(&self) -> Vec<f64> {
-        let Frame { blocks, local, shared, layout, .. } = &*self.frame;
-        let (m, memory) = (layout.len(), &self.memory);
+        let Frame { blocks, local, shared, .. } = &*self.frame;
+        let memory = &self.memory;
         let mut variances = vec![0.0; blocks.variables()];
         memory.own.add_variances(blocks, &mut variances);
         for factors in &memory.factors {
@@ -241,19 +248,15 @@ impl Errors for LocalErrors {
             let (a, b) = (of_border.col_as_slice(column), memory.sensitivity.col_as_slice(column));
             variances.iter_mut().zip(a.iter().zip(b)).for_each(|(variance, (a, b))| *variance += a * b);
         }
-        let of_local = variances.split_off(m);
-        variances.resize(m + local.len() + shared.len(), 0.0);
-        local.iter().zip(of_local).for_each(|(&number, variance)| variances[m + number] = variance);
-        shared.iter().enumerate().for_each(|(i, &number)| variances[m + number] = memory.shared[(i, i)]);
-        variances
+        let of_shared: Vec<f64> = (0..shared.len()).map(|i| memory.shared[(i, i)]).collect();
+        augmented(&variances, &of_shared, local, shared)
     }
 
     /// (blkdiag(C) + Σ F_j F_jᵀ) h_b + Γ S (Γᵀ h_b + h_c), and S (Γᵀ h_b + h_c).
     fn multiply(&self, h: &[f64]) -> Vec<f64> {
         let Frame { blocks, local, shared, layout, .. } = &*self.frame;
         let (m, memory) = (layout.len(), &self.memory);
-        let of_variable = |variable: usize| if variable < m { h[variable] } else { h[m + local[variable - m]] };
-        let of_blocks: Vec<f64> = (0..blocks.variables()).map(of_variable).collect();
+        let of_blocks: Vec<f64> = of_blocks(h, m, local).collect();
         let mut image = vec![0.0; blocks.variables()];
         for block in 0..blocks.count() {
             let members = blocks.members(block);
@@ -283,11 +286,7 @@ impl Errors for LocalErrors {
         for (i, &amplitude) in of_shared.iter().enumerate() {
             isobar_model::vector::axpy(amplitude, memory.sensitivity.col_as_slice(i), &mut image);
         }
-        let mut result = image[..m].to_vec();
-        result.resize(m + local.len() + p, 0.0);
-        local.iter().zip(&image[m..]).for_each(|(&number, value)| result[m + number] = *value);
-        shared.iter().zip(of_shared).for_each(|(&number, value)| result[m + number] = value);
-        result
+        augmented(&image, &of_shared, local, shared)
     }
 
     fn widen_calibration(&mut self, widening: MatRef<'_, f64>) {

@@ -10,7 +10,7 @@ use isobar_model::random::standard_normals;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-/// Applications of Uᵀ and U after the first, each of which sharpens the leading directions.
+/// Applications of Uᵀ and U after the first; each sharpens the leading directions.
 const POWER_ITERATIONS: usize = 2;
 
 /// A covariance with the root U, its control vector shared out among tiles, and what a tile can see of it.
@@ -21,7 +21,7 @@ struct LocalRoot<'a> {
     /// The values of the state in each tile's support, ascending.
     supports: &'a [Vec<usize>],
     scales: &'a [f64],
-    /// Tiles of which U is applied at once, since nothing of one reaches the others.
+    /// Groups of tiles so far apart that U can be applied to the controls of all of them at once.
     together: Vec<Vec<usize>>,
 }
 
@@ -133,7 +133,7 @@ impl LocalRoot<'_> {
     }
 }
 
-/// An orthonormal basis of the range of the columns, of which there may be more than rows.
+/// An orthonormal basis of the range of the columns; there may be more columns than rows.
 fn orthonormal(columns: MatRef<'_, f64>) -> Mat<f64> {
     if columns.ncols() == 0 {
         return columns.to_owned();

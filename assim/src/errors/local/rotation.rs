@@ -1,6 +1,6 @@
 //! Localising rotations: each direction of the factors moves to the tile that it is nearest to.
 
-use super::local_factors::{LocalFactors, positions, union};
+use super::local_factors::{LocalFactors, union};
 use super::tiles::Pair;
 use super::{Frame, LocalErrors};
 use crate::linalg::{add_symmetric_product, eigen, product};
@@ -40,11 +40,7 @@ fn rotated(frame: &Frame, pair: &Pair, factors: [&LocalFactors; 2]) -> [LocalFac
     let [first, second] = factors.map(LocalFactors::columns);
     let mut y = Mat::zeros(variables.len(), first + second);
     for (factors, from) in factors.into_iter().zip([0, first]) {
-        let rows = positions(&factors.variables, &variables);
-        for column in 0..factors.columns() {
-            let target = y.col_as_slice_mut(from + column);
-            rows.iter().zip(factors.values.col_as_slice(column)).for_each(|(&row, value)| target[row] = *value);
-        }
+        factors.add_to(&variables, y.as_mut().get_mut(.., from..from + factors.columns()), None);
     }
     let weights: Vec<f64> = variables
         .iter()

@@ -1,7 +1,7 @@
 //! How the filter with local factors is set up.
 
 use crate::error::Error;
-use crate::errors::blocks::{BlockShape, Blocks};
+use crate::errors::blocks::{BlockShape, Blocks, Residual};
 
 /// How the filter with local factors is set up.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,24 +19,8 @@ pub struct LocalFactorSettings {
     /// Of the factors of a tile, how many are random sums of the directions that a compression leaves over. These keep
     /// what blocks have in common there, in the mean, where a dissipative model would soon take it from the blocks.
     pub mixed: usize,
-    /// How the block-diagonal part is forecast.
-    pub residual: LocalResidual,
-}
-
-/// How the block-diagonal part C_k of the covariance is forecast.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LocalResidual {
-    /// C_k stays as it is.
-    Persist,
-    /// ρ_i ρ_j C_k, where ρ is how much of its standard deviation each variable keeps, as so many random draws show.
-    Probe(usize),
-}
-
-impl LocalResidual {
-    /// Number of draws.
-    pub(super) fn probes(self) -> usize {
-        if let Self::Probe(count) = self { count } else { 0 }
-    }
+    /// How the block-diagonal part is forecast: not exactly, which would need the whole propagator.
+    pub residual: Residual,
 }
 
 impl LocalFactorSettings {
@@ -51,6 +35,9 @@ impl LocalFactorSettings {
         shared: usize,
         limit: u64,
     ) -> Result<(), Error> {
+        if self.residual == Residual::Exact {
+            return Err(Error::Setting("local factors leave a residual that is not forecast exactly".into()));
+        }
         let Self { per_tile, model_error_per_tile, mixed, .. } = *self;
         let smallest = supports.iter().map(Vec::len).min().unwrap_or(0);
         if per_tile == 0 || per_tile.max(model_error_per_tile) > smallest {

@@ -2,34 +2,11 @@
 
 use super::*;
 use crate::covariance::{Sum, Univariate, White};
+use crate::testing::Still;
 use faer::Mat;
 use isobar_model::random::{standard_normals, stream};
-use isobar_model::{Adjoint, Boundary, Duration, Grid, Model, State};
+use isobar_model::{Boundary, Grid, State};
 use isobar_obs::{Calibration, Parameter, Placement};
-
-/// A model that changes nothing.
-struct Still(Arc<Layout>);
-
-impl Model for Still {
-    fn layout(&self) -> &Arc<Layout> {
-        &self.0
-    }
-    fn time_step(&self) -> Duration {
-        Duration::from_seconds(600)
-    }
-    fn largest_time_step_s(&self, _: &State) -> f64 {
-        f64::INFINITY
-    }
-    fn step(&self, _: &mut State) {}
-}
-
-impl TangentLinear for Still {
-    fn step_tl(&self, _: &State, _: &mut [f64]) {}
-}
-
-impl Adjoint for Still {
-    fn step_ad(&self, _: &State, _: &mut [f64]) {}
-}
 
 fn errors(boundary: Boundary) -> LocalErrors {
     let grid = Grid { nx: 16, ny: 11, dx_m: 1.0, dy_m: 1.0, boundary };
@@ -66,7 +43,7 @@ fn errors(boundary: Boundary) -> LocalErrors {
         tile_m: 2.0,
         support_tiles: 4,
         mixed: 0,
-        residual: LocalResidual::Persist,
+        residual: super::super::blocks::Residual::Persist,
     };
     LocalErrors::new(&problem, settings).unwrap()
 }
