@@ -254,7 +254,7 @@ fn check_observations(scenario: &Scenario, observing: &ObservingSystem, cycles: 
         )
     } else if held.iter().zip(MOST_HELD).any(|(held, most)| *held > most) {
         format!(
-            "exact performance holds the observations of all {cycles} cycles, {} of which with {} weights are more than fit in \
+            "exact performance holds the observations of all {cycles} cycles; {} observations with {} weights do not fit in \
              memory: give fewer `--cycles`",
             held[0], held[1]
         )

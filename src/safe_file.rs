@@ -15,14 +15,6 @@ const NO_LINKS: i32 = libc::O_NOFOLLOW;
 #[cfg(not(unix))]
 const NO_LINKS: i32 = 0;
 
-/// Opens a file for reading that the user or a scenario has named: it may be a link to a file.
-///
-/// # Errors
-/// Those of the file system; a pipe, a device or a directory.
-pub fn open_named(path: &Path) -> io::Result<File> {
-    regular(guarded(OpenOptions::new().read(true), 0).open(path)?)
-}
-
 /// Opens a file for reading.
 ///
 /// # Errors
@@ -36,10 +28,26 @@ pub fn open(path: &Path) -> io::Result<File> {
 /// # Errors
 /// As [`open`]; a larger file.
 pub fn read(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    open(path)?.take(largest + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > largest {
-        return Err(io::Error::other(format!("it is larger than {} MB", largest / 1_000_000)));
+    whole(open(path)?, largest)
+}
+
+/// The same of a file that the user or a scenario has named: it may be a link to a file.
+///
+/// # Errors
+/// Those of the file system; a pipe, a device, a directory or a larger file.
+pub fn read_named(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
+    whole(regular(guarded(OpenOptions::new().read(true), 0).open(path)?)?, largest)
+}
+
+fn whole(file: File, largest: u64) -> io::Result<Vec<u8>> {
+    let (length, mut bytes) = (file.metadata()?.len(), Vec::new());
+    // It may have grown since.
+    if length <= largest {
+        file.take(largest + 1).read_to_end(&mut bytes)?;
+    }
+    if length.max(bytes.len() as u64) > largest {
+        let (most, unit) = if largest < 10_000_000 { (largest / 1000, "kB") } else { (largest / 1_000_000, "MB") };
+        return Err(io::Error::other(format!("it is larger than {most} {unit}")));
     }
     Ok(bytes)
 }

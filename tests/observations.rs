@@ -87,7 +87,7 @@ fn rejected_observations_are_written_with_their_codes_and_counted() {
     assert!(fs::read_to_string(run.join("report.html")).unwrap().contains("rejected by quality control"));
 }
 
-/// Heights of 14 stations of which one contradicts its neighbours. By the equations of quality control, computed apart in
+/// Heights of 14 stations; one contradicts its neighbours. By the equations of quality control, computed apart in
 /// double precision (s² = 1623 m² from the median departure, L = 600 km), the others predict 5486.9 m there.
 #[test]
 fn a_rejected_observation_is_told_with_its_reason() {

@@ -1,6 +1,6 @@
 //! Passive networks: their departures are known, and nothing else depends on them.
 
-use crate::common::{isobar, text};
+use crate::common::{TRACER, isobar, text};
 use crate::runs::run_options;
 use isobar::output::Sink;
 use isobar::run::run;
@@ -177,36 +177,14 @@ fn every_method_is_the_same_with_a_passive_network_and_without() {
     }
 }
 
-const SMALL: &str = r#"
-title = "Passive observations"
-phenomenon = "Two observations are used, two are compared"
-source = "made up"
-seed = 1
-start = "2026-01-15T00:00:00Z"
+/// Two observations that are used and two that are compared, where errors of different places have nothing in common.
+fn small() -> String {
+    let smooth = "kind = \"univariate\", variable = \"tracer\", sigma = 1, length_km = 200";
+    assert!(TRACER.contains(smooth));
+    TRACER.replace(smooth, "kind = \"white\", variable = \"tracer\", sigma = 2") + SMALL_NETWORKS
+}
 
-[grid]
-nx = 16
-ny = 12
-dx_km = 100
-boundary = "periodic"
-
-[model]
-kind = "exact_shift"
-time_step_s = 3600
-columns_per_step = 0
-
-[initial]
-kind = "cosine_wave"
-amplitude = 0
-
-[background_error]
-components = [{ kind = "white", variable = "tracer", sigma = 2 }]
-
-[cycle]
-count = 1
-window_hours = 6
-
-[networks.used]
+const SMALL_NETWORKS: &str = r#"[networks.used]
 kind = "file"
 file = "used.csv"
 sigma = 1
@@ -247,7 +225,7 @@ const RUN: [&str; 6] = ["run", "s.toml", "--threads", "1", "--no-rerun", "--quie
 /// With white B (σ 2) and σ 1 the gain is 4/5: 2.4 at A, 0.8 at B; χ²/n is (3² + 1²)/(4 + 1)/2.
 #[test]
 fn departures_of_passive_observations_are_those_from_the_analysis_of_the_others() {
-    let folder = folder(SMALL);
+    let folder = folder(&small());
     let output = isobar(folder.path(), &RUN);
     assert!(output.status.success(), "{}", text(&output.stderr));
     let said = text(&output.stdout);
@@ -277,7 +255,7 @@ fn departures_of_passive_observations_are_those_from_the_analysis_of_the_others(
 
 #[test]
 fn a_world_with_nothing_but_passive_networks_says_so_and_compares_them() {
-    let folder = folder(&SMALL.replace("file = \"used.csv\"", "file = \"used.csv\"\nassimilate = false"));
+    let folder = folder(&small().replace("file = \"used.csv\"", "file = \"used.csv\"\nassimilate = false"));
     let output = isobar(folder.path(), &RUN);
     let said = text(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(output.status.success() && said.contains("nothing is assimilated"), "{said}");

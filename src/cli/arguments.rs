@@ -2,6 +2,7 @@
 
 use super::outputs::OutputArguments;
 use super::sensors::SensorsCommand;
+use super::threads::MOST_THREADS;
 use crate::batch::seeds::FEWEST_SEEDS;
 use clap::{Args, Parser, Subcommand};
 use std::ffi::OsString;
@@ -125,7 +126,7 @@ pub struct RunArguments {
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
     /// Number of threads [default: RAYON_NUM_THREADS, or one for each core]; results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST_THREADS))]
     pub threads: Option<u64>,
     /// Replace the files of an earlier run; what no run wrote is never deleted
     #[arg(long)]
@@ -171,7 +172,7 @@ pub struct ResumeArguments {
     #[arg(required = true, value_name = "OUT")]
     pub runs: Vec<PathBuf>,
     /// Number of threads [default: RAYON_NUM_THREADS, or one for each core]; results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST_THREADS))]
     pub threads: Option<u64>,
     /// Show no progress
     #[arg(long, short)]
@@ -229,7 +230,7 @@ pub struct PartArguments {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     pub cycles: Option<u64>,
     /// Number of threads [default: RAYON_NUM_THREADS, or one for each core]; results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST_THREADS))]
     pub threads: Option<u64>,
 }
 
@@ -265,7 +266,7 @@ pub struct RegressArguments {
     #[arg(long)]
     pub accept: bool,
     /// Number of threads [default: RAYON_NUM_THREADS, or one for each core]; results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST_THREADS))]
     pub threads: Option<u64>,
     /// Show no progress
     #[arg(long, short)]

@@ -8,9 +8,8 @@ use super::{run, seeds, sweep};
 use crate::batch::{BatchKind, BatchPlan};
 use crate::interrupt;
 use crate::options::RunOptions;
-use crate::output::directory::{
-    BATCH_FILE, JOURNAL_FILE, SEEDS_FILE, SUMMARY_FILE, SWEEP_FILE, Stage, holds, stage, tidy,
-};
+use crate::output::destination::is_complete;
+use crate::output::directory::{BATCH_FILE, JOURNAL_FILE, Stage, holds, stage, tidy};
 use crate::output::working;
 use crate::run::checkpoint::journal;
 use crate::run::finish;
@@ -95,7 +94,7 @@ fn left(out: &Path, arguments: &ResumeArguments) -> Result<Left, Report> {
 /// Why there is nothing to be continued.
 fn nothing_left(out: &Path) -> Report {
     let shown = shown_path(out);
-    let is_complete = [SUMMARY_FILE, SEEDS_FILE, SWEEP_FILE].iter().any(|file| out.join(file).is_file());
+    let is_complete = is_complete(out);
     let table = out.join(SENSORS_FILE);
     if is_complete && table.is_file() {
         let import = command("isobar sensors import sensors.db", &[&table]);

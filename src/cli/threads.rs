@@ -3,7 +3,7 @@
 use miette::{Report, miette};
 
 /// The most threads of `--threads`.
-const MOST_THREADS: usize = 1024;
+pub(super) const MOST_THREADS: u64 = 1024;
 
 /// The variables that rayon obeys where there is no `--threads`.
 const VARIABLES: [&str; 2] = ["RAYON_NUM_THREADS", "RAYON_RS_NUM_CPUS"];
@@ -22,7 +22,7 @@ fn check(name: &str, value: Option<&str>) -> Result<(), Report> {
     else {
         return Ok(());
     };
-    match digits.parse::<usize>() {
+    match digits.parse::<u64>() {
         Ok(threads) if threads <= MOST_THREADS => Ok(()),
         _ => {
             let help = format!("a number from 1 to {MOST_THREADS}, or none: one thread for each core");

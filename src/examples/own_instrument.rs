@@ -40,7 +40,7 @@ impl NonlinearOperator for WindSpeed {
     }
 }
 
-/// Anemometers on a square of so many rows and columns.
+/// Anemometers in rows and columns of equal number.
 #[derive(Debug)]
 pub struct Anemometers(pub usize);
 

@@ -14,7 +14,7 @@ pub const SEEDS_FILE: &str = "seeds.json";
 /// The file that the directory of a sweep holds in its place.
 pub const SWEEP_FILE: &str = "sweep.json";
 
-/// The files of which one is in every directory that `--overwrite` replaces.
+/// Every directory that `--overwrite` replaces has one of these files.
 const KINDS: [&str; 3] = [SUMMARY_FILE, SEEDS_FILE, SWEEP_FILE];
 
 /// How far below the directory of a batch its runs are.
@@ -43,11 +43,16 @@ pub fn check(destination: &Path, existing: Existing) -> Result<(), SinkError> {
     match existing {
         _ if !metadata.is_dir() => refuse("it exists and is not a directory"),
         Existing::Refuse => refuse("it exists already (--overwrite replaces it, once the new run is complete)"),
-        Existing::Overwrite if !KINDS.iter().any(|file| destination.join(file).is_file()) => refuse(
+        Existing::Overwrite if !is_complete(destination) => refuse(
             "it exists and holds no summary.json, so it is not the output of a complete run, and will not be deleted",
         ),
         Existing::Overwrite => contents::check(destination),
     }
+}
+
+/// Whether a directory holds complete outputs, of a run or of several.
+pub fn is_complete(directory: &Path) -> bool {
+    KINDS.iter().any(|file| directory.join(file).is_file())
 }
 
 /// Refuses to replace the directory of several runs by that of one.

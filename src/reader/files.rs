@@ -4,8 +4,7 @@ use super::{Field, Read};
 use crate::safe_file;
 use crate::text::{clean, shown_path};
 use isobar_obs::table::{decode, rows};
-use std::io::Read as _;
-use std::path::Path;
+use std::io;
 
 /// The largest file \[bytes\].
 const LARGEST_FILE: u64 = 100_000_000;
@@ -23,8 +22,8 @@ pub(crate) fn read(field: &Field<'_>, what: &str) -> Read<String> {
     if !path.is_file() {
         return Err(field.invalid(format!("the {what} {shown} does not exist"), "a path relative to this scenario"));
     }
-    let fault = |reason: String| field.invalid(format!("{shown}: {reason}"), "cannot be used");
-    let bytes = bytes(&path, LARGEST_FILE).map_err(fault)?;
+    let fault = |error: io::Error| field.invalid(format!("{shown}: {error}"), "cannot be used");
+    let bytes = safe_file::read_named(&path, LARGEST_FILE).map_err(fault)?;
     if field.file.count(bytes.len() as u64) > MOST_BYTES {
         let message = format!("with {shown} the files of this scenario have more than {} MB", MOST_BYTES / 1_000_000);
         return Err(field.invalid(message, "too much in all"));
@@ -45,26 +44,6 @@ fn checksum(text: &str) -> u32 {
         checksum.update(&u64::MAX.to_le_bytes());
     }
     checksum.finalize()
-}
-
-/// The bytes of a file of at most `largest` of them.
-///
-/// # Errors
-/// In words, without the file's name.
-pub(crate) fn bytes(path: &Path, largest: u64) -> Result<Vec<u8>, String> {
-    // A pipe might never end, nor begin.
-    let mut bytes = Vec::new();
-    let file = safe_file::open_named(path).map_err(|error| error.to_string())?;
-    let length = file.metadata().map_err(|error| error.to_string())?.len();
-    // It may have grown since.
-    if length <= largest {
-        file.take(largest + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
-    }
-    if length.max(bytes.len() as u64) > largest {
-        let (most, unit) = if largest < 10_000_000 { (largest / 1000, "kB") } else { (largest / 1_000_000, "MB") };
-        return Err(format!("it is larger than {most} {unit}"));
-    }
-    Ok(bytes)
 }
 
 #[cfg(test)]

@@ -30,7 +30,8 @@ use crate::kinds::methods::{self, Method, Surroundings};
 use crate::kinds::models::{self, Model};
 use crate::kinds::{self, Domain, distinct_name, plain_name};
 use crate::output::Outputs;
-use crate::reader::{self, Field, FileName, Read, Section, SourceFile, files};
+use crate::reader::{self, Field, FileName, Read, Section, SourceFile};
+use crate::safe_file;
 use crate::scores::ScoreKind;
 use crate::scores::expected::TOLERANCE_KEY;
 use crate::text;
@@ -79,7 +80,7 @@ pub struct Scenario {
     pub background_error: Components,
     /// Q: covariance of the error that the model makes in one cycle; empty for a perfect model.
     pub model_error: Components,
-    /// How the true world differs from that; `None` in a world without a truth, of which there are recorded observations alone.
+    /// How the true world differs from that; `None` without a truth, where there are only recorded observations.
     pub truth: Option<TruthSettings>,
     /// The cycles.
     pub cycle: CycleSettings,
@@ -136,7 +137,8 @@ impl Scenario {
     /// # Errors
     /// The first fault in the file, with its place.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
-        let bytes = files::bytes(path, LARGEST_FILE).map_err(|reason| ScenarioError::of_file(path, reason))?;
+        let bytes = safe_file::read_named(path, LARGEST_FILE);
+        let bytes = bytes.map_err(|error| ScenarioError::of_file(path, error.to_string()))?;
         match String::from_utf8(bytes) {
             Ok(text) => Self::parse(path, &text),
             Err(error) => {

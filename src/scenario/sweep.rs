@@ -19,7 +19,7 @@ const MOST_KEYS: usize = 8;
 pub struct SweepSettings {
     /// Number of seeds of each setting, from the scenario's on.
     pub seeds: usize,
-    /// Dotted name of the score of which less is better; `None`: the analysis error of the first variable, or a
+    /// Dotted name of the score, where less is better; `None`: the analysis error of the first variable, or a
     /// departure where there is no truth.
     pub score: Option<String>,
     /// The values of each key, by its dotted name, `methods.var.covariance_scale`; a number stands for an element of a list,

@@ -3,7 +3,7 @@
 use super::SensorError;
 use super::record::{MOST_RECORDS, Record, Records};
 use crate::calendar::utc;
-use crate::reader::files;
+use crate::safe_file;
 use crate::tables::{self, Cell};
 use crate::text::{clean, listed, nearest};
 use isobar_obs::table::{Faults, LARGEST, Row, Table, TableError, decode};
@@ -41,7 +41,8 @@ const KINDS: [(&str, &[&str], &[&str]); 5] = [
 /// # Errors
 /// All lines that are no records, with what would be right.
 pub fn read(path: &Path) -> Result<Vec<(u64, Record)>, SensorError> {
-    let bytes = files::bytes(path, LARGEST_TABLE).map_err(|reason| SensorError::new(path, reason))?;
+    let bytes = safe_file::read_named(path, LARGEST_TABLE);
+    let bytes = bytes.map_err(|error| SensorError::new(path, error.to_string()))?;
     parse(path, &bytes)
 }
 

@@ -152,7 +152,7 @@ impl Cell {
         value.map_or_else(String::new, |value| value.to_string()).into()
     }
 
-    /// A number of which all digits matter, up to six, or a dash.
+    /// A number with up to six digits, all of them significant, or a dash.
     pub fn exact(value: Option<f64>) -> Self {
         let shown = |value: f64| match value.abs() {
             0.0 => "0".to_string(),

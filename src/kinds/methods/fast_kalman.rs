@@ -73,7 +73,7 @@ const RESIDUAL: Key<Choice<Residual>> = Key::absent(
     "",
     // Probes are counted by a key of their own.
     Choice(&[("exact", Residual::Exact), ("persist", Residual::Persist), ("probe", Residual::Probe { count: 0 })]),
-    Absent::Explained("\"probe\" with factors, \"exact\" without"),
+    Absent::Explained("\"probe\" with factors or local factors, else \"exact\""),
     "how the blocks are forecast",
 );
 
@@ -165,7 +165,7 @@ pub(super) fn read(section: &Section<'_>, domain: &Domain) -> Read<FastKalmanSet
         Some(Residual::Probe { .. }) => probe,
         Some(residual) => residual,
         // Without factors the blocks hold all there is, and only the exact forecast does them justice.
-        None if factors == 0 => Residual::Exact,
+        None if factors == 0 && section.optional(LOCAL_FACTORS.name).is_none() => Residual::Exact,
         None => probe,
     };
     let bias_coupling = section.get(&BIAS_COUPLING)?;

@@ -3,12 +3,12 @@
 use super::Surroundings;
 use crate::reader::{Absent, AnyKey, Key, Limits, Read, Section, Table, Whole};
 use isobar_assim::fast_kalman::{FastKalmanSettings, Precision, Residual};
-use isobar_assim::local_factors::{LocalFactorSettings, LocalResidual};
+use isobar_assim::local_factors::LocalFactorSettings;
 
-/// Tiles are so many correlation lengths of the model error wide, unless the scenario says otherwise.
+/// The width of a tile in correlation lengths of the model error, unless the scenario gives it.
 const TILE_LENGTHS: f64 = 2.0;
 
-/// The supports of factors are so many tiles wide: a margin of 1.5 tiles, 3 lengths, on either side of a tile.
+/// The width of the support of factors in tiles: a margin of 1.5 tiles, 3 lengths, on either side of a tile.
 const SUPPORT_TILES: usize = 4;
 
 pub(super) const LOCAL_FACTORS: Key<Table> = Key::absent(
@@ -78,15 +78,10 @@ pub(super) fn read(
             ));
         }
     }
-    let residual = match (section.optional("residual"), filter.residual) {
-        (None, _) => LocalResidual::Probe(8),
-        (_, Residual::Persist) => LocalResidual::Persist,
-        (_, Residual::Probe { count }) => LocalResidual::Probe(count),
-        (Some(field), Residual::Exact) => {
-            let message = "local factors leave a residual that no exact forecast is worth".to_string();
-            return Err(field.invalid(message, "must be \"probe\" or \"persist\" with `local_factors`"));
-        }
-    };
+    if let (Some(field), Residual::Exact) = (section.optional("residual"), filter.residual) {
+        let message = "local factors leave a residual that no exact forecast is worth".to_string();
+        return Err(field.invalid(message, "must be \"probe\" or \"persist\" with `local_factors`"));
+    }
     let own = field.section(&KEYS.iter().map(|key| key.name()).collect::<Vec<_>>())?;
     let per_tile = own.get(&PER_TILE)?;
     let tile_m = match (own.find(&TILE_KM)?, surroundings.error_length_m) {
@@ -117,7 +112,7 @@ pub(super) fn read(
         tile_m,
         support_tiles,
         mixed,
-        residual,
+        residual: filter.residual,
     }))
 }
 

@@ -6,7 +6,7 @@ mod scores;
 pub use scores::{MethodSeries, Scores};
 
 use crate::output::directory::SUMMARY_FILE;
-use crate::reader::files::bytes;
+use crate::safe_file::read_named;
 use crate::scores::Summary;
 use crate::text::{clean, shown_path};
 use miette::Diagnostic;
@@ -98,7 +98,8 @@ pub fn summary(text: &str, directory: &Path, path: &Path) -> Result<Summary, Sav
 /// The text of a file.
 fn read(path: &Path) -> Result<String, SavedRunError> {
     let failure = |reason: String| SavedRunError::new(path, format!("it cannot be read: {reason}"));
-    String::from_utf8(bytes(path, LARGEST_FILE).map_err(failure)?).map_err(|error| failure(error.to_string()))
+    let bytes = read_named(path, LARGEST_FILE).map_err(|error| failure(error.to_string()))?;
+    String::from_utf8(bytes).map_err(|error| failure(error.to_string()))
 }
 
 /// Directories of runs directly below, by name.
