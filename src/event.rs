@@ -2,6 +2,7 @@
 
 use crate::correlations::Correlations;
 use crate::outcome::UnusedDepartures;
+use crate::readings::Readings;
 use crate::scores::{Failure, ScoreKind, Summary, Values};
 use isobar_assim::{Analysis, Estimate, EstimatedParameter, Structure};
 use isobar_model::{Duration, Layout, State, Time};
@@ -39,6 +40,8 @@ pub struct RunInfo {
     pub methods: Vec<MethodInfo>,
     /// Whether there is a truth, with which methods are compared.
     pub has_truth: bool,
+    /// Whether what is known of its sensors is kept in a database.
+    pub keeps_sensors: bool,
     /// The networks.
     pub networks: Vec<NetworkInfo>,
     /// What there is to know of their stations and files.
@@ -89,6 +92,8 @@ pub struct MethodInfo {
     pub description: String,
     /// The number of later cycles whose observations revise its estimates, if it has a smoother.
     pub smoother_lag_cycles: Option<usize>,
+    /// Whether it estimates biases.
+    pub estimates_biases: bool,
 }
 
 /// A station.
@@ -223,6 +228,8 @@ pub struct Analysed<'a> {
     pub analysis: Cow<'a, Analysis>,
     /// How the observations that the method did not see depart from its estimates.
     pub unused: Cow<'a, UnusedDepartures>,
+    /// The observations without the biases that the method has found, if it estimates biases.
+    pub readings: Option<Cow<'a, Readings>>,
     /// The scores of this cycle alone.
     pub scores: Cow<'a, Values>,
     /// Blocks and common factors after the analysis, for a method that has them and if a sink shows them.

@@ -11,6 +11,7 @@
 //! | [`options`] | what the user changes in a run |
 //! | [`run`] | builds an experiment and runs it: the true world, its observations, each method, the scores; checkpoints |
 //! | [`outcome`] | the result of one cycle of one method |
+//! | [`readings`] | observations without the biases that a method has found in them |
 //! | [`scores`] | the list of all scores; the only place where truth and estimate meet |
 //! | [`interrupt`] | how a signal ends a run |
 //! | [`event`], [`output`] | the events of a run, the files that they are written to, and runs read back from them |
@@ -40,6 +41,7 @@ mod place;
 pub mod plot;
 pub mod progress;
 mod reader;
+pub mod readings;
 pub mod run;
 mod safe_file;
 pub mod scenario;

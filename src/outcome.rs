@@ -1,5 +1,6 @@
 //! What a method made of one cycle, for those who judge it: the monitors, the scores, the sinks.
 
+use crate::readings::Readings;
 use isobar_assim::{Analysis, Estimate};
 use isobar_obs::ObservationType;
 use serde::{Deserialize, Serialize};
@@ -15,6 +16,8 @@ pub struct Outcome {
     pub smoothed: Vec<Smoothed>,
     /// How the observations that the method did not see depart from its estimates.
     pub unused: UnusedDepartures,
+    /// The observations without the biases that the method has found; `None` if it estimates none.
+    pub readings: Option<Readings>,
     /// What each type of observations did, if that was asked for.
     pub influence: Option<Influence>,
     /// Wall-clock seconds that it took.

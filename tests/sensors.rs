@@ -2,6 +2,7 @@
 
 #[cfg(unix)]
 use crate::common::{VALID, isobar, text};
+use netcdf_reader::NcFile;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rusqlite::Connection;
@@ -404,4 +405,42 @@ fn a_run_is_resumed_only_with_the_knowledge_it_began_with() {
         }
     }
     assert!(resumed > 0);
+}
+
+/// The satellite's bias has no other parameter, so that the correction is the estimate and its error the claim.
+#[test]
+fn readings_are_the_observations_without_the_biases_that_were_found() {
+    let parent = place();
+    let parent = parent.path();
+    fs::write(parent.join("first.toml"), scenario(true)).unwrap();
+    succeeds(parent, &["run", "first.toml", "--quiet", "--no-report", "--no-rerun", "--threads", "1"]);
+    let method = NcFile::open(parent.join("out/first/fkf.nc")).unwrap();
+    let names = method.read_variable_as_strings("parameter").unwrap();
+    let offset = names.iter().position(|name| name == "polar/offset").unwrap();
+    let series = |name: &str| method.read_variable::<f64>(name).unwrap();
+    let (found, claimed) = (series("calibration_analysis"), series("calibration_analysis_spread"));
+    let mut table = csv::Reader::from_path(parent.join("out/first/readings.csv")).unwrap();
+    let header = table.headers().unwrap().clone();
+    let column = |name: &str| header.iter().position(|own| own == name).unwrap_or_else(|| panic!("{name}: {header:?}"));
+    // `free` estimates nothing.
+    assert!(!header.iter().any(|name| name.starts_with("free")), "{header:?}");
+    let observations = NcFile::open(parent.join("out/first/observations.nc")).unwrap();
+    let calibrated = observations.read_variable::<f64>("calibrated_value_fkf").unwrap();
+    let sigma = observations.read_variable::<f64>("calibrated_value_fkf_sigma").unwrap();
+    assert!(observations.variable("calibrated_value_free").is_err());
+    let mut of_satellite = 0;
+    for (number, row) in table.records().enumerate() {
+        let row = row.unwrap();
+        let value = |name: &str| row[column(name)].parse::<f64>().unwrap();
+        assert_eq!([value("fkf calibrated"), value("fkf sigma")], [calibrated[number], sigma[number]]);
+        let cycle = value("cycle") as usize;
+        if &row[column("network")] == "polar" {
+            let at = (cycle - 1) * names.len() + offset;
+            let correction = value("value") - value("fkf calibrated");
+            assert!((correction - found.as_slice().unwrap()[at]).abs() < 1e-9 * value("value").abs(), "{row:?}");
+            assert!((value("fkf sigma") / claimed.as_slice().unwrap()[at] - 1.0).abs() < 1e-9, "{row:?}");
+            of_satellite += 1;
+        }
+    }
+    assert!(of_satellite > 10, "{of_satellite}");
 }

@@ -3,6 +3,7 @@
 use crate::synthetic_run::SyntheticRun;
 use isobar::event::{Event, MethodInfo};
 use isobar::output::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
+use isobar::readings::Readings;
 use netcdf_reader::NcFile;
 use std::path::Path;
 
@@ -192,6 +193,10 @@ fn every_observation_is_a_point_with_its_departures() {
             let analysis = |k: usize| departures[k].1.analysis_departures.clone();
             assert_eq!(numbers(&file, &format!("analysis_departure_{name}")), all(&analysis));
         }
+        let readings = |of: fn(&Readings) -> &Vec<f64>| all(&|k| of(&run.readings(k + 1)).clone());
+        assert_eq!(numbers(&file, "calibrated_value_fast_kalman"), readings(|it| &it.values));
+        assert_eq!(numbers(&file, "calibrated_value_fast_kalman_sigma"), readings(|it| &it.sigma));
+        assert!(file.variable("calibrated_value_kalman").is_err());
         let reports: Vec<_> = windows.iter().flat_map(|window| &window.reports).collect();
         let texts = |name: &str| file.read_variable_as_strings(name).unwrap();
         assert_eq!(texts("network"), reports.iter().map(|report| &*report.network).collect::<Vec<_>>());
@@ -320,7 +325,12 @@ fn methods_whose_files_would_be_the_same_are_refused() {
     for names in [["letkf 1", "LETKF/1"], ["truth", "kalman"], ["kalman", "observations"]] {
         let mut info = SyntheticRun::new(8, 6, 1, 1).info;
         info.methods = names
-            .map(|name| MethodInfo { name: name.into(), description: String::new(), smoother_lag_cycles: None })
+            .map(|name| MethodInfo {
+                name: name.into(),
+                description: String::new(),
+                smoother_lag_cycles: None,
+                estimates_biases: true,
+            })
             .into_iter()
             .collect();
         let Err(error) = open_all(&info, &directory, &netcdf()) else { panic!("{names:?} were accepted") };

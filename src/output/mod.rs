@@ -1,7 +1,7 @@
 //! Sinks hear the events of a run and write files. None of them changes the run.
 //!
 //! Contents: [`directory`] (where outputs go, with [`working`], [`destination`] and [`contents`]), [`OUTPUTS`] (the outputs that can be switched off), [`netcdf`],
-//! [`parameters`], [`report`], [`scores`], [`summary`], and with the cargo feature `rerun` the recording for the rerun
+//! [`parameters`], [`readings`], [`report`], [`scores`], [`summary`], and with the cargo feature `rerun` the recording for the rerun
 //! viewer; [`structure`] is what report and recording show of a method's blocks.
 
 pub mod contents;
@@ -10,6 +10,7 @@ pub mod directory;
 pub mod netcdf;
 mod outputs;
 pub mod parameters;
+pub mod readings;
 pub mod recorded;
 pub mod report;
 #[cfg(feature = "rerun")]

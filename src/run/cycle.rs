@@ -5,6 +5,7 @@ use super::monitor::{self, Fault, Monitor};
 use crate::correlations::Correlations;
 use crate::memory::{self, Memory};
 use crate::outcome::{Outcome, Smoothed, UnusedDepartures};
+use crate::readings::Readings;
 use crate::scores::stability::{Stability, Watch, judge};
 use isobar_assim::{
     Assimilator, Calibrated, CalibrationAccuracy, Error, Estimate, EstimatedParameter, Structure, Unknown,
@@ -115,6 +116,11 @@ impl Runner {
         self.method.can().smoother.map(|smoother| smoother.lag())
     }
 
+    /// Whether the method estimates biases.
+    pub fn estimates_biases(&self) -> bool {
+        self.method.can().calibration.is_some()
+    }
+
     /// Forecasts over a window and analyses the observations at its end, with bias predictors of that forecast;
     /// `with_influence` asks also what each type of observations did, which is no part of the method's cost and changes
     /// nothing in its results. After the `last` cycle no estimate will be revised any more.
@@ -140,8 +146,11 @@ impl Runner {
             background: departures(observed, &from.estimate),
             analysis: departures(observed, &analysis.estimate),
         };
+        let calibration = self.method.can().calibration;
+        let readings =
+            calibration.map(|errors| Readings::new(observed, &analysis.estimate, || errors.calibration_accuracy()));
         let background = from.estimate.clone();
-        let mut outcome = Outcome { background, analysis, smoothed, unused, influence: None, seconds };
+        let mut outcome = Outcome { background, analysis, smoothed, unused, readings, influence: None, seconds };
         // What is given back is not the method's to hold.
         self.held_bytes -= outcome.bytes();
         self.progress.monitor.check(&outcome)?;

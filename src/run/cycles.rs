@@ -156,6 +156,7 @@ impl Cycles<'_, '_> {
             background: Cow::Borrowed(&outcome.background),
             analysis: Cow::Borrowed(&outcome.analysis),
             unused: Cow::Borrowed(&outcome.unused),
+            readings: outcome.readings.as_ref().map(Cow::Borrowed),
             scores: Cow::Owned(with_cost(scores.values(), outcome.seconds, bytes)),
             structure: self.shown.structure.then(structure).flatten().map(Cow::Owned),
             correlations: (self.shown.structure && last).then(correlations).flatten().map(Cow::Owned),

@@ -148,7 +148,15 @@ mod tests {
             warnings: Vec::new(),
         };
         let smoothed = vec![Smoothed { cycles_ago: 2, estimate: estimate.clone() }];
-        Outcome { background: estimate, analysis, smoothed, unused: Default::default(), influence: None, seconds: 0.0 }
+        Outcome {
+            background: estimate,
+            analysis,
+            smoothed,
+            unused: Default::default(),
+            readings: None,
+            influence: None,
+            seconds: 0.0,
+        }
     }
 
     #[test]

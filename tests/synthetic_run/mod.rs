@@ -3,6 +3,7 @@
 use isobar::correlations::Correlations;
 use isobar::event::{Analysed, Event, MethodInfo, RunInfo, StationInfo};
 use isobar::output::{Sink, SinkError};
+use isobar::readings::Readings;
 use isobar::scores::stability::{ParameterStability, Stability};
 use isobar::scores::{MethodScores, Summary, Values};
 use isobar_assim::block_angular::PartitionReport;
@@ -93,13 +94,30 @@ impl SyntheticRun {
                 let correlations = (method == 0).then(|| self.correlations());
                 let correlations = correlations.map(Cow::Owned);
                 let unused = Cow::Owned(Default::default());
-                let analysed =
-                    Analysed { method, cycle, time, background, analysis, unused, scores, structure, correlations };
+                let readings = (method == 0).then(|| Cow::Owned(self.readings(cycle)));
+                let analysed = Analysed {
+                    method,
+                    cycle,
+                    time,
+                    background,
+                    analysis,
+                    unused,
+                    readings,
+                    scores,
+                    structure,
+                    correlations,
+                };
                 sink.record(&Event::Analysed(analysed))?;
             }
             sink.record(&Event::CycleEnded(cycle))?;
         }
         sink.record(&Event::Finished(&self.summary))
+    }
+
+    /// A correction of −0.5 ± 0.25 of everything.
+    pub fn readings(&self, cycle: usize) -> Readings {
+        let values = &self.windows[cycle - 1].values;
+        Readings { values: values.iter().map(|value| value - 0.5).collect(), sigma: vec![0.25; values.len()] }
     }
 
     /// Columns of cells in pairs, every second pair observed; common factors in odd cycles.
@@ -181,6 +199,7 @@ fn info(nx: usize, ny: usize, cycles: usize, methods: usize) -> RunInfo {
         scenario_text: "title = \"A vortex over a channel\"\nseed = 42\n\n[grid]\nnx = 32\nny = 24\n".into(),
         seed: 42,
         has_truth: true,
+        keeps_sensors: false,
         networks: Vec::new(),
         notes: Vec::new(),
         stations: stations.collect(),
@@ -197,6 +216,7 @@ fn info(nx: usize, ny: usize, cycles: usize, methods: usize) -> RunInfo {
                 name: name.into(),
                 description: description.into(),
                 smoother_lag_cycles: None,
+                estimates_biases: true,
             })
             .collect(),
     }

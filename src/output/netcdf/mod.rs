@@ -102,7 +102,7 @@ impl Sink for NetcdfSink {
             }
             Event::Analysed(analysed) => {
                 self.method(analysed.method, Some(analysed))?.append(analysed)?;
-                self.observations.add_departures(analysed)
+                self.observations.add_results(analysed)
             }
             Event::Smoothed(smoothed) => self.method(smoothed.method, None)?.smooth(smoothed),
             Event::Finished(_) => self.finish(),

@@ -28,6 +28,8 @@ pub struct ObservationsFile {
     cycles: BTreeMap<usize, [Range<usize>; 2]>,
     /// Background and analysis departures of each method.
     departures: Vec<[Vec<f64>; 2]>,
+    /// The values without the biases that each method has found, and how well it knows these; empty if it estimates none.
+    readings: Vec<[Vec<f64>; 2]>,
 }
 
 impl ObservationsFile {
@@ -45,6 +47,7 @@ impl ObservationsFile {
             cycle_numbers: Vec::new(),
             cycles: BTreeMap::new(),
             departures: vec![Default::default(); info.methods.len()],
+            readings: vec![Default::default(); info.methods.len()],
         }
     }
 
@@ -72,7 +75,6 @@ impl ObservationsFile {
         let times = window.times.iter().chain(unused.iter().map(|it| &it.time));
         self.times.extend(times.map(|time| time.seconds() as f64));
         self.cycle_numbers.resize(all, i32::try_from(cycle).unwrap_or(i32::MAX));
-        let filled = |value: f64| if value.is_finite() { value } else { FILL_VALUE };
         self.values.extend(window.values.iter().copied().chain(unused.iter().map(|it| filled(it.value))));
         self.sigma.extend(window.sigma.iter().copied().chain(unused.iter().map(|it| filled(it.sigma))));
         self.codes.resize(start + n, 0);
@@ -92,15 +94,18 @@ impl ObservationsFile {
         for method in self.departures.iter_mut().flatten() {
             method.resize(all, FILL_VALUE);
         }
+        for method in self.readings.iter_mut().flatten().filter(|method| !method.is_empty()) {
+            method.resize(all, FILL_VALUE);
+        }
         Ok(())
     }
 
-    /// Takes a method's departures of a cycle.
+    /// Takes a method's departures of a cycle, and its readings.
     ///
     /// # Errors
     /// If the cycle has other observations.
-    pub fn add_departures(&mut self, analysed: &Analysed<'_>) -> Result<(), SinkError> {
-        let &Analysed { cycle, method, ref analysis, ref unused, .. } = analysed;
+    pub fn add_results(&mut self, analysed: &Analysed<'_>) -> Result<(), SinkError> {
+        let &Analysed { cycle, method, ref analysis, ref unused, ref readings, .. } = analysed;
         let [of_used, of_unused] = self.cycles.get(&cycle).cloned().unwrap_or([0..0, 0..0]);
         let given =
             [(&analysis.background_departures, &unused.background), (&analysis.analysis_departures, &unused.analysis)];
@@ -114,6 +119,19 @@ impl ObservationsFile {
             departures[of_used.clone()].copy_from_slice(used);
             for (own, given) in departures[of_unused.clone()].iter_mut().zip(unused) {
                 *own = given.unwrap_or(FILL_VALUE);
+            }
+        }
+        if let Some(readings) = readings {
+            let (range, all) = (of_used.start..of_unused.end, self.values.len());
+            for (own, given) in self.readings[method].iter_mut().zip([&readings.values, &readings.sigma]) {
+                if given.len() != range.len() {
+                    let (given, n) = (given.len(), range.len());
+                    let reason =
+                        format!("method {method} has {given} readings of the {n} observations of cycle {cycle}");
+                    return Err(SinkError { path: self.path.clone(), reason });
+                }
+                own.resize(all, FILL_VALUE);
+                own[range.clone()].iter_mut().zip(given).for_each(|(own, &value)| *own = filled(value));
             }
         }
         Ok(())
@@ -216,11 +234,25 @@ impl ObservationsFile {
                 definition.fixed(quantity(&name, &long_name), Values::Numbers(values.clone()));
             }
         }
+        let estimating = info.methods.iter().zip(&self.readings).filter(|(_, [values, _])| !values.is_empty());
+        for (method, [values, sigma]) in estimating {
+            let name = format!("calibrated_value_{}", cf::safe_name(&method.name, "_"));
+            let long_name = format!("observed value without the bias that {} has found", method.name);
+            let of_sigma = format!("{name}_sigma");
+            let variable = quantity(&name, &long_name).with("ancillary_variables", of_sigma.as_str());
+            definition.fixed(variable, Values::Numbers(values.clone()));
+            let long_name = format!("claimed standard deviation of the bias that {} has found", method.name);
+            definition.fixed(quantity(&of_sigma, &long_name), Values::Numbers(sigma.clone()));
+        }
     }
 
     fn failure(&self, reason: String) -> SinkError {
         SinkError { path: self.path.clone(), reason }
     }
+}
+
+fn filled(value: f64) -> f64 {
+    if value.is_finite() { value } else { FILL_VALUE }
 }
 
 /// Name of the reported variable.

@@ -181,7 +181,7 @@ impl ExperimentBuilder<'_> {
         for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
             let build = || Ok(calibrated(self::method(&problem, name, scenario)?, method.estimates_biases()));
             let runner = watched(Runner::new::<_, ExperimentError>(build)?);
-            let smoother_lag_cycles = runner.smoother_lag();
+            let (smoother_lag_cycles, estimates_biases) = (runner.smoother_lag(), runner.estimates_biases());
             let bias_known = method.bias == BiasTreatment::Known;
             let scores_bias = method.scores_biases();
             methods.push(Competitor { runner, failure: None, scores_bias, has_warned: false, bias_known });
@@ -191,7 +191,7 @@ impl ExperimentBuilder<'_> {
             let known = sensors_in_words(&sensors).filter(|_| method.estimates_biases());
             let parts = [Some(method.describe()), initialised, known];
             let description = parts.into_iter().flatten().collect::<Vec<_>>().join(", ");
-            infos.push(MethodInfo { name: name.clone(), description, smoother_lag_cycles });
+            infos.push(MethodInfo { name: name.clone(), description, smoother_lag_cycles, estimates_biases });
         }
         for AddedMethod { name, description, set_up } in added.iter().filter(|method| chosen(&method.name)) {
             let build = || {
@@ -201,9 +201,10 @@ impl ExperimentBuilder<'_> {
             };
             let runner = Runner::new(build).map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
             let runner = watched(runner);
-            let smoother_lag_cycles = runner.smoother_lag();
+            let (smoother_lag_cycles, estimates_biases) = (runner.smoother_lag(), runner.estimates_biases());
+            let (name, description) = (name.clone(), description.clone());
             methods.push(Competitor { runner, failure: None, scores_bias: true, has_warned: false, bias_known: false });
-            infos.push(MethodInfo { name: name.clone(), description: description.clone(), smoother_lag_cycles });
+            infos.push(MethodInfo { name, description, smoother_lag_cycles, estimates_biases });
         }
         let stations = observing.stations().iter().map(|station| StationInfo {
             network: station.network.clone(),
@@ -231,6 +232,7 @@ impl ExperimentBuilder<'_> {
             calibration: problem.calibration.clone(),
             methods: infos,
             has_truth: truth.is_some(),
+            keeps_sensors: scenario.sensors.is_some(),
             networks: networks.collect(),
             notes: notices::information(scenario, &observing, cycles),
             stations: stations.collect(),

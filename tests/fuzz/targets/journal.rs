@@ -12,7 +12,7 @@ use std::sync::{Arc, LazyLock};
 static INFO: LazyLock<RunInfo> = LazyLock::new(|| {
     let text = include_str!("../../common/valid.toml");
     let scenario = Scenario::parse(Path::new("small.toml"), text).unwrap();
-    let method = |name: &str| MethodInfo { name: name.into(), description: String::new(), smoother_lag_cycles: None };
+    let method = |name: &str| MethodInfo { name: name.into(), description: String::new(), smoother_lag_cycles: None, estimates_biases: true };
     RunInfo {
         scenario: scenario.name.clone(),
         title: scenario.title.clone(),
@@ -27,6 +27,7 @@ static INFO: LazyLock<RunInfo> = LazyLock::new(|| {
         calibration: Default::default(),
         methods: vec![method("free"), method("fkf")],
         has_truth: true,
+        keeps_sensors: false,
         networks: Vec::new(),
         notes: Vec::new(),
         stations: Vec::new(),
