@@ -415,7 +415,7 @@ fn readings_are_the_observations_without_the_biases_that_were_found() {
     fs::write(parent.join("first.toml"), scenario(true)).unwrap();
     succeeds(parent, &["run", "first.toml", "--quiet", "--no-report", "--no-rerun", "--threads", "1"]);
     let method = NcFile::open(parent.join("out/first/fkf.nc")).unwrap();
-    let names = method.read_variable_as_strings("parameter").unwrap();
+    let names = method.read_variable_as_strings("parameter_name").unwrap();
     let offset = names.iter().position(|name| name == "polar/offset").unwrap();
     let series = |name: &str| method.read_variable::<f64>(name).unwrap();
     let (found, claimed) = (series("calibration_analysis"), series("calibration_analysis_spread"));
