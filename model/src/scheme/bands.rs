@@ -57,6 +57,7 @@ pub(crate) fn bands<'a>(grid: &'a Grid, x: &'a mut [f64], variables: usize, reac
 
 impl Band<'_> {
     /// Whether a wall is south and north of the band.
+    #[inline]
     pub fn walls(&self) -> (bool, bool) {
         let channel = self.grid.boundary == Boundary::Channel;
         (channel && self.first == 0, channel && self.first + self.rows == self.grid.ny)
@@ -70,12 +71,14 @@ impl Band<'_> {
     }
 
     /// The number of a row that may be beyond a periodic edge.
+    #[inline]
     pub fn grid_row(&self, row: isize) -> usize {
         let ny = self.grid.ny as isize;
         if (0..ny).contains(&row) { row as usize } else { row.rem_euclid(ny) as usize }
     }
 
     /// A row of the first variables.
+    #[inline]
     pub fn row(&self, row: isize) -> Row<'_> {
         let nx = self.grid.nx;
         let offset = row - self.first as isize;

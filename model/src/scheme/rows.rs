@@ -25,6 +25,7 @@ impl<'a> Row<'a> {
     ///
     /// # Panics
     /// If it has more than [`MOST_VARIABLES`] variables.
+    #[inline]
     pub fn of(mut values: &'a [f64], nx: usize) -> Self {
         let mut row = Self::default();
         let mut variable = 0;
@@ -127,15 +128,18 @@ impl Ring {
         Self { values: vec![0.0; row_len * depth], row_len, mask: depth - 1 }
     }
 
+    #[inline]
     fn start(&self, row: isize) -> usize {
         (row as usize & self.mask) * self.row_len
     }
 
+    #[inline]
     pub fn row(&self, row: isize) -> &[f64] {
         let start = self.start(row);
         &self.values[start..start + self.row_len]
     }
 
+    #[inline]
     pub fn row_mut(&mut self, row: isize) -> &mut [f64] {
         let start = self.start(row);
         &mut self.values[start..start + self.row_len]

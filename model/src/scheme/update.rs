@@ -17,6 +17,7 @@ pub(crate) enum Scheme<'a> {
 
 impl Scheme<'_> {
     /// Number of evaluations of the tendency.
+    #[inline]
     pub fn stages(self) -> usize {
         match self {
             Scheme::RungeKutta { b, .. } => b.len(),
@@ -33,6 +34,7 @@ impl Scheme<'_> {
     }
 
     /// Part of the slopes of `row` known at a stage, with the times for which they act in the state of the next stage.
+    #[inline]
     pub fn terms(self, stage: usize, slopes: &[Ring], row: isize, part: Range<usize>) -> ([(f64, &[f64]); 8], usize) {
         let mut terms: [(f64, &[f64]); 8] = [(0.0, &[]); 8];
         let mut count = 0;

@@ -84,13 +84,8 @@ impl WithSimd for Push<'_, '_> {
         let Push { rows, row, south, north, tendency } = self;
         let ShallowWaterRows { model, flux_x, flux_y, q, bernoulli, .. } = rows;
         let constants = Constants::new(model);
-        let diagnosed = Diagnostics {
-            mass_flux_x: &mut flux_x[2],
-            mass_flux_y: &mut flux_y[1],
-            potential_vorticity: &mut q[1],
-            bernoulli: &mut bernoulli[1],
-        };
-        diagnose(constants, model.coriolis_per_s(row), south, north, diagnosed);
+        let coriolis = model.coriolis_per_s(row);
+        diagnose(constants, coriolis, south, north, &mut flux_x[2], &mut flux_y[1], &mut q[1], &mut bernoulli[1]);
         let nx = north.variable(H).len();
         let (k_h, winds) = tendency.split_at_mut(nx);
         let (k_u, k_v) = winds.split_at_mut(nx);
@@ -126,18 +121,19 @@ impl WithSimd for Push<'_, '_> {
     }
 }
 
-/// Rows of the diagnostic quantities.
-struct Diagnostics<'a> {
-    mass_flux_x: &'a mut [f64],
-    mass_flux_y: &'a mut [f64],
-    potential_vorticity: &'a mut [f64],
-    bernoulli: &'a mut [f64],
-}
-
-/// U, V and q of the northern row, B of the southern, in one loop.
+/// U, V and q of the northern row, B of the southern, in one loop. (Rows to be written are arguments and not fields of a
+/// struct: only of arguments the compiler knows that they do not overlap, else it compares them before every row.)
 #[inline(always)]
-fn diagnose(constants: Constants, coriolis: f64, south: Row<'_>, north: Row<'_>, out: Diagnostics<'_>) {
-    let Diagnostics { mass_flux_x, mass_flux_y, potential_vorticity, bernoulli } = out;
+fn diagnose(
+    constants: Constants,
+    coriolis: f64,
+    south: Row<'_>,
+    north: Row<'_>,
+    mass_flux_x: &mut [f64],
+    mass_flux_y: &mut [f64],
+    potential_vorticity: &mut [f64],
+    bernoulli: &mut [f64],
+) {
     let ([h_s, u_s, v_s], [h, u, v]) = (south.variables(), north.variables());
     let last = h.len() - 1;
     // The first place, west of which is the last.
