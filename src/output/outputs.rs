@@ -2,7 +2,7 @@
 
 #[cfg(feature = "rerun")]
 use super::rerun;
-use super::{OutputDirectory, Sink, SinkError, netcdf, parameters, report, scores, summary};
+use super::{OutputDirectory, Sink, SinkError, forecasts, netcdf, parameters, report, scores, summary};
 use crate::event::RunInfo;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -126,6 +126,7 @@ pub fn open_all(
 ) -> Result<Vec<Box<dyn Sink>>, SinkError> {
     let mut sinks = open(info, directory, outputs)?;
     sinks.push(Box::new(scores::ScoresSink::create(info, directory)?));
+    sinks.push(Box::new(forecasts::ForecastsSink::new(info, directory)));
     sinks.push(Box::new(parameters::ParametersSink::new(info, directory)));
     sinks.push(Box::new(summary::SummarySink::new(directory)));
     Ok(sinks)

@@ -181,6 +181,7 @@ fn info(nx: usize, ny: usize, cycles: usize, methods: usize) -> RunInfo {
         scenario_text: "title = \"A vortex over a channel\"\nseed = 42\n\n[grid]\nnx = 32\nny = 24\n".into(),
         seed: 42,
         has_truth: true,
+        lead_times: None,
         networks: Vec::new(),
         notes: Vec::new(),
         stations: stations.collect(),

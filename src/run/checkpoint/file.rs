@@ -1,7 +1,7 @@
 //! The file of a checkpoint: written beside its place and renamed, so that it is there complete or not at all.
 //!
 //! ```text
-//! isobar checkpoint 3, version 0.1.0⏎      format and program
+//! isobar checkpoint 4, version 0.1.0⏎      format and program
 //! the checkpoint                            postcard
 //! length, memory                            of each method: the length in 8 bytes, little-endian
 //! checksum                                  CRC-32 of all before it, 4 bytes, little-endian
@@ -17,7 +17,7 @@ use std::io::{self, BufReader, BufWriter, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
 /// The beginning of checkpoints of this format.
-const FORMAT: &str = "isobar checkpoint 3, version ";
+const FORMAT: &str = "isobar checkpoint 4, version ";
 
 /// The beginning of checkpoints of any format; the number of the format follows.
 const ANY_FORMAT: &str = "isobar checkpoint ";
