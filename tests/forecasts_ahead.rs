@@ -10,8 +10,9 @@ use isobar::run::{RunError, run};
 use isobar::scenario::Scenario;
 use isobar::scores::forecast::{DEPARTURE, RMSE, SPREAD, SPREAD_PER_ERROR, STANDARDISED_DEPARTURE};
 use isobar::scores::{Summary, Values, VerifiedBy};
-use isobar_assim::{Estimate, Unknown};
-use isobar_model::{State, forecast::forecast};
+use isobar_assim::free::FreeRun;
+use isobar_assim::{Analysis, Assimilator, Background, Error, Estimate, Unknown};
+use isobar_model::{Duration, State, forecast::forecast};
 use isobar_obs::ObservationWindow;
 use netcdf_reader::NcFile;
 use std::collections::BTreeMap;
@@ -105,6 +106,7 @@ struct Listener {
     truth: BTreeMap<usize, State>,
     observed: BTreeMap<usize, ObservationWindow>,
     forecasts: Forecasts,
+    warnings: Vec<String>,
     /// The cycle whose observations end the run.
     end: Option<usize>,
 }
@@ -131,6 +133,7 @@ impl Sink for Listener {
                 let own = (it.estimate.clone().into_owned(), it.scores.clone().into_owned());
                 assert!(self.forecasts.insert(key, own).is_none(), "{key:?} comes twice");
             }
+            Event::Warning(text) => self.warnings.push((*text).to_string()),
             _ => {}
         }
         Ok(())
@@ -416,4 +419,56 @@ fn the_netcdf_file_holds_the_last_complete_forecast_and_all_scores() {
     assert!(page.contains("Forecasts ahead") && page.contains("12 cases at 0 h, 6 at 36 h"));
     assert!(folder.path().join("run/figures/forecast_tracer.svg").is_file());
     assert!(folder.path().join("run/figures/forecast_anomaly_tracer.svg").is_file());
+}
+
+/// The free run, but for its third forecast without an analysis, which fails.
+#[derive(Clone)]
+struct Weary(FreeRun, usize);
+
+impl Assimilator for Weary {
+    fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
+        self.1 += 1;
+        if self.1 > 2 { Err(Error::NotFinite { what: "the third forecast".into() }) } else { self.0.forecast(window) }
+    }
+
+    fn analyse(&mut self, from: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        self.1 = 0;
+        self.0.analyse(from, observed)
+    }
+
+    fn boxed_clone(&self) -> Box<dyn Assimilator> {
+        Box::new(self.clone())
+    }
+
+    fn memory(&self) -> Result<Vec<u8>, Error> {
+        self.0.memory()
+    }
+
+    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
+        self.0.recall(memory)
+    }
+}
+
+/// A forecast ahead that fails is no failure of the method: what was made before counts, and the rest is said.
+#[test]
+fn a_forecast_that_fails_ends_there_and_the_method_goes_on() {
+    let scenario = parse(&[TRACER, EVERY_CYCLE, "[methods.free]\nkind = \"free\"\n"]);
+    let folder = tempfile::tempdir().unwrap();
+    let options = run_options(folder.path(), scenario.cycle.count);
+    let experiment = Experiment::builder(&scenario);
+    let experiment = experiment.method("weary", "it tires", |problem| Ok(Weary(FreeRun::new(problem), 0)));
+    let mut listener = Listener::default();
+    let summary = experiment.run(&options, &mut listener).unwrap();
+    let [free, weary] = ["free", "weary"].map(|name| &summary.methods[name]);
+    assert_eq!((&weary.failure, weary.values["rmse_analysis.tracer"]), (&None, free.values["rmse_analysis.tracer"]));
+    let [of_free, of_weary] = [free, weary].map(|scores| scores.forecasts.as_ref().unwrap());
+    // Starts from 3 to 11 have room for a third cycle.
+    assert_eq!((of_free.failed, of_weary.failed), (0, 9));
+    assert_eq!((of_free.leads.len(), &of_free.leads[..3]), (4, &of_weary.leads[..]));
+    assert!(!weary.values.contains_key("rmse_forecast.tracer"));
+    assert_eq!(listener.warnings.len(), 1);
+    let said = "method weary: a forecast ahead of cycle 3 cannot be made to its end: the third forecast is not finite; said of";
+    assert!(listener.warnings[0].starts_with(said), "{}", listener.warnings[0]);
+    let table = isobar::tables::scores::on_terminal(&summary, &[("tracer", "1")]);
+    assert!(table.contains("weary: 9 forecasts could not be made to their end"), "{table}");
 }

@@ -104,3 +104,26 @@ pub fn require_room(method: &dyn Assimilator, limit_bytes: u64) -> Result<(), Er
     let what = "a copy of the method that forecasts ahead beside it";
     Err(Error::TooLarge { what: what.into(), needed_bytes, limit_bytes })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::run::experiment::{ground, method};
+    use crate::scenario::Scenario;
+    use std::path::Path;
+
+    /// The free run carries its state, and a little more.
+    #[test]
+    fn a_copy_needs_room_beside_the_method() {
+        let scenario = Scenario::parse(Path::new("mine.toml"), include_str!("../cli/template.toml")).unwrap();
+        let problem = ground(&scenario, 1, 5).unwrap().problem;
+        let free = method(&problem, "free", &scenario).unwrap();
+        let state = 8 * problem.background.values().len() as u64;
+        assert!(require_room(&*free, 4 * state).is_ok() && require_room(&*free, u64::MAX).is_ok());
+        let error = require_room(&*free, 3 * state - 1).unwrap_err();
+        assert!(
+            error.to_string().starts_with("a copy of the method that forecasts ahead beside it would need"),
+            "{error}"
+        );
+    }
+}
