@@ -1,6 +1,7 @@
 //! What happens during a run, as the sinks hear it and the journal holds it.
 
 use crate::correlations::Correlations;
+use crate::lead_times::LeadTimes;
 use crate::outcome::UnusedDepartures;
 use crate::readings::Readings;
 use crate::scores::{Failure, ScoreKind, Summary, Values};
@@ -34,6 +35,8 @@ pub struct RunInfo {
     pub cycles: usize,
     /// The first cycle that counts for the scores.
     pub score_from_cycle: usize,
+    /// The lead times of forecasts ahead, if there are such forecasts.
+    pub lead_times: Option<LeadTimes>,
     /// The calibration parameters.
     pub calibration: Calibration,
     /// The methods, in the order in which they run.
@@ -54,6 +57,11 @@ impl RunInfo {
     /// Valid time of the analysis of a cycle.
     pub fn time(&self, cycle: usize) -> Time {
         self.start + Duration::from_seconds(self.window.seconds() * cycle as i64)
+    }
+
+    /// A number of cycles in hours.
+    pub fn lead_hours(&self, cycles: usize) -> f64 {
+        cycles as f64 * self.window.as_f64() / 3600.0
     }
 
     /// Names and UDUNITS units of the variables.
@@ -140,6 +148,8 @@ pub enum Event<'a> {
     Estimated(Estimated<'a>),
     /// A method has revised the estimate of an earlier cycle, for the last time.
     Smoothed(Smoothed<'a>),
+    /// The valid time of a method's forecast ahead has come.
+    Forecast(Forecast<'a>),
     /// A method has failed in a cycle, and has no results in it and after it.
     Failed {
         /// Number of the method in [`RunInfo::methods`].
@@ -177,6 +187,11 @@ impl Event<'_> {
             Event::Analysed(analysed) => is_method(analysed.method) && analysed.fits(info),
             Event::Estimated(estimated) => is_method(estimated.method),
             Event::Smoothed(smoothed) => is_method(smoothed.method) && fits(&smoothed.estimate, info),
+            Event::Forecast(forecast) => {
+                is_method(forecast.method)
+                    && (1..=forecast.cycle).contains(&forecast.from_cycle)
+                    && fits(&forecast.estimate, info)
+            }
             Event::Failed { method, .. } => is_method(*method),
             Event::CycleEnded(_) | Event::Started(_) | Event::Resumed(_) | Event::Warning(_) | Event::Finished(_) => {
                 true
@@ -210,6 +225,21 @@ pub struct Smoothed<'a> {
     /// The estimate.
     pub estimate: Cow<'a, Estimate>,
     /// The scores of this cycle alone; without its truth the claims.
+    pub scores: Cow<'a, Values>,
+}
+
+/// A method's forecast ahead of an analysis, or that analysis, when its valid time has come.
+#[derive(Serialize, Deserialize)]
+pub struct Forecast<'a> {
+    /// Number of the method in [`RunInfo::methods`].
+    pub method: usize,
+    /// The cycle from whose analysis it started.
+    pub from_cycle: usize,
+    /// The cycle at whose end it is valid.
+    pub cycle: usize,
+    /// The forecast.
+    pub estimate: Cow<'a, Estimate>,
+    /// Its scores, by the names of those of forecasts and of the variables.
     pub scores: Cow<'a, Values>,
 }
 

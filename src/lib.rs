@@ -8,6 +8,7 @@
 //! |---|---|
 //! | [`scenario`] | reads and checks an experiment's file |
 //! | [`kinds`] | what a scenario chooses by name: methods, models, initial states, covariances |
+//! | [`lead_times`] | when forecasts ahead start, and how far they go |
 //! | [`options`] | what the user changes in a run |
 //! | [`run`] | builds an experiment and runs it: the true world, its observations, each method, the scores; checkpoints |
 //! | [`outcome`] | the result of one cycle of one method |
@@ -33,6 +34,7 @@ pub mod event;
 pub mod exact;
 pub mod interrupt;
 pub mod kinds;
+pub mod lead_times;
 pub mod memory;
 pub mod options;
 pub mod outcome;

@@ -57,7 +57,8 @@ fn resumed(scenario: &Scenario) -> Outputs {
 /// Runs on one thread, on two, and on eight after an interruption, all of which must write the same files; returns these.
 fn checked(scenario: &Scenario) -> Outputs {
     let first = complete(scenario, 1);
-    assert_eq!(first.files.len(), scenario.methods.len() + 2, "{}", scenario.name);
+    let of_method = if scenario.forecast.is_some() { 2 } else { 1 };
+    assert_eq!(first.files.len(), of_method * scenario.methods.len() + 2, "{}", scenario.name);
     first.assert_same(&complete(scenario, 2), &scenario.name);
     first.assert_same(&resumed(scenario), &scenario.name);
     first
@@ -97,6 +98,7 @@ fn nor_in_other_methods() {
     let model_error = "[model_error]\ncomponents = [{ kind = \"white\", variable = \"h\", sigma = 1 }]\n";
     let valid = include_str!("common/valid.toml").split("[methods.free]").next().unwrap().to_string();
     let air_mass = "[[networks.polar.bias]]\nterm = \"air_mass\"\nvariable = \"u\"\nmean = 3\nscale = 5\nsigma = 8\n";
-    let text = valid + air_mass + model_error + methods;
+    let forecast = "[forecast]\nlead_hours = 18\n";
+    let text = valid + air_mass + model_error + forecast + methods;
     checked(&Scenario::parse(Path::new("others.toml"), &text).unwrap());
 }

@@ -17,6 +17,7 @@ mod failures;
 mod faults;
 mod file_errors;
 mod finished_runs;
+mod forecasts_ahead;
 mod honest_numbers;
 mod hostile_input;
 mod keys;

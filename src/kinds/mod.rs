@@ -6,6 +6,7 @@
 
 pub mod covariances;
 mod domain;
+pub(crate) mod forecast;
 pub mod initial;
 pub(crate) mod instruments;
 mod kind;

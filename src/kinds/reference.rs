@@ -1,6 +1,6 @@
 //! The reference of kinds and keys, from what the reader checks.
 
-use super::{Kinds, covariances, initial, instruments, methods, models};
+use super::{Kinds, covariances, forecast, initial, instruments, methods, models};
 use crate::reader::AnyKey;
 use std::fmt::Write;
 
@@ -66,6 +66,15 @@ fn kinds<T: ?Sized, C: ?Sized>(kinds: &Kinds<T, C>) -> Vec<KindReference> {
     kinds.iter().map(kind).collect()
 }
 
+/// The tables that are of one kind only, with what they say.
+fn sections() -> Vec<(&'static str, &'static str, &'static [&'static dyn AnyKey])> {
+    vec![(
+        "`[forecast]`",
+        "Forecasts ahead of the analyses of all methods, and their scores by lead time",
+        forecast::KEYS,
+    )]
+}
+
 /// A key, and after it those of a value that is a table.
 fn keys(before: &str, key: &dyn AnyKey) -> Vec<KeyReference> {
     let name = format!("{before}{}", key.name());
@@ -85,14 +94,25 @@ pub fn markdown() -> String {
         write!(text, "\n## {}\n\n`kind` of {}.\n", reference.title, reference.place).expect("a String takes any text");
         for kind in reference.kinds {
             write!(text, "\n### `{}`\n\n{}.\n", kind.name, kind.about).expect("a String takes any text");
-            if !kind.keys.is_empty() {
-                text.push_str("\n| key | unit | value | default | meaning |\n|---|---|---|---|---|\n");
-            }
-            for KeyReference { name, unit, allowed, default, meaning } in kind.keys {
-                writeln!(text, "| `{name}` | {unit} | {allowed} | {default} | {meaning} |")
-                    .expect("a String takes any text");
-            }
+            text.push_str(&rows(kind.keys));
         }
+    }
+    text.push_str("\n## Tables without a kind\n");
+    for (name, about, of_section) in sections() {
+        write!(text, "\n### {name}\n\n{about}.\n").expect("a String takes any text");
+        text.push_str(&rows(of_section.iter().flat_map(|&key| keys("", key)).collect()));
+    }
+    text
+}
+
+/// Keys as a table.
+fn rows(keys: Vec<KeyReference>) -> String {
+    let mut text = String::new();
+    if !keys.is_empty() {
+        text.push_str("\n| key | unit | value | default | meaning |\n|---|---|---|---|---|\n");
+    }
+    for KeyReference { name, unit, allowed, default, meaning } in keys {
+        writeln!(text, "| `{name}` | {unit} | {allowed} | {default} | {meaning} |").expect("a String takes any text");
     }
     text
 }

@@ -1,12 +1,13 @@
 //! Sinks hear the events of a run and write files. None of them changes the run.
 //!
 //! Contents: [`directory`] (where outputs go, with [`working`], [`destination`] and [`contents`]), [`OUTPUTS`] (the outputs that can be switched off), [`netcdf`],
-//! [`parameters`], [`readings`], [`report`], [`scores`], [`summary`], and with the cargo feature `rerun` the recording for the rerun
+//! [`forecasts`], [`parameters`], [`readings`], [`report`], [`scores`], [`summary`], and with the cargo feature `rerun` the recording for the rerun
 //! viewer; [`structure`] is what report and recording show of a method's blocks.
 
 pub mod contents;
 pub mod destination;
 pub mod directory;
+pub mod forecasts;
 pub mod netcdf;
 mod outputs;
 pub mod parameters;

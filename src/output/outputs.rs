@@ -2,7 +2,7 @@
 
 #[cfg(feature = "rerun")]
 use super::rerun;
-use super::{OutputDirectory, Sink, SinkError, netcdf, parameters, readings, report, scores, summary};
+use super::{OutputDirectory, Sink, SinkError, forecasts, netcdf, parameters, readings, report, scores, summary};
 use crate::event::RunInfo;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -126,6 +126,7 @@ pub fn open_all(
 ) -> Result<Vec<Box<dyn Sink>>, SinkError> {
     let mut sinks = open(info, directory, outputs)?;
     sinks.push(Box::new(scores::ScoresSink::create(info, directory)?));
+    sinks.push(Box::new(forecasts::ForecastsSink::new(info, directory)));
     sinks.push(Box::new(parameters::ParametersSink::new(info, directory)));
     if info.keeps_sensors {
         sinks.push(Box::new(readings::ReadingsSink::create(info, directory)?));

@@ -197,6 +197,16 @@ impl Runner {
         Some((self.method.calibration(), self.method.can().calibration?.calibration_accuracy()))
     }
 
+    /// The method as it is now, to be copied.
+    pub fn method(&self) -> &dyn Assimilator {
+        &self.method
+    }
+
+    /// The model whose states the estimates must be, if it is known.
+    pub fn model(&self) -> Option<&dyn Model> {
+        self.model.as_deref()
+    }
+
     /// What the method has cost, and what its monitors have seen.
     pub fn progress(&self) -> &Progress {
         &self.progress
@@ -249,7 +259,7 @@ fn smoothed(method: &dyn Assimilator, last: bool) -> Result<Vec<Smoothed>, Error
 }
 
 /// What a method does. A panic is a fault of this program, but no reason to lose the work of the other methods.
-fn guarded<T>(work: impl FnOnce() -> Result<T, Error>) -> Result<T, Fault> {
+pub(super) fn guarded<T>(work: impl FnOnce() -> Result<T, Error>) -> Result<T, Fault> {
     let result = catch_unwind(AssertUnwindSafe(work)).map_err(|panic| Fault::Panic(in_words(&*panic)))?;
     Ok(result?)
 }

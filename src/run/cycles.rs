@@ -1,18 +1,21 @@
 //! The loop over cycles.
 
+use super::ahead::Pending;
 use super::cost::with_cost;
 use super::error::RunError;
 use super::events::Events;
-use super::experiment::Experiment;
+use super::experiment::{Competitor, Experiment};
 use super::reference::Reference;
 use super::summary::summary;
 use super::truth::Truth;
 use crate::correlations::Correlations;
-use crate::event::{Analysed, Estimated, Event, Smoothed};
+use crate::event::{Analysed, Estimated, Event, Forecast, Smoothed};
 use crate::interrupt;
 use crate::outcome::Outcome;
+use crate::scores::forecast::{self, Verifying};
 use crate::scores::{Failure, RunScores, Scorecard, Summary, TrueValues};
 use crate::text::clean;
+use isobar_assim::Estimate;
 use isobar_obs::ObservationWindow;
 use rayon::ThreadPool;
 use std::borrow::Cow;
@@ -48,6 +51,13 @@ struct Observed {
     bias_removed: Option<ObservationWindow>,
 }
 
+impl Observed {
+    /// As a method receives them.
+    fn as_given_to(&self, method: &Competitor) -> &ObservationWindow {
+        self.bias_removed.as_ref().filter(|_| method.bias_known).unwrap_or(&self.window)
+    }
+}
+
 impl Cycles<'_, '_> {
     /// Runs the cycles after those that are done.
     ///
@@ -63,6 +73,7 @@ impl Cycles<'_, '_> {
             for number in 0..self.experiment.methods.len() {
                 if let Some(outcome) = self.one_method(number, cycle, &observed)? {
                     self.send_smoothed(number, cycle, &outcome)?;
+                    self.send_forecasts(number, cycle, &outcome.analysis.estimate, &observed)?;
                     self.send_parameters(number, cycle)?;
                 }
             }
@@ -127,12 +138,13 @@ impl Cycles<'_, '_> {
         }
         let is_scored = cycle >= *score_from_cycle;
         let with_influence = is_scored && influence_every_cycles.is_some_and(|every| cycle.is_multiple_of(every));
-        let observed = observed.bias_removed.as_ref().filter(|_| method.bias_known).unwrap_or(&observed.window);
+        let observed = observed.as_given_to(method);
         let last = cycle == info.cycles;
         let outcome = self.workers.install(|| method.runner.cycle(info.window, observed, with_influence, last));
         let outcome = match outcome {
             Ok(outcome) => outcome,
             Err(fault) => {
+                method.ahead.clear();
                 let failure = method.failure.insert(Failure { cycle, reason: clean(&fault.to_string()) });
                 self.events.send(&Event::Failed { method: number, failure: Cow::Borrowed(failure) })?;
                 return Ok(None);
@@ -188,6 +200,57 @@ impl Cycles<'_, '_> {
                 estimate: Cow::Borrowed(&smoothed.estimate),
                 scores: Cow::Owned(scores.values()),
             }))?;
+        }
+        Ok(())
+    }
+
+    /// Scores and sends the forecasts ahead of a method that are valid now, and makes those from its analysis if they are due.
+    fn send_forecasts(
+        &mut self,
+        number: usize,
+        cycle: usize,
+        analysis: &Estimate,
+        observed: &Observed,
+    ) -> Result<(), RunError> {
+        let Experiment { info, climate, truth, methods, .. } = &mut *self.experiment;
+        let Some(times) = info.lead_times else { return Ok(()) };
+        let method = &mut methods[number];
+        let is_start = times.starts_from(cycle, info.score_from_cycle);
+        let observed = observed.as_given_to(method);
+        let passive = info.networks.iter().any(|network| network.is_passive);
+        let verifying = match truth {
+            Some(truth) => Verifying::Truth { truth: truth.state(), climate },
+            None => Verifying::Observations { observed, passive },
+        };
+        let mut due = method.ahead.due(cycle);
+        due.extend(is_start.then(|| Pending { from_cycle: cycle, cycle, estimate: analysis.clone() }));
+        for Pending { from_cycle, cycle, estimate } in due {
+            let measured = forecast::measure(&estimate, &verifying);
+            self.scores.totals[number].forecasts.add(cycle - from_cycle, &measured);
+            self.events.send(&Event::Forecast(Forecast {
+                method: number,
+                from_cycle,
+                cycle,
+                estimate: Cow::Owned(estimate),
+                scores: Cow::Owned(forecast::values(&measured)),
+            }))?;
+        }
+        if !is_start {
+            return Ok(());
+        }
+        let Competitor { runner, ahead, memory_limit_bytes, .. } = method;
+        let limit = *memory_limit_bytes;
+        let made = self.workers.install(|| ahead.start(runner, cycle, &times, info.window, info.cycles, limit));
+        let Err(fault) = made else { return Ok(()) };
+        self.scores.totals[number].forecasts.add_failed();
+        if !std::mem::replace(&mut method.has_warned_ahead, true) {
+            let name = &info.methods[number].name;
+            let fault = clean(&fault.to_string());
+            let text = format!(
+                "method {name}: a forecast ahead of cycle {cycle} cannot be made to its end: {fault}; said of the first \
+                 such forecast only"
+            );
+            self.events.send(&Event::Warning(&text))?;
         }
         Ok(())
     }

@@ -1,5 +1,6 @@
 //! A run: truth, observations, every method, verification, outputs; cycle after cycle.
 
+mod ahead;
 pub mod checkpoint;
 mod cost;
 pub mod cycle;

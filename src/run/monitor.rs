@@ -102,6 +102,17 @@ pub fn check_possible(model: &dyn Model, outcome: &Outcome) -> Result<(), Fault>
     })
 }
 
+/// Whether a forecast ahead is finite, and the model could go on from it.
+///
+/// # Errors
+/// [`Fault::NotFinite`], [`Fault::Impossible`].
+pub fn check_forecast(model: Option<&dyn Model>, forecast: &Estimate) -> Result<(), Fault> {
+    let what = "the forecast ahead";
+    check_estimate(forecast, what)?;
+    let possible = model.map_or(Ok(()), |model| model.check_state(&forecast.state));
+    possible.map_err(|error| Fault::Impossible { what, error })
+}
+
 fn check_estimate(estimate: &Estimate, stage: &str) -> Result<(), Fault> {
     let Estimate { state, calibration, state_spread, calibration_spread } = estimate;
     let value = |index: usize| state.layout().describe(index);

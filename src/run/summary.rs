@@ -2,18 +2,21 @@
 
 use super::cost::with_cost;
 use super::experiment::Experiment;
-use crate::scores::{MethodScores, RunScores, Summary};
+use crate::scores::{MethodScores, RunScores, Scorecard, Summary, VerifiedBy};
 
 /// The scores of a run; `with_memory`: also the memory of each method.
 pub(super) fn summary(experiment: &Experiment, scores: &RunScores, with_memory: bool) -> Summary {
     let Experiment { info, score_from_cycle, methods, variance_ratio, .. } = experiment;
+    let by = VerifiedBy::in_world(info.has_truth, info.networks.iter().any(|network| network.is_passive));
+    let forecasts = |total: &Scorecard| total.forecasts.scores(&info.layout, info.window, by);
+    let longest_hours = info.lead_times.map_or(0.0, |times| info.lead_hours(times.longest_cycles));
     let methods = info.methods.iter().zip(&scores.totals).zip(methods).map(|((own, total), method)| {
         let cycles = method.failure.as_ref().map_or(info.cycles, |failure| failure.cycle);
         let mut scores = match &method.failure {
             None => MethodScores {
                 stability: method.runner.stability(&info.calibration, &info.layout, *variance_ratio).ok(),
                 smoother_lag_cycles: own.smoother_lag_cycles,
-                ..total.scores(&info.layout, &info.calibration)
+                ..total.scores(&info.layout, &info.calibration).with_forecasts(forecasts(total), longest_hours)
             },
             // Scores of fewer cycles could not be compared with those of the other methods.
             Some(failure) => MethodScores { failure: Some(failure.clone()), ..MethodScores::default() },

@@ -28,12 +28,13 @@ use crate::kinds::initial::{GivenState, INITIAL, InitialState};
 use crate::kinds::instruments;
 use crate::kinds::methods::{self, Method, Surroundings};
 use crate::kinds::models::{self, Model};
-use crate::kinds::{self, Domain, distinct_name, plain_name};
+use crate::kinds::{self, Domain, distinct_name, forecast, plain_name};
+use crate::lead_times::LeadTimes;
 use crate::output::Outputs;
 use crate::reader::{self, Field, FileName, Read, Section, SourceFile};
 use crate::safe_file;
-use crate::scores::ScoreKind;
 use crate::scores::expected::TOLERANCE_KEY;
+use crate::scores::{Part, ScoreKind};
 use crate::text;
 use indexmap::IndexMap;
 use isobar_model::{Adjoint, State, Time};
@@ -84,6 +85,8 @@ pub struct Scenario {
     pub truth: Option<TruthSettings>,
     /// The cycles.
     pub cycle: CycleSettings,
+    /// The lead times of forecasts ahead, if there are such forecasts.
+    pub forecast: Option<LeadTimes>,
     /// How the values of observations are checked, if they are.
     pub quality_control: Option<QualityControl>,
     /// The networks, in the order of the file.
@@ -200,6 +203,7 @@ impl Scenario {
         let true_step = truth.as_ref().map_or(model.time_step, |truth| truth.model.time_step);
         let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", true_step)];
         let cycle = cycle::read(&root, start, &steps)?;
+        let forecast = forecast::read(&root, cycle.window, cycle.count, cycle.score_from_cycle)?;
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
         let stability = sensors::read_stability(&root, cycle.count)?;
         let surroundings = Surroundings {
@@ -216,7 +220,9 @@ impl Scenario {
         let sensors = sensors::read(&root, &methods)?;
         let influence_every_cycles = cycle::read_diagnostics(&root)?;
         let has_passive = networks.iter().any(|network| !network.assimilate);
-        let can_have = |kind: &ScoreKind| kind.against.exists(truth.is_some(), has_passive);
+        let can_have = |kind: &ScoreKind| {
+            (kind.part != Part::Forecast || forecast.is_some()) && kind.against.exists(truth.is_some(), has_passive)
+        };
         let sweep = sweep::read(&root, &model, can_have)?;
         let outputs = cycle::read_output(&root)?;
         let regression = root.yes_or_no_or("regression", true)?;
@@ -240,6 +246,7 @@ impl Scenario {
             model_error,
             truth,
             cycle,
+            forecast,
             quality_control,
             networks,
             methods,
@@ -296,6 +303,7 @@ const KEYS: &[&str] = &[
     "model_error",
     "truth",
     "cycle",
+    "forecast",
     "quality_control",
     "networks",
     "methods",

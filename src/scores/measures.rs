@@ -97,7 +97,7 @@ pub fn passive_departures(it: &Verified<'_>, stage: Stage) -> Option<Vec<Sum>> {
 }
 
 /// The sums of squares of values of these variables, and their numbers.
-fn squares_by_variable(layout: &Layout, values: impl Iterator<Item = (usize, f64)>) -> Vec<Sum> {
+pub(super) fn squares_by_variable(layout: &Layout, values: impl Iterator<Item = (usize, f64)>) -> Vec<Sum> {
     let mut sums = vec![Sum { total: 0.0, weight: 0.0 }; layout.variables.len()];
     for (variable, value) in values {
         sums[variable].total += value * value;
@@ -112,7 +112,7 @@ fn mean_square(values: impl Iterator<Item = f64>, count: usize) -> Option<Vec<Su
 }
 
 /// The mean of the squares of each variable's values.
-fn mean_squares(layout: &Layout, values: impl Iterator<Item = f64>) -> Vec<Sum> {
+pub(super) fn mean_squares(layout: &Layout, values: impl Iterator<Item = f64>) -> Vec<Sum> {
     let cells = layout.grid.cells();
     let mut sums = vec![Sum { total: 0.0, weight: 1.0 }; layout.variables.len()];
     for (index, value) in values.enumerate() {

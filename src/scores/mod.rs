@@ -6,6 +6,7 @@
 //! | [`kinds`] | the list of all scores, over which every file, table and figure goes |
 //! | [`measures`] | what is measured in one cycle; the only place where truth and estimate meet |
 //! | [`scorecard`] | the measures of a run, and their averages |
+//! | [`forecast`] | the errors of forecasts ahead, by lead time |
 //! | [`truths`] | the truth of this cycle and of earlier ones |
 //! | [`diagnostics`] | beyond errors: claimed distributions, assumed covariances, worth of observations |
 //! | [`stability`] | which bias estimates can be relied on, and what would help the others |
@@ -16,8 +17,10 @@
 pub mod against;
 pub mod diagnostics;
 pub mod expected;
+pub mod forecast;
 pub mod kinds;
 pub mod measures;
+mod score;
 pub mod scorecard;
 pub mod stability;
 pub mod statistics;
@@ -26,7 +29,9 @@ pub mod truths;
 
 pub use against::Against;
 pub use expected::{Expected, Regression};
-pub use kinds::{Better, Line, Part, SCORES, Score, ScoreKind, Unit, kind};
+pub use forecast::{ForecastScores, VerifiedBy};
+pub use kinds::{Better, Line, Part, SCORES, ScoreKind, Unit, kind};
+pub use score::Score;
 pub use scorecard::{RunScores, Scorecard};
 pub use summary::{Failure, MethodScores, ObservationCounts, RejectedObservation, Summary, TypeCounts};
 pub use truths::{EarlierTruths, TrueValues};

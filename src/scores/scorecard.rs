@@ -2,6 +2,7 @@
 
 use super::Values;
 use super::against::Against;
+use super::forecast::ForecastSums;
 use super::kinds::{Better, Measure, SCORES, ScoreKind, kind_of};
 use super::measures::{Sum, Verified};
 use super::summary::{Intervals, MethodScores, ObservationCounts};
@@ -23,6 +24,8 @@ pub struct Scorecard {
     measured: IndexMap<String, Vec<Sum>>,
     partition: Option<PartitionReport>,
     diagnostics: DiagnosticSums,
+    /// Of forecasts ahead, which are not those of a cycle and have no part in [`Scorecard::add`].
+    pub forecasts: ForecastSums,
 }
 
 /// The scores of a run so far.
@@ -60,6 +63,7 @@ impl Scorecard {
             measured: measured(&verified),
             partition: analysis.partition.clone(),
             diagnostics: DiagnosticSums::of_cycle(truth, outcome, observed, calibration, scores_bias),
+            forecasts: ForecastSums::default(),
         }
     }
 

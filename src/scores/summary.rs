@@ -2,7 +2,8 @@
 
 use super::Values;
 use super::against::Against;
-use super::kinds::{MEMORY, Measure, SCORES, kind_of};
+use super::forecast::ForecastScores;
+use super::kinds::{Better, MEMORY, Measure, SCORES, kind_of};
 use crate::scores::diagnostics::Diagnostics;
 use crate::scores::stability::Stability;
 use crate::scores::statistics::Interval;
@@ -53,6 +54,9 @@ pub struct MethodScores {
     /// The diagnostics beyond errors, over all cycles that count.
     #[serde(default)]
     pub diagnostics: Option<Diagnostics>,
+    /// The forecasts ahead, by lead time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub forecasts: Option<ForecastScores>,
     /// Which bias estimates can be relied on.
     #[serde(default)]
     pub stability: Option<Stability>,
@@ -65,6 +69,22 @@ pub struct MethodScores {
 }
 
 impl MethodScores {
+    /// Takes the scores of forecasts ahead, and among the scores of the run those at the longest lead time \[h\].
+    pub fn with_forecasts(mut self, forecasts: Option<ForecastScores>, longest_hours: f64) -> Self {
+        let longest = forecasts.as_ref().and_then(|forecasts| forecasts.at(longest_hours));
+        for kind in SCORES {
+            let Measure::LongestLead(name) = kind.measure else { continue };
+            for (variable, known) in longest.iter().filter_map(|lead| lead.scores.get(name)).flatten() {
+                self.values.insert(kind.key(variable), known.value);
+                if let Some(interval) = known.interval.filter(|_| kind.better == Better::Less) {
+                    self.intervals.insert(kind.key(variable), interval);
+                }
+            }
+        }
+        self.forecasts = forecasts;
+        self
+    }
+
     /// The scores that are averaged over runs, with those that its diagnostics hold; empty for a method that failed. Memory is
     /// not among them: it is known only of runs that have the process to themselves.
     pub fn all(&self) -> Values {

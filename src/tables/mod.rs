@@ -4,9 +4,11 @@
 //! |---|---|
 //! | [`scores`] | the scores of a run |
 //! | [`diagnostics`], [`stability`] | what the methods' diagnostics and the stability monitor found |
+//! | [`forecasts`] | forecasts ahead by lead time |
 //! | [`regression`] | scores beside the accepted ones |
 
 pub mod diagnostics;
+pub mod forecasts;
 pub mod regression;
 pub mod scores;
 pub mod stability;

@@ -1,7 +1,7 @@
 //! The scores of a run: on the terminal at its end, on its page and in the viewer.
 
-use super::stability;
 use super::{Cell, Table};
+use super::{forecasts, stability};
 use crate::scores::{Against, MethodScores, Part, Score, Summary, Values};
 use indexmap::IndexMap;
 use isobar_assim::block_angular::PartitionReport;
@@ -29,7 +29,12 @@ pub fn on_terminal(summary: &Summary, variables: &[(&str, &str)]) -> String {
         summary.cycles,
         of_parts(summary, variables, &STATE).terminal(),
         of_parts(summary, variables, &[Part::Biases, Part::Cost]).terminal(),
-        smoothed + &partitions(summary) + &stability::on_terminal(summary) + &rejections(summary) + &failures(summary)
+        smoothed
+            + &forecasts::on_terminal(summary, variables)
+            + &partitions(summary)
+            + &stability::on_terminal(summary)
+            + &rejections(summary)
+            + &failures(summary)
     )
 }
 

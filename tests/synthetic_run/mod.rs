@@ -200,6 +200,7 @@ fn info(nx: usize, ny: usize, cycles: usize, methods: usize) -> RunInfo {
         seed: 42,
         has_truth: true,
         keeps_sensors: false,
+        lead_times: None,
         networks: Vec::new(),
         notes: Vec::new(),
         stations: stations.collect(),

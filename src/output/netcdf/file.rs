@@ -88,6 +88,20 @@ impl Variable {
         self
     }
 
+    /// With words added to an attribute of text, which is new if it is not there.
+    #[must_use]
+    pub fn with_more(mut self, name: &str, words: &str) -> Self {
+        for (own, value) in &mut self.attributes {
+            if let Attribute::Text(text) = value
+                && own == name
+            {
+                *text += &format!(" {words}");
+                return self;
+            }
+        }
+        self.with(name, words)
+    }
+
     /// With an attribute, if there is a value for it.
     #[must_use]
     pub fn with_some(self, name: &str, value: Option<impl Into<Attribute>>) -> Self {

@@ -1,17 +1,20 @@
 //! netCDF-3 files by the CF conventions 1.8: `truth.nc` if there is a truth, `<method>.nc` for each method,
-//! `observations.nc`.
+//! `observations.nc`, and `<method>_forecast.nc` where there are forecasts ahead.
 //!
 //! All numbers are of 64 bits, so that a file holds exactly what was computed. Missing values are
 //! [`FILL_VALUE`](file::FILL_VALUE).
 
 pub mod coordinates;
 pub mod file;
+mod forecast;
 mod method;
 mod observations;
 mod truth;
 
-use crate::event::{Event, RunInfo};
+use crate::event::{Event, MethodInfo, RunInfo};
 use crate::output::{OutputDirectory, Sink, SinkError};
+use crate::scores::Summary;
+use forecast::ForecastFile;
 use method::MethodFile;
 use observations::ObservationsFile;
 use std::collections::HashSet;
@@ -28,6 +31,8 @@ pub struct NetcdfSink {
     method_paths: Vec<PathBuf>,
     /// A method's file is made with its first result, which shows whether the method has spreads.
     methods: Vec<Option<MethodFile>>,
+    /// The files of forecasts ahead, in the order of the methods; none without such forecasts.
+    forecasts: Vec<ForecastFile>,
     /// Whether a method has failed: its file has missing values from then on.
     failed: Vec<bool>,
 }
@@ -43,12 +48,22 @@ impl NetcdfSink {
         for method in &info.methods {
             let stem = coordinates::safe_name(&method.name, "_");
             // Without regard to case: some file systems have none.
-            if !stems.insert(stem.to_lowercase()) {
+            let is_new = stems.insert(stem.to_lowercase())
+                && (info.lead_times.is_none() || stems.insert(format!("{}_forecast", stem.to_lowercase())));
+            if !is_new {
                 let reason = format!("the name of method `{}` leads to a file that another output has", method.name);
                 return Err(SinkError { path: path(&stem), reason });
             }
         }
+        let forecasts = info.lead_times.map_or_else(Vec::new, |times| {
+            let file = |(number, method): (usize, &MethodInfo)| {
+                let path = path(&format!("{}_forecast", coordinates::safe_name(&method.name, "_-")));
+                ForecastFile::new(path, info, number, times)
+            };
+            info.methods.iter().enumerate().map(file).collect()
+        });
         Ok(Self {
+            forecasts,
             truth: info.has_truth.then(|| TruthFile::create(&path("truth"), info)).transpose()?,
             observations: ObservationsFile::new(path("observations"), info),
             method_paths: info.methods.iter().map(|method| path(&coordinates::safe_name(&method.name, "_-"))).collect(),
@@ -75,7 +90,8 @@ impl NetcdfSink {
     }
 
     /// Writes what is left, and checks that nothing is missing.
-    fn finish(&mut self) -> Result<(), SinkError> {
+    fn finish(&mut self, summary: &Summary) -> Result<(), SinkError> {
+        self.forecasts.iter().try_for_each(|file| file.write(&self.info, summary))?;
         self.observations.write(&self.info)?;
         let cycles = self.info.cycles;
         let info = self.info.clone();
@@ -105,7 +121,11 @@ impl Sink for NetcdfSink {
                 self.observations.add_results(analysed)
             }
             Event::Smoothed(smoothed) => self.method(smoothed.method, None)?.smooth(smoothed),
-            Event::Finished(_) => self.finish(),
+            Event::Forecast(forecast) => {
+                self.forecasts.iter_mut().skip(forecast.method).take(1).for_each(|file| file.add(forecast));
+                Ok(())
+            }
+            Event::Finished(summary) => self.finish(summary),
             Event::Failed { method, .. } => {
                 self.failed[*method] = true;
                 Ok(())

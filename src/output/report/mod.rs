@@ -5,6 +5,7 @@
 
 mod facts;
 mod figures;
+mod forecasts;
 mod history;
 mod maps;
 pub mod page;
@@ -90,9 +91,12 @@ impl Sink for ReportSink {
                 Ok(())
             }
             Event::Finished(summary) => self.write(summary),
-            Event::Started(_) | Event::Resumed(_) | Event::Failed { .. } | Event::CycleEnded(_) | Event::Warning(_) => {
-                Ok(())
-            }
+            Event::Started(_)
+            | Event::Resumed(_)
+            | Event::Forecast(_)
+            | Event::Failed { .. }
+            | Event::CycleEnded(_)
+            | Event::Warning(_) => Ok(()),
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::facts;
 use super::figures::{self, Figures};
+use super::forecasts;
 use super::history::History;
 use super::maps::{self, Maps};
 use super::tables;
@@ -145,6 +146,7 @@ impl Report {
         let biases = report.biases(info, history, &figures);
         let parameters = report.parameters(info, history, &figures);
         let stability = stability(summary);
+        let ahead = report.ahead(info, summary);
         let reliability = Section {
             title: "Is the claimed spread right?".into(),
             text: "For the methods that claim one, over all grid points of the cycles that count.".into(),
@@ -188,8 +190,9 @@ impl Report {
             ..Section::default()
         };
         let parts = [reliability, correlations, innovations, diagnostics, cost];
-        let all =
-            [Some(scores), Some(errors), Some(maps), biases, parameters, stability].into_iter().chain(parts.map(Some));
+        let all = [Some(scores), Some(errors), ahead, Some(maps), biases, parameters, stability]
+            .into_iter()
+            .chain(parts.map(Some));
         let filled = |it: &Section| !(it.figures.is_empty() && it.tables.is_empty() && it.folded.is_empty());
         report.page.sections = all.flatten().chain([scenario]).filter(filled).collect();
         Ok(report)
@@ -238,6 +241,15 @@ impl Report {
                 .collect(),
             ..Section::default()
         }
+    }
+
+    /// Forecasts ahead, by lead time.
+    fn ahead(&mut self, info: &RunInfo, summary: &Summary) -> Option<Section> {
+        let text = forecasts::text(summary)?;
+        let tables = crate::tables::forecasts::on_page(summary, &info.variables());
+        let folded = vec![Folded { title: "All scores by lead time".into(), tables, ..Folded::default() }];
+        let figures = self.curves(forecasts::drawings(info, summary));
+        Some(Section { title: "Forecasts ahead".into(), text, figures, folded, ..Section::default() })
     }
 
     fn biases(&mut self, info: &RunInfo, history: &History, figures: &Figures<'_>) -> Option<Section> {

@@ -2,6 +2,7 @@
 
 use crate::event::RunInfo;
 use crate::scores::Summary;
+use crate::tables::forecasts;
 use crate::tables::scores::errors;
 use std::fmt::Write;
 
@@ -13,6 +14,9 @@ pub fn scores(info: &RunInfo, summary: &Summary) -> String {
     text += &errors(summary, &info.variables()).markdown();
     for (name, failure) in summary.failures() {
         let _ = writeln!(text, "\n**{name}** failed in cycle {}: {}", failure.cycle, failure.reason);
+    }
+    for table in forecasts::on_page(summary, &info.variables()) {
+        let _ = writeln!(text, "\nForecasts ahead by lead time\n\n{}", table.markdown());
     }
     text += if info.has_truth {
         "\nRoot-mean-square errors of background and analysis."

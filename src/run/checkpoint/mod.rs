@@ -20,6 +20,7 @@ pub use file::{Newest, newest};
 pub use keeper::Keeper;
 pub use plan::{Plan, PlannedRun};
 
+use crate::run::ahead::Ahead;
 use crate::run::cycle::Progress;
 use crate::run::experiment::{Competitor, Experiment};
 use crate::run::truth::{SavedTruth, Truth};
@@ -52,6 +53,7 @@ struct SavedCompetitor {
     progress: Option<Progress>,
     failure: Option<Failure>,
     total: Scorecard,
+    ahead: Ahead,
 }
 
 impl Checkpoint {
@@ -65,10 +67,15 @@ impl Checkpoint {
     ) -> Result<(Self, Vec<Vec<u8>>), isobar_assim::Error> {
         let mut memories = Vec::new();
         let mut methods = Vec::new();
-        for (Competitor { runner, failure, .. }, total) in experiment.methods.iter().zip(&scores.totals) {
+        for (Competitor { runner, failure, ahead, .. }, total) in experiment.methods.iter().zip(&scores.totals) {
             let progress = failure.is_none().then(|| runner.progress().clone());
             memories.push(if failure.is_none() { runner.save()? } else { Vec::new() });
-            methods.push(SavedCompetitor { progress, failure: failure.clone(), total: total.clone() });
+            methods.push(SavedCompetitor {
+                progress,
+                failure: failure.clone(),
+                total: total.clone(),
+                ahead: ahead.clone(),
+            });
         }
         let checkpoint = Self {
             plan: plan.clone(),
@@ -93,6 +100,9 @@ impl Checkpoint {
         let fits = self.observing.cycle() == self.cycle && (1..=experiment.info.cycles).contains(&self.cycle);
         let fits = fits && self.methods.len() == count && memories.len() == count;
         let fits = fits && self.earlier_truths.fits(experiment.info.layout.len(), experiment.info.calibration.len());
+        let (cycles, layout) = (experiment.info.cycles, &*experiment.info.layout);
+        let parameters = experiment.info.calibration.len();
+        let fits = fits && self.methods.iter().all(|it| it.ahead.fits(self.cycle, cycles, layout, parameters));
         let reference_fits = match (&mut experiment.reference, self.reference) {
             (Some(reference), Some(saved)) => reference.restore(saved),
             (reference, saved) => reference.is_none() && saved.is_none(),
@@ -114,6 +124,7 @@ impl Checkpoint {
                 let restored = competitor.runner.restore(memory, progress, &experiment.info.layout);
                 restored.map_err(|error| error.to_string())?;
             }
+            competitor.ahead = saved.ahead;
             competitor.failure = saved.failure;
             totals.push(saved.total);
         }

@@ -13,6 +13,7 @@ pub use inputs::Inputs;
 use crate::event::{MethodInfo, NetworkInfo, RunInfo, StationInfo};
 use crate::kinds::{covariances, instruments};
 use crate::options::RunOptions;
+use crate::run::ahead::{Ahead, require_room};
 use crate::run::cycle::{Freezing, Runner};
 use crate::run::reference::Reference;
 use crate::run::truth::Truth;
@@ -25,7 +26,7 @@ use builder::AddedMethod;
 use isobar_assim::high_pass::HighPassSettings;
 use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem, SensorKnowledge, covariance};
 use isobar_model::random::stream;
-use isobar_model::{Duration, check_time_step};
+use isobar_model::{Duration, State, check_time_step};
 use isobar_obs::ObservingSystem;
 use std::borrow::Cow;
 
@@ -61,6 +62,8 @@ pub struct Experiment {
     pub influence_every_cycles: Option<usize>,
     /// The true world; `None` where all observations are recorded.
     pub truth: Option<Truth>,
+    /// The first background, from which the anomalies of forecasts ahead are counted.
+    pub climate: State,
     /// What the values of observations are compared with, if they are checked.
     pub reference: Option<Reference>,
     /// Whether observations can be in their unit.
@@ -87,6 +90,28 @@ pub struct Competitor {
     pub has_warned: bool,
     /// Whether it is given observations without their true biases.
     pub bias_known: bool,
+    /// The most memory that it may use \[bytes\].
+    pub memory_limit_bytes: u64,
+    /// Its forecasts ahead whose valid time has not come.
+    pub ahead: Ahead,
+    /// Whether it has warned of a forecast ahead.
+    pub has_warned_ahead: bool,
+}
+
+impl Competitor {
+    /// A method that has not begun, to which the true biases are not known.
+    fn new(runner: Runner, memory_limit_bytes: u64) -> Self {
+        Self {
+            runner,
+            failure: None,
+            scores_bias: true,
+            has_warned: false,
+            bias_known: false,
+            memory_limit_bytes,
+            ahead: Ahead::default(),
+            has_warned_ahead: false,
+        }
+    }
 }
 
 /// Everything of an experiment but its methods, which cost memory and time to set up.
@@ -184,7 +209,8 @@ impl ExperimentBuilder<'_> {
             let (smoother_lag_cycles, estimates_biases) = (runner.smoother_lag(), runner.estimates_biases());
             let bias_known = method.bias == BiasTreatment::Known;
             let scores_bias = method.scores_biases();
-            methods.push(Competitor { runner, failure: None, scores_bias, has_warned: false, bias_known });
+            let memory_limit_bytes = method.memory_limit_bytes;
+            methods.push(Competitor { scores_bias, bias_known, ..Competitor::new(runner, memory_limit_bytes) });
             let initialised = initialisation(name, scenario).map(|settings| {
                 format!("calibration initialised from {} cycles by a high-pass filter", settings.cycles)
             });
@@ -203,7 +229,7 @@ impl ExperimentBuilder<'_> {
             let runner = watched(runner);
             let (smoother_lag_cycles, estimates_biases) = (runner.smoother_lag(), runner.estimates_biases());
             let (name, description) = (name.clone(), description.clone());
-            methods.push(Competitor { runner, failure: None, scores_bias: true, has_warned: false, bias_known: false });
+            methods.push(Competitor::new(runner, u64::MAX));
             infos.push(MethodInfo { name, description, smoother_lag_cycles, estimates_biases });
         }
         let stations = observing.stations().iter().map(|station| StationInfo {
@@ -229,6 +255,7 @@ impl ExperimentBuilder<'_> {
             window: scenario.cycle.window,
             cycles,
             score_from_cycle: scenario.cycle.score_from_cycle,
+            lead_times: scenario.forecast,
             calibration: problem.calibration.clone(),
             methods: infos,
             has_truth: truth.is_some(),
@@ -247,6 +274,7 @@ impl ExperimentBuilder<'_> {
             score_from_cycle: scenario.cycle.score_from_cycle,
             influence_every_cycles: scenario.influence_every_cycles,
             truth,
+            climate: problem.background.clone(),
             units: UnitCheck::new(&*problem.background_error, &problem.background),
             reference: scenario.quality_control.map(|control| {
                 let (background_error, model_error) = (&*problem.background_error, problem.model_error.as_deref());
@@ -274,6 +302,9 @@ pub fn method(problem: &Problem, name: &str, scenario: &Scenario) -> Result<Box<
     let fault = |error| ExperimentError::Method { name: name.to_string(), error };
     let method = scenario.methods[name].build(problem, &scenario.domain(), scenario.start, scenario.cycle.window);
     let method = method.map_err(fault)?;
+    if scenario.forecast.is_some() {
+        require_room(&*method, scenario.methods[name].memory_limit_bytes).map_err(fault)?;
+    }
     match initialisation(name, scenario) {
         Some(high_pass) => {
             let memory_limit_bytes = scenario.methods[name].memory_limit_bytes;
