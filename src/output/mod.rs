@@ -7,10 +7,12 @@
 pub mod contents;
 pub mod destination;
 pub mod directory;
+pub mod history;
 pub mod netcdf;
 mod outputs;
 pub mod parameters;
 pub mod recorded;
+pub mod reliability;
 pub mod report;
 #[cfg(feature = "rerun")]
 pub mod rerun;

@@ -1,10 +1,10 @@
 //! The curves of the report.
 
-use super::history::{Cycle, History, MethodCycle, ParameterHistory};
-use super::reliability::{Reliability, normal_density};
 use crate::calendar::utc;
 use crate::event::{MethodInfo, RunInfo};
+use crate::output::history::{Cycle, History, MethodCycle, ParameterHistory};
 use crate::output::netcdf::coordinates::safe_name;
+use crate::output::reliability::{Reliability, normal_density};
 use crate::plot::colors::of_method_on_paper;
 use crate::plot::range::quantile;
 use crate::plot::{Curve, CurvePlot, Dash, unit};
@@ -99,7 +99,8 @@ impl Figures<'_> {
                 curves.push(curve);
             }
             let truth = |cycle: &Cycle| Some([self.day(cycle), *cycle.true_calibration.get(number)?]);
-            let points: Vec<[f64; 2]> = self.history.cycles.iter().filter_map(truth).collect();
+            let cycles = self.history.cycles.iter().filter(|cycle| cycle.number > 0);
+            let points: Vec<[f64; 2]> = cycles.filter_map(truth).collect();
             if !points.is_empty() {
                 curves.push(Curve { name: Some("truth".into()), color: None, dash: Dash::Dashed, points, band: None });
             }
@@ -288,8 +289,8 @@ impl Figures<'_> {
 
     /// A method's figure in every cycle that has one.
     fn series(&self, method: usize, pick: impl Fn(&MethodCycle) -> Option<f64>) -> Vec<[f64; 2]> {
-        let at = |cycle: &Cycle| Some([self.day(cycle), pick(cycle.methods.get(method)?.as_ref()?)?]);
-        self.history.cycles.iter().filter_map(at).collect()
+        let at = |(cycle, own): (&Cycle, &MethodCycle)| Some([self.day(cycle), pick(own)?]);
+        self.history.of_method(method).filter_map(at).collect()
     }
 
     /// A method's score in every cycle that has it.

@@ -1,12 +1,12 @@
 //! The file: everything that is logged.
 
 use super::frame::Frame;
-use super::history::History;
 use super::maps::Maps;
 use super::names::{APPLICATION_ID, Names, Result};
 use super::ranges::Ranges;
 use super::{series, text, views};
 use crate::event::RunInfo;
+use crate::output::history::History;
 use crate::scores::Summary;
 use crate::tables::stability;
 use ::rerun::log::ChunkBatcherConfig;

@@ -1,8 +1,8 @@
 //! Curves over time: errors and spreads of each variable, and the bias estimates.
 
-use super::history::{Estimates, History};
 use super::names::{Names, Result};
 use crate::event::RunInfo;
+use crate::output::history::{Cycle, History, MethodCycle};
 use crate::plot::colors;
 use crate::scores::{Line, Part, SCORES, ScoreKind};
 use ::rerun::{RecordingStream, Scalars, SeriesLines, TimeColumn};
@@ -36,8 +36,8 @@ pub fn log_since(
     names: &Names,
     since: usize,
 ) -> Result {
-    for (number, method) in history.methods.iter().enumerate() {
-        log_scores(recording, info, names, number, method.range(since..))?;
+    for number in 0..info.methods.len() {
+        log_scores(recording, info, history, names, number, since)?;
         log_innovations(recording, info, history, names, number, since)?;
         for parameter in shown_parameters(&info.calibration) {
             log_parameter(recording, history, names, number, parameter, since)?;
@@ -68,20 +68,18 @@ fn style<'a>(kind: &ScoreKind, name: &'a str) -> Style<'a> {
     Style { color, width, name }
 }
 
-fn log_scores<'a>(
+fn log_scores(
     recording: &RecordingStream,
     info: &RunInfo,
+    history: &History,
     names: &Names,
     method: usize,
-    estimates: impl Iterator<Item = (&'a usize, &'a Estimates)> + Clone,
+    since: usize,
 ) -> Result {
     let [red, green, blue] = colors::of_method(method);
     let own = Style { color: [red, green, blue, 255], width: 2.5, name: &info.methods[method].name };
     for variable in info.layout.variables.iter().map(|variable| variable.name) {
-        let points = |key: &str| {
-            let at = |(cycle, it): (&usize, &Estimates)| Some((*cycle, it.time, *it.scores.get(key)?));
-            estimates.clone().filter_map(at).collect::<Vec<_>>()
-        };
+        let points = |key: &str| points(since, history.scores(method, key));
         for kind in drawn() {
             let title = kind.name.replace('_', " ").replace("rmse", "RMSE");
             let path = names.score(method, variable, kind.name);
@@ -105,17 +103,15 @@ fn log_innovations(
 ) -> Result {
     let [red, green, blue] = colors::of_method(method);
     let style = Style { color: [red, green, blue, 255], width: 2.5, name: &info.methods[method].name };
-    let estimates = || history.methods[method].range(since..);
-    let chi2 = estimates().filter_map(|(&cycle, it)| Some((cycle, it.time, *it.scores.get("innovation_chi2")?)));
-    log(recording, &names.innovation("chi2", method), &style, &chi2.collect::<Vec<_>>())?;
-    let mean = |cycle: usize, departures: &[f32]| {
-        let reports = history.observed.get(&cycle)?.iter().flat_map(|platform| &platform.reports);
-        let mapped = reports.filter(|report| report.1 == history.mapped).filter_map(|report| departures.get(report.0));
-        let (count, sum) = mapped.fold((0.0, 0.0), |(count, sum), &it| (count + 1.0, sum + f64::from(it)));
+    let chi2 = points(since, history.scores(method, "innovation_chi2"));
+    log(recording, &names.innovation("chi2", method), &style, &chi2)?;
+    let mean = |cycle: &Cycle, departures: &[f32]| {
+        let mapped = cycle.reports.iter().zip(departures).filter(|(report, _)| report.variable == history.mapped);
+        let (count, sum) = mapped.fold((0.0, 0.0), |(count, sum), (_, &it)| (count + 1.0, sum + f64::from(it)));
         (count > 0.0).then(|| sum / count)
     };
-    let means = estimates().filter_map(|(&cycle, it)| Some((cycle, it.time, mean(cycle, &it.departures)?)));
-    log(recording, &names.innovation("departure", method), &style, &means.collect::<Vec<_>>())
+    let means = history.maps(method).filter_map(|(cycle, maps)| Some((cycle, mean(cycle, &maps.departures)?)));
+    log(recording, &names.innovation("departure", method), &style, &points(since, means))
 }
 
 fn log_parameter(
@@ -126,29 +122,26 @@ fn log_parameter(
     parameter: usize,
     since: usize,
 ) -> Result {
-    let truth: Vec<_> = history
-        .truth
-        .range(since..)
-        .filter_map(|(cycle, truth)| Some((*cycle, truth.time, *truth.calibration.get(parameter)?)))
-        .collect();
-    let estimates: Vec<_> = history.methods[method]
-        .range(since..)
-        .filter_map(|(cycle, it)| {
-            let sigma = it.calibration_spread.as_ref().map(|spread| spread[parameter]);
-            Some((*cycle, it.time, *it.calibration.get(parameter)?, sigma))
-        })
-        .collect();
     let path = |part: &str| names.parameter(method, parameter, part);
+    let estimates = |value: &dyn Fn(&MethodCycle) -> Option<f64>| {
+        points(since, history.of_method(method).filter_map(|(cycle, own)| Some((cycle, value(own)?))))
+    };
     for (part, name, factor) in [("below", "−2σ", -2.0), ("above", "+2σ", 2.0)] {
-        let bound = |&(cycle, time, value, sigma): &(usize, Time, f64, Option<f64>)| {
-            Some((cycle, time, value + factor * sigma?))
+        let bound = |own: &MethodCycle| {
+            Some(own.calibration.get(parameter)? + factor * own.calibration_spread.as_ref()?.get(parameter)?)
         };
-        let points: Vec<_> = estimates.iter().filter_map(bound).collect();
-        log(recording, &path(part), &Style { color: ANALYSIS_SPREAD, width: 1.0, name }, &points)?;
+        log(recording, &path(part), &Style { color: ANALYSIS_SPREAD, width: 1.0, name }, &estimates(&bound))?;
     }
-    log(recording, &path("truth"), &Style { color: TRUTH, width: 1.5, name: "truth" }, &truth)?;
-    let points: Vec<_> = estimates.iter().map(|&(cycle, time, value, _)| (cycle, time, value)).collect();
-    log(recording, &path("estimate"), &Style { color: ANALYSIS, width: 2.5, name: "estimate" }, &points)
+    let truth = history.cycles.iter().filter_map(|cycle| Some((cycle, *cycle.true_calibration.get(parameter)?)));
+    log(recording, &path("truth"), &Style { color: TRUTH, width: 1.5, name: "truth" }, &points(since, truth))?;
+    let estimate = estimates(&|own| own.calibration.get(parameter).copied());
+    log(recording, &path("estimate"), &Style { color: ANALYSIS, width: 2.5, name: "estimate" }, &estimate)
+}
+
+/// The points of a curve from a cycle on.
+fn points<'a>(since: usize, values: impl Iterator<Item = (&'a Cycle, f64)>) -> Vec<(usize, Time, f64)> {
+    let values = values.filter(|(cycle, _)| cycle.number >= since);
+    values.map(|(cycle, value)| (cycle.number, cycle.time, value)).collect()
 }
 
 /// A whole curve at once; nothing if there are no points.

@@ -2,11 +2,11 @@
 
 use super::blueprint::{Arrangement, Blueprint, Part};
 use super::frame::Frame;
-use super::history::History;
 use super::names::{Names, Result};
 use super::ranges::Ranges;
 use super::series::{PARAMETERS_PER_PAGE, compared, shown_parameters};
 use crate::event::RunInfo;
+use crate::output::history::{History, MethodCycle};
 use crate::plot::number as number_text;
 use crate::scores::ScoreKind;
 use ::rerun::RecordingStream;
@@ -79,7 +79,7 @@ impl Views<'_> {
         let [low, high] = ranges.state.map(number_text);
         let state = format!("{low} to {high} {unit}");
         let difference = format!("±{} {unit}", number_text(ranges.difference));
-        let has_spread = self.history.methods[method].values().any(|it| it.spread.is_some());
+        let has_spread = self.history.maps(method).any(|(_, maps)| maps.spread.is_some());
         let spread = format!("0 to {} {unit}", number_text(ranges.spread));
         let own = |part: &str| self.names.field(method, name, part);
         let observations = own("observations/**");
@@ -114,8 +114,8 @@ impl Views<'_> {
 
     /// The blocks, and the leading common factors.
     fn structure(&mut self, method: usize) -> Result<Option<Part>> {
-        let structures = || self.history.methods[method].values().filter_map(|it| it.structure.as_ref());
-        let Some(factors) = structures().map(|it| it.factors.len()).max() else { return Ok(None) };
+        let structures = self.history.maps(method).filter_map(|(_, maps)| maps.structure.as_ref());
+        let Some(factors) = structures.map(|it| it.factors.len()).max() else { return Ok(None) };
         let variable = self.info.layout.variables[self.history.mapped].name;
         let bounds = Frame::new(&self.info.layout).bounds(true);
         let own = |part: &str| self.names.structure(method, part);
@@ -132,7 +132,10 @@ impl Views<'_> {
 
     /// The calibration parameters, one plot for each; in tabs if they are many.
     fn biases(&mut self, method: usize) -> Result<Option<Part>> {
-        if !self.history.has_biases(method) {
+        // A method that leaves them alone has zeros, and claims nothing.
+        let estimates =
+            |own: &MethodCycle| own.calibration_spread.is_some() || own.calibration.iter().any(|&it| it != 0.0);
+        if !self.history.of_method(method).any(|(_, own)| estimates(own)) {
             return Ok(None);
         }
         let mut plots = Vec::new();
