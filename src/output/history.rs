@@ -6,7 +6,7 @@ use super::structure::ShownStructure;
 use crate::event::{Analysed, Estimated, Event, RunInfo, Smoothed};
 use crate::plot::Thinning;
 use crate::plot::range::{around, quantile};
-use crate::scores::Score;
+use crate::scores::{Part, Score};
 use indexmap::IndexMap;
 use isobar_assim::{Estimate, EstimatedParameter};
 use isobar_model::{State, Time};
@@ -29,8 +29,8 @@ pub struct History {
     has_maps: fn(&RunInfo, usize) -> bool,
     /// The cycles in their order, with the initial state as cycle 0 if there is a truth.
     pub cycles: Vec<Cycle>,
-    /// The names of the scores that are drawn over time; the cycles have their values in this order.
-    drawn: Vec<String>,
+    /// The scores that are drawn over time; the cycles have their values in this order.
+    drawn: Vec<Score<'static>>,
     /// The analysis errors of each method and variable against the claimed spread, over the cycles that count.
     reliability: Vec<Vec<Reliability>>,
     /// What methods estimate beside state and calibration, by name; in the place of each method what it has of it.
@@ -52,7 +52,7 @@ pub struct Cycle {
     pub true_calibration: Vec<f64>,
     /// The true fields.
     pub truth: Option<Fields>,
-    /// The observations; also of the newest cycle.
+    /// The observations, if there are maps of the cycle or if it is the newest.
     pub reports: Vec<Report>,
     /// Their values.
     pub values: Vec<f64>,
@@ -65,6 +65,8 @@ pub struct Cycle {
 pub struct MethodCycle {
     /// The scores that are drawn, those of the smoothed estimate among them once later observations have revised it.
     scores: Vec<Option<f64>>,
+    /// The cycle whose observations were the last to revise the estimate.
+    revised_in: usize,
     /// The calibration parameters after the analysis.
     pub calibration: Vec<f64>,
     /// Their claimed standard deviations.
@@ -120,7 +122,7 @@ impl History {
             thinning,
             has_maps,
             cycles: Vec::new(),
-            drawn: Score::all(&info.variables(), |kind| kind.line.is_some()).iter().map(Score::key).collect(),
+            drawn: Score::all(&info.variables(), |kind| kind.line.is_some()),
             reliability: vec![vec![Reliability::default(); info.layout.variables.len()]; info.methods.len()],
             parameters: IndexMap::new(),
             truth: None,
@@ -207,7 +209,8 @@ impl History {
         });
         let departures = [&analysis.background_departures, &analysis.analysis_departures];
         own.methods[method] = Some(MethodCycle {
-            scores: self.drawn.iter().map(|name| scores.get(name).copied()).collect(),
+            scores: self.drawn.iter().map(|score| scores.get(&score.key()).copied()).collect(),
+            revised_in: cycle,
             calibration: calibration.clone(),
             calibration_spread: calibration_spread.clone(),
             departures: mean_departures(&own.reports, departures),
@@ -221,10 +224,12 @@ impl History {
 
     /// Takes the scores of a smoothed estimate.
     fn add_smoothed(&mut self, smoothed: &Smoothed<'_>) {
+        let Some(newest) = self.cycles.last().map(|last| last.number) else { return };
         let cycle = self.cycles.iter_mut().rev().find(|own| own.number == smoothed.cycle);
         if let Some(own) = cycle.and_then(|own| own.methods[smoothed.method].as_mut()) {
-            for (value, name) in own.scores.iter_mut().zip(&self.drawn) {
-                *value = smoothed.scores.get(name).copied().or(*value);
+            own.revised_in = newest;
+            for (value, score) in own.scores.iter_mut().zip(&self.drawn) {
+                *value = smoothed.scores.get(&score.key()).copied().or(*value);
             }
         }
     }
@@ -269,10 +274,14 @@ impl History {
         self.of_method(method).filter_map(|(cycle, own)| Some((cycle, own.maps.as_ref()?)))
     }
 
-    /// A method's score in every cycle that has it; it must be one that is drawn.
-    pub fn scores(&self, method: usize, name: &str) -> impl Iterator<Item = (&Cycle, f64)> {
-        let number = self.drawn.iter().position(|own| own == name);
-        self.of_method(method).filter_map(move |(cycle, own)| Some((cycle, own.scores[number?]?)))
+    /// A method's score, one that is drawn, in every cycle that has it, of those that became known in the cycle `since` or later:
+    /// those of smoothed estimates do with the last observations that revise them.
+    pub fn scores(&self, method: usize, key: &str, since: usize) -> impl Iterator<Item = (&Cycle, f64)> + use<'_> {
+        let number = self.drawn.iter().position(|score| score.key() == key);
+        let is_smoothed = number.is_some_and(|number| self.drawn[number].kind.part == Part::Smoothed);
+        let known = move |cycle: &Cycle, own: &MethodCycle| if is_smoothed { own.revised_in } else { cycle.number };
+        let new = self.of_method(method).filter(move |(cycle, own)| known(cycle, own) >= since);
+        new.filter_map(move |(cycle, own)| Some((cycle, own.scores[number?]?)))
     }
 
     /// The fields whose range all maps of states have: those of the truth, without one those of the analyses.

@@ -2,7 +2,8 @@
 //!
 //! Contents: [`directory`] (where outputs go, with [`working`], [`destination`] and [`contents`]), [`OUTPUTS`] (the outputs that can be switched off), [`netcdf`],
 //! [`parameters`], [`report`], [`scores`], [`summary`], and with the cargo feature `rerun` the recording for the rerun
-//! viewer; [`structure`] is what report and recording show of a method's blocks.
+//! viewer. Report and recording show what [`history`] holds of the run, with a method's blocks ([`structure`]) and what is
+//! known of its spread ([`reliability`]).
 
 pub mod contents;
 pub mod destination;

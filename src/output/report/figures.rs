@@ -8,7 +8,7 @@ use crate::output::reliability::{Reliability, normal_density};
 use crate::plot::colors::of_method_on_paper;
 use crate::plot::range::quantile;
 use crate::plot::{Curve, CurvePlot, Dash, unit};
-use crate::scores::{Against, Better, Line, MethodScores, Part, SCORES, Score, ScoreKind, Summary};
+use crate::scores::{Better, Line, MethodScores, Part, Score, ScoreKind, Summary};
 use isobar_obs::ObservationType;
 use std::collections::BTreeSet;
 
@@ -40,7 +40,7 @@ impl Figures<'_> {
             let name = variable.name;
             let mut curves = Vec::new();
             for (method, info) in self.info.methods.iter().enumerate() {
-                for (kind, line) in drawn(true).filter(|(kind, _)| self.is_shown(kind)) {
+                for (kind, line) in self.info.drawn(true).filter(|(kind, _)| kind.part != Part::Background) {
                     let points = self.scores(method, &kind.key(name));
                     let curve = Curve::new(&info.name, of_method_on_paper(method), points);
                     curves.push(match line {
@@ -71,12 +71,6 @@ impl Figures<'_> {
             )
         };
         self.info.layout.variables.iter().map(per_variable).collect()
-    }
-
-    /// Whether a line is drawn with those of the analysis: departures only where there is no truth.
-    fn is_shown(&self, kind: &ScoreKind) -> bool {
-        let is_departure = matches!(kind.against, Against::Used | Against::Passive);
-        kind.part != Part::Background && !(is_departure && self.info.has_truth)
     }
 
     /// The bias estimates with their bands and the truth.
@@ -230,7 +224,7 @@ impl Figures<'_> {
 
     /// The scores of methods as a whole over time, and mean departures of each network and variable.
     pub fn innovations(&self) -> Vec<Drawing> {
-        let mut drawings: Vec<Drawing> = drawn(false).filter_map(|(kind, _)| self.single(kind)).collect();
+        let mut drawings: Vec<Drawing> = self.info.drawn(false).filter_map(|(kind, _)| self.single(kind)).collect();
         let methods = || self.history.cycles.iter().flat_map(|cycle| cycle.methods.iter().flatten());
         let kinds: BTreeSet<ObservationType> = methods().flat_map(|own| own.departures.keys().cloned()).collect();
         for kind in kinds {
@@ -295,17 +289,12 @@ impl Figures<'_> {
 
     /// A method's score in every cycle that has it.
     fn scores(&self, method: usize, key: &str) -> Vec<[f64; 2]> {
-        self.history.scores(method, key).map(|(cycle, value)| [self.day(cycle), value]).collect()
+        self.history.scores(method, key, 0).map(|(cycle, value)| [self.day(cycle), value]).collect()
     }
 
     fn day(&self, cycle: &Cycle) -> f64 {
         (cycle.time - self.info.start).days()
     }
-}
-
-/// The kinds that are drawn over time, of variables or of methods as a whole.
-fn drawn(per_variable: bool) -> impl Iterator<Item = (&'static ScoreKind, Line)> {
-    SCORES.iter().filter(move |kind| kind.per_variable == per_variable).filter_map(|kind| Some((kind, kind.line?)))
 }
 
 /// A limit for y that a single method gone astray cannot push up at will: four times what nine of ten points need.

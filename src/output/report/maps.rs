@@ -307,7 +307,7 @@ fn observations(cycle: &Cycle, variable: usize) -> impl Iterator<Item = (usize, 
     cycle.reports.iter().enumerate().filter(move |(_, report)| report.variable == variable)
 }
 
-/// Every so many-th observation of a variable has a dot.
+/// The step from an observation of a variable that has a dot to the next one that has.
 fn every(cycle: &Cycle, variable: usize) -> usize {
     observations(cycle, variable).count().div_ceil(MOST_PLACES).max(1)
 }

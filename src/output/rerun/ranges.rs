@@ -1,7 +1,6 @@
 //! The ranges that colours and axes of the whole run share.
 
 use super::frame::Frame;
-use super::series::drawn;
 use crate::event::RunInfo;
 use crate::output::history::{Cycle, History, MethodMaps};
 use crate::plot::range::{quantile, round_up};
@@ -59,8 +58,10 @@ fn of_variable(history: &History, number: usize, name: &str) -> VariableRanges {
 
 /// The highest error or spread of a variable that a method's curves show.
 fn score(history: &History, method: usize, variable: &str) -> f64 {
-    let all =
-        drawn().flat_map(|kind| history.scores(method, &kind.key(variable)).map(|it| it.1 as f32).collect::<Vec<_>>());
+    let all = history
+        .info
+        .drawn(true)
+        .flat_map(|(kind, _)| history.scores(method, &kind.key(variable), 0).map(|it| it.1 as f32).collect::<Vec<_>>());
     let values: Vec<f32> = all.filter(|value| value.is_finite()).collect();
     let highest = values.iter().copied().fold(0.0, f32::max);
     let usual = quantile(values, 0.95).filter(|&usual| usual > 0.0).unwrap_or(1.0);

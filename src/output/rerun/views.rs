@@ -4,11 +4,11 @@ use super::blueprint::{Arrangement, Blueprint, Part};
 use super::frame::Frame;
 use super::names::{Names, Result};
 use super::ranges::Ranges;
-use super::series::{PARAMETERS_PER_PAGE, compared, shown_parameters};
+use super::series::{DEPARTURE, PARAMETERS_PER_PAGE, compared, shown_parameters};
 use crate::event::RunInfo;
 use crate::output::history::{History, MethodCycle};
 use crate::plot::number as number_text;
-use crate::scores::ScoreKind;
+use crate::scores::{Score, ScoreKind};
 use ::rerun::RecordingStream;
 
 /// Sends the layout of the run's views.
@@ -43,16 +43,17 @@ impl Views<'_> {
         let plots = self.blueprint.container("errors", Arrangement::Horizontal, &plots)?;
         let mapped = &self.info.layout.variables[self.history.mapped];
         let departure = format!("mean background departure of {} [{}]", mapped.name, mapped.unit);
-        let innovations = [("innovation χ²/n [1]", "innovation/chi2/**"), (&departure, "innovation/departure/**")];
-        let innovations =
-            innovations.map(|(name, contents)| self.blueprint.curves(name, &[contents.into()], None, true));
-        let innovations = innovations.into_iter().collect::<Result<Vec<_>>>()?;
-        let innovations = self.blueprint.container("innovations", Arrangement::Horizontal, &innovations)?;
+        let others = self.info.drawn(false).map(|(kind, _)| (Score { kind, variable: ("", "") }.subject(), kind.name));
+        let others: Vec<_> = others.chain([(departure, DEPARTURE)]).collect();
+        let curves =
+            |(name, what): (String, &str)| self.blueprint.curves(&name, &[format!("comparison/{what}/**")], None, true);
+        let others = others.into_iter().map(curves).collect::<Result<Vec<_>>>()?;
+        let others = self.blueprint.container("innovations", Arrangement::Horizontal, &others)?;
         let texts = [("scores", "text/scores"), ("stability", "text/stability"), ("scenario", "text/scenario")];
         let texts = texts.map(|(name, contents)| self.blueprint.document(name, contents));
         let texts = texts.into_iter().collect::<Result<Vec<_>>>()?;
         let texts = self.blueprint.container("texts", Arrangement::Horizontal, &texts)?;
-        self.blueprint.container("overview", Arrangement::Vertical(&[1.0, 0.8, 1.0]), &[plots, innovations, texts])
+        self.blueprint.container("overview", Arrangement::Vertical(&[1.0, 0.8, 1.0]), &[plots, others, texts])
     }
 
     /// One method: a tab of maps and errors for each variable, one of its blocks and common factors, and its biases.
