@@ -1,7 +1,7 @@
 //! `isobar compare`.
 
 use super::arguments::CompareArguments;
-use super::console::print;
+use super::console::{print, width};
 use crate::comparison::Comparison;
 use crate::output::recorded::SavedRun;
 use crate::safe_file;
@@ -28,7 +28,7 @@ pub fn compare(arguments: &CompareArguments) -> Result<ExitCode, Report> {
         ("Differences of the scores from each run's best method", comparison.within_runs()),
     ] {
         if !differences.rows.is_empty() {
-            print(&format!("{title}\n{}\n* significant at the level of 5 %\n", differences.terminal()))?;
+            print(&format!("{title}\n{}\n* significant at the level of 5 %\n", differences.terminal(width())))?;
         }
     }
     print(&format!("{}: with intervals, scores and figures", shown_path(&arguments.out)))?;

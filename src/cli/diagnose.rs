@@ -1,6 +1,6 @@
 //! `isobar diagnose`.
 
-use super::console::print;
+use super::console::{print, width};
 use crate::output::recorded::SavedRun;
 use crate::tables::diagnostics::all;
 use crate::text::shown_path;
@@ -23,7 +23,7 @@ pub fn diagnose(runs: &[PathBuf]) -> Result<ExitCode, Report> {
         let (first, last) = (run.summary.scored_from_cycle, run.summary.cycles);
         print(&format!("{shown}, cycles {first} to {last}; intervals hold with 95 %\n"))?;
         for titled in tables.iter().filter(|titled| titled.table.rows.len() <= MOST_ROWS) {
-            print(&format!("{}\n{}\n", titled.title, titled.table.terminal_with_notes()))?;
+            print(&format!("{}\n{}\n", titled.title, titled.table.terminal_with_notes(width())))?;
         }
     }
     Ok(ExitCode::SUCCESS)
