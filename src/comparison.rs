@@ -21,6 +21,14 @@ pub struct Comparison {
     runs: Vec<(SavedRun, Scores)>,
 }
 
+/// Differences of methods.
+pub struct Differences {
+    /// What there is to say, a sentence for each pair of methods.
+    pub words: Vec<String>,
+    /// All of them.
+    pub table: Table,
+}
+
 /// A method of a run.
 #[derive(Clone, Copy)]
 struct Entry<'a> {
@@ -45,15 +53,18 @@ impl Comparison {
     }
 
     /// The differences of every run from the first, method by method.
-    pub fn between_runs(&self) -> Table {
-        let pairs = self.entries().filter(|entry| entry.run > 0).filter_map(|entry| {
-            Some((self.entries().find(|first| first.run == 0 && first.name == entry.name)?, entry))
-        });
-        self.differences(pairs.collect())
+    pub fn between_runs(&self) -> Differences {
+        let pairs: Vec<_> = self
+            .entries()
+            .filter(|entry| entry.run > 0)
+            .filter_map(|entry| Some((self.entries().find(|first| first.run == 0 && first.name == entry.name)?, entry)))
+            .collect();
+        let words = pairs.iter().filter_map(|&(first, second)| self.in_words(first, second)).collect();
+        Differences { words, table: self.differences(pairs) }
     }
 
     /// The differences of every method from the best one of its run.
-    pub fn within_runs(&self) -> Table {
+    pub fn within_runs(&self) -> Differences {
         let mut pairs = Vec::new();
         for run in 0..self.runs.len() {
             let own = || self.entries().filter(move |entry| entry.run == run);
@@ -66,7 +77,8 @@ impl Comparison {
             let Some(best) = own().min_by(|a, b| error(a).total_cmp(&error(b))) else { continue };
             pairs.extend(own().filter(|entry| entry.name != best.name).map(|entry| (best, entry)));
         }
-        self.differences(pairs)
+        let words = pairs.iter().filter_map(|&(best, other)| self.in_words(other, best)).collect();
+        Differences { words, table: self.differences(pairs) }
     }
 
     /// The page.
@@ -102,7 +114,7 @@ impl Comparison {
                            without any real difference one looks significant. Runs of different seeds or scenarios have \
                            different truths: a difference between them holds for these two stretches of weather, and \
                            not for the next seed.";
-        for (title, table) in [
+        for (title, Differences { table, .. }) in [
             ("Differences from run A", self.between_runs()),
             ("Differences from each run's best method", self.within_runs()),
         ] {
@@ -193,12 +205,55 @@ impl Comparison {
         Table { header, rows: pairs.into_iter().map(row).collect() }
     }
 
+    /// Whether and by how much a method is better than another, in percent of the other's score with half the 95 % interval.
+    fn in_words(&self, other: Entry<'_>, own: Entry<'_>) -> Option<String> {
+        let [mut better, mut worse, mut open, mut unknown] = [const { Vec::new() }; 4];
+        for score in self.columns() {
+            let Some((a, b)) = self.paired(other, own, &score.key()) else { continue };
+            let Some(it) = difference(&a, &b) else { continue };
+            let percent = 100.0 / (a.iter().sum::<f64>() / a.len() as f64).sqrt();
+            let name = match (score.kind.against, score.variable.0) {
+                (Against::Truth | Against::Nothing, "") => "biases".to_string(),
+                (Against::Truth | Against::Nothing, name) => name.to_string(),
+                (_, name) => format!("{} of {name}", score.kind.title),
+            };
+            match it.interval.filter(|interval| interval.excludes_zero() && percent.is_finite()) {
+                Some(interval) => {
+                    let half = percent * 0.5 * (interval.high - interval.low);
+                    let decimals = usize::from(half < 1.0);
+                    let size = percent * it.difference.abs();
+                    let text = format!("by {size:.decimals$}\u{a0}±\u{a0}{half:.decimals$}\u{a0}% in {name}");
+                    if it.difference < 0.0 { better.push(text) } else { worse.push(text) }
+                }
+                None if it.interval.is_some() => open.push(name),
+                None => unknown.push(name),
+            }
+        }
+        let shown = |entry: Entry<'_>| format!("{} {}", label(entry.run), entry.name);
+        let parts = [
+            ("better than", "", better),
+            ("worse than", "", worse),
+            ("not significantly different from", "in ", open),
+            ("for want of independent cycles not comparable with", "in ", unknown),
+        ];
+        let parts = parts.into_iter().filter(|(_, _, all)| !all.is_empty());
+        let parts =
+            parts.map(|(verdict, before, all)| format!("{verdict} {} {before}{}", shown(other), all.join(", ")));
+        let text = parts.collect::<Vec<_>>().join("; ");
+        (!text.is_empty()).then(|| format!("{} is {text}", shown(own)))
+    }
+
     fn difference(&self, first: Entry<'_>, second: Entry<'_>, key: &str) -> Option<Difference> {
+        let (a, b) = self.paired(first, second, key)?;
+        difference(&a, &b)
+    }
+
+    /// The squares of a score in the cycles that count in both.
+    fn paired(&self, first: Entry<'_>, second: Entry<'_>, key: &str) -> Option<(Vec<f64>, Vec<f64>)> {
         let from = self.scored_from(first.run).max(self.scored_from(second.run));
         let (a, b) = (squares(&first, key, from)?, squares(&second, key, from)?);
         let other = |cycle: usize| b.binary_search_by_key(&cycle, |it| it.0).ok().map(|place| b[place].1);
-        let (a, b): (Vec<f64>, Vec<f64>) = a.iter().filter_map(|&(cycle, a)| Some((a, other(cycle)?))).unzip();
-        difference(&a, &b)
+        Some(a.iter().filter_map(|&(cycle, a)| Some((a, other(cycle)?))).unzip())
     }
 
     fn figures(&self) -> Vec<Figure> {

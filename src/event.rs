@@ -4,7 +4,7 @@ use crate::correlations::Correlations;
 use crate::lead_times::LeadTimes;
 use crate::outcome::UnusedDepartures;
 use crate::readings::Readings;
-use crate::scores::{Failure, ScoreKind, Summary, Values};
+use crate::scores::{Against, Failure, Line, SCORES, ScoreKind, Summary, Values};
 use isobar_assim::{Analysis, Estimate, EstimatedParameter, Structure};
 use isobar_model::{Duration, Layout, State, Time};
 use isobar_obs::{Calibration, ObservationWindow, Projection};
@@ -72,6 +72,14 @@ impl RunInfo {
     /// Whether cycles of the run can have a score of this kind.
     pub fn can_have(&self, kind: &ScoreKind) -> bool {
         kind.against.exists(self.has_truth, self.networks.iter().any(|network| network.is_passive))
+    }
+
+    /// The kinds of scores that are drawn over time, of variables or of methods as a whole: departures of observations only
+    /// where there is no truth.
+    pub fn drawn(&self, per_variable: bool) -> impl Iterator<Item = (&'static ScoreKind, Line)> {
+        let is_left_out = |kind: &ScoreKind| matches!(kind.against, Against::Used | Against::Passive) && self.has_truth;
+        let kinds = SCORES.iter().filter(move |kind| kind.per_variable == per_variable && !is_left_out(kind));
+        kinds.filter_map(|kind| Some((kind, kind.line?)))
     }
 
     /// Whether nothing is known of the true biases of a network, since it was recorded elsewhere.

@@ -198,6 +198,7 @@ fn a_run_is_diagnosed_and_what_is_none_is_refused() {
         assert!(said.contains(title), "{title} is missing: {said}");
     }
     assert!(said.lines().all(|line| line.chars().count() <= 100), "{said}");
+    assert!(said.find("its claimed spread is ").unwrap() < said.find(titles[0]).unwrap(), "{said}");
     let page = fs::read_to_string(here.join("out/tracer/report.html")).unwrap();
     assert!(titles.iter().all(|title| page.contains(title)) && page.contains("Rank histogram"));
     let output = isobar(here, &["diagnose", "out"]);

@@ -151,4 +151,7 @@ fn a_run_compared_with_itself_does_not_differ() {
     let rows: Vec<&str> = said.lines().filter(|line| line.starts_with("B ") && line.contains("− A")).collect();
     assert_eq!(rows.len(), 2, "{said}");
     assert!(rows.iter().all(|row| !row.contains('*') && row.contains(" 0")), "{said}");
+    let verdicts = said.lines().filter(|line| line.starts_with("B ") && line.contains(" is "));
+    let equal = verdicts.filter(|line| !line.contains("better") && !line.contains("worse"));
+    assert_eq!(equal.count(), 2, "{said}");
 }

@@ -44,6 +44,7 @@ mod smoothers;
 mod stability;
 mod sweep;
 mod synthetic_run;
+mod terminals;
 mod time_schemes;
 mod windows;
 mod without_truth;

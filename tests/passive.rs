@@ -10,7 +10,7 @@ use netcdf_reader::NcFile;
 use std::path::Path;
 
 /// Every kind of method, with what there is around them.
-const METHODS: &str = r#"
+pub const METHODS: &str = r#"
 [methods.free]
 kind = "free"
 [methods.climatology]
@@ -65,7 +65,7 @@ members = 8
 localization_radius_km = 900
 "#;
 
-const WORLD: &str = r#"
+pub const WORLD: &str = r#"
 title = "Tracer in a box"
 phenomenon = "Advection"
 source = "made up"
@@ -116,7 +116,7 @@ variable = "tracer"
 sigma = 0.3
 "#;
 
-const PASSIVE: &str = r#"
+pub const PASSIVE: &str = r#"
 [networks.seen]
 kind = "radiosonde"
 stations = { random = 25 }

@@ -74,6 +74,12 @@ fn every_cycle_of_every_method_has_its_maps_and_curves() {
     }
     let written = scalars(&chunks, "/comparison/h/02_kalman");
     assert_eq!(written, run.results[1].iter().map(|result| result.2.values["rmse_analysis.h"]).collect::<Vec<_>>());
+    // Every score that is drawn of the method as a whole, whichever there are.
+    for (kind, _) in run.info.drawn(false) {
+        let written = scalars(&chunks, &format!("/comparison/{}/02_kalman", kind.name));
+        assert_eq!(written, run.results[1].iter().map(|result| result.2.values[kind.name]).collect::<Vec<_>>());
+    }
+    assert_eq!(rows["/comparison/mean_departure/05_free"], 3);
     let upper = scalars(&chunks, "/methods/01_fast_kalman/calibration/02_europe_h_DE/above");
     let expected = run.results[0].iter().map(|(_, analysis, _)| {
         analysis.estimate.calibration[1] + 2.0 * analysis.estimate.calibration_spread.as_ref().unwrap()[1]

@@ -31,7 +31,7 @@ fn small_scenarios_have_their_accepted_scores() {
         let options = run_options(directory.path(), scenario.cycle.count);
         let summary = isobar::run::run(&scenario, &options, &mut Deaf).unwrap();
         let comparison = Regression::new(&scenario.expected, &summary);
-        assert!(comparison.passed(), "{}: {}", scenario.name, comparison.describe());
+        assert!(comparison.passed(), "{}: {}", scenario.name, comparison.describe(100));
         ran += 1;
     }
     assert!(ran >= 1);

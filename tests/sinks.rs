@@ -1,10 +1,13 @@
 //! What the sinks write is what happened: every number, bit for bit, read back by an independent reader.
 
 use crate::synthetic_run::SyntheticRun;
-use isobar::event::{Event, MethodInfo};
+use isobar::event::{Event, MethodInfo, Smoothed};
+use isobar::output::history::History;
 use isobar::output::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
+use isobar::plot::Thinning;
 use isobar::readings::Readings;
 use netcdf_reader::NcFile;
+use std::borrow::Cow;
 use std::path::Path;
 
 const FILL_VALUE: f64 = 9.96921e36;
@@ -358,4 +361,51 @@ fn a_recording_is_refused_where_it_cannot_be_made() {
     let directory = OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap();
     let Err(error) = open_all(&run.info, &directory, &Outputs::of(["rerun"])) else { panic!() };
     assert!(error.reason.contains("feature"), "{error}");
+}
+
+/// Holds a run, and smooths the estimate of every cycle with the observations of the next.
+struct Held(History);
+
+impl Sink for Held {
+    fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
+        let failure = |reason: String| SinkError { path: "history".into(), reason };
+        self.0.record(event).map_err(failure)?;
+        let Event::Analysed(analysed) = event else { return Ok(()) };
+        let (method, cycle, estimate) =
+            (analysed.method, analysed.cycle - 1, Cow::Borrowed(&analysed.analysis.estimate));
+        let scores = Cow::Owned([("rmse_smoothed.u".to_string(), cycle as f64)].into());
+        let smoothed = Smoothed { method, cycle, later_cycles: 1, estimate, scores };
+        if cycle > 0 { self.0.record(&Event::Smoothed(smoothed)).map_err(failure) } else { Ok(()) }
+    }
+}
+
+#[test]
+fn a_history_holds_the_fields_that_are_shown_and_knows_when_a_score_became_known() {
+    let run = SyntheticRun::new(8, 6, 4, 2);
+    let thinning = Thinning::new(&run.info.layout.grid, 4);
+    let mut held = Held(History::new(&run.info, thinning, |info, cycle| cycle == info.cycles / 2));
+    run.play(&mut held).unwrap();
+    let history = held.0;
+    assert_eq!(history.cycles.iter().map(|cycle| cycle.number).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
+    for cycle in &history.cycles {
+        let maps: Vec<_> = cycle.methods.iter().flatten().filter_map(|own| own.maps.as_ref()).collect();
+        assert_eq!(maps.len(), if cycle.number == 2 { 2 } else { 0 });
+        assert_eq!(cycle.truth.is_some(), cycle.number == 2);
+        assert_eq!(cycle.true_calibration, run.true_calibration[cycle.number]);
+        for own in maps {
+            let sizes = [&own.background, &own.analysis].map(|fields| fields.iter().map(Vec::len).collect::<Vec<_>>());
+            assert_eq!(sizes, [[12; 3], [12; 3]]);
+        }
+        // Those of the newest cycle are there until the next one begins.
+        let reports = if [2, 4].contains(&cycle.number) { run.windows[cycle.number - 1].len() } else { 0 };
+        assert_eq!((cycle.reports.len(), cycle.values.len()), (reports, reports));
+    }
+    let known = |key: &str, since: usize| -> Vec<(usize, f64)> {
+        history.scores(1, key, since).map(|(cycle, value)| (cycle.number, value)).collect()
+    };
+    assert_eq!(known("rmse_smoothed.u", 0), [(1, 1.0), (2, 2.0), (3, 3.0)]);
+    assert_eq!(known("rmse_smoothed.u", 4), [(3, 3.0)]);
+    assert_eq!(known("rmse_analysis.u", 4).iter().map(|it| it.0).collect::<Vec<_>>(), [4]);
+    assert_eq!(known("rmse_analysis.u", 0).len(), 4);
+    assert!(known("crps.u", 0).is_empty(), "it has no line");
 }

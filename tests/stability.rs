@@ -19,7 +19,9 @@ fn run(change: impl Fn(String) -> String, method: &str) -> (String, serde_json::
     assert!(page.contains("Stability of the bias estimates"));
     let summary = fs::read_to_string(parent.path().join("out/own/summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
-    (text(&output.stdout), summary["methods"][method].clone())
+    // Sentences go on on the next line.
+    let printed = text(&output.stdout).split_whitespace().collect::<Vec<_>>().join(" ");
+    (printed, summary["methods"][method].clone())
 }
 
 #[test]

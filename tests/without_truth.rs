@@ -6,7 +6,7 @@ use serde_json::Value;
 use std::fs;
 use std::path::Path;
 
-const SCENARIO: &str = r#"
+pub const SCENARIO: &str = r#"
 title = "Heights of three stations"
 phenomenon = "One analysis"
 source = "made up"
@@ -57,7 +57,7 @@ const OBSERVATIONS: &str = "cycle,latitude_deg,longitude_deg,variable,value,sigm
 3,47.0,15.0,h,5590,12,B
 ";
 
-fn folder(scenario: &str) -> tempfile::TempDir {
+pub fn folder(scenario: &str) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("s.toml"), scenario).unwrap();
     fs::write(folder.path().join("observations.csv"), OBSERVATIONS).unwrap();

@@ -1,10 +1,11 @@
 //! `isobar compare`.
 
 use super::arguments::CompareArguments;
-use super::console::print;
-use crate::comparison::Comparison;
+use super::console::{print, width};
+use crate::comparison::{Comparison, Differences};
 use crate::output::recorded::SavedRun;
 use crate::safe_file;
+use crate::tables::terminal::sentences;
 use crate::text::shown_path;
 use miette::{Report, miette};
 use std::fs::File;
@@ -23,12 +24,13 @@ pub fn compare(arguments: &CompareArguments) -> Result<ExitCode, Report> {
     let comparison = Comparison::new(runs)?;
     let html = comparison.html().map_err(|error| miette!("{error}"))?;
     write(arguments, &html)?;
-    for (title, differences) in [
+    for (title, Differences { words, table }) in [
         ("Differences of the scores from run A", comparison.between_runs()),
         ("Differences of the scores from each run's best method", comparison.within_runs()),
     ] {
-        if !differences.rows.is_empty() {
-            print(&format!("{title}\n{}\n* significant at the level of 5 %\n", differences.terminal()))?;
+        if !table.rows.is_empty() {
+            let (words, table) = (sentences(&words.join("\n"), width()), table.terminal(width()));
+            print(&format!("{title}\n{words}\n\n{table}\n* significant at the level of 5 %\n"))?;
         }
     }
     print(&format!("{}: with intervals, scores and figures", shown_path(&arguments.out)))?;

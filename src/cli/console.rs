@@ -1,7 +1,20 @@
 //! Standard output and standard error.
 
+use crate::tables;
 use crate::text::printable;
 use miette::Report;
+
+/// The narrowest and the widest terminal for which tables are laid out.
+const WIDTHS: [usize; 2] = [60, 1000];
+
+/// The width of standard output \[characters\]: that which the environment variable `COLUMNS` says, or else that of the
+/// terminal; where there is none, the usual one.
+pub fn width() -> usize {
+    let said = std::env::var("COLUMNS").ok().and_then(|text| text.parse().ok()).filter(|&width: &usize| width > 0);
+    let own = || terminal_size::terminal_size_of(std::io::stdout()).map(|(width, _)| usize::from(width.0));
+    let width = said.or_else(own).filter(|&width| width > 0).unwrap_or(tables::WIDTH);
+    width.clamp(WIDTHS[0], WIDTHS[1])
+}
 
 /// Shows why something failed.
 pub fn show(report: &Report) {

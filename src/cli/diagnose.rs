@@ -1,8 +1,9 @@
 //! `isobar diagnose`.
 
-use super::console::print;
+use super::console::{print, width};
 use crate::output::recorded::SavedRun;
-use crate::tables::diagnostics::all;
+use crate::tables::diagnostics::{all, in_words};
+use crate::tables::terminal::sentences;
 use crate::text::shown_path;
 use miette::{Report, miette};
 use std::path::PathBuf;
@@ -22,8 +23,12 @@ pub fn diagnose(runs: &[PathBuf]) -> Result<ExitCode, Report> {
         }
         let (first, last) = (run.summary.scored_from_cycle, run.summary.cycles);
         print(&format!("{shown}, cycles {first} to {last}; intervals hold with 95 %\n"))?;
+        let words = in_words(&run.summary);
+        if !words.is_empty() {
+            print(&format!("{}\n", sentences(&words.join("\n"), width())))?;
+        }
         for titled in tables.iter().filter(|titled| titled.table.rows.len() <= MOST_ROWS) {
-            print(&format!("{}\n{}\n", titled.title, titled.table.terminal_with_notes()))?;
+            print(&format!("{}\n{}\n", titled.title, titled.table.terminal_with_notes(width())))?;
         }
     }
     Ok(ExitCode::SUCCESS)

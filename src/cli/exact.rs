@@ -1,7 +1,7 @@
 //! `isobar exact`.
 
 use super::arguments::ExactArguments;
-use super::console::print;
+use super::console::{print, width};
 use super::{launch, lookup};
 use crate::exact::{ExactOptions, ExactSummary, exact};
 use crate::scenario::Scenario;
@@ -25,7 +25,7 @@ pub fn run(arguments: &ExactArguments) -> Result<ExitCode, Report> {
 }
 
 fn text(summary: &ExactSummary, scenario: &Scenario) -> String {
-    let table = scores::of_values(&summary.methods, scenario.model.variables()).terminal();
+    let table = scores::of_values(&summary.methods, scenario.model.variables()).terminal(width());
     let mut text = format!(
         "{}: {}\n\nExact root-mean-square error of background and analysis, and what is claimed of the latter, cycles {} to \
          {}\n{table}\n",

@@ -1,7 +1,7 @@
 //! `isobar list`.
 
 use super::arguments::ListArguments;
-use super::console::{print, show};
+use super::console::{print, show, width};
 use super::lookup;
 use crate::kinds::reference::{self, KeyReference, Reference};
 use crate::scenario::Scenario;
@@ -34,7 +34,7 @@ fn kinds(reference: &Reference, name: Option<&str>) -> Result<String, Report> {
     let all = &reference.kinds;
     let Some(name) = name else {
         let rows = all.iter().map(|kind| [kind.name, kind.about].map(Cell::from).into());
-        return Ok(Table::new(&["kind", "what it is"], rows.collect()).terminal());
+        return Ok(Table::new(&["kind", "what it is"], rows.collect()).terminal(width()));
     };
     let Some(kind) = all.iter().find(|kind| kind.name == name) else {
         let names = || all.iter().map(|kind| kind.name);
@@ -48,7 +48,7 @@ fn kinds(reference: &Reference, name: Option<&str>) -> Result<String, Report> {
     let keys = Table::new(&["key", "unit", "value", "default", "meaning"], kind.keys.iter().map(row).collect());
     Ok(match keys.filled() {
         None => format!("{}. It has no keys.", kind.about),
-        Some(keys) => format!("{}\n\n{}", kind.about, keys.terminal()),
+        Some(keys) => format!("{}\n\n{}", kind.about, keys.terminal(width())),
     })
 }
 
@@ -72,7 +72,7 @@ fn scenarios() -> Result<ExitCode, Report> {
             Err(error) => faults.push(Report::from(error)),
         }
     }
-    print(&Table::new(&["scenario", "title", "grid", "methods"], rows).terminal())?;
+    print(&Table::new(&["scenario", "title", "grid", "methods"], rows).terminal(width()))?;
     faults.iter().for_each(show);
     Ok(if faults.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

@@ -1,7 +1,7 @@
 //! `isobar regress`.
 
 use super::arguments::RegressArguments;
-use super::console::{print, show};
+use super::console::{print, show, width};
 use super::{launch, lookup};
 use crate::batch::temporary;
 use crate::interrupt;
@@ -68,7 +68,7 @@ fn regress_one(scenario: &Scenario, arguments: &RegressArguments) -> Result<bool
 /// Prints which scores of a scenario have moved, and accepts the new ones if asked to; whether all is well.
 fn judge(scenario: &Scenario, summary: &Summary, accept_new: bool) -> Result<bool, Report> {
     let regression = Regression::new(&scenario.expected, summary);
-    print(&format!("{}: {}", scenario.name, regression.describe()))?;
+    print(&format!("{}: {}", scenario.name, regression.describe(width())))?;
     if !accept_new {
         return Ok(regression.passed());
     }

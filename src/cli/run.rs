@@ -1,7 +1,7 @@
 //! `isobar run`.
 
 use super::arguments::RunArguments;
-use super::console::{print, show};
+use super::console::{print, show, width};
 use super::launch::{check_cycles, check_method, run_scenario_then};
 use super::write_back::{self, name_database, write_sensors};
 use super::{lookup, seeds};
@@ -72,7 +72,7 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
     })?;
     drop(progress);
     let (of_sensors, wrote_sensors) = write_back::report(written);
-    let scores = tables::scores::on_terminal(&summary, scenario.model.variables());
+    let scores = tables::scores::on_terminal(&summary, scenario.model.variables(), width());
     print(&format!("{}: {}\n\n{scores}\n", scenario.name, scenario.title))?;
     print(&format!("Files: {}\n", shown_path(&options.out)))?;
     of_sensors.map_or(Ok(()), |text| print(&text))?;

@@ -1,7 +1,7 @@
 //! `isobar run --seeds`.
 
 use super::arguments::RunArguments;
-use super::console::{print, show};
+use super::console::{print, show, width};
 use super::launch::{self, failures};
 use crate::batch::seeds::{FailedSeed, SeedsSummary, run_all};
 use crate::batch::{BatchKind, BatchPlan, Run, interrupted, unfinished};
@@ -105,7 +105,7 @@ fn run_by(
 fn text(summary: &SeedsSummary, scenario: &Scenario) -> String {
     let variables = scenario.model.variables();
     let (count, against) = (summary.seeds.len(), &summary.against);
-    let tables = |tables: Vec<Table>| tables.iter().map(Table::terminal).collect::<Vec<_>>().join("\n\n");
+    let tables = |tables: Vec<Table>| tables.iter().map(|it| it.terminal(width())).collect::<Vec<_>>().join("\n\n");
     let mut text = format!(
         "{}: {}\n\nMean over {count} seeds ± half the width of its 95 % interval, cycles {} to {}\n{}\n",
         scenario.name,

@@ -1,6 +1,6 @@
 //! `isobar sensors`.
 
-use super::console::print;
+use super::console::{print, width};
 use crate::calendar::utc;
 use crate::safe_file;
 use crate::sensors::database::Missing;
@@ -194,7 +194,7 @@ fn list(records: &Records) -> String {
     };
     let rows = sensors.into_iter().map(row).collect();
     let columns = ["sensor", "unit", "last bias ± σ", "of", "calibrations", "test points", "recalibrations"];
-    Table::new(&columns, rows).terminal()
+    Table::new(&columns, rows).terminal(width())
 }
 
 fn show(records: &Records, wanted: &str) -> String {

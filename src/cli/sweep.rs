@@ -1,7 +1,7 @@
 //! `isobar sweep`.
 
 use super::arguments::SweepArguments;
-use super::console::{print, show};
+use super::console::{print, show, width};
 use super::{launch, lookup};
 use crate::batch::sweep::{Outcome, SweepSummary, first_score, settings};
 use crate::batch::{BatchKind, BatchPlan, Job, JobOutcome, interrupted, run_jobs, unfinished};
@@ -106,7 +106,7 @@ fn text(summary: &SweepSummary, scenario: &Scenario) -> String {
         summary.seeds.len()
     );
     for table in summary.tables(scenario.model.variables()) {
-        text += &format!("\n{}\n", table.terminal());
+        text += &format!("\n{}\n", table.terminal(width()));
     }
     let best = summary.best_in_words();
     if !best.is_empty() {

@@ -87,6 +87,6 @@ pub fn run(options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, Box
 fn main() -> Result<(), Box<dyn Error>> {
     let directory = tempfile::tempdir()?;
     let summary = run(&RunOptions::new(directory.path().join("own_instrument")), &mut Progress::new(true))?;
-    println!("{}", tables::scores::on_terminal(&summary, &[("h", "m"), ("u", "m s-1"), ("v", "m s-1")]));
+    println!("{}", tables::scores::on_terminal(&summary, &[("h", "m"), ("u", "m s-1"), ("v", "m s-1")], tables::WIDTH));
     Ok(())
 }

@@ -65,6 +65,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (directory, scenario) = (tempfile::tempdir()?, scenario());
     let options = RunOptions::new(directory.path().join("own_method"));
     let summary = experiment(&scenario).run(&options, &mut Progress::new(true))?;
-    println!("{}", tables::scores::on_terminal(&summary, scenario.model.variables()));
+    println!("{}", tables::scores::on_terminal(&summary, scenario.model.variables(), tables::WIDTH));
     Ok(())
 }

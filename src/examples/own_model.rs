@@ -103,6 +103,6 @@ pub fn run(options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, Box
 fn main() -> Result<(), Box<dyn Error>> {
     let directory = tempfile::tempdir()?;
     let summary = run(&RunOptions::new(directory.path().join("own_model")), &mut Progress::new(true))?;
-    println!("{}", tables::scores::on_terminal(&summary, &[("x", "1")]));
+    println!("{}", tables::scores::on_terminal(&summary, &[("x", "1")], tables::WIDTH));
     Ok(())
 }

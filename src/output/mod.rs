@@ -2,17 +2,20 @@
 //!
 //! Contents: [`directory`] (where outputs go, with [`working`], [`destination`] and [`contents`]), [`OUTPUTS`] (the outputs that can be switched off), [`netcdf`],
 //! [`forecasts`], [`parameters`], [`readings`], [`report`], [`scores`], [`summary`], and with the cargo feature `rerun` the recording for the rerun
-//! viewer; [`structure`] is what report and recording show of a method's blocks.
+//! viewer. Report and recording show what [`history`] holds of the run, with a method's blocks ([`structure`]) and what is
+//! known of its spread ([`reliability`]).
 
 pub mod contents;
 pub mod destination;
 pub mod directory;
 pub mod forecasts;
+pub mod history;
 pub mod netcdf;
 mod outputs;
 pub mod parameters;
 pub mod readings;
 pub mod recorded;
+pub mod reliability;
 pub mod report;
 #[cfg(feature = "rerun")]
 pub mod rerun;

@@ -163,14 +163,14 @@ mod tests {
         let expected = Expected::from_summary(&summary, 0.02);
         let same = Regression::new(&expected, &summary);
         assert!(same.passed() && same.scores.len() == 5, "the time is not compared: {same:?}");
-        assert_eq!(same.describe(), "5 scores, none moved");
+        assert_eq!(same.describe(100), "5 scores, none moved");
 
         let mut other = summary.clone();
         other.methods["free"].values["rmse_analysis.h"] *= 1.05;
         other.methods["free"].values["rmse_analysis.u"] *= 0.99;
         let moved = Regression::new(&expected, &other);
         assert_eq!((moved.passed(), moved.outside()), (false, 1));
-        let text = moved.describe();
+        let text = moved.describe(100);
         assert!(text.contains("+5.000") && text.contains("OUTSIDE"), "{text}");
         assert!(text.contains("-1.000") && text.contains("within"), "{text}");
     }
@@ -183,7 +183,7 @@ mod tests {
         summary.methods["free"].values.insert("bias_rmse".into(), 1.0);
         let regression = Regression::new(&expected, &summary);
         assert_eq!(regression.outside(), 2);
-        assert!(regression.describe().contains("missing") && regression.describe().contains("not accepted yet"));
+        assert!(regression.describe(100).contains("missing") && regression.describe(100).contains("not accepted yet"));
         let nothing = Regression::new(&Expected { relative_tolerance: 0.02, methods: Default::default() }, &summary);
         assert!(!nothing.passed());
     }

@@ -85,7 +85,7 @@ pub enum Part {
 }
 
 /// The line of a score that is drawn over time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Line {
     /// For errors.
     Solid,

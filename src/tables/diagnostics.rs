@@ -1,8 +1,12 @@
 //! Diagnostics as tables, for the report and for the terminal.
 
+use super::stability::in_short;
 use super::{Cell, MOST_PARAMETERS, Table, Titled, figure};
 use crate::scores::diagnostics::{BiasDiagnostics, Departures, Diagnostics, ObservationDiagnostics, StateDiagnostics};
 use crate::scores::{MethodScores, RejectedObservation, Summary, TypeCounts};
+
+/// Between which parts of the error a claimed spread is called right.
+const RIGHT: [f64; 2] = [0.9, 1.1];
 
 /// All tables that have rows.
 pub fn all(summary: &Summary) -> Vec<Titled> {
@@ -64,6 +68,35 @@ pub fn all(summary: &Summary) -> Vec<Titled> {
         },
     ];
     tables.into_iter().filter(|it| !it.table.rows.is_empty()).collect()
+}
+
+/// For each method whether its claimed spread is right, and what the stability monitor says of its biases.
+pub fn in_words(summary: &Summary) -> Vec<String> {
+    let of_method = |(name, scores, own): (&String, &MethodScores, &Diagnostics)| {
+        let ratios = own.state.iter().filter_map(|(variable, own)| Some((variable, own.spread_over_error?)));
+        let [mut small, mut right, mut large] = [const { Vec::new() }; 3];
+        for (variable, ratio) in ratios {
+            let group = match ratio {
+                it if it < RIGHT[0] => &mut small,
+                it if it > RIGHT[1] => &mut large,
+                _ => &mut right,
+            };
+            group.push(format!("{variable} ({} of the error)", figure(ratio)));
+        }
+        let groups = [("too small", small), ("right", right), ("too large", large)];
+        let groups = groups.into_iter().filter(|(_, all)| !all.is_empty());
+        let spread: Vec<String> = groups.map(|(verdict, all)| format!("{verdict} in {}", all.join(", "))).collect();
+        let spread = match (spread.is_empty(), own.state.is_empty()) {
+            (false, _) => Some(format!("its claimed spread is {}", spread.join(", "))),
+            (true, false) => Some("it claims no spread".to_string()),
+            (true, true) => None,
+        };
+        let stability = scores.stability.as_ref().filter(|own| !own.parameters.is_empty());
+        let biases = stability.map(|own| format!("of its biases {}", in_short(own)));
+        let parts: Vec<String> = spread.into_iter().chain(biases).collect();
+        (!parts.is_empty()).then(|| format!("{name}: {}", parts.join("; ")))
+    };
+    each(summary).filter_map(of_method).collect()
 }
 
 fn each(summary: &Summary) -> impl Iterator<Item = (&String, &MethodScores, &Diagnostics)> {

@@ -1,5 +1,6 @@
 //! The scores of forecasts ahead by lead time: on the terminal at the end of a run, and on its page.
 
+use super::terminal::sentences;
 use super::{Cell, Table};
 use crate::plot;
 use crate::scores::Summary;
@@ -11,25 +12,19 @@ use crate::scores::forecast::{
 /// The most lead times that a table shows; between the first and the last some are left out.
 const MOST_LEADS: usize = 11;
 
-/// What the terminal shows: error and spread of each variable, a row for each method and figure, a column for each lead time.
-/// Empty without forecasts.
-pub fn on_terminal(summary: &Summary, variables: &[(&str, &str)]) -> String {
-    let Some(first) = all(summary).next() else { return String::new() };
-    let shown = match first.1.verified_by {
+/// What the terminal shows: error and spread of each variable, a row for each method and figure, a column for each lead time;
+/// `None` without forecasts.
+pub fn on_terminal(summary: &Summary, variables: &[(&str, &str)], width: usize) -> Option<String> {
+    let shown = match all(summary).next()?.1.verified_by {
         VerifiedBy::Truth => "root-mean-square error",
         VerifiedBy::PassiveObservations => "root-mean-square departure of passive observations",
         VerifiedBy::UsedObservations => "root-mean-square departure of observations, at 0 h those that it has used",
     };
-    let tables = variables.iter().filter_map(|&variable| {
-        let table = table(summary, variable, &[("", RMSE), ("", DEPARTURE), (" spread", SPREAD)])?;
-        Some(format!("\n{}", table.terminal()))
-    });
-    format!(
-        "\n\nForecasts ahead by lead time: {shown}, and claimed spread; {}{}{}",
-        cases(summary),
-        tables.collect::<String>(),
-        failed(summary).iter().map(|text| format!("\n{text}")).collect::<String>()
-    )
+    let title = format!("Forecasts ahead by lead time: {shown}, and claimed spread; {}", cases(summary));
+    let rows = [("", RMSE), ("", DEPARTURE), (" spread", SPREAD)];
+    let tables = variables.iter().filter_map(|&variable| Some(table(summary, variable, &rows)?.terminal(width)));
+    let failed = failed(summary).into_iter().map(|text| sentences(&text, width));
+    Some(std::iter::once(sentences(&title, width)).chain(tables).chain(failed).collect::<Vec<_>>().join("\n"))
 }
 
 /// The tables of the page, one for each variable, with all scores and their intervals.

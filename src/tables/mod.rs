@@ -6,25 +6,23 @@
 //! | [`diagnostics`], [`stability`] | what the methods' diagnostics and the stability monitor found |
 //! | [`forecasts`] | forecasts ahead by lead time |
 //! | [`regression`] | scores beside the accepted ones |
+//! | [`terminal`] | how tables look on a terminal |
 
 pub mod diagnostics;
 pub mod forecasts;
 pub mod regression;
 pub mod scores;
 pub mod stability;
+pub mod terminal;
 
 use crate::scores::statistics::Interval;
-use comfy_table::{CellAlignment, ContentArrangement};
 use serde::Serialize;
 
 /// The text of a cell without a figure.
 pub const NONE: &str = "–";
 
-/// Width of all tables, on a terminal and in a pipe.
-const WIDTH: u16 = 100;
-
-/// The most columns with notes that fit on a terminal.
-const MOST_WITH_NOTES: usize = 7;
+/// Width of tables where no terminal says another.
+pub const WIDTH: usize = 100;
 
 /// The most bias parameters or other parameters that have a row.
 pub const MOST_PARAMETERS: usize = 500;
@@ -63,37 +61,6 @@ impl Table {
     /// A table with these columns.
     pub fn new<N: ToString>(header: &[N], rows: Vec<Vec<Cell>>) -> Self {
         Self { header: header.iter().map(ToString::to_string).collect(), rows }
-    }
-
-    /// The table without lines for a terminal, in 100 columns. Columns of figures are aligned on the right.
-    pub fn terminal(&self) -> String {
-        self.shown(false)
-    }
-
-    /// As [`Table::terminal`], with the notes of the cells if they fit.
-    pub fn terminal_with_notes(&self) -> String {
-        self.shown(self.header.len() <= MOST_WITH_NOTES)
-    }
-
-    fn shown(&self, with_notes: bool) -> String {
-        let mut table = comfy_table::Table::new();
-        table.load_style(comfy_table::presets::NOTHING).set_content_arrangement(ContentArrangement::Dynamic);
-        table.set_width(WIDTH).set_header(&self.header);
-        let text = |cell: &Cell| match cell.note.as_str() {
-            note if with_notes && !note.is_empty() => format!("{} ({note})", cell.text),
-            _ => cell.text.clone(),
-        };
-        table.add_rows(self.rows.iter().map(|row| row.iter().map(text).collect::<Vec<_>>()));
-        for (number, column) in table.column_iter_mut().enumerate() {
-            let of_figures = self.rows.iter().filter_map(|row| row.get(number)).all(|cell| is_figure(&cell.text));
-            column.set_padding((0, 1));
-            column.set_cell_alignment(if of_figures { CellAlignment::Right } else { CellAlignment::Left });
-        }
-        // The names in the first column are to be found and copied: they never break.
-        if let Some(names) = table.column_mut(0) {
-            names.set_constraint(comfy_table::ColumnConstraint::ContentWidth);
-        }
-        table.to_string().lines().map(str::trim_end).collect::<Vec<_>>().join("\n")
     }
 
     /// The table in markdown.
@@ -239,8 +206,11 @@ mod tests {
         let note = Cell { note: "1 … 3".into(), ..Cell::figure(Some(2.0)) };
         let rows = vec![vec!["a|b".into(), note], vec!["long name".into(), Cell::figure(Some(-10.0))]];
         let table = Table::new(&["method", "h [m]\nanalysis"], rows);
-        assert_eq!(table.terminal(), "method       h [m]\n          analysis\na|b           2.00\nlong name    -10.0");
-        assert!(table.terminal_with_notes().contains("2.00 (1 … 3)"));
+        assert_eq!(
+            table.terminal(WIDTH),
+            "method       h [m]\n          analysis\na|b           2.00\nlong name    -10.0"
+        );
+        assert!(table.terminal_with_notes(WIDTH).contains("2.00 (1 … 3)"));
         let rows = "| a\\|b | 2.00 (1 … 3) |\n| long name | -10.0 |\n";
         assert_eq!(table.csv(), "method,\"h [m]\nanalysis\"\na|b,2.00\nlong name,-10.0\n");
         assert_eq!(table.markdown(), format!("| method | h [m] analysis |\n|---|---|\n{rows}"));

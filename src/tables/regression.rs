@@ -4,8 +4,8 @@ use super::{Cell, NONE, Table};
 use crate::scores::Regression;
 
 impl Regression {
-    /// The scores that moved, as a table; a sentence if they all stayed.
-    pub fn describe(&self) -> String {
+    /// The scores that moved, as a table for a terminal of this width; a sentence if they all stayed.
+    pub fn describe(&self, width: usize) -> String {
         let mut rows = Vec::new();
         for score in self.scores.iter().filter(|score| score.from != score.to) {
             let verdict = match (score.from, score.to) {
@@ -28,7 +28,10 @@ impl Regression {
             None if all == 0 => "no scores".to_string(),
             None => format!("{all} scores, none moved"),
             Some(moved) => {
-                format!("{}\n{outside} of {all} scores outside of the tolerance of {tolerance} %", moved.terminal())
+                format!(
+                    "{}\n{outside} of {all} scores outside of the tolerance of {tolerance} %",
+                    moved.terminal(width)
+                )
             }
         }
     }

@@ -1,7 +1,7 @@
 //! The scores of a run: on the terminal at its end, on its page and in the viewer.
 
-use super::{Cell, Table};
-use super::{forecasts, stability};
+use super::terminal::sentences;
+use super::{Cell, Table, forecasts, stability};
 use crate::scores::{Against, MethodScores, Part, Score, Summary, Values};
 use indexmap::IndexMap;
 use isobar_assim::block_angular::PartitionReport;
@@ -12,30 +12,27 @@ const STATE: [Part; 2] = [Part::Background, Part::Analysis];
 /// All that the terminal shows of a run: errors of the state, method by method; then everything else that a method has a
 /// figure for.
 ///
-/// `variables` are names and units. Figures that a method does not have are shown as –.
-pub fn on_terminal(summary: &Summary, variables: &[(&str, &str)]) -> String {
-    let smoothed = smoothed(summary, variables).map_or_else(String::new, |table| {
-        format!("\n\nEstimates of the same cycles as later observations revise them\n{}", table.terminal())
-    });
+/// `variables` are names and units, `width` is that of the terminal. Figures that a method does not have are shown as –.
+pub fn on_terminal(summary: &Summary, variables: &[(&str, &str)], width: usize) -> String {
     let shown = if summary.has_truth() {
         "Root-mean-square error of background and analysis"
     } else {
         "Root-mean-square departure of observations from background (O−B) and analysis (O−A)"
     };
-    format!(
-        "{shown}, and claimed analysis spread, cycles {} to {}\n{}\n\n\
-         Biases, consistency, cost\n{}{}",
-        summary.scored_from_cycle,
-        summary.cycles,
-        of_parts(summary, variables, &STATE).terminal(),
-        of_parts(summary, variables, &[Part::Biases, Part::Cost]).terminal(),
-        smoothed
-            + &forecasts::on_terminal(summary, variables)
-            + &partitions(summary)
-            + &stability::on_terminal(summary)
-            + &rejections(summary)
-            + &failures(summary)
-    )
+    let (from, to) = (summary.scored_from_cycle, summary.cycles);
+    let shown = format!("{shown}, and claimed analysis spread, cycles {from} to {to}");
+    let revised = "Estimates of the same cycles as later observations revise them";
+    let tables = [
+        Some((shown.as_str(), of_parts(summary, variables, &STATE))),
+        Some(("Biases, consistency, cost", of_parts(summary, variables, &[Part::Biases, Part::Cost]))),
+        smoothed(summary, variables).map(|table| (revised, table)),
+    ];
+    let tables = tables.into_iter().flatten();
+    let tables = tables.map(|(title, table)| format!("{}\n{}", sentences(title, width), table.terminal(width)));
+    let rejected = summary.observations.describe_rejected();
+    let texts = [partitions(summary), stability::on_terminal(summary), rejected, failures(summary)];
+    let texts = texts.into_iter().flatten().map(|text| sentences(&text, width));
+    tables.chain(forecasts::on_terminal(summary, variables, width)).chain(texts).collect::<Vec<_>>().join("\n\n")
 }
 
 /// The scores of all methods but those of smoothed estimates and of cost, with intervals.
@@ -102,20 +99,15 @@ fn cell(score: &Score<'_>, scores: &MethodScores) -> Cell {
     Cell::known(scores.values.get(&key).map(|&value| score.in_tables(value)), scores.intervals.get(&key))
 }
 
-/// How many observations failed quality control; empty if all passed.
-fn rejections(summary: &Summary) -> String {
-    summary.observations.describe_rejected().map_or_else(String::new, |text| format!("\n\n{text}"))
-}
-
-/// When and why methods failed; empty if all succeeded.
-fn failures(summary: &Summary) -> String {
+/// When and why methods failed; `None` if all succeeded.
+fn failures(summary: &Summary) -> Option<String> {
     let lines: Vec<String> =
         summary.failures().map(|(name, it)| format!("\n{name}: failed in cycle {}: {}", it.cycle, it.reason)).collect();
-    if lines.is_empty() { String::new() } else { format!("\n\nFailed, and so without scores{}", lines.concat()) }
+    (!lines.is_empty()).then(|| format!("Failed, and so without scores{}", lines.concat()))
 }
 
 /// How observations linked the blocks of each method with blocks, in the cycle with the largest component.
-fn partitions(summary: &Summary) -> String {
+fn partitions(summary: &Summary) -> Option<String> {
     let describe = |(name, scores): (&String, &MethodScores)| {
         let it = scores.partition.as_ref()?;
         let cut = match (it.separators, it.nested) {
@@ -133,7 +125,7 @@ fn partitions(summary: &Summary) -> String {
         ))
     };
     let described: Vec<String> = summary.methods.iter().filter_map(describe).collect();
-    if described.is_empty() { String::new() } else { format!("\n\nPartition{}", described.concat()) }
+    (!described.is_empty()).then(|| format!("Partition{}", described.concat()))
 }
 
 /// The number of common factors, or its range over the cycles.
@@ -148,6 +140,7 @@ pub fn factors(partition: &PartitionReport) -> String {
 mod tests {
     use super::*;
     use crate::scores::Failure;
+    use crate::tables::WIDTH;
 
     fn summary() -> Summary {
         let values = |state: [[f64; 3]; 2], others: &[(&str, f64)]| -> Values {
@@ -182,15 +175,16 @@ mod tests {
 
     #[test]
     fn the_table_fits_into_100_columns_and_holds_every_figure_with_its_unit() {
-        let text = on_terminal(&summary(), &[("h", "m"), ("u", "m/s"), ("v", "m/s")]);
+        let text = on_terminal(&summary(), &[("h", "m"), ("u", "m/s"), ("v", "m/s")], WIDTH);
         assert!(text.lines().all(|line| line.chars().count() <= 100), "{text}");
         for part in
             ["h [m]", "u [m/s]", "χ²/n", "[s/cycle]", "[MB]", "19.2", "3.84", "3.95", "0.770", "1.02", "12.3", "–"]
         {
             assert!(text.contains(part), "{part} is missing:\n{text}");
         }
-        let free = text.lines().find(|line| line.starts_with("free")).unwrap();
-        assert_eq!(free.matches('–').count(), 3, "{free}");
+        let state = text.split_once("\n\nBiases").unwrap().0;
+        let free = state.lines().filter(|line| line.starts_with("free"));
+        assert_eq!(free.flat_map(|line| line.matches('–')).count(), 3, "{text}");
     }
 
     #[test]
@@ -198,7 +192,7 @@ mod tests {
         let mut summary = summary();
         let failure = Failure { cycle: 7, reason: "P is not positive definite".into() };
         summary.methods["free"] = MethodScores { failure: Some(failure), ..MethodScores::default() };
-        let text = on_terminal(&summary, &[("h", "m")]);
+        let text = on_terminal(&summary, &[("h", "m")], WIDTH);
         assert_eq!(text.lines().filter(|line| line.starts_with("free (failed)")).count(), 2, "{text}");
         assert!(text.ends_with("without scores\nfree: failed in cycle 7: P is not positive definite"), "{text}");
     }

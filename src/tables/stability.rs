@@ -8,8 +8,8 @@ use crate::scores::stability::{ParameterStability, Stability, Undetermined};
 /// The most combinations, parameters or sensors that are named.
 const MOST_NAMED: usize = 8;
 
-/// Every method with biases, in a few lines each; empty if there are none.
-pub fn on_terminal(summary: &Summary) -> String {
+/// Every method with biases, in a few lines each; `None` if there are none.
+pub fn on_terminal(summary: &Summary) -> Option<String> {
     let methods = summary.methods.iter().filter_map(|(name, scores)| Some((name, scores.stability.as_ref()?)));
     let lines: Vec<String> = methods
         .filter(|(_, stability)| !stability.parameters.is_empty())
@@ -18,7 +18,7 @@ pub fn on_terminal(summary: &Summary) -> String {
             format!("\n{name}: {}{}", in_short(stability), findings.collect::<String>())
         })
         .collect();
-    if lines.is_empty() { String::new() } else { format!("\n\nStability of the bias estimates{}", lines.concat()) }
+    (!lines.is_empty()).then(|| format!("Stability of the bias estimates{}", lines.concat()))
 }
 
 /// How many parameters are stable, and whether the innovations are what they should be.

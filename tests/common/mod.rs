@@ -34,7 +34,7 @@ window_hours = 6
 /// Runs the program in a directory.
 pub fn isobar(directory: &Path, arguments: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_isobar"));
-    command.current_dir(directory).args(arguments).env("NO_COLOR", "1").env("LC_ALL", "C.UTF-8");
+    command.current_dir(directory).args(arguments).env("NO_COLOR", "1").env("LC_ALL", "C.UTF-8").env_remove("COLUMNS");
     command.output().expect("the program can be started")
 }
 

@@ -1,14 +1,14 @@
 //! The curves of the report.
 
-use super::history::{Cycle, History, MethodCycle, ParameterHistory};
-use super::reliability::{Reliability, normal_density};
 use crate::calendar::utc;
 use crate::event::{MethodInfo, RunInfo};
+use crate::output::history::{Cycle, History, MethodCycle, ParameterHistory};
 use crate::output::netcdf::coordinates::safe_name;
+use crate::output::reliability::{Reliability, normal_density};
 use crate::plot::colors::of_method_on_paper;
 use crate::plot::range::quantile;
 use crate::plot::{Curve, CurvePlot, Dash, unit};
-use crate::scores::{Against, Better, Line, MethodScores, Part, SCORES, Score, ScoreKind, Summary};
+use crate::scores::{Better, Line, MethodScores, Part, Score, ScoreKind, Summary};
 use isobar_obs::ObservationType;
 use std::collections::BTreeSet;
 
@@ -40,7 +40,7 @@ impl Figures<'_> {
             let name = variable.name;
             let mut curves = Vec::new();
             for (method, info) in self.info.methods.iter().enumerate() {
-                for (kind, line) in drawn(true).filter(|(kind, _)| self.is_shown(kind)) {
+                for (kind, line) in self.info.drawn(true).filter(|(kind, _)| kind.part != Part::Background) {
                     let points = self.scores(method, &kind.key(name));
                     let curve = Curve::new(&info.name, of_method_on_paper(method), points);
                     curves.push(match line {
@@ -73,12 +73,6 @@ impl Figures<'_> {
         self.info.layout.variables.iter().map(per_variable).collect()
     }
 
-    /// Whether a line is drawn with those of the analysis: departures only where there is no truth.
-    fn is_shown(&self, kind: &ScoreKind) -> bool {
-        let is_departure = matches!(kind.against, Against::Used | Against::Passive);
-        kind.part != Part::Background && !(is_departure && self.info.has_truth)
-    }
-
     /// The bias estimates with their bands and the truth.
     pub fn biases(&self) -> Vec<Drawing> {
         let parameters = self.info.calibration.parameters.iter().enumerate().take(MOST_PARAMETERS);
@@ -99,7 +93,8 @@ impl Figures<'_> {
                 curves.push(curve);
             }
             let truth = |cycle: &Cycle| Some([self.day(cycle), *cycle.true_calibration.get(number)?]);
-            let points: Vec<[f64; 2]> = self.history.cycles.iter().filter_map(truth).collect();
+            let cycles = self.history.cycles.iter().filter(|cycle| cycle.number > 0);
+            let points: Vec<[f64; 2]> = cycles.filter_map(truth).collect();
             if !points.is_empty() {
                 curves.push(Curve { name: Some("truth".into()), color: None, dash: Dash::Dashed, points, band: None });
             }
@@ -229,7 +224,7 @@ impl Figures<'_> {
 
     /// The scores of methods as a whole over time, and mean departures of each network and variable.
     pub fn innovations(&self) -> Vec<Drawing> {
-        let mut drawings: Vec<Drawing> = drawn(false).filter_map(|(kind, _)| self.single(kind)).collect();
+        let mut drawings: Vec<Drawing> = self.info.drawn(false).filter_map(|(kind, _)| self.single(kind)).collect();
         let methods = || self.history.cycles.iter().flat_map(|cycle| cycle.methods.iter().flatten());
         let kinds: BTreeSet<ObservationType> = methods().flat_map(|own| own.departures.keys().cloned()).collect();
         for kind in kinds {
@@ -288,23 +283,18 @@ impl Figures<'_> {
 
     /// A method's figure in every cycle that has one.
     fn series(&self, method: usize, pick: impl Fn(&MethodCycle) -> Option<f64>) -> Vec<[f64; 2]> {
-        let at = |cycle: &Cycle| Some([self.day(cycle), pick(cycle.methods.get(method)?.as_ref()?)?]);
-        self.history.cycles.iter().filter_map(at).collect()
+        let at = |(cycle, own): (&Cycle, &MethodCycle)| Some([self.day(cycle), pick(own)?]);
+        self.history.of_method(method).filter_map(at).collect()
     }
 
     /// A method's score in every cycle that has it.
     fn scores(&self, method: usize, key: &str) -> Vec<[f64; 2]> {
-        self.history.scores(method, key).map(|(cycle, value)| [self.day(cycle), value]).collect()
+        self.history.scores(method, key, 0).map(|(cycle, value)| [self.day(cycle), value]).collect()
     }
 
     fn day(&self, cycle: &Cycle) -> f64 {
         (cycle.time - self.info.start).days()
     }
-}
-
-/// The kinds that are drawn over time, of variables or of methods as a whole.
-fn drawn(per_variable: bool) -> impl Iterator<Item = (&'static ScoreKind, Line)> {
-    SCORES.iter().filter(move |kind| kind.per_variable == per_variable).filter_map(|kind| Some((kind, kind.line?)))
 }
 
 /// A limit for y that a single method gone astray cannot push up at will: four times what nine of ten points need.

@@ -1,14 +1,18 @@
 //! The maps of the report.
 
-use super::history::{Fields, History, ShownCorrelations, Snapshot};
 use crate::calendar::utc;
 use crate::event::RunInfo;
+use crate::output::history::{Cycle, Fields, History, MethodMaps, ShownCorrelations};
 use crate::output::netcdf::coordinates::safe_name;
 use crate::output::structure::{ShownFactor, ShownStructure};
 use crate::plot::colors::{GREYS, HUES, Scale, difference};
 use crate::plot::map::contour_levels;
-use crate::plot::range::{around, quantile, round_up};
+use crate::plot::range::round_up;
 use crate::plot::{FieldMap, Mark};
+use isobar_obs::Report;
+
+/// The most observations whose places are marked on a map.
+const MOST_PLACES: usize = 3000;
 
 /// A map, and the name of its file.
 pub struct Drawing {
@@ -29,11 +33,11 @@ pub struct MapsOfCycle {
     /// The truth, if there is one.
     pub truth: Option<Drawing>,
     /// For each method its name and maps.
-    pub methods: Vec<(String, MethodMaps)>,
+    pub methods: Vec<(String, MethodDrawings)>,
 }
 
 /// The maps of a method.
-pub struct MethodMaps {
+pub struct MethodDrawings {
     /// Background and analysis.
     pub states: Vec<Drawing>,
     /// Error of the analysis, if there is a truth.
@@ -69,8 +73,8 @@ pub struct Maps<'a> {
 
 /// What is drawn of one method in one cycle: names for captions and files.
 struct Subject<'a> {
-    snapshot: &'a Snapshot,
-    fields: &'a Fields,
+    cycle: &'a Cycle,
+    maps: &'a MethodMaps,
     method: &'a str,
     stem: String,
 }
@@ -78,58 +82,55 @@ struct Subject<'a> {
 impl<'a> Maps<'a> {
     /// The maps of a complete run.
     pub fn new(info: &'a RunInfo, history: &'a History) -> Self {
-        let ranges = (0..info.layout.variables.len()).map(|number| ranges(history, number, info.methods.len()));
+        let ranges = (0..info.layout.variables.len()).map(|number| ranges(history, number));
         Self { info, history, ranges: ranges.collect() }
     }
 
     /// The maps of the variable that is shown first, the latest cycle first.
     pub fn all(&self) -> Vec<MapsOfCycle> {
-        let of_cycle = |(&cycle, snapshot): (&usize, &Snapshot)| {
-            let (time, variable) = (utc(snapshot.time), self.history.mapped);
+        let of_cycle = |cycle: &Cycle| {
+            let (number, time, variable) = (cycle.number, utc(cycle.time), self.history.mapped);
             let name = self.info.layout.variables[variable].name;
-            let methods = self.subjects(cycle, snapshot).map(|it| (it.method.to_string(), self.of_method(&it)));
-            let truth = snapshot.truth.as_ref().map(|truth| Drawing {
-                stem: format!("map_{cycle:04}_truth"),
+            let methods = self.subjects(cycle).map(|it| (it.method.to_string(), self.of_method(&it)));
+            let truth = cycle.truth.as_ref().map(|truth| Drawing {
+                stem: format!("map_{number:04}_truth"),
                 caption: format!("Truth of {name} at {time}."),
                 map: self.state(variable, format!("truth {name}"), truth),
             });
-            MapsOfCycle { cycle, truth, methods: methods.collect(), time }
+            MapsOfCycle { cycle: number, truth, methods: methods.collect(), time }
         };
-        self.history.snapshots.iter().rev().map(of_cycle).collect()
+        self.history.cycles.iter().rev().filter(|cycle| cycle.has_maps).map(of_cycle).collect()
     }
 
     /// Errors, or analyses without a truth, and spreads of every other variable in the last cycle, with the variable's name.
     pub fn other_variables(&self) -> Vec<(String, Vec<Drawing>)> {
-        let Some((&cycle, snapshot)) = self.history.snapshots.last_key_value() else { return Vec::new() };
         let others = self.info.layout.variables.iter().enumerate().filter(|(number, _)| *number != self.history.mapped);
         let drawings = |number: usize| {
             let pair = |it: Subject<'_>| {
                 let first = self.error(&it, number).unwrap_or_else(|| self.analysis(&it, number));
                 std::iter::once(first).chain(self.spread(&it, number))
             };
-            self.subjects(cycle, snapshot).flat_map(pair).collect()
+            self.last().flat_map(pair).collect()
         };
         others.map(|(number, variable)| (variable.name.to_string(), drawings(number))).collect()
     }
 
     /// Blocks and common factors in the last cycle.
     pub fn structures(&self) -> Vec<StructureMaps> {
-        let Some((&cycle, snapshot)) = self.history.snapshots.last_key_value() else { return Vec::new() };
         let of_method = |it: Subject<'_>| {
-            let structure = it.fields.structure.as_ref()?;
+            let structure = it.maps.structure.as_ref()?;
             let factors = structure.factors.iter().zip(1..).map(|(factor, number)| self.factor(&it, factor, number));
             let (method, factors) = (it.method.to_string(), factors.collect());
             Some(StructureMaps { method, parts: self.parts(&it, structure), factors })
         };
-        self.subjects(cycle, snapshot).filter_map(of_method).collect()
+        self.last().filter_map(of_method).collect()
     }
 
     /// The correlations with the error in the middle of the domain in the last cycle, for each variable with its name.
     pub fn correlations(&self) -> Vec<(String, Vec<Drawing>)> {
-        let Some((&cycle, snapshot)) = self.history.snapshots.last_key_value() else { return Vec::new() };
         let of_variable = |variable: usize| {
-            let drawn = |it: Subject<'_>| Some(self.correlation(&it, it.fields.correlations.as_ref()?, variable));
-            (self.variable(variable).0.to_string(), self.subjects(cycle, snapshot).filter_map(drawn).collect())
+            let drawn = |it: Subject<'_>| Some(self.correlation(&it, it.maps.correlations.as_ref()?, variable));
+            (self.variable(variable).0.to_string(), self.last().filter_map(drawn).collect())
         };
         (0..self.info.layout.variables.len()).map(of_variable).collect()
     }
@@ -161,25 +162,30 @@ impl<'a> Maps<'a> {
         }
     }
 
-    fn subjects<'b>(&'b self, cycle: usize, snapshot: &'b Snapshot) -> impl Iterator<Item = Subject<'b>> + 'b {
-        self.info.methods.iter().zip(&snapshot.methods).enumerate().filter_map(move |(number, (method, fields))| {
+    /// The methods in the last cycle that has maps.
+    fn last(&self) -> impl Iterator<Item = Subject<'a>> {
+        let cycle = self.history.cycles.iter().rfind(|cycle| cycle.has_maps);
+        cycle.into_iter().flat_map(|cycle| self.subjects(cycle))
+    }
+
+    fn subjects(&self, cycle: &'a Cycle) -> impl Iterator<Item = Subject<'a>> + use<'a> {
+        self.info.methods.iter().zip(&cycle.methods).enumerate().filter_map(move |(number, (method, own))| {
             // With its number, so that no two are the same.
-            let stem = format!("map_{cycle:04}_{:02}_{}", number + 1, safe_name(&method.name, "_-"));
-            Some(Subject { snapshot, fields: fields.as_ref()?, method: &method.name, stem })
+            let stem = format!("map_{:04}_{:02}_{}", cycle.number, number + 1, safe_name(&method.name, "_-"));
+            Some(Subject { cycle, maps: own.as_ref()?.maps.as_ref()?, method: &method.name, stem })
         })
     }
 
-    fn of_method(&self, it: &Subject<'_>) -> MethodMaps {
+    fn of_method(&self, it: &Subject<'_>) -> MethodDrawings {
         let variable = self.history.mapped;
         let (name, unit) = self.variable(variable);
         let (method, limit) = (it.method, self.ranges[variable].difference);
-        let mut background = self.state(variable, format!("{method}: background {name}"), &it.fields.background);
-        let places =
-            it.snapshot.places.iter().zip(&it.fields.departures).filter(|(place, _)| place.variable == variable);
-        background.marks = places
-            .map(|(place, &departure)| Mark {
-                x_m: place.x_m,
-                y_m: place.y_m,
+        let mut background = self.state(variable, format!("{method}: background {name}"), &it.maps.background);
+        let dots = dots(it.cycle, variable).filter_map(|(at, report)| Some((report, *it.maps.departures.get(at)?)));
+        background.marks = dots
+            .map(|(report, departure)| Mark {
+                x_m: report.x_m,
+                y_m: report.y_m,
                 color: Some(difference(departure, limit)),
             })
             .collect();
@@ -191,7 +197,7 @@ impl<'a> Maps<'a> {
         let background = Drawing { stem: format!("{}_background", it.stem), caption, map: background };
         let analysis = self.analysis(it, variable);
         let (error, spread) = (self.error(it, variable), self.spread(it, variable));
-        MethodMaps { states: vec![background, analysis], error, spread }
+        MethodDrawings { states: vec![background, analysis], error, spread }
     }
 
     fn analysis(&self, it: &Subject<'_>, variable: usize) -> Drawing {
@@ -199,14 +205,14 @@ impl<'a> Maps<'a> {
         Drawing {
             stem: format!("{}_analysis{}", it.stem, self.suffix(variable)),
             caption: format!("Analysis of {}.", it.method),
-            map: self.state(variable, format!("{}: analysis {name}", it.method), &it.fields.analysis),
+            map: self.state(variable, format!("{}: analysis {name}", it.method), &it.maps.analysis),
         }
     }
 
     fn error(&self, it: &Subject<'_>, variable: usize) -> Option<Drawing> {
-        let truth = it.snapshot.truth.as_ref()?;
+        let truth = it.cycle.truth.as_ref()?;
         let ((name, _), limit) = (self.variable(variable), self.ranges[variable].difference);
-        let pairs = it.fields.analysis[variable].iter().zip(&truth[variable]);
+        let pairs = it.maps.analysis[variable].iter().zip(&truth[variable]);
         let error = pairs.map(|(value, truth)| value - truth).collect();
         let title = format!("{}: analysis error {name}", it.method);
         let mut map = self.map(variable, title, error, Scale::Difference, [-limit, limit]);
@@ -217,7 +223,7 @@ impl<'a> Maps<'a> {
 
     fn spread(&self, it: &Subject<'_>, variable: usize) -> Option<Drawing> {
         let (name, _) = self.variable(variable);
-        let (field, range) = (it.fields.spread.as_ref()?[variable].clone(), [0.0, self.ranges[variable].spread]);
+        let (field, range) = (it.maps.spread.as_ref()?[variable].clone(), [0.0, self.ranges[variable].spread]);
         let title = format!("{}: claimed spread {name}", it.method);
         Some(Drawing {
             stem: format!("{}_spread{}", it.stem, self.suffix(variable)),
@@ -265,19 +271,18 @@ impl<'a> Maps<'a> {
     /// Which observations have dots.
     fn observations(&self, it: &Subject<'_>, variable: usize) -> String {
         let name = self.variable(variable).0;
-        match it.snapshot.every.get(variable) {
-            Some(every) if *every > 1 => format!("one of {every} observations of {name}"),
-            _ => format!("observations of {name}"),
+        match every(it.cycle, variable) {
+            1 => format!("observations of {name}"),
+            every => format!("one of {every} observations of {name}"),
         }
     }
 
     /// Dots where the variable was observed.
     fn marks(&self, it: &Subject<'_>, variable: usize) -> Vec<Mark> {
-        let places = it.snapshot.places.iter().filter(|place| place.variable == variable);
-        places.map(|place| Mark { x_m: place.x_m, y_m: place.y_m, color: None }).collect()
+        dots(it.cycle, variable).map(|(_, it)| Mark { x_m: it.x_m, y_m: it.y_m, color: None }).collect()
     }
 
-    fn state(&self, variable: usize, title: String, fields: &[Vec<f32>]) -> FieldMap {
+    fn state(&self, variable: usize, title: String, fields: &Fields) -> FieldMap {
         self.map(variable, title, fields[variable].clone(), Scale::State, self.ranges[variable].state)
     }
 
@@ -297,37 +302,32 @@ impl<'a> Maps<'a> {
     }
 }
 
-fn ranges(history: &History, variable: usize, methods: usize) -> Ranges {
-    // Without a truth the colours are those of the analyses.
-    let analyses = |it: &'_ Snapshot| -> Vec<f32> {
-        it.methods.iter().flatten().flat_map(|fields| fields.analysis[variable].iter().copied()).collect()
-    };
-    let shown = history.snapshots.values().flat_map(|it| match &it.truth {
-        Some(truth) => truth[variable].clone(),
-        None => analyses(it),
-    });
-    let shown = shown.filter(|value| value.is_finite());
-    let (low, high) = shown.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), it| (low.min(it), high.max(it)));
-    // The median over the methods: one that goes astray must not make the maps of all others pale.
-    let of_methods = |pick: &dyn Fn(&Snapshot, &Fields) -> Vec<f32>| {
-        let quantiles = (0..methods).filter_map(|method| {
-            let fields = history.snapshots.values().filter_map(|it| Some(pick(it, it.methods.get(method)?.as_ref()?)));
-            quantile(fields.flatten().collect(), 0.98)
-        });
-        round_up(quantile(quantiles.collect(), 0.5))
-    };
+/// The observations of a variable, with their numbers.
+fn observations(cycle: &Cycle, variable: usize) -> impl Iterator<Item = (usize, &Report)> {
+    cycle.reports.iter().enumerate().filter(move |(_, report)| report.variable == variable)
+}
+
+/// The step from an observation of a variable that has a dot to the next one that has.
+fn every(cycle: &Cycle, variable: usize) -> usize {
+    observations(cycle, variable).count().div_ceil(MOST_PLACES).max(1)
+}
+
+/// The observations of a variable that have dots, with their numbers.
+fn dots(cycle: &Cycle, variable: usize) -> impl Iterator<Item = (usize, &Report)> {
+    observations(cycle, variable).step_by(every(cycle, variable))
+}
+
+fn ranges(history: &History, variable: usize) -> Ranges {
+    let usual = |values: &dyn Fn(&Cycle, &MethodMaps) -> Vec<f32>| round_up(history.usual(0.98, values));
     Ranges {
-        state: if low <= high { around(low, high) } else { [0.0, 1.0] },
-        difference: of_methods(&|snapshot, fields| match &snapshot.truth {
+        state: history.state_range(variable),
+        difference: usual(&|cycle, maps| match &cycle.truth {
             Some(truth) => {
-                let pairs = fields.analysis[variable].iter().zip(&truth[variable]);
+                let pairs = maps.analysis[variable].iter().zip(&truth[variable]);
                 pairs.map(|(value, truth)| (value - truth).abs()).collect()
             }
-            None => {
-                let departures = snapshot.places.iter().zip(&fields.departures);
-                departures.filter(|(place, _)| place.variable == variable).map(|(_, d)| d.abs()).collect()
-            }
+            None => dots(cycle, variable).filter_map(|(at, _)| Some(maps.departures.get(at)?.abs())).collect(),
         }),
-        spread: of_methods(&|_, fields| fields.spread.as_ref().map_or_else(Vec::new, |it| it[variable].clone())),
+        spread: usual(&|_, maps| maps.spread.as_ref().map_or_else(Vec::new, |it| it[variable].clone())),
     }
 }

@@ -6,16 +6,15 @@
 mod facts;
 mod figures;
 mod forecasts;
-mod history;
 mod maps;
 pub mod page;
-mod reliability;
 mod tables;
 
 use crate::event::{Event, RunInfo};
+use crate::output::history::History;
 use crate::output::{OutputDirectory, Sink, SinkError};
+use crate::plot::Thinning;
 use crate::scores::Summary;
-use history::History;
 use std::fs;
 use std::path::PathBuf;
 
@@ -28,11 +27,13 @@ pub const REPORT_FILE: &str = "report.html";
 /// Name of the directory of figures in the output directory.
 pub const FIGURES_DIRECTORY: &str = "figures";
 
+/// The most cells on a side of a map.
+const MAP_CELLS: usize = 200;
+
 /// Writes the report when the run is complete.
 #[derive(Debug)]
 pub struct ReportSink {
     directory: PathBuf,
-    info: RunInfo,
     history: History,
 }
 
@@ -46,7 +47,8 @@ impl ReportSink {
         if info.layout.is_empty() {
             return Err(SinkError { path: directory.join(REPORT_FILE), reason: "the run has no variables".into() });
         }
-        Ok(Self { directory, info: info.clone(), history: History::new(info) })
+        let thinning = Thinning::new(&info.layout.grid, MAP_CELLS);
+        Ok(Self { directory, history: History::new(info, thinning, has_maps) })
     }
 
     fn failure(&self, file: &str, reason: impl ToString) -> SinkError {
@@ -54,7 +56,7 @@ impl ReportSink {
     }
 
     fn write(&self, summary: &Summary) -> Result<(), SinkError> {
-        let report = page::Report::new(&self.info, &self.history, summary);
+        let report = page::Report::new(&self.history, summary);
         let report = report.map_err(|error| self.failure(FIGURES_DIRECTORY, error))?;
         let figures = self.directory.join(FIGURES_DIRECTORY);
         fs::create_dir_all(&figures).map_err(|error| self.failure(FIGURES_DIRECTORY, error))?;
@@ -70,37 +72,17 @@ impl ReportSink {
 impl Sink for ReportSink {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         match event {
-            Event::Truth { cycle, time, state, calibration } => {
-                self.history.add_truth(&self.info, *cycle, *time, state, calibration);
-                Ok(())
-            }
-            Event::Observed { window, .. } => {
-                self.history.add_observations(&self.info, window);
-                Ok(())
-            }
-            Event::Analysed(analysed) => {
-                let added = self.history.add_estimates(&self.info, analysed);
-                added.map_err(|reason| self.failure(REPORT_FILE, reason))
-            }
-            Event::Smoothed(smoothed) => {
-                self.history.add_smoothed(smoothed);
-                Ok(())
-            }
-            Event::Estimated(estimated) => {
-                self.history.add_parameters(&self.info, estimated);
-                Ok(())
-            }
             Event::Finished(summary) => self.write(summary),
-            Event::Started(_)
-            | Event::Resumed(_)
-            | Event::Forecast(_)
-            | Event::Failed { .. }
-            | Event::CycleEnded(_)
-            | Event::Warning(_) => Ok(()),
+            event => self.history.record(event).map_err(|reason| self.failure(REPORT_FILE, reason)),
         }
     }
 
     fn shows_structure(&self) -> bool {
         true
     }
+}
+
+/// Whether a cycle is one of those whose maps are on the page: that in the middle and the last.
+fn has_maps(info: &RunInfo, cycle: usize) -> bool {
+    cycle == info.cycles || cycle == info.cycles.div_ceil(2)
 }

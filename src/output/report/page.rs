@@ -3,10 +3,10 @@
 use super::facts;
 use super::figures::{self, Figures};
 use super::forecasts;
-use super::history::History;
 use super::maps::{self, Maps};
 use super::tables;
 use crate::event::RunInfo;
+use crate::output::history::History;
 use crate::plot::{CurvePlot, PlotError};
 use crate::scores::Summary;
 use crate::tables::{MOST_PARAMETERS, Table, diagnostics, scores, stability};
@@ -118,7 +118,8 @@ pub struct Report {
 
 impl Report {
     /// Draws everything.
-    pub fn new(info: &RunInfo, history: &History, summary: &Summary) -> Result<Self, PageError> {
+    pub fn new(history: &History, summary: &Summary) -> Result<Self, PageError> {
+        let info = &history.info;
         let mut report = Self { page: Page::default(), files: Vec::new() };
         let figures = Figures { info, history };
         report.page.title.clone_from(&info.title);

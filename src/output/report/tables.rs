@@ -1,7 +1,7 @@
 //! The tables of a run's page beside its scores.
 
-use super::history::{Cycle, History, ParameterHistory};
 use crate::event::RunInfo;
+use crate::output::history::{Cycle, History, ParameterHistory};
 use crate::plot::unit;
 use crate::scores::{Failure, MethodScores, Summary};
 use crate::tables::scores::factors;

@@ -1,5 +1,6 @@
 //! The geometry of a map in the viewer: a unit is a cell, and y points down from the northern edge.
 
+use crate::output::history::Fields;
 use crate::plot::colors::Scale;
 use crate::plot::number;
 use isobar_model::{Boundary, Grid, Layout, Location};
@@ -81,6 +82,18 @@ impl<'a> Frame<'a> {
     pub fn mark(&self) -> f32 {
         let [width, height] = self.size();
         (width * height).sqrt() / 40.0
+    }
+
+    /// u and v of the fields of all variables, where the model has them.
+    pub fn wind<'b>(&self, fields: &'b Fields) -> Option<[&'b [f32]; 2]> {
+        let of = |name| self.layout.variable(name).map(|variable| fields[variable].as_slice());
+        Some([of("u")?, of("v")?])
+    }
+
+    /// The highest wind speed in the fields of all variables; 0 without wind.
+    pub fn highest_speed(&self, fields: &Fields) -> f32 {
+        let Some([u, v]) = self.wind(fields) else { return 0.0 };
+        u.iter().zip(v).map(|(u, v)| u.hypot(*v)).filter(|speed| speed.is_finite()).fold(0.0, f32::max)
     }
 
     /// Arrows of the wind (origins, vectors) at some cell centres; `fastest` is as long as arrows are apart.

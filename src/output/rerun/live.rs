@@ -1,10 +1,10 @@
 //! A running viewer that is sent the run while it computes.
 
-use super::history::History;
 use super::names::{APPLICATION_ID, Result};
 use super::ranges::Ranges;
 use super::recording;
 use crate::event::RunInfo;
+use crate::output::history::History;
 use crate::output::recorded::recording::VIEWER_VERSION;
 use crate::scores::Summary;
 use crate::text::clean;

@@ -1,21 +1,25 @@
 //! Maps: fields, wind arrows and observing platforms, cycle by cycle.
 
 use super::frame::Frame;
-use super::history::{Estimates, History, Platform};
 use super::names::{Names, Result};
 use super::ranges::{Ranges, VariableRanges};
 use crate::event::RunInfo;
+use crate::output::history::{Cycle, Fields, History, MethodMaps};
 use crate::output::structure::ShownStructure;
 use crate::plot::colors::{self, Scale};
 use crate::plot::number as number_text;
 use ::rerun::components::Colormap;
 use ::rerun::{Arrows2D, ChannelDatatype, DepthImage, Image, LineStrips2D, Points2D, RecordingStream};
-use isobar_model::Time;
+use indexmap::IndexMap;
+use isobar_obs::Report;
 
 /// Colours of arrows on dark and on light maps, and of labels.
 const LIGHT: [u8; 4] = [255, 255, 255, 210];
 const DARK: [u8; 4] = [40, 40, 40, 220];
 const LABEL: [u8; 3] = [220, 220, 220];
+
+/// All reports of a station or footprint in one cycle, with their numbers; at least one.
+type Platform<'a> = Vec<(usize, &'a Report)>;
 
 /// What all maps of a run have in common.
 pub struct Maps<'a> {
@@ -30,22 +34,25 @@ pub struct Maps<'a> {
 impl Maps<'_> {
     /// All maps of the run from a cycle on.
     pub fn log_since(&self, since: usize) -> Result {
-        for (&cycle, truth) in self.history.truth.range(since..) {
-            self.set_time(cycle, truth.time);
+        for cycle in self.history.cycles.iter().filter(|cycle| cycle.number >= since) {
+            let Some(truth) = &cycle.truth else { continue };
+            self.set_time(cycle);
             for (number, variable) in self.info.layout.variables.iter().enumerate() {
-                self.log_state(&format!("truth/{}", variable.name), number, &truth.fields[number])?;
+                self.log_state(&format!("truth/{}", variable.name), number, &truth[number])?;
             }
-            self.log_wind("truth/wind", &truth.fields, self.ranges.wind, LIGHT)?;
+            self.log_wind("truth/wind", truth, self.ranges.wind, LIGHT)?;
         }
-        for (method, cycles) in self.history.methods.iter().enumerate() {
-            for (&cycle, estimates) in cycles.range(since..) {
-                self.set_time(cycle, estimates.time);
+        for method in 0..self.info.methods.len() {
+            for (cycle, maps) in self.history.maps(method).filter(|(cycle, _)| cycle.number >= since) {
+                self.set_time(cycle);
+                let platforms = platforms(&cycle.reports);
                 for variable in 0..self.info.layout.variables.len() {
-                    self.log_variable(method, variable, cycle, estimates)?;
+                    self.log_variable(method, variable, cycle, maps)?;
+                    self.log_platforms(method, variable, (cycle, &platforms), &maps.departures)?;
                 }
-                self.log_wind(&self.names.map(method, "wind"), &estimates.analysis, self.ranges.wind, LIGHT)?;
-                if let Some(structure) = &estimates.structure {
-                    self.log_structure(method, cycle, structure)?;
+                self.log_wind(&self.names.map(method, "wind"), &maps.analysis, self.ranges.wind, LIGHT)?;
+                if let Some(structure) = &maps.structure {
+                    self.log_structure(method, cycle.number, structure)?;
                 }
             }
         }
@@ -53,9 +60,9 @@ impl Maps<'_> {
         Ok(())
     }
 
-    fn set_time(&self, cycle: usize, time: Time) {
-        self.recording.set_time_sequence("cycle", cycle as i64);
-        self.recording.set_timestamp_secs_since_epoch("valid_time", time.seconds() as f64);
+    fn set_time(&self, cycle: &Cycle) {
+        self.recording.set_time_sequence("cycle", cycle.number as i64);
+        self.recording.set_timestamp_secs_since_epoch("valid_time", cycle.time.seconds() as f64);
     }
 
     /// The colour bars, which stay as they are.
@@ -79,25 +86,22 @@ impl Maps<'_> {
         Ok(())
     }
 
-    fn log_variable(&self, method: usize, number: usize, cycle: usize, estimates: &Estimates) -> Result {
+    fn log_variable(&self, method: usize, number: usize, cycle: &Cycle, maps: &MethodMaps) -> Result {
         let name = self.info.layout.variables[number].name;
         let path = |part: &str| self.names.field(method, name, part);
-        let (background, analysis) = (&estimates.background[number], &estimates.analysis[number]);
+        let (background, analysis) = (&maps.background[number], &maps.analysis[number]);
         let limit = self.ranges.variables[number].difference;
         self.log_state(&path("background"), number, background)?;
         self.log_state(&path("analysis"), number, analysis)?;
         self.log_difference(&path("increment"), &difference(analysis, background), limit)?;
-        if let Some(truth) = self.history.truth.get(&cycle) {
-            let truth = &truth.fields[number];
+        if let Some(truth) = &cycle.truth {
+            let truth = &truth[number];
             self.log_difference(&path("analysis_error"), &difference(analysis, truth), limit)?;
             self.log_difference(&path("background_error"), &difference(background, truth), limit)?;
         }
-        if let Some(spread) = &estimates.spread {
+        if let Some(spread) = &maps.spread {
             let range = [0.0, self.ranges.variables[number].spread];
             self.log_scalar(&path("spread"), &spread[number], Colormap::Inferno, range)?;
-        }
-        if let Some(platforms) = self.history.observed.get(&cycle) {
-            self.log_platforms(&path("observations"), number, platforms, &estimates.departures)?;
         }
         Ok(())
     }
@@ -112,7 +116,7 @@ impl Maps<'_> {
         for (factor, number) in structure.factors.iter().zip(1..) {
             let path = |part: &str| path(&format!("factor_{number}/{part}"));
             // Each in its own range: the factors shrink as the method learns, and their shapes are what is to be seen.
-            let (largest, fastest) = (factor.largest[mapped], self.history.highest_speed(&factor.fields));
+            let (largest, fastest) = (factor.largest[mapped], self.frame.highest_speed(&factor.fields));
             self.log_difference(&path("map"), &factor.fields[mapped], largest.max(f32::MIN_POSITIVE))?;
             self.log_wind(&path("wind"), &factor.fields, fastest, DARK)?;
             let headline = format!("cycle {cycle}: ±{} {unit}, {}", number_text(largest), factor.summary);
@@ -146,8 +150,8 @@ impl Maps<'_> {
     }
 
     /// Arrows of the wind; those of the speed `fastest` are as long as arrows are apart.
-    fn log_wind(&self, path: &str, fields: &[Vec<f32>], fastest: f32, color: [u8; 4]) -> Result {
-        let Some(wind) = self.history.wind(fields) else { return Ok(()) };
+    fn log_wind(&self, path: &str, fields: &Fields, fastest: f32, color: [u8; 4]) -> Result {
+        let Some(wind) = self.frame.wind(fields) else { return Ok(()) };
         let [origins, vectors] = self.frame.arrows(wind, fastest);
         let arrows = Arrows2D::from_vectors(vectors).with_origins(origins).with_radii([0.09 * self.frame.mark()]);
         Ok(self.recording.log(path, &arrows.with_colors([color]).with_draw_order(30.0))?)
@@ -155,17 +159,25 @@ impl Maps<'_> {
 
     /// Dots in the colour of the variable's background departure, the smaller the more there are. On the maps of the
     /// first variable platforms that did not report it are grey, on those of others they are left out.
-    fn log_platforms(&self, path: &str, number: usize, platforms: &[Platform], departures: &[f32]) -> Result {
+    fn log_platforms(
+        &self,
+        method: usize,
+        number: usize,
+        (cycle, platforms): (&Cycle, &[Platform<'_>]),
+        departures: &[f32],
+    ) -> Result {
+        let variable = &self.info.layout.variables[number];
+        let path = self.names.field(method, variable.name, "observations");
         let limit = self.ranges.variables[number].difference;
-        let report = |platform: &Platform| platform.reports.iter().find(|report| report.1 == number).copied();
+        let at = |platform: &Platform<'_>| platform.iter().find(|(_, it)| it.variable == number).map(|(at, _)| *at);
         let all = number == self.history.mapped;
-        let platforms: Vec<&Platform> = platforms.iter().filter(|it| all || report(it).is_some()).collect();
-        let places: Vec<[f32; 2]> = platforms.iter().map(|it| self.frame.place(it.x_m, it.y_m)).collect();
+        let platforms: Vec<&Platform<'_>> = platforms.iter().filter(|it| all || at(it).is_some()).collect();
+        let places: Vec<[f32; 2]> = platforms.iter().map(|it| self.frame.place(it[0].1.x_m, it[0].1.y_m)).collect();
         let colors = platforms.iter().map(|platform| {
-            let departure = report(platform).and_then(|report| departures.get(report.0));
+            let departure = at(platform).and_then(|at| departures.get(at));
             departure.map_or([128, 128, 128], |&departure| colors::difference(departure, limit))
         });
-        let labels = platforms.iter().map(|platform| self.label(platform, departures));
+        let labels = platforms.iter().map(|platform| self.label(platform, &cycle.values, departures));
         let mark = self.frame.mark() * (120.0 / places.len() as f32).sqrt().clamp(0.3, 1.0);
         let rim = Points2D::new(places.clone()).with_radii([0.85 * mark]).with_colors([[0u8, 0, 0]]);
         self.recording.log(format!("{path}/rim"), &rim.with_draw_order(30.0))?;
@@ -173,16 +185,27 @@ impl Maps<'_> {
         Ok(self.recording.log(format!("{path}/dots"), &dots.with_show_labels(false).with_draw_order(31.0))?)
     }
 
-    fn label(&self, platform: &Platform, departures: &[f32]) -> String {
-        let mut label = platform.name.clone();
-        for &(at, variable, value) in &platform.reports {
-            let variable = &self.info.layout.variables[variable];
+    fn label(&self, platform: &Platform<'_>, values: &[f64], departures: &[f32]) -> String {
+        let Report { network, platform: name, .. } = platform[0].1;
+        let mut label = format!("{network} {name}");
+        for &(at, report) in platform {
+            let variable = &self.info.layout.variables[report.variable];
             let departure = departures.get(at).map_or_else(|| "?".into(), |&departure| number_text(departure));
-            let (name, unit, value) = (variable.name, variable.unit, number_text(value));
+            let (name, unit, value) = (variable.name, variable.unit, number_text(values[at]));
             label += &format!("\n{name} = {value} {unit}, departure {departure}");
         }
         label
     }
+}
+
+/// The platforms that reported, in the order of their first reports.
+fn platforms(reports: &[Report]) -> Vec<Platform<'_>> {
+    let mut platforms: IndexMap<_, Platform<'_>> = IndexMap::new();
+    for (number, report) in reports.iter().enumerate() {
+        let place = (&report.network, &report.platform, report.x_m.to_bits(), report.y_m.to_bits());
+        platforms.entry(place).or_default().push((number, report));
+    }
+    platforms.into_values().collect()
 }
 
 fn difference(field: &[f32], other: &[f32]) -> Vec<f32> {

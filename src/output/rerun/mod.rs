@@ -10,7 +10,6 @@
 
 mod blueprint;
 mod frame;
-mod history;
 mod live;
 mod maps;
 mod names;
@@ -21,38 +20,47 @@ mod text;
 mod views;
 
 use crate::event::{Event, RunInfo};
+use crate::output::history::History;
 use crate::output::{OutputDirectory, Sink, SinkError};
-use history::History;
+use crate::plot::Thinning;
+use isobar_model::Layout;
 use live::Live;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Name of the recording in the output directory.
 pub const RECORDING_FILE: &str = "recording.rrd";
 
+/// The most cells on a side of a map, the first of these with which all maps of the run take less than [`MAPS_BYTES`].
+const MAP_CELLS: [usize; 5] = [256, 192, 128, 96, 64];
+
+/// What all maps of a run may take before compression \[bytes\].
+const MAPS_BYTES: usize = 300_000_000;
+
+/// Bytes of a cell in the maps of a truth, and of a method: three fields of numbers and three of colours.
+const BYTES: [usize; 2] = [4, 21];
+
 /// What both sinks hold of a run.
 #[derive(Debug)]
 struct Held {
+    /// The run as its maps show it: on a coarser grid if its own is finer than maps are.
     info: RunInfo,
     history: History,
 }
 
 impl Held {
     fn new(info: &RunInfo) -> Self {
-        let history = History::new(info);
-        Self { info: history.thinned(info), history }
+        let (Layout { grid, variables }, thinning) = (&*info.layout, thinning(info));
+        let layout = Arc::new(Layout { grid: thinning.grid(grid), variables: variables.clone() });
+        Self { info: RunInfo { layout, ..info.clone() }, history: History::new(info, thinning, |_, _| true) }
     }
+}
 
-    fn record(&mut self, event: &Event<'_>) -> Result<(), String> {
-        match event {
-            Event::Truth { cycle, time, state, calibration } => {
-                self.history.add_truth(*cycle, *time, state, calibration);
-            }
-            Event::Observed { window, .. } => self.history.add_observations(&self.info, window),
-            Event::Analysed(analysed) => self.history.add_estimates(&self.info, analysed)?,
-            _ => {}
-        }
-        Ok(())
-    }
+fn thinning(info: &RunInfo) -> Thinning {
+    let of_cell = info.cycles * info.layout.variables.len() * (BYTES[0] + BYTES[1] * info.methods.len());
+    let thinnings = MAP_CELLS.map(|most| Thinning::new(&info.layout.grid, most));
+    let fits = |thinning: &Thinning| thinning.size().iter().product::<usize>() * of_cell < MAPS_BYTES;
+    thinnings.into_iter().find(fits).unwrap_or(thinnings[MAP_CELLS.len() - 1])
 }
 
 /// Writes the recording when the run is complete.
@@ -83,7 +91,7 @@ impl Sink for RerunSink {
             let written = recording::write(&self.path, &self.held.info, &self.held.history, summary);
             return written.map_err(|error| failure(error.to_string()));
         }
-        self.held.record(event).map_err(failure)
+        self.held.history.record(event).map_err(failure)
     }
 
     fn shows_structure(&self) -> bool {
@@ -123,7 +131,7 @@ impl Sink for LiveSink {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         let Some(viewer) = &mut self.viewer else { return Ok(()) };
         let failure = |reason: String| SinkError { path: "the rerun viewer".into(), reason };
-        self.held.record(event).map_err(failure)?;
+        self.held.history.record(event).map_err(failure)?;
         let Held { info, history } = &self.held;
         let shown = match event {
             Event::CycleEnded(cycle) => viewer.show(info, history, *cycle),

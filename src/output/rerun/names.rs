@@ -53,13 +53,8 @@ impl Names {
         self.map(method, &format!("calibration/{}/{part}", self.parameters[parameter]))
     }
 
-    /// A method's curve of its innovations.
-    pub fn innovation(&self, part: &str, method: usize) -> String {
-        format!("innovation/{part}/{}", self.methods[method])
-    }
-
-    /// A method's curve in the comparison of all.
-    pub fn comparison(&self, variable: &str, method: usize) -> String {
-        format!("comparison/{variable}/{}", self.methods[method])
+    /// A method's curve in the comparison of all, of a variable or of the method as a whole.
+    pub fn comparison(&self, what: &str, method: usize) -> String {
+        format!("comparison/{what}/{}", self.methods[method])
     }
 }

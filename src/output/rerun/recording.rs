@@ -1,12 +1,13 @@
 //! The file: everything that is logged.
 
 use super::frame::Frame;
-use super::history::History;
 use super::maps::Maps;
 use super::names::{APPLICATION_ID, Names, Result};
 use super::ranges::Ranges;
-use super::{series, text, views};
+use super::series::Series;
+use super::{text, views};
 use crate::event::RunInfo;
+use crate::output::history::History;
 use crate::scores::Summary;
 use crate::tables::stability;
 use ::rerun::log::ChunkBatcherConfig;
@@ -61,7 +62,7 @@ pub fn log_run(
     let maps = Maps { recording, info, history, ranges: &ranges, names: &names, frame };
     maps.log_color_bars()?;
     maps.log_since(0)?;
-    series::log_since(recording, info, history, &names, curves_since)
+    Series { recording, info, history, names: &names, since: curves_since }.log()
 }
 
 /// Logs what has happened since a cycle, for a viewer that has been told what was before, in the ranges of then.
@@ -74,5 +75,5 @@ pub fn log_since(
 ) -> Result {
     let (names, frame) = (Names::new(info), Frame::new(&info.layout));
     Maps { recording, info, history, ranges, names: &names, frame }.log_since(since)?;
-    series::log_since(recording, info, history, &names, since)
+    Series { recording, info, history, names: &names, since }.log()
 }

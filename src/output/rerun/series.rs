@@ -1,13 +1,13 @@
 //! Curves over time: errors and spreads of each variable, and the bias estimates.
 
-use super::history::{Estimates, History};
 use super::names::{Names, Result};
 use crate::event::RunInfo;
+use crate::output::history::{Cycle, History, MethodCycle};
 use crate::plot::colors;
-use crate::scores::{Line, Part, SCORES, ScoreKind};
+use crate::scores::{Line, Part, ScoreKind};
 use ::rerun::{RecordingStream, Scalars, SeriesLines, TimeColumn};
-use isobar_model::Time;
 use isobar_obs::{Calibration, Placement};
+use std::cmp::Reverse;
 
 /// Plots of calibration parameters on one page.
 pub const PARAMETERS_PER_PAGE: usize = 4;
@@ -15,10 +15,15 @@ pub const PARAMETERS_PER_PAGE: usize = 4;
 /// The most pages of them that a method has.
 const PAGES: usize = 12;
 
+/// What the mean departures of all methods are called beside names of variables and scores.
+pub const DEPARTURE: &str = "mean_departure";
+
 const BACKGROUND: [u8; 4] = [214, 96, 77, 255];
 const ANALYSIS: [u8; 4] = [86, 180, 233, 255];
 const BACKGROUND_SPREAD: [u8; 4] = [250, 200, 180, 255];
 const ANALYSIS_SPREAD: [u8; 4] = [180, 220, 245, 255];
+/// Of smoothed estimates, and of passive observations.
+const INDEPENDENT: [u8; 4] = [230, 190, 80, 255];
 const TRUTH: [u8; 4] = [240, 240, 240, 255];
 
 /// Colour, width and name of a curve.
@@ -28,142 +33,123 @@ struct Style<'a> {
     name: &'a str,
 }
 
-/// All curves of the run from a cycle on.
-pub fn log_since(
-    recording: &RecordingStream,
-    info: &RunInfo,
-    history: &History,
-    names: &Names,
-    since: usize,
-) -> Result {
-    for (number, method) in history.methods.iter().enumerate() {
-        log_scores(recording, info, names, number, method.range(since..))?;
-        log_innovations(recording, info, history, names, number, since)?;
-        for parameter in shown_parameters(&info.calibration) {
-            log_parameter(recording, history, names, number, parameter, since)?;
-        }
-    }
-    Ok(())
+/// What all curves of a run have in common.
+pub struct Series<'a> {
+    pub recording: &'a RecordingStream,
+    pub info: &'a RunInfo,
+    pub history: &'a History,
+    pub names: &'a Names,
+    /// The first cycle that is logged.
+    pub since: usize,
 }
 
-/// The scores of a variable that are drawn: those of background and analysis, claims below errors.
-pub fn drawn() -> impl Iterator<Item = &'static ScoreKind> {
-    let of_line = |line| SCORES.iter().filter(move |kind| kind.per_variable && kind.line == Some(line));
-    of_line(Line::Dashed).chain(of_line(Line::Solid))
+impl Series<'_> {
+    /// All curves of the run.
+    pub fn log(&self) -> Result {
+        for method in 0..self.info.methods.len() {
+            self.log_scores(method)?;
+            self.log_comparison(method)?;
+            for parameter in shown_parameters(&self.info.calibration) {
+                self.log_parameter(method, parameter)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The scores of each variable that are drawn: claims below errors.
+    fn log_scores(&self, method: usize) -> Result {
+        let mut kinds: Vec<_> = self.info.drawn(true).collect();
+        kinds.sort_by_key(|(_, line)| Reverse(*line));
+        for variable in self.info.layout.variables.iter().map(|variable| variable.name) {
+            for (kind, line) in &kinds {
+                let title = kind.name.replace('_', " ").replace("rmse", "RMSE");
+                let points = self.history.scores(method, &kind.key(variable), self.since);
+                self.curve(&self.names.score(method, variable, kind.name), &style(kind, *line, &title), points)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// What is compared of all methods: a score of each variable, those of the method as a whole, and the mean background
+    /// departure of the mapped variable.
+    fn log_comparison(&self, method: usize) -> Result {
+        let [red, green, blue] = colors::of_method(method);
+        let style = Style { color: [red, green, blue, 255], width: 2.5, name: &self.info.methods[method].name };
+        let variables = self.info.layout.variables.iter().map(|variable| variable.name);
+        let of_variables = variables.filter_map(|variable| Some((variable, compared(self.info)?.key(variable))));
+        let others = self.info.drawn(false).map(|(kind, _)| (kind.name, kind.name.to_string()));
+        for (what, key) in of_variables.chain(others) {
+            let points = self.history.scores(method, &key, self.since);
+            self.curve(&self.names.comparison(what, method), &style, points)?;
+        }
+        let mean = |(cycle, own): (&'_ Cycle, &MethodCycle)| {
+            let departures = &own.maps.as_ref()?.departures;
+            let reports = cycle.reports.iter().zip(departures);
+            let mapped = reports.filter(|(report, _)| report.variable == self.history.mapped);
+            let (count, sum) = mapped.fold((0.0, 0.0), |(count, sum), (_, &it)| (count + 1.0, sum + f64::from(it)));
+            (count > 0.0).then(|| sum / count)
+        };
+        self.curve(&self.names.comparison(DEPARTURE, method), &style, self.estimates(method, mean))
+    }
+
+    fn log_parameter(&self, method: usize, parameter: usize) -> Result {
+        let path = |part: &str| self.names.parameter(method, parameter, part);
+        for (part, name, factor) in [("below", "−2σ", -2.0), ("above", "+2σ", 2.0)] {
+            let bound = move |(_, own): (&Cycle, &MethodCycle)| {
+                Some(own.calibration.get(parameter)? + factor * own.calibration_spread.as_ref()?.get(parameter)?)
+            };
+            let style = Style { color: ANALYSIS_SPREAD, width: 1.0, name };
+            self.curve(&path(part), &style, self.estimates(method, bound))?;
+        }
+        let cycles = self.history.cycles.iter().filter(|cycle| cycle.number >= self.since);
+        let truth = cycles.filter_map(|cycle| Some((cycle, *cycle.true_calibration.get(parameter)?)));
+        self.curve(&path("truth"), &Style { color: TRUTH, width: 1.5, name: "truth" }, truth)?;
+        let estimate = self.estimates(method, |(_, own)| own.calibration.get(parameter).copied());
+        self.curve(&path("estimate"), &Style { color: ANALYSIS, width: 2.5, name: "estimate" }, estimate)
+    }
+
+    /// A method's figure in every cycle that has one.
+    fn estimates(
+        &self,
+        method: usize,
+        figure: impl Fn((&Cycle, &MethodCycle)) -> Option<f64>,
+    ) -> impl Iterator<Item = (&Cycle, f64)> {
+        let results = self.history.of_method(method).filter(|(cycle, _)| cycle.number >= self.since);
+        results.filter_map(move |(cycle, own)| Some((cycle, figure((cycle, own))?)))
+    }
+
+    /// A whole curve at once; nothing if there are no points.
+    fn curve<'a>(&self, path: &str, style: &Style<'_>, points: impl Iterator<Item = (&'a Cycle, f64)>) -> Result {
+        let points: Vec<(&Cycle, f64)> = points.collect();
+        if points.is_empty() {
+            return Ok(());
+        }
+        let lines = SeriesLines::new().with_colors([style.color]).with_widths([style.width]).with_names([style.name]);
+        self.recording.log_static(path, &lines)?;
+        let cycles = TimeColumn::new_sequence("cycle", points.iter().map(|(cycle, _)| cycle.number as i64));
+        let seconds = points.iter().map(|(cycle, _)| cycle.time.seconds() as f64);
+        let times = TimeColumn::new_timestamp_secs_since_epoch("valid_time", seconds);
+        let values = Scalars::new(points.iter().map(|point| point.1)).columns_of_unit_batches()?;
+        self.recording.send_columns(path, [cycles, times], values)?;
+        Ok(())
+    }
 }
 
 /// The score of variables by which methods are compared.
 pub fn compared(info: &RunInfo) -> Option<&'static ScoreKind> {
-    SCORES.iter().find(|kind| kind.per_variable && kind.compared && info.can_have(kind))
+    info.drawn(true).map(|(kind, _)| kind).find(|kind| kind.compared && info.can_have(kind))
 }
 
 /// Colour and width of a curve: claims are paler and thinner than errors.
-fn style<'a>(kind: &ScoreKind, name: &'a str) -> Style<'a> {
-    let (color, width) = match (kind.part, kind.line) {
-        (Part::Background, Some(Line::Solid)) => (BACKGROUND, 2.5),
+fn style<'a>(kind: &ScoreKind, line: Line, name: &'a str) -> Style<'a> {
+    let (color, width) = match (kind.part, line) {
+        (Part::Background, Line::Solid) => (BACKGROUND, 2.5),
         (Part::Background, _) => (BACKGROUND_SPREAD, 1.0),
-        (_, Some(Line::Solid)) => (ANALYSIS, 2.5),
-        _ => (ANALYSIS_SPREAD, 1.0),
+        (_, Line::Solid) => (ANALYSIS, 2.5),
+        (_, Line::Dashed) => (ANALYSIS_SPREAD, 1.0),
+        (_, Line::Dotted) => (INDEPENDENT, 1.5),
     };
     Style { color, width, name }
-}
-
-fn log_scores<'a>(
-    recording: &RecordingStream,
-    info: &RunInfo,
-    names: &Names,
-    method: usize,
-    estimates: impl Iterator<Item = (&'a usize, &'a Estimates)> + Clone,
-) -> Result {
-    let [red, green, blue] = colors::of_method(method);
-    let own = Style { color: [red, green, blue, 255], width: 2.5, name: &info.methods[method].name };
-    for variable in info.layout.variables.iter().map(|variable| variable.name) {
-        let points = |key: &str| {
-            let at = |(cycle, it): (&usize, &Estimates)| Some((*cycle, it.time, *it.scores.get(key)?));
-            estimates.clone().filter_map(at).collect::<Vec<_>>()
-        };
-        for kind in drawn() {
-            let title = kind.name.replace('_', " ").replace("rmse", "RMSE");
-            let path = names.score(method, variable, kind.name);
-            log(recording, &path, &style(kind, &title), &points(&kind.key(variable)))?;
-        }
-        if let Some(kind) = compared(info) {
-            log(recording, &names.comparison(variable, method), &own, &points(&kind.key(variable)))?;
-        }
-    }
-    Ok(())
-}
-
-/// χ²/n, and the mean background departure of the mapped variable.
-fn log_innovations(
-    recording: &RecordingStream,
-    info: &RunInfo,
-    history: &History,
-    names: &Names,
-    method: usize,
-    since: usize,
-) -> Result {
-    let [red, green, blue] = colors::of_method(method);
-    let style = Style { color: [red, green, blue, 255], width: 2.5, name: &info.methods[method].name };
-    let estimates = || history.methods[method].range(since..);
-    let chi2 = estimates().filter_map(|(&cycle, it)| Some((cycle, it.time, *it.scores.get("innovation_chi2")?)));
-    log(recording, &names.innovation("chi2", method), &style, &chi2.collect::<Vec<_>>())?;
-    let mean = |cycle: usize, departures: &[f32]| {
-        let reports = history.observed.get(&cycle)?.iter().flat_map(|platform| &platform.reports);
-        let mapped = reports.filter(|report| report.1 == history.mapped).filter_map(|report| departures.get(report.0));
-        let (count, sum) = mapped.fold((0.0, 0.0), |(count, sum), &it| (count + 1.0, sum + f64::from(it)));
-        (count > 0.0).then(|| sum / count)
-    };
-    let means = estimates().filter_map(|(&cycle, it)| Some((cycle, it.time, mean(cycle, &it.departures)?)));
-    log(recording, &names.innovation("departure", method), &style, &means.collect::<Vec<_>>())
-}
-
-fn log_parameter(
-    recording: &RecordingStream,
-    history: &History,
-    names: &Names,
-    method: usize,
-    parameter: usize,
-    since: usize,
-) -> Result {
-    let truth: Vec<_> = history
-        .truth
-        .range(since..)
-        .filter_map(|(cycle, truth)| Some((*cycle, truth.time, *truth.calibration.get(parameter)?)))
-        .collect();
-    let estimates: Vec<_> = history.methods[method]
-        .range(since..)
-        .filter_map(|(cycle, it)| {
-            let sigma = it.calibration_spread.as_ref().map(|spread| spread[parameter]);
-            Some((*cycle, it.time, *it.calibration.get(parameter)?, sigma))
-        })
-        .collect();
-    let path = |part: &str| names.parameter(method, parameter, part);
-    for (part, name, factor) in [("below", "−2σ", -2.0), ("above", "+2σ", 2.0)] {
-        let bound = |&(cycle, time, value, sigma): &(usize, Time, f64, Option<f64>)| {
-            Some((cycle, time, value + factor * sigma?))
-        };
-        let points: Vec<_> = estimates.iter().filter_map(bound).collect();
-        log(recording, &path(part), &Style { color: ANALYSIS_SPREAD, width: 1.0, name }, &points)?;
-    }
-    log(recording, &path("truth"), &Style { color: TRUTH, width: 1.5, name: "truth" }, &truth)?;
-    let points: Vec<_> = estimates.iter().map(|&(cycle, time, value, _)| (cycle, time, value)).collect();
-    log(recording, &path("estimate"), &Style { color: ANALYSIS, width: 2.5, name: "estimate" }, &points)
-}
-
-/// A whole curve at once; nothing if there are no points.
-fn log(recording: &RecordingStream, path: &str, style: &Style<'_>, points: &[(usize, Time, f64)]) -> Result {
-    if points.is_empty() {
-        return Ok(());
-    }
-    let lines = SeriesLines::new().with_colors([style.color]).with_widths([style.width]).with_names([style.name]);
-    recording.log_static(path, &lines)?;
-    let cycles = TimeColumn::new_sequence("cycle", points.iter().map(|point| point.0 as i64));
-    let seconds = points.iter().map(|point| point.1.seconds() as f64);
-    let times = TimeColumn::new_timestamp_secs_since_epoch("valid_time", seconds);
-    let values = Scalars::new(points.iter().map(|point| point.2)).columns_of_unit_batches()?;
-    recording.send_columns(path, [cycles, times], values)?;
-    Ok(())
 }
 
 /// The numbers of the calibration parameters that are recorded. Those that many observations share come first: where there

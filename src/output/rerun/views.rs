@@ -2,13 +2,13 @@
 
 use super::blueprint::{Arrangement, Blueprint, Part};
 use super::frame::Frame;
-use super::history::History;
 use super::names::{Names, Result};
 use super::ranges::Ranges;
-use super::series::{PARAMETERS_PER_PAGE, compared, shown_parameters};
+use super::series::{DEPARTURE, PARAMETERS_PER_PAGE, compared, shown_parameters};
 use crate::event::RunInfo;
+use crate::output::history::{History, MethodCycle};
 use crate::plot::number as number_text;
-use crate::scores::ScoreKind;
+use crate::scores::{Score, ScoreKind};
 use ::rerun::RecordingStream;
 
 /// Sends the layout of the run's views.
@@ -43,16 +43,17 @@ impl Views<'_> {
         let plots = self.blueprint.container("errors", Arrangement::Horizontal, &plots)?;
         let mapped = &self.info.layout.variables[self.history.mapped];
         let departure = format!("mean background departure of {} [{}]", mapped.name, mapped.unit);
-        let innovations = [("innovation χ²/n [1]", "innovation/chi2/**"), (&departure, "innovation/departure/**")];
-        let innovations =
-            innovations.map(|(name, contents)| self.blueprint.curves(name, &[contents.into()], None, true));
-        let innovations = innovations.into_iter().collect::<Result<Vec<_>>>()?;
-        let innovations = self.blueprint.container("innovations", Arrangement::Horizontal, &innovations)?;
+        let others = self.info.drawn(false).map(|(kind, _)| (Score { kind, variable: ("", "") }.subject(), kind.name));
+        let others: Vec<_> = others.chain([(departure, DEPARTURE)]).collect();
+        let curves =
+            |(name, what): (String, &str)| self.blueprint.curves(&name, &[format!("comparison/{what}/**")], None, true);
+        let others = others.into_iter().map(curves).collect::<Result<Vec<_>>>()?;
+        let others = self.blueprint.container("innovations", Arrangement::Horizontal, &others)?;
         let texts = [("scores", "text/scores"), ("stability", "text/stability"), ("scenario", "text/scenario")];
         let texts = texts.map(|(name, contents)| self.blueprint.document(name, contents));
         let texts = texts.into_iter().collect::<Result<Vec<_>>>()?;
         let texts = self.blueprint.container("texts", Arrangement::Horizontal, &texts)?;
-        self.blueprint.container("overview", Arrangement::Vertical(&[1.0, 0.8, 1.0]), &[plots, innovations, texts])
+        self.blueprint.container("overview", Arrangement::Vertical(&[1.0, 0.8, 1.0]), &[plots, others, texts])
     }
 
     /// One method: a tab of maps and errors for each variable, one of its blocks and common factors, and its biases.
@@ -79,7 +80,7 @@ impl Views<'_> {
         let [low, high] = ranges.state.map(number_text);
         let state = format!("{low} to {high} {unit}");
         let difference = format!("±{} {unit}", number_text(ranges.difference));
-        let has_spread = self.history.methods[method].values().any(|it| it.spread.is_some());
+        let has_spread = self.history.maps(method).any(|(_, maps)| maps.spread.is_some());
         let spread = format!("0 to {} {unit}", number_text(ranges.spread));
         let own = |part: &str| self.names.field(method, name, part);
         let observations = own("observations/**");
@@ -114,8 +115,8 @@ impl Views<'_> {
 
     /// The blocks, and the leading common factors.
     fn structure(&mut self, method: usize) -> Result<Option<Part>> {
-        let structures = || self.history.methods[method].values().filter_map(|it| it.structure.as_ref());
-        let Some(factors) = structures().map(|it| it.factors.len()).max() else { return Ok(None) };
+        let structures = self.history.maps(method).filter_map(|(_, maps)| maps.structure.as_ref());
+        let Some(factors) = structures.map(|it| it.factors.len()).max() else { return Ok(None) };
         let variable = self.info.layout.variables[self.history.mapped].name;
         let bounds = Frame::new(&self.info.layout).bounds(true);
         let own = |part: &str| self.names.structure(method, part);
@@ -132,7 +133,10 @@ impl Views<'_> {
 
     /// The calibration parameters, one plot for each; in tabs if they are many.
     fn biases(&mut self, method: usize) -> Result<Option<Part>> {
-        if !self.history.has_biases(method) {
+        // A method that leaves them alone has zeros, and claims nothing.
+        let estimates =
+            |own: &MethodCycle| own.calibration_spread.is_some() || own.calibration.iter().any(|&it| it != 0.0);
+        if !self.history.of_method(method).any(|(_, own)| estimates(own)) {
             return Ok(None);
         }
         let mut plots = Vec::new();

@@ -28,6 +28,7 @@ static INFO: LazyLock<RunInfo> = LazyLock::new(|| {
         methods: vec![method("free"), method("fkf")],
         has_truth: true,
         keeps_sensors: false,
+        lead_times: None,
         networks: Vec::new(),
         notes: Vec::new(),
         stations: Vec::new(),
