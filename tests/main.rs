@@ -1,6 +1,7 @@
 //! The tests of the program, in one binary.
 
 mod agreement;
+mod ahead;
 mod air_mass;
 mod architecture;
 mod batches;
