@@ -20,6 +20,13 @@ const PAGE_COLORS: [(&str, &str); 3] = [(INK, "var(--ink)"), (GRID, "var(--line)
 const HEIGHT: f64 = 300.0;
 const ROW: f64 = 16.5;
 
+/// The axis of y is logarithmic if the medians of two curves are further apart than by this factor: one method without
+/// observations would press the curves of all others together at the bottom.
+const LOGARITHMIC_FROM: f64 = 8.0;
+
+/// The smallest value on a logarithmic axis.
+const LEAST_LOGARITHMIC: f64 = 1e-9;
+
 /// How a curve is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dash {
@@ -91,7 +98,7 @@ pub struct CurvePlot {
     pub curves: Vec<Curve>,
     /// A value of y that is marked by a line across.
     pub reference: Option<f64>,
-    /// Whether y begins at zero.
+    /// Whether y begins at zero, or is logarithmic if curves are far apart and positive.
     pub from_zero: bool,
     /// The largest y to be shown; `None`: all.
     pub highest: Option<f64>,
@@ -169,14 +176,16 @@ impl CurvePlot {
             .with_body_size(11)
             .with_legend_position(LegendPosition::OutsideBottomColumns)
             .with_legend_box(false);
+        if self.is_logarithmic() {
+            layout = layout.with_log_y().with_y_label(format!("{}, logarithmic", self.y_label));
+        } else if self.from_zero {
+            layout = layout.with_y_axis_min(0.0);
+        }
         let entries = self.legend_entries();
         if entries.is_empty() {
             layout.show_legend = false;
         } else {
             layout = layout.with_legend_entries(entries);
-        }
-        if self.from_zero {
-            layout = layout.with_y_axis_min(0.0);
         }
         if let Some(value) = self.reference {
             let line = ReferenceLine::horizontal(value).with_color(INK).with_stroke_width(1.0).with_dasharray("2 3");
@@ -211,8 +220,24 @@ impl CurvePlot {
         entries.len().div_ceil(columns).max(1)
     }
 
+    /// Whether y is on a logarithmic axis.
+    fn is_logarithmic(&self) -> bool {
+        let mut medians = Vec::new();
+        for curve in &self.curves {
+            let mut values: Vec<f64> = curve.finite().0.into_iter().map(|point| point[1]).collect();
+            if values.iter().any(|&value| value < LEAST_LOGARITHMIC) {
+                return false;
+            }
+            values.sort_by(f64::total_cmp);
+            medians.extend(values.get(values.len() / 2));
+        }
+        let [least, most] = [f64::min, f64::max].map(|of| medians.iter().copied().reduce(of));
+        self.from_zero && least.zip(most).is_some_and(|(least, most)| most > LOGARITHMIC_FROM * least)
+    }
+
     /// x and y, from and to.
     fn ranges(&self) -> [[f64; 2]; 2] {
+        let is_logarithmic = self.is_logarithmic();
         let mut ranges = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
         let mut take = |axis: usize, value: f64| {
             ranges[axis] = [ranges[axis][0].min(value), ranges[axis][1].max(value)];
@@ -223,14 +248,15 @@ impl CurvePlot {
                 take(0, x);
                 take(1, y);
             }
-            for value in band.into_iter().flatten().flatten() {
+            // The lower edge of a band may reach zero, where such an axis has no place for it.
+            for value in band.into_iter().flatten().flatten().filter(|_| !is_logarithmic) {
                 take(1, value);
             }
         }
         if let Some(value) = self.reference {
             take(1, value);
         }
-        if self.from_zero {
+        if self.from_zero && !is_logarithmic {
             take(1, 0.0);
         }
         let [x, mut y] = ranges;
@@ -362,6 +388,30 @@ mod tests {
             let clip = &svg[svg.find("<clipPath").unwrap()..];
             assert!(number(clip, " height") > 150.0, "{count} of {length}: {}", number(clip, " height"));
         }
+    }
+
+    #[test]
+    fn curves_far_apart_have_a_logarithmic_axis() {
+        let figure = |high: f64, from_zero: bool| {
+            let mut plot = plot(vec![[0.0, 1.0], [1.0, 2.0], [2.0, 1.5]]);
+            plot.curves.push(Curve::new("free", [3, 2, 1], vec![[0.0, high], [1.0, high]]));
+            plot.from_zero = from_zero;
+            plot
+        };
+        assert!(figure(50.0, true).is_logarithmic() && !figure(5.0, true).is_logarithmic());
+        assert!(!figure(50.0, false).is_logarithmic());
+        let svg = figure(50.0, true).svg("a").file;
+        assert!(svg.contains("error [m], logarithmic") && !svg.contains("NaN"), "{svg}");
+        // Nothing is logarithmic of zero.
+        let mut zero = figure(50.0, true);
+        zero.curves[0].points[1][1] = 0.0;
+        assert!(!zero.is_logarithmic());
+        // A band that reaches zero ends at the axis.
+        let mut banded = figure(50.0, true);
+        banded.curves[0].band = Some(vec![[-1.0, 3.0]; 3]);
+        let [_, [low, high]] = banded.ranges();
+        assert_eq!((low, high), (1.0, 50.0));
+        assert!(!banded.svg("a").file.contains("NaN"));
     }
 
     #[test]
