@@ -1,10 +1,10 @@
 //! Compression of each tile's factors, which preserves every block's own covariance.
 
-use super::local_factors::{LocalFactors, add_to_blocks};
+use super::local_factors::{LocalFactors, add_to_blocks, divided};
 use super::{Frame, LocalErrors, LocalFactorSettings};
 use crate::linalg::{add_symmetric_product, eigen, product};
 use crate::spectral_cut;
-use faer::{Mat, MatRef};
+use faer::Mat;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::Rng;
 use rayon::prelude::*;
@@ -47,7 +47,7 @@ fn compressed(
     let turn =
         |values: &Mat<f64>, columns: usize| fixed_basis.rotation(values.as_ref(), &variables, support, scales, columns);
     let (kept, rest) = if r > settings.per_tile {
-        let (leading, rest) = cut(values.as_ref(), &variables, keep, scales);
+        let (leading, rest) = cut(&values, &variables, keep, scales);
         let kept = product(leading.as_ref(), turn(&leading, keep).as_ref());
         match signs {
             None => (kept, rest),
@@ -71,9 +71,9 @@ fn compressed(
 ///
 /// With the eigenvalues λ and eigenvectors of Fᵀ S⁻² F, and the weights w of a [`spectral_cut`], by which no direction that
 /// nothing but rounding tells from one that is left over is kept, `w² λ` is kept and `(1 − w²) λ` left over.
-fn cut(values: MatRef<'_, f64>, variables: &[usize], keep: usize, scales: &[f64]) -> (Mat<f64>, Mat<f64>) {
+fn cut(values: &Mat<f64>, variables: &[usize], keep: usize, scales: &[f64]) -> (Mat<f64>, Mat<f64>) {
     let r = values.ncols();
-    let scaled = Mat::from_fn(values.nrows(), r, |i, j| values[(i, j)] / scales[variables[i]]);
+    let scaled = divided(values, variables, |variable| scales[variable]);
     let mut gram = Mat::zeros(r, r);
     add_symmetric_product(gram.as_mut(), 1.0, scaled.transpose(), scaled.as_ref());
     let (energies, directions) = eigen(gram.as_ref());
@@ -85,7 +85,7 @@ fn cut(values: MatRef<'_, f64>, variables: &[usize], keep: usize, scales: &[f64]
         .filter(|(_, weight)| *weight > 0.0)
         .collect();
     let rest = Mat::from_fn(r, left.len(), |i, j| directions[(i, r - 1 - left[j].0)] * left[j].1);
-    (product(values, leading.as_ref()), product(values, rest.as_ref()))
+    (product(values.as_ref(), leading.as_ref()), product(values.as_ref(), rest.as_ref()))
 }
 
 /// ±1/√s, `[rows, s]`: R with E(R Rᵀ) = I.
