@@ -3,6 +3,7 @@
 mod agreement;
 mod air_mass;
 mod architecture;
+mod automatic_factors;
 mod batches;
 mod bounds;
 mod checkpoints;
