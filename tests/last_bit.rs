@@ -123,6 +123,13 @@ kf = { kind = "kf" }
     ] {
         text += &format!("{name} = {{ kind = \"fkf\", {rest} }}\n");
     }
+    for (name, rest) in [
+        ("local", "per_tile = 3, tile_km = 200"),
+        ("narrow", "per_tile = 4, tile_km = 200, support_km = 400"),
+        ("mixed", "per_tile = 5, tile_km = 200, mixed = 2"),
+    ] {
+        text += &format!("{name} = {{ kind = \"fkf\", local_factors = {{ {rest} }} }}\n");
+    }
     for (name, kind, rest) in [
         ("etkf", "etkf", "members = 14"),
         ("etkf_large", "etkf", "members = 140, model_error_treatment = \"square_root\""),
@@ -166,6 +173,8 @@ bias = [{ per = "group", variable = "h", sigma = 8 }]
 [methods]
 fkf_probes = { kind = "fkf", factors = 22 }
 fkf_persisting = { kind = "fkf", factors = 21, residual = "persist" }
+local = { kind = "fkf", local_factors = { per_tile = 6, tile_km = 700 } }
+local_mixed = { kind = "fkf", local_factors = { per_tile = 6, tile_km = 600, support_km = 1200, mixed = 2 } }
 etkf = { kind = "etkf", members = 15, initial_members = "second_order_exact" }
 letkf = { kind = "letkf", members = 14, initial_members = "second_order_exact", localization_radius_km = 1200 }
 "#;

@@ -4,6 +4,7 @@ mod agreement;
 mod ahead;
 mod air_mass;
 mod architecture;
+mod automatic_factors;
 mod batches;
 mod bounds;
 mod checkpoints;

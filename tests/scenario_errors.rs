@@ -220,6 +220,12 @@ const CASES: &[Case] = &[
         &["unknown key `kept`", "retained, at_most"],
     ),
     (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"fkf\"\nfactors = \"many\"",
+        "\"many\"",
+        &["`methods.fkf.factors` cannot be \"many\"", "must be \"auto\" or a whole number from 0 to 100000"],
+    ),
+    (
         "kind = \"fkf\"",
         "kind = \"fkd\"",
         "\"fkd\"",

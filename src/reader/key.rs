@@ -1,7 +1,7 @@
 //! What a key of a section means, what it may be, and what holds without it: each stands once.
 
 use super::{Field, Limits, Read};
-use crate::text::listed;
+use crate::text::{clean, listed, nearest};
 use toml::de::DeValue;
 
 /// A key of a section, as the reader checks it and the reference of keys describes it.
@@ -271,11 +271,15 @@ impl<V: Allowed> Allowed for OrWord<V> {
 
 impl<V: Value> Value for OrWord<V> {
     fn read(&self, field: &Field<'_>) -> Read<Option<V::Output>> {
-        if matches!(field.value.get_ref(), DeValue::String(_)) {
-            field.choice(&[(self.0, ())])?;
-            return Ok(None);
+        match field.value.get_ref() {
+            DeValue::String(found) if *found == self.0 => Ok(None),
+            DeValue::String(found) => {
+                let message = format!("`{}` cannot be \"{}\"", field.title(), clean(found));
+                let near = nearest(found, [self.0]).map(|near| format!("did you mean \"{near}\"?"));
+                Err(field.file.error(field.value.span(), message, &format!("must be {}", self.words()), near))
+            }
+            _ => self.1.read(field).map(Some),
         }
-        self.1.read(field).map(Some)
     }
 }
 

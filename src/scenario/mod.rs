@@ -209,8 +209,11 @@ impl Scenario {
         let surroundings = Surroundings {
             domain,
             cycles: cycle.count,
+            cycle: cycle.window,
             freezes: stability.freeze_after_cycles.is_some(),
             networks: networks.iter().filter(|it| it.assimilate).map(|network| network.name.clone()).collect(),
+            background_error: background_error.clone(),
+            model_error: model_error.clone(),
             has_model_error: !model_error.is_empty(),
             error_length_m: covariances::shortest_length_m(&model_error)
                 .or_else(|| covariances::shortest_length_m(&background_error)),

@@ -1,7 +1,7 @@
 //! Geostrophically balanced errors of h, u and v.
 
-use super::Covariance;
 use super::homogeneous_filter::HomogeneousFilter;
+use super::{Covariance, Spectrum};
 use crate::error::Error;
 use isobar_model::{Boundary, Grid, Layout};
 
@@ -133,6 +133,21 @@ impl Covariance for Balanced {
 
     fn control_cells(&self) -> Option<Vec<usize>> {
         Some(self.filter.cells(self.grid.ny))
+    }
+
+    fn spectrum(&self, scales: &[f64]) -> Option<Spectrum> {
+        let [h, u, v] = self.offsets.map(|offset| scales[offset + self.grid.cells() - 1].powi(-2));
+        let rows = &self.height_per_streamfunction;
+        let per_streamfunction = rows.iter().map(|factor| factor * factor).sum::<f64>() / rows.len() as f64;
+        let energy = |[k, l]: [f64; 2]| {
+            let mean = ((0.5 * k).cos() * (0.5 * l).cos()).powi(2);
+            let [along_x, along_y] =
+                [(k, self.grid.dx_m), (l, self.grid.dy_m)].map(|(k, d)| (2.0 * (0.5 * k).sin() / d).powi(2));
+            h * per_streamfunction * mean + u * along_y + v * along_x
+        };
+        let variance = self.sigma_streamfunction.powi(2);
+        let eigenvalues = self.filter.spectrum().map(|(phases, value)| variance * value * energy(phases));
+        Some(Spectrum::new(eigenvalues, self.grid.cells() as f64 / self.filter.len() as f64))
     }
 
     fn root_add(&self, control: &[f64], increment: &mut [f64]) {

@@ -148,15 +148,17 @@ impl HomogeneousFilter {
     /// The mean over all wave numbers of Λ times a transfer function of the phases (k dx, l dy): the variance of a
     /// field with this correlation after an operator with that squared transfer function.
     pub fn variance_after(&self, squared_transfer: impl Fn(f64, f64) -> f64) -> f64 {
+        self.spectrum().map(|([k, l], value)| value * squared_transfer(k, l)).sum::<f64>() / self.len() as f64
+    }
+
+    /// The phases (k dx, l dy) of each wave number, and its eigenvalue in Λ.
+    pub fn spectrum(&self) -> impl Iterator<Item = ([f64; 2], f64)> + '_ {
         let phase = |index: usize, n: usize| std::f64::consts::TAU * index as f64 / n as f64;
         let n = self.len() as f64;
-        let mut sum = 0.0;
-        for (i, column) in self.root_eigenvalues.chunks_exact(self.rows).enumerate() {
-            for (j, root) in column.iter().enumerate() {
-                sum += (root * n).powi(2) * squared_transfer(phase(i, self.nx), phase(j, self.rows));
-            }
-        }
-        sum / n
+        self.root_eigenvalues.iter().enumerate().map(move |(index, root)| {
+            let (i, j) = (index / self.rows, index % self.rows);
+            ([phase(i, self.nx), phase(j, self.rows)], (root * n).powi(2))
+        })
     }
 
     /// Multiplies the array by the root of the correlation matrix.

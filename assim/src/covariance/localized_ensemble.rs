@@ -1,9 +1,10 @@
 //! The localised covariance of an ensemble, as an operator.
 
-use super::Covariance;
 use super::homogeneous_filter::HomogeneousFilter;
 use super::taper::{MOST_HEIGHTS, is_wide};
+use super::{Covariance, Spectrum};
 use crate::error::Error;
+use crate::linalg::{eigen, product};
 use faer::Mat;
 use isobar_model::{Grid, Layout};
 
@@ -72,6 +73,16 @@ impl Covariance for LocalizedEnsemble {
 
     fn control_len(&self) -> usize {
         self.part() * self.factors.ncols()
+    }
+
+    fn spectrum(&self, scales: &[f64]) -> Option<Spectrum> {
+        if self.filter.is_some() {
+            return None;
+        }
+        let scaled = Mat::from_fn(self.len(), self.factors.ncols(), |i, j| self.factors[(i, j)] / scales[i]);
+        let (values, _) = eigen(product(scaled.transpose(), scaled.as_ref()).as_ref());
+        // The perturbations add up to zero: of one direction there is nothing but rounding.
+        Some(Spectrum::new(values.into_iter().skip(1), 1.0))
     }
 
     fn covariance(&self, first: usize, second: usize) -> f64 {

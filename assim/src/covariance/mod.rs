@@ -5,6 +5,7 @@ mod correlation_function;
 mod homogeneous_filter;
 mod leading_factors;
 mod localized_ensemble;
+mod spectrum;
 mod sum;
 mod taper;
 mod univariate;
@@ -15,6 +16,7 @@ pub use correlation_function::CorrelationFunction;
 pub use leading_factors::leading_factors;
 pub(crate) use leading_factors::{OVERSAMPLING, leading_columns, skip_draws};
 pub use localized_ensemble::LocalizedEnsemble;
+pub use spectrum::Spectrum;
 pub use sum::Sum;
 pub use taper::gaspari_cohn;
 pub(crate) use taper::{WIDEST, is_wide};
@@ -22,6 +24,7 @@ pub use univariate::Univariate;
 pub use white::White;
 
 use faer::Mat;
+use isobar_model::Layout;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
@@ -40,6 +43,11 @@ pub trait Covariance: Send + Sync {
 
     /// The cell of the grid where each value of the control vector stands; `None` if U is no local operator.
     fn control_cells(&self) -> Option<Vec<usize>> {
+        None
+    }
+
+    /// Its spectrum with each value divided by its scale; `None` if it takes the whole matrix to know it.
+    fn spectrum(&self, _scales: &[f64]) -> Option<Spectrum> {
         None
     }
 
@@ -95,6 +103,17 @@ pub fn block(covariance: &dyn Covariance, indices: &[usize]) -> Mat<f64> {
         .map(|column| indices[column..].iter().map(|&row| covariance.covariance(row, indices[column])).collect())
         .collect();
     Mat::from_fn(n, n, |i, j| lower[i.min(j)][i.max(j) - i.min(j)])
+}
+
+/// The standard deviation of each variable in the middle of the domain, for every value of the state; 1 where it is 0.
+pub fn middle_deviations(covariance: &dyn Covariance, layout: &Layout) -> Vec<f64> {
+    let (cells, grid) = (layout.grid.cells(), &layout.grid);
+    let middle = grid.ny / 2 * grid.nx + grid.nx / 2;
+    let scale = |variable: usize| {
+        let variance = covariance.covariance(variable * cells + middle, variable * cells + middle);
+        if variance > 0.0 { variance.sqrt() } else { 1.0 }
+    };
+    (0..layout.variables.len()).flat_map(|variable| std::iter::repeat_n(scale(variable), cells)).collect()
 }
 
 /// The standard deviation of every value.

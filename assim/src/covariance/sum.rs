@@ -1,6 +1,6 @@
 //! The covariance of a sum of independent errors.
 
-use super::Covariance;
+use super::{Covariance, Spectrum};
 
 /// Σᵢ Uᵢ Uᵢᵀ, with the control vectors one after another.
 pub struct Sum {
@@ -31,6 +31,10 @@ impl Covariance for Sum {
     fn control_cells(&self) -> Option<Vec<usize>> {
         let parts: Option<Vec<Vec<usize>>> = self.terms.iter().map(|term| term.control_cells()).collect();
         parts.map(|parts| parts.concat())
+    }
+
+    fn spectrum(&self, scales: &[f64]) -> Option<Spectrum> {
+        self.terms.iter().try_fold(Spectrum::default(), |sum, term| Some(sum.with(term.spectrum(scales)?)))
     }
 
     fn root_add(&self, control: &[f64], increment: &mut [f64]) {

@@ -2,7 +2,7 @@
 
 use super::homogeneous_filter::HomogeneousFilter;
 use super::taper::MOST_HEIGHTS;
-use super::{CorrelationFunction, Covariance};
+use super::{CorrelationFunction, Covariance, Spectrum};
 use crate::error::Error;
 use isobar_model::{Boundary, Layout, Location};
 
@@ -80,6 +80,13 @@ impl Covariance for Univariate {
 
     fn control_cells(&self) -> Option<Vec<usize>> {
         Some(self.filter.cells(self.ny))
+    }
+
+    fn spectrum(&self, scales: &[f64]) -> Option<Spectrum> {
+        let variance = (self.sigma / scales[self.offset + self.cells - 1]).powi(2);
+        let eigenvalues: Vec<f64> = self.filter.spectrum().map(|(_, value)| variance * value).collect();
+        let share = (self.cells - self.wall_values) as f64 / self.filter.len() as f64;
+        Some(Spectrum::above_white(&eigenvalues, share))
     }
 
     fn root_add(&self, control: &[f64], increment: &mut [f64]) {

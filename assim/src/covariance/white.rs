@@ -1,6 +1,6 @@
 //! Uncorrelated errors of one variable.
 
-use super::Covariance;
+use super::{Covariance, Spectrum};
 use isobar_model::{Boundary, Layout, Location};
 
 /// σ² I on one variable, nothing on the others. The southern wall's v = 0 has no error.
@@ -34,6 +34,10 @@ impl Covariance for White {
 
     fn control_cells(&self) -> Option<Vec<usize>> {
         Some((self.start..self.start + self.count).map(|value| value % self.cells).collect())
+    }
+
+    fn spectrum(&self, _: &[f64]) -> Option<Spectrum> {
+        Some(Spectrum::default())
     }
 
     fn root_add(&self, control: &[f64], increment: &mut [f64]) {

@@ -1,10 +1,11 @@
 //! `kind = "fkf"`: Lange's Fast Kalman Filter, and the settings that it shares with the time volume.
 
 use super::adapt::ADAPT;
+use super::common_factors::{self, CommonFactors, FACTORS};
 use super::local_factors::{self, LOCAL_FACTORS};
 use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, Setup, Surroundings};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Absent, AnyKey, Choice, Field, Key, Limits, OrTable, Read, Section, Table, Whole};
+use crate::reader::{Absent, AnyKey, Choice, Field, Key, OrTable, Read, Section, Table, Whole};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
 use isobar_assim::local_factors::{LocalFactorSettings, LocalFastKalmanFilter};
 use isobar_assim::{Assimilator, Error};
@@ -35,22 +36,6 @@ const BIAS_COUPLING: Key<Choice<BiasCoupling>> = Key::absent(
     Absent::Means(BiasCoupling::Carry),
     "whether the covariance of biases with the state is carried from cycle to cycle; drop is the printed formula",
 );
-
-const FACTORS: Key<OrTable<Whole>> = Key::absent(
-    "factors",
-    "",
-    OrTable(Whole(0, MOST_FACTORS), &[&RETAINED, &AT_MOST]),
-    Absent::Means(0),
-    "number of common factors, which hold what blocks have in common",
-);
-
-/// The most common factors.
-const MOST_FACTORS: usize = 100_000;
-
-const RETAINED: Key<Limits> =
-    Key::required("retained", "", Limits::Between(0.01, 1.0), "share of their energy that is kept");
-
-const AT_MOST: Key<Whole> = Key::required("at_most", "", Whole(1, MOST_FACTORS), "the most factors");
 
 const FACTOR_GRID: Key<Whole> = Key::absent(
     "factor_grid",
@@ -110,16 +95,16 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "Lange's Fast Kalman Filter: blocks, and the common factors that link them",
     &[&[&BIAS, &ADAPT, &BIAS_COUPLING, &FACTOR_GRID, &FACTOR_PRECISION, &LOCAL_FACTORS], SHARED_KEYS],
     |section, surroundings| {
-        let filter = read(section, &surroundings.domain)?;
+        let Settings { filter, factors } = read(section, surroundings)?;
         let factor_grid = factor_grid(section, &surroundings.domain.grid, &filter)?;
-        let local = local_factors::read(section, surroundings, &filter)?;
-        Ok(Box::new(FastKalman { filter, factor_grid, local }))
+        let local = local_factors::read(section, surroundings, &filter, factors)?;
+        Ok(Box::new(FastKalman { settings: Settings { filter, factors }, factor_grid, local }))
     },
 );
 
 #[derive(Debug)]
 struct FastKalman {
-    filter: FastKalmanSettings,
+    settings: Settings,
     /// Cells on a side of those on which the factors are propagated: 1 on the grid of the state.
     factor_grid: usize,
     /// Factors of tiles instead of the whole domain.
@@ -131,7 +116,7 @@ impl MethodSettings for FastKalman {
         if let Some(local) = self.local {
             return Ok(Box::new(LocalFastKalmanFilter::with_local_factors(setup.problem, local)?));
         }
-        let filter = FastKalmanFilter::new(setup.problem, self.filter)?;
+        let filter = FastKalmanFilter::new(setup.problem, self.settings.filter)?;
         if self.factor_grid == 1 {
             return Ok(Box::new(filter));
         }
@@ -142,8 +127,8 @@ impl MethodSettings for FastKalman {
 
     fn describe(&self) -> String {
         let settings = match &self.local {
-            Some(local) => local_factors::describe(local),
-            None => describe(&self.filter, self.factor_grid),
+            Some(local) => local_factors::describe(local, self.settings.factors),
+            None => describe(&self.settings, self.factor_grid),
         };
         format!("Fast Kalman Filter, {settings}")
     }
@@ -157,9 +142,19 @@ impl MethodSettings for FastKalman {
     }
 }
 
+/// The settings of the filter.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Settings {
+    pub filter: FastKalmanSettings,
+    /// How many factors it has, and why.
+    pub factors: CommonFactors,
+}
+
 /// Reads the settings of the filter; keys that the time volume does not have are absent there.
-pub(super) fn read(section: &Section<'_>, domain: &Domain) -> Read<FastKalmanSettings> {
-    let (factors, retained_energy) = section.optional(FACTORS.name).map_or(Ok((0, 1.0)), |field| factors(&field))?;
+pub(super) fn read(section: &Section<'_>, surroundings: &Surroundings) -> Read<Settings> {
+    let domain = &surroundings.domain;
+    let common = common_factors::read(section, surroundings)?;
+    let factors = common.at_most;
     let probe = Residual::Probe { count: section.get(&PROBES)? };
     let residual = match section.find(&RESIDUAL)? {
         Some(Residual::Probe { .. }) => probe,
@@ -182,16 +177,17 @@ pub(super) fn read(section: &Section<'_>, domain: &Domain) -> Read<FastKalmanSet
     let blocks = section.optional(BLOCKS.name).map_or(Ok(BlockShape::Cell), |field| blocks(&field, &domain.grid))?;
     let (nx, ny) = blocks.cells(&domain.grid);
     let merged_blocks = MERGED_BLOCKS * nx * ny * domain.model.variables().len();
-    Ok(FastKalmanSettings {
+    let filter = FastKalmanSettings {
         blocks,
         bias_coupling,
         factors,
-        retained_energy,
+        retained_energy: common.retained_energy,
         factor_precision: section.get(&FACTOR_PRECISION)?,
         residual,
         largest_component: section.find(&LARGEST)?.unwrap_or(LARGEST_COMPONENT.max(merged_blocks)),
         separator_factors: section.get(&SEPARATOR_FACTORS)?,
-    })
+    };
+    Ok(Settings { filter, factors: common })
 }
 
 /// The grids on which factors can be propagated, by the cells on a side of theirs.
@@ -221,16 +217,6 @@ fn factor_grid(section: &Section<'_>, grid: &Grid, settings: &FastKalmanSettings
     Ok(cells)
 }
 
-/// A number of factors, or the most and the share of their energy that is kept.
-fn factors(field: &Field<'_>) -> Read<(usize, f64)> {
-    if !matches!(field.value.get_ref(), DeValue::Table(_)) {
-        return Ok((FACTORS.allowed.read_plain(field)?, 1.0));
-    }
-    let section = field.section(&[RETAINED.name, AT_MOST.name])?;
-    let retained = section.get(&RETAINED)?;
-    Ok((section.get(&AT_MOST)?, retained))
-}
-
 fn blocks(field: &Field<'_>, grid: &Grid) -> Read<BlockShape> {
     if !matches!(field.value.get_ref(), DeValue::Table(_)) {
         return BLOCKS.allowed.read_plain(field);
@@ -244,7 +230,7 @@ fn blocks(field: &Field<'_>, grid: &Grid) -> Read<BlockShape> {
 }
 
 /// A filter's settings in words.
-pub(super) fn describe(settings: &FastKalmanSettings, factor_grid: usize) -> String {
+pub(super) fn describe(Settings { filter: settings, factors }: &Settings, factor_grid: usize) -> String {
     let blocks = match settings.blocks {
         BlockShape::Cell => "blocks of one cell".to_string(),
         BlockShape::Tile { nx, ny } => format!("blocks of {nx} × {ny} cells"),
@@ -259,11 +245,17 @@ pub(super) fn describe(settings: &FastKalmanSettings, factor_grid: usize) -> Str
         BiasCoupling::Carry => "carried",
         BiasCoupling::Drop => "dropped",
     };
+    let asked_for = |number: usize| format!(" (B and Q ask for {number})");
+    let chosen = factors.asked_for.map_or(String::new(), asked_for);
     let mut factors = match settings.retained_energy {
-        retained if retained < 1.0 => {
-            format!("up to {} common factors, which hold {} % of their energy", settings.factors, 100.0 * retained)
+        retained if retained < 1.0 && settings.factors > 0 => {
+            format!(
+                "up to {} common factors{chosen}, which hold {} % of their energy",
+                settings.factors,
+                100.0 * retained
+            )
         }
-        _ => format!("{} common factors", settings.factors),
+        _ => format!("{} common factors{chosen}", settings.factors),
     };
     if settings.factor_precision == Precision::Single {
         factors += " in single precision";

@@ -1,12 +1,17 @@
 //! `local_factors`: factors of tiles instead of the whole domain, in a Fast Kalman Filter.
 
 use super::Surroundings;
+use super::common_factors::{CommonFactors, FACTORS};
 use crate::reader::{Absent, AnyKey, Key, Limits, Read, Section, Table, Whole};
-use isobar_assim::fast_kalman::{FastKalmanSettings, Precision, Residual};
+use isobar_assim::fast_kalman::{FastKalmanSettings, Residual};
 use isobar_assim::local_factors::LocalFactorSettings;
 
 /// The width of a tile in correlation lengths of the model error, unless the scenario gives it.
 const TILE_LENGTHS: f64 = 2.0;
+
+/// Factors of each tile, and how many of them are mixed, with a linear model and with any other.
+const LINEAR: (usize, usize) = (8, 0);
+const NONLINEAR: (usize, usize) = (12, 2);
 
 /// The width of the support of factors in tiles: a margin of 1.5 tiles, 3 lengths, on either side of a tile.
 const SUPPORT_TILES: usize = 4;
@@ -56,27 +61,26 @@ const MIXED: Key<Whole> = Key::absent(
     "factors of each tile that are random sums of what a compression leaves over; 2 for a nonlinear model",
 );
 
+/// Keys that belong to factors of the whole domain.
+const OF_WHOLE_DOMAIN: [&str; 5] =
+    ["factor_grid", "factor_precision", "bias_coupling", "separator_factors", "largest_component"];
+
 /// The settings of local factors, if the method has any, and of its blocks.
 pub(super) fn read(
     section: &Section<'_>,
     surroundings: &Surroundings,
     filter: &FastKalmanSettings,
+    factors: CommonFactors,
 ) -> Read<Option<LocalFactorSettings>> {
-    let Some(field) = section.optional(LOCAL_FACTORS.name) else { return Ok(None) };
-    for (key, excluded) in [
-        ("factors", filter.factors > 0),
-        ("factor_grid", section.optional("factor_grid").is_some()),
-        ("factor_precision", filter.factor_precision == Precision::Single),
-        ("bias_coupling", section.optional("bias_coupling").is_some()),
-        ("separator_factors", section.optional("separator_factors").is_some()),
-        ("largest_component", section.optional("largest_component").is_some()),
-    ] {
-        if excluded {
-            return Err(section.required(key)?.misplaced(
-                format!("`{key}` belongs to factors of the whole domain, and this method has local ones"),
-                "leave out this key or `local_factors`",
-            ));
-        }
+    let mut of_whole_domain = OF_WHOLE_DOMAIN.iter().filter_map(|key| section.optional(key));
+    let Some(field) = section.optional(LOCAL_FACTORS.name) else {
+        let may_be_local = of_whole_domain.next().is_none() && filter.residual != Residual::Exact;
+        return Ok(in_place_of(factors, surroundings, filter).filter(|_| may_be_local));
+    };
+    if let Some(excluded) = section.optional(FACTORS.name).into_iter().chain(of_whole_domain).next() {
+        let message =
+            format!("`{}` belongs to factors of the whole domain, and this method has local ones", excluded.title());
+        return Err(excluded.misplaced(message, "leave out this key or `local_factors`"));
     }
     if let (Some(field), Residual::Exact) = (section.optional("residual"), filter.residual) {
         let message = "local factors leave a residual that no exact forecast is worth".to_string();
@@ -116,13 +120,41 @@ pub(super) fn read(
     }))
 }
 
-/// The settings in words.
-pub(super) fn describe(settings: &LocalFactorSettings) -> String {
+/// As many factors of the whole domain as this are never replaced by local ones.
+const FEW: usize = 175;
+
+/// Local factors in place of as many for the whole domain as the spectra of B and Q ask for, where these are many and the
+/// columns that the tangent-linear model propagates are fewer.
+fn in_place_of(
+    factors: CommonFactors,
+    surroundings: &Surroundings,
+    filter: &FastKalmanSettings,
+) -> Option<LocalFactorSettings> {
+    let asked_for = factors.asked_for.filter(|number| *number > FEW)?;
+    let length_m = surroundings.error_length_m?;
+    let (per_tile, mixed) = if surroundings.domain.model.equations.is_linear() { LINEAR } else { NONLINEAR };
+    let settings = LocalFactorSettings {
+        blocks: filter.blocks,
+        per_tile,
+        model_error_per_tile: 2 * per_tile,
+        tile_m: TILE_LENGTHS * length_m,
+        support_tiles: SUPPORT_TILES,
+        mixed,
+        residual: filter.residual,
+    };
+    Some(settings).filter(|settings| settings.packed_columns(&surroundings.domain.grid) < asked_for)
+}
+
+/// The settings in words; `factors` are those of the whole domain in whose place they are.
+pub(super) fn describe(settings: &LocalFactorSettings, factors: CommonFactors) -> String {
     let LocalFactorSettings { per_tile, tile_m, support_tiles, mixed, .. } = settings;
     let mut words =
         format!("{per_tile} factors on each tile of {} km, cut off beyond {support_tiles} tiles", tile_m / 1e3);
     if *mixed > 0 {
         words += &format!(", {mixed} of them mixed");
+    }
+    if let Some(number) = factors.asked_for {
+        words += &format!(", in place of {number} for the whole domain that B and Q ask for");
     }
     words
 }

@@ -3,6 +3,7 @@
 mod adapt;
 mod banded_kalman;
 mod climatology;
+mod common_factors;
 mod enkf;
 mod ensemble;
 mod etkf;

@@ -1,6 +1,7 @@
 //! What the settings of every method can do, and the keys that methods share.
 
 use crate::kinds::Domain;
+use crate::kinds::covariances::Components;
 use crate::kinds::models::Model;
 use crate::reader::{Absent, Choice, Key, Limits, Whole};
 use isobar_assim::{Assimilator, BiasTreatment, Error, Problem};
@@ -89,10 +90,16 @@ pub(crate) struct Surroundings {
     pub domain: Domain,
     /// Cycles of the run.
     pub cycles: usize,
+    /// Length of a cycle.
+    pub cycle: Duration,
     /// Whether biases may be frozen in a run.
     pub freezes: bool,
     /// The names of the observing systems.
     pub networks: Vec<String>,
+    /// The components of B.
+    pub background_error: Components,
+    /// Those of Q, if the model makes errors.
+    pub model_error: Components,
     /// Whether the model makes errors.
     pub has_model_error: bool,
     /// The shortest correlation length of the model error, or of B if there is none \[m\].

@@ -109,7 +109,7 @@ pub(super) fn join_and_compress(
 }
 
 /// The relative rounding error of a variance to which a sum over the factors is added, and from which it is taken again.
-pub(super) fn rounding(factors: usize) -> f64 {
+pub(in crate::errors) fn rounding(factors: usize) -> f64 {
     8.0 * f64::EPSILON * (factors as f64).sqrt()
 }
 

@@ -42,6 +42,7 @@ pub use settings::{BiasCoupling, FastKalmanSettings, Residual};
 
 pub(super) use block_diagonal::BlockDiagonal;
 pub(super) use component::{check_component, partition, set_blocks, update_rows};
+pub(super) use compression::rounding;
 pub(crate) use factors::Factors;
 pub(super) use grid_blocks::Blocks;
 pub(crate) use solution::{Increments, SplitRows};
@@ -55,7 +56,6 @@ use crate::memory::require;
 use crate::problem::{Innovations, Problem, require_memory};
 use crate::tall_matrix::TallMatrix;
 use coarse_grid::CoarseGrid;
-use compression::rounding;
 use factored_covariance::FactoredCovariance;
 use faer::{Mat, MatRef};
 use isobar_model::{Layout, TangentLinear, random};
@@ -173,7 +173,7 @@ impl BlockErrors {
         settings.check(layout.len(), &blocks, shared.len(), problem.memory_limit_bytes)?;
         let sigma_prior = |number: usize| calibration.parameters[number].sigma_prior;
         let (m, p) = (layout.len(), shared.len());
-        let mut scales = state_scales(&*problem.background_error, &layout);
+        let mut scales = covariance::middle_deviations(&*problem.background_error, &layout);
         scales.extend(local.iter().map(|&number| sigma_prior(number)));
         let leading = |operator: &dyn Covariance, random: &mut ChaCha8Rng| match settings.factors {
             0 => TallMatrix::zeros(m, 0, settings.factor_precision),
@@ -308,17 +308,6 @@ impl Errors for BlockErrors {
     fn blocks(&self) -> Option<&dyn ErrorBlocks> {
         Some(self)
     }
-}
-
-/// The standard deviation of each variable in the middle of the domain, for every value of the state.
-pub(super) fn state_scales(operator: &dyn Covariance, layout: &Layout) -> Vec<f64> {
-    let (cells, grid) = (layout.grid.cells(), &layout.grid);
-    let middle = grid.ny / 2 * grid.nx + grid.nx / 2;
-    let scale = |variable: usize| {
-        let variance = operator.covariance(variable * cells + middle, variable * cells + middle);
-        if variance > 0.0 { variance.sqrt() } else { 1.0 }
-    };
-    (0..layout.variables.len()).flat_map(|variable| std::iter::repeat_n(scale(variable), cells)).collect()
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use super::{Frame, LocalErrors};
 use crate::error::Error;
+use crate::errors::blocks::rounding;
 use crate::linalg::{cholesky, product, semidefinite_root, solve_lower, solve_lower_transposed};
 use crate::memory::Matrix;
 use faer::{Mat, MatRef};
@@ -58,7 +59,10 @@ impl LocalErrors {
         let after = transposed.transpose().to_owned();
         solve_lower_transposed(root.as_ref(), transposed.as_mut());
         memory.own.add_columns(blocks, 1.0, before.as_ref());
+        let mut all = vec![0.0; blocks.variables()];
+        memory.own.add_variances(blocks, &mut all);
         memory.own.add_columns(blocks, -1.0, after.as_ref());
+        memory.own.clear_rounding(blocks, &all, rounding(p));
         memory.sensitivity = Matrix(transposed.transpose().to_owned());
         memory.shared = Matrix(shared_now);
         Ok(())

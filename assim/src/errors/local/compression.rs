@@ -1,8 +1,9 @@
 //! Compression of each tile's factors, which preserves every block's own covariance.
 
-use super::local_factors::{LocalFactors, add_to_blocks};
-use super::{Frame, LocalErrors};
+use super::local_factors::{LocalFactors, add_to_blocks, divided};
+use super::{Frame, LocalErrors, LocalFactorSettings};
 use crate::linalg::{add_symmetric_product, eigen, product};
+use crate::spectral_cut;
 use faer::Mat;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::Rng;
@@ -11,51 +12,80 @@ use std::sync::Arc;
 
 impl LocalErrors {
     /// Keeps the leading directions of each tile, in the norm of the scales, on its support. The block diagonal of the
-    /// others, and of what is outside of the support, joins the C_k.
+    /// others, and of what is outside of the support, joins the C_k; or the others are mixed, see [`random_signs`].
     pub(super) fn compress(&mut self) {
         let frame = Arc::clone(&self.frame);
-        let Frame { blocks, supports, settings, scales, .. } = &*frame;
-        let keep = settings.per_tile - settings.mixed;
-        let compressed: Vec<(LocalFactors, LocalFactors)> = std::mem::take(&mut self.memory.factors)
-            .into_par_iter()
-            .map(|factors| leading(factors, keep, scales))
+        let LocalFactorSettings { per_tile, mixed, .. } = frame.settings;
+        let factors = std::mem::take(&mut self.memory.factors);
+        let signs: Vec<Option<Mat<f64>>> = factors
+            .iter()
+            .map(LocalFactors::columns)
+            .map(|r| (mixed > 0 && r > per_tile).then(|| random_signs(r, mixed, &mut self.memory.random)))
             .collect();
-        let mut dropped = Vec::with_capacity(2 * compressed.len());
-        for ((mut kept, rest), support) in compressed.into_iter().zip(supports) {
-            if settings.mixed > 0 && rest.columns() > settings.mixed {
-                let signs = random_signs(rest.columns(), settings.mixed, &mut self.memory.random);
-                let mixed = product(rest.values.as_ref(), signs.as_ref());
-                let joint = |i: usize, j: usize| if j < keep { kept.values[(i, j)] } else { mixed[(i, j - keep)] };
-                kept.values = Mat::from_fn(mixed.nrows(), keep + settings.mixed, joint).into();
-            } else {
-                dropped.push(rest);
-            }
-            let (inside, outside) = kept.split(support);
-            self.memory.factors.push(inside);
-            dropped.push(outside);
-        }
-        add_to_blocks(&mut self.memory.own, blocks, 1.0, &dropped);
+        let compressed: Vec<(LocalFactors, [LocalFactors; 2])> = factors
+            .into_par_iter()
+            .zip(&frame.supports)
+            .zip(signs)
+            .map(|((factors, support), signs)| compressed(factors, support, signs, &frame))
+            .collect();
+        let (kept, dropped): (Vec<_>, Vec<_>) = compressed.into_iter().unzip();
+        self.memory.factors = kept;
+        add_to_blocks(&mut self.memory.own, &frame.blocks, 1.0, dropped.as_flattened());
     }
 }
 
-/// The leading directions, by their energy with each variable divided by its scale, and the others.
-fn leading(factors: LocalFactors, keep: usize, scales: &[f64]) -> (LocalFactors, LocalFactors) {
+/// The factors of a tile that stay, in its support and in a basis that rounding has no part in; and what is dropped.
+fn compressed(
+    factors: LocalFactors,
+    support: &[usize],
+    signs: Option<Mat<f64>>,
+    frame: &Frame,
+) -> (LocalFactors, [LocalFactors; 2]) {
+    let Frame { settings, scales, fixed_basis, .. } = frame;
     let LocalFactors { variables, values } = factors;
+    let (r, keep) = (values.ncols(), settings.per_tile - settings.mixed);
+    let turn =
+        |values: &Mat<f64>, columns: usize| fixed_basis.rotation(values.as_ref(), &variables, support, scales, columns);
+    let (kept, rest) = if r > settings.per_tile {
+        let (leading, rest) = cut(&values, &variables, keep, scales);
+        let kept = product(leading.as_ref(), turn(&leading, keep).as_ref());
+        match signs {
+            None => (kept, rest),
+            Some(signs) => {
+                let sums = product(turn(&rest, r).as_ref(), signs.as_ref());
+                let mixed = product(rest.as_ref(), sums.as_ref());
+                let joint = |i: usize, j: usize| if j < keep { kept[(i, j)] } else { mixed[(i, j - keep)] };
+                (Mat::from_fn(kept.nrows(), settings.per_tile, joint), Mat::zeros(kept.nrows(), 0))
+            }
+        }
+    } else {
+        (product(values.as_ref(), turn(&values, r).as_ref()), Mat::zeros(values.nrows(), 0))
+    };
+    let rest = LocalFactors::new(variables.clone(), rest);
+    let (inside, outside) = LocalFactors::new(variables, kept).split(support);
+    (inside, [rest, outside])
+}
+
+/// F parted into its leading directions, by their energy with each variable divided by its scale, and what is left over, such
+/// that the sum of both covariances is F Fᵀ.
+///
+/// With the eigenvalues λ and eigenvectors of Fᵀ S⁻² F, and the weights w of a [`spectral_cut`], by which no direction that
+/// nothing but rounding tells from one that is left over is kept, `w² λ` is kept and `(1 − w²) λ` left over.
+fn cut(values: &Mat<f64>, variables: &[usize], keep: usize, scales: &[f64]) -> (Mat<f64>, Mat<f64>) {
     let r = values.ncols();
-    if r <= keep {
-        let rest = LocalFactors::new(variables.clone(), Mat::zeros(variables.len(), 0));
-        return (LocalFactors { variables, values }, rest);
-    }
-    let scaled = Mat::from_fn(values.nrows(), r, |i, j| values[(i, j)] / scales[variables[i]]);
+    let scaled = divided(values, variables, |variable| scales[variable]);
     let mut gram = Mat::zeros(r, r);
     add_symmetric_product(gram.as_mut(), 1.0, scaled.transpose(), scaled.as_ref());
-    let (_, directions) = eigen(gram.as_ref());
-    // In descending order.
-    let ordered = Mat::from_fn(r, r, |i, j| directions[(i, r - 1 - j)]);
-    let rotated = product(values.as_ref(), ordered.as_ref());
-    let part =
-        |columns: std::ops::Range<usize>| LocalFactors::new(variables.clone(), rotated.get(.., columns).to_owned());
-    (part(0..keep), part(keep..r))
+    let (energies, directions) = eigen(gram.as_ref());
+    let descending: Vec<f64> = energies.into_iter().rev().collect();
+    let weights = spectral_cut::weights(&descending, keep);
+    let leading = Mat::from_fn(r, keep, |i, j| directions[(i, r - 1 - j)] * weights[j]);
+    let left: Vec<(usize, f64)> = (0..r)
+        .map(|j| (j, weights.get(j).map_or(1.0, |weight| (1.0 - weight * weight).sqrt())))
+        .filter(|(_, weight)| *weight > 0.0)
+        .collect();
+    let rest = Mat::from_fn(r, left.len(), |i, j| directions[(i, r - 1 - left[j].0)] * left[j].1);
+    (product(values.as_ref(), leading.as_ref()), product(values.as_ref(), rest.as_ref()))
 }
 
 /// ±1/√s, `[rows, s]`: R with E(R Rᵀ) = I.

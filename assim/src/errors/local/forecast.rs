@@ -86,8 +86,13 @@ impl LocalErrors {
             for (factors, added) in self.memory.factors.iter_mut().zip(&model_error.factors) {
                 let (before, added, root) = (&factors.values, &added.values, factor.sqrt());
                 let r = before.ncols();
-                let joint = |i: usize, j: usize| if j < r { before[(i, j)] } else { root * added[(i, j - r)] };
-                factors.values = Mat::from_fn(before.nrows(), r + added.ncols(), joint).into();
+                let mut joint = Mat::zeros(before.nrows(), r + added.ncols());
+                joint.as_mut().get_mut(.., ..r).copy_from(&before.0);
+                for j in 0..added.ncols() {
+                    let values = joint.col_as_slice_mut(r + j).iter_mut();
+                    values.zip(added.col_as_slice(j)).for_each(|(value, added)| *value = root * added);
+                }
+                factors.values = joint.into();
             }
         }
         self.localize();

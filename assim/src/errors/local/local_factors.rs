@@ -52,19 +52,30 @@ impl LocalFactors {
 
     /// The rows of the variables that a support holds, which are among these, and those of the others.
     pub fn split(self, support: &[usize]) -> (Self, Self) {
-        let inside: Vec<bool> = self.variables.iter().map(|variable| support.binary_search(variable).is_ok()).collect();
-        let part = |wanted: bool| {
-            let rows: Vec<usize> = (0..inside.len()).filter(|&row| inside[row] == wanted).collect();
-            let values = Mat::from_fn(rows.len(), self.columns(), |i, j| self.values[(rows[i], j)]);
+        let mut rows = [Vec::new(), Vec::new()];
+        let mut place = 0;
+        for (row, &variable) in self.variables.iter().enumerate() {
+            while support.get(place).is_some_and(|&other| other < variable) {
+                place += 1;
+            }
+            rows[usize::from(support.get(place) != Some(&variable))].push(row);
+        }
+        let [inside, outside] = rows.map(|rows| {
+            let mut values = Mat::zeros(rows.len(), self.columns());
+            for j in 0..self.columns() {
+                let from = self.values.col_as_slice(j);
+                values.col_as_slice_mut(j).iter_mut().zip(&rows).for_each(|(value, &row)| *value = from[row]);
+            }
             Self::new(rows.iter().map(|&row| self.variables[row]).collect(), values)
-        };
-        (part(true), part(false))
+        });
+        (inside, outside)
     }
 
     /// The block diagonal of F_j F_jᵀ: number of the block, positions in it, and the matrix of these.
     fn in_blocks(&self, blocks: &Blocks) -> Vec<(usize, Vec<usize>, Mat<f64>)> {
         let mut rows: Vec<usize> = (0..self.variables.len()).collect();
-        rows.sort_unstable_by_key(|&row| blocks.position(self.variables[row]));
+        // The rows of one variable of the model are a run that a stable sort finds.
+        rows.sort_by_key(|&row| blocks.position(self.variables[row]));
         let transposed = self.values.transpose().to_owned();
         let block_of = |row: usize| blocks.place(self.variables[row]).0;
         rows.chunk_by(|&a, &b| block_of(a) == block_of(b))
@@ -115,7 +126,24 @@ fn positions(of: &[usize], within: &[usize]) -> Vec<usize> {
 /// The variables of several ascending lists, ascending.
 pub(super) fn union<'a>(lists: impl IntoIterator<Item = &'a [usize]>) -> Vec<usize> {
     let mut all: Vec<usize> = lists.into_iter().flatten().copied().collect();
-    all.sort_unstable();
+    // Merges the lists: they are runs that a stable sort finds.
+    all.sort();
     all.dedup();
     all
+}
+
+/// The rows of a matrix, each divided by what belongs to its variable.
+pub(super) fn divided(values: &Mat<f64>, variables: &[usize], by: impl Fn(usize) -> f64) -> Mat<f64> {
+    let factors: Vec<f64> = variables.iter().map(|&variable| by(variable).recip()).collect();
+    multiplied(values, &factors)
+}
+
+/// The rows of a matrix, each multiplied by its factor.
+pub(super) fn multiplied(values: &Mat<f64>, factors: &[f64]) -> Mat<f64> {
+    let mut result = Mat::zeros(values.nrows(), values.ncols());
+    for j in 0..values.ncols() {
+        let pairs = values.col_as_slice(j).iter().zip(factors);
+        result.col_as_slice_mut(j).iter_mut().zip(pairs).for_each(|(result, (value, factor))| *result = value * factor);
+    }
+    result
 }

@@ -26,6 +26,7 @@ mod amplitudes;
 mod analysis;
 mod calibration;
 mod compression;
+mod fixed_basis;
 mod forecast;
 mod local_factors;
 mod roots;
@@ -37,14 +38,16 @@ mod tiles;
 
 pub use settings::LocalFactorSettings;
 
-use super::blocks::{BlockDiagonal, Blocks, augmented, of_blocks, state_scales};
+use super::blocks::{BlockDiagonal, Blocks, augmented, of_blocks, rounding};
 use crate::augmented::Augmented;
-use crate::covariance::Covariance;
+use crate::covariance::{Covariance, middle_deviations};
 use crate::error::Error;
 use crate::filter::{Cycle, Errors, Filter, Fit};
+use crate::linalg::product;
 use crate::memory::{Matrix, require};
 use crate::problem::{Innovations, Problem, require_memory};
 use faer::{Mat, MatRef};
+use fixed_basis::FixedBasis;
 use isobar_model::{Layout, TangentLinear, random};
 use isobar_obs::ByPlacement;
 use local_factors::{LocalFactors, add_to_blocks};
@@ -85,6 +88,7 @@ struct Frame {
     model_error: Option<ModelError>,
     /// The scale of each block variable in the norm by which factors are compressed: its standard deviation in B.
     scales: Vec<f64>,
+    fixed_basis: FixedBasis,
     memory_limit_bytes: u64,
 }
 
@@ -153,7 +157,7 @@ impl LocalErrors {
             covering[cell].iter().for_each(|&tile| supports[tile].push(variable));
         }
         settings.check(&supports, &blocks, shared.len(), problem.memory_limit_bytes)?;
-        let mut scales = state_scales(&*problem.background_error, &layout);
+        let mut scales = middle_deviations(&*problem.background_error, &layout);
         scales.extend(local.iter().map(|&number| calibration.parameters[number].sigma_prior));
         let state_supports: Vec<Vec<usize>> = supports
             .iter()
@@ -164,16 +168,26 @@ impl LocalErrors {
             let factors =
                 roots::leading_local_factors(covariance, &tiles, &state_supports, &scales, rank, &mut random)?;
             let mut rest = BlockDiagonal::of(covariance, &blocks);
+            let mut all = vec![0.0; blocks.variables()];
+            rest.add_variances(&blocks, &mut all);
             add_to_blocks(&mut rest, &blocks, -1.0, &factors);
+            rest.clear_rounding(&blocks, &all, rounding(rank * covering.iter().map(Vec::len).max().unwrap_or(0)));
             let factors = factors.iter().zip(&supports).map(|(factors, support)| factors.extended(support)).collect();
             Ok::<_, Error>(ModelError { factors, rest })
         };
         let background = factored(&*problem.background_error, settings.per_tile)?;
         let model_error = problem.model_error.as_deref();
         let model_error = model_error.map(|operator| factored(operator, settings.model_error_per_tile)).transpose()?;
+        let largest = supports.iter().map(Vec::len).max().unwrap_or(0);
+        let fixed_basis = FixedBasis::new(largest, settings.per_tile + settings.model_error_per_tile);
+        let turned = |(factors, support): (LocalFactors, &Vec<usize>)| {
+            let LocalFactors { variables, values } = factors;
+            let turn = fixed_basis.rotation(values.as_ref(), &variables, support, &scales, values.ncols());
+            LocalFactors::new(variables, product(values.as_ref(), turn.as_ref()))
+        };
         let memory = Memory {
             own: background.rest,
-            factors: background.factors,
+            factors: background.factors.into_iter().zip(&supports).map(turned).collect(),
             sensitivity: Matrix(Mat::zeros(blocks.variables(), shared.len())),
             shared: Matrix(Mat::zeros(shared.len(), shared.len())),
             random,
@@ -198,6 +212,7 @@ impl LocalErrors {
             shared,
             model_error,
             scales,
+            fixed_basis,
             memory_limit_bytes,
         };
         let mut errors = Self { frame: Arc::new(frame), memory };
@@ -243,7 +258,7 @@ impl Errors for LocalErrors {
             }
         }
         // (Γ S Γᵀ)ᵢᵢ.
-        let of_border = crate::linalg::product(memory.sensitivity.as_ref(), memory.shared.as_ref());
+        let of_border = product(memory.sensitivity.as_ref(), memory.shared.as_ref());
         for column in 0..shared.len() {
             let (a, b) = (of_border.col_as_slice(column), memory.sensitivity.col_as_slice(column));
             variances.iter_mut().zip(a.iter().zip(b)).for_each(|(variance, (a, b))| *variance += a * b);

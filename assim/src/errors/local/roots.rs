@@ -5,6 +5,7 @@ use super::tiles::Tiles;
 use crate::covariance::{Covariance, OVERSAMPLING};
 use crate::error::Error;
 use crate::linalg::{qr, singular_values};
+use crate::spectral_cut;
 use faer::{Mat, MatRef};
 use isobar_model::random::standard_normals;
 use rand_chacha::ChaCha8Rng;
@@ -28,8 +29,9 @@ struct LocalRoot<'a> {
 /// For each tile at most `rank` factors F_j with Σ_j F_j F_jᵀ ≤ U Uᵀ.
 ///
 /// The control values of a tile make the part `U_j` of U, and Σ_j U_j U_jᵀ = U Uᵀ. Of each part the leading directions in the
-/// norm of the scales are kept, F_j = U_j W_j with orthonormal W_j, so that `F_j F_jᵀ ≤ U_j U_jᵀ`. W_j are the right
-/// singular vectors of S⁻¹ U_j by a randomised range finder (Halko, Martinsson and Tropp 2011, SIAM Review 53, algorithm 5.1).
+/// norm of the scales are kept, F_j = U_j W_j w with orthonormal W_j and weights w ≤ 1 of a [`spectral_cut`], so that
+/// `F_j F_jᵀ ≤ U_j U_jᵀ`. W_j are the right singular vectors of S⁻¹ U_j by a randomised range finder (Halko, Martinsson and
+/// Tropp 2011, SIAM Review 53, algorithm 5.1).
 /// U is applied to tiles of one colour at once, which are two supports apart: the cost is linear in the area.
 ///
 /// # Errors
@@ -59,14 +61,21 @@ pub(super) fn leading_local_factors(
             Mat::from_fn(rows, columns, |i, j| normals[j * rows + i])
         })
         .collect();
+    let mut energies = vec![Vec::new(); tiles.count()];
     for _ in 0..=POWER_ITERATIONS {
         let basis: Vec<Mat<f64>> =
             root.images(&directions).into_par_iter().map(|image| orthonormal(image.as_ref())).collect();
-        directions = root.transposed_images(&basis);
-        directions = directions.into_par_iter().map(|image| leading_directions(image.as_ref())).collect();
+        let images = root.transposed_images(&basis);
+        (directions, energies) = images.into_par_iter().map(|image| leading_directions(image.as_ref())).unzip();
     }
-    let directions: Vec<Mat<f64>> =
-        directions.into_iter().map(|all| all.get(.., ..rank.min(all.ncols())).to_owned()).collect();
+    let directions: Vec<Mat<f64>> = directions
+        .iter()
+        .zip(&energies)
+        .map(|(all, energies)| {
+            let weights = spectral_cut::weights(energies, rank);
+            Mat::from_fn(all.nrows(), weights.len(), |i, j| weights[j] * all[(i, j)])
+        })
+        .collect();
     let factors = root.images(&directions).into_iter().zip(supports).map(|(mut scaled, support)| {
         for column in 0..scaled.ncols() {
             let values = scaled.col_as_slice_mut(column).iter_mut();
@@ -141,12 +150,12 @@ fn orthonormal(columns: MatRef<'_, f64>) -> Mat<f64> {
     qr(columns).compute_thin_Q()
 }
 
-/// The left singular vectors of the columns by descending singular values.
-fn leading_directions(columns: MatRef<'_, f64>) -> Mat<f64> {
+/// The left singular vectors of the columns by descending singular values, and the squares of these.
+fn leading_directions(columns: MatRef<'_, f64>) -> (Mat<f64>, Vec<f64>) {
     if columns.ncols() == 0 {
-        return columns.to_owned();
+        return (columns.to_owned(), Vec::new());
     }
-    let (u, _, _) = singular_values(columns);
+    let (u, values, _) = singular_values(columns);
     // An orthonormal basis whatever was lost to rounding.
-    orthonormal(u.as_ref())
+    (orthonormal(u.as_ref()), values.iter().map(|value| value * value).collect())
 }

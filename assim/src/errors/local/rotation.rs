@@ -1,6 +1,6 @@
 //! Localising rotations: each direction of the factors moves to the tile that it is nearest to.
 
-use super::local_factors::{LocalFactors, union};
+use super::local_factors::{LocalFactors, multiplied, union};
 use super::tiles::Pair;
 use super::{Frame, LocalErrors};
 use crate::linalg::{add_symmetric_product, eigen, product};
@@ -46,12 +46,12 @@ fn rotated(frame: &Frame, pair: &Pair, factors: [&LocalFactors; 2]) -> [LocalFac
         .iter()
         .map(|&variable| frame.tiles.beyond(pair, frame.cells[variable]) / frame.scales[variable].powi(2))
         .collect();
-    let weighted = Mat::from_fn(y.nrows(), y.ncols(), |i, j| weights[i] * y[(i, j)]);
+    let weighted = multiplied(&y, &weights);
     let mut moments = Mat::zeros(y.ncols(), y.ncols());
     add_symmetric_product(moments.as_mut(), 1.0, y.transpose(), weighted.as_ref());
     let (_, rotation) = eigen(moments.as_ref());
-    let y = product(y.as_ref(), rotation.as_ref());
-    let part =
-        |from: usize, count: usize| LocalFactors::new(variables.clone(), y.get(.., from..from + count).to_owned());
+    let part = |from: usize, count: usize| {
+        LocalFactors::new(variables.clone(), product(y.as_ref(), rotation.get(.., from..from + count)))
+    };
     [part(0, first), part(first, second)]
 }

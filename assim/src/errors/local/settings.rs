@@ -1,7 +1,9 @@
 //! How the filter with local factors is set up.
 
+use super::tiles::Tiles;
 use crate::error::Error;
 use crate::errors::blocks::{BlockShape, Blocks, Residual};
+use isobar_model::Grid;
 
 /// How the filter with local factors is set up.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,6 +26,11 @@ pub struct LocalFactorSettings {
 }
 
 impl LocalFactorSettings {
+    /// The columns into which the factors of all tiles are packed for a forecast on a grid.
+    pub fn packed_columns(&self, grid: &Grid) -> usize {
+        self.per_tile * Tiles::new(grid, self.tile_m, self.support_tiles).colours(1).count
+    }
+
     /// Fails if they make no sense, or need more memory than the limit.
     ///
     /// # Errors

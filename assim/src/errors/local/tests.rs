@@ -187,7 +187,7 @@ fn all_directions_of_all_tiles_make_the_whole_covariance() {
         let covariance = Sum::new(layout.len(), terms);
         let tiles = Tiles::new(&grid, 2.0, 9);
         let supports: Vec<Vec<usize>> = vec![(0..layout.len()).collect(); tiles.count()];
-        let scales = state_scales(&covariance, &layout);
+        let scales = middle_deviations(&covariance, &layout);
         let random = &mut stream(1, "roots");
         let factors = roots::leading_local_factors(&covariance, &tiles, &supports, &scales, 1000, random).unwrap();
         let mut sum = Mat::zeros(layout.len(), layout.len());

@@ -8,7 +8,6 @@ use crate::kinds::Kind;
 use crate::reader::{Absent, Choice, Key, Limits, Read, Section, Table, Whole};
 use corrections::ModelCorrections;
 use factors::{FactorSettings, MOST};
-use isobar_assim::fast_kalman::FastKalmanSettings;
 use isobar_assim::time_volume::{Candidate, Corrections, TimeVolume, TimeVolumeSettings};
 use isobar_assim::{Assimilator, Error};
 use std::sync::Arc;
@@ -74,7 +73,7 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
         ],
     ],
     |section, surroundings| {
-        let (domain, cycles) = (&surroundings.domain, surroundings.cycles);
+        let cycles = surroundings.cycles;
         let window_cycles = section.get(&WINDOW_CYCLES)?;
         if window_cycles > cycles {
             let message = format!("a window of {window_cycles} cycles is longer than the run of {cycles}");
@@ -88,7 +87,7 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
             return Err(section.file.error(section.span.clone(), message, label, None));
         }
         Ok(Box::new(TimeVolumeOptions {
-            filter: fast_kalman::read(section, domain)?,
+            filter: fast_kalman::read(section, surroundings)?,
             window_cycles,
             keep_before: section.get(&BEFORE_WINDOW)?,
             factors,
@@ -127,7 +126,7 @@ fn read_corrections(section: &Section<'_>, surroundings: &Surroundings) -> Read<
 #[derive(Debug)]
 struct TimeVolumeOptions {
     /// The filter within each cycle.
-    filter: FastKalmanSettings,
+    filter: fast_kalman::Settings,
     window_cycles: usize,
     /// Whether the information of cycles before the window is kept.
     keep_before: bool,
@@ -143,7 +142,7 @@ impl MethodSettings for TimeVolumeOptions {
         let Setup { problem, domain, start, cycle, .. } = setup;
         let factors = self.factors.iter().map(|factor| factor.resolve(&problem.calibration));
         let settings = TimeVolumeSettings {
-            filter: self.filter,
+            filter: self.filter.filter,
             cycles: self.window_cycles,
             keep_before: self.keep_before,
             factors: factors.collect::<Result<_, _>>()?,
