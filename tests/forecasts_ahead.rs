@@ -368,6 +368,6 @@ fn a_forecast_that_fails_ends_there_and_the_method_goes_on() {
     assert_eq!(listener.warnings.len(), 1);
     let said = "method weary: a forecast ahead of cycle 3 cannot be made to its end: the third forecast is not finite; said of";
     assert!(listener.warnings[0].starts_with(said), "{}", listener.warnings[0]);
-    let table = isobar::tables::scores::on_terminal(&summary, &[("tracer", "1")]);
+    let table = isobar::tables::scores::on_terminal(&summary, &[("tracer", "1")], 100);
     assert!(table.contains("weary: 9 forecasts could not be made to their end"), "{table}");
 }

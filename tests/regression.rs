@@ -45,10 +45,11 @@ fn methods(scenario: &Scenario, condition: impl Fn(&Method) -> bool) -> Vec<&str
 
 /// Scenarios in which the Kalman filter is not told the statistics of the world, or in which one draw says nothing of them:
 /// where mean height and bias cannot be told apart nobody can better it but by luck, and where the model makes no error a few
-/// analyses see all there is. `sensor_care` has none.
-const NOT_OPTIMAL: [&str; 10] = [
+/// analyses see all there is. `forecast_skill` and `sensor_care` have no full Kalman filter.
+const NOT_OPTIMAL: [&str; 11] = [
     "diurnal_bias",
     "first_calibration",
+    "forecast_skill",
     "linear_advection",
     "local_factors",
     "model_patterns",
