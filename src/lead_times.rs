@@ -5,7 +5,7 @@
 pub struct LeadTimes {
     /// How far a forecast goes.
     pub longest_cycles: usize,
-    /// The lead times are multiples of this, of which the longest is one.
+    /// Lead times are multiples of this; so is the longest.
     pub every_cycles: usize,
     /// The number of cycles from one start to the next.
     pub from_every_cycles: usize,
@@ -22,7 +22,7 @@ impl LeadTimes {
         cycle.checked_sub(first).is_some_and(|after| after.is_multiple_of(self.from_every_cycles))
     }
 
-    /// The last start from cycle `first` on whose forecast reaches the longest lead time within so many cycles; `first` if
+    /// The last start from cycle `first` on whose forecast reaches the longest lead time within a run of `cycles`; `first` if
     /// there is none.
     pub fn last_complete_start(&self, first: usize, cycles: usize) -> usize {
         let after = cycles.saturating_sub(self.longest_cycles).saturating_sub(first);

@@ -143,7 +143,7 @@ impl QualityControl {
     }
 }
 
-/// By how much the departures of so many observations may exceed what is expected.
+/// By how much the departures of a number of observations may exceed what is expected.
 fn largest_factor(observations: usize) -> f64 {
     3.0 - 2.0 / observations.max(1) as f64
 }

@@ -136,7 +136,7 @@ fn offset(zone: &str) -> Option<i64> {
     (rest.is_empty() && hours <= 18 && minutes <= 59).then_some(sign * (hours * 3600 + minutes * 60))
 }
 
-/// Takes a number of exactly so many digits.
+/// Takes a number of exactly this many digits.
 fn digits(rest: &mut &str, count: usize) -> Option<i64> {
     let number = rest.get(..count).filter(|digits| digits.bytes().all(|byte| byte.is_ascii_digit()))?;
     *rest = &rest[count..];

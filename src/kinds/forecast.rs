@@ -16,7 +16,7 @@ const EVERY_HOURS: Key<Limits> = Key::absent(
     "h",
     Limits::Positive,
     Absent::Explained("the length of a cycle"),
-    "the lead times at which forecasts are looked at: whole cycles, of which `lead_hours` is a multiple",
+    "the lead times at which forecasts are looked at: whole cycles; `lead_hours` is a multiple",
 );
 
 const FROM_EVERY_CYCLES: Key<Whole> = Key::absent(
@@ -30,7 +30,7 @@ const FROM_EVERY_CYCLES: Key<Whole> = Key::absent(
 /// All keys.
 pub(crate) const KEYS: &[&dyn AnyKey] = &[&LEAD_HOURS, &EVERY_HOURS, &FROM_EVERY_CYCLES];
 
-/// Reads `[forecast]` of a run of so many cycles of this length.
+/// Reads `[forecast]` of a run with this number and length of cycles.
 pub(crate) fn read(
     root: &Section<'_>,
     window: Duration,

@@ -6,7 +6,7 @@ use isobar_model::State;
 use isobar_obs::{Calibration, ObservationWindow, Rejection, Report};
 use std::collections::HashSet;
 
-/// All observations of a type must miss the background by more than so many standard deviations, all to the same side.
+/// All observations of a type must miss the background by more than this number of standard deviations, all to the same side.
 const LEAST_DEPARTURE: f64 = 5.0;
 
 /// One wrong value is a gross error, two may be so by chance.

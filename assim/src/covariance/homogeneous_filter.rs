@@ -32,7 +32,7 @@ pub(super) struct HomogeneousFilter {
     backward: [Arc<dyn Fft<f64>>; 2],
 }
 
-/// The correlation at the lag of so many columns and rows.
+/// The correlation at a lag of columns and rows.
 enum Correlation {
     /// The product of those along x and along y.
     Product([Vec<f64>; 2]),

@@ -15,13 +15,13 @@ pub struct Spectrum {
 }
 
 impl Spectrum {
-    /// These eigenvalues, of which each stands for so many directions, less the smallest, which is that of something white.
+    /// Eigenvalues, each with this number of directions, less the smallest, which is the white part.
     pub(super) fn above_white(eigenvalues: &[f64], directions: f64) -> Self {
         let white = eigenvalues.iter().fold(f64::INFINITY, |least, &value| least.min(value)).max(0.0);
         Self::new(eigenvalues.iter().map(|value| value - white), directions)
     }
 
-    /// These eigenvalues, of which each stands for so many directions.
+    /// Eigenvalues, each with this number of directions.
     pub(super) fn new(eigenvalues: impl Iterator<Item = f64>, directions: f64) -> Self {
         Self { values: eigenvalues.map(|value| (value, directions)).collect() }
     }

@@ -3,7 +3,7 @@
 use crate::linalg::squared_norm;
 use faer::Mat;
 
-/// Rounding errors of a row are at most so many machine epsilons of its norm.
+/// Rounding errors of a row are at most this number of machine epsilons of its norm.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
 /// Sweeps over all pairs: convergence is quadratic, and takes six to ten.

@@ -2,7 +2,7 @@
 
 use isobar_model::vector::dot;
 
-/// A residual below so many machine epsilons of the right-hand side is rounding.
+/// A residual below this number of machine epsilons of the right-hand side is rounding.
 const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
 /// When the minimiser stops.

@@ -18,7 +18,7 @@ pub(crate) struct Interleaving {
 }
 
 impl Interleaving {
-    /// For columns of so many levels of `variables` fields of `ny` rows of `nx`.
+    /// For columns of `levels` levels of `variables` fields of `ny` rows of `nx`.
     pub fn new(levels: usize, variables: usize, [nx, ny]: [usize; 2]) -> Self {
         let (row, moved) = (vec![0.0; LANES * variables * nx], vec![false; LANES * levels * variables * ny]);
         Self { arch: Arch::new(), shape: [levels, variables, ny, nx], row, moved }

@@ -81,7 +81,7 @@ pub(crate) struct Group {
 }
 
 impl Group {
-    /// For columns with so many variables of `ny` rows of `nx`.
+    /// For columns with this number of variables, each of `ny` rows of `nx`.
     pub fn new(variables: usize, [nx, ny]: [usize; 2], reach: usize) -> Self {
         let edges = if nx <= MOST_PLACES { 0 } else { ny * reach * variables * LANES };
         let level = nx * ny * variables * LANES;

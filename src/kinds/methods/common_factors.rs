@@ -23,7 +23,7 @@ const RETAINED: Key<Limits> =
 
 const AT_MOST: Key<Whole> = Key::required("at_most", "", Whole(1, MOST_FACTORS), "the most factors");
 
-/// The share of the energy of B and of Q, but for what is white, that as many factors hold as these ask for.
+/// B and Q ask for as many factors as hold this share of their energy, the white part left out.
 const HELD: f64 = 1.0 - 1e-5;
 
 /// How many times as many there may be: a model that stretches and folds errors makes more directions of them.

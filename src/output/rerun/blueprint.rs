@@ -24,7 +24,7 @@ pub struct Part(String);
 pub enum Arrangement<'a> {
     /// Behind each other.
     Tabs,
-    /// In rows of so many.
+    /// In rows of this length.
     Grid(u32),
     /// Beside each other, equally wide.
     Horizontal,

@@ -11,7 +11,7 @@ const MOST_TOGETHER: usize = 1000;
 /// Innovations that go together from one cycle to the next by more than this keep a parameter from being stable.
 const RED: f64 = 0.5;
 
-/// Beyond so many tolerances of 95 % there is no chance in it, with some hundred parameters: one in a thousand.
+/// Beyond this number of 95 % tolerances it is not chance, with some hundred parameters: one in a thousand.
 const BEYOND_CHANCE: f64 = 1.68;
 
 /// Parts of a direction below this, beside the largest of 1, are left out of its name.

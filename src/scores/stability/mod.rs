@@ -43,7 +43,7 @@ pub struct Expected {
     pub value: f64,
     /// What it should be.
     pub expected: f64,
-    /// Half of the 95 % interval about that, in which a figure of so many observations may lie.
+    /// Half of the 95 % interval about that for a figure from this number of observations.
     pub tolerance: f64,
 }
 

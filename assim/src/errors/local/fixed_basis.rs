@@ -1,4 +1,4 @@
-//! A basis of a tile's factors that does not hang on rounding.
+//! A basis of a tile's factors that does not depend on rounding.
 
 use crate::linalg::{polar_factor, product};
 use faer::{Mat, MatRef};
@@ -21,14 +21,14 @@ pub(super) struct FixedBasis {
 }
 
 impl FixedBasis {
-    /// For supports of so many variables at most, and at most so many factors.
+    /// For supports of at most `variables` values, and at most `columns` factors.
     pub fn new(variables: usize, columns: usize) -> Self {
         let normals = standard_normals(&mut stream(0, "directions of local factors"), variables * columns);
         Self { directions: Mat::from_fn(variables, columns, |i, j| normals[j * variables + i]) }
     }
 
-    /// R of `factors` F, `[variables, r]`, to which the rows in the support count: r orthonormal rows, `[r, columns]`, for at
-    /// least r columns.
+    /// R of the factors F, `[variables, r]`, found from their rows in the support: r orthonormal rows, `[r, columns]`, with
+    /// r ≤ `columns`.
     pub fn rotation(
         &self,
         factors: MatRef<'_, f64>,
