@@ -322,9 +322,9 @@ fn an_announced_recalibration_is_taken_up_when_it_comes() {
     succeeds(parent, &["init", "mine.toml"]);
     let jump = "sigma = 15\nevolution = { kind = \"jump\", at_hours = 36, size = 30 }\n";
     let text = fs::read_to_string(parent.join("mine.toml")).unwrap().replace("sigma = 15 ", &format!("{jump}# "));
-    let text = text.replace("kind = \"fkf\"\n", "kind = \"fkf\"\nfactors = 40\n");
+    let text = text.replace("factors = \"auto\"", "factors = 40");
     let text = text.replace("score_from_cycle = 6", "score_from_cycle = 7");
-    assert!(text.contains("jump"), "{text}");
+    assert!(text.contains("jump") && text.contains("factors = 40"), "{text}");
     fs::write(parent.join("untold.toml"), &text).unwrap();
     fs::write(parent.join("told.toml"), format!("{text}\n[sensors]\ndatabase = \"two.db\"\n")).unwrap();
     let sensors = "record,sensor,unit\nsensor,sondes/h/B,m\nsensor,sondes/h/C,m\n";

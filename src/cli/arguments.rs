@@ -190,7 +190,7 @@ const SWEEP_EXAMPLES: &str = "In the scenario:
   seeds = 3                                      # of each setting; 1 if it is not given
   score = \"rmse_analysis.h\"                    # by which the best setting is chosen; that of the first variable
   [sweep.vary]
-  \"methods.var.covariance_scale\" = [0.5, 1, 2]
+  \"methods.var.covariance_scale\" = [0.05, 0.1, 0.2]
   \"methods.letkf.localization_radius_km\" = { from = 300, to = 3000, count = 5, spacing = \"logarithmic\" }";
 
 #[derive(Args, Debug)]
