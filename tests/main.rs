@@ -13,6 +13,7 @@ mod command_line;
 mod common;
 mod determinism;
 mod diagnostics;
+mod documents;
 mod exact;
 mod examples;
 mod failures;
