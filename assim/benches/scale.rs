@@ -238,9 +238,8 @@ fn equations(n: usize, spacing_m: f64) -> ShallowWater {
     let parameters = ShallowWaterParameters {
         gravity_m_per_s2: 9.8,
         coriolis_per_s: 1e-4,
-        beta_per_m_per_s: 0.0,
-        drag_per_s: 0.0,
         hyperdiffusion_m4_per_s: 5e9,
+        ..Default::default()
     };
     ShallowWater::new(grid, parameters, VectorInvariant::PotentialEnstrophy).expect("a model")
 }

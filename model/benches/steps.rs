@@ -40,13 +40,7 @@ fn main() {
 
 fn shallow_water(n: usize) -> (ShallowWater, State) {
     let grid = Grid { nx: n, ny: n, dx_m: 1e5, dy_m: 1e5, boundary: Boundary::Periodic };
-    let parameters = ShallowWaterParameters {
-        gravity_m_per_s2: 9.81,
-        coriolis_per_s: 1e-4,
-        beta_per_m_per_s: 0.0,
-        drag_per_s: 0.0,
-        hyperdiffusion_m4_per_s: 0.0,
-    };
+    let parameters = ShallowWaterParameters { gravity_m_per_s2: 9.81, coriolis_per_s: 1e-4, ..Default::default() };
     let equations = ShallowWater::new(grid, parameters, VectorInvariant::PotentialEnstrophy).expect("valid parameters");
     let hills = [initial::Vortex { center_x_m: 2e6, center_y_m: 3e6, amplitude_m: 30.0, radius_m: 8e5 }];
     let start = if n > 256 {

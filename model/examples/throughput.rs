@@ -22,8 +22,8 @@ fn main() {
             gravity_m_per_s2: 9.81,
             coriolis_per_s: 1e-4,
             beta_per_m_per_s: 1.6e-11,
-            drag_per_s: 0.0,
             hyperdiffusion_m4_per_s,
+            ..Default::default()
         };
         let tendency = ShallowWater::new(grid, parameters, form).expect("valid parameters");
         let config = RandomConfig { mean_depth_m: 1000.0, height_standard_deviation_m: 30.0, length_scale_m: 600e3 };

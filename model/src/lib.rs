@@ -51,8 +51,7 @@
 //!     gravity_m_per_s2: 9.81,
 //!     coriolis_per_s: 1e-4,
 //!     beta_per_m_per_s: 1.6e-11,
-//!     drag_per_s: 0.0,
-//!     hyperdiffusion_m4_per_s: 0.0,
+//!     ..Default::default()
 //! };
 //! let equations = ShallowWater::new(grid, parameters, VectorInvariant::PotentialEnstrophy)?;
 //! let jet = initial::JetConfig {

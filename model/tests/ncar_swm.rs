@@ -29,13 +29,7 @@ macro_rules! reference {
 /// Geopotential for thickness: then gravity is one.
 fn equations() -> ShallowWater {
     let grid = Grid { nx: N, ny: N, dx_m: 1e5, dy_m: 1e5, boundary: Boundary::Periodic };
-    let parameters = ShallowWaterParameters {
-        gravity_m_per_s2: 1.0,
-        coriolis_per_s: 0.0,
-        beta_per_m_per_s: 0.0,
-        drag_per_s: 0.0,
-        hyperdiffusion_m4_per_s: 0.0,
-    };
+    let parameters = ShallowWaterParameters { gravity_m_per_s2: 1.0, coriolis_per_s: 0.0, ..Default::default() };
     ShallowWater::new(grid, parameters, VectorInvariant::PotentialEnstrophy).unwrap()
 }
 

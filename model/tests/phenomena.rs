@@ -18,13 +18,8 @@ const GRAVITY: f64 = 10.0;
 const SPEED_M_PER_S: f64 = 100.0;
 
 fn linear(grid: Grid, coriolis_per_s: f64, beta_per_m_per_s: f64) -> LinearShallowWater {
-    let parameters = ShallowWaterParameters {
-        gravity_m_per_s2: GRAVITY,
-        coriolis_per_s,
-        beta_per_m_per_s,
-        drag_per_s: 0.0,
-        hyperdiffusion_m4_per_s: 0.0,
-    };
+    let parameters =
+        ShallowWaterParameters { gravity_m_per_s2: GRAVITY, coriolis_per_s, beta_per_m_per_s, ..Default::default() };
     let nonlinear = ShallowWater::new(grid, parameters, VectorInvariant::Energy).unwrap();
     LinearShallowWater::about_uniform_flow(nonlinear, DEPTH_M, 0.0).unwrap()
 }

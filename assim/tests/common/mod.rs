@@ -296,8 +296,8 @@ pub fn jet(
         gravity_m_per_s2: 9.8,
         coriolis_per_s: 1e-4,
         beta_per_m_per_s,
-        drag_per_s: 0.0,
         hyperdiffusion_m4_per_s,
+        ..Default::default()
     };
     let equations = ShallowWater::new(grid, parameters, VectorInvariant::PotentialEnstrophy).unwrap();
     let jet =

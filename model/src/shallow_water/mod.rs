@@ -113,6 +113,20 @@ pub fn layout(grid: Grid) -> Arc<Layout> {
     Arc::new(Layout { grid, variables })
 }
 
+/// Those of the Earth's gravity without rotation and damping: whoever names only what matters here is not concerned by a term
+/// that is added later.
+impl Default for ShallowWaterParameters {
+    fn default() -> Self {
+        Self {
+            gravity_m_per_s2: 9.81,
+            coriolis_per_s: 0.0,
+            beta_per_m_per_s: 0.0,
+            drag_per_s: 0.0,
+            hyperdiffusion_m4_per_s: 0.0,
+        }
+    }
+}
+
 impl ShallowWaterParameters {
     /// Checks the ranges.
     ///

@@ -19,8 +19,7 @@ pub fn parameters(boundary: Boundary) -> ShallowWaterParameters {
         gravity_m_per_s2: 9.81,
         coriolis_per_s: 1e-4,
         beta_per_m_per_s: if boundary == Boundary::Channel { 1.6e-11 } else { 0.0 },
-        drag_per_s: 0.0,
-        hyperdiffusion_m4_per_s: 0.0,
+        ..Default::default()
     }
 }
 
