@@ -8,7 +8,7 @@ use miette::Report;
 const WIDTHS: [usize; 2] = [60, 1000];
 
 /// The width of standard output \[characters\]: that which the environment variable `COLUMNS` says, or else that of the
-/// terminal; where there is none, the usual one.
+/// terminal, or else the usual one.
 pub fn width() -> usize {
     let said = std::env::var("COLUMNS").ok().and_then(|text| text.parse().ok()).filter(|&width: &usize| width > 0);
     let own = || terminal_size::terminal_size_of(std::io::stdout()).map(|(width, _)| usize::from(width.0));

@@ -1,6 +1,6 @@
 //! How many directions of a covariance hold most of its energy.
 
-/// Eigenvalues λ of S⁻¹ (U Uᵀ − W) S⁻¹, S = diag(scales) and W what is white in it: the largest multiple of the identity that
+/// Eigenvalues λ of S⁻¹ (U Uᵀ − W) S⁻¹, with S = diag(scales) and the white part W: the largest multiple of the identity that
 /// can be taken from each component.
 ///
 /// A homogeneous component on a periodic plane has an eigenvalue for each wave number, its spectral density there, summed

@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 impl LocalErrors {
     /// Keeps the leading directions of each tile, in the norm of the scales, on its support. The block diagonal of the
-    /// others, and of what is outside of the support, joins the C_k; or the others are mixed, see [`random_signs`].
+    /// others joins the C_k, as does that of the values outside the support; or the others are mixed, see [`random_signs`].
     pub(super) fn compress(&mut self) {
         let frame = Arc::clone(&self.frame);
         let LocalFactorSettings { per_tile, mixed, .. } = frame.settings;
