@@ -1,6 +1,6 @@
 //! Exact performance: the Kalman filter is the best, knows what it is worth, and Monte Carlo comes to the same.
 
-use crate::common::{VALID, isobar, text};
+use crate::common::{CARRIED_TRACER, VALID, isobar, text};
 use isobar::event::Event;
 use isobar::exact::{ExactOptions, ExactSummary, exact};
 use isobar::output::{Sink, SinkError};
@@ -10,46 +10,11 @@ use std::fs;
 use std::path::Path;
 
 /// A tracer with biased stations, all whose statistics the methods know.
-const TRACER: &str = r#"
-title = "A tracer"
-phenomenon = "None"
-source = "The tests"
-seed = 3
-start = "2026-01-15T00:00:00Z"
-[grid]
-nx = 9
-ny = 6
-dx_km = 100
-boundary = "periodic"
-[model]
-kind = "advection"
-time_step_s = 3600
-wind = { kind = "uniform", u_m_per_s = 9, v_m_per_s = 4 }
-scheme = "first_order_upwind"
-[initial]
-kind = "cosine_wave"
-amplitude = 1
-waves_x = 2
-[background_error]
-components = [{ kind = "univariate", variable = "tracer", sigma = 0.5, length_km = 200 }]
-[model_error]
-components = [{ kind = "univariate", variable = "tracer", sigma = 0.15, length_km = 200 }]
-[cycle]
-count = 12
-window_hours = 6
-score_from_cycle = 3
-[networks.fixed]
-kind = "radiosonde"
-stations = { regular = [3, 3] }
-groups = ["A", "B"]
-reference_groups = ["A"]
-missing_rate = 0.0
-observe = { tracer = 0.2 }
-[[networks.fixed.bias]]
-per = "group"
-variable = "tracer"
-sigma = 0.3
-evolution = { kind = "random_walk", sigma_per_sqrt_day = 0.1 }
+fn tracer() -> String {
+    CARRIED_TRACER.replace("count = 14", "count = 12") + METHODS
+}
+
+const METHODS: &str = r#"evolution = { kind = "random_walk", sigma_per_sqrt_day = 0.1 }
 [methods.kf]
 kind = "kf"
 [methods.serial]
@@ -86,7 +51,7 @@ fn summary(text: &str) -> ExactSummary {
 
 #[test]
 fn the_kalman_filter_is_the_best_and_knows_what_it_is_worth() {
-    let summary = summary(TRACER);
+    let summary = summary(&tracer());
     let of = |name: &str| &summary.methods[name];
     let kf = of("kf");
     let spread = kf["spread_analysis.tracer"];
@@ -109,8 +74,8 @@ fn the_kalman_filter_is_the_best_and_knows_what_it_is_worth() {
 
 #[test]
 fn a_filter_that_assumes_wrong_statistics_is_worse_than_one_that_knows() {
-    let wrong = TRACER.replace("[cycle]", "[truth]\nmodel_error_scale = 4\n[cycle]");
-    let (right, wrong) = (summary(TRACER), summary(&wrong));
+    let wrong = tracer().replace("[cycle]", "[truth]\nmodel_error_scale = 4\n[cycle]");
+    let (right, wrong) = (summary(&tracer()), summary(&wrong));
     let kf = &wrong.methods["kf"];
     assert!(kf["rmse_analysis.tracer"] > 1.2 * kf["spread_analysis.tracer"], "{kf:?}");
     assert_eq!(kf["spread_analysis.tracer"], right.methods["kf"]["spread_analysis.tracer"]);
@@ -119,7 +84,7 @@ fn a_filter_that_assumes_wrong_statistics_is_worse_than_one_that_knows() {
 /// A bias that is given and jumps is no random one: it is a mean error, which the filter takes out over time.
 #[test]
 fn a_given_bias_and_its_jump_are_a_mean_error() {
-    let given = TRACER
+    let given = tracer()
         .replace(
             "sigma = 0.3\nevolution",
             "value = 0.6\nassumed_sigma = 0.3\nassumed_drift_per_sqrt_day = 0.1\nevolution",
@@ -155,7 +120,7 @@ impl Sink for Squares {
 /// Within four standard errors of the mean over seeds, for eight methods and their biases.
 #[test]
 fn the_mean_over_seeds_comes_to_the_same() {
-    let scenario = parse(TRACER);
+    let scenario = parse(&tracer());
     let directory = tempfile::tempdir().unwrap();
     let runs: Vec<Vec<[f64; 2]>> = (0..150)
         .map(|seed| {
@@ -170,7 +135,7 @@ fn the_mean_over_seeds_comes_to_the_same() {
             squares.0
         })
         .collect();
-    let exact = summary(TRACER);
+    let exact = summary(&tracer());
     for (number, (name, scores)) in exact.methods.iter().enumerate() {
         let expected =
             ["rmse_analysis.tracer", "bias_rmse"].map(|score| scores.get(score).map_or(0.0, |it| it.powi(2)));
@@ -190,15 +155,15 @@ fn the_program_prints_it_and_names_what_it_cannot_compute() {
     let here = directory.path();
     let write = |name: &str, text: &str| fs::write(here.join(name), text).unwrap();
     let ensemble = "[methods.etkf]\nkind = \"etkf\"\nmembers = 10\n";
-    write("tracer.toml", &format!("{TRACER}{ensemble}"));
+    write("tracer.toml", &format!("{}{ensemble}", tracer()));
     write("nonlinear.toml", VALID);
-    write("other.toml", &TRACER.replace("[cycle]", "[truth]\nmodel = { scheme = \"third_order_upwind\" }\n[cycle]"));
-    write("faulty.toml", &TRACER.replace("missing_rate = 0.0", "faults = { gross_error_rate = 0.1 }"));
+    write("other.toml", &tracer().replace("[cycle]", "[truth]\nmodel = { scheme = \"third_order_upwind\" }\n[cycle]"));
+    write("faulty.toml", &tracer().replace("missing_rate = 0.0", "faults = { gross_error_rate = 0.1 }"));
     let satellite = "[networks.polar]\nkind = \"satellite\"\nvariable = \"tracer\"\nsigma = 0.3\nswath_width_km = 300\n\
                      scan_positions = 3\nalong_track_spacing_km = 100\nfootprint_sigma_km = 0\n[[networks.polar.bias]]\n\
                      term = \"air_mass\"\nvariable = \"tracer\"\nmean = 0\nscale = 1\nsigma = 0.1\n[methods.kf]";
-    write("air_mass.toml", &TRACER.replacen("[methods.kf]", satellite, 1));
-    write("large.toml", &TRACER.replace("nx = 9", "nx = 900"));
+    write("air_mass.toml", &tracer().replacen("[methods.kf]", satellite, 1));
+    write("large.toml", &tracer().replace("nx = 9", "nx = 900"));
     let output = isobar(here, &["exact", "tracer.toml"]);
     assert!(output.status.success(), "{}", text(&output.stderr));
     let said = text(&output.stdout);

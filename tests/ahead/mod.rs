@@ -1,5 +1,6 @@
 //! What the tests of forecasts ahead have in common: a world, and all that a run in it says.
 
+pub use crate::common::CARRIED_TRACER as TRACER;
 use crate::runs::run_options;
 use isobar::event::{Event, RunInfo};
 use isobar::options::RunOptions;
@@ -12,48 +13,6 @@ use isobar_model::State;
 use isobar_obs::ObservationWindow;
 use std::collections::BTreeMap;
 use std::path::Path;
-
-/// A tracer that a uniform wind carries: a linear model, with model errors and biased stations.
-pub const TRACER: &str = r#"
-title = "A tracer"
-phenomenon = "None"
-source = "The tests"
-seed = 3
-start = "2026-01-15T00:00:00Z"
-[grid]
-nx = 9
-ny = 6
-dx_km = 100
-boundary = "periodic"
-[model]
-kind = "advection"
-time_step_s = 3600
-wind = { kind = "uniform", u_m_per_s = 9, v_m_per_s = 4 }
-scheme = "first_order_upwind"
-[initial]
-kind = "cosine_wave"
-amplitude = 1
-waves_x = 2
-[background_error]
-components = [{ kind = "univariate", variable = "tracer", sigma = 0.5, length_km = 200 }]
-[model_error]
-components = [{ kind = "univariate", variable = "tracer", sigma = 0.15, length_km = 200 }]
-[cycle]
-count = 14
-window_hours = 6
-score_from_cycle = 3
-[networks.fixed]
-kind = "radiosonde"
-stations = { regular = [3, 3] }
-groups = ["A", "B"]
-reference_groups = ["A"]
-missing_rate = 0.0
-observe = { tracer = 0.2 }
-[[networks.fixed.bias]]
-per = "group"
-variable = "tracer"
-sigma = 0.3
-"#;
 
 pub fn parse(parts: &[&str]) -> Scenario {
     Scenario::parse(Path::new("tracer.toml"), &parts.concat()).unwrap()

@@ -31,6 +31,48 @@ count = 1
 window_hours = 6
 "#;
 
+/// A tracer that a uniform wind carries: a linear model, with model errors and biased stations.
+pub const CARRIED_TRACER: &str = r#"
+title = "A tracer"
+phenomenon = "None"
+source = "The tests"
+seed = 3
+start = "2026-01-15T00:00:00Z"
+[grid]
+nx = 9
+ny = 6
+dx_km = 100
+boundary = "periodic"
+[model]
+kind = "advection"
+time_step_s = 3600
+wind = { kind = "uniform", u_m_per_s = 9, v_m_per_s = 4 }
+scheme = "first_order_upwind"
+[initial]
+kind = "cosine_wave"
+amplitude = 1
+waves_x = 2
+[background_error]
+components = [{ kind = "univariate", variable = "tracer", sigma = 0.5, length_km = 200 }]
+[model_error]
+components = [{ kind = "univariate", variable = "tracer", sigma = 0.15, length_km = 200 }]
+[cycle]
+count = 14
+window_hours = 6
+score_from_cycle = 3
+[networks.fixed]
+kind = "radiosonde"
+stations = { regular = [3, 3] }
+groups = ["A", "B"]
+reference_groups = ["A"]
+missing_rate = 0.0
+observe = { tracer = 0.2 }
+[[networks.fixed.bias]]
+per = "group"
+variable = "tracer"
+sigma = 0.3
+"#;
+
 /// Runs the program in a directory.
 pub fn isobar(directory: &Path, arguments: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_isobar"));
