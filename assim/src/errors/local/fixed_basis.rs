@@ -1,5 +1,6 @@
 //! A basis of a tile's factors that does not depend on rounding.
 
+use super::local_factors::places;
 use crate::linalg::{polar_factor, product};
 use faer::{Mat, MatRef};
 use isobar_model::random::{standard_normals, stream};
@@ -37,16 +38,8 @@ impl FixedBasis {
         scales: &[f64],
         columns: usize,
     ) -> Mat<f64> {
-        let mut inside = Vec::with_capacity(support.len());
-        let mut place = 0;
-        for (row, &variable) in variables.iter().enumerate() {
-            while support.get(place).is_some_and(|&other| other < variable) {
-                place += 1;
-            }
-            if support.get(place) == Some(&variable) {
-                inside.push((row, place));
-            }
-        }
+        let rows = places(variables, support).enumerate();
+        let inside: Vec<(usize, usize)> = rows.filter_map(|(row, place)| Some((row, place?))).collect();
         let scaled = Mat::from_fn(inside.len(), factors.ncols(), |i, j| {
             let (row, _) = inside[i];
             factors[(row, j)] / scales[variables[row]]

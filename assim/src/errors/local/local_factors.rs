@@ -35,7 +35,7 @@ impl LocalFactors {
     pub fn add_to(&self, variables: &[usize], mut values: faer::MatMut<'_, f64>, t: Option<MatRef<'_, f64>>) {
         let multiplied = t.map(|t| product(self.values.as_ref(), t));
         let own = multiplied.as_ref().unwrap_or(&self.values.0);
-        let rows = positions(&self.variables, variables);
+        let rows: Vec<usize> = places(&self.variables, variables).map(|it| it.expect("it is among these")).collect();
         for column in 0..own.ncols() {
             let (from, to) = (own.col_as_slice(column), values.as_mut().col_mut(column));
             let to = to.try_as_col_major_mut().expect("columns are contiguous").as_slice_mut();
@@ -53,12 +53,8 @@ impl LocalFactors {
     /// The rows of the variables that a support holds, which are among these, and those of the others.
     pub fn split(self, support: &[usize]) -> (Self, Self) {
         let mut rows = [Vec::new(), Vec::new()];
-        let mut place = 0;
-        for (row, &variable) in self.variables.iter().enumerate() {
-            while support.get(place).is_some_and(|&other| other < variable) {
-                place += 1;
-            }
-            rows[usize::from(support.get(place) != Some(&variable))].push(row);
+        for (row, place) in places(&self.variables, support).enumerate() {
+            rows[usize::from(place.is_none())].push(row);
         }
         let [inside, outside] = rows.map(|rows| {
             let mut values = Mat::zeros(rows.len(), self.columns());
@@ -109,18 +105,15 @@ pub(super) fn add_to_blocks(own: &mut BlockDiagonal, blocks: &Blocks, sign: f64,
     }
 }
 
-/// Where the entries of an ascending list are in a longer one.
-fn positions(of: &[usize], within: &[usize]) -> Vec<usize> {
+/// Where the entries of an ascending list are in another, which has not all of them.
+pub(super) fn places<'a>(of: &'a [usize], within: &'a [usize]) -> impl Iterator<Item = Option<usize>> + 'a {
     let mut place = 0;
-    of.iter()
-        .map(|variable| {
-            while within[place] < *variable {
-                place += 1;
-            }
-            debug_assert_eq!(within[place], *variable);
-            place
-        })
-        .collect()
+    of.iter().map(move |variable| {
+        while within.get(place).is_some_and(|other| other < variable) {
+            place += 1;
+        }
+        (within.get(place) == Some(variable)).then_some(place)
+    })
 }
 
 /// The variables of several ascending lists, ascending.
