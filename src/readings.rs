@@ -31,7 +31,7 @@ impl Readings {
     ) -> Self {
         let Estimate { state, calibration, calibration_spread, .. } = analysis;
         let rows =
-            [&observed.operator, &observed.aside.operator].map(|it| it.linearize(state, calibration).calibration);
+            [&observed.operator, &observed.aside.operator].map(|it| it.linearize_calibration(state, calibration));
         let simple = |rows: &SparseRows| (0..rows.rows()).all(|row| rows.row(row).len() <= 1);
         let spread = calibration_spread.as_ref().filter(|_| rows.iter().all(simple));
         let accuracy = if spread.is_none() { Some(accuracy()) } else { None };

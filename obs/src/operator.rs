@@ -1,6 +1,7 @@
 //! Observation operators: what an instrument would report of a state.
 
 use crate::jacobian::Jacobian;
+use crate::sparse::SparseRows;
 use isobar_model::State;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -21,6 +22,11 @@ pub trait ObservationOperator: Send + Sync {
 
     /// The Jacobians of h at (x, c), as a value.
     fn linearize(&self, x: &State, calibration: &[f64]) -> Jacobian;
+
+    /// G alone, the calibration's part of [`ObservationOperator::linearize`], which may take far less than all of it.
+    fn linearize_calibration(&self, x: &State, calibration: &[f64]) -> SparseRows {
+        self.linearize(x, calibration).calibration
+    }
 
     /// The operator with its bias predictors fixed at those of a background x_b, which makes it linear in state and calibration;
     /// `None` if it has no predictors that depend on the state.
@@ -57,5 +63,9 @@ impl ObservationOperator for LinearOperator {
 
     fn linearize(&self, _: &State, _: &[f64]) -> Jacobian {
         self.jacobian.clone()
+    }
+
+    fn linearize_calibration(&self, _: &State, _: &[f64]) -> SparseRows {
+        self.jacobian.calibration.clone()
     }
 }
