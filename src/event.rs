@@ -56,12 +56,12 @@ pub struct RunInfo {
 impl RunInfo {
     /// Valid time of the analysis of a cycle.
     pub fn time(&self, cycle: usize) -> Time {
-        self.start + Duration::from_seconds(self.window.seconds() * cycle as i64)
+        self.start + self.window * cycle
     }
 
     /// A number of cycles in hours.
     pub fn lead_hours(&self, cycles: usize) -> f64 {
-        cycles as f64 * self.window.as_f64() / 3600.0
+        (self.window * cycles).hours()
     }
 
     /// Names and UDUNITS units of the variables.
@@ -299,7 +299,7 @@ impl Analysed<'_> {
 }
 
 /// Whether an estimate is of this run's variables and parameters.
-fn fits(estimate: &Estimate, info: &RunInfo) -> bool {
+pub(crate) fn fits(estimate: &Estimate, info: &RunInfo) -> bool {
     let Estimate { state, calibration_spread, state_spread, .. } = estimate;
     let is_of = |spread: &Option<Vec<f64>>, length: usize| spread.as_ref().is_none_or(|spread| spread.len() == length);
     *state.layout() == info.layout

@@ -120,7 +120,7 @@ impl World {
         settings: &Method,
         layout: &Layout,
     ) -> Result<Values, Error> {
-        let elapsed = |cycle: usize| Duration::from_seconds(self.window.seconds() * cycle as i64);
+        let elapsed = |cycle: usize| self.window * cycle;
         let mean = |own: &BiasProcess, cycle: usize| own.mean(elapsed(cycle), self.start + elapsed(cycle));
         let means = |cycle: usize| -> Vec<f64> { self.biases.iter().map(|own| mean(own, cycle)).collect() };
         let errors_of_zero: Vec<f64> = means(0).iter().map(|mean| -mean).collect();

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
-use std::ops::{Add, Sub};
+use std::ops::{Add, Mul, Sub};
 
 /// A valid time, in whole seconds since 1970-01-01T00:00:00Z.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -40,6 +40,11 @@ impl Duration {
         self.0 as f64
     }
 
+    /// The span in hours.
+    pub fn hours(self) -> f64 {
+        self.as_f64() / 3600.0
+    }
+
     /// The span in days.
     pub fn days(self) -> f64 {
         self.as_f64() / 86_400.0
@@ -62,6 +67,13 @@ impl Sub for Time {
     type Output = Duration;
     fn sub(self, earlier: Time) -> Duration {
         Duration(self.0 - earlier.0)
+    }
+}
+
+impl Mul<usize> for Duration {
+    type Output = Duration;
+    fn mul(self, count: usize) -> Duration {
+        Duration(self.0 * count as i64)
     }
 }
 

@@ -26,7 +26,7 @@ pub fn check(arguments: &CheckArguments) -> Result<ExitCode, Report> {
         match checked {
             Ok((scenario, checked)) => {
                 let grid = &scenario.grid.grid;
-                let (cycles, window) = (scenario.cycle.count, scenario.cycle.window.as_f64() / 3600.0);
+                let (cycles, window) = (scenario.cycle.count, scenario.cycle.window.hours());
                 print(&format!(
                     "{}: valid; {} × {} cells, {cycles} cycles of {window} h, methods {}",
                     scenario.name,

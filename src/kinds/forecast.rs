@@ -38,7 +38,7 @@ pub(crate) fn read(
     score_from_cycle: usize,
 ) -> Read<Option<LeadTimes>> {
     let Some(field) = root.optional("forecast") else { return Ok(None) };
-    let section = field.section(&KEYS.iter().map(|key| key.name()).collect::<Vec<_>>())?;
+    let section = field.section_with(KEYS)?;
     let longest = section.required(LEAD_HOURS.name)?;
     let longest_cycles = whole_cycles(&longest, window)?;
     if score_from_cycle + longest_cycles > cycles {
@@ -47,7 +47,7 @@ pub(crate) fn read(
              after the last, cycle {cycles}",
             longest.title()
         );
-        let most = hours(window) * (cycles - score_from_cycle) as f64;
+        let most = window.hours() * (cycles - score_from_cycle) as f64;
         let allowed = if most > 0.0 { format!("must be at most {most}") } else { "no cycle comes after it".into() };
         return Err(longest.invalid(message, &allowed));
     }
@@ -65,13 +65,9 @@ pub(crate) fn read(
     Ok(Some(LeadTimes { longest_cycles, every_cycles, from_every_cycles }))
 }
 
-fn hours(window: Duration) -> f64 {
-    window.as_f64() / 3600.0
-}
-
 /// A time in hours as a number of cycles, at least one.
 fn whole_cycles(field: &Field<'_>, window: Duration) -> Read<usize> {
-    let (given, cycle) = (field.number(Limits::Positive)?, hours(window));
+    let (given, cycle) = (field.number(Limits::Positive)?, window.hours());
     let cycles = (given / cycle).round();
     if cycles < 1.0 || (given - cycles * cycle).abs() * 3600.0 > 1e-6 * cycles.max(1.0) || cycles > 1e6 {
         let message = format!("`{}` is {given}, which is no whole number of cycles of {cycle} hours", field.title());

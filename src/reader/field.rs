@@ -1,6 +1,6 @@
 //! A key of a table, with its value.
 
-use super::{Kind, Read, ScenarioError, Section, SourceFile};
+use super::{AnyKey, Kind, Read, ScenarioError, Section, SourceFile};
 use crate::text::{clean, is_unprintable, listed, nearest};
 use std::ops::Range;
 use std::path::PathBuf;
@@ -176,6 +176,11 @@ impl<'a> Field<'a> {
         let section = self.any_section()?;
         section.check_keys(keys, &[])?;
         Ok(section)
+    }
+
+    /// A table with the names of these keys at most.
+    pub fn section_with(&self, keys: &[&dyn AnyKey]) -> Read<Section<'a>> {
+        self.section(&keys.iter().map(|key| key.name()).collect::<Vec<_>>())
     }
 
     /// A table whose keys are names that the file chooses.

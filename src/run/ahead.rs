@@ -9,9 +9,10 @@
 
 use super::cycle::{Runner, guarded};
 use super::monitor::{self, Fault};
+use crate::event::{self, RunInfo};
 use crate::lead_times::LeadTimes;
 use isobar_assim::{Assimilator, Error, Estimate};
-use isobar_model::{Duration, Layout};
+use isobar_model::Duration;
 use serde::{Deserialize, Serialize};
 
 /// Parts of the memory limit that a method with forecasts ahead needs, each as large as what it carries from cycle to cycle:
@@ -76,15 +77,12 @@ impl Ahead {
     }
 
     /// Whether all are of this run and still to come after a cycle.
-    pub fn fits(&self, cycle: usize, cycles: usize, layout: &Layout, parameters: usize) -> bool {
+    pub fn fits(&self, cycle: usize, info: &RunInfo) -> bool {
         self.pending.iter().all(|Pending { from_cycle, cycle: valid, estimate }| {
-            let Estimate { state, calibration, state_spread, calibration_spread } = estimate;
             (1..=cycle).contains(from_cycle)
-                && (cycle + 1..=cycles).contains(valid)
-                && **state.layout() == *layout
-                && calibration.len() == parameters
-                && state_spread.as_ref().is_none_or(|spread| spread.len() == layout.len())
-                && calibration_spread.as_ref().is_none_or(|spread| spread.len() <= parameters)
+                && (cycle + 1..=info.cycles).contains(valid)
+                && estimate.calibration.len() == info.calibration.len()
+                && event::fits(estimate, info)
         })
     }
 }

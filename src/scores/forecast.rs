@@ -220,7 +220,7 @@ impl ForecastSums {
     /// The scores; `None` without any forecast.
     pub fn scores(&self, layout: &Layout, window: Duration, by: VerifiedBy) -> Option<ForecastScores> {
         let lead = |(&cycles, sums): (&usize, &LeadSums)| LeadScores {
-            lead_hours: cycles as f64 * window.as_f64() / 3600.0,
+            lead_hours: (window * cycles).hours(),
             cases: sums.cases,
             scores: sums.scores(layout),
         };

@@ -6,7 +6,7 @@ use super::record::{Record, Records};
 use super::{SensorError, table};
 use crate::event::RunInfo;
 use faer::MatRef;
-use isobar_model::{Duration, Time};
+use isobar_model::Time;
 use isobar_obs::Placement;
 use std::path::Path;
 
@@ -21,7 +21,7 @@ const MOST_TOGETHER: usize = 1000;
 /// # Errors
 /// In words: a parameter whose name or value no record can have.
 pub fn records(info: &RunInfo, method: &str, mean: &[f64], covariance: MatRef<'_, f64>) -> Result<Records, String> {
-    let time: Time = info.start + Duration::from_seconds(info.window.seconds() * info.cycles as i64);
+    let time: Time = info.time(info.cycles);
     let origin = format!("{} {method} seed {}", info.scenario, info.seed);
     let parameters = &info.calibration.parameters;
     let mut records = Records::default();

@@ -86,7 +86,7 @@ pub(super) fn read(
         let message = "local factors leave a residual that no exact forecast is worth".to_string();
         return Err(field.invalid(message, "must be \"probe\" or \"persist\" with `local_factors`"));
     }
-    let own = field.section(&KEYS.iter().map(|key| key.name()).collect::<Vec<_>>())?;
+    let own = field.section_with(KEYS)?;
     let per_tile = own.get(&PER_TILE)?;
     let tile_m = match (own.find(&TILE_KM)?, surroundings.error_length_m) {
         (Some(tile_km), _) => tile_km * 1e3,

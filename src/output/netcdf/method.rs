@@ -106,7 +106,7 @@ impl MethodFile {
     /// If the file cannot be written.
     pub fn fill_up(&mut self, info: &RunInfo) -> Result<(), SinkError> {
         for cycle in self.file.records() + 1..=info.cycles {
-            self.file.append_missing((info.start.seconds() + info.window.seconds() * cycle as i64) as f64)?;
+            self.file.append_missing(info.time(cycle).seconds() as f64)?;
         }
         Ok(())
     }

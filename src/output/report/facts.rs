@@ -4,7 +4,7 @@ use crate::calendar::utc;
 use crate::event::RunInfo;
 use crate::plot::{number, unit};
 use crate::scores::Summary;
-use isobar_model::{Boundary, Duration};
+use isobar_model::Boundary;
 use toml::{Table, Value};
 
 /// The facts: what each is about, and what it says.
@@ -23,8 +23,8 @@ pub fn facts(info: &RunInfo, summary: &Summary) -> Vec<(String, String)> {
     add("quality control", summary.observations.describe_rejected());
     let parameters = info.calibration.len();
     add("biases", (parameters > 0).then(|| format!("{parameters} unknown parameters")));
-    let end = info.start + Duration::from_seconds(info.window.seconds() * info.cycles as i64);
-    let hours = number(info.window.as_f64() / 3600.0);
+    let end = info.time(info.cycles);
+    let hours = number(info.window.hours());
     add("time", Some(format!("{} cycles of {hours} h, {} to {}", info.cycles, utc(info.start), utc(end))));
     add("scores", Some(format!("over cycles {} to {}", summary.scored_from_cycle, summary.cycles)));
     add("seed", Some(info.seed.to_string()));

@@ -100,9 +100,7 @@ impl Checkpoint {
         let fits = self.observing.cycle() == self.cycle && (1..=experiment.info.cycles).contains(&self.cycle);
         let fits = fits && self.methods.len() == count && memories.len() == count;
         let fits = fits && self.earlier_truths.fits(experiment.info.layout.len(), experiment.info.calibration.len());
-        let (cycles, layout) = (experiment.info.cycles, &*experiment.info.layout);
-        let parameters = experiment.info.calibration.len();
-        let fits = fits && self.methods.iter().all(|it| it.ahead.fits(self.cycle, cycles, layout, parameters));
+        let fits = fits && self.methods.iter().all(|it| it.ahead.fits(self.cycle, &experiment.info));
         let reference_fits = match (&mut experiment.reference, self.reference) {
             (Some(reference), Some(saved)) => reference.restore(saved),
             (reference, saved) => reference.is_none() && saved.is_none(),

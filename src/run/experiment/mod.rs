@@ -26,7 +26,7 @@ use builder::AddedMethod;
 use isobar_assim::high_pass::HighPassSettings;
 use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem, SensorKnowledge, covariance};
 use isobar_model::random::stream;
-use isobar_model::{Duration, State, check_time_step};
+use isobar_model::{State, check_time_step};
 use isobar_obs::ObservingSystem;
 use std::borrow::Cow;
 
@@ -405,7 +405,7 @@ fn sensors(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> R
     } else {
         Database::open(&settings.database, Missing::Refuse)?.records()?
     };
-    let end = scenario.start + Duration::from_seconds(scenario.cycle.window.seconds() * cycles as i64);
+    let end = scenario.start + scenario.cycle.window * cycles;
     warm_start(&records, calibration, scenario.start, end)
         .map_err(|reason| SensorError::new(&settings.database, reason))
 }
