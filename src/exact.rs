@@ -72,6 +72,7 @@ pub fn exact(scenario: &Scenario, options: &ExactOptions) -> Result<ExactSummary
     let cycles = options.cycles.unwrap_or(scenario.cycle.count);
     check_size(scenario, layout.len() + observing.calibration().len())?;
     check_observations(scenario, &observing, cycles)?;
+    check_biases(scenario, &observing)?;
     let windows: Vec<ObservationWindow> = (0..cycles).map(|_| observing.observe(&problem.background)).collect();
     let steps =
         scenario.cycle.window.steps_of(problem.model.time_step()).expect("the scenario's window fits its steps");
@@ -125,16 +126,19 @@ impl World {
         let means = |cycle: usize| -> Vec<f64> { self.biases.iter().map(|own| mean(own, cycle)).collect() };
         let errors_of_zero: Vec<f64> = means(0).iter().map(|mean| -mean).collect();
         let variances: Vec<f64> = self.biases.iter().map(BiasProcess::initial_variance).collect();
-        let walks: Vec<f64> = self.biases.iter().map(|own| own.variance_per_day() * self.window.days()).collect();
+        let kept: Vec<f64> = self.biases.iter().map(|own| own.true_drift().kept(self.window)).collect();
+        let added: Vec<f64> = self.biases.iter().map(|own| own.true_drift().added_variance(self.window)).collect();
         let mut errors = ActualErrors::new(self.background_error.as_ref(), &errors_of_zero, &variances);
         let (m, p) = (layout.len(), self.biases.len());
         let (mut background, mut analysis, mut spread) = (vec![0.0; m + p], vec![0.0; m + p], vec![0.0; m + p]);
         let (mut claims_state, mut claims_biases) = (true, true);
         for (observed, cycle) in self.windows.iter().zip(1..) {
             let from = method.forecast(self.window)?;
-            let changes: Vec<f64> = means(cycle).iter().zip(means(cycle - 1)).map(|(now, then)| now - then).collect();
+            let then = means(cycle - 1);
+            let change = |(i, now): (usize, &f64)| now - kept[i] * then[i];
+            let changes: Vec<f64> = means(cycle).iter().enumerate().map(change).collect();
             let model_error = self.model_error.as_ref().map(|matrix| matrix.as_ref());
-            errors.forecast(self.propagator.as_ref(), model_error, &walks, &changes);
+            errors.forecast(self.propagator.as_ref(), model_error, &kept, &added, &changes);
             let scored = cycle >= self.scored_from;
             if scored {
                 add(&mut background, errors.mean_squares().into_iter());
@@ -262,6 +266,22 @@ fn check_observations(scenario: &Scenario, observing: &ObservingSystem, cycles: 
         return Ok(());
     };
     Err(scenario.fault(&["networks"], message, "fewer of these"))
+}
+
+/// The error of an estimate whose method lets a bias decay as the bias does not would depend on the bias itself.
+fn check_biases(scenario: &Scenario, observing: &ObservingSystem) -> Result<(), ScenarioError> {
+    let window = scenario.cycle.window;
+    let decays_otherwise = |process: &BiasProcess| process.drift().kept(window) != process.true_drift().kept(window);
+    let parameters = &observing.calibration().parameters;
+    let Some((_, parameter)) = observing.bias_processes().zip(parameters).find(|it| decays_otherwise(it.0)) else {
+        return Ok(());
+    };
+    let message = format!(
+        "exact performance needs methods that let biases decay as they do: {} is an AR(1) process to one of truth and \
+         methods only, or with another correlation time",
+        parameter.name
+    );
+    Err(scenario.fault(&["networks"], message, "an assumed correlation time that is the true one"))
 }
 
 fn check_size(scenario: &Scenario, unknowns: usize) -> Result<(), ScenarioError> {

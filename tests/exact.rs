@@ -14,6 +14,9 @@ fn tracer() -> String {
     CARRIED_TRACER.replace("count = 14", "count = 12") + METHODS
 }
 
+const WALK: &str = "{ kind = \"random_walk\", sigma_per_sqrt_day = 0.1 }";
+const AR1: &str = "{ kind = \"ar1\", correlation_hours = 36 }";
+
 const METHODS: &str = r#"evolution = { kind = "random_walk", sigma_per_sqrt_day = 0.1 }
 [methods.kf]
 kind = "kf"
@@ -51,7 +54,11 @@ fn summary(text: &str) -> ExactSummary {
 
 #[test]
 fn the_kalman_filter_is_the_best_and_knows_what_it_is_worth() {
-    let summary = summary(&tracer());
+    [WALK, AR1].into_iter().for_each(|evolution| the_kalman_filter_is_the_best(&tracer().replace(WALK, evolution)));
+}
+
+fn the_kalman_filter_is_the_best(text: &str) {
+    let summary = summary(text);
     let of = |name: &str| &summary.methods[name];
     let kf = of("kf");
     let spread = kf["spread_analysis.tracer"];
@@ -89,10 +96,7 @@ fn a_given_bias_and_its_jump_are_a_mean_error() {
             "sigma = 0.3\nevolution",
             "value = 0.6\nassumed_sigma = 0.3\nassumed_drift_per_sqrt_day = 0.1\nevolution",
         )
-        .replace(
-            "{ kind = \"random_walk\", sigma_per_sqrt_day = 0.1 }",
-            "{ kind = \"jump\", at_hours = 36, size = 0.5 }",
-        );
+        .replace(WALK, "{ kind = \"jump\", at_hours = 36, size = 0.5 }");
     let summary = summary(&given);
     let blind = &summary.methods["blind"];
     // Cycles 3 to 5 at 0.6, then 6 to 12 at 1.1.
@@ -120,7 +124,18 @@ impl Sink for Squares {
 /// Within four standard errors of the mean over seeds, for eight methods and their biases.
 #[test]
 fn the_mean_over_seeds_comes_to_the_same() {
-    let scenario = parse(&tracer());
+    [WALK, AR1].into_iter().for_each(|evolution| mean_over_seeds(&tracer().replace(WALK, evolution)));
+}
+
+#[test]
+fn methods_that_let_biases_decay_as_they_do_not_are_refused() {
+    let text = tracer().replace(WALK, AR1).replace("evolution =", "assumed_drift_per_sqrt_day = 0.1\nevolution =");
+    let error = exact(&parse(&text), &ExactOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("is an AR(1) process"), "{error}");
+}
+
+fn mean_over_seeds(text: &str) {
+    let scenario = parse(text);
     let directory = tempfile::tempdir().unwrap();
     let runs: Vec<Vec<[f64; 2]>> = (0..150)
         .map(|seed| {
@@ -135,7 +150,7 @@ fn the_mean_over_seeds_comes_to_the_same() {
             squares.0
         })
         .collect();
-    let exact = summary(&tracer());
+    let exact = summary(text);
     for (number, (name, scores)) in exact.methods.iter().enumerate() {
         let expected =
             ["rmse_analysis.tracer", "bias_rmse"].map(|score| scores.get(score).map_or(0.0, |it| it.powi(2)));

@@ -12,11 +12,11 @@ use isobar_obs::Jacobian;
 
 /// Mean and covariance of the errors e = (x̂ − x, ĉ − c) of a method in a linear world whose covariances are known.
 ///
-/// Forecast and analysis of the errors, with the propagator A, the model error q ~ N(0, Q), the walks w of the parameters,
+/// Forecast and analysis of the errors, with the propagator A, the model error q ~ N(0, Q), the drift φ and w of the parameters,
 /// the gain K of the method, H = (X, G) and the observation error o ~ N(0, R):
 ///
 /// ```text
-/// e ← (A e_x − q, e_c − w)        P ← A P Aᵀ + Q
+/// e ← (A e_x − q, φ e_c − w)      P ← A P Aᵀ + Q
 /// e ← (I − K H) e + K o           P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ
 /// ```
 ///
@@ -58,13 +58,14 @@ impl ActualErrors {
         Ok(MatRef::from_column_major_slice(&columns, m, m).to_owned())
     }
 
-    /// A forecast with propagator `[m, m]` and model error `[m, m]`; the variances `[p]` that the parameters' walks add, and
-    /// by how much the mean of each parameter's true value changes.
+    /// A forecast with propagator `[m, m]` and model error `[m, m]`; the parts φ of the parameters that are kept and the variances
+    /// that are added, `[p]`, and by how much the mean of each parameter's true value changes beside.
     pub fn forecast(
         &mut self,
         propagator: MatRef<'_, f64>,
         model_error: Option<MatRef<'_, f64>>,
-        walk_variance: &[f64],
+        kept: &[f64],
+        added_variance: &[f64],
         mean_change: &[f64],
     ) {
         let m = self.m;
@@ -77,8 +78,13 @@ impl ActualErrors {
         covariance.as_mut().get_mut(..m, ..m).copy_from(&state);
         covariance.as_mut().get_mut(..m, m..).copy_from(rows.as_ref().get(.., m..));
         covariance.as_mut().get_mut(m.., ..m).copy_from(rows.as_ref().get(.., m..).transpose());
-        for (i, variance) in walk_variance.iter().enumerate() {
+        for (i, (kept, variance)) in kept.iter().zip(added_variance).enumerate() {
+            for j in 0..self.mean.len() {
+                self.covariance[(m + i, j)] *= kept;
+                self.covariance[(j, m + i)] *= kept;
+            }
             self.covariance[(m + i, m + i)] += variance;
+            self.mean[m + i] *= kept;
         }
         let state_mean: Vec<f64> = (0..m).map(|i| (0..m).map(|j| propagator[(i, j)] * self.mean[j]).sum()).collect();
         self.mean[..m].copy_from_slice(&state_mean);

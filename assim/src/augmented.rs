@@ -29,6 +29,11 @@ impl Augmented {
         add(&mut self.bias[..of_bias.len()], of_bias);
     }
 
+    /// c ← φ c, for the parameters that are estimated.
+    pub fn decay(&mut self, kept: &[f64]) {
+        self.bias.iter_mut().zip(kept).for_each(|(value, kept)| *value *= kept);
+    }
+
     /// Fails if `self` is of another experiment than `like`.
     ///
     /// # Errors

@@ -43,7 +43,7 @@ impl CalibratedState {
         self.calibration.len()
     }
 
-    /// Forecasts the state; the parameters persist but for their random walks.
+    /// Forecasts the state and the parameters.
     ///
     /// # Errors
     /// A value that is not finite.
@@ -53,10 +53,16 @@ impl CalibratedState {
         Ok(())
     }
 
-    /// Adds the parameters' random walks over a time to P_c.
+    /// Forecasts the parameters: c ← φ c, P_c ← φ P_c φ + Q_c.
     pub fn drift(&mut self, time: Duration) {
+        let kept = self.calibration.kept(time);
+        self.s.decay(&kept);
+        for (j, of_column) in kept.iter().enumerate() {
+            let column = self.bias_covariance.col_as_slice_mut(j).iter_mut();
+            column.zip(&kept).for_each(|(value, of_row)| *value *= of_row * of_column);
+        }
         for (i, parameter) in self.calibration.parameters.iter().enumerate() {
-            self.bias_covariance[(i, i)] += parameter.sigma_drift_per_sqrt_day.powi(2) * time.days();
+            self.bias_covariance[(i, i)] += parameter.drift.added_variance(time);
         }
     }
 

@@ -10,7 +10,7 @@ use crate::covariance_column::{CovarianceColumn, JointErrors, Unknown};
 use crate::error::Error;
 use crate::estimate::{Analysis, Background, Estimate};
 use crate::estimated::{EstimatedParameter, EstimatesParameters};
-use crate::fixed_lag::FixedLag;
+use crate::fixed_lag::PastAnalyses;
 use crate::memory::{from_bytes, to_bytes};
 use crate::problem::{Innovations, Problem, steps};
 use crate::structure::{BlockStructure, Structure};
@@ -25,7 +25,7 @@ use std::sync::Arc;
 /// the state. `E` is the form of the covariance P of its errors, and what forecast and analysis make of it:
 ///
 /// ```text
-/// forecast   x ← M(x)          P ← A P Aᵀ + α Q + drift of c
+/// forecast   x ← M(x), c ← φ c   P ← A P Aᵀ + α Q + drift of c
 /// analysis   s ← s + K d       P ← (I − K H) P,      K = P Hᵀ (H P Hᵀ + R)⁻¹,   d = y − h(s)
 /// ```
 ///
@@ -57,7 +57,7 @@ pub(crate) trait Errors: Clone + Send + Sync + 'static {
     /// The name of the covariance, for messages.
     const NAME: &'static str;
 
-    /// x ← M(x), P ← A P Aᵀ + α Q + drift.
+    /// x ← M(x), P ← A P Aᵀ + α Q + drift, where A of the parameters is φ, [`Cycle::kept`].
     ///
     /// # Errors
     /// A value that is not finite; a covariance that is not positive definite.
@@ -121,7 +121,7 @@ pub(crate) trait Errors: Clone + Send + Sync + 'static {
     fn require_memory(&self, observations: usize, m: usize, limit_bytes: u64) -> Result<(), Error>;
 
     /// Its smoother, if it has one.
-    fn smoother(&self) -> Option<&FixedLag> {
+    fn smoother(&self) -> Option<&dyn PastAnalyses> {
         None
     }
 
@@ -145,7 +145,7 @@ pub(crate) trait ErrorBlocks {
 /// What a forecast of errors needs to know.
 pub(crate) struct Cycle<'a> {
     pub model: &'a dyn TangentLinear,
-    /// The parameters that are estimated, with their random walks.
+    /// The parameters that are estimated, with their drift.
     pub calibration: &'a Calibration,
     pub window: Duration,
     /// Time steps of the window.
@@ -155,9 +155,14 @@ pub(crate) struct Cycle<'a> {
 }
 
 impl Cycle<'_> {
-    /// The variance that the random walk of a parameter adds.
+    /// The variance that the drift of a parameter adds.
     pub fn drift(&self, parameter: usize) -> f64 {
-        self.calibration.parameters[parameter].sigma_drift_per_sqrt_day.powi(2) * self.window.days()
+        self.calibration.parameters[parameter].drift.added_variance(self.window)
+    }
+
+    /// φ, what is left of each parameter, `[p]`; `None` if all of them persist.
+    pub fn kept(&self) -> Option<Vec<f64>> {
+        Some(self.calibration.kept(self.window)).filter(|kept| kept.iter().any(|&kept| kept != 1.0))
     }
 }
 
@@ -199,6 +204,7 @@ impl<E: Errors> Assimilator for Filter<E> {
             error_factor: self.error_factor,
         };
         let Belief { s, errors } = &mut self.belief;
+        cycle.kept().iter().for_each(|kept| s.decay(kept));
         errors.forecast(s, &cycle)?;
         Ok(Background { estimate: self.belief.estimate(&self.calibration)?, window })
     }
@@ -285,7 +291,7 @@ impl<E: Errors> CalibrationErrors for Filter<E> {
 
 impl<E: Errors> Smoother for Filter<E> {
     fn lag(&self) -> usize {
-        self.belief.errors.smoother().map_or(0, FixedLag::lag)
+        self.belief.errors.smoother().map_or(0, PastAnalyses::lag)
     }
 
     fn smoothed(&self, analyses_ago: usize) -> Result<Option<Estimate>, Error> {

@@ -7,8 +7,19 @@ use crate::linalg::{add_product, column, product, solved_lower, squared_norm};
 use crate::memory::{Matrix, require};
 use crate::problem::Innovations;
 use faer::{Mat, MatRef};
+use isobar_model::vector::scale;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
+
+/// The last analyses of a method with a smoother, as they are known now.
+pub(crate) trait PastAnalyses {
+    /// The number of analyses before the newest that are revised.
+    fn lag(&self) -> usize;
+
+    /// State and parameters at the analysis `analyses_ago` before the newest, and the variances `[m + p]` of what is
+    /// estimated; `None` if there was none, or it is out of reach.
+    fn estimate(&self, analyses_ago: usize) -> Option<(&Augmented, &[f64])>;
+}
 
 /// The estimates of the last analyses given all observations up to now, and what it takes to revise them.
 ///
@@ -44,6 +55,8 @@ struct PastAnalysis {
     covariance: Matrix,
     /// A_{j+1} of the state, `[m, m]`; `None` before the next forecast.
     propagator: Option<Matrix>,
+    /// A_{j+1} of the parameters, φ, `[p]`; `None` if they persist.
+    kept: Option<Vec<f64>>,
     /// Its own observations.
     whitened: Whitened,
 }
@@ -90,14 +103,13 @@ impl FixedLag {
         2.0 * (lag as f64 + 1.0) * (size * size + size * n) + 4.0 * size * n + n * n
     }
 
-    /// The number of analyses before the newest that are revised.
-    pub fn lag(&self) -> usize {
-        self.lag
-    }
-
-    /// Takes in a forecast with the propagator A, `[m, m]`.
-    pub fn forecast(&mut self, propagator: MatRef<'_, f64>) {
+    /// Takes in a forecast with the propagator A of the state, `[m, m]`, and φ of the parameters if they do not persist.
+    pub fn forecast(&mut self, propagator: MatRef<'_, f64>, kept: Option<&[f64]>) {
         let Some(last) = self.analyses.back_mut() else { return };
+        if let Some(kept) = kept {
+            let all = last.kept.get_or_insert_with(|| vec![1.0; kept.len()]);
+            all.iter_mut().zip(kept).for_each(|(all, kept)| *all *= kept);
+        }
         last.propagator = Some(Matrix(match last.propagator.take() {
             None => propagator.to_owned(),
             Some(earlier) => product(propagator, earlier.as_ref()),
@@ -120,6 +132,10 @@ impl FixedLag {
                 let earlier = product(sensitivity.as_ref().get(.., ..m), propagator.as_ref());
                 sensitivity.as_mut().get_mut(.., ..m).copy_from(earlier);
             }
+            for (number, kept) in past.kept.iter().flatten().enumerate() {
+                let first = past.s.state.values().len();
+                scale(sensitivity.col_as_slice_mut(first + number), *kept);
+            }
             let gain = product(sensitivity.as_ref(), past.covariance.as_ref());
             let increment = product(gain.transpose(), whitened.departures.as_ref());
             past.s.add(increment.col_as_slice(0));
@@ -139,19 +155,12 @@ impl FixedLag {
         whitened.departures = Matrix(Mat::zeros(0, 1));
         let variances = (0..covariance.nrows()).map(|i| covariance[(i, i)]).collect();
         let covariance = Matrix(covariance.to_owned());
-        self.analyses.push_back(PastAnalysis { s, variances, covariance, propagator: None, whitened });
+        self.analyses.push_back(PastAnalysis { s, variances, covariance, propagator: None, kept: None, whitened });
     }
 
     /// Forgets all analyses: what follows is independent of them.
     pub fn clear(&mut self) {
         self.analyses.clear();
-    }
-
-    /// State and parameters at the analysis `analyses_ago` before the newest, and the variances `[m + p]` of what is
-    /// estimated; `None` if there was none, or it is out of reach.
-    pub fn estimate(&self, analyses_ago: usize) -> Option<(&Augmented, &[f64])> {
-        let past = self.analyses.get(self.analyses.len().checked_sub(analyses_ago + 1)?)?;
-        Some((&past.s, &past.variances))
     }
 
     /// Fails unless it is a smoother of this lag, of estimates like `s` with `size` = m + p unknowns.
@@ -167,11 +176,23 @@ impl FixedLag {
             let fits = past.variances.len() == size
                 && past.covariance.has_shape(size, size)
                 && past.propagator.as_ref().is_none_or(|propagator| propagator.has_shape(m, m))
+                && past.kept.as_ref().is_none_or(|kept| kept.len() == size - m)
                 && jacobian.has_shape(cross.nrows(), size)
                 && cross.ncols() == size
                 && departures.has_shape(0, 1);
             require(fits, "an earlier analysis")?;
         }
         Ok(())
+    }
+}
+
+impl PastAnalyses for FixedLag {
+    fn lag(&self) -> usize {
+        self.lag
+    }
+
+    fn estimate(&self, analyses_ago: usize) -> Option<(&Augmented, &[f64])> {
+        let past = self.analyses.get(self.analyses.len().checked_sub(analyses_ago + 1)?)?;
+        Some((&past.s, &past.variances))
     }
 }

@@ -227,7 +227,11 @@ fn three_d_var_equals_the_dense_analysis_with_static_covariance() {
         let background = method.forecast(WINDOW).unwrap();
         let observed = window(&problem, 20, false, cycle, 9);
         let mut p = Mat::<f64>::zeros(m + 3, m + 3);
-        (0..3).for_each(|i| bias_covariance[(i, i)] += 0.5_f64.powi(2) * WINDOW.days());
+        let kept = problem.calibration.kept(WINDOW);
+        bias_covariance = Mat::from_fn(3, 3, |i, j| kept[i] * bias_covariance[(i, j)] * kept[j]);
+        for (i, parameter) in problem.calibration.parameters.iter().enumerate() {
+            bias_covariance[(i, i)] += parameter.drift.added_variance(WINDOW);
+        }
         p.as_mut().submatrix_mut(0, 0, m, m).copy_from(&b * faer::Scale(0.4));
         p.as_mut().submatrix_mut(m, m, 3, 3).copy_from(&bias_covariance);
         let jacobian = observed.operator.linearize(&background.estimate.state, &background.estimate.calibration);

@@ -74,9 +74,14 @@ impl<'a> Card<'a> {
             unit
         };
         let columns: Vec<Vec<f64>> = (0..m).map(column).collect();
-        let a = Mat::from_fn(size, size, |i, j| if i < m && j < m { columns[j][i] } else { f64::from(i == j) });
+        let kept = self.problem.calibration.kept(WINDOW);
+        let a = Mat::from_fn(size, size, |i, j| match (i < m, j < m) {
+            (true, true) => columns[j][i],
+            (false, false) if i == j => kept[i - m],
+            _ => 0.0,
+        });
         let q = covariance::dense(self.problem.model_error.as_deref().unwrap());
-        let drift = |i: usize| self.problem.calibration.parameters[i].sigma_drift_per_sqrt_day.powi(2) * WINDOW.days();
+        let drift = |i: usize| self.problem.calibration.parameters[i].drift.added_variance(WINDOW);
         let added = Mat::from_fn(size, size, |i, j| match (i < m, j < m) {
             (true, true) => q[(i, j)],
             (false, false) if i == j => drift(i - m),

@@ -105,6 +105,10 @@ fn all(problem: &Problem) -> Vec<(&'static str, Build<'_>)> {
         ("federated", Box::new(move || Box::new(FederatedKalmanFilter::new(named(), one_system.clone()).unwrap()))),
         ("fkf", Box::new(move || Box::new(FastKalmanFilter::new(own(), exact).unwrap()))),
         ("fkf with probes", Box::new(move || Box::new(FastKalmanFilter::new(own(), probed).unwrap()))),
+        (
+            "fkf with a smoother",
+            Box::new(move || Box::new(FastKalmanFilter::new(own(), probed).unwrap().smoothing(2).unwrap())),
+        ),
         ("fkf in single precision", Box::new(move || Box::new(FastKalmanFilter::new(own(), single).unwrap()))),
         ("fkf with separators", Box::new(move || Box::new(FastKalmanFilter::new(own(), cut).unwrap()))),
         (

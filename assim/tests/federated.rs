@@ -157,7 +157,8 @@ fn its_errors_are_nowhere_more_than_it_claims() {
     let problem = problem(true, biases(0.5), 2);
     let parameters = &problem.calibration.parameters;
     let variance: Vec<f64> = parameters.iter().map(|it| it.sigma_prior.powi(2)).collect();
-    let walks: Vec<f64> = parameters.iter().map(|it| it.sigma_drift_per_sqrt_day.powi(2) * WINDOW.days()).collect();
+    let kept = problem.calibration.kept(WINDOW);
+    let added: Vec<f64> = parameters.iter().map(|it| it.drift.added_variance(WINDOW)).collect();
     let mut actual = ActualErrors::new(dense(&*problem.background_error).as_ref(), &[0.0; 5], &variance);
     let a = ActualErrors::propagator(&*problem.model, &problem.background, 1).unwrap();
     let q = dense(&**problem.model_error.as_ref().unwrap());
@@ -165,7 +166,7 @@ fn its_errors_are_nowhere_more_than_it_claims() {
     for cycle in 1..=6 {
         let observed = observations(&problem, cycle);
         let background = filter.forecast(WINDOW).unwrap();
-        actual.forecast(a.as_ref(), Some(q.as_ref()), &walks, &[0.0; 5]);
+        actual.forecast(a.as_ref(), Some(q.as_ref()), &kept, &added, &[0.0; 5]);
         let responder = Responder::new(&filter, &background, &observed);
         let gain = responder.gain().unwrap();
         filter.analyse(&background, &observed).unwrap();
@@ -209,7 +210,7 @@ fn what_cannot_be_divided_is_refused() {
     assert!(message(&problem, &[("sondes", 0.5), ("polar", 0.5)]).contains("2 dense Kalman filters for 40 values"));
 }
 
-/// A recalibration is told to the local filter whose bias it is: the fused covariance is wider by what it adds, and nothing
+/// A recalibration reaches the local filter whose bias it is: the fused covariance is wider by what it adds, and nothing
 /// else in it changes. What goes together between systems has no place.
 #[test]
 fn a_recalibration_widens_the_fused_covariance_by_just_that() {
@@ -227,6 +228,10 @@ fn a_recalibration_widens_the_fused_covariance_by_just_that() {
         widen(&mut widened, added.as_ref()).unwrap();
         // Once at once, and once out of the local filters, by a forecast that mixes nothing into the biases but their drift.
         for cycle in 1..=2 {
+            if cycle == 2 {
+                let kept = problem.calibration.kept(WINDOW);
+                added = Mat::from_fn(5, 5, |i, j| kept[i] * added[(i, j)] * kept[j]);
+            }
             let difference = widened.covariance() - same.covariance();
             for (i, j) in (0..m + 5).flat_map(|i| (0..m + 5).map(move |j| (i, j))) {
                 let expected = if i >= m && j >= m { added[(i - m, j - m)] } else { 0.0 };

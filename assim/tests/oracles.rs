@@ -225,7 +225,7 @@ fn observations_that_are_corrected_towards_the_background_keep_its_bias() {
         unit: "1".into(),
         placement: Placement::Shared,
         sigma_prior: 1e6,
-        sigma_drift_per_sqrt_day: 1e6,
+        drift: isobar_obs::Drift::RandomWalk { sigma_per_sqrt_day: 1e6 },
     };
     let background_bias = |weight: f64| {
         let model = affine(1, 1, 1.0 - g, g * climate);

@@ -109,20 +109,14 @@ impl ByHand {
 
     fn forecast(&mut self, problem: &Problem, knowledge: &SensorKnowledge, cycle: i64) {
         let (m, p) = (self.m, self.prior_mean.len());
-        for it in &knowledge.recalibrations {
-            if it.time.seconds() == cycle * WINDOW.seconds() {
-                self.prior_mean[it.parameter] += it.step;
-                self.mean[(m + it.parameter, 0)] += it.step;
-                self.prior[(it.parameter, it.parameter)] += it.sigma * it.sigma;
-                self.covariance[(m + it.parameter, m + it.parameter)] += it.sigma * it.sigma;
-            }
-        }
+        let kept = problem.calibration.kept(WINDOW);
         let mut columns = vec![0.0; m * m];
         (0..m).for_each(|i| columns[i * m + i] = 1.0);
         problem.model.step_tl(&problem.background, &mut columns);
         let a = Mat::from_fn(m + p, m + p, |i, j| match (i < m, j < m) {
             (true, true) => columns[j * m + i],
-            _ => f64::from(u8::from(i == j)),
+            (false, false) if i == j => kept[i - m],
+            _ => 0.0,
         });
         let q = covariance::dense(&**problem.model_error.as_ref().unwrap());
         self.mean = &a * &self.mean;
@@ -131,9 +125,19 @@ impl ByHand {
             (0..m).for_each(|j| self.covariance[(i, j)] += q[(i, j)]);
         }
         for (i, parameter) in problem.calibration.parameters.iter().enumerate() {
-            let walk = parameter.sigma_drift_per_sqrt_day.powi(2) * WINDOW.days();
-            self.covariance[(m + i, m + i)] += walk;
-            self.prior[(i, i)] += walk;
+            let added = parameter.drift.added_variance(WINDOW);
+            self.covariance[(m + i, m + i)] += added;
+            self.prior_mean[i] *= kept[i];
+            (0..p).for_each(|j| self.prior[(i, j)] *= kept[i] * kept[j]);
+            self.prior[(i, i)] += added;
+        }
+        for it in &knowledge.recalibrations {
+            if it.time.seconds() == cycle * WINDOW.seconds() {
+                self.prior_mean[it.parameter] += it.step;
+                self.mean[(m + it.parameter, 0)] += it.step;
+                self.prior[(it.parameter, it.parameter)] += it.sigma * it.sigma;
+                self.covariance[(m + it.parameter, m + it.parameter)] += it.sigma * it.sigma;
+            }
         }
     }
 
@@ -250,7 +254,9 @@ fn a_recalibration_that_is_known_exactly_changes_nothing_but_the_bias() {
         let mut plain = Calibrated::new(plain, &problem.calibration, START, knows(vec![]));
         let mut told = Calibrated::new(told, &problem.calibration, START, knows(vec![announced]));
         for cycle in 1..=7 {
-            let happened = if cycle >= from { step } else { 0.0 };
+            // What is left of it by now.
+            let kept = problem.calibration.parameters[parameter].drift.kept(WINDOW);
+            let happened = if cycle >= from { step * kept.powi((cycle - from) as i32) } else { 0.0 };
             let from_plain = plain.forecast(WINDOW).unwrap();
             let from_told = told.forecast(WINDOW).unwrap();
             let a = plain.analyse(&from_plain, &stepped(&problem, cycle, parameter, 0.0)).unwrap();

@@ -1,10 +1,11 @@
 //! Fixed-lag smoothers against the textbook's recursion, each other and 4D-Var, on a small linear problem.
 
-use crate::common::*;
+use crate::common::{self, *};
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use isobar_assim::covariance::dense;
 use isobar_assim::ensemble::{EnsembleSettings, EnsembleTransformKalmanFilter, Inflation, ModelErrorTreatment};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::variational::{FourDVar, FourDVarSettings};
 use isobar_assim::{Assimilator, Calibrated, Error, Estimate, Problem, Recalibration, SensorKnowledge};
@@ -37,15 +38,27 @@ fn complete(problem: &Problem) -> EnsembleSettings {
     EnsembleSettings { model_error: ModelErrorTreatment::Random, ..ensemble_settings(members) }
 }
 
+/// The Fast Kalman Filter with this number of factors and a smoother.
+fn fast(problem: &Problem, factors: usize, lag: usize) -> FastKalmanFilter {
+    let settings = FastKalmanSettings {
+        factors,
+        residual: Residual::Probe { count: 3 },
+        ..settings(BlockShape::Cell, BiasCoupling::Carry)
+    };
+    FastKalmanFilter::new(problem.clone(), settings).unwrap().smoothing(lag).unwrap()
+}
+
 /// The propagator of (x, c).
 fn propagator(problem: &Problem) -> Mat<f64> {
     let (m, p) = (problem.background.values().len(), problem.calibration.len());
     let mut columns = vec![0.0; m * m];
     columns.iter_mut().step_by(m + 1).for_each(|it| *it = 1.0);
     forecast::forecast_tl(&*problem.model, &mut problem.background.clone(), &mut columns, 1).unwrap();
+    let kept = problem.calibration.kept(WINDOW);
     Mat::from_fn(m + p, m + p, |i, j| match (i < m, j < m) {
         (true, true) => columns[j * m + i],
-        _ => f64::from(u8::from(i == j)),
+        (false, false) if i == j => kept[i - m],
+        _ => 0.0,
     })
 }
 
@@ -67,7 +80,7 @@ fn the_dense_smoother_is_that_of_rauch_tung_and_striebel() {
                 let mut state = background.as_mut().get_mut(..m, ..m);
                 state += error;
                 for (i, parameter) in problem.calibration.parameters.iter().enumerate() {
-                    background[(m + i, m + i)] += parameter.sigma_drift_per_sqrt_day.powi(2) * WINDOW.days();
+                    background[(m + i, m + i)] += parameter.drift.added_variance(WINDOW);
                 }
                 backgrounds.push(background);
             }
@@ -120,6 +133,26 @@ fn a_complete_ensemble_smoother_is_the_dense_one() {
     }
 }
 
+/// With as many factors as unknowns there is nothing in the blocks that could be dropped.
+#[test]
+fn a_complete_fast_smoother_is_the_dense_one() {
+    for shared in [0, 3] {
+        let problem = problem(true, calibration(shared, 0, 0.7), 2);
+        let mut fast = fast(&problem, problem.background.values().len(), 4);
+        let mut reference = KalmanFilter::new(problem.clone()).unwrap().smoothing(4).unwrap();
+        for number in 1..=CYCLES {
+            cycle(&mut fast, &problem, number);
+            cycle(&mut reference, &problem, number);
+            for ago in 0..number.min(5) {
+                let found = smoothed(&fast, ago).unwrap();
+                let error = difference(&found, &smoothed(&reference, ago).unwrap());
+                assert!(error < 1e-9, "cycle {number}, {ago} ago, {shared} shared: {error:e}");
+            }
+            assert!(smoothed(&fast, 5).is_none());
+        }
+    }
+}
+
 /// Of a perfect model every smoothed state leads to the present analysis, which is that of 4D-Var over the same cycles.
 #[test]
 fn the_smoothed_trajectory_is_that_of_four_d_var() {
@@ -162,7 +195,13 @@ fn a_smoother_claims_no_more_than_its_filter() {
     let settings = EnsembleSettings { inflation, ..complete(&problem) };
     let etkf = || EnsembleTransformKalmanFilter::new(problem.clone(), settings).unwrap();
     let kf = || KalmanFilter::new(problem.clone()).unwrap();
-    let methods: [[Box<dyn Assimilator>; 3]; 2] = [
+    let plain = || {
+        let base = common::settings(BlockShape::Cell, BiasCoupling::Carry);
+        let settings = FastKalmanSettings { factors: 20, residual: Residual::Probe { count: 3 }, ..base };
+        FastKalmanFilter::new(problem.clone(), settings).unwrap()
+    };
+    let methods: [[Box<dyn Assimilator>; 3]; 3] = [
+        [Box::new(plain()), Box::new(fast(&problem, 20, 0)), Box::new(fast(&problem, 20, 3))],
         [Box::new(etkf()), Box::new(etkf().smoothing(0).unwrap()), Box::new(etkf().smoothing(3).unwrap())],
         [Box::new(kf()), Box::new(kf().smoothing(0).unwrap()), Box::new(kf().smoothing(3).unwrap())],
     ];
@@ -192,11 +231,14 @@ fn a_smoother_claims_no_more_than_its_filter() {
 #[test]
 fn a_smoother_goes_on_from_its_memory_to_the_same_bits() {
     let problem = problem(true, calibration(3, 2, 0.7), 2);
-    let make: [&dyn Fn() -> Box<dyn Assimilator>; 2] =
-        [&|| Box::new(KalmanFilter::new(problem.clone()).unwrap().smoothing(3).unwrap()), &|| {
+    let make: [&dyn Fn() -> Box<dyn Assimilator>; 3] = [
+        &|| Box::new(KalmanFilter::new(problem.clone()).unwrap().smoothing(3).unwrap()),
+        &|| Box::new(fast(&problem, 12, 3)),
+        &|| {
             let filter = EnsembleTransformKalmanFilter::new(problem.clone(), complete(&problem)).unwrap();
             Box::new(filter.smoothing(3).unwrap())
-        }];
+        },
+    ];
     for make in make {
         let mut method = make();
         (1..=4).for_each(|number| drop(cycle(&mut *method, &problem, number)));
@@ -254,6 +296,11 @@ fn what_a_smoother_cannot_do_is_refused() {
     let small = Problem { memory_limit_bytes: 8 * 5 * 42 * 42, ..problem };
     let kf = KalmanFilter::new(small.clone()).unwrap();
     assert!(matches!(kf.smoothing(1), Err(Error::TooLarge { .. })));
+    let dropped = settings(BlockShape::Cell, BiasCoupling::Drop);
+    let Err(Error::Setting(reason)) = FastKalmanFilter::new(small.clone(), dropped).unwrap().smoothing(1) else {
+        panic!("a smoother without factors")
+    };
+    assert!(reason.contains("drop"), "{reason}");
     let draws = EnsembleSettings { model_error: ModelErrorTreatment::Random, ..ensemble_settings(8) };
     let small = Problem { memory_limit_bytes: 8 * 6 * 8 * 42, ..small };
     let etkf = |lag| EnsembleTransformKalmanFilter::new(small.clone(), draws).unwrap().smoothing(lag);

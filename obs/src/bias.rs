@@ -1,5 +1,6 @@
 //! Biases: the true evolution of calibration parameters, and what methods may assume of it.
 
+use crate::calibration::Drift;
 use crate::error::{ObservationError, require};
 use isobar_model::{Duration, Time};
 
@@ -13,9 +14,9 @@ pub struct BiasProcess {
     pub evolution: Evolution,
     /// Standard deviation of the prior that methods assume; `None`: that of the truth, or the size of a given value.
     pub assumed_sigma_prior: Option<f64>,
-    /// Standard deviation over one day of the random walk that methods assume; `None`: that of the truth, thus 0
-    /// unless the truth is a random walk.
-    pub assumed_sigma_drift_per_sqrt_day: Option<f64>,
+    /// The change that methods assume; `None`: that of the truth if it is a random walk or an AR(1) process, else that
+    /// there is no change.
+    pub assumed_drift: Option<AssumedDrift>,
     /// Whether the instrument is calibrated: the bias is taken out of the data before any method sees them, and is no
     /// parameter of the [`Calibration`](crate::Calibration).
     pub known: bool,
@@ -46,6 +47,11 @@ pub enum Evolution {
         /// σ, the standard deviation of the change over one day.
         sigma_per_sqrt_day: f64,
     },
+    /// An AR(1) process: b(t + Δt) = φ b(t) + N(0, σ² (1 − φ²)), φ = exp(−Δt/τ), σ the standard deviation of the prior.
+    FirstOrder {
+        /// τ in hours; above 0.
+        correlation_hours: f64,
+    },
     /// It is larger by `size` from one time on: a recalibration, a new type of sonde.
     Jump {
         /// When, in hours since the start; at least 0.
@@ -65,6 +71,21 @@ pub enum Evolution {
     },
 }
 
+/// A change that methods assume of a parameter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AssumedDrift {
+    /// A random walk.
+    RandomWalk {
+        /// Standard deviation of the change over one day.
+        sigma_per_sqrt_day: f64,
+    },
+    /// An AR(1) process whose standard deviation is that of the prior.
+    FirstOrder {
+        /// Correlation time in hours; above 0.
+        correlation_hours: f64,
+    },
+}
+
 impl BiasProcess {
     /// A constant drawn from N(0, `sigma`²); methods know `sigma`.
     pub fn constant(sigma: f64) -> Self {
@@ -72,7 +93,7 @@ impl BiasProcess {
             initial: InitialBias::Drawn { sigma },
             evolution: Evolution::Constant,
             assumed_sigma_prior: None,
-            assumed_sigma_drift_per_sqrt_day: None,
+            assumed_drift: None,
             known: false,
         }
     }
@@ -85,12 +106,33 @@ impl BiasProcess {
         })
     }
 
-    /// The standard deviation over one day of the random walk that methods assume.
-    pub fn sigma_drift_per_sqrt_day(&self) -> f64 {
-        self.assumed_sigma_drift_per_sqrt_day.unwrap_or(match self.evolution {
-            Evolution::RandomWalk { sigma_per_sqrt_day } => sigma_per_sqrt_day,
-            Evolution::Constant | Evolution::Jump { .. } | Evolution::Sinusoid { .. } => 0.0,
-        })
+    /// The change that methods assume.
+    pub fn drift(&self) -> Drift {
+        let of_truth = match self.evolution {
+            Evolution::RandomWalk { sigma_per_sqrt_day } => Some(AssumedDrift::RandomWalk { sigma_per_sqrt_day }),
+            Evolution::FirstOrder { correlation_hours } => Some(AssumedDrift::FirstOrder { correlation_hours }),
+            Evolution::Constant | Evolution::Jump { .. } | Evolution::Sinusoid { .. } => None,
+        };
+        match self.assumed_drift.or(of_truth) {
+            None => Drift::CONSTANT,
+            Some(AssumedDrift::RandomWalk { sigma_per_sqrt_day }) => Drift::RandomWalk { sigma_per_sqrt_day },
+            Some(AssumedDrift::FirstOrder { correlation_hours }) => first_order(self.sigma_prior(), correlation_hours),
+        }
+    }
+
+    /// How the true value changes at random.
+    pub fn true_drift(&self) -> Drift {
+        match self.evolution {
+            Evolution::RandomWalk { sigma_per_sqrt_day } => Drift::RandomWalk { sigma_per_sqrt_day },
+            Evolution::FirstOrder { correlation_hours } => {
+                let sigma = match self.initial {
+                    InitialBias::Drawn { sigma } => sigma,
+                    InitialBias::Given { .. } => self.sigma_prior(),
+                };
+                first_order(sigma, correlation_hours)
+            }
+            Evolution::Constant | Evolution::Jump { .. } | Evolution::Sinusoid { .. } => Drift::CONSTANT,
+        }
     }
 
     /// The expectation of the true value `elapsed` after the start, at `time`.
@@ -99,7 +141,7 @@ impl BiasProcess {
             InitialBias::Drawn { .. } => 0.0,
             InitialBias::Given { value } => value,
         };
-        initial + self.known_change(elapsed, time)
+        self.true_drift().kept(elapsed) * initial + self.known_change(elapsed, time)
     }
 
     /// The variance of the true value at the start.
@@ -107,14 +149,6 @@ impl BiasProcess {
         match self.initial {
             InitialBias::Drawn { sigma } => sigma * sigma,
             InitialBias::Given { .. } => 0.0,
-        }
-    }
-
-    /// The variance that the true value gains in a day.
-    pub fn variance_per_day(&self) -> f64 {
-        match self.evolution {
-            Evolution::RandomWalk { sigma_per_sqrt_day } => sigma_per_sqrt_day.powi(2),
-            Evolution::Constant | Evolution::Jump { .. } | Evolution::Sinusoid { .. } => 0.0,
         }
     }
 
@@ -127,7 +161,7 @@ impl BiasProcess {
                 let phase = hours.rem_euclid(period_hours) / period_hours;
                 amplitude * (std::f64::consts::TAU * phase).cos()
             }
-            Evolution::Constant | Evolution::RandomWalk { .. } | Evolution::Jump { .. } => 0.0,
+            _ => 0.0,
         }
     }
 
@@ -142,6 +176,9 @@ impl BiasProcess {
             Evolution::Constant => {}
             Evolution::RandomWalk { sigma_per_sqrt_day: sigma } => {
                 require(sigma >= 0.0, network, "biases.evolution.sigma_per_sqrt_day", sigma, "at least 0")?;
+            }
+            Evolution::FirstOrder { correlation_hours: hours } => {
+                require(hours > 0.0, network, "biases.evolution.correlation_hours", hours, "above 0")?;
             }
             Evolution::Jump { at_hours, size } => {
                 require(at_hours >= 0.0, network, "biases.evolution.at_hours", at_hours, "at least 0")?;
@@ -159,10 +196,22 @@ impl BiasProcess {
             let expected = "above 0: it is the prior of an unknown parameter, by default that of the true value \
                             (give it, or take the bias out, or make it known)";
             require(prior > 0.0, network, "biases.assumed_sigma_prior", prior, expected)?;
-            let drift = self.sigma_drift_per_sqrt_day();
-            let setting = "biases.assumed_sigma_drift_per_sqrt_day";
-            require(drift >= 0.0, network, setting, drift, "at least 0")?;
+            match self.assumed_drift {
+                None => {}
+                Some(AssumedDrift::RandomWalk { sigma_per_sqrt_day: sigma }) => {
+                    require(sigma >= 0.0, network, "biases.assumed_drift.sigma_per_sqrt_day", sigma, "at least 0")?;
+                }
+                Some(AssumedDrift::FirstOrder { correlation_hours: hours }) => {
+                    require(hours > 0.0, network, "biases.assumed_drift.correlation_hours", hours, "above 0")?;
+                }
+            }
         }
         Ok(())
     }
+}
+
+fn first_order(sigma: f64, correlation_hours: f64) -> Drift {
+    // At least a second, which is the least that times differ by.
+    let seconds = (correlation_hours * 3600.0).round().max(1.0);
+    Drift::FirstOrder { sigma, correlation_time: Duration::from_seconds(seconds as i64) }
 }

@@ -1,6 +1,6 @@
 //! The true values of an observing system's biases as time goes by.
 
-use crate::bias::{BiasProcess, Evolution, InitialBias};
+use crate::bias::{BiasProcess, InitialBias};
 use crate::calibration::{Calibration, Parameter, Placement};
 use crate::error::ObservationError;
 use isobar_model::random::stream;
@@ -31,9 +31,10 @@ impl TrueBias {
     }
 
     fn advance(&mut self, span: Duration) {
-        if let Evolution::RandomWalk { sigma_per_sqrt_day } = self.process.evolution {
+        let drift = self.process.true_drift();
+        if drift.changes() {
             let normal: f64 = StandardNormal.sample(&mut self.random);
-            self.value += sigma_per_sqrt_day * span.days().sqrt() * normal;
+            self.value = drift.kept(span) * self.value + drift.added_sigma(span) * normal;
         }
     }
 
@@ -86,7 +87,7 @@ impl Biases {
             unit: unit.to_owned(),
             placement,
             sigma_prior: process.sigma_prior(),
-            sigma_drift_per_sqrt_day: process.sigma_drift_per_sqrt_day(),
+            drift: process.drift(),
         };
         if process.known {
             self.known.push((parameter, truth));
@@ -158,6 +159,8 @@ impl Biases {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bias::{AssumedDrift, Evolution};
+    use crate::calibration::Drift;
 
     const DAY: Duration = Duration::from_seconds(86_400);
 
@@ -205,12 +208,37 @@ mod tests {
         }
     }
 
+    /// Variance and correlation of an AR(1) process are those of its definition at any time and with any step.
+    #[test]
+    fn a_first_order_process_keeps_its_variance_and_forgets_exponentially() {
+        let process =
+            BiasProcess { evolution: Evolution::FirstOrder { correlation_hours: 48.0 }, ..BiasProcess::constant(3.0) };
+        for steps in [1, 4, 16] {
+            let mut biases = biases(&process, 8000);
+            let before = biases.values().to_vec();
+            for _ in 0..steps {
+                biases.advance(Duration::from_seconds(3 * DAY.seconds() / steps));
+            }
+            let (mean, square) = moments(biases.values());
+            let products: Vec<f64> = before.iter().zip(biases.values()).map(|(a, b)| a * b).collect();
+            let correlation = moments(&products).0 / 9.0;
+            let errors = 5.0 / 8000f64.sqrt();
+            assert!(mean.abs() < 3.0 * errors && (square / 9.0 - 1.0).abs() < 2f64.sqrt() * errors, "{mean} {square}");
+            assert!((correlation - (-1.5f64).exp()).abs() < 1.2 * errors, "{steps} steps: {correlation}");
+        }
+        let drift = process.drift();
+        let (short, long) = (Duration::from_seconds(3600), Duration::from_seconds(7200));
+        assert!((drift.kept(short).powi(2) - drift.kept(long)).abs() < 1e-15);
+        let twice = drift.added_variance(short) * (1.0 + drift.kept(short).powi(2));
+        assert!((twice / drift.added_variance(long) - 1.0).abs() < 1e-13);
+    }
+
     #[test]
     fn a_jump_comes_at_its_time_and_stays() {
         let process = BiasProcess {
             initial: InitialBias::Given { value: 1.0 },
             evolution: Evolution::Jump { at_hours: 48.0, size: -5.0 },
-            assumed_sigma_drift_per_sqrt_day: Some(0.5),
+            assumed_drift: Some(AssumedDrift::RandomWalk { sigma_per_sqrt_day: 0.5 }),
             ..BiasProcess::constant(1.0)
         };
         let mut biases = biases(&process, 1);
@@ -221,7 +249,7 @@ mod tests {
         }
         assert_eq!(history, [1.0, 1.0, -4.0, -4.0, -4.0]);
         let parameter = &biases.calibration().parameters[0];
-        assert_eq!((parameter.sigma_prior, parameter.sigma_drift_per_sqrt_day), (1.0, 0.5));
+        assert_eq!((parameter.sigma_prior, parameter.drift), (1.0, Drift::RandomWalk { sigma_per_sqrt_day: 0.5 }));
     }
 
     #[test]
@@ -248,11 +276,15 @@ mod tests {
     fn assumptions_are_the_truth_unless_given() {
         let mut process = BiasProcess::constant(2.0);
         process.evolution = Evolution::RandomWalk { sigma_per_sqrt_day: 0.7 };
-        assert_eq!((process.sigma_prior(), process.sigma_drift_per_sqrt_day()), (2.0, 0.7));
+        assert_eq!((process.sigma_prior(), process.drift()), (2.0, Drift::RandomWalk { sigma_per_sqrt_day: 0.7 }));
         process.initial = InitialBias::Given { value: -4.0 };
         assert_eq!(process.sigma_prior(), 4.0);
-        (process.assumed_sigma_prior, process.assumed_sigma_drift_per_sqrt_day) = (Some(9.0), Some(0.0));
-        assert_eq!((process.sigma_prior(), process.sigma_drift_per_sqrt_day()), (9.0, 0.0));
+        process.evolution = Evolution::FirstOrder { correlation_hours: 3.0 };
+        let correlation_time = Duration::from_seconds(10_800);
+        assert_eq!(process.drift(), Drift::FirstOrder { sigma: 4.0, correlation_time });
+        process.assumed_sigma_prior = Some(9.0);
+        process.assumed_drift = Some(AssumedDrift::RandomWalk { sigma_per_sqrt_day: 0.0 });
+        assert_eq!((process.sigma_prior(), process.drift()), (9.0, Drift::CONSTANT));
     }
 
     #[test]
@@ -294,7 +326,24 @@ mod tests {
             (BiasProcess { initial: InitialBias::Given { value: f64::NAN }, ..good.clone() }, "initial.value is NaN"),
             (BiasProcess { initial: InitialBias::Given { value: 0.0 }, ..good.clone() }, "sigma_prior is 0"),
             (BiasProcess { assumed_sigma_prior: Some(-1.0), ..good.clone() }, "sigma_prior is -1"),
-            (BiasProcess { assumed_sigma_drift_per_sqrt_day: Some(-2.0), ..good.clone() }, "per_sqrt_day is -2"),
+            (
+                BiasProcess {
+                    assumed_drift: Some(AssumedDrift::RandomWalk { sigma_per_sqrt_day: -2.0 }),
+                    ..good.clone()
+                },
+                "assumed_drift.sigma_per_sqrt_day is -2",
+            ),
+            (
+                BiasProcess {
+                    assumed_drift: Some(AssumedDrift::FirstOrder { correlation_hours: 0.0 }),
+                    ..good.clone()
+                },
+                "assumed_drift.correlation_hours is 0",
+            ),
+            (
+                BiasProcess { evolution: Evolution::FirstOrder { correlation_hours: -1.0 }, ..good.clone() },
+                "evolution.correlation_hours is -1",
+            ),
             (
                 BiasProcess { evolution: Evolution::RandomWalk { sigma_per_sqrt_day: -3.0 }, ..good.clone() },
                 "evolution.sigma_per_sqrt_day is -3",

@@ -1,5 +1,6 @@
 //! Calibration c: the observing systems' unknown bias parameters, with names, units and prior knowledge.
 
+use isobar_model::Duration;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -28,8 +29,62 @@ pub struct Parameter {
     pub placement: Placement,
     /// Standard deviation of the prior N(0, σ²) at the start, in `unit`.
     pub sigma_prior: f64,
-    /// Standard deviation of the assumed random walk over one day, in `unit`; 0 for a constant.
-    pub sigma_drift_per_sqrt_day: f64,
+    /// How methods take it to change.
+    pub drift: Drift,
+}
+
+/// How methods take a calibration parameter to change: A_c and Q_c of the recursion.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Drift {
+    /// c(t + Δt) = c(t) + N(0, σ² Δt), Δt in days; a constant if σ is 0.
+    RandomWalk {
+        /// σ, the standard deviation of the change over one day, in the parameter's unit.
+        sigma_per_sqrt_day: f64,
+    },
+    /// c(t + Δt) = φ c(t) + N(0, σ² (1 − φ²)), φ = exp(−Δt/τ), an AR(1) process: what nobody observes goes back to N(0, σ²).
+    FirstOrder {
+        /// σ, the standard deviation in the long run, in the parameter's unit.
+        sigma: f64,
+        /// τ, above 0.
+        correlation_time: Duration,
+    },
+}
+
+impl Drift {
+    /// No change at all.
+    pub const CONSTANT: Drift = Drift::RandomWalk { sigma_per_sqrt_day: 0.0 };
+
+    /// φ, the part of a value that is left after a time.
+    pub fn kept(self, time: Duration) -> f64 {
+        match self {
+            Drift::RandomWalk { .. } => 1.0,
+            Drift::FirstOrder { correlation_time, .. } => (-time.as_f64() / correlation_time.as_f64()).exp(),
+        }
+    }
+
+    /// The variance that is added over a time.
+    pub fn added_variance(self, time: Duration) -> f64 {
+        match self {
+            Drift::RandomWalk { sigma_per_sqrt_day } => sigma_per_sqrt_day.powi(2) * time.days(),
+            // 1 − φ², accurate where the time is short.
+            Drift::FirstOrder { sigma, correlation_time } => {
+                -sigma.powi(2) * (-2.0 * time.as_f64() / correlation_time.as_f64()).exp_m1()
+            }
+        }
+    }
+
+    /// The standard deviation of what is added over a time.
+    pub fn added_sigma(self, time: Duration) -> f64 {
+        match self {
+            Drift::RandomWalk { sigma_per_sqrt_day } => sigma_per_sqrt_day * time.days().sqrt(),
+            Drift::FirstOrder { .. } => self.added_variance(time).sqrt(),
+        }
+    }
+
+    /// Whether values change.
+    pub fn changes(self) -> bool {
+        self != Drift::CONSTANT
+    }
 }
 
 /// The calibration parameters of an experiment, in a fixed order; values are a slice in this order.
@@ -43,6 +98,11 @@ pub struct Calibration {
 }
 
 impl Calibration {
+    /// φ of each parameter over a time.
+    pub fn kept(&self, time: Duration) -> Vec<f64> {
+        self.parameters.iter().map(|parameter| parameter.drift.kept(time)).collect()
+    }
+
     /// Number of parameters.
     pub fn len(&self) -> usize {
         self.parameters.len()

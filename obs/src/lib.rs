@@ -66,8 +66,8 @@ pub mod window;
 
 pub use air_mass::AirMassBias;
 pub use aside::{Aside, Unused, UnusedObservation};
-pub use bias::{BiasProcess, Evolution, InitialBias};
-pub use calibration::{ByPlacement, Calibration, Parameter, Placement};
+pub use bias::{AssumedDrift, BiasProcess, Evolution, InitialBias};
+pub use calibration::{ByPlacement, Calibration, Drift, Parameter, Placement};
 pub use error::ObservationError;
 pub use faults::Faults;
 pub use footprint::footprint;

@@ -94,7 +94,7 @@ fn a_group_has_one_bias_in_one_variable_and_the_reference_none() {
     for (parameter, (sigma, unit)) in
         system.calibration().parameters.iter().zip([(20.0, "m"), (20.0, "m"), (4.0, "m s-1")])
     {
-        assert_eq!((parameter.sigma_prior, parameter.sigma_drift_per_sqrt_day), (sigma, 0.0));
+        assert_eq!((parameter.sigma_prior, parameter.drift), (sigma, isobar_obs::Drift::CONSTANT));
         assert_eq!((parameter.unit.as_str(), parameter.placement), (unit, Placement::Shared));
     }
     let truth = random_state(&layout, 3);

@@ -16,8 +16,8 @@ use crate::text::clean;
 use faer::linalg::solvers::Llt;
 use faer::{Mat, Side};
 use isobar_assim::{Recalibration, SensorKnowledge};
-use isobar_model::{Duration, Time};
-use isobar_obs::Calibration;
+use isobar_model::Time;
+use isobar_obs::{Calibration, Drift};
 use std::collections::HashMap;
 
 /// What a run starts with.
@@ -58,16 +58,20 @@ struct Filter {
     time: Option<Time>,
     mean: Vec<f64>,
     covariance: Mat<f64>,
-    /// Variance of the drift in a day.
-    drift: Vec<f64>,
+    drift: Vec<Drift>,
 }
 
 impl Filter {
     /// Lets the drift go on to a time; before the first event nothing drifts, because the priors are those of the start.
     fn advance(&mut self, to: Time) {
         if let Some(from) = self.time {
-            let days = Duration::from_seconds(to.seconds() - from.seconds()).days();
-            self.drift.iter().enumerate().for_each(|(i, drift)| self.covariance[(i, i)] += drift * days);
+            let time = to - from;
+            let kept: Vec<f64> = self.drift.iter().map(|drift| drift.kept(time)).collect();
+            for (i, of_row) in kept.iter().enumerate() {
+                self.mean[i] *= of_row;
+                kept.iter().enumerate().for_each(|(j, of_column)| self.covariance[(i, j)] *= of_row * of_column);
+                self.covariance[(i, i)] += self.drift[i].added_variance(time);
+            }
         }
         self.time = Some(to);
     }
@@ -156,7 +160,7 @@ pub fn warm_start(records: &Records, calibration: &Calibration, start: Time, end
     // Stable: records come in a fixed order.
     events.sort_by_key(|(time, event)| (time.seconds(), event.rank()));
     let prior = Mat::from_fn(p, p, |i, j| calibration.prior_covariance(i, j));
-    let drift = calibration.parameters.iter().map(|it| it.sigma_drift_per_sqrt_day.powi(2)).collect();
+    let drift = calibration.parameters.iter().map(|it| it.drift).collect();
     let mut filter = Filter { time: None, mean: vec![0.0; p], covariance: prior, drift };
     for (time, event) in &events {
         filter.advance(*time);
@@ -224,7 +228,7 @@ mod tests {
             unit: "m".into(),
             placement: Placement::Shared,
             sigma_prior,
-            sigma_drift_per_sqrt_day: drift,
+            drift: Drift::RandomWalk { sigma_per_sqrt_day: drift },
         };
         Calibration {
             parameters: vec![parameter("a", 2.0), parameter("b", 3.0), parameter("new", 5.0)],

@@ -178,7 +178,7 @@ fn info(nx: usize, ny: usize, cycles: usize, methods: usize) -> RunInfo {
         unit: "m".into(),
         placement: Placement::Shared,
         sigma_prior,
-        sigma_drift_per_sqrt_day: 0.0,
+        drift: isobar_obs::Drift::CONSTANT,
     };
     let parameters = vec![
         parameter("europe/h/FR", 15.0),

@@ -9,8 +9,9 @@ use crate::memory::{Matrix, from_bytes, require, to_bytes};
 use faer::{Mat, MatRef};
 use isobar_model::vector::add;
 use isobar_model::{Duration, State, Time};
-use isobar_obs::{Calibration, ObservationWindow};
+use isobar_obs::{Calibration, Drift, ObservationWindow};
 use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
 
 /// A sensor's announced recalibration: from a time on its bias is another, b ← b + u, with u known to a standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,9 +54,12 @@ pub struct Calibrated {
     method: Box<dyn Assimilator>,
     /// What follows is empty where the method does not estimate biases.
     knowledge: SensorKnowledge,
-    drift: Vec<f64>,
+    drift: Vec<Drift>,
     memory: Memory,
 }
+
+/// What is left of a parameter after very many correlation times is divided by as if it were this.
+const LEAST_KEPT: f64 = 1e-100;
 
 /// What is remembered from cycle to cycle.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -70,8 +74,8 @@ struct Memory {
     /// ĉ'.
     estimate: Vec<f64>,
     frozen: Vec<bool>,
-    /// The length of the last forecast; without a forecast there is no analysis whose estimate could be smoothed.
-    window: Option<Duration>,
+    /// o at the analyses that the method's smoother still revises, the oldest first.
+    past_offsets: VecDeque<Vec<f64>>,
 }
 
 impl From<Box<dyn Assimilator>> for Calibrated {
@@ -101,9 +105,9 @@ impl Calibrated {
             prior: Matrix(Mat::from_fn(p, p, |i, j| calibration.prior_covariance(i, j))),
             estimate: vec![0.0; p],
             frozen: vec![false; p],
-            window: None,
+            past_offsets: VecDeque::new(),
         };
-        let drift = calibration.parameters.iter().map(|parameter| parameter.sigma_drift_per_sqrt_day).collect();
+        let drift = calibration.parameters.iter().map(|parameter| parameter.drift).collect();
         Self { method, knowledge, drift, memory }
     }
 
@@ -175,15 +179,17 @@ impl Calibrated {
         self.drift.is_empty()
     }
 
-    /// Takes up the recalibrations in the window that ends at `end`.
+    /// Takes up the recalibrations in the window that ends at `end`, each as if it had come at its start and been as much larger as
+    /// a parameter decays until its time.
     fn recalibrate(&mut self, end: Time) -> Result<(), Error> {
         let p = self.drift.len();
         let mut added = Mat::<f64>::zeros(p, p);
         let Memory { time, offset, prior_mean, .. } = &mut self.memory;
         for it in self.knowledge.recalibrations.iter().filter(|it| *time < it.time && it.time <= end) {
-            offset[it.parameter] += it.step;
-            prior_mean[it.parameter] += it.step;
-            added[(it.parameter, it.parameter)] += it.sigma * it.sigma;
+            let larger = 1.0 / self.drift[it.parameter].kept(it.time - *time).max(LEAST_KEPT);
+            offset[it.parameter] += larger * it.step;
+            prior_mean[it.parameter] += larger * it.step;
+            added[(it.parameter, it.parameter)] += (larger * it.sigma).powi(2);
         }
         if (0..p).any(|i| added[(i, i)] > 0.0) {
             self.widen(added.as_ref())?;
@@ -192,12 +198,16 @@ impl Calibrated {
         Ok(())
     }
 
-    /// What the recalibrations from a time until now have added to the parameters.
-    fn steps_since(&self, time: Time) -> Vec<f64> {
-        let mut steps = vec![0.0; self.drift.len()];
-        let since = |it: &&Recalibration| time < it.time && it.time <= self.memory.time;
-        self.knowledge.recalibrations.iter().filter(since).for_each(|it| steps[it.parameter] += it.step);
-        steps
+    /// Forecasts what is known without observations; the method does so with c'.
+    fn drift(&mut self, window: Duration) {
+        let Memory { offset, prior_mean, prior, .. } = &mut self.memory;
+        let kept: Vec<f64> = self.drift.iter().map(|drift| drift.kept(window)).collect();
+        for (i, of_row) in kept.iter().enumerate() {
+            offset[i] *= of_row;
+            prior_mean[i] *= of_row;
+            kept.iter().enumerate().for_each(|(j, of_column)| prior[(i, j)] *= of_row * of_column);
+            prior[(i, i)] += self.drift[i].added_variance(window);
+        }
     }
 
     /// The observations y − G o.
@@ -242,10 +252,8 @@ impl Assimilator for Calibrated {
         }
         let end = self.memory.time + window;
         self.recalibrate(end)?;
-        (self.memory.time, self.memory.window) = (end, Some(window));
-        for (i, sigma) in self.drift.iter().enumerate() {
-            self.memory.prior[(i, i)] += sigma * sigma * window.days();
-        }
+        self.memory.time = end;
+        self.drift(window);
         let mut background = self.method.forecast(window)?;
         self.report(&mut background.estimate);
         Ok(background)
@@ -268,6 +276,13 @@ impl Assimilator for Calibrated {
         } else {
             self.method.analyse(from, observed)?
         };
+        if self.method.can().smoother.is_some() {
+            let lag = self.lag();
+            self.memory.past_offsets.push_back(self.memory.offset.clone());
+            while self.memory.past_offsets.len() > lag + 1 {
+                self.memory.past_offsets.pop_front();
+            }
+        }
         self.report(&mut analysis.estimate);
         Ok(analysis)
     }
@@ -284,7 +299,9 @@ impl Assimilator for Calibrated {
         let (method, memory): (Vec<u8>, Memory) = from_bytes(memory)?;
         let p = self.drift.len();
         let lengths = [memory.offset.len(), memory.prior_mean.len(), memory.estimate.len(), memory.frozen.len()];
-        require(lengths == [p; 4] && memory.prior.has_shape(p, p), "what is known of the sensors")?;
+        let past_fits = memory.past_offsets.iter().all(|offset| offset.len() == p);
+        let fits = lengths == [p; 4] && memory.prior.has_shape(p, p) && past_fits;
+        require(fits, "what is known of the sensors")?;
         self.method.recall(&method)?;
         self.memory = memory;
         Ok(())
@@ -314,12 +331,9 @@ impl Smoother for Calibrated {
     fn smoothed(&self, analyses_ago: usize) -> Result<Option<Estimate>, Error> {
         let Some(smoother) = self.method.can().smoother else { return Ok(None) };
         let mut smoothed = smoother.smoothed(analyses_ago)?;
-        if let (Some(estimate), Some(window)) = (&mut smoothed, self.memory.window) {
-            let back = Duration::from_seconds(-window.seconds() * analyses_ago as i64);
-            let steps = self.steps_since(self.memory.time + back);
-            for ((value, offset), step) in estimate.calibration.iter_mut().zip(&self.memory.offset).zip(steps) {
-                *value += offset - step;
-            }
+        let offset = self.memory.past_offsets.iter().rev().nth(analyses_ago);
+        if let (Some(estimate), Some(offset)) = (&mut smoothed, offset) {
+            add(&mut estimate.calibration, offset);
         }
         Ok(smoothed)
     }

@@ -58,7 +58,7 @@ impl EnsembleCycle {
     /// then do not go on from the earlier ones that are to be regressed on them.
     pub fn smoothing(mut self, lag: usize) -> Result<Self, Error> {
         let Self { problem, settings, memory: Memory { ensemble, .. } } = &self;
-        let drifts = problem.estimated_calibration().parameters.iter().any(|it| it.sigma_drift_per_sqrt_day > 0.0);
+        let drifts = problem.estimated_calibration().parameters.iter().any(|it| it.drift.changes());
         if settings.model_error == ModelErrorTreatment::SquareRoot && (problem.model_error.is_some() || drifts) {
             let message = "an ensemble smoother needs members that go on from the earlier ones: random draws of the model \
                            error, not its square root";

@@ -158,10 +158,12 @@ impl Ensemble {
     ) -> Result<(), Error> {
         let (steps, m) = (steps(&*problem.model, window)?, self.state_values);
         let layout = problem.background.layout();
+        let kept = problem.estimated_calibration().kept(window);
         self.values.par_chunks_exact_mut(self.rows).try_for_each(|member| {
             let mut state = State::from_values(layout, member[..m].to_vec());
             forecast::forecast(&*problem.model, &mut state, steps)?;
             member[..m].copy_from_slice(state.values());
+            member[m..].iter_mut().zip(&kept).for_each(|(value, kept)| *value *= kept);
             Ok::<(), Error>(())
         })?;
         let mut moments = self.moments();

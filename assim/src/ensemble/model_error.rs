@@ -1,4 +1,4 @@
-//! What a cycle adds to the members: model error and the random walks of the biases.
+//! What a cycle adds to the members: model error and the drift of the biases.
 
 use super::ModelErrorTreatment;
 use super::moments::{spread, variable_scales};
@@ -26,7 +26,7 @@ pub(super) fn add_model_error(
         .estimated_calibration()
         .parameters
         .iter()
-        .map(|parameter| parameter.sigma_drift_per_sqrt_day * window.days().sqrt())
+        .map(|parameter| parameter.drift.added_sigma(window))
         .collect();
     if problem.model_error.is_none() && drift.iter().all(|&sigma| sigma == 0.0) {
         return;

@@ -5,7 +5,7 @@ use crate::augmented::Augmented;
 use crate::covariance;
 use crate::error::Error;
 use crate::filter::{Cycle, Errors, Filter, Fit};
-use crate::fixed_lag::{FixedLag, Whitened};
+use crate::fixed_lag::{FixedLag, PastAnalyses, Whitened};
 use crate::innovation_covariance::InnovationCovariance;
 use crate::linalg::{add_product, add_symmetric_product, column, product, solve_lower_transposed, solved_lower};
 use crate::memory::{Matrix, require};
@@ -13,7 +13,7 @@ use crate::problem::{Innovations, Problem, require_memory};
 use crate::propagator::propagator;
 use faer::{Mat, MatRef, Scale};
 use isobar_model::TangentLinear;
-use isobar_model::vector::axpy;
+use isobar_model::vector::{axpy, scale};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -119,9 +119,18 @@ impl KalmanFilter {
 }
 
 impl Dense {
+    /// Rows and columns of the parameters, each multiplied by its φ.
+    fn decay(&mut self, m: usize, kept: &[f64]) {
+        let covariance = &mut self.memory.covariance;
+        for (number, kept) in (m..).zip(kept).filter(|it| *it.1 != 1.0) {
+            scale(covariance.col_as_slice_mut(number), *kept);
+            (0..covariance.ncols()).for_each(|column| covariance[(number, column)] *= kept);
+        }
+    }
+
     fn size(&self, observations: usize) -> Size {
         let Memory { covariance, smoother } = &self.memory;
-        let (unknowns, lag) = (covariance.nrows(), smoother.as_ref().map(FixedLag::lag));
+        let (unknowns, lag) = (covariance.nrows(), smoother.as_ref().map(PastAnalyses::lag));
         Size { unknowns, observations, one_by_one: self.one_by_one, lag }
     }
 }
@@ -135,6 +144,10 @@ impl Errors for Dense {
         let m = s.state.values().len();
         let a = propagator(cycle.model, &mut s.state, cycle.steps)?;
         let a = MatRef::from_column_major_slice(&a, m, m);
+        let kept = cycle.kept();
+        if let Some(kept) = &kept {
+            self.decay(m, kept);
+        }
         let p = self.memory.covariance.as_ref();
         // A P_xx and A P_xc.
         let rows = product(a, p.get(..m, ..));
@@ -149,7 +162,7 @@ impl Errors for Dense {
         (m..p.nrows()).for_each(|i| forecast[(i, i)] += cycle.drift(i - m));
         self.memory.covariance = Matrix(forecast);
         if let Some(smoother) = &mut self.memory.smoother {
-            smoother.forecast(a);
+            smoother.forecast(a, kept.as_deref());
         }
         Ok(())
     }
@@ -216,8 +229,8 @@ impl Errors for Dense {
         self.size(observations).require_memory(limit_bytes)
     }
 
-    fn smoother(&self) -> Option<&FixedLag> {
-        self.memory.smoother.as_ref()
+    fn smoother(&self) -> Option<&dyn PastAnalyses> {
+        self.memory.smoother.as_ref().map(|smoother| smoother as _)
     }
 }
 

@@ -43,10 +43,10 @@ impl TallMatrix {
     }
 
     /// yᵢ += Σ_j aᵢⱼ².
-    pub fn add_squared_rows(&self, y: &mut [f64]) {
+    pub fn add_squared_rows(&self, first_column: usize, y: &mut [f64]) {
         assert_eq!(y.len(), self.rows);
         stored!(&self.values, values => y.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, y)| {
-            for j in 0..self.columns {
+            for j in first_column..self.columns {
                 let column = &values[j * self.rows + chunk * ROWS..][..y.len()];
                 y.iter_mut().zip(column).for_each(|(y, a)| *y += a.widen() * a.widen());
             }
@@ -222,7 +222,7 @@ pub(super) mod tests {
             let x = [0.3, -1.0, 2.0, 0.0, 0.7];
             let (mut sum, mut squares) = (vec![1.0; rows], vec![2.0; rows]);
             a.multiply_add(&x, &mut sum);
-            a.add_squared_rows(&mut squares);
+            a.add_squared_rows(0, &mut squares);
             for i in 0..rows {
                 let row: Vec<f64> = (0..5).map(|j| a.value(i, j)).collect();
                 let expected = 1.0 + row.iter().zip(x).map(|(a, x)| a * x).sum::<f64>();

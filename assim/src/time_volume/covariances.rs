@@ -32,7 +32,7 @@ impl Heights {
         let mut constant = Mat::zeros(p, volume.unknowns());
         let mut evolving = Mat::zeros(p, volume.evolving.len());
         for number in 0..p {
-            let (of_constant, of_evolving) = volume.heights(number);
+            let (of_constant, of_evolving) = volume.heights(number, volume.memory.time);
             of_constant.into_iter().enumerate().for_each(|(k, height)| constant[(number, k)] = height);
             of_evolving.into_iter().enumerate().for_each(|(k, height)| evolving[(number, k)] = height);
         }

@@ -2,9 +2,9 @@
 
 use super::factor::Target;
 use super::window::Information;
-use super::{Amplitude, AmplitudeEvolution, Memory, TimeVolume, transition};
+use super::{Amplitude, Memory, TimeVolume, transition};
 use crate::assimilator::{
-    Adjustments, Assimilator, CalibrationAdjustment, ReplaceCalibration, Views, WidenCalibration,
+    Adjustments, Assimilator, CalibrationAdjustment, ReplaceCalibration, Smoother, Views, WidenCalibration,
 };
 use crate::calibration_accuracy::CalibrationErrors;
 use crate::error::Error;
@@ -17,18 +17,8 @@ use crate::structure::{BlockStructure, Structure};
 use faer::{Mat, MatRef};
 use isobar_model::Duration;
 use isobar_model::vector::{add, axpy, scale};
-use isobar_obs::{Calibration, ObservationWindow, SparseRows};
+use isobar_obs::{ObservationWindow, SparseRows};
 use std::sync::Arc;
-
-/// How an AR(1) amplitude decays over a window.
-struct Decay {
-    /// Its number among the evolving amplitudes.
-    number: usize,
-    /// φ, the part of it that is left.
-    kept: f64,
-    /// Its standard deviation in the long run.
-    sigma: f64,
-}
 
 impl TimeVolume {
     /// What F^s adds to the forecast of a cycle.
@@ -66,35 +56,11 @@ impl TimeVolume {
         }
     }
 
-    /// What becomes of the AR(1) amplitudes over a window.
-    fn decays(&self, window: Duration) -> Vec<Decay> {
-        let decay = |(number, amplitude): (usize, &Amplitude)| {
-            let evolution = self.settings.factors[amplitude.factor].evolution;
-            let AmplitudeEvolution::FirstOrder { sigma, correlation_time } = evolution else { return None };
-            Some(Decay { number, kept: (-window.as_f64() / correlation_time.as_f64()).exp(), sigma })
-        };
-        self.evolving.iter().enumerate().filter_map(decay).collect()
-    }
-
-    /// The unknowns of a cycle with what their random walks add in it.
-    fn walks(&self, window: Duration) -> Calibration {
-        let mut calibration = self.calibration.clone();
-        for Decay { number, kept, sigma } in self.decays(window) {
-            let added = sigma * ((1.0 - kept * kept) / window.days()).sqrt();
-            calibration.parameters[self.parameters() + number].sigma_drift_per_sqrt_day = added;
-        }
-        calibration
-    }
-
-    /// Lets the AR(1) amplitudes decay.
-    fn decay(&mut self, window: Duration) {
-        let (p, first) = (self.parameters(), self.first_evolving());
-        for Decay { number, kept, .. } in self.decays(window) {
-            self.memory.s.bias[p + number] *= kept;
-            for columns in [self.errors.factors_mut(), &mut self.memory.sensitivity] {
-                (0..columns.columns()).for_each(|j| columns.shared[(first + number, j)] *= kept);
-            }
-        }
+    /// Lets biases and amplitudes decay that are AR(1) processes.
+    fn decay(&mut self, kept: &[f64]) {
+        self.memory.s.decay(kept);
+        self.errors.decay(kept);
+        self.errors.decay_factors(kept, &mut self.memory.sensitivity);
     }
 
     /// Moves C_0, and with it state and parameters; a correction for which there is no model goes half the way, or less.
@@ -123,6 +89,7 @@ impl TimeVolume {
             .enumerate()
             .for_each(|(k, shift)| axpy(*shift, sensitivity.shared.col_as_slice(k), &mut of_shared));
         self.errors.add_increments(s, &Increments { of_blocks, of_shared });
+        self.errors.shift_past(sensitivity, &shift);
         add(reference, &shift);
         window.shift(&shift);
         Ok(())
@@ -131,7 +98,7 @@ impl TimeVolume {
 
 impl Assimilator for TimeVolume {
     fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
-        let (model, calibration) = (Arc::clone(&self.model), self.walks(window));
+        let (model, calibration) = (Arc::clone(&self.model), self.calibration.clone());
         let steps = steps(&*model, window)?;
         let cycle = Cycle { model: &*model, calibration: &calibration, window, steps, error_factor: 1.0 };
         let first = self.constant.len();
@@ -148,7 +115,7 @@ impl Assimilator for TimeVolume {
         self.errors.propagate(&mut self.memory.s.state, &cycle)?;
         self.memory.sensitivity = self.errors.factors_mut().take_front(&ones);
         self.add_model_factors();
-        self.decay(window);
+        cycle.kept().iter().for_each(|kept| self.decay(kept));
         for (k, columns) in transitions.iter().flat_map(|it| (0..it.columns()).map(move |k| (k, it.column(k)))) {
             self.memory.sensitivity.state.edit_column(first + k, |own| add(own, &columns));
         }
@@ -205,6 +172,7 @@ impl Assimilator for TimeVolume {
         self.memory.posterior = posterior;
         self.move_reference(&shift)?;
         self.restart_if_far(&shift);
+        self.remember();
         let estimate = self.estimate()?;
         let analysis_departures = self.innovations(observed, &coefficients)?.departures;
         Ok(Analysis {
@@ -239,6 +207,8 @@ impl Assimilator for TimeVolume {
             && memory.window.has_unknowns(q);
         require(fits, "the time volume")?;
         self.errors.recall(errors, &memory.s)?;
+        let past = self.errors.factors().past.len();
+        require(memory.sensitivity.past.len() == past && memory.past_times.len() == past, "the smoother")?;
         self.memory = memory;
         if let Some(family) = &self.corrections {
             self.model = family.model(&self.memory.reference[self.constant.len()..])?;
@@ -250,7 +220,7 @@ impl Assimilator for TimeVolume {
         Views {
             joint_errors: Some(self),
             calibration: (self.parameters() > 0).then_some(self as &dyn CalibrationErrors),
-            smoother: None,
+            smoother: self.errors.smoother().map(|_| self as &dyn Smoother),
             parameters: Some(self),
             blocks: Some(self),
         }
@@ -284,6 +254,7 @@ impl ReplaceCalibration for TimeVolume {
         });
         self.memory.s.bias.fill(0.0);
         self.memory.s.bias[..p].copy_from_slice(estimate);
+        self.forget();
         self.errors.replace_calibration(joint.as_ref())
     }
 }

@@ -27,6 +27,7 @@
 mod covariances;
 mod cycle;
 mod factor;
+mod fixed_lag;
 mod report;
 mod restart;
 mod rows;
@@ -42,8 +43,9 @@ use crate::error::Error;
 use crate::errors::blocks::{BiasCoupling, BlockErrors, Factors, FastKalmanSettings, Precision};
 use crate::problem::{BiasTreatment, Problem};
 use isobar_model::{Model, TangentLinear, Time};
-use isobar_obs::{Calibration, Parameter, Placement};
+use isobar_obs::{Calibration, Drift, Parameter, Placement};
 use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
 use std::sync::Arc;
 use window::{Posterior, Window};
 
@@ -111,6 +113,8 @@ struct Memory {
     active: Vec<bool>,
     /// Valid time of `s`.
     time: Time,
+    /// Those of the analyses that are still revised, the oldest first, if there is a smoother.
+    past_times: VecDeque<Time>,
 }
 
 impl TimeVolume {
@@ -148,23 +152,21 @@ impl TimeVolume {
             };
             for (name, pattern, function) in factor.amplitudes() {
                 let amplitude = Amplitude { name: name.clone(), unit: unit.clone(), factor: number, pattern, function };
-                let evolve = |sigma_prior: f64, sigma_drift_per_sqrt_day: f64| {
-                    let (placement, unit) = (Placement::Shared, unit.clone());
-                    let own = Parameter { name, unit, placement, sigma_prior, sigma_drift_per_sqrt_day };
-                    calibration.parameters.push(own);
-                };
-                match factor.evolution {
+                let (sigma_prior, drift) = match factor.evolution {
                     AmplitudeEvolution::Constant { sigma_prior } => {
                         priors.push(sigma_prior);
                         constant.push(amplitude);
                         continue;
                     }
                     AmplitudeEvolution::RandomWalk { sigma_prior, sigma_per_sqrt_day } => {
-                        evolve(sigma_prior, sigma_per_sqrt_day);
+                        (sigma_prior, Drift::RandomWalk { sigma_per_sqrt_day })
                     }
-                    // What it adds depends on the cycle's length: see `decay`.
-                    AmplitudeEvolution::FirstOrder { sigma, .. } => evolve(sigma, 0.0),
-                }
+                    AmplitudeEvolution::FirstOrder { sigma, correlation_time } => {
+                        (sigma, Drift::FirstOrder { sigma, correlation_time })
+                    }
+                };
+                let (placement, unit) = (Placement::Shared, unit.clone());
+                calibration.parameters.push(Parameter { name, unit, placement, sigma_prior, drift });
                 evolving.push(amplitude);
             }
         }
@@ -187,6 +189,7 @@ impl TimeVolume {
             window,
             active,
             time: settings.start,
+            past_times: VecDeque::new(),
         };
         let (model, calibration) = (Arc::clone(&problem.model), problem.calibration.clone());
         let problem = Problem { calibration: own, ..problem.into() };

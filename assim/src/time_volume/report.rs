@@ -3,52 +3,79 @@
 use super::factor::Target;
 use super::{Amplitude, TimeVolume};
 use crate::error::Error;
-use crate::errors::blocks::BlockErrors;
+use crate::errors::blocks::{BlockErrors, Factors};
 use crate::estimate::Estimate;
 use crate::estimated::{EstimatedParameter, EstimatesParameters};
 use crate::filter::Errors;
 use crate::high_pass::in_words;
 use crate::linalg::squared_norm;
+use isobar_model::Time;
 use isobar_model::vector::axpy;
 
 /// An evolving amplitude that keeps more than this share of the variance that it has without observations is not determined:
 /// its standard deviation is not yet half of that.
 const DETERMINED: f64 = 0.25;
 
+/// What is believed at some time of (b, c) given C.
+pub(super) struct Believed<'a> {
+    /// ĉ given that C is the reference, `[p]`.
+    pub bias: &'a [f64],
+    /// Its rows of Φ.
+    pub factors: &'a Factors,
+    /// U.
+    pub sensitivity: &'a Factors,
+    pub time: Time,
+}
+
 impl TimeVolume {
     /// State and calibration as of now: a parameter with the factors that act on what it acts on, as far as they have no
     /// pattern in space.
     pub(super) fn estimate(&self) -> Result<Estimate, Error> {
-        let (s, p, variances) = (&self.memory.s, self.parameters(), self.errors.variances());
+        let (s, variances) = (&self.memory.s, self.errors.variances());
         let (state, bias) = (s.state.clone(), s.bias.clone());
         let part = |number| self.errors.part(number);
-        let name = BlockErrors::NAME;
-        let mut estimate = Estimate::with_variances(state, bias, &self.calibration, &variances, name, part)?;
+        let given = Estimate::with_variances(state, bias, &self.calibration, &variances, BlockErrors::NAME, part)?;
+        Ok(self.with_unknowns(given, &self.now(), |number| self.errors.own_variance(number)))
+    }
+
+    fn now(&self) -> Believed<'_> {
+        let super::Memory { s, sensitivity, time, .. } = &self.memory;
+        Believed { bias: &s.bias, factors: self.errors.factors(), sensitivity, time: *time }
+    }
+
+    /// An estimate given C with what C adds to it, where `beside_factors` is the variance that a parameter has beside Φ.
+    pub(super) fn with_unknowns(
+        &self,
+        mut estimate: Estimate,
+        believed: &Believed<'_>,
+        beside_factors: impl Fn(usize) -> f64,
+    ) -> Estimate {
+        let p = self.parameters();
         if let Some(spread) = &mut estimate.state_spread {
             let mut variances: Vec<f64> = spread.iter().map(|sigma| sigma * sigma).collect();
-            let mut columns = self.memory.sensitivity.state.clone();
+            let mut columns = believed.sensitivity.state.clone();
             columns.recombine(None, self.memory.posterior.root.as_ref());
-            columns.add_squared_rows(&mut variances);
+            columns.add_squared_rows(0, &mut variances);
             *spread = variances.into_iter().map(f64::sqrt).collect();
         }
         estimate.calibration.truncate(p);
         let mut spread = vec![0.0; p];
         for number in 0..p {
-            let (value, variance) = self.parameter_now(number);
+            let (value, variance) = self.parameter_at(number, believed, beside_factors(number));
             estimate.calibration[number] += value;
             spread[number] = variance.sqrt();
         }
         estimate.calibration_spread = (p > 0).then_some(spread);
-        Ok(estimate)
+        estimate
     }
 
-    /// With which weights constant and evolving amplitudes add to a calibration parameter now.
-    pub(super) fn heights(&self, number: usize) -> (Vec<f64>, Vec<f64>) {
+    /// With which weights constant and evolving amplitudes add to a calibration parameter at a time.
+    pub(super) fn heights(&self, number: usize, time: Time) -> (Vec<f64>, Vec<f64>) {
         let height = |amplitude: &Amplitude| {
             let factor = &self.settings.factors[amplitude.factor];
             match &factor.target {
                 Target::Observations(numbers) if numbers.contains(&number) && amplitude.pattern.is_none() => {
-                    factor.shape.value(amplitude.function, self.memory.time)
+                    factor.shape.value(amplitude.function, time)
                 }
                 _ => 0.0,
             }
@@ -66,12 +93,13 @@ impl TimeVolume {
         format!("not determined: it keeps {:.0} % of the variance it has without observations", 100.0 * kept)
     }
 
-    /// What factors add to a calibration parameter now, and the variance of the sum.
-    fn parameter_now(&self, number: usize) -> (f64, f64) {
-        let (errors, factors, sensitivity) = (&self.errors, self.errors.factors(), &self.memory.sensitivity);
+    /// What factors add to a calibration parameter at a time, and the variance of the sum.
+    fn parameter_at(&self, number: usize, believed: &Believed<'_>, beside_factors: f64) -> (f64, f64) {
+        let Believed { bias, factors, sensitivity, time } = *believed;
+        let errors = &self.errors;
         let mut common = errors.row_of_parameter(factors, number);
         let mut weights = errors.row_of_parameter(sensitivity, number);
-        let (of_constant, of_evolving) = self.heights(number);
+        let (of_constant, of_evolving) = self.heights(number, time);
         let mut value = 0.0;
         for (k, height) in of_constant.into_iter().enumerate() {
             value += height * self.memory.reference[k];
@@ -79,12 +107,12 @@ impl TimeVolume {
         }
         for (k, height) in of_evolving.into_iter().enumerate() {
             let amplitude = self.parameters() + k;
-            value += height * self.memory.s.bias[amplitude];
+            value += height * bias[amplitude];
             axpy(height, &errors.row_of_parameter(factors, amplitude), &mut common);
             axpy(height, &errors.row_of_parameter(sensitivity, amplitude), &mut weights);
         }
         let known = self.memory.posterior.sigma(&weights).powi(2);
-        (value, errors.own_variance(number).max(0.0) + squared_norm(&common) + known)
+        (value, beside_factors.max(0.0) + squared_norm(&common) + known)
     }
 }
 

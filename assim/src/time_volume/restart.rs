@@ -17,7 +17,6 @@ use super::window::Information;
 use crate::linalg::semidefinite_root;
 use crate::memory::Matrix;
 use faer::Mat;
-use isobar_model::vector::axpy;
 
 /// Claimed standard deviations beyond which a move is far.
 const FAR: f64 = 3.0;
@@ -44,22 +43,16 @@ impl TimeVolume {
         factors.append(n);
         for j in 0..n {
             for (i, &k) in chosen.iter().enumerate() {
-                let weight = spread[(i, j)];
-                let own = &self.memory.sensitivity;
-                factors.state.edit_column(before + j, |target| axpy(weight, &own.state.column(k), target));
-                factors.local.edit_column(before + j, |target| axpy(weight, &own.local.column(k), target));
-                axpy(weight, own.shared.col_as_slice(k), factors.shared.col_as_slice_mut(before + j));
+                factors.add_to_column(before + j, spread[(i, j)], &self.memory.sensitivity, k);
             }
         }
+        self.errors.widen_past(before);
         let is_correction: Vec<bool> = (0..q).map(|k| k >= first).collect();
         let window = &mut self.memory.window;
         let all = std::iter::once(&mut window.before).chain(&mut window.cycles);
         all.for_each(|it| *it = it.without(&is_correction));
         for k in first..q {
-            let own = &mut self.memory.sensitivity;
-            own.state.edit_column(k, |column| column.fill(0.0));
-            own.local.edit_column(k, |column| column.fill(0.0));
-            own.shared.col_as_slice_mut(k).fill(0.0);
+            self.memory.sensitivity.clear_column(k);
         }
         for (&k, sigma) in chosen.iter().zip(&sigma) {
             self.memory.window.before.matrix[(k, k)] = 1.0 / (shift[k].powi(2) + sigma.powi(2));

@@ -15,7 +15,9 @@ use isobar_model::{
     Adjoint, Boundary, Duration, Grid, Layout, Location, Model, ShallowWater, ShallowWaterParameters, State, Stepped,
     TangentLinear, Time, TimeScheme, Variable, VectorInvariant,
 };
-use isobar_obs::{Calibration, Jacobian, LinearOperator, ObservationWindow, Parameter, Placement, Report, SparseRows};
+use isobar_obs::{
+    Calibration, Drift, Jacobian, LinearOperator, ObservationWindow, Parameter, Placement, Report, SparseRows,
+};
 use rand::RngExt;
 use std::sync::Arc;
 
@@ -155,7 +157,12 @@ pub fn calibration(shared: usize, local: usize, drift: f64) -> Calibration {
             Placement::Shared
         },
         sigma_prior: 2.0 + 0.1 * number as f64,
-        sigma_drift_per_sqrt_day: drift,
+        // Every second one that drifts goes back to its prior.
+        drift: if drift > 0.0 && number % 4 > 1 {
+            Drift::FirstOrder { sigma: 2.0 + 0.1 * number as f64, correlation_time: WINDOW * 3 }
+        } else {
+            Drift::RandomWalk { sigma_per_sqrt_day: drift }
+        },
     };
     let mut parameters: Vec<Parameter> = (0..2 * shared.max(local)).map(parameter).collect();
     parameters.retain({

@@ -1,5 +1,6 @@
 //! The moving time volume against the dense least-squares solution of all cycles at once.
 
+mod smoother;
 mod whole;
 
 use self::whole::Whole;
@@ -118,7 +119,7 @@ fn with_the_prior_row_any_length_is_the_recursion() {
     for sigma_prior in sigmas {
         let name = format!("c{}", extended.calibration.len());
         let mut parameter = base.calibration.parameters[0].clone();
-        (parameter.name, parameter.sigma_prior, parameter.sigma_drift_per_sqrt_day) = (name, sigma_prior, 0.0);
+        (parameter.name, parameter.sigma_prior, parameter.drift) = (name, sigma_prior, isobar_obs::Drift::CONSTANT);
         parameter.placement = isobar_obs::Placement::Shared;
         extended.calibration.parameters.push(parameter);
     }

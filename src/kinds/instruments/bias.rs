@@ -1,11 +1,18 @@
 //! `[[networks.NAME.bias]]`: how a bias truly behaves, and what methods may assume of it.
 
 use crate::reader::{Field, Kind, Limits, Read, Section};
-use isobar_obs::{BiasProcess, Evolution, InitialBias};
+use isobar_obs::{AssumedDrift, BiasProcess, Evolution, InitialBias};
 
 /// The keys of every bias, in the unit of the observed variable.
-pub(super) const KEYS: [&str; 6] =
-    ["sigma", "value", "evolution", "known", "assumed_sigma", "assumed_drift_per_sqrt_day"];
+pub(super) const KEYS: [&str; 7] = [
+    "sigma",
+    "value",
+    "evolution",
+    "known",
+    "assumed_sigma",
+    "assumed_drift_per_sqrt_day",
+    "assumed_correlation_hours",
+];
 
 /// The most biases of a network.
 pub(super) const MOST_BIASES: usize = 100;
@@ -35,15 +42,32 @@ pub(super) fn read(section: &Section<'_>) -> Read<BiasProcess> {
             return Err(section.file.error(section.span.clone(), message, "`sigma` must be given here", None));
         }
     };
-    let drift = section.optional("assumed_drift_per_sqrt_day");
     Ok(BiasProcess {
         initial,
         evolution: section.optional("evolution").map_or(Ok(Evolution::Constant), |field| evolution(&field))?,
         assumed_sigma_prior,
-        assumed_sigma_drift_per_sqrt_day: drift.map(|field| field.number(Limits::NonNegative)).transpose()?,
+        assumed_drift: assumed_drift(section)?,
         known,
     })
 }
+
+fn assumed_drift(section: &Section<'_>) -> Read<Option<AssumedDrift>> {
+    let (walk, hours) = (section.optional("assumed_drift_per_sqrt_day"), section.optional("assumed_correlation_hours"));
+    match (walk, hours) {
+        (None, None) => Ok(None),
+        (Some(field), None) => {
+            Ok(Some(AssumedDrift::RandomWalk { sigma_per_sqrt_day: field.number(Limits::NonNegative)? }))
+        }
+        (None, Some(field)) => Ok(Some(AssumedDrift::FirstOrder { correlation_hours: field.number(HOURS)? })),
+        (Some(_), Some(hours)) => {
+            let message = format!("`{}` stands beside `assumed_drift_per_sqrt_day`", hours.title());
+            Err(hours.misplaced(message, "methods assume a random walk or an AR(1) process, not both"))
+        }
+    }
+}
+
+/// Correlation times.
+const HOURS: Limits = Limits::Between(0.01, 1e6);
 
 type ReadEvolution = fn(&Section<'_>) -> Read<Evolution>;
 
@@ -57,6 +81,11 @@ fn evolution(field: &Field<'_>) -> Read<Evolution> {
                 Ok(Evolution::RandomWalk { sigma_per_sqrt_day })
             },
             &["sigma_per_sqrt_day"],
+        ),
+        (
+            "ar1",
+            |section| Ok(Evolution::FirstOrder { correlation_hours: section.number("correlation_hours", HOURS)? }),
+            &["correlation_hours"],
         ),
         (
             "jump",

@@ -85,7 +85,7 @@ const BIAS: Key<Described> = Key::absent(
     "",
     Described(
         "a list of tables: `per` (\"group\" or \"station\") and `variable`; `sigma` or `value`; `evolution`, `known`, \
-         `assumed_sigma`, `assumed_drift_per_sqrt_day`",
+         `assumed_sigma`, `assumed_drift_per_sqrt_day`, `assumed_correlation_hours`",
     ),
     Absent::Explained("no biases"),
     "biases, one for each group or station",

@@ -76,7 +76,7 @@ const BIAS: Key<Described> = Key::absent(
     "",
     Described(
         "a list of tables: `term` (\"offset\", \"scan_linear\", \"scan_quadratic\", or \"air_mass\" with `variable`, `mean` \
-         and `scale`); `sigma` or `value`; `evolution`, `known`, `assumed_sigma`, `assumed_drift_per_sqrt_day`",
+         and `scale`); `sigma` or `value`; `evolution`, `known`, `assumed_sigma`, `assumed_drift_per_sqrt_day`, `assumed_correlation_hours`",
     ),
     Absent::Explained("no biases"),
     "biases, each with a coefficient to estimate",
@@ -122,9 +122,9 @@ pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
 );
 
 fn read_biases(section: &Section<'_>, domain: &Domain, settings: &mut SatelliteSettings) -> Read<()> {
-    const AIR_MASS: [&str; 9] = {
-        let [a, b, c, d, e, f] = bias::KEYS;
-        ["variable", "mean", "scale", a, b, c, d, e, f]
+    const AIR_MASS: [&str; 10] = {
+        let [a, b, c, d, e, f, g] = bias::KEYS;
+        ["variable", "mean", "scale", a, b, c, d, e, f, g]
     };
     const TERMS: &[reader::Kind<Option<ScanTerm>>] = &[
         ("offset", Some(ScanTerm::Offset), &bias::KEYS),

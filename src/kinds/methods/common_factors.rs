@@ -2,7 +2,7 @@
 
 use super::Surroundings;
 use crate::kinds::covariances;
-use crate::reader::{Absent, Field, Key, Limits, OrTable, OrWord, Read, Section, Whole};
+use crate::reader::{Absent, Key, Limits, OrTable, OrWord, Read, Section, Whole};
 use isobar_assim::covariance::middle_deviations;
 use toml::de::DeValue;
 
@@ -10,7 +10,9 @@ pub(super) const FACTORS: Key<OrTable<OrWord<Whole>>> = Key::absent(
     "factors",
     "",
     OrTable(OrWord("auto", Whole(0, MOST_FACTORS)), &[&RETAINED, &AT_MOST]),
-    Absent::Means(Some(0)),
+    Absent::Explained(
+        "\"auto\"; 0 if the domain is one block, is forecast exactly or drops its coupling with biases, or has local factors",
+    ),
     "number of common factors, which hold what blocks have in common; \"auto\" for as many as the spectra of B and Q ask for, \
      or in fkf for local factors where these are fewer",
 );
@@ -43,10 +45,22 @@ pub(super) struct CommonFactors {
     pub asked_for: Option<usize>,
 }
 
-/// Reads a number of factors, the most of them with the share of their energy that is kept, or that both are left open.
-pub(super) fn read(section: &Section<'_>, surroundings: &Surroundings) -> Read<CommonFactors> {
+/// Reads a number of factors, the most of them with the share of their energy that is kept, or that both are left open. Without
+/// the key they are left open, unless the blocks do without factors: `whole_blocks`.
+pub(super) fn read(section: &Section<'_>, surroundings: &Surroundings, whole_blocks: bool) -> Read<CommonFactors> {
     let fixed = |at_most| CommonFactors { at_most, retained_energy: 1.0, asked_for: None };
-    let Some(field) = section.optional(FACTORS.name) else { return Ok(fixed(0)) };
+    let field = match section.optional(FACTORS.name) {
+        None if whole_blocks => return Ok(fixed(0)),
+        None => {
+            let number = number_asked_for(surroundings);
+            // Neither spectra nor lengths say it: the key must be given.
+            return number.map_or_else(
+                || section.required(FACTORS.name).map(|_| fixed(0)),
+                |number| Ok(CommonFactors::asked_for(number, surroundings)),
+            );
+        }
+        Some(field) => field,
+    };
     if matches!(field.value.get_ref(), DeValue::Table(_)) {
         let section = field.section(&[RETAINED.name, AT_MOST.name])?;
         let retained_energy = section.get(&RETAINED)?;
@@ -54,16 +68,31 @@ pub(super) fn read(section: &Section<'_>, surroundings: &Surroundings) -> Read<C
     }
     match FACTORS.allowed.read_plain(&field)? {
         Some(number) => Ok(fixed(number)),
-        None => {
-            let number = by_spectra(surroundings).map_or_else(|| by_length(&field, surroundings), Ok)?;
-            let values = surroundings.domain.grid.cells() * surroundings.domain.model.variables().len();
-            Ok(CommonFactors {
-                at_most: (ALLOWANCE * number).min(values),
-                retained_energy: if number > 0 { RETAINED_ENERGY } else { 1.0 },
-                asked_for: Some(number),
-            })
+        None => match number_asked_for(surroundings) {
+            Some(number) => Ok(CommonFactors::asked_for(number, surroundings)),
+            None => {
+                let message = "neither spectra nor correlation lengths of B and Q say how many factors there should be";
+                Err(field.invalid(message.into(), "must be a number for these errors"))
+            }
+        },
+    }
+}
+
+impl CommonFactors {
+    /// Those that B and Q ask for.
+    fn asked_for(number: usize, surroundings: &Surroundings) -> Self {
+        let values = surroundings.domain.grid.cells() * surroundings.domain.model.variables().len();
+        Self {
+            at_most: (ALLOWANCE * number).min(values),
+            retained_energy: if number > 0 { RETAINED_ENERGY } else { 1.0 },
+            asked_for: Some(number),
         }
     }
+}
+
+/// How many factors B and Q ask for; `None` if neither spectra nor lengths say it.
+fn number_asked_for(surroundings: &Surroundings) -> Option<usize> {
+    by_spectra(surroundings).or_else(|| by_length(surroundings))
 }
 
 /// As many leading directions as hold [`HELD`] of the energy of B, or of that of Q if these are more, but for what is white: the
@@ -84,13 +113,10 @@ fn by_spectra(surroundings: &Surroundings) -> Option<usize> {
 
 /// `2 area / L²`, L the shortest correlation length of Q, or of B if there is no Q: for a Gaussian correlation as many as
 /// hold all but 5 · 10⁻⁵ of the energy of the winds.
-fn by_length(field: &Field<'_>, surroundings: &Surroundings) -> Read<usize> {
+fn by_length(surroundings: &Surroundings) -> Option<usize> {
     let Surroundings { domain, error_length_m, .. } = surroundings;
-    let Some(length_m) = error_length_m else {
-        let message = "neither spectra nor correlation lengths of B and Q say how many factors there should be";
-        return Err(field.invalid(message.into(), "must be a number for these errors"));
-    };
+    let length_m = (*error_length_m)?;
     let area_m2 = domain.grid.width_m() * domain.grid.height_m();
     let most = domain.grid.cells() * domain.model.variables().len();
-    Ok(((2.0 * area_m2 / (length_m * length_m)).ceil() as usize).clamp(1, most))
+    Some(((2.0 * area_m2 / (length_m * length_m)).ceil() as usize).clamp(1, most))
 }

@@ -3,7 +3,7 @@
 use super::adapt::ADAPT;
 use super::common_factors::{self, CommonFactors, FACTORS};
 use super::local_factors::{self, LOCAL_FACTORS};
-use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, Setup, Surroundings};
+use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, AnyKey, Choice, Field, Key, OrTable, Read, Section, Table, Whole};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
@@ -93,11 +93,15 @@ pub(super) const SHARED_KEYS: &[&dyn AnyKey] =
 pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "fkf",
     "Lange's Fast Kalman Filter: blocks, and the common factors that link them",
-    &[&[&BIAS, &ADAPT, &BIAS_COUPLING, &FACTOR_GRID, &FACTOR_PRECISION, &LOCAL_FACTORS], SHARED_KEYS],
+    &[
+        &[&BIAS, &ADAPT, &BIAS_COUPLING, &FACTOR_GRID, &FACTOR_PRECISION, &LOCAL_FACTORS, &SMOOTHER_LAG_CYCLES],
+        SHARED_KEYS,
+    ],
     |section, surroundings| {
         let Settings { filter, factors } = read(section, surroundings)?;
         let factor_grid = factor_grid(section, &surroundings.domain.grid, &filter)?;
         let local = local_factors::read(section, surroundings, &filter, factors)?;
+        check_smoother(section, &filter, local.is_some())?;
         Ok(Box::new(FastKalman { settings: Settings { filter, factors }, factor_grid, local }))
     },
 );
@@ -116,13 +120,14 @@ impl MethodSettings for FastKalman {
         if let Some(local) = self.local {
             return Ok(Box::new(LocalFastKalmanFilter::with_local_factors(setup.problem, local)?));
         }
-        let filter = FastKalmanFilter::new(setup.problem, self.settings.filter)?;
+        let (Domain { grid, model }, cycle) = (setup.domain, setup.cycle);
+        let filter = |problem| FastKalmanFilter::new(problem, self.settings.filter);
+        let filter = setup.smoothed(filter, FastKalmanFilter::smoothing)?;
         if self.factor_grid == 1 {
             return Ok(Box::new(filter));
         }
-        let Domain { grid, model } = setup.domain;
         let fault = |reason: String| Error::Setting(format!("factor_grid = {}: {reason}", self.factor_grid));
-        Ok(Box::new(filter.with_factors_on(model.build_coarser(grid, setup.cycle, self.factor_grid).map_err(fault)?)?))
+        Ok(Box::new(filter.with_factors_on(model.build_coarser(grid, cycle, self.factor_grid).map_err(fault)?)?))
     }
 
     fn describe(&self) -> String {
@@ -142,6 +147,22 @@ impl MethodSettings for FastKalman {
     }
 }
 
+/// Fails if there is to be a smoother without the factors of the whole domain that it needs.
+pub(super) fn check_smoother(section: &Section<'_>, settings: &FastKalmanSettings, local: bool) -> Read<()> {
+    let Some(field) = section.optional(SMOOTHER_LAG_CYCLES.name) else { return Ok(()) };
+    if local {
+        let message = "the smoother needs factors of the whole domain".to_string();
+        return Err(
+            field.misplaced(message, "leave out this key, or give a number of `factors` without `local_factors`")
+        );
+    }
+    if settings.factors == 0 {
+        let message = "the smoother revises what common factors link, and there are no factors".to_string();
+        return Err(field.misplaced(message, "leave out this key, or add `factors`"));
+    }
+    Ok(())
+}
+
 /// The settings of the filter.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Settings {
@@ -153,17 +174,24 @@ pub(super) struct Settings {
 /// Reads the settings of the filter; keys that the time volume does not have are absent there.
 pub(super) fn read(section: &Section<'_>, surroundings: &Surroundings) -> Read<Settings> {
     let domain = &surroundings.domain;
-    let common = common_factors::read(section, surroundings)?;
+    let asked = section.find(&RESIDUAL)?;
+    let bias_coupling = section.get(&BIAS_COUPLING)?;
+    let blocks = section.optional(BLOCKS.name).map_or(Ok(BlockShape::Cell), |field| blocks(&field, &domain.grid))?;
+    let has_local_factors = section.optional(LOCAL_FACTORS.name).is_some();
+    let whole_blocks = has_local_factors
+        || blocks == BlockShape::Domain
+        || asked == Some(Residual::Exact)
+        || bias_coupling == BiasCoupling::Drop;
+    let common = common_factors::read(section, surroundings, whole_blocks)?;
     let factors = common.at_most;
     let probe = Residual::Probe { count: section.get(&PROBES)? };
-    let residual = match section.find(&RESIDUAL)? {
+    let residual = match asked {
         Some(Residual::Probe { .. }) => probe,
         Some(residual) => residual,
         // Without factors the blocks hold all there is, and only the exact forecast does them justice.
-        None if factors == 0 && section.optional(LOCAL_FACTORS.name).is_none() => Residual::Exact,
+        None if factors == 0 && !has_local_factors => Residual::Exact,
         None => probe,
     };
-    let bias_coupling = section.get(&BIAS_COUPLING)?;
     if let (Some(field), true, BiasCoupling::Drop) = (section.optional(FACTORS.name), factors > 0, bias_coupling) {
         let message = "bias_coupling = \"drop\" is the printed formula, which has no factors".to_string();
         return Err(field.invalid(message, "must be 0 with bias_coupling = \"drop\""));
@@ -174,7 +202,6 @@ pub(super) fn read(section: &Section<'_>, surroundings: &Surroundings) -> Read<S
         let message = "bias_coupling = \"drop\" is the printed formula, which forecasts the blocks exactly".to_string();
         return Err(field.invalid(message, "must be \"exact\" with bias_coupling = \"drop\""));
     }
-    let blocks = section.optional(BLOCKS.name).map_or(Ok(BlockShape::Cell), |field| blocks(&field, &domain.grid))?;
     let (nx, ny) = blocks.cells(&domain.grid);
     let merged_blocks = MERGED_BLOCKS * nx * ny * domain.model.variables().len();
     let filter = FastKalmanSettings {

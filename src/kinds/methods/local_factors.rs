@@ -1,7 +1,7 @@
 //! `local_factors`: factors of tiles instead of the whole domain, in a Fast Kalman Filter.
 
-use super::Surroundings;
 use super::common_factors::{CommonFactors, FACTORS};
+use super::{SMOOTHER_LAG_CYCLES, Surroundings};
 use crate::reader::{Absent, AnyKey, Key, Limits, Read, Section, Table, Whole};
 use isobar_assim::fast_kalman::{FastKalmanSettings, Residual};
 use isobar_assim::local_factors::LocalFactorSettings;
@@ -74,7 +74,9 @@ pub(super) fn read(
 ) -> Read<Option<LocalFactorSettings>> {
     let mut of_whole_domain = OF_WHOLE_DOMAIN.iter().filter_map(|key| section.optional(key));
     let Some(field) = section.optional(LOCAL_FACTORS.name) else {
-        let may_be_local = of_whole_domain.next().is_none() && filter.residual != Residual::Exact;
+        let may_be_local = of_whole_domain.next().is_none()
+            && section.optional(SMOOTHER_LAG_CYCLES.name).is_none()
+            && filter.residual != Residual::Exact;
         return Ok(in_place_of(factors, surroundings, filter).filter(|_| may_be_local));
     };
     if let Some(excluded) = section.optional(FACTORS.name).into_iter().chain(of_whole_domain).next() {

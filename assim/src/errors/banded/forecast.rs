@@ -12,14 +12,17 @@ use isobar_model::vector::{add, scale};
 use isobar_model::{State, forecast};
 use rayon::prelude::*;
 
+/// The least part of a bias that is left after a window.
+const LEAST_KEPT: f64 = 1e-100;
+
 /// Columns of the band that are worked out together.
 const STRIP: usize = 64;
 
 impl Banded {
     /// x ← M(x), and the band of `A L W⁻¹ Lᵀ Aᵀ + Q`.
     ///
-    /// The biases walk, c ← c + w, w ~ N(0, Q_c); what the state has in common with the new ones is by regression
-    /// `T ← A T P_c (P_c + Q_c)⁻¹`, and the rest, `A T (P_c⁻¹ + Q_c⁻¹)⁻¹ Tᵀ Aᵀ`, belongs to the band.
+    /// The biases drift, c ← φ c + w, w ~ N(0, Q_c); what the state has in common with the new ones is by regression
+    /// `T ← A T P_c φ (φ P_c φ + Q_c)⁻¹`, and the rest, `A T (P_c⁻¹ + φ Q_c⁻¹ φ)⁻¹ Tᵀ Aᵀ`, belongs to the band.
     pub(super) fn propagate(&mut self, x: &mut State, cycle: &Cycle<'_>) -> Result<(), Error> {
         let (m, p) = (self.memory.coupling.nrows(), self.memory.coupling.ncols());
         let start = x.clone();
@@ -53,21 +56,27 @@ impl Banded {
         Ok(())
     }
 
-    /// Lets the biases walk; returns a root of the state's covariance that they no longer explain.
+    /// Lets the biases drift; returns a root of the state's covariance that they no longer explain.
     fn walk(&mut self, cycle: &Cycle<'_>) -> Result<Option<Mat<f64>>, Error> {
         let Memory { coupling, bias_covariance, widening, .. } = &mut self.memory;
         let p = coupling.ncols();
         let mut walk = std::mem::replace(&mut widening.0, Mat::zeros(p, p));
         (0..p).for_each(|k| walk[(k, k)] += cycle.drift(k));
-        if (0..p).all(|k| walk[(k, k)] == 0.0) {
+        let kept = cycle.kept();
+        if kept.is_none() && (0..p).all(|k| walk[(k, k)] == 0.0) {
             return Ok(None);
         }
-        let after = &bias_covariance.0 + &walk;
-        // F = (P_c + Q_c)⁻¹ P_c, and P_c − P_c F = (P_c⁻¹ + Q_c⁻¹)⁻¹ = Fᵀ Q_c.
+        // What is left of a bias after many correlation times is next to nothing, but it is divided by below.
+        let kept = kept.map_or_else(|| vec![1.0; p], |kept| kept.iter().map(|kept| kept.max(LEAST_KEPT)).collect());
+        let decayed = Mat::from_fn(p, p, |i, j| kept[i] * bias_covariance[(i, j)]);
+        let after = Mat::from_fn(p, p, |i, j| decayed[(i, j)] * kept[j] + walk[(i, j)]);
+        // F = (φ P_c φ + Q_c)⁻¹ φ P_c, and P_c − P_c φ F = (P_c⁻¹ + φ Q_c⁻¹ φ)⁻¹ = Fᵀ Q_c φ⁻¹.
         let root = cholesky(after.clone(), || "the covariance of the calibration".into())?;
-        let mut regression = std::mem::replace(&mut bias_covariance.0, after);
+        bias_covariance.0 = after;
+        let mut regression = decayed;
         solve_lower(root.as_ref(), regression.as_mut());
         solve_lower_transposed(root.as_ref(), regression.as_mut());
+        let walk = Mat::from_fn(p, p, |i, j| walk[(i, j)] / kept[j]);
         let rest = product(regression.transpose(), walk.as_ref());
         let rest = Mat::from_fn(p, p, |i, j| 0.5 * (rest[(i, j)] + rest[(j, i)]));
         let lost = product(coupling.as_ref(), semidefinite_root(rest.as_ref()).as_ref());

@@ -10,7 +10,7 @@ use super::{BlockErrors, Frame, Residual};
 use crate::augmented::Augmented;
 use crate::block_angular::{Component, Eliminated, Information, Prior};
 use crate::error::Error;
-use crate::linalg::{cholesky, column, product};
+use crate::linalg::cholesky;
 use crate::memory::Matrix;
 use crate::problem::Innovations;
 use faer::{Mat, MatRef};
@@ -60,10 +60,7 @@ impl BlockErrors {
             return Ok(self.finish_with_free(amplitudes, root.as_ref(), of_blocks, chi2, free));
         }
         // β̂_k + Φ_b ξ̂ = β̂_k(ξ = 0) + (Φ_b − D) ξ̂.
-        let factors = self.factors_mut();
-        factors.multiply_add(amplitudes, &mut of_blocks);
-        let of_shared = product(factors.shared.as_ref(), column(amplitudes).as_ref()).col_as_slice(0).to_vec();
-        factors.rotate(root.as_ref());
+        let of_shared = self.take_in_amplitudes(amplitudes, root.as_ref(), 0, &mut of_blocks);
         Ok(Solved { increments: Increments { of_blocks, of_shared }, chi2, found: None })
     }
 

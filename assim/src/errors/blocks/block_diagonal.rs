@@ -140,6 +140,12 @@ impl BlockDiagonal {
         clear(self.block_mut(blocks, block), position);
     }
 
+    /// Multiplies the row and the column of a variable.
+    pub fn scale(&mut self, blocks: &Blocks, variable: usize, factor: f64) {
+        let (block, position) = blocks.place(variable);
+        scale_row_and_column(self.block_mut(blocks, block), position, factor);
+    }
+
     /// Sets to zero the rows and columns of variables whose variance is at most `share` of what it was taken from: a difference
     /// that is nothing but rounding, which may be negative and would pile up from cycle to cycle.
     pub fn clear_rounding(&mut self, blocks: &Blocks, taken_from: &[f64], share: f64) {
@@ -158,6 +164,14 @@ impl BlockDiagonal {
             let (block, position) = blocks.place(variable);
             *variance += self.values[blocks.matrix(block).start + position * (blocks.size(block) + 1)];
         });
+    }
+}
+
+/// Multiplies a row and the column of the same number.
+pub(super) fn scale_row_and_column(mut matrix: MatMut<'_, f64>, number: usize, factor: f64) {
+    for other in 0..matrix.nrows() {
+        matrix[(number, other)] *= factor;
+        matrix[(other, number)] *= factor;
     }
 }
 

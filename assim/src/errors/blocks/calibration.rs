@@ -1,12 +1,27 @@
 //! What the filter knows of the calibration parameters: their priors, their accuracy, and what a recalibration adds, or
 //! another source says.
 
+use super::block_diagonal::scale_row_and_column;
+use super::factored_covariance::{FactoredCovariance, Patch};
 use super::factors::Factors;
 use super::{BlockErrors, Frame};
 use crate::error::Error;
 use crate::linalg::{add_symmetric_product, cholesky, semidefinite_root};
 use faer::{Mat, MatRef};
 use std::sync::Arc;
+
+impl Frame {
+    /// Multiplies the rows of the parameters by φ, `[p]`.
+    fn decay(&self, kept: &[f64], factors: &mut Factors) {
+        let Frame { local, shared, .. } = self;
+        let of_local: Vec<f64> = local.iter().map(|&number| kept[number]).collect();
+        factors.local.edit_columns(|column| column.iter_mut().zip(&of_local).for_each(|(value, kept)| *value *= kept));
+        for column in 0..factors.columns() {
+            let values = factors.shared.col_as_slice_mut(column);
+            values.iter_mut().zip(shared).for_each(|(value, &number)| *value *= kept[number]);
+        }
+    }
+}
 
 impl BlockErrors {
     /// The rows of the parameters, in the order of the calibration, and of the state's means, `[p + v, r]`, of factors.
@@ -53,6 +68,27 @@ impl BlockErrors {
         joint
     }
 
+    /// c ← φ c in the covariance: the rows of the parameters in Φ, and those of the local ones in the blocks.
+    pub(crate) fn decay(&mut self, kept: &[f64]) {
+        let frame = Arc::clone(&self.frame);
+        let m = frame.layout.len();
+        let FactoredCovariance { own, linked, factors } = &mut self.memory.covariance;
+        frame.decay(kept, factors);
+        for (i, &number) in frame.local.iter().enumerate() {
+            own.scale(&frame.blocks, m + i, kept[number]);
+            for Patch { variables, covariance } in linked.iter_mut() {
+                if let Ok(place) = variables.binary_search(&(m + i)) {
+                    scale_row_and_column(covariance.as_mut(), place, kept[number]);
+                }
+            }
+        }
+    }
+
+    /// c ← φ c in factors like Φ.
+    pub(crate) fn decay_factors(&self, kept: &[f64], factors: &mut Factors) {
+        self.frame.decay(kept, factors);
+    }
+
     /// Φ ← \[Φ L\], L Lᵀ the covariance that is added to that of the parameters.
     pub(super) fn widen(&mut self, covariance: MatRef<'_, f64>) {
         let frame = Arc::clone(&self.frame);
@@ -82,6 +118,7 @@ impl BlockErrors {
         let (p, shared, m) = (numbers.len(), frame.shared.len(), frame.layout.len());
         let ordered = Mat::from_fn(p, p, |i, j| covariance[(numbers[i], numbers[j])]);
         let root = cholesky(ordered, || "the covariance of the calibration".into())?;
+        self.forget();
         let factors = self.factors_mut();
         factors.shared.fill(0.0);
         for column in 0..factors.columns() {

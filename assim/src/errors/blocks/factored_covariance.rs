@@ -31,11 +31,11 @@ pub(super) struct FactoredCovariance {
 }
 
 impl FactoredCovariance {
-    /// The variances of the block variables.
-    pub fn block_variances(&self, blocks: &Blocks) -> Vec<f64> {
-        let mut variances = self.factors.block_variances();
-        self.own.add_variances(blocks, &mut variances);
-        variances
+    /// The variances of the block variables and of the shared parameters.
+    pub fn variances(&self, blocks: &Blocks) -> (Vec<f64>, Vec<f64>) {
+        let (mut of_blocks, of_shared) = self.factors.variances(0);
+        self.own.add_variances(blocks, &mut of_blocks);
+        (of_blocks, of_shared)
     }
 
     /// The patches that make up the block-diagonal part: linked ones, and the blocks that are in none. A block is

@@ -1,7 +1,7 @@
 //! The common factors Φ = [Φ_b; Φ_c].
 
 use crate::error::Error;
-use crate::linalg::{cholesky, product, solve_lower};
+use crate::linalg::{cholesky, column, product, solve_lower};
 use crate::memory::Matrix;
 use crate::tall_matrix::{ColumnMut, Precision, TallMatrix, scaled_gram, stored};
 use faer::{Mat, MatRef};
@@ -10,6 +10,7 @@ use isobar_model::vector::axpy;
 use isobar_obs::Calibration;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
 
 /// Φ: each row is a variable, each column a direction of errors that many blocks have in common.
 ///
@@ -23,6 +24,9 @@ pub(crate) struct Factors {
     pub local: TallMatrix,
     /// Φ_c, `[shared parameters, r]`.
     pub shared: Matrix,
+    /// Ψ: the rows of the same factors that the errors of the last analyses have, the oldest first, if there is a smoother.
+    /// What combines the columns of Φ combines theirs; their errors do not change otherwise.
+    pub past: VecDeque<Factors>,
 }
 
 /// Factors of the state `[m, r]` with those of the prior covariance P_c of the parameters. With P_c's part of the shared
@@ -50,7 +54,7 @@ pub(super) fn with_priors(
         (0..local.len()).for_each(|local| of_local.set(local, column, with_local[(column, local)]));
     }
     let of_shared = Mat::from_fn(p, r, |i, j| if j < p { root[(i, j)] } else { 0.0 });
-    Ok(Factors { state, local: of_local, shared: Matrix(of_shared) })
+    Ok(Factors { state, local: of_local, shared: Matrix(of_shared), past: VecDeque::new() })
 }
 
 impl Factors {
@@ -60,6 +64,7 @@ impl Factors {
             state: TallMatrix::zeros(like.state.rows(), columns, Precision::Double),
             local: TallMatrix::zeros(like.local.rows(), columns, Precision::Double),
             shared: Matrix(Mat::zeros(like.shared.nrows(), columns)),
+            past: like.past.iter().map(|past| Self::zeros_like(past, columns)).collect(),
         }
     }
 
@@ -70,6 +75,10 @@ impl Factors {
             && self.local.has_shape(local, columns)
             && self.local.precision() == Precision::Double
             && self.shared.has_shape(shared, columns)
+            && self
+                .past
+                .iter()
+                .all(|past| past.columns() == columns && past.past.is_empty() && past.has_rows(state, local, shared))
     }
 
     /// Number of factors r.
@@ -114,6 +123,7 @@ impl Factors {
         let before = &self.shared;
         let entry = |i: usize, j: usize| if j < before.ncols() { before[(i, j)] } else { 0.0 };
         self.shared = Matrix(Mat::from_fn(before.nrows(), before.ncols() + columns, entry));
+        self.past.iter_mut().for_each(|past| past.append(columns));
     }
 
     /// Puts the columns of `others` before these, each multiplied by its scale.
@@ -125,9 +135,10 @@ impl Factors {
             self.state.edit_column(k, |column| axpy(scale, &others.state.column(k), column));
             self.local.edit_column(k, |column| axpy(scale, &others.local.column(k), column));
         }
-        let (before, others) = (&self.shared, &others.shared);
-        let entry = |i: usize, j: usize| if j < q { scales[j] * others[(i, j)] } else { before[(i, j - q)] };
+        let (before, of_others) = (&self.shared, &others.shared);
+        let entry = |i: usize, j: usize| if j < q { scales[j] * of_others[(i, j)] } else { before[(i, j - q)] };
         self.shared = Matrix(Mat::from_fn(before.nrows(), q + before.ncols(), entry));
+        self.past.iter_mut().zip(&others.past).for_each(|(past, others)| past.prepend(others, scales));
     }
 
     /// Takes the first columns out, each divided by its scale.
@@ -142,7 +153,26 @@ impl Factors {
         let (p, joint) = (self.shared.nrows(), &self.shared);
         let shared = Matrix(Mat::from_fn(p, q, |i, j| joint[(i, j)] / scales[j]));
         self.shared = Matrix(Mat::from_fn(p, joint.ncols() - q, |i, j| joint[(i, q + j)]));
-        Factors { state, local, shared }
+        let past = self.past.iter_mut().map(|past| past.take_front(scales)).collect();
+        Factors { state, local, shared, past }
+    }
+
+    /// Adds a multiple of a column of `others` to one of these.
+    pub fn add_to_column(&mut self, column: usize, factor: f64, others: &Factors, other: usize) {
+        self.state.edit_column(column, |target| axpy(factor, &others.state.column(other), target));
+        self.local.edit_column(column, |target| axpy(factor, &others.local.column(other), target));
+        axpy(factor, others.shared.col_as_slice(other), self.shared.col_as_slice_mut(column));
+        for (past, others) in self.past.iter_mut().zip(&others.past) {
+            past.add_to_column(column, factor, others, other);
+        }
+    }
+
+    /// Sets a column to zero.
+    pub fn clear_column(&mut self, column: usize) {
+        self.state.edit_column(column, |column| column.fill(0.0));
+        self.local.edit_column(column, |column| column.fill(0.0));
+        self.shared.col_as_slice_mut(column).fill(0.0);
+        self.past.iter_mut().for_each(|past| past.clear_column(column));
     }
 
     /// Φ ← Φ T.
@@ -151,11 +181,22 @@ impl Factors {
         self.shared = Matrix(product(self.shared.as_ref(), t));
     }
 
-    /// Φ_b ← \[Φ_b \[F; 0\]\] T, where F are further factors of the state.
+    /// Φ_b ← \[Φ_b \[F; 0\]\] T, where F are further factors of the state, of which the past knows nothing: Ψ ← Ψ T_old.
     pub fn recombine(&mut self, further: Option<&TallMatrix>, t: MatRef<'_, f64>) {
-        let own = self.columns();
+        let of_old = t.get(..self.columns(), ..);
         self.state.recombine(further, t);
-        self.local.recombine(None, t.get(..own, ..));
+        self.local.recombine(None, of_old);
+        self.past.iter_mut().for_each(|past| past.rotate(of_old));
+    }
+
+    /// The rows of now become those of the newest analysis of the past; of earlier ones at most `lag` stay.
+    pub fn remember(&mut self, lag: usize) {
+        while self.past.len() > lag {
+            self.past.pop_front();
+        }
+        let Factors { state, local, shared, .. } = &*self;
+        let now = Factors { state: state.clone(), local: local.clone(), shared: shared.clone(), past: VecDeque::new() };
+        self.past.push_back(now);
     }
 
     /// \[Φ_b \[F; 0\]\]ᵀ S⁻² \[Φ_b \[F; 0\]\], S the scales of the block variables.
@@ -176,18 +217,20 @@ impl Factors {
         self.local.multiply_add(x, of_local);
     }
 
-    /// The variances that the block variables have through the factors.
-    pub fn block_variances(&self) -> Vec<f64> {
-        let m = self.state.rows();
-        let mut variances = vec![0.0; m + self.local.rows()];
-        self.state.add_squared_rows(&mut variances[..m]);
-        self.local.add_squared_rows(&mut variances[m..]);
-        variances
+    /// Adds Φ_b x to what there is of the block variables; returns Φ_c x.
+    pub fn increments(&self, x: &[f64], of_blocks: &mut [f64]) -> Vec<f64> {
+        self.multiply_add(x, of_blocks);
+        product(self.shared.as_ref(), column(x).as_ref()).col_as_slice(0).to_vec()
     }
 
-    /// The variances of the shared parameters.
-    pub fn shared_variances(&self) -> Vec<f64> {
-        self.shared.row_iter().map(|row| row.iter().map(|value| value * value).sum()).collect()
+    /// The variances of the block variables and of the shared parameters through the factors from `first` on.
+    pub fn variances(&self, first: usize) -> (Vec<f64>, Vec<f64>) {
+        let m = self.state.rows();
+        let mut of_blocks = vec![0.0; m + self.local.rows()];
+        self.state.add_squared_rows(first, &mut of_blocks[..m]);
+        self.local.add_squared_rows(first, &mut of_blocks[m..]);
+        let row = |row: usize| (first..self.columns()).map(|j| self.shared[(row, j)].powi(2)).sum();
+        (of_blocks, (0..self.shared.nrows()).map(row).collect())
     }
 
     /// Calls `work` with the number of each factor and its rows of state and local parameters, in parallel.

@@ -16,12 +16,13 @@ use faer::{Mat, MatRef};
 use isobar_model::State;
 use isobar_model::forecast::forecast_tl;
 use rayon::prelude::*;
+use std::collections::VecDeque;
 
 impl BlockErrors {
     /// Forecasts state, factors and blocks.
     pub(crate) fn propagate(&mut self, x: &mut State, cycle: &Cycle<'_>) -> Result<(), Error> {
         let (frame, m) = (&*self.frame, x.values().len());
-        let super::Memory { covariance, random } = &mut self.memory;
+        let super::Memory { covariance, random, .. } = &mut self.memory;
         if frame.settings.residual == Residual::Exact {
             let a = propagator(cycle.model, x, cycle.steps)?;
             let a = MatRef::from_column_major_slice(&a, m, m);
@@ -44,14 +45,13 @@ impl BlockErrors {
         })
     }
 
-    /// Adds what a window adds to the covariance: model error and the parameters' random walks.
+    /// Adds what a window adds to the covariance: model error and the parameters' drift.
     pub(crate) fn add_errors(&mut self, cycle: &Cycle<'_>) -> Result<(), Error> {
         let (frame, m) = (&*self.frame, self.frame.layout.len());
         let covariance = &mut self.memory.covariance;
         let drift = |numbers: &[usize]| -> Vec<f64> {
             let parameters = &cycle.calibration.parameters;
-            let root = cycle.window.days().sqrt();
-            numbers.iter().map(|&number| parameters[number].sigma_drift_per_sqrt_day * root).collect()
+            numbers.iter().map(|&number| parameters[number].drift.added_sigma(cycle.window)).collect()
         };
         let adapted = frame.model_error.as_ref().filter(|_| cycle.error_factor != 1.0);
         let adapted = adapted.map(|model_error| model_error.times(cycle.error_factor));
@@ -149,6 +149,7 @@ fn drop_coupling(covariance: &mut FactoredCovariance, drift: &[f64], blocks: &Bl
         state: TallMatrix::zeros(factors.state.rows(), drift.len(), factors.state.precision()),
         local: TallMatrix::zeros(factors.local.rows(), drift.len(), Precision::Double),
         shared: Matrix(cholesky(shared, || "the covariance of the shared calibration parameters".into())?),
+        past: VecDeque::new(),
     };
     Ok(())
 }

@@ -45,16 +45,13 @@ impl BlockErrors {
         // ξ̂ given C = 0.
         let moved = product(turn.as_ref(), estimate.as_ref());
         let given: Vec<f64> = (0..all).map(|i| if i < q { 0.0 } else { amplitudes[i] - moved[(i - q, 0)] }).collect();
-        let factors = self.factors_mut();
-        factors.multiply_add(&given, &mut of_blocks);
-        let of_shared = product(factors.shared.as_ref(), column(&given).as_ref()).col_as_slice(0).to_vec();
         let rotation = Mat::from_fn(all, all, |i, j| match (i < q, j < q) {
             (true, true) => f64::from(u8::from(i == j)),
             (true, false) => 0.0,
             (false, true) => turn[(i - q, j)],
             (false, false) => root[(i, j)],
         });
-        factors.rotate(rotation.as_ref());
+        let of_shared = self.take_in_amplitudes(&given, rotation.as_ref(), free, &mut of_blocks);
         let found = Some(Found { matrix, vector, chi2_of_zero });
         Solved { increments: Increments { of_blocks, of_shared }, chi2, found }
     }

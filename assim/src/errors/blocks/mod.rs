@@ -25,6 +25,7 @@ mod component;
 mod compression;
 mod factored_covariance;
 mod factors;
+mod fixed_lag;
 mod forecast;
 mod free_columns;
 mod grid_blocks;
@@ -52,12 +53,14 @@ use crate::augmented::Augmented;
 use crate::covariance::{self, Covariance};
 use crate::error::Error;
 use crate::filter::{Cycle, ErrorBlocks, Errors, Filter, Fit};
+use crate::fixed_lag::PastAnalyses;
 use crate::memory::require;
 use crate::problem::{Innovations, Problem, require_memory};
 use crate::tall_matrix::TallMatrix;
 use coarse_grid::CoarseGrid;
 use factored_covariance::FactoredCovariance;
 use faer::{Mat, MatRef};
+use fixed_lag::FixedLag;
 use isobar_model::{Layout, TangentLinear, random};
 use isobar_obs::ByPlacement;
 use rand_chacha::ChaCha8Rng;
@@ -97,6 +100,7 @@ pub struct Memory {
     covariance: FactoredCovariance,
     /// Draws the probes.
     random: ChaCha8Rng,
+    smoother: Option<FixedLag>,
 }
 
 /// Q of the state's values, as far as the filter keeps it.
@@ -140,6 +144,16 @@ impl FastKalmanFilter {
             return Err(Error::Setting("an exact forecast of the blocks leaves nothing to a coarser grid".into()));
         }
         errors.coarse = Some(Arc::new(CoarseGrid::new(&errors.frame.layout, model)?));
+        Ok(self)
+    }
+
+    /// The same filter with the smoother of `fixed_lag`, which revises the last `lag` analyses by the newer observations.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] if the rows of the factors of so many analyses do not fit into the memory limit;
+    /// [`Error::Setting`] if the coupling of state and biases is dropped, and with it that of the times.
+    pub fn smoothing(mut self, lag: usize) -> Result<Self, Error> {
+        self.belief.errors.smooth(lag)?;
         Ok(self)
     }
 
@@ -209,7 +223,8 @@ impl BlockErrors {
         }
         local.iter().zip(&mut all[m..]).for_each(|(&number, all)| *all = calibration.prior_covariance(number, number));
         own.clear_rounding(&blocks, &all, rounding(factors.columns()));
-        let memory = Memory { covariance: FactoredCovariance { own, linked: Vec::new(), factors }, random };
+        let memory =
+            Memory { covariance: FactoredCovariance { own, linked: Vec::new(), factors }, random, smoother: None };
         let memory_limit_bytes = problem.memory_limit_bytes;
         let frame = Frame { settings, layout, blocks, local, shared, model_error, scales, memory_limit_bytes };
         Ok(Self { frame: Arc::new(frame), coarse: None, memory })
@@ -242,6 +257,7 @@ impl Errors for BlockErrors {
     const NAME: &'static str = "the covariance of blocks and factors";
 
     fn forecast(&mut self, s: &mut Augmented, cycle: &Cycle<'_>) -> Result<(), Error> {
+        cycle.kept().iter().for_each(|kept| self.decay(kept));
         self.propagate(&mut s.state, cycle)?;
         self.add_errors(cycle)
     }
@@ -249,13 +265,15 @@ impl Errors for BlockErrors {
     fn analyse(&mut self, s: &mut Augmented, d: &Innovations) -> Result<Fit, Error> {
         let analysis = self.analyse_rows(&self.split_rows(d), d, 0)?;
         self.add_increments(s, &analysis.increments);
+        self.remember(s);
         Ok(Fit { chi2: analysis.chi2, partition: Some(analysis.partition) })
     }
 
     fn variances(&self) -> Vec<f64> {
         let Frame { blocks, local, shared, .. } = &*self.frame;
         let covariance = &self.memory.covariance;
-        augmented(&covariance.block_variances(blocks), &covariance.factors.shared_variances(), local, shared)
+        let (of_blocks, of_shared) = covariance.variances(blocks);
+        augmented(&of_blocks, &of_shared, local, shared)
     }
 
     fn part(&self, number: usize) -> Option<String> {
@@ -283,13 +301,21 @@ impl Errors for BlockErrors {
         &self.memory
     }
 
-    fn recall(&mut self, memory: Memory, _: &Augmented) -> Result<(), Error> {
+    fn recall(&mut self, memory: Memory, s: &Augmented) -> Result<(), Error> {
         let Frame { blocks, shared, layout, local, settings, .. } = &*self.frame;
         memory.covariance.require(blocks)?;
         let Factors { state, .. } = &memory.covariance.factors;
         let fits = memory.covariance.factors.has_rows(layout.len(), local.len(), shared.len())
             && state.precision() == settings.factor_precision;
         require(fits, "the matrix of the factors")?;
+        let past = memory.covariance.factors.past.len();
+        match (&self.memory.smoother, &memory.smoother) {
+            (None, None) => require(past == 0, "the smoother")?,
+            (Some(own), Some(recalled)) => {
+                recalled.require(own.lag(), s, layout.len() + local.len() + shared.len(), past)?;
+            }
+            _ => require(false, "the smoother")?,
+        }
         self.memory = memory;
         Ok(())
     }
@@ -303,6 +329,10 @@ impl Errors for BlockErrors {
 
     fn calibration_and_means(&self, _: usize, _: usize, _: usize) -> Mat<f64> {
         self.joint_covariance()
+    }
+
+    fn smoother(&self) -> Option<&dyn PastAnalyses> {
+        self.memory.smoother.as_ref().map(|smoother| smoother as _)
     }
 
     fn blocks(&self) -> Option<&dyn ErrorBlocks> {

@@ -48,7 +48,7 @@ impl BlockErrors {
         // In descending order.
         let rotation = Mat::from_fn(r, count, |i, j| vectors[(i, r - 1 - j)]);
         let on_shared = product(factors.shared.as_ref(), rotation.as_ref());
-        let variances = self.memory.covariance.block_variances(blocks);
+        let (variances, _) = self.memory.covariance.variances(blocks);
         let total: f64 = variances.iter().zip(scales).map(|(variance, scale)| variance / (scale * scale)).sum();
         let factor = |j: usize| {
             let mut values = vec![0.0; b];

@@ -1,27 +1,41 @@
 //! The calibration parameters in the covariance with local factors.
 
+use super::local_factors::LocalFactors;
 use super::{Frame, LocalErrors};
 use crate::error::Error;
 use crate::errors::blocks::rounding;
 use crate::linalg::{cholesky, product, semidefinite_root, solve_lower, solve_lower_transposed};
 use crate::memory::Matrix;
 use faer::{Mat, MatRef};
+use isobar_model::vector::scale;
 use std::sync::Arc;
 
 impl LocalErrors {
     /// Adds an error of the parameters, with covariance ΔP in the order of the calibration, `[p, p]`.
     ///
+    /// # Errors
+    /// If the covariance of the shared parameters is not positive definite then.
+    pub(super) fn add_calibration_errors(&mut self, added: MatRef<'_, f64>) -> Result<(), Error> {
+        let kept = vec![1.0; added.nrows()];
+        self.change_calibration(&kept, added)
+    }
+
+    /// c ← φ c + w, φ and ΔP = Cov(w) in the order of the calibration, `[p]` and `[p, p]`.
+    ///
     /// ```text
-    /// S' = S + ΔP_cc      Γ' = (Γ S + ΔP_bc) S'⁻¹      C' = C + blockdiag(Γ S Γᵀ + ΔP_bb − Γ' S' Γ'ᵀ)
+    /// S' = φ S φ + ΔP_cc      Γ' = (Γ S φ + ΔP_bc) S'⁻¹      C' = C + blockdiag(Γ S Γᵀ + ΔP_bb − Γ' S' Γ'ᵀ)
     /// ```
+    ///
+    /// with φ applied first to the rows of the local parameters among b.
     ///
     /// What joins C is the block diagonal of a Schur complement of a positive semidefinite matrix. Cov(b, c), Cov(c) and the
     /// covariance of each block are exact.
     ///
     /// # Errors
     /// If S' is not positive definite.
-    pub(super) fn add_calibration_errors(&mut self, added: MatRef<'_, f64>) -> Result<(), Error> {
+    pub(super) fn change_calibration(&mut self, kept: &[f64], added: MatRef<'_, f64>) -> Result<(), Error> {
         let frame = Arc::clone(&self.frame);
+        self.decay_local(kept);
         let Frame { local, shared, layout, blocks, .. } = &*frame;
         let (m, p) = (layout.len(), shared.len());
         // The local parameters' own.
@@ -40,20 +54,24 @@ impl LocalErrors {
         let of_shared = Mat::from_fn(p, p, |i, j| added[(shared[i], shared[j])]);
         let with_local = |i: usize, j: usize| added[(local[i], shared[j])];
         let links_local = (0..local.len()).any(|i| (0..p).any(|j| with_local(i, j) != 0.0));
-        if !links_local && of_shared.norm_max() == 0.0 {
+        if !links_local && of_shared.norm_max() == 0.0 && shared.iter().all(|&number| kept[number] == 1.0) {
             return Ok(());
         }
         // Γ L, where S = L Lᵀ: S may be singular, as it is before the prior joins.
         let before_root = semidefinite_root(memory.shared.as_ref());
         let before = product(memory.sensitivity.as_ref(), before_root.as_ref());
-        // Γ S + ΔP_bc.
+        // Γ S φ + ΔP_bc.
         let mut joint = product(before.as_ref(), before_root.transpose());
+        for (j, &number) in shared.iter().enumerate() {
+            scale(joint.col_as_slice_mut(j), kept[number]);
+        }
         for (i, j) in (0..local.len()).flat_map(|i| (0..p).map(move |j| (i, j))) {
             joint[(m + i, j)] += with_local(i, j);
         }
-        let shared_now = &memory.shared.0 + &of_shared;
+        let shared_now =
+            Mat::from_fn(p, p, |i, j| kept[shared[i]] * memory.shared[(i, j)] * kept[shared[j]] + of_shared[(i, j)]);
         let root = cholesky(shared_now.clone(), || "the covariance of the shared calibration parameters".into())?;
-        // Γ' L' = (Γ S + ΔP_bc) L'⁻ᵀ.
+        // Γ' L' = (Γ S φ + ΔP_bc) L'⁻ᵀ.
         let mut transposed = joint.transpose().to_owned();
         solve_lower(root.as_ref(), transposed.as_mut());
         let after = transposed.transpose().to_owned();
@@ -66,6 +84,22 @@ impl LocalErrors {
         memory.sensitivity = Matrix(transposed.transpose().to_owned());
         memory.shared = Matrix(shared_now);
         Ok(())
+    }
+
+    /// Multiplies the rows of the local parameters by φ.
+    fn decay_local(&mut self, kept: &[f64]) {
+        let frame = Arc::clone(&self.frame);
+        let (m, memory) = (frame.layout.len(), &mut self.memory);
+        for (i, &number) in frame.local.iter().enumerate().filter(|it| kept[*it.1] != 1.0) {
+            let (variable, kept) = (m + i, kept[number]);
+            memory.own.scale(&frame.blocks, variable, kept);
+            (0..memory.sensitivity.ncols()).for_each(|j| memory.sensitivity[(variable, j)] *= kept);
+            for LocalFactors { variables, values } in &mut memory.factors {
+                if let Ok(row) = variables.binary_search(&variable) {
+                    (0..values.ncols()).for_each(|j| values[(row, j)] *= kept);
+                }
+            }
+        }
     }
 
     /// Adds a covariance to that of the parameters; one that adds nothing to a border without prior changes nothing.

@@ -73,12 +73,13 @@ impl LocalErrors {
         LocalFactors::new(variables.clone(), values)
     }
 
-    /// Adds what a window adds to the covariance, model error and the parameters' random walks, and compresses the factors.
+    /// Adds what a window adds to the covariance, model error and the parameters' drift, and compresses the factors.
     pub(super) fn add_errors(&mut self, cycle: &Cycle<'_>) -> Result<(), Error> {
         let frame = Arc::clone(&self.frame);
         let p = cycle.calibration.len();
         let drift = Mat::from_fn(p, p, |i, j| if i == j { cycle.drift(i) } else { 0.0 });
-        self.add_calibration_errors(drift.as_ref())?;
+        let kept = cycle.kept().unwrap_or_else(|| vec![1.0; p]);
+        self.change_calibration(&kept, drift.as_ref())?;
         if let Some(model_error) = &frame.model_error {
             let factor = cycle.error_factor;
             let own = self.memory.own.values_mut().iter_mut();

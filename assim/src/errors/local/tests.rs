@@ -6,7 +6,7 @@ use crate::testing::Still;
 use faer::Mat;
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Boundary, Grid, State};
-use isobar_obs::{Calibration, Parameter, Placement};
+use isobar_obs::{Calibration, Drift, Parameter, Placement};
 
 fn errors(boundary: Boundary) -> LocalErrors {
     let grid = Grid { nx: 16, ny: 11, dx_m: 1.0, dy_m: 1.0, boundary };
@@ -22,7 +22,11 @@ fn errors(boundary: Boundary) -> LocalErrors {
         unit: "m".into(),
         placement: if number == 1 { Placement::Local { x_m: 3.5, y_m: 4.5 } } else { Placement::Shared },
         sigma_prior: 2.0 + number as f64,
-        sigma_drift_per_sqrt_day: 1.0,
+        drift: if number % 2 == 1 {
+            Drift::FirstOrder { sigma: 2.0, correlation_time: isobar_model::Duration::from_seconds(86_400) }
+        } else {
+            Drift::RandomWalk { sigma_per_sqrt_day: 1.0 }
+        },
     };
     let calibration = Calibration { parameters: (0..3).map(parameter).collect(), ..Calibration::default() };
     let model: Arc<dyn TangentLinear> = Arc::new(Still(Arc::clone(&layout)));
@@ -148,7 +152,7 @@ fn compression_keeps_the_covariance_of_each_block() {
 }
 
 #[test]
-fn an_error_of_the_parameters_joins_exactly_but_between_blocks() {
+fn a_drift_of_the_parameters_is_exact_but_between_blocks() {
     let mut errors = errors(Boundary::Periodic);
     fill_with_normals(&mut errors, 11);
     let (p, before) = (3, of_blocks(&errors));
@@ -157,19 +161,29 @@ fn an_error_of_the_parameters_joins_exactly_but_between_blocks() {
     let added = &root * root.transpose();
     let of_shared_before = errors.memory.shared.0.clone();
     let joint_before = &errors.memory.sensitivity.0 * &of_shared_before;
-    errors.add_calibration_errors(added.as_ref()).unwrap();
+    let kept = [0.7, 0.4, 1.0];
+    errors.change_calibration(&kept, added.as_ref()).unwrap();
     let Frame { shared, local, blocks, layout, .. } = &*errors.frame;
-    let expected = Mat::from_fn(2, 2, |i, j| of_shared_before[(i, j)] + added[(shared[i], shared[j])]);
+    let expected = Mat::from_fn(2, 2, |i, j| {
+        kept[shared[i]] * of_shared_before[(i, j)] * kept[shared[j]] + added[(shared[i], shared[j])]
+    });
     assert!((&errors.memory.shared.0 - &expected).norm_max() < 1e-12);
     let mut expected = joint_before;
     for j in 0..2 {
+        (0..expected.nrows()).for_each(|i| expected[(i, j)] *= kept[shared[j]]);
+        expected[(layout.len(), j)] *= kept[local[0]];
         expected[(layout.len(), j)] += added[(local[0], shared[j])];
     }
     let joint = &errors.memory.sensitivity.0 * &errors.memory.shared.0;
     assert!((&joint - &expected).norm_max() < 1e-11 * expected.norm_max());
     let mut expected = before;
     let (block, position) = blocks.place(layout.len());
-    expected[blocks.matrix(block).start + position * (blocks.size(block) + 1)] += added[(local[0], local[0])];
+    let (first, size) = (blocks.matrix(block).start, blocks.size(block));
+    for other in 0..size {
+        expected[first + position * size + other] *= kept[local[0]];
+        expected[first + other * size + position] *= kept[local[0]];
+    }
+    expected[first + position * (size + 1)] += added[(local[0], local[0])];
     assert!(difference(&of_blocks(&errors), &expected) < 1e-12);
 }
 

@@ -3,7 +3,7 @@
 mod corrections;
 mod factors;
 
-use super::{MethodSettings, Setup, Surroundings, fast_kalman};
+use super::{MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings, fast_kalman};
 use crate::kinds::Kind;
 use crate::reader::{Absent, Choice, Key, Limits, Read, Section, Table, Whole};
 use corrections::ModelCorrections;
@@ -70,6 +70,7 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
             &MODEL_FACTORS,
             &TRANSITION_CORRECTIONS,
             &SELECTION_THRESHOLD,
+            &SMOOTHER_LAG_CYCLES,
         ],
     ],
     |section, surroundings| {
@@ -86,8 +87,10 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
             let label = "give `observation_factors`, `model_factors` or `transition_corrections`";
             return Err(section.file.error(section.span.clone(), message, label, None));
         }
+        let filter = fast_kalman::read(section, surroundings)?;
+        fast_kalman::check_smoother(section, &filter.filter, false)?;
         Ok(Box::new(TimeVolumeOptions {
-            filter: fast_kalman::read(section, surroundings)?,
+            filter,
             window_cycles,
             keep_before: section.get(&BEFORE_WINDOW)?,
             factors,
@@ -139,7 +142,7 @@ struct TimeVolumeOptions {
 
 impl MethodSettings for TimeVolumeOptions {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
-        let Setup { problem, domain, start, cycle, .. } = setup;
+        let Setup { problem, domain, start, cycle, smoother_lag_cycles } = setup;
         let factors = self.factors.iter().map(|factor| factor.resolve(&problem.calibration));
         let settings = TimeVolumeSettings {
             filter: self.filter.filter,
@@ -154,7 +157,11 @@ impl MethodSettings for TimeVolumeOptions {
             let background = problem.background.clone();
             Arc::new(ModelCorrections { domain, cycle, background, candidates }) as Arc<dyn Corrections>
         });
-        Ok(Box::new(TimeVolume::new(problem, settings, corrections)?))
+        let method = TimeVolume::new(problem, settings, corrections)?;
+        Ok(match smoother_lag_cycles {
+            Some(lag) => Box::new(method.smoothing(lag)?),
+            None => Box::new(method),
+        })
     }
 
     fn describe(&self) -> String {

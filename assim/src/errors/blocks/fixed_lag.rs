@@ -1,0 +1,176 @@
+//! The fast fixed-lag smoother: ŝ_{t−l} of (20)/(25) of WO 93/22625 by the common factors.
+//!
+//! The errors of an earlier analysis are rows Ψ_l of the factors as well,
+//!
+//! ```text
+//! Cov(e_{t−l}, (b, c)_t) = Ψ_l Φᵀ,     Ψ_0 = Φ at the analysis,
+//! ```
+//!
+//! rows that no observation sees and no model changes. So all that combines the columns of Φ combines those of Ψ_l: with
+//! the forecast's compression `[A Φ, F_Q] V` it is Ψ_l ← Ψ_l V_old, V_old the rows of V that belong to Φ, and at the analysis,
+//! with the amplitudes ξ̂ and their covariance S,
+//!
+//! ```text
+//! ŝ_{t−l} ← ŝ_{t−l} + Ψ_l ξ̂,     Var ← Var − diag(Ψ_l (I − S) Ψ_lᵀ),     Ψ_l ← Ψ_l S^½.
+//! ```
+//!
+//! That costs L products of m × r × r per cycle, and never a covariance. Dropped is what residual blocks of different times
+//! have in common: estimates revised by less than could be known, with variances that say so. With as many factors as
+//! unknowns there is nothing left to drop, and it is the Rauch–Tung–Striebel smoother (see [`crate::fixed_lag`]).
+
+use super::factors::Factors;
+use super::solution::augmented;
+use super::{BiasCoupling, BlockErrors, Frame};
+use crate::augmented::Augmented;
+use crate::error::Error;
+use crate::filter::Errors;
+use crate::fixed_lag::PastAnalyses;
+use crate::memory::require;
+use crate::problem::require_memory;
+use faer::MatRef;
+use isobar_model::vector::add;
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// The estimates of the last analyses given all observations up to now; their rows Ψ of the factors are with those of Φ.
+#[derive(Clone, Serialize, Deserialize)]
+pub(super) struct FixedLag {
+    lag: usize,
+    /// The oldest first, at most `lag` and the last one.
+    analyses: VecDeque<PastAnalysis>,
+}
+
+/// An earlier analysis, as it is known now.
+#[derive(Clone, Serialize, Deserialize)]
+struct PastAnalysis {
+    /// ŝ given all observations so far.
+    s: Augmented,
+    /// The diagonal of its covariance, `[m + p]`.
+    variances: Vec<f64>,
+}
+
+impl FixedLag {
+    /// A smoother of the last `lag` analyses before the newest.
+    pub fn new(lag: usize) -> Self {
+        Self { lag, analyses: VecDeque::with_capacity(lag + 1) }
+    }
+
+    /// Fails unless it is a smoother of this lag, of estimates like `s` with `size` = m + p unknowns, whose rows of the factors
+    /// are `rows`.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn require(&self, lag: usize, s: &Augmented, size: usize, rows: usize) -> Result<(), Error> {
+        let count = self.analyses.len();
+        require(self.lag == lag && count <= lag + 1 && count == rows, "the number of earlier analyses")?;
+        for past in &self.analyses {
+            past.s.require_like(s)?;
+            require(past.variances.len() == size, "an earlier analysis")?;
+        }
+        Ok(())
+    }
+}
+
+impl PastAnalyses for FixedLag {
+    fn lag(&self) -> usize {
+        self.lag
+    }
+
+    fn estimate(&self, analyses_ago: usize) -> Option<(&Augmented, &[f64])> {
+        let past = self.analyses.get(self.analyses.len().checked_sub(analyses_ago + 1)?)?;
+        Some((&past.s, &past.variances))
+    }
+}
+
+impl BlockErrors {
+    /// From now on the last `lag` analyses are kept, and revised.
+    ///
+    /// # Errors
+    /// Those of [`FastKalmanFilter::smoothing`](super::FastKalmanFilter::smoothing).
+    pub(crate) fn smooth(&mut self, lag: usize) -> Result<(), Error> {
+        let Frame { blocks, shared, settings, memory_limit_bytes, .. } = &*self.frame;
+        if settings.bias_coupling == BiasCoupling::Drop {
+            return Err(Error::Setting("a smoother needs the factors that bias_coupling = \"drop\" drops".into()));
+        }
+        let columns = (shared.len() + settings.factors) as f64;
+        let numbers = (lag as f64 + 1.0) * (blocks.variables() + shared.len()) as f64 * (columns + 2.0);
+        require_memory(*memory_limit_bytes, numbers, || {
+            format!("a smoother of {lag} analyses with {columns} factors")
+        })?;
+        self.memory.smoother = Some(FixedLag::new(lag));
+        Ok(())
+    }
+
+    /// Takes in the newest analysis, which led to `s`.
+    pub(crate) fn remember(&mut self, s: &Augmented) {
+        let variances = self.memory.smoother.is_some().then(|| self.variances());
+        if let (Some(FixedLag { lag, analyses }), Some(variances)) = (&mut self.memory.smoother, variances) {
+            while analyses.len() > *lag {
+                analyses.pop_front();
+            }
+            analyses.push_back(PastAnalysis { s: s.clone(), variances });
+            self.memory.covariance.factors.remember(*lag);
+        }
+    }
+
+    /// Forgets the earlier analyses: what follows is independent of them.
+    pub(super) fn forget(&mut self) {
+        if let Some(smoother) = &mut self.memory.smoother {
+            smoother.analyses.clear();
+            self.memory.covariance.factors.past.clear();
+        }
+    }
+
+    /// Adds what the factors from `first` on hold of the earlier analyses to their variances: it was not in Φ before.
+    pub(crate) fn widen_past(&mut self, first: usize) {
+        let Some(smoother) = &mut self.memory.smoother else { return };
+        let Frame { local, shared, .. } = &*self.frame;
+        for (past, rows) in smoother.analyses.iter_mut().zip(&self.memory.covariance.factors.past) {
+            let (of_blocks, of_shared) = rows.variances(first);
+            add(&mut past.variances, &augmented(&of_blocks, &of_shared, local, shared));
+        }
+    }
+
+    /// Adds U δ to the earlier analyses, for a change δ of what the columns of U are sensitivities to.
+    pub(crate) fn shift_past(&mut self, sensitivity: &Factors, shift: &[f64]) {
+        let Some(smoother) = &mut self.memory.smoother else { return };
+        let Frame { blocks, local, shared, .. } = &*self.frame;
+        for (past, rows) in smoother.analyses.iter_mut().zip(&sensitivity.past) {
+            let mut of_blocks = vec![0.0; blocks.variables()];
+            let of_shared = rows.increments(shift, &mut of_blocks);
+            past.s.add(&augmented(&of_blocks, &of_shared, local, shared));
+        }
+    }
+
+    /// Adds Φ ξ̂ to the increments of b, returns those of c, and revises the earlier analyses; Φ ← Φ T and Ψ ← Ψ T, where the
+    /// first `free` columns are no factors.
+    pub(super) fn take_in_amplitudes(
+        &mut self,
+        amplitudes: &[f64],
+        rotation: MatRef<'_, f64>,
+        free: usize,
+        of_blocks: &mut [f64],
+    ) -> Vec<f64> {
+        let factors = &mut self.memory.covariance.factors;
+        let of_shared = factors.increments(amplitudes, of_blocks);
+        let before: Vec<_> = factors.past.iter().map(|past| past.variances(free)).collect();
+        let mut past_increments = Vec::with_capacity(before.len());
+        for past in &factors.past {
+            let mut of_blocks = vec![0.0; of_blocks.len()];
+            let of_shared = past.increments(amplitudes, &mut of_blocks);
+            past_increments.push((of_blocks, of_shared));
+        }
+        factors.rotate(rotation);
+        let Some(smoother) = &mut self.memory.smoother else { return of_shared };
+        let (local, shared) = (&self.frame.local, &self.frame.shared);
+        let revised = smoother.analyses.iter_mut().zip(&factors.past).zip(past_increments.iter().zip(&before));
+        for ((past, rows), ((of_blocks, of_shared), before)) in revised {
+            past.s.add(&augmented(of_blocks, of_shared, local, shared));
+            let sum = |(blocks, parameters): &(Vec<f64>, Vec<f64>)| augmented(blocks, parameters, local, shared);
+            let (before, after) = (sum(before), sum(&rows.variances(free)));
+            let changes = past.variances.iter_mut().zip(after.iter().zip(&before));
+            changes.for_each(|(variance, (after, before))| *variance += after - before);
+        }
+        of_shared
+    }
+}
