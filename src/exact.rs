@@ -68,6 +68,7 @@ pub fn exact(scenario: &Scenario, options: &ExactOptions) -> Result<ExactSummary
     let locate = |error: ExperimentError| error.locate(scenario);
     let Ground { problem, mut observing, .. } =
         experiment::ground(scenario, scenario.seed, scenario.cycle.count).map_err(locate)?;
+    check_biases(scenario, &observing)?;
     let layout = problem.background.layout().clone();
     let cycles = options.cycles.unwrap_or(scenario.cycle.count);
     check_size(scenario, layout.len() + observing.calibration().len())?;
@@ -242,6 +243,19 @@ fn check_linear(scenario: &Scenario) -> Result<&TruthSettings, ScenarioError> {
         }
     }
     Ok(truth)
+}
+
+/// Refuses biases of recorded observations.
+fn check_biases(scenario: &Scenario, observing: &ObservingSystem) -> Result<(), ScenarioError> {
+    let parameters = observing.calibration().parameters.iter().zip(observing.true_calibration());
+    let mut unknown = parameters.filter(|(_, truth)| truth.is_none()).map(|(parameter, _)| &parameter.name);
+    let Some(name) = unknown.next() else { return Ok(()) };
+    let network = name.split('/').next().unwrap_or_default();
+    let message = format!(
+        "exact performance is that of errors against a truth, and nothing is known of the true biases of network {network}, \
+         whose observations were made elsewhere"
+    );
+    Err(scenario.fault(&["networks", network, "bias"], message, "biases without a truth"))
 }
 
 fn check_observations(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> Result<(), ScenarioError> {

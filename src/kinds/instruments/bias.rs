@@ -7,6 +7,9 @@ use isobar_obs::{BiasProcess, Evolution, InitialBias};
 pub(super) const KEYS: [&str; 6] =
     ["sigma", "value", "evolution", "known", "assumed_sigma", "assumed_drift_per_sqrt_day"];
 
+/// The keys of a bias of observations that were made elsewhere, of whose true value nothing is known.
+pub(super) const RECORDED_KEYS: [&str; 2] = ["sigma", "evolution"];
+
 /// The most biases of a network.
 pub(super) const MOST_BIASES: usize = 100;
 
@@ -38,46 +41,61 @@ pub(super) fn read(section: &Section<'_>) -> Read<BiasProcess> {
     let drift = section.optional("assumed_drift_per_sqrt_day");
     Ok(BiasProcess {
         initial,
-        evolution: section.optional("evolution").map_or(Ok(Evolution::Constant), |field| evolution(&field))?,
+        evolution: section
+            .optional("evolution")
+            .map_or(Ok(Evolution::Constant), |field| evolution_of(&field, EVOLUTIONS))?,
         assumed_sigma_prior,
         assumed_sigma_drift_per_sqrt_day: drift.map(|field| field.number(Limits::NonNegative)).transpose()?,
         known,
     })
 }
 
+/// Reads [`RECORDED_KEYS`].
+pub(super) fn read_recorded(section: &Section<'_>) -> Read<BiasProcess> {
+    let evolution = section.optional("evolution").map(|field| evolution_of(&field, &EVOLUTIONS[..ASSUMED]));
+    Ok(BiasProcess {
+        evolution: evolution.transpose()?.unwrap_or(Evolution::Constant),
+        ..BiasProcess::constant(section.number("sigma", Limits::Positive)?)
+    })
+}
+
 type ReadEvolution = fn(&Section<'_>) -> Read<Evolution>;
 
-fn evolution(field: &Field<'_>) -> Read<Evolution> {
-    const KINDS: &[Kind<ReadEvolution>] = &[
-        ("constant", |_| Ok(Evolution::Constant), &[]),
-        (
-            "random_walk",
-            |section| {
-                let sigma_per_sqrt_day = section.number("sigma_per_sqrt_day", Limits::Positive)?;
-                Ok(Evolution::RandomWalk { sigma_per_sqrt_day })
-            },
-            &["sigma_per_sqrt_day"],
-        ),
-        (
-            "jump",
-            |section| {
-                let at_hours = section.number("at_hours", Limits::Between(0.0, 1e9))?;
-                Ok(Evolution::Jump { at_hours, size: section.number("size", Limits::Any)? })
-            },
-            &["at_hours", "size"],
-        ),
-        (
-            "sinusoid",
-            |section| {
-                Ok(Evolution::Sinusoid {
-                    amplitude: section.number("amplitude", Limits::Any)?,
-                    period_hours: section.number("period_hours", Limits::Between(0.01, 1e6))?,
-                    peak_hours: section.number_or("peak_hours", 0.0, Limits::Between(0.0, 1e6))?,
-                })
-            },
-            &["amplitude", "period_hours", "peak_hours"],
-        ),
-    ];
-    let (read, section) = field.section_of_kind(KINDS)?;
+/// How many of [`EVOLUTIONS`] methods may assume as well.
+const ASSUMED: usize = 2;
+
+const EVOLUTIONS: &[Kind<ReadEvolution>] = &[
+    ("constant", |_| Ok(Evolution::Constant), &[]),
+    (
+        "random_walk",
+        |section| {
+            let sigma_per_sqrt_day = section.number("sigma_per_sqrt_day", Limits::Positive)?;
+            Ok(Evolution::RandomWalk { sigma_per_sqrt_day })
+        },
+        &["sigma_per_sqrt_day"],
+    ),
+    (
+        "jump",
+        |section| {
+            let at_hours = section.number("at_hours", Limits::Between(0.0, 1e9))?;
+            Ok(Evolution::Jump { at_hours, size: section.number("size", Limits::Any)? })
+        },
+        &["at_hours", "size"],
+    ),
+    (
+        "sinusoid",
+        |section| {
+            Ok(Evolution::Sinusoid {
+                amplitude: section.number("amplitude", Limits::Any)?,
+                period_hours: section.number("period_hours", Limits::Between(0.01, 1e6))?,
+                peak_hours: section.number_or("peak_hours", 0.0, Limits::Between(0.0, 1e6))?,
+            })
+        },
+        &["amplitude", "period_hours", "peak_hours"],
+    ),
+];
+
+fn evolution_of(field: &Field<'_>, kinds: &[Kind<ReadEvolution>]) -> Read<Evolution> {
+    let (read, section) = field.section_of_kind(kinds)?;
     read(&section)
 }
