@@ -12,8 +12,8 @@ const MOST_NAMED: usize = 5;
 /// covers more than the domain lie outside of it.
 pub(super) fn information(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> Vec<String> {
     let recorded = observing.recorded_use(cycles).flat_map(|(network, usage)| {
-        let biases = usage.biases.iter().map(ToString::to_string);
-        std::iter::once(usage.to_string()).chain(biases).map(move |text| format!("networks.{network}: {text}"))
+        let lines = std::iter::once(usage.to_string()).chain(usage.biases.iter().map(ToString::to_string));
+        lines.map(|line| format!("networks.{network}: {line}")).collect::<Vec<_>>()
     });
     let places = [Place::Margin, Place::Beyond].map(|place| left_out(scenario, observing, place));
     recorded.chain(places.into_iter().flatten()).collect()
