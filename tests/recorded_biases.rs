@@ -313,6 +313,11 @@ fn an_observation_without_its_predictor_is_rejected_by_name() {
     let file = NcFile::open(directory.path().join("out/s/observations.nc")).unwrap();
     let codes: Vec<i32> = file.read_variable::<i32>("quality_code").unwrap().iter().copied().collect();
     assert_eq!(codes, [0, 7, 0, 7]);
+    for name in ["calibrated_value_kf", "analysis_departure_kf"] {
+        let numbers = numbers(&directory.path().join("out/s/observations.nc"), name);
+        let is_missing: Vec<bool> = numbers.iter().map(|number| *number == FILL_VALUE).collect();
+        assert_eq!(is_missing, [false, true, false, true], "{name}: {numbers:?}");
+    }
     let meanings =
         file.variable("quality_code").unwrap().attribute("flag_meanings").unwrap().value.as_string().unwrap();
     assert!(meanings.ends_with("no_predictor passive"), "{meanings}");
