@@ -273,7 +273,7 @@ fn a_twin_with_a_file_beside_it_scores_the_biases_whose_truth_is_known() {
     assert!(report.contains("and the truth (broken) where it is known"));
     assert!(
         report.contains("buoys/tracer/A")
-            && report.contains("networks.buoys: bias of tracer per station: 2 parameters")
+            && report.contains("networks.buoys: bias of tracer per station: 2 to estimate")
     );
 }
 
@@ -322,7 +322,7 @@ fn an_observation_without_its_predictor_is_rejected_by_name() {
         file.variable("quality_code").unwrap().attribute("flag_meanings").unwrap().value.as_string().unwrap();
     assert!(meanings.ends_with("no_predictor passive"), "{meanings}");
     let (_directory, ok, said) = command(&["check", "s.toml"], &scenario, &csv);
-    assert!(ok && said.contains("networks.buoys: bias of tracer by angle, the same for all: 1 parameters"), "{said}");
+    assert!(ok && said.contains("networks.buoys: bias of tracer by angle, the same for all: 1 to estimate"), "{said}");
 }
 
 #[test]

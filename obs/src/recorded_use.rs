@@ -73,7 +73,7 @@ impl fmt::Display for BiasUse {
             "all" => write!(f, ", the same for all")?,
             per => write!(f, " per {per}")?,
         }
-        write!(f, ": {parameters} parameters")?;
+        write!(f, ": {parameters} to estimate")?;
         if without.is_empty() {
             return Ok(());
         }

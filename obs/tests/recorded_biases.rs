@@ -67,7 +67,7 @@ fn there_is_one_for_each_station_each_group_or_all() {
     let [of_h] = &usage.biases[..] else { panic!("one bias") };
     assert_eq!((of_h.parameters, &*of_h.without), (2, &["outside".to_string(), "wind".to_string()][..]));
     let expected =
-        "bias of h per station: 2 parameters; none for 2 without an observation of it that can be used: outside, wind";
+        "bias of h per station: 2 to estimate; none for 2 without an observation of it that can be used: outside, wind";
     assert_eq!(of_h.to_string(), expected);
 
     let mut of_groups = built(RecordedSettings { biases: vec![bias(RecordedScope::EachGroup)], ..references.clone() });
