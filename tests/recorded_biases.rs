@@ -140,13 +140,7 @@ fn estimates_are_those_of_least_squares_with_the_biases_as_unknowns() {
     let unknowns = cells + 3 + 3;
     let prior = Mat::from_fn(unknowns, unknowns, |i, j| match (i.min(j), i.max(j)) {
         (_, high) if high < cells => of_state[(i, j)],
-        (low, high) if high < cells + 3 => {
-            if low == high {
-                4.0
-            } else {
-                0.0
-            }
-        }
+        (low, high) if high < cells + 3 && low == high => 4.0,
         (low, _) if low >= cells + 3 => 2.25 + 0.49 * (low - cells - 2) as f64 * 0.25,
         _ => 0.0,
     });

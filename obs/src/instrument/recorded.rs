@@ -1,7 +1,7 @@
 //! Recorded observations: made elsewhere, and read from a file.
 
-use super::recorded_bias::{self, RecordedBias};
-use super::recorded_winds::Winds;
+use super::recorded_bias::{self, RecordedBias, References};
+use super::recorded_winds::{Winds, row};
 use super::{Instrument, InstrumentSettings};
 use crate::error::{ObservationError, list, require};
 use crate::observation::{Observation, Reading};
@@ -12,7 +12,7 @@ use crate::site::Site;
 use crate::state_operator::StateOperator;
 use crate::station::no_projection;
 use crate::table::Faults;
-use isobar_model::{Duration, Layout, Time};
+use isobar_model::{Duration, Time};
 use rand_chacha::ChaCha8Rng;
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -61,7 +61,7 @@ impl InstrumentSettings for RecordedSettings {
         let expected = format!("from 0 to {half} s, half of the window");
         require((0.0..=half).contains(&tolerance), site.network, "time_tolerance", tolerance, expected)?;
         let network: Arc<str> = site.network.into();
-        let mut winds = Winds::new(self, site.layout);
+        let mut winds = Winds::new(self.winds.unwrap_or(WindAxes::Earth) == WindAxes::Earth, site.layout);
         let (mut records, mut observations, mut faults) = (Vec::new(), Vec::new(), Faults::default());
         let mut nameless = Nameless::default();
         for record in self.observations.records() {
@@ -79,7 +79,9 @@ impl InstrumentSettings for RecordedSettings {
             observations.push((cycle, Observation { reading, ..Observation::new(report, sigma, state) }));
         }
         faults.check(file).map_err(|error| ObservationError::from(error).of_network(site.network, "file"))?;
-        let biases = recorded_bias::add(self, site, &records, &mut observations)?;
+        let references =
+            References { file: &self.observations, stations: &self.reference_stations, groups: &self.reference_groups };
+        let biases = recorded_bias::add(&self.biases, &references, site, &records, &mut observations)?;
         if let Some(projection) = site.projection {
             winds.turn(&mut observations, site.layout, projection);
         }
@@ -275,11 +277,6 @@ impl Nameless {
         });
         if number == 0 { place } else { format!("{place} ({})", number + 1) }
     }
-}
-
-/// The row of X of a variable at a point of the plane; empty outside of the domain.
-pub(super) fn row(layout: &Layout, variable: usize, x_m: f64, y_m: f64) -> Vec<(usize, f64)> {
-    layout.interpolation(variable, x_m, y_m).unwrap_or_default()
 }
 
 /// A place in words, by which an observation without a name is known; `on_plane` is its place there \[m\].

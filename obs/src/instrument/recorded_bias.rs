@@ -1,11 +1,10 @@
 //! Biases of recorded observations, of whose true values nothing is known.
 
-use super::recorded::RecordedSettings;
 use crate::bias::{BiasProcess, Evolution, InitialBias};
 use crate::calibration::Placement;
 use crate::error::{ObservationError, list, require};
 use crate::observation::{Observation, Reading};
-use crate::observation_file::ObservationRecord;
+use crate::observation_file::{ObservationFile, ObservationRecord};
 use crate::recorded_use::BiasUse;
 use crate::site::Site;
 use std::collections::HashMap;
@@ -100,21 +99,21 @@ impl Member<'_> {
 /// Adds the biases of a network to the parameters of the site and to the rows of its observations, which have the order of
 /// `records`; how many there are. What lacks a predictor is marked.
 pub(super) fn add(
-    settings: &RecordedSettings,
+    biases: &[RecordedBias],
+    references: &References<'_>,
     site: &mut Site<'_>,
     records: &[&ObservationRecord],
     observations: &mut [(usize, Observation)],
 ) -> Result<Vec<BiasUse>, ObservationError> {
-    let references = References::new(settings, site.network)?;
-    settings.biases.iter().map(|bias| bias.add(settings, site, &references, records, observations)).collect()
+    references.check(site.network)?;
+    biases.iter().map(|bias| bias.add(references, site, records, observations)).collect()
 }
 
 impl RecordedBias {
     fn add(
         &self,
-        settings: &RecordedSettings,
-        site: &mut Site<'_>,
         references: &References<'_>,
+        site: &mut Site<'_>,
         records: &[&ObservationRecord],
         observations: &mut [(usize, Observation)],
     ) -> Result<BiasUse, ObservationError> {
@@ -124,12 +123,12 @@ impl RecordedBias {
             ObservationError::unknown_name(network, "biases.variable", &self.variable, valid)
         })?;
         self.check_process(network)?;
-        let predictor = self.find_predictor(settings, network)?;
+        let predictor = self.find_predictor(references.file, network)?;
         let mut members: Vec<Member<'_>> = Vec::new();
         let mut numbers: HashMap<&str, usize> = HashMap::new();
         let (mut observed, mut is_any_free) = (false, false);
         for (number, (record, (cycle, observation))) in records.iter().zip(&mut *observations).enumerate() {
-            let name = self.scope.member(record).ok_or_else(|| self.no_column(settings, network))?;
+            let name = self.scope.member(record).ok_or_else(|| self.no_column(references.file, network))?;
             let is_of_variable = observation.report.variable == variable;
             observed |= is_of_variable;
             if references.contain(record) {
@@ -209,7 +208,7 @@ impl RecordedBias {
     /// The predictor, with the number of its column among those that were read.
     fn find_predictor(
         &self,
-        settings: &RecordedSettings,
+        file: &ObservationFile,
         network: &str,
     ) -> Result<Option<(usize, &ColumnPredictor)>, ObservationError> {
         let Some(predictor) = &self.predictor else { return Ok(None) };
@@ -219,7 +218,7 @@ impl RecordedBias {
             let problem = "a bias cannot be proportional to `value`, which has random errors of its own";
             return Err(ObservationError::in_setting(network, "biases.column", problem));
         }
-        let read = &settings.observations.further().predictors;
+        let read = &file.further().predictors;
         let column = read.iter().position(|column| *column == predictor.column);
         let column =
             column.ok_or_else(|| ObservationError::unknown_name(network, "biases.column", &predictor.column, read))?;
@@ -227,64 +226,58 @@ impl RecordedBias {
     }
 
     /// That the file does not say whose bias it is.
-    fn no_column(&self, settings: &RecordedSettings, network: &str) -> ObservationError {
-        let (file, per) = (settings.observations.file(), self.scope.name());
+    fn no_column(&self, file: &ObservationFile, network: &str) -> ObservationError {
+        let (file, per) = (file.file(), self.scope.name());
         let column = if self.scope == RecordedScope::EachStation { "`id`" } else { "of groups that is read" };
         let problem = format!("{file} has no column {column}, without which there is no bias per {per}");
         ObservationError::in_setting(network, "biases", problem)
     }
 }
 
-/// The stations and groups without bias.
-struct References<'a> {
-    stations: &'a [String],
-    groups: &'a [String],
+/// The stations and groups of a file that have no bias.
+pub(super) struct References<'a> {
+    pub file: &'a ObservationFile,
+    pub stations: &'a [String],
+    pub groups: &'a [String],
 }
 
-impl<'a> References<'a> {
-    fn new(settings: &'a RecordedSettings, network: &str) -> Result<Self, ObservationError> {
-        let records = settings.observations.records();
-        let of_records: [fn(&ObservationRecord) -> Option<&String>; 2] =
-            [|record| record.id.as_ref(), |record| record.group.as_ref()];
-        let given = [
-            ("reference_stations", &settings.reference_stations, of_records[0]),
-            ("reference_groups", &settings.reference_groups, of_records[1]),
-        ];
-        for (setting, names, of) in given {
+/// What the file says of an observation: its station, or its group.
+type Said = fn(&ObservationRecord) -> Option<&String>;
+
+impl References<'_> {
+    /// Refuses names that are not in the file, or there twice.
+    fn check(&self, network: &str) -> Result<(), ObservationError> {
+        let (station, group): (Said, Said) = (|record| record.id.as_ref(), |record| record.group.as_ref());
+        for (setting, names, said) in
+            [("reference_stations", self.stations, station), ("reference_groups", self.groups, group)]
+        {
             for (number, name) in names.iter().enumerate() {
                 if names[..number].contains(name) {
                     return Err(ObservationError::duplicate_name(network, setting, name));
                 }
-                if !records.iter().any(|record| of(record) == Some(name)) {
-                    return Err(unknown_reference(settings, network, setting, name, of));
+                if !self.file.records().iter().any(|record| said(record) == Some(name)) {
+                    return Err(self.unknown(network, setting, name, said));
                 }
             }
         }
-        Ok(Self { stations: &settings.reference_stations, groups: &settings.reference_groups })
+        Ok(())
     }
 
     fn contain(&self, record: &ObservationRecord) -> bool {
         record.id.as_ref().is_some_and(|id| self.stations.contains(id))
             || record.group.as_ref().is_some_and(|group| self.groups.contains(group))
     }
-}
 
-/// That a reference is not in the file.
-fn unknown_reference(
-    settings: &RecordedSettings,
-    network: &str,
-    setting: &'static str,
-    name: &str,
-    of: fn(&ObservationRecord) -> Option<&String>,
-) -> ObservationError {
-    const MOST_LISTED: usize = 20;
-    let mut valid: Vec<&String> = settings.observations.records().iter().filter_map(of).collect();
-    valid.sort_unstable();
-    valid.dedup();
-    let more = valid.len().saturating_sub(MOST_LISTED);
-    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
-    let valid = list(valid.into_iter().take(MOST_LISTED));
-    let problem =
-        format!("{setting} names `{name}`, which is not in {}; valid: {valid}{more}", settings.observations.file());
-    ObservationError::in_setting(network, setting, problem)
+    /// That a reference is not in the file.
+    fn unknown(&self, network: &str, setting: &'static str, name: &str, said: Said) -> ObservationError {
+        const MOST_LISTED: usize = 20;
+        let mut valid: Vec<&String> = self.file.records().iter().filter_map(said).collect();
+        valid.sort_unstable();
+        valid.dedup();
+        let more = valid.len().saturating_sub(MOST_LISTED);
+        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+        let valid = list(valid.into_iter().take(MOST_LISTED));
+        let problem = format!("{setting} names `{name}`, which is not in {}; valid: {valid}{more}", self.file.file());
+        ObservationError::in_setting(network, setting, problem)
+    }
 }

@@ -1,6 +1,5 @@
 //! Winds of recorded observations, which are turned to the axes of the plane.
 
-use super::recorded::{RecordedSettings, WindAxes, row};
 use crate::observation::Observation;
 use crate::observation_file::{ObservationPlace, ObservationRecord};
 use crate::projection::Projection;
@@ -19,10 +18,9 @@ pub(super) struct Winds {
 }
 
 impl Winds {
-    /// No winds yet.
-    pub fn new(settings: &RecordedSettings, layout: &Layout) -> Self {
-        let turned = settings.winds.unwrap_or(WindAxes::Earth) == WindAxes::Earth;
-        let components = layout.variable("u").zip(layout.variable("v")).filter(|_| turned).map(|(u, v)| [u, v]);
+    /// No winds yet. `are_turned`: whether components at latitudes and longitudes are to the east and to the north.
+    pub fn new(are_turned: bool, layout: &Layout) -> Self {
+        let components = layout.variable("u").zip(layout.variable("v")).filter(|_| are_turned).map(|(u, v)| [u, v]);
         Self { components, together: HashMap::new(), places: HashMap::new() }
     }
 
@@ -76,4 +74,9 @@ impl Winds {
             }
         }
     }
+}
+
+/// The row of X of a variable at a point of the plane; empty outside of the domain.
+pub(super) fn row(layout: &Layout, variable: usize, x_m: f64, y_m: f64) -> Vec<(usize, f64)> {
+    layout.interpolation(variable, x_m, y_m).unwrap_or_default()
 }

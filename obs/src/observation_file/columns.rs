@@ -1,6 +1,6 @@
 //! The columns of a file of observations, and what a row of them says.
 
-use super::{FurtherColumns, ObservationPlace, ObservationRecord, ValidTime};
+use super::record::{FurtherColumns, ObservationPlace, ObservationRecord, ValidTime};
 use crate::table::{Faults, LARGEST, Row, Table, TableError};
 
 /// Columns that are recognised in capitals too, and by synonyms.
