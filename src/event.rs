@@ -139,8 +139,8 @@ pub enum Event<'a> {
         time: Time,
         /// The true state.
         state: Cow<'a, State>,
-        /// The true calibration parameters.
-        calibration: Cow<'a, [f64]>,
+        /// The true calibration parameters; nothing for those of recorded observations.
+        calibration: Cow<'a, [Option<f64>]>,
     },
     /// The observations of a cycle.
     Observed {

@@ -68,11 +68,12 @@ pub fn exact(scenario: &Scenario, options: &ExactOptions) -> Result<ExactSummary
     let locate = |error: ExperimentError| error.locate(scenario);
     let Ground { problem, mut observing, .. } =
         experiment::ground(scenario, scenario.seed, scenario.cycle.count).map_err(locate)?;
+    check_biases(scenario, &observing)?;
+    check_decay(scenario, &observing)?;
     let layout = problem.background.layout().clone();
     let cycles = options.cycles.unwrap_or(scenario.cycle.count);
     check_size(scenario, layout.len() + observing.calibration().len())?;
     check_observations(scenario, &observing, cycles)?;
-    check_biases(scenario, &observing)?;
     let windows: Vec<ObservationWindow> = (0..cycles).map(|_| observing.observe(&problem.background)).collect();
     let steps =
         scenario.cycle.window.steps_of(problem.model.time_step()).expect("the scenario's window fits its steps");
@@ -248,6 +249,19 @@ fn check_linear(scenario: &Scenario) -> Result<&TruthSettings, ScenarioError> {
     Ok(truth)
 }
 
+/// Refuses biases of recorded observations.
+fn check_biases(scenario: &Scenario, observing: &ObservingSystem) -> Result<(), ScenarioError> {
+    let parameters = observing.calibration().parameters.iter().zip(observing.true_calibration());
+    let mut unknown = parameters.filter(|(_, truth)| truth.is_none()).map(|(parameter, _)| &parameter.name);
+    let Some(name) = unknown.next() else { return Ok(()) };
+    let network = name.split('/').next().unwrap_or_default();
+    let message = format!(
+        "exact performance is that of errors against a truth, and nothing is known of the true biases of network {network}, \
+         whose observations were made elsewhere"
+    );
+    Err(scenario.fault(&["networks", network, "bias"], message, "biases without a truth"))
+}
+
 fn check_observations(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> Result<(), ScenarioError> {
     let observations = observing.most_observations(cycles);
     let held = [observations, observing.weights()].map(|size| size.saturating_mul(cycles));
@@ -269,7 +283,7 @@ fn check_observations(scenario: &Scenario, observing: &ObservingSystem, cycles: 
 }
 
 /// The error of an estimate whose method lets a bias decay as the bias does not would depend on the bias itself.
-fn check_biases(scenario: &Scenario, observing: &ObservingSystem) -> Result<(), ScenarioError> {
+fn check_decay(scenario: &Scenario, observing: &ObservingSystem) -> Result<(), ScenarioError> {
     let window = scenario.cycle.window;
     let decays_otherwise = |process: &BiasProcess| process.drift().kept(window) != process.true_drift().kept(window);
     let parameters = &observing.calibration().parameters;
@@ -281,7 +295,8 @@ fn check_biases(scenario: &Scenario, observing: &ObservingSystem) -> Result<(), 
          methods only, or with another correlation time",
         parameter.name
     );
-    Err(scenario.fault(&["networks"], message, "an assumed correlation time that is the true one"))
+    let network = parameter.name.split('/').next().unwrap_or_default();
+    Err(scenario.fault(&["networks", network, "bias"], message, "biases that methods let decay otherwise"))
 }
 
 fn check_size(scenario: &Scenario, unknowns: usize) -> Result<(), ScenarioError> {

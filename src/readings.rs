@@ -1,7 +1,7 @@
 //! Observations without the biases that a method has found in them.
 
 use isobar_assim::{CalibrationAccuracy, Estimate};
-use isobar_obs::{ObservationWindow, SparseRows};
+use isobar_obs::{ObservationWindow, Rejection, SparseRows, Unused, UnusedObservation};
 use serde::{Deserialize, Serialize};
 
 /// What sensors would have read if they had the biases that a method has estimated, and how well these are known: for each
@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 /// Used observations come first, then the others.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Readings {
-    /// y − g ĉ; it is not finite where y is not.
+    /// y − g ĉ; it is not finite where y is not, or where a predictor of its bias is missing.
     pub values: Vec<f64>,
     /// σ.
     pub sigma: Vec<f64>,
@@ -44,7 +44,9 @@ impl Readings {
             }
             (None, None) => 0.0,
         };
-        let unused = observed.aside.unused.iter().map(|it| it.value);
+        let lacks_predictor = |it: &UnusedObservation| it.why == Unused::Rejected(Rejection::NoPredictor);
+        let unused = observed.aside.unused.iter();
+        let unused = unused.map(|it| if lacks_predictor(it) { f64::NAN } else { it.value });
         let values: Vec<f64> = observed.values.iter().copied().chain(unused).collect();
         let rows = rows.iter().flat_map(|rows| (0..rows.rows()).map(move |row| (rows, row)));
         let (values, sigma) = values
@@ -63,7 +65,7 @@ mod tests {
     use super::*;
     use faer::mat;
     use isobar_model::{Layout, State, Time};
-    use isobar_obs::{Aside, Jacobian, LinearOperator, Report, Unused, UnusedObservation};
+    use isobar_obs::{Aside, Jacobian, LinearOperator, Report};
     use std::sync::Arc;
 
     fn operator(rows: &[&[(usize, f64)]]) -> Arc<LinearOperator> {

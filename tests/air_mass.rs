@@ -19,7 +19,7 @@ struct Last {
 impl Sink for Last {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         match event {
-            Event::Truth { cycle: CYCLES, calibration, .. } => self.truth = calibration[2],
+            Event::Truth { cycle: CYCLES, calibration, .. } => self.truth = calibration[2].unwrap(),
             Event::Analysed(it) if it.cycle == CYCLES => {
                 let estimate = &it.analysis.estimate;
                 self.estimates.push((estimate.calibration[2], estimate.calibration_spread.as_ref().unwrap()[2]));

@@ -33,6 +33,7 @@ mod pasting;
 mod paths;
 mod profilers;
 mod published;
+mod recorded_biases;
 mod recorded_files;
 mod recording;
 mod regression;

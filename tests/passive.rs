@@ -237,7 +237,7 @@ fn departures_of_passive_observations_are_those_from_the_analysis_of_the_others(
             assert!(found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-9), "{method}: {found:?}");
         }
     }
-    assert_eq!(file.read_variable::<i32>("quality_code").unwrap().iter().copied().collect::<Vec<_>>(), [0, 0, 7, 7]);
+    assert_eq!(file.read_variable::<i32>("quality_code").unwrap().iter().copied().collect::<Vec<_>>(), [0, 0, 8, 8]);
     let summary = std::fs::read_to_string(folder.path().join("out/s/summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
     for method in ["oi", "var", "kf"] {

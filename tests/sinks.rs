@@ -391,7 +391,8 @@ fn a_history_holds_the_fields_that_are_shown_and_knows_when_a_score_became_known
         let maps: Vec<_> = cycle.methods.iter().flatten().filter_map(|own| own.maps.as_ref()).collect();
         assert_eq!(maps.len(), if cycle.number == 2 { 2 } else { 0 });
         assert_eq!(cycle.truth.is_some(), cycle.number == 2);
-        assert_eq!(cycle.true_calibration, run.true_calibration[cycle.number]);
+        let truth: Vec<f64> = cycle.true_calibration.iter().map(|value| value.unwrap()).collect();
+        assert_eq!(truth, run.true_calibration[cycle.number]);
         for own in maps {
             let sizes = [&own.background, &own.analysis].map(|fields| fields.iter().map(Vec::len).collect::<Vec<_>>());
             assert_eq!(sizes, [[12; 3], [12; 3]]);

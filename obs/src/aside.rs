@@ -100,15 +100,16 @@ impl Aside {
         self.unused.iter().enumerate().filter(|(_, it)| it.why == Unused::Passive)
     }
 
-    /// y − h(x, c) of [`Aside::unused`]; `None` for a value that is not finite, and for a place outside of the domain.
+    /// y − h(x, c) of [`Aside::unused`]; `None` for a value that is not finite, and where h is not known: for a place outside
+    /// of the domain, and for a bias whose predictor is missing.
     ///
     /// # Panics
     /// If `x` and `calibration` are of another experiment.
     pub fn departures(&self, x: &State, calibration: &[f64]) -> Vec<Option<f64>> {
         let simulated = self.operator.simulate(x, calibration);
         let departure = |(it, simulated): (&UnusedObservation, f64)| {
-            let has_place = it.why != Unused::Rejected(Rejection::Outside);
-            Some(it.value - simulated).filter(|departure| has_place && departure.is_finite())
+            let is_known = !matches!(it.why.rejection(), Some(Rejection::Outside | Rejection::NoPredictor));
+            Some(it.value - simulated).filter(|departure| is_known && departure.is_finite())
         };
         self.unused.iter().zip(simulated).map(departure).collect()
     }

@@ -51,8 +51,9 @@ pub(crate) struct Biases {
     start: Time,
     time: Time,
     calibration: Calibration,
-    truths: Vec<TrueBias>,
-    values: Vec<f64>,
+    /// The truth of each parameter of the calibration; nothing for recorded observations, of whose biases none is known.
+    truths: Vec<Option<TrueBias>>,
+    values: Vec<Option<f64>>,
     known: Vec<(Parameter, TrueBias)>,
     /// The names of all.
     names: HashSet<String>,
@@ -77,26 +78,59 @@ impl Biases {
         placement: Placement,
         process: &BiasProcess,
     ) -> Result<Option<usize>, ObservationError> {
+        let truth = TrueBias::new(process.clone(), &name, self.seed);
+        let parameter = self.parameter(network, name, unit, placement, process)?;
+        if process.known {
+            self.known.push((parameter, truth));
+            return Ok(None);
+        }
+        Ok(Some(self.estimate(parameter, Some(truth))))
+    }
+
+    /// Adds a parameter of recorded observations, of whose true value nothing is known; its number in the calibration.
+    ///
+    /// # Errors
+    /// As [`Biases::add`].
+    pub fn add_recorded(
+        &mut self,
+        network: &str,
+        name: String,
+        unit: &str,
+        placement: Placement,
+        process: &BiasProcess,
+    ) -> Result<usize, ObservationError> {
+        let parameter = self.parameter(network, name, unit, placement, process)?;
+        Ok(self.estimate(parameter, None))
+    }
+
+    /// A parameter, as methods may know it.
+    fn parameter(
+        &mut self,
+        network: &str,
+        name: String,
+        unit: &str,
+        placement: Placement,
+        process: &BiasProcess,
+    ) -> Result<Parameter, ObservationError> {
         process.validate(network)?;
         if !self.names.insert(name.clone()) {
             return Err(ObservationError::duplicate_name(network, "biases", &name));
         }
-        let truth = TrueBias::new(process.clone(), &name, self.seed);
-        let parameter = Parameter {
+        Ok(Parameter {
             name,
             unit: unit.to_owned(),
             placement,
             sigma_prior: process.sigma_prior(),
             drift: process.drift(),
-        };
-        if process.known {
-            self.known.push((parameter, truth));
-            return Ok(None);
-        }
-        self.values.push(truth.at(Duration::from_seconds(0), self.start));
+        })
+    }
+
+    /// Adds a parameter to the calibration; its number there.
+    fn estimate(&mut self, parameter: Parameter, truth: Option<TrueBias>) -> usize {
+        self.values.push(truth.as_ref().map(|truth| truth.at(Duration::from_seconds(0), self.start)));
         self.truths.push(truth);
         self.calibration.parameters.push(parameter);
-        Ok(Some(self.values.len() - 1))
+        self.values.len() - 1
     }
 
     /// Lets every true value evolve over `span`.
@@ -104,8 +138,10 @@ impl Biases {
         self.time = self.time + span;
         let elapsed = self.time - self.start;
         for (truth, value) in self.truths.iter_mut().zip(&mut self.values) {
-            truth.advance(span);
-            *value = truth.at(elapsed, self.time);
+            *value = truth.as_mut().map(|truth| {
+                truth.advance(span);
+                truth.at(elapsed, self.time)
+            });
         }
         for (_, truth) in &mut self.known {
             truth.advance(span);
@@ -115,22 +151,22 @@ impl Biases {
     /// The true values without jumps and the places in their random streams: estimated parameters, then known ones.
     pub fn save(&self) -> Vec<(f64, u128)> {
         let known = self.known.iter().map(|(_, truth)| truth);
-        self.truths.iter().chain(known).map(|truth| (truth.value, truth.random.get_word_pos())).collect()
+        self.truths.iter().flatten().chain(known).map(|truth| (truth.value, truth.random.get_word_pos())).collect()
     }
 
     /// Takes back what [`Biases::save`] gave, as of `time`; whether it fits.
     pub fn restore(&mut self, time: Time, saved: &[(f64, u128)]) -> bool {
-        if saved.len() != self.truths.len() + self.known.len() {
+        if saved.len() != self.truths.iter().flatten().count() + self.known.len() {
             return false;
         }
         let known = self.known.iter_mut().map(|(_, truth)| truth);
-        for (truth, &(value, random)) in self.truths.iter_mut().chain(known).zip(saved) {
+        for (truth, &(value, random)) in self.truths.iter_mut().flatten().chain(known).zip(saved) {
             truth.value = value;
             truth.random.set_word_pos(random);
         }
         self.time = time;
         let elapsed = self.time - self.start;
-        self.values = self.truths.iter().map(|truth| truth.at(elapsed, time)).collect();
+        self.values = self.truths.iter().map(|truth| Some(truth.as_ref()?.at(elapsed, time))).collect();
         true
     }
 
@@ -139,13 +175,13 @@ impl Biases {
         &self.calibration
     }
 
-    /// How their true values come to be.
+    /// How their true values come to be, where these are known.
     pub fn processes(&self) -> impl Iterator<Item = &BiasProcess> {
-        self.truths.iter().map(|truth| &truth.process)
+        self.truths.iter().flatten().map(|truth| &truth.process)
     }
 
-    /// Their true values now.
-    pub fn values(&self) -> &[f64] {
+    /// Their true values now, where these are known.
+    pub fn values(&self) -> &[Option<f64>] {
         &self.values
     }
 
@@ -173,6 +209,11 @@ mod tests {
         biases
     }
 
+    /// The true values of parameters that all have one.
+    fn values(biases: &Biases) -> Vec<f64> {
+        biases.values().iter().map(|value| value.unwrap()).collect()
+    }
+
     /// Mean and mean square.
     fn moments(values: &[f64]) -> (f64, f64) {
         let n = values.len() as f64;
@@ -181,7 +222,7 @@ mod tests {
 
     #[test]
     fn drawn_biases_have_their_standard_deviation() {
-        let values = biases(&BiasProcess::constant(12.0), 4000).values().to_vec();
+        let values = values(&biases(&BiasProcess::constant(12.0), 4000));
         let (mean, square) = moments(&values);
         // Five standard errors: σ/√n of the mean, σ²√(2/n) of the variance.
         assert!(mean.abs() < 5.0 * 12.0 / 4000f64.sqrt(), "{mean}");
@@ -200,7 +241,7 @@ mod tests {
             for _ in 0..steps {
                 biases.advance(Duration::from_seconds(4 * DAY.seconds() / steps));
             }
-            let changes: Vec<f64> = biases.values().iter().map(|value| value - 3.0).collect();
+            let changes: Vec<f64> = values(&biases).iter().map(|value| value - 3.0).collect();
             let (mean, square) = moments(&changes);
             // Four days: standard deviation 4; tolerances of five standard errors.
             assert!(mean.abs() < 5.0 * 4.0 / 4000f64.sqrt(), "{mean}");
@@ -215,12 +256,13 @@ mod tests {
             BiasProcess { evolution: Evolution::FirstOrder { correlation_hours: 48.0 }, ..BiasProcess::constant(3.0) };
         for steps in [1, 4, 16] {
             let mut biases = biases(&process, 8000);
-            let before = biases.values().to_vec();
+            let before = values(&biases);
             for _ in 0..steps {
                 biases.advance(Duration::from_seconds(3 * DAY.seconds() / steps));
             }
-            let (mean, square) = moments(biases.values());
-            let products: Vec<f64> = before.iter().zip(biases.values()).map(|(a, b)| a * b).collect();
+            let after = values(&biases);
+            let (mean, square) = moments(&after);
+            let products: Vec<f64> = before.iter().zip(&after).map(|(a, b)| a * b).collect();
             let correlation = moments(&products).0 / 9.0;
             let errors = 5.0 / 8000f64.sqrt();
             assert!(mean.abs() < 3.0 * errors && (square / 9.0 - 1.0).abs() < 2f64.sqrt() * errors, "{mean} {square}");
@@ -242,10 +284,10 @@ mod tests {
             ..BiasProcess::constant(1.0)
         };
         let mut biases = biases(&process, 1);
-        let mut history = vec![biases.values()[0]];
+        let mut history = values(&biases);
         for _ in 0..4 {
             biases.advance(DAY);
-            history.push(biases.values()[0]);
+            history.extend(values(&biases));
         }
         assert_eq!(history, [1.0, 1.0, -4.0, -4.0, -4.0]);
         let parameter = &biases.calibration().parameters[0];
@@ -260,10 +302,10 @@ mod tests {
             ..BiasProcess::constant(1.0)
         };
         let mut biases = biases(&process, 1);
-        let mut history = vec![biases.values()[0]];
+        let mut history = values(&biases);
         for _ in 0..8 {
             biases.advance(Duration::from_seconds(3 * 3600));
-            history.push(biases.values()[0]);
+            history.extend(values(&biases));
         }
         for (number, value) in history.iter().enumerate() {
             let hours = 3.0 * number as f64 - 15.0;
@@ -311,6 +353,25 @@ mod tests {
         many.advance(DAY);
         assert_eq!(few.values(), &many.values()[..2]);
         assert_ne!(few.values()[0], few.values()[1]);
+    }
+
+    #[test]
+    fn a_parameter_of_recorded_observations_has_no_true_value_and_changes_no_other() {
+        let process =
+            BiasProcess { evolution: Evolution::RandomWalk { sigma_per_sqrt_day: 2.0 }, ..BiasProcess::constant(1.0) };
+        let (mut alone, mut beside) = (biases(&process, 1), Biases::new(7, Time::from_seconds(0)));
+        let recorded = beside.add_recorded("file", "file/h/a".to_owned(), "m", Placement::Shared, &process).unwrap();
+        beside.add("net", "net/h/0".to_owned(), "m", Placement::Shared, &process).unwrap();
+        alone.advance(DAY);
+        beside.advance(DAY);
+        assert_eq!((recorded, beside.values()), (0, &[None, alone.values()[0]][..]));
+        let parameter = &beside.calibration().parameters[0];
+        assert_eq!((parameter.sigma_prior, parameter.drift), (1.0, Drift::RandomWalk { sigma_per_sqrt_day: 2.0 }));
+        let mut restored = beside.clone();
+        beside.advance(DAY);
+        assert!(restored.restore(beside.time, &beside.save()));
+        assert_eq!(restored.values(), beside.values());
+        assert_eq!((beside.save().len(), beside.processes().count()), (1, 1));
     }
 
     #[test]

@@ -21,7 +21,7 @@
 //!
 //! What makes observations:
 //! - [`instrument`]: [`InstrumentSettings`] and [`Instrument`], the traits of every instrument; an addition is one file
-//! - [`instrument::radiosonde`], [`instrument::satellite`], [`instrument::recorded`]
+//! - [`instrument::radiosonde`], [`instrument::satellite`], [`instrument::recorded`], [`instrument::recorded_bias`]
 //! - [`instrument::steady`]: [`Steady`], any instrument that sees the same in every cycle
 //! - [`site`]: where and when an instrument is to observe
 //! - [`observation`], [`predictor`]: one observation as an instrument makes it
@@ -73,18 +73,19 @@ pub use faults::Faults;
 pub use footprint::footprint;
 pub use instrument::radiosonde::{BiasScope, RadiosondeSettings, StationBias};
 pub use instrument::recorded::{RecordedSettings, WindAxes};
+pub use instrument::recorded_bias::{ColumnPredictor, RecordedBias, RecordedScope};
 pub use instrument::satellite::{Heading, SatelliteSettings, ScanBias, ScanTerm};
 pub use instrument::steady::Steady;
 pub use instrument::{Instrument, InstrumentSettings, ObservedVariable};
 pub use jacobian::Jacobian;
 pub use network::{Network, Schedule};
 pub use observation::{Observation, Reading};
-pub use observation_file::{ObservationFile, ObservationPlace, ObservationRecord, ValidTime};
+pub use observation_file::{FurtherColumns, ObservationFile, ObservationPlace, ObservationRecord, ValidTime};
 pub use operator::{LinearOperator, ObservationOperator};
 pub use predictor::Predictor;
 pub use projection::Projection;
 pub use quality::QualityControl;
-pub use recorded_use::RecordedUse;
+pub use recorded_use::{BiasUse, RecordedUse};
 pub use rejection::Rejection;
 pub use report::{ObservationType, Report};
 pub use site::Site;

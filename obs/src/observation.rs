@@ -35,6 +35,8 @@ pub enum Reading {
         time: Time,
         /// Whether that is not near enough to the end of the window.
         is_late: bool,
+        /// Whether the value of a predictor of its bias is missing.
+        lacks_predictor: bool,
     },
 }
 
@@ -50,6 +52,18 @@ impl Reading {
     pub(crate) fn set_value(&mut self, new: f64) {
         match self {
             Reading::Error(value) | Reading::Recorded { value, .. } => *value = new,
+        }
+    }
+
+    /// Whether it was recorded without the value of a predictor of its bias.
+    pub(crate) fn lacks_predictor(&self) -> bool {
+        matches!(self, Reading::Recorded { lacks_predictor: true, .. })
+    }
+
+    /// Says of a recorded one whether it is so.
+    pub(crate) fn set_lacks_predictor(&mut self, new: bool) {
+        if let Reading::Recorded { lacks_predictor, .. } = self {
+            *lacks_predictor = new;
         }
     }
 }
@@ -71,10 +85,15 @@ impl Observation {
         self.calibration_row.iter().copied().chain(self.predictors.iter().map(|predictor| predictor.entry(x)))
     }
 
-    /// (G + P(x)) c.
-    pub fn bias(&self, x: &State, calibration: &[f64]) -> f64 {
-        let fixed: f64 = self.calibration_row.iter().map(|&(column, value)| value * calibration[column]).sum();
-        fixed + self.predictors.iter().map(|predictor| predictor.bias(x, calibration)).sum::<f64>()
+    /// (G + P(x)) c, the bias of an observation that is made here.
+    ///
+    /// # Panics
+    /// If nothing is known of the true value of one of its parameters.
+    pub(crate) fn true_bias(&self, x: &State, calibration: &[Option<f64>]) -> f64 {
+        let of =
+            |(column, value): (usize, f64)| value * calibration[column].expect("a bias that is made here is known");
+        let fixed: f64 = self.calibration_row.iter().copied().map(of).sum();
+        fixed + self.predictors.iter().map(|predictor| of(predictor.entry(x))).sum::<f64>()
     }
 }
 

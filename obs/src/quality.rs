@@ -1,6 +1,6 @@
 //! Quality control of observations before any method sees them: the same decisions for all methods, and no truth in them.
 //!
-//! First what a report says of itself: not finite, outside of the domain, late, a duplicate. Then its value, against a
+//! First what a report says of itself: not finite, outside of the domain, late, without a predictor of its bias, a duplicate. Then its value, against a
 //! *reference* x_f that no method makes (a forecast without observations) and against its neighbours: with
 //! `d = y − h(x_f)` and the covariance that departures should have,
 //!
@@ -88,6 +88,8 @@ pub(crate) fn check_reports(arrivals: &[Arrival], time: Time, grid: &Grid) -> Ve
             Some(Rejection::Outside)
         } else if is_late {
             Some(Rejection::Late)
+        } else if observation.reading.lacks_predictor() {
+            Some(Rejection::NoPredictor)
         } else if !seen.insert((Arc::clone(&report.network), Arc::clone(&report.platform), report.variable)) {
             Some(Rejection::Duplicate)
         } else {

@@ -17,17 +17,20 @@ pub enum Rejection {
     Absurd = 5,
     /// It contradicts its neighbours.
     GrossError = 6,
+    /// The value of a predictor of its bias is missing.
+    NoPredictor = 7,
 }
 
 impl Rejection {
     /// All reasons, in the order of their codes from 1.
-    pub const ALL: [Rejection; 6] = [
+    pub const ALL: [Rejection; 7] = [
         Rejection::NotFinite,
         Rejection::Outside,
         Rejection::Late,
         Rejection::Duplicate,
         Rejection::Absurd,
         Rejection::GrossError,
+        Rejection::NoPredictor,
     ];
 
     /// Its code, from 1; 0 is the code of an observation that is used.
@@ -44,6 +47,7 @@ impl Rejection {
             Rejection::Duplicate => "duplicate",
             Rejection::Absurd => "absurd",
             Rejection::GrossError => "gross_error",
+            Rejection::NoPredictor => "no_predictor",
         }
     }
 }

@@ -51,4 +51,18 @@ impl Site<'_> {
     ) -> Result<Option<usize>, ObservationError> {
         self.biases.add(self.network, format!("{}/{name}", self.network), unit, placement, process)
     }
+
+    /// Adds the bias parameter `network/name` of observations that were made elsewhere; its number in the calibration.
+    ///
+    /// # Errors
+    /// As [`Site::add_bias`].
+    pub fn add_recorded_bias(
+        &mut self,
+        name: &str,
+        unit: &str,
+        placement: Placement,
+        process: &BiasProcess,
+    ) -> Result<usize, ObservationError> {
+        self.biases.add_recorded(self.network, format!("{}/{name}", self.network), unit, placement, process)
+    }
 }

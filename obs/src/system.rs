@@ -184,8 +184,9 @@ impl ObservingSystem {
         self.biases.calibration()
     }
 
-    /// The true values of [`Self::calibration`] in the present cycle, in their units.
-    pub fn true_calibration(&self) -> &[f64] {
+    /// The true values of [`Self::calibration`] in the present cycle, in their units; `None` for the biases of recorded
+    /// observations, of which nothing is known.
+    pub fn true_calibration(&self) -> &[Option<f64>] {
         self.biases.values()
     }
 
@@ -196,7 +197,7 @@ impl ObservingSystem {
         &self.values_bias_removed
     }
 
-    /// How the true values of [`Self::calibration`] come to be.
+    /// How the true values of [`Self::calibration`] come to be, of those that are known.
     pub fn bias_processes(&self) -> impl Iterator<Item = &BiasProcess> {
         self.biases.processes()
     }
@@ -303,7 +304,7 @@ impl ObservingSystem {
                     Reading::Error(error) => {
                         let truth = truth.expect("an instrument that observes the truth needs one");
                         let value_bias_removed = observation.state.value(truth) + error;
-                        let bias = observation.bias(truth, self.biases.values());
+                        let bias = observation.true_bias(truth, self.biases.values());
                         (value_bias_removed + bias, value_bias_removed, time)
                     }
                     Reading::Recorded { value, time, .. } => (value, value, time),

@@ -25,6 +25,7 @@ pub const LARGEST: f64 = 1e18;
 const SYNONYMS: &[(&str, &[&str])] = &[
     ("latitude_deg", &["lat", "latitude", "lat_deg", "latitude_degrees", "latitude_degrees_north"]),
     ("longitude_deg", &["lon", "long", "lng", "longitude", "lon_deg", "longitude_degrees", "longitude_degrees_east"]),
+    ("id", &["platform"]),
 ];
 
 /// Names that people give to columns, of which a missing column may be meant.

@@ -38,7 +38,7 @@ fn the_bias_is_proportional_to_the_predictor() {
     let names: Vec<_> = system.calibration().parameters.iter().map(|it| (it.name.as_str(), it.unit.as_str())).collect();
     assert_eq!(names[3..], [("polar/air_mass_h", "m"), ("polar/air_mass_u", "m")]);
     let observed = system.observe(&truth);
-    let c = system.true_calibration();
+    let c = true_biases(&system);
     assert_eq!(c[3..], [3.0, -0.5]);
     let none = vec![0.0; c.len()];
     let height = observed.operator.simulate(&truth, &none);

@@ -7,5 +7,6 @@ mod errors;
 mod passive;
 mod quality;
 mod radiosondes;
+mod recorded_biases;
 mod satellites;
 mod station_files;

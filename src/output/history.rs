@@ -48,8 +48,8 @@ pub struct Cycle {
     pub time: Time,
     /// Whether there are maps of it, for which observations and fields are held.
     pub has_maps: bool,
-    /// The true calibration parameters; empty without a truth.
-    pub true_calibration: Vec<f64>,
+    /// The true calibration parameters, where they are known; empty without a truth.
+    pub true_calibration: Vec<Option<f64>>,
     /// The true fields.
     pub truth: Option<Fields>,
     /// The observations, if there are maps of the cycle or if it is the newest.
@@ -114,6 +114,13 @@ pub struct ParameterHistory {
     pub determined: Vec<(Time, f64, f64)>,
 }
 
+impl Cycle {
+    /// The true value of a calibration parameter, if it is known.
+    pub fn true_bias(&self, number: usize) -> Option<f64> {
+        self.true_calibration.get(number).copied().flatten()
+    }
+}
+
 impl History {
     /// The history of a run that has not begun, which holds fields of the cycles for which `has_maps` is true.
     pub fn new(info: &RunInfo, thinning: Thinning, has_maps: fn(&RunInfo, usize) -> bool) -> Self {
@@ -152,12 +159,17 @@ impl History {
         Ok(())
     }
 
-    fn add_truth(&mut self, number: usize, time: Time, state: &State, calibration: &[f64]) {
+    fn add_truth(&mut self, number: usize, time: Time, state: &State, calibration: &[Option<f64>]) {
         self.truth = Some(state.values().to_vec());
         let thinning = self.thinning;
         let cycle = self.begin(number, time);
         cycle.true_calibration = calibration.to_vec();
         cycle.truth = cycle.has_maps.then(|| fields(thinning, state.values()));
+    }
+
+    /// Whether the true value of any calibration parameter is known.
+    pub fn knows_biases(&self) -> bool {
+        self.cycles.iter().flat_map(|cycle| &cycle.true_calibration).any(Option::is_some)
     }
 
     /// A cycle, begun if it has not been.

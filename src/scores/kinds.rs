@@ -284,7 +284,7 @@ pub const SCORES: &[ScoreKind] = &[
     ScoreKind {
         name: "bias_rmse",
         title: "bias RMSE",
-        about: "Root-mean-square error of the bias parameters, each in its own unit.",
+        about: "Root-mean-square error of the bias parameters whose truth is known, each in its own unit.",
         compared: true,
         swept: true,
         measure: Measure::RootMean(|it| bias_error(it, it.analysis)),
@@ -293,7 +293,7 @@ pub const SCORES: &[ScoreKind] = &[
     ScoreKind {
         name: "bias_spread",
         title: "bias spread",
-        about: "Root-mean-square claimed standard deviation of the bias parameters.",
+        about: "Root-mean-square claimed standard deviation of the same bias parameters, of all where no truth is known.",
         better: Better::AsTheError,
         against: Against::Nothing,
         measure: Measure::RootMean(|it| bias_spread(it, it.analysis)),

@@ -46,16 +46,21 @@ pub fn spread(it: &Verified<'_>, estimate: Option<&Estimate>) -> Option<Vec<Sum>
     Some(mean_squares(it.layout, estimate?.state_spread.as_ref()?.iter().copied()))
 }
 
-/// The mean square error of the bias parameters; `None` if there are none that are scored, or without a truth.
+/// The mean square error of the bias parameters whose truth is known; `None` if there are none that are scored.
 pub fn bias_error(it: &Verified<'_>, estimate: Option<&Estimate>) -> Option<Vec<Sum>> {
     let parameters = estimate?.calibration.iter().zip(it.truth?.calibration).take(it.scored_parameters);
-    mean_square(parameters.map(|(value, truth)| value - truth), it.scored_parameters)
+    mean_square(parameters.filter_map(|(value, truth)| Some(value - (*truth)?)))
 }
 
-/// The mean claimed variance of the bias parameters; `None` if there are none that are scored, or without a claim.
+/// The mean claimed variance of the same bias parameters, of all where the truth of none is known; `None` if there are none
+/// that are scored, or without a claim.
 pub fn bias_spread(it: &Verified<'_>, estimate: Option<&Estimate>) -> Option<Vec<Sum>> {
-    let spread = estimate?.calibration_spread.as_ref()?;
-    mean_square(spread.iter().copied(), it.scored_parameters)
+    let spread = estimate?.calibration_spread.as_ref()?.iter().copied().take(it.scored_parameters);
+    let truth = it.truth.map(|truth| truth.calibration).filter(|truth| truth.iter().any(Option::is_some));
+    match truth {
+        Some(truth) => mean_square(spread.zip(truth).filter_map(|(sigma, truth)| truth.map(|_| sigma))),
+        None => mean_square(spread),
+    }
 }
 
 /// The normalised innovation squared, χ² of the n observations of the cycle; its average is that per observation.
@@ -106,9 +111,9 @@ pub(super) fn squares_by_variable(layout: &Layout, values: impl Iterator<Item = 
     sums
 }
 
-fn mean_square(values: impl Iterator<Item = f64>, count: usize) -> Option<Vec<Sum>> {
-    let total = values.map(|value| value * value).sum::<f64>() / count as f64;
-    (count > 0).then(|| vec![Sum { total, weight: 1.0 }])
+fn mean_square(values: impl Iterator<Item = f64>) -> Option<Vec<Sum>> {
+    let (sum, count) = values.fold((0.0, 0), |(sum, count), value| (sum + value * value, count + 1));
+    (count > 0).then(|| vec![Sum { total: sum / f64::from(count), weight: 1.0 }])
 }
 
 /// The mean of the squares of each variable's values.

@@ -9,8 +9,8 @@ use std::collections::VecDeque;
 pub struct TrueValues<'a> {
     /// The state.
     pub state: &'a State,
-    /// The calibration parameters, in the order of [`isobar_obs::Calibration`].
-    pub calibration: &'a [f64],
+    /// The calibration parameters, in the order of [`isobar_obs::Calibration`]; nothing for those of recorded observations.
+    pub calibration: &'a [Option<f64>],
 }
 
 /// The truth, as estimates of the same time are compared with it.
@@ -18,8 +18,8 @@ pub struct TrueValues<'a> {
 pub struct Truth<'a> {
     /// The true state, in the order of [`State::values`].
     pub state: &'a [f64],
-    /// The true calibration parameters.
-    pub calibration: &'a [f64],
+    /// The true calibration parameters, where they are known.
+    pub calibration: &'a [Option<f64>],
 }
 
 impl<'a> From<TrueValues<'a>> for Truth<'a> {
@@ -32,7 +32,7 @@ impl<'a> From<TrueValues<'a>> for Truth<'a> {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct EarlierTruths {
     /// State and calibration, the newest last.
-    cycles: VecDeque<(Vec<f64>, Vec<f64>)>,
+    cycles: VecDeque<(Vec<f64>, Vec<Option<f64>>)>,
 }
 
 impl EarlierTruths {

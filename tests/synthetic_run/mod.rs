@@ -148,7 +148,8 @@ impl SyntheticRun {
     }
 
     pub fn play_truth(&self, sink: &mut dyn Sink, cycle: usize) -> Result<(), SinkError> {
-        let (state, calibration) = (Cow::Borrowed(&self.truth[cycle]), (&self.true_calibration[cycle]).into());
+        let calibration = self.true_calibration[cycle].iter().copied().map(Some).collect();
+        let state = Cow::Borrowed(&self.truth[cycle]);
         sink.record(&Event::Truth { cycle, time: self.time(cycle), state, calibration })
     }
 }

@@ -2,6 +2,8 @@
 
 pub mod radiosonde;
 pub mod recorded;
+pub mod recorded_bias;
+mod recorded_winds;
 pub mod satellite;
 pub mod steady;
 

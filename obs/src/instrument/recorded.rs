@@ -1,23 +1,25 @@
 //! Recorded observations: made elsewhere, and read from a file.
 
+use super::recorded_bias::{self, RecordedBias, References};
+use super::recorded_winds::{Winds, row};
 use super::{Instrument, InstrumentSettings};
 use crate::error::{ObservationError, list, require};
 use crate::observation::{Observation, Reading};
 use crate::observation_file::{ObservationFile, ObservationPlace, ObservationRecord, ValidTime};
-use crate::projection::Projection;
-use crate::recorded_use::RecordedUse;
+use crate::recorded_use::{BiasUse, RecordedUse};
 use crate::report::Report;
 use crate::site::Site;
 use crate::state_operator::StateOperator;
 use crate::station::no_projection;
 use crate::table::Faults;
-use isobar_model::{Duration, Layout, Time};
+use isobar_model::{Duration, Time};
 use rand_chacha::ChaCha8Rng;
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 /// Observations of a file, each in the cycle at whose end it is valid. What is valid within a window but not at its end
-/// arrives with that window, as a late report, unless it is near enough to the end of one. Nothing is known of biases.
+/// arrives with that window, as a late report, unless it is near enough to the end of one. Of their biases no more is known
+/// than what methods estimate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordedSettings {
     /// The parsed file.
@@ -32,6 +34,12 @@ pub struct RecordedSettings {
     /// Along which axes the components u and v of winds are; `None`: [`WindAxes::Earth`] where the file gives latitudes and
     /// longitudes, else [`WindAxes::Grid`].
     pub winds: Option<WindAxes>,
+    /// Groups that have no bias.
+    pub reference_groups: Vec<String>,
+    /// Stations that have no bias.
+    pub reference_stations: Vec<String>,
+    /// The biases.
+    pub biases: Vec<RecordedBias>,
 }
 
 /// Along which axes the components of a wind are.
@@ -53,8 +61,8 @@ impl InstrumentSettings for RecordedSettings {
         let expected = format!("from 0 to {half} s, half of the window");
         require((0.0..=half).contains(&tolerance), site.network, "time_tolerance", tolerance, expected)?;
         let network: Arc<str> = site.network.into();
-        let mut winds = Winds::new(self, site.layout);
-        let (mut observations, mut faults) = (Vec::new(), Faults::default());
+        let mut winds = Winds::new(self.winds.unwrap_or(WindAxes::Earth) == WindAxes::Earth, site.layout);
+        let (mut records, mut observations, mut faults) = (Vec::new(), Vec::new(), Faults::default());
         let mut nameless = Nameless::default();
         for record in self.observations.records() {
             let Some((variable, sigma)) = self.variable_and_sigma(record, site, &mut faults)? else { continue };
@@ -66,10 +74,14 @@ impl InstrumentSettings for RecordedSettings {
             };
             winds.add(record, variable, sigma, observations.len());
             let report = Report { network: network.clone(), platform: platform.into(), variable, x_m, y_m, scan: None };
-            let reading = Reading::Recorded { value: record.value, time, is_late };
+            let reading = Reading::Recorded { value: record.value, time, is_late, lacks_predictor: false };
+            records.push(record);
             observations.push((cycle, Observation { reading, ..Observation::new(report, sigma, state) }));
         }
         faults.check(file).map_err(|error| ObservationError::from(error).of_network(site.network, "file"))?;
+        let references =
+            References { file: &self.observations, stations: &self.reference_stations, groups: &self.reference_groups };
+        let biases = recorded_bias::add(&self.biases, &references, site, &records, &mut observations)?;
         if let Some(projection) = site.projection {
             winds.turn(&mut observations, site.layout, projection);
         }
@@ -79,7 +91,7 @@ impl InstrumentSettings for RecordedSettings {
             return Err(ObservationError::in_setting(site.network, "file", problem));
         }
         observations.sort_by_key(|(cycle, _)| *cycle);
-        Ok(Box::new(Recorded { observations, missing: self.observations.missing() }))
+        Ok(Box::new(Recorded { observations, missing: self.observations.missing(), biases }))
     }
 
     fn is_recorded(&self) -> bool {
@@ -91,7 +103,16 @@ impl RecordedSettings {
     /// The observations of a file that says variable and sigma of each, which are used if they are valid at the end of a
     /// window.
     pub fn new(observations: ObservationFile) -> Self {
-        Self { observations, variable: None, sigma: None, time_tolerance: Duration::from_seconds(0), winds: None }
+        Self {
+            observations,
+            variable: None,
+            sigma: None,
+            time_tolerance: Duration::from_seconds(0),
+            winds: None,
+            reference_groups: Vec::new(),
+            reference_stations: Vec::new(),
+            biases: Vec::new(),
+        }
     }
 
     /// The number of the observed variable, and the standard deviation of the random error; `None`, and a fault, if the file
@@ -169,6 +190,7 @@ struct Recorded {
     /// With their cycles, in the order of these; 0 before the first.
     observations: Vec<(usize, Observation)>,
     missing: usize,
+    biases: Vec<BiasUse>,
 }
 
 impl Instrument for Recorded {
@@ -195,6 +217,7 @@ impl Instrument for Recorded {
         let mut usage = RecordedUse {
             rows: self.observations.len() + self.missing,
             missing: self.missing,
+            biases: self.biases.clone(),
             ..RecordedUse::default()
         };
         let mut seen = HashSet::new();
@@ -205,6 +228,8 @@ impl Instrument for Recorded {
                 &mut usage.outside
             } else if matches!(reading, Reading::Recorded { is_late: true, .. }) {
                 &mut usage.late
+            } else if reading.lacks_predictor() {
+                &mut usage.no_predictor
             } else if !seen.insert((cycle, &report.platform, report.variable)) {
                 &mut usage.duplicate
             } else {
@@ -252,72 +277,6 @@ impl Nameless {
         });
         if number == 0 { place } else { format!("{place} ({})", number + 1) }
     }
-}
-
-/// Winds whose components are to the east and to the north, which are turned to the axes of the plane.
-struct Winds {
-    /// Numbers of the variables u and v; `None` if nothing is turned.
-    components: Option<[usize; 2]>,
-    /// The components of one time, place, station and standard deviation: number in the list of observations, and place.
-    together: HashMap<String, [Vec<usize>; 2]>,
-    places: HashMap<usize, (f64, f64)>,
-}
-
-impl Winds {
-    fn new(settings: &RecordedSettings, layout: &Layout) -> Self {
-        let turned = settings.winds.unwrap_or(WindAxes::Earth) == WindAxes::Earth;
-        let components = layout.variable("u").zip(layout.variable("v")).filter(|_| turned).map(|(u, v)| [u, v]);
-        Self { components, together: HashMap::new(), places: HashMap::new() }
-    }
-
-    /// Takes an observation, if it is a component of a wind on the Earth.
-    fn add(&mut self, record: &ObservationRecord, variable: usize, sigma: f64, number: usize) {
-        let component = self.components.and_then(|components| components.iter().position(|own| *own == variable));
-        let (Some(component), ObservationPlace::Geographic { latitude_deg, longitude_deg }) = (component, record.place)
-        else {
-            return;
-        };
-        let key = format!("{:?} {latitude_deg} {longitude_deg} {sigma} {:?}", record.valid, record.id);
-        self.together.entry(key).or_default()[component].push(number);
-        self.places.insert(number, (latitude_deg, longitude_deg));
-    }
-
-    /// Turns both components of a wind to the axes of the plane. Of a single one, or of two that are not equally accurate, the
-    /// row of X is that of the component to the east or to the north.
-    fn turn(&self, observations: &mut [(usize, Observation)], layout: &Layout, projection: &Projection) {
-        let Some(components) = self.components else { return };
-        for (number, &(latitude_deg, longitude_deg)) in &self.places {
-            let (sin, cos) = projection.north(latitude_deg, longitude_deg).sin_cos();
-            let observation = &mut observations[*number].1;
-            let is_u = observation.report.variable == components[0];
-            let weights = if is_u { [cos, -sin] } else { [sin, cos] };
-            let (x_m, y_m) = (observation.report.x_m, observation.report.y_m);
-            let turned = (components.iter().zip(weights))
-                .flat_map(|(&variable, weight)| {
-                    row(layout, variable, x_m, y_m).into_iter().map(move |(index, entry)| (index, weight * entry))
-                })
-                .filter(|entry| entry.1 != 0.0)
-                .collect();
-            observation.state = StateOperator::Linear(turned);
-        }
-        for [u, v] in self.together.values() {
-            let (&[u], &[v]) = (&u[..], &v[..]) else { continue };
-            let (latitude_deg, longitude_deg) = self.places[&u];
-            let (sin, cos) = projection.north(latitude_deg, longitude_deg).sin_cos();
-            let [east, north] = [u, v].map(|number| observations[number].1.reading.value());
-            for (number, turned) in [(u, east * cos + north * sin), (v, north * cos - east * sin)] {
-                let observation = &mut observations[number].1;
-                let Report { variable, x_m, y_m, .. } = observation.report;
-                observation.reading.set_value(turned);
-                observation.state = StateOperator::Linear(row(layout, variable, x_m, y_m));
-            }
-        }
-    }
-}
-
-/// The row of X of a variable at a point of the plane; empty outside of the domain.
-fn row(layout: &Layout, variable: usize, x_m: f64, y_m: f64) -> Vec<(usize, f64)> {
-    layout.interpolation(variable, x_m, y_m).unwrap_or_default()
 }
 
 /// A place in words, by which an observation without a name is known; `on_plane` is its place there \[m\].

@@ -60,15 +60,17 @@ pub fn check_instrument(network: &Network, layout: &Arc<Layout>, seed: u64) -> R
     for cycle in 1..=CYCLES {
         let observed = first.observe(&truth);
         count += observed.len();
-        let (c, p) = (first.true_calibration(), first.calibration().len());
-        let jacobian = observed.operator.linearize(&x, c);
+        let p = first.calibration().len();
+        // What is not known is as good as anything.
+        let c: Vec<f64> = first.true_calibration().iter().map(|value| value.unwrap_or(1.0)).collect();
+        let jacobian = observed.operator.linearize(&x, &c);
         if !jacobian.state.has_shape(observed.len(), layout.len()) || !jacobian.calibration.has_shape(observed.len(), p)
         {
             return Err(malformed(cycle, "a row of the Jacobian is outside of the state or the calibration"));
         }
         check_reports(&network.name, &observed, layout)?;
-        check_operator(&*observed.operator, &x, c, seed)?;
-        check_operator(&*observed.anchored(&background).operator, &x, c, seed)?;
+        check_operator(&*observed.operator, &x, &c, seed)?;
+        check_operator(&*observed.anchored(&background).operator, &x, &c, seed)?;
         let again = second.observe(&truth);
         if again.values != observed.values || again.reports != observed.reports {
             return Err(InstrumentViolation::NotRepeatable { cycle });

@@ -73,6 +73,11 @@ pub fn system(layout: &Arc<Layout>, networks: &[Network]) -> ObservingSystem {
     try_system(layout, None, networks).unwrap()
 }
 
+/// The true biases, which are all known.
+pub fn true_biases(system: &ObservingSystem) -> Vec<f64> {
+    system.true_calibration().iter().map(|value| value.expect("the observations are made here")).collect()
+}
+
 /// Mean and variance about zero.
 pub fn moments(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;

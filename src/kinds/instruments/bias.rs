@@ -14,6 +14,9 @@ pub(super) const KEYS: [&str; 7] = [
     "assumed_correlation_hours",
 ];
 
+/// The keys of a bias of observations that were made elsewhere, of whose true value nothing is known.
+pub(super) const RECORDED_KEYS: [&str; 2] = ["sigma", "evolution"];
+
 /// The most biases of a network.
 pub(super) const MOST_BIASES: usize = 100;
 
@@ -44,7 +47,9 @@ pub(super) fn read(section: &Section<'_>) -> Read<BiasProcess> {
     };
     Ok(BiasProcess {
         initial,
-        evolution: section.optional("evolution").map_or(Ok(Evolution::Constant), |field| evolution(&field))?,
+        evolution: section
+            .optional("evolution")
+            .map_or(Ok(Evolution::Constant), |field| evolution_of(&field, EVOLUTIONS))?,
         assumed_sigma_prior,
         assumed_drift: assumed_drift(section)?,
         known,
@@ -69,44 +74,57 @@ fn assumed_drift(section: &Section<'_>) -> Read<Option<AssumedDrift>> {
 /// Correlation times.
 const HOURS: Limits = Limits::Between(0.01, 1e6);
 
+/// Reads [`RECORDED_KEYS`].
+pub(super) fn read_recorded(section: &Section<'_>) -> Read<BiasProcess> {
+    let evolution = section.optional("evolution").map(|field| evolution_of(&field, &EVOLUTIONS[..ASSUMED]));
+    Ok(BiasProcess {
+        evolution: evolution.transpose()?.unwrap_or(Evolution::Constant),
+        ..BiasProcess::constant(section.number("sigma", Limits::Positive)?)
+    })
+}
+
 type ReadEvolution = fn(&Section<'_>) -> Read<Evolution>;
 
-fn evolution(field: &Field<'_>) -> Read<Evolution> {
-    const KINDS: &[Kind<ReadEvolution>] = &[
-        ("constant", |_| Ok(Evolution::Constant), &[]),
-        (
-            "random_walk",
-            |section| {
-                let sigma_per_sqrt_day = section.number("sigma_per_sqrt_day", Limits::Positive)?;
-                Ok(Evolution::RandomWalk { sigma_per_sqrt_day })
-            },
-            &["sigma_per_sqrt_day"],
-        ),
-        (
-            "ar1",
-            |section| Ok(Evolution::FirstOrder { correlation_hours: section.number("correlation_hours", HOURS)? }),
-            &["correlation_hours"],
-        ),
-        (
-            "jump",
-            |section| {
-                let at_hours = section.number("at_hours", Limits::Between(0.0, 1e9))?;
-                Ok(Evolution::Jump { at_hours, size: section.number("size", Limits::Any)? })
-            },
-            &["at_hours", "size"],
-        ),
-        (
-            "sinusoid",
-            |section| {
-                Ok(Evolution::Sinusoid {
-                    amplitude: section.number("amplitude", Limits::Any)?,
-                    period_hours: section.number("period_hours", Limits::Between(0.01, 1e6))?,
-                    peak_hours: section.number_or("peak_hours", 0.0, Limits::Between(0.0, 1e6))?,
-                })
-            },
-            &["amplitude", "period_hours", "peak_hours"],
-        ),
-    ];
-    let (read, section) = field.section_of_kind(KINDS)?;
+/// How many of [`EVOLUTIONS`] methods may assume as well.
+const ASSUMED: usize = 3;
+
+const EVOLUTIONS: &[Kind<ReadEvolution>] = &[
+    ("constant", |_| Ok(Evolution::Constant), &[]),
+    (
+        "random_walk",
+        |section| {
+            let sigma_per_sqrt_day = section.number("sigma_per_sqrt_day", Limits::Positive)?;
+            Ok(Evolution::RandomWalk { sigma_per_sqrt_day })
+        },
+        &["sigma_per_sqrt_day"],
+    ),
+    (
+        "ar1",
+        |section| Ok(Evolution::FirstOrder { correlation_hours: section.number("correlation_hours", HOURS)? }),
+        &["correlation_hours"],
+    ),
+    (
+        "jump",
+        |section| {
+            let at_hours = section.number("at_hours", Limits::Between(0.0, 1e9))?;
+            Ok(Evolution::Jump { at_hours, size: section.number("size", Limits::Any)? })
+        },
+        &["at_hours", "size"],
+    ),
+    (
+        "sinusoid",
+        |section| {
+            Ok(Evolution::Sinusoid {
+                amplitude: section.number("amplitude", Limits::Any)?,
+                period_hours: section.number("period_hours", Limits::Between(0.01, 1e6))?,
+                peak_hours: section.number_or("peak_hours", 0.0, Limits::Between(0.0, 1e6))?,
+            })
+        },
+        &["amplitude", "period_hours", "peak_hours"],
+    ),
+];
+
+fn evolution_of(field: &Field<'_>, kinds: &[Kind<ReadEvolution>]) -> Read<Evolution> {
+    let (read, section) = field.section_of_kind(kinds)?;
     read(&section)
 }

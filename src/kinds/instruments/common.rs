@@ -51,6 +51,14 @@ const FAULTS: Key<Described> = Key::absent(
 /// What instruments that make their own observations have in common.
 pub(super) const COMMON: &[&dyn AnyKey] = &[&ASSIMILATE, &INTERVAL_CYCLES, &FIRST_CYCLE, &MISSING_RATE, &FAULTS];
 
+/// The most groups that a list may name.
+pub(super) const MOST_GROUPS: usize = 1000;
+
+/// A list of at most `most` different names; empty where it is not given.
+pub(super) fn texts(section: &Section<'_>, key: &str, most: usize) -> Read<Vec<String>> {
+    section.optional(key).map_or(Ok(Vec::new()), |field| field.texts(most))
+}
+
 /// Reads the faults of a network.
 pub(super) fn faults(section: &Section<'_>) -> Read<Faults> {
     let none = Faults::NONE;

@@ -1,10 +1,17 @@
 //! `kind = "file"`: observations made elsewhere.
 
-use super::common::{ASSIMILATE, at_file};
+use super::bias;
+use super::common::{ASSIMILATE, MOST_GROUPS, at_file, texts};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Absent, Choice, Described, Key, Limits, Read, files};
+use crate::reader::{self, Absent, Choice, Described, Field, Key, Limits, Read, Section, files};
 use isobar_model::Duration;
-use isobar_obs::{InstrumentSettings, ObservationFile, RecordedSettings, WindAxes};
+use isobar_obs::{
+    ColumnPredictor, FurtherColumns, InstrumentSettings, ObservationFile, RecordedBias, RecordedScope,
+    RecordedSettings, WindAxes,
+};
+
+/// The most stations that a list may name.
+const MOST_STATIONS: usize = 10_000;
 
 const FILE: Key<Described> = Key::required(
     "file",
@@ -53,10 +60,57 @@ const WINDS: Key<Choice<WindAxes>> = Key::absent(
     "axes of the components u and v: east and north, or x and y of the plane",
 );
 
+const GROUP_BY: Key<Described> = Key::absent(
+    "group_by",
+    "",
+    Described("a column of the file"),
+    Absent::Explained("`group`, where biases or `reference_groups` need it"),
+    "the column by which stations form groups",
+);
+
+const REFERENCE_GROUPS: Key<Described> = Key::absent(
+    "reference_groups",
+    "",
+    Described("a list of groups"),
+    Absent::Explained("none"),
+    "groups without bias",
+);
+
+const REFERENCE_STATIONS: Key<Described> = Key::absent(
+    "reference_stations",
+    "",
+    Described("a list of stations, by their `id`"),
+    Absent::Explained("none"),
+    "stations without bias",
+);
+
+const BIAS: Key<Described> = Key::absent(
+    "bias",
+    "",
+    Described(
+        "a list of tables: `per` (\"station\", \"group\" or \"all\"), `variable`, `sigma` and `evolution` (constant or \
+         random_walk); with `term = \"column\"` also `column`, `mean` and `scale`, and `per` is \"all\" unless given",
+    ),
+    Absent::Explained("no biases"),
+    "biases to estimate, one for each station, each group or all, constant or proportional to the number in a column",
+);
+
 pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
     "file",
     "Observations of a file, each in the cycle at whose end it is valid",
-    &[&[&FILE, &ASSIMILATE, &VARIABLE, &SIGMA, &MISSING, &TIME_TOLERANCE, &WINDS]],
+    &[&[
+        &FILE,
+        &ASSIMILATE,
+        &VARIABLE,
+        &SIGMA,
+        &MISSING,
+        &TIME_TOLERANCE,
+        &WINDS,
+        &GROUP_BY,
+        &REFERENCE_GROUPS,
+        &REFERENCE_STATIONS,
+        &BIAS,
+    ]],
     |section, domain| {
         let file = section.required(FILE.name)?;
         let text = files::read(&file, "file of observations")?;
@@ -64,8 +118,11 @@ pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
             field.elements(1000)?.iter().map(|marker| marker.number(Limits::Any)).collect::<Read<Vec<f64>>>()
         });
         let missing = missing.transpose()?;
-        let observations =
-            ObservationFile::parse(&text, &file.text()?, missing.as_deref()).map_err(|error| at_file(&file, &error))?;
+        let biases = biases(section, domain)?;
+        let reference_groups = texts(section, REFERENCE_GROUPS.name, MOST_GROUPS)?;
+        let further = further_columns(section, &biases, &reference_groups)?;
+        let observations = ObservationFile::parse_with(&text, &file.text()?, missing.as_deref(), further)
+            .map_err(|error| at_file(&file, &error))?;
         let names = domain.model.variables();
         let only = if names.len() == 1 { Some(0) } else { None };
         let given = section.optional(VARIABLE.name).map(|field| domain.variable(&field)).transpose()?;
@@ -76,6 +133,77 @@ pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
             sigma: section.find(&SIGMA)?,
             time_tolerance: Duration::from_seconds((section.get(&TIME_TOLERANCE)? * 60.0).round() as i64),
             winds: section.find(&WINDS)?,
+            reference_groups,
+            reference_stations: texts(section, REFERENCE_STATIONS.name, MOST_STATIONS)?,
+            biases,
         }))
     },
 );
+
+/// The columns that biases and references need.
+fn further_columns(
+    section: &Section<'_>,
+    biases: &[RecordedBias],
+    reference_groups: &[String],
+) -> Read<FurtherColumns> {
+    let needs_groups = !reference_groups.is_empty() || biases.iter().any(|it| it.scope == RecordedScope::EachGroup);
+    let group_by = match section.optional(GROUP_BY.name) {
+        Some(field) if !needs_groups => {
+            let message = format!("`{}` has no effect", field.title());
+            return Err(
+                field.misplaced(message, "groups are of `reference_groups`, and of a bias with `per = \"group\"`")
+            );
+        }
+        Some(field) => Some(field.text()?),
+        None => needs_groups.then(|| "group".to_string()),
+    };
+    let mut predictors: Vec<String> = Vec::new();
+    for column in biases.iter().filter_map(|bias| bias.predictor.as_ref()).map(|predictor| &predictor.column) {
+        if !predictors.contains(column) {
+            predictors.push(column.clone());
+        }
+    }
+    Ok(FurtherColumns { group_by, predictors })
+}
+
+fn biases(section: &Section<'_>, domain: &Domain) -> Read<Vec<RecordedBias>> {
+    let elements = section.optional(BIAS.name).map_or(Ok(Vec::new()), |field| field.elements(bias::MOST_BIASES))?;
+    elements.iter().map(|element| one_bias(element, domain)).collect()
+}
+
+fn one_bias(element: &Field<'_>, domain: &Domain) -> Read<RecordedBias> {
+    const OFFSET: [&str; 4] = {
+        let [a, b] = bias::RECORDED_KEYS;
+        ["per", "variable", a, b]
+    };
+    const COLUMN: [&str; 7] = {
+        let [a, b, c, d] = OFFSET;
+        [a, b, c, d, "column", "mean", "scale"]
+    };
+    const TERMS: &[reader::Kind<bool>] = &[("offset", false, &OFFSET), ("column", true, &COLUMN)];
+    const SCOPES: &[(&str, RecordedScope)] =
+        &[("station", RecordedScope::EachStation), ("group", RecordedScope::EachGroup), ("all", RecordedScope::All)];
+    let (has_column, section) = if element.any_section()?.optional("term").is_some() {
+        element.section_by("term", TERMS)?
+    } else {
+        (false, element.section(&OFFSET)?)
+    };
+    let predictor = has_column.then(|| {
+        Read::Ok(ColumnPredictor {
+            column: section.required("column")?.text()?,
+            mean: section.number("mean", Limits::Any)?,
+            scale: section.number("scale", Limits::Positive)?,
+        })
+    });
+    let scope = match section.optional("per") {
+        None if has_column => RecordedScope::All,
+        _ => section.required("per")?.choice(SCOPES)?,
+    };
+    let variable = domain.variable(&section.required("variable")?)?;
+    Ok(RecordedBias {
+        variable: domain.model.variables()[variable].0.to_string(),
+        scope,
+        predictor: predictor.transpose()?,
+        process: bias::read_recorded(&section)?,
+    })
+}

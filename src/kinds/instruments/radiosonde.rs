@@ -1,7 +1,7 @@
 //! `kind = "radiosonde"`: stations that stay where they are.
 
 use super::bias;
-use super::common::{COMMON, at_file};
+use super::common::{COMMON, MOST_GROUPS, at_file, texts};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, Described, Field, Key, Limits, Read, Section, files};
 use isobar_obs::{
@@ -13,9 +13,6 @@ const MOST_COLUMNS: usize = 300;
 
 /// The most random stations.
 const MOST_STATIONS: usize = 100_000;
-
-/// The most groups that a list may name.
-const MOST_GROUPS: usize = 1000;
 
 const STATIONS: Key<Described> = Key::required(
     "stations",
@@ -110,7 +107,8 @@ pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
     ],
     |section, domain| {
         let variables = variables(section, domain)?;
-        let (groups, reference_groups) = (texts(section, GROUPS.name)?, texts(section, REFERENCE_GROUPS.name)?);
+        let (groups, reference_groups) =
+            (texts(section, GROUPS.name, MOST_GROUPS)?, texts(section, REFERENCE_GROUPS.name, MOST_GROUPS)?);
         let group_by = section.optional(GROUP_BY.name);
         let stations = match stations(&section.required(STATIONS.name)?)? {
             Stations::File(stations) => {
@@ -143,10 +141,6 @@ pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
         }))
     },
 );
-
-fn texts(section: &Section<'_>, key: &str) -> Read<Vec<String>> {
-    section.optional(key).map_or(Ok(Vec::new()), |field| field.texts(MOST_GROUPS))
-}
 
 /// What the stations observe: `sigma_height_m` and `sigma_wind_m_per_s`, or `observe`.
 fn variables(section: &Section<'_>, domain: &Domain) -> Read<Vec<ObservedVariable>> {

@@ -1,7 +1,7 @@
 //! `truth.nc`: the true states on their staggered grid, and the true calibration parameters.
 
 use super::coordinates as cf;
-use super::file::{Definition, NetcdfFile};
+use super::file::{Definition, FILL_VALUE, NetcdfFile};
 use crate::event::RunInfo;
 use crate::output::SinkError;
 use isobar_model::{Layout, State, Time};
@@ -53,17 +53,18 @@ impl TruthFile {
         Ok(Self { file: NetcdfFile::create(path, definition)?, layout, names, parameters })
     }
 
-    /// Appends a cycle's truth.
+    /// Appends a cycle's truth; what is not known of the calibration is missing.
     ///
     /// # Errors
     /// If state or calibration do not fit the run, or the file cannot be written.
-    pub fn append(&mut self, time: Time, state: &State, calibration: &[f64]) -> Result<(), SinkError> {
+    pub fn append(&mut self, time: Time, state: &State, calibration: &[Option<f64>]) -> Result<(), SinkError> {
         let cells = self.layout.grid.cells();
         let time = [time.seconds() as f64];
+        let calibration: Vec<f64> = calibration.iter().map(|value| value.unwrap_or(FILL_VALUE)).collect();
         let mut values: Vec<(&str, &[f64])> = vec![("time", &time)];
         values.extend(self.names.iter().map(String::as_str).zip(state.values().chunks_exact(cells)));
         if self.parameters > 0 {
-            values.push((CALIBRATION, calibration));
+            values.push((CALIBRATION, &calibration));
         }
         self.file.append(&values)
     }

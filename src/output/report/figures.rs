@@ -73,7 +73,7 @@ impl Figures<'_> {
         self.info.layout.variables.iter().map(per_variable).collect()
     }
 
-    /// The bias estimates with their bands and the truth.
+    /// The bias estimates with their bands, and the truth where it is known.
     pub fn biases(&self) -> Vec<Drawing> {
         let parameters = self.info.calibration.parameters.iter().enumerate().take(MOST_PARAMETERS);
         let drawing = |(number, parameter): (usize, &isobar_obs::Parameter)| {
@@ -92,14 +92,15 @@ impl Figures<'_> {
                 }
                 curves.push(curve);
             }
-            let truth = |cycle: &Cycle| Some([self.day(cycle), *cycle.true_calibration.get(number)?]);
+            let truth = |cycle: &Cycle| Some([self.day(cycle), cycle.true_bias(number)?]);
             let cycles = self.history.cycles.iter().filter(|cycle| cycle.number > 0);
             let points: Vec<[f64; 2]> = cycles.filter_map(truth).collect();
+            let and_truth = if points.is_empty() { "" } else { ", and the truth (broken)" };
             if !points.is_empty() {
                 curves.push(Curve { name: Some("truth".into()), color: None, dash: Dash::Dashed, points, band: None });
             }
             let stem = format!("bias_{:02}_{}", number + 1, safe_name(&parameter.name, "_"));
-            let caption = format!("Bias {}: estimates with ±2σ, and the truth (broken).", parameter.name);
+            let caption = format!("Bias {}: estimates with ±2σ{and_truth}.", parameter.name);
             let mut drawing = self.over_time(stem, caption, parameter.name.clone(), &parameter.unit, curves, None);
             drawing.plot.from_zero = false;
             drawing

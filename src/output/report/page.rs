@@ -265,11 +265,12 @@ impl Report {
             0..=MOST_PARAMETERS => "every bias".to_string(),
             all => format!("the first {} of {all} biases", MOST_PARAMETERS),
         };
+        let truth = if history.knows_biases() { ", and the truth (broken) where it is known" } else { "" };
         let title = format!("The last estimate of {which}, with ± 2σ where claimed");
         folded.push(Folded { title, tables: vec![table], ..Folded::default() });
         Some(Section {
             title: "Biases".into(),
-            text: "Estimates with the band of ±2σ that the method claims, and the truth (broken).".into(),
+            text: format!("Estimates with the band of ±2σ that the method claims{truth}."),
             figures: all,
             folded,
             ..Section::default()

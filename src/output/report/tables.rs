@@ -43,15 +43,16 @@ pub fn stability(summary: &Summary) -> Option<Table> {
     Some(Table { header, rows: (0..first.parameters.len().min(MOST_PARAMETERS)).filter_map(row).collect() })
 }
 
-/// The last estimate of every bias, up to [`MOST_PARAMETERS`], by every method, against the truth.
+/// The last estimate of every bias, up to [`MOST_PARAMETERS`], by every method, against the truth if any is known.
 pub fn biases(info: &RunInfo, history: &History) -> Option<Table> {
     let last: &Cycle = history.cycles.last().filter(|_| !info.calibration.is_empty())?;
-    let mut header = vec!["parameter".to_string(), "unit".into(), "truth".into()];
+    let has_truth = history.knows_biases();
+    let mut header = vec!["parameter".to_string(), "unit".into()];
+    header.extend(has_truth.then(|| "truth".to_string()));
     header.extend(info.methods.iter().map(|method| method.name.clone()));
     let row = |(number, parameter): (usize, &isobar_obs::Parameter)| {
-        let truth = last.true_calibration.get(number).copied();
-        let mut row: Vec<Cell> =
-            vec![parameter.name.as_str().into(), unit(&parameter.unit).into(), Cell::figure(truth)];
+        let mut row: Vec<Cell> = vec![parameter.name.as_str().into(), unit(&parameter.unit).into()];
+        row.extend(has_truth.then(|| Cell::figure(last.true_bias(number))));
         row.extend(last.methods.iter().map(|own| {
             let Some(own) = own else { return NONE.into() };
             let cell = Cell::figure(own.calibration.get(number).copied());

@@ -102,7 +102,7 @@ impl Series<'_> {
             self.curve(&path(part), &style, self.estimates(method, bound))?;
         }
         let cycles = self.history.cycles.iter().filter(|cycle| cycle.number >= self.since);
-        let truth = cycles.filter_map(|cycle| Some((cycle, *cycle.true_calibration.get(parameter)?)));
+        let truth = cycles.filter_map(|cycle| Some((cycle, cycle.true_bias(parameter)?)));
         self.curve(&path("truth"), &Style { color: TRUTH, width: 1.5, name: "truth" }, truth)?;
         let estimate = self.estimates(method, |(_, own)| own.calibration.get(parameter).copied());
         self.curve(&path("estimate"), &Style { color: ANALYSIS, width: 2.5, name: "estimate" }, estimate)

@@ -30,6 +30,17 @@ pub enum ExperimentError {
         /// Why it cannot be set up.
         error: isobar_assim::Error,
     },
+    /// A method that is to be given the true biases, where they are not known.
+    #[error(
+        "method {name} has `bias = \"known\"`, but nothing is known of the true bias {parameter}, since its observations were \
+         made elsewhere"
+    )]
+    UnknownBias {
+        /// The method's name.
+        name: String,
+        /// Name of the parameter.
+        parameter: String,
+    },
     /// The database of sensors.
     #[error(transparent)]
     Sensors(#[from] SensorError),

@@ -4,6 +4,7 @@ mod balance;
 mod builder;
 mod error;
 mod inputs;
+mod known_biases;
 mod notices;
 
 pub use builder::ExperimentBuilder;
@@ -40,6 +41,7 @@ impl ExperimentError {
             ExperimentError::Balance(_) => (vec!["model", "coriolis_per_s"], "next to no rotation"),
             ExperimentError::Covariance(_) => (vec!["background_error"], "here or in [model_error]"),
             ExperimentError::Method { name, .. } => (vec!["methods", name], "this method"),
+            ExperimentError::UnknownBias { name, .. } => (vec!["methods", name, "bias"], "not known to anyone"),
             ExperimentError::Sensors(_) => (vec!["sensors", "database"], "this database"),
             ExperimentError::Observations(error) => {
                 place = instruments::place(error, &scenario.text);
@@ -359,6 +361,7 @@ pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, E
     let Scenario { networks, start, .. } = scenario;
     let observing =
         ObservingSystem::new(background.layout(), projection, networks, seed, scenario.cycle.window, *start)?;
+    known_biases::check(scenario, &observing)?;
     let sensors = sensors(scenario, &observing, cycles)?;
     let problem = Problem {
         model,

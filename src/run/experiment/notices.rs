@@ -8,10 +8,13 @@ use isobar_obs::{LeftOutStation, ObservingSystem};
 const MOST_NAMED: usize = 5;
 
 /// What there is to know without being wrong: of each network that is read from a file how many of its observations can be
-/// used, and why the others cannot; which stations lie in the margin, and which of a list that covers more than the domain
-/// lie outside of it.
+/// used, why the others cannot, and how many biases they have; which stations lie in the margin, and which of a list that
+/// covers more than the domain lie outside of it.
 pub(super) fn information(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> Vec<String> {
-    let recorded = observing.recorded_use(cycles).map(|(network, usage)| format!("networks.{network}: {usage}"));
+    let recorded = observing.recorded_use(cycles).flat_map(|(network, usage)| {
+        let lines = std::iter::once(usage.to_string()).chain(usage.biases.iter().map(ToString::to_string));
+        lines.map(|line| format!("networks.{network}: {line}")).collect::<Vec<_>>()
+    });
     let places = [Place::Margin, Place::Beyond].map(|place| left_out(scenario, observing, place));
     recorded.chain(places.into_iter().flatten()).collect()
 }

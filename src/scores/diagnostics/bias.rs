@@ -55,18 +55,21 @@ impl BiasSums {
         Self { error: factor * self.error, square: square * self.square, claimed, ..*self }
     }
 
-    /// What they come to.
-    pub fn diagnostics(&self) -> BiasDiagnostics {
+    /// What they come to; `None` without a cycle of which the truth is known.
+    pub fn diagnostics(&self) -> Option<BiasDiagnostics> {
+        if self.cycles == 0 {
+            return None;
+        }
         let cycles = self.cycles as f64;
         let (count, variance, normalised, within) = self.claimed;
         let claimed = |value: f64| (count > 0).then(|| value / count as f64);
-        BiasDiagnostics {
+        Some(BiasDiagnostics {
             mean_error: self.error / cycles,
             rmse: (self.square / cycles).sqrt(),
             spread: claimed(variance).map(f64::sqrt),
             normalised_rmse: claimed(normalised).map(f64::sqrt),
             within_2_sigma: claimed(within as f64),
-        }
+        })
     }
 }
 
@@ -82,13 +85,14 @@ mod tests {
             sums[0].add(&BiasSums::of_cycle(3.0 * z, Some(3.0)));
             sums[1].add(&BiasSums::of_cycle(1.0 + 3.0 * z, Some(1.0)));
         }
-        let [honest, vain] = sums.map(|sums| sums.diagnostics());
+        let [honest, vain] = sums.map(|sums| sums.diagnostics().unwrap());
         assert!((honest.normalised_rmse.unwrap() - 1.0).abs() < 0.02, "{honest:?}");
         assert!((honest.within_2_sigma.unwrap() - 0.9545).abs() < 0.005);
         assert!((vain.normalised_rmse.unwrap() - 10f64.sqrt()).abs() < 0.05, "{vain:?}");
         assert!((vain.mean_error - 1.0).abs() < 0.1 && vain.spread == Some(1.0));
         assert!(vain.within_2_sigma.unwrap() < 0.6);
-        let none = BiasSums::of_cycle(-2.0, None).diagnostics();
+        let none = BiasSums::of_cycle(-2.0, None).diagnostics().unwrap();
         assert_eq!((none.rmse, none.mean_error, none.spread, none.within_2_sigma), (2.0, -2.0, None, None));
+        assert_eq!(BiasSums::default().diagnostics(), None);
     }
 }

@@ -65,9 +65,9 @@ pub struct Diagnostics {
     pub error_reduction: Option<PerVariable>,
     /// 95 % interval of the mean over cycles of χ²/n.
     pub innovation_chi2_interval: Option<Interval>,
-    /// Of all bias parameters together, each divided by its prior's standard deviation.
+    /// Of all bias parameters whose truth is known together, each divided by its prior's standard deviation.
     pub all_biases: Option<BiasDiagnostics>,
-    /// Of each bias parameter.
+    /// Of each bias parameter whose truth is known.
     pub biases: IndexMap<String, BiasDiagnostics>,
 }
 
@@ -102,7 +102,8 @@ impl DiagnosticSums {
             let spread = analysis.calibration_spread.as_ref();
             for (number, truth) in truth.calibration.iter().enumerate().take(calibration.len()) {
                 let sigma = spread.and_then(|spread| spread.get(number).copied());
-                sums.biases.push(BiasSums::of_cycle(analysis.calibration[number] - truth, sigma));
+                let error = truth.map(|truth| analysis.calibration[number] - truth);
+                sums.biases.push(error.map_or_else(BiasSums::default, |error| BiasSums::of_cycle(error, sigma)));
             }
         }
         if let Some(influence) = &outcome.influence {
@@ -211,8 +212,10 @@ impl DiagnosticSums {
             passive: departures(&self.passive),
             error_reduction: (*probed > 0).then(|| reduction.collect()),
             innovation_chi2_interval: statistics::mean(&self.chi2).and_then(|mean| mean.interval()),
-            all_biases: together.map(|sums| sums.diagnostics()),
-            biases: parameters.map(|(parameter, sums)| (parameter.name.clone(), sums.diagnostics())).collect(),
+            all_biases: together.and_then(|sums| sums.diagnostics()),
+            biases: parameters
+                .filter_map(|(parameter, sums)| Some((parameter.name.clone(), sums.diagnostics()?)))
+                .collect(),
         }
     }
 }

@@ -1,7 +1,12 @@
 //! Files of observations: a table in CSV of what was observed, where and when.
 
-use crate::table::{Faults, LARGEST, Row, Table, TableError};
-use isobar_model::Time;
+mod columns;
+mod record;
+
+pub use record::{FurtherColumns, ObservationPlace, ObservationRecord, ValidTime};
+
+use crate::table::{Faults, Table, TableError};
+use columns::Columns;
 
 /// The observations of a file, in its order.
 ///
@@ -12,110 +17,18 @@ use isobar_model::Time;
 ///   grid, counted from 1 from the west and from the south;
 /// - `value`, in the variable's unit;
 /// - `variable` and `sigma` (the standard deviation of the random error), where they are not the same for all;
-/// - `id`, optional: the station, which may observe a variable once in a cycle; by default the observation's place.
+/// - `id` (also `platform`), optional: the station, which may observe a variable once in a cycle; by default the
+///   observation's place;
+/// - [`FurtherColumns`], where biases depend on them.
 ///
 /// Other columns are not read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObservationFile {
     file: String,
     columns: Vec<String>,
+    further: FurtherColumns,
     records: Vec<ObservationRecord>,
     missing: usize,
-}
-
-/// One line of a file of observations.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ObservationRecord {
-    /// Line number, from 1.
-    pub line: usize,
-    /// When it is valid.
-    pub valid: ValidTime,
-    /// Where.
-    pub place: ObservationPlace,
-    /// The variable's name, if the file says it.
-    pub variable: Option<String>,
-    /// The observed value; finite.
-    pub value: f64,
-    /// Standard deviation of its random error, above 0, if the file says it.
-    pub sigma: Option<f64>,
-    /// The station, if the file says it.
-    pub id: Option<String>,
-}
-
-/// When an observation is valid.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ValidTime {
-    /// At the end of the cycle of this number, from 1.
-    Cycle(usize),
-    /// At this time.
-    Time(Time),
-}
-
-/// Where an observation is.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ObservationPlace {
-    /// On the plane.
-    Plane {
-        /// x \[m\].
-        x_m: f64,
-        /// y \[m\].
-        y_m: f64,
-    },
-    /// On the Earth.
-    Geographic {
-        /// Degrees north.
-        latitude_deg: f64,
-        /// Degrees east.
-        longitude_deg: f64,
-    },
-    /// At a point of the grid.
-    GridPoint {
-        /// From 1, from the west.
-        column: usize,
-        /// From 1, from the south.
-        row: usize,
-    },
-}
-
-/// Columns that are recognised in capitals too, and by synonyms.
-const KNOWN: &[&str] = &[
-    "cycle",
-    "time",
-    "x_m",
-    "y_m",
-    "latitude_deg",
-    "longitude_deg",
-    "column",
-    "row",
-    "value",
-    "variable",
-    "sigma",
-    "id",
-];
-
-/// The last cycle that a file may name, and the last column or row.
-const LAST: usize = 1_000_000;
-
-/// Values that usually mark a missing one.
-const USUAL_MARKERS: [f64; 12] =
-    [-9999.0, -999.0, -99999.0, -999.9, -9999.9, -999.99, -9999.99, -32767.0, -32768.0, 99999.0, 999999.0, 9999999.0];
-
-/// Numbers of the columns.
-struct Columns {
-    cycle: Option<usize>,
-    time: Option<usize>,
-    place: PlaceColumns,
-    value: usize,
-    variable: Option<usize>,
-    sigma: Option<usize>,
-    id: Option<usize>,
-}
-
-#[derive(Clone, Copy)]
-enum PlaceColumns {
-    Plane(usize, usize),
-    Geographic(usize, usize),
-    GridPoint(usize, usize),
 }
 
 impl ObservationFile {
@@ -123,16 +36,30 @@ impl ObservationFile {
     /// `NaN`, `NA`), or with a value that is one of `markers`, are counted as missing.
     ///
     /// # Errors
-    /// A value that usually marks a missing one, such as -9999, unless there are `markers`. Missing or ambiguous columns; else all lines that are not rows of the table, and fields that are not what they must
-    /// be, each with its line; a file without observations.
+    /// A value that usually marks a missing one, such as -9999, unless there are `markers`. Missing or ambiguous columns; else
+    /// all lines that are not rows of the table, and fields that are not what they must be, each with its line; a file without
+    /// observations.
     pub fn parse(text: &str, file: &str, markers: Option<&[f64]>) -> Result<Self, TableError> {
+        Self::parse_with(text, file, markers, FurtherColumns::default())
+    }
+
+    /// The same with further columns. Numbers in these may be missing, and have the same `markers`.
+    ///
+    /// # Errors
+    /// As [`ObservationFile::parse`].
+    pub fn parse_with(
+        text: &str,
+        file: &str,
+        markers: Option<&[f64]>,
+        further: FurtherColumns,
+    ) -> Result<Self, TableError> {
         let no_observations = || {
             let form =
                 "it needs a header line such as `cycle,x_m,y_m,variable,value,sigma` and a line for each observation";
             TableError::whole(file, format!("has no observations: {form}"))
         };
-        let table = Table::new(text, file, KNOWN)?.ok_or_else(no_observations)?;
-        let columns = find_columns(&table)?;
+        let table = Table::new(text, file, columns::KNOWN)?.ok_or_else(no_observations)?;
+        let columns = Columns::find(&table, &further)?;
         let mut faults = Faults::default();
         let mut records = Vec::new();
         let mut missing = 0;
@@ -140,14 +67,14 @@ impl ObservationFile {
             if columns.is_missing(&row, markers) {
                 missing += 1;
             } else {
-                records.extend(columns.record(&row, markers.is_none(), faults));
+                records.extend(columns.record(&row, markers, faults));
             }
         });
         faults.check(file)?;
         if records.is_empty() && missing == 0 {
             return Err(no_observations());
         }
-        Ok(Self { file: file.to_owned(), columns: table.columns().to_vec(), records, missing })
+        Ok(Self { file: file.to_owned(), columns: table.columns().to_vec(), further, records, missing })
     }
 
     /// Name of the file.
@@ -158,6 +85,11 @@ impl ObservationFile {
     /// Names of the columns.
     pub fn columns(&self) -> &[String] {
         &self.columns
+    }
+
+    /// The columns that were read beside those that every file may have.
+    pub fn further(&self) -> &FurtherColumns {
+        &self.further
     }
 
     /// The observations, in the order of the file; at least one unless all are missing.
@@ -171,100 +103,10 @@ impl ObservationFile {
     }
 }
 
-impl Columns {
-    /// Whether a row has no value, or no place.
-    fn is_missing(&self, row: &Row<'_>, markers: Option<&[f64]>) -> bool {
-        let (PlaceColumns::Plane(x, y) | PlaceColumns::Geographic(x, y) | PlaceColumns::GridPoint(x, y)) = self.place;
-        let marked = |value: f64| markers.unwrap_or_default().contains(&value);
-        [self.value, x, y].iter().any(|column| row.is_missing(*column))
-            || row.text(self.value).parse().is_ok_and(marked)
-    }
-
-    /// The observation of a row; `None`, and its faults, if the fields are none. `refuse_markers`: whether values that usually
-    /// mark a missing one are faults.
-    fn record(&self, row: &Row<'_>, refuse_markers: bool, faults: &mut Faults) -> Option<ObservationRecord> {
-        let anywhere = (-LARGEST, LARGEST);
-        let valid = match (self.cycle, self.time) {
-            (Some(cycle), _) => row.whole(cycle, LAST, faults).map(ValidTime::Cycle),
-            (None, Some(time)) => row.time(time, faults).map(ValidTime::Time),
-            (None, None) => unreachable!("there is a column for the time"),
-        };
-        let place = self.place(row, faults);
-        let value = row.number(self.value, anywhere, faults);
-        if let Some(value) = value.filter(|value| refuse_markers && USUAL_MARKERS.contains(value)) {
-            let key = format!("`missing = [{value}]` for the network if it is, `missing = []` if not");
-            faults.add(row.line, format!("`value` is {value}, which usually marks a missing value: give {key}"));
-        }
-        let sigma = self.sigma.map(|column| row.number(column, (1.0 / LARGEST, LARGEST), faults));
-        let id = self.id.map(|column| row.name(column, faults));
-        Some(ObservationRecord {
-            line: row.line,
-            valid: valid?,
-            place: place?,
-            variable: self.variable.map(|column| row.text(column).to_owned()),
-            value: value?,
-            sigma: if let Some(sigma) = sigma { Some(sigma?) } else { None },
-            id: if let Some(id) = id { Some(id?) } else { None },
-        })
-    }
-
-    fn place(&self, row: &Row<'_>, faults: &mut Faults) -> Option<ObservationPlace> {
-        match self.place {
-            PlaceColumns::Plane(x, y) => {
-                let (x_m, y_m) =
-                    (row.number(x, (-LARGEST, LARGEST), faults), row.number(y, (-LARGEST, LARGEST), faults));
-                Some(ObservationPlace::Plane { x_m: x_m?, y_m: y_m? })
-            }
-            PlaceColumns::Geographic(latitude, longitude) => {
-                let latitude_deg = row.number(latitude, (-90.0, 90.0), faults);
-                let longitude_deg = row.number(longitude, (-180.0, 360.0), faults);
-                Some(ObservationPlace::Geographic { latitude_deg: latitude_deg?, longitude_deg: longitude_deg? })
-            }
-            PlaceColumns::GridPoint(column, row_number) => {
-                let (column, row) = (row.whole(column, LAST, faults), row.whole(row_number, LAST, faults));
-                Some(ObservationPlace::GridPoint { column: column?, row: row? })
-            }
-        }
-    }
-}
-
-fn find_columns(table: &Table<'_>) -> Result<Columns, TableError> {
-    let find = |name| table.find(name);
-    let missing = |name: &str| table.missing(&format!("`{name}`"), &[name]);
-    let ambiguous = |problem: &str| table.wrong_header(problem.to_owned());
-    let (cycle, time) = (find("cycle"), find("time"));
-    match (cycle, time) {
-        (None, None) => return Err(table.missing("`cycle` (or `time`)", &["time"])),
-        (Some(_), Some(_)) => return Err(ambiguous("the header has both `cycle` and `time`; keep one")),
-        _ => {}
-    }
-    let pairs = [("x_m", "y_m"), ("latitude_deg", "longitude_deg"), ("column", "row")];
-    let mut places = Vec::new();
-    for ((first, second), number) in pairs.into_iter().zip(0..) {
-        match (find(first), find(second)) {
-            (Some(first), Some(second)) => places.push((number, first, second)),
-            (Some(_), None) => return Err(missing(second)),
-            (None, Some(_)) => return Err(missing(first)),
-            (None, None) => {}
-        }
-    }
-    let place = match places[..] {
-        [(0, x, y)] => PlaceColumns::Plane(x, y),
-        [(1, latitude, longitude)] => PlaceColumns::Geographic(latitude, longitude),
-        [(_, column, row)] => PlaceColumns::GridPoint(column, row),
-        [] => {
-            let columns = "`x_m` and `y_m` (or `latitude_deg` and `longitude_deg`, or `column` and `row`)";
-            return Err(table.missing(columns, &["x_m", "y_m"]));
-        }
-        _ => return Err(ambiguous("the header has several kinds of position; keep one")),
-    };
-    let value = find("value").ok_or_else(|| missing("value"))?;
-    Ok(Columns { cycle, time, place, value, variable: find("variable"), sigma: find("sigma"), id: find("id") })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use isobar_model::Time;
 
     const GOOD: &str = "# two\n\ntime, x_m,y_m,variable,value,sigma,id,remark\n\
                         2026-01-15T06:00:00Z,1e5,2e5,h,1012.5,12,a,\n# a remark\n2026-01-15 12:00:00,1,2,u,-3,2.2,b,x\n";

@@ -1,0 +1,70 @@
+//! A line of a file of observations.
+
+use isobar_model::Time;
+
+/// Columns of which biases make use.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct FurtherColumns {
+    /// The column that says to which group a station belongs.
+    pub group_by: Option<String>,
+    /// Columns of numbers.
+    pub predictors: Vec<String>,
+}
+
+/// One line of a file of observations.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ObservationRecord {
+    /// Line number, from 1.
+    pub line: usize,
+    /// When it is valid.
+    pub valid: ValidTime,
+    /// Where.
+    pub place: ObservationPlace,
+    /// The variable's name, if the file says it.
+    pub variable: Option<String>,
+    /// The observed value; finite.
+    pub value: f64,
+    /// Standard deviation of its random error, above 0, if the file says it.
+    pub sigma: Option<f64>,
+    /// The station, if the file says it.
+    pub id: Option<String>,
+    /// The station's group, if that is read.
+    pub group: Option<String>,
+    /// The numbers of the [further columns](FurtherColumns::predictors); nothing where one is missing.
+    pub predictors: Vec<Option<f64>>,
+}
+
+/// When an observation is valid.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ValidTime {
+    /// At the end of the cycle of this number, from 1.
+    Cycle(usize),
+    /// At this time.
+    Time(Time),
+}
+
+/// Where an observation is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ObservationPlace {
+    /// On the plane.
+    Plane {
+        /// x \[m\].
+        x_m: f64,
+        /// y \[m\].
+        y_m: f64,
+    },
+    /// On the Earth.
+    Geographic {
+        /// Degrees north.
+        latitude_deg: f64,
+        /// Degrees east.
+        longitude_deg: f64,
+    },
+    /// At a point of the grid.
+    GridPoint {
+        /// From 1, from the west.
+        column: usize,
+        /// From 1, from the south.
+        row: usize,
+    },
+}
