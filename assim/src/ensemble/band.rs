@@ -301,12 +301,10 @@ mod tests {
                 for first in (0..weights.rows.len()).step_by(height) {
                     let points = first..weights.rows.len().min(first + height);
                     let rows = weights.rows.cells(points.clone());
-                    let of_field =
-                        |field: usize| field * cells + rows.start * grid.nx..field * cells + rows.end * grid.nx;
+                    let rows = rows.start * grid.nx..rows.end * grid.nx;
                     let fields = members.iter_mut().flat_map(|member| {
                         let (first, second) = member.split_at_mut(cells);
-                        let rows = of_field(0);
-                        [&mut first[rows.clone()], &mut second[rows]]
+                        [&mut first[rows.clone()], &mut second[rows.clone()]]
                     });
                     found.push(plan.analyse(Band { points, fields: fields.collect() }));
                 }

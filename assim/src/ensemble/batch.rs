@@ -330,22 +330,20 @@ mod tests {
                             Some(_) if near.numbers.len() < members => 2,
                             Some(_) => 3,
                         }] += 1;
+                        // Of eigenvalues, in either way.
+                        let roots = places.iter().map(|&place| taper.weight(here, place).sqrt()).enumerate();
+                        let square = near.inflation * all.sizes(roots).perturbations;
+                        let rounding = 8.0 * f64::EPSILON * square.min(Sizes::LARGEST_SQUARE);
                         for vector in 0..vectors {
                             let x = |i: usize| values[(vector * members + i) * lanes + lane];
                             let found = |i: usize| analysed[(vector * (members + 1) + i) * lanes + lane];
                             let expected = |j: usize| match &weights {
-                                None => {
-                                    if j < members {
-                                        x(j)
-                                    } else {
-                                        0.0
-                                    }
-                                }
                                 Some(weights) => (0..members).map(|i| x(i) * weights[(i, j)]).sum(),
+                                None if j < members => x(j),
+                                None => 0.0,
                             };
                             for j in 0..=members {
-                                // What rounding of Ỹ may do grows with it.
-                                let allowed = 1e-12 * (1.0 + spread) * (1.0 + expected(j).abs());
+                                let allowed = (1e-12 + rounding) * (1.0 + expected(j).abs());
                                 let error = (found(j) - expected(j)).abs();
                                 assert!(error < allowed, "{members} {count} {radius}: {error:e} of {allowed:e}");
                             }
