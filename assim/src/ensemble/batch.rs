@@ -130,8 +130,9 @@ impl<'a> Batch<'a> {
         for (lane, near) in self.near.iter().enumerate().filter(|(_, near)| near.is_regular()) {
             for (j, (second, other)) in near.observations().enumerate() {
                 let (column, factor) = (gram.col_as_slice(second), near.inflation * other);
-                for (i, (first, root)) in near.observations().enumerate().skip(j) {
-                    matrix[(j * size + i) * lanes + lane] += factor * root * column[first];
+                let below = matrix[j * (size + 1) * lanes + lane..].iter_mut().step_by(lanes);
+                for ((entry, &first), root) in below.zip(&near.numbers[j..]).zip(&near.roots[j..]) {
+                    *entry += factor * root * column[first];
                 }
                 right[j * lanes + lane] = other * self.all.whitened.departures[self.found[second]];
                 for vector in 0..count {

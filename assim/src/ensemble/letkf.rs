@@ -6,7 +6,7 @@ use super::batch;
 use super::cycle::EnsembleCycle;
 use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis};
 use super::localization::Taper;
-use super::members::ObservedEnsemble;
+use super::members::{Ensemble, ObservedEnsemble};
 use super::moments::Moments;
 use super::near::LocalObservations;
 use super::tapered::{self, SharedParameters, TaperedInnovations, cross_taper};
@@ -20,7 +20,6 @@ use faer::Mat;
 use isobar_model::{Grid, Model};
 use isobar_obs::ByPlacement;
 use rayon::prelude::*;
-use std::ops::Range;
 use std::sync::Arc;
 
 /// How the analysis is localised.
@@ -164,33 +163,13 @@ impl EnsembleAnalysis for LocalTransform {
             shared: &shared,
             last_factors: &cycle.memory.variance_factors,
         };
-        let rows = self.weights.rows.len();
-        let bands: Vec<Range<usize>> = (0..rows)
-            .step_by(band_height(&self.weights))
-            .map(|first| first..rows.min(first + band_height(&self.weights)))
-            .collect();
-        let lengths: Vec<usize> =
-            bands.iter().map(|band| self.weights.rows.cells(band.clone()).len() * grid.nx).collect();
-        let fields = cycle.memory.ensemble.split_fields(grid.cells(), &lengths);
-        let bands: Vec<Band<'_>> =
-            bands.into_iter().zip(fields).map(|(points, fields)| Band { points, fields }).collect();
-        let found: Vec<BesideState> = bands.into_par_iter().map(|band| plan.analyse(band)).collect();
-
-        let columns = whitened.perturbations.ncols();
-        let mut deviations =
-            Mat::from_fn(mean.len(), columns + 1, |i, j| if j < columns { perturbations[(i, j)] } else { 0.0 });
-        for (number, analysed) in found.iter().flat_map(|found| &found.local) {
-            (0..=columns).for_each(|j| deviations[(*number, j)] = analysed[j]);
-        }
-        for (i, &(number, _)) in shared.iter().enumerate() {
-            let of_rows = || found.iter().flat_map(|found| found.shared.iter().skip(i).step_by(shared.len()));
-            (0..=columns).for_each(|j| deviations[(number, j)] = of_rows().map(|analysed| analysed[j]).sum());
-        }
+        let found = analyse_bands(&plan, &mut cycle.memory.ensemble);
+        let analysed = analysed_parameters(mean, &perturbations, &shared, &found);
         cycle.memory.variance_factors = found.into_iter().flat_map(|found| found.variance_factors).collect();
-        cycle.memory.ensemble.set_parameters(&Moments::of_transformed(mean, &deviations));
+        cycle.memory.ensemble.set_parameters(&analysed);
 
-        let shared = SharedParameters { numbers: &self.shared, perturbations: perturbations.as_ref() };
         // χ² alone needs the covariance of all observations, and is given where there is memory for it.
+        let shared = SharedParameters { numbers: &self.shared, perturbations: perturbations.as_ref() };
         let (count, n) = (whitened.perturbations.ncols() as f64, whitened.departures.len() as f64);
         let fits = cycle.problem.require_memory(tapered::numbers(count, n, self.taper.reach()), || "χ²".into());
         let tapered = fits
@@ -198,4 +177,35 @@ impl EnsembleAnalysis for LocalTransform {
         // What the sum of the tapered covariance and R does not resolve, the local analyses may: they fail for nothing.
         Ok(tapered.ok())
     }
+}
+
+/// Takes the local analyses into the members' states.
+fn analyse_bands(plan: &Plan<'_>, ensemble: &mut Ensemble) -> Vec<BesideState> {
+    let (rows, height) = (&plan.weights.rows, band_height(plan.weights));
+    let bands = || (0..rows.len()).step_by(height).map(|first| first..rows.len().min(first + height));
+    let lengths: Vec<usize> = bands().map(|points| rows.cells(points).len() * plan.grid.nx).collect();
+    let fields = ensemble.split_fields(plan.grid.cells(), &lengths);
+    let bands: Vec<Band<'_>> = bands().zip(fields).map(|(points, fields)| Band { points, fields }).collect();
+    bands.into_par_iter().map(|band| plan.analyse(band)).collect()
+}
+
+/// The moments of all parameters, given those of the background and what the bands find; those of which they find nothing
+/// stay as they are.
+fn analysed_parameters(
+    mean: Vec<f64>,
+    perturbations: &Mat<f64>,
+    shared: &[(usize, Vec<f64>)],
+    found: &[BesideState],
+) -> Moments {
+    let members = perturbations.ncols();
+    let mut deviations =
+        Mat::from_fn(mean.len(), members + 1, |i, j| if j < members { perturbations[(i, j)] } else { 0.0 });
+    for (number, analysed) in found.iter().flat_map(|found| &found.local) {
+        (0..=members).for_each(|j| deviations[(*number, j)] = analysed[j]);
+    }
+    for (i, &(number, _)) in shared.iter().enumerate() {
+        let of_rows = || found.iter().flat_map(|found| found.shared.iter().skip(i).step_by(shared.len()));
+        (0..=members).for_each(|j| deviations[(number, j)] = of_rows().map(|analysed| analysed[j]).sum());
+    }
+    Moments::of_transformed(mean, &deviations)
 }
