@@ -150,8 +150,8 @@ fn squares_of_members_are_part_of_a_method() {
     for kind in [
         "kind = \"etkf\"\nmembers = 12000",
         "kind = \"etkf\"\nmembers = 100000",
-        "kind = \"letkf\"\nmembers = 3000\nlocalization_radius_km = 400",
-        "kind = \"hybrid_3dvar\"\nmembers = 3000\nensemble_weight = 0.5\nlocalization_radius_km = 400",
+        "kind = \"letkf\"\nmembers = 12000\nlocalization_radius_km = 400",
+        "kind = \"hybrid_3dvar\"\nmembers = 12000\nensemble_weight = 0.5\nlocalization_radius_km = 400",
     ] {
         assert_refused(&scenario(&[], &[kind]), &["method m0", "members", "more than the limit of 2000.0 MB"]);
     }

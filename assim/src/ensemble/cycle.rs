@@ -94,7 +94,7 @@ impl EnsembleCycle {
     /// The factor on the background's covariance in the one analysis of all observations.
     pub fn inflation(&mut self, observed: &WhitenedObservations) -> f64 {
         let factor = &mut self.memory.variance_factors[0];
-        *factor = self.settings.inflation.variance_factor(*factor, observed, observed.departures.len() as f64);
+        *factor = self.settings.inflation.variance_factor(*factor, &observed.sizes());
         *factor
     }
 

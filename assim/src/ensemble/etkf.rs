@@ -38,7 +38,7 @@ impl EnsembleTransformKalmanFilter {
 }
 
 impl EnsembleAnalysis for Transform {
-    fn numbers(&self, members: f64, observations: f64) -> f64 {
+    fn numbers(&self, _: &Problem<dyn Model>, members: f64, observations: f64) -> f64 {
         transform::numbers(members, observations)
     }
 

@@ -18,7 +18,7 @@ use isobar_obs::ObservationWindow;
 /// What the ensemble methods differ in.
 pub(super) trait EnsembleAnalysis: Clone + Send + 'static {
     /// How many numbers the analysis of n observations holds for N members, beside these.
-    fn numbers(&self, members: f64, observations: f64) -> f64;
+    fn numbers(&self, problem: &Problem<dyn Model>, members: f64, observations: f64) -> f64;
 
     /// Takes the analysis of the observations, of which there are some, into the ensemble; returns χ² where double precision
     /// has it.
@@ -69,8 +69,10 @@ fn require_memory(
     let p = problem.estimated_calibration().len();
     let rows = problem.background.values().len() + p;
     let [size, parameters, columns, n] = [rows, p, members, observations].map(|size| size as f64);
-    let numbers =
-        4.0 * size * columns + 2.0 * parameters * parameters + 3.0 * n * columns + analysis.numbers(columns, n);
+    let numbers = 4.0 * size * columns
+        + 2.0 * parameters * parameters
+        + 3.0 * n * columns
+        + analysis.numbers(problem, columns, n);
     problem.require_memory(numbers, || {
         format!("an ensemble of {members} members of {rows} unknowns with {observations} observations")
     })

@@ -1,21 +1,23 @@
 //! The local ensemble transform Kalman filter.
 
 use super::EnsembleSettings;
+use super::band::{Band, BesideState, Plan};
+use super::batch;
 use super::cycle::EnsembleCycle;
 use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis};
 use super::localization::Taper;
-use super::members::ObservedEnsemble;
+use super::members::{Ensemble, ObservedEnsemble};
 use super::moments::Moments;
+use super::near::LocalObservations;
 use super::tapered::{self, SharedParameters, TaperedInnovations, cross_taper};
-use super::transform::{self, WhitenedObservations, transform};
+use super::transform::WhitenedObservations;
 use super::weights::WeightGrid;
 use crate::covariance::LocalizedEnsemble;
 use crate::error::Error;
 use crate::estimate::Estimate;
-use crate::linalg::product;
 use crate::problem::{Innovations, Problem};
 use faer::Mat;
-use isobar_model::{Grid, Location, Model};
+use isobar_model::{Grid, Model};
 use isobar_obs::ByPlacement;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -48,20 +50,14 @@ pub type LocalEnsembleTransformKalmanFilter = EnsembleFilter<LocalTransform>;
 #[derive(Clone)]
 pub struct LocalTransform {
     taper: Taper,
-    grid: Arc<WeightGrid>,
+    weights: Arc<WeightGrid>,
     /// κ of the taper between state and shared parameters.
     cross: f64,
     /// The share of the plane whose observations are near a place.
     reach: f64,
     shared: Vec<usize>,
-    /// Local parameters with the cells in which they belong.
+    /// The cells in which local parameters belong, with these, in ascending order.
     local: Vec<(usize, usize)>,
-}
-
-/// The parts of an analysis at one place.
-struct LocalAnalysis {
-    weights: Mat<f64>,
-    variance_factor: f64,
 }
 
 impl LocalEnsembleTransformKalmanFilter {
@@ -76,13 +72,15 @@ impl LocalEnsembleTransformKalmanFilter {
     ) -> Result<Self, Error> {
         let problem = problem.into();
         let layout = problem.background.layout().clone();
-        let grid = WeightGrid::new(&layout, local.analysis_spacing_cells);
+        let weights = WeightGrid::new(&layout.grid, local.analysis_spacing_cells);
         let taper = Taper::new(&layout.grid, local.localization_radius_m);
         let cross = cross_taper(&layout.grid, &taper);
         let ByPlacement { shared, local } = problem.estimated_calibration().by_placement();
-        let local = local.into_iter().map(|(number, (x_m, y_m))| (number, layout.grid.cell_at(x_m, y_m))).collect();
-        let (places, reach) = (grid.points().len(), taper.reach());
-        let analysis = LocalTransform { taper, grid: Arc::new(grid), cross, reach, shared, local };
+        let mut local: Vec<(usize, usize)> =
+            local.into_iter().map(|(number, (x_m, y_m))| (layout.grid.cell_at(x_m, y_m), number)).collect();
+        local.sort_unstable();
+        let (places, reach) = (weights.len(), taper.reach());
+        let analysis = LocalTransform { taper, weights: Arc::new(weights), cross, reach, shared, local };
         with_analysis(problem, settings, places, analysis)
     }
 
@@ -110,103 +108,104 @@ impl LocalEnsembleTransformKalmanFilter {
     }
 }
 
-impl LocalTransform {
-    /// The analysis at a cell, from the observations around it.
-    fn analyse_at(
-        &self,
-        cycle: &EnsembleCycle,
-        cell: usize,
-        last_factor: f64,
-        whitened: &WhitenedObservations,
-        places: &[(f64, f64)],
-    ) -> LocalAnalysis {
-        let grid = &cycle.problem.background.layout().grid;
-        let (i, j) = (cell % grid.nx, cell / grid.nx);
-        let here = (grid.x_m(Location::Center, i), grid.y_m(Location::Center, j));
-        let near: Vec<(usize, f64)> = places
-            .iter()
-            .enumerate()
-            .map(|(row, &place)| (row, self.taper.weight(here, place)))
-            .filter(|&(_, weight)| weight > 0.0)
-            .collect();
-        let members = whitened.perturbations.ncols();
-        if near.is_empty() {
-            return LocalAnalysis { weights: Mat::identity(members, members + 1), variance_factor: last_factor };
-        }
-        let roots: Vec<f64> = near.iter().map(|(_, weight)| weight.sqrt()).collect();
-        let observed = WhitenedObservations {
-            perturbations: Mat::from_fn(near.len(), members, |i, j| roots[i] * whitened.perturbations[(near[i].0, j)]),
-            departures: near.iter().zip(&roots).map(|((row, _), root)| root * whitened.departures[*row]).collect(),
-            rounding: near.iter().zip(&roots).map(|((row, _), root)| root * whitened.rounding[*row]).collect(),
-        };
-        let inflation = &cycle.settings.inflation;
-        let total: f64 = near.iter().map(|(_, weight)| weight).sum();
-        let variance_factor = inflation.variance_factor(last_factor, &observed, total);
-        // Inflation has the analysis's taper: at the edge of an observation's reach there is next to no analysis to make up for.
-        let nearest = near.iter().map(|(_, weight)| *weight).fold(0.0, f64::max);
-        let tapered_factor = (1.0 + (variance_factor.sqrt() - 1.0) * nearest).powi(2);
-        let relaxation = inflation.relaxation_to_prior_perturbations;
-        LocalAnalysis { weights: transform(&observed, tapered_factor).weights(relaxation), variance_factor }
-    }
+/// The cells in which observations see a shared parameter, each with the information G²/R on it.
+fn evidence(grid: &Grid, members: &ObservedEnsemble, number: usize) -> impl Iterator<Item = (usize, f64)> {
+    let Innovations { jacobian, variance, .. } = &members.innovations;
+    (0..variance.len()).filter_map(move |row| {
+        let entry = jacobian.calibration.row(row).iter().find(|entry| entry.0 == number)?;
+        let (x_m, y_m) = members.places[row];
+        Some((grid.cell_at(x_m, y_m), entry.1 * entry.1 / variance[row]))
+    })
+}
 
-    /// The cells in which observations see a shared parameter, each with the information G²/R on it.
-    fn evidence(grid: &Grid, members: &ObservedEnsemble, number: usize) -> impl Iterator<Item = (usize, f64)> {
-        let Innovations { jacobian, variance, .. } = &members.innovations;
-        (0..variance.len()).filter_map(move |row| {
-            let entry = jacobian.calibration.row(row).iter().find(|entry| entry.0 == number)?;
-            let (x_m, y_m) = members.places[row];
-            Some((grid.cell_at(x_m, y_m), entry.1 * entry.1 / variance[row]))
-        })
+/// How many rows of analyses make a band. Those between two bands are made in both, where cells are between analyses.
+fn band_height(weights: &WeightGrid) -> usize {
+    const HIGHEST: usize = 8;
+    let rows = weights.rows.len();
+    if rows == weights.rows.cells(0..rows).len() {
+        1
+    } else {
+        rows.div_ceil(2 * rayon::current_num_threads()).min(HIGHEST)
     }
 }
 
 impl EnsembleAnalysis for LocalTransform {
-    /// The weights of all places; on each thread those of a row, or an analysis with the observations around.
-    fn numbers(&self, members: f64, observations: f64) -> f64 {
+    /// The observations row by row; and on each thread those around a batch of places with the matrices there, and a band of
+    /// the members.
+    fn numbers(&self, problem: &Problem<dyn Model>, members: f64, observations: f64) -> f64 {
+        let layout = problem.background.layout();
         let near = observations * (2.0 * self.reach).min(1.0);
-        let on_thread = transform::numbers(members, near) + self.grid.weights_in_row() as f64 * members * members;
-        let threads = rayon::current_num_threads() as f64;
-        self.grid.points().len() as f64 * members * (members + 1.0) + threads * on_thread
+        let batch = batch::numbers(members, near);
+        let band =
+            Plan::numbers(&layout.grid, layout.variables.len(), &self.weights, band_height(&self.weights), members);
+        observations * members + rayon::current_num_threads() as f64 * (batch + band)
     }
 
     fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> Result<Option<f64>, Error> {
-        let m = cycle.state_values();
+        let layout = cycle.problem.background.layout().clone();
+        let (grid, variables) = (&layout.grid, layout.variables.len());
         let whitened = WhitenedObservations::new(members);
-        let analyses: Vec<LocalAnalysis> = self
-            .grid
-            .points()
-            .par_iter()
-            .zip(&cycle.memory.variance_factors)
-            .map(|(&cell, &last)| self.analyse_at(cycle, cell, last, &whitened, &members.places))
+        let Moments { mean, perturbations } = cycle.memory.ensemble.parameter_moments();
+        let shared: Vec<(usize, Vec<f64>)> = self
+            .shared
+            .iter()
+            .filter_map(|&number| Some((number, self.weights.shares(evidence(grid, members, number))?)))
             .collect();
-        let (weights, factors): (Vec<_>, Vec<_>) =
-            analyses.into_iter().map(|analysis| (analysis.weights, analysis.variance_factor)).unzip();
-        cycle.memory.variance_factors = factors;
+        let inflation = cycle.settings.inflation;
+        let plan = Plan {
+            grid,
+            variables,
+            weights: &self.weights,
+            observations: LocalObservations::new(grid, &self.taper, &members.places, &whitened, inflation),
+            inflation,
+            parameters: &perturbations,
+            local: &self.local,
+            shared: &shared,
+            last_factors: &cycle.memory.variance_factors,
+        };
+        let found = analyse_bands(&plan, &mut cycle.memory.ensemble);
+        let analysed = analysed_parameters(mean, &perturbations, &shared, &found);
+        cycle.memory.variance_factors = found.into_iter().flat_map(|found| found.variance_factors).collect();
+        cycle.memory.ensemble.set_parameters(&analysed);
 
-        let background = cycle.memory.ensemble.moments();
-        let mut deviations = self.grid.apply(&weights, background.perturbations.as_ref());
-        for &(number, cell) in &self.local {
-            let row = background.perturbations.as_ref().get(m + number..m + number + 1, ..);
-            let analysed = product(row, self.grid.weights_at(&weights, cell).as_ref());
-            deviations.as_mut().get_mut(m + number..m + number + 1, ..).copy_from(&analysed);
-        }
-        let parameters = background.perturbations.as_ref().get(m.., ..);
-        let grid = &cycle.problem.background.layout().grid;
-        for &number in &self.shared {
-            let row = background.perturbations.as_ref().get(m + number..m + number + 1, ..);
-            if let Some(mean) = self.grid.mean(&weights, Self::evidence(grid, members, number)) {
-                deviations.as_mut().get_mut(m + number..m + number + 1, ..).copy_from(product(row, mean.as_ref()));
-            }
-        }
-        let shared = SharedParameters { numbers: &self.shared, perturbations: parameters };
         // χ² alone needs the covariance of all observations, and is given where there is memory for it.
+        let shared = SharedParameters { numbers: &self.shared, perturbations: perturbations.as_ref() };
         let (count, n) = (whitened.perturbations.ncols() as f64, whitened.departures.len() as f64);
-        let fits = cycle.problem.require_memory(tapered::numbers(count, n), || "χ²".into());
-        let tapered =
-            fits.and_then(|()| TaperedInnovations::new(members, &whitened, &shared, &self.taper, self.cross)?.chi2());
-        let analysed = Moments::of_transformed(background.mean.clone(), &deviations);
-        cycle.set(&background, analysed);
+        let fits = cycle.problem.require_memory(tapered::numbers(count, n, self.taper.reach()), || "χ²".into());
+        let tapered = fits
+            .and_then(|()| TaperedInnovations::new(grid, members, &whitened, &shared, &self.taper, self.cross)?.chi2());
         // What the sum of the tapered covariance and R does not resolve, the local analyses may: they fail for nothing.
         Ok(tapered.ok())
     }
+}
+
+/// Takes the local analyses into the members' states.
+fn analyse_bands(plan: &Plan<'_>, ensemble: &mut Ensemble) -> Vec<BesideState> {
+    let (rows, height) = (&plan.weights.rows, band_height(plan.weights));
+    let bands = || (0..rows.len()).step_by(height).map(|first| first..rows.len().min(first + height));
+    let lengths: Vec<usize> = bands().map(|points| rows.cells(points).len() * plan.grid.nx).collect();
+    let fields = ensemble.split_fields(plan.grid.cells(), &lengths);
+    let bands: Vec<Band<'_>> = bands().zip(fields).map(|(points, fields)| Band { points, fields }).collect();
+    bands.into_par_iter().map(|band| plan.analyse(band)).collect()
+}
+
+/// The moments of all parameters, given those of the background and what the bands find; those of which they find nothing
+/// stay as they are.
+fn analysed_parameters(
+    mean: Vec<f64>,
+    perturbations: &Mat<f64>,
+    shared: &[(usize, Vec<f64>)],
+    found: &[BesideState],
+) -> Moments {
+    let members = perturbations.ncols();
+    let mut deviations =
+        Mat::from_fn(mean.len(), members + 1, |i, j| if j < members { perturbations[(i, j)] } else { 0.0 });
+    for (number, analysed) in found.iter().flat_map(|found| &found.local) {
+        (0..=members).for_each(|j| deviations[(*number, j)] = analysed[j]);
+    }
+    for (i, &(number, _)) in shared.iter().enumerate() {
+        let of_rows = || found.iter().flat_map(|found| found.shared.iter().skip(i).step_by(shared.len()));
+        (0..=members).for_each(|j| deviations[(number, j)] = of_rows().map(|analysed| analysed[j]).sum());
+    }
+    Moments::of_transformed(mean, &deviations)
 }

@@ -30,10 +30,23 @@ impl Taper {
         taper
     }
 
+    /// Where it ends \[m\]; infinite where it is the same everywhere.
+    pub fn radius_m(&self) -> f64 {
+        if self.is_wide { f64::INFINITY } else { self.radius_m }
+    }
+
     /// The share of the plane that is near a place.
     pub fn reach(&self) -> f64 {
         let [width, height] = self.periods_m.map(|period| (2.0 * self.radius_m / period).min(1.0));
         width * height
+    }
+
+    /// Whether a distance in one direction, and that the other way round, is too far for a weight. Beyond the period it is
+    /// not known.
+    fn is_far(&self, distance_m: f64, direction: usize) -> bool {
+        let distance_m = distance_m.abs();
+        let around_m = if self.images[direction] > 0 { self.periods_m[direction] - distance_m } else { f64::INFINITY };
+        distance_m >= self.radius_m && around_m >= self.radius_m
     }
 
     /// The weight of one place in the analysis of another.
@@ -41,13 +54,18 @@ impl Taper {
         if self.is_wide {
             return 1.0;
         }
+        if self.is_far(a.0 - b.0, 0) || self.is_far(a.1 - b.1, 1) {
+            return 0.0;
+        }
         let mut sum = 0.0;
         for i in -self.images[0]..=self.images[0] {
             let dx = a.0 - b.0 + f64::from(i) * self.periods_m[0];
             if dx.abs() < self.radius_m {
                 for j in -self.images[1]..=self.images[1] {
                     let dy = a.1 - b.1 + f64::from(j) * self.periods_m[1];
-                    sum += gaspari_cohn(dx.hypot(dy) / self.radius_m);
+                    if dy.abs() < self.radius_m {
+                        sum += gaspari_cohn((dx * dx + dy * dy).sqrt() / self.radius_m);
+                    }
                 }
             }
         }

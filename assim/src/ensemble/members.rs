@@ -1,7 +1,7 @@
 //! The ensemble: members (x, c) as columns.
 
 use super::model_error::add_model_error;
-use super::moments::{Moments, spread, variable_scales};
+use super::moments::{Moments, variable_scales};
 use super::{EnsembleSettings, InitialMembers};
 use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance::{self, randomize};
@@ -116,13 +116,39 @@ impl Ensemble {
 
     /// The mean of the members, `[m + p]`.
     pub fn mean(&self) -> Vec<f64> {
-        let mut mean = vec![0.0; self.rows];
-        for member in self.values.chunks_exact(self.rows) {
-            add(&mut mean, member);
-        }
         let members = self.members() as f64;
-        mean.iter_mut().for_each(|mean| *mean /= members);
-        mean
+        self.by_rows(|_, mean, values| add(mean, values), |sum| sum / members)
+    }
+
+    /// The standard deviations of the members about their mean, `[m + p]`.
+    fn spread(&self, mean: &[f64]) -> Vec<f64> {
+        let degrees = (self.members() - 1) as f64;
+        let add_squares = |first: usize, squares: &mut [f64], values: &[f64]| {
+            for ((square, value), mean) in squares.iter_mut().zip(values).zip(&mean[first..]) {
+                *square += (value - mean) * (value - mean);
+            }
+        };
+        self.by_rows(add_squares, |square| (square / degrees).sqrt())
+    }
+
+    /// A number for each row, `[m + p]`: sums over the members in their order, to which `add_to` adds the values of one from
+    /// the given row on, and what is made of these.
+    fn by_rows(
+        &self,
+        add_to: impl Fn(usize, &mut [f64], &[f64]) + Sync,
+        finish: impl Fn(f64) -> f64 + Sync,
+    ) -> Vec<f64> {
+        /// Rows that one thread works on at a time.
+        const CHUNK: usize = 4096;
+        let mut results = vec![0.0; self.rows];
+        results.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, results)| {
+            let first = chunk * CHUNK;
+            for member in self.values.chunks_exact(self.rows) {
+                add_to(first, results, &member[first..first + results.len()]);
+            }
+            results.iter_mut().for_each(|result| *result = finish(*result));
+        });
+        results
     }
 
     /// Shifts the members to mean zero.
@@ -146,6 +172,37 @@ impl Ensemble {
                 *value = mean + perturbation;
             }
         }
+    }
+
+    /// The moments of the parameters, `[p]` and `[p, N]`.
+    pub(super) fn parameter_moments(&self) -> Moments {
+        let (m, p, members) = (self.state_values, self.parameters(), self.members());
+        let values = |i: usize, j: usize| self.values[j * self.rows + m + i];
+        let mean: Vec<f64> = (0..p).map(|i| (0..members).map(|j| values(i, j)).sum::<f64>() / members as f64).collect();
+        let perturbations = Mat::from_fn(p, members, |i, j| values(i, j) - mean[i]);
+        Moments { mean, perturbations: Matrix(perturbations) }
+    }
+
+    /// Sets all parameters.
+    pub(super) fn set_parameters(&mut self, moments: &Moments) {
+        for (j, member) in self.values.chunks_exact_mut(self.rows).enumerate() {
+            let parameters = member[self.state_values..].iter_mut().enumerate();
+            parameters.for_each(|(i, value)| *value = moments.mean[i] + moments.perturbations[(i, j)]);
+        }
+    }
+
+    /// The state's fields of `cells` values, cut at these lengths: for each piece the parts of the first member's fields,
+    /// then those of the second's …
+    pub(super) fn split_fields(&mut self, cells: usize, lengths: &[usize]) -> Vec<Vec<&mut [f64]>> {
+        let mut pieces: Vec<Vec<&mut [f64]>> = lengths.iter().map(|_| Vec::new()).collect();
+        for member in self.values.chunks_exact_mut(self.rows) {
+            for mut field in member[..self.state_values].chunks_exact_mut(cells) {
+                for (piece, &length) in pieces.iter_mut().zip(lengths) {
+                    piece.push(field.split_off_mut(..length).expect("the lengths sum up to a field"));
+                }
+            }
+        }
+        pieces
     }
 
     /// Forecasts each member with the model, and adds what a window adds to the errors.
@@ -215,8 +272,8 @@ impl Ensemble {
 
     /// Mean and standard deviation of the members.
     pub(super) fn estimate(&self, problem: &Problem<dyn Model>) -> Estimate {
-        let Moments { mean, perturbations } = self.moments();
-        self.estimate_of(problem, &mean, spread(&perturbations))
+        let mean = self.mean();
+        self.estimate_of(problem, &mean, self.spread(&mean))
     }
 
     /// An estimate from a mean and standard deviations, both `[m + p]`.

@@ -10,7 +10,12 @@
 //! | `transform` | the analysis in the space of the ensemble |
 //! | `principal` | its directions where some observations are far more accurate than others |
 //! | `inflation` | multiplicative, adaptive, relaxation to the prior spread and perturbations |
-//! | `weights` | the weights of local analyses at every cell |
+//! | `batch`, `near` | analyses of neighbouring places, each with the observations around it |
+//! | `band` | what they make of the members in some rows of cells |
+//! | `weights` | where they are made, and the interpolation between |
+//! | `buckets` | observations found by where they are |
+//! | `lanes`, `products` | linear algebra of several places at a time, one in each lane of vectors |
+//! | `fractions` | the inverse square root as a sum of fractions |
 //! | `localization` | the taper of Gaspari and Cohn on a plane |
 //! | `tapered` | innovations with a tapered covariance of state and shared biases |
 //! | `etkf` | [`EnsembleTransformKalmanFilter`] |
@@ -21,18 +26,25 @@
 //!
 //! Biases are estimated by augmentation: a member is (x, c).
 
+mod band;
+mod batch;
+mod buckets;
 mod cycle;
 mod etkf;
 mod filter;
 mod fixed_lag;
+mod fractions;
 mod inflation;
+mod lanes;
 mod letkf;
 mod localization;
 mod members;
 mod model_error;
 mod moments;
+mod near;
 mod own;
 mod principal;
+mod products;
 mod stochastic;
 mod tapered;
 mod transform;

@@ -6,10 +6,9 @@ use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis};
 use super::localization::Taper;
 use super::members::ObservedEnsemble;
 use super::moments::Moments;
-use super::tapered::{self, SharedParameters, TaperedInnovations, cross_taper};
+use super::tapered::{self, SharedParameters, TaperedGain, TaperedInnovations, cross_taper};
 use super::transform::WhitenedObservations;
 use crate::error::Error;
-use crate::linalg::product;
 use crate::problem::Problem;
 use faer::{Mat, MatRef};
 use isobar_model::random::standard_normals;
@@ -60,10 +59,9 @@ impl StochasticEnsembleKalmanFilter {
 }
 
 impl EnsembleAnalysis for PerturbedObservations {
-    /// The tapered innovations, their solution with its draws, and on each thread the covariance of a place.
-    fn numbers(&self, members: f64, observations: f64) -> f64 {
-        let threads = rayon::current_num_threads() as f64;
-        tapered::numbers(members, observations) + (3.0 + threads) * members * observations
+    /// The tapered innovations and their solution with its draws.
+    fn numbers(&self, _: &Problem<dyn Model>, members: f64, observations: f64) -> f64 {
+        tapered::numbers(members, observations, self.taper.reach()) + 4.0 * members * observations
     }
 
     fn update(&mut self, cycle: &mut EnsembleCycle, members: &ObservedEnsemble) -> Result<Option<f64>, Error> {
@@ -72,7 +70,7 @@ impl EnsembleAnalysis for PerturbedObservations {
         let mut whitened = WhitenedObservations::new(members);
         let (n, columns) = (whitened.perturbations.nrows(), whitened.perturbations.ncols());
         let variance_factor = &mut cycle.memory.variance_factors[0];
-        *variance_factor = inflation.variance_factor(*variance_factor, &whitened, n as f64);
+        *variance_factor = inflation.variance_factor(*variance_factor, &whitened.sizes());
         let factor = variance_factor.sqrt();
         whitened.perturbations *= faer::Scale(factor);
         let background = cycle.memory.ensemble.moments();
@@ -80,25 +78,25 @@ impl EnsembleAnalysis for PerturbedObservations {
 
         let parameters = perturbations.get(m.., ..) * faer::Scale(factor);
         let shared = SharedParameters { numbers: &self.shared, perturbations: parameters.as_ref() };
-        let tapered = TaperedInnovations::new(members, &whitened, &shared, &self.taper, self.cross)?;
+        let layout = cycle.problem.background.layout();
+        let tapered = TaperedInnovations::new(&layout.grid, members, &whitened, &shared, &self.taper, self.cross)?;
         let chi2 = tapered.chi2()?;
-        // R^-½ (y + ε_i − h(x_i)), then S⁻¹ of it.
+        // R^-½ (y + ε_i − h(x_i)).
         let root = ((columns - 1) as f64).sqrt();
         let errors = centered_normals(&mut cycle.memory.random, n, columns);
         let innovations = Mat::from_fn(n, columns, |i, j| {
             whitened.departures[i] - root * whitened.perturbations[(i, j)] + errors[(i, j)]
         });
-        let local =
-            LocalUpdate { taper: &self.taper, members, tapered: &tapered, solved: tapered.solve(innovations), factor };
+        let local = LocalUpdate { gain: tapered.gain(innovations), factor };
 
         let mut deviations = perturbations.to_owned();
-        local.update_cells(cycle.problem.background.layout(), &mut deviations);
+        local.update_cells(layout, &mut deviations);
         for &(number, place) in &self.local {
             let row = perturbations.get(m + number..m + number + 1, ..);
             deviations.as_mut().get_mut(m + number..m + number + 1, ..).copy_from(local.analysed(row, place));
         }
         let own = Mat::from_fn(self.shared.len(), columns, |i, j| parameters[(self.shared[i], j)]);
-        let increment = product(tapered.covariance_of_shared(own.as_ref()).as_ref(), local.solved.as_ref());
+        let increment = local.gain.of_shared(own.as_ref());
         for (i, &number) in self.shared.iter().enumerate() {
             // A bias that nothing observes is not inflated.
             let observed =
@@ -119,11 +117,7 @@ impl EnsembleAnalysis for PerturbedObservations {
 
 /// What the observations say, to be taken to places.
 struct LocalUpdate<'a> {
-    taper: &'a Taper,
-    members: &'a ObservedEnsemble,
-    tapered: &'a TaperedInnovations<'a>,
-    /// S⁻¹ R^-½ (y + ε_i − h(x_i)), `[n, N]`.
-    solved: Mat<f64>,
+    gain: TaperedGain<'a>,
     /// Inflation of the perturbations where something is observed.
     factor: f64,
 }
@@ -135,11 +129,11 @@ impl LocalUpdate<'_> {
     /// 1 + (f − 1) max ρ: full at an observation, none where no observation has an influence. There it would multiply the
     /// spread in every cycle, with nothing to bring it back.
     fn analysed(&self, values: MatRef<'_, f64>, place: (f64, f64)) -> Mat<f64> {
-        let weights: Vec<f64> = self.members.places.iter().map(|&other| self.taper.weight(place, other)).collect();
-        let nearest = weights.iter().copied().fold(0.0, f64::max);
+        let near = self.gain.near(place);
+        let nearest = near.iter().map(|(_, weight)| *weight).fold(0.0, f64::max);
         let inflated = values * faer::Scale(1.0 + (self.factor - 1.0) * nearest);
-        let covariance = self.tapered.covariance_of_state(inflated.as_ref(), &weights);
-        inflated + product(covariance.as_ref(), self.solved.as_ref())
+        let increment = self.gain.of_state(inflated.as_ref(), &near);
+        inflated + increment
     }
 
     /// Takes perturbations to analysed deviations from the background's mean in all cells.

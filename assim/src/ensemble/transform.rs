@@ -1,5 +1,6 @@
 //! The analysis in the space of the ensemble.
 
+use super::inflation::Sizes;
 use super::members::ObservedEnsemble;
 use super::principal::{Principal, principal};
 use crate::linalg::{add_product, add_symmetric_product, column, eigen, product, squared_norm};
@@ -32,13 +33,14 @@ impl WhitenedObservations {
         Self { perturbations, departures, rounding }
     }
 
-    /// Whether an eigendecomposition of Ỹ Ỹᵀ or Ỹᵀ Ỹ may be off by more than 10⁻⁷ of the analysed spread: its errors are
-    /// epsilons of |Ỹ|², and move the mean by that times the departures over |Ỹ|.
-    fn is_graded(&self, inflation: f64) -> bool {
-        let squares: f64 =
-            (0..self.perturbations.ncols()).map(|j| squared_norm(self.perturbations.col_as_slice(j))).sum();
-        let norm = (inflation * squares).sqrt();
-        norm * norm.max(squared_norm(&self.departures).sqrt()) > 1e-7 / f64::EPSILON
+    /// How large they are.
+    pub fn sizes(&self) -> Sizes {
+        let columns = 0..self.perturbations.ncols();
+        Sizes {
+            perturbations: columns.map(|j| squared_norm(self.perturbations.col_as_slice(j))).sum(),
+            departures: squared_norm(&self.departures),
+            weight: self.departures.len() as f64,
+        }
     }
 }
 
@@ -95,7 +97,7 @@ pub(super) fn transform(observed: &WhitenedObservations, inflation: f64) -> Tran
     let d = column(&observed.departures);
     let mut root = Mat::zeros(members, members);
     let (mean, chi2);
-    let is_graded = observed.is_graded(inflation);
+    let is_graded = observed.sizes().are_graded(inflation);
     if n < members || is_graded {
         let Principal { columns: right, values, amplitudes } = if is_graded {
             principal(&observed.perturbations, &observed.departures, &observed.rounding, inflation.sqrt())
