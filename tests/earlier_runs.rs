@@ -332,8 +332,8 @@ fn interrupt(parent: &Path) {
     let mut child = command.spawn().unwrap();
     let has_checkpoint = || {
         let entries = fs::read_dir(parent.join("out/.next.partial")).into_iter().flatten();
-        let names = entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned());
-        names.filter(|name| name.starts_with("checkpoint-") && !name.ends_with("new")).count() > 0
+        let mut names = entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned());
+        names.any(|name| name.starts_with("checkpoint-") && !name.ends_with("new"))
     };
     while !has_checkpoint() {
         assert!(child.try_wait().unwrap().is_none(), "the run was too fast");

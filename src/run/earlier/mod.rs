@@ -52,7 +52,7 @@ impl FinalState {
     fn has_possible_times(&self) -> bool {
         const MOST_CYCLES: usize = 1_000_000_000;
         const LONGEST_S: i64 = 1_000_000_000_000;
-        self.start.seconds().abs() < LONGEST_S
+        (-LONGEST_S..LONGEST_S).contains(&self.start.seconds())
             && (1..=366 * 86_400).contains(&self.window.seconds())
             && (1..=MOST_CYCLES).contains(&self.saved.cycle)
     }

@@ -45,7 +45,9 @@ impl Settings {
         let mut values = BTreeMap::new();
         flatten("", &Value::Table(file.clone()), &mut values);
         values.retain(|key, _| !FREE.iter().any(|free| is_below(key, free)));
-        values.entry("sensors.database".into()).and_modify(|name| *name = "a database".into());
+        if let Some(name) = values.get_mut("sensors.database") {
+            *name = "a database".into();
+        }
         let mut observations = BTreeSet::new();
         for (name, network) in file.get("networks").and_then(Value::as_table).into_iter().flatten() {
             if network.get("kind").and_then(Value::as_str) == Some("file") {
@@ -144,7 +146,7 @@ mod tests {
     fn each_difference_is_a_line_with_key_before_and_now() {
         let (plain, all) = (settings(str::to_string), ["free", "fkf"]);
         let changed = |section: &str, key: &str, value: Value| {
-            let changed = settings(|text| {
+            settings(|text| {
                 let mut file: Table = text.parse().unwrap();
                 let mut table = &mut file;
                 for name in section.split('.') {
@@ -152,8 +154,7 @@ mod tests {
                 }
                 table.insert(key.into(), value.clone());
                 toml::to_string(&file).unwrap()
-            });
-            changed
+            })
         };
         let step = changed("model", "time_step_s", Value::Integer(240)).differences(&plain, &all);
         assert!(step.len() == 1 && step[0].starts_with("model.time_step_s: "), "{step:?}");
