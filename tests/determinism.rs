@@ -60,10 +60,10 @@ fn in_two_runs(scenario: &Scenario) -> Vec<u8> {
     let yesterday = parent.path().join("yesterday");
     let first = RunOptions { out: yesterday.clone(), cycles: Some(2), ..options(parent.path(), 2) };
     isobar::run::run(scenario, &first, &mut Progress::new(true)).unwrap();
-    let start = scenario.start + scenario.cycle.window * 2;
     let second = RunOptions { from: Some(yesterday), cycles: Some(CYCLES - 2), ..options(parent.path(), 1) };
-    let scenario = Scenario { start, ..scenario.clone() };
-    isobar::run::run(&scenario, &second, &mut Progress::new(true)).unwrap();
+    let mut tomorrow = scenario.clone();
+    tomorrow.start = scenario.start + scenario.cycle.window * 2;
+    isobar::run::run(&tomorrow, &second, &mut Progress::new(true)).unwrap();
     std::fs::read(parent.path().join("run").join(STATE_FILE)).unwrap()
 }
 

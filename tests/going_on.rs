@@ -88,7 +88,8 @@ fn in_parts(folder: &Path, scenario: &Scenario, parts: &[usize]) -> (Listener, S
     let (mut all, mut done, mut from) = (Listener::default(), 0, None::<PathBuf>);
     for (number, &cycles) in parts.iter().enumerate() {
         let start = scenario.start + scenario.cycle.window * done;
-        let scenario = Scenario { start, ..scenario.clone() };
+        let mut scenario = scenario.clone();
+        scenario.start = start;
         let name = format!("part_{number}");
         let options = RunOptions { from, ..options(folder, &name, cycles) };
         let part = heard(&scenario, &options);
