@@ -91,7 +91,7 @@ impl Comparison {
             let it = &run.summary;
             let from = it.scored_from_cycle;
             let text = format!(
-                "{}: scenario {}, seed {}, {} cycles, scores from cycle {from}, isobar {}",
+                "{}: scenario {}, seed {}, scores of cycles {from} to {}, isobar {}",
                 shown_path(&run.directory),
                 it.scenario,
                 it.seed,

@@ -27,11 +27,13 @@ pub struct RunInfo {
     pub layout: Arc<Layout>,
     /// Where on the Earth the plane lies, if anywhere.
     pub projection: Option<Projection>,
-    /// Valid time of the initial state; the analysis of cycle t is valid at `start + t × window`.
+    /// Valid time of the state before cycle 1; the analysis of cycle t is valid at `start + t × window`.
     pub start: Time,
     /// Length of a cycle.
     pub window: Duration,
-    /// Number of cycles.
+    /// Number of the last cycle that earlier runs have done, from which this one goes on; 0 if there are none.
+    pub done: usize,
+    /// Number of the last cycle.
     pub cycles: usize,
     /// The first cycle that counts for the scores.
     pub score_from_cycle: usize,
@@ -57,6 +59,21 @@ impl RunInfo {
     /// Valid time of the analysis of a cycle.
     pub fn time(&self, cycle: usize) -> Time {
         self.start + self.window * cycle
+    }
+
+    /// Valid time of the state with which the run begins.
+    pub fn begin(&self) -> Time {
+        self.time(self.done)
+    }
+
+    /// Number of the cycles that are this run's, and not those of earlier ones.
+    pub fn count(&self) -> usize {
+        self.cycles - self.done
+    }
+
+    /// The first cycle of this run that counts for the scores.
+    pub fn scored_from(&self) -> usize {
+        self.score_from_cycle.max(self.done + 1)
     }
 
     /// A number of cycles in hours.
@@ -131,7 +148,8 @@ pub struct StationInfo {
 #[expect(clippy::large_enum_variant, reason = "there is one of them at a time")]
 #[derive(Serialize, Deserialize)]
 pub enum Event<'a> {
-    /// The truth of a cycle is known. It is also sent for cycle 0, the initial state; never in a world without a truth.
+    /// The truth of a cycle is known. It is also sent for the state with which the run begins, as a rule that of cycle 0; never
+    /// in a world without a truth.
     Truth {
         /// Number of the cycle.
         cycle: usize,

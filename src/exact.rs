@@ -94,7 +94,7 @@ pub fn exact(scenario: &Scenario, options: &ExactOptions) -> Result<ExactSummary
         scored_from: scenario.cycle.score_from_cycle,
     };
     let of_one = |name: &String| {
-        let mut method = experiment::method(&problem, name, scenario).map_err(locate)?;
+        let mut method = experiment::method(&problem, name, scenario, scenario.start).map_err(locate)?;
         let scores = world.scores(&mut *method, &scenario.methods[name], &layout);
         Ok((name.clone(), scores.map_err(|error| of_method(name, error))?))
     };
@@ -263,7 +263,7 @@ fn check_biases(scenario: &Scenario, observing: &ObservingSystem) -> Result<(), 
 }
 
 fn check_observations(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> Result<(), ScenarioError> {
-    let observations = observing.most_observations(cycles);
+    let observations = observing.most_observations(1..=cycles);
     let held = [observations, observing.weights()].map(|size| size.saturating_mul(cycles));
     let message = if observations > MOST_OBSERVATIONS {
         format!(

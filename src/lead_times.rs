@@ -22,6 +22,12 @@ impl LeadTimes {
         cycle.checked_sub(first).is_some_and(|after| after.is_multiple_of(self.from_every_cycles))
     }
 
+    /// The first start after cycle `done`, if the first of all is from cycle `first`.
+    pub fn first_start(&self, first: usize, done: usize) -> usize {
+        let after = (done + 1).saturating_sub(first);
+        first + after.next_multiple_of(self.from_every_cycles)
+    }
+
     /// The last start from cycle `first` on whose forecast reaches the longest lead time within a run of `cycles`; `first` if
     /// there is none.
     pub fn last_complete_start(&self, first: usize, cycles: usize) -> usize {
@@ -40,5 +46,6 @@ mod tests {
         assert_eq!(times.kept().collect::<Vec<_>>(), [0, 2, 4, 6]);
         assert_eq!((1..15).filter(|&cycle| times.starts_from(cycle, 3)).collect::<Vec<_>>(), [3, 7, 11]);
         assert_eq!([20, 17, 16, 9, 5].map(|cycles| times.last_complete_start(3, cycles)), [11, 11, 7, 3, 3]);
+        assert_eq!([0, 2, 3, 6, 7].map(|done| times.first_start(3, done)), [3, 3, 7, 7, 11]);
     }
 }

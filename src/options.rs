@@ -33,6 +33,9 @@ pub struct RunOptions {
     /// Whether an interrupted run continues from its last checkpoint.
     #[serde(skip)]
     pub resume: bool,
+    /// The directory of an earlier run from whose final state this one goes on. A run that is resumed needs it no more.
+    #[serde(skip)]
+    pub from: Option<PathBuf>,
 }
 
 /// When checkpoints are written: whichever comes first.
@@ -58,6 +61,7 @@ impl RunOptions {
             concurrent: false,
             checkpoints: None,
             resume: false,
+            from: None,
         }
     }
 

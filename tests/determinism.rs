@@ -1,12 +1,12 @@
-//! Same scenario, same seed: the same bits, on any number of threads, again and again, and after an interruption. For every
-//! shipped scenario with all of its methods.
+//! Same scenario, same seed: the same bits, on any number of threads, again and again, after an interruption, and in several
+//! runs that go on from each other. For every shipped scenario with all of its methods.
 
 use crate::outputs::Outputs;
 use crate::runs::{run_options, scenarios};
 use isobar::event::Event;
 use isobar::options::CheckpointPolicy;
 use isobar::options::RunOptions;
-use isobar::output::{Sink, SinkError};
+use isobar::output::{STATE, STATE_FILE, Sink, SinkError};
 use isobar::progress::Progress;
 use isobar::scenario::Scenario;
 use std::path::Path;
@@ -31,7 +31,7 @@ fn options(folder: &Path, threads: usize) -> RunOptions {
     let checkpoints = Some(CheckpointPolicy { minutes: None, cycles: Some(2) });
     RunOptions {
         threads: Some(threads),
-        outputs: isobar::output::Outputs::of(["netcdf"]),
+        outputs: isobar::output::Outputs::of(["netcdf", STATE]),
         checkpoints,
         ..run_options(folder, CYCLES)
     }
@@ -54,11 +54,26 @@ fn resumed(scenario: &Scenario) -> Outputs {
     Outputs::of(&parent.path().join("run"))
 }
 
-/// Runs on one thread, on two, and on eight after an interruption, all of which must write the same files; returns these.
+/// The final state of the last of two runs that do the cycles of one.
+fn in_two_runs(scenario: &Scenario) -> Vec<u8> {
+    let parent = tempfile::tempdir().unwrap();
+    let yesterday = parent.path().join("yesterday");
+    let first = RunOptions { out: yesterday.clone(), cycles: Some(2), ..options(parent.path(), 2) };
+    isobar::run::run(scenario, &first, &mut Progress::new(true)).unwrap();
+    let second = RunOptions { from: Some(yesterday), cycles: Some(CYCLES - 2), ..options(parent.path(), 1) };
+    let mut tomorrow = scenario.clone();
+    tomorrow.start = scenario.start + scenario.cycle.window * 2;
+    isobar::run::run(&tomorrow, &second, &mut Progress::new(true)).unwrap();
+    std::fs::read(parent.path().join("run").join(STATE_FILE)).unwrap()
+}
+
+/// Runs on one thread, on two, and on eight after an interruption, all of which must write the same files; returns these. Two
+/// runs, of which the second goes on from the first, must end in the same state.
 fn checked(scenario: &Scenario) -> Outputs {
     let first = complete(scenario, 1);
+    assert!(first.files[STATE_FILE] == in_two_runs(scenario), "{}: other states", scenario.name);
     let of_method = if scenario.forecast.is_some() { 2 } else { 1 };
-    assert_eq!(first.files.len(), of_method * scenario.methods.len() + 2, "{}", scenario.name);
+    assert_eq!(first.files.len(), of_method * scenario.methods.len() + 3, "{}", scenario.name);
     first.assert_same(&complete(scenario, 2), &scenario.name);
     first.assert_same(&resumed(scenario), &scenario.name);
     first

@@ -34,7 +34,7 @@ fn filtered(networks: &[&str]) -> Filtered {
     let block = [range(&|cell| cell % grid.nx), range(&|cell| cell / grid.nx)];
     scenario.networks.retain(|network| networks.contains(&network.name.as_str()));
     let Ground { problem, mut observing, .. } = ground(&scenario, 1, CYCLES).unwrap();
-    let mut filter = method(&problem, "kf", &scenario).unwrap();
+    let mut filter = method(&problem, "kf", &scenario, scenario.start).unwrap();
     let mut spread = Vec::new();
     for _ in 0..CYCLES {
         let from_filter = filter.forecast(scenario.cycle.window).unwrap();

@@ -22,6 +22,7 @@ use isobar_model::{Duration, Layout, State, Time};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 /// The memory of an observing system from cycle to cycle, for a checkpoint.
@@ -207,13 +208,13 @@ impl ObservingSystem {
         self.biases.known()
     }
 
-    /// The most observations that all networks may report in one of the first `cycles` cycles.
-    pub fn most_observations(&self, cycles: usize) -> usize {
+    /// The most observations that all networks may report in one of these cycles.
+    pub fn most_observations(&self, cycles: RangeInclusive<usize>) -> usize {
         let of_member = |member: &Member, cycle: usize| {
             member.schedule.pass(cycle).map_or(0, |_| member.instrument.most_observations(cycle))
         };
         let in_cycle = |cycle: usize| self.members.iter().map(|member| of_member(member, cycle)).sum();
-        (1..=cycles).map(in_cycle).max().unwrap_or(0)
+        cycles.map(in_cycle).max().unwrap_or(0)
     }
 
     /// About how many weights the rows of X have that all networks hold, or make in a cycle.
@@ -231,9 +232,9 @@ impl ObservingSystem {
         &self.left_out
     }
 
-    /// What becomes of recorded observations in the first `cycles` cycles, for each network that has such.
-    pub fn recorded_use(&self, cycles: usize) -> impl Iterator<Item = (&str, RecordedUse)> {
-        self.members.iter().filter_map(move |member| Some((&*member.name, member.instrument.recorded_use(cycles)?)))
+    /// What becomes of recorded observations in these cycles, for each network that has such.
+    pub fn recorded_use(&self, cycles: RangeInclusive<usize>) -> impl Iterator<Item = (&str, RecordedUse)> {
+        self.members.iter().filter_map(move |member| Some((&*member.name, member.instrument.recorded_use(&cycles)?)))
     }
 
     /// The present cycle: that of the last observations, 0 before the first.

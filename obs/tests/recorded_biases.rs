@@ -63,7 +63,7 @@ fn there_is_one_for_each_station_each_group_or_all() {
     let placements: Vec<Placement> = of_stations.calibration().parameters.iter().map(|it| it.placement).collect();
     assert_eq!(placements, [Placement::Local { x_m: 1e5, y_m: 3e5 }, Placement::Shared], "a ship moves");
     assert_eq!(of_stations.true_calibration(), [None, None]);
-    let (_, usage) = of_stations.recorded_use(2).next().unwrap();
+    let (_, usage) = of_stations.recorded_use(1..=2).next().unwrap();
     let [of_h] = &usage.biases[..] else { panic!("one bias") };
     assert_eq!((of_h.parameters, &*of_h.without), (2, &["outside".to_string(), "wind".to_string()][..]));
     let expected =
@@ -111,7 +111,7 @@ fn an_observation_without_its_predictor_is_rejected_and_counted() {
     assert_eq!((missing.value, missing.why), (8.0, Unused::Rejected(Rejection::NoPredictor)));
     let layout = layout(Boundary::Channel);
     assert_eq!(second.aside.departures(&State::zeros(&layout), &[0.0]), [None], "its bias is not known");
-    let (_, usage) = system.recorded_use(2).next().unwrap();
+    let (_, usage) = system.recorded_use(1..=2).next().unwrap();
     assert_eq!((usage.usable, usage.no_predictor, usage.outside), (5, 1, 1));
     assert!(usage.to_string().contains("1 without a predictor of their bias"), "{usage}");
     // A row that is there twice is used with its predictor, whichever comes first.

@@ -106,6 +106,7 @@ const RUN_EXAMPLES: &str = "Examples:
   isobar run quickstart
   isobar run quickstart --cycles 4 --no-netcdf --no-rerun
   isobar run mine.toml --seed 7 --out results --overwrite
+  isobar run today.toml --from out/yesterday     go on where a run ended
   isobar run fkf_linear --seeds 10 --against kf  mean scores over ten seeds, and whether the differences are chance";
 
 #[derive(Args, Debug)]
@@ -125,6 +126,9 @@ pub struct RunArguments {
     /// Use this seed instead of the scenario's
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
+    /// Go on from the state in which the run in this directory ended, as one run would; the scenario starts where that ended
+    #[arg(long, value_name = "OUT", conflicts_with = "seeds")]
+    pub from: Option<PathBuf>,
     /// Number of threads [default: RAYON_NUM_THREADS, or one for each core]; results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST_THREADS))]
     pub threads: Option<u64>,

@@ -36,7 +36,7 @@ pub fn run_scenario_then(
 fn report(error: RunError, scenario: &Scenario, options: &RunOptions) -> Report {
     match error {
         RunError::Experiment(error) => error.locate(scenario).into(),
-        RunError::Place(error) => miette!("{}: {error}", scenario.name),
+        RunError::Place(_) | RunError::Earlier { .. } => miette!("{}: {error}", scenario.name),
         error => {
             let help = kept(&options.out);
             miette!(help = help, "{}: {error}", scenario.name)

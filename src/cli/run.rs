@@ -28,6 +28,10 @@ pub fn run(arguments: &RunArguments) -> Result<ExitCode, Report> {
     };
     let scenarios = arguments.scenarios.iter().map(load).collect::<Result<Vec<_>, _>>()?;
     check_names(&scenarios)?;
+    if let ([first, second, ..], Some(from)) = (&*scenarios, &arguments.from) {
+        let (from, names) = (shown_path(from), [&first.name, &second.name]);
+        return Err(miette!("{} and {} cannot both go on from {from}: run one after the other", names[0], names[1]));
+    }
     let of_scenario = |scenario: &Scenario| {
         let options = options(arguments, scenario)?;
         let seeds = seeds::options(arguments, scenario, &options)?;
@@ -138,7 +142,9 @@ fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, 
         return Err(miette!("--methods names `{name}` twice"));
     }
     let cycles = arguments.cycles.map(|cycles| cycles as usize);
-    check_cycles(cycles, scenario)?;
+    if arguments.from.is_none() {
+        check_cycles(cycles, scenario)?;
+    }
     Ok(RunOptions {
         out: arguments.out.join(&scenario.name),
         methods: arguments.methods.clone(),
@@ -150,6 +156,7 @@ fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, 
         concurrent: false,
         checkpoints: policy(arguments),
         resume: false,
+        from: arguments.from.clone(),
     })
 }
 

@@ -6,8 +6,8 @@ use super::launch::{self, failures};
 use crate::batch::seeds::{FailedSeed, SeedsSummary, run_all};
 use crate::batch::{BatchKind, BatchPlan, Run, interrupted, unfinished};
 use crate::options::RunOptions;
-use crate::output::Outputs;
 use crate::output::report::{REPORT, REPORT_FILE};
+use crate::output::{Outputs, STATE};
 use crate::progress::SeedsProgress;
 use crate::scenario::Scenario;
 use crate::tables::Table;
@@ -71,6 +71,8 @@ fn run_by(
     if !wanted.all_files {
         each.outputs = Outputs::default();
     }
+    // Nothing goes on from them.
+    each.outputs.set(STATE, false);
     let methods = options.methods.as_ref().map_or(scenario.methods.len(), Vec::len);
     let analyses = methods * options.cycles.unwrap_or(scenario.cycle.count);
     let progress = SeedsProgress::new(quiet, &scenario.name, wanted.seeds.len(), analyses);

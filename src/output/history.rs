@@ -27,7 +27,7 @@ pub struct History {
     pub thinning: Thinning,
     /// Whether there are maps of the cycle of this number.
     has_maps: fn(&RunInfo, usize) -> bool,
-    /// The cycles in their order, with the initial state as cycle 0 if there is a truth.
+    /// The cycles in their order, before them that with whose state the run begins if there is a truth.
     pub cycles: Vec<Cycle>,
     /// The scores that are drawn over time; the cycles have their values in this order.
     drawn: Vec<Score<'static>>,

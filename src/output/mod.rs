@@ -26,5 +26,5 @@ pub mod summary;
 pub mod working;
 
 pub use directory::{Existing, OutputDirectory};
-pub use outputs::{OUTPUTS, Open, Output, Outputs, open_all};
+pub use outputs::{OUTPUTS, Open, Output, Outputs, STATE, STATE_FILE, open_all};
 pub use sink::{Sink, SinkError};

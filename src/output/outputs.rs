@@ -7,6 +7,12 @@ use crate::event::RunInfo;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
+/// The name of the output that is the state in which a run ends.
+pub const STATE: &str = "state";
+
+/// Its file in the output directory.
+pub const STATE_FILE: &str = "final_state.bin";
+
 /// A kind of output beside the summary and the scores.
 pub struct Output {
     /// Its name, and its key in `[output]`.
@@ -28,6 +34,8 @@ type Opened = Result<Box<dyn Sink>, SinkError>;
 pub enum Open {
     /// By a function that creates its files.
     Available(fn(&RunInfo, &OutputDirectory) -> Opened),
+    /// Not by a sink: the run itself writes it at its end.
+    ByRun,
     /// Not in this build, for want of a cargo feature.
     NeedsFeature(&'static str),
 }
@@ -59,6 +67,13 @@ pub const OUTPUTS: &[Output] = &[
         open: Open::NeedsFeature("rerun"),
     },
     Output {
+        name: STATE,
+        switch: "no-state",
+        about: "Keep no final state, from which `isobar run --from` would go on",
+        by_default: true,
+        open: Open::ByRun,
+    },
+    Output {
         name: "live",
         switch: "live",
         about: "Show the run in a running rerun viewer while it computes",
@@ -73,7 +88,7 @@ pub const OUTPUTS: &[Output] = &[
 impl Output {
     /// Whether this build of isobar can write it.
     pub fn is_available(&self) -> bool {
-        matches!(self.open, Open::Available(_))
+        !matches!(self.open, Open::NeedsFeature(_))
     }
 }
 
@@ -143,11 +158,12 @@ pub fn open_all(
 fn open(info: &RunInfo, directory: &OutputDirectory, outputs: &Outputs) -> Result<Vec<Box<dyn Sink>>, SinkError> {
     let wanted = OUTPUTS.iter().filter(|output| outputs.contains(output.name));
     let open = |output: &Output| match output.open {
-        Open::Available(open) => open(info, directory),
-        Open::NeedsFeature(feature) => Err(SinkError {
+        Open::Available(open) => Some(open(info, directory)),
+        Open::ByRun => None,
+        Open::NeedsFeature(feature) => Some(Err(SinkError {
             path: directory.destination().join(output.name),
             reason: format!("this isobar was built without the cargo feature `{feature}`"),
-        }),
+        })),
     };
-    wanted.map(open).collect()
+    wanted.filter_map(open).collect()
 }

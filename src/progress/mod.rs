@@ -26,7 +26,7 @@ impl Progress {
     fn failed(&mut self, method: usize, failure: &Failure) {
         let Some(info) = &self.info else { return };
         // What it will not do need not be waited for.
-        self.done += (info.cycles + 1).saturating_sub(failure.cycle);
+        self.done += (info.cycles + 1).saturating_sub(failure.cycle.max(info.done + 1));
         let name = info.methods.get(method).map_or("", |method| method.name.as_str());
         let (cycle, reason) = (failure.cycle, &failure.reason);
         self.display.warn(&format!("method {name} failed in cycle {cycle}, the others go on: {reason}"));
@@ -38,7 +38,7 @@ impl Sink for Progress {
         match event {
             Event::Started(info) => {
                 self.done = 0;
-                self.display.start(&info.scenario, info.cycles * info.methods.len());
+                self.display.start(&info.scenario, info.count() * info.methods.len());
                 self.info = Some((*info).clone());
             }
             Event::Analysed(analysed) => {

@@ -37,7 +37,7 @@ pub struct Pending {
 }
 
 impl Ahead {
-    /// Makes the forecasts from the analysis of a cycle that are valid within the run.
+    /// Makes the forecasts from the analysis of a cycle that are valid until the end of cycle `last`.
     ///
     /// # Errors
     /// Why a forecast cannot be made to its end; what was made before that is kept.
@@ -47,10 +47,10 @@ impl Ahead {
         cycle: usize,
         times: &LeadTimes,
         window: Duration,
-        cycles: usize,
+        last: usize,
         memory_limit_bytes: u64,
     ) -> Result<(), Fault> {
-        let longest = times.kept().take_while(|lead| cycle + lead <= cycles).last().unwrap_or(0);
+        let longest = times.kept().take_while(|lead| cycle + lead <= last).last().unwrap_or(0);
         if longest == 0 {
             return Ok(());
         }
@@ -78,9 +78,10 @@ impl Ahead {
 
     /// Whether all are of this run and still to come after a cycle.
     pub fn fits(&self, cycle: usize, info: &RunInfo) -> bool {
+        let longest = info.lead_times.map_or(0, |times| times.longest_cycles);
         self.pending.iter().all(|Pending { from_cycle, cycle: valid, estimate }| {
             (1..=cycle).contains(from_cycle)
-                && (cycle + 1..=info.cycles).contains(valid)
+                && (cycle + 1..=from_cycle.saturating_add(longest)).contains(valid)
                 && estimate.calibration.len() == info.calibration.len()
                 && event::fits(estimate, info)
         })
@@ -115,7 +116,7 @@ mod tests {
     fn a_copy_needs_room_beside_the_method() {
         let scenario = Scenario::parse(Path::new("mine.toml"), include_str!("../cli/template.toml")).unwrap();
         let problem = ground(&scenario, 1, 5).unwrap().problem;
-        let free = method(&problem, "free", &scenario).unwrap();
+        let free = method(&problem, "free", &scenario, scenario.start).unwrap();
         let state = 8 * problem.background.values().len() as u64;
         assert!(require_room(&*free, 4 * state).is_ok() && require_room(&*free, u64::MAX).is_ok());
         let error = require_room(&*free, 3 * state - 1).unwrap_err();

@@ -44,6 +44,13 @@ pub struct Progress {
     pub seconds: f64,
 }
 
+impl Progress {
+    /// Forgets what the method has cost so far, which is no part of what another run goes on with.
+    pub fn forget_cost(&mut self) {
+        (self.peak_bytes, self.seconds) = (0, 0.0);
+    }
+}
+
 /// After which cycle parameters go back to their prior and are adjusted no more, and which.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Freezing {

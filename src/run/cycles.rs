@@ -9,7 +9,7 @@ use super::reference::Reference;
 use super::summary::summary;
 use super::truth::Truth;
 use crate::correlations::Correlations;
-use crate::event::{Analysed, Estimated, Event, Forecast, Smoothed};
+use crate::event::{Analysed, Estimated, Event, Forecast, RunInfo, Smoothed};
 use crate::interrupt;
 use crate::outcome::Outcome;
 use crate::scores::forecast::{self, Verifying};
@@ -32,6 +32,8 @@ pub(super) struct Cycles<'a, 'b> {
     pub workers: &'a ThreadPool,
     /// What is found out beside the scores.
     pub shown: Shown,
+    /// Whether another run may go on from the end of this one, so that forecasts ahead are made to beyond it.
+    pub goes_on: bool,
 }
 
 /// What is found out beside the scores.
@@ -65,8 +67,8 @@ impl Cycles<'_, '_> {
     /// A truth that leaves the finite numbers, an output that cannot be written, or a signal.
     pub fn run(&mut self, done: usize) -> Result<Summary, RunError> {
         let cycles = self.experiment.info.cycles;
-        if done == 0 {
-            self.send_truth(0)?;
+        if done == self.experiment.info.done {
+            self.send_truth(done)?;
         }
         for cycle in done + 1..=cycles {
             let observed = self.observe(cycle)?;
@@ -130,13 +132,12 @@ impl Cycles<'_, '_> {
 
     /// A cycle of one method, with its scores; `None` if the method fails, or has failed before.
     fn one_method(&mut self, number: usize, cycle: usize, observed: &Observed) -> Result<Option<Outcome>, RunError> {
-        let Experiment { info, score_from_cycle, influence_every_cycles, truth, observing, methods, .. } =
-            &mut *self.experiment;
+        let Experiment { info, influence_every_cycles, truth, observing, methods, .. } = &mut *self.experiment;
         let method = &mut methods[number];
         if method.failure.is_some() {
             return Ok(None);
         }
-        let is_scored = cycle >= *score_from_cycle;
+        let is_scored = cycle >= info.scored_from();
         let with_influence = is_scored && influence_every_cycles.is_some_and(|every| cycle.is_multiple_of(every));
         let observed = observed.as_given_to(method);
         let last = cycle == info.cycles;
@@ -156,7 +157,7 @@ impl Cycles<'_, '_> {
         if is_scored {
             self.scores.totals[number].add(&scores);
         }
-        let factors = shown_factors(cycle, info.cycles);
+        let factors = shown_factors(cycle, info);
         let structure = || method.runner.structure(observed, &outcome.background.state, factors);
         let middle = Correlations::middle(&info.layout);
         let correlations = || method.runner.correlations(middle, &outcome.analysis.estimate);
@@ -185,12 +186,13 @@ impl Cycles<'_, '_> {
 
     /// Scores and sends the estimates of earlier cycles that a method has revised.
     fn send_smoothed(&mut self, number: usize, cycle: usize, outcome: &Outcome) -> Result<(), RunError> {
-        let Experiment { score_from_cycle, methods, .. } = &*self.experiment;
-        for smoothed in &outcome.smoothed {
+        let Experiment { info, methods, .. } = &*self.experiment;
+        // The cycles of earlier runs are in files that are complete.
+        for smoothed in outcome.smoothed.iter().filter(|smoothed| cycle - smoothed.cycles_ago > info.done) {
             let (ago, truths) = (smoothed.cycles_ago, &self.scores.earlier_truths);
             let earlier = cycle - ago;
             let scores = Scorecard::of_smoothed(truths, ago, &smoothed.estimate, methods[number].scores_bias);
-            if earlier >= *score_from_cycle {
+            if earlier >= info.scored_from() {
                 self.scores.totals[number].add(&scores);
             }
             self.events.send(&Event::Smoothed(Smoothed {
@@ -239,8 +241,8 @@ impl Cycles<'_, '_> {
             return Ok(());
         }
         let Competitor { runner, ahead, memory_limit_bytes, .. } = method;
-        let limit = *memory_limit_bytes;
-        let made = self.workers.install(|| ahead.start(runner, cycle, &times, info.window, info.cycles, limit));
+        let (limit, last) = (*memory_limit_bytes, if self.goes_on { usize::MAX } else { info.cycles });
+        let made = self.workers.install(|| ahead.start(runner, cycle, &times, info.window, last, limit));
         let Err(fault) = made else { return Ok(()) };
         self.scores.totals[number].forecasts.add_failed();
         if !std::mem::replace(&mut method.has_warned_ahead, true) {
@@ -269,8 +271,8 @@ impl Cycles<'_, '_> {
 
 /// How many common factors are shown: a few, and in the first, the last and some cycles between, since each is as large
 /// as a state.
-fn shown_factors(cycle: usize, cycles: usize) -> usize {
+fn shown_factors(cycle: usize, info: &RunInfo) -> usize {
     const FACTORS: usize = 5;
-    let every = cycles.div_ceil(8);
-    if cycle == 1 || cycle == cycles || cycle.is_multiple_of(every) { FACTORS } else { 0 }
+    let every = info.count().div_ceil(8);
+    if cycle == info.done + 1 || cycle == info.cycles || cycle.is_multiple_of(every) { FACTORS } else { 0 }
 }

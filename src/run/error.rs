@@ -45,6 +45,14 @@ pub enum RunError {
         /// Why not.
         reason: String,
     },
+    /// The run cannot go on from an earlier one.
+    #[error("it cannot go on from {}: {reason}", shown_path(directory))]
+    Earlier {
+        /// The earlier run's directory.
+        directory: PathBuf,
+        /// Why not.
+        reason: String,
+    },
     /// The output directory cannot be created or is in use.
     #[error(transparent)]
     Place(SinkError),
@@ -63,7 +71,7 @@ impl RunError {
         match self {
             Self::Interrupted { .. } | Self::Resume { .. } | Self::Place(_) | Self::Sink(_) | Self::Threads(_) => true,
             Self::Experiment(error) => matches!(error, ExperimentError::Sensors(_)),
-            Self::Truth { .. } | Self::TruthGrows { .. } => false,
+            Self::Truth { .. } | Self::TruthGrows { .. } | Self::Earlier { .. } => false,
         }
     }
 }

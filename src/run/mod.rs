@@ -5,6 +5,7 @@ pub mod checkpoint;
 mod cost;
 pub mod cycle;
 mod cycles;
+pub mod earlier;
 mod error;
 mod events;
 pub mod experiment;
@@ -20,7 +21,7 @@ pub use error::RunError;
 use crate::event::Event;
 use crate::memory;
 use crate::options::RunOptions;
-use crate::output::{Existing, OutputDirectory, Sink, SinkError, open_all};
+use crate::output::{Existing, OutputDirectory, STATE, Sink, SinkError, open_all};
 use crate::scenario::Scenario;
 use crate::scores::{RunScores, Scorecard, Summary};
 use crate::sensors::table;
@@ -28,9 +29,11 @@ use crate::sensors::write_back::{self, SENSORS_FILE};
 use crate::text::shown_path;
 use checkpoint::{Keeper, Newest, Plan, file, journal, newest};
 use cycles::{Cycles, Shown};
+use earlier::{Earlier, EarlierRun};
 use events::Events;
 use experiment::{Competitor, Experiment, ExperimentBuilder};
-use rayon::ThreadPoolBuilder;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use std::borrow::Cow;
 use std::path::Path;
 
 /// Runs a scenario, or continues it from its last checkpoint; `listener` hears all events beside the outputs. A method that
@@ -79,6 +82,35 @@ impl ExperimentBuilder<'_> {
         self.run_all(options, listener, None)
     }
 
+    /// The directory of the outputs, the experiment as it is before the first cycle of the run, and the runs from which it goes
+    /// on.
+    fn set_up(
+        &self,
+        options: &RunOptions,
+        workers: &ThreadPool,
+    ) -> Result<(OutputDirectory, Experiment, Option<Earlier>), RunError> {
+        let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
+        let open = if options.resume { OutputDirectory::resume } else { OutputDirectory::create };
+        let open = || open(options.out.clone(), existing).map_err(RunError::Place);
+        let build = |earlier: Option<&Earlier>| workers.install(|| self.build_after(options, earlier));
+        let Some(from) = options.from.as_deref().filter(|_| !options.resume) else {
+            let directory = open()?;
+            let earlier = if options.resume { earlier_of(&directory)? } else { None };
+            let experiment = build(earlier.as_ref())?;
+            return Ok((directory, experiment, earlier));
+        };
+        let refuse = |reason: String| RunError::Earlier { directory: from.to_path_buf(), reason };
+        if options.out.canonicalize().is_ok_and(|out| from.canonicalize().is_ok_and(|from| from == out)) {
+            return Err(refuse("that is where this run's files are to go: choose another --out".into()));
+        }
+        let run = EarlierRun::read(from).map_err(refuse)?;
+        let earlier = run.check(&self.scenario, options).map_err(refuse)?;
+        let mut experiment = build(Some(&earlier))?;
+        run.restore(&mut experiment).map_err(refuse)?;
+        // An interrupted run that is to be replaced is discarded only once it is sure that this one can begin.
+        Ok((open()?, experiment, Some(earlier)))
+    }
+
     fn run_all(
         &self,
         options: &RunOptions,
@@ -87,11 +119,8 @@ impl ExperimentBuilder<'_> {
     ) -> Result<Summary, RunError> {
         let scenario = &*self.scenario;
         let workers = ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0)).build()?;
-        let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
-        let open = if options.resume { OutputDirectory::resume } else { OutputDirectory::create };
-        let directory = open(options.out.clone(), existing).map_err(RunError::Place)?;
-        let mut experiment = workers.install(|| self.build(options))?;
-        let plan = Plan::new(scenario, options, &experiment);
+        let (directory, mut experiment, earlier) = self.set_up(options, &workers)?;
+        let plan = Plan::new(scenario, options, &experiment, earlier);
         let mut events =
             Events { keeper: None, sinks: open_all(&experiment.info, &directory, &options.outputs)?, listener };
         let shown =
@@ -100,18 +129,28 @@ impl ExperimentBuilder<'_> {
             resume(&directory, &plan, &mut experiment, &mut events)?
         } else {
             if let Some(policy) = options.checkpoints {
-                events.keeper = Some(Keeper::start(directory.working(), plan, policy)?);
+                events.keeper = Some(Keeper::start(directory.working(), plan, policy, experiment.info.done)?);
             } else if afterwards.is_some() {
                 // Whoever has to do it later finds the plan there.
                 journal::Journal::create(directory.working(), &plan)?;
             }
             events.announce(&Event::Started(&experiment.info))?;
+            for (method, competitor) in experiment.methods.iter().enumerate() {
+                if let Some(failure) = &competitor.failure {
+                    events.send(&Event::Failed { method, failure: Cow::Borrowed(failure) })?;
+                }
+            }
             let totals = vec![Scorecard::default(); experiment.methods.len()];
-            (RunScores { totals, ..RunScores::default() }, 0)
+            (RunScores { totals, ..RunScores::default() }, experiment.info.done)
         };
         experiment.warnings.iter().try_for_each(|warning| events.announce(&Event::Warning(warning)))?;
-        let mut cycles = Cycles { experiment: &mut experiment, scores, events: &mut events, workers: &workers, shown };
+        let goes_on = options.outputs.contains(STATE);
+        let mut cycles =
+            Cycles { experiment: &mut experiment, scores, events: &mut events, workers: &workers, shown, goes_on };
         let summary = cycles.run(done)?;
+        if goes_on {
+            earlier::write(directory.path(), scenario, &mut experiment)?;
+        }
         write_sensors(scenario, &experiment, directory.path())?;
         events.announce(&Event::Finished(&summary))?;
         let Events { keeper, sinks, listener } = events;
@@ -125,6 +164,13 @@ impl ExperimentBuilder<'_> {
         }
         Ok(summary)
     }
+}
+
+/// What a run that was interrupted must know of those from which it goes on, if there are any.
+fn earlier_of(directory: &OutputDirectory) -> Result<Option<Earlier>, RunError> {
+    let working = directory.working();
+    let refuse = |reason| RunError::Resume { directory: working.to_path_buf(), reason: format!("journal: {reason}") };
+    journal::plan(working).map(|plan| plan.earlier).map_err(refuse)
 }
 
 /// Brings the experiment to the state of the newest readable checkpoint, and sends again all events until then; the scores
@@ -142,7 +188,7 @@ fn resume(
         let text = format!("{}: {reason}; the checkpoint before it is used", shown_path(path));
         events.announce(&Event::Warning(&text))?;
     }
-    let (cycle, bytes) = (checkpoint.cycle, checkpoint.journal_bytes);
+    let (cycle, bytes) = (checkpoint.saved.cycle, checkpoint.journal_bytes);
     events.announce(&Event::Started(&experiment.info))?;
     journal::replay(working, bytes, &experiment.info, &mut |event| events.announce(&event))
         .map_err(|reason| refuse(format!("journal: {reason}")))?;

@@ -6,12 +6,12 @@ use crate::scores::{MethodScores, RunScores, Scorecard, Summary, VerifiedBy};
 
 /// The scores of a run; `with_memory`: also the memory of each method.
 pub(super) fn summary(experiment: &Experiment, scores: &RunScores, with_memory: bool) -> Summary {
-    let Experiment { info, score_from_cycle, methods, variance_ratio, .. } = experiment;
+    let Experiment { info, methods, variance_ratio, .. } = experiment;
     let by = VerifiedBy::in_world(info.has_truth, info.networks.iter().any(|network| network.is_passive));
     let forecasts = |total: &Scorecard| total.forecasts.scores(&info.layout, info.window, by);
     let longest_hours = info.lead_times.map_or(0.0, |times| info.lead_hours(times.longest_cycles));
     let methods = info.methods.iter().zip(&scores.totals).zip(methods).map(|((own, total), method)| {
-        let cycles = method.failure.as_ref().map_or(info.cycles, |failure| failure.cycle);
+        let last = method.failure.as_ref().map_or(info.cycles, |failure| failure.cycle);
         let mut scores = match &method.failure {
             None => MethodScores {
                 stability: method.runner.stability(&info.calibration, &info.layout, *variance_ratio).ok(),
@@ -23,7 +23,10 @@ pub(super) fn summary(experiment: &Experiment, scores: &RunScores, with_memory: 
         };
         scores.parameters = method.runner.parameters();
         let progress = method.runner.progress();
-        let (seconds, bytes) = (progress.seconds / cycles as f64, with_memory.then_some(progress.peak_bytes));
+        let (seconds, bytes) = (
+            progress.seconds / last.saturating_sub(info.done).max(1) as f64,
+            with_memory.then_some(progress.peak_bytes),
+        );
         scores.values = with_cost(scores.values, seconds, bytes);
         (own.name.clone(), scores)
     });
@@ -31,7 +34,7 @@ pub(super) fn summary(experiment: &Experiment, scores: &RunScores, with_memory: 
         scenario: info.scenario.clone(),
         seed: info.seed,
         cycles: info.cycles,
-        scored_from_cycle: *score_from_cycle,
+        scored_from_cycle: info.scored_from(),
         version: crate::VERSION.to_string(),
         observations: scores.observations.clone(),
         methods: methods.collect(),

@@ -22,7 +22,7 @@ pub struct Summary {
     pub scenario: String,
     /// Seed of all random streams.
     pub seed: u64,
-    /// Number of cycles.
+    /// Number of the last cycle.
     pub cycles: usize,
     /// First cycle that counts for the scores.
     pub scored_from_cycle: usize,

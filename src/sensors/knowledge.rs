@@ -17,7 +17,7 @@ use faer::linalg::solvers::Llt;
 use faer::{Mat, Side};
 use isobar_assim::{Recalibration, SensorKnowledge};
 use isobar_model::Time;
-use isobar_obs::{Calibration, Drift};
+use isobar_obs::{Calibration, Drift, Parameter};
 use std::collections::HashMap;
 
 /// What a run starts with.
@@ -32,6 +32,32 @@ pub struct WarmStart {
     /// What the user should know of records that are not used.
     pub warnings: Vec<String>,
 }
+
+impl WarmStart {
+    /// Goes on with methods that have begun with `calibration` and these recalibrations, and are at `now`: their prior is what
+    /// it was then, whatever has become known of that time since. The recalibrations to come are those of today.
+    ///
+    /// Parameters that are others than those then stay as they are.
+    pub fn go_on(&mut self, calibration: &Calibration, known: &[Recalibration], now: Time) {
+        let name = |it: &Parameter| it.name.clone();
+        let names = |it: &Calibration| it.parameters.iter().map(name).collect::<Vec<_>>();
+        if names(calibration) == names(&self.calibration) {
+            self.calibration = calibration.clone();
+        }
+        self.warnings.retain(|warning| warning != NOTHING_KNOWN);
+        let all = self.knowledge.recalibrations.len();
+        self.knowledge.recalibrations.retain(|it| it.time > now || known.contains(it));
+        let late = all - self.knowledge.recalibrations.len();
+        if late > 0 {
+            self.warnings.push(format!(
+                "{late} recalibrations came to be known after the cycle at whose time they were, and are not used"
+            ));
+        }
+    }
+}
+
+/// What is said where nothing is known.
+const NOTHING_KNOWN: &str = "nothing in the database is of a sensor of this scenario at this time";
 
 /// What belongs to calibrations, by their time \[s\] and origin.
 type ByOrigin<'a, T> = HashMap<(i64, &'a str), Vec<T>>;
@@ -208,7 +234,7 @@ pub fn warm_start(records: &Records, calibration: &Calibration, start: Time, end
     }
     let known = touched.iter().filter(|&&touched| touched).count();
     if known == 0 && !records.is_empty() {
-        warnings.push("nothing in the database is of a sensor of this scenario at this time".into());
+        warnings.push(NOTHING_KNOWN.into());
     }
     recalibrations.sort_by_key(|it| (it.time.seconds(), it.parameter));
     let knowledge = SensorKnowledge { mean: filter.mean, recalibrations };
@@ -218,7 +244,7 @@ pub fn warm_start(records: &Records, calibration: &Calibration, start: Time, end
 #[cfg(test)]
 mod tests {
     use super::*;
-    use isobar_obs::{Parameter, Placement};
+    use isobar_obs::Placement;
 
     const DAY: i64 = 86_400;
 

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-/// The netCDF files, byte for byte, and the summary without times and memory.
+/// The netCDF files and the final state, byte for byte, and the summary without times and memory.
 pub struct Outputs {
     pub files: BTreeMap<String, Vec<u8>>,
     pub summary: Summary,
@@ -17,7 +17,7 @@ impl Outputs {
         let mut files = BTreeMap::new();
         for entry in fs::read_dir(run).unwrap() {
             let path = entry.unwrap().path();
-            if path.extension().is_some_and(|extension| extension == "nc") {
+            if path.extension().is_some_and(|extension| extension == "nc" || extension == "bin") {
                 let name = path.file_name().unwrap().to_string_lossy().into_owned();
                 files.insert(name, fs::read(&path).unwrap());
             }

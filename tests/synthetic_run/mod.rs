@@ -209,6 +209,7 @@ fn info(nx: usize, ny: usize, cycles: usize, methods: usize) -> RunInfo {
         projection: Some(projection),
         start: Time::from_seconds(1_767_225_600),
         window: Duration::from_seconds(21_600),
+        done: 0,
         cycles,
         score_from_cycle: cycles / 2,
         calibration: Calibration { parameters, ..Calibration::default() },

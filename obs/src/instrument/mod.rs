@@ -15,6 +15,7 @@ use crate::station::{LeftOutStation, Station};
 use isobar_model::Layout;
 use rand_chacha::ChaCha8Rng;
 use std::fmt;
+use std::ops::RangeInclusive;
 
 /// The settings of an instrument, and how it is built from them.
 pub trait InstrumentSettings: fmt::Debug + Send + Sync {
@@ -60,9 +61,8 @@ pub trait Instrument: Send + Sync {
         &[]
     }
 
-    /// What becomes of its observations in the first `cycles` cycles; `None` for an instrument that makes its observations
-    /// itself.
-    fn recorded_use(&self, _cycles: usize) -> Option<RecordedUse> {
+    /// What becomes of its observations in these cycles; `None` for an instrument that makes its observations itself.
+    fn recorded_use(&self, _cycles: &RangeInclusive<usize>) -> Option<RecordedUse> {
         None
     }
 }

@@ -15,6 +15,7 @@ use crate::table::Faults;
 use isobar_model::{Duration, Time};
 use rand_chacha::ChaCha8Rng;
 use std::collections::{HashMap, HashSet};
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 /// Observations of a file, each in the cycle at whose end it is valid. What is valid within a window but not at its end
@@ -213,7 +214,7 @@ impl Instrument for Recorded {
         Vec::new()
     }
 
-    fn recorded_use(&self, cycles: usize) -> Option<RecordedUse> {
+    fn recorded_use(&self, cycles: &RangeInclusive<usize>) -> Option<RecordedUse> {
         let mut usage = RecordedUse {
             rows: self.observations.len() + self.missing,
             missing: self.missing,
@@ -222,7 +223,7 @@ impl Instrument for Recorded {
         };
         let mut seen = HashSet::new();
         for (cycle, Observation { report, reading, state, .. }) in &self.observations {
-            let count = if !(1..=cycles).contains(cycle) {
+            let count = if !cycles.contains(cycle) {
                 &mut usage.in_no_cycle
             } else if state.is_empty() {
                 &mut usage.outside

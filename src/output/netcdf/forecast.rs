@@ -30,7 +30,7 @@ pub struct ForecastFile {
 impl ForecastFile {
     /// The file of a method, without anything in it.
     pub fn new(path: PathBuf, info: &RunInfo, method: usize, times: LeadTimes) -> Self {
-        let start = times.last_complete_start(info.score_from_cycle, info.cycles);
+        let start = times.last_complete_start(times.first_start(info.score_from_cycle, info.done), info.cycles);
         Self { path, method, times, start, forecasts: BTreeMap::new() }
     }
 

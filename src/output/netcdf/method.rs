@@ -17,6 +17,8 @@ pub struct MethodFile {
     file: NetcdfFile,
     layout: Arc<Layout>,
     parameters: usize,
+    /// The last cycle before those of the file.
+    done: usize,
     /// The names of what is smoothed, and missing at first, with the lengths of its records.
     smoothed: Vec<(String, usize)>,
 }
@@ -69,7 +71,8 @@ impl MethodFile {
                 add_calibration(&mut definition, info, stage, calibration_spread);
             }
         }
-        Ok(Self { file: NetcdfFile::create(path, definition)?, layout: Arc::clone(&info.layout), parameters, smoothed })
+        let (file, layout) = (NetcdfFile::create(path, definition)?, Arc::clone(&info.layout));
+        Ok(Self { file, layout, parameters, done: info.done, smoothed })
     }
 
     /// Appends a cycle's estimates.
@@ -96,7 +99,8 @@ impl MethodFile {
         let mut values: Vec<(String, &[f64])> = vec![(LATER_CYCLES.into(), &later)];
         values.extend(named_values(&self.layout, self.parameters, "smoothed", &smoothed.estimate));
         let values: Vec<(&str, &[f64])> = values.iter().map(|(name, values)| (name.as_str(), *values)).collect();
-        let record = smoothed.cycle.checked_sub(1).ok_or_else(|| self.file.failure("there is no cycle 0".into()))?;
+        let record = smoothed.cycle.checked_sub(self.done + 1);
+        let record = record.ok_or_else(|| self.file.failure(format!("it has no cycle {}", smoothed.cycle)))?;
         self.file.amend(record, &values)
     }
 
@@ -105,7 +109,7 @@ impl MethodFile {
     /// # Errors
     /// If the file cannot be written.
     pub fn fill_up(&mut self, info: &RunInfo) -> Result<(), SinkError> {
-        for cycle in self.file.records() + 1..=info.cycles {
+        for cycle in info.done + self.file.records() + 1..=info.cycles {
             self.file.append_missing(info.time(cycle).seconds() as f64)?;
         }
         Ok(())

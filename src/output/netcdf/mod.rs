@@ -93,7 +93,7 @@ impl NetcdfSink {
     fn finish(&mut self, summary: &Summary) -> Result<(), SinkError> {
         self.forecasts.iter().try_for_each(|file| file.write(&self.info, summary))?;
         self.observations.write(&self.info)?;
-        let cycles = self.info.cycles;
+        let cycles = self.info.count();
         let info = self.info.clone();
         for number in 0..self.methods.len() {
             if self.failed[number] {

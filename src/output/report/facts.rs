@@ -25,7 +25,9 @@ pub fn facts(info: &RunInfo, summary: &Summary) -> Vec<(String, String)> {
     add("biases", (parameters > 0).then(|| format!("{parameters} unknown parameters")));
     let end = info.time(info.cycles);
     let hours = number(info.window.hours());
-    add("time", Some(format!("{} cycles of {hours} h, {} to {}", info.cycles, utc(info.start), utc(end))));
+    add("time", Some(format!("{} cycles of {hours} h, {} to {}", info.count(), utc(info.begin()), utc(end))));
+    let earlier = || format!("from {} cycles of earlier runs, since {}", info.done, utc(info.start));
+    add("goes on", (info.done > 0).then(earlier));
     add("scores", Some(format!("over cycles {} to {}", summary.scored_from_cycle, summary.cycles)));
     add("seed", Some(info.seed.to_string()));
     add("version", Some(format!("isobar {}", summary.version)));

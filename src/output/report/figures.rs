@@ -93,7 +93,7 @@ impl Figures<'_> {
                 curves.push(curve);
             }
             let truth = |cycle: &Cycle| Some([self.day(cycle), cycle.true_bias(number)?]);
-            let cycles = self.history.cycles.iter().filter(|cycle| cycle.number > 0);
+            let cycles = self.history.cycles.iter().filter(|cycle| cycle.number > self.info.done);
             let points: Vec<[f64; 2]> = cycles.filter_map(truth).collect();
             let and_truth = if points.is_empty() { "" } else { ", and the truth (broken)" };
             if !points.is_empty() {
@@ -113,7 +113,7 @@ impl Figures<'_> {
         let drawing = |(number, (name, methods)): (usize, (&String, &Vec<Option<ParameterHistory>>))| {
             let curve = |(method, own): (usize, &Option<ParameterHistory>)| {
                 let determined = &own.as_ref().filter(|own| !own.determined.is_empty())?.determined;
-                let day = |time: isobar_model::Time| (time - self.info.start).days();
+                let day = |time: isobar_model::Time| (time - self.info.begin()).days();
                 let points = determined.iter().map(|&(time, value, _)| [day(time), value]).collect();
                 let band = determined.iter().map(|&(_, value, sigma)| [value - 2.0 * sigma, value + 2.0 * sigma]);
                 let curve = Curve::new(&self.info.methods[method].name, of_method_on_paper(method), points);
@@ -275,7 +275,7 @@ impl Figures<'_> {
         curves: Vec<Curve>,
         reference: Option<f64>,
     ) -> Drawing {
-        let label = format!("days since {}", utc(self.info.start));
+        let label = format!("days since {}", utc(self.info.begin()));
         let mut plot = CurvePlot::new(title, label, format!("[{}]", unit(udunits)), curves);
         plot.reference = reference;
         plot.highest = highest(&plot.curves);
@@ -294,7 +294,7 @@ impl Figures<'_> {
     }
 
     fn day(&self, cycle: &Cycle) -> f64 {
-        (cycle.time - self.info.start).days()
+        (cycle.time - self.info.begin()).days()
     }
 }
 

@@ -84,5 +84,5 @@ impl Sink for ReportSink {
 
 /// Whether a cycle is one of those whose maps are on the page: that in the middle and the last.
 fn has_maps(info: &RunInfo, cycle: usize) -> bool {
-    cycle == info.cycles || cycle == info.cycles.div_ceil(2)
+    cycle == info.cycles || cycle == info.done + info.count().div_ceil(2)
 }

@@ -57,7 +57,7 @@ impl Held {
 }
 
 fn thinning(info: &RunInfo) -> Thinning {
-    let of_cell = info.cycles * info.layout.variables.len() * (BYTES[0] + BYTES[1] * info.methods.len());
+    let of_cell = info.count() * info.layout.variables.len() * (BYTES[0] + BYTES[1] * info.methods.len());
     let thinnings = MAP_CELLS.map(|most| Thinning::new(&info.layout.grid, most));
     let fits = |thinning: &Thinning| thinning.size().iter().product::<usize>() * of_cell < MAPS_BYTES;
     thinnings.into_iter().find(fits).unwrap_or(thinnings[MAP_CELLS.len() - 1])

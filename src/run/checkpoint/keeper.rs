@@ -27,13 +27,13 @@ pub struct Keeper {
 }
 
 impl Keeper {
-    /// Begins a run.
+    /// Begins a run whose earlier runs have done this number of cycles.
     ///
     /// # Errors
     /// If the journal cannot be written.
-    pub fn start(directory: &Path, plan: Plan, policy: CheckpointPolicy) -> Result<Self, SinkError> {
+    pub fn start(directory: &Path, plan: Plan, policy: CheckpointPolicy, done: usize) -> Result<Self, SinkError> {
         let journal = Journal::create(directory, &plan)?;
-        Ok(Self::new(directory, plan, policy, journal, 0))
+        Ok(Self::new(directory, plan, policy, journal, done))
     }
 
     /// Continues after the checkpoint of a cycle, when the journal had this number of bytes.
@@ -83,9 +83,8 @@ impl Keeper {
         }
         let began = Instant::now();
         let journal_bytes = self.journal.sync()?;
-        let (checkpoint, memories) = Checkpoint::of(&self.plan, cycle, journal_bytes, experiment, scores)
-            .map_err(|error| SinkError { path: self.directory.clone(), reason: error.to_string() })?;
-        file::write(&self.directory, &checkpoint, &memories)?;
+        let checkpoint = Checkpoint::of(&self.plan, cycle, journal_bytes, experiment, scores);
+        file::write(&self.directory, &checkpoint, experiment)?;
         self.cost = began.elapsed();
         self.last = (Instant::now(), cycle);
         Ok(())

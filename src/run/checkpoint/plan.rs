@@ -2,6 +2,7 @@
 
 use crate::options::{CheckpointPolicy, RunOptions};
 use crate::place::{parent_of, seen_from};
+use crate::run::earlier::Earlier;
 use crate::run::experiment::{Experiment, Inputs};
 use crate::scenario::{Scenario, ScenarioError};
 use serde::{Deserialize, Serialize};
@@ -100,12 +101,14 @@ pub struct Plan {
     pub run: PlannedRun,
     /// What it reads.
     inputs: Inputs,
+    /// The runs from which it goes on, if any.
+    pub earlier: Option<Earlier>,
 }
 
 impl Plan {
     /// The plan of a run of a scenario.
-    pub fn new(scenario: &Scenario, options: &RunOptions, experiment: &Experiment) -> Self {
-        Self { run: PlannedRun::new(scenario, options), inputs: experiment.inputs.clone() }
+    pub fn new(scenario: &Scenario, options: &RunOptions, experiment: &Experiment, earlier: Option<Earlier>) -> Self {
+        Self { run: PlannedRun::new(scenario, options), inputs: experiment.inputs.clone(), earlier }
     }
 
     /// When checkpoints are written; `None`: never.
@@ -119,6 +122,8 @@ impl Plan {
             Some("its scenario is another one".into())
         } else if self.run.options != other.run.options {
             Some("it is of a run with other options".into())
+        } else if self.earlier != other.earlier {
+            Some("it is of a run that goes on from another one".into())
         } else {
             self.inputs.difference(&other.inputs)
         }

@@ -1,6 +1,8 @@
 //! What a run reads beside its scenario's text: it can be resumed only with the same.
 
 use super::builder::AddedMethod;
+use super::error::ExperimentError;
+use super::ground::ground;
 use crate::scenario::Scenario;
 use crate::sensors::knowledge::WarmStart;
 use crate::text::{clean, listed};
@@ -58,6 +60,25 @@ impl Inputs {
             None
         }
     }
+}
+
+/// What runs of some scenarios read that are beside each other in one directory, each with at most this number of cycles.
+///
+/// # Errors
+/// If a database of sensors cannot be read, or a scenario that names one cannot become an experiment.
+pub fn inputs_of<'a>(
+    scenarios: impl IntoIterator<Item = &'a Scenario>,
+    seed: Option<u64>,
+    cycles: Option<usize>,
+) -> Result<Inputs, ExperimentError> {
+    let mut inputs = Inputs::default();
+    for scenario in scenarios {
+        let (seed, cycles) = (seed.unwrap_or(scenario.seed), cycles.unwrap_or(scenario.cycle.count));
+        let is_new = !inputs.has_sensors_of(scenario);
+        let sensors = is_new.then(|| ground(scenario, seed, cycles)).transpose()?.map(|ground| ground.sensors);
+        inputs.add(scenario, sensors.as_ref());
+    }
+    Ok(inputs)
 }
 
 /// Of what is known when a run begins.

@@ -3,32 +3,37 @@
 mod balance;
 mod builder;
 mod error;
+mod ground;
 mod inputs;
 mod known_biases;
 mod notices;
+mod span;
 
 pub use builder::ExperimentBuilder;
 pub use error::ExperimentError;
-pub use inputs::Inputs;
+pub use ground::{Ground, ground};
+pub use inputs::{Inputs, inputs_of};
 
 use crate::event::{MethodInfo, NetworkInfo, RunInfo, StationInfo};
-use crate::kinds::{covariances, instruments};
+use crate::kinds::instruments;
 use crate::options::RunOptions;
 use crate::run::ahead::{Ahead, require_room};
 use crate::run::cycle::{Freezing, Runner};
+use crate::run::earlier::Earlier;
 use crate::run::reference::Reference;
 use crate::run::truth::Truth;
 use crate::run::units::UnitCheck;
-use crate::scenario::{Scenario, ScenarioError, TruthSettings};
+use crate::scenario::{Scenario, ScenarioError};
 use crate::scores::Failure;
-use crate::sensors::knowledge::{WarmStart, warm_start};
-use crate::sensors::{Database, SensorError, database::Missing};
+use crate::sensors::SensorError;
+use crate::sensors::knowledge::WarmStart;
 use builder::AddedMethod;
+use ground::ground_after;
 use isobar_assim::high_pass::HighPassSettings;
-use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem, SensorKnowledge, covariance};
-use isobar_model::random::stream;
-use isobar_model::{State, check_time_step};
+use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem, Recalibration};
+use isobar_model::{State, Time};
 use isobar_obs::ObservingSystem;
+use span::Span;
 use std::borrow::Cow;
 
 impl ExperimentError {
@@ -58,8 +63,6 @@ pub struct Experiment {
     pub info: RunInfo,
     /// The share of its prior variance above which a bias is not determined.
     pub variance_ratio: f64,
-    /// The first cycle that counts for the scores.
-    pub score_from_cycle: usize,
     /// Number of cycles between two in which the influence of each type of observations is computed; `None`: never.
     pub influence_every_cycles: Option<usize>,
     /// The true world; `None` where all observations are recorded.
@@ -74,6 +77,8 @@ pub struct Experiment {
     pub observing: ObservingSystem,
     /// Everything on which results depend beside the scenario's text and the options.
     pub inputs: Inputs,
+    /// The recalibrations of sensors that are known.
+    pub recalibrations: Vec<Recalibration>,
     /// What the user should know of it before it runs.
     pub warnings: Vec<String>,
     /// The methods, in the order of [`RunInfo::methods`].
@@ -116,18 +121,6 @@ impl Competitor {
     }
 }
 
-/// Everything of an experiment but its methods, which cost memory and time to set up.
-pub struct Ground {
-    /// What the methods are given.
-    pub problem: Problem,
-    /// What is known of the sensors.
-    pub sensors: WarmStart,
-    /// The true world; `None` where all observations are recorded.
-    pub truth: Option<Truth>,
-    /// What observes it.
-    pub observing: ObservingSystem,
-}
-
 /// What a scenario is found to be when nothing is wrong with it.
 pub struct Checked {
     /// What there is to know without being wrong, such as how many observations of a file can be used.
@@ -150,12 +143,13 @@ pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
     // What a method refuses depends on all that it is given, so that each is set up for once.
     if ground.problem.background.values().len() <= MOST_SET_UP {
         for name in scenario.methods.keys() {
-            method(&ground.problem, name, scenario)?;
+            method(&ground.problem, name, scenario, scenario.start)?;
         }
     }
-    let mut warnings = notices::warnings(scenario, &ground.observing, scenario.cycle.count);
+    let cycles = 1..=scenario.cycle.count;
+    let mut warnings = notices::warnings(scenario, &ground.observing, cycles.clone());
     warnings.extend(notices::of_methods(scenario, |_| true));
-    Ok(Checked { information: notices::information(scenario, &ground.observing, scenario.cycle.count), warnings })
+    Ok(Checked { information: notices::information(scenario, &ground.observing, cycles), warnings })
 }
 
 /// Whether the scenario's database of sensors can be written back, and may be, if it is to be.
@@ -175,18 +169,30 @@ impl Experiment {
 }
 
 impl ExperimentBuilder<'_> {
-    /// Sets up the experiment.
+    /// Sets up the experiment of a run that goes on from no other.
     ///
     /// # Errors
     /// Faults that the scenario's file alone does not show: files, stations, time steps, memory; the name of an added method
     /// or network.
     pub fn build(&self, options: &RunOptions) -> Result<Experiment, ExperimentError> {
+        self.build_after(options, None)
+    }
+
+    /// Sets up the experiment of a run that goes on from earlier ones, as it was before the first of them.
+    ///
+    /// # Errors
+    /// As [`ExperimentBuilder::build`].
+    pub(super) fn build_after(
+        &self,
+        options: &RunOptions,
+        earlier: Option<&Earlier>,
+    ) -> Result<Experiment, ExperimentError> {
         self.check_names()?;
         let Self { added, .. } = self;
         let scenario = &*self.scenario;
         let seed = options.seed.unwrap_or(scenario.seed);
-        let cycles = options.cycles.unwrap_or(scenario.cycle.count);
-        let Ground { problem, sensors, truth, observing } = ground(scenario, seed, cycles)?;
+        let span = Span::new(scenario, options.cycles, earlier);
+        let Ground { problem, sensors, truth, observing } = ground_after(scenario, seed, span, earlier)?;
         let inputs = Inputs::new(scenario, &sensors, added);
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
         let freezing = scenario.stability.freeze_after_cycles.map(|after_cycle| Freezing {
@@ -199,14 +205,15 @@ impl ExperimentBuilder<'_> {
         };
         let calibrated = |method: Box<dyn Assimilator>, estimates_biases: bool| {
             if estimates_biases {
-                Calibrated::new(method, &problem.calibration, scenario.start, sensors.knowledge.clone())
+                Calibrated::new(method, &problem.calibration, span.start, sensors.knowledge.clone())
             } else {
                 method.into()
             }
         };
         let (mut methods, mut infos) = (Vec::new(), Vec::new());
         for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
-            let build = || Ok(calibrated(self::method(&problem, name, scenario)?, method.estimates_biases()));
+            let build =
+                || Ok(calibrated(self::method(&problem, name, scenario, span.start)?, method.estimates_biases()));
             let runner = watched(Runner::new::<_, ExperimentError>(build)?);
             let (smoother_lag_cycles, estimates_biases) = (runner.smoother_lag(), runner.estimates_biases());
             let bias_known = method.bias == BiasTreatment::Known;
@@ -253,9 +260,10 @@ impl ExperimentBuilder<'_> {
             seed,
             layout: problem.background.layout().clone(),
             projection: scenario.grid.projection.clone(),
-            start: scenario.start,
+            start: span.start,
             window: scenario.cycle.window,
-            cycles,
+            done: span.done,
+            cycles: span.last,
             score_from_cycle: scenario.cycle.score_from_cycle,
             lead_times: scenario.forecast,
             calibration: problem.calibration.clone(),
@@ -263,17 +271,16 @@ impl ExperimentBuilder<'_> {
             has_truth: truth.is_some(),
             keeps_sensors: scenario.sensors.is_some(),
             networks: networks.collect(),
-            notes: notices::information(scenario, &observing, cycles),
+            notes: notices::information(scenario, &observing, span.cycles()),
             stations: stations.collect(),
         };
         let steps = problem_steps(scenario, &problem);
         let mut warnings = sensors.warnings;
-        warnings.extend(notices::warnings(scenario, &observing, cycles));
+        warnings.extend(notices::warnings(scenario, &observing, span.cycles()));
         warnings.extend(notices::of_methods(scenario, chosen));
         Ok(Experiment {
             info,
             variance_ratio: scenario.stability.variance_ratio,
-            score_from_cycle: scenario.cycle.score_from_cycle,
             influence_every_cycles: scenario.influence_every_cycles,
             truth,
             climate: problem.background.clone(),
@@ -284,6 +291,7 @@ impl ExperimentBuilder<'_> {
             }),
             observing,
             inputs,
+            recalibrations: sensors.knowledge.recalibrations,
             warnings,
             methods,
         })
@@ -296,13 +304,18 @@ fn problem_steps(scenario: &Scenario, problem: &Problem) -> usize {
     scenario.cycle.window.steps_of(step).expect("the scenario's window fits its steps")
 }
 
-/// Sets up one of the scenario's methods.
+/// Sets up one of the scenario's methods, whose first cycle begins at `start`.
 ///
 /// # Errors
 /// Those of the method.
-pub fn method(problem: &Problem, name: &str, scenario: &Scenario) -> Result<Box<dyn Assimilator>, ExperimentError> {
+pub fn method(
+    problem: &Problem,
+    name: &str,
+    scenario: &Scenario,
+    start: Time,
+) -> Result<Box<dyn Assimilator>, ExperimentError> {
     let fault = |error| ExperimentError::Method { name: name.to_string(), error };
-    let method = scenario.methods[name].build(problem, &scenario.domain(), scenario.start, scenario.cycle.window);
+    let method = scenario.methods[name].build(problem, &scenario.domain(), start, scenario.cycle.window);
     let method = method.map_err(fault)?;
     if scenario.forecast.is_some() {
         require_room(&*method, scenario.methods[name].memory_limit_bytes).map_err(fault)?;
@@ -321,96 +334,6 @@ pub fn method(problem: &Problem, name: &str, scenario: &Scenario) -> Result<Box<
 fn initialisation(name: &str, scenario: &Scenario) -> Option<HighPassSettings> {
     let initialise = scenario.initialise.as_ref()?;
     initialise.methods.iter().any(|method| method == name).then_some(initialise.high_pass)
-}
-
-/// Sets up all of a scenario but its methods.
-///
-/// # Errors
-/// As [`ExperimentBuilder::build`].
-pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, ExperimentError> {
-    let grid = &scenario.grid.grid;
-    let model = scenario.model.build(grid, scenario.cycle.window)?;
-    let background = scenario.initial.build(&scenario.domain(), seed)?;
-    balance::check(scenario, &background)?;
-    check_time_step(&*model, &background).map_err(ExperimentError::TimeStep)?;
-    let build = |components| covariances::build(components, background.layout()).map_err(ExperimentError::Covariance);
-    let background_error = build(&scenario.background_error)?;
-    let has_model_error = !scenario.model_error.is_empty();
-    let model_error = has_model_error.then(|| build(&scenario.model_error)).transpose()?;
-
-    let truth = |settings: &TruthSettings| -> Result<Truth, ExperimentError> {
-        let state = match &settings.initial {
-            Some(initial) => initial.build(&scenario.domain_of(&settings.model), seed)?,
-            None => {
-                let mut state = background.clone();
-                let deviation = covariance::randomize(&*background_error, &mut stream(seed, "truth/initial"));
-                let factor = settings.background_error_scale.sqrt();
-                state.values_mut().iter_mut().zip(deviation).for_each(|(value, change)| *value += factor * change);
-                state
-            }
-        };
-        let model = settings.model.build(grid, scenario.cycle.window)?;
-        check_time_step(&*model, &state).map_err(ExperimentError::TimeStep)?;
-        let steps = scenario.cycle.window.steps_of(model.time_step()).expect("the scenario's window fits its steps");
-        let error = model_error.clone().map(|covariance| (covariance, settings.model_error_scale.sqrt()));
-        Ok(Truth::new(model, steps, cycles, error, stream(seed, "truth/model error"), state))
-    };
-    let truth = scenario.truth.as_ref().map(truth).transpose()?;
-
-    let projection = scenario.grid.projection.as_ref();
-    let Scenario { networks, start, .. } = scenario;
-    let observing =
-        ObservingSystem::new(background.layout(), projection, networks, seed, scenario.cycle.window, *start)?;
-    known_biases::check(scenario, &observing)?;
-    let sensors = sensors(scenario, &observing, cycles)?;
-    let problem = Problem {
-        model,
-        background,
-        background_error,
-        model_error,
-        calibration: sensors.calibration.clone(),
-        bias: BiasTreatment::Estimate,
-        memory_limit_bytes: u64::MAX,
-        most_observations: observing.most_observations(cycles),
-    };
-    Ok(Ground { problem, sensors, truth, observing })
-}
-
-/// What runs of some scenarios read that are beside each other in one directory, each with at most this number of cycles.
-///
-/// # Errors
-/// If a database of sensors cannot be read, or a scenario that names one cannot become an experiment.
-pub fn inputs_of<'a>(
-    scenarios: impl IntoIterator<Item = &'a Scenario>,
-    seed: Option<u64>,
-    cycles: Option<usize>,
-) -> Result<Inputs, ExperimentError> {
-    let mut inputs = Inputs::default();
-    for scenario in scenarios {
-        let (seed, cycles) = (seed.unwrap_or(scenario.seed), cycles.unwrap_or(scenario.cycle.count));
-        let is_new = !inputs.has_sensors_of(scenario);
-        let sensors = is_new.then(|| ground(scenario, seed, cycles)).transpose()?.map(|ground| ground.sensors);
-        inputs.add(scenario, sensors.as_ref());
-    }
-    Ok(inputs)
-}
-
-/// What the database of sensors knows at the start of a run; nothing without one.
-fn sensors(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> Result<WarmStart, SensorError> {
-    let calibration = observing.calibration();
-    let Some(settings) = &scenario.sensors else {
-        let knowledge = SensorKnowledge { mean: vec![0.0; calibration.len()], recalibrations: Vec::new() };
-        return Ok(WarmStart { calibration: calibration.clone(), knowledge, known: 0, warnings: Vec::new() });
-    };
-    // The first run of a chain finds nothing, and writes the database.
-    let records = if settings.writes.is_some() && !settings.database.exists() {
-        Default::default()
-    } else {
-        Database::open(&settings.database, Missing::Refuse)?.records()?
-    };
-    let end = scenario.start + scenario.cycle.window * cycles;
-    warm_start(&records, calibration, scenario.start, end)
-        .map_err(|reason| SensorError::new(&settings.database, reason))
 }
 
 /// How much was known of the sensors, in words.

@@ -3,6 +3,7 @@
 use crate::kinds::methods::Method;
 use crate::scenario::Scenario;
 use isobar_obs::{LeftOutStation, ObservingSystem};
+use std::ops::RangeInclusive;
 
 /// How many stations a warning names.
 const MOST_NAMED: usize = 5;
@@ -10,7 +11,11 @@ const MOST_NAMED: usize = 5;
 /// What there is to know without being wrong: of each network that is read from a file how many of its observations can be
 /// used, why the others cannot, and how many biases they have; which stations lie in the margin, and which of a list that
 /// covers more than the domain lie outside of it.
-pub(super) fn information(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> Vec<String> {
+pub(super) fn information(
+    scenario: &Scenario,
+    observing: &ObservingSystem,
+    cycles: RangeInclusive<usize>,
+) -> Vec<String> {
     let recorded = observing.recorded_use(cycles).flat_map(|(network, usage)| {
         let lines = std::iter::once(usage.to_string()).chain(usage.biases.iter().map(ToString::to_string));
         lines.map(|line| format!("networks.{network}: {line}")).collect::<Vec<_>>()
@@ -29,7 +34,7 @@ pub(super) fn of_methods(scenario: &Scenario, chosen: impl Fn(&String) -> bool) 
 }
 
 /// What makes the run other than the user may think.
-pub(super) fn warnings(scenario: &Scenario, observing: &ObservingSystem, cycles: usize) -> Vec<String> {
+pub(super) fn warnings(scenario: &Scenario, observing: &ObservingSystem, cycles: RangeInclusive<usize>) -> Vec<String> {
     let mut warnings = Vec::new();
     for (network, usage) in observing.recorded_use(cycles).filter(|(_, usage)| usage.usable < usage.rows) {
         let on_earth = usage.outside > 0 && usage.usable == 0 && scenario.grid.projection.is_some();

@@ -22,6 +22,7 @@ static INFO: LazyLock<RunInfo> = LazyLock::new(|| {
         projection: None,
         start: scenario.start,
         window: scenario.cycle.window,
+        done: 0,
         cycles: 10,
         score_from_cycle: 2,
         calibration: Default::default(),

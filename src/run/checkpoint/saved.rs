@@ -1,0 +1,99 @@
+//! The state of an experiment after a cycle: what a checkpoint and the final state of a run have in common.
+
+use crate::run::ahead::Ahead;
+use crate::run::cycle::Progress;
+use crate::run::experiment::{Competitor, Experiment};
+use crate::run::truth::{SavedTruth, Truth};
+use crate::scores::Failure;
+use isobar_model::State;
+use isobar_obs::SavedSystem;
+use serde::{Deserialize, Serialize};
+use std::io;
+
+/// Truth, quality control, observing systems and methods after a cycle, but for the methods' own memory, which follows in the
+/// file.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Saved {
+    /// After which cycle.
+    pub cycle: usize,
+    truth: Option<SavedTruth>,
+    reference: Option<State>,
+    observing: SavedSystem,
+    /// The methods, in the order of their memories.
+    pub methods: Vec<SavedMethod>,
+}
+
+/// What is kept of a method beside its own memory.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct SavedMethod {
+    /// Its name.
+    pub name: String,
+    /// `None` once it has failed.
+    pub progress: Option<Progress>,
+    failure: Option<Failure>,
+    ahead: Ahead,
+}
+
+impl Saved {
+    /// The state of an experiment after a cycle.
+    pub fn of(cycle: usize, experiment: &mut Experiment) -> Self {
+        let Experiment { info, truth, reference, observing, methods, .. } = experiment;
+        let methods =
+            info.methods.iter().zip(methods).map(|(own, Competitor { runner, failure, ahead, .. })| SavedMethod {
+                name: own.name.clone(),
+                progress: failure.is_none().then(|| runner.progress().clone()),
+                failure: failure.clone(),
+                ahead: ahead.clone(),
+            });
+        Self {
+            cycle,
+            methods: methods.collect(),
+            truth: truth.as_ref().map(Truth::save),
+            reference: reference.as_ref().map(|reference| reference.state().clone()),
+            observing: observing.save(),
+        }
+    }
+
+    /// Sets an experiment that has just been built to this state. It may have some of the methods only.
+    ///
+    /// # Errors
+    /// In words, if it is the state of another experiment.
+    pub fn restore(self, memories: &[Vec<u8>], experiment: &mut Experiment) -> Result<(), String> {
+        let Experiment { info, truth, reference, observing, methods, .. } = experiment;
+        let fits = self.observing.cycle() == self.cycle && (1..=info.cycles).contains(&self.cycle);
+        let fits = fits && memories.len() == self.methods.len();
+        let reference_fits = match (reference, self.reference) {
+            (Some(reference), Some(saved)) => reference.restore(saved),
+            (reference, saved) => reference.is_none() && saved.is_none(),
+        };
+        let truth_fits = match (truth, self.truth) {
+            (Some(truth), Some(saved)) => truth.restore(saved),
+            (truth, saved) => truth.is_none() && saved.is_none(),
+        };
+        if !fits || !reference_fits || !truth_fits {
+            return Err("it is not one of this experiment".into());
+        }
+        observing.restore(&self.observing).map_err(|error| error.to_string())?;
+        let mut saved: Vec<(SavedMethod, &Vec<u8>)> = self.methods.into_iter().zip(memories).collect();
+        for (own, competitor) in info.methods.iter().zip(methods) {
+            let place = saved.iter().position(|(saved, _)| saved.name == own.name);
+            let (saved, memory) = saved.swap_remove(place.ok_or("it is not one of this experiment")?);
+            if saved.progress.is_some() == saved.failure.is_some() || !saved.ahead.fits(self.cycle, info) {
+                return Err("a method has neither memory nor a failure, or forecasts of another run".into());
+            }
+            if let Some(progress) = saved.progress {
+                let restored = competitor.runner.restore(memory, progress, &info.layout);
+                restored.map_err(|error| error.to_string())?;
+            }
+            competitor.ahead = saved.ahead;
+            competitor.failure = saved.failure;
+        }
+        Ok(())
+    }
+}
+
+/// The memory of each method, made one after the other; empty for one that has failed.
+pub fn memories(experiment: &Experiment) -> impl Iterator<Item = io::Result<Vec<u8>>> {
+    let memory = |it: &Competitor| if it.failure.is_none() { it.runner.save() } else { Ok(Vec::new()) };
+    experiment.methods.iter().map(move |it| memory(it).map_err(io::Error::other))
+}

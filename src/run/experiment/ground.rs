@@ -1,0 +1,110 @@
+//! All of an experiment but its methods: model, truth, observing system, covariances, what is known of the sensors.
+
+use super::balance;
+use super::error::ExperimentError;
+use super::known_biases;
+use super::span::Span;
+use crate::kinds::covariances;
+use crate::run::earlier::Earlier;
+use crate::run::truth::Truth;
+use crate::scenario::{Scenario, TruthSettings};
+use crate::sensors::knowledge::{WarmStart, warm_start};
+use crate::sensors::{Database, SensorError, database::Missing};
+use isobar_assim::{BiasTreatment, Problem, SensorKnowledge, covariance};
+use isobar_model::check_time_step;
+use isobar_model::random::stream;
+use isobar_obs::ObservingSystem;
+
+/// Everything of an experiment but its methods, which cost memory and time to set up.
+pub struct Ground {
+    /// What the methods are given.
+    pub problem: Problem,
+    /// What is known of the sensors.
+    pub sensors: WarmStart,
+    /// The true world; `None` where all observations are recorded.
+    pub truth: Option<Truth>,
+    /// What observes it.
+    pub observing: ObservingSystem,
+}
+
+/// Sets up all of a scenario but its methods.
+///
+/// # Errors
+/// As [`ExperimentBuilder::build`](super::ExperimentBuilder::build).
+pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, ExperimentError> {
+    ground_after(scenario, seed, Span::new(scenario, Some(cycles), None), None)
+}
+
+/// The same of a run that goes on from earlier ones.
+pub(super) fn ground_after(
+    scenario: &Scenario,
+    seed: u64,
+    span: Span,
+    earlier: Option<&Earlier>,
+) -> Result<Ground, ExperimentError> {
+    let grid = &scenario.grid.grid;
+    let model = scenario.model.build(grid, scenario.cycle.window)?;
+    let background = scenario.initial.build(&scenario.domain(), seed)?;
+    balance::check(scenario, &background)?;
+    check_time_step(&*model, &background).map_err(ExperimentError::TimeStep)?;
+    let build = |components| covariances::build(components, background.layout()).map_err(ExperimentError::Covariance);
+    let background_error = build(&scenario.background_error)?;
+    let has_model_error = !scenario.model_error.is_empty();
+    let model_error = has_model_error.then(|| build(&scenario.model_error)).transpose()?;
+
+    let truth = |settings: &TruthSettings| -> Result<Truth, ExperimentError> {
+        let state = match &settings.initial {
+            Some(initial) => initial.build(&scenario.domain_of(&settings.model), seed)?,
+            None => {
+                let mut state = background.clone();
+                let deviation = covariance::randomize(&*background_error, &mut stream(seed, "truth/initial"));
+                let factor = settings.background_error_scale.sqrt();
+                state.values_mut().iter_mut().zip(deviation).for_each(|(value, change)| *value += factor * change);
+                state
+            }
+        };
+        let model = settings.model.build(grid, scenario.cycle.window)?;
+        check_time_step(&*model, &state).map_err(ExperimentError::TimeStep)?;
+        let steps = scenario.cycle.window.steps_of(model.time_step()).expect("the scenario's window fits its steps");
+        let error = model_error.clone().map(|covariance| (covariance, settings.model_error_scale.sqrt()));
+        Ok(Truth::new(model, steps, span.last, error, stream(seed, "truth/model error"), state))
+    };
+    let truth = scenario.truth.as_ref().map(truth).transpose()?;
+
+    let projection = scenario.grid.projection.as_ref();
+    let (networks, window) = (&scenario.networks, scenario.cycle.window);
+    let observing = ObservingSystem::new(background.layout(), projection, networks, seed, window, span.start)?;
+    known_biases::check(scenario, &observing)?;
+    let mut sensors = sensors(scenario, &observing, span)?;
+    if let Some((calibration, known)) = earlier.and_then(|earlier| earlier.sensors.as_ref()) {
+        sensors.go_on(calibration, known, span.start + window * span.done);
+    }
+    let problem = Problem {
+        model,
+        background,
+        background_error,
+        model_error,
+        calibration: sensors.calibration.clone(),
+        bias: BiasTreatment::Estimate,
+        memory_limit_bytes: u64::MAX,
+        most_observations: observing.most_observations(span.cycles()),
+    };
+    Ok(Ground { problem, sensors, truth, observing })
+}
+
+/// What the database of sensors knows at the start of a run, or of the first of those from which it goes on; nothing without one.
+fn sensors(scenario: &Scenario, observing: &ObservingSystem, span: Span) -> Result<WarmStart, SensorError> {
+    let calibration = observing.calibration();
+    let Some(settings) = &scenario.sensors else {
+        let knowledge = SensorKnowledge { mean: vec![0.0; calibration.len()], recalibrations: Vec::new() };
+        return Ok(WarmStart { calibration: calibration.clone(), knowledge, known: 0, warnings: Vec::new() });
+    };
+    // The first run of a chain finds nothing, and writes the database.
+    let records = if settings.writes.is_some() && !settings.database.exists() {
+        Default::default()
+    } else {
+        Database::open(&settings.database, Missing::Refuse)?.records()?
+    };
+    let end = span.start + scenario.cycle.window * span.last;
+    warm_start(&records, calibration, span.start, end).map_err(|reason| SensorError::new(&settings.database, reason))
+}
