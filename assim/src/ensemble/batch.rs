@@ -258,7 +258,7 @@ mod tests {
     /// The weights of one place, from all observations and the eigenvectors of its matrix.
     fn dense(all: &LocalObservations<'_>, here: (f64, f64), last: f64) -> (Option<Mat<f64>>, f64) {
         let WhitenedObservations { perturbations, departures, rounding } = all.whitened;
-        let roots: Vec<f64> = all.places.iter().map(|&place| all.taper.weight(here, place).sqrt()).collect();
+        let roots: Vec<f64> = all.places.iter().map(|&place| all.taper.weight(here, place).max(0.0).sqrt()).collect();
         if roots.iter().all(|root| *root == 0.0) {
             return (None, last);
         }
@@ -332,7 +332,7 @@ mod tests {
                             Some(_) => 3,
                         }] += 1;
                         // Of eigenvalues, in either way.
-                        let roots = places.iter().map(|&place| taper.weight(here, place).sqrt()).enumerate();
+                        let roots = places.iter().map(|&place| taper.weight(here, place).max(0.0).sqrt()).enumerate();
                         let square = near.inflation * all.sizes(roots).perturbations;
                         let rounding = 8.0 * f64::EPSILON * square.min(Sizes::LARGEST_SQUARE);
                         for vector in 0..vectors {

@@ -98,7 +98,7 @@ mod tests {
                 );
             }
             // Few of them do.
-            assert!(fractions.shifts.len() as f64 <= 5.0 + 1.8 * largest.ln(), "{}", fractions.shifts.len());
+            assert!(fractions.shifts.len() as f64 <= 6.0 + 1.8 * largest.ln(), "{}", fractions.shifts.len());
         }
     }
 }
