@@ -3,11 +3,13 @@
 use super::arguments::ListArguments;
 use super::console::{print, show, width};
 use super::lookup;
-use crate::kinds::reference::{self, KeyReference, Reference};
+use crate::reference::{self, Reference};
 use crate::scenario::Scenario;
-use crate::tables::{Cell, Table};
+use crate::shipped;
+use crate::tables::{Cell, Table, keys};
 use crate::text::{clean, listed, nearest};
 use miette::{Report, miette};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Lists the kinds that a scenario may choose from, the keys of one of them, or the scenarios.
@@ -42,37 +44,39 @@ fn kinds(reference: &Reference, name: Option<&str>) -> Result<String, Report> {
         let help = format!("{near}there are: {}", listed(names()));
         return Err(miette!(help = help, "there is no kind `{}` of {}", clean(name), reference.title.to_lowercase()));
     };
-    let row = |KeyReference { name, unit, allowed, default, meaning }: &KeyReference| {
-        [name.as_str(), *unit, allowed.as_str(), default.as_str(), *meaning].map(Cell::from).into()
-    };
-    let keys = Table::new(&["key", "unit", "value", "default", "meaning"], kind.keys.iter().map(row).collect());
-    Ok(match keys.filled() {
+    Ok(match keys::table(&kind.keys).filled() {
         None => format!("{}. It has no keys.", kind.about),
         Some(keys) => format!("{}\n\n{}", kind.about, keys.terminal(width())),
     })
 }
 
-/// Lists the scenarios in ./scenarios; those that are not valid are reported after the list.
+/// Lists the scenarios in ./scenarios and those inside the program; those that are not valid are reported after the list.
 fn scenarios() -> Result<ExitCode, Report> {
-    let (mut rows, mut faults) = (Vec::new(), Vec::new());
-    let paths = lookup::all()?;
-    if paths.is_empty() {
-        return Err(miette!(
-            help = "`isobar init` writes a scenario to start from",
-            "there are no scenarios in ./scenarios"
-        ));
-    }
-    for path in paths {
-        match Scenario::load(&path) {
-            Ok(scenario) => {
-                let grid = format!("{} × {}", scenario.grid.grid.nx, scenario.grid.grid.ny);
-                let methods = methods(&scenario);
-                rows.push([scenario.name, scenario.title, grid, methods].map(Cell::from).into());
+    let mut faults = Vec::new();
+    let (inside, outside): (Vec<PathBuf>, _) = lookup::known()?.into_iter().partition(|path| shipped::contains(path));
+    let mut tables = Vec::new();
+    for (title, paths) in [("In ./scenarios", outside), ("In isobar", inside)] {
+        let mut rows = Vec::new();
+        for path in paths {
+            match Scenario::load(&path) {
+                Ok(scenario) => {
+                    let grid = format!("{} × {}", scenario.grid.grid.nx, scenario.grid.grid.ny);
+                    let methods = methods(&scenario);
+                    rows.push([scenario.name, scenario.title, grid, methods].map(Cell::from).into());
+                }
+                Err(error) => faults.push(Report::from(error)),
             }
-            Err(error) => faults.push(Report::from(error)),
+        }
+        let table = Table::new(&["scenario", "title", "grid", "methods"], rows).filled();
+        tables.extend(table.map(|table| (title, table.terminal(width()))));
+    }
+    match tables.as_slice() {
+        [(_, only)] => print(only)?,
+        tables => {
+            let shown = tables.iter().map(|(title, table)| format!("{title}\n{table}"));
+            print(&shown.collect::<Vec<_>>().join("\n\n"))?;
         }
     }
-    print(&Table::new(&["scenario", "title", "grid", "methods"], rows).terminal(width()))?;
     faults.iter().for_each(show);
     Ok(if faults.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

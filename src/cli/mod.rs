@@ -3,9 +3,11 @@
 mod arguments;
 mod check;
 mod compare;
+mod completions;
 mod console;
 mod diagnose;
 mod exact;
+mod explain;
 mod init;
 mod launch;
 mod list;
@@ -57,7 +59,10 @@ fn obey(command: Command) -> Result<ExitCode, Report> {
         Command::Run(arguments) => run::run(&arguments),
         Command::Check(arguments) => check::check(&arguments),
         Command::List(arguments) => list::list(&arguments),
-        Command::Init { path } => init::init(&path),
+        Command::Init(arguments) => init::init(&arguments),
+        Command::Explain { key } => explain::explain(key.as_deref()),
+        Command::Completions { shell } => completions::print(shell),
+        Command::Schema => explain::schema(),
         Command::Resume(arguments) => resume::resume(&arguments),
         Command::Regress(arguments) => regress::regress(&arguments),
         Command::View { run } => view::view(&run),

@@ -9,6 +9,7 @@ use crate::options::RunOptions;
 use crate::progress::Progress;
 use crate::scenario::{Scenario, accept};
 use crate::scores::{Expected, Regression, Summary};
+use crate::shipped;
 use miette::{IntoDiagnostic, Report, miette};
 use std::process::ExitCode;
 
@@ -21,6 +22,11 @@ pub fn regress(arguments: &RegressArguments) -> Result<ExitCode, Report> {
     };
     if scenarios.is_empty() {
         return Err(miette!("there are no scenarios in ./scenarios"));
+    }
+    if let Some(inside) = scenarios.iter().find(|it| arguments.accept && shipped::contains(&it.path)) {
+        let file = format!("{}.toml", inside.name);
+        let help = format!("`isobar init --from {} {file}` makes a file of it", inside.name);
+        return Err(miette!(help = help, "{} is inside the program, and its scores stay as they are", inside.name));
     }
     interrupt::listen();
     let mut code = ExitCode::SUCCESS;
@@ -40,7 +46,7 @@ pub fn regress(arguments: &RegressArguments) -> Result<ExitCode, Report> {
     Ok(code)
 }
 
-/// All scenarios in ./scenarios but those that are run only when they are named.
+/// All scenarios in ./scenarios, or else inside the program, but those that are run only when they are named.
 fn all() -> Result<Vec<Scenario>, Report> {
     let mut scenarios = Vec::new();
     for path in lookup::all()? {

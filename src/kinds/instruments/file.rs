@@ -2,21 +2,21 @@
 
 use super::common::{ASSIMILATE, at_file};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Absent, Choice, Described, Key, Limits, Read, files};
+use crate::reader::{Absent, Choice, Described, Form, Key, Limits, Read, files};
 use isobar_model::Duration;
 use isobar_obs::{InstrumentSettings, ObservationFile, RecordedSettings, WindAxes};
 
 const FILE: Key<Described> = Key::required(
     "file",
     "",
-    Described("a CSV file with a line for each observation: its time, place, variable, value and error"),
+    Described("a CSV file with a line for each observation: its time, place, variable, value and error", Form::text),
     "the observations",
 );
 
 const VARIABLE: Key<Described> = Key::absent(
     "variable",
     "",
-    Described("a variable of the model"),
+    Described("a variable of the model", Form::text),
     Absent::Explained("as the file says, or the model's only variable"),
     "the observed variable, for a file without a column `variable`",
 );
@@ -32,7 +32,7 @@ const SIGMA: Key<Limits> = Key::absent(
 const MISSING: Key<Described> = Key::absent(
     "missing",
     "of the variable",
-    Described("a list of numbers, such as [-9999]"),
+    Described("a list of numbers, such as [-9999]", Form::numbers),
     Absent::Explained("values that usually mark a missing one are refused"),
     "values that mark a missing one; rows with them are counted, and not used",
 );
