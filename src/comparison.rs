@@ -12,6 +12,8 @@ use crate::scores::statistics::{Difference, difference, root_interval};
 use crate::scores::{Against, Score, Values};
 use crate::tables::{Cell, NONE, Table, figure};
 use crate::text::shown_path;
+use serde_json::{Value, json};
+use std::path::Path;
 
 /// Curves that a figure shows at most.
 const MOST_CURVES: usize = 14;
@@ -54,17 +56,58 @@ impl Comparison {
 
     /// The differences of every run from the first, method by method.
     pub fn between_runs(&self) -> Differences {
-        let pairs: Vec<_> = self
-            .entries()
-            .filter(|entry| entry.run > 0)
-            .filter_map(|entry| Some((self.entries().find(|first| first.run == 0 && first.name == entry.name)?, entry)))
-            .collect();
+        let pairs = self.pairs_between_runs();
         let words = pairs.iter().filter_map(|&(first, second)| self.in_words(first, second)).collect();
         Differences { words, table: self.differences(pairs) }
     }
 
     /// The differences of every method from the best one of its run.
     pub fn within_runs(&self) -> Differences {
+        let pairs = self.pairs_within_runs();
+        let words = pairs.iter().filter_map(|&(best, other)| self.in_words(other, best)).collect();
+        Differences { words, table: self.differences(pairs) }
+    }
+
+    /// All differences for a program, without rounding; `page` is where the page is.
+    pub fn json(&self, page: &Path) -> Value {
+        let run = |(number, (run, _)): (usize, &(SavedRun, Scores))| {
+            let it = &run.summary;
+            json!({ "run": label(number), "directory": shown_path(&run.directory), "scenario": it.scenario, "seed": it.seed })
+        };
+        let columns = self.columns();
+        let entry = |entry: Entry<'_>| json!({ "run": label(entry.run), "method": entry.name });
+        let mut differences = Vec::new();
+        for (first, second) in self.pairs_between_runs().into_iter().chain(self.pairs_within_runs()) {
+            for score in &columns {
+                let Some(it) = self.difference(first, second, &score.key()) else { continue };
+                let variable = Some(score.variable.0).filter(|name| !name.is_empty());
+                differences.push(json!({
+                    "of": entry(second),
+                    "from": entry(first),
+                    "score": score.kind.name,
+                    "variable": variable,
+                    "unit": score.unit(),
+                    "difference": it.difference,
+                    "low": it.interval.map(|it| it.low),
+                    "high": it.interval.map(|it| it.high),
+                    "significant": it.is_significant(),
+                }));
+            }
+        }
+        let runs: Vec<Value> = self.runs.iter().enumerate().map(run).collect();
+        json!({ "runs": runs, "differences": differences, "page": shown_path(page) })
+    }
+
+    /// Each method of the first run with those of the same name in the others.
+    fn pairs_between_runs(&self) -> Vec<(Entry<'_>, Entry<'_>)> {
+        self.entries()
+            .filter(|entry| entry.run > 0)
+            .filter_map(|entry| Some((self.entries().find(|first| first.run == 0 && first.name == entry.name)?, entry)))
+            .collect()
+    }
+
+    /// The best method of each run with the others.
+    fn pairs_within_runs(&self) -> Vec<(Entry<'_>, Entry<'_>)> {
         let mut pairs = Vec::new();
         for run in 0..self.runs.len() {
             let own = || self.entries().filter(move |entry| entry.run == run);
@@ -77,8 +120,7 @@ impl Comparison {
             let Some(best) = own().min_by(|a, b| error(a).total_cmp(&error(b))) else { continue };
             pairs.extend(own().filter(|entry| entry.name != best.name).map(|entry| (best, entry)));
         }
-        let words = pairs.iter().filter_map(|&(best, other)| self.in_words(other, best)).collect();
-        Differences { words, table: self.differences(pairs) }
+        pairs
     }
 
     /// The page.

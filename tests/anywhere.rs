@@ -140,7 +140,7 @@ fn an_interrupted_run_of_a_scenario_inside_the_program_goes_on() {
     let has_checkpoint = || {
         let working = fs::read_dir(here.join("out")).ok()?.next()?.ok()?.path();
         let mut names = fs::read_dir(working).ok()?.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
-        names.find(|name| name.starts_with("checkpoint"))
+        names.find(|name| name.starts_with("checkpoint") && !name.contains('.'))
     };
     while has_checkpoint().is_none() && child.try_wait().unwrap().is_none() {
         assert!(begun.elapsed() < Duration::from_secs(60), "there is no checkpoint");

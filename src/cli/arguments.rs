@@ -98,6 +98,9 @@ pub enum Command {
         /// Directories of runs
         #[arg(required = true, value_name = "OUT")]
         runs: Vec<PathBuf>,
+        /// Print them as JSON, with all digits
+        #[arg(long)]
+        json: bool,
     },
     /// Keep what is known of sensors from run to run: calibrations, test points, recalibrations
     Sensors {
@@ -145,8 +148,18 @@ const LIST_EXAMPLES: &str = "Examples:
   isobar list --methods letkf                    the keys of one of them, with units, ranges and defaults";
 
 #[derive(Args, Debug)]
-#[group(multiple = false)]
 pub struct ListArguments {
+    #[command(flatten)]
+    pub of: ListedKinds,
+    /// Print the list as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// The kinds that are listed instead of scenarios.
+#[derive(Args, Debug)]
+#[group(multiple = false)]
+pub struct ListedKinds {
     /// List the kinds of methods, or the keys of one
     #[arg(long, value_name = "KIND")]
     pub methods: Option<Option<String>>,
@@ -166,7 +179,7 @@ pub struct ListArguments {
 
 const RUN_EXAMPLES: &str = "Examples:
   isobar run quickstart
-  isobar run quickstart --cycles 4 --no-netcdf --no-rerun
+  isobar run quickstart --cycles 10 --no-netcdf --no-rerun
   isobar run mine.toml --seed 7 --out results --overwrite
   isobar run fkf_linear --seeds 10 --against kf  mean scores over ten seeds, and whether the differences are chance";
 
@@ -199,6 +212,9 @@ pub struct RunArguments {
     /// Show no progress
     #[arg(long, short)]
     pub quiet: bool,
+    /// Print the scores as JSON
+    #[arg(long)]
+    pub json: bool,
     #[command(flatten)]
     pub outputs: OutputArguments,
     /// Run this number of seeds, from the scenario's or --seed on, and report mean scores and differences over them
@@ -307,6 +323,9 @@ pub struct CompareArguments {
     /// Replace the page of an earlier comparison
     #[arg(long, short = 'f')]
     pub overwrite: bool,
+    /// Print the differences as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 #[derive(Args, Debug)]
@@ -317,6 +336,9 @@ pub struct CheckArguments {
     /// Database of sensors that `isobar run --sensors` is to be given
     #[arg(long, value_name = "FILE")]
     pub sensors: Option<PathBuf>,
+    /// Print what was found as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 #[derive(Args, Debug)]

@@ -40,6 +40,11 @@ pub fn print(text: &str) -> Result<(), Report> {
     write(format!("{}\n", printable(text)).as_bytes())
 }
 
+/// Prints a value as JSON.
+pub fn print_json(value: &serde_json::Value) -> Result<(), Report> {
+    write(format!("{value:#}\n").as_bytes())
+}
+
 /// Prints what is for a program, to the letter.
 pub fn write(bytes: &[u8]) -> Result<(), Report> {
     use std::io::{ErrorKind, Write};

@@ -1,9 +1,9 @@
 //! `isobar explain` and `isobar schema`.
 
 use super::console::{print, width};
-use crate::reference::{Explanation, explain as find, schema as make_schema, sections};
+use crate::reference::{Explanation, KeyReference, explain as find, schema as make_schema, sections};
 use crate::tables::terminal::sentences;
-use crate::tables::{Cell, Table, keys};
+use crate::tables::{Cell, Table};
 use miette::{IntoDiagnostic, Report, miette};
 use std::process::ExitCode;
 
@@ -11,7 +11,7 @@ use std::process::ExitCode;
 pub fn explain(key: Option<&str>) -> Result<ExitCode, Report> {
     let text = match key {
         None => {
-            let row = |key: crate::reference::KeyReference| [key.name, key.default, key.meaning].map(Cell::from).into();
+            let row = |key: KeyReference| [key.name, key.default, key.meaning].map(Cell::from).into();
             Table::new(&["key", "default", "meaning"], sections().into_iter().map(row).collect()).terminal(width())
         }
         Some(key) => text(&find(key).map_err(|unknown| miette!(help = unknown.help.clone(), "{}", unknown.message))?),
@@ -40,8 +40,16 @@ fn text(found: &Explanation) -> String {
         let row = |(name, about): &(&str, &str)| [*name, *about].map(Cell::from).into();
         parts.push(Table::new(&["kind", "what it is"], found.kinds.iter().map(row).collect()).terminal(width()));
     }
-    parts.extend(keys::table(&found.inner).filled().map(|table| table.terminal(width())));
+    parts.extend(table(&found.inner).filled().map(|table| table.terminal(width())));
     parts.join("\n\n")
+}
+
+/// A row for each key.
+pub fn table(keys: &[KeyReference]) -> Table {
+    let row = |KeyReference { name, unit, allowed, default, meaning }: &KeyReference| {
+        [name.as_str(), *unit, allowed, default, meaning].map(Cell::from).into()
+    };
+    Table::new(&["key", "unit", "value", "default", "meaning"], keys.iter().map(row).collect())
 }
 
 /// Prints the JSON schema of scenario files.

@@ -1,14 +1,15 @@
 //! `isobar list`.
 
 use super::arguments::ListArguments;
-use super::console::{print, show, width};
-use super::lookup;
-use crate::reference::{self, Reference};
+use super::console::{print, print_json, show, width};
+use super::{explain, lookup};
+use crate::reference::{self, KindReference, Reference};
 use crate::scenario::Scenario;
 use crate::shipped;
-use crate::tables::{Cell, Table, keys};
-use crate::text::{clean, listed, nearest};
+use crate::tables::{Cell, Table};
+use crate::text::{clean, listed, nearest, shown_path};
 use miette::{Report, miette};
+use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -16,27 +17,31 @@ use std::process::ExitCode;
 pub fn list(arguments: &ListArguments) -> Result<ExitCode, Report> {
     for reference in reference::all() {
         let chosen = match reference.option {
-            "methods" => &arguments.methods,
-            "models" => &arguments.models,
-            "initial" => &arguments.initial,
-            "covariances" => &arguments.covariances,
-            "instruments" => &arguments.instruments,
+            "methods" => &arguments.of.methods,
+            "models" => &arguments.of.models,
+            "initial" => &arguments.of.initial,
+            "covariances" => &arguments.of.covariances,
+            "instruments" => &arguments.of.instruments,
             option => unreachable!("--{option} is no option"),
         };
         if let Some(kind) = chosen {
-            print(&kinds(&reference, kind.as_deref())?)?;
+            print_kinds(&reference, kind.as_deref(), arguments.json)?;
             return Ok(ExitCode::SUCCESS);
         }
     }
-    scenarios()
+    if arguments.json { scenarios_as_json() } else { scenarios() }
 }
 
 /// All kinds of a list with a line about each, or the keys of one.
-fn kinds(reference: &Reference, name: Option<&str>) -> Result<String, Report> {
+fn print_kinds(reference: &Reference, name: Option<&str>, as_json: bool) -> Result<(), Report> {
     let all = &reference.kinds;
     let Some(name) = name else {
+        if as_json {
+            let kind = |kind: &KindReference| json!({ "kind": kind.name, "about": kind.about });
+            return print_json(&json!({ "kinds": all.iter().map(kind).collect::<Vec<_>>() }));
+        }
         let rows = all.iter().map(|kind| [kind.name, kind.about].map(Cell::from).into());
-        return Ok(Table::new(&["kind", "what it is"], rows.collect()).terminal(width()));
+        return print(&Table::new(&["kind", "what it is"], rows.collect()).terminal(width()));
     };
     let Some(kind) = all.iter().find(|kind| kind.name == name) else {
         let names = || all.iter().map(|kind| kind.name);
@@ -44,9 +49,43 @@ fn kinds(reference: &Reference, name: Option<&str>) -> Result<String, Report> {
         let help = format!("{near}there are: {}", listed(names()));
         return Err(miette!(help = help, "there is no kind `{}` of {}", clean(name), reference.title.to_lowercase()));
     };
-    Ok(match keys::table(&kind.keys).filled() {
+    if as_json {
+        return print_json(&json!({ "kind": kind.name, "about": kind.about, "keys": kind.keys }));
+    }
+    print(&match explain::table(&kind.keys).filled() {
         None => format!("{}. It has no keys.", kind.about),
         Some(keys) => format!("{}\n\n{}", kind.about, keys.terminal(width())),
+    })
+}
+
+/// The same list for a program.
+fn scenarios_as_json() -> Result<ExitCode, Report> {
+    let (mut scenarios, mut faults) = (Vec::new(), Vec::new());
+    for path in lookup::known()? {
+        match Scenario::load(&path) {
+            Ok(scenario) => scenarios.push(described(&scenario)),
+            Err(error) => faults.push(Report::from(error)),
+        }
+    }
+    print_json(&json!({ "scenarios": scenarios }))?;
+    faults.iter().for_each(show);
+    Ok(if faults.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// A scenario in short, for a program.
+pub fn described(scenario: &Scenario) -> Value {
+    let grid = &scenario.grid.grid;
+    let variable = |(name, unit): &(&str, &str)| json!({ "name": name, "unit": unit });
+    json!({
+        "scenario": scenario.name,
+        "file": shown_path(&scenario.path),
+        "title": scenario.title,
+        "phenomenon": scenario.phenomenon,
+        "grid": { "nx": grid.nx, "ny": grid.ny, "dx_km": grid.dx_m / 1e3, "dy_km": grid.dy_m / 1e3 },
+        "variables": scenario.model.variables().iter().map(variable).collect::<Vec<_>>(),
+        "cycles": scenario.cycle.count,
+        "window_hours": scenario.cycle.window.hours(),
+        "methods": scenario.methods.iter().map(|(name, method)| json!({ "name": name, "kind": method.kind })).collect::<Vec<_>>(),
     })
 }
 

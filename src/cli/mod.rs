@@ -7,10 +7,13 @@ mod completions;
 mod console;
 mod diagnose;
 mod exact;
+#[cfg(test)]
+mod examples;
 mod explain;
 mod init;
 mod launch;
 mod list;
+mod long;
 mod lookup;
 mod messages;
 mod outputs;
@@ -19,6 +22,7 @@ mod resume;
 mod run;
 mod seeds;
 mod sensors;
+mod shown;
 mod sweep;
 mod threads;
 mod view;
@@ -70,7 +74,7 @@ fn obey(command: Command) -> Result<ExitCode, Report> {
         Command::Compare(arguments) => compare::compare(&arguments),
         Command::Sweep(arguments) => sweep::sweep(&arguments),
         Command::Exact(arguments) => exact::run(&arguments),
-        Command::Diagnose { runs } => diagnose::diagnose(&runs),
+        Command::Diagnose { runs, json } => diagnose::diagnose(&runs, json),
     }
 }
 

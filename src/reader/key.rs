@@ -229,7 +229,10 @@ impl<T: Copy + PartialEq + Send + Sync> Allowed for Choice<T> {
     type Output = T;
 
     fn words(&self) -> String {
-        format!("one of {}", listed(self.0.iter().map(|(word, _)| *word)))
+        match self.0 {
+            [(only, _)] => format!("\"{only}\""),
+            words => format!("one of {}", listed(words.iter().map(|(word, _)| *word))),
+        }
     }
 
     fn show(&self, value: &T) -> String {

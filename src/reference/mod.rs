@@ -13,6 +13,7 @@ use crate::kinds::{KIND, covariances, forms, initial, instruments, methods, mode
 use crate::reader::{AnyKey, Form, KindForm};
 use crate::scenario::keys;
 use crate::text::listed;
+use serde::Serialize;
 
 /// A list of kinds, as the reference shows it.
 pub struct Reference {
@@ -37,7 +38,7 @@ pub struct KindReference {
 }
 
 /// A key, as the reference shows it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct KeyReference {
     /// Its name; of a key in a table, after that of the table and a point.
     pub name: String,

@@ -40,6 +40,17 @@ impl<'a> Score<'a> {
         }
     }
 
+    /// Its unit in UDUNITS spelling; of scores of biases, which are averaged over several units, words.
+    pub fn unit(&self) -> &'a str {
+        match self.kind.unit {
+            Unit::Variable => self.variable.1,
+            Unit::Parameters => "that of each bias",
+            Unit::One => "1",
+            Unit::SecondsPerCycle => "s",
+            Unit::Bytes => "byte",
+        }
+    }
+
     /// Its title in files: `rmse_analysis h [m]` with the unit in UDUNITS spelling, or `bias_rmse`.
     pub fn column(&self) -> String {
         let (name, udunits) = self.variable;

@@ -5,13 +5,11 @@
 //! | [`scores`] | the scores of a run |
 //! | [`diagnostics`], [`stability`] | what the methods' diagnostics and the stability monitor found |
 //! | [`forecasts`] | forecasts ahead by lead time |
-//! | [`keys`] | keys of a scenario |
 //! | [`regression`] | scores beside the accepted ones |
 //! | [`terminal`] | how tables look on a terminal |
 
 pub mod diagnostics;
 pub mod forecasts;
-pub mod keys;
 pub mod regression;
 pub mod scores;
 pub mod stability;
