@@ -77,6 +77,18 @@ fn seeds_comparisons_and_diagnostics_are_printed_for_programs() {
     );
     assert!(here.join("comparison.html").is_file());
 
+    // Another seed, another truth: no difference of scores is one of methods.
+    json(here, &[&["run", "small.toml", "--out", "c", "--seed", "2"], &QUIET[..]].concat());
+    let other = json(here, &["compare", "a/small", "c/small", "--json", "-f"]);
+    let differences = other["differences"].as_array().unwrap();
+    let between = || differences.iter().filter(|row| row["of"]["run"] != row["from"]["run"]);
+    assert!(between().count() > 3 && between().all(|row| row["significant"].is_null()));
+    assert!(differences.iter().any(|row| row["significant"].is_boolean()), "within a run they are judged");
+    let said = text(&isobar(here, &["compare", "a/small", "c/small", "-f"]).stdout);
+    assert!(said.starts_with("A: a/small, scenario small, seed 1\nB: c/small, scenario small, seed 2\n"), "{said}");
+    let starred = said.lines().filter(|line| line.starts_with("B fkf − A fkf") && line.contains('*'));
+    assert!(said.contains("have different truths") && starred.count() == 0, "{said}");
+
     let diagnosed = json(here, &["diagnose", "a/small", "--json"]);
     let run = &diagnosed["runs"][0];
     assert_eq!((&run["units"]["h"], &run["units"]["u"]), (&"m".into(), &"m s-1".into()));

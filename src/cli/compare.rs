@@ -28,6 +28,7 @@ pub fn compare(arguments: &CompareArguments) -> Result<ExitCode, Report> {
         print_json(&comparison.json(&arguments.out))?;
         return Ok(ExitCode::SUCCESS);
     }
+    print(&format!("{}\n", comparison.legend().join("\n")))?;
     for (title, Differences { words, table }) in [
         ("Differences of the scores from run A", comparison.between_runs()),
         ("Differences of the scores from each run's best method", comparison.within_runs()),

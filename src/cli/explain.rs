@@ -4,6 +4,7 @@ use super::console::{print, width};
 use crate::reference::{Explanation, KeyReference, explain as find, schema as make_schema, sections};
 use crate::tables::terminal::sentences;
 use crate::tables::{Cell, Table};
+use crate::text::capitalised;
 use miette::{IntoDiagnostic, Report, miette};
 use std::process::ExitCode;
 
@@ -26,7 +27,7 @@ fn text(found: &Explanation) -> String {
         parts.push(sentences(&format!("{}.", found.about), width()));
     }
     for (key, kinds) in &found.keys {
-        let mut lines = vec![format!("{}.", key.meaning), format!("value: {}", key.allowed)];
+        let mut lines = vec![format!("{}.", capitalised(&key.meaning)), format!("value: {}", key.allowed)];
         if !key.unit.is_empty() {
             lines.push(format!("unit: {}", key.unit));
         }

@@ -9,6 +9,7 @@ use crate::options::RunOptions;
 use crate::progress::Progress;
 use crate::scenario::{Scenario, accept};
 use crate::scores::{Expected, Regression, Summary};
+use crate::shell::command;
 use crate::shipped;
 use miette::{IntoDiagnostic, Report, miette};
 use std::process::ExitCode;
@@ -73,6 +74,11 @@ fn regress_one(scenario: &Scenario, arguments: &RegressArguments) -> Result<bool
 
 /// Prints which scores of a scenario have moved, and accepts the new ones if asked to; whether all is well.
 fn judge(scenario: &Scenario, summary: &Summary, accept_new: bool) -> Result<bool, Report> {
+    if scenario.expected.methods.is_empty() && !accept_new {
+        let accept = command("isobar regress --accept", &[&scenario.path]);
+        print(&format!("{}: no scores were accepted yet; `{accept}` accepts those of this run", scenario.name))?;
+        return Ok(false);
+    }
     let regression = Regression::new(&scenario.expected, summary);
     print(&format!("{}: {}", scenario.name, regression.describe(width())))?;
     if !accept_new {

@@ -2,6 +2,7 @@
 
 use super::{KeyReference, all, inner, keys, row};
 use crate::reader::Form;
+use crate::text::capitalised;
 use std::fmt::Write;
 
 /// The whole reference, as `scenarios/KEYS.md` holds it.
@@ -16,7 +17,8 @@ pub fn markdown() -> String {
         let of_table = inner("", &key.form());
         // Kinds and names have places of their own.
         if matches!(key.form(), Form::Table(_) | Form::Entries(_)) && !of_table.is_empty() {
-            write!(text, "\n### `[{}]`\n\n{}.\n", key.name(), upper(key.meaning())).expect("a String takes any text");
+            write!(text, "\n### `[{}]`\n\n{}.\n", key.name(), capitalised(key.meaning()))
+                .expect("a String takes any text");
             text.push_str(&rows(of_table));
         }
     }
@@ -40,10 +42,4 @@ fn rows(keys: Vec<KeyReference>) -> String {
         writeln!(text, "| `{name}` | {unit} | {allowed} | {default} | {meaning} |").expect("a String takes any text");
     }
     text
-}
-
-/// A phrase at the beginning of a sentence.
-fn upper(phrase: &str) -> String {
-    let mut letters = phrase.chars();
-    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
 }

@@ -32,7 +32,7 @@ const BOX_KM: Key<Limits> = Key::required(
     "box_km",
     "km",
     Limits::Between(0.001, 1e6),
-    "side of the boxes within which the state is taken for constant",
+    "side of a box, over which the correction of the state is the same",
 );
 
 const COVARIANCE_SCALE: Key<Limits> = Key::absent(
@@ -40,7 +40,7 @@ const COVARIANCE_SCALE: Key<Limits> = Key::absent(
     "1",
     Limits::NonNegative,
     Absent::Means(2.0),
-    "factor on the covariance that is found",
+    "factor on the covariance of what the correction of a box leaves over",
 );
 
 const METHODS: Key<Described> = Key::absent(

@@ -41,7 +41,7 @@ const ASSUMED_DRIFT: Key<Limits> = Key::absent(
     "assumed_drift_per_sqrt_day",
     OBSERVED,
     Limits::NonNegative,
-    Absent::Explained("that of the evolution"),
+    Absent::Explained("that of a random walk, else 0"),
     "standard deviation over one day of the random walk that methods assume",
 );
 
