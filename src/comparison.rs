@@ -12,6 +12,8 @@ use crate::scores::statistics::{Difference, difference, root_interval};
 use crate::scores::{Against, Score, Values};
 use crate::tables::{Cell, NONE, Table, figure};
 use crate::text::shown_path;
+use serde_json::{Value, json};
+use std::path::Path;
 
 /// Curves that a figure shows at most.
 const MOST_CURVES: usize = 14;
@@ -52,19 +54,75 @@ impl Comparison {
         Self { runs }
     }
 
+    /// Which run each letter stands for.
+    pub fn legend(&self) -> Vec<String> {
+        let of_run = |(number, (run, _)): (usize, &(SavedRun, Scores))| {
+            let (directory, it) = (shown_path(&run.directory), &run.summary);
+            format!("{}: {directory}, scenario {}, seed {}", label(number), it.scenario, it.seed)
+        };
+        self.runs.iter().enumerate().map(of_run).collect()
+    }
+
+    /// Whether two runs are known to have different truths, so that a difference of their scores is not that of methods.
+    fn differ_in_truth(&self, first: Entry<'_>, second: Entry<'_>) -> bool {
+        let [a, b] = [first, second].map(|entry| &self.runs[entry.run].0.summary);
+        a.seed != b.seed && (a.has_truth() || b.has_truth())
+    }
+
     /// The differences of every run from the first, method by method.
     pub fn between_runs(&self) -> Differences {
-        let pairs: Vec<_> = self
-            .entries()
-            .filter(|entry| entry.run > 0)
-            .filter_map(|entry| Some((self.entries().find(|first| first.run == 0 && first.name == entry.name)?, entry)))
-            .collect();
+        let pairs = self.pairs_between_runs();
         let words = pairs.iter().filter_map(|&(first, second)| self.in_words(first, second)).collect();
         Differences { words, table: self.differences(pairs) }
     }
 
     /// The differences of every method from the best one of its run.
     pub fn within_runs(&self) -> Differences {
+        let pairs = self.pairs_within_runs();
+        let words = pairs.iter().filter_map(|&(best, other)| self.in_words(other, best)).collect();
+        Differences { words, table: self.differences(pairs) }
+    }
+
+    /// All differences for a program, without rounding; `page` is where the page is.
+    pub fn json(&self, page: &Path) -> Value {
+        let run = |(number, (run, _)): (usize, &(SavedRun, Scores))| {
+            let it = &run.summary;
+            json!({ "run": label(number), "directory": shown_path(&run.directory), "scenario": it.scenario, "seed": it.seed })
+        };
+        let columns = self.columns();
+        let entry = |entry: Entry<'_>| json!({ "run": label(entry.run), "method": entry.name });
+        let mut differences = Vec::new();
+        for (first, second) in self.pairs_between_runs().into_iter().chain(self.pairs_within_runs()) {
+            for score in &columns {
+                let Some(it) = self.difference(first, second, &score.key()) else { continue };
+                let variable = Some(score.variable.0).filter(|name| !name.is_empty());
+                differences.push(json!({
+                    "of": entry(second),
+                    "from": entry(first),
+                    "score": score.kind.name,
+                    "variable": variable,
+                    "unit": score.unit(),
+                    "difference": it.difference,
+                    "low": it.interval.map(|it| it.low),
+                    "high": it.interval.map(|it| it.high),
+                    "significant": it.is_significant().filter(|_| !self.differ_in_truth(first, second)),
+                }));
+            }
+        }
+        let runs: Vec<Value> = self.runs.iter().enumerate().map(run).collect();
+        json!({ "runs": runs, "differences": differences, "page": shown_path(page) })
+    }
+
+    /// Each method of the first run with those of the same name in the others.
+    fn pairs_between_runs(&self) -> Vec<(Entry<'_>, Entry<'_>)> {
+        self.entries()
+            .filter(|entry| entry.run > 0)
+            .filter_map(|entry| Some((self.entries().find(|first| first.run == 0 && first.name == entry.name)?, entry)))
+            .collect()
+    }
+
+    /// The best method of each run with the others.
+    fn pairs_within_runs(&self) -> Vec<(Entry<'_>, Entry<'_>)> {
         let mut pairs = Vec::new();
         for run in 0..self.runs.len() {
             let own = || self.entries().filter(move |entry| entry.run == run);
@@ -77,8 +135,7 @@ impl Comparison {
             let Some(best) = own().min_by(|a, b| error(a).total_cmp(&error(b))) else { continue };
             pairs.extend(own().filter(|entry| entry.name != best.name).map(|entry| (best, entry)));
         }
-        let words = pairs.iter().filter_map(|&(best, other)| self.in_words(other, best)).collect();
-        Differences { words, table: self.differences(pairs) }
+        pairs
     }
 
     /// The page.
@@ -111,9 +168,9 @@ impl Comparison {
         }];
         let explanation = "Differences of root-mean-square analysis errors or departures, with their 95 % intervals from cycle by cycle \
                            differences. Coloured and with a star: significant at the level of 5 %, smaller is better. Of twenty comparisons \
-                           without any real difference one looks significant. Runs of different seeds or scenarios have \
-                           different truths: a difference between them holds for these two stretches of weather, and \
-                           not for the next seed.";
+                           without any real difference one looks significant. Runs of different seeds have different \
+                           truths: a difference between them holds for these two stretches of weather, and not for the \
+                           next seed, and is not marked.";
         for (title, Differences { table, .. }) in [
             ("Differences from run A", self.between_runs()),
             ("Differences from each run's best method", self.within_runs()),
@@ -198,8 +255,9 @@ impl Comparison {
         let header = std::iter::once("difference".to_string()).chain(columns.iter().map(Self::heading)).collect();
         let row = |(first, second): (Entry<'_>, Entry<'_>)| {
             let name = format!("{} {} − {} {}", label(second.run), second.name, label(first.run), first.name);
-            let cells =
-                columns.iter().map(|score| self.difference(first, second, &score.key()).map_or(NONE.into(), cell));
+            let is_marked = !self.differ_in_truth(first, second);
+            let difference = |score: &Score<'_>| self.difference(first, second, &score.key());
+            let cells = columns.iter().map(|score| difference(score).map_or(NONE.into(), |it| cell(it, is_marked)));
             std::iter::once(name.into()).chain(cells).collect()
         };
         Table { header, rows: pairs.into_iter().map(row).collect() }
@@ -207,6 +265,13 @@ impl Comparison {
 
     /// Whether and by how much a method is better than another, in percent of the other's score with half the 95 % interval.
     fn in_words(&self, other: Entry<'_>, own: Entry<'_>) -> Option<String> {
+        let shown = |entry: Entry<'_>| format!("{} {}", label(entry.run), entry.name);
+        if self.differ_in_truth(other, own) {
+            let (own, other) = (shown(own), shown(other));
+            return Some(format!(
+                "{own} and {other} have different truths, as their seeds differ: --seeds compares methods"
+            ));
+        }
         let [mut better, mut worse, mut open, mut unknown] = [const { Vec::new() }; 4];
         for score in self.columns() {
             let Some((a, b)) = self.paired(other, own, &score.key()) else { continue };
@@ -229,7 +294,6 @@ impl Comparison {
                 None => unknown.push(name),
             }
         }
-        let shown = |entry: Entry<'_>| format!("{} {}", label(entry.run), entry.name);
         let parts = [
             ("better than", "", better),
             ("worse than", "", worse),
@@ -288,11 +352,11 @@ fn squares(entry: &Entry<'_>, key: &str, from: usize) -> Option<Vec<(usize, f64)
     (!squares.is_empty()).then_some(squares)
 }
 
-/// A difference with its interval; a star marks significance.
-fn cell(it: Difference) -> Cell {
+/// A difference with its interval; a star marks significance, where that `is_marked`.
+fn cell(it: Difference, is_marked: bool) -> Cell {
     let signed = |value: f64| format!("{}{}", if value > 0.0 { "+" } else { "" }, figure(value));
     let note = it.interval.map_or("too few cycles".into(), |at| format!("{} … {}", signed(at.low), signed(at.high)));
-    let class = match it.is_significant() {
+    let class = match it.is_significant().filter(|_| is_marked) {
         Some(true) if it.difference < 0.0 => "better",
         Some(true) => "worse",
         _ => "open",

@@ -7,7 +7,9 @@
 //! | module | what it does |
 //! |---|---|
 //! | [`scenario`] | reads and checks an experiment's file |
+//! | [`shipped`] | the scenarios that are inside the program |
 //! | [`kinds`] | what a scenario chooses by name: methods, models, initial states, covariances |
+//! | [`reference`] | the reference of all keys of a scenario |
 //! | [`lead_times`] | when forecasts ahead start, and how far they go |
 //! | [`options`] | what the user changes in a run |
 //! | [`run`] | builds an experiment and runs it: the true world, its observations, each method, the scores; checkpoints |
@@ -44,12 +46,14 @@ pub mod plot;
 pub mod progress;
 mod reader;
 pub mod readings;
+pub mod reference;
 pub mod run;
 mod safe_file;
 pub mod scenario;
 pub mod scores;
 pub mod sensors;
 mod shell;
+pub mod shipped;
 pub mod tables;
 mod text;
 

@@ -1,5 +1,6 @@
 //! Paths as they are seen from a directory.
 
+use crate::shipped;
 use std::path::{Component, Path, PathBuf};
 
 /// The directory in which `path` lies.
@@ -10,10 +11,18 @@ pub(crate) fn parent_of(path: &Path) -> &Path {
     }
 }
 
+/// The path of a file that another one names: relative to that one's directory, or inside the program.
+pub(crate) fn beside(file: &Path, name: &str) -> PathBuf {
+    match Path::new(name) {
+        inside if shipped::contains(inside) => inside.to_path_buf(),
+        relative => file.parent().unwrap_or(Path::new("")).join(relative),
+    }
+}
+
 /// What leads from a directory to a file, `../stations.csv`, without links on the way; the file's absolute path where
 /// nothing does, as between two drives, and where the directories cannot be found.
 ///
-/// The directory need not be there yet.
+/// The directory need not be there yet. From anywhere, a path into the program is the same.
 pub(crate) fn seen_from(directory: &Path, file: &Path) -> PathBuf {
     let relative = || -> Option<PathBuf> {
         let name = file.file_name()?;
@@ -24,7 +33,13 @@ pub(crate) fn seen_from(directory: &Path, file: &Path) -> PathBuf {
         let up = (shared > 0).then(|| from[shared..].iter().map(|_| Component::ParentDir))?;
         Some(up.chain(to[shared..].iter().copied()).chain([Component::Normal(name)]).collect())
     };
-    relative().unwrap_or_else(|| std::path::absolute(file).unwrap_or_else(|_| file.to_path_buf()))
+    if shipped::contains(file) { file.to_path_buf() } else { relative().unwrap_or_else(|| from_root(file)) }
+}
+
+/// A path from the root, as far as there is one; one into the program stays the same.
+pub(crate) fn from_root(path: &Path) -> PathBuf {
+    let absolute = if shipped::contains(path) { None } else { std::path::absolute(path).ok() };
+    absolute.unwrap_or_else(|| path.to_path_buf())
 }
 
 /// A directory without links, as far as it is there; `None` if what is missing of it goes back up.

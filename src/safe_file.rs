@@ -5,6 +5,7 @@
 //! such as `/tmp` anyone can make them.
 
 use crate::place::parent_of;
+use crate::shipped;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
@@ -31,11 +32,14 @@ pub fn read(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
     whole(open(path)?, largest)
 }
 
-/// The same of a file that the user or a scenario has named: it may be a link to a file.
+/// The same of a file that the user or a scenario has named: it may be a link to a file, or inside the program.
 ///
 /// # Errors
 /// Those of the file system; a pipe, a device, a directory or a larger file.
 pub fn read_named(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
+    if let Some(bytes) = shipped::bytes(path) {
+        return Ok(bytes.to_vec());
+    }
     whole(regular(guarded(OpenOptions::new().read(true), 0).open(path)?)?, largest)
 }
 

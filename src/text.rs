@@ -79,15 +79,22 @@ pub(crate) fn same_length(text: &str) -> String {
     printable
 }
 
-/// The candidate most like `word`, if one is like it at all.
+/// The candidate most like `word`, if one is like it at all; else the shortest that has it as a part.
 pub(crate) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let word: String = word.chars().take(100).collect::<String>().to_lowercase();
-    candidates
-        .into_iter()
-        .map(|candidate| (jaro_winkler(&word, &candidate.to_lowercase()), candidate))
-        .filter(|&(likeness, _)| likeness >= 0.8)
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, candidate)| candidate)
+    let candidates: Vec<(String, &str)> = candidates.into_iter().map(|it| (it.to_lowercase(), it)).collect();
+    let like = candidates.iter().map(|(lower, candidate)| (jaro_winkler(&word, lower), *candidate));
+    let nearest = like.filter(|&(likeness, _)| likeness >= 0.8).max_by(|a, b| a.0.total_cmp(&b.0));
+    // A part of fewer letters would be one of too many words.
+    let with_part = candidates.iter().filter(|(lower, _)| word.len() >= 4 && lower.contains(&word));
+    let shortest = || with_part.min_by_key(|(lower, _)| lower.len());
+    nearest.map(|(_, candidate)| candidate).or_else(|| shortest().map(|(_, candidate)| *candidate))
+}
+
+/// A phrase at the beginning of a sentence.
+pub(crate) fn capitalised(phrase: &str) -> String {
+    let mut letters = phrase.chars();
+    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
 }
 
 /// Words as they stand in a sentence: `a, b, c`.
@@ -117,5 +124,7 @@ mod tests {
         assert_eq!(nearest("dx", keys), Some("dx_km"));
         assert_eq!(nearest("bondary", keys), Some("boundary"));
         assert_eq!(nearest("temperature", keys), None);
+        assert_eq!(nearest("radius_km", ["members", "localization_radius_km"]), Some("localization_radius_km"));
+        assert_eq!(nearest("_km", ["members", "localization_radius_km"]), None);
     }
 }

@@ -139,8 +139,8 @@ fn parts(folder: &str) -> Crate {
 const MEANT: [(&[&str], &str); 3] = [
     (&["increment", "state"], "the difference of two states is an increment, and an increment is added to a state"),
     (
-        &["reader/field", "reader/section", "reader/key"],
-        "a section has fields, and the value of a field may be a section",
+        &["reader/field", "reader/section", "reader/key", "reader/form"],
+        "a section has fields, the value of a field may be a section, and the form of a value is made of keys",
     ),
     (
         &["shallow_water"],

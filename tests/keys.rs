@@ -1,7 +1,7 @@
 //! The reference of kinds and keys is what the reader checks.
 
 use crate::common::{isobar, text};
-use isobar::kinds::reference;
+use isobar::reference;
 use std::fs;
 use std::path::Path;
 

@@ -4,21 +4,40 @@ use super::outputs::OutputArguments;
 use super::sensors::SensorsCommand;
 use super::threads::MOST_THREADS;
 use crate::batch::seeds::FEWEST_SEEDS;
+use crate::output::recorded::recording::VIEWER_VERSION;
+use crate::output::{OUTPUTS, Open};
+use crate::text::listed;
 use clap::{Args, Parser, Subcommand};
+use clap_complete::Shell;
+use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::path::PathBuf;
+use std::sync::LazyLock;
 
 /// A 2-D data-assimilation testbed with Lange's Fast Kalman Filter.
 #[derive(Debug, Parser)]
-#[command(version, about, after_help = EXAMPLES)]
+#[command(version, long_version = VERSION.as_str(), about, after_help = EXAMPLES)]
 pub struct Arguments {
     #[command(subcommand)]
     pub command: Command,
 }
 
+/// What `--version` says: the version, what this build can do, and the viewer for which it writes.
+static VERSION: LazyLock<String> = LazyLock::new(|| {
+    let missing = OUTPUTS.iter().filter_map(|output| match output.open {
+        Open::Available(_) | Open::ByRun => None,
+        Open::NeedsFeature(feature) => Some(feature),
+    });
+    let features = match missing.collect::<BTreeSet<_>>() {
+        missing if missing.is_empty() => "all".to_string(),
+        missing => format!("all but {}", listed(missing)),
+    };
+    format!("{}\nfeatures: {features}\nrerun viewer: {VIEWER_VERSION}", crate::VERSION)
+});
+
 const EXAMPLES: &str = "Examples:
   isobar list                                    what there is to run
-  isobar run quickstart                          run scenarios/quickstart.toml
+  isobar run quickstart                          run scenarios/quickstart.toml, or isobar's scenario of that name
   isobar run quickstart --methods free,fkf       only two of its methods
   isobar init mine.toml && isobar check mine.toml
   isobar resume out/quickstart                   continue a run that was interrupted
@@ -40,15 +59,27 @@ pub enum Command {
     Resume(ResumeArguments),
     /// Say whether scenario files are valid, without running them
     Check(CheckArguments),
-    /// List the scenarios in ./scenarios, or what they may choose from
+    /// List the scenarios in ./scenarios and in isobar, or what they may choose from
     #[command(after_help = LIST_EXAMPLES)]
     List(ListArguments),
-    /// Write a commented scenario to start from
-    Init {
-        /// The new file
-        #[arg(default_value = "scenario.toml")]
-        path: PathBuf,
+    /// Write a scenario to start from: a commented template, or another scenario with the files that it names
+    #[command(after_help = INIT_EXAMPLES)]
+    Init(InitArguments),
+    /// Say what a key of a scenario means: unit, range, default
+    #[command(after_help = EXPLAIN_EXAMPLES)]
+    Explain {
+        /// The key, with the tables and kinds that lead to it [default: all at the top of a scenario]
+        key: Option<String>,
     },
+    /// Print what makes a shell complete the arguments of isobar
+    #[command(after_help = COMPLETIONS_HELP)]
+    Completions {
+        /// The shell
+        shell: Shell,
+    },
+    /// Print a JSON schema of scenario files, for editors
+    #[command(after_help = SCHEMA_HELP)]
+    Schema,
     /// Run scenarios and compare their scores with the accepted ones in [expected]
     Regress(RegressArguments),
     /// Open the recording of a run in the rerun viewer
@@ -67,6 +98,9 @@ pub enum Command {
         /// Directories of runs
         #[arg(required = true, value_name = "OUT")]
         runs: Vec<PathBuf>,
+        /// Print them as JSON, with all digits
+        #[arg(long)]
+        json: bool,
     },
     /// Keep what is known of sensors from run to run: calibrations, test points, recalibrations
     Sensors {
@@ -77,14 +111,55 @@ pub enum Command {
     Compare(CompareArguments),
 }
 
+const INIT_EXAMPLES: &str = "Examples:
+  isobar init mine.toml                          a small scenario with a comment on every section
+  isobar init --from quickstart mine.toml        the quickstart, and stations/europe.csv beside it";
+
+#[derive(Args, Debug)]
+pub struct InitArguments {
+    /// The new file
+    #[arg(default_value = "scenario.toml", value_name = "FILE")]
+    pub path: PathBuf,
+    /// Copy this scenario instead of the template, and the files that it names to the same places beside the copy
+    #[arg(long, value_name = "SCENARIO")]
+    pub from: Option<OsString>,
+}
+
+const EXPLAIN_EXAMPLES: &str = "Examples:
+  isobar explain                                 the tables of a scenario
+  isobar explain grid.dx_km                      a key
+  isobar explain methods.letkf                   a kind of method, with its keys
+  isobar explain networks.radiosonde.bias        a key of a kind of instrument, with the keys in it";
+
+const COMPLETIONS_HELP: &str = "Examples:
+  isobar completions bash > ~/.local/share/bash-completion/completions/isobar
+  isobar completions fish > ~/.config/fish/completions/isobar.fish
+  isobar completions zsh > ~/.zfunc/_isobar      where fpath in ~/.zshrc has ~/.zfunc";
+
+const SCHEMA_HELP: &str = "Examples:
+  isobar schema > isobar.schema.json
+
+Editors with taplo, such as VS Code with Even Better TOML, complete and check the keys of a scenario that begins with
+  #:schema ./isobar.schema.json";
+
 const LIST_EXAMPLES: &str = "Examples:
-  isobar list                                    the scenarios in ./scenarios
+  isobar list                                    the scenarios in ./scenarios and in isobar
   isobar list --methods                          the kinds of methods
   isobar list --methods letkf                    the keys of one of them, with units, ranges and defaults";
 
 #[derive(Args, Debug)]
-#[group(multiple = false)]
 pub struct ListArguments {
+    #[command(flatten)]
+    pub of: ListedKinds,
+    /// Print the list as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// The kinds that are listed instead of scenarios.
+#[derive(Args, Debug)]
+#[group(multiple = false)]
+pub struct ListedKinds {
     /// List the kinds of methods, or the keys of one
     #[arg(long, value_name = "KIND")]
     pub methods: Option<Option<String>>,
@@ -104,18 +179,18 @@ pub struct ListArguments {
 
 const RUN_EXAMPLES: &str = "Examples:
   isobar run quickstart
-  isobar run quickstart --cycles 4 --no-netcdf --no-rerun
+  isobar run quickstart --cycles 10 --no-netcdf --no-rerun
   isobar run mine.toml --seed 7 --out results --overwrite
   isobar run today.toml --from out/yesterday     go on where a run ended
   isobar run fkf_linear --seeds 10 --against kf  mean scores over ten seeds, and whether the differences are chance";
 
 #[derive(Args, Debug)]
 pub struct RunArguments {
-    /// Scenario files, or names of scenarios in ./scenarios
+    /// Scenario files, or names of scenarios in ./scenarios or in isobar
     #[arg(required = true, value_name = "SCENARIO")]
     pub scenarios: Vec<OsString>,
     /// Directory for the results, one subdirectory for each scenario
-    #[arg(long, value_name = "DIR", default_value = "out")]
+    #[arg(long, short, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
     /// Run only these methods of the scenario
     #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
@@ -130,10 +205,10 @@ pub struct RunArguments {
     #[arg(long, value_name = "OUT", conflicts_with = "seeds")]
     pub from: Option<PathBuf>,
     /// Number of threads [default: RAYON_NUM_THREADS, or one for each core]; results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST_THREADS))]
+    #[arg(long, short = 'j', value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST_THREADS))]
     pub threads: Option<u64>,
     /// Replace the files of an earlier run; what no run wrote is never deleted
-    #[arg(long)]
+    #[arg(long, short = 'f')]
     pub overwrite: bool,
     /// Database of sensors, in the place of the scenario's; it may be anywhere, a scenario's only below its own directory
     #[arg(long, value_name = "FILE")]
@@ -141,6 +216,9 @@ pub struct RunArguments {
     /// Show no progress
     #[arg(long, short)]
     pub quiet: bool,
+    /// Print the scores as JSON
+    #[arg(long)]
+    pub json: bool,
     #[command(flatten)]
     pub outputs: OutputArguments,
     /// Run this number of seeds, from the scenario's or --seed on, and report mean scores and differences over them
@@ -176,7 +254,7 @@ pub struct ResumeArguments {
     #[arg(required = true, value_name = "OUT")]
     pub runs: Vec<PathBuf>,
     /// Number of threads [default: RAYON_NUM_THREADS, or one for each core]; results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST_THREADS))]
+    #[arg(long, short = 'j', value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST_THREADS))]
     pub threads: Option<u64>,
     /// Show no progress
     #[arg(long, short)]
@@ -199,16 +277,16 @@ const SWEEP_EXAMPLES: &str = "In the scenario:
 
 #[derive(Args, Debug)]
 pub struct SweepArguments {
-    /// Scenario file, or name of a scenario in ./scenarios
+    /// Scenario file, or name of a scenario in ./scenarios or in isobar
     #[arg(value_name = "SCENARIO")]
     pub scenario: OsString,
     /// Directory for the results, which go to a subdirectory SCENARIO-sweep
-    #[arg(long, value_name = "DIR", default_value = "out")]
+    #[arg(long, short, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
     #[command(flatten)]
     pub part: PartArguments,
     /// Replace the files of an earlier sweep
-    #[arg(long)]
+    #[arg(long, short = 'f')]
     pub overwrite: bool,
     /// Show no progress
     #[arg(long, short)]
@@ -217,7 +295,7 @@ pub struct SweepArguments {
 
 #[derive(Args, Debug)]
 pub struct ExactArguments {
-    /// Scenario file, or name of a scenario in ./scenarios
+    /// Scenario file, or name of a scenario in ./scenarios or in isobar
     #[arg(value_name = "SCENARIO")]
     pub scenario: OsString,
     #[command(flatten)]
@@ -234,7 +312,7 @@ pub struct PartArguments {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     pub cycles: Option<u64>,
     /// Number of threads [default: RAYON_NUM_THREADS, or one for each core]; results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST_THREADS))]
+    #[arg(long, short = 'j', value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST_THREADS))]
     pub threads: Option<u64>,
 }
 
@@ -244,33 +322,39 @@ pub struct CompareArguments {
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
     /// The page
-    #[arg(long, value_name = "FILE", default_value = "comparison.html")]
+    #[arg(long, short, value_name = "FILE", default_value = "comparison.html")]
     pub out: PathBuf,
     /// Replace the page of an earlier comparison
-    #[arg(long)]
+    #[arg(long, short = 'f')]
     pub overwrite: bool,
+    /// Print the differences as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 #[derive(Args, Debug)]
 pub struct CheckArguments {
-    /// Scenario files, or names of scenarios in ./scenarios
+    /// Scenario files, or names of scenarios in ./scenarios or in isobar
     #[arg(required = true, value_name = "SCENARIO")]
     pub scenarios: Vec<OsString>,
     /// Database of sensors that `isobar run --sensors` is to be given
     #[arg(long, value_name = "FILE")]
     pub sensors: Option<PathBuf>,
+    /// Print what was found as JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 #[derive(Args, Debug)]
 pub struct RegressArguments {
-    /// Scenario files, or names of scenarios in ./scenarios [default: all of ./scenarios]
+    /// Scenario files, or names of scenarios [default: all of ./scenarios, or, where there is no such directory, all of isobar's]
     #[arg(value_name = "SCENARIO")]
     pub scenarios: Vec<OsString>,
     /// Write the new scores into the scenario files
     #[arg(long)]
     pub accept: bool,
     /// Number of threads [default: RAYON_NUM_THREADS, or one for each core]; results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST_THREADS))]
+    #[arg(long, short = 'j', value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST_THREADS))]
     pub threads: Option<u64>,
     /// Show no progress
     #[arg(long, short)]

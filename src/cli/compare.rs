@@ -1,7 +1,7 @@
 //! `isobar compare`.
 
 use super::arguments::CompareArguments;
-use super::console::{print, width};
+use super::console::{print, print_json, width};
 use crate::comparison::{Comparison, Differences};
 use crate::output::recorded::SavedRun;
 use crate::safe_file;
@@ -24,6 +24,11 @@ pub fn compare(arguments: &CompareArguments) -> Result<ExitCode, Report> {
     let comparison = Comparison::new(runs)?;
     let html = comparison.html().map_err(|error| miette!("{error}"))?;
     write(arguments, &html)?;
+    if arguments.json {
+        print_json(&comparison.json(&arguments.out))?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    print(&format!("{}\n", comparison.legend().join("\n")))?;
     for (title, Differences { words, table }) in [
         ("Differences of the scores from run A", comparison.between_runs()),
         ("Differences of the scores from each run's best method", comparison.within_runs()),

@@ -36,9 +36,20 @@ pub fn complain(text: &str) {
 
 /// Prints text to standard output. A reader that has seen enough, as `head` has, is no failure.
 pub fn print(text: &str) -> Result<(), Report> {
-    use std::io::{ErrorKind, Write};
     // Names in it may come from files.
-    match writeln!(std::io::stdout(), "{}", printable(text)) {
+    write(format!("{}\n", printable(text)).as_bytes())
+}
+
+/// Prints a value as JSON.
+pub fn print_json(value: &serde_json::Value) -> Result<(), Report> {
+    write(format!("{value:#}\n").as_bytes())
+}
+
+/// Prints what is for a program, to the letter.
+pub fn write(bytes: &[u8]) -> Result<(), Report> {
+    use std::io::{ErrorKind, Write};
+    let mut output = std::io::stdout();
+    match output.write_all(bytes).and_then(|()| output.flush()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(miette::miette!("cannot write the output: {error}")),
         _ => Ok(()),
     }

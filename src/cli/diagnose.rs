@@ -1,11 +1,13 @@
 //! `isobar diagnose`.
 
-use super::console::{print, width};
+use super::console::{print, print_json, width};
 use crate::output::recorded::SavedRun;
+use crate::scores::MethodScores;
 use crate::tables::diagnostics::{all, in_words};
 use crate::tables::terminal::sentences;
 use crate::text::shown_path;
 use miette::{Report, miette};
+use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -13,8 +15,13 @@ use std::process::ExitCode;
 const MOST_ROWS: usize = 60;
 
 /// Prints the diagnostics of runs.
-pub fn diagnose(runs: &[PathBuf]) -> Result<ExitCode, Report> {
+pub fn diagnose(runs: &[PathBuf], as_json: bool) -> Result<ExitCode, Report> {
     let runs = runs.iter().map(|run| SavedRun::open(run)).collect::<Result<Vec<_>, _>>()?;
+    if as_json {
+        let runs = runs.iter().map(described).collect::<Result<Vec<_>, _>>()?;
+        print_json(&json!({ "runs": runs }))?;
+        return Ok(ExitCode::SUCCESS);
+    }
     for run in &runs {
         let shown = shown_path(&run.directory);
         let tables = all(&run.summary);
@@ -32,4 +39,23 @@ pub fn diagnose(runs: &[PathBuf]) -> Result<ExitCode, Report> {
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// The diagnostics of a run for a program: as `summary.json` has them, with the units of its variables.
+fn described(run: &SavedRun) -> Result<Value, Report> {
+    let summary = &run.summary;
+    let units: Map<String, Value> =
+        run.scores()?.variables.into_iter().map(|(name, unit)| (name, unit.into())).collect();
+    let method = |(name, scores): (&String, &MethodScores)| json!({ "method": name, "diagnostics": scores.diagnostics, "stability": scores.stability, "failure": scores.failure });
+    Ok(json!({
+        "directory": shown_path(&run.directory),
+        "scenario": summary.scenario,
+        "seed": summary.seed,
+        "cycles": summary.cycles,
+        "scored_from_cycle": summary.scored_from_cycle,
+        "units": units,
+        "words": in_words(summary),
+        "observations": summary.observations,
+        "methods": summary.methods.iter().map(method).collect::<Vec<_>>(),
+    }))
 }

@@ -1,40 +1,48 @@
 //! `isobar list`.
 
 use super::arguments::ListArguments;
-use super::console::{print, show, width};
-use super::lookup;
-use crate::kinds::reference::{self, KeyReference, Reference};
+use super::console::{print, print_json, show, width};
+use super::{explain, lookup};
+use crate::reference::{self, KindReference, Reference};
 use crate::scenario::Scenario;
+use crate::scores::udunits;
+use crate::shipped;
 use crate::tables::{Cell, Table};
-use crate::text::{clean, listed, nearest};
+use crate::text::{clean, listed, nearest, shown_path};
 use miette::{Report, miette};
+use serde_json::{Value, json};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Lists the kinds that a scenario may choose from, the keys of one of them, or the scenarios.
 pub fn list(arguments: &ListArguments) -> Result<ExitCode, Report> {
     for reference in reference::all() {
         let chosen = match reference.option {
-            "methods" => &arguments.methods,
-            "models" => &arguments.models,
-            "initial" => &arguments.initial,
-            "covariances" => &arguments.covariances,
-            "instruments" => &arguments.instruments,
+            "methods" => &arguments.of.methods,
+            "models" => &arguments.of.models,
+            "initial" => &arguments.of.initial,
+            "covariances" => &arguments.of.covariances,
+            "instruments" => &arguments.of.instruments,
             option => unreachable!("--{option} is no option"),
         };
         if let Some(kind) = chosen {
-            print(&kinds(&reference, kind.as_deref())?)?;
+            print_kinds(&reference, kind.as_deref(), arguments.json)?;
             return Ok(ExitCode::SUCCESS);
         }
     }
-    scenarios()
+    if arguments.json { scenarios_as_json() } else { scenarios() }
 }
 
 /// All kinds of a list with a line about each, or the keys of one.
-fn kinds(reference: &Reference, name: Option<&str>) -> Result<String, Report> {
+fn print_kinds(reference: &Reference, name: Option<&str>, as_json: bool) -> Result<(), Report> {
     let all = &reference.kinds;
     let Some(name) = name else {
+        if as_json {
+            let kind = |kind: &KindReference| json!({ "kind": kind.name, "about": kind.about });
+            return print_json(&json!({ "kinds": all.iter().map(kind).collect::<Vec<_>>() }));
+        }
         let rows = all.iter().map(|kind| [kind.name, kind.about].map(Cell::from).into());
-        return Ok(Table::new(&["kind", "what it is"], rows.collect()).terminal(width()));
+        return print(&Table::new(&["kind", "what it is"], rows.collect()).terminal(width()));
     };
     let Some(kind) = all.iter().find(|kind| kind.name == name) else {
         let names = || all.iter().map(|kind| kind.name);
@@ -42,37 +50,73 @@ fn kinds(reference: &Reference, name: Option<&str>) -> Result<String, Report> {
         let help = format!("{near}there are: {}", listed(names()));
         return Err(miette!(help = help, "there is no kind `{}` of {}", clean(name), reference.title.to_lowercase()));
     };
-    let row = |KeyReference { name, unit, allowed, default, meaning }: &KeyReference| {
-        [name.as_str(), *unit, allowed.as_str(), default.as_str(), *meaning].map(Cell::from).into()
-    };
-    let keys = Table::new(&["key", "unit", "value", "default", "meaning"], kind.keys.iter().map(row).collect());
-    Ok(match keys.filled() {
+    if as_json {
+        return print_json(&json!({ "kind": kind.name, "about": kind.about, "keys": kind.keys }));
+    }
+    print(&match explain::table(&kind.keys).filled() {
         None => format!("{}. It has no keys.", kind.about),
         Some(keys) => format!("{}\n\n{}", kind.about, keys.terminal(width())),
     })
 }
 
-/// Lists the scenarios in ./scenarios; those that are not valid are reported after the list.
-fn scenarios() -> Result<ExitCode, Report> {
-    let (mut rows, mut faults) = (Vec::new(), Vec::new());
-    let paths = lookup::all()?;
-    if paths.is_empty() {
-        return Err(miette!(
-            help = "`isobar init` writes a scenario to start from",
-            "there are no scenarios in ./scenarios"
-        ));
-    }
-    for path in paths {
+/// The same list for a program.
+fn scenarios_as_json() -> Result<ExitCode, Report> {
+    let (mut scenarios, mut faults) = (Vec::new(), Vec::new());
+    for path in lookup::known()? {
         match Scenario::load(&path) {
-            Ok(scenario) => {
-                let grid = format!("{} × {}", scenario.grid.grid.nx, scenario.grid.grid.ny);
-                let methods = methods(&scenario);
-                rows.push([scenario.name, scenario.title, grid, methods].map(Cell::from).into());
-            }
+            Ok(scenario) => scenarios.push(described(&scenario)),
             Err(error) => faults.push(Report::from(error)),
         }
     }
-    print(&Table::new(&["scenario", "title", "grid", "methods"], rows).terminal(width()))?;
+    print_json(&json!({ "scenarios": scenarios }))?;
+    faults.iter().for_each(show);
+    Ok(if faults.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// A scenario in short, for a program.
+pub fn described(scenario: &Scenario) -> Value {
+    let grid = &scenario.grid.grid;
+    let variable = |(name, unit): &(&str, &str)| json!({ "name": name, "unit": udunits(unit) });
+    json!({
+        "scenario": scenario.name,
+        "file": shown_path(&scenario.path),
+        "title": scenario.title,
+        "phenomenon": scenario.phenomenon,
+        "grid": { "nx": grid.nx, "ny": grid.ny, "dx_km": grid.dx_m / 1e3, "dy_km": grid.dy_m / 1e3 },
+        "variables": scenario.model.variables().iter().map(variable).collect::<Vec<_>>(),
+        "cycles": scenario.cycle.count,
+        "window_hours": scenario.cycle.window.hours(),
+        "methods": scenario.methods.iter().map(|(name, method)| json!({ "name": name, "kind": method.kind })).collect::<Vec<_>>(),
+    })
+}
+
+/// Lists the scenarios in ./scenarios and those inside the program; those that are not valid are reported after the list.
+fn scenarios() -> Result<ExitCode, Report> {
+    let mut faults = Vec::new();
+    let (inside, outside): (Vec<PathBuf>, _) = lookup::known()?.into_iter().partition(|path| shipped::contains(path));
+    let mut tables = Vec::new();
+    for (title, paths) in [("In ./scenarios", outside), ("In isobar", inside)] {
+        let mut rows = Vec::new();
+        for path in paths {
+            match Scenario::load(&path) {
+                Ok(scenario) => {
+                    let grid = format!("{} × {}", scenario.grid.grid.nx, scenario.grid.grid.ny);
+                    let methods = methods(&scenario);
+                    rows.push([scenario.name, scenario.title, grid, methods].map(Cell::from).into());
+                }
+                Err(error) => faults.push(Report::from(error)),
+            }
+        }
+        let table = Table::new(&["scenario", "title", "grid", "methods"], rows).filled();
+        tables.extend(table.map(|table| (title, table.terminal(width()))));
+    }
+    match tables.as_slice() {
+        [(_, only)] => print(only)?,
+        tables => {
+            let shown = tables.iter().map(|(title, table)| format!("{title}\n{table}"));
+            print(&shown.collect::<Vec<_>>().join("\n\n"))?;
+        }
+    }
     faults.iter().for_each(show);
     Ok(if faults.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

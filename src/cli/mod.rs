@@ -3,12 +3,17 @@
 mod arguments;
 mod check;
 mod compare;
+mod completions;
 mod console;
 mod diagnose;
 mod exact;
+#[cfg(test)]
+mod examples;
+mod explain;
 mod init;
 mod launch;
 mod list;
+mod long;
 mod lookup;
 mod messages;
 mod outputs;
@@ -17,6 +22,7 @@ mod resume;
 mod run;
 mod seeds;
 mod sensors;
+mod shown;
 mod sweep;
 mod threads;
 mod view;
@@ -57,7 +63,10 @@ fn obey(command: Command) -> Result<ExitCode, Report> {
         Command::Run(arguments) => run::run(&arguments),
         Command::Check(arguments) => check::check(&arguments),
         Command::List(arguments) => list::list(&arguments),
-        Command::Init { path } => init::init(&path),
+        Command::Init(arguments) => init::init(&arguments),
+        Command::Explain { key } => explain::explain(key.as_deref()),
+        Command::Completions { shell } => completions::print(shell),
+        Command::Schema => explain::schema(),
         Command::Resume(arguments) => resume::resume(&arguments),
         Command::Regress(arguments) => regress::regress(&arguments),
         Command::View { run } => view::view(&run),
@@ -65,7 +74,7 @@ fn obey(command: Command) -> Result<ExitCode, Report> {
         Command::Compare(arguments) => compare::compare(&arguments),
         Command::Sweep(arguments) => sweep::sweep(&arguments),
         Command::Exact(arguments) => exact::run(&arguments),
-        Command::Diagnose { runs } => diagnose::diagnose(&runs),
+        Command::Diagnose { runs, json } => diagnose::diagnose(&runs, json),
     }
 }
 

@@ -9,6 +9,8 @@ use crate::options::RunOptions;
 use crate::progress::Progress;
 use crate::scenario::{Scenario, accept};
 use crate::scores::{Expected, Regression, Summary};
+use crate::shell::command;
+use crate::shipped;
 use miette::{IntoDiagnostic, Report, miette};
 use std::process::ExitCode;
 
@@ -21,6 +23,11 @@ pub fn regress(arguments: &RegressArguments) -> Result<ExitCode, Report> {
     };
     if scenarios.is_empty() {
         return Err(miette!("there are no scenarios in ./scenarios"));
+    }
+    if let Some(inside) = scenarios.iter().find(|it| arguments.accept && shipped::contains(&it.path)) {
+        let file = format!("{}.toml", inside.name);
+        let help = format!("`isobar init --from {} {file}` makes a file of it", inside.name);
+        return Err(miette!(help = help, "{} is inside the program, and its scores stay as they are", inside.name));
     }
     interrupt::listen();
     let mut code = ExitCode::SUCCESS;
@@ -40,7 +47,7 @@ pub fn regress(arguments: &RegressArguments) -> Result<ExitCode, Report> {
     Ok(code)
 }
 
-/// All scenarios in ./scenarios but those that are run only when they are named.
+/// All scenarios in ./scenarios, or else inside the program, but those that are run only when they are named.
 fn all() -> Result<Vec<Scenario>, Report> {
     let mut scenarios = Vec::new();
     for path in lookup::all()? {
@@ -67,6 +74,11 @@ fn regress_one(scenario: &Scenario, arguments: &RegressArguments) -> Result<bool
 
 /// Prints which scores of a scenario have moved, and accepts the new ones if asked to; whether all is well.
 fn judge(scenario: &Scenario, summary: &Summary, accept_new: bool) -> Result<bool, Report> {
+    if scenario.expected.methods.is_empty() && !accept_new {
+        let accept = command("isobar regress --accept", &[&scenario.path]);
+        print(&format!("{}: no scores were accepted yet; `{accept}` accepts those of this run", scenario.name))?;
+        return Ok(false);
+    }
     let regression = Regression::new(&scenario.expected, summary);
     print(&format!("{}: {}", scenario.name, regression.describe(width())))?;
     if !accept_new {

@@ -3,6 +3,7 @@
 use super::arguments::ResumeArguments;
 use super::console::print;
 use super::seeds::SeedsOptions;
+use super::shown::Shown;
 use super::write_back::{self, planned_scenario, write_sensors};
 use super::{run, seeds, sweep};
 use crate::batch::{BatchKind, BatchPlan};
@@ -39,10 +40,10 @@ pub fn resume(arguments: &ResumeArguments) -> Result<ExitCode, Report> {
     let mut code = ExitCode::SUCCESS;
     for (out, left) in &found {
         let went_well = match left {
-            Left::Run(scenario, options) => run::run_one(scenario, options, arguments.quiet)?,
+            Left::Run(scenario, options) => run::run_one(scenario, options, arguments.quiet, &mut Shown::Printed)?,
             Left::Batch(scenario, options, BatchKind::Seeds { seeds: list, against, all_files }) => {
                 let wanted = SeedsOptions::of_plan(list.clone(), against.clone(), *all_files);
-                seeds::run(scenario, options, &wanted, arguments.quiet)?
+                seeds::run(scenario, options, &wanted, arguments.quiet, &mut Shown::Printed)?
             }
             Left::Batch(scenario, options, BatchKind::Sweep) => sweep::run_one(scenario, options, arguments.quiet)?,
             Left::End(scenario) => end(out, scenario.as_deref())?,

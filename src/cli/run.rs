@@ -1,10 +1,11 @@
 //! `isobar run`.
 
 use super::arguments::RunArguments;
-use super::console::{print, show, width};
+use super::console::{complain, print, show, width};
 use super::launch::{check_cycles, check_method, run_scenario_then};
+use super::shown::Shown;
 use super::write_back::{self, name_database, write_sensors};
-use super::{lookup, seeds};
+use super::{long, lookup, seeds};
 use crate::interrupt;
 use crate::options::{CheckpointPolicy, RunOptions};
 use crate::output::{OUTPUTS, Open, Output};
@@ -15,6 +16,7 @@ use crate::shell::command;
 use crate::tables;
 use crate::text::{listed, shown_path};
 use miette::{Report, miette};
+use serde_json::json;
 use std::collections::HashMap;
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -43,30 +45,39 @@ pub fn run(arguments: &RunArguments) -> Result<ExitCode, Report> {
     }
     for scenario in &scenarios {
         for (output, feature) in missing(arguments, scenario) {
-            print(&format!(
-                "{}: no output {output}: this isobar was built without its feature `{feature}`",
-                scenario.name
-            ))?;
+            let missing =
+                format!("{}: no output {output}: this isobar was built without its feature `{feature}`", scenario.name);
+            if arguments.json { complain(&missing) } else { print(&missing)? }
         }
     }
     interrupt::listen();
-    let mut code = ExitCode::SUCCESS;
-    for (scenario, (options, seeds)) in scenarios.iter().zip(&all) {
-        if let Some(seeds) = seeds {
-            if !seeds::run(scenario, options, seeds, arguments.quiet)? {
+    let mut shown = if arguments.json { Shown::Collected(Vec::new()) } else { Shown::Printed };
+    let mut run_all = || {
+        let mut code = ExitCode::SUCCESS;
+        for (scenario, (options, seeds)) in scenarios.iter().zip(&all) {
+            let went_well = match seeds {
+                Some(seeds) => seeds::run(scenario, options, seeds, arguments.quiet, &mut shown)?,
+                None => run_one(scenario, options, arguments.quiet, &mut shown)?,
+            };
+            if !went_well {
                 code = ExitCode::FAILURE;
             }
-            continue;
         }
-        if !run_one(scenario, options, arguments.quiet)? {
-            code = ExitCode::FAILURE;
-        }
-    }
-    Ok(code)
+        Ok(code)
+    };
+    // What is complete is shown whatever becomes of the rest.
+    let outcome = run_all();
+    shown.finish()?;
+    outcome
 }
 
 /// Runs a scenario, or continues it; whether no method failed and, if observations are read from files, any was used.
-pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) -> Result<bool, Report> {
+pub(super) fn run_one(
+    scenario: &Scenario,
+    options: &RunOptions,
+    quiet: bool,
+    shown: &mut Shown,
+) -> Result<bool, Report> {
     let mut progress = Progress::new(quiet);
     let mut written = None;
     let summary = run_scenario_then(scenario, options, &mut progress, &mut |out| {
@@ -76,10 +87,25 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
     })?;
     drop(progress);
     let (of_sensors, wrote_sensors) = write_back::report(written);
-    let scores = tables::scores::on_terminal(&summary, scenario.model.variables(), width());
-    print(&format!("{}: {}\n\n{scores}\n", scenario.name, scenario.title))?;
-    print(&format!("Files: {}\n", shown_path(&options.out)))?;
-    of_sensors.map_or(Ok(()), |text| print(&text))?;
+    let variables = scenario.model.variables();
+    match shown {
+        Shown::Printed => {
+            let scores = tables::scores::on_terminal(&summary, variables, width());
+            print(&format!("{}: {}\n\n{scores}\n", scenario.name, scenario.title))?;
+            print(&format!("Files: {}\n", shown_path(&options.out)))?;
+            of_sensors.map_or(Ok(()), |text| print(&text))?;
+        }
+        Shown::Collected(runs) => runs.push(json!({
+            "scenario": scenario.name,
+            "title": scenario.title,
+            "seed": summary.seed,
+            "cycles": summary.cycles,
+            "scored_from_cycle": summary.scored_from_cycle,
+            "directory": shown_path(&options.out),
+            "scores": long::of_run(&summary, variables),
+            "failures": summary.failures().map(|(name, it)| json!({ "method": name, "cycle": it.cycle, "reason": it.reason })).collect::<Vec<_>>(),
+        })),
+    }
     let failed: Vec<&str> = summary.failures().map(|(name, _)| name).collect();
     if !failed.is_empty() {
         show(&miette!(
@@ -135,7 +161,7 @@ fn check_names(scenarios: &[Scenario]) -> Result<(), Report> {
     Ok(())
 }
 
-fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, Report> {
+pub(super) fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<RunOptions, Report> {
     arguments.methods.iter().flatten().try_for_each(|method| check_method(method, scenario))?;
     let methods = arguments.methods.as_deref().unwrap_or_default();
     if let Some((_, name)) = methods.iter().enumerate().find(|(number, name)| methods[..*number].contains(name)) {

@@ -3,6 +3,8 @@
 use super::arguments::RunArguments;
 use super::console::{print, show, width};
 use super::launch::{self, failures};
+use super::long;
+use super::shown::Shown;
 use crate::batch::seeds::{FailedSeed, SeedsSummary, run_all};
 use crate::batch::{BatchKind, BatchPlan, Run, interrupted, unfinished};
 use crate::options::RunOptions;
@@ -13,6 +15,7 @@ use crate::scenario::Scenario;
 use crate::tables::Table;
 use crate::text::{clean, shown_path};
 use miette::{IntoDiagnostic, Report, miette};
+use serde_json::json;
 use std::fs;
 
 /// What `--seeds` asks for, of one scenario.
@@ -52,8 +55,14 @@ pub fn options(
 }
 
 /// Runs a scenario with every seed, or, with `resume`, those that are not complete; whether none failed, and no method of any.
-pub fn run(scenario: &Scenario, options: &RunOptions, wanted: &SeedsOptions, quiet: bool) -> Result<bool, Report> {
-    run_by(&launch::run_scenario, scenario, options, wanted, quiet)
+pub fn run(
+    scenario: &Scenario,
+    options: &RunOptions,
+    wanted: &SeedsOptions,
+    quiet: bool,
+    shown: &mut Shown,
+) -> Result<bool, Report> {
+    run_by(&launch::run_scenario, scenario, options, wanted, quiet, shown)
 }
 
 /// The same with another function that runs a scenario.
@@ -63,6 +72,7 @@ fn run_by(
     options: &RunOptions,
     wanted: &SeedsOptions,
     quiet: bool,
+    shown: &mut Shown,
 ) -> Result<bool, Report> {
     let SeedsOptions { seeds, against, all_files } = wanted;
     let kind = BatchKind::Seeds { seeds: seeds.clone(), against: against.clone(), all_files: *all_files };
@@ -95,8 +105,23 @@ fn run_by(
         fs::write(&path, html).map_err(|error| miette!("cannot write {}: {error}", shown_path(&path)))?;
     }
     directory.complete().into_diagnostic()?;
-    print(&text(&summary, scenario))?;
-    print(&format!("Files: {}\n", shown_path(&options.out)))?;
+    match shown {
+        Shown::Printed => {
+            print(&text(&summary, scenario))?;
+            print(&format!("Files: {}\n", shown_path(&options.out)))?;
+        }
+        Shown::Collected(runs) => runs.push(json!({
+            "scenario": scenario.name,
+            "title": scenario.title,
+            "seeds": summary.seeds,
+            "against": summary.against,
+            "cycles": summary.cycles,
+            "scored_from_cycle": summary.scored_from_cycle,
+            "directory": shown_path(&options.out),
+            "scores": long::of_seeds(&summary, scenario.model.variables()),
+            "failures": summary.failed.iter().map(FailedSeed::to_string).collect::<Vec<_>>(),
+        })),
+    }
     if !summary.failed.is_empty() {
         let failed: Vec<String> = summary.failed.iter().map(FailedSeed::to_string).collect();
         show(&failures(&scenario.name, &failed));
@@ -171,7 +196,7 @@ mod tests {
         let outputs = Outputs::of(["netcdf", REPORT]);
         let options = RunOptions { threads: Some(2), outputs, resume, ..RunOptions::new(out) };
         let wanted = SeedsOptions { seeds: (1..=5).collect(), against: "fkf".into(), all_files: false };
-        super::run_by(run, &scenario, &options, &wanted, true)
+        super::run_by(run, &scenario, &options, &wanted, true, &mut Shown::Printed)
     }
 
     #[test]

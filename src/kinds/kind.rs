@@ -1,7 +1,10 @@
 //! What every kind of thing that a scenario chooses by name is, and how one is chosen.
 
-use crate::reader::{AnyKey, Field, Read, Section};
+use crate::reader::{AnyKey, Field, Form, KindForm, Read, Section};
 use crate::text::clean;
+
+/// The key by which a table names its kind.
+pub(crate) const KIND: &str = "kind";
 
 /// A kind of thing that a scenario chooses by name: reads a `T` from its section, in a scenario that otherwise is `C`.
 pub(crate) struct Kind<T: ?Sized, C: ?Sized> {
@@ -42,8 +45,28 @@ impl<T: ?Sized, C: ?Sized> Kind<T, C> {
 /// A list of kinds, as a scenario may choose from it.
 pub(crate) type Kinds<T, C> = [&'static Kind<T, C>];
 
+/// What can be said of kinds from outside.
+pub(crate) fn forms<T: ?Sized, C: ?Sized>(kinds: &Kinds<T, C>) -> Vec<KindForm> {
+    kinds.iter().map(|kind| KindForm { name: kind.name, about: kind.about, keys: kind.keys().collect() }).collect()
+}
+
+/// The form of a table of one of the kinds, which its key `kind` says.
+pub(crate) fn form<T: ?Sized, C: ?Sized>(kinds: &Kinds<T, C>) -> Form {
+    Form::Kinds(KIND, forms(kinds))
+}
+
 /// The kind that a table names by its key `kind`, and the table, checked for keys that the kind does not have.
 pub(crate) fn choose<'a, T: ?Sized, C: ?Sized>(
+    field: &Field<'a>,
+    kinds: &Kinds<T, C>,
+    context: &C,
+) -> Read<(&'static Kind<T, C>, Section<'a>)> {
+    choose_by(KIND, field, kinds, context)
+}
+
+/// The same, where another key names the kind.
+pub(crate) fn choose_by<'a, T: ?Sized, C: ?Sized>(
+    key: &str,
     field: &Field<'a>,
     kinds: &Kinds<T, C>,
     context: &C,
@@ -51,7 +74,7 @@ pub(crate) fn choose<'a, T: ?Sized, C: ?Sized>(
     let names = |kind: &Kind<T, C>| kind.keys().map(|key| key.name()).collect::<Vec<_>>();
     let fitting = kinds.iter().filter(|kind| (kind.fits)(context));
     let choices: Vec<_> = fitting.map(|&kind| (kind.name, kind, names(kind))).collect();
-    field.section_by("kind", &choices)
+    field.section_by(key, &choices)
 }
 
 /// Reads a table that chooses one of the kinds.

@@ -12,10 +12,9 @@ pub(crate) mod instruments;
 mod kind;
 pub mod methods;
 pub mod models;
-pub mod reference;
 
 pub use domain::Domain;
-pub(crate) use kind::{Kind, Kinds, check_name, choose, distinct_name, plain_name, read};
+pub(crate) use kind::{KIND, Kind, Kinds, check_name, choose, choose_by, distinct_name, form, forms, plain_name, read};
 
 #[cfg(test)]
 mod tests {

@@ -1,5 +1,6 @@
 //! A fault in a scenario, with the place in the file at which it is.
 
+use crate::place::beside;
 use crate::text::{clean, same_length, shown_path};
 use miette::{Diagnostic, LabeledSpan, NamedSource, SourceCode};
 use std::cell::{Cell, RefCell};
@@ -94,9 +95,9 @@ impl SourceFile {
         }
     }
 
-    /// The path of a file that this one names, relative to its own directory.
+    /// The path of a file that this one names: relative to its own directory, or inside the program.
     pub(super) fn beside(&self, name: &str) -> PathBuf {
-        self.path.parent().unwrap_or(Path::new("")).join(name)
+        beside(&self.path, name)
     }
 
     /// Takes note of where it names a file.

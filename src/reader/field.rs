@@ -1,6 +1,6 @@
 //! A key of a table, with its value.
 
-use super::{AnyKey, Kind, Read, ScenarioError, Section, SourceFile};
+use super::{AnyKey, Read, ScenarioError, Section, SourceFile};
 use crate::text::{clean, is_unprintable, listed, nearest};
 use std::ops::Range;
 use std::path::PathBuf;
@@ -53,7 +53,7 @@ impl Limits {
         }
     }
 
-    pub(super) fn words(&self) -> String {
+    pub fn words(&self) -> String {
         match *self {
             Limits::Any => "a finite number".into(),
             Limits::Positive => "a number greater than 0".into(),
@@ -195,22 +195,18 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// A table whose `kind` says what it is, with the keys of that kind at most.
-    pub fn section_of_kind<T: Copy>(&self, kinds: &[Kind<T>]) -> Read<(T, Section<'a>)> {
-        self.section_by("kind", kinds)
-    }
-
-    /// The same, where another key says what it is.
-    pub fn section_by<T: Copy, K: AsRef<[&'static str]>>(
+    /// A table of one of several kinds, which a key of it says, with the keys of that kind at most. Each kind has its name, what
+    /// it is, and the names of its keys.
+    pub fn section_by<T: Copy>(
         &self,
         key: &str,
-        kinds: &[(&'static str, T, K)],
+        kinds: &[(&'static str, T, Vec<&'static str>)],
     ) -> Read<(T, Section<'a>)> {
         let section = self.any_section()?;
         let names: Vec<(&str, usize)> = kinds.iter().enumerate().map(|(number, kind)| (kind.0, number)).collect();
         let Some(kind) = section.optional(key) else {
             let union: Vec<&str> =
-                std::iter::once(key).chain(kinds.iter().flat_map(|kind| kind.2.as_ref().iter().copied())).collect();
+                std::iter::once(key).chain(kinds.iter().flat_map(|kind| kind.2.iter().copied())).collect();
             section.check_keys(&union, &[])?;
             let help = format!(
                 "{key} = {}",
@@ -225,8 +221,8 @@ impl<'a> Field<'a> {
             ));
         };
         let (_, meaning, keys) = &kinds[kind.choice(&names)?];
-        let keys: Vec<&str> = std::iter::once(key).chain(keys.as_ref().iter().copied()).collect();
-        let elsewhere: Vec<(&str, &[&str])> = kinds.iter().map(|kind| (kind.0, kind.2.as_ref())).collect();
+        let keys: Vec<&str> = std::iter::once(key).chain(keys.iter().copied()).collect();
+        let elsewhere: Vec<(&str, &[&str])> = kinds.iter().map(|kind| (kind.0, kind.2.as_slice())).collect();
         section.check_keys(&keys, &elsewhere)?;
         Ok((*meaning, section))
     }

@@ -2,6 +2,7 @@
 
 use super::{Field, Read};
 use crate::safe_file;
+use crate::shipped;
 use crate::text::{clean, shown_path};
 use isobar_obs::table::{decode, rows};
 use std::io;
@@ -19,7 +20,7 @@ pub(crate) fn read(field: &Field<'_>, what: &str) -> Read<String> {
     let path = field.path()?;
     let shown = shown_path(&path);
     // Neither a directory nor a pipe, which might never end, nor begin.
-    if !path.is_file() {
+    if !shipped::is_file(&path) {
         return Err(field.invalid(format!("the {what} {shown} does not exist"), "a path relative to this scenario"));
     }
     let fault = |error: io::Error| field.invalid(format!("{shown}: {error}"), "cannot be used");

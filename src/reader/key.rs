@@ -1,6 +1,6 @@
 //! What a key of a section means, what it may be, and what holds without it: each stands once.
 
-use super::{Field, Limits, Read};
+use super::{Field, Form, Limits, Read};
 use crate::text::{clean, listed, nearest};
 use toml::de::DeValue;
 
@@ -39,10 +39,8 @@ pub(crate) trait Allowed: Sync {
     /// A default, as the file would give it.
     fn show(&self, value: &Self::Output) -> String;
 
-    /// The keys of a value that is a table.
-    fn inner(&self) -> &'static [&'static dyn AnyKey] {
-        &[]
-    }
+    /// The form of the value.
+    fn form(&self) -> Form;
 }
 
 /// A value that can be read without any knowledge of the rest of the file.
@@ -69,11 +67,11 @@ pub(crate) struct OrWord<V>(pub &'static str, pub V);
 /// A plain value, or a table with these keys.
 pub(crate) struct OrTable<V>(pub V, pub &'static [&'static dyn AnyKey]);
 
-/// A list, table or anything else that has its own reader, in words.
-pub(crate) struct Described(pub &'static str);
+/// A list, table or anything else that has its own reader: in words, and its form.
+pub(crate) struct Described(pub &'static str, pub fn() -> Form);
 
-/// A table, in words, with its keys.
-pub(crate) struct Table(pub &'static str, pub &'static [&'static dyn AnyKey]);
+/// A table with these keys.
+pub(crate) struct Table(pub &'static [&'static dyn AnyKey]);
 
 impl<V: Allowed> Key<V> {
     /// A key that must be given.
@@ -105,8 +103,8 @@ pub(crate) trait AnyKey: Sync {
     fn default(&self) -> Option<String>;
     /// What it means, in a phrase.
     fn meaning(&self) -> &'static str;
-    /// The keys of a value that is a table.
-    fn inner(&self) -> &'static [&'static dyn AnyKey];
+    /// The form of its value.
+    fn form(&self) -> Form;
 }
 
 impl<V: Allowed> AnyKey for Key<V> {
@@ -134,8 +132,8 @@ impl<V: Allowed> AnyKey for Key<V> {
         self.meaning
     }
 
-    fn inner(&self) -> &'static [&'static dyn AnyKey] {
-        self.allowed.inner()
+    fn form(&self) -> Form {
+        self.allowed.form()
     }
 }
 
@@ -148,6 +146,10 @@ impl Allowed for Limits {
 
     fn show(&self, value: &f64) -> String {
         value.to_string()
+    }
+
+    fn form(&self) -> Form {
+        Form::Number(*self)
     }
 }
 
@@ -167,6 +169,10 @@ impl Allowed for Whole {
     fn show(&self, value: &usize) -> String {
         value.to_string()
     }
+
+    fn form(&self) -> Form {
+        Form::Whole(self.0 as i64, self.1 as i64)
+    }
 }
 
 impl Value for Whole {
@@ -184,6 +190,10 @@ impl Allowed for Integer {
 
     fn show(&self, value: &i64) -> String {
         value.to_string()
+    }
+
+    fn form(&self) -> Form {
+        Form::Whole(self.0, self.1)
     }
 }
 
@@ -203,6 +213,10 @@ impl Allowed for YesNo {
     fn show(&self, value: &bool) -> String {
         value.to_string()
     }
+
+    fn form(&self) -> Form {
+        Form::YesNo
+    }
 }
 
 impl Value for YesNo {
@@ -215,11 +229,18 @@ impl<T: Copy + PartialEq + Send + Sync> Allowed for Choice<T> {
     type Output = T;
 
     fn words(&self) -> String {
-        format!("one of {}", listed(self.0.iter().map(|(word, _)| *word)))
+        match self.0 {
+            [(only, _)] => format!("\"{only}\""),
+            words => format!("one of {}", listed(words.iter().map(|(word, _)| *word))),
+        }
     }
 
     fn show(&self, value: &T) -> String {
         self.0.iter().find(|(_, meaning)| meaning == value).map_or(String::new(), |(word, _)| format!("\"{word}\""))
+    }
+
+    fn form(&self) -> Form {
+        Form::Words(self.0.iter().map(|(word, _)| *word).collect())
     }
 }
 
@@ -239,21 +260,25 @@ impl Allowed for Described {
     fn show(&self, value: &&'static str) -> String {
         value.to_string()
     }
+
+    fn form(&self) -> Form {
+        (self.1)()
+    }
 }
 
 impl Allowed for Table {
     type Output = &'static str;
 
     fn words(&self) -> String {
-        self.0.into()
+        "a table".into()
     }
 
     fn show(&self, value: &&'static str) -> String {
         value.to_string()
     }
 
-    fn inner(&self) -> &'static [&'static dyn AnyKey] {
-        self.1
+    fn form(&self) -> Form {
+        Form::Table(self.0)
     }
 }
 
@@ -266,6 +291,10 @@ impl<V: Allowed> Allowed for OrWord<V> {
 
     fn show(&self, value: &Option<V::Output>) -> String {
         value.as_ref().map_or_else(|| format!("\"{}\"", self.0), |value| self.1.show(value))
+    }
+
+    fn form(&self) -> Form {
+        Form::Any(vec![Form::Words(vec![self.0]), self.1.form()])
     }
 }
 
@@ -294,8 +323,8 @@ impl<V: Allowed> Allowed for OrTable<V> {
         self.0.show(value)
     }
 
-    fn inner(&self) -> &'static [&'static dyn AnyKey] {
-        self.1
+    fn form(&self) -> Form {
+        Form::Any(vec![self.0.form(), Form::Table(self.1)])
     }
 }
 

@@ -7,17 +7,16 @@ mod error;
 mod field;
 pub(crate) mod fields;
 pub(crate) mod files;
+mod form;
 mod key;
 mod section;
 
 pub use error::ScenarioError;
 pub(crate) use error::{FileName, SourceFile};
 pub(crate) use field::{Field, Limits};
+pub(crate) use form::{Form, KindForm};
 pub(crate) use key::{Absent, AnyKey, Choice, Described, Integer, Key, OrTable, OrWord, Table, Value, Whole, YesNo};
 pub(crate) use section::{Section, parse};
 
 /// Result of reading a part of a scenario.
 pub(crate) type Read<T> = Result<T, ScenarioError>;
-
-/// One of the kinds that a table can be of: name in the file, meaning, and keys.
-pub(crate) type Kind<T> = (&'static str, T, &'static [&'static str]);

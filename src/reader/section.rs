@@ -1,6 +1,6 @@
 //! A table of the file.
 
-use super::{Absent, Field, Key, Limits, Read, ScenarioError, SourceFile, Value};
+use super::{Absent, AnyKey, Field, Key, Limits, Read, ScenarioError, SourceFile, Value};
 use crate::text::{clean, listed, nearest};
 use std::ops::Range;
 use toml::Spanned;
@@ -18,9 +18,9 @@ pub(crate) struct Section<'a> {
 
 impl<'a> Section<'a> {
     /// The whole file.
-    pub fn root(file: &'a SourceFile, root: &'a DeTable<'a>, keys: &[&str]) -> Read<Self> {
+    pub fn root(file: &'a SourceFile, root: &'a DeTable<'a>, keys: &[&dyn AnyKey]) -> Read<Self> {
         let section = Section { file, name: String::new(), table: root, span: 0..0 };
-        section.check_keys(keys, &[])?;
+        section.check_keys(&keys.iter().map(|key| key.name()).collect::<Vec<_>>(), &[])?;
         Ok(section)
     }
 
@@ -102,11 +102,6 @@ impl<'a> Section<'a> {
     /// A number that must be given.
     pub fn number(&self, key: &str, limits: Limits) -> Read<f64> {
         self.required(key)?.number(limits)
-    }
-
-    /// A number with a default.
-    pub fn number_or(&self, key: &str, default: f64, limits: Limits) -> Read<f64> {
-        self.optional(key).map_or(Ok(default), |field| field.number(limits))
     }
 
     /// A whole number with a default.

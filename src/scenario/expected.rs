@@ -2,13 +2,30 @@
 
 use crate::kinds::methods::Method;
 use crate::kinds::models::Model;
-use crate::reader::{Limits, Read, Section};
+use crate::reader::{Absent, Form, Key, Limits, Read, Section};
 use crate::scores::expected::TOLERANCE_KEY;
-use crate::scores::{Expected, SCORES, Values};
+use crate::scores::{Expected, SCORES, ScoreKind, Values};
 use indexmap::IndexMap;
 
 /// The tolerance of a scenario that gives none.
 const DEFAULT_TOLERANCE: f64 = 1e-4;
+
+const RELATIVE_TOLERANCE: Key<Limits> = Key::absent(
+    TOLERANCE_KEY,
+    "1",
+    Limits::Between(1e-12, 1.0),
+    Absent::Means(DEFAULT_TOLERANCE),
+    "relative difference from an accepted score that is no change",
+);
+
+/// The form of `[expected]`: a table for each method, with the scores that `isobar regress` compares.
+pub(super) fn form() -> Form {
+    let number = || Form::Number(Limits::NonNegative);
+    let score =
+        |kind: &ScoreKind| (kind.name, if kind.per_variable { Form::Named(&[], Box::new(number())) } else { number() });
+    let scores = SCORES.iter().filter(|kind| kind.regressed).map(score).collect();
+    Form::Named(&[&RELATIVE_TOLERANCE], Box::new(Form::Entries(scores)))
+}
 
 /// Reads `[expected]`.
 pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>, model: &Model) -> Read<Expected> {
@@ -21,7 +38,7 @@ pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>, model
     let names: Vec<&str> = kinds().map(|kind| kind.name).collect();
     for (method, field) in section.fields() {
         if method == TOLERANCE_KEY {
-            expected.relative_tolerance = field.number(Limits::Between(1e-12, 1.0))?;
+            expected.relative_tolerance = field.number(RELATIVE_TOLERANCE.allowed)?;
             continue;
         }
         let section = field.section(&names)?;

@@ -1,7 +1,7 @@
 //! `[grid]`: the plane, and its place on the Earth.
 
 use crate::kinds::models;
-use crate::reader::{Limits, Read, Section};
+use crate::reader::{Absent, AnyKey, Choice, Key, Limits, Read, Section, Whole};
 use isobar_model::{Boundary, Grid};
 use isobar_obs::Projection;
 
@@ -14,29 +14,67 @@ pub struct GridSettings {
     pub projection: Option<Projection>,
 }
 
+const SPACING: Limits = Limits::Between(1e-3, 1e4);
+
+/// The most cells in a direction.
+const MOST_CELLS: usize = 4096;
+
+const NX: Key<Whole> =
+    Key::required("nx", "cells", Whole(1, MOST_CELLS), "columns; at least 4 with models that have neighbours");
+
+const NY: Key<Whole> =
+    Key::required("ny", "cells", Whole(1, MOST_CELLS), "rows; at least 4 with models that have neighbours");
+
+const DX_KM: Key<Limits> = Key::required("dx_km", "km", SPACING, "width of a cell from west to east");
+
+const DY_KM: Key<Limits> =
+    Key::absent("dy_km", "km", SPACING, Absent::Explained("`dx_km`"), "width of a cell from south to north");
+
+const BOUNDARY: Key<Choice<Boundary>> = Key::required(
+    "boundary",
+    "",
+    Choice(&[("periodic", Boundary::Periodic), ("channel", Boundary::Channel)]),
+    "what is at the edges: nothing, as the plane goes round in both directions, or walls in the south and north",
+);
+
+const CENTER_LATITUDE: Key<Limits> = Key::absent(
+    "center_latitude_deg",
+    "degrees north",
+    Limits::Between(-90.0, 90.0),
+    Absent::Explained("the plane has no place on the Earth"),
+    "latitude of the middle of the plane; with `center_longitude_deg`",
+);
+
+const CENTER_LONGITUDE: Key<Limits> = Key::absent(
+    "center_longitude_deg",
+    "degrees east",
+    Limits::Between(-180.0, 360.0),
+    Absent::Explained("the plane has no place on the Earth"),
+    "longitude of the middle of the plane; with `center_latitude_deg`",
+);
+
+/// The keys.
+pub(super) const KEYS: &[&dyn AnyKey] = &[&NX, &NY, &DX_KM, &DY_KM, &BOUNDARY, &CENTER_LATITUDE, &CENTER_LONGITUDE];
+
 pub(super) fn read(root: &Section<'_>) -> Read<GridSettings> {
-    const KEYS: &[&str] = &["nx", "ny", "dx_km", "dy_km", "boundary", "center_latitude_deg", "center_longitude_deg"];
-    const SPACING: Limits = Limits::Between(1e-3, 1e4);
     let least = if models::needs_neighbours(root) { 4 } else { 1 };
-    let section = root.required("grid")?.section(KEYS)?;
-    let dx_km = section.number("dx_km", SPACING)?;
+    let section = root.required("grid")?.section_with(KEYS)?;
+    let dx_km = section.get(&DX_KM)?;
     let grid = Grid {
-        nx: section.required("nx")?.whole(least, 4096)?,
-        ny: section.required("ny")?.whole(least, 4096)?,
+        nx: section.required(NX.name)?.whole(least, MOST_CELLS)?,
+        ny: section.required(NY.name)?.whole(least, MOST_CELLS)?,
         dx_m: dx_km * 1e3,
-        dy_m: section.number_or("dy_km", dx_km, SPACING)? * 1e3,
-        boundary: section
-            .required("boundary")?
-            .choice(&[("periodic", Boundary::Periodic), ("channel", Boundary::Channel)])?,
+        dy_m: section.find(&DY_KM)?.unwrap_or(dx_km) * 1e3,
+        boundary: section.get(&BOUNDARY)?,
     };
-    let latitude = section.optional("center_latitude_deg");
-    let longitude = section.optional("center_longitude_deg");
+    let latitude = section.optional(CENTER_LATITUDE.name);
+    let longitude = section.optional(CENTER_LONGITUDE.name);
     let projection =
         match (latitude, longitude) {
             (None, None) => None,
             (Some(latitude), Some(longitude)) => Some(Projection {
-                center_latitude_deg: latitude.number(Limits::Between(-90.0, 90.0))?,
-                center_longitude_deg: longitude.number(Limits::Between(-180.0, 360.0))?,
+                center_latitude_deg: latitude.number(CENTER_LATITUDE.allowed)?,
+                center_longitude_deg: longitude.number(CENTER_LONGITUDE.allowed)?,
                 false_easting_m: 0.5 * grid.width_m(),
                 false_northing_m: 0.5 * grid.height_m(),
             }),

@@ -1,7 +1,7 @@
 //! `[initialise]`: where the first calibration comes from.
 
 use crate::kinds::methods::Method;
-use crate::reader::{Limits, Read, Section};
+use crate::reader::{Absent, AnyKey, Choice, Described, Form, Key, Limits, Read, Section, Whole};
 use crate::text::{clean, listed};
 use indexmap::IndexMap;
 use isobar_assim::high_pass::HighPassSettings;
@@ -18,22 +18,57 @@ pub struct Initialise {
 /// What a method needs to be initialised.
 const NEEDED: &str = "it needs a method that carries the covariance of biases with the state, such as kf or fkf, with bias = \"estimate\"";
 
+const METHOD: Key<Choice<()>> =
+    Key::required("method", "", Choice(&[("high-pass", ())]), "how: Lange's High-pass Filter");
+
+const CYCLES: Key<Whole> = Key::required(
+    "cycles",
+    "cycles",
+    Whole(2, 1_000_000),
+    "number of first cycles from whose observations the calibration is found; at most those of the run",
+);
+
+const BOX_KM: Key<Limits> = Key::required(
+    "box_km",
+    "km",
+    Limits::Between(0.001, 1e6),
+    "side of a box, over which the correction of the state is the same",
+);
+
+const COVARIANCE_SCALE: Key<Limits> = Key::absent(
+    "covariance_scale",
+    "1",
+    Limits::NonNegative,
+    Absent::Means(2.0),
+    "factor on the covariance of what the correction of a box leaves over",
+);
+
+const METHODS: Key<Described> = Key::absent(
+    "methods",
+    "",
+    Described("a list of names", Form::texts),
+    Absent::Explained("all methods that can"),
+    "the methods that start from it",
+);
+
+/// The keys.
+pub(super) const KEYS: &[&dyn AnyKey] = &[&METHOD, &CYCLES, &BOX_KM, &COVARIANCE_SCALE, &METHODS];
+
 /// Reads `[initialise]`; `cycles` are those of the run.
 pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>, cycles: usize) -> Read<Option<Initialise>> {
     let Some(field) = root.optional("initialise") else { return Ok(None) };
-    let section = field.section(&["method", "cycles", "box_km", "covariance_scale", "methods"])?;
-    section.required("method")?.choice(&[("high-pass", ())])?;
-    let cycles_field = section.required("cycles")?;
-    let batch = cycles_field.whole(2, 1_000_000)?;
+    let section = field.section_with(KEYS)?;
+    section.get(&METHOD)?;
+    let (cycles_field, batch) = (section.required(CYCLES.name)?, section.get(&CYCLES)?);
     if batch > cycles {
         let message = format!("an initialisation from {batch} cycles is longer than the run of {cycles}");
         return Err(cycles_field.invalid(message, &format!("must be from 2 to {cycles}, that is cycle.count")));
     }
-    let box_m = 1e3 * section.number("box_km", Limits::Between(0.001, 1e6))?;
-    let covariance_scale = section.number_or("covariance_scale", 2.0, Limits::NonNegative)?;
+    let box_m = 1e3 * section.get(&BOX_KM)?;
+    let covariance_scale = section.get(&COVARIANCE_SCALE)?;
     let able: Vec<&str> =
         methods.iter().filter(|(_, method)| method.can_be_initialised()).map(|(name, _)| name.as_str()).collect();
-    let chosen: Vec<String> = match section.optional("methods") {
+    let chosen: Vec<String> = match section.optional(METHODS.name) {
         None => able.iter().map(ToString::to_string).collect(),
         Some(list) => {
             for element in list.elements(methods.len())? {

@@ -9,6 +9,7 @@ mod expected;
 mod fault;
 mod grid;
 mod initialise;
+pub(crate) mod keys;
 mod moved;
 mod quality;
 mod sensors;
@@ -188,7 +189,7 @@ impl Scenario {
         }
         let file = SourceFile::new(path, text);
         let tree = reader::parse(&file, text)?;
-        let root = Section::root(&file, &tree, KEYS)?;
+        let root = Section::root(&file, &tree, keys::ALL)?;
         let (title, phenomenon, source) =
             (string(&root, "title")?, string(&root, "phenomenon")?, string(&root, "source")?);
         let seed = root.required("seed")?.integer(0, i64::MAX)? as u64;
@@ -228,7 +229,7 @@ impl Scenario {
         };
         let sweep = sweep::read(&root, &model, can_have)?;
         let outputs = cycle::read_output(&root)?;
-        let regression = root.yes_or_no_or("regression", true)?;
+        let regression = root.get(&keys::REGRESSION)?;
         let expected = expected::read(&root, &methods, &model)?;
         let (file_names, tables) = file.into_names();
         Ok(Self {
@@ -292,33 +293,6 @@ impl<'a> World<'a> {
         Ok(Self { grid, model_field: Some(model_field), model, initial })
     }
 }
-
-const KEYS: &[&str] = &[
-    "title",
-    "phenomenon",
-    "source",
-    "seed",
-    "start",
-    "grid",
-    "model",
-    "initial",
-    "background_error",
-    "model_error",
-    "truth",
-    "cycle",
-    "forecast",
-    "quality_control",
-    "networks",
-    "methods",
-    "initialise",
-    "diagnostics",
-    "sweep",
-    "sensors",
-    "stability",
-    "output",
-    "regression",
-    "expected",
-];
 
 /// The most methods of a scenario.
 const MOST_METHODS: usize = 100;

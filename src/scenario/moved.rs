@@ -1,17 +1,24 @@
-//! A scenario's text in another place.
+//! The files that a scenario names, and its text in another place.
 
 use super::Scenario;
-use crate::place::{parent_of, seen_from};
-use std::path::Path;
+use crate::place::{beside, seen_from};
+use crate::shipped;
+use std::path::{Path, PathBuf};
 use toml::Value;
 
 impl Scenario {
+    /// The files that the scenario names: what it calls them, and their paths.
+    pub fn files(&self) -> impl Iterator<Item = (&str, PathBuf)> {
+        self.file_names.iter().map(|file| (file.name.as_str(), beside(&self.path, &file.name)))
+    }
+
     /// The scenario's text for a file in another directory: relative names of files are those that lead from there to the
     /// same files.
     pub fn text_in(&self, directory: &Path) -> String {
         let mut text = self.text.clone();
-        for file in self.file_names.iter().rev().filter(|file| Path::new(&file.name).is_relative()) {
-            let path = seen_from(directory, &parent_of(&self.path).join(&file.name));
+        let moves = |name: &Path| name.is_relative() && !shipped::contains(name);
+        for file in self.file_names.iter().rev().filter(|file| moves(Path::new(&file.name))) {
+            let path = seen_from(directory, &beside(&self.path, &file.name));
             // A path that is not text cannot stand in a scenario.
             if let Ok(path) = path.into_os_string().into_string() {
                 text.replace_range(file.span.clone(), &Value::String(path).to_string());

@@ -2,7 +2,7 @@
 
 use crate::kinds::methods::Method;
 use crate::place::parent_of;
-use crate::reader::{Limits, Read, Section};
+use crate::reader::{Absent, AnyKey, Described, Form, Key, Limits, Read, Section};
 use crate::shell::command;
 use crate::text::{clean, listed, shown_path};
 use indexmap::IndexMap;
@@ -77,13 +77,50 @@ pub struct StabilitySettings {
     pub freeze_after_cycles: Option<usize>,
 }
 
+const DATABASE: Key<Described> = Key::required(
+    "database",
+    "",
+    Described("a file of `isobar sensors`", Form::text),
+    "from what is known there every method that estimates biases starts",
+);
+
+const WRITES: Key<Described> = Key::absent(
+    "writes",
+    "",
+    Described("the name of a method that estimates biases", Form::text),
+    Absent::Explained("nothing is written back"),
+    "the method whose last calibration is written back once the run is complete",
+);
+
+/// The keys of `[sensors]`.
+pub(super) const KEYS: &[&dyn AnyKey] = &[&DATABASE, &WRITES];
+
+const VARIANCE_RATIO: Key<Limits> = Key::absent(
+    "variance_ratio",
+    "1",
+    Limits::Between(1e-6, 0.999),
+    Absent::Means(DEFAULT_VARIANCE_RATIO),
+    "share of its prior variance below which a bias counts as determined",
+);
+
+const FREEZE_AFTER_CYCLES: Key<Described> = Key::absent(
+    "freeze_after_cycles",
+    "cycles",
+    Described("a whole number from 1 to `cycle.count`", || Form::Whole(1, 1_000_000)),
+    Absent::Explained("never"),
+    "cycle after which biases without a stable update go back to their prior, and are adjusted no more",
+);
+
+/// The keys of `[stability]`.
+pub(super) const STABILITY_KEYS: &[&dyn AnyKey] = &[&VARIANCE_RATIO, &FREEZE_AFTER_CYCLES];
+
 /// Reads `[sensors]`.
 pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>) -> Read<Option<SensorSettings>> {
     let Some(field) = root.optional("sensors") else { return Ok(None) };
-    let section = field.section(&["database", "writes"])?;
-    let file = section.required("database")?;
+    let section = field.section_with(KEYS)?;
+    let file = section.required(DATABASE.name)?;
     let (name, database, within) = (file.text()?, file.path()?, Some(parent_of(&file.file.path).to_path_buf()));
-    let Some(field) = section.optional("writes") else {
+    let Some(field) = section.optional(WRITES.name) else {
         return Ok(Some(SensorSettings { name, database, writes: None, within }));
     };
     let writer = field.text()?;
@@ -100,9 +137,9 @@ pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>) -> Re
 pub(super) fn read_stability(root: &Section<'_>, cycles: usize) -> Read<StabilitySettings> {
     let mut settings = StabilitySettings { variance_ratio: DEFAULT_VARIANCE_RATIO, freeze_after_cycles: None };
     let Some(field) = root.optional("stability") else { return Ok(settings) };
-    let section = field.section(&["variance_ratio", "freeze_after_cycles"])?;
-    settings.variance_ratio =
-        section.number_or("variance_ratio", DEFAULT_VARIANCE_RATIO, Limits::Between(1e-6, 0.999))?;
-    settings.freeze_after_cycles = section.optional("freeze_after_cycles").map(|it| it.whole(1, cycles)).transpose()?;
+    let section = field.section_with(STABILITY_KEYS)?;
+    settings.variance_ratio = section.get(&VARIANCE_RATIO)?;
+    settings.freeze_after_cycles =
+        section.optional(FREEZE_AFTER_CYCLES.name).map(|it| it.whole(1, cycles)).transpose()?;
     Ok(settings)
 }

@@ -1,7 +1,7 @@
 //! `[sweep]`: keys of the scenario, and the values that they take in turn.
 
 use crate::kinds::models::Model;
-use crate::reader::{Field, Limits, Read, Section};
+use crate::reader::{Absent, AnyKey, Choice, Described, Field, Form, Key, Limits, Read, Section, Whole};
 use crate::scores::kinds::MEMORY;
 use crate::scores::{Score, ScoreKind};
 use indexmap::IndexMap;
@@ -27,6 +27,51 @@ pub struct SweepSettings {
     pub vary: IndexMap<String, Vec<Value>>,
 }
 
+const SEEDS: Key<Whole> = Key::absent(
+    "seeds",
+    "",
+    Whole(1, 1000),
+    Absent::Means(1),
+    "number of seeds of each setting, from the scenario's on",
+);
+
+const SCORE: Key<Described> = Key::absent(
+    "score",
+    "",
+    Described("the name of a score, such as \"rmse_analysis.h\" or \"bias_rmse\"", Form::text),
+    Absent::Explained("the analysis error of the first variable, or a departure where there is no truth"),
+    "the score by which the best setting is chosen; smaller is better",
+);
+
+const VARY: Key<Described> = Key::required(
+    "vary",
+    "",
+    Described(
+        "a table of dotted keys of this file, each with a list of values or `{ from, to, count, spacing }`",
+        || Form::Named(&[], Box::new(Form::Any(vec![Form::list(Form::Free), Form::Table(RANGE_KEYS)]))),
+    ),
+    "the keys that vary, and their values",
+);
+
+/// The keys of `[sweep]`.
+pub(super) const KEYS: &[&dyn AnyKey] = &[&SEEDS, &SCORE, &VARY];
+
+const FROM: Key<Limits> = Key::required("from", "of the key", Limits::Any, "the first value");
+
+const TO: Key<Limits> = Key::required("to", "of the key", Limits::Any, "the last value");
+
+const COUNT: Key<Whole> = Key::required("count", "", Whole(2, MOST_VALUES), "number of values");
+
+const SPACING: Key<Choice<bool>> = Key::absent(
+    "spacing",
+    "",
+    Choice(&[("linear", false), ("logarithmic", true)]),
+    Absent::Means(false),
+    "whether differences or ratios of neighbouring values are equal",
+);
+
+const RANGE_KEYS: &[&dyn AnyKey] = &[&FROM, &TO, &COUNT, &SPACING];
+
 /// Reads `[sweep]`.
 pub(super) fn read(
     root: &Section<'_>,
@@ -34,8 +79,8 @@ pub(super) fn read(
     can_have: impl Fn(&ScoreKind) -> bool,
 ) -> Read<Option<SweepSettings>> {
     let Some(field) = root.optional("sweep") else { return Ok(None) };
-    let section = field.section(&["seeds", "score", "vary"])?;
-    let field = section.required("vary")?;
+    let section = field.section_with(KEYS)?;
+    let field = section.required(VARY.name)?;
     let mut vary = IndexMap::new();
     for (key, field) in field.any_section()?.fields() {
         if vary.len() == MOST_KEYS {
@@ -51,10 +96,10 @@ pub(super) fn read(
     if vary.is_empty() {
         return Err(field.invalid("no key varies".into(), "keys with lists of values"));
     }
-    let seeds = section.whole_or("seeds", 1, 1, 1000)?;
+    let seeds = section.get(&SEEDS)?;
     let scores = scores(model, can_have);
     let known: Vec<(&str, &str)> = scores.iter().map(|name| (name.as_str(), name.as_str())).collect();
-    let score = section.optional("score").map(|field| field.choice(&known)).transpose()?.map(String::from);
+    let score = section.optional(SCORE.name).map(|field| field.choice(&known)).transpose()?.map(String::from);
     Ok(Some(SweepSettings { seeds, score, vary }))
 }
 
@@ -73,16 +118,11 @@ fn values(field: &Field<'_>) -> Read<Vec<Value>> {
         }
         return Ok(values);
     }
-    let section = field.section(&["from", "to", "count", "spacing"])?;
-    let (from, to) = (section.number("from", Limits::Any)?, section.number("to", Limits::Any)?);
-    let count_field = section.required("count")?;
-    let count = count_field.whole(2, MOST_VALUES)?;
-    let spacing = section.optional("spacing");
-    let is_logarithmic = match &spacing {
-        None => false,
-        Some(spacing) => spacing.choice(&[("linear", false), ("logarithmic", true)])?,
-    };
-    if let Some(spacing) = spacing.filter(|_| is_logarithmic && (from <= 0.0 || to <= 0.0)) {
+    let section = field.section_with(RANGE_KEYS)?;
+    let (from, to) = (section.get(&FROM)?, section.get(&TO)?);
+    let count = section.get(&COUNT)?;
+    let is_logarithmic = section.get(&SPACING)?;
+    if let Some(spacing) = section.optional(SPACING.name).filter(|_| is_logarithmic && (from <= 0.0 || to <= 0.0)) {
         let message = format!("values from {from:?} to {to:?} cannot be spaced logarithmically");
         return Err(spacing.invalid(message, "both ends must be greater than 0"));
     }
@@ -98,7 +138,7 @@ fn values(field: &Field<'_>) -> Read<Vec<Value>> {
     };
     let all: Vec<f64> = (0..count).map(value).collect();
     // Whole numbers where all are: a key that wants them would refuse 4.0.
-    let whole = is_whole("from") && is_whole("to") && all.iter().all(|value| value.fract() == 0.0);
+    let whole = is_whole(FROM.name) && is_whole(TO.name) && all.iter().all(|value| value.fract() == 0.0);
     Ok(all.into_iter().map(|value| if whole { Value::Integer(value as i64) } else { Value::Float(value) }).collect())
 }
 

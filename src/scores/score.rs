@@ -40,6 +40,17 @@ impl<'a> Score<'a> {
         }
     }
 
+    /// Its unit in UDUNITS spelling; of scores of biases, which are averaged over several units, words.
+    pub fn unit(&self) -> &'a str {
+        match self.kind.unit {
+            Unit::Variable => udunits(self.variable.1),
+            Unit::Parameters => "that of each bias",
+            Unit::One => "1",
+            Unit::SecondsPerCycle => "s",
+            Unit::Bytes => "byte",
+        }
+    }
+
     /// Its title in files: `rmse_analysis h [m]` with the unit in UDUNITS spelling, or `bias_rmse`.
     pub fn column(&self) -> String {
         let (name, udunits) = self.variable;
@@ -67,6 +78,12 @@ impl<'a> Score<'a> {
     pub fn in_tables(&self, value: f64) -> f64 {
         if self.kind.unit == Unit::Bytes { value / 1e6 } else { value }
     }
+}
+
+/// A variable's unit in UDUNITS spelling, as in the files of a run.
+pub fn udunits(unit: &str) -> &str {
+    // As the kinds of models write it for tables.
+    if unit == "m/s" { "m s-1" } else { unit }
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use super::SensorError;
 use super::record::{Record, Records};
 use crate::place::parent_of;
 use crate::safe_file;
+use crate::shipped;
 use crate::text::{clean, shown_path};
 use isobar_model::Time;
 use rusqlite::config::DbConfig;
@@ -86,6 +87,9 @@ impl Database {
     /// # Errors
     /// A file that is not there, is no database of sensors, is of another version, too large, or damaged.
     pub fn open(path: &Path, missing: Missing) -> Result<Self, SensorError> {
+        if let Some(bytes) = shipped::bytes(path).filter(|_| missing == Missing::Refuse) {
+            return Self::of_program(path, bytes);
+        }
         let real = real_path(path)?;
         let fresh = match fs::metadata(&real) {
             Ok(metadata) if !metadata.is_file() => return Err(SensorError::new(path, "it is not a file")),
@@ -129,6 +133,18 @@ impl Database {
         if missing == Missing::Create {
             database.create()?;
         }
+        database.check()?;
+        Ok(database)
+    }
+
+    /// A database inside the program, to be read only.
+    fn of_program(path: &Path, bytes: &'static [u8]) -> Result<Self, SensorError> {
+        let opened = Connection::open_in_memory().and_then(|mut connection| {
+            connection.deserialize_bytes("main", bytes)?;
+            Ok(connection)
+        });
+        let connection = opened.map_err(|error| SensorError::new(path, in_words(&error)))?;
+        let database = Self { path: path.to_path_buf(), connection };
         database.check()?;
         Ok(database)
     }

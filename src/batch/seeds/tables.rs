@@ -1,7 +1,7 @@
 //! Scores over seeds as tables, for the terminal and the page.
 
 use super::{SeedsScore, SeedsSummary};
-use crate::scores::{Better, Part, Score};
+use crate::scores::{Better, Part, Score, ScoreKind};
 use crate::tables::{Cell, NONE, Table, figure, with_half_width};
 
 impl SeedsSummary {
@@ -20,16 +20,18 @@ impl SeedsSummary {
     /// The differences from the method `against` in % of its scores, in the same parts. A star marks significance.
     pub fn differences(&self, variables: &[(&str, &str)]) -> Vec<Table> {
         let others: Vec<&str> = self.methods.keys().map(String::as_str).filter(|name| *name != self.against).collect();
-        self.tables(&format!("% of {}", self.against), &others, variables, |score, better| {
+        self.tables(&format!("% of {}", self.against), &others, variables, |score, kind| {
             let Some((difference, (percent, half_width))) =
                 score.difference.and_then(|difference| Some((difference, difference.percent()?)))
             else {
                 return NONE.into();
             };
-            let star = if difference.significant == Some(true) { " *" } else { "" };
-            let class = match difference.significant {
-                Some(true) if better == Better::Less && percent < 0.0 => "better",
-                Some(true) if better == Better::Less => "worse",
+            // What a run costs depends on what else the machine does.
+            let is_significant = difference.significant == Some(true) && kind.part != Part::Cost;
+            let star = if is_significant { " *" } else { "" };
+            let class = match kind.better {
+                Better::Less if is_significant && percent < 0.0 => "better",
+                Better::Less if is_significant => "worse",
                 _ => "open",
             };
             let text = format!("{}{star}", with_half_width(format!("{percent:+.1}"), half_width));
@@ -48,15 +50,15 @@ impl SeedsSummary {
         title: &str,
         methods: &[&str],
         variables: &[(&str, &str)],
-        cell: impl Fn(&SeedsScore, Better) -> Cell,
+        cell: impl Fn(&SeedsScore, &ScoreKind) -> Cell,
     ) -> Vec<Table> {
         let parts: [&[Part]; 3] = [&[Part::Analysis], &[Part::Background, Part::Biases, Part::Cost], &[Part::Smoothed]];
         let table = |parts: &[Part]| {
             let mut columns = Score::all(variables, |kind| kind.tabulated && parts.contains(&kind.part));
             columns.retain(|score| self.methods.values().any(|scores| scores.contains_key(&score.key())));
             let row = |method: &&str| -> Option<Vec<Cell>> {
-                let scores = columns.iter().map(|column| (self.score(method, &column.key()), column.kind.better));
-                let cells = scores.clone().map(|(score, better)| score.map_or(NONE.into(), |it| cell(it, better)));
+                let scores = columns.iter().map(|column| (self.score(method, &column.key()), column.kind));
+                let cells = scores.clone().map(|(score, kind)| score.map_or(NONE.into(), |it| cell(it, kind)));
                 // Most methods have no smoother.
                 let is_left_out = parts == [Part::Smoothed] && scores.clone().all(|(score, _)| score.is_none());
                 (!is_left_out).then(|| std::iter::once((*method).into()).chain(cells).collect())

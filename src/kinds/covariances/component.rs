@@ -1,6 +1,6 @@
 //! What the kinds of components have in common.
 
-use crate::reader::{Described, Key, Limits};
+use crate::reader::{Described, Form, Key, Limits};
 use isobar_assim::covariance::BalancedParameters;
 use isobar_assim::{Covariance, Error};
 use isobar_model::Layout;
@@ -31,6 +31,6 @@ pub(super) const LENGTH_KM: Key<Limits> = Key::required(
 );
 
 pub(super) const VARIABLE: Key<Described> =
-    Key::required("variable", "", Described("a variable of the model"), "the variable");
+    Key::required("variable", "", Described("a variable of the model", Form::text), "the variable");
 
 pub(super) const SIGMA: Key<Limits> = Key::required("sigma", "of the variable", Limits::Positive, "standard deviation");

@@ -2,7 +2,7 @@
 
 use super::component::{CovarianceSettings, VARIABLE};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Absent, Described, Key, Limits, fields};
+use crate::reader::{Absent, Described, Form, Key, Limits, fields};
 use faer::Mat;
 use isobar_assim::covariance::LocalizedEnsemble;
 use isobar_assim::{Covariance, Error};
@@ -14,7 +14,7 @@ const MOST_MEMBERS: usize = 1000;
 const FILE: Key<Described> = Key::required(
     "file",
     "",
-    Described("a CSV file with a column for each of 2 to 1000 members and a row for each cell"),
+    Described("a CSV file with a column for each of 2 to 1000 members and a row for each cell", Form::text),
     "the members, fields of the variable",
 );
 

@@ -10,7 +10,7 @@ mod white;
 pub use component::CovarianceSettings;
 
 use super::{Domain, Kinds};
-use crate::reader::{Field, Read};
+use crate::reader::{AnyKey, Described, Field, Form, Key, Read};
 use isobar_assim::covariance::Sum;
 use isobar_assim::{Covariance, Error};
 use isobar_model::Layout;
@@ -29,9 +29,19 @@ const MOST_COMPONENTS: usize = 20;
 /// The most values of the control vectors of all components of a covariance: 1 GB, and eight components of the largest grid.
 const MOST_CONTROLS: usize = 1 << 27;
 
+const COMPONENTS: Key<Described> = Key::required(
+    "components",
+    "",
+    Described("a list of tables, each with a `kind` of covariance", || Form::list(Form::Listed("covariances"))),
+    "independent parts of the errors, whose covariances add up; an empty list for no errors",
+);
+
+/// The keys of a covariance.
+pub(crate) const KEYS: &[&dyn AnyKey] = &[&COMPONENTS];
+
 /// Reads a table of components.
 pub(crate) fn read(field: &Field<'_>, domain: &Domain) -> Read<Components> {
-    let components = field.section(&["components"])?.required("components")?.elements(MOST_COMPONENTS)?;
+    let components = field.section_with(KEYS)?.required(COMPONENTS.name)?.elements(MOST_COMPONENTS)?;
     components.iter().map(|element| Ok(Arc::from(super::read(element, COVARIANCES, domain)?))).collect()
 }
 

@@ -2,7 +2,7 @@
 
 use super::state::InitialState;
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Described, Field, Key, Read, fields};
+use crate::reader::{Described, Field, Form, Key, Read, fields};
 use crate::text::clean;
 use isobar_model::{Boundary, ModelError, State, advection, shallow_water};
 
@@ -12,7 +12,7 @@ const MOST_COLUMNS: usize = 100;
 const FILE: Key<Described> = Key::required(
     "file",
     "",
-    Described("a CSV file with a named column for each of the model's variables and a row for each cell"),
+    Described("a CSV file with a named column for each of the model's variables and a row for each cell", Form::text),
     "the state",
 );
 

@@ -1,6 +1,8 @@
 //! What several kinds of instruments have in common.
 
-use crate::reader::{Absent, AnyKey, Described, Field, Key, Limits, Read, ScenarioError, Section, Whole, YesNo};
+use crate::reader::{
+    Absent, AnyKey, Described, Field, Form, Key, Limits, Read, ScenarioError, Section, Table, Whole, YesNo,
+};
 use crate::text::clean_lines;
 use isobar_obs::Faults;
 use isobar_obs::table::TableError;
@@ -16,7 +18,7 @@ pub(super) const INTERVAL_CYCLES: Key<Whole> = Key::absent(
 pub(super) const FIRST_CYCLE: Key<Described> = Key::absent(
     "first_cycle",
     "",
-    Described("a whole number from 1 to `interval_cycles`"),
+    Described("a whole number from 1 to `interval_cycles`", || Form::Whole(1, 1_000_000)),
     Absent::Means("1"),
     "first cycle in which it reports",
 );
@@ -37,16 +39,36 @@ pub(super) const ASSIMILATE: Key<YesNo> = Key::absent(
     "whether methods assimilate it; a passive network (`false`) is compared with their estimates and does nothing else",
 );
 
-const FAULTS: Key<Described> = Key::absent(
+const FAULTS: Key<Table> = Key::absent(
     "faults",
     "",
-    Described(
-        "a table of the probabilities `gross_error_rate`, `not_finite_rate`, `duplicate_rate`, `misplaced_rate` and \
-         `late_rate`, and of `gross_error_factor` (20), the size of gross errors in standard deviations",
-    ),
+    Table(&[&GROSS_ERROR_RATE, &GROSS_ERROR_FACTOR, &NOT_FINITE_RATE, &DUPLICATE_RATE, &MISPLACED_RATE, &LATE_RATE]),
     Absent::Explained("no faults"),
     "reports that must not be believed, to try quality control on",
 );
+
+const GROSS_ERROR_RATE: Key<Limits> = rate("gross_error_rate", "probability of a gross error");
+
+const GROSS_ERROR_FACTOR: Key<Limits> = Key::absent(
+    "gross_error_factor",
+    "1",
+    Limits::Positive,
+    Absent::Means(Faults::NONE.gross_error_factor),
+    "size of gross errors in standard deviations of the random error",
+);
+
+const NOT_FINITE_RATE: Key<Limits> = rate("not_finite_rate", "probability of a value that is not a number");
+
+const DUPLICATE_RATE: Key<Limits> = rate("duplicate_rate", "probability that an observation is reported twice");
+
+const MISPLACED_RATE: Key<Limits> =
+    rate("misplaced_rate", "probability that a report gives a place outside of the domain");
+
+const LATE_RATE: Key<Limits> = rate("late_rate", "probability that a report is one cycle old");
+
+const fn rate(name: &'static str, meaning: &'static str) -> Key<Limits> {
+    Key::absent(name, "1", Limits::Fraction, Absent::Means(0.0), meaning)
+}
 
 /// What instruments that make their own observations have in common.
 pub(super) const COMMON: &[&dyn AnyKey] = &[&ASSIMILATE, &INTERVAL_CYCLES, &FIRST_CYCLE, &MISSING_RATE, &FAULTS];
@@ -61,19 +83,15 @@ pub(super) fn texts(section: &Section<'_>, key: &str, most: usize) -> Read<Vec<S
 
 /// Reads the faults of a network.
 pub(super) fn faults(section: &Section<'_>) -> Read<Faults> {
-    let none = Faults::NONE;
-    let Some(field) = section.optional(FAULTS.name) else { return Ok(none) };
-    let keys =
-        ["gross_error_rate", "gross_error_factor", "not_finite_rate", "duplicate_rate", "misplaced_rate", "late_rate"];
-    let section = field.section(&keys)?;
-    let rate = |key| section.number_or(key, 0.0, Limits::Fraction);
+    let Some(field) = section.optional(FAULTS.name) else { return Ok(Faults::NONE) };
+    let section = field.section_with(FAULTS.allowed.0)?;
     Ok(Faults {
-        gross_error_rate: rate("gross_error_rate")?,
-        gross_error_factor: section.number_or("gross_error_factor", none.gross_error_factor, Limits::Positive)?,
-        not_finite_rate: rate("not_finite_rate")?,
-        duplicate_rate: rate("duplicate_rate")?,
-        misplaced_rate: rate("misplaced_rate")?,
-        late_rate: rate("late_rate")?,
+        gross_error_rate: section.get(&GROSS_ERROR_RATE)?,
+        gross_error_factor: section.get(&GROSS_ERROR_FACTOR)?,
+        not_finite_rate: section.get(&NOT_FINITE_RATE)?,
+        duplicate_rate: section.get(&DUPLICATE_RATE)?,
+        misplaced_rate: section.get(&MISPLACED_RATE)?,
+        late_rate: section.get(&LATE_RATE)?,
     })
 }
 

@@ -2,8 +2,8 @@
 
 use super::bias;
 use super::common::{ASSIMILATE, MOST_GROUPS, at_file, texts};
-use crate::kinds::{Domain, Kind};
-use crate::reader::{self, Absent, Choice, Described, Field, Key, Limits, Read, Section, files};
+use crate::kinds::{Domain, Kind, Kinds, choose_by, forms};
+use crate::reader::{Absent, AnyKey, Choice, Described, Field, Form, Key, Limits, Read, Section, files};
 use isobar_model::Duration;
 use isobar_obs::{
     ColumnPredictor, FurtherColumns, InstrumentSettings, ObservationFile, RecordedBias, RecordedScope,
@@ -16,14 +16,14 @@ const MOST_STATIONS: usize = 10_000;
 const FILE: Key<Described> = Key::required(
     "file",
     "",
-    Described("a CSV file with a line for each observation: its time, place, variable, value and error"),
+    Described("a CSV file with a line for each observation: its time, place, variable, value and error", Form::text),
     "the observations",
 );
 
 const VARIABLE: Key<Described> = Key::absent(
     "variable",
     "",
-    Described("a variable of the model"),
+    Described("a variable of the model", Form::text),
     Absent::Explained("as the file says, or the model's only variable"),
     "the observed variable, for a file without a column `variable`",
 );
@@ -39,7 +39,7 @@ const SIGMA: Key<Limits> = Key::absent(
 const MISSING: Key<Described> = Key::absent(
     "missing",
     "of the variable",
-    Described("a list of numbers, such as [-9999]"),
+    Described("a list of numbers, such as [-9999]", Form::numbers),
     Absent::Explained("values that usually mark a missing one are refused"),
     "values that mark a missing one; rows with them are counted, and not used",
 );
@@ -63,7 +63,7 @@ const WINDS: Key<Choice<WindAxes>> = Key::absent(
 const GROUP_BY: Key<Described> = Key::absent(
     "group_by",
     "",
-    Described("a column of the file"),
+    Described("a column of the file", Form::text),
     Absent::Explained("`group`, where biases or `reference_groups` need it"),
     "the column by which stations form groups",
 );
@@ -71,7 +71,7 @@ const GROUP_BY: Key<Described> = Key::absent(
 const REFERENCE_GROUPS: Key<Described> = Key::absent(
     "reference_groups",
     "",
-    Described("a list of groups"),
+    Described("a list of groups", Form::texts),
     Absent::Explained("none"),
     "groups without bias",
 );
@@ -79,7 +79,7 @@ const REFERENCE_GROUPS: Key<Described> = Key::absent(
 const REFERENCE_STATIONS: Key<Described> = Key::absent(
     "reference_stations",
     "",
-    Described("a list of stations, by their `id`"),
+    Described("a list of stations, by their `id`", Form::texts),
     Absent::Explained("none"),
     "stations without bias",
 );
@@ -87,10 +87,7 @@ const REFERENCE_STATIONS: Key<Described> = Key::absent(
 const BIAS: Key<Described> = Key::absent(
     "bias",
     "",
-    Described(
-        "a list of tables: `per` (\"station\", \"group\" or \"all\"), `variable`, `sigma` and `evolution` (constant or \
-         random_walk); with `term = \"column\"` also `column`, `mean` and `scale`, and `per` is \"all\" unless given",
-    ),
+    Described("a list of tables", || Form::list(Form::Any(vec![Form::Kinds(TERM, forms(TERMS)), Form::Table(OFFSET)]))),
     Absent::Explained("no biases"),
     "biases to estimate, one for each station, each group or all, constant or proportional to the number in a column",
 );
@@ -171,35 +168,79 @@ fn biases(section: &Section<'_>, domain: &Domain) -> Read<Vec<RecordedBias>> {
     elements.iter().map(|element| one_bias(element, domain)).collect()
 }
 
+/// The key of a bias that says what it depends on.
+const TERM: &str = "term";
+
+const PER: Key<Choice<RecordedScope>> = Key::absent(
+    "per",
+    "",
+    Choice(&[
+        ("station", RecordedScope::EachStation),
+        ("group", RecordedScope::EachGroup),
+        ("all", RecordedScope::All),
+    ]),
+    Absent::Explained("\"all\" with a column; else it must be given"),
+    "what has a bias of its own",
+);
+
+const BIASED: Key<Described> = Key::required(
+    "variable",
+    "",
+    Described("a variable of the model", Form::text),
+    "the variable whose observations are biased",
+);
+
+const COLUMN: Key<Described> = Key::required(
+    "column",
+    "",
+    Described("a column of the file", Form::text),
+    "the column to whose numbers the bias is proportional",
+);
+
+const MEAN: Key<Limits> =
+    Key::required("mean", "of the column", Limits::Any, "the number at which there is no such bias");
+
+const SCALE: Key<Limits> = Key::required(
+    "scale",
+    "of the column",
+    Limits::Positive,
+    "the change of the number over which the bias changes by its coefficient",
+);
+
+/// The keys of a bias that depends on nothing.
+const OFFSET: &[&dyn AnyKey] = &[&PER, &BIASED, &bias::RECORDED_SIGMA, &bias::RECORDED_EVOLUTION];
+
+/// Whether a bias depends on a column.
+const TERMS: &Kinds<bool, ()> = &[
+    &Kind::new("offset", "The same for all observations", &[OFFSET], |_, ()| Ok(Box::new(false))),
+    &Kind::new(
+        "column",
+        "Proportional to (number in a column − mean) / scale",
+        &[OFFSET, &[&COLUMN, &MEAN, &SCALE]],
+        |_, ()| Ok(Box::new(true)),
+    ),
+];
+
 fn one_bias(element: &Field<'_>, domain: &Domain) -> Read<RecordedBias> {
-    const OFFSET: [&str; 4] = {
-        let [a, b] = bias::RECORDED_KEYS;
-        ["per", "variable", a, b]
-    };
-    const COLUMN: [&str; 7] = {
-        let [a, b, c, d] = OFFSET;
-        [a, b, c, d, "column", "mean", "scale"]
-    };
-    const TERMS: &[reader::Kind<bool>] = &[("offset", false, &OFFSET), ("column", true, &COLUMN)];
-    const SCOPES: &[(&str, RecordedScope)] =
-        &[("station", RecordedScope::EachStation), ("group", RecordedScope::EachGroup), ("all", RecordedScope::All)];
-    let (has_column, section) = if element.any_section()?.optional("term").is_some() {
-        element.section_by("term", TERMS)?
+    let (has_column, section) = if element.any_section()?.optional(TERM).is_some() {
+        let (term, section) = choose_by(TERM, element, TERMS, &())?;
+        (*(term.read)(&section, &())?, section)
     } else {
-        (false, element.section(&OFFSET)?)
+        (false, element.section_with(OFFSET)?)
     };
     let predictor = has_column.then(|| {
         Read::Ok(ColumnPredictor {
-            column: section.required("column")?.text()?,
-            mean: section.number("mean", Limits::Any)?,
-            scale: section.number("scale", Limits::Positive)?,
+            column: section.required(COLUMN.name)?.text()?,
+            mean: section.get(&MEAN)?,
+            scale: section.get(&SCALE)?,
         })
     });
-    let scope = match section.optional("per") {
+    let scope = match section.find(&PER)? {
+        Some(scope) => scope,
         None if has_column => RecordedScope::All,
-        _ => section.required("per")?.choice(SCOPES)?,
+        None => return Err(section.required(PER.name).err().expect("it is not there")),
     };
-    let variable = domain.variable(&section.required("variable")?)?;
+    let variable = domain.variable(&section.required(BIASED.name)?)?;
     Ok(RecordedBias {
         variable: domain.model.variables()[variable].0.to_string(),
         scope,

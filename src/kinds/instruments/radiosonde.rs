@@ -2,8 +2,8 @@
 
 use super::bias;
 use super::common::{COMMON, MOST_GROUPS, at_file, texts};
-use crate::kinds::{Domain, Kind};
-use crate::reader::{Absent, Described, Field, Key, Limits, Read, Section, files};
+use crate::kinds::{Domain, Kind, Kinds, choose_by, forms};
+use crate::reader::{Absent, AnyKey, Described, Field, Form, Key, Limits, Read, Section, Whole, files};
 use isobar_obs::{
     BiasScope, InstrumentSettings, ObservedVariable, RadiosondeSettings, StationBias, StationFile, StationSource,
 };
@@ -17,14 +17,37 @@ const MOST_STATIONS: usize = 100_000;
 const STATIONS: Key<Described> = Key::required(
     "stations",
     "",
-    Described("`{ file = \"…\" }`, `{ regular = [columns, rows] }` or `{ random = count }`"),
+    Described("`{ file = \"…\" }`, `{ regular = [columns, rows] }` or `{ random = count }`", || Form::Table(PLACES)),
     "where the stations are",
+);
+
+const PLACES: &[&dyn AnyKey] = &[&FILE, &REGULAR, &RANDOM];
+
+const OTHERWISE: Absent<&str> = Absent::Explained("the stations are given otherwise");
+
+const FILE: Key<Described> =
+    Key::absent("file", "", Described("a CSV file", Form::text), OTHERWISE, "a table of stations");
+
+const REGULAR: Key<Described> = Key::absent(
+    "regular",
+    "1",
+    Described("[columns, rows]", || Form::list(Form::Whole(1, MOST_COLUMNS as i64))),
+    OTHERWISE,
+    "numbers of columns and rows of stations at equal distances",
+);
+
+const RANDOM: Key<Whole> = Key::absent(
+    "random",
+    "1",
+    Whole(1, MOST_STATIONS),
+    Absent::Explained("the stations are given otherwise"),
+    "number of stations at random places",
 );
 
 const GROUP_BY: Key<Described> = Key::absent(
     "group_by",
     "",
-    Described("a column of the station file"),
+    Described("a column of the station file", Form::text),
     Absent::Explained("all stations form one group, `all`"),
     "the column by which the stations of a file form groups",
 );
@@ -32,7 +55,7 @@ const GROUP_BY: Key<Described> = Key::absent(
 const GROUPS: Key<Described> = Key::absent(
     "groups",
     "",
-    Described("a list of names"),
+    Described("a list of names", Form::texts),
     Absent::Explained("all groups of a station file; of other stations one group, `all`"),
     "of a station file, the groups whose stations report; of other stations, the groups to which they belong in turn",
 );
@@ -40,7 +63,7 @@ const GROUPS: Key<Described> = Key::absent(
 const REFERENCE_GROUPS: Key<Described> = Key::absent(
     "reference_groups",
     "",
-    Described("a list of groups"),
+    Described("a list of groups", Form::texts),
     Absent::Explained("none"),
     "groups without bias",
 );
@@ -72,7 +95,7 @@ const SIGMA_WIND_M_PER_S: Key<Limits> = Key::absent(
 const OBSERVE: Key<Described> = Key::absent(
     "observe",
     "",
-    Described("a table such as `{ tracer = 0.1 }`"),
+    Described("a table such as `{ tracer = 0.1 }`", Form::named_numbers),
     Absent::Explained("heights and winds only"),
     "standard deviation of the random error of any variables, in their units",
 );
@@ -80,13 +103,29 @@ const OBSERVE: Key<Described> = Key::absent(
 const BIAS: Key<Described> = Key::absent(
     "bias",
     "",
-    Described(
-        "a list of tables: `per` (\"group\" or \"station\") and `variable`; `sigma` or `value`; `evolution`, `known`, \
-         `assumed_sigma`, `assumed_drift_per_sqrt_day`, `assumed_correlation_hours`",
-    ),
+    Described("a list of tables", || Form::list(Form::Kinds(PER, forms(SCOPES)))),
     Absent::Explained("no biases"),
     "biases, one for each group or station",
 );
+
+/// The key of a bias that says of what it is one.
+const PER: &str = "per";
+
+const VARIABLE: Key<Described> = Key::required(
+    "variable",
+    "",
+    Described("an observed variable", Form::text),
+    "the variable whose observations are biased",
+);
+
+const SCOPES: &Kinds<BiasScope, ()> = &[
+    &Kind::new("group", "One bias for all stations of a group", &[&[&VARIABLE], bias::KEYS], |_, ()| {
+        Ok(Box::new(BiasScope::EachGroup))
+    }),
+    &Kind::new("station", "One bias for each station", &[&[&VARIABLE], bias::KEYS], |_, ()| {
+        Ok(Box::new(BiasScope::EachStation))
+    }),
+];
 
 pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
     "radiosonde",
@@ -183,7 +222,7 @@ enum Stations {
 }
 
 fn stations(field: &Field<'_>) -> Read<Stations> {
-    let section = field.section(&["file", "regular", "random"])?;
+    let section = field.section_with(PLACES)?;
     let given: Vec<(&str, Field<'_>)> = section.fields().collect();
     match given.as_slice() {
         [("file", file)] => {
@@ -208,18 +247,12 @@ fn stations(field: &Field<'_>) -> Read<Stations> {
 }
 
 fn biases(section: &Section<'_>, observed: &[ObservedVariable]) -> Read<Vec<StationBias>> {
-    let keys: Vec<&str> = ["per", "variable"].into_iter().chain(bias::KEYS).collect();
     let names: Vec<(&str, &str)> = observed.iter().map(|it| (it.name.as_str(), it.name.as_str())).collect();
     let mut biases: Vec<StationBias> = Vec::new();
     for element in section.optional(BIAS.name).map_or(Ok(Vec::new()), |field| field.elements(bias::MOST_BIASES))? {
-        let section = element.section(&keys)?;
-        let per = section.required("per")?;
-        let scope = if per.choice(&[("group", true), ("station", false)])? {
-            BiasScope::EachGroup
-        } else {
-            BiasScope::EachStation
-        };
-        let variable = section.required("variable")?.choice(&names)?.to_string();
+        let (scope, section) = choose_by(PER, &element, SCOPES, &())?;
+        let scope = *(scope.read)(&section, &())?;
+        let variable = section.required(VARIABLE.name)?.choice(&names)?.to_string();
         biases.push(StationBias { variable, scope, process: bias::read(&section)? });
     }
     Ok(biases)

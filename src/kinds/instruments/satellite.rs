@@ -2,12 +2,12 @@
 
 use super::bias;
 use super::common::COMMON;
-use crate::kinds::{Domain, Kind};
-use crate::reader::{self, Absent, Choice, Described, Key, Limits, Read, Section, Whole};
+use crate::kinds::{Domain, Kind, Kinds, choose_by, forms};
+use crate::reader::{Absent, Choice, Described, Form, Key, Limits, Read, Section, Whole};
 use isobar_obs::{AirMassBias, Heading, InstrumentSettings, ObservedVariable, SatelliteSettings, ScanBias, ScanTerm};
 
 const VARIABLE: Key<Described> =
-    Key::required("variable", "", Described("a variable of the model"), "the observed variable");
+    Key::required("variable", "", Described("a variable of the model", Form::text), "the observed variable");
 
 const SIGMA: Key<Limits> =
     Key::required("sigma", "of the variable", Limits::Positive, "standard deviation of the random error");
@@ -74,10 +74,7 @@ const TRACK_ANGLE_DEG: Key<Limits> = Key::absent(
 const BIAS: Key<Described> = Key::absent(
     "bias",
     "",
-    Described(
-        "a list of tables: `term` (\"offset\", \"scan_linear\", \"scan_quadratic\", or \"air_mass\" with `variable`, `mean` \
-         and `scale`); `sigma` or `value`; `evolution`, `known`, `assumed_sigma`, `assumed_drift_per_sqrt_day`, `assumed_correlation_hours`",
-    ),
+    Described("a list of tables", || Form::list(Form::Kinds(TERM, forms(TERMS)))),
     Absent::Explained("no biases"),
     "biases, each with a coefficient to estimate",
 );
@@ -121,27 +118,54 @@ pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
     },
 );
 
+/// The key of a bias that says what it depends on.
+const TERM: &str = "term";
+
+const PREDICTOR: Key<Described> = Key::required(
+    "variable",
+    "",
+    Described("a variable of the model", Form::text),
+    "the variable to which the bias is proportional, as the satellite sees it",
+);
+
+const MEAN: Key<Limits> =
+    Key::required("mean", "of that variable", Limits::Any, "the value at which there is no such bias");
+
+const SCALE: Key<Limits> = Key::required(
+    "scale",
+    "of that variable",
+    Limits::Positive,
+    "the change of the variable over which the bias changes by its coefficient",
+);
+
+/// What a bias depends on: the scan position, or, if `None`, the air.
+const TERMS: &Kinds<Option<ScanTerm>, ()> = &[
+    &Kind::new("offset", "The same everywhere", &[bias::KEYS], |_, ()| Ok(Box::new(Some(ScanTerm::Offset)))),
+    &Kind::new("scan_linear", "Linear in the scan position", &[bias::KEYS], |_, ()| {
+        Ok(Box::new(Some(ScanTerm::Linear)))
+    }),
+    &Kind::new("scan_quadratic", "Quadratic in the scan position", &[bias::KEYS], |_, ()| {
+        Ok(Box::new(Some(ScanTerm::Quadratic)))
+    }),
+    &Kind::new(
+        "air_mass",
+        "Proportional to (variable − mean) / scale",
+        &[&[&PREDICTOR, &MEAN, &SCALE], bias::KEYS],
+        |_, ()| Ok(Box::new(None)),
+    ),
+];
+
 fn read_biases(section: &Section<'_>, domain: &Domain, settings: &mut SatelliteSettings) -> Read<()> {
-    const AIR_MASS: [&str; 10] = {
-        let [a, b, c, d, e, f, g] = bias::KEYS;
-        ["variable", "mean", "scale", a, b, c, d, e, f, g]
-    };
-    const TERMS: &[reader::Kind<Option<ScanTerm>>] = &[
-        ("offset", Some(ScanTerm::Offset), &bias::KEYS),
-        ("scan_linear", Some(ScanTerm::Linear), &bias::KEYS),
-        ("scan_quadratic", Some(ScanTerm::Quadratic), &bias::KEYS),
-        ("air_mass", None, &AIR_MASS),
-    ];
     for element in section.optional(BIAS.name).map_or(Ok(Vec::new()), |field| field.elements(bias::MOST_BIASES))? {
-        let (term, section) = element.section_by("term", TERMS)?;
-        if let Some(term) = term {
+        let (kind, section) = choose_by(TERM, &element, TERMS, &())?;
+        if let Some(term) = *(kind.read)(&section, &())? {
             settings.biases.push(ScanBias { term, process: bias::read(&section)? });
         } else {
-            let variable = domain.variable(&section.required("variable")?)?;
+            let variable = domain.variable(&section.required(PREDICTOR.name)?)?;
             settings.air_mass_biases.push(AirMassBias {
                 variable: domain.model.variables()[variable].0.to_string(),
-                mean: section.number("mean", Limits::Any)?,
-                scale: section.number("scale", Limits::Positive)?,
+                mean: section.get(&MEAN)?,
+                scale: section.get(&SCALE)?,
                 process: bias::read(&section)?,
             });
         }

@@ -25,7 +25,7 @@ const fn adapt(keys: &'static [&'static dyn AnyKey]) -> Key<Table> {
     Key::absent(
         "adapt",
         "",
-        Table("a table", keys),
+        Table(keys),
         Absent::Explained("nothing is adapted"),
         "errors whose size is estimated from the innovations",
     )

@@ -5,7 +5,7 @@ use super::common_factors::{self, CommonFactors, FACTORS};
 use super::local_factors::{self, LOCAL_FACTORS};
 use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Absent, AnyKey, Choice, Field, Key, OrTable, Read, Section, Table, Whole};
+use crate::reader::{Absent, AnyKey, Choice, Described, Field, Form, Key, OrTable, Read, Section, Whole};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
 use isobar_assim::local_factors::{LocalFactorSettings, LocalFastKalmanFilter};
 use isobar_assim::{Assimilator, Error};
@@ -27,7 +27,12 @@ const BLOCKS: Key<OrTable<Choice<BlockShape>>> = Key::absent(
     "the blocks of the covariance: cells, tiles or the whole domain",
 );
 
-const TILE: Key<Table> = Key::required("tile", "cells", Table("[cells in x, cells in y]", &[]), "sides of a tile");
+const TILE: Key<Described> = Key::required(
+    "tile",
+    "cells",
+    Described("[cells in x, cells in y]", || Form::list(Form::Whole(1, 4096))),
+    "sides of a tile",
+);
 
 const BIAS_COUPLING: Key<Choice<BiasCoupling>> = Key::absent(
     "bias_coupling",

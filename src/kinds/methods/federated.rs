@@ -4,20 +4,22 @@ use super::adapt::ADAPT;
 use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, Setup, Surroundings};
 use crate::kinds::Kind;
 use crate::kinds::models::Model;
-use crate::reader::{Absent, Key, Limits, Read, Section, Table, Whole};
+use crate::reader::{Absent, Described, Form, Key, Limits, Read, Section, Whole};
 use isobar_assim::federated::{FederatedKalmanFilter, FederatedSettings};
 use isobar_assim::{Assimilator, Error};
 
-const INFORMATION_SHARING: Key<Table> = Key::absent(
+const INFORMATION_SHARING: Key<Described> = Key::absent(
     "information_sharing",
-    "",
-    Table("a table with a factor for each network; their sum is 1", &[&SHARE]),
+    "1",
+    Described("a table with a factor for each network; their sum is 1", || {
+        Form::Named(&[], Box::new(Form::Number(SHARE)))
+    }),
     Absent::Explained("equal shares"),
     "which part of the common information each system's filter has",
 );
 
-const SHARE: Key<Limits> =
-    Key::required("NETWORK", "", Limits::Between(1e-6, 1.0), "the part that the filter of this network has");
+/// The part that the filter of a network has.
+const SHARE: Limits = Limits::Between(1e-6, 1.0);
 
 const RESET_EVERY_CYCLES: Key<Whole> = Key::absent(
     "reset_every_cycles",
@@ -54,7 +56,7 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
 fn shares(section: &Section<'_>, networks: &[&str]) -> Read<Vec<f64>> {
     let Some(field) = section.optional(INFORMATION_SHARING.name) else { return Ok(vec![1.0; networks.len()]) };
     let table = field.section(networks)?;
-    let shares = networks.iter().map(|name| table.number(name, SHARE.allowed)).collect::<Read<Vec<f64>>>()?;
+    let shares = networks.iter().map(|name| table.number(name, SHARE)).collect::<Read<Vec<f64>>>()?;
     let sum: f64 = shares.iter().sum();
     if (sum - 1.0).abs() > ROUNDING {
         let message = format!("the factors of `{}` sum to {sum}", field.title());

@@ -19,7 +19,7 @@ const SUPPORT_TILES: usize = 4;
 pub(super) const LOCAL_FACTORS: Key<Table> = Key::absent(
     "local_factors",
     "",
-    Table("a table", KEYS),
+    Table(KEYS),
     Absent::Explained("factors of the whole domain"),
     "common factors of tiles, whose number does not grow with the domain; in place of `factors`",
 );

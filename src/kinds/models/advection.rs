@@ -3,15 +3,15 @@
 use super::equations::Equations;
 use super::integration::{self, Integration, TIME_STEP_S};
 use super::parameter::{Parameter, SPEED, flow, northward, speed_or_zero};
-use crate::kinds::{Kind, Kinds, read};
-use crate::reader::{Absent, Choice, Key, Limits, Table};
+use crate::kinds::{Kind, Kinds, form, read};
+use crate::reader::{Absent, Choice, Described, Key, Limits};
 use isobar_model::{Adjoint, Advection, AdvectionScheme, Duration, Grid, ModelError, Wind};
 use std::sync::Arc;
 
-const WIND: Key<Table> = Key::required(
+const WIND: Key<Described> = Key::required(
     "wind",
     "",
-    Table("a table of kind \"uniform\" or \"vortex\"", &[&U, &V, &VORTEX_SPEED]),
+    Described("a table of kind \"uniform\" or \"vortex\"", || form(WINDS)),
     "the wind that advects the tracer",
 );
 

@@ -1,13 +1,14 @@
 //! The plan of a run: enough to begin it again, and to decide whether a checkpoint belongs to it.
 
 use crate::options::{CheckpointPolicy, RunOptions};
-use crate::place::{parent_of, seen_from};
+use crate::place::{from_root, parent_of, seen_from};
 use crate::run::earlier::Earlier;
 use crate::run::experiment::{Experiment, Inputs};
 use crate::scenario::{Scenario, ScenarioError};
+use crate::shipped;
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
-use std::path::{Path, PathBuf, absolute};
+use std::path::{Path, PathBuf};
 
 /// A scenario and the options of its runs, as they were asked for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,7 +29,7 @@ impl PlannedRun {
     /// What a run, or each run of a batch, is asked to do.
     pub fn new(scenario: &Scenario, options: &RunOptions) -> Self {
         // Whoever resumes the run may be in another directory.
-        let from_root = |path: &Path| absolute(path).unwrap_or_else(|_| path.to_path_buf()).into_os_string();
+        let from_root = |path: &Path| from_root(path).into_os_string();
         Self {
             scenario_path: from_root(&scenario.path),
             scenario_beside: seen_from(parent_of(&options.out), &scenario.path).into_os_string(),
@@ -71,12 +72,16 @@ impl PlannedRun {
 
     /// Where the scenario may be.
     fn places(&self, out: &Path) -> Vec<PathBuf> {
+        let path = PathBuf::from(&self.scenario_path);
+        if shipped::contains(&path) {
+            return vec![path];
+        }
         let parent = parent_of(out);
         let beside = parent.canonicalize().unwrap_or_else(|_| parent.to_path_buf()).join(&self.scenario_beside);
         // Without detours, as far as it is there: messages show it.
         let directory = parent_of(&beside).canonicalize().ok();
         let beside = directory.zip(beside.file_name()).map_or_else(|| beside.clone(), |(place, name)| place.join(name));
-        let mut places = vec![beside, PathBuf::from(&self.scenario_path)];
+        let mut places = vec![beside, path];
         places.dedup();
         places
     }
@@ -91,7 +96,7 @@ impl PlannedRun {
 
 /// Whether the database of sensors is there, if the scenario names one.
 fn has_database(scenario: &Scenario) -> bool {
-    scenario.sensors.as_ref().is_none_or(|sensors| sensors.database.exists())
+    scenario.sensors.as_ref().is_none_or(|sensors| sensors.database.exists() || shipped::is_file(&sensors.database))
 }
 
 /// The identity of a run: what was asked for, and everything else on which its results depend.

@@ -1,7 +1,7 @@
 //! The parameters of the model that a time volume may correct.
 
 use crate::kinds::Domain;
-use crate::reader::{Absent, AnyKey, Described, Field, Key, Limits, Read};
+use crate::reader::{Absent, AnyKey, Described, Field, Form, Key, Limits, Read};
 use crate::text::listed;
 use isobar_assim::Error;
 use isobar_assim::time_volume::{Candidate, Corrections};
@@ -13,6 +13,7 @@ const CANDIDATE: Key<Described> = Key::required(
     "",
     Described(
         "one of advection_x_m_per_s, advection_y_m_per_s, mean_depth_m, gravity_m_per_s2, drag_per_s, coriolis_per_s, where the model has it",
+        Form::text,
     ),
     "the parameter that may be wrong",
 );
@@ -30,7 +31,7 @@ pub(super) const KEYS: &[&dyn AnyKey] = &[&CANDIDATE, &SIGMA];
 
 /// Reads a parameter of the model that may be wrong.
 pub(super) fn read(field: &Field<'_>, domain: &Domain) -> Read<Candidate> {
-    let section = field.section(&[CANDIDATE.name, SIGMA.name])?;
+    let section = field.section_with(KEYS)?;
     let name_field = section.required(CANDIDATE.name)?;
     let name = name_field.text()?;
     let mut equations = domain.model.equations.boxed_clone();

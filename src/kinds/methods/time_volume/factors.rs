@@ -1,7 +1,7 @@
 //! The factors of a time volume: patterns of errors of observations or of the model.
 
 use crate::kinds::{Domain, Kind, Kinds, choose};
-use crate::reader::{Absent, AnyKey, Described, Field, Key, Limits, Read, Section, Whole, fields};
+use crate::reader::{Absent, AnyKey, Described, Field, Form, Key, Limits, Read, Section, Whole, fields};
 use crate::text::clean;
 use isobar_assim::Error;
 use isobar_assim::time_volume::{AmplitudeEvolution, Factor, Target, TimeShape};
@@ -30,12 +30,12 @@ enum ActsOn {
     Variable(usize),
 }
 
-const NAME: Key<Described> = Key::required("name", "", Described("a text"), "what the factor is called");
+const NAME: Key<Described> = Key::required("name", "", Described("a text", Form::text), "what the factor is called");
 
 const BIASES: Key<Described> = Key::absent(
     "biases",
     "",
-    Described("a list of names"),
+    Described("a list of names", Form::texts),
     Absent::Explained("it must be given for a factor of observations"),
     "the biases on which it acts, by their names or what these begin with up to a `/`",
 );
@@ -43,7 +43,7 @@ const BIASES: Key<Described> = Key::absent(
 const VARIABLE: Key<Described> = Key::absent(
     "variable",
     "",
-    Described("a variable of the model"),
+    Described("a variable of the model", Form::text),
     Absent::Explained("it must be given for a factor of the model"),
     "the variable on whose forecast it acts",
 );
@@ -51,7 +51,7 @@ const VARIABLE: Key<Described> = Key::absent(
 const PATTERNS_FILE: Key<Described> = Key::absent(
     "patterns_file",
     "",
-    Described("a CSV file with a column for each pattern and a row for each cell"),
+    Described("a CSV file with a column for each pattern and a row for each cell", Form::text),
     Absent::Explained("the same everywhere"),
     "how it depends on place",
 );
@@ -82,31 +82,16 @@ const CORRELATION_HOURS: Key<Limits> = Key::absent(
 
 const HOURS: Limits = Limits::Between(0.01, 1e6);
 
-const PERIOD_HOURS: Key<Limits> = Key::absent(
-    "period_hours",
-    "hours",
-    HOURS,
-    Absent::Explained("it must be given unless the kind is \"constant\""),
-    "period of a sinusoid, a square wave or hats",
-);
+const PERIOD_HOURS: Key<Limits> =
+    Key::required("period_hours", "hours", HOURS, "period of a sinusoid, a square wave or hats");
 
-const COUNT: Key<Whole> = Key::absent(
-    "count",
-    "",
-    Whole(2, MOST),
-    Absent::Explained("it must be given for \"hats\""),
-    "number of hat functions in a period",
-);
+const COUNT: Key<Whole> = Key::required("count", "", Whole(2, MOST), "number of hat functions in a period");
 
 /// The keys of factors of every shape.
 const COMMON: &[&dyn AnyKey] = &[&NAME, &BIASES, &VARIABLE, &PATTERNS_FILE, &SIGMA, &DRIFT, &CORRELATION_HOURS];
 
-/// The keys of a factor beside the kind, which is how it depends on time: constant, sinusoid, square_wave or hats.
-pub(super) const KEYS: &[&dyn AnyKey] =
-    &[&NAME, &BIASES, &VARIABLE, &PATTERNS_FILE, &SIGMA, &DRIFT, &CORRELATION_HOURS, &PERIOD_HOURS, &COUNT];
-
 /// How a factor depends on time.
-const SHAPES: &Kinds<TimeShape, Domain> = &[
+pub(super) const SHAPES: &Kinds<TimeShape, Domain> = &[
     &Kind::new("constant", "The same at all times", &[COMMON], |_, _| Ok(Box::new(TimeShape::Constant))),
     &Kind::new("sinusoid", "Sine and cosine of a period", &[COMMON, &[&PERIOD_HOURS]], |section, _| {
         Ok(Box::new(TimeShape::Sinusoid { period: period(section)? }))

@@ -4,8 +4,8 @@ mod corrections;
 mod factors;
 
 use super::{MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings, fast_kalman};
-use crate::kinds::Kind;
-use crate::reader::{Absent, Choice, Key, Limits, Read, Section, Table, Whole};
+use crate::kinds::{Kind, form};
+use crate::reader::{Absent, Choice, Described, Form, Key, Limits, Read, Section, Whole};
 use corrections::ModelCorrections;
 use factors::{FactorSettings, MOST};
 use isobar_assim::time_volume::{Candidate, Corrections, TimeVolume, TimeVolumeSettings};
@@ -26,26 +26,26 @@ const BEFORE_WINDOW: Key<Choice<bool>> = Key::absent(
     "what becomes of the information of cycles before the window",
 );
 
-const OBSERVATION_FACTORS: Key<Table> = Key::absent(
+const OBSERVATION_FACTORS: Key<Described> = Key::absent(
     "observation_factors",
     "",
-    Table("a list of tables of kind \"constant\", \"sinusoid\", \"square_wave\" or \"hats\"", factors::KEYS),
+    Described("a list of tables", || Form::list(form(factors::SHAPES))),
     Absent::Explained("none"),
     "factors of the errors of observations",
 );
 
-const MODEL_FACTORS: Key<Table> = Key::absent(
+const MODEL_FACTORS: Key<Described> = Key::absent(
     "model_factors",
     "",
-    Table("a list of tables as for observation_factors", &[]),
+    Described("a list of tables", || Form::list(form(factors::SHAPES))),
     Absent::Explained("none"),
     "factors of the errors of the model",
 );
 
-const TRANSITION_CORRECTIONS: Key<Table> = Key::absent(
+const TRANSITION_CORRECTIONS: Key<Described> = Key::absent(
     "transition_corrections",
     "",
-    Table("a list of tables", corrections::KEYS),
+    Described("a list of tables", || Form::list(Form::Table(corrections::KEYS))),
     Absent::Explained("none"),
     "parameters of the model that may be wrong",
 );
