@@ -73,7 +73,8 @@ fn checked(scenario: &Scenario) -> Outputs {
     let first = complete(scenario, 1);
     assert!(first.files[STATE_FILE] == in_two_runs(scenario), "{}: other states", scenario.name);
     let of_method = if scenario.forecast.is_some() { 2 } else { 1 };
-    assert_eq!(first.files.len(), of_method * scenario.methods.len() + 3, "{}", scenario.name);
+    let others = if scenario.truth.is_some() { 3 } else { 2 };
+    assert_eq!(first.files.len(), of_method * scenario.methods.len() + others, "{}", scenario.name);
     first.assert_same(&complete(scenario, 2), &scenario.name);
     first.assert_same(&resumed(scenario), &scenario.name);
     first

@@ -220,7 +220,7 @@ fn what_does_not_fit_is_listed_with_key_before_and_now() {
     let said = from("out/first");
     for line in [
         "seed: 1 before, 2 now",
-        "methods: that run has no state of other, but of free and fkf",
+        "methods: that run has no state of other, but of free, fkf",
         "background_error.components[0].sigma_height_m: 10 before, 11 now",
         "grid.dx_km: 100 before, 110 now",
         "model.time_step_s: 600 before, 300 now",
@@ -253,7 +253,7 @@ fn only_the_state_of_a_complete_run_of_this_version_is_gone_on_from() {
     assert!(from("first.toml").contains("there is no such directory"));
     succeeds(parent, &quiet("first.toml", &["--cycles", "4", "--no-state", "--out", "bare"]));
     assert!(from("bare/first").contains("it has no final_state.bin: the run was made with --no-state"));
-    succeeds(parent, &["run", "first.toml", "--seeds", "2", "--quiet", "--all-files", "--out", "seeds"]);
+    succeeds(parent, &["run", "first.toml", "--seeds", "3", "--quiet", "--all-files", "--out", "seeds"]);
     assert!(from("seeds/first").contains("it holds a batch of runs"));
 
     let good = fs::read(parent.join(STATE)).unwrap();

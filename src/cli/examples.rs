@@ -85,7 +85,7 @@ fn every_command_of_the_help_and_of_the_documents_makes_sense() {
     let of_help = of_help(&Arguments::command());
     assert!(of_help.len() > 25, "{of_help:?}");
     for line in of_help.into_iter().chain(of_documents) {
-        for command in line.split(" && ") {
+        for command in line.split(" && ").flat_map(|line| line.split(" || ")).filter(|it| it.starts_with("isobar ")) {
             check(command).unwrap_or_else(|error| panic!("{command}: {error}"));
         }
     }

@@ -41,8 +41,18 @@ fn text(found: &Explanation) -> String {
         let row = |(name, about): &(&str, &str)| [*name, *about].map(Cell::from).into();
         parts.push(Table::new(&["kind", "what it is"], found.kinds.iter().map(row).collect()).terminal(width()));
     }
-    parts.extend(table(&found.inner).filled().map(|table| table.terminal(width())));
+    if !found.inner.is_empty() {
+        let lines: Vec<String> = found.inner.iter().map(entry).collect();
+        parts.push(sentences(&lines.join("\n"), width()));
+    }
     parts.join("\n\n")
+}
+
+/// A key in a sentence: tables of five columns are narrow on a terminal.
+fn entry(KeyReference { name, unit, allowed, default, meaning }: &KeyReference) -> String {
+    let unit = if unit.is_empty() { String::new() } else { format!(" [{unit}]") };
+    let default = if default.contains("must be given") { default.clone() } else { format!("default: {default}") };
+    format!("{name}{unit}: {meaning}. {}; {default}.", capitalised(allowed))
 }
 
 /// A row for each key.

@@ -19,68 +19,15 @@
 //! unknowns there is nothing left to drop, and it is the Rauch–Tung–Striebel smoother (see [`crate::fixed_lag`]).
 
 use super::factors::Factors;
+use super::past_analyses::{FixedLag, PastAnalysis};
 use super::solution::augmented;
 use super::{BiasCoupling, BlockErrors, Frame};
 use crate::augmented::Augmented;
 use crate::error::Error;
 use crate::filter::Errors;
-use crate::fixed_lag::PastAnalyses;
-use crate::memory::require;
 use crate::problem::require_memory;
 use faer::MatRef;
 use isobar_model::vector::add;
-use serde::{Deserialize, Serialize};
-use std::collections::VecDeque;
-
-/// The estimates of the last analyses given all observations up to now; their rows Ψ of the factors are with those of Φ.
-#[derive(Clone, Serialize, Deserialize)]
-pub(super) struct FixedLag {
-    lag: usize,
-    /// The oldest first, at most `lag` and the last one.
-    analyses: VecDeque<PastAnalysis>,
-}
-
-/// An earlier analysis, as it is known now.
-#[derive(Clone, Serialize, Deserialize)]
-struct PastAnalysis {
-    /// ŝ given all observations so far.
-    s: Augmented,
-    /// The diagonal of its covariance, `[m + p]`.
-    variances: Vec<f64>,
-}
-
-impl FixedLag {
-    /// A smoother of the last `lag` analyses before the newest.
-    pub fn new(lag: usize) -> Self {
-        Self { lag, analyses: VecDeque::with_capacity(lag + 1) }
-    }
-
-    /// Fails unless it is a smoother of this lag, of estimates like `s` with `size` = m + p unknowns, whose rows of the factors
-    /// are `rows`.
-    ///
-    /// # Errors
-    /// [`Error::Memory`].
-    pub fn require(&self, lag: usize, s: &Augmented, size: usize, rows: usize) -> Result<(), Error> {
-        let count = self.analyses.len();
-        require(self.lag == lag && count <= lag + 1 && count == rows, "the number of earlier analyses")?;
-        for past in &self.analyses {
-            past.s.require_like(s)?;
-            require(past.variances.len() == size, "an earlier analysis")?;
-        }
-        Ok(())
-    }
-}
-
-impl PastAnalyses for FixedLag {
-    fn lag(&self) -> usize {
-        self.lag
-    }
-
-    fn estimate(&self, analyses_ago: usize) -> Option<(&Augmented, &[f64])> {
-        let past = self.analyses.get(self.analyses.len().checked_sub(analyses_ago + 1)?)?;
-        Some((&past.s, &past.variances))
-    }
-}
 
 impl BlockErrors {
     /// From now on the last `lag` analyses are kept, and revised.

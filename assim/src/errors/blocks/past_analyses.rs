@@ -1,0 +1,58 @@
+//! The earlier analyses of the smoother by common factors, as they are known now.
+
+use crate::augmented::Augmented;
+use crate::error::Error;
+use crate::fixed_lag::PastAnalyses;
+use crate::memory::require;
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// The estimates of the last analyses given all observations up to now; their rows Ψ of the factors are with those of Φ.
+#[derive(Clone, Serialize, Deserialize)]
+pub(super) struct FixedLag {
+    pub lag: usize,
+    /// The oldest first, at most `lag` and the last one.
+    pub analyses: VecDeque<PastAnalysis>,
+}
+
+/// An earlier analysis, as it is known now.
+#[derive(Clone, Serialize, Deserialize)]
+pub(super) struct PastAnalysis {
+    /// ŝ given all observations so far.
+    pub s: Augmented,
+    /// The diagonal of its covariance, `[m + p]`.
+    pub variances: Vec<f64>,
+}
+
+impl FixedLag {
+    /// A smoother of the last `lag` analyses before the newest.
+    pub fn new(lag: usize) -> Self {
+        Self { lag, analyses: VecDeque::with_capacity(lag + 1) }
+    }
+
+    /// Fails unless it is a smoother of this lag, of estimates like `s` with `size` = m + p unknowns, whose rows of the factors
+    /// are `rows`.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn require(&self, lag: usize, s: &Augmented, size: usize, rows: usize) -> Result<(), Error> {
+        let count = self.analyses.len();
+        require(self.lag == lag && count <= lag + 1 && count == rows, "the number of earlier analyses")?;
+        for past in &self.analyses {
+            past.s.require_like(s)?;
+            require(past.variances.len() == size, "an earlier analysis")?;
+        }
+        Ok(())
+    }
+}
+
+impl PastAnalyses for FixedLag {
+    fn lag(&self) -> usize {
+        self.lag
+    }
+
+    fn estimate(&self, analyses_ago: usize) -> Option<(&Augmented, &[f64])> {
+        let past = self.analyses.get(self.analyses.len().checked_sub(analyses_ago + 1)?)?;
+        Some((&past.s, &past.variances))
+    }
+}
