@@ -302,14 +302,17 @@ impl TaperedGain<'_> {
     }
 }
 
-/// S₀, whose lower triangle is stored, and its Cholesky factor.
+/// A symmetric matrix, whose lower triangle is stored, and its Cholesky factor.
+type Factorised = (SparseColMat<usize, f64>, Llt<usize, f64>);
+
+/// S₀ and its factor.
 fn factorised(
     taper: &Taper,
     places: &[(f64, f64)],
     buckets: &Buckets,
     rows: &[f64],
     members: usize,
-) -> Result<(SparseColMat<usize, f64>, Llt<usize, f64>), Error> {
+) -> Result<Factorised, Error> {
     let n = places.len();
     let row = |i: usize| &rows[i * members..][..members];
     let columns: Vec<Vec<(usize, f64)>> = (0..n)

@@ -142,7 +142,7 @@ impl EarlierRun {
             lines.push(format!("seed: {seed} before, {seed_now} now"));
         }
         if !new.is_empty() {
-            let (new, had) = (listed(new.into_iter()), listed(had.iter().copied()));
+            let (new, had) = (listed(new), listed(had.iter().copied()));
             lines.push(format!("methods: that run has no state of {new}, but of {had}; --methods leaves others out"));
         }
         lines.extend(Settings::of(scenario).differences(settings, &continued));
