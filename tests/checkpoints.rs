@@ -13,9 +13,6 @@ use tempfile::TempDir;
 
 const CYCLES: usize = 50;
 
-/// As many as last until a signal has come.
-const MANY_CYCLES: usize = 200;
-
 /// Starts a run of some cycles, with a checkpoint after each.
 fn start(parent: &Path, cycles: usize) -> Child {
     let cycles = cycles.to_string();
@@ -250,10 +247,10 @@ fn a_run_goes_on_only_with_the_files_with_which_it_began() {
 
 #[test]
 fn a_signal_ends_the_run_after_the_cycle_with_a_checkpoint() {
-    let (whole, _) = undisturbed(MANY_CYCLES);
+    let (whole, _) = undisturbed(CYCLES);
     for signal in ["-INT", "-TERM", "-HUP"] {
         let parent = place();
-        let mut child = start(parent.path(), MANY_CYCLES);
+        let mut child = start(parent.path(), CYCLES);
         while checkpoints(parent.path()).is_empty() {
             assert!(child.try_wait().unwrap().is_none());
         }
