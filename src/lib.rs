@@ -9,7 +9,7 @@
 //! | [`scenario`] | reads and checks an experiment's file |
 //! | [`shipped`] | the scenarios that are inside the program |
 //! | [`kinds`] | what a scenario chooses by name: methods, models, initial states, covariances |
-//! | [`reference`] | the reference of all keys of a scenario |
+//! | [`mod@reference`] | the reference of all keys of a scenario |
 //! | [`lead_times`] | when forecasts ahead start, and how far they go |
 //! | [`options`] | what the user changes in a run |
 //! | [`run`] | builds an experiment and runs it: the true world, its observations, each method, the scores; checkpoints |
