@@ -74,6 +74,26 @@ fn it_says_what_it_chose() {
     assert!(whole.contains("common factors (B and Q ask for "), "{whole}");
 }
 
+/// The key left out: `"auto"` for blocks of a cell, which need factors, and none where blocks do without.
+#[test]
+fn it_is_the_default_where_blocks_need_factors() {
+    let described =
+        |keys: &str| scenario(10, BALANCED, &format!("own = {{ kind = \"fkf\"{keys} }}")).methods["own"].describe();
+    let default = described("");
+    assert!(default.contains("(B and Q ask for "), "{default}");
+    for keys in [
+        ", blocks = { tile = [5, 5] }",
+        ", blocks = \"domain\"",
+        ", residual = \"exact\"",
+        ", bias_coupling = \"drop\"",
+    ] {
+        let without = described(keys);
+        assert!(without.contains("0 common factors") && !without.contains("ask for"), "{keys}: {without}");
+        let asked = described(&format!("{keys}, factors = 7"));
+        assert!(asked.contains("7 common factors"), "{keys}: {asked}");
+    }
+}
+
 #[test]
 fn it_is_within_two_percent_of_the_best_fixed_number() {
     let fixed = [10, 20, 40, 80, 160];

@@ -11,7 +11,7 @@ pub(super) const FACTORS: Key<OrTable<OrWord<Whole>>> = Key::absent(
     "",
     OrTable(OrWord("auto", Whole(0, MOST_FACTORS)), &[&RETAINED, &AT_MOST]),
     Absent::Explained(
-        "\"auto\"; 0 if the domain is one block, is forecast exactly or drops its coupling with biases, or has local factors",
+        "\"auto\"; 0 with blocks larger than a cell, an exact forecast of the blocks, bias_coupling = \"drop\" or local factors",
     ),
     "number of common factors, which hold what blocks have in common; \"auto\" for as many as the spectra of B and Q ask for, \
      or in fkf for local factors where these are fewer",
@@ -45,37 +45,32 @@ pub(super) struct CommonFactors {
     pub asked_for: Option<usize>,
 }
 
-/// Reads a number of factors, the most of them with the share of their energy that is kept, or that both are left open. Without
-/// the key they are left open, unless the blocks do without factors: `whole_blocks`.
-pub(super) fn read(section: &Section<'_>, surroundings: &Surroundings, whole_blocks: bool) -> Read<CommonFactors> {
+/// Reads a number of factors, the most of them with the share of their energy that is kept, or `"auto"`. Without the key there
+/// are as many as B and Q ask for, or none at all if that is the default.
+pub(super) fn read(section: &Section<'_>, surroundings: &Surroundings, none_by_default: bool) -> Read<CommonFactors> {
     let fixed = |at_most| CommonFactors { at_most, retained_energy: 1.0, asked_for: None };
-    let field = match section.optional(FACTORS.name) {
-        None if whole_blocks => return Ok(fixed(0)),
-        None => {
-            let number = number_asked_for(surroundings);
-            // Neither spectra nor lengths say it: the key must be given.
-            return number.map_or_else(
-                || section.required(FACTORS.name).map(|_| fixed(0)),
-                |number| Ok(CommonFactors::asked_for(number, surroundings)),
-            );
-        }
-        Some(field) => field,
-    };
-    if matches!(field.value.get_ref(), DeValue::Table(_)) {
+    let field = section.optional(FACTORS.name);
+    if let Some(field) = field.as_ref().filter(|field| matches!(field.value.get_ref(), DeValue::Table(_))) {
         let section = field.section(&[RETAINED.name, AT_MOST.name])?;
         let retained_energy = section.get(&RETAINED)?;
         return Ok(CommonFactors { retained_energy, ..fixed(section.get(&AT_MOST)?) });
     }
-    match FACTORS.allowed.read_plain(&field)? {
-        Some(number) => Ok(fixed(number)),
-        None => match number_asked_for(surroundings) {
-            Some(number) => Ok(CommonFactors::asked_for(number, surroundings)),
-            None => {
-                let message = "neither spectra nor correlation lengths of B and Q say how many factors there should be";
-                Err(field.invalid(message.into(), "must be a number for these errors"))
-            }
-        },
+    let number = match &field {
+        Some(field) => FACTORS.allowed.read_plain(field)?,
+        None => none_by_default.then_some(0),
+    };
+    if let Some(number) = number {
+        return Ok(fixed(number));
     }
+    if let Some(number) = number_asked_for(surroundings) {
+        return Ok(CommonFactors::asked_for(number, surroundings));
+    }
+    let field = match field {
+        Some(field) => field,
+        None => section.required(FACTORS.name)?,
+    };
+    let message = "neither spectra nor correlation lengths of B and Q say how many factors there should be";
+    Err(field.invalid(message.into(), "must be a number for these errors"))
 }
 
 impl CommonFactors {

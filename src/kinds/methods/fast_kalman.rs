@@ -183,11 +183,11 @@ pub(super) fn read(section: &Section<'_>, surroundings: &Surroundings) -> Read<S
     let bias_coupling = section.get(&BIAS_COUPLING)?;
     let blocks = section.optional(BLOCKS.name).map_or(Ok(BlockShape::Cell), |field| blocks(&field, &domain.grid))?;
     let has_local_factors = section.optional(LOCAL_FACTORS.name).is_some();
-    let whole_blocks = has_local_factors
-        || blocks == BlockShape::Domain
+    let none_by_default = has_local_factors
+        || blocks != BlockShape::Cell
         || asked == Some(Residual::Exact)
         || bias_coupling == BiasCoupling::Drop;
-    let common = common_factors::read(section, surroundings, whole_blocks)?;
+    let common = common_factors::read(section, surroundings, none_by_default)?;
     let factors = common.at_most;
     let probe = Residual::Probe { count: section.get(&PROBES)? };
     let residual = match asked {
