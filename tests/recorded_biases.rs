@@ -99,10 +99,20 @@ fn difference(found: &[f64], expected: &[f64]) -> f64 {
 }
 
 /// In a world at rest the last analysis is the least-squares estimate of the state, of constant biases of stations, and of
-/// the last value of a coefficient that walks, from the observations of all cycles: `ẑ = P Hᵀ (H P Hᵀ + R)⁻¹ y` with the
-/// unknowns z = (x, c, β_1, β_2, β_3), whose prior has `Cov(β_s, β_t) = σ² + σ_w² min(s, t) Δt`.
+/// the last value of a coefficient that changes, from the observations of all cycles: `ẑ = P Hᵀ (H P Hᵀ + R)⁻¹ y` with the
+/// unknowns z = (x, c, β_1, β_2, β_3), whose prior has `Cov(β_s, β_t) = σ² + σ_w² min(s, t) Δt` for a random walk and
+/// `σ² exp(−|s − t| Δt/τ)` for an AR(1) process.
 #[test]
 fn estimates_are_those_of_least_squares_with_the_biases_as_unknowns() {
+    assert_least_squares("{ kind = \"random_walk\", sigma_per_sqrt_day = 0.7 }", |s, t| {
+        2.25 + 0.49 * s.min(t) as f64 * 0.25
+    });
+    assert_least_squares("{ kind = \"ar1\", correlation_hours = 20 }", |s, t| {
+        2.25 * (-6.0 * s.abs_diff(t) as f64 / 20.0).exp()
+    });
+}
+
+fn assert_least_squares(evolution: &str, covariance: impl Fn(usize, usize) -> f64) {
     const ROWS: [(usize, usize, usize, f64, &str, f64); 12] = [
         (1, 3, 2, 2.5, "A", 10.0),
         (1, 7, 5, -1.0, "B", -35.0),
@@ -125,7 +135,7 @@ fn estimates_are_those_of_least_squares_with_the_biases_as_unknowns() {
         "{STILL}sigma = 0.4\nreference_stations = [\"R\"]\n\
          [[networks.buoys.bias]]\nper = \"station\"\nvariable = \"tracer\"\nsigma = 2\n\
          [[networks.buoys.bias]]\nterm = \"column\"\ncolumn = \"scan_angle\"\nmean = 10\nscale = 20\nvariable = \"tracer\"\n\
-         sigma = 1.5\nevolution = {{ kind = \"random_walk\", sigma_per_sqrt_day = 0.7 }}\n"
+         sigma = 1.5\nevolution = {evolution}\n"
     );
     let scenario = format!("{}{network}{KALMAN}", TRACER.replace("count = 1", "count = 3"));
     let (heard, _) = heard(&scenario, &csv, 1);
@@ -141,7 +151,7 @@ fn estimates_are_those_of_least_squares_with_the_biases_as_unknowns() {
     let prior = Mat::from_fn(unknowns, unknowns, |i, j| match (i.min(j), i.max(j)) {
         (_, high) if high < cells => of_state[(i, j)],
         (low, high) if high < cells + 3 && low == high => 4.0,
-        (low, _) if low >= cells + 3 => 2.25 + 0.49 * (low - cells - 2) as f64 * 0.25,
+        (low, high) if low >= cells + 3 => covariance(low - cells - 2, high - cells - 2),
         _ => 0.0,
     });
     let mut rows = Mat::<f64>::zeros(ROWS.len(), unknowns);

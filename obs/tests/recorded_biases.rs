@@ -86,14 +86,19 @@ fn there_is_one_for_each_station_each_group_or_all() {
 
 #[test]
 fn what_methods_assume_is_what_is_given() {
-    let process =
-        BiasProcess { evolution: Evolution::RandomWalk { sigma_per_sqrt_day: 0.5 }, ..BiasProcess::constant(3.0) };
-    let system = built(settings(TEXT, vec![RecordedBias { process, ..bias(RecordedScope::All) }]));
-    let [Parameter { unit, sigma_prior, drift, .. }] = &system.calibration().parameters[..] else {
-        panic!("one parameter")
-    };
-    let walk = Drift::RandomWalk { sigma_per_sqrt_day: 0.5 };
-    assert_eq!((&**unit, *sigma_prior, *drift), ("m", 3.0, walk));
+    let correlation_time = Duration::from_seconds(36 * 3600);
+    for (evolution, expected) in [
+        (Evolution::Constant, Drift::CONSTANT),
+        (Evolution::RandomWalk { sigma_per_sqrt_day: 0.5 }, Drift::RandomWalk { sigma_per_sqrt_day: 0.5 }),
+        (Evolution::FirstOrder { correlation_hours: 36.0 }, Drift::FirstOrder { sigma: 3.0, correlation_time }),
+    ] {
+        let process = BiasProcess { evolution, ..BiasProcess::constant(3.0) };
+        let system = built(settings(TEXT, vec![RecordedBias { process, ..bias(RecordedScope::All) }]));
+        let [Parameter { unit, sigma_prior, drift, .. }] = &system.calibration().parameters[..] else {
+            panic!("one parameter")
+        };
+        assert_eq!((&**unit, *sigma_prior, *drift), ("m", 3.0, expected));
+    }
 }
 
 #[test]

@@ -26,7 +26,7 @@ pub struct RecordedBias {
     pub scope: RecordedScope,
     /// What it is proportional to; `None`: it is the same for all observations in its scope.
     pub predictor: Option<ColumnPredictor>,
-    /// What methods assume of β: `sigma`, and a constant or a random walk.
+    /// What methods assume of β: `sigma`, and that it is constant, a random walk or an AR(1) process.
     pub process: BiasProcess,
 }
 
@@ -193,13 +193,16 @@ impl RecordedBias {
 
     fn check_process(&self, network: &str) -> Result<(), ObservationError> {
         let is_drawn = matches!(self.process.initial, InitialBias::Drawn { .. });
-        let is_assumed = matches!(self.process.evolution, Evolution::Constant | Evolution::RandomWalk { .. });
+        let is_assumed = match self.process.evolution {
+            Evolution::Constant | Evolution::RandomWalk { .. } | Evolution::FirstOrder { .. } => true,
+            Evolution::Jump { .. } | Evolution::Sinusoid { .. } => false,
+        };
         if is_drawn && is_assumed && !self.process.known {
             return Ok(());
         }
         let problem = format!(
             "nothing is known of the true bias of `{}`, since it was observed elsewhere: give its standard deviation, and an \
-             evolution that is constant or a random walk",
+             evolution that is constant, a random walk or an AR(1) process",
             self.variable
         );
         Err(ObservationError::in_setting(network, "biases", problem))

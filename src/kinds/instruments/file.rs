@@ -3,7 +3,7 @@
 use super::bias;
 use super::common::{ASSIMILATE, MOST_GROUPS, at_file, texts};
 use crate::kinds::{Domain, Kind, Kinds, choose_by, forms};
-use crate::reader::{Absent, AnyKey, Choice, Described, Field, Form, Key, Limits, Read, Section, files};
+use crate::reader::{Absent, AnyKey, Choice, Described, Field, Form, Key, Limits, Read, Section, Value, files};
 use isobar_model::Duration;
 use isobar_obs::{
     ColumnPredictor, FurtherColumns, InstrumentSettings, ObservationFile, RecordedBias, RecordedScope,
@@ -235,10 +235,10 @@ fn one_bias(element: &Field<'_>, domain: &Domain) -> Read<RecordedBias> {
             scale: section.get(&SCALE)?,
         })
     });
-    let scope = match section.find(&PER)? {
-        Some(scope) => scope,
-        None if has_column => RecordedScope::All,
-        None => return Err(section.required(PER.name).err().expect("it is not there")),
+    let scope = if has_column {
+        section.find(&PER)?.unwrap_or(RecordedScope::All)
+    } else {
+        PER.allowed.read(&section.required(PER.name)?)?
     };
     let variable = domain.variable(&section.required(BIASED.name)?)?;
     Ok(RecordedBias {
