@@ -4,6 +4,7 @@
 use crate::assimilator::{CalibrationAdjustment, WidenCalibration};
 use crate::augmented::Augmented;
 use crate::calibration_accuracy::{CalibrationAccuracy, CalibrationErrors};
+use crate::calibration_drift::drift;
 use crate::error::Error;
 use crate::estimate::Estimate;
 use crate::memory::{Matrix, require};
@@ -55,15 +56,8 @@ impl CalibratedState {
 
     /// Forecasts the parameters: c ← φ c, P_c ← φ P_c φ + Q_c.
     pub fn drift(&mut self, time: Duration) {
-        let kept = self.calibration.kept(time);
+        let kept = drift(&self.calibration, time, self.bias_covariance.as_mut());
         self.s.decay(&kept);
-        for (j, of_column) in kept.iter().enumerate() {
-            let column = self.bias_covariance.col_as_slice_mut(j).iter_mut();
-            column.zip(&kept).for_each(|(value, of_row)| *value *= of_row * of_column);
-        }
-        for (i, parameter) in self.calibration.parameters.iter().enumerate() {
-            self.bias_covariance[(i, i)] += parameter.drift.added_variance(time);
-        }
     }
 
     /// x ← x + δx, c ← c + δc.

@@ -29,6 +29,7 @@ mod augmented;
 pub mod block_angular;
 mod calibrated_state;
 pub mod calibration_accuracy;
+mod calibration_drift;
 pub mod climatology;
 pub mod covariance;
 pub mod covariance_column;
@@ -68,6 +69,7 @@ pub use assimilator::{
     Adjustments, Assimilator, CalibrationAdjustment, ReplaceCalibration, Smoother, Views, WidenCalibration,
 };
 pub use calibration_accuracy::{CalibrationAccuracy, CalibrationErrors};
+pub use calibration_drift::drift;
 pub use covariance::Covariance;
 pub use covariance_column::{CovarianceColumn, JointErrors, Unknown, correlation};
 pub use error::Error;

@@ -86,6 +86,17 @@ pub enum AssumedDrift {
     },
 }
 
+impl Evolution {
+    /// What of it is random, as methods can assume it.
+    fn at_random(self) -> Option<AssumedDrift> {
+        match self {
+            Evolution::RandomWalk { sigma_per_sqrt_day } => Some(AssumedDrift::RandomWalk { sigma_per_sqrt_day }),
+            Evolution::FirstOrder { correlation_hours } => Some(AssumedDrift::FirstOrder { correlation_hours }),
+            Evolution::Constant | Evolution::Jump { .. } | Evolution::Sinusoid { .. } => None,
+        }
+    }
+}
+
 impl BiasProcess {
     /// A constant drawn from N(0, `sigma`²); methods know `sigma`.
     pub fn constant(sigma: f64) -> Self {
@@ -108,31 +119,16 @@ impl BiasProcess {
 
     /// The change that methods assume.
     pub fn drift(&self) -> Drift {
-        let of_truth = match self.evolution {
-            Evolution::RandomWalk { sigma_per_sqrt_day } => Some(AssumedDrift::RandomWalk { sigma_per_sqrt_day }),
-            Evolution::FirstOrder { correlation_hours } => Some(AssumedDrift::FirstOrder { correlation_hours }),
-            Evolution::Constant | Evolution::Jump { .. } | Evolution::Sinusoid { .. } => None,
-        };
-        match self.assumed_drift.or(of_truth) {
-            None => Drift::CONSTANT,
-            Some(AssumedDrift::RandomWalk { sigma_per_sqrt_day }) => Drift::RandomWalk { sigma_per_sqrt_day },
-            Some(AssumedDrift::FirstOrder { correlation_hours }) => first_order(self.sigma_prior(), correlation_hours),
-        }
+        drift(self.assumed_drift.or(self.evolution.at_random()), self.sigma_prior())
     }
 
     /// How the true value changes at random.
     pub fn true_drift(&self) -> Drift {
-        match self.evolution {
-            Evolution::RandomWalk { sigma_per_sqrt_day } => Drift::RandomWalk { sigma_per_sqrt_day },
-            Evolution::FirstOrder { correlation_hours } => {
-                let sigma = match self.initial {
-                    InitialBias::Drawn { sigma } => sigma,
-                    InitialBias::Given { .. } => self.sigma_prior(),
-                };
-                first_order(sigma, correlation_hours)
-            }
-            Evolution::Constant | Evolution::Jump { .. } | Evolution::Sinusoid { .. } => Drift::CONSTANT,
-        }
+        let sigma = match self.initial {
+            InitialBias::Drawn { sigma } => sigma,
+            InitialBias::Given { .. } => self.sigma_prior(),
+        };
+        drift(self.evolution.at_random(), sigma)
     }
 
     /// The expectation of the true value `elapsed` after the start, at `time`.
@@ -152,7 +148,7 @@ impl BiasProcess {
         }
     }
 
-    /// The part of the true value beyond its initial value and random walk, `elapsed` after the start, at `time`.
+    /// The part of the true value beyond its initial value and random changes, `elapsed` after the start, at `time`.
     pub(crate) fn known_change(&self, elapsed: Duration, time: Time) -> f64 {
         match self.evolution {
             Evolution::Jump { at_hours, size } if elapsed.as_f64() >= at_hours * 3600.0 => size,
@@ -210,8 +206,15 @@ impl BiasProcess {
     }
 }
 
-fn first_order(sigma: f64, correlation_hours: f64) -> Drift {
-    // At least a second, which is the least that times differ by.
-    let seconds = (correlation_hours * 3600.0).round().max(1.0);
-    Drift::FirstOrder { sigma, correlation_time: Duration::from_seconds(seconds as i64) }
+/// A drift, with the standard deviation of an AR(1) process.
+fn drift(of: Option<AssumedDrift>, sigma: f64) -> Drift {
+    match of {
+        None => Drift::CONSTANT,
+        Some(AssumedDrift::RandomWalk { sigma_per_sqrt_day }) => Drift::RandomWalk { sigma_per_sqrt_day },
+        Some(AssumedDrift::FirstOrder { correlation_hours }) => {
+            // At least a second, which is the least that times differ by.
+            let seconds = (correlation_hours * 3600.0).round().max(1.0);
+            Drift::FirstOrder { sigma, correlation_time: Duration::from_seconds(seconds as i64) }
+        }
+    }
 }

@@ -54,11 +54,13 @@ impl Drift {
     /// No change at all.
     pub const CONSTANT: Drift = Drift::RandomWalk { sigma_per_sqrt_day: 0.0 };
 
-    /// φ, the part of a value that is left after a time.
+    /// φ, the part of a value that is left after a time. It is never 0, so that one can divide by it: after very many
+    /// correlation times it is 10⁻¹⁰⁰.
     pub fn kept(self, time: Duration) -> f64 {
+        const LEAST: f64 = 1e-100;
         match self {
             Drift::RandomWalk { .. } => 1.0,
-            Drift::FirstOrder { correlation_time, .. } => (-time.as_f64() / correlation_time.as_f64()).exp(),
+            Drift::FirstOrder { correlation_time, .. } => (-time.as_f64() / correlation_time.as_f64()).exp().max(LEAST),
         }
     }
 

@@ -15,9 +15,10 @@ use super::record::{Record, Records};
 use crate::text::clean;
 use faer::linalg::solvers::Llt;
 use faer::{Mat, Side};
-use isobar_assim::{Recalibration, SensorKnowledge};
+use isobar_assim::{Recalibration, SensorKnowledge, drift};
 use isobar_model::Time;
-use isobar_obs::{Calibration, Drift, Parameter};
+use isobar_model::vector::multiply;
+use isobar_obs::{Calibration, Parameter};
 use std::collections::HashMap;
 
 /// What a run starts with.
@@ -80,24 +81,19 @@ impl Event<'_> {
 }
 
 /// The parameters' mean and covariance as time goes by.
-struct Filter {
+struct Filter<'a> {
+    calibration: &'a Calibration,
     time: Option<Time>,
     mean: Vec<f64>,
     covariance: Mat<f64>,
-    drift: Vec<Drift>,
 }
 
-impl Filter {
+impl Filter<'_> {
     /// Lets the drift go on to a time; before the first event nothing drifts, because the priors are those of the start.
     fn advance(&mut self, to: Time) {
         if let Some(from) = self.time {
-            let time = to - from;
-            let kept: Vec<f64> = self.drift.iter().map(|drift| drift.kept(time)).collect();
-            for (i, of_row) in kept.iter().enumerate() {
-                self.mean[i] *= of_row;
-                kept.iter().enumerate().for_each(|(j, of_column)| self.covariance[(i, j)] *= of_row * of_column);
-                self.covariance[(i, i)] += self.drift[i].added_variance(time);
-            }
+            let kept = drift(self.calibration, to - from, self.covariance.as_mut());
+            multiply(&mut self.mean, &kept);
         }
         self.time = Some(to);
     }
@@ -118,7 +114,7 @@ impl Filter {
 /// What is known at `start` of the parameters of an experiment that goes on until `end`.
 ///
 /// # Errors
-/// In words: a sensor whose bias has another unit, covariances that are none.
+/// In words: a sensor whose bias has another unit, a matrix of covariances that is not positive definite.
 pub fn warm_start(records: &Records, calibration: &Calibration, start: Time, end: Time) -> Result<WarmStart, String> {
     let p = calibration.len();
     let numbers: HashMap<&str, usize> =
@@ -186,8 +182,7 @@ pub fn warm_start(records: &Records, calibration: &Calibration, start: Time, end
     // Stable: records come in a fixed order.
     events.sort_by_key(|(time, event)| (time.seconds(), event.rank()));
     let prior = Mat::from_fn(p, p, |i, j| calibration.prior_covariance(i, j));
-    let drift = calibration.parameters.iter().map(|it| it.drift).collect();
-    let mut filter = Filter { time: None, mean: vec![0.0; p], covariance: prior, drift };
+    let mut filter = Filter { calibration, time: None, mean: vec![0.0; p], covariance: prior };
     for (time, event) in &events {
         filter.advance(*time);
         match event {
@@ -215,7 +210,7 @@ pub fn warm_start(records: &Records, calibration: &Calibration, start: Time, end
     }
     filter.advance(start);
     if p > 0 && Llt::new(filter.covariance.as_ref(), Side::Lower).is_err() {
-        return Err("its covariances are none: the matrix of them is not positive definite".into());
+        return Err("the matrix of its covariances is not positive definite".into());
     }
     let mut warm = calibration.clone();
     for (i, parameter) in warm.parameters.iter_mut().enumerate().filter(|(i, _)| touched[*i]) {
@@ -244,7 +239,7 @@ pub fn warm_start(records: &Records, calibration: &Calibration, start: Time, end
 #[cfg(test)]
 mod tests {
     use super::*;
-    use isobar_obs::Placement;
+    use isobar_obs::{Drift, Placement};
 
     const DAY: i64 = 86_400;
 

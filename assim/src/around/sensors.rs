@@ -2,14 +2,15 @@
 
 use crate::assimilator::{Adjustments, Assimilator, CalibrationAdjustment, Smoother, Views};
 use crate::calibration_accuracy::CalibrationAccuracy;
+use crate::calibration_drift::drift;
 use crate::error::Error;
 use crate::estimate::{Analysis, Background, Estimate};
 use crate::linalg::{add_symmetric_product, eigen};
 use crate::memory::{Matrix, from_bytes, require, to_bytes};
 use faer::{Mat, MatRef};
-use isobar_model::vector::add;
+use isobar_model::vector::{add, multiply};
 use isobar_model::{Duration, State, Time};
-use isobar_obs::{Calibration, Drift, ObservationWindow};
+use isobar_obs::{Calibration, ObservationWindow};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -54,12 +55,9 @@ pub struct Calibrated {
     method: Box<dyn Assimilator>,
     /// What follows is empty where the method does not estimate biases.
     knowledge: SensorKnowledge,
-    drift: Vec<Drift>,
+    calibration: Calibration,
     memory: Memory,
 }
-
-/// What is left of a parameter after very many correlation times is divided by as if it were this.
-const LEAST_KEPT: f64 = 1e-100;
 
 /// What is remembered from cycle to cycle.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -107,8 +105,7 @@ impl Calibrated {
             frozen: vec![false; p],
             past_offsets: VecDeque::new(),
         };
-        let drift = calibration.parameters.iter().map(|parameter| parameter.drift).collect();
-        Self { method, knowledge, drift, memory }
+        Self { method, knowledge, calibration: calibration.clone(), memory }
     }
 
     /// The covariance that the parameters would have now without any observation, `[p, p]`; without rows if the method
@@ -176,17 +173,17 @@ impl Calibrated {
     }
 
     fn is_plain(&self) -> bool {
-        self.drift.is_empty()
+        self.calibration.is_empty()
     }
 
     /// Takes up the recalibrations in the window that ends at `end`, each as if it had come at its start and been as much larger as
     /// a parameter decays until its time.
     fn recalibrate(&mut self, end: Time) -> Result<(), Error> {
-        let p = self.drift.len();
+        let p = self.calibration.len();
         let mut added = Mat::<f64>::zeros(p, p);
         let Memory { time, offset, prior_mean, .. } = &mut self.memory;
         for it in self.knowledge.recalibrations.iter().filter(|it| *time < it.time && it.time <= end) {
-            let larger = 1.0 / self.drift[it.parameter].kept(it.time - *time).max(LEAST_KEPT);
+            let larger = 1.0 / self.calibration.parameters[it.parameter].drift.kept(it.time - *time);
             offset[it.parameter] += larger * it.step;
             prior_mean[it.parameter] += larger * it.step;
             added[(it.parameter, it.parameter)] += (larger * it.sigma).powi(2);
@@ -201,13 +198,9 @@ impl Calibrated {
     /// Forecasts what is known without observations; the method does so with c'.
     fn drift(&mut self, window: Duration) {
         let Memory { offset, prior_mean, prior, .. } = &mut self.memory;
-        let kept: Vec<f64> = self.drift.iter().map(|drift| drift.kept(window)).collect();
-        for (i, of_row) in kept.iter().enumerate() {
-            offset[i] *= of_row;
-            prior_mean[i] *= of_row;
-            kept.iter().enumerate().for_each(|(j, of_column)| prior[(i, j)] *= of_row * of_column);
-            prior[(i, i)] += self.drift[i].added_variance(window);
-        }
+        let kept = drift(&self.calibration, window, prior.as_mut());
+        multiply(offset, &kept);
+        multiply(prior_mean, &kept);
     }
 
     /// The observations y − G o.
@@ -297,11 +290,11 @@ impl Assimilator for Calibrated {
 
     fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
         let (method, memory): (Vec<u8>, Memory) = from_bytes(memory)?;
-        let p = self.drift.len();
+        let p = self.calibration.len();
         let lengths = [memory.offset.len(), memory.prior_mean.len(), memory.estimate.len(), memory.frozen.len()];
         let past_fits = memory.past_offsets.iter().all(|offset| offset.len() == p);
         let fits = lengths == [p; 4] && memory.prior.has_shape(p, p) && past_fits;
-        require(fits, "what is known of the sensors")?;
+        require(fits, "the knowledge of the sensors")?;
         self.method.recall(&method)?;
         self.memory = memory;
         Ok(())

@@ -1,0 +1,20 @@
+//! The drift of calibration parameters from one time to another.
+
+use faer::MatMut;
+use isobar_model::Duration;
+use isobar_obs::Calibration;
+
+/// Forecasts the covariance of calibration parameters `[p, p]` by a time, `P_c ← φ P_c φ + Q_c`; returns φ, by which their mean
+/// is to be multiplied.
+///
+/// # Panics
+/// If the covariance has another size.
+pub fn drift(calibration: &Calibration, time: Duration, mut covariance: MatMut<'_, f64>) -> Vec<f64> {
+    let kept = calibration.kept(time);
+    assert_eq!((covariance.nrows(), covariance.ncols()), (kept.len(), kept.len()), "the covariance of the parameters");
+    for (j, of_column) in kept.iter().enumerate() {
+        kept.iter().enumerate().for_each(|(i, of_row)| covariance[(i, j)] *= of_row * of_column);
+        covariance[(j, j)] += calibration.parameters[j].drift.added_variance(time);
+    }
+    kept
+}
