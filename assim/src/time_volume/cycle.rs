@@ -82,12 +82,7 @@ impl TimeVolume {
         scale(&mut shift, step);
         let Memory { s, sensitivity, reference, window, .. } = &mut self.memory;
         let mut of_blocks = vec![0.0; self.errors.block_variables()];
-        sensitivity.multiply_add(&shift, &mut of_blocks);
-        let mut of_shared = vec![0.0; sensitivity.shared.nrows()];
-        shift
-            .iter()
-            .enumerate()
-            .for_each(|(k, shift)| axpy(*shift, sensitivity.shared.col_as_slice(k), &mut of_shared));
+        let of_shared = sensitivity.increments(&shift, &mut of_blocks);
         self.errors.add_increments(s, &Increments { of_blocks, of_shared });
         self.errors.shift_past(sensitivity, &shift);
         add(reference, &shift);
@@ -114,8 +109,11 @@ impl Assimilator for TimeVolume {
         self.errors.factors_mut().prepend(&self.memory.sensitivity, &ones);
         self.errors.propagate(&mut self.memory.s.state, &cycle)?;
         self.memory.sensitivity = self.errors.factors_mut().take_front(&ones);
+        self.drop_past_times();
         self.add_model_factors();
-        cycle.kept().iter().for_each(|kept| self.decay(kept));
+        if let Some(kept) = cycle.kept() {
+            self.decay(&kept);
+        }
         for (k, columns) in transitions.iter().flat_map(|it| (0..it.columns()).map(move |k| (k, it.column(k)))) {
             self.memory.sensitivity.state.edit_column(first + k, |own| add(own, &columns));
         }

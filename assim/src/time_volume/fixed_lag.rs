@@ -10,15 +10,13 @@
 //!
 //! The unknowns C themselves are smoothed by being constant.
 
-use super::TimeVolume;
 use super::report::Believed;
+use super::{Memory, TimeVolume};
 use crate::assimilator::Smoother;
 use crate::augmented::Augmented;
 use crate::error::Error;
 use crate::estimate::Estimate;
 use crate::filter::Errors;
-use isobar_model::Time;
-use std::collections::VecDeque;
 
 impl TimeVolume {
     /// The same with a smoother that revises the last `lag` analyses by the newer observations.
@@ -32,12 +30,17 @@ impl TimeVolume {
 
     /// Takes in the newest analysis.
     pub(super) fn remember(&mut self) {
-        let Some(lag) = self.errors.smoother().map(|smoother| smoother.lag()) else { return };
-        self.errors.remember(&self.memory.s);
-        self.memory.sensitivity.remember(lag);
-        let times: &mut VecDeque<Time> = &mut self.memory.past_times;
-        times.push_back(self.memory.time);
-        times.drain(..times.len() - self.memory.sensitivity.past.len());
+        if self.errors.smoother().is_some() {
+            self.errors.remember(&self.memory.s);
+            self.memory.sensitivity.remember();
+            self.memory.past_times.push_back(self.memory.time);
+        }
+    }
+
+    /// Drops the times of the analyses that the forecast of the errors has dropped.
+    pub(super) fn drop_past_times(&mut self) {
+        let Memory { past_times, sensitivity, .. } = &mut self.memory;
+        past_times.drain(..past_times.len() - sensitivity.past.len());
     }
 
     /// Forgets the earlier analyses: what follows is independent of them.

@@ -12,9 +12,6 @@ use isobar_model::vector::{add, scale};
 use isobar_model::{State, forecast};
 use rayon::prelude::*;
 
-/// The least part of a bias that is left after a window.
-const LEAST_KEPT: f64 = 1e-100;
-
 /// Columns of the band that are worked out together.
 const STRIP: usize = 64;
 
@@ -66,8 +63,7 @@ impl Banded {
         if kept.is_none() && (0..p).all(|k| walk[(k, k)] == 0.0) {
             return Ok(None);
         }
-        // What is left of a bias after many correlation times is next to nothing, but it is divided by below.
-        let kept = kept.map_or_else(|| vec![1.0; p], |kept| kept.iter().map(|kept| kept.max(LEAST_KEPT)).collect());
+        let kept = kept.unwrap_or_else(|| vec![1.0; p]);
         let decayed = Mat::from_fn(p, p, |i, j| kept[i] * bias_covariance[(i, j)]);
         let after = Mat::from_fn(p, p, |i, j| decayed[(i, j)] * kept[j] + walk[(i, j)]);
         // F = (φ P_c φ + Q_c)⁻¹ φ P_c, and P_c − P_c φ F = (P_c⁻¹ + φ Q_c⁻¹ φ)⁻¹ = Fᵀ Q_c φ⁻¹.

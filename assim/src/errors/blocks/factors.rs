@@ -181,7 +181,7 @@ impl Factors {
         self.shared = Matrix(product(self.shared.as_ref(), t));
     }
 
-    /// Φ_b ← \[Φ_b \[F; 0\]\] T, where F are further factors of the state, of which the past knows nothing: Ψ ← Ψ T_old.
+    /// Φ_b ← \[Φ_b \[F; 0\]\] T, where F are further factors of the state, which are independent of the past: Ψ ← Ψ T_old.
     pub fn recombine(&mut self, further: Option<&TallMatrix>, t: MatRef<'_, f64>) {
         let of_old = t.get(..self.columns(), ..);
         self.state.recombine(further, t);
@@ -189,11 +189,8 @@ impl Factors {
         self.past.iter_mut().for_each(|past| past.rotate(of_old));
     }
 
-    /// The rows of now become those of the newest analysis of the past; of earlier ones at most `lag` stay.
-    pub fn remember(&mut self, lag: usize) {
-        while self.past.len() > lag {
-            self.past.pop_front();
-        }
+    /// The rows of now become those of the newest analysis of the past.
+    pub fn remember(&mut self) {
         let Factors { state, local, shared, .. } = &*self;
         let now = Factors { state: state.clone(), local: local.clone(), shared: shared.clone(), past: VecDeque::new() };
         self.past.push_back(now);

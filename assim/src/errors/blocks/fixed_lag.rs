@@ -51,12 +51,18 @@ impl BlockErrors {
     /// Takes in the newest analysis, which led to `s`.
     pub(crate) fn remember(&mut self, s: &Augmented) {
         let variances = self.memory.smoother.is_some().then(|| self.variances());
-        if let (Some(FixedLag { lag, analyses }), Some(variances)) = (&mut self.memory.smoother, variances) {
-            while analyses.len() > *lag {
-                analyses.pop_front();
-            }
+        if let (Some(FixedLag { analyses, .. }), Some(variances)) = (&mut self.memory.smoother, variances) {
             analyses.push_back(PastAnalysis { s: s.clone(), variances });
-            self.memory.covariance.factors.remember(*lag);
+            self.memory.covariance.factors.remember();
+        }
+    }
+
+    /// Drops the analyses that the next one will no longer revise.
+    pub(super) fn drop_past(&mut self) {
+        if let Some(FixedLag { lag, analyses }) = &mut self.memory.smoother {
+            let dropped = analyses.len().saturating_sub(*lag);
+            analyses.drain(..dropped);
+            self.memory.covariance.factors.past.drain(..dropped);
         }
     }
 
@@ -98,25 +104,27 @@ impl BlockErrors {
         free: usize,
         of_blocks: &mut [f64],
     ) -> Vec<f64> {
+        let Frame { local, shared, .. } = &*self.frame;
+        let variances = |rows: &Factors| {
+            let (of_blocks, of_shared) = rows.variances(free);
+            augmented(&of_blocks, &of_shared, local, shared)
+        };
         let factors = &mut self.memory.covariance.factors;
         let of_shared = factors.increments(amplitudes, of_blocks);
-        let before: Vec<_> = factors.past.iter().map(|past| past.variances(free)).collect();
-        let mut past_increments = Vec::with_capacity(before.len());
-        for past in &factors.past {
-            let mut of_blocks = vec![0.0; of_blocks.len()];
-            let of_shared = past.increments(amplitudes, &mut of_blocks);
-            past_increments.push((of_blocks, of_shared));
-        }
+        let analyses = self.memory.smoother.iter_mut().flat_map(|smoother| &mut smoother.analyses);
+        let mut revised: Vec<(&mut PastAnalysis, Vec<f64>)> = analyses
+            .zip(&factors.past)
+            .map(|(past, rows)| {
+                let mut of_blocks = vec![0.0; of_blocks.len()];
+                let of_shared = rows.increments(amplitudes, &mut of_blocks);
+                past.s.add(&augmented(&of_blocks, &of_shared, local, shared));
+                (past, variances(rows))
+            })
+            .collect();
         factors.rotate(rotation);
-        let Some(smoother) = &mut self.memory.smoother else { return of_shared };
-        let (local, shared) = (&self.frame.local, &self.frame.shared);
-        let revised = smoother.analyses.iter_mut().zip(&factors.past).zip(past_increments.iter().zip(&before));
-        for ((past, rows), ((of_blocks, of_shared), before)) in revised {
-            past.s.add(&augmented(of_blocks, of_shared, local, shared));
-            let sum = |(blocks, parameters): &(Vec<f64>, Vec<f64>)| augmented(blocks, parameters, local, shared);
-            let (before, after) = (sum(before), sum(&rows.variances(free)));
-            let changes = past.variances.iter_mut().zip(after.iter().zip(&before));
-            changes.for_each(|(variance, (after, before))| *variance += after - before);
+        for ((past, before), rows) in revised.iter_mut().zip(&factors.past) {
+            let changes = past.variances.iter_mut().zip(variances(rows).into_iter().zip(before));
+            changes.for_each(|(variance, (after, before))| *variance += after - *before);
         }
         of_shared
     }

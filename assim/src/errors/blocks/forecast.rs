@@ -21,6 +21,7 @@ use std::collections::VecDeque;
 impl BlockErrors {
     /// Forecasts state, factors and blocks.
     pub(crate) fn propagate(&mut self, x: &mut State, cycle: &Cycle<'_>) -> Result<(), Error> {
+        self.drop_past();
         let (frame, m) = (&*self.frame, x.values().len());
         let super::Memory { covariance, random, .. } = &mut self.memory;
         if frame.settings.residual == Residual::Exact {

@@ -151,7 +151,7 @@ impl FastKalmanFilter {
     /// The same filter with the smoother of `fixed_lag`, which revises the last `lag` analyses by the newer observations.
     ///
     /// # Errors
-    /// [`Error::TooLarge`] if the rows of the factors of so many analyses do not fit into the memory limit;
+    /// [`Error::TooLarge`] if the rows of the factors of that many analyses do not fit into the memory limit;
     /// [`Error::Setting`] if the coupling of state and biases is dropped, and with it that of the times.
     pub fn smoothing(mut self, lag: usize) -> Result<Self, Error> {
         self.belief.errors.smooth(lag)?;
@@ -258,7 +258,9 @@ impl Errors for BlockErrors {
     const NAME: &'static str = "the covariance of blocks and factors";
 
     fn forecast(&mut self, s: &mut Augmented, cycle: &Cycle<'_>) -> Result<(), Error> {
-        cycle.kept().iter().for_each(|kept| self.decay(kept));
+        if let Some(kept) = cycle.kept() {
+            self.decay(&kept);
+        }
         self.propagate(&mut s.state, cycle)?;
         self.add_errors(cycle)
     }
