@@ -112,6 +112,16 @@ pub(crate) fn inverse_from_cholesky(l: MatRef<'_, f64>) -> Mat<f64> {
     inverse
 }
 
+/// The entries of a matrix row by row.
+pub(crate) fn row_major(matrix: MatRef<'_, f64>) -> Vec<f64> {
+    let (n, columns) = (matrix.nrows(), matrix.ncols());
+    let mut values = vec![0.0; n * columns];
+    for j in 0..columns {
+        (0..n).for_each(|i| values[i * columns + j] = matrix[(i, j)]);
+    }
+    values
+}
+
 /// A column vector.
 pub(crate) fn column(values: &[f64]) -> Mat<f64> {
     Mat::from_fn(values.len(), 1, |i, _| values[i])

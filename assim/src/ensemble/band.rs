@@ -58,7 +58,7 @@ struct Perturbations {
 }
 
 impl Plan<'_> {
-    /// How many numbers a thread holds for bands of so many rows of analyses and N members.
+    /// How many numbers a thread holds for bands of `height` rows of analyses and N members.
     pub fn numbers(grid: &Grid, variables: usize, weights: &WeightGrid, height: usize, members: f64) -> f64 {
         let rows = weights.rows.cells(0..height.min(weights.rows.len())).len();
         (2.0 * members + 4.0) * (rows * grid.nx * variables) as f64
@@ -152,13 +152,8 @@ impl Plan<'_> {
                     let column = first + lane;
                     for (i, in_x) in columns.after(column).chain(columns.before(column)) {
                         for &(j, in_y) in &in_y {
-                            let cell = j * grid.nx + i;
-                            let fields =
-                                (0..self.variables).map(|variable| variable * cells.len() + cell - cells.start);
-                            let start = local.partition_point(|local| local.0 < cell);
-                            let of_cell = local[start..].iter().take_while(|local| local.0 == cell);
-                            let parameters = of_cell.enumerate().map(|(i, _)| state + start + i);
-                            rows.extend(fields.chain(parameters).map(|row| (row, in_x * in_y)));
+                            let of_cell = self.rows_of_cell(j * grid.nx + i, &cells, local);
+                            rows.extend(of_cell.map(|row| (row, in_x * in_y)));
                         }
                     }
                     if is_own {
@@ -176,6 +171,16 @@ impl Plan<'_> {
             }
         }
         own_factors
+    }
+
+    /// The rows of a cell in the perturbations of a band with these cells: its values and its local parameters.
+    fn rows_of_cell(&self, cell: usize, cells: &Range<usize>, local: &[(usize, usize)]) -> impl Iterator<Item = usize> {
+        let (count, start) = (cells.len(), cells.start);
+        let fields = (0..self.variables).map(move |variable| variable * count + cell - start);
+        let first = local.partition_point(|local| local.0 < cell);
+        let parameters = local[first..].iter().take_while(|local| local.0 == cell).count();
+        let state = self.variables * count;
+        fields.chain((first..first + parameters).map(move |number| state + number))
     }
 
     /// The analysed members of the state: deviations from the analysed mean, with their spread relaxed.

@@ -29,7 +29,7 @@ pub(super) struct Aligned {
 }
 
 impl Aligned {
-    /// Becomes so many zeros.
+    /// Becomes this number of zeros.
     pub fn reset(&mut self, len: usize) -> &mut [f64] {
         const LINE_BYTES: usize = 64;
         self.values.clear();

@@ -189,8 +189,8 @@ fn analyse_bands(plan: &Plan<'_>, ensemble: &mut Ensemble) -> Vec<BesideState> {
     bands.into_par_iter().map(|band| plan.analyse(band)).collect()
 }
 
-/// The moments of all parameters, given those of the background and what the bands find; those of which they find nothing
-/// stay as they are.
+/// The moments of all parameters, given those of the background and what the bands find; those that no band
+/// finds stay as they are.
 fn analysed_parameters(
     mean: Vec<f64>,
     perturbations: &Mat<f64>,

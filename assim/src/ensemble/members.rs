@@ -132,7 +132,7 @@ impl Ensemble {
     }
 
     /// A number for each row, `[m + p]`: sums over the members in their order, to which `add_to` adds the values of one from
-    /// the given row on, and what is made of these.
+    /// the given row on; `finish` turns each sum into the result.
     fn by_rows(
         &self,
         add_to: impl Fn(usize, &mut [f64], &[f64]) + Sync,

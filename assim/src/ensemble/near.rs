@@ -6,7 +6,7 @@ use super::inflation::{Inflation, Sizes};
 use super::lanes::lanes;
 use super::localization::Taper;
 use super::transform::{WhitenedObservations, transform};
-use crate::linalg::squared_norm;
+use crate::linalg::{row_major, squared_norm};
 use faer::Mat;
 use isobar_model::Grid;
 use pulp::Arch;
@@ -35,11 +35,7 @@ impl<'a> LocalObservations<'a> {
         inflation: Inflation,
     ) -> Self {
         let members = whitened.perturbations.ncols();
-        let mut rows = vec![0.0; places.len() * members];
-        for j in 0..members {
-            let column = whitened.perturbations.col_as_slice(j);
-            column.iter().enumerate().for_each(|(i, value)| rows[i * members + j] = *value);
-        }
+        let rows = row_major(whitened.perturbations.as_ref());
         let squares = rows.chunks_exact(members).map(squared_norm).collect();
         let largest = 1.0 + Sizes::LARGEST_SQUARE;
         let fractions = std::iter::successors(Some(4.0), |bound| (*bound < largest).then_some(4.0 * bound));

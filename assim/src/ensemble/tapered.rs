@@ -5,7 +5,7 @@ use super::localization::Taper;
 use super::members::ObservedEnsemble;
 use super::transform::WhitenedObservations;
 use crate::error::Error;
-use crate::linalg::{add_product, column, product};
+use crate::linalg::{add_product, column, product, row_major};
 use crate::problem::Innovations;
 use faer::linalg::cholesky::llt::factor;
 use faer::linalg::solvers::{PartialPivLu, Solve};
@@ -112,11 +112,7 @@ impl<'a> TaperedInnovations<'a> {
         }
         let mut state_part = observed.perturbations.clone();
         add_product(state_part.as_mut(), -1.0, weights.as_ref(), parameters.as_ref());
-        let mut state_rows = vec![0.0; n * columns];
-        for j in 0..columns {
-            let column = state_part.col_as_slice(j);
-            column.iter().enumerate().for_each(|(i, value)| state_rows[i * columns + j] = *value);
-        }
+        let state_rows = row_major(state_part.as_ref());
         let buckets = Buckets::new(grid, taper.radius_m(), places);
         let (sparse, factor) = factorised(taper, places, &buckets, &state_rows, columns)?;
         let mut tapered = Self {
@@ -237,11 +233,8 @@ impl<'a> TaperedInnovations<'a> {
         let solved = self.solve(innovations);
         let (n, columns) = (solved.nrows(), solved.ncols());
         let root = ((columns - 1) as f64).sqrt();
-        let mut rows = vec![0.0; n * columns];
-        for j in 0..columns {
-            let column = solved.col_as_slice(j);
-            column.iter().enumerate().for_each(|(i, value)| rows[i * columns + j] = value / root);
-        }
+        let mut rows = row_major(solved.as_ref());
+        rows.iter_mut().for_each(|value| *value /= root);
         let state_rows = MatRef::from_column_major_slice(&self.state_rows, columns, n);
         let of_state = product(state_rows, solved.as_ref()) * faer::Scale(1.0 / root);
         let of_shared = self.border.as_ref().map_or_else(

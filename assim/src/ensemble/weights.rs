@@ -66,7 +66,7 @@ impl Axis {
 }
 
 impl WeightGrid {
-    /// Analyses at every so many cells in x and in y.
+    /// Analyses `spacing` cells apart in x and in y.
     pub fn new(grid: &Grid, spacing: usize) -> Self {
         let columns = Axis::new(grid.nx, spacing, true);
         let rows = Axis::new(grid.ny, spacing, grid.boundary == Boundary::Periodic);
