@@ -31,7 +31,7 @@ pub struct RunInfo {
     pub start: Time,
     /// Length of a cycle.
     pub window: Duration,
-    /// Number of the last cycle that earlier runs have done, from which this one goes on; 0 if there are none.
+    /// Number of the last cycle of the earlier runs from which this one goes on; 0 without an earlier run.
     pub done: usize,
     /// Number of the last cycle.
     pub cycles: usize,

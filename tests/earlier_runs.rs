@@ -7,7 +7,7 @@ use crate::without_truth;
 use netcdf_reader::NcFile;
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Command, Output, Stdio};
 use tempfile::TempDir;
 
 const STATE: &str = "out/first/final_state.bin";
@@ -50,6 +50,11 @@ fn refused(parent: &Path, arguments: &[&str]) -> String {
     let output = isobar(parent, arguments);
     assert!([Some(1), Some(2)].contains(&output.status.code()), "{arguments:?}: {}", text(&output.stdout));
     assert!(!parent.join("out/next").exists() && !parent.join("out/.next.partial").exists());
+    in_one_line(&output)
+}
+
+/// What a program says on standard error, without the frame around it.
+fn in_one_line(output: &Output) -> String {
     text(&output.stderr).split_whitespace().filter(|word| !["│", "×"].contains(word)).collect::<Vec<_>>().join(" ")
 }
 
@@ -348,7 +353,10 @@ fn a_run_that_goes_on_is_resumed_without_the_earlier_one() {
     let parent = begun();
     let parent = parent.path();
     interrupt(parent);
-    let said = refused_to_go_on(parent);
+    fs::write(parent.join("third.toml"), next(VALID)).unwrap();
+    let output = isobar(parent, &quiet("third.toml", &["--from", "out/next"]));
+    assert_eq!(output.status.code(), Some(1));
+    let said = in_one_line(&output);
     assert!(said.contains("that run is not complete: `isobar resume out/next` goes on with it"), "{said}");
     fs::rename(parent.join("out/first"), parent.join("gone")).unwrap();
     succeeds(parent, &["resume", "out/next", "--quiet"]);
@@ -357,14 +365,6 @@ fn a_run_that_goes_on_is_resumed_without_the_earlier_one() {
     let (own, other) = (Outputs::of(&parent.join("out/next")), Outputs::of(&parent.join("again/next")));
     assert!(own.files.contains_key("final_state.bin"));
     other.assert_same(&own, "after an interruption");
-}
-
-/// What is said of going on from the run that was interrupted.
-fn refused_to_go_on(parent: &Path) -> String {
-    fs::write(parent.join("third.toml"), next(VALID)).unwrap();
-    let output = isobar(parent, &quiet("third.toml", &["--from", "out/next"]));
-    assert_eq!(output.status.code(), Some(1));
-    text(&output.stderr).split_whitespace().filter(|word| !["│", "×"].contains(word)).collect::<Vec<_>>().join(" ")
 }
 
 #[test]

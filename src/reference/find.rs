@@ -71,11 +71,9 @@ pub fn explain(name: &str) -> Result<Explanation, Unknown> {
     for (number, word) in words.iter().enumerate() {
         let forms: Vec<Form> = steps.into_iter().map(Step::form).collect();
         steps = forms.iter().flat_map(|form| step(form, word)).collect();
-        if steps.is_empty() {
-            let is_last = number + 1 == words.len();
-            steps = forms.into_iter().filter_map(|form| chosen(form).filter(|_| !is_last)).map(Step::Entry).collect();
-        } else {
-            continue;
+        // A name that the file chooses leads on, but means nothing by itself.
+        if steps.is_empty() && number + 1 < words.len() {
+            steps = forms.into_iter().filter_map(chosen).map(Step::Entry).collect();
         }
         if steps.is_empty() {
             return Err(unknown(&words[..=number]));
@@ -99,10 +97,8 @@ fn step(form: &Form, word: &str) -> Vec<Step> {
                 return vec![Step::Entry(Form::Words(names))];
             }
             let own = || kinds.iter().filter(|kind| kind.name == word && !by.is_empty());
-            let copy =
-                |kind: &KindForm| Step::Kind(KindForm { name: kind.name, about: kind.about, keys: kind.keys.clone() });
             if own().next().is_some() {
-                return own().map(copy).collect();
+                return own().cloned().map(Step::Kind).collect();
             }
             kinds.iter().filter_map(|kind| key(&kind.keys, Some(kind.name))).collect()
         }

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 /// The schema, of draft 2020-12.
 pub fn schema() -> Value {
-    let mut schema = object(keys::ALL.iter().map(|&key| (key, true)));
+    let mut schema = object(keys::ALL);
     schema.insert("$schema".into(), "https://json-schema.org/draft/2020-12/schema".into());
     schema.insert("title".into(), format!("Scenario of isobar {}", crate::VERSION).into());
     let lists = LISTS.iter().map(|(option, ..)| (option.to_string(), of_kinds(KIND, &list(option))));
@@ -15,11 +15,10 @@ pub fn schema() -> Value {
     Value::Object(schema)
 }
 
-/// A table with these keys and no others; each may have to be given if it is so marked.
-fn object(keys: impl Iterator<Item = (&'static dyn AnyKey, bool)> + Clone) -> Map<String, Value> {
-    let required = keys.clone().filter(|(key, may)| *may && key.default().is_none());
-    let required: Vec<&str> = required.map(|(key, _)| key.name()).collect();
-    let properties: Map<String, Value> = keys.map(|(key, _)| (key.name().into(), property(key))).collect();
+/// A table with these keys and no others.
+fn object(keys: &[&'static dyn AnyKey]) -> Map<String, Value> {
+    let required: Vec<&str> = keys.iter().filter(|key| key.default().is_none()).map(|key| key.name()).collect();
+    let properties: Map<String, Value> = keys.iter().map(|key| (key.name().into(), property(*key))).collect();
     let object =
         json!({ "type": "object", "properties": properties, "additionalProperties": false, "required": required });
     into_map(object)
@@ -51,12 +50,12 @@ fn of(form: &Form) -> Value {
         Form::Text => json!({ "type": "string", "minLength": 1, "maxLength": 500 }),
         Form::Time => json!({ "type": "string", "minLength": 10 }),
         Form::List(form) => json!({ "type": "array", "items": of(form) }),
-        Form::Table(keys) => Value::Object(object(keys.iter().map(|&key| (key, true)))),
+        Form::Table(keys) => Value::Object(object(keys)),
         Form::Kinds(by, kinds) => of_kinds(by, kinds),
         Form::Listed(option) => json!({ "$ref": format!("#/$defs/{option}") }),
         Form::PartOf(option) => part_of(&list(option)),
         Form::Named(keys, other) => {
-            let mut table = object(keys.iter().map(|&key| (key, true)));
+            let mut table = object(keys);
             table.insert("additionalProperties".into(), of(other));
             Value::Object(table)
         }
@@ -83,7 +82,7 @@ fn number(limits: Limits) -> Value {
 /// A table of one of the kinds.
 fn of_kinds(by: &str, kinds: &[KindForm]) -> Value {
     let kind = |kind: &KindForm| {
-        let mut table = object(kind.keys.iter().map(|&key| (key, true)));
+        let mut table = object(&kind.keys);
         let named = json!({ "const": kind.name, "description": kind.about });
         table["properties"].as_object_mut().expect("an object").insert(by.into(), named);
         table["required"].as_array_mut().expect("a list").push(by.into());

@@ -193,7 +193,8 @@ pub(super) fn read_truth(
     Ok(Some(truth))
 }
 
-/// Reads `[diagnostics]`: in every so-many-th cycle it is found out what each type of observations did; `None`: never.
+/// Reads `[diagnostics]`: the number of cycles between two in which the influence of each type of observations is computed;
+/// `None`: never.
 pub(super) fn read_diagnostics(root: &Section<'_>) -> Read<Option<usize>> {
     let Some(field) = root.optional("diagnostics") else { return Ok(None) };
     Ok(Some(field.section_with(DIAGNOSTICS_KEYS)?.get(&INFLUENCE)?))

@@ -82,7 +82,7 @@ pub(crate) const ALL: &[&dyn AnyKey] = &[
     &optional(
         "forecast",
         forecast::KEYS,
-        "there are none",
+        "no forecasts ahead",
         "forecasts ahead of the analyses of all methods, and their scores by lead time",
     ),
     &optional(
@@ -112,7 +112,12 @@ pub(crate) const ALL: &[&dyn AnyKey] = &[
     ),
     &optional("diagnostics", cycle::DIAGNOSTICS_KEYS, "it is not computed", "what each type of observations is worth"),
     &optional("sweep", sweep::KEYS, "nothing varies", "the settings that `isobar sweep` runs"),
-    &optional("sensors", sensors::KEYS, "there is none", "a database of what is known of sensors from run to run"),
+    &optional(
+        "sensors",
+        sensors::KEYS,
+        "no database",
+        "a database of sensors and their calibrations, kept from run to run",
+    ),
     &optional("stability", sensors::STABILITY_KEYS, "biases are never frozen", "when a bias counts as determined"),
     &Key::absent(
         "output",

@@ -46,14 +46,14 @@ pub fn spread(it: &Verified<'_>, estimate: Option<&Estimate>) -> Option<Vec<Sum>
     Some(mean_squares(it.layout, estimate?.state_spread.as_ref()?.iter().copied()))
 }
 
-/// The mean square error of the bias parameters whose truth is known; `None` if there are none that are scored.
+/// The mean square error of the bias parameters whose truth is known; `None` without one that is scored.
 pub fn bias_error(it: &Verified<'_>, estimate: Option<&Estimate>) -> Option<Vec<Sum>> {
     let parameters = estimate?.calibration.iter().zip(it.truth?.calibration).take(it.scored_parameters);
     mean_square(parameters.filter_map(|(value, truth)| Some(value - (*truth)?)))
 }
 
-/// The mean claimed variance of the same bias parameters, of all where the truth of none is known; `None` if there are none
-/// that are scored, or without a claim.
+/// The mean claimed variance of the same bias parameters, or of all if no truth is known; `None` without a parameter that is
+/// scored, or without a claim.
 pub fn bias_spread(it: &Verified<'_>, estimate: Option<&Estimate>) -> Option<Vec<Sum>> {
     let spread = estimate?.calibration_spread.as_ref()?.iter().copied().take(it.scored_parameters);
     let truth = it.truth.map(|truth| truth.calibration).filter(|truth| truth.iter().any(Option::is_some));

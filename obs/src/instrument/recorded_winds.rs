@@ -36,8 +36,8 @@ impl Winds {
         self.places.insert(number, (latitude_deg, longitude_deg));
     }
 
-    /// Turns both components of a wind to the axes of the plane, with their biases. Of a single one, or of two that are not equally accurate, the
-    /// row of X is that of the component to the east or to the north.
+    /// Turns both components of a wind to the axes of the plane, with their biases. Of a single one, or of two that are not
+    /// equally accurate, the row of X is that of the component to the east or to the north.
     pub fn turn(&self, observations: &mut [(usize, Observation)], layout: &Layout, projection: &Projection) {
         let Some(components) = self.components else { return };
         for (number, &(latitude_deg, longitude_deg)) in &self.places {

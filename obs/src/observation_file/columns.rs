@@ -161,8 +161,8 @@ fn is_missing_or_marked(row: &Row<'_>, column: usize, markers: Option<&[f64]>) -
     row.is_missing(column) || row.text(column).parse().is_ok_and(is_marked)
 }
 
-/// The number in a column that may have markers of missing ones; `None`, and a fault, if it is none, or usually such a marker
-/// and no `markers` are given.
+/// The number in a column that may have markers of missing numbers; `None`, and a fault, if the field is not a number, or if it
+/// usually marks a missing one and no `markers` are given.
 fn number(row: &Row<'_>, column: usize, name: &str, markers: Option<&[f64]>, faults: &mut Faults) -> Option<f64> {
     let number = row.number(column, (-LARGEST, LARGEST), faults);
     if let Some(number) = number.filter(|number| markers.is_none() && USUAL_MARKERS.contains(number)) {

@@ -2,7 +2,7 @@
 
 use isobar_model::Time;
 
-/// Columns of which biases make use.
+/// Columns that biases use.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FurtherColumns {
     /// The column that says to which group a station belongs.

@@ -23,16 +23,16 @@ const STATIONS: Key<Described> = Key::required(
 
 const PLACES: &[&dyn AnyKey] = &[&FILE, &REGULAR, &RANDOM];
 
-const OTHERWISE: Absent<&str> = Absent::Explained("the stations are given otherwise");
+const OTHERWISE: &str = "the stations are given otherwise";
 
 const FILE: Key<Described> =
-    Key::absent("file", "", Described("a CSV file", Form::text), OTHERWISE, "a table of stations");
+    Key::absent("file", "", Described("a CSV file", Form::text), Absent::Explained(OTHERWISE), "a table of stations");
 
 const REGULAR: Key<Described> = Key::absent(
     "regular",
     "1",
     Described("[columns, rows]", || Form::list(Form::Whole(1, MOST_COLUMNS as i64))),
-    OTHERWISE,
+    Absent::Explained(OTHERWISE),
     "numbers of columns and rows of stations at equal distances",
 );
 
@@ -40,7 +40,7 @@ const RANDOM: Key<Whole> = Key::absent(
     "random",
     "1",
     Whole(1, MOST_STATIONS),
-    Absent::Explained("the stations are given otherwise"),
+    Absent::Explained(OTHERWISE),
     "number of stations at random places",
 );
 
