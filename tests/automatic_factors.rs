@@ -89,9 +89,9 @@ fn it_is_the_default_where_blocks_need_factors() {
     ] {
         let without = described(keys);
         assert!(without.contains("0 common factors") && !without.contains("ask for"), "{keys}: {without}");
-        let asked = described(&format!("{keys}, factors = 7"));
-        assert!(asked.contains("7 common factors"), "{keys}: {asked}");
     }
+    let asked = described(", blocks = { tile = [5, 5] }, factors = 7");
+    assert!(asked.contains("7 common factors"), "{asked}");
 }
 
 #[test]
