@@ -104,9 +104,10 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     ],
     |section, surroundings| {
         let Settings { filter, factors } = read(section, surroundings)?;
-        let factor_grid = factor_grid(section, &surroundings.domain.grid, &filter)?;
         let local = local_factors::read(section, surroundings, &filter, factors)?;
-        check_smoother(section, &filter, local.is_some())?;
+        let has_factors = filter.factors > 0 || local.is_some();
+        let factor_grid = factor_grid(section, &surroundings.domain.grid, filter.residual, has_factors)?;
+        check_smoother(section, has_factors)?;
         Ok(Box::new(FastKalman { settings: Settings { filter, factors }, factor_grid, local }))
     },
 );
@@ -122,22 +123,29 @@ struct FastKalman {
 
 impl MethodSettings for FastKalman {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
-        if let Some(local) = self.local {
-            return Ok(Box::new(LocalFastKalmanFilter::with_local_factors(setup.problem, local)?));
-        }
         let (Domain { grid, model }, cycle) = (setup.domain, setup.cycle);
+        let fault = |reason: String| Error::Setting(format!("factor_grid = {}: {reason}", self.factor_grid));
+        let coarse = || model.build_coarser(grid, cycle, self.factor_grid).map_err(fault);
+        let coarse = (self.factor_grid > 1).then(coarse).transpose()?;
+        if let Some(local) = self.local {
+            let filter = |problem| LocalFastKalmanFilter::with_local_factors(problem, local);
+            let filter = setup.smoothed(filter, LocalFastKalmanFilter::smoothing)?;
+            return Ok(match coarse {
+                None => Box::new(filter),
+                Some(model) => Box::new(filter.with_factors_on(model)?),
+            });
+        }
         let filter = |problem| FastKalmanFilter::new(problem, self.settings.filter);
         let filter = setup.smoothed(filter, FastKalmanFilter::smoothing)?;
-        if self.factor_grid == 1 {
-            return Ok(Box::new(filter));
-        }
-        let fault = |reason: String| Error::Setting(format!("factor_grid = {}: {reason}", self.factor_grid));
-        Ok(Box::new(filter.with_factors_on(model.build_coarser(grid, cycle, self.factor_grid).map_err(fault)?)?))
+        Ok(match coarse {
+            None => Box::new(filter),
+            Some(model) => Box::new(filter.with_factors_on(model)?),
+        })
     }
 
     fn describe(&self) -> String {
         let settings = match &self.local {
-            Some(local) => local_factors::describe(local, self.settings.factors),
+            Some(local) => local_factors::describe(local, self.settings.factors, self.factor_grid),
             None => describe(&self.settings, self.factor_grid),
         };
         format!("Fast Kalman Filter, {settings}")
@@ -152,16 +160,10 @@ impl MethodSettings for FastKalman {
     }
 }
 
-/// Fails if there is to be a smoother without the factors of the whole domain that it needs.
-pub(super) fn check_smoother(section: &Section<'_>, settings: &FastKalmanSettings, local: bool) -> Read<()> {
+/// Fails if there is to be a smoother without the factors that it needs.
+pub(super) fn check_smoother(section: &Section<'_>, has_factors: bool) -> Read<()> {
     let Some(field) = section.optional(SMOOTHER_LAG_CYCLES.name) else { return Ok(()) };
-    if local {
-        let message = "the smoother needs factors of the whole domain".to_string();
-        return Err(
-            field.misplaced(message, "leave out this key, or give a number of `factors` without `local_factors`")
-        );
-    }
-    if settings.factors == 0 {
+    if !has_factors {
         let message = "the smoother revises what common factors link, and there are no factors".to_string();
         return Err(field.misplaced(message, "leave out this key, or add `factors`"));
     }
@@ -229,7 +231,7 @@ const FACTOR_GRIDS: [usize; 4] = [1, 2, 4, 8];
 const FEWEST_CELLS: usize = 4;
 
 /// Reads how many cells wide those are on which the factors are propagated.
-fn factor_grid(section: &Section<'_>, grid: &Grid, settings: &FastKalmanSettings) -> Read<usize> {
+fn factor_grid(section: &Section<'_>, grid: &Grid, residual: Residual, has_factors: bool) -> Read<usize> {
     let cells = section.get(&FACTOR_GRID)?;
     if cells == 1 {
         return Ok(cells);
@@ -242,7 +244,7 @@ fn factor_grid(section: &Section<'_>, grid: &Grid, settings: &FastKalmanSettings
             field.invalid(message, "must be 1, 2, 4 or 8, divide both sides and leave at least 4 cells on each")
         );
     }
-    if settings.residual == Residual::Exact || settings.factors == 0 {
+    if residual == Residual::Exact || !has_factors {
         let message = "without factors, or with an exact forecast of the blocks, nothing can be coarser".to_string();
         return Err(field.invalid(message, "needs `factors`, and residual = \"probe\" or \"persist\""));
     }
@@ -259,6 +261,15 @@ fn blocks(field: &Field<'_>, grid: &Grid) -> Read<BlockShape> {
         return Err(tile.invalid(format!("`{}` needs two numbers", tile.title()), "must be [cells in x, cells in y]"));
     };
     Ok(BlockShape::Tile { nx: nx.whole(1, grid.nx)?, ny: ny.whole(1, grid.ny)? })
+}
+
+/// How factors are stored and propagated, in words, where it is not as usual.
+pub(super) fn storage(precision: Precision, factor_grid: usize) -> String {
+    let precision = if precision == Precision::Single { " in single precision" } else { "" };
+    match factor_grid {
+        1 => precision.into(),
+        cells => format!("{precision} on a grid {cells} times as wide"),
+    }
 }
 
 /// A filter's settings in words.
@@ -289,11 +300,6 @@ pub(super) fn describe(Settings { filter: settings, factors }: &Settings, factor
         }
         _ => format!("{} common factors{chosen}", settings.factors),
     };
-    if settings.factor_precision == Precision::Single {
-        factors += " in single precision";
-    }
-    if factor_grid > 1 {
-        factors += &format!(" on a grid {factor_grid} times as wide");
-    }
+    factors += &storage(settings.factor_precision, factor_grid);
     format!("{factors}, {blocks} {residual}, covariance with biases {coupling}")
 }

@@ -43,10 +43,12 @@ pub use grid_blocks::BlockShape;
 pub use settings::{BiasCoupling, FastKalmanSettings, Residual};
 
 pub(super) use block_diagonal::BlockDiagonal;
+pub(super) use coarse_grid::CoarseGrid;
 pub(super) use component::{check_component, partition, set_blocks, update_rows};
 pub(super) use compression::rounding;
 pub(crate) use factors::Factors;
 pub(super) use grid_blocks::Blocks;
+pub(super) use past_analyses::{FixedLag, PastAnalysis};
 pub(crate) use solution::{Increments, SplitRows};
 pub(super) use solution::{augmented, of_blocks};
 
@@ -58,12 +60,10 @@ use crate::fixed_lag::PastAnalyses;
 use crate::memory::require;
 use crate::problem::{Innovations, Problem, require_memory};
 use crate::tall_matrix::TallMatrix;
-use coarse_grid::CoarseGrid;
 use factored_covariance::FactoredCovariance;
 use faer::{Mat, MatRef};
 use isobar_model::{Layout, TangentLinear, random};
 use isobar_obs::ByPlacement;
-use past_analyses::FixedLag;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;

@@ -88,7 +88,7 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
             return Err(section.file.error(section.span.clone(), message, label, None));
         }
         let filter = fast_kalman::read(section, surroundings)?;
-        fast_kalman::check_smoother(section, &filter.filter, false)?;
+        fast_kalman::check_smoother(section, filter.filter.factors > 0)?;
         Ok(Box::new(TimeVolumeOptions {
             filter,
             window_cycles,
