@@ -108,8 +108,8 @@ fn nor_in_other_methods() {
         single_fkf = { kind = "fkf", factors = 20, factor_precision = "single", adapt = { model_error = true } }
         adaptive_var = { kind = "3dvar", adapt = { background_error = true } }
         etkf = { kind = "etkf", members = 12, inflation = "adaptive", smoother_lag_cycles = 3 }
-        letkf = { kind = "letkf", members = 6, localization_radius_km = 400, inflation = "adaptive" }
-        enkf = { kind = "enkf", members = 6, localization_radius_km = 400, relaxation_to_prior_spread = 0.5 }
+        letkf = { kind = "letkf", members = 6, localization_radius_km = 400, inflation = "adaptive", smoother_lag_cycles = 3 }
+        enkf = { kind = "enkf", members = 6, localization_radius_km = 400, relaxation_to_prior_spread = 0.5, smoother_lag_cycles = 2 }
     "#;
     let model_error = "[model_error]\ncomponents = [{ kind = \"white\", variable = \"h\", sigma = 1 }]\n";
     let valid = include_str!("common/valid.toml").split("[methods.free]").next().unwrap().to_string();

@@ -11,6 +11,7 @@ mod common;
 mod contracts;
 mod covariance_columns;
 mod ensemble;
+mod ensemble_smoothers;
 mod factors;
 mod federated;
 mod high_pass;

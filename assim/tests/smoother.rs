@@ -302,7 +302,8 @@ fn what_a_smoother_cannot_do_is_refused() {
     };
     assert!(reason.contains("drop"), "{reason}");
     let draws = EnsembleSettings { model_error: ModelErrorTreatment::Random, ..ensemble_settings(8) };
-    let small = Problem { memory_limit_bytes: 8 * 6 * 8 * 42, ..small };
+    // Six ensembles, and the analysis in their space.
+    let small = Problem { memory_limit_bytes: 8 * (6 * 8 * 42 + 5 * 8 * 8), ..small };
     let etkf = |lag| EnsembleTransformKalmanFilter::new(small.clone(), draws).unwrap().smoothing(lag);
     assert!(etkf(1).is_ok() && matches!(etkf(5), Err(Error::TooLarge { .. })));
 }

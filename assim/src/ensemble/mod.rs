@@ -20,7 +20,7 @@
 //! | `tapered` | innovations with a tapered covariance of state and shared biases |
 //! | `etkf` | [`EnsembleTransformKalmanFilter`] |
 //! | `own` | [`EnsembleTransform`]: the analysis made elsewhere |
-//! | `fixed_lag` | its smoother, the EnKS |
+//! | `fixed_lag` | their smoother, the EnKS |
 //! | `letkf` | [`LocalEnsembleTransformKalmanFilter`] |
 //! | `stochastic` | [`StochasticEnsembleKalmanFilter`] |
 //!

@@ -1,6 +1,6 @@
 //! `kind = "enkf"`.
 
-use super::{MethodSettings, Setup, Surroundings, ensemble};
+use super::{MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings, ensemble};
 use crate::kinds::Kind;
 use isobar_assim::ensemble::{EnsembleSettings, StochasticEnsembleKalmanFilter};
 use isobar_assim::{Assimilator, Error};
@@ -8,7 +8,7 @@ use isobar_assim::{Assimilator, Error};
 pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "enkf",
     "The stochastic ensemble Kalman filter, with tapered covariances",
-    &[ensemble::KEYS, &[&ensemble::OPTIONAL_RADIUS_KM]],
+    &[ensemble::KEYS, &[&ensemble::OPTIONAL_RADIUS_KM, &SMOOTHER_LAG_CYCLES]],
     |section, _| {
         let radius_km = section.find(&ensemble::OPTIONAL_RADIUS_KM)?;
         let localization_radius_m = radius_km.map_or(f64::INFINITY, |km| km * 1e3);
@@ -25,8 +25,8 @@ struct Enkf {
 
 impl MethodSettings for Enkf {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
-        let radius_m = self.localization_radius_m;
-        Ok(Box::new(StochasticEnsembleKalmanFilter::new(setup.problem, self.ensemble, radius_m)?))
+        let filter = |problem| StochasticEnsembleKalmanFilter::new(problem, self.ensemble, self.localization_radius_m);
+        Ok(Box::new(setup.smoothed(filter, StochasticEnsembleKalmanFilter::smoothing)?))
     }
 
     fn describe(&self) -> String {

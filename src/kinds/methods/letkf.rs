@@ -1,6 +1,6 @@
 //! `kind = "letkf"`.
 
-use super::{MethodSettings, Setup, Surroundings, ensemble};
+use super::{MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings, ensemble};
 use crate::kinds::Kind;
 use isobar_assim::ensemble::{EnsembleSettings, LocalEnsembleTransformKalmanFilter, LocalSettings};
 use isobar_assim::{Assimilator, Error};
@@ -8,7 +8,7 @@ use isobar_assim::{Assimilator, Error};
 pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "letkf",
     "The local ensemble transform Kalman filter, with R-localisation",
-    &[ensemble::KEYS, ensemble::LOCAL_KEYS],
+    &[ensemble::KEYS, ensemble::LOCAL_KEYS, &[&SMOOTHER_LAG_CYCLES]],
     |section, _| Ok(Box::new(Letkf { ensemble: ensemble::read(section)?, local: ensemble::read_local(section)? })),
 );
 
@@ -20,7 +20,8 @@ struct Letkf {
 
 impl MethodSettings for Letkf {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
-        Ok(Box::new(LocalEnsembleTransformKalmanFilter::new(setup.problem, self.ensemble, self.local)?))
+        let filter = |problem| LocalEnsembleTransformKalmanFilter::new(problem, self.ensemble, self.local);
+        Ok(Box::new(setup.smoothed(filter, LocalEnsembleTransformKalmanFilter::smoothing)?))
     }
 
     fn describe(&self) -> String {
