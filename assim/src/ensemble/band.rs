@@ -3,6 +3,7 @@
 use super::batch::Batch;
 use super::inflation::Inflation;
 use super::near::LocalObservations;
+use super::perturbations::Perturbations;
 use super::weights::WeightGrid;
 use faer::Mat;
 use isobar_model::vector::{add, subtract};
@@ -53,21 +54,6 @@ pub(super) struct BandParameters {
     pub local: Vec<(usize, Vec<f64>)>,
     /// The same of all shared parameters: the sums of each row of analyses with their shares.
     pub shared: Vec<Vec<f64>>,
-}
-
-/// Perturbations that become analysed deviations: of the state's values, variable by variable, of local parameters, and of
-/// shared ones in the analyses of each row; then those of the earlier ensembles.
-struct Perturbations {
-    /// Rows of one ensemble.
-    rows: usize,
-    ensembles: usize,
-    /// From a member to the next: an odd number of the processor's lines, so that the members of one row are in different
-    /// sets of its cache.
-    stride: usize,
-    /// `[N, stride]`.
-    before: Vec<f64>,
-    /// `[N + 1, stride]`, with the shift of the mean last.
-    after: Vec<f64>,
 }
 
 impl Plan<'_> {
@@ -278,32 +264,6 @@ impl Plan<'_> {
                 add(mean, of_member(members));
                 add(mean, &excess);
                 first += mean.len();
-            }
-        }
-    }
-}
-
-impl Perturbations {
-    /// Adds what the analyses at some places make of the rows of each place, times a weight, and of the same rows of earlier
-    /// ensembles.
-    fn analyse(&mut self, batch: &mut Batch<'_>, here: &[(f64, f64)], factors: &mut [f64], rows: &[Vec<(usize, f64)>]) {
-        let (lanes, most) = (rows.len(), rows.iter().map(Vec::len).max().unwrap_or(0));
-        let members = self.before.len() / self.stride;
-        // What a place has not has no weight.
-        let of_lanes = |vector: usize| {
-            let (first, vector) = (vector / most * self.rows, vector % most);
-            rows.iter().map(move |rows| rows.get(vector).map_or((0, 0.0), |&(row, weight)| (first + row, weight)))
-        };
-        let x = batch.perturbations(self.ensembles * most);
-        for (vector, x) in x.chunks_exact_mut(members * lanes).enumerate() {
-            for (x, values) in x.chunks_exact_mut(lanes).zip(self.before.chunks_exact(self.stride)) {
-                x.iter_mut().zip(of_lanes(vector)).for_each(|(x, (row, _))| *x = values[row]);
-            }
-        }
-        let analysed = batch.analyse(here, factors, most);
-        for (vector, analysed) in analysed.chunks_exact((members + 1) * lanes).enumerate() {
-            for (analysed, values) in analysed.chunks_exact(lanes).zip(self.after.chunks_exact_mut(self.stride)) {
-                analysed.iter().zip(of_lanes(vector)).for_each(|(value, (row, weight))| values[row] += weight * value);
             }
         }
     }

@@ -28,8 +28,7 @@ use std::collections::VecDeque;
 ///
 /// of [`StochasticEnsembleKalmanFilter`](super::StochasticEnsembleKalmanFilter), X being the earlier perturbations, the
 /// innovations and their covariance S the present ones. So the taper ρ stands where it is: it does not move with the flow,
-/// although what was here at the time of the earlier ensemble may be elsewhere by now. A lag in which the flow or the waves go
-/// farther than the radius takes from the past what the observations know of it.
+/// although what was here at the time of the earlier ensemble may be elsewhere by now.
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) struct FixedLag {
     lag: usize,
