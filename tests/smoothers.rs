@@ -171,4 +171,19 @@ fn what_smoothers_cannot_do_is_an_error_at_its_key() {
     assert!(none.contains("smoother_lag_cycles"), "{none}");
     let other = refused(&scenario("[methods.var]\nkind = \"3dvar\"\nsmoother_lag_cycles = 3\n"));
     assert!(other.contains("smoother_lag_cycles"), "{other}");
+    let hybrid = "kind = \"hybrid_3dvar\"\nmembers = 8\nlocalization_radius_km = 500\nensemble_weight = 0.5";
+    let hybrid = refused(&scenario(&format!("[methods.hybrid]\n{hybrid}\nsmoother_lag_cycles = 3\n")));
+    assert!(hybrid.contains("unknown key `smoother_lag_cycles`"), "{hybrid}");
+    let model_error = "[model_error]\ncomponents = [{ kind = \"white\", variable = \"h\", sigma = 1 }]\n";
+    for kind in ["etkf", "letkf", "enkf"] {
+        let keys = "members = 8\nmodel_error_treatment = \"square_root\"\nsmoother_lag_cycles = 3\n";
+        let radius = if kind == "etkf" { "" } else { "localization_radius_km = 500\n" };
+        let method = format!("[methods.members]\nkind = \"{kind}\"\n{radius}{keys}");
+        let root = refused(&scenario(&format!("{model_error}{method}")));
+        assert!(root.contains("which a smoother cannot follow") && root.contains("model_error_treatment"), "{root}");
+        // Without errors to add, there is no square root of them.
+        assert!(Scenario::parse(Path::new("small.toml"), &scenario(&method)).is_ok());
+        let freezing = refused(&scenario(&format!("[stability]\nfreeze_after_cycles = 4\n{method}")));
+        assert!(freezing.contains("[stability] freezes"), "{freezing}");
+    }
 }

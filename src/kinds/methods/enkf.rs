@@ -9,10 +9,10 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "enkf",
     "The stochastic ensemble Kalman filter, with tapered covariances",
     &[ensemble::KEYS, &[&ensemble::OPTIONAL_RADIUS_KM, &SMOOTHER_LAG_CYCLES]],
-    |section, _| {
+    |section, surroundings| {
         let radius_km = section.find(&ensemble::OPTIONAL_RADIUS_KM)?;
         let localization_radius_m = radius_km.map_or(f64::INFINITY, |km| km * 1e3);
-        Ok(Box::new(Enkf { ensemble: ensemble::read(section)?, localization_radius_m }))
+        Ok(Box::new(Enkf { ensemble: ensemble::read_with_smoother(section, surroundings)?, localization_radius_m }))
     },
 );
 

@@ -9,7 +9,7 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "etkf",
     "The ensemble transform Kalman filter",
     &[ensemble::KEYS, &[&SMOOTHER_LAG_CYCLES]],
-    |section, _| Ok(Box::new(Etkf(ensemble::read(section)?))),
+    |section, surroundings| Ok(Box::new(Etkf(ensemble::read_with_smoother(section, surroundings)?))),
 );
 
 #[derive(Debug)]

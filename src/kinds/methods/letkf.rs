@@ -9,7 +9,10 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "letkf",
     "The local ensemble transform Kalman filter, with R-localisation",
     &[ensemble::KEYS, ensemble::LOCAL_KEYS, &[&SMOOTHER_LAG_CYCLES]],
-    |section, _| Ok(Box::new(Letkf { ensemble: ensemble::read(section)?, local: ensemble::read_local(section)? })),
+    |section, surroundings| {
+        let ensemble = ensemble::read_with_smoother(section, surroundings)?;
+        Ok(Box::new(Letkf { ensemble, local: ensemble::read_local(section)? }))
+    },
 );
 
 #[derive(Debug)]
