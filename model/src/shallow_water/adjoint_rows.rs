@@ -2,10 +2,12 @@
 //! reach one row south and north. Beside a wall the rows beyond it are zero, and the corners on it, which are the mean of h on
 //! either side and have no vorticity, count twice for h and not for u and v.
 
+use super::adjoint_lanes::{self, Rows};
 use super::kernel::Constants;
 use super::row_coefficients::RowCoefficients;
 use super::rows::ShallowWaterRows;
 use super::{ShallowWater, U, V};
+use crate::columns::LANES;
 use crate::grid::Boundary;
 use crate::scheme::rows::{AdjointRowStream, Pushed, Row, RowStream};
 use crate::scheme::strips::periodic_row;
@@ -107,7 +109,7 @@ impl<const L: usize> WithSimd for Push<'_, '_, L> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let Push { rows, row, south, north, out } = self;
         let AdjointRows { model, coefficients, flux_x, flux_y, vorticity, thickness, bernoulli, beyond, .. } = rows;
         let (constants, stride) = (Constants::new(model), out.len() / VARIABLES);
@@ -117,21 +119,47 @@ impl<const L: usize> WithSimd for Push<'_, '_, L> {
         let (south, north) = (if at_southern_wall { zero } else { south }, if at_northern_wall { zero } else { north });
         let ([flux_y_s, flux_y], [vorticity_s, vorticity]) = (flux_y, vorticity);
         let ([thickness_s, thickness], [bernoulli_s, bernoulli]) = (thickness, bernoulli);
-        diagnostics(constants, coefficients, row, south, north, flux_x, flux_y, vorticity, thickness, bernoulli);
+        let mut lanes = Rows {
+            flux_x: flux_x.as_flattened_mut(),
+            flux_y: [flux_y_s.as_flattened_mut(), flux_y.as_flattened_mut()],
+            vorticity: [vorticity_s.as_flattened_mut(), vorticity.as_flattened_mut()],
+            thickness: [thickness_s.as_flattened_mut(), thickness.as_flattened_mut()],
+            bernoulli: [bernoulli_s.as_flattened_mut(), bernoulli.as_flattened_mut()],
+        };
+        if L == LANES {
+            adjoint_lanes::diagnostics(simd, model, coefficients, row, [south, north], &mut lanes);
+        } else {
+            let Rows {
+                flux_x,
+                flux_y: [_, flux_y],
+                vorticity: [_, vorticity],
+                thickness: [_, thickness],
+                bernoulli: [_, b],
+            } = &mut lanes;
+            let [flux_x, flux_y, vorticity, thickness, bernoulli] =
+                [flux_x, flux_y, vorticity, thickness, b].map(|row| row.as_chunks_mut::<L>().0);
+            diagnostics(constants, coefficients, row, south, north, flux_x, flux_y, vorticity, thickness, bernoulli);
+        }
         if at_southern_wall || at_northern_wall {
-            vorticity.as_flattened_mut().fill(0.0);
-            thickness.as_flattened_mut().iter_mut().for_each(|value| *value *= 2.0);
+            lanes.vorticity[1].fill(0.0);
+            lanes.thickness[1].iter_mut().for_each(|value| *value *= 2.0);
+        }
+        if L == LANES {
+            adjoint_lanes::prognostics(simd, model, coefficients, row - 1, &lanes, out);
+        } else {
+            let (out_h, winds) = out.split_at_mut(stride);
+            let (out_u, out_v) = winds.split_at_mut(stride);
+            let gradients = Gradients {
+                flux_x: lanes.flux_x.as_chunks::<L>().0,
+                flux_y: places(&lanes.flux_y),
+                vorticity: places(&lanes.vorticity),
+                thickness: places(&lanes.thickness),
+                bernoulli: places(&lanes.bernoulli),
+            };
+            prognostics(constants, model, coefficients, row - 1, gradients, out_h, out_u, out_v);
         }
         let (out_h, winds) = out.split_at_mut(stride);
         let (out_u, out_v) = winds.split_at_mut(stride);
-        let gradients = Gradients {
-            flux_x,
-            flux_y: [flux_y_s, flux_y],
-            vorticity: [vorticity_s, vorticity],
-            thickness: [thickness_s, thickness],
-            bernoulli: [bernoulli_s, bernoulli],
-        };
-        prognostics(constants, model, coefficients, row - 1, gradients, out_h, out_u, out_v);
         let drag = model.parameters.drag_per_s;
         if drag != 0.0 {
             for (out, wind) in [(&mut *out_u, south.variable(U)), (&mut *out_v, south.variable(V))] {
@@ -147,6 +175,12 @@ impl<const L: usize> WithSimd for Push<'_, '_, L> {
             periodic_row(row, L);
         }
     }
+}
+
+/// Places of two rows.
+#[inline(always)]
+fn places<'a, const L: usize>(rows: &'a [&mut [f64]; 2]) -> [&'a [[f64; L]]; 2] {
+    [rows[0].as_chunks().0, rows[1].as_chunks().0]
 }
 
 /// V*, q*/h̄ˣʸ and q q*/(4 h̄ˣʸ) of the northern row, U* and B* of the southern, in one loop.

@@ -5,7 +5,7 @@
 
 use super::adjoint_rows::AdjointRows;
 use super::rows::ShallowWaterRows;
-use super::tangent_rows::{TangentRows, continue_evenly};
+use super::tangent_rows::continue_evenly;
 use super::{ShallowWater, V};
 use crate::grid::Boundary;
 use crate::scheme::rows::{AdjointRowStream, Pushed, Row, RowStream, TangentRowStream};
@@ -80,25 +80,25 @@ impl RowStream for HyperdiffusedRows<'_> {
     }
 }
 
-/// The tendency with hyperdiffusion and its derivative for `L` columns.
-pub(super) struct HyperdiffusedTangentRows<'a, const L: usize> {
-    inner: TangentRows<'a, L>,
+/// The tendency with hyperdiffusion and its derivative.
+pub(super) struct HyperdiffusedTangentRows<'a> {
+    inner: Box<dyn TangentRowStream + 'a>,
     of_state: Damping<'a>,
     of_columns: Damping<'a>,
 }
 
-impl<'a, const L: usize> HyperdiffusedTangentRows<'a, L> {
-    /// For rows of at most `nx` places.
-    pub fn new(model: &'a ShallowWater, nx: usize) -> Self {
+impl<'a> HyperdiffusedTangentRows<'a> {
+    /// For rows of at most `nx` places, given the stream of the other terms for so many columns.
+    pub fn new(model: &'a ShallowWater, nx: usize, inner: Box<dyn TangentRowStream + 'a>, lanes: usize) -> Self {
         Self {
-            inner: TangentRows::new(model, nx),
+            inner,
             of_state: Damping::new(model, Arrangement::Fields, nx),
-            of_columns: Damping::new(model, Arrangement::Padded(L), nx),
+            of_columns: Damping::new(model, Arrangement::Padded(lanes), nx),
         }
     }
 }
 
-impl<const L: usize> TangentRowStream for HyperdiffusedTangentRows<'_, L> {
+impl TangentRowStream for HyperdiffusedTangentRows<'_> {
     fn reach(&self) -> usize {
         2
     }

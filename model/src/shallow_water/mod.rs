@@ -22,6 +22,7 @@
 //! R. Sadourny (1975): The dynamics of finite-difference models of the shallow-water equations. J. Atmos. Sci. 32.
 
 mod adjoint;
+mod adjoint_lanes;
 mod adjoint_rows;
 mod damping;
 mod hyperdiffusion;
@@ -29,6 +30,7 @@ mod kernel;
 mod linear;
 mod row_coefficients;
 mod rows;
+mod tangent_lanes;
 mod tangent_linear;
 mod tangent_rows;
 
@@ -235,12 +237,14 @@ impl Tendency for ShallowWater {
     }
 
     fn tangent_row_stream(&self, nx: usize, lanes: Lanes) -> Option<Box<dyn TangentRowStream + '_>> {
-        Some(match (self.parameters.hyperdiffusion_m4_per_s == 0.0, lanes) {
-            (true, Lanes::One) => Box::new(tangent_rows::TangentRows::<1>::new(self, nx)),
-            (true, Lanes::Eight) => Box::new(tangent_rows::TangentRows::<LANES>::new(self, nx)),
-            (false, Lanes::One) => Box::new(hyperdiffusion::HyperdiffusedTangentRows::<1>::new(self, nx)),
-            (false, Lanes::Eight) => Box::new(hyperdiffusion::HyperdiffusedTangentRows::<LANES>::new(self, nx)),
-        })
+        let rows: Box<dyn TangentRowStream + '_> = match lanes {
+            Lanes::One => Box::new(tangent_rows::TangentRows::<1>::new(self, nx)),
+            Lanes::Eight => Box::new(tangent_lanes::TangentLanes::new(self, nx)),
+        };
+        if self.parameters.hyperdiffusion_m4_per_s == 0.0 {
+            return Some(rows);
+        }
+        Some(Box::new(hyperdiffusion::HyperdiffusedTangentRows::new(self, nx, rows, lanes.count())))
     }
 
     fn adjoint_row_stream(&self, nx: usize, lanes: Lanes, delay: usize) -> Option<Box<dyn AdjointRowStream + '_>> {
