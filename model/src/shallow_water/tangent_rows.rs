@@ -1,5 +1,5 @@
-//! The tangent-linear tendency row by row for one column or eight at once: the derivatives in [`super::kernel`], with the
-//! coefficients of a row of the state computed once for all columns.
+//! The tangent-linear tendency row by row: the derivatives in [`super::kernel`], with the coefficients of a row of the state
+//! computed once for all columns. It is used for a column alone; for eight at once [`super::tangent_lanes`] is faster.
 
 use super::kernel::{Constants, VorticityWeights, mass_flux_tl, potential_vorticity_tl};
 use super::row_coefficients::{PlaceCoefficients, RowCoefficients, VorticityCoefficients};
