@@ -1,7 +1,7 @@
 //! The tangent-linear tendency row by row for eight columns at once: the lines of [`super::tangent_rows`] in vector operations,
 //! in one pass from west to east, with the same bits.
 //!
-//! The lines over arrays of eight lanes were measured and are slower, by a factor of 1.7 on rows of 64 places; so are dual
+//! The lines over arrays of eight lanes were measured and are slower, by about a half; so are dual
 //! numbers of eight directions in the lines of f, by a factor of 3 (AVX-512; other programs were running on the machine, so
 //! the ratios are rough).
 
