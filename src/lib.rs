@@ -11,6 +11,7 @@
 //! | [`kinds`] | what a scenario chooses by name: methods, models, initial states, covariances |
 //! | [`mod@reference`] | the reference of all keys of a scenario |
 //! | [`lead_times`] | when forecasts ahead start, and how far they go |
+//! | [`threshold_warning`] | values beyond a threshold, and how probable a forecast makes them |
 //! | [`options`] | what the user changes in a run |
 //! | [`run`] | builds an experiment and runs it: the true world, its observations, each method, the scores; checkpoints |
 //! | [`outcome`] | the result of one cycle of one method |
@@ -56,6 +57,7 @@ mod shell;
 pub mod shipped;
 pub mod tables;
 mod text;
+pub mod threshold_warning;
 
 /// The version, as files say it.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");

@@ -12,6 +12,7 @@ pub(crate) mod instruments;
 mod kind;
 pub mod methods;
 pub mod models;
+pub(crate) mod warnings;
 
 pub use domain::Domain;
 pub(crate) use kind::{KIND, Kind, Kinds, check_name, choose, choose_by, distinct_name, form, forms, plain_name, read};

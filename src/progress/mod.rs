@@ -57,6 +57,7 @@ impl Sink for Progress {
             | Event::Observed { .. }
             | Event::Estimated(_)
             | Event::Smoothed(_)
+            | Event::Outlook { .. }
             | Event::Forecast(_)
             | Event::CycleEnded(_) => {}
         }

@@ -26,6 +26,7 @@ use crate::scenario::Scenario;
 use crate::scores::{RunScores, Scorecard, Summary};
 use crate::sensors::table;
 use crate::sensors::write_back::{self, SENSORS_FILE};
+use crate::tables::warnings::without_skill;
 use crate::text::shown_path;
 use checkpoint::{Keeper, Newest, Plan, file, journal, newest};
 use cycles::{Cycles, Shown};
@@ -148,6 +149,9 @@ impl ExperimentBuilder<'_> {
         let mut cycles =
             Cycles { experiment: &mut experiment, scores, events: &mut events, workers: &workers, shown, goes_on };
         let summary = cycles.run(done)?;
+        for text in without_skill(&summary) {
+            events.announce(&Event::Warning(&text))?;
+        }
         if goes_on {
             earlier::write(directory.path(), scenario, &mut experiment)?;
         }

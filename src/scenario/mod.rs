@@ -29,14 +29,16 @@ use crate::kinds::initial::{GivenState, INITIAL, InitialState};
 use crate::kinds::instruments;
 use crate::kinds::methods::{self, Method, Surroundings};
 use crate::kinds::models::{self, Model};
-use crate::kinds::{self, Domain, distinct_name, forecast, plain_name};
+use crate::kinds::{self, Domain, distinct_name, forecast, plain_name, warnings};
 use crate::lead_times::LeadTimes;
 use crate::output::Outputs;
 use crate::reader::{self, Field, FileName, Read, Section, SourceFile};
 use crate::safe_file;
 use crate::scores::expected::TOLERANCE_KEY;
+use crate::scores::kinds::BRIER;
 use crate::scores::{Part, ScoreKind};
 use crate::text;
+use crate::threshold_warning::ThresholdWarning;
 use indexmap::IndexMap;
 use isobar_model::{Adjoint, State, Time};
 use isobar_obs::{Network, QualityControl, times};
@@ -88,6 +90,8 @@ pub struct Scenario {
     pub cycle: CycleSettings,
     /// The lead times of forecasts ahead, if there are such forecasts.
     pub forecast: Option<LeadTimes>,
+    /// Of what forecasts ahead warn.
+    pub warnings: Vec<ThresholdWarning>,
     /// How the values of observations are checked, if they are.
     pub quality_control: Option<QualityControl>,
     /// The networks, in the order of the file.
@@ -205,6 +209,7 @@ impl Scenario {
         let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", true_step)];
         let cycle = cycle::read(&root, start, &steps)?;
         let forecast = forecast::read(&root, cycle.window, cycle.count, cycle.score_from_cycle)?;
+        let warnings = warnings::read(&root, &domain, forecast.as_ref())?;
         let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
         let stability = sensors::read_stability(&root, cycle.count)?;
         let surroundings = Surroundings {
@@ -225,7 +230,9 @@ impl Scenario {
         let influence_every_cycles = cycle::read_diagnostics(&root)?;
         let has_passive = networks.iter().any(|network| !network.assimilate);
         let can_have = |kind: &ScoreKind| {
-            (kind.part != Part::Forecast || forecast.is_some()) && kind.against.exists(truth.is_some(), has_passive)
+            (kind.part != Part::Forecast || forecast.is_some())
+                && (kind.name != BRIER || !warnings.is_empty())
+                && kind.against.exists(truth.is_some(), has_passive)
         };
         let sweep = sweep::read(&root, &model, can_have)?;
         let outputs = cycle::read_output(&root)?;
@@ -251,6 +258,7 @@ impl Scenario {
             truth,
             cycle,
             forecast,
+            warnings,
             quality_control,
             networks,
             methods,

@@ -1,7 +1,7 @@
 //! The scores of a run: on the terminal at its end, on its page and in the viewer.
 
 use super::terminal::sentences;
-use super::{Cell, Table, forecasts, stability};
+use super::{Cell, Table, forecasts, stability, warnings};
 use crate::scores::{Against, MethodScores, Part, Score, Summary, Values};
 use indexmap::IndexMap;
 use isobar_assim::block_angular::PartitionReport;
@@ -32,7 +32,8 @@ pub fn on_terminal(summary: &Summary, variables: &[(&str, &str)], width: usize) 
     let rejected = summary.observations.describe_rejected();
     let texts = [partitions(summary), stability::on_terminal(summary), rejected, failures(summary)];
     let texts = texts.into_iter().flatten().map(|text| sentences(&text, width));
-    tables.chain(forecasts::on_terminal(summary, variables, width)).chain(texts).collect::<Vec<_>>().join("\n\n")
+    let ahead = forecasts::on_terminal(summary, variables, width).into_iter();
+    tables.chain(ahead).chain(warnings::on_terminal(summary, width)).chain(texts).collect::<Vec<_>>().join("\n\n")
 }
 
 /// The scores of all methods but those of smoothed estimates and of cost, with intervals.

@@ -9,6 +9,7 @@ mod forecasts;
 mod maps;
 pub mod page;
 mod tables;
+mod warnings;
 
 use crate::event::{Event, RunInfo};
 use crate::output::history::History;

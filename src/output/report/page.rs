@@ -5,6 +5,7 @@ use super::figures::{self, Figures};
 use super::forecasts;
 use super::maps::{self, Maps};
 use super::tables;
+use super::warnings;
 use crate::event::RunInfo;
 use crate::output::history::History;
 use crate::plot::{CurvePlot, PlotError};
@@ -148,6 +149,7 @@ impl Report {
         let parameters = report.parameters(info, history, &figures);
         let stability = stability(summary);
         let ahead = report.ahead(info, summary);
+        let warnings = report.warnings(info, summary);
         let reliability = Section {
             title: "Is the claimed spread right?".into(),
             text: "For the methods that claim one, over all grid points of the cycles that count.".into(),
@@ -191,7 +193,7 @@ impl Report {
             ..Section::default()
         };
         let parts = [reliability, correlations, innovations, diagnostics, cost];
-        let all = [Some(scores), Some(errors), ahead, Some(maps), biases, parameters, stability]
+        let all = [Some(scores), Some(errors), ahead, warnings, Some(maps), biases, parameters, stability]
             .into_iter()
             .chain(parts.map(Some));
         let filled = |it: &Section| !(it.figures.is_empty() && it.tables.is_empty() && it.folded.is_empty());
@@ -251,6 +253,27 @@ impl Report {
         let folded = vec![Folded { title: "All scores by lead time".into(), tables, ..Folded::default() }];
         let figures = self.curves(forecasts::drawings(info, summary));
         Some(Section { title: "Forecasts ahead".into(), text, figures, folded, ..Section::default() })
+    }
+
+    /// Warnings of forecasts ahead.
+    fn warnings(&mut self, info: &RunInfo, summary: &Summary) -> Option<Section> {
+        use crate::tables::warnings as tables;
+        let text = warnings::text(info, summary)?;
+        let of_warning = |name: &String| {
+            let (scores, leads) = (tables::table(summary, name), tables::by_lead(summary, name));
+            let mut folded = vec![
+                Folded { title: format!("Scores of {name}"), tables: vec![scores], ..Folded::default() },
+                Folded { title: format!("Scores of {name} by lead time"), tables: vec![leads], ..Folded::default() },
+            ];
+            if let Some((from_cycle, outlook)) = tables::outlook(summary, name) {
+                let title = format!("Probability of {name} ahead of the analysis of cycle {from_cycle}");
+                folded.push(Folded { title, tables: vec![outlook], ..Folded::default() });
+            }
+            folded
+        };
+        let folded = tables::names(summary).iter().flat_map(of_warning).collect();
+        let figures = self.curves(warnings::drawings(info, summary));
+        Some(Section { title: "Warnings".into(), text, figures, folded, ..Section::default() })
     }
 
     fn biases(&mut self, info: &RunInfo, history: &History, figures: &Figures<'_>) -> Option<Section> {

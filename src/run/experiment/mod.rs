@@ -27,6 +27,7 @@ use crate::scenario::{Scenario, ScenarioError};
 use crate::scores::Failure;
 use crate::sensors::SensorError;
 use crate::sensors::knowledge::WarmStart;
+use crate::threshold_warning::{PlacedWarning, ThresholdWarning};
 use builder::AddedMethod;
 use ground::ground_after;
 use isobar_assim::high_pass::HighPassSettings;
@@ -47,6 +48,11 @@ impl ExperimentError {
             ExperimentError::Covariance(_) => (vec!["background_error"], "here or in [model_error]"),
             ExperimentError::Method { name, .. } => (vec!["methods", name], "this method"),
             ExperimentError::UnknownBias { name, .. } => (vec!["methods", name, "bias"], "not known to anyone"),
+            ExperimentError::Warning { name, .. } => {
+                let number = scenario.warnings.iter().position(|it| it.name == *name).unwrap_or(0);
+                place = vec!["warnings".into(), number.to_string(), "at".into()];
+                (place.iter().map(String::as_str).collect(), "not there")
+            }
             ExperimentError::Sensors(_) => (vec!["sensors", "database"], "this database"),
             ExperimentError::Observations(error) => {
                 place = instruments::place(error, &scenario.text);
@@ -147,8 +153,10 @@ pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
         }
     }
     let cycles = 1..=scenario.cycle.count;
+    let placed = placed_warnings(scenario, &ground)?;
     let mut warnings = notices::warnings(scenario, &ground.observing, cycles.clone());
     warnings.extend(notices::of_methods(scenario, |_| true));
+    warnings.extend(notices::of_thresholds(&placed, &ground.problem));
     Ok(Checked { information: notices::information(scenario, &ground.observing, cycles), warnings })
 }
 
@@ -192,7 +200,9 @@ impl ExperimentBuilder<'_> {
         let scenario = &*self.scenario;
         let seed = options.seed.unwrap_or(scenario.seed);
         let span = Span::new(scenario, options.cycles, earlier);
-        let Ground { problem, sensors, truth, observing } = ground_after(scenario, seed, span, earlier)?;
+        let ground = ground_after(scenario, seed, span, earlier)?;
+        let placed = placed_warnings(scenario, &ground)?;
+        let Ground { problem, sensors, truth, observing } = ground;
         let inputs = Inputs::new(scenario, &sensors, added);
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
         let freezing = scenario.stability.freeze_after_cycles.map(|after_cycle| Freezing {
@@ -266,6 +276,7 @@ impl ExperimentBuilder<'_> {
             cycles: span.last,
             score_from_cycle: scenario.cycle.score_from_cycle,
             lead_times: scenario.forecast,
+            warnings: placed,
             calibration: problem.calibration.clone(),
             methods: infos,
             has_truth: truth.is_some(),
@@ -278,6 +289,7 @@ impl ExperimentBuilder<'_> {
         let mut warnings = sensors.warnings;
         warnings.extend(notices::warnings(scenario, &observing, span.cycles()));
         warnings.extend(notices::of_methods(scenario, chosen));
+        warnings.extend(notices::of_thresholds(&info.warnings, &problem));
         Ok(Experiment {
             info,
             variance_ratio: scenario.stability.variance_ratio,
@@ -296,6 +308,16 @@ impl ExperimentBuilder<'_> {
             methods,
         })
     }
+}
+
+/// The scenario's warnings with their grid points.
+fn placed_warnings(scenario: &Scenario, ground: &Ground) -> Result<Vec<PlacedWarning>, ExperimentError> {
+    let layout = ground.problem.background.layout();
+    let place = |warning: &ThresholdWarning| {
+        let placed = warning.place(layout, ground.observing.stations());
+        placed.map_err(|reason| ExperimentError::Warning { name: warning.name.clone(), reason })
+    };
+    scenario.warnings.iter().map(place).collect()
 }
 
 /// The time steps of the methods' model in a cycle.

@@ -1,7 +1,10 @@
 //! What the user should know of the observations before a run.
 
 use crate::kinds::methods::Method;
+use crate::run::reference::mean_variances;
 use crate::scenario::Scenario;
+use crate::threshold_warning::{PlacedWarning, Side};
+use isobar_assim::Problem;
 use isobar_obs::{LeftOutStation, ObservingSystem};
 use std::ops::RangeInclusive;
 
@@ -31,6 +34,43 @@ pub(super) fn of_methods(scenario: &Scenario, chosen: impl Fn(&String) -> bool) 
         Some(format!("methods.{name}: {}", method.settings.warning(&scenario.model)?))
     };
     chosen.filter_map(warning).collect()
+}
+
+/// The number of standard deviations beyond which no value is expected.
+const BEYOND_SIGMAS: f64 = 5.0;
+
+/// Warnings whose event no state near the first background has, or every one: by five times the root of the sum of the
+/// variances of its error and of its own variability.
+pub(super) fn of_thresholds(warnings: &[PlacedWarning], problem: &Problem) -> Vec<String> {
+    let (background, layout) = (&problem.background, problem.background.layout());
+    let variances =
+        if warnings.is_empty() { Vec::new() } else { mean_variances(&*problem.background_error, background) };
+    let notice = |placed: &PlacedWarning| {
+        let warning = &placed.warning;
+        let number = warning.variable;
+        let margin = BEYOND_SIGMAS * (variances[number] + background.variability(number).powi(2)).sqrt();
+        let of_points = || placed.points.iter().map(|&point| background.values()[point]);
+        let most = of_points().map(|value| warning.side.beyond(value, warning.threshold)).fold(f64::MIN, f64::max);
+        let what = if most < -margin {
+            "never"
+        } else if most > margin {
+            "always"
+        } else {
+            return None;
+        };
+        let extreme = match warning.side {
+            Side::Above => format!("at most {:.5}", of_points().fold(f64::MIN, f64::max)),
+            Side::Below => format!("at least {:.5}", of_points().fold(f64::MAX, f64::min)),
+        };
+        let unit = layout.variables[number].unit;
+        Some(format!(
+            "warnings.{}: {} almost {what} occurs: the first background is {extreme} {unit} there, and five standard \
+             deviations of its error and variability are {margin:.3} {unit}",
+            warning.name,
+            warning.describe(layout),
+        ))
+    };
+    warnings.iter().filter_map(notice).collect()
 }
 
 /// What makes the run other than the user may think.
