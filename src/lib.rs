@@ -24,10 +24,12 @@
 //! | [`sensors`] | what is known of each sensor, from run to run |
 //! | [`mod@exact`] | the exact performance of linear methods in a linear world |
 //! | [`batch`] | the same experiment over several seeds, and over several settings |
+//! | [`advice`] | what to observe next |
 //! | [`comparison`] | complete runs compared |
 //! | [`cli`], [`progress`] | the command line |
 //! | [`calendar`], [`memory`] | times as text, and how much memory work takes |
 
+pub mod advice;
 pub mod batch;
 pub mod calendar;
 pub mod cli;

@@ -23,7 +23,7 @@
 
 use crate::scores::diagnostics::probability_below;
 use isobar_assim::Estimate;
-use isobar_model::{Layout, State};
+use isobar_model::{Layout, State, Variable};
 use isobar_obs::{ObservationWindow, Report, Station};
 
 /// A warning, as a scenario describes it.
@@ -104,7 +104,7 @@ impl Side {
 
 impl Area {
     /// In words, after the threshold.
-    fn describe(&self) -> String {
+    pub fn describe(&self) -> String {
         let km = |m: f64| m / 1e3;
         match self {
             Area::Anywhere => "anywhere".into(),
@@ -114,6 +114,41 @@ impl Area {
                 format!("in x = {} to {} km, y = {} to {} km", km(*west), km(*east), km(*south), km(*north))
             }
         }
+    }
+
+    /// The grid points of a variable of this number in it, as indices of values of a state, in increasing order; at least one.
+    ///
+    /// # Errors
+    /// In words: a station that is not there, or an area without a grid point.
+    pub fn points(&self, variable: usize, layout: &Layout, stations: &[Station]) -> Result<Vec<usize>, String> {
+        let grid = &layout.grid;
+        let Variable { name: of_variable, location, .. } = &layout.variables[variable];
+        let nearest = |x_m: f64, y_m: f64| vec![grid.nearest(*location, x_m, y_m)];
+        let cells = match self {
+            Area::Anywhere => (0..grid.cells()).collect(),
+            Area::Place { x_m, y_m } => nearest(*x_m, *y_m),
+            Area::Station(name) => {
+                let is_it = |it: &&Station| {
+                    let own = name.strip_prefix(&*it.network).and_then(|rest| rest.strip_prefix('/'));
+                    own.is_some_and(|own| *own == *it.name || *own == *it.long_name)
+                };
+                let station = stations.iter().find(is_it).ok_or_else(|| unknown_station(name, stations))?;
+                nearest(station.x_m, station.y_m)
+            }
+            Area::Box { x_m: [west, east], y_m: [south, north] } => {
+                let is_inside = |cell: &usize| {
+                    let x_m = grid.x_m(*location, cell % grid.nx);
+                    let y_m = grid.y_m(*location, cell / grid.nx);
+                    (*west..=*east).contains(&x_m) && (*south..=*north).contains(&y_m)
+                };
+                (0..grid.cells()).filter(is_inside).collect::<Vec<_>>()
+            }
+        };
+        if cells.is_empty() {
+            let (dx_km, dy_km) = (grid.dx_m / 1e3, grid.dy_m / 1e3);
+            return Err(format!("the box holds no grid point of {of_variable}: cells are {dx_km} × {dy_km} km"));
+        }
+        Ok(cells.into_iter().map(|cell| variable * grid.cells() + cell).collect())
     }
 }
 
@@ -128,40 +163,9 @@ impl ThresholdWarning {
     /// Finds the grid points of the warning.
     ///
     /// # Errors
-    /// In words: a station that is not there, or an area without a grid point.
+    /// As [`Area::points`].
     pub fn place(&self, layout: &Layout, stations: &[Station]) -> Result<PlacedWarning, String> {
-        let grid = &layout.grid;
-        let variable = &layout.variables[self.variable];
-        let nearest = |x_m: f64, y_m: f64| vec![grid.nearest(variable.location, x_m, y_m)];
-        let cells = match &self.at {
-            Area::Anywhere => (0..grid.cells()).collect(),
-            Area::Place { x_m, y_m } => nearest(*x_m, *y_m),
-            Area::Station(name) => {
-                let is_it = |it: &&Station| {
-                    let own = name.strip_prefix(&*it.network).and_then(|rest| rest.strip_prefix('/'));
-                    own.is_some_and(|own| *own == *it.name || *own == *it.long_name)
-                };
-                let station = stations.iter().find(is_it).ok_or_else(|| unknown_station(name, stations))?;
-                nearest(station.x_m, station.y_m)
-            }
-            Area::Box { x_m: [west, east], y_m: [south, north] } => {
-                let is_inside = |cell: &usize| {
-                    let x_m = grid.x_m(variable.location, cell % grid.nx);
-                    let y_m = grid.y_m(variable.location, cell / grid.nx);
-                    (*west..=*east).contains(&x_m) && (*south..=*north).contains(&y_m)
-                };
-                (0..grid.cells()).filter(is_inside).collect::<Vec<_>>()
-            }
-        };
-        if cells.is_empty() {
-            return Err(format!(
-                "the box holds no grid point of {}: cells are {} × {} km",
-                variable.name,
-                grid.dx_m / 1e3,
-                grid.dy_m / 1e3
-            ));
-        }
-        let points = cells.into_iter().map(|cell| self.variable * grid.cells() + cell).collect();
+        let points = self.at.points(self.variable, layout, stations)?;
         Ok(PlacedWarning { warning: self.clone(), points })
     }
 
@@ -217,8 +221,7 @@ impl PlacedWarning {
     pub fn observed(&self, observed: &ObservationWindow, passive: bool, layout: &Layout) -> Option<bool> {
         let used = observed.reports.iter().zip(&observed.values).map(|(report, &value)| (report, value));
         let others = observed.aside.passive().map(|(_, it)| (&it.report, it.value));
-        let mut all: Box<dyn Iterator<Item = (&Report, f64)>> =
-            if passive { Box::new(others) } else { Box::new(used) };
+        let mut all: Box<dyn Iterator<Item = (&Report, f64)>> = if passive { Box::new(others) } else { Box::new(used) };
         let cells = layout.grid.cells();
         let is_of_it = |report: &Report| {
             let location = layout.variables[report.variable].location;
@@ -249,7 +252,7 @@ impl PlacedWarning {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use isobar_model::{Boundary, Grid, Location, Variable};
+    use isobar_model::{Boundary, Grid, Location};
     use std::sync::Arc;
 
     fn layout() -> Arc<Layout> {

@@ -1,5 +1,6 @@
 //! The tests of the program, in one binary.
 
+mod advise;
 mod agreement;
 mod ahead;
 mod air_mass;
@@ -57,5 +58,6 @@ mod sweep;
 mod synthetic_run;
 mod terminals;
 mod time_schemes;
+mod warnings;
 mod windows;
 mod without_truth;

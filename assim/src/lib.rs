@@ -23,6 +23,7 @@
 //! [`Assimilator`]. [`covariance`] holds B and Q as operators; `testing` (feature `testing`) the contracts they must keep.
 
 pub mod actual_errors;
+mod advice;
 pub mod around;
 pub mod assimilator;
 mod augmented;
@@ -62,6 +63,7 @@ pub mod time_volume;
 pub mod variational;
 pub mod wind_finding;
 
+pub use advice::Advice;
 pub use around::adaptive::{AdaptedCovariance, Adaptive, AdaptiveSettings};
 pub use around::first_calibration::Initialised;
 pub use around::sensors::{Calibrated, Recalibration, SensorKnowledge};

@@ -2,6 +2,7 @@
 
 mod accurate_observations;
 mod adaptive;
+mod advice;
 mod agreement;
 mod banded;
 mod block_angular;

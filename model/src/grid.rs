@@ -215,7 +215,10 @@ mod tests {
                     assert!(at_wall || grid.nearest(location, x, y) == most.0, "{boundary:?} {location:?} {x} {y}");
                 }
             }
-            assert_eq!(grid.nearest(Location::YFace, 1.0, 14.9) / grid.nx, if boundary == Boundary::Channel { 4 } else { 0 });
+            assert_eq!(
+                grid.nearest(Location::YFace, 1.0, 14.9) / grid.nx,
+                if boundary == Boundary::Channel { 4 } else { 0 }
+            );
         }
     }
 

@@ -1,5 +1,6 @@
 //! The command line: arguments in, tables and files out.
 
+mod advise;
 mod arguments;
 mod check;
 mod compare;
@@ -73,6 +74,7 @@ fn obey(command: Command) -> Result<ExitCode, Report> {
         Command::Sensors { command } => sensors::sensors(&command),
         Command::Compare(arguments) => compare::compare(&arguments),
         Command::Sweep(arguments) => sweep::sweep(&arguments),
+        Command::Advise(arguments) => advise::run(&arguments),
         Command::Exact(arguments) => exact::run(&arguments),
         Command::Diagnose { runs, json } => diagnose::diagnose(&runs, json),
     }

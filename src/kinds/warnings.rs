@@ -70,11 +70,7 @@ fn at_form() -> Form {
 }
 
 /// Reads `[[warnings]]`; none if it is absent.
-pub(crate) fn read(
-    root: &Section<'_>,
-    domain: &Domain,
-    forecast: Option<&LeadTimes>,
-) -> Read<Vec<ThresholdWarning>> {
+pub(crate) fn read(root: &Section<'_>, domain: &Domain, forecast: Option<&LeadTimes>) -> Read<Vec<ThresholdWarning>> {
     let Some(field) = root.optional("warnings") else { return Ok(Vec::new()) };
     let mut warnings: Vec<ThresholdWarning> = Vec::new();
     for element in field.elements(MOST_WARNINGS)? {
@@ -139,7 +135,9 @@ fn ends(side: &Field<'_>, extent_m: f64) -> Read<[f64; 2]> {
     let wanted = "two numbers, the lesser first";
     let elements = side.elements(2)?;
     let [from, to] = &elements[..] else {
-        return Err(side.invalid(format!("`{}` has {} numbers", side.title(), elements.len()), &format!("must be {wanted}")));
+        return Err(
+            side.invalid(format!("`{}` has {} numbers", side.title(), elements.len()), &format!("must be {wanted}"))
+        );
     };
     let (from_m, to_m) = (inside(from, extent_m, true)?, inside(to, extent_m, true)?);
     if from_m >= to_m {

@@ -2,7 +2,9 @@
 
 #[cfg(feature = "rerun")]
 use super::rerun;
-use super::{OutputDirectory, Sink, SinkError, forecasts, netcdf, parameters, readings, report, scores, summary, warnings};
+use super::{
+    OutputDirectory, Sink, SinkError, forecasts, netcdf, parameters, readings, report, scores, summary, warnings,
+};
 use crate::event::RunInfo;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;

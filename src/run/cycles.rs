@@ -14,8 +14,8 @@ use crate::interrupt;
 use crate::outcome::Outcome;
 use crate::scores::forecast::{self, Verifying};
 use crate::scores::{Failure, Outlook, RunScores, Scorecard, Summary, TrueValues, WarningCase};
-use crate::threshold_warning::PlacedWarning;
 use crate::text::clean;
+use crate::threshold_warning::PlacedWarning;
 use isobar_assim::Estimate;
 use isobar_obs::ObservationWindow;
 use rayon::ThreadPool;
@@ -290,9 +290,7 @@ fn judged(warning: &PlacedWarning, forecast: &Estimate, verifying: &Verifying<'_
     let probability = warning.probability(forecast);
     let occurred = match verifying {
         Verifying::Truth { truth, .. } => Some(warning.occurred(truth)),
-        Verifying::Observations { observed, passive } => {
-            warning.observed(observed, *passive, forecast.state.layout())
-        }
+        Verifying::Observations { observed, passive } => warning.observed(observed, *passive, forecast.state.layout()),
     };
     WarningCase { probability, issued: warning.issues(probability), occurred }
 }

@@ -74,6 +74,25 @@ pub fn finish(out: &Path, afterwards: Afterwards<'_>) -> Result<(), SinkError> {
     if afterwards(out) { directory.clear_away() } else { Ok(()) }
 }
 
+/// The experiment of a scenario with one of its methods, in the state in which a run of it ended, to ask what comes next.
+///
+/// # Errors
+/// If the run has no state that can be used, or the scenario is another one.
+pub fn reopen(scenario: &Scenario, from: &Path, method: &str) -> Result<Experiment, RunError> {
+    let refuse = |reason: String| RunError::Earlier { directory: from.to_path_buf(), reason };
+    let run = EarlierRun::read(from).map_err(refuse)?;
+    let options = RunOptions {
+        methods: Some(vec![method.to_string()]),
+        cycles: Some(1),
+        seed: Some(run.seed()),
+        ..RunOptions::new(from)
+    };
+    let earlier = run.check_end(scenario, &options).map_err(refuse)?;
+    let mut experiment = Experiment::builder(scenario).build_after(&options, Some(&earlier))?;
+    run.restore(&mut experiment).map_err(refuse)?;
+    Ok(experiment)
+}
+
 impl ExperimentBuilder<'_> {
     /// Runs the scenario's methods and the added ones, or continues such a run from its last checkpoint.
     ///

@@ -276,6 +276,7 @@ pub const SCORES: &[ScoreKind] = &[
         per_variable: false,
         unit: Unit::One,
         against: Against::Nothing,
+        tabulated: true,
         measure: Measure::Warnings,
         ..FORECAST
     },

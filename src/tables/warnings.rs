@@ -59,7 +59,10 @@ pub fn without_skill(summary: &Summary) -> Vec<String> {
     };
     let names = names(summary);
     let text = |name: &String| {
-        format!("warnings.{name}: {}, so that nothing can be said of the skill of its warnings", frequency(summary, name))
+        format!(
+            "warnings.{name}: {}, so that nothing can be said of the skill of its warnings",
+            frequency(summary, name)
+        )
     };
     names.iter().filter(says_nothing).map(text).collect()
 }
@@ -69,7 +72,8 @@ pub fn table(summary: &Summary, name: &str) -> Table {
     let header = ["method", "Brier\n[1]", "skill\n[1]"].into_iter();
     let header = header.chain(["reliability\n[1]", "resolution\n[1]", "uncertainty\n[1]"]);
     let header: Vec<&str> = header.chain(["hits", "misses", "false\nalarms"]).collect();
-    let row = |(method, scores): (&str, &WarningScores)| std::iter::once(method.into()).chain(cells(&scores.ahead)).collect();
+    let row =
+        |(method, scores): (&str, &WarningScores)| std::iter::once(method.into()).chain(cells(&scores.ahead)).collect();
     Table::new(&header, of(summary, name).map(row).collect())
 }
 

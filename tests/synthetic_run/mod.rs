@@ -202,6 +202,7 @@ fn info(nx: usize, ny: usize, cycles: usize, methods: usize) -> RunInfo {
         has_truth: true,
         keeps_sensors: false,
         lead_times: None,
+        warnings: Vec::new(),
         networks: Vec::new(),
         notes: Vec::new(),
         stations: stations.collect(),

@@ -191,6 +191,13 @@ impl Errors for Dense {
         product
     }
 
+    fn between(&self, a: &[(usize, f64)], b: &[(usize, f64)], _size: usize) -> f64 {
+        let of_a = |&(i, weight): &(usize, f64)| {
+            weight * b.iter().map(|&(j, other)| other * self.memory.covariance[(i, j)]).sum::<f64>()
+        };
+        a.iter().map(of_a).sum()
+    }
+
     fn widen_calibration(&mut self, widening: MatRef<'_, f64>) {
         let m = self.memory.covariance.nrows() - widening.nrows();
         let mut of_calibration = self.memory.covariance.as_mut().get_mut(m.., m..);

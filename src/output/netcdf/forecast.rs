@@ -136,8 +136,8 @@ impl ForecastFile {
         let of_warning = |placed: &PlacedWarning| {
             let name = names_of(&placed.warning);
             let probability = forecast.map_or(FILL_VALUE, |forecast| placed.probability(forecast));
-            let field = forecast
-                .map_or_else(|| vec![FILL_VALUE; info.layout.grid.cells()], |forecast| placed.field(forecast));
+            let field =
+                forecast.map_or_else(|| vec![FILL_VALUE; info.layout.grid.cells()], |forecast| placed.field(forecast));
             [(name.probability, vec![probability]), (name.field, field)]
         };
         info.warnings.iter().flat_map(of_warning).collect()

@@ -46,9 +46,8 @@ pub fn drawings(info: &RunInfo, summary: &Summary) -> Vec<Drawing> {
             };
             methods.filter_map(curve).collect()
         };
-        let diagram = |scores: &WarningScores| {
-            scores.bins.iter().map(|bin| [bin.probability, bin.frequency]).collect::<Vec<_>>()
-        };
+        let diagram =
+            |scores: &WarningScores| scores.bins.iter().map(|bin| [bin.probability, bin.frequency]).collect::<Vec<_>>();
         let by_lead = |scores: &WarningScores| {
             let leads = scores.leads.iter();
             leads.filter_map(|lead| Some([lead.lead_hours, lead.scores.brier?.score.value])).collect::<Vec<_>>()
@@ -78,12 +77,7 @@ pub fn drawings(info: &RunInfo, summary: &Summary) -> Vec<Drawing> {
         let brier = Drawing {
             stem: format!("warning_{}_brier", safe_name(name, "_-")),
             caption: format!("Brier score of {name} by lead time: 0 is perfect."),
-            plot: CurvePlot::new(
-                format!("Brier score of {name}"),
-                "lead time [h]".into(),
-                "[1]".into(),
-                both(by_lead),
-            ),
+            plot: CurvePlot::new(format!("Brier score of {name}"), "lead time [h]".into(), "[1]".into(), both(by_lead)),
         };
         [reliability, brier]
     };

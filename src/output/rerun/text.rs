@@ -2,8 +2,8 @@
 
 use crate::event::RunInfo;
 use crate::scores::Summary;
-use crate::tables::{forecasts, warnings};
 use crate::tables::scores::errors;
+use crate::tables::{forecasts, warnings};
 use std::fmt::Write;
 
 /// The scores of all methods, as a table in markdown.

@@ -1,8 +1,10 @@
 //! What the user should know of the observations before a run.
 
 use crate::kinds::methods::Method;
+use crate::plot::unit;
 use crate::run::reference::mean_variances;
 use crate::scenario::Scenario;
+use crate::tables::figure;
 use crate::threshold_warning::{PlacedWarning, Side};
 use isobar_assim::Problem;
 use isobar_obs::{LeftOutStation, ObservingSystem};
@@ -59,15 +61,16 @@ pub(super) fn of_thresholds(warnings: &[PlacedWarning], problem: &Problem) -> Ve
             return None;
         };
         let extreme = match warning.side {
-            Side::Above => format!("at most {:.5}", of_points().fold(f64::MIN, f64::max)),
-            Side::Below => format!("at least {:.5}", of_points().fold(f64::MAX, f64::min)),
+            Side::Above => format!("at most {}", figure(of_points().fold(f64::MIN, f64::max))),
+            Side::Below => format!("at least {}", figure(of_points().fold(f64::MAX, f64::min))),
         };
-        let unit = layout.variables[number].unit;
+        let unit = unit(layout.variables[number].unit);
         Some(format!(
             "warnings.{}: {} almost {what} occurs: the first background is {extreme} {unit} there, and five standard \
-             deviations of its error and variability are {margin:.3} {unit}",
+             deviations of its error and variability are {} {unit}",
             warning.name,
             warning.describe(layout),
+            figure(margin),
         ))
     };
     warnings.iter().filter_map(notice).collect()

@@ -30,6 +30,7 @@ static INFO: LazyLock<RunInfo> = LazyLock::new(|| {
         has_truth: true,
         keeps_sensors: false,
         lead_times: None,
+        warnings: Vec::new(),
         networks: Vec::new(),
         notes: Vec::new(),
         stations: Vec::new(),

@@ -292,6 +292,10 @@ impl Errors for BlockErrors {
         self.product(h)
     }
 
+    fn between(&self, a: &[(usize, f64)], b: &[(usize, f64)], _size: usize) -> f64 {
+        self.bilinear(a, b)
+    }
+
     fn widen_calibration(&mut self, widening: MatRef<'_, f64>) {
         self.widen(widening);
     }
