@@ -21,6 +21,7 @@
 //! a lower bound, since only standard deviations are kept of forecasts. It is the probability itself where one grid point
 //! alone matters, or all errors go together.
 
+use crate::plot::with_unit;
 use crate::scores::diagnostics::probability_below;
 use isobar_assim::Estimate;
 use isobar_model::{Layout, State, Variable};
@@ -156,8 +157,8 @@ impl ThresholdWarning {
     /// In words: `h above 1010 m anywhere`.
     pub fn describe(&self, layout: &Layout) -> String {
         let variable = &layout.variables[self.variable];
-        let unit = crate::plot::unit(variable.unit);
-        format!("{} {} {} {unit} {}", variable.name, self.side.word(), self.threshold, self.at.describe())
+        let threshold = with_unit(self.threshold, variable.unit);
+        format!("{} {} {threshold} {}", variable.name, self.side.word(), self.at.describe())
     }
 
     /// Finds the grid points of the warning.
@@ -221,22 +222,21 @@ impl PlacedWarning {
     pub fn observed(&self, observed: &ObservationWindow, passive: bool, layout: &Layout) -> Option<bool> {
         let used = observed.reports.iter().zip(&observed.values).map(|(report, &value)| (report, value));
         let others = observed.aside.passive().map(|(_, it)| (&it.report, it.value));
-        let mut all: Box<dyn Iterator<Item = (&Report, f64)>> = if passive { Box::new(others) } else { Box::new(used) };
+        let all: Box<dyn Iterator<Item = (&Report, f64)>> = if passive { Box::new(others) } else { Box::new(used) };
         let cells = layout.grid.cells();
         let is_of_it = |report: &Report| {
             let location = layout.variables[report.variable].location;
             let point = report.variable * cells + layout.grid.nearest(location, report.x_m, report.y_m);
             self.points.binary_search(&point).is_ok()
         };
-        all.try_fold(None, |so_far, (report, value)| {
-            let counts = value.is_finite() && report.variable == self.warning.variable && is_of_it(report);
-            match counts {
-                true if self.is_beyond(value) => Err(Some(true)),
-                true => Ok(Some(false)),
-                false => Ok(so_far),
+        let mut occurred = None;
+        for (_, value) in all.filter(|(report, value)| value.is_finite() && is_of_it(report)) {
+            if self.is_beyond(value) {
+                return Some(true);
             }
-        })
-        .unwrap_or_else(|found| found)
+            occurred = Some(false);
+        }
+        occurred
     }
 
     fn is_beyond(&self, value: f64) -> bool {

@@ -112,7 +112,7 @@ fn without_a_truth_observations_say_what_came() {
         rows += &format!("{cycle},450e3,150e3,tracer,{},0.2,A\n", if cycle % 2 == 0 { 1.5 } else { 0.2 });
     }
     fs::write(folder.path().join("observations.csv"), rows).unwrap();
-    let there = warning("there", "above = 1\nat = \"recorded/A\"");
+    let there = warning("there", "above = 1\nat = { x_km = 450, y_km = 150 }");
     let elsewhere = warning("elsewhere", "above = 1\nat = { x_km = 50, y_km = 50 }");
     let (world, _) = TRACER.split_once("[networks.fixed]").unwrap();
     let network = "[networks.recorded]\nkind = \"file\"\nfile = \"observations.csv\"\n";
@@ -144,10 +144,7 @@ fn files_page_and_terminal_hold_the_warnings() {
     let summary = run(&scenario, &options, &mut listener).unwrap();
     let said: Vec<&str> = listener.warnings.iter().map(String::as_str).collect();
     assert_eq!(said.len(), 2, "{said:?}");
-    assert!(
-        said[0].starts_with("warnings.never: tracer above 30 1 anywhere almost never occurs: the first"),
-        "{said:?}"
-    );
+    assert!(said[0].starts_with("warnings.never: tracer above 30 anywhere almost never occurs: the first"), "{said:?}");
     assert!(said[1].starts_with("warnings.never: the event never occurred in 24 cases, so that"), "{said:?}");
     let out = folder.path().join("run");
     let csv = fs::read_to_string(out.join("warnings.csv")).unwrap();
@@ -175,6 +172,7 @@ fn files_page_and_terminal_hold_the_warnings() {
     let page = fs::read_to_string(out.join("report.html")).unwrap();
     assert!(page.contains("tracer above 0.8") && page.contains("Scores of much by lead time"));
     assert!(out.join("figures/warning_much_reliability.svg").is_file());
+    assert!(out.join("figures/warning_much_map_01_kf.png").is_file());
     let table = isobar::tables::scores::on_terminal(&summary, &[("tracer", "1")], 100);
     assert!(table.contains("Warning much, over all lead times after the analysis: the event occurred in"), "{table}");
     assert!(table.contains("Probability of never ahead of the analysis of cycle 14"), "{table}");
@@ -196,7 +194,9 @@ fn faults_are_named() {
         assert!(!output.status.success(), "{to}");
         let flat = said.split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ");
         assert!(flat.contains(wanted), "{to}:\n{said}");
-        assert!(said.contains(&format!("s.toml:{}", place(&text, at))), "{to}:\n{said}");
+        let place = place(&text, at);
+        let line = place.split(':').next().unwrap();
+        assert!(said.contains(&format!("s.toml:{line}:")), "{to}, line {line}:\n{said}");
     };
     case(FORECAST, "", "[[warnings]]", "there is no [forecast] that could warn of `much`");
     case("above = 1\n", "", "[[warnings]]", "a warning needs `above` or `below`");
@@ -209,7 +209,7 @@ fn faults_are_named() {
         "\"anywhere\"",
         "\"fixed/nowhere\"",
         "\"fixed/nowhere\"",
-        "there is no station \"fixed/nowhere\" in the domain; there are 9",
+        "there is no station \"fixed/nowhere\" in the domain;",
     );
     case(
         "\"anywhere\"",
@@ -224,7 +224,7 @@ fn faults_are_named() {
     case(
         &good,
         &good.repeat(2),
-        "\"much\"\nvariable = \"tracer\"\nprobability = 0.4\nabove = 1\nat = \"anywhere\"\n\n[methods",
+        "\"much\"\nvariable = \"tracer\"\nprobability = 0.4\nabove = 1\nat = \"anywhere\"\n[methods",
         "there are two warnings `much`",
     );
 }

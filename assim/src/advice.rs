@@ -38,12 +38,15 @@ impl<'a> Advice<'a> {
     }
 
     /// What observations with these combinations of unknowns and error variances, made together, would take off the variance
-    /// of the functional; 0 for one of what is known exactly. `None` if the method does not estimate an unknown of theirs.
+    /// of the functional; 0 for none, and for one of what is known exactly. `None` if the method does not estimate an unknown of theirs.
     ///
     /// # Errors
     /// [`Error::NotPositiveDefinite`] for several of which one follows from the others without error.
     pub fn reduction(&self, rows: &[(Vec<(Unknown, f64)>, f64)]) -> Result<Option<f64>, Error> {
         let seen: Vec<f64> = rows.iter().map(|(h, _)| self.with_functional.with_combination(h)).collect();
+        if rows.is_empty() {
+            return Ok(Some(0.0));
+        }
         if let [(h, r)] = rows {
             let Some(variance) = self.errors.covariance_between(h, h) else { return Ok(None) };
             let total = variance + r;

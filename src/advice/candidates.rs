@@ -1,7 +1,9 @@
 //! Observations that could be made at the next analysis.
 
-use super::{AdviceError, Request};
+use super::error::AdviceError;
+use super::request::Request;
 use crate::event::RunInfo;
+use crate::plot::with_unit;
 use crate::text::clean;
 use indexmap::IndexMap;
 use isobar_assim::{Estimate, Unknown};
@@ -138,7 +140,7 @@ pub(super) fn propose(
         }
         let named = sigmas.iter().map(|&(number, sigma)| {
             let variable = &info.layout.variables[number];
-            format!("{} {sigma} {}", variable.name, crate::plot::unit(variable.unit))
+            format!("{} {}", variable.name, with_unit(sigma, variable.unit))
         });
         notes.push(format!("A new radiosonde has errors of {}.", named.collect::<Vec<_>>().join(", ")));
     }

@@ -1,6 +1,6 @@
 //! What is to be known better: a combination of the unknowns at the time of the next analysis.
 
-use super::{AdviceError, Request};
+use super::error::AdviceError;
 use crate::event::RunInfo;
 use crate::plot;
 use crate::scenario::Scenario;
@@ -33,25 +33,26 @@ pub(super) struct Asked {
 }
 
 impl Asked {
-    /// The functional of a request about a forecast whose next analysis is of `estimate`.
+    /// The functional `lead_hours` after the next analysis, before which the method has forecast `estimate`.
     pub fn new(
-        request: &Request,
+        functional: &Functional,
+        lead_hours: f64,
         scenario: &Scenario,
         info: &RunInfo,
         stations: &[Station],
         estimate: &Estimate,
     ) -> Result<Self, AdviceError> {
-        let cycles = (request.lead_hours / info.window.hours()).round();
-        if !(0.0..=1e5).contains(&cycles) || (request.lead_hours - cycles * info.window.hours()).abs() > 1e-9 {
+        let cycles = (lead_hours / info.window.hours()).round();
+        if !(0.0..=1e5).contains(&cycles) || (lead_hours - cycles * info.window.hours()).abs() > 1e-9 {
             return Err(AdviceError::Request(format!(
                 "a lead time of {} h is no whole number of cycles of {} h",
-                request.lead_hours,
+                lead_hours,
                 info.window.hours()
             )));
         }
         let cycles = cycles as usize;
-        let later = if cycles > 0 { format!(", {} h later", plot::number(request.lead_hours)) } else { String::new() };
-        match &request.functional {
+        let later = if cycles > 0 { format!(", {} h later", plot::number(lead_hours)) } else { String::new() };
+        match functional {
             Functional::Bias(name) => {
                 let Some(number) = info.calibration.position(name) else { return Err(unknown_bias(name, info)) };
                 let parameter = &info.calibration.parameters[number];

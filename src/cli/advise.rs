@@ -3,12 +3,11 @@
 use super::arguments::AdviseArguments;
 use super::console::{print, print_json, width};
 use super::{launch, lookup};
-use crate::advice::{AdviceError, Advised, Functional, Request, advise};
+use crate::advice::{AdviceError, Advised, Functional, Request, advise, tables};
 use crate::calendar::utc;
 use crate::plot;
 use crate::run::RunError;
 use crate::scenario::Scenario;
-use crate::tables::advice::tables;
 use crate::tables::figure;
 use crate::tables::terminal::sentences;
 use crate::text::shown_path;

@@ -307,7 +307,7 @@ pub struct ExactArguments {
 }
 
 const ADVISE_EXAMPLES: &str = "Examples:
-  isobar advise quickstart --from out/quickstart --method fkf --bias radiosonde/h/DE
+  isobar advise quickstart --from out/quickstart --method fkf --bias sondes/h/France
   isobar advise quickstart --from out/quickstart --method kf --mean h --at 3000:5000,2000:3500 --lead-hours 24
   isobar advise mine.toml --from out/mine --method kf --mean u --grid 100x100 --sigma h=12,u=2,v=2 --json";
 

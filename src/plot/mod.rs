@@ -20,7 +20,7 @@ pub mod thin;
 
 pub use curves::{Curve, CurvePlot, Dash};
 pub use map::{FieldMap, Mark};
-pub use number::{number, unit};
+pub use number::{number, unit, with_unit};
 pub use thin::Thinning;
 
 /// Why a figure cannot be drawn.

@@ -6,11 +6,9 @@
 //! | [`diagnostics`], [`stability`] | what the methods' diagnostics and the stability monitor found |
 //! | [`forecasts`] | forecasts ahead by lead time |
 //! | [`warnings`] | warnings of forecasts ahead, their scores and the last outlook |
-//! | [`advice`] | candidate observations |
 //! | [`regression`] | scores beside the accepted ones |
 //! | [`terminal`] | how tables look on a terminal |
 
-pub mod advice;
 pub mod diagnostics;
 pub mod forecasts;
 pub mod regression;

@@ -8,6 +8,7 @@ mod figures;
 mod forecasts;
 mod maps;
 pub mod page;
+mod section;
 mod tables;
 mod warnings;
 
@@ -18,6 +19,7 @@ use crate::plot::Thinning;
 use crate::scores::Summary;
 use std::fs;
 use std::path::PathBuf;
+use warnings::ProbabilityFields;
 
 /// Name among the [`OUTPUTS`](crate::output::OUTPUTS).
 pub const REPORT: &str = "report";
@@ -36,6 +38,7 @@ const MAP_CELLS: usize = 200;
 pub struct ReportSink {
     directory: PathBuf,
     history: History,
+    probabilities: ProbabilityFields,
 }
 
 impl ReportSink {
@@ -49,7 +52,8 @@ impl ReportSink {
             return Err(SinkError { path: directory.join(REPORT_FILE), reason: "the run has no variables".into() });
         }
         let thinning = Thinning::new(&info.layout.grid, MAP_CELLS);
-        Ok(Self { directory, history: History::new(info, thinning, has_maps) })
+        let (history, probabilities) = (History::new(info, thinning, has_maps), ProbabilityFields::new(thinning));
+        Ok(Self { directory, history, probabilities })
     }
 
     fn failure(&self, file: &str, reason: impl ToString) -> SinkError {
@@ -57,7 +61,7 @@ impl ReportSink {
     }
 
     fn write(&self, summary: &Summary) -> Result<(), SinkError> {
-        let report = page::Report::new(&self.history, summary);
+        let report = page::Report::new(&self.history, &self.probabilities, summary);
         let report = report.map_err(|error| self.failure(FIGURES_DIRECTORY, error))?;
         let figures = self.directory.join(FIGURES_DIRECTORY);
         fs::create_dir_all(&figures).map_err(|error| self.failure(FIGURES_DIRECTORY, error))?;
@@ -74,6 +78,10 @@ impl Sink for ReportSink {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         match event {
             Event::Finished(summary) => self.write(summary),
+            Event::Forecast(forecast) => {
+                self.probabilities.add(&self.history.info, forecast);
+                Ok(())
+            }
             event => self.history.record(event).map_err(|reason| self.failure(REPORT_FILE, reason)),
         }
     }

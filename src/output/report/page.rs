@@ -1,22 +1,23 @@
-//! The page: sections of text, tables and figures, put together by a template that escapes what it is given.
+//! The page: its sections, put together by a template that escapes what it is given.
+
+pub use super::section::{Figure, Folded, Page, Section};
 
 use super::facts;
 use super::figures::{self, Figures};
 use super::forecasts;
 use super::maps::{self, Maps};
 use super::tables;
-use super::warnings;
+use super::warnings::{self, ProbabilityFields};
 use crate::event::RunInfo;
 use crate::output::history::History;
-use crate::plot::{CurvePlot, PlotError};
+use crate::plot::PlotError;
 use crate::scores::Summary;
-use crate::tables::{MOST_PARAMETERS, Table, diagnostics, scores, stability};
+use crate::tables::{MOST_PARAMETERS, diagnostics, scores, stability};
 use crate::text::on_page;
 use base64::Engine;
 use minijinja::syntax::SyntaxConfig;
 use minijinja::value::{Serde, Value};
 use minijinja::{Environment, UndefinedBehavior, context, escape_formatter};
-use serde::Serialize;
 
 /// Figures of bias parameters that are shown at once; the others are folded.
 const OPEN_FIGURES: usize = 8;
@@ -30,68 +31,6 @@ pub enum PageError {
     /// The template.
     #[error("the page cannot be put together: {0}")]
     Template(#[from] minijinja::Error),
-}
-
-/// A figure on a page.
-#[derive(Clone, Debug, Serialize)]
-pub struct Figure {
-    /// What it shows, in words.
-    pub caption: String,
-    /// Its SVG element, already escaped; empty for a picture.
-    pub svg: String,
-    /// The picture's bytes in base64; empty for an SVG.
-    pub png: String,
-}
-
-impl Figure {
-    /// Curves as the figure of this number on its page; `None` if there are none.
-    pub fn of_curves(plot: &CurvePlot, number: usize, caption: String) -> Option<Self> {
-        let svg = || plot.svg(&format!("f{number}")).page;
-        (!plot.curves.is_empty()).then(|| Self { caption, svg: svg(), png: String::new() })
-    }
-}
-
-/// A part of the page.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct Section {
-    /// Its heading.
-    pub title: String,
-    /// What there is to know before looking.
-    pub text: String,
-    /// Tables.
-    pub tables: Vec<Table>,
-    /// Figures.
-    pub figures: Vec<Figure>,
-    /// Further parts, each under a line that opens it.
-    pub folded: Vec<Folded>,
-}
-
-/// Something that the reader has to open.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct Folded {
-    /// The line that is always seen.
-    pub title: String,
-    /// What there is to know before looking.
-    pub text: String,
-    /// A text, to the letter.
-    pub verbatim: String,
-    /// Tables.
-    pub tables: Vec<Table>,
-    /// Figures.
-    pub figures: Vec<Figure>,
-}
-
-/// A page.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct Page {
-    /// The heading.
-    pub title: String,
-    /// The line below it.
-    pub subtitle: String,
-    /// Facts by name.
-    pub facts: Vec<(String, String)>,
-    /// The parts.
-    pub sections: Vec<Section>,
 }
 
 /// Puts a page together.
@@ -119,7 +58,7 @@ pub struct Report {
 
 impl Report {
     /// Draws everything.
-    pub fn new(history: &History, summary: &Summary) -> Result<Self, PageError> {
+    pub fn new(history: &History, probabilities: &ProbabilityFields, summary: &Summary) -> Result<Self, PageError> {
         let info = &history.info;
         let mut report = Self { page: Page::default(), files: Vec::new() };
         let figures = Figures { info, history };
@@ -149,7 +88,7 @@ impl Report {
         let parameters = report.parameters(info, history, &figures);
         let stability = stability(summary);
         let ahead = report.ahead(info, summary);
-        let warnings = report.warnings(info, summary);
+        let warnings = report.warnings(info, probabilities, summary)?;
         let reliability = Section {
             title: "Is the claimed spread right?".into(),
             text: "For the methods that claim one, over all grid points of the cycles that count.".into(),
@@ -256,9 +195,14 @@ impl Report {
     }
 
     /// Warnings of forecasts ahead.
-    fn warnings(&mut self, info: &RunInfo, summary: &Summary) -> Option<Section> {
+    fn warnings(
+        &mut self,
+        info: &RunInfo,
+        probabilities: &ProbabilityFields,
+        summary: &Summary,
+    ) -> Result<Option<Section>, PageError> {
         use crate::tables::warnings as tables;
-        let text = warnings::text(info, summary)?;
+        let Some(text) = warnings::text(info, summary) else { return Ok(None) };
         let of_warning = |name: &String| {
             let (scores, leads) = (tables::table(summary, name), tables::by_lead(summary, name));
             let mut folded = vec![
@@ -271,9 +215,17 @@ impl Report {
             }
             folded
         };
-        let folded = tables::names(summary).iter().flat_map(of_warning).collect();
+        let mut folded: Vec<Folded> = tables::names(summary).iter().flat_map(of_warning).collect();
         let figures = self.curves(warnings::drawings(info, summary));
-        Some(Section { title: "Warnings".into(), text, figures, folded, ..Section::default() })
+        for (number, placed) in info.warnings.iter().enumerate() {
+            let maps = probabilities.maps(info, number).into_iter().map(|it| self.map(it));
+            let figures = maps.collect::<Result<Vec<Figure>, _>>()?;
+            if !figures.is_empty() {
+                let title = format!("Maps of the probability of {}", placed.warning.name);
+                folded.push(Folded { title, figures, ..Folded::default() });
+            }
+        }
+        Ok(Some(Section { title: "Warnings".into(), text, figures, folded, ..Section::default() }))
     }
 
     fn biases(&mut self, info: &RunInfo, history: &History, figures: &Figures<'_>) -> Option<Section> {

@@ -1,13 +1,79 @@
-//! Warnings on the page: reliability diagrams, and scores by lead time.
+//! Warnings on the page: reliability diagrams, scores by lead time, and maps of probability.
 
 use super::figures::Drawing;
-use crate::event::RunInfo;
+use super::maps;
+use crate::calendar::utc;
+use crate::event::{Forecast, RunInfo};
 use crate::output::netcdf::coordinates::safe_name;
+use crate::plot::colors::Scale;
 use crate::plot::colors::of_method_on_paper;
-use crate::plot::{Curve, CurvePlot, Dash};
+use crate::plot::{Curve, CurvePlot, Dash, FieldMap, Thinning, number};
 use crate::scores::{Summary, WarningScores};
 use crate::tables::warnings;
 use crate::threshold_warning::PlacedWarning;
+use std::collections::BTreeMap;
+
+/// The probabilities of events at all grid points at the longest lead time of the last forecasts that reach it within the run.
+#[derive(Debug)]
+pub struct ProbabilityFields {
+    thinning: Thinning,
+    /// By warning and method.
+    fields: BTreeMap<(usize, usize), Vec<f32>>,
+}
+
+impl ProbabilityFields {
+    /// Nothing yet.
+    pub fn new(thinning: Thinning) -> Self {
+        Self { thinning, fields: BTreeMap::new() }
+    }
+
+    /// Takes a forecast, if it is one of those.
+    pub fn add(&mut self, info: &RunInfo, forecast: &Forecast<'_>) {
+        let Some(times) = info.lead_times else { return };
+        let start = times.last_complete_start(times.first_start(info.score_from_cycle, info.done), info.cycles);
+        if (forecast.from_cycle, forecast.cycle - forecast.from_cycle) != (start, times.longest_cycles) {
+            return;
+        }
+        for (number, placed) in info.warnings.iter().enumerate() {
+            let field = self.thinning.apply(&placed.field(&forecast.estimate));
+            self.fields.insert((number, forecast.method), field);
+        }
+    }
+
+    /// The maps of a warning.
+    pub fn maps(&self, info: &RunInfo, warning: usize) -> Vec<maps::Drawing> {
+        let Some(times) = info.lead_times else { return Vec::new() };
+        let start = times.last_complete_start(times.first_start(info.score_from_cycle, info.done), info.cycles);
+        let grid = self.thinning.grid(&info.layout.grid);
+        let name = &info.warnings[warning].warning.name;
+        let map = |(&(_, place), field): (&(usize, usize), &Vec<f32>)| {
+            let method = &info.methods[place].name;
+            let hours = number(info.lead_hours(times.longest_cycles));
+            let map = FieldMap {
+                title: format!("{method}: probability of {name}"),
+                unit: "1".into(),
+                field: field.clone(),
+                size: self.thinning.size(),
+                extent_m: [grid.width_m(), grid.height_m()],
+                scale: Scale::Spread,
+                range: [0.0, 1.0],
+                contours: vec![0.1, 0.5, 0.9],
+                marks: Vec::new(),
+            };
+            let time = utc(info.time(start + times.longest_cycles));
+            let caption = format!(
+                "Probability of the event at each grid point at {time}, in the forecast of {method} {hours} h before. Lines: 0.1, \
+                 0.5 and 0.9."
+            );
+            maps::Drawing {
+                stem: format!("warning_{}_map_{:02}_{}", safe_name(name, "_-"), place + 1, safe_name(method, "_-")),
+                caption,
+                map,
+            }
+        };
+        self.fields.range((warning, 0)..=(warning, usize::MAX)).map(map).collect()
+    }
+}
 
 /// What there is to know of the warnings; `None` without any.
 pub fn text(info: &RunInfo, summary: &Summary) -> Option<String> {
@@ -64,8 +130,8 @@ pub fn drawings(info: &RunInfo, summary: &Summary) -> Vec<Drawing> {
             stem: format!("warning_{}_reliability", safe_name(name, "_-")),
             caption: format!(
                 "Reliability of {name}, {described}: how often the event came about where its probability was about the same, \
-                 over all lead times after the analysis. On the broken line if probabilities are right; below it they are too \
-                 large."
+                 over all lead times after the analysis. On the broken line if probabilities are right; above it they are too \
+                 small, below it too large."
             ),
             plot: CurvePlot::new(
                 format!("reliability of {name}"),

@@ -1,7 +1,7 @@
 //! What the user should know of the observations before a run.
 
 use crate::kinds::methods::Method;
-use crate::plot::unit;
+use crate::plot::with_unit;
 use crate::run::reference::mean_variances;
 use crate::scenario::Scenario;
 use crate::tables::figure;
@@ -64,13 +64,14 @@ pub(super) fn of_thresholds(warnings: &[PlacedWarning], problem: &Problem) -> Ve
             Side::Above => format!("at most {}", figure(of_points().fold(f64::MIN, f64::max))),
             Side::Below => format!("at least {}", figure(of_points().fold(f64::MAX, f64::min))),
         };
-        let unit = unit(layout.variables[number].unit);
+        let unit = layout.variables[number].unit;
         Some(format!(
-            "warnings.{}: {} almost {what} occurs: the first background is {extreme} {unit} there, and five standard \
-             deviations of its error and variability are {} {unit}",
+            "warnings.{}: {} almost {what} occurs: the first background is {} there, and five standard deviations of its error \
+             and variability are {}",
             warning.name,
             warning.describe(layout),
-            figure(margin),
+            with_unit(extreme, unit),
+            with_unit(figure(margin), unit),
         ))
     };
     warnings.iter().filter_map(notice).collect()

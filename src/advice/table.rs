@@ -1,8 +1,9 @@
 //! Candidate observations, those that would tell the most first.
 
-use super::{Cell, Table};
-use crate::advice::{Advised, Candidate, Kind};
+use super::advised::Advised;
+use super::candidates::{Candidate, Kind};
 use crate::plot;
+use crate::tables::{Cell, Table};
 
 /// A table for each kind of candidate that there is, with its title and the number of its candidates: the first `most` of
 /// them.
