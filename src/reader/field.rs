@@ -202,6 +202,20 @@ impl<'a> Field<'a> {
         key: &str,
         kinds: &[(&'static str, T, Vec<&'static str>)],
     ) -> Read<(T, Section<'a>)> {
+        let (number, section) = self.section_of_any(key, kinds)?;
+        let (_, meaning, keys) = &kinds[number];
+        let keys: Vec<&str> = std::iter::once(key).chain(keys.iter().copied()).collect();
+        let elsewhere: Vec<(&str, &[&str])> = kinds.iter().map(|kind| (kind.0, kind.2.as_slice())).collect();
+        section.check_keys(&keys, &elsewhere)?;
+        Ok((*meaning, section))
+    }
+
+    /// The same with whatever keys; the kind by its number.
+    pub(super) fn section_of_any<T>(
+        &self,
+        key: &str,
+        kinds: &[(&'static str, T, Vec<&'static str>)],
+    ) -> Read<(usize, Section<'a>)> {
         let section = self.any_section()?;
         let names: Vec<(&str, usize)> = kinds.iter().enumerate().map(|(number, kind)| (kind.0, number)).collect();
         let Some(kind) = section.optional(key) else {
@@ -220,11 +234,7 @@ impl<'a> Field<'a> {
                 Some(help),
             ));
         };
-        let (_, meaning, keys) = &kinds[kind.choice(&names)?];
-        let keys: Vec<&str> = std::iter::once(key).chain(keys.iter().copied()).collect();
-        let elsewhere: Vec<(&str, &[&str])> = kinds.iter().map(|kind| (kind.0, kind.2.as_slice())).collect();
-        section.check_keys(&keys, &elsewhere)?;
-        Ok((*meaning, section))
+        Ok((kind.choice(&names)?, section))
     }
 
     /// The elements of a list of at most `most`.

@@ -4,6 +4,7 @@
 //! be and what holds without it: the reader checks by it, and the reference of keys is written from it.
 
 mod error;
+mod faults;
 mod field;
 pub(crate) mod fields;
 pub(crate) mod files;
@@ -13,8 +14,9 @@ mod section;
 
 pub use error::ScenarioError;
 pub(crate) use error::{FileName, SourceFile};
+pub(crate) use faults::{Faults, of_keys, read_all};
 pub(crate) use field::{Field, Limits};
-pub(crate) use form::{Form, KindForm};
+pub(crate) use form::{Form, KIND, KindForm};
 pub(crate) use key::{Absent, AnyKey, Choice, Described, Integer, Key, OrTable, OrWord, Table, Value, Whole, YesNo};
 pub(crate) use section::{Section, parse};
 

@@ -7,7 +7,7 @@ mod radiosonde;
 mod satellite;
 
 use super::{Domain, Kinds, check_name, choose, distinct_name};
-use crate::reader::{Field, Read, Section};
+use crate::reader::{Field, Read, Section, read_all};
 use common::{ASSIMILATE, FIRST_CYCLE, INTERVAL_CYCLES, MISSING_RATE, faults};
 use isobar_obs::{InstrumentSettings, Network, ObservationError, Schedule};
 use std::sync::Arc;
@@ -21,18 +21,17 @@ const MOST_NETWORKS: usize = 100;
 
 /// Reads `[networks]`; a scenario without it has no observations.
 pub(crate) fn read(root: &Section<'_>, domain: &Domain) -> Read<Vec<Network>> {
-    let mut networks: Vec<Network> = Vec::new();
-    let Some(field) = root.optional("networks") else { return Ok(networks) };
-    for (name, field) in field.any_section()?.fields() {
+    let Some(field) = root.optional("networks") else { return Ok(Vec::new()) };
+    let mut names: Vec<&str> = Vec::new();
+    read_all(field.any_section()?.fields().map(|(name, field)| {
         check_name(name, &field, "network")?;
-        let others = networks.iter().map(|network| network.name.as_str());
-        distinct_name(name, others, "network").map_err(|(message, help)| field.misplaced(message, help))?;
-        if networks.len() == MOST_NETWORKS {
+        distinct_name(name, names.iter().copied(), "network").map_err(|(message, help)| field.misplaced(message, help))?;
+        if names.len() == MOST_NETWORKS {
             return Err(field.misplaced(format!("there are more than {MOST_NETWORKS} networks"), "too many"));
         }
-        networks.push(network(name, &field, domain)?);
-    }
-    Ok(networks)
+        names.push(name);
+        network(name, &field, domain)
+    }))
 }
 
 fn network(name: &str, field: &Field<'_>, domain: &Domain) -> Read<Network> {
