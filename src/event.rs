@@ -21,6 +21,8 @@ pub struct RunInfo {
     pub title: String,
     /// The scenario file, to the letter.
     pub scenario_text: String,
+    /// The threads of the run.
+    pub threads: usize,
     /// The seed of all random streams.
     pub seed: u64,
     /// Grid and variables.

@@ -16,6 +16,7 @@ mod determinism;
 mod diagnostics;
 mod documents;
 mod earlier_runs;
+mod estimates;
 mod exact;
 mod examples;
 mod explain;

@@ -248,7 +248,7 @@ fn departures_of_passive_observations_are_those_from_the_analysis_of_the_others(
         assert!((passive["analysis_rms"].as_f64().unwrap() - ((2.6 * 2.6 + 36.0) / 2.0_f64).sqrt()).abs() < 1e-9);
         assert!((passive["background_mean"].as_f64().unwrap() + 0.5).abs() < 1e-9);
     }
-    let diagnosed = text(&isobar(folder.path(), &["diagnose", "out/s"]).stdout);
+    let diagnosed = text(&isobar(folder.path(), &["diagnose", "--all", "out/s"]).stdout);
     let row = diagnosed.lines().find(|line| line.starts_with("oi seen/tracer")).unwrap();
     assert!(row.contains("passive") && row.contains("2") && row.contains("4.6"), "{diagnosed}");
 }

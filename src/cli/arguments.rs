@@ -98,6 +98,9 @@ pub enum Command {
         /// Directories of runs
         #[arg(required = true, value_name = "OUT")]
         runs: Vec<PathBuf>,
+        /// Print all tables, and not only the verdicts and the worst biases
+        #[arg(long, short)]
+        all: bool,
         /// Print them as JSON, with all digits
         #[arg(long)]
         json: bool,
@@ -300,6 +303,15 @@ pub struct ExactArguments {
     pub scenario: OsString,
     #[command(flatten)]
     pub part: PartArguments,
+    /// Write the scores to this file as JSON, with all digits and units
+    #[arg(long, short, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Replace the file of an earlier computation
+    #[arg(long, short = 'f', requires = "out")]
+    pub overwrite: bool,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
 }
 
 /// Which part of a scenario is run, and on how many threads.

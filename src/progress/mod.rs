@@ -1,8 +1,10 @@
 //! How far a run is, for whoever waits for it.
 
 mod display;
+mod exact;
 mod seeds;
 
+pub use exact::ExactProgress;
 pub use seeds::{SeedListener, SeedsProgress};
 
 use crate::event::{Event, RunInfo};

@@ -94,6 +94,11 @@ impl ScenarioError {
         self.details.line_and_column
     }
 
+    /// What would be right, if more is known of it than the place says.
+    pub fn own_help(&self) -> Option<&str> {
+        self.details.help.as_deref()
+    }
+
     /// The file's other faults, in the order of their places.
     pub fn others(&self) -> &[ScenarioError] {
         &self.details.others

@@ -114,13 +114,7 @@ fn of_form(field: &Field<'_>, form: &Form, lists: Lists<'_>, faults: &mut Vec<Sc
     faults.extend(fault);
 }
 
-fn of_kinds(
-    field: &Field<'_>,
-    by: &str,
-    kinds: &[KindForm],
-    lists: Lists<'_>,
-    faults: &mut Vec<ScenarioError>,
-) {
+fn of_kinds(field: &Field<'_>, by: &str, kinds: &[KindForm], lists: Lists<'_>, faults: &mut Vec<ScenarioError>) {
     let names = |kind: &KindForm| kind.keys.iter().map(|key| key.name()).collect::<Vec<_>>();
     let choices: Vec<_> = kinds.iter().map(|kind| (kind.name, (), names(kind))).collect();
     let (number, section) = match field.section_of_any(by, &choices) {

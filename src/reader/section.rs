@@ -92,7 +92,9 @@ impl<'a> Section<'a> {
         let is_line = matches!(key, "title" | "phenomenon" | "source" | "seed" | "start");
         let shown = if is_line { format!("`{key}`") } else { format!("[{key}]") };
         let help = is_line.then(|| "it belongs above the first [section]".to_string());
-        self.file.error(0..0, format!("{shown} is missing"), &format!("{shown} must be in this file"), help).of_absence()
+        self.file
+            .error(0..0, format!("{shown} is missing"), &format!("{shown} must be in this file"), help)
+            .of_absence()
     }
 
     /// The value of a key, or its default.

@@ -224,9 +224,9 @@ impl Scenario {
         let model_error = root.optional("model_error").map(|field| covariances::read(&field, &domain));
         let model_error = faults.keep(model_error.unwrap_or(Ok(Vec::new())));
         let networks = faults.keep(instruments::read(root, &domain));
-        let truth = networks.as_ref().and_then(|networks| {
-            faults.keep(cycle::read_truth(root, model_field.as_ref(), &domain, networks))
-        });
+        let truth = networks
+            .as_ref()
+            .and_then(|networks| faults.keep(cycle::read_truth(root, model_field.as_ref(), &domain, networks)));
         let true_step = truth.iter().flatten().map(|truth| truth.model.time_step).next().unwrap_or(model.time_step);
         let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", true_step)];
         let cycle = start.and_then(|start| faults.keep(cycle::read(root, start, &steps)))?;

@@ -3,6 +3,7 @@
 use super::terminal::sentences;
 use super::{Cell, Table, forecasts, stability};
 use crate::scores::{Against, MethodScores, Part, Score, Summary, Values};
+use crate::text::counted;
 use indexmap::IndexMap;
 use isobar_assim::block_angular::PartitionReport;
 
@@ -112,14 +113,17 @@ fn partitions(summary: &Summary) -> Option<String> {
         let it = scores.partition.as_ref()?;
         let cut = match (it.separators, it.nested) {
             (0, _) => String::new(),
-            (count, false) => format!(", {} of them from {count} separators", it.separator_unknowns),
-            (count, true) => format!("; {count} separators of {} unknowns, nested", it.separator_unknowns),
+            (count, false) => format!(", {} of them from {}", it.separator_unknowns, counted(count, "separator")),
+            (count, true) => {
+                let unknowns = counted(it.separator_unknowns, "unknown");
+                format!("; {} of {unknowns}, nested", counted(count, "separator"))
+            }
         };
         Some(format!(
-            "\n{name}: {} blocks, of which observations link up to {} ({} variables) into one; {} factors; border {}{cut}",
-            it.blocks,
+            "\n{name}: {}, of which observations link up to {} ({}) into one; {} factors; border {}{cut}",
+            counted(it.blocks, "block"),
             it.largest_component_blocks,
-            it.largest_component_variables,
+            counted(it.largest_component_variables, "variable"),
             factors(it),
             it.border
         ))

@@ -199,6 +199,7 @@ fn info(nx: usize, ny: usize, cycles: usize, methods: usize) -> RunInfo {
         title: "A vortex over a channel".into(),
         scenario_text: "title = \"A vortex over a channel\"\nseed = 42\n\n[grid]\nnx = 32\nny = 24\n".into(),
         seed: 42,
+        threads: 2,
         has_truth: true,
         keeps_sensors: false,
         lead_times: None,

@@ -25,7 +25,8 @@ pub(crate) fn read(root: &Section<'_>, domain: &Domain) -> Read<Vec<Network>> {
     let mut names: Vec<&str> = Vec::new();
     read_all(field.any_section()?.fields().map(|(name, field)| {
         check_name(name, &field, "network")?;
-        distinct_name(name, names.iter().copied(), "network").map_err(|(message, help)| field.misplaced(message, help))?;
+        distinct_name(name, names.iter().copied(), "network")
+            .map_err(|(message, help)| field.misplaced(message, help))?;
         if names.len() == MOST_NETWORKS {
             return Err(field.misplaced(format!("there are more than {MOST_NETWORKS} networks"), "too many"));
         }

@@ -1,6 +1,6 @@
 //! `kind = "enkf"`.
 
-use super::{MethodSettings, Setup, Surroundings, ensemble};
+use super::{MethodSettings, Setup, Sizes, Surroundings, Work, ensemble};
 use crate::kinds::Kind;
 use isobar_assim::ensemble::{EnsembleSettings, StochasticEnsembleKalmanFilter};
 use isobar_assim::{Assimilator, Error};
@@ -27,6 +27,14 @@ impl MethodSettings for Enkf {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
         let radius_m = self.localization_radius_m;
         Ok(Box::new(StochasticEnsembleKalmanFilter::new(setup.problem, self.ensemble, radius_m)?))
+    }
+
+    fn work(&self, sizes: &Sizes) -> Work {
+        // P Hᵀ and H P Hᵀ + R of the members' perturbations, tapered, and the solution.
+        let (n, members) = (sizes.observations, self.ensemble.members as f64);
+        let ensemble = Work::ensemble(sizes, members);
+        let multiplications = n * members * (n + 2.0 * sizes.unknowns()) + n.powi(3) / 3.0;
+        Work { numbers: ensemble.numbers + 2.0 * n * n, multiplications, ..ensemble }
     }
 
     fn describe(&self) -> String {

@@ -3,7 +3,7 @@
 use super::adapt::ADAPT;
 use super::common_factors::{self, CommonFactors, FACTORS};
 use super::local_factors::{self, LOCAL_FACTORS};
-use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings};
+use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Sizes, Surroundings, Work};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, AnyKey, Choice, Described, Field, Form, Key, OrTable, Read, Section, Whole};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
@@ -135,6 +135,13 @@ impl MethodSettings for FastKalman {
         Ok(Box::new(filter.with_factors_on(model.build_coarser(grid, cycle, self.factor_grid).map_err(fault)?)?))
     }
 
+    fn work(&self, sizes: &Sizes) -> Work {
+        match &self.local {
+            Some(local) => local_factors::work(local, sizes),
+            None => work(&self.settings, self.factor_grid, sizes),
+        }
+    }
+
     fn describe(&self) -> String {
         let settings = match &self.local {
             Some(local) => local_factors::describe(local, self.settings.factors),
@@ -259,6 +266,49 @@ fn blocks(field: &Field<'_>, grid: &Grid) -> Read<BlockShape> {
         return Err(tile.invalid(format!("`{}` needs two numbers", tile.title()), "must be [cells in x, cells in y]"));
     };
     Ok(BlockShape::Tile { nx: nx.whole(1, grid.nx)?, ny: ny.whole(1, grid.ny)? })
+}
+
+/// Columns that show how much of the residual blocks a forecast keeps.
+pub(super) fn probes(residual: Residual) -> f64 {
+    match residual {
+        Residual::Probe { count } => count as f64,
+        Residual::Exact | Residual::Persist => 0.0,
+    }
+}
+
+/// The work of a filter with factors of the whole domain: blocks, those of Q and their roots; Φ with one column for each bias
+/// and for probes, twice, and the factors of Q; their tangent-linear forecast, and the products that compress them and take
+/// them into an analysis.
+pub(super) fn work(Settings { filter, .. }: &Settings, factor_grid: usize, sizes: &Sizes) -> Work {
+    let Sizes { values: m, biases: p, observations: n, .. } = *sizes;
+    let r = filter.factors as f64;
+    let (nx, ny) = filter.blocks.cells(&sizes.grid);
+    let block = (nx * ny) as f64 * sizes.variables;
+    let (of_blocks, probes) = (m * block, probes(filter.residual));
+    let is_exact = filter.residual == Residual::Exact;
+    let columns = if is_exact { m } else { r + p + probes };
+    let exact = if is_exact { m * m + 2.0 * m * block.min(m) } else { 0.0 };
+    let all = 2.0 * r + p + probes;
+    let width = match filter.factor_precision {
+        Precision::Double => 1.0,
+        Precision::Single => 0.5,
+    };
+    // Blocks that observations link are merged up to a limit, and a little beyond where separators are nested.
+    let component = (2.0 * filter.largest_component as f64).min(m);
+    // The factors of Q join those of the state, and all of them are compressed by the products of their columns.
+    let compression = m * all * all + 10.0 * all.powi(3);
+    let analysis = n * (r + p) * (r + p) + m * (r + p) * (r + p) + of_blocks * (block + r + p);
+    Work {
+        numbers: 3.0 * of_blocks
+            + width * m * (2.0 * all + r)
+            + exact
+            + component * component
+            + 2.0 * n * (r + p)
+            + 4.0 * (r + p).powi(2),
+        tangent_steps: columns * sizes.steps / (factor_grid as f64).powi(3),
+        multiplications: compression + analysis + if is_exact { 2.0 * m * m * block } else { 0.0 },
+        ..Work::forecast(sizes)
+    }
 }
 
 /// A filter's settings in words.

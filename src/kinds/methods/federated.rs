@@ -1,7 +1,7 @@
 //! `kind = "federated_kf"`.
 
 use super::adapt::ADAPT;
-use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, Setup, Surroundings};
+use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, Setup, Sizes, Surroundings, Work};
 use crate::kinds::Kind;
 use crate::kinds::models::Model;
 use crate::reader::{Absent, Described, Form, Key, Limits, Read, Section, Whole};
@@ -68,6 +68,19 @@ fn shares(section: &Section<'_>, networks: &[&str]) -> Read<Vec<f64>> {
 impl MethodSettings for FederatedSettings {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
         Ok(Box::new(FederatedKalmanFilter::new(setup.problem, self.clone())?))
+    }
+
+    fn work(&self, sizes: &Sizes) -> Work {
+        // A dense filter for each system, and the master.
+        let filters = self.systems.len() as f64 + 1.0;
+        let one = Work::dense(sizes, sizes.unknowns());
+        Work {
+            numbers: 5.0 * filters * sizes.unknowns().powi(2),
+            tangent_steps: one.tangent_steps * filters,
+            multiplications: one.multiplications * filters,
+            steps: one.steps * filters,
+            ..one
+        }
     }
 
     fn describe(&self) -> String {

@@ -1,7 +1,7 @@
 //! `kind = "kf"`.
 
 use super::adapt::ADAPT;
-use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings};
+use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Sizes, Surroundings, Work};
 use crate::kinds::Kind;
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::{Assimilator, Error};
@@ -19,6 +19,10 @@ struct Kalman;
 impl MethodSettings for Kalman {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
         Ok(Box::new(setup.smoothed(KalmanFilter::new, KalmanFilter::smoothing)?))
+    }
+
+    fn work(&self, sizes: &Sizes) -> Work {
+        Work::dense(sizes, sizes.unknowns())
     }
 
     fn describe(&self) -> String {

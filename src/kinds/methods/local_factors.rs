@@ -1,7 +1,8 @@
 //! `local_factors`: factors of tiles instead of the whole domain, in a Fast Kalman Filter.
 
 use super::common_factors::{CommonFactors, FACTORS};
-use super::{SMOOTHER_LAG_CYCLES, Surroundings};
+use super::fast_kalman::probes;
+use super::{SMOOTHER_LAG_CYCLES, Sizes, Surroundings, Work};
 use crate::reader::{Absent, AnyKey, Key, Limits, Read, Section, Table, Whole};
 use isobar_assim::fast_kalman::{FastKalmanSettings, Residual};
 use isobar_assim::local_factors::LocalFactorSettings;
@@ -145,6 +146,24 @@ fn in_place_of(
         residual: filter.residual,
     };
     Some(settings).filter(|settings| settings.packed_columns(&surroundings.domain.grid) < asked_for)
+}
+
+/// The work of a filter with factors of tiles: the factors with those of Q on their supports, three times, the packed columns,
+/// the blocks and the border; the packed columns go through the tangent-linear model, and each support is compressed.
+pub(super) fn work(settings: &LocalFactorSettings, sizes: &Sizes) -> Work {
+    let Sizes { values: m, biases: p, .. } = *sizes;
+    let packed = settings.packed_columns(&sizes.grid) as f64;
+    let tiles = (sizes.grid.width_m() / settings.tile_m).ceil() * (sizes.grid.height_m() / settings.tile_m).ceil();
+    let support = (m / tiles * (settings.support_tiles as f64).powi(2)).min(m);
+    let columns = (settings.per_tile + settings.model_error_per_tile) as f64;
+    let held = tiles * support;
+    let probes = probes(settings.residual);
+    Work {
+        numbers: held * (3.0 * columns + 2.0) + m * (packed + 3.0 * p + 9.0 * sizes.variables),
+        tangent_steps: (packed + p + probes) * sizes.steps,
+        multiplications: held * columns * (4.0 * columns + p) + sizes.observations * (columns + p).powi(2),
+        ..Work::forecast(sizes)
+    }
 }
 
 /// The settings in words; `factors` are those of the whole domain in whose place they are.

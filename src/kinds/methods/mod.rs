@@ -21,9 +21,11 @@ mod settings;
 mod three_d_var;
 mod time_volume;
 mod variational;
+mod work;
 
 pub use adapt::Adapt;
 pub use settings::{MethodSettings, Setup};
+pub use work::{Sizes, Work};
 
 use super::{Domain, Kinds, choose};
 use crate::reader::{Field, Read, Section};
@@ -97,6 +99,15 @@ fn smoother_lag_cycles(section: &Section<'_>, freezes: bool) -> Read<Option<usiz
 }
 
 impl Method {
+    /// What the method does in a cycle of these sizes, estimated.
+    pub fn work(&self, sizes: &Sizes) -> Work {
+        let work = self.settings.work(sizes);
+        // A smoother holds what each past analysis had, and revises it: about one filter's work in matrices again.
+        let lag = self.smoother_lag_cycles.map_or(0.0, |lag| lag as f64);
+        let kept = if self.settings.carries_bias_covariance() { 0.5 } else { 0.25 };
+        Work { numbers: work.numbers * (1.0 + kept * lag), ..work }
+    }
+
     /// Whether the method estimates biases from observations.
     pub fn estimates_biases(&self) -> bool {
         self.bias == BiasTreatment::Estimate && self.settings.uses_observations()

@@ -1,5 +1,6 @@
 //! What the settings of every method can do, and the keys that methods share.
 
+use super::work::{Sizes, Work};
 use crate::kinds::Domain;
 use crate::kinds::covariances::Components;
 use crate::kinds::models::Model;
@@ -15,6 +16,9 @@ pub trait MethodSettings: Debug + Send + Sync {
     /// # Errors
     /// That of the method: settings that do not fit the problem, or more memory than is allowed.
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error>;
+
+    /// What it does in a cycle, as far as sizes say it: an estimate, which nothing but a forecast of its cost depends on.
+    fn work(&self, sizes: &Sizes) -> Work;
 
     /// The settings in words, as they stand in tables and on pages; how biases are treated is added to them.
     fn describe(&self) -> String;

@@ -278,6 +278,9 @@ impl Figures<'_> {
         let label = format!("days since {}", utc(self.info.begin()));
         let mut plot = CurvePlot::new(title, label, format!("[{}]", unit(udunits)), curves);
         plot.reference = reference;
+        let day = |cycle: f64| cycle * self.info.window.days();
+        let (first, last) = (self.info.scored_from() - self.info.done, self.info.count());
+        plot.counts = (first > 1).then(|| [day(first as f64 - 0.5), day(last as f64)]);
         plot.highest = highest(&plot.curves);
         Drawing { stem, caption, plot }
     }

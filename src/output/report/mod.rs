@@ -1,11 +1,13 @@
 //! `report.html`: the run on one page, for somebody who has a browser and nothing else; and its figures as files.
 //!
-//! The page loads nothing: curves are SVG within it, maps are PNG as data. Everything of a scenario that goes into it goes
+//! The page loads nothing: its figures are SVG within it, and its one script is not needed to read it. Everything of a scenario that goes into it goes
 //! through the template's escaping. Maps of grids with more than 200 cells on a side are means over groups of cells.
 
+mod biases;
 mod facts;
 mod figures;
 mod forecasts;
+mod headline;
 mod maps;
 pub mod page;
 mod tables;

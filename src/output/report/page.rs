@@ -1,17 +1,19 @@
 //! The page: sections of text, tables and figures, put together by a template that escapes what it is given.
 
+use super::biases;
 use super::facts;
 use super::figures::{self, Figures};
 use super::forecasts;
+use super::headline;
 use super::maps::{self, Maps};
 use super::tables;
 use crate::event::RunInfo;
 use crate::output::history::History;
-use crate::plot::{CurvePlot, PlotError};
+use crate::plot::colors::{hex, of_method_on_paper};
+use crate::plot::{CurvePlot, IntervalPlot, PlotError};
 use crate::scores::Summary;
 use crate::tables::{MOST_PARAMETERS, Table, diagnostics, scores, stability};
 use crate::text::on_page;
-use base64::Engine;
 use minijinja::syntax::SyntaxConfig;
 use minijinja::value::{Serde, Value};
 use minijinja::{Environment, UndefinedBehavior, context, escape_formatter};
@@ -19,6 +21,10 @@ use serde::Serialize;
 
 /// Figures of bias parameters that are shown at once; the others are folded.
 const OPEN_FIGURES: usize = 8;
+
+/// The script of every page, and its hash: browsers run this script and no other.
+const SCRIPT: &str = include_str!("script.js");
+const SCRIPT_HASH: &str = "sha256-e0sZpOUDkzyYZLgyL0bOHQOewRY68RyrTfU0qxUn/hc=";
 
 /// Why a page cannot be made.
 #[derive(Debug, thiserror::Error)]
@@ -36,17 +42,22 @@ pub enum PageError {
 pub struct Figure {
     /// What it shows, in words.
     pub caption: String,
-    /// Its SVG element, already escaped; empty for a picture.
+    /// Its SVG element, already escaped.
     pub svg: String,
-    /// The picture's bytes in base64; empty for an SVG.
-    pub png: String,
+    /// Class of its style: `curves` for what has a colour for each method, `wide`, both, or empty.
+    pub class: &'static str,
 }
 
 impl Figure {
+    /// Values with intervals; `None` if there are none.
+    pub fn of_intervals(plot: &IntervalPlot, caption: String) -> Option<Self> {
+        (!plot.rows.is_empty()).then(|| Self { caption, svg: plot.svg().page, class: "curves" })
+    }
+
     /// Curves as the figure of this number on its page; `None` if there are none.
     pub fn of_curves(plot: &CurvePlot, number: usize, caption: String) -> Option<Self> {
         let svg = || plot.svg(&format!("f{number}")).page;
-        (!plot.curves.is_empty()).then(|| Self { caption, svg: svg(), png: String::new() })
+        (!plot.curves.is_empty()).then(|| Self { caption, svg: svg(), class: "curves" })
     }
 }
 
@@ -55,6 +66,8 @@ impl Figure {
 pub struct Section {
     /// Its heading.
     pub title: String,
+    /// Its heading in the table of contents; empty: the same.
+    pub short: String,
     /// What there is to know before looking.
     pub text: String,
     /// Tables.
@@ -87,7 +100,11 @@ pub struct Page {
     pub title: String,
     /// The line below it.
     pub subtitle: String,
-    /// Facts by name.
+    /// What was found, in a few sentences.
+    pub headline: Vec<String>,
+    /// Names and colours of methods that can be switched off in charts.
+    pub methods: Vec<(String, String)>,
+    /// Facts by name, at the end.
     pub facts: Vec<(String, String)>,
     /// The parts.
     pub sections: Vec<Section>,
@@ -106,8 +123,9 @@ pub fn render(page: &Page) -> Result<String, PageError> {
         Some(text) if !value.is_safe() => escape_formatter(output, state, &Value::from(on_page(text))),
         _ => escape_formatter(output, state, value),
     });
-    let style = include_str!("style.css");
-    Ok(environment.get_template("page.html")?.render(context! { page => Value::from(Serde(page)), style })?)
+    let (style, script, script_hash) = (include_str!("style.css"), SCRIPT, SCRIPT_HASH);
+    let values = context! { page => Value::from(Serde(page)), style, script, script_hash };
+    Ok(environment.get_template("page.html")?.render(values)?)
 }
 
 /// The report of a run: the page, and the files of its figures.
@@ -125,10 +143,16 @@ impl Report {
         report.page.title.clone_from(&info.title);
         report.page.subtitle =
             format!("{}, seed {}: {} methods side by side", info.scenario, info.seed, info.methods.len());
+        report.page.headline = headline::sentences(info, summary);
+        let methods = info.methods.iter().enumerate();
+        report.page.methods =
+            methods.map(|(number, method)| (method.name.clone(), hex(of_method_on_paper(number)))).collect();
         report.page.facts = facts::facts(info, summary);
+        let glance = report.glance(info, summary, history.mapped);
         let scores = report.scores(info, summary);
         let (title, text) = if info.has_truth {
-            let text = "A method whose claimed spread (broken line) lies on its error (solid line) knows what it does not know.";
+            let text = "A method whose claimed spread (broken line) lies on its error (solid line) knows what it does not know. Shaded: the \
+                        cycles that count.";
             ("Error over time", text)
         } else {
             let text = "Departures hold the observations' own errors, so that they stay above the claimed spread.";
@@ -143,8 +167,9 @@ impl Report {
         let maps = Maps::new(info, history);
         let structures = report.structures(maps.structures())?;
         let correlations = report.correlations(maps.correlations(), history.mapped)?;
-        let maps = report.maps(info, maps.all(), maps.other_variables())?;
-        let biases = report.biases(info, history, &figures);
+        let of_stations = biases::stations(info, history, &maps);
+        let maps = report.maps(info, maps.all(), maps.other_variables(), glance)?;
+        let biases = report.biases(info, history, &figures, of_stations)?;
         let parameters = report.parameters(info, history, &figures);
         let stability = stability(summary);
         let ahead = report.ahead(info, summary);
@@ -191,7 +216,7 @@ impl Report {
             ..Section::default()
         };
         let parts = [reliability, correlations, innovations, diagnostics, cost];
-        let all = [Some(scores), Some(errors), ahead, Some(maps), biases, parameters, stability]
+        let all = [Some(maps), Some(scores), Some(errors), ahead, biases, parameters, stability]
             .into_iter()
             .chain(parts.map(Some));
         let filled = |it: &Section| !(it.figures.is_empty() && it.tables.is_empty() && it.folded.is_empty());
@@ -253,14 +278,27 @@ impl Report {
         Some(Section { title: "Forecasts ahead".into(), text, figures, folded, ..Section::default() })
     }
 
-    fn biases(&mut self, info: &RunInfo, history: &History, figures: &Figures<'_>) -> Option<Section> {
-        let table = tables::biases(info, history)?;
-        let mut all = self.curves(figures.biases());
-        let rest = all.split_off(all.len().min(OPEN_FIGURES));
-        let mut folded = Vec::new();
-        if !rest.is_empty() {
-            folded.push(Folded { title: format!("{} more biases", rest.len()), figures: rest, ..Folded::default() });
+    /// Errors of the analysis and what is claimed of them, of one variable.
+    fn glance(&mut self, info: &RunInfo, summary: &Summary, variable: usize) -> Vec<Figure> {
+        let intervals = headline::drawing(info, summary, variable).into_iter();
+        intervals.map(|it| self.intervals(it, "curves")).collect()
+    }
+
+    fn biases(
+        &mut self,
+        info: &RunInfo,
+        history: &History,
+        figures: &Figures<'_>,
+        of_stations: Vec<maps::Drawing>,
+    ) -> Result<Option<Section>, PageError> {
+        let Some(table) = tables::biases(info, history) else { return Ok(None) };
+        let mut all: Vec<Figure> =
+            biases::last_estimates(info, history).map(|it| self.intervals(it, "wide curves")).into_iter().collect();
+        for drawing in of_stations {
+            all.push(self.map(drawing)?);
         }
+        let over_time = self.curves(figures.biases());
+        let mut folded = vec![Folded { title: "Every bias over time".into(), figures: over_time, ..Folded::default() }];
         let which = match info.calibration.len() {
             0..=MOST_PARAMETERS => "every bias".to_string(),
             all => format!("the first {} of {all} biases", MOST_PARAMETERS),
@@ -268,13 +306,13 @@ impl Report {
         let truth = if history.knows_biases() { ", and the truth (broken) where it is known" } else { "" };
         let title = format!("The last estimate of {which}, with ± 2σ where claimed");
         folded.push(Folded { title, tables: vec![table], ..Folded::default() });
-        Some(Section {
+        Ok(Some(Section {
             title: "Biases".into(),
-            text: format!("Estimates with the band of ±2σ that the method claims{truth}."),
+            text: format!("Estimates with the ±2σ that the method claims{truth}."),
             figures: all,
             folded,
             ..Section::default()
-        })
+        }))
     }
 
     fn parameters(&mut self, info: &RunInfo, history: &History, figures: &Figures<'_>) -> Option<Section> {
@@ -343,10 +381,12 @@ impl Report {
         info: &RunInfo,
         all: Vec<maps::MapsOfCycle>,
         others: Vec<(String, Vec<maps::Drawing>)>,
+        first: Vec<Figure>,
     ) -> Result<Section, PageError> {
-        let mut section = Section { title: "Maps".into(), ..Section::default() };
+        let (title, short) = ("At a glance".into(), "At a glance".into());
+        let mut section = Section { title, short, figures: first, ..Section::default() };
         let (shown, told) = if info.has_truth {
-            ("error", "Truth, and the error of every method.")
+            ("error", "Root-mean-square errors with what is claimed of them, the truth, and the error of every method.")
         } else {
             ("analysis", "The analysis of every method.")
         };
@@ -363,9 +403,10 @@ impl Report {
                 more.push(Folded { title, figures: others, ..Folded::default() });
             }
             if number == 0 {
-                section.title = format!("Maps of {when}");
+                section.title = format!("At a glance: {when}");
                 section.text = format!("{told} All maps of a kind have the same colours for the same values.");
-                (section.figures, section.folded) = (figures, more);
+                section.figures.extend(figures);
+                section.folded = more;
             } else {
                 let title = format!("The same of {when}");
                 section.folded.push(Folded { title, figures, ..Folded::default() });
@@ -386,18 +427,32 @@ impl Report {
             let id = format!("f{}", self.files.len());
             let svg = plot.svg(&id);
             self.files.push((format!("{stem}.svg"), svg.file.into_bytes()));
-            all.push(Figure { caption, svg: svg.page, png: String::new() });
+            all.push(Figure { caption, svg: svg.page, class: "curves" });
         }
         all
     }
 
-    /// Draws a map, for the page and as a file.
+    /// Draws values with intervals, for the page and as a file.
+    fn intervals(
+        &mut self,
+        headline::Drawing { stem, caption, plot }: headline::Drawing,
+        class: &'static str,
+    ) -> Figure {
+        let svg = plot.svg();
+        self.files.push((format!("{stem}.svg"), svg.file.into_bytes()));
+        Figure { caption, svg: svg.page, class }
+    }
+
+    /// Draws a map, or a line where the plane is one, for the page and as a file.
     fn map(&mut self, drawing: maps::Drawing) -> Result<Figure, PageError> {
         let maps::Drawing { stem, caption, map } = drawing;
-        let bytes = map.png()?;
-        let png = base64::engine::general_purpose::STANDARD.encode(&bytes);
-        self.files.push((format!("{stem}.png"), bytes));
-        Ok(Figure { caption, svg: String::new(), png })
+        let id = format!("f{}", self.files.len());
+        let svg = match map.line() {
+            Some(line) => line.svg(&id),
+            None => map.svg(&id)?,
+        };
+        self.files.push((format!("{stem}.svg"), svg.file.into_bytes()));
+        Ok(Figure { caption, svg: svg.page, class: "" })
     }
 }
 

@@ -2,6 +2,7 @@
 
 mod balance;
 mod builder;
+mod cost;
 mod error;
 mod ground;
 mod inputs;
@@ -10,12 +11,15 @@ mod notices;
 mod span;
 
 pub use builder::ExperimentBuilder;
+pub use cost::Cost;
 pub use error::ExperimentError;
 pub use ground::{Ground, ground};
 pub use inputs::{Inputs, inputs_of};
 
 use crate::event::{MethodInfo, NetworkInfo, RunInfo, StationInfo};
 use crate::kinds::instruments;
+use crate::kinds::methods::{Method, Sizes, Work};
+use crate::memory;
 use crate::options::RunOptions;
 use crate::run::ahead::{Ahead, require_room};
 use crate::run::cycle::{Freezing, Runner};
@@ -28,6 +32,7 @@ use crate::scores::Failure;
 use crate::sensors::SensorError;
 use crate::sensors::knowledge::WarmStart;
 use builder::AddedMethod;
+use cost::Rates;
 use ground::ground_after;
 use isobar_assim::high_pass::HighPassSettings;
 use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem, Recalibration};
@@ -127,6 +132,8 @@ pub struct Checked {
     pub information: Vec<String>,
     /// What the user should know.
     pub warnings: Vec<String>,
+    /// What each method is estimated to cost on this machine, in the order of the scenario.
+    pub costs: Vec<(String, Cost)>,
 }
 
 /// The most values of a state for which a check sets up the methods: beyond, that takes minutes, and is left to the run, which
@@ -136,20 +143,44 @@ const MOST_SET_UP: usize = 200_000;
 /// Whether a scenario's model, initial state, covariances and observing systems fit together.
 ///
 /// # Errors
-/// The first thing that does not.
-pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
-    check_sensors(scenario)?;
-    let ground = ground(scenario, scenario.seed, scenario.cycle.count)?;
-    // What a method refuses depends on all that it is given, so that each is set up for once.
-    if ground.problem.background.values().len() <= MOST_SET_UP {
-        for name in scenario.methods.keys() {
-            method(&ground.problem, name, scenario, scenario.start)?;
+/// All things that do not, as far as they do not depend on each other; at least one.
+pub fn check(scenario: &Scenario) -> Result<Checked, Vec<ExperimentError>> {
+    let mut faults: Vec<ExperimentError> = check_sensors(scenario).err().into_iter().collect();
+    let ground = match ground(scenario, scenario.seed, scenario.cycle.count) {
+        Ok(ground) => ground,
+        Err(fault) => {
+            faults.push(fault);
+            return Err(faults);
         }
+    };
+    let problem = &ground.problem;
+    let is_large = problem.background.values().len() > MOST_SET_UP;
+    for (name, method) in &scenario.methods {
+        // What a method refuses depends on all that it is given, so that each is set up for once; a large one only if it will
+        // be refused, before it takes any memory.
+        let bytes = cost::bytes(&work(scenario, method, problem));
+        if !is_large || bytes > method.memory_limit_bytes as f64 {
+            faults.extend(self::method(problem, name, scenario, scenario.start).err());
+        }
+    }
+    if !faults.is_empty() {
+        return Err(faults);
     }
     let cycles = 1..=scenario.cycle.count;
     let mut warnings = notices::warnings(scenario, &ground.observing, cycles.clone());
     warnings.extend(notices::of_methods(scenario, |_| true));
-    Ok(Checked { information: notices::information(scenario, &ground.observing, cycles), warnings })
+    let rates = Rates::measure(problem);
+    let costs = scenario.methods.iter();
+    let costs: Vec<(String, Cost)> =
+        costs.map(|(name, method)| (name.clone(), rates.cost(&work(scenario, method, problem)))).collect();
+    warnings.extend(notices::memory(costs.iter().map(|(_, cost)| cost.bytes).sum()));
+    Ok(Checked { information: notices::information(scenario, &ground.observing, cycles), warnings, costs })
+}
+
+/// The work of a method in a cycle, estimated.
+fn work(scenario: &Scenario, method: &Method, problem: &Problem) -> Work {
+    let steps = problem_steps(scenario, problem) * problem.model.substeps();
+    method.work(&Sizes::new(problem, method.bias, &scenario.grid.grid, steps))
 }
 
 /// Whether the scenario's database of sensors can be written back, and may be, if it is to be.
@@ -257,6 +288,8 @@ impl ExperimentBuilder<'_> {
             scenario: scenario.name.clone(),
             title: scenario.title.clone(),
             scenario_text: scenario.text.clone(),
+            // It is set up by the threads that run it.
+            threads: rayon::current_num_threads(),
             seed,
             layout: problem.background.layout().clone(),
             projection: scenario.grid.projection.clone(),
@@ -304,6 +337,9 @@ fn problem_steps(scenario: &Scenario, problem: &Problem) -> usize {
     scenario.cycle.window.steps_of(step).expect("the scenario's window fits its steps")
 }
 
+/// The factor by which memory may have been estimated too high.
+const DOUBT: f64 = 1.5;
+
 /// Sets up one of the scenario's methods, whose first cycle begins at `start`.
 ///
 /// # Errors
@@ -315,6 +351,15 @@ pub fn method(
     start: Time,
 ) -> Result<Box<dyn Assimilator>, ExperimentError> {
     let fault = |error| ExperimentError::Method { name: name.to_string(), error };
+    // A limit that a scenario sets may be more than there is; beyond all doubt of the estimate nothing is tried.
+    let settings = &scenario.methods[name];
+    let needed_bytes = cost::bytes(&work(scenario, settings, problem));
+    let is_beyond = |total: &u64| settings.memory_limit_bytes > *total && needed_bytes > DOUBT * *total as f64;
+    if let Some(total_bytes) = memory::total_bytes().filter(is_beyond) {
+        let (needed, total) = (memory::in_words(needed_bytes), memory::in_words(total_bytes as f64));
+        let message = format!("it would need about {needed}, and this machine has {total}");
+        return Err(fault(isobar_assim::Error::Setting(message)));
+    }
     let method = scenario.methods[name].build(problem, &scenario.domain(), start, scenario.cycle.window);
     let method = method.map_err(fault)?;
     if scenario.forecast.is_some() {

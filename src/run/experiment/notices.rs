@@ -1,6 +1,7 @@
 //! What the user should know of the observations before a run.
 
 use crate::kinds::methods::Method;
+use crate::memory;
 use crate::scenario::Scenario;
 use isobar_obs::{LeftOutStation, ObservingSystem};
 use std::ops::RangeInclusive;
@@ -83,6 +84,15 @@ fn left_out(scenario: &Scenario, observing: &ObservingSystem, place: Place) -> V
         (count > 0).then(|| format!("networks.{network}: {count} of {total} stations {text}: {names}{more}"))
     };
     scenario.networks.iter().filter_map(|network| in_words(&network.name)).collect()
+}
+
+/// A warning if all methods together would need more memory than there is.
+pub(super) fn memory(needed_bytes: f64) -> Option<String> {
+    let available_bytes = memory::available_bytes()? as f64;
+    let [needed, available] = [needed_bytes, available_bytes].map(memory::in_words);
+    (needed_bytes > available_bytes).then(|| {
+        format!("the methods would hold about {needed} at one time, and {available} are free: --methods chooses some")
+    })
 }
 
 /// A warning if there are networks and none of them is assimilated.

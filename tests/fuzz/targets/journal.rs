@@ -18,6 +18,7 @@ static INFO: LazyLock<RunInfo> = LazyLock::new(|| {
         title: scenario.title.clone(),
         scenario_text: scenario.text.clone(),
         seed: 1,
+        threads: 1,
         layout: Arc::new(isobar_model_layout()),
         projection: None,
         start: scenario.start,

@@ -3,7 +3,7 @@
 mod corrections;
 mod factors;
 
-use super::{MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings, fast_kalman};
+use super::{MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Sizes, Surroundings, Work, fast_kalman};
 use crate::kinds::{Kind, form};
 use crate::reader::{Absent, Choice, Described, Form, Key, Limits, Read, Section, Whole};
 use corrections::ModelCorrections;
@@ -162,6 +162,12 @@ impl MethodSettings for TimeVolumeOptions {
             Some(lag) => Box::new(method.smoothing(lag)?),
             None => Box::new(method),
         })
+    }
+
+    fn work(&self, sizes: &Sizes) -> Work {
+        // Unknowns of the window are columns beside the factors.
+        let more = (self.factors.len() * self.window_cycles + self.corrections.len()) as f64;
+        fast_kalman::work(&self.filter, 1, &Sizes { biases: sizes.biases + more, ..sizes.clone() })
     }
 
     fn describe(&self) -> String {
