@@ -3,6 +3,7 @@
 use super::adapt::ADAPT;
 use super::common_factors::{self, CommonFactors, FACTORS};
 use super::local_factors::{self, LOCAL_FACTORS};
+use super::work::probes;
 use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Sizes, Surroundings, Work};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, AnyKey, Choice, Described, Field, Form, Key, OrTable, Read, Section, Whole};
@@ -266,14 +267,6 @@ fn blocks(field: &Field<'_>, grid: &Grid) -> Read<BlockShape> {
         return Err(tile.invalid(format!("`{}` needs two numbers", tile.title()), "must be [cells in x, cells in y]"));
     };
     Ok(BlockShape::Tile { nx: nx.whole(1, grid.nx)?, ny: ny.whole(1, grid.ny)? })
-}
-
-/// Columns that show how much of the residual blocks a forecast keeps.
-pub(super) fn probes(residual: Residual) -> f64 {
-    match residual {
-        Residual::Probe { count } => count as f64,
-        Residual::Exact | Residual::Persist => 0.0,
-    }
 }
 
 /// The work of a filter with factors of the whole domain: blocks, those of Q and their roots; Φ with one column for each bias

@@ -1,7 +1,7 @@
 //! `local_factors`: factors of tiles instead of the whole domain, in a Fast Kalman Filter.
 
 use super::common_factors::{CommonFactors, FACTORS};
-use super::fast_kalman::probes;
+use super::work::probes;
 use super::{SMOOTHER_LAG_CYCLES, Sizes, Surroundings, Work};
 use crate::reader::{Absent, AnyKey, Key, Limits, Read, Section, Table, Whole};
 use isobar_assim::fast_kalman::{FastKalmanSettings, Residual};

@@ -1,5 +1,6 @@
 //! What a method does in a cycle, estimated from sizes alone: how much it holds, and how often it calls what takes time.
 
+use isobar_assim::fast_kalman::Residual;
 use isobar_assim::{BiasTreatment, Problem};
 use isobar_model::Grid;
 
@@ -125,6 +126,14 @@ impl Work {
             multiplications: self.multiplications + other.multiplications,
             roots: self.roots + other.roots,
         }
+    }
+}
+
+/// Columns that show how much of the residual blocks a forecast keeps.
+pub(super) fn probes(residual: Residual) -> f64 {
+    match residual {
+        Residual::Probe { count } => count as f64,
+        Residual::Exact | Residual::Persist => 0.0,
     }
 }
 

@@ -8,6 +8,7 @@ mod facts;
 mod figures;
 mod forecasts;
 mod headline;
+mod layout;
 mod maps;
 pub mod page;
 mod tables;
