@@ -397,11 +397,11 @@ mod tests {
     #[test]
     fn what_counts_is_shaded() {
         let mut plot = plot(vec![[0.0, 1.0], [1.0, 2.0], [2.0, 1.5]]);
-        assert!(!plot.svg("a").file.contains("pacity=\"0.35\""));
+        assert!(!plot.svg("a").file.contains("pacity=\"0.35"));
         plot.counts = Some([1.0, 9.0]);
         let svg = plot.svg("a").file;
         let rectangle =
-            svg.split("<rect").find(|part| part.contains("pacity=\"0.35\"")).unwrap_or_else(|| panic!("{svg}"));
+            svg.split("<rect").find(|part| part.contains("pacity=\"0.35")).unwrap_or_else(|| panic!("{svg}"));
         let number = |text: &str, key: &str| -> f64 {
             text.split(&format!("{key}=\"")).nth(1).unwrap().split('"').next().unwrap().parse().unwrap()
         };
