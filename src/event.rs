@@ -88,7 +88,7 @@ impl RunInfo {
 
     /// Whether cycles of the run can have a score of this kind.
     pub fn can_have(&self, kind: &ScoreKind) -> bool {
-        kind.against.exists(self.has_truth, self.networks.iter().any(|network| network.is_passive))
+        kind.against.exists(self.has_truth, self.networks.iter().any(|network| network.has_passive))
     }
 
     /// The kinds of scores that are drawn over time, of variables or of methods as a whole: departures of observations only
@@ -112,8 +112,8 @@ pub struct NetworkInfo {
     pub name: Arc<str>,
     /// Whether its observations were made elsewhere.
     pub is_recorded: bool,
-    /// Whether methods do not see its observations.
-    pub is_passive: bool,
+    /// Whether methods do not see all of its observations.
+    pub has_passive: bool,
 }
 
 /// A method of the run.

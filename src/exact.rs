@@ -147,8 +147,8 @@ impl World {
             let gain = Responder::new(method, &from, observed).gain()?;
             let estimate = method.analyse(&from, observed)?.estimate;
             let jacobian = observed.operator.linearize(&from.estimate.state, &from.estimate.calibration);
-            let variance: Vec<f64> = observed.sigma.iter().map(|sigma| sigma * sigma).collect();
-            errors.analyse(&gain, &jacobian, &variance, settings.bias != BiasTreatment::Known);
+            let error_covariance = observed.error_regression.covariance(&observed.sigma);
+            errors.analyse(&gain, &jacobian, &error_covariance, settings.bias != BiasTreatment::Known);
             if scored {
                 add(&mut analysis, errors.mean_squares().into_iter());
                 let squares = |values: &Option<Vec<f64>>, count: usize| -> Vec<f64> {
@@ -238,6 +238,13 @@ fn check_linear(scenario: &Scenario) -> Result<&TruthSettings, ScenarioError> {
         if network.faults != Faults::NONE {
             let message = format!("exact performance needs normal errors, and network {name} has faults");
             return Err(scenario.fault(&["networks", name, "faults"], message, "these"));
+        }
+        if network.error_correlation.is_some_and(|it| it.length_m != it.assumed_length_m) {
+            let message = format!(
+                "exact performance needs methods that assume the error correlation of network {name} as it is; a method may \
+                 ignore it"
+            );
+            return Err(scenario.fault(&["networks", name, "error_correlation"], message, "another assumed length"));
         }
         if network.instrument.has_air_mass_bias() {
             let message = format!(

@@ -12,6 +12,7 @@ mod checkpoints;
 mod circles;
 mod command_line;
 mod common;
+mod correlated_errors;
 mod determinism;
 mod diagnostics;
 mod documents;

@@ -272,3 +272,23 @@ fn unknown_biases_of_a_passive_network_are_refused_with_their_line() {
     assert!(!output.status.success() && said.contains("assimilate = false"), "{said}");
     assert!(said.contains("unknown biases, which only an assimilated network can determine"), "{said}");
 }
+
+/// `check` says which stations are withheld, and a run scores them; n of χ²/n is the number of the others.
+#[test]
+fn withheld_stations_are_named_and_verify_estimates() {
+    let observed = "observe = { tracer = 0.1 }\n";
+    let scenario = WORLD.replace(observed, &format!("{observed}withhold = 0.25\n"));
+    let kf = "[methods.kf]\nkind = \"kf\"\n[methods.free]\nkind = \"free\"\n";
+    let folder = folder(&format!("{scenario}{kf}"));
+    let output = isobar(folder.path(), &["check", "s.toml"]);
+    let said = format!("{}{}", text(&output.stdout), text(&output.stderr));
+    let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(output.status.success() && said.contains("3 of 12 stations are withheld from all methods: "), "{said}");
+    let found = summary(&format!("{scenario}{kf}"));
+    let all = summary(&format!("{WORLD}{kf}"));
+    let by_type = |summary: &Summary| summary.observations.by_type["fixed/tracer"].used;
+    assert_eq!(found.observations.passive + by_type(&found), found.observations.used + found.observations.passive);
+    assert!(by_type(&found) < by_type(&all) && found.observations.passive > 12, "{:?}", found.observations);
+    let passive = |method: &str| found.methods[method].values["passive_departure_analysis.tracer"];
+    assert!(passive("kf") < 0.9 * passive("free"), "{} {}", passive("kf"), passive("free"));
+}

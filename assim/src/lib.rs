@@ -65,6 +65,7 @@ pub mod wind_finding;
 pub use around::adaptive::{AdaptedCovariance, Adaptive, AdaptiveSettings};
 pub use around::first_calibration::Initialised;
 pub use around::sensors::{Calibrated, Recalibration, SensorKnowledge};
+pub use around::whitened::Whitened;
 pub use assimilator::{
     Adjustments, Assimilator, CalibrationAdjustment, ReplaceCalibration, Smoother, Views, WidenCalibration,
 };

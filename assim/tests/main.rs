@@ -9,6 +9,7 @@ mod card_recursion;
 mod closed_form;
 mod common;
 mod contracts;
+mod correlated_errors;
 mod covariance_columns;
 mod ensemble;
 mod factors;

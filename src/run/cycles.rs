@@ -219,7 +219,7 @@ impl Cycles<'_, '_> {
         let method = &mut methods[number];
         let is_start = times.starts_from(cycle, info.score_from_cycle);
         let observed = observed.as_given_to(method);
-        let passive = info.networks.iter().any(|network| network.is_passive);
+        let passive = info.networks.iter().any(|network| network.has_passive);
         let verifying = match truth {
             Some(truth) => Verifying::Truth { truth: truth.state(), climate },
             None => Verifying::Observations { observed, passive },

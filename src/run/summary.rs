@@ -7,7 +7,7 @@ use crate::scores::{MethodScores, RunScores, Scorecard, Summary, VerifiedBy};
 /// The scores of a run; `with_memory`: also the memory of each method.
 pub(super) fn summary(experiment: &Experiment, scores: &RunScores, with_memory: bool) -> Summary {
     let Experiment { info, methods, variance_ratio, .. } = experiment;
-    let by = VerifiedBy::in_world(info.has_truth, info.networks.iter().any(|network| network.is_passive));
+    let by = VerifiedBy::in_world(info.has_truth, info.networks.iter().any(|network| network.has_passive));
     let forecasts = |total: &Scorecard| total.forecasts.scores(&info.layout, info.window, by);
     let longest_hours = info.lead_times.map_or(0.0, |times| info.lead_hours(times.longest_cycles));
     let methods = info.methods.iter().zip(&scores.totals).zip(methods).map(|((own, total), method)| {

@@ -213,6 +213,7 @@ impl Scenario {
             cycle: cycle.window,
             freezes: stability.freeze_after_cycles.is_some(),
             networks: networks.iter().filter(|it| it.assimilate).map(|network| network.name.clone()).collect(),
+            correlated: correlated_network(&networks).map(|network| network.name.clone()),
             background_error: background_error.clone(),
             model_error: model_error.clone(),
             has_model_error: !model_error.is_empty(),
@@ -220,10 +221,10 @@ impl Scenario {
                 .or_else(|| covariances::shortest_length_m(&background_error)),
         };
         let methods = read_methods(&root, &surroundings)?;
-        let initialise = initialise::read(&root, &methods, cycle.count)?;
+        let initialise = initialise::read(&root, &methods, cycle.count, correlated_network(&networks))?;
         let sensors = sensors::read(&root, &methods)?;
         let influence_every_cycles = cycle::read_diagnostics(&root)?;
-        let has_passive = networks.iter().any(|network| !network.assimilate);
+        let has_passive = networks.iter().any(Network::has_passive);
         let can_have = |kind: &ScoreKind| {
             (kind.part != Part::Forecast || forecast.is_some()) && kind.against.exists(truth.is_some(), has_passive)
         };
@@ -264,6 +265,14 @@ impl Scenario {
             expected,
         })
     }
+}
+
+/// A network that is assimilated, and whose errors methods should take as correlated, if there is one.
+fn correlated_network(networks: &[Network]) -> Option<&Network> {
+    let is_correlated = |network: &&Network| {
+        network.assimilate && network.error_correlation.is_some_and(|correlation| correlation.assumed_length_m > 0.0)
+    };
+    networks.iter().find(is_correlated)
 }
 
 /// The plane, the model and its first background.

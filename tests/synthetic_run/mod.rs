@@ -295,6 +295,7 @@ fn observe(info: &RunInfo, cycle: usize, truth: &[State], calibration: &[Vec<f64
         values: with_noise(biased),
         sigma: sigma.clone(),
         reports,
+        error_regression: Default::default(),
         aside: Default::default(),
         operator: Arc::new(LinearOperator { jacobian }),
     };

@@ -2,13 +2,14 @@
 
 mod bias;
 mod common;
+mod correlation;
 mod file;
 mod radiosonde;
 mod satellite;
 
 use super::{Domain, Kinds, check_name, choose, distinct_name};
 use crate::reader::{Field, Read, Section};
-use common::{ASSIMILATE, FIRST_CYCLE, INTERVAL_CYCLES, MISSING_RATE, faults};
+use common::{ASSIMILATE, FIRST_CYCLE, INTERVAL_CYCLES, MISSING_RATE, WITHHOLD, faults};
 use isobar_obs::{InstrumentSettings, Network, ObservationError, Schedule};
 use std::sync::Arc;
 
@@ -37,7 +38,7 @@ pub(crate) fn read(root: &Section<'_>, domain: &Domain) -> Read<Vec<Network>> {
 
 fn network(name: &str, field: &Field<'_>, domain: &Domain) -> Read<Network> {
     let (kind, section) = choose(field, INSTRUMENTS, domain)?;
-    let instrument = Arc::from((kind.read)(&section, domain)?);
+    let instrument: Arc<dyn InstrumentSettings> = Arc::from((kind.read)(&section, domain)?);
     let every_cycles = section.get(&INTERVAL_CYCLES)?;
     let first_cycle = section.whole_or(FIRST_CYCLE.name, 1, 1, every_cycles)?;
     Ok(Network {
@@ -45,7 +46,9 @@ fn network(name: &str, field: &Field<'_>, domain: &Domain) -> Read<Network> {
         schedule: Schedule { every_cycles, offset_cycles: first_cycle % every_cycles },
         missing_rate: section.get(&MISSING_RATE)?,
         faults: faults(&section)?,
+        error_correlation: correlation::read(&section, &*instrument)?,
         assimilate: section.get(&ASSIMILATE)?,
+        withhold: section.get(&WITHHOLD)?,
         instrument,
     })
 }

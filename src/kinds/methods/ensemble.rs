@@ -1,6 +1,6 @@
 //! The settings that ensemble methods share.
 
-use super::{BIAS, MEMORY_LIMIT_GB};
+use super::{BIAS, ERROR_CORRELATION, MEMORY_LIMIT_GB};
 use crate::reader::{Absent, AnyKey, Choice, Key, Limits, OrWord, Read, Section, Whole};
 use isobar_assim::ensemble::{
     BackgroundInflation, EnsembleSettings, Inflation, InitialMembers, LocalSettings, ModelErrorTreatment,
@@ -88,6 +88,7 @@ pub(super) const OPTIONAL_RADIUS_KM: Key<Limits> = Key::absent(
 /// The keys of all ensembles.
 pub(super) const KEYS: &[&dyn AnyKey] = &[
     &BIAS,
+    &ERROR_CORRELATION,
     &MEMBERS,
     &INITIAL_MEMBERS,
     &MODEL_ERROR_TREATMENT,

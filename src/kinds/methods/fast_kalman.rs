@@ -3,7 +3,7 @@
 use super::adapt::ADAPT;
 use super::common_factors::{self, CommonFactors, FACTORS};
 use super::local_factors::{self, LOCAL_FACTORS};
-use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings};
+use super::{BIAS, ERROR_CORRELATION, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, AnyKey, Choice, Described, Field, Form, Key, OrTable, Read, Section, Whole};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
@@ -99,7 +99,16 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "fkf",
     "Lange's Fast Kalman Filter: blocks, and the common factors that link them",
     &[
-        &[&BIAS, &ADAPT, &BIAS_COUPLING, &FACTOR_GRID, &FACTOR_PRECISION, &LOCAL_FACTORS, &SMOOTHER_LAG_CYCLES],
+        &[
+            &BIAS,
+            &ERROR_CORRELATION,
+            &ADAPT,
+            &BIAS_COUPLING,
+            &FACTOR_GRID,
+            &FACTOR_PRECISION,
+            &LOCAL_FACTORS,
+            &SMOOTHER_LAG_CYCLES,
+        ],
         SHARED_KEYS,
     ],
     |section, surroundings| {

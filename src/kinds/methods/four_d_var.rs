@@ -1,6 +1,6 @@
 //! `kind = "4dvar"`.
 
-use super::{BIAS, MethodSettings, Setup, Surroundings, variational};
+use super::{BIAS, ERROR_CORRELATION, MethodSettings, Setup, Surroundings, variational};
 use crate::kinds::Kind;
 use crate::reader::{Absent, Key, Whole};
 use isobar_assim::variational::{FourDVar, FourDVarSettings, ThreeDVarSettings};
@@ -14,7 +14,7 @@ const OUTER_LOOPS: Key<Whole> =
 pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "4dvar",
     "Strong-constraint incremental 4D-Var over a moving window, with outer loops",
-    &[&[&BIAS, &WINDOW_CYCLES, &OUTER_LOOPS], variational::KEYS],
+    &[&[&BIAS, &ERROR_CORRELATION, &WINDOW_CYCLES, &OUTER_LOOPS], variational::KEYS],
     |section, _| {
         let ThreeDVarSettings { covariance_scale, tolerance, max_iterations } = variational::read(section)?;
         Ok(Box::new(FourDVarSettings {

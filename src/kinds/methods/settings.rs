@@ -41,6 +41,14 @@ pub trait MethodSettings: Debug + Send + Sync {
         false
     }
 
+    /// Whether it can be given observations whose errors are correlated.
+    ///
+    /// # Errors
+    /// Why it cannot, as it stands after a colon.
+    fn takes_correlated_errors(&self) -> Result<(), &'static str> {
+        Ok(())
+    }
+
     /// Whether single biases can be taken back to their prior and adjusted no more.
     ///
     /// # Errors
@@ -96,6 +104,8 @@ pub(crate) struct Surroundings {
     pub freezes: bool,
     /// The names of the observing systems.
     pub networks: Vec<String>,
+    /// The name of one of them whose errors methods should take as correlated, if there is one.
+    pub correlated: Option<String>,
     /// The components of B.
     pub background_error: Components,
     /// Those of Q, if the model makes errors.
@@ -116,6 +126,14 @@ pub(super) const BIAS: Key<Choice<BiasTreatment>> = Key::absent(
     ]),
     Absent::Means(BiasTreatment::Estimate),
     "how biases are treated: estimated with the state, ignored, or taken out of the data as they truly are",
+);
+
+pub(super) const ERROR_CORRELATION: Key<Choice<bool>> = Key::absent(
+    "error_correlation",
+    "",
+    Choice(&[("use", true), ("ignore", false)]),
+    Absent::Means(true),
+    "how correlated errors of observations are treated: as the networks say, or as independent",
 );
 
 pub(super) const MEMORY_LIMIT_GB: Key<Limits> = Key::absent(

@@ -1,7 +1,7 @@
 //! `kind = "3dvar"`.
 
 use super::adapt::ADAPT_STATIC;
-use super::{BIAS, MethodSettings, Setup, Surroundings, variational};
+use super::{BIAS, ERROR_CORRELATION, MethodSettings, Setup, Surroundings, variational};
 use crate::kinds::Kind;
 use isobar_assim::variational::{ThreeDVar, ThreeDVarSettings};
 use isobar_assim::{Assimilator, Error};
@@ -9,7 +9,7 @@ use isobar_assim::{Assimilator, Error};
 pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "3dvar",
     "3D-Var: a static B, conjugate gradients, biases in the control vector",
-    &[&[&BIAS, &ADAPT_STATIC], variational::KEYS],
+    &[&[&BIAS, &ERROR_CORRELATION, &ADAPT_STATIC], variational::KEYS],
     |section, _| Ok(Box::new(variational::read(section)?)),
 );
 

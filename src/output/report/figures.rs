@@ -52,7 +52,7 @@ impl Figures<'_> {
             }
             let is_smoothed = self.info.methods.iter().any(|method| method.smoother_lag_cycles.is_some());
             let smoothed = if is_smoothed { ", error once smoothed (dotted)" } else { "" };
-            let has_passive = self.info.networks.iter().any(|network| network.is_passive);
+            let has_passive = self.info.networks.iter().any(|network| network.has_passive);
             let passive = if has_passive { ", of passive ones (dotted)" } else { "" };
             let (stem, title, shown) = if self.info.has_truth {
                 ("rmse", "RMSE", format!("error (solid), claimed spread (broken){smoothed}"))

@@ -215,7 +215,7 @@ impl Report {
             Some(_) => " Smoothed is the estimate of the same cycles once later observations have revised it.",
             None => "",
         };
-        let passive = if info.networks.iter().any(|network| network.is_passive) {
+        let passive = if info.networks.iter().any(|network| network.has_passive) {
             " Passive observations take no part in any analysis: their departures are an independent score."
         } else {
             ""

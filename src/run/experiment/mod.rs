@@ -30,7 +30,7 @@ use crate::sensors::knowledge::WarmStart;
 use builder::AddedMethod;
 use ground::ground_after;
 use isobar_assim::high_pass::HighPassSettings;
-use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem, Recalibration};
+use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem, Recalibration, Whitened};
 use isobar_model::{State, Time};
 use isobar_obs::ObservingSystem;
 use span::Span;
@@ -230,7 +230,7 @@ impl ExperimentBuilder<'_> {
         }
         for AddedMethod { name, description, set_up } in added.iter().filter(|method| chosen(&method.name)) {
             let build = || {
-                let method = set_up(problem.clone())?;
+                let method = Box::new(Whitened::new(set_up(problem.clone())?));
                 let estimates_biases = method.can().calibration.is_some();
                 Ok(calibrated(method, estimates_biases))
             };
@@ -251,7 +251,7 @@ impl ExperimentBuilder<'_> {
         let networks = scenario.networks.iter().map(|network| NetworkInfo {
             name: network.name.as_str().into(),
             is_recorded: network.instrument.is_recorded(),
-            is_passive: !network.assimilate,
+            has_passive: network.has_passive(),
         });
         let info = RunInfo {
             scenario: scenario.name.clone(),

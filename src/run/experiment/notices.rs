@@ -9,7 +9,7 @@ use std::ops::RangeInclusive;
 const MOST_NAMED: usize = 5;
 
 /// What there is to know without being wrong: of each network that is read from a file how many of its observations can be
-/// used, why the others cannot, and how many biases they have; which stations lie in the margin, and which of a list that
+/// used, why the others cannot, and how many biases they have; which stations are withheld; which stations lie in the margin, and which of a list that
 /// covers more than the domain lie outside of it.
 pub(super) fn information(
     scenario: &Scenario,
@@ -21,7 +21,13 @@ pub(super) fn information(
         lines.map(|line| format!("networks.{network}: {line}")).collect::<Vec<_>>()
     });
     let places = [Place::Margin, Place::Beyond].map(|place| left_out(scenario, observing, place));
-    recorded.chain(places.into_iter().flatten()).collect()
+    let withheld = observing.withheld().map(|(network, withheld)| {
+        let names: Vec<&str> = withheld.names.iter().take(MOST_NAMED).map(|name| &**name).collect();
+        let more = if withheld.names.len() > MOST_NAMED { ", …" } else { "" };
+        let (count, of, names) = (withheld.names.len(), withheld.of, names.join(", "));
+        format!("networks.{network}: {count} of {of} stations are withheld from all methods: {names}{more}")
+    });
+    recorded.chain(withheld).chain(places.into_iter().flatten()).collect()
 }
 
 /// What the user should know of the chosen methods with this model.

@@ -3,7 +3,7 @@
 mod corrections;
 mod factors;
 
-use super::{MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings, fast_kalman};
+use super::{ERROR_CORRELATION, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings, fast_kalman};
 use crate::kinds::{Kind, form};
 use crate::reader::{Absent, Choice, Described, Form, Key, Limits, Read, Section, Whole};
 use corrections::ModelCorrections;
@@ -70,6 +70,7 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
             &MODEL_FACTORS,
             &TRANSITION_CORRECTIONS,
             &SELECTION_THRESHOLD,
+            &ERROR_CORRELATION,
             &SMOOTHER_LAG_CYCLES,
         ],
     ],
@@ -180,6 +181,13 @@ impl MethodSettings for TimeVolumeOptions {
 
     fn carries_bias_covariance(&self) -> bool {
         true
+    }
+
+    fn takes_correlated_errors(&self) -> Result<(), &'static str> {
+        if self.factors.iter().any(FactorSettings::has_patterns_of_observations) {
+            return Err("factors of observations with patterns have their value where each observation is");
+        }
+        Ok(())
     }
 
     fn can_freeze_biases(&self) -> Result<(), &'static str> {
