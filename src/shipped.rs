@@ -19,6 +19,7 @@ static FILES: &[(&str, &[u8])] = files![
     "advection_exact.toml",
     "air_mass_bias.toml",
     "continental_us.toml",
+    "correlated_errors.toml",
     "dense_footprints.toml",
     "diurnal_bias.toml",
     "fields/pdaf_2d_members.csv",

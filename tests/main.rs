@@ -33,6 +33,7 @@ mod json_schema;
 mod keys;
 mod last_bit;
 mod live;
+mod netcdf_states;
 mod observations;
 mod outputs;
 mod packages;

@@ -2,6 +2,8 @@
 
 use super::{AnyKey, Read, ScenarioError, Section, SourceFile};
 use crate::text::{clean, is_unprintable, listed, nearest};
+use isobar_model::Time;
+use isobar_obs::times;
 use std::ops::Range;
 use std::path::PathBuf;
 use toml::Spanned;
@@ -148,6 +150,23 @@ impl<'a> Field<'a> {
         };
         let message = format!("`{}` {fault}", self.title());
         Err(self.invalid(message, "must be 1 to 500 printable characters"))
+    }
+
+    /// A time in whole seconds, as a TOML date-time or a string.
+    pub fn time(&self) -> Read<Time> {
+        let wanted = "a time such as \"2026-01-15T00:00:00Z\", in whole seconds, from 1900 to 2200";
+        let text = match self.value.get_ref() {
+            DeValue::String(text) => text.to_string(),
+            DeValue::Datetime(time) => time.to_string(),
+            _ => return Err(self.invalid(format!("`{}` is not a time", self.title()), wanted)),
+        };
+        let cannot = format!("`{}` cannot be \"{}\"", self.title(), clean(&text));
+        let time = times::parse(&text)
+            .map_err(|expected| self.invalid(format!("{cannot}: it must be a time {expected}"), wanted))?;
+        if !(-2_208_988_800..7_258_118_400).contains(&time.seconds()) {
+            return Err(self.invalid(cannot, wanted));
+        }
+        Ok(time)
     }
 
     /// The path of the file that is named here, relative to the scenario's directory.

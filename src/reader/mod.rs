@@ -9,6 +9,7 @@ pub(crate) mod fields;
 pub(crate) mod files;
 mod form;
 mod key;
+mod netcdf;
 mod section;
 
 pub use error::ScenarioError;
@@ -16,6 +17,7 @@ pub(crate) use error::{FileName, SourceFile};
 pub(crate) use field::{Field, Limits};
 pub(crate) use form::{Form, KindForm};
 pub(crate) use key::{Absent, AnyKey, Choice, Described, Integer, Key, OrTable, OrWord, Table, Value, Whole, YesNo};
+pub(crate) use netcdf::StateFile;
 pub(crate) use section::{Section, parse};
 
 /// Result of reading a part of a scenario.

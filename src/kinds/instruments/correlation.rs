@@ -90,7 +90,10 @@ pub(super) const SATELLITE: Key<Described> =
 pub(super) const FILE: Key<Described> = key("a table of kind \"by_distance\"", || form(OF_FILES));
 
 /// Reads the key, if it is given.
-pub(super) fn read(section: &Section<'_>, instrument: &dyn InstrumentSettings) -> Read<Option<ErrorCorrelation>> {
+pub(super) fn read(
+    section: &Section<'_>,
+    instrument: &(dyn InstrumentSettings + 'static),
+) -> Read<Option<ErrorCorrelation>> {
     let Some(field) = section.optional(NAME) else { return Ok(None) };
     Ok(Some(*read_kind(&field, ALL, instrument)?))
 }
