@@ -83,7 +83,7 @@ fn departures_are_those_of_the_observations() {
     let mut listener: Vec<Box<dyn Sink>> = Vec::new();
     let summary = run(&scenario, &run_options(folder.path(), 1), &mut listener).unwrap();
     let of = |name: &str| {
-        let own = summary.methods[name].diagnostics.as_ref().unwrap().observations["fixed/tracer"];
+        let own = &summary.methods[name].diagnostics.as_ref().unwrap().observations["fixed/tracer"];
         [own.innovation_mean, own.innovation_rms]
     };
     for name in ["kf", "oi", "fkf"] {
