@@ -6,6 +6,7 @@ use isobar_obs::{
     ErrorCorrelation, ErrorCorrelationKind, FurtherColumns, Network, ObservationFile, ObservationWindow,
     RecordedSettings, SatelliteSettings,
 };
+use std::f64::consts::PI;
 
 const LENGTH_M: f64 = 250e3;
 
@@ -57,8 +58,7 @@ fn drawn_errors_have_the_covariance_that_they_claim() {
                         (-(a.scan.unwrap() - b.scan.unwrap()).abs() * 500e3 / LENGTH_M).exp()
                     }
                     ErrorCorrelationKind::ByDistance => {
-                        let chord =
-                            |d: f64, around: f64| around / 3.141592653589793 * (3.141592653589793 * d / around).sin();
+                        let chord = |d: f64, around: f64| around / PI * (PI * d / around).sin();
                         let dy = a.y_m - b.y_m;
                         let dy = if boundary == Boundary::Periodic { chord(dy, 1440e3) } else { dy };
                         (-chord(a.x_m - b.x_m, 2400e3).hypot(dy) / LENGTH_M).exp()
@@ -133,7 +133,7 @@ fn recorded_observations_are_correlated_within_their_reports() {
     let mut system = system(&layout(Boundary::Channel), &[network]);
     let window = system.observe_checked(None, None);
     let r = window.error_regression.covariance(&window.sigma);
-    let chord = |d: f64| 2400e3 / std::f64::consts::PI * (std::f64::consts::PI * d / 2400e3).sin();
+    let chord = |d: f64| 2400e3 / PI * (PI * d / 2400e3).sin();
     let correlation = |d: f64| 4.0 * (-chord(d) / LENGTH_M).exp();
     for (i, j, expected) in [(0, 1, correlation(1e5)), (0, 3, correlation(3e5)), (0, 2, 0.0), (0, 4, 0.0), (2, 2, 4.0)]
     {
