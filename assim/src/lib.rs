@@ -44,6 +44,7 @@ mod fixed_lag;
 pub mod free;
 pub mod high_pass;
 mod innovation_covariance;
+mod leading_eigenvectors;
 mod linalg;
 mod memory;
 pub mod observability;
