@@ -65,8 +65,10 @@ impl Comparison {
 
     /// Whether two runs are known to have different truths, so that a difference of their scores is not that of methods.
     fn differ_in_truth(&self, first: Entry<'_>, second: Entry<'_>) -> bool {
-        let [a, b] = [first, second].map(|entry| &self.runs[entry.run].0.summary);
-        a.seed != b.seed && (a.has_truth() || b.has_truth())
+        let [a, b] = [first, second].map(|entry| &self.runs[entry.run].0);
+        let has_truth = a.summary.has_truth() || b.summary.has_truth();
+        // Of one seed, a changed scenario may have another truth.
+        has_truth && (a.summary.seed != b.summary.seed || a.truth_checksum != b.truth_checksum)
     }
 
     /// The differences of every run from the first, method by method.
@@ -168,9 +170,9 @@ impl Comparison {
         }];
         let explanation = "Differences of root-mean-square analysis errors or departures, with their 95 % intervals from cycle by cycle \
                            differences. Coloured and with a star: significant at the level of 5 %, smaller is better. Of twenty comparisons \
-                           without any real difference one looks significant. Runs of different seeds have different \
-                           truths: a difference between them holds for these two stretches of weather, and not for the \
-                           next seed, and is not marked.";
+                           without any real difference one looks significant. Runs of different seeds, or of scenarios whose \
+                           worlds differ, have different truths: a difference between them holds for these two stretches \
+                           of weather, and not for the next seed, and is not marked.";
         for (title, Differences { table, .. }) in [
             ("Differences from run A", self.between_runs()),
             ("Differences from each run's best method", self.within_runs()),
@@ -188,6 +190,7 @@ impl Comparison {
             subtitle: format!("{} runs side by side", self.runs.len()),
             facts: facts.collect(),
             sections,
+            ..Page::default()
         })
     }
 
@@ -269,7 +272,7 @@ impl Comparison {
         if self.differ_in_truth(other, own) {
             let (own, other) = (shown(own), shown(other));
             return Some(format!(
-                "{own} and {other} have different truths, as their seeds differ: --seeds compares methods"
+                "{own} and {other} have different truths, as their seeds or scenarios differ: --seeds compares methods"
             ));
         }
         let [mut better, mut worse, mut open, mut unknown] = [const { Vec::new() }; 4];

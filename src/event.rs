@@ -4,7 +4,8 @@ use crate::correlations::Correlations;
 use crate::lead_times::LeadTimes;
 use crate::outcome::UnusedDepartures;
 use crate::readings::Readings;
-use crate::scores::{Against, Failure, Line, SCORES, ScoreKind, Summary, Values};
+use crate::scores::{Against, Failure, Line, Outlook, SCORES, ScoreKind, Summary, Values, WarningCase};
+use crate::threshold_warning::PlacedWarning;
 use isobar_assim::{Analysis, Estimate, EstimatedParameter, Structure};
 use isobar_model::{Duration, Layout, State, Time};
 use isobar_obs::{Calibration, ObservationWindow, Projection};
@@ -21,6 +22,8 @@ pub struct RunInfo {
     pub title: String,
     /// The scenario file, to the letter.
     pub scenario_text: String,
+    /// The threads of the run.
+    pub threads: usize,
     /// The seed of all random streams.
     pub seed: u64,
     /// Grid and variables.
@@ -39,6 +42,8 @@ pub struct RunInfo {
     pub score_from_cycle: usize,
     /// The lead times of forecasts ahead, if there are such forecasts.
     pub lead_times: Option<LeadTimes>,
+    /// Of what forecasts ahead warn.
+    pub warnings: Vec<PlacedWarning>,
     /// The calibration parameters.
     pub calibration: Calibration,
     /// The methods, in the order in which they run.
@@ -88,7 +93,7 @@ impl RunInfo {
 
     /// Whether cycles of the run can have a score of this kind.
     pub fn can_have(&self, kind: &ScoreKind) -> bool {
-        kind.against.exists(self.has_truth, self.networks.iter().any(|network| network.is_passive))
+        kind.against.exists(self.has_truth, self.networks.iter().any(|network| network.has_passive))
     }
 
     /// The kinds of scores that are drawn over time, of variables or of methods as a whole: departures of observations only
@@ -112,8 +117,8 @@ pub struct NetworkInfo {
     pub name: Arc<str>,
     /// Whether its observations were made elsewhere.
     pub is_recorded: bool,
-    /// Whether methods do not see its observations.
-    pub is_passive: bool,
+    /// Whether methods do not see all of its observations.
+    pub has_passive: bool,
 }
 
 /// A method of the run.
@@ -174,6 +179,15 @@ pub enum Event<'a> {
     Estimated(Estimated<'a>),
     /// A method has revised the estimate of an earlier cycle, for the last time.
     Smoothed(Smoothed<'a>),
+    /// A method has made its forecasts ahead of an analysis, and they say how probable the events are of which they warn.
+    Outlook {
+        /// Number of the method in [`RunInfo::methods`].
+        method: usize,
+        /// Valid time of the analysis.
+        time: Time,
+        /// The probabilities.
+        outlook: Cow<'a, Outlook>,
+    },
     /// The valid time of a method's forecast ahead has come.
     Forecast(Forecast<'a>),
     /// A method has failed in a cycle, and has no results in it and after it.
@@ -213,8 +227,17 @@ impl Event<'_> {
             Event::Analysed(analysed) => is_method(analysed.method) && analysed.fits(info),
             Event::Estimated(estimated) => is_method(estimated.method),
             Event::Smoothed(smoothed) => is_method(smoothed.method) && fits(&smoothed.estimate, info),
+            Event::Outlook { method, outlook, .. } => {
+                let is_probability = |it: &f64| (0.0..=1.0).contains(it);
+                is_method(*method)
+                    && outlook
+                        .leads
+                        .iter()
+                        .all(|(_, all)| all.len() == info.warnings.len() && all.iter().all(is_probability))
+            }
             Event::Forecast(forecast) => {
                 is_method(forecast.method)
+                    && forecast.warnings.len() == info.warnings.len()
                     && (1..=forecast.cycle).contains(&forecast.from_cycle)
                     && fits(&forecast.estimate, info)
             }
@@ -267,6 +290,8 @@ pub struct Forecast<'a> {
     pub estimate: Cow<'a, Estimate>,
     /// Its scores, by the names of those of forecasts and of the variables.
     pub scores: Cow<'a, Values>,
+    /// Its warnings, in the order of [`RunInfo::warnings`].
+    pub warnings: Cow<'a, [WarningCase]>,
 }
 
 /// A method's results in one cycle.

@@ -58,6 +58,29 @@ pub struct ExactSummary {
 /// With its place in the file, whatever makes the world nonlinear, or a method's gains depend on the data; a state that is
 /// too large; and what keeps the scenario from being run.
 pub fn exact(scenario: &Scenario, options: &ExactOptions) -> Result<ExactSummary, ScenarioError> {
+    exact_heard(scenario, options, &|_| {})
+}
+
+/// How far a computation is: a method has done a cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CycleDone<'a> {
+    /// The method.
+    pub method: &'a str,
+    /// The cycle.
+    pub cycle: usize,
+    /// Cycles of all methods together.
+    pub all: usize,
+}
+
+/// The same; `heard` is told of every cycle of every method, which come in no order.
+///
+/// # Errors
+/// As [`exact`].
+pub fn exact_heard(
+    scenario: &Scenario,
+    options: &ExactOptions,
+    heard: &(dyn Fn(CycleDone<'_>) + Sync),
+) -> Result<ExactSummary, ScenarioError> {
     let truth = check_linear(scenario)?;
     let (names, left_out) = chosen(scenario, options)?;
     let (background_error_scale, model_error_scale) = (truth.background_error_scale, truth.model_error_scale);
@@ -95,7 +118,9 @@ pub fn exact(scenario: &Scenario, options: &ExactOptions) -> Result<ExactSummary
     };
     let of_one = |name: &String| {
         let mut method = experiment::method(&problem, name, scenario, scenario.start).map_err(locate)?;
-        let scores = world.scores(&mut *method, &scenario.methods[name], &layout);
+        let all = names.len() * cycles;
+        let heard = |cycle: usize| heard(CycleDone { method: name, cycle, all });
+        let scores = world.scores(&mut *method, &scenario.methods[name], &layout, &heard);
         Ok((name.clone(), scores.map_err(|error| of_method(name, error))?))
     };
     let methods = names.par_iter().map(of_one).collect::<Result<Vec<_>, ScenarioError>>()?;
@@ -121,6 +146,7 @@ impl World {
         method: &mut dyn isobar_assim::Assimilator,
         settings: &Method,
         layout: &Layout,
+        heard: &dyn Fn(usize),
     ) -> Result<Values, Error> {
         let elapsed = |cycle: usize| self.window * cycle;
         let mean = |own: &BiasProcess, cycle: usize| own.mean(elapsed(cycle), self.start + elapsed(cycle));
@@ -147,8 +173,8 @@ impl World {
             let gain = Responder::new(method, &from, observed).gain()?;
             let estimate = method.analyse(&from, observed)?.estimate;
             let jacobian = observed.operator.linearize(&from.estimate.state, &from.estimate.calibration);
-            let variance: Vec<f64> = observed.sigma.iter().map(|sigma| sigma * sigma).collect();
-            errors.analyse(&gain, &jacobian, &variance, settings.bias != BiasTreatment::Known);
+            let error_covariance = observed.error_regression.covariance(&observed.sigma);
+            errors.analyse(&gain, &jacobian, &error_covariance, settings.bias != BiasTreatment::Known);
             if scored {
                 add(&mut analysis, errors.mean_squares().into_iter());
                 let squares = |values: &Option<Vec<f64>>, count: usize| -> Vec<f64> {
@@ -159,6 +185,7 @@ impl World {
                 claims_state &= estimate.state_spread.is_some();
                 claims_biases &= estimate.calibration_spread.is_some();
             }
+            heard(cycle);
         }
         let scored = (self.windows.len() + 1 - self.scored_from) as f64;
         let root = |values: &[f64]| (values.iter().sum::<f64>() / (values.len() as f64 * scored)).sqrt();
@@ -238,6 +265,13 @@ fn check_linear(scenario: &Scenario) -> Result<&TruthSettings, ScenarioError> {
         if network.faults != Faults::NONE {
             let message = format!("exact performance needs normal errors, and network {name} has faults");
             return Err(scenario.fault(&["networks", name, "faults"], message, "these"));
+        }
+        if network.error_correlation.is_some_and(|it| it.length_m != it.assumed_length_m) {
+            let message = format!(
+                "exact performance needs methods that assume the error correlation of network {name} as it is; a method may \
+                 ignore it"
+            );
+            return Err(scenario.fault(&["networks", name, "error_correlation"], message, "another assumed length"));
         }
         if network.instrument.has_air_mass_bias() {
             let message = format!(

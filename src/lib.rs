@@ -11,6 +11,7 @@
 //! | [`kinds`] | what a scenario chooses by name: methods, models, initial states, covariances |
 //! | [`mod@reference`] | the reference of all keys of a scenario |
 //! | [`lead_times`] | when forecasts ahead start, and how far they go |
+//! | [`threshold_warning`] | values beyond a threshold, and how probable a forecast makes them |
 //! | [`options`] | what the user changes in a run |
 //! | [`run`] | builds an experiment and runs it: the true world, its observations, each method, the scores; checkpoints |
 //! | [`outcome`] | the result of one cycle of one method |
@@ -23,10 +24,12 @@
 //! | [`sensors`] | what is known of each sensor, from run to run |
 //! | [`mod@exact`] | the exact performance of linear methods in a linear world |
 //! | [`batch`] | the same experiment over several seeds, and over several settings |
+//! | [`advice`] | what to observe next |
 //! | [`comparison`] | complete runs compared |
 //! | [`cli`], [`progress`] | the command line |
 //! | [`calendar`], [`memory`] | times as text, and how much memory work takes |
 
+pub mod advice;
 pub mod batch;
 pub mod calendar;
 pub mod cli;
@@ -56,6 +59,7 @@ mod shell;
 pub mod shipped;
 pub mod tables;
 mod text;
+pub mod threshold_warning;
 
 /// The version, as files say it.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");

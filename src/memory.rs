@@ -6,6 +6,7 @@
 //! ```
 
 use peak_alloc::PeakAlloc;
+use sysinfo::System;
 
 /// Memory beyond what was in use before.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -33,4 +34,46 @@ pub fn measured<T>(work: impl FnOnce() -> T) -> (T, Memory) {
         left_bytes: PeakAlloc.current_usage() as i64 - before,
     };
     (result, memory)
+}
+
+/// Memory that can be had without swapping, also within the limits of a container; `None` where the system does not report it
+/// \[bytes\].
+pub fn available_bytes() -> Option<u64> {
+    let system = system()?;
+    let of_container = system.cgroup_limits().map(|limits| limits.free_memory);
+    Some(of_container.map_or(system.available_memory(), |free| free.min(system.available_memory())))
+}
+
+/// All memory of the machine, or of the container; `None` where the system does not report it \[bytes\].
+pub fn total_bytes() -> Option<u64> {
+    let system = system()?;
+    let of_container = system.cgroup_limits().map(|limits| limits.total_memory);
+    Some(of_container.map_or(system.total_memory(), |all| all.min(system.total_memory())))
+}
+
+fn system() -> Option<System> {
+    let mut system = System::new().ok()?;
+    system.refresh_memory();
+    Some(system)
+}
+
+/// A number of bytes with three digits and a unit: `22.5 TB`.
+pub fn in_words(bytes: f64) -> String {
+    let units = [(1e15, "PB"), (1e12, "TB"), (1e9, "GB"), (1e6, "MB")];
+    let (size, unit) = units.into_iter().find(|(size, _)| bytes >= *size).unwrap_or((1e3, "kB"));
+    let value = bytes / size;
+    let decimals = if value < 9.995 { 2 } else { usize::from(value < 99.95) };
+    format!("{value:.decimals$} {unit}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_have_three_digits_and_a_unit() {
+        for (bytes, words) in [(22.5e12, "22.5 TB"), (1.234e9, "1.23 GB"), (123.4e6, "123 MB"), (8e2, "0.80 kB")] {
+            assert_eq!(in_words(bytes), words);
+        }
+    }
 }

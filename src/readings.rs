@@ -93,6 +93,7 @@ mod tests {
             times: vec![time],
             values: vec![7.0],
             sigma: vec![1.0],
+            error_regression: Default::default(),
             aside,
             operator: operator(&[&[(0, 0.5), (1, 2.0)]]),
         };

@@ -19,6 +19,7 @@ static FILES: &[(&str, &[u8])] = files![
     "advection_exact.toml",
     "air_mass_bias.toml",
     "continental_us.toml",
+    "correlated_errors.toml",
     "dense_footprints.toml",
     "diurnal_bias.toml",
     "fields/pdaf_2d_members.csv",
@@ -85,13 +86,33 @@ pub fn scenarios() -> impl Iterator<Item = PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::kinds;
+    use crate::reader::{self, Section, SourceFile};
     use crate::scenario::Scenario;
+    use crate::scenario::keys;
     use std::fs;
 
     /// The files of a directory, with those below it.
     fn files(directory: &Path) -> Vec<PathBuf> {
         let entries = fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().path());
         entries.flat_map(|path| if path.is_dir() { files(&path) } else { vec![path] }).collect()
+    }
+
+    /// What the reader accepts has the form that the keys say: what is said of a broken file beside its reader's faults is no
+    /// false alarm.
+    #[test]
+    fn no_valid_scenario_has_a_fault_of_form() {
+        let template = (PathBuf::from("mine.toml"), include_str!("cli/template.toml").to_string());
+        let all = scenarios().map(|path| {
+            let text = String::from_utf8(bytes(&path).unwrap().to_vec()).unwrap();
+            (path, text)
+        });
+        for (path, text) in all.chain([template]) {
+            let file = SourceFile::new(&path, &text);
+            let tree = reader::parse(&file, &text).unwrap();
+            let faults = reader::of_keys(&Section::root(&file, &tree), keys::ALL, &kinds::list);
+            assert!(faults.is_empty(), "{}: {faults:?}", path.display());
+        }
     }
 
     #[test]

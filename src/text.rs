@@ -1,7 +1,7 @@
 //! Text from files on its way to a terminal or a page.
 
 use std::path::Path;
-use strsim::jaro_winkler;
+use strsim::{damerau_levenshtein, jaro_winkler};
 
 /// Whether a terminal or a browser would obey or hide the character instead of showing it, or no text may hold it, as
 /// U+FFFE.
@@ -79,16 +79,43 @@ pub(crate) fn same_length(text: &str) -> String {
     printable
 }
 
-/// The candidate most like `word`, if one is like it at all; else the shortest that has it as a part.
+/// The candidate that has all parts of `word` in their order, `rmse_analysis.h` for `rmse.h`; else the one most like it, if one
+/// is like it at all; else the shortest with a part that begins with it, or has it as a part.
 pub(crate) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let word: String = word.chars().take(100).collect::<String>().to_lowercase();
     let candidates: Vec<(String, &str)> = candidates.into_iter().map(|it| (it.to_lowercase(), it)).collect();
-    let like = candidates.iter().map(|(lower, candidate)| (jaro_winkler(&word, lower), *candidate));
-    let nearest = like.filter(|&(likeness, _)| likeness >= 0.8).max_by(|a, b| a.0.total_cmp(&b.0));
+    let shortest = |fits: &dyn Fn(&str) -> bool| {
+        let fitting = candidates.iter().filter(|(lower, _)| fits(lower));
+        fitting.min_by_key(|(lower, _)| lower.len()).map(|(_, candidate)| *candidate)
+    };
+    let like = candidates.iter().map(|(lower, candidate)| (likeness(&word, lower), *candidate));
+    let nearest = || like.filter(|&(likeness, _)| likeness >= 0.8).max_by(|a, b| a.0.total_cmp(&b.0)).map(|it| it.1);
     // A part of fewer letters would be one of too many words.
-    let with_part = candidates.iter().filter(|(lower, _)| word.len() >= 4 && lower.contains(&word));
-    let shortest = || with_part.min_by_key(|(lower, _)| lower.len());
-    nearest.map(|(_, candidate)| candidate).or_else(|| shortest().map(|(_, candidate)| *candidate))
+    shortest(&|lower| has_all_parts(&word, lower))
+        .or_else(nearest)
+        .or_else(|| shortest(&|lower| word.len() >= 3 && parts(lower).any(|part| part.starts_with(&word))))
+        .or_else(|| shortest(&|lower| word.len() >= 4 && lower.contains(&word)))
+}
+
+/// How alike two words are, from 0 to 1: two letters in the wrong order are one slip.
+fn likeness(word: &str, other: &str) -> f64 {
+    let is_slip = word.len() >= 3 && damerau_levenshtein(word, other) == 1;
+    jaro_winkler(word, other).max(if is_slip { 0.9 } else { 0.0 })
+}
+
+fn parts(word: &str) -> impl Iterator<Item = &str> {
+    word.split(['_', '.', '-']).filter(|part| !part.is_empty())
+}
+
+/// Whether a word of several parts is another one with some of its parts left out.
+fn has_all_parts(word: &str, other: &str) -> bool {
+    let mut of_other = parts(other);
+    parts(word).count() > 1 && parts(word).all(|part| of_other.any(|other| other == part))
+}
+
+/// A number of things: `1 cycle`, `2 cycles`.
+pub(crate) fn counted(number: usize, noun: &str) -> String {
+    format!("{number} {noun}{}", if number == 1 { "" } else { "s" })
 }
 
 /// A phrase at the beginning of a sentence.
@@ -126,5 +153,12 @@ mod tests {
         assert_eq!(nearest("temperature", keys), None);
         assert_eq!(nearest("radius_km", ["members", "localization_radius_km"]), Some("localization_radius_km"));
         assert_eq!(nearest("_km", ["members", "localization_radius_km"]), None);
+        let scores = ["rmse_background.h", "rmse_analysis.h", "rmse_analysis.u", "bias_rmse"];
+        assert_eq!(nearest("rmse.h", scores), Some("rmse_analysis.h"));
+        assert_eq!(nearest("rmse.u", scores), Some("rmse_analysis.u"));
+        let grid = ["nx", "boundary", "center_latitude_deg", "center_longitude_deg"];
+        assert_eq!([nearest("lat", grid), nearest("lon", grid)], [Some(grid[2]), Some(grid[3])]);
+        assert_eq!(nearest("rnu", ["run", "resume", "regress"]), Some("run"));
+        assert_eq!([counted(1, "block"), counted(0, "block")], ["1 block", "0 blocks"]);
     }
 }

@@ -69,8 +69,16 @@ fn it_says_what_it_chose() {
     assert!(numbers.is_sorted_by(|a, b| a > b) && (25..=60).contains(&numbers[1]), "{numbers:?}");
     let large = description(40, BALANCED, "");
     assert!(large.contains("8 factors on each tile of 1400 km") && large.contains("in place of"), "{large}");
+    for (keys, words) in [
+        (", factor_precision = \"single\"", "cut off beyond 4 tiles in single precision, in place of"),
+        (", factor_grid = 2", "cut off beyond 4 tiles on a grid 2 times as wide, in place of"),
+        (", smoother_lag_cycles = 3", "8 factors on each tile of 1400 km"),
+    ] {
+        let local = description(40, BALANCED, keys);
+        assert!(local.contains(words), "{keys}: {local}");
+    }
     // What belongs to factors of the whole domain keeps them.
-    let whole = description(40, BALANCED, ", factor_precision = \"single\"");
+    let whole = description(40, BALANCED, ", separator_factors = 50");
     assert!(whole.contains("common factors (B and Q ask for "), "{whole}");
 }
 

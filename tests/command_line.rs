@@ -81,3 +81,16 @@ fn the_help_has_examples() {
         assert!(output.status.success() && text(&output.stdout).contains("isobar run quickstart"));
     }
 }
+
+#[test]
+fn a_misspelt_command_gets_a_suggestion() {
+    let here = tempfile::tempdir().unwrap();
+    for (word, meant) in [("rnu", "run"), ("chekc", "check"), ("diagnos", "diagnose")] {
+        let output = isobar(here.path(), &[word]);
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains(&format!("`isobar {meant}`")) || said.contains(&format!("'{meant}'")), "{word}: {said}");
+    }
+    let nothing = text(&isobar(here.path(), &["zzzzqq"]).stderr);
+    assert!(!nothing.contains("did you mean"), "{nothing}");
+}

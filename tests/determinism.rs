@@ -106,10 +106,11 @@ fn nor_in_other_methods() {
         adaptive_kf = { kind = "kf", smoother_lag_cycles = 2, adapt = { observation_error = true, model_error = true, memory_cycles = 5 } }
         adaptive_fkf = { kind = "fkf", factors = 20, adapt = { observation_error = true, model_error = true } }
         single_fkf = { kind = "fkf", factors = 20, factor_precision = "single", adapt = { model_error = true } }
+        local_fkf = { kind = "fkf", local_factors = { per_tile = 4, tile_km = 200, support_km = 400, mixed = 1 }, factor_precision = "single", smoother_lag_cycles = 2 }
         adaptive_var = { kind = "3dvar", adapt = { background_error = true } }
         etkf = { kind = "etkf", members = 12, inflation = "adaptive", smoother_lag_cycles = 3 }
-        letkf = { kind = "letkf", members = 6, localization_radius_km = 400, inflation = "adaptive" }
-        enkf = { kind = "enkf", members = 6, localization_radius_km = 400, relaxation_to_prior_spread = 0.5 }
+        letkf = { kind = "letkf", members = 6, localization_radius_km = 400, inflation = "adaptive", smoother_lag_cycles = 3 }
+        enkf = { kind = "enkf", members = 6, localization_radius_km = 400, relaxation_to_prior_spread = 0.5, smoother_lag_cycles = 2 }
     "#;
     let model_error = "[model_error]\ncomponents = [{ kind = \"white\", variable = \"h\", sigma = 1 }]\n";
     let valid = include_str!("common/valid.toml").split("[methods.free]").next().unwrap().to_string();

@@ -184,7 +184,12 @@ fn a_run_is_diagnosed_and_what_is_none_is_refused() {
     fs::write(here.join("tracer.toml"), scenario("[3, 3]", OTHERS)).unwrap();
     let output = isobar(here, &["run", "tracer.toml", "--quiet", "--no-rerun", "--no-netcdf"]);
     assert!(output.status.success(), "{}", text(&output.stderr));
-    let output = isobar(here, &["diagnose", "out/tracer"]);
+    let short = text(&isobar(here, &["diagnose", "out/tracer"]).stdout);
+    let worst = short.split("Biases with the largest errors").nth(1).unwrap_or_else(|| panic!("{short}"));
+    let beyond: Vec<f64> = worst.lines().filter_map(|line| line.split_whitespace().last()?.parse().ok()).collect();
+    assert!((1..=5).contains(&beyond.len()) && beyond.is_sorted_by(|a, b| a >= b), "the worst are first: {short}");
+    assert!(short.lines().count() < 40 && short.contains("`isobar diagnose --all out/tracer`"), "{short}");
+    let output = isobar(here, &["diagnose", "--all", "out/tracer"]);
     let said = text(&output.stdout);
     let titles = [
         "Claimed distributions",

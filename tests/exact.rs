@@ -198,3 +198,31 @@ fn the_program_prints_it_and_names_what_it_cannot_compute() {
     assert!(complaint(&["tracer.toml", "--methods", "kv"]).contains("no method `kv`"));
     assert!(complaint(&["tracer.toml", "--cycles", "2"]).contains("counts scores from cycle 3"));
 }
+
+#[test]
+fn exact_scores_are_written_for_programs_and_other_files_are_not_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    fs::write(here.join("tracer.toml"), tracer()).unwrap();
+    let arguments = ["exact", "tracer.toml", "--methods", "kf,free", "--cycles", "4", "--quiet", "--out", "e.json"];
+    let output = isobar(here, &arguments);
+    assert!(output.status.success() && output.stderr.is_empty(), "{}", text(&output.stderr));
+    let document: serde_json::Value = serde_json::from_slice(&fs::read(here.join("e.json")).unwrap()).unwrap();
+    let methods = Some(vec!["kf".to_string(), "free".into()]);
+    let expected = exact(&parse(&tracer()), &ExactOptions { methods, cycles: Some(4) }).unwrap();
+    let rows = document["scores"].as_array().unwrap();
+    assert_eq!(rows.len(), expected.methods.values().map(|values| values.len()).sum::<usize>());
+    for row in rows {
+        let variable = row["variable"].as_str().map_or(String::new(), |name| format!(".{name}"));
+        let key = format!("{}{variable}", row["score"].as_str().unwrap());
+        let value = expected.methods[row["method"].as_str().unwrap()][&key];
+        assert!((row["value"].as_f64().unwrap() / value - 1.0).abs() < 1e-12, "{row}");
+    }
+    let again = isobar(here, &arguments);
+    assert!(text(&again.stderr).contains("e.json exists") && again.status.code() == Some(1));
+    assert!(isobar(here, &[&arguments[..], &["--overwrite"]].concat()).status.success());
+    fs::write(here.join("e.json"), "{\"thesis\": 1}").unwrap();
+    let refused = isobar(here, &[&arguments[..], &["--overwrite"]].concat());
+    assert!(text(&refused.stderr).contains("is no such file") && refused.status.code() == Some(1));
+    assert_eq!(fs::read_to_string(here.join("e.json")).unwrap(), "{\"thesis\": 1}");
+}

@@ -157,7 +157,7 @@ fn a_scenario_with_a_given_model_has_no_tables_of_it() {
     };
     let start = "title = 't'\nphenomenon = 'p'\nsource = 's'\nseed = 1\nstart = 2026-01-01T00:00:00Z\n";
     let rest = "background_error = { components = [{ kind = 'white', variable = 'x', sigma = 1 }] }\n\
-                cycle = { count = 1, window_hours = 6 }\n";
+                cycle = { count = 1, window_hours = 6 }\nmethods = { free = { kind = 'free' } }\n";
     for (tables, reason) in [
         ("model = { kind = \"advection\" }\n", "[model] is given by code"),
         ("initial = { kind = \"rest\" }\n", "[initial] is given by code"),

@@ -130,6 +130,7 @@ fn a_panic_within_a_method_is_a_failure_of_the_method() {
         times: Vec::new(),
         values: Vec::new(),
         sigma: Vec::new(),
+        error_regression: Default::default(),
         aside: Default::default(),
         operator: std::sync::Arc::new(LinearOperator { jacobian }),
     };

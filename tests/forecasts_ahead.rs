@@ -21,6 +21,8 @@ use std::fs;
 const FORECAST: &str = "[forecast]\nlead_hours = 36\nevery_hours = 12\n";
 const EVERY_CYCLE: &str = "[forecast]\nlead_hours = 18\n";
 
+const WARNING: &str = "[[warnings]]\nname = \"much\"\nvariable = \"tracer\"\nabove = 1\nprobability = 0.5\n";
+
 const METHODS: &str = r#"
 [methods.kf]
 kind = "kf"
@@ -173,7 +175,7 @@ fn nothing_else_depends_on_them() {
 /// A run that ends in a cycle and goes on writes the same files, those of forecasts that were under way included.
 #[test]
 fn an_interruption_changes_no_bit() {
-    let scenario = parse(&[TRACER, FORECAST, METHODS]);
+    let scenario = parse(&[TRACER, FORECAST, WARNING, METHODS]);
     let files = |end: Option<usize>| -> BTreeMap<String, Vec<u8>> {
         let folder = tempfile::tempdir().unwrap();
         let options = RunOptions {
@@ -189,12 +191,12 @@ fn an_interruption_changes_no_bit() {
         let options = RunOptions { resume: end.is_some(), ..options };
         run(&scenario, &options, &mut Listener::default()).unwrap();
         let out = folder.path().join("run");
-        let of_forecasts = |name: &str| name.ends_with(".nc") || name == "forecasts.csv";
+        let of_forecasts = |name: &str| name.ends_with(".nc") || name == "forecasts.csv" || name.starts_with("warning");
         let names = fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
         names.filter(|name| of_forecasts(name)).map(|name| (name.clone(), fs::read(out.join(name)).unwrap())).collect()
     };
     let whole = files(None);
-    assert_eq!(whole.len(), 2 * scenario.methods.len() + 3);
+    assert_eq!(whole.len(), 2 * scenario.methods.len() + 5);
     for end in [6, 11] {
         assert!(whole == files(Some(end)), "{end}");
     }

@@ -89,6 +89,21 @@ fn seeds_comparisons_and_diagnostics_are_printed_for_programs() {
     let starred = said.lines().filter(|line| line.starts_with("B fkf − A fkf") && line.contains('*'));
     assert!(said.contains("have different truths") && starred.count() == 0, "{said}");
 
+    // The same seed in another world, too.
+    fs::write(here.join("other.toml"), VALID.replace("drag_per_s = 1e-6", "drag_per_s = 2e-4")).unwrap();
+    json(here, &[&["run", "other.toml", "--out", "d"], &QUIET[..]].concat());
+    let other = json(here, &["compare", "a/small", "d/other", "--json", "-f"]);
+    let differences = other["differences"].as_array().unwrap();
+    let between: Vec<&Value> = differences.iter().filter(|row| row["of"]["run"] != row["from"]["run"]).collect();
+    assert!(between.len() > 3 && between.iter().all(|row| row["significant"].is_null()), "{between:?}");
+    // What methods see of the same truth makes no other truth.
+    fs::write(here.join("same.toml"), VALID.replace("sigma_height_m = 12", "sigma_height_m = 13")).unwrap();
+    json(here, &[&["run", "same.toml", "--out", "e"], &QUIET[..]].concat());
+    let same = json(here, &["compare", "a/small", "e/same", "--json", "-f"]);
+    let differences = same["differences"].as_array().unwrap();
+    let mut between = differences.iter().filter(|row| row["of"]["run"] != row["from"]["run"]);
+    assert!(between.any(|row| row["significant"].is_boolean()), "{differences:?}");
+
     let diagnosed = json(here, &["diagnose", "a/small", "--json"]);
     let run = &diagnosed["runs"][0];
     assert_eq!((&run["units"]["h"], &run["units"]["u"]), (&"m".into(), &"m s-1".into()));

@@ -6,7 +6,7 @@
 # Needs, on Debian:
 #   apt-get install chromium fonts-dejavu-core mesa-vulkan-drivers libvulkan1 libgl1-mesa-dri libegl1 libgl1 \
 #       libxkbcommon-x11-0 libxcursor1 libxi6 libxrandr2
-#   python3 -m venv venv && venv/bin/pip install rerun-sdk==0.36.3 pillow xarray scipy
+#   python3 -m venv venv && venv/bin/pip install rerun-sdk==0.36.3 pillow xarray scipy pandas
 # and PYTHON=venv/bin/python in the environment. ISOBAR is the program, if it is not the release build.
 set -eu
 cd "$(dirname "$0")/.."
@@ -19,4 +19,5 @@ mkdir -p "$out"
 "$python" tests/look/pages.py "$out/runs/quickstart/report.html" "$out/comparison.html" "$out"
 "$python" tests/look/recording.py "$out/runs/quickstart/recording.rrd" "$out"
 "$python" tests/look/netcdf.py "$out/runs/quickstart"
+"$python" src/examples/read_run.py "$out/runs/quickstart"
 echo "all well; now look at the pictures in $out"

@@ -1,5 +1,6 @@
 //! The tests of the program, in one binary.
 
+mod advise;
 mod agreement;
 mod ahead;
 mod air_mass;
@@ -12,10 +13,12 @@ mod checkpoints;
 mod circles;
 mod command_line;
 mod common;
+mod correlated_errors;
 mod determinism;
 mod diagnostics;
 mod documents;
 mod earlier_runs;
+mod estimates;
 mod exact;
 mod examples;
 mod explain;
@@ -32,6 +35,7 @@ mod json_schema;
 mod keys;
 mod last_bit;
 mod live;
+mod netcdf_states;
 mod observations;
 mod outputs;
 mod packages;
@@ -57,5 +61,6 @@ mod sweep;
 mod synthetic_run;
 mod terminals;
 mod time_schemes;
+mod warnings;
 mod windows;
 mod without_truth;

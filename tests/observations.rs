@@ -170,7 +170,7 @@ kind = "free"
     assert!((found("analysis_departure_oi") + 279.0).abs() > 1.0);
     // What is used has its prediction as well.
     assert!(numbers("quality_z").iter().filter(|z| z.abs() < 4.0).count() == 13);
-    let diagnosed = text(&isobar(parent.path(), &["diagnose", "out/s"]).stdout);
+    let diagnosed = text(&isobar(parent.path(), &["diagnose", "--all", "out/s"]).stdout);
     let row = diagnosed.lines().find(|line| line.contains("stations S07")).unwrap_or_else(|| panic!("{diagnosed}"));
     assert!(["gross_error", "5221", "5486.9", "-11.1"].iter().all(|part| row.contains(part)), "{row}");
     let report = fs::read_to_string(run.join("report.html")).unwrap();

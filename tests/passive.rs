@@ -248,7 +248,7 @@ fn departures_of_passive_observations_are_those_from_the_analysis_of_the_others(
         assert!((passive["analysis_rms"].as_f64().unwrap() - ((2.6 * 2.6 + 36.0) / 2.0_f64).sqrt()).abs() < 1e-9);
         assert!((passive["background_mean"].as_f64().unwrap() + 0.5).abs() < 1e-9);
     }
-    let diagnosed = text(&isobar(folder.path(), &["diagnose", "out/s"]).stdout);
+    let diagnosed = text(&isobar(folder.path(), &["diagnose", "--all", "out/s"]).stdout);
     let row = diagnosed.lines().find(|line| line.starts_with("oi seen/tracer")).unwrap();
     assert!(row.contains("passive") && row.contains("2") && row.contains("4.6"), "{diagnosed}");
 }
@@ -271,4 +271,24 @@ fn unknown_biases_of_a_passive_network_are_refused_with_their_line() {
     let said = text(&output.stderr).replace('│', " ").split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(!output.status.success() && said.contains("assimilate = false"), "{said}");
     assert!(said.contains("unknown biases, which only an assimilated network can determine"), "{said}");
+}
+
+/// `check` says which stations are withheld, and a run scores them; n of χ²/n is the number of the others.
+#[test]
+fn withheld_stations_are_named_and_verify_estimates() {
+    let observed = "observe = { tracer = 0.1 }\n";
+    let scenario = WORLD.replace(observed, &format!("{observed}withhold = 0.25\n"));
+    let kf = "[methods.kf]\nkind = \"kf\"\n[methods.free]\nkind = \"free\"\n";
+    let folder = folder(&format!("{scenario}{kf}"));
+    let output = isobar(folder.path(), &["check", "s.toml"]);
+    let said = format!("{}{}", text(&output.stdout), text(&output.stderr));
+    let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(output.status.success() && said.contains("3 of 12 stations are withheld from all methods: "), "{said}");
+    let found = summary(&format!("{scenario}{kf}"));
+    let all = summary(&format!("{WORLD}{kf}"));
+    let by_type = |summary: &Summary| summary.observations.by_type["fixed/tracer"].used;
+    assert_eq!(by_type(&found), found.observations.used);
+    assert!(by_type(&found) < by_type(&all) && found.observations.passive > 12, "{:?}", found.observations);
+    let passive = |method: &str| found.methods[method].values["passive_departure_analysis.tracer"];
+    assert!(passive("kf") < 0.9 * passive("free"), "{} {}", passive("kf"), passive("free"));
 }

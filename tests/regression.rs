@@ -68,7 +68,8 @@ fn the_kalman_filter_is_the_best_of_those_who_know_as_much() {
         }
         let expected = &scenario.expected.methods;
         let rmse = |name: &str| expected[name][&format!("rmse_analysis.{}", scenario.model.variables()[0].0)];
-        let kalman = |method: &Method| method.kind == "kf" && method.estimates_biases();
+        let kalman =
+            |method: &Method| method.kind == "kf" && method.estimates_biases() && method.uses_error_correlation;
         let [best] = methods(&scenario, kalman)[..] else { panic!("{} has not one kf", scenario.name) };
         for other in methods(&scenario, |method| method.bias != BiasTreatment::Known) {
             assert!(rmse(other) > 0.999 * rmse(best), "{}: {other} beats {best}", scenario.name);

@@ -1,11 +1,14 @@
 //! The page that a run leaves behind: complete, self-contained, and safe whatever the scenario says.
 
+use crate::common::{SCRIPT, without_script};
 use crate::synthetic_run::SyntheticRun;
+use base64::Engine;
 use isobar::event::{Estimated, Event, RunInfo, Smoothed};
 use isobar::output::recorded::SavedRun;
 use isobar::output::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
 use isobar::scores::kind;
 use isobar_assim::EstimatedParameter;
+use sha2::{Digest, Sha256};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs;
@@ -57,10 +60,26 @@ fn attributes<'a>(text: &'a str, name: &str) -> Vec<&'a str> {
     text.split(&format!(" {name}=\"")).skip(1).map(|rest| rest.split('"').next().unwrap()).collect()
 }
 
+/// A browser runs the script whose hash the page's policy has, and no other.
+#[test]
+fn the_policy_of_the_page_allows_its_own_script_alone() {
+    let text = page(&SyntheticRun::new(8, 6, 2, 2));
+    assert_eq!(text.matches(&format!("<script>{SCRIPT}</script>")).count(), 1);
+    let policy = between(&text, "Content-Security-Policy\" content=\"", "\"");
+    let hash = base64::engine::general_purpose::STANDARD.encode(Sha256::digest(SCRIPT));
+    assert!(policy.contains(&format!("script-src 'sha256-{hash}';")), "put sha256-{hash} into layout.rs: {policy}");
+    for loose in ["unsafe-eval", "script-src 'unsafe", "default-src 'self'", "connect-src"] {
+        assert!(!policy.contains(loose), "{policy}");
+    }
+    for reaching_out in ["fetch(", "XMLHttpRequest", "import(", "eval(", "innerHTML", "localStorage", "WebSocket"] {
+        assert!(!SCRIPT.contains(reaching_out), "{reaching_out}");
+    }
+}
+
 #[test]
 fn the_page_loads_nothing() {
     let text = page(&SyntheticRun::new(8, 6, 5, 5));
-    let without_namespace = text.replace("http://www.w3.org/2000/svg", "");
+    let without_namespace = without_script(&text).replace("http://www.w3.org/2000/svg", "");
     for forbidden in ["http:", "https:", "<script", "<iframe", "<object", "@import", "srcset", "javascript:"] {
         assert!(!without_namespace.contains(forbidden), "{forbidden}");
     }
@@ -128,25 +147,29 @@ fn figures_are_on_the_page_and_in_files() {
         }
         let count = |part: &str| all.keys().filter(|name| name.contains(part)).count();
         assert_eq!(count("bias_"), run.info.calibration.len());
+        for name in ["biases.svg", "scores_h.svg"] {
+            assert!(all.contains_key(name), "{name} is missing");
+        }
         assert_eq!((count("spread_error_"), count("normalised_error_")), (3, 3));
         // In the middle and at the end.
-        assert_eq!((count("_truth.png"), count("_error.png"), count("_background.png")), (2, 10, 10));
-        assert_eq!(count("_spread.png"), 2 * 4, "one method has no spread");
-        assert_eq!((count("_correlation.png"), count("_correlation_")), (1, 2));
+        assert_eq!((count("_truth.svg"), count("_error.svg"), count("_background.svg")), (2, 10, 10));
+        assert_eq!(count("_spread.svg"), 2 * 4, "one method has no spread");
+        assert_eq!((count("_correlation.svg"), count("_correlation_")), (1, 2));
         // The other variables at the end.
         for variable in ["u", "v"] {
-            assert_eq!(count(&format!("_error_{variable}.png")), 5, "{variable}");
-            assert_eq!(count(&format!("_spread_{variable}.png")), 4, "{variable}");
+            assert_eq!(count(&format!("_error_{variable}.svg")), 5, "{variable}");
+            assert_eq!(count(&format!("_spread_{variable}.svg")), 4, "{variable}");
         }
-        assert_eq!((count("_blocks.png"), count("01_fast_kalman_factor_")), (1, 2));
+        assert_eq!((count("_blocks.svg"), count("01_fast_kalman_factor_")), (1, 2));
         for (name, bytes) in &all {
-            let kind = if name.ends_with(".png") { bytes.starts_with(b"\x89PNG") } else { bytes.starts_with(b"<svg") };
-            assert!(kind && bytes.len() > 1000, "{name}");
+            assert!(bytes.starts_with(b"<svg") && bytes.len() > 1000, "{name}");
+            let text = std::str::from_utf8(bytes).unwrap();
+            roxmltree::Document::parse(text).unwrap_or_else(|error| panic!("{name}: {error}"));
         }
         let text = fs::read_to_string(directory.join("report.html")).unwrap();
         let svgs = all.keys().filter(|name| name.ends_with(".svg")).count();
         assert_eq!(text.matches("<svg").count(), svgs);
-        assert_eq!(text.matches("<figure>").count(), text.matches("<figcaption>").count());
+        assert_eq!(text.matches("<figure").count(), text.matches("<figcaption>").count());
     });
 }
 
@@ -228,6 +251,7 @@ fn nothing_of_a_scenario_becomes_part_of_the_page() {
         for (name, bytes) in files(directory) {
             if name.ends_with(".html") || name.ends_with(".svg") {
                 let text = String::from_utf8(bytes).unwrap();
+                let text = without_script(&text);
                 assert!(!text.contains("<script") && !text.contains("<img src=x"), "{name}");
                 assert!(!text.contains("</pre>&lt;") || text.matches("</pre>").count() == 1, "{name}");
                 assert!(text.contains("&lt;script&gt;") || !name.starts_with("report"), "{name}");

@@ -46,6 +46,9 @@ const METHODS: &str = r#"
 kf = { kind = "kf", smoother_lag_cycles = 3 }
 serial_kf = { kind = "serial_kf", smoother_lag_cycles = 3 }
 etkf = { kind = "etkf", members = 60, smoother_lag_cycles = 3 }
+letkf = { kind = "letkf", members = 30, localization_radius_km = 600, smoother_lag_cycles = 3 }
+enkf = { kind = "enkf", members = 60, localization_radius_km = 900, smoother_lag_cycles = 3 }
+local = { kind = "fkf", local_factors = { per_tile = 12, tile_km = 300 }, smoother_lag_cycles = 3 }
 plain = { kind = "kf" }
 "#;
 
@@ -54,7 +57,7 @@ plain = { kind = "kf" }
 fn smoothed_estimates_stand_at_their_own_time_and_are_scored_there() {
     complete(&scenario(METHODS), |run, summary| {
         let truth = NcFile::open(run.join("truth.nc")).unwrap();
-        for method in ["kf", "serial_kf", "etkf"] {
+        for method in ["kf", "serial_kf", "etkf", "letkf", "enkf", "local"] {
             let file = NcFile::open(run.join(format!("{method}.nc"))).unwrap();
             let later: Vec<f64> = (1..=CYCLES).map(|cycle| LAG.min(CYCLES - cycle) as f64).collect();
             assert_eq!(numbers(&file, "smoother_later_cycles"), later, "{method}");
@@ -98,7 +101,7 @@ fn smoothed_estimates_stand_at_their_own_time_and_are_scored_there() {
         let table = isobar::tables::scores::on_terminal(summary, &[("h", "m"), ("u", "m/s"), ("v", "m/s")], 100);
         let part = table.split("as later observations revise them").nth(1).expect("there is a table of them");
         let rows: Vec<&str> = part.lines().filter(|line| line.contains(" 3 ")).collect();
-        assert!(rows.len() == 3 && table.lines().all(|line| line.chars().count() <= 100), "{table}");
+        assert!(rows.len() == 6 && table.lines().all(|line| line.chars().count() <= 100), "{table}");
     });
 }
 
@@ -169,4 +172,19 @@ fn what_smoothers_cannot_do_is_an_error_at_its_key() {
     assert!(none.contains("smoother_lag_cycles"), "{none}");
     let other = refused(&scenario("[methods.var]\nkind = \"3dvar\"\nsmoother_lag_cycles = 3\n"));
     assert!(other.contains("smoother_lag_cycles"), "{other}");
+    let hybrid = "kind = \"hybrid_3dvar\"\nmembers = 8\nlocalization_radius_km = 500\nensemble_weight = 0.5";
+    let hybrid = refused(&scenario(&format!("[methods.hybrid]\n{hybrid}\nsmoother_lag_cycles = 3\n")));
+    assert!(hybrid.contains("unknown key `smoother_lag_cycles`"), "{hybrid}");
+    let model_error = "[model_error]\ncomponents = [{ kind = \"white\", variable = \"h\", sigma = 1 }]\n";
+    for kind in ["etkf", "letkf", "enkf"] {
+        let keys = "members = 8\nmodel_error_treatment = \"square_root\"\nsmoother_lag_cycles = 3\n";
+        let radius = if kind == "etkf" { "" } else { "localization_radius_km = 500\n" };
+        let method = format!("[methods.members]\nkind = \"{kind}\"\n{radius}{keys}");
+        let root = refused(&scenario(&format!("{model_error}{method}")));
+        assert!(root.contains("which a smoother cannot follow") && root.contains("model_error_treatment"), "{root}");
+        // Without errors to add, there is no square root of them.
+        assert!(Scenario::parse(Path::new("small.toml"), &scenario(&method)).is_ok());
+        let freezing = refused(&scenario(&format!("[stability]\nfreeze_after_cycles = 4\n{method}")));
+        assert!(freezing.contains("[stability] freezes"), "{freezing}");
+    }
 }

@@ -147,7 +147,7 @@ fn seeds_sweeps_comparisons_and_accepted_scores_work_with_departures() {
     let swept = succeeds(here, &["sweep", "s.toml", "--out", "swept", "--quiet"]);
     assert!(swept.contains("departure_background.h") || swept.contains("O−B"), "{swept}");
     assert_eq!(json(&here.join("swept/s-sweep/sweep.json"))["score"], "departure_background.h");
-    assert!(succeeds(here, &["diagnose", "out/s"]).contains("O−A rms"));
+    assert!(succeeds(here, &["diagnose", "--all", "out/s"]).contains("O−A rms"));
     fs::create_dir(here.join("scenarios")).unwrap();
     for name in ["s.toml", "observations.csv"] {
         fs::copy(here.join(name), here.join("scenarios").join(name)).unwrap();

@@ -145,6 +145,7 @@ fn observations(layout: &Layout, count: usize) -> ObservationWindow {
         times: vec![Time::from_seconds(60); count],
         values: standard_normals(random, count),
         sigma: vec![0.3; count],
+        error_regression: Default::default(),
         aside: Default::default(),
         operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
     }

@@ -91,10 +91,10 @@ impl ActualErrors {
         subtract(&mut self.mean[m..], mean_change);
     }
 
-    /// An analysis with a gain, of observations with these Jacobians and error variances. Without `with_biases` they have
-    /// no biases: G is zero.
-    pub fn analyse(&mut self, gain: &Gain, jacobian: &Jacobian, variance: &[f64], with_biases: bool) {
-        let (m, n, size) = (self.m, variance.len(), self.mean.len());
+    /// An analysis with a gain, of observations with these Jacobians and rows of R. Without `with_biases` they have no biases:
+    /// G is zero.
+    pub fn analyse(&mut self, gain: &Gain, jacobian: &Jacobian, error_covariance: &[Vec<f64>], with_biases: bool) {
+        let (m, n, size) = (self.m, error_covariance.len(), self.mean.len());
         let row = |row: usize| entries(jacobian, row, m).filter(move |entry| with_biases || entry.0 < m);
         let gain = Mat::from_fn(size, n, |i, j| if i < m { gain.state[(i, j)] } else { gain.calibration[(i - m, j)] });
         // P Hᵀ and H P Hᵀ + R.
@@ -106,7 +106,7 @@ impl ActualErrors {
         }
         let innovation = Mat::from_fn(n, n, |i, j| {
             let own: f64 = row(i).map(|(column, weight)| weight * cross[(column, j)]).sum();
-            own + if i == j { variance[i] } else { 0.0 }
+            own + error_covariance[i][j]
         });
         // K S Kᵀ − K (P Hᵀ)ᵀ − P Hᵀ Kᵀ = −K Dᵀ − D Kᵀ with D = P Hᵀ − ½ K S.
         let mut half = cross;

@@ -1,5 +1,6 @@
 //! One column of a method's error covariance, without the matrix.
 
+use isobar_model::vector::axpy;
 use isobar_obs::Calibration;
 
 /// A number that a method estimates.
@@ -21,6 +22,11 @@ pub struct CovarianceColumn {
 }
 
 impl CovarianceColumn {
+    /// The covariance with a combination of unknowns.
+    pub fn with_combination(&self, combination: &[(Unknown, f64)]) -> f64 {
+        combination.iter().map(|&(unknown, weight)| weight * self.with(unknown)).sum()
+    }
+
     /// From a column over (x, c), c the parameters that are estimated: all of the experiment, or none.
     pub(crate) fn of_augmented(mut column: Vec<f64>, state_values: usize, all: &Calibration) -> Self {
         let mut calibration = column.split_off(state_values);
@@ -42,6 +48,30 @@ pub trait JointErrors {
     /// The covariances of one unknown's error with all others as the method has them now, found without the whole matrix;
     /// `None` if the method does not estimate the unknown.
     fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn>;
+
+    /// P v, the covariances of the error of a combination vᵀs of unknowns with those of all; `None` if the method does not
+    /// estimate one of them, or the combination is empty.
+    fn covariance_with(&self, combination: &[(Unknown, f64)]) -> Option<CovarianceColumn> {
+        let mut sum: Option<CovarianceColumn> = None;
+        for &(unknown, weight) in combination {
+            let mut column = self.covariance_column(unknown)?;
+            column.state.iter_mut().chain(&mut column.calibration).for_each(|value| *value *= weight);
+            match &mut sum {
+                Some(sum) => {
+                    axpy(1.0, &column.state, &mut sum.state);
+                    axpy(1.0, &column.calibration, &mut sum.calibration);
+                }
+                None => sum = Some(column),
+            }
+        }
+        sum
+    }
+
+    /// aᵀ P b, the covariance of the errors of two combinations of few unknowns; `None` as for
+    /// [`JointErrors::covariance_with`].
+    fn covariance_between(&self, a: &[(Unknown, f64)], b: &[(Unknown, f64)]) -> Option<f64> {
+        Some(self.covariance_with(a)?.with_combination(b))
+    }
 }
 
 /// The correlation of the errors of two unknowns, in \[−1, 1\]; `None` if the method does not estimate both of them, or one

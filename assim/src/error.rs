@@ -41,7 +41,7 @@ pub enum Error {
         size: usize,
     },
     /// A method would need more memory than it may use.
-    #[error("{what} would need {:.1} MB, more than the limit of {:.1} MB", *needed_bytes as f64 / 1e6, *limit_bytes as f64 / 1e6)]
+    #[error("{what} would need {}, more than the limit of {}", in_words(*needed_bytes), in_words(*limit_bytes))]
     TooLarge {
         /// What needs the memory, in words.
         what: String,
@@ -80,4 +80,13 @@ pub enum Error {
     /// A setting does not fit the experiment.
     #[error("{0}")]
     Setting(String),
+}
+
+/// A number of bytes with a unit: `138.2 MB`, `22.5 TB`.
+fn in_words(bytes: u64) -> String {
+    match bytes as f64 {
+        bytes if bytes >= 1e12 => format!("{:.1} TB", bytes / 1e12),
+        bytes if bytes >= 1e10 => format!("{:.1} GB", bytes / 1e9),
+        bytes => format!("{:.1} MB", bytes / 1e6),
+    }
 }

@@ -11,6 +11,7 @@ use crate::estimate::{Analysis, Background, Estimate};
 use crate::innovation_covariance::InnovationCovariance;
 use crate::memory::{from_bytes, require, to_bytes};
 use crate::problem::{Innovations, Problem};
+use crate::propagator::BAND;
 use faer::MatRef;
 use fusion::Fused;
 use isobar_model::{Duration, Model, TangentLinear};
@@ -320,11 +321,12 @@ fn check_memory(
 ) -> Result<(), Error> {
     let m = problem.background.values().len();
     let (systems, n) = (parameters.len(), observations as f64);
-    let squares: f64 = parameters.map(|own| ((m + own) as f64).powi(2)).sum();
+    let of_filter = |size: f64| 3.0 * size * size + 2.0 * size * size.min(BAND as f64);
+    let filters: f64 = parameters.map(|own| of_filter((m + own) as f64)).sum();
     let master = (m + problem.calibration.len()) as f64;
-    // Covariance, model error, propagator and two products for each, the master and what it fuses; for the innovations those
-    // of the master and, with the gains, those of all local filters.
-    let numbers = 5.0 * squares + 5.0 * master * master + 4.0 * master * n + 2.0 * n * n;
+    // Covariance, model error, propagator and twice a band for each, the master and what it fuses; for the innovations those
+    // of the master and those of all local filters.
+    let numbers = filters + 5.0 * master * master + 4.0 * master * n + 2.0 * n * n;
     problem.require_memory(numbers, || {
         format!("{systems} dense Kalman filters for {m} values each and {observations} observations, and their fusion")
     })

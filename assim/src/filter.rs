@@ -80,6 +80,14 @@ pub(crate) trait Errors: Clone + Send + Sync + 'static {
     /// P h, `[m + p]`.
     fn multiply(&self, h: &[f64]) -> Vec<f64>;
 
+    /// aᵀ P b of vectors with few entries, each given by its number and value, in a space of `size` = m + p.
+    fn between(&self, a: &[(usize, f64)], b: &[(usize, f64)], size: usize) -> f64 {
+        let mut of_a = vec![0.0; size];
+        a.iter().for_each(|&(number, weight)| of_a[number] += weight);
+        let image = self.multiply(&of_a);
+        b.iter().map(|&(number, weight)| weight * image[number]).sum()
+    }
+
     /// P_cc ← P_cc + ΔP, `[p, p]`.
     fn widen_calibration(&mut self, widening: MatRef<'_, f64>);
 
@@ -268,16 +276,32 @@ impl<E: Errors> ReplaceCalibration for Belief<E> {
     }
 }
 
+/// A combination of unknowns by their numbers in (x, c), of m values and p parameters; `None` if it is empty, or one of them is
+/// not estimated.
+fn numbered(combination: &[(Unknown, f64)], m: usize, p: usize) -> Option<Vec<(usize, f64)>> {
+    let place = |&(unknown, weight): &(Unknown, f64)| match unknown {
+        Unknown::Value(number) => (number < m).then_some((number, weight)),
+        Unknown::Parameter(number) => (number < p).then_some((m + number, weight)),
+    };
+    let numbered: Option<Vec<(usize, f64)>> = combination.iter().map(place).collect();
+    numbered.filter(|entries| !entries.is_empty())
+}
+
 impl<E: Errors> JointErrors for Filter<E> {
     fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
+        self.covariance_with(&[(unknown, 1.0)])
+    }
+
+    fn covariance_with(&self, combination: &[(Unknown, f64)]) -> Option<CovarianceColumn> {
         let (m, p) = (self.belief.s.state.values().len(), self.calibration.len());
-        let number = match unknown {
-            Unknown::Value(number) => number,
-            Unknown::Parameter(number) => m + number,
-        };
-        let mut unit = vec![0.0; m + p];
-        *unit.get_mut(number)? = 1.0;
-        Some(CovarianceColumn::of_augmented(self.belief.errors.multiply(&unit), m, &self.problem.calibration))
+        let mut h = vec![0.0; m + p];
+        numbered(combination, m, p)?.into_iter().for_each(|(number, weight)| h[number] += weight);
+        Some(CovarianceColumn::of_augmented(self.belief.errors.multiply(&h), m, &self.problem.calibration))
+    }
+
+    fn covariance_between(&self, a: &[(Unknown, f64)], b: &[(Unknown, f64)]) -> Option<f64> {
+        let (m, p) = (self.belief.s.state.values().len(), self.calibration.len());
+        Some(self.belief.errors.between(&numbered(a, m, p)?, &numbered(b, m, p)?, m + p))
     }
 }
 

@@ -5,6 +5,7 @@ use crate::linalg::{cholesky, column, solved_lower, squared_norm};
 use crate::problem::Innovations;
 use faer::{Mat, MatRef};
 use isobar_model::vector::axpy;
+use rayon::prelude::*;
 
 /// The covariance H P Hᵀ + R of innovations.
 pub(crate) struct InnovationCovariance {
@@ -22,15 +23,17 @@ impl InnovationCovariance {
     pub fn new(p: MatRef<'_, f64>, d: &Innovations) -> Result<Self, Error> {
         let n = d.len();
         let mut cross = Mat::zeros(p.nrows(), n);
-        for row in 0..n {
-            for (column, weight) in d.row(row) {
-                let source = p.col(column).try_as_col_major().expect("columns are contiguous").as_slice();
-                axpy(weight, source, cross.col_as_slice_mut(row));
+        let mut covariance = Mat::zeros(n, n);
+        cross.par_col_iter_mut().zip(covariance.par_col_iter_mut()).enumerate().for_each(|(j, (cross, covariance))| {
+            let cross = cross.try_as_col_major_mut().expect("columns are contiguous").as_slice_mut();
+            for (column, weight) in d.row(j) {
+                axpy(weight, p.col(column).try_as_col_major().expect("columns are contiguous").as_slice(), cross);
             }
-        }
-        let covariance = Mat::from_fn(n, n, |i, j| {
-            let covariance: f64 = d.row(i).map(|(column, weight)| weight * cross[(column, j)]).sum();
-            covariance + if i == j { d.variance[i] } else { 0.0 }
+            let covariance = covariance.try_as_col_major_mut().expect("columns are contiguous").as_slice_mut();
+            for i in j..n {
+                covariance[i] = d.row(i).map(|(column, weight)| weight * cross[column]).sum();
+            }
+            covariance[j] += d.variance[j];
         });
         let root = cholesky(covariance, || "the innovation covariance H P H' + R".into())?;
         Ok(Self { cross, root })

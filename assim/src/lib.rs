@@ -23,6 +23,7 @@
 //! [`Assimilator`]. [`covariance`] holds B and Q as operators; `testing` (feature `testing`) the contracts they must keep.
 
 pub mod actual_errors;
+mod advice;
 pub mod around;
 pub mod assimilator;
 mod augmented;
@@ -44,6 +45,7 @@ mod fixed_lag;
 pub mod free;
 pub mod high_pass;
 mod innovation_covariance;
+mod leading_eigenvectors;
 mod linalg;
 mod memory;
 pub mod observability;
@@ -62,9 +64,11 @@ pub mod time_volume;
 pub mod variational;
 pub mod wind_finding;
 
+pub use advice::Advice;
 pub use around::adaptive::{AdaptedCovariance, Adaptive, AdaptiveSettings};
 pub use around::first_calibration::Initialised;
 pub use around::sensors::{Calibrated, Recalibration, SensorKnowledge};
+pub use around::whitened::Whitened;
 pub use assimilator::{
     Adjustments, Assimilator, CalibrationAdjustment, ReplaceCalibration, Smoother, Views, WidenCalibration,
 };

@@ -14,6 +14,9 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 /// Columns that one thread works on at a time.
 const CHUNK: usize = 128;
 
+/// Rows and columns of what is transposed at a time: it fits into the cache nearest to the processor.
+const TILE: usize = 32;
+
 /// Makes this thread and those of the pool allocate the workspace that matrix products keep: twice the size of the
 /// last-level cache for each thread. Call it before a method's memory is measured, or the method that multiplies first is
 /// charged with it.
@@ -52,19 +55,51 @@ pub(crate) fn add_product(c: MatMut<'_, f64>, alpha: f64, a: MatRef<'_, f64>, b:
 
 /// C += α A B where the result is known to be symmetric: little more than its lower triangle is computed, then mirrored.
 pub(crate) fn add_symmetric_product(mut c: MatMut<'_, f64>, alpha: f64, a: MatRef<'_, f64>, b: MatRef<'_, f64>) {
-    for_each_chunk(c.rb_mut(), 0, &|first, chunk| {
+    add_lower_product(c.rb_mut(), alpha, a, b);
+    mirror_lower(c);
+}
+
+/// The lower triangle of C += α A B; what is above the diagonal is lost.
+pub(crate) fn add_lower_product(c: MatMut<'_, f64>, alpha: f64, a: MatRef<'_, f64>, b: MatRef<'_, f64>) {
+    for_each_chunk(c, 0, &|first, chunk| {
         let columns = b.get(.., first..first + chunk.ncols());
         matmul(chunk.get_mut(first.., ..), Accum::Add, a.get(first.., ..), columns, alpha, Par::Seq);
     });
-    mirror_lower(c);
 }
 
 /// Copies the lower triangle into the upper one.
 pub(crate) fn mirror_lower(mut c: MatMut<'_, f64>) {
-    for j in 1..c.ncols() {
+    let size = c.ncols();
+    if size > TILE {
+        let (left, mut above, below, right) = c.split_at_mut(size / 2, size / 2);
+        copy_transposed(above.rb_mut(), below.as_ref());
+        rayon::join(|| mirror_lower(left), || mirror_lower(right));
+        return;
+    }
+    for j in 1..size {
         for i in 0..j {
             c[(i, j)] = c[(j, i)];
         }
+    }
+}
+
+/// C ← Aᵀ.
+pub(crate) fn copy_transposed(mut c: MatMut<'_, f64>, a: MatRef<'_, f64>) {
+    let (rows, columns) = (c.nrows(), c.ncols());
+    if rows.max(columns) > TILE {
+        let halves = if rows > columns {
+            let ((above, below), (left, right)) = (c.split_at_row_mut(rows / 2), a.split_at_col(rows / 2));
+            [(above, left), (below, right)]
+        } else {
+            let ((left, right), (above, below)) = (c.split_at_col_mut(columns / 2), a.split_at_row(columns / 2));
+            [(left, above), (right, below)]
+        };
+        let [(first, of_first), (second, of_second)] = halves;
+        rayon::join(|| copy_transposed(first, of_first), || copy_transposed(second, of_second));
+        return;
+    }
+    for j in 0..columns {
+        (0..rows).for_each(|i| c[(i, j)] = a[(j, i)]);
     }
 }
 

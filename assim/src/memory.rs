@@ -3,25 +3,44 @@
 use crate::error::Error;
 use faer::Mat;
 use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
+use serde::ser::{SerializeSeq, SerializeStruct};
+use serde::{Deserialize, Serialize, Serializer};
 use std::ops::{Deref, DerefMut};
 
 /// A dense matrix that can be part of a memory. It is stored column by column.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(into = "Stored", try_from = "Stored")]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(try_from = "Stored")]
 pub(crate) struct Matrix(pub Mat<f64>);
 
-#[derive(Serialize, Deserialize)]
+#[derive(Deserialize)]
 struct Stored {
     rows: usize,
     columns: usize,
     values: Vec<f64>,
 }
 
-impl From<Matrix> for Stored {
-    fn from(Matrix(matrix): Matrix) -> Self {
-        let values = (0..matrix.ncols()).flat_map(|j| matrix.col_as_slice(j)).copied().collect();
-        Self { rows: matrix.nrows(), columns: matrix.ncols(), values }
+/// As [`Stored`], without a copy of the matrix.
+impl Serialize for Matrix {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut stored = serializer.serialize_struct("Stored", 3)?;
+        stored.serialize_field("rows", &self.nrows())?;
+        stored.serialize_field("columns", &self.ncols())?;
+        stored.serialize_field("values", &Values(self))?;
+        stored.end()
+    }
+}
+
+/// The entries of a matrix column by column.
+struct Values<'a>(&'a Mat<f64>);
+
+impl Serialize for Values<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let Self(matrix) = self;
+        let mut values = serializer.serialize_seq(Some(matrix.nrows() * matrix.ncols()))?;
+        for j in 0..matrix.ncols() {
+            matrix.col_as_slice(j).iter().try_for_each(|value| values.serialize_element(value))?;
+        }
+        values.end()
     }
 }
 

@@ -1,7 +1,7 @@
 //! Methods that must agree exactly, on a small linear problem.
 
 use crate::common::*;
-use faer::linalg::solvers::DenseSolveCore;
+use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, Side};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter};
 use isobar_assim::kalman::KalmanFilter;
@@ -304,9 +304,12 @@ fn biases_are_estimated_ignored_or_known() {
     }
 }
 
-/// More unknowns than one thread takes at a time.
-#[test]
-fn serial_updates_are_the_same_bits_on_any_number_of_threads() {
+/// All observations at once, and one after the other.
+const DENSE: [fn(Problem) -> Result<KalmanFilter, Error>; 2] = [KalmanFilter::new, KalmanFilter::serial];
+
+/// More unknowns than one thread takes at a time, and than a band of the covariance has; more observations than are taken in
+/// between two sweeps over the covariance.
+fn large_problem() -> Problem {
     let mut problem = problem(true, calibration(2, 3, 0.2), 8);
     let grid = isobar_model::Grid { nx: 16, ny: 12, ..problem.background.layout().grid.clone() };
     let layout = std::sync::Arc::new(isobar_model::Layout { grid, ..(**problem.background.layout()).clone() });
@@ -314,16 +317,68 @@ fn serial_updates_are_the_same_bits_on_any_number_of_threads() {
     problem.background = State::zeros(&layout);
     problem.background_error = white(&layout, 1.5);
     problem.model_error = Some(white(&layout, 0.4));
-    let run = |threads: usize| {
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
-            let mut filter = KalmanFilter::serial(problem.clone()).unwrap();
+    problem
+}
+
+#[test]
+fn dense_updates_are_the_same_bits_on_any_number_of_threads() {
+    let problem = large_problem();
+    for build in DENSE {
+        let run = |threads: usize| {
+            rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
+                let mut filter = build(problem.clone()).unwrap();
+                let from_filter = filter.forecast(WINDOW).unwrap();
+                filter.analyse(&from_filter, &window(&problem, 150, false, 1, 6)).unwrap();
+                flat(&filter.covariance().to_owned()).iter().map(|value| value.to_bits()).collect::<Vec<_>>()
+            })
+        };
+        assert_eq!(run(1), run(2));
+        assert_eq!(run(1), run(8));
+    }
+}
+
+/// P ← A P Aᵀ + Q and P ← P − P Hᵀ (H P Hᵀ + R)⁻¹ H P, written as dense algebra.
+#[test]
+fn forecast_and_analysis_in_place_are_those_of_dense_algebra() {
+    let problem = large_problem();
+    for build in DENSE {
+        let mut filter = build(problem.clone()).unwrap();
+        let m = problem.background.values().len();
+        let (size, kept) = (filter.covariance().nrows(), problem.calibration.kept(WINDOW));
+        let mut columns = Mat::<f64>::identity(m, m);
+        (0..m).for_each(|j| problem.model.step_tl(&problem.background, columns.col_as_slice_mut(j)));
+        let a = Mat::from_fn(size, size, |i, j| match (i < m, j < m) {
+            (true, true) => columns[(i, j)],
+            (false, false) if i == j => kept[i - m],
+            _ => 0.0,
+        });
+        for cycle in 1..=2 {
+            let mut expected = &a * filter.covariance() * a.transpose();
+            let q = isobar_assim::covariance::dense(problem.model_error.as_deref().unwrap());
+            let mut of_state = expected.as_mut().get_mut(..m, ..m);
+            of_state += q;
+            for (i, parameter) in problem.calibration.parameters.iter().enumerate() {
+                expected[(m + i, m + i)] += parameter.drift.added_variance(WINDOW);
+            }
             let from_filter = filter.forecast(WINDOW).unwrap();
-            filter.analyse(&from_filter, &window(&problem, 14, false, 1, 6)).unwrap();
-            flat(&filter.covariance().to_owned()).iter().map(|value| value.to_bits()).collect::<Vec<_>>()
-        })
-    };
-    assert_eq!(run(1), run(2));
-    assert_eq!(run(1), run(8));
+            let difference = (filter.covariance() - &expected).norm_max() / expected.norm_max();
+            assert!(difference < 1e-13, "forecast {cycle}: {difference:e}");
+            let observed = window(&problem, 150, false, cycle, 6);
+            let jacobian = observed.operator.linearize(&from_filter.estimate.state, &from_filter.estimate.calibration);
+            let mut h = Mat::<f64>::zeros(observed.len(), size);
+            for row in 0..observed.len() {
+                jacobian.state.row(row).iter().for_each(|&(column, weight)| h[(row, column)] += weight);
+                jacobian.calibration.row(row).iter().for_each(|&(column, weight)| h[(row, m + column)] += weight);
+            }
+            let cross = &expected * h.transpose();
+            let mut innovation = &h * &cross;
+            (0..observed.len()).for_each(|row| innovation[(row, row)] += observed.sigma[row].powi(2));
+            expected -= &cross * innovation.llt(Side::Lower).unwrap().solve(cross.transpose());
+            filter.analyse(&from_filter, &observed).unwrap();
+            let difference = (filter.covariance() - &expected).norm_max() / expected.norm_max();
+            assert!(difference < 1e-12, "analysis {cycle}: {difference:e}");
+        }
+    }
 }
 
 #[test]

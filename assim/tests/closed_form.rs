@@ -50,6 +50,7 @@ fn observe(observations: &[(usize, f64)], sigma: f64) -> ObservationWindow {
         times: vec![Time::from_seconds(0); values.len()],
         sigma: vec![sigma; values.len()],
         values,
+        error_regression: Default::default(),
         aside: Default::default(),
         operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
     }

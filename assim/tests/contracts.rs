@@ -72,6 +72,7 @@ fn all(problem: &Problem) -> Vec<(&'static str, Build<'_>)> {
         tile_m: 1.0,
         support_tiles: 2,
         mixed: 1,
+        factor_precision: Precision::Double,
         residual: Residual::Probe { count: 3 },
     };
     let nested = FastKalmanSettings { largest_component: 6, separator_factors: 0, ..probed };
@@ -114,6 +115,14 @@ fn all(problem: &Problem) -> Vec<(&'static str, Build<'_>)> {
         (
             "fkf with local factors",
             Box::new(move || Box::new(LocalFastKalmanFilter::with_local_factors(own(), tiles).unwrap())),
+        ),
+        (
+            "fkf with local factors in single precision and a smoother",
+            Box::new(move || {
+                let tiles = LocalFactorSettings { factor_precision: Precision::Single, ..tiles };
+                let filter = LocalFastKalmanFilter::with_local_factors(own(), tiles).unwrap();
+                Box::new(filter.smoothing(2).unwrap())
+            }),
         ),
         ("fkf, nested", Box::new(move || Box::new(FastKalmanFilter::new(own(), nested).unwrap()))),
         ("etkf", Box::new(move || Box::new(EnsembleTransformKalmanFilter::new(own(), members).unwrap()))),

@@ -171,8 +171,8 @@ fn its_errors_are_nowhere_more_than_it_claims() {
         let gain = responder.gain().unwrap();
         filter.analyse(&background, &observed).unwrap();
         let jacobian = observed.operator.linearize(&problem.background, &[0.0; 5]);
-        let variance: Vec<f64> = observed.sigma.iter().map(|sigma| sigma * sigma).collect();
-        actual.analyse(&gain, &jacobian, &variance, true);
+        let error_covariance = observed.error_regression.covariance(&observed.sigma);
+        actual.analyse(&gain, &jacobian, &error_covariance, true);
         let claimed = filter.covariance();
         for (i, actual) in actual.mean_squares().into_iter().enumerate() {
             let claimed = claimed[(i, i)];

@@ -1,10 +1,13 @@
 //! The Fast Kalman Filter with local factors in the limits in which it is exact.
 
-use crate::common::*;
-use isobar_assim::fast_kalman::{BlockShape, Residual};
+use crate::common::{settings as common_settings, *};
+use isobar_assim::covariance::{Balanced, BalancedParameters, Covariance, Sum, Univariate, White};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::local_factors::{LocalFactorSettings, LocalFastKalmanFilter};
-use isobar_assim::{Assimilator, Unknown};
+use isobar_assim::{Assimilator, BiasTreatment, Error, Estimate, Problem, Unknown};
+use isobar_model::Boundary;
+use std::sync::Arc;
 
 /// Three tiles by two, the factors of each with the whole domain as their support, and as many as there can be.
 fn everything() -> LocalFactorSettings {
@@ -15,6 +18,7 @@ fn everything() -> LocalFactorSettings {
         tile_m: 2.0,
         support_tiles: 3,
         mixed: 0,
+        factor_precision: Precision::Double,
         residual: Residual::Persist,
     }
 }
@@ -62,4 +66,224 @@ fn with_all_factors_it_is_the_kalman_filter() {
             }
         }
     }
+}
+
+/// Largest relative difference of states, parameters, and their claims, each by itself.
+fn difference(found: &Estimate, expected: &Estimate) -> f64 {
+    let spread = |estimate: &Estimate| estimate.state_spread.clone().unwrap();
+    let of_calibration = |estimate: &Estimate| estimate.calibration_spread.clone().unwrap_or_default();
+    relative_difference(found.state.values(), expected.state.values())
+        .max(relative_difference(&spread(found), &spread(expected)))
+        .max(relative_difference(&found.calibration, &expected.calibration))
+        .max(relative_difference(&of_calibration(found), &of_calibration(expected)))
+}
+
+fn cycle(method: &mut dyn Assimilator, problem: &Problem, cycle: usize) -> Estimate {
+    let from = method.forecast(WINDOW).unwrap();
+    // One cycle without any observation.
+    let count = if cycle == 3 { 0 } else { 14 };
+    method.analyse(&from, &window(problem, count, false, cycle, 5)).unwrap().estimate
+}
+
+/// The problem with errors that a number of directions holds better than as many others.
+fn smooth_problem(shared: usize) -> Problem {
+    let problem = problem(true, calibration(shared, 0, 0.0), 2);
+    let layout = Arc::clone(problem.background.layout());
+    let smooth = |sigma: f64, length: f64| -> Arc<dyn Covariance> {
+        let of = |variable| Box::new(Univariate::new(&layout, variable, sigma, length).unwrap()) as Box<dyn Covariance>;
+        let white = |variable| Box::new(White::new(&layout, variable, 0.2 * sigma)) as Box<dyn Covariance>;
+        Arc::new(Sum::new(layout.len(), vec![of(0), of(1), white(0), white(1)]))
+    };
+    Problem { background_error: smooth(1.5, 1.2), model_error: Some(smooth(0.4, 0.9)), ..problem }
+}
+
+fn local(problem: &Problem, settings: LocalFactorSettings) -> LocalFastKalmanFilter {
+    LocalFastKalmanFilter::with_local_factors(problem.clone(), settings).unwrap()
+}
+
+/// One tile over the domain, with this number of factors for B and for Q.
+fn one_tile(factors: usize) -> LocalFactorSettings {
+    let everything = everything();
+    LocalFactorSettings { per_tile: factors, model_error_per_tile: factors, tile_m: 100.0, ..everything }
+}
+
+/// With all factors, every tile next to every other, there is nothing in the blocks that could be dropped: it is the
+/// smoother of Rauch, Tung and Striebel.
+#[test]
+fn with_all_factors_the_smoother_is_the_dense_one() {
+    for shared in [0, 3] {
+        for settings in [everything(), one_tile(40)] {
+            let problem = problem(true, calibration(shared, 0, 0.0), 2);
+            let mut tiled = local(&problem, settings).smoothing(4).unwrap();
+            let mut reference = KalmanFilter::new(problem.clone()).unwrap().smoothing(4).unwrap();
+            assert_eq!(lag(&tiled), Some(4));
+            for number in 1..=6 {
+                cycle(&mut tiled, &problem, number);
+                cycle(&mut reference, &problem, number);
+                for ago in 0..number.min(5) {
+                    let error = difference(&smoothed(&tiled, ago).unwrap(), &smoothed(&reference, ago).unwrap());
+                    assert!(error < 1e-9, "cycle {number}, {ago} ago, {shared} shared: {error:e}");
+                }
+                assert!(smoothed(&tiled, 5).is_none());
+            }
+        }
+    }
+}
+
+/// With one tile, as many directions as are found exactly, and biases that do not drift, its border is that of the factors of the whole domain in another form: the
+/// same filter, and the same smoother, however many directions a compression drops.
+#[test]
+fn with_one_tile_filter_and_smoother_are_those_of_factors_of_the_whole_domain() {
+    for shared in [0, 3] {
+        for factors in [30, 34] {
+            let problem = smooth_problem(shared);
+            let mut tile = local(&problem, one_tile(factors)).smoothing(3).unwrap();
+            let whole = FastKalmanSettings {
+                factors,
+                residual: Residual::Persist,
+                ..common_settings(BlockShape::Cell, BiasCoupling::Carry)
+            };
+            let mut whole = FastKalmanFilter::new(problem.clone(), whole).unwrap().smoothing(3).unwrap();
+            let mut reference = KalmanFilter::new(problem.clone()).unwrap().smoothing(3).unwrap();
+            for number in 1..=6 {
+                let (found, expected) = (cycle(&mut tile, &problem, number), cycle(&mut whole, &problem, number));
+                let error = difference(&found, &expected);
+                assert!(error < 1e-7, "{factors} factors, {shared} shared, cycle {number}: {error:e}");
+                let dense = cycle(&mut reference, &problem, number);
+                assert!(number < 3 || difference(&dense, &expected) > 1e-4, "nothing is dropped");
+                for ago in 1..number.min(4) {
+                    let error = difference(&smoothed(&tile, ago).unwrap(), &smoothed(&whole, ago).unwrap());
+                    assert!(error < 1e-7, "{factors} factors, {shared} shared, cycle {number}, {ago} ago: {error:e}");
+                }
+            }
+        }
+    }
+}
+
+/// What is mixed changes claims at random, but they stay those of a covariance; and a smoother that is not asked for nothing
+/// changes nothing in the filter.
+#[test]
+fn a_smoother_follows_what_is_mixed_and_cut_off() {
+    let problem = Problem { calibration: calibration(2, 1, 0.7), ..smooth_problem(0) };
+    for (mixed, residual) in [(0, Residual::Persist), (2, Residual::Probe { count: 3 })] {
+        let settings = LocalFactorSettings {
+            per_tile: 5,
+            model_error_per_tile: 6,
+            tile_m: 1.0,
+            support_tiles: 2,
+            mixed,
+            residual,
+            ..everything()
+        };
+        let (mut plain, mut smoother) = (local(&problem, settings), local(&problem, settings).smoothing(3).unwrap());
+        let mut filtered = Vec::new();
+        for number in 1..=6 {
+            let analysis = cycle(&mut plain, &problem, number);
+            assert_eq!(cycle(&mut smoother, &problem, number), analysis);
+            filtered.push(analysis);
+            for ago in 0..number.min(4) {
+                let found = smoothed(&smoother, ago).unwrap();
+                let own = &filtered[number - 1 - ago];
+                let spread = |estimate: &Estimate| estimate.state_spread.clone().unwrap();
+                let mean = |spread: Vec<f64>| spread.iter().map(|it| it * it).sum::<f64>();
+                let revised = relative_difference(found.state.values(), own.state.values());
+                assert_eq!(
+                    revised > 1e-3,
+                    ago > 0 && (number != 3 || ago > 1),
+                    "cycle {number}, {ago} ago: {revised:e}"
+                );
+                if ago > 0 {
+                    assert!(mean(spread(&found)) < mean(spread(own)) * 1.000_001, "cycle {number}, {ago} ago");
+                }
+            }
+        }
+    }
+    let small = Problem { memory_limit_bytes: 100_000, ..problem };
+    let settings = LocalFactorSettings { per_tile: 5, model_error_per_tile: 6, tile_m: 1.0, ..everything() };
+    let settings = LocalFactorSettings { support_tiles: 2, ..settings };
+    assert!(matches!(local(&small, settings).smoothing(30), Err(Error::TooLarge { .. })));
+}
+
+/// All factors in single precision: the Kalman filter but for 2⁻²⁴ of a factor wherever it is written.
+#[test]
+fn in_single_precision_it_is_the_kalman_filter_to_that_precision() {
+    for (shared, local_parameters) in [(0, 0), (3, 4)] {
+        let problem = problem(true, calibration(shared, local_parameters, 0.0), 2);
+        let settings = LocalFactorSettings { factor_precision: Precision::Single, ..everything() };
+        let mut single = local(&problem, settings).smoothing(2).unwrap();
+        let mut double = local(&problem, everything()).smoothing(2).unwrap();
+        let mut reference = KalmanFilter::new(problem.clone()).unwrap();
+        let mut apart: f64 = 0.0;
+        for number in 1..=6 {
+            let found = cycle(&mut single, &problem, number);
+            let error = difference(&found, &cycle(&mut reference, &problem, number));
+            assert!(error < 2e-6, "cycle {number}: {error:e}");
+            apart = apart.max(difference(&found, &cycle(&mut double, &problem, number)));
+            for ago in 1..number.min(3) {
+                let error = difference(&smoothed(&single, ago).unwrap(), &smoothed(&double, ago).unwrap());
+                assert!(error < 2e-6, "cycle {number}, {ago} ago: {error:e}");
+            }
+        }
+        assert!(apart > 1e-9, "nothing is rounded");
+        let [of_single, of_double] = [&single, &double].map(|filter| filter.memory().unwrap().len());
+        assert!((of_single as f64) < 0.6 * of_double as f64, "{of_single} {of_double}");
+        assert!(double.recall(&single.memory().unwrap()).is_err());
+    }
+}
+
+/// On the same grid it is the same filter; with one tile it is that of factors of the whole domain on a coarser grid.
+#[test]
+fn packed_factors_may_be_propagated_on_a_coarser_grid() {
+    let model = |cells: usize, step_s: i64| jet(cells, step_s, Boundary::Periodic, 0.0, 0.0);
+    let (fine, background) = model(16, 900);
+    let layout = background.layout().clone();
+    let errors = |sigma_height_m: f64, length_m: f64| -> Arc<dyn Covariance> {
+        let parameters = BalancedParameters {
+            sigma_height_m,
+            length_m,
+            gravity_m_per_s2: 9.8,
+            coriolis_per_s: 1e-4,
+            beta_per_m_per_s: 0.0,
+        };
+        Arc::new(Balanced::new(&layout, &parameters).unwrap())
+    };
+    let problem: Problem = Problem {
+        model: fine,
+        background_error: errors(20.0, 9e5),
+        model_error: Some(errors(3.0, 8e5)),
+        background,
+        calibration: calibration(1, 0, 0.0),
+        bias: BiasTreatment::Estimate,
+        memory_limit_bytes: 1 << 30,
+        most_observations: 0,
+    };
+    let settings = |tile_m: f64, residual| LocalFactorSettings {
+        per_tile: 30,
+        model_error_per_tile: 30,
+        tile_m,
+        support_tiles: 2,
+        residual,
+        ..everything()
+    };
+    let run = |method: &mut dyn Assimilator| {
+        method.forecast(WINDOW).unwrap();
+        method.forecast(WINDOW).unwrap().estimate
+    };
+    let tiles = || local(&problem, settings(24e5, Residual::Probe { count: 2 }));
+    let (same, expected) = (run(&mut tiles().with_factors_on(problem.model.clone()).unwrap()), run(&mut tiles()));
+    assert!(difference(&same, &expected) < 1e-9, "{:e}", difference(&same, &expected));
+    let coarse = || model(8, 1800).0;
+    let found = run(&mut local(&problem, settings(48e5, Residual::Persist)).with_factors_on(coarse()).unwrap());
+    let whole = FastKalmanSettings {
+        factors: 30,
+        residual: Residual::Persist,
+        ..common_settings(BlockShape::Cell, BiasCoupling::Carry)
+    };
+    let mut whole = FastKalmanFilter::new(problem.clone(), whole).unwrap().with_factors_on(coarse()).unwrap();
+    let expected = run(&mut whole);
+    assert!(difference(&found, &expected) < 1e-6, "{:e}", difference(&found, &expected));
+    let fine = run(&mut local(&problem, settings(48e5, Residual::Persist)));
+    assert!(difference(&fine, &expected) > 1e-4, "the grid makes no difference");
+    let other = local(&problem, settings(48e5, Residual::Persist)).with_factors_on(model(5, 1800).0);
+    assert!(other.is_err());
 }

@@ -2,6 +2,7 @@
 
 mod accurate_observations;
 mod adaptive;
+mod advice;
 mod agreement;
 mod banded;
 mod block_angular;
@@ -9,8 +10,10 @@ mod card_recursion;
 mod closed_form;
 mod common;
 mod contracts;
+mod correlated_errors;
 mod covariance_columns;
 mod ensemble;
+mod ensemble_smoothers;
 mod factors;
 mod federated;
 mod high_pass;

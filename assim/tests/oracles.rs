@@ -32,6 +32,7 @@ fn observe(rows: &[Observation]) -> ObservationWindow {
         times: vec![Time::from_seconds(0); rows.len()],
         values: vec![0.0; rows.len()],
         sigma: rows.iter().map(|row| row.2).collect(),
+        error_regression: Default::default(),
         aside: Default::default(),
         operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
     }

@@ -5,8 +5,9 @@ use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use isobar_assim::covariance::dense;
 use isobar_assim::ensemble::{EnsembleSettings, EnsembleTransformKalmanFilter, Inflation, ModelErrorTreatment};
-use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
+use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
 use isobar_assim::kalman::KalmanFilter;
+use isobar_assim::local_factors::{LocalFactorSettings, LocalFastKalmanFilter};
 use isobar_assim::variational::{FourDVar, FourDVarSettings};
 use isobar_assim::{Assimilator, Calibrated, Error, Estimate, Problem, Recalibration, SensorKnowledge};
 use isobar_model::{State, Time, forecast};
@@ -231,9 +232,23 @@ fn a_smoother_claims_no_more_than_its_filter() {
 #[test]
 fn a_smoother_goes_on_from_its_memory_to_the_same_bits() {
     let problem = problem(true, calibration(3, 2, 0.7), 2);
-    let make: [&dyn Fn() -> Box<dyn Assimilator>; 3] = [
+    let tiles = LocalFactorSettings {
+        blocks: BlockShape::Cell,
+        per_tile: 4,
+        model_error_per_tile: 6,
+        tile_m: 1.0,
+        support_tiles: 2,
+        mixed: 1,
+        factor_precision: Precision::Single,
+        residual: Residual::Probe { count: 3 },
+    };
+    let make: [&dyn Fn() -> Box<dyn Assimilator>; 4] = [
         &|| Box::new(KalmanFilter::new(problem.clone()).unwrap().smoothing(3).unwrap()),
         &|| Box::new(fast(&problem, 12, 3)),
+        &|| {
+            let filter = LocalFastKalmanFilter::with_local_factors(problem.clone(), tiles).unwrap();
+            Box::new(filter.smoothing(3).unwrap())
+        },
         &|| {
             let filter = EnsembleTransformKalmanFilter::new(problem.clone(), complete(&problem)).unwrap();
             Box::new(filter.smoothing(3).unwrap())
@@ -302,7 +317,8 @@ fn what_a_smoother_cannot_do_is_refused() {
     };
     assert!(reason.contains("drop"), "{reason}");
     let draws = EnsembleSettings { model_error: ModelErrorTreatment::Random, ..ensemble_settings(8) };
-    let small = Problem { memory_limit_bytes: 8 * 6 * 8 * 42, ..small };
+    // Six ensembles, and the analysis in their space.
+    let small = Problem { memory_limit_bytes: 8 * (6 * 8 * 42 + 5 * 8 * 8), ..small };
     let etkf = |lag| EnsembleTransformKalmanFilter::new(small.clone(), draws).unwrap().smoothing(lag);
     assert!(etkf(1).is_ok() && matches!(etkf(5), Err(Error::TooLarge { .. })));
 }

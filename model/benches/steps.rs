@@ -4,11 +4,14 @@
 //!   two threads, by leapfrog and by the Runge–Kutta scheme of fourth order;
 //! * the bandwidth of a memory copy on as many threads, of arrays far larger than any cache and of arrays as large as the
 //!   state, and the fraction reached of the step rate at which the state would move through memory just once;
-//! * the cost of one tangent-linear column, in a batch of 32 and of one, of the nonlinear and the linear equations, in
-//!   nonlinear steps of the same scheme: of each of twelve steps at once, as filters take them, and of a single one.
+//! * the cost of one tangent-linear and one adjoint column, in a batch of 32 and of one, of the nonlinear and the linear
+//!   equations, in nonlinear steps of the same scheme: of each of twelve steps at once, as filters and 4D-Var take them, and of
+//!   a single one.
 //!
-//! `cargo bench -p isobar-model`, or with grid sizes: `cargo bench -p isobar-model -- 64 256`. Times are medians.
+//! `cargo bench -p isobar-model`, or with grid sizes: `cargo bench -p isobar-model -- 64 256`. Times are the shortest,
+//! on one thread of the processor's time where the system tells it.
 
+use isobar_model::forecast::trajectory;
 use isobar_model::initial::{self, RandomConfig};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{
@@ -52,24 +55,34 @@ fn shallow_water(n: usize) -> (ShallowWater, State) {
     (equations, start.expect("a thin layer"))
 }
 
-/// Median seconds of `run`: samples of as many calls as take about a twentieth of a second, 15 of them or, of slow calls,
-/// as many as take two seconds, but at least three.
-fn median_seconds(mut run: impl FnMut()) -> f64 {
+/// Least seconds of `run`, as other programs only make it slower: of samples of as many calls as take about a fifth of a
+/// second, five of them or, of slow calls, three.
+fn least_seconds(mut run: impl FnMut()) -> f64 {
+    let clock = clock();
     run();
-    let clock = Instant::now();
+    // The processor's time is known at the ticks of the system only.
+    let start = Instant::now();
     run();
-    let once = clock.elapsed().as_secs_f64().max(1e-9);
-    let calls = (0.05 / once).clamp(1.0, 1e6) as usize;
-    let count = (2.0 / (calls as f64 * once)).clamp(3.0, 15.0) as usize;
-    let mut samples: Vec<f64> = (0..count)
-        .map(|_| {
-            let clock = Instant::now();
-            (0..calls).for_each(|_| run());
-            clock.elapsed().as_secs_f64() / calls as f64
-        })
-        .collect();
-    samples.sort_by(f64::total_cmp);
-    samples[samples.len() / 2]
+    let once = start.elapsed().as_secs_f64().max(1e-9);
+    let calls = (0.2 / once).clamp(1.0, 1e6) as usize;
+    let count = if once > 1.0 { 3 } else { 5 };
+    let sample = |_| {
+        let start = clock();
+        (0..calls).for_each(|_| run());
+        (clock() - start) / calls as f64
+    };
+    (0..count).map(sample).fold(f64::INFINITY, f64::min)
+}
+
+/// A clock in seconds: of the processor's time that the thread has had where the system tells it and the pool has no other
+/// thread, so that programs beside this one count less.
+fn clock() -> impl Fn() -> f64 {
+    let of_thread = || -> Option<f64> {
+        let times = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
+        Some(1e-9 * times.split(' ').next()?.parse::<f64>().ok()?)
+    };
+    let (start, is_alone) = (Instant::now(), rayon::current_num_threads() == 1);
+    move || of_thread().filter(|_| is_alone).unwrap_or_else(|| start.elapsed().as_secs_f64())
 }
 
 /// Bytes read and written per second by copying an array of `len` numbers on the current pool.
@@ -77,7 +90,7 @@ fn copy_bandwidth(len: usize, threads: usize) -> f64 {
     let from: Vec<f64> = (0..len).map(|k| k as f64).collect();
     let mut to = vec![0.0; len];
     let part = len.div_ceil(threads);
-    let seconds = median_seconds(|| {
+    let seconds = least_seconds(|| {
         rayon::scope(|scope| {
             for (to, from) in to.chunks_mut(part).zip(from.chunks(part)) {
                 scope.spawn(move |_| black_box(to).copy_from_slice(black_box(from)));
@@ -99,7 +112,7 @@ fn nonlinear(n: usize, threads: usize, single: &mut [f64; 2]) {
     ];
     for (case, (name, model, start, bytes)) in cases.into_iter().enumerate() {
         let mut x = start.clone();
-        let rate = (n * n) as f64 / median_seconds(|| model.step(black_box(&mut x)));
+        let rate = (n * n) as f64 / least_seconds(|| model.step(black_box(&mut x)));
         if threads == 1 {
             single[case] = rate;
         }
@@ -131,7 +144,8 @@ fn tangent_linear(n: usize) {
     ];
     for (name, nonlinear, model, at) in cases {
         let mut x = at.clone();
-        let step = median_seconds(|| nonlinear.step(black_box(&mut x)));
+        let step = least_seconds(|| nonlinear.step(black_box(&mut x)));
+        let states = trajectory(model, at, STEPS - 1).expect("a stable step");
         for batch in [1, 32] {
             let len = at.values().len();
             if batch * len > 1 << 28 {
@@ -139,18 +153,22 @@ fn tangent_linear(n: usize) {
             }
             let one = standard_normals(&mut stream(1, "columns"), len);
             let mut columns: Vec<f64> = one.iter().cycle().take(batch * len).copied().collect();
-            let forecast = median_seconds(|| model.steps_tl(at, ColumnsMut::Double(black_box(&mut columns)), STEPS))
-                / STEPS as f64;
-            let forward = median_seconds(|| model.step_tl(at, black_box(&mut columns)));
+            let forecast =
+                least_seconds(|| model.steps_tl(at, ColumnsMut::Double(black_box(&mut columns)), STEPS)) / STEPS as f64;
+            let forward = least_seconds(|| model.step_tl(at, black_box(&mut columns)));
             columns.iter_mut().zip(one.iter().cycle()).for_each(|(column, one)| *column = *one);
-            let backward = median_seconds(|| model.step_ad(at, black_box(&mut columns)));
+            let backward = least_seconds(|| model.step_ad(at, black_box(&mut columns)));
+            columns.iter_mut().zip(one.iter().cycle()).for_each(|(column, one)| *column = *one);
+            let back = least_seconds(|| model.steps_ad(&states, black_box(&mut columns))) / STEPS as f64;
             let per_column = |seconds: f64| seconds / batch as f64;
             println!(
                 "{n:4}² 1 thread, {name}: a column in a batch of {batch:2} costs {:5.2} nonlinear steps tangent-linear \
-                 ({:5.2} ns/cell), {:5.2} by single steps, {:5.2} adjoint",
+                 ({:5.2} ns/cell), {:5.2} by single steps; {:5.2} adjoint ({:5.2} ns/cell), {:5.2} by single steps",
                 per_column(forecast) / step,
                 1e9 * per_column(forecast) / (n * n) as f64,
                 per_column(forward) / step,
+                per_column(back) / step,
+                1e9 * per_column(back) / (n * n) as f64,
                 per_column(backward) / step
             );
         }

@@ -58,6 +58,14 @@ pub trait Adjoint: TangentLinear {
     /// Takes adjoint increments back by one time step of the model linearised at `at`; `columns` as in
     /// [`TangentLinear::step_tl`].
     fn step_ad(&self, at: &State, columns: &mut [f64]);
+
+    /// Takes adjoint increments back by a step from each of the states, from the last to the first, with the bits of single
+    /// steps.
+    ///
+    /// The default takes single steps; a model overrides it if it is faster with all steps at once.
+    fn steps_ad(&self, states: &[State], columns: &mut [f64]) {
+        states.iter().rev().for_each(|at| self.step_ad(at, columns));
+    }
 }
 
 /// Why a forecast ended early.
@@ -184,10 +192,7 @@ pub fn trajectory(model: &dyn Model, x: &State, steps: usize) -> Result<Vec<Stat
 
 /// Takes adjoint increments back along a [`trajectory`], from its last state to its first.
 pub fn backward_ad(model: &dyn Adjoint, trajectory: &[State], columns: &mut [f64]) {
-    let steps = trajectory.len().saturating_sub(1);
-    for at in trajectory[..steps].iter().rev() {
-        model.step_ad(at, columns);
-    }
+    model.steps_ad(&trajectory[..trajectory.len().saturating_sub(1)], columns);
 }
 
 /// Fails at the first value that is not finite.

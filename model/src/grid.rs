@@ -121,6 +121,18 @@ impl Grid {
         j * self.nx + i
     }
 
+    /// Index within its field of the grid point of a variable at `location` that is nearest to a point of the domain.
+    pub fn nearest(&self, location: Location, x_m: f64, y_m: f64) -> usize {
+        let (offset_x, offset_y) = location.offset();
+        let column = wrap((x_m / self.dx_m - offset_x).round() as i64, self.nx);
+        let row = (y_m / self.dy_m - offset_y).round() as i64;
+        let row = match self.boundary {
+            Boundary::Periodic => wrap(row, self.ny),
+            Boundary::Channel => row.clamp(0, self.ny as i64 - 1) as usize,
+        };
+        row * self.nx + column
+    }
+
     /// Bilinear interpolation of a variable at `location` to a point of the domain; `None` outside of it.
     ///
     /// In the half cell next to a wall, centre and x-face variables are continued constantly; a y-face variable is
@@ -188,6 +200,25 @@ mod tests {
             assert!((value - (1.0 + 2.0 * x - 3.0 * y)).abs() < 1e-12, "{location:?}: {value}");
             let at = grid.stencil(location, grid.x_m(location, 2), grid.y_m(location, 3)).unwrap();
             assert_eq!(at.entries, vec![(3 * grid.nx + 2, 1.0)]);
+        }
+    }
+
+    #[test]
+    fn the_nearest_grid_point_has_the_largest_weight() {
+        for boundary in [Boundary::Periodic, Boundary::Channel] {
+            let grid = grid(boundary);
+            for location in [Location::Center, Location::XFace, Location::YFace, Location::Corner] {
+                for (x, y) in [(0.1, 0.2), (5.3, 7.1), (11.9, 13.2), (11.2, 14.9), (0.3, 1.4)] {
+                    let entries = grid.stencil(location, x, y).unwrap().entries;
+                    let most = entries.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
+                    let at_wall = boundary == Boundary::Channel && location.offset().1 == 0.0 && y > 12.0;
+                    assert!(at_wall || grid.nearest(location, x, y) == most.0, "{boundary:?} {location:?} {x} {y}");
+                }
+            }
+            assert_eq!(
+                grid.nearest(Location::YFace, 1.0, 14.9) / grid.nx,
+                if boundary == Boundary::Channel { 4 } else { 0 }
+            );
         }
     }
 

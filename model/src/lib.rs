@@ -95,8 +95,8 @@ pub use forecast::{Adjoint, ForecastError, Model, TangentLinear};
 pub use grid::{Boundary, Grid, Location};
 pub use increment::Increment;
 pub use scheme::{
-    Leapfrog, RestartedLeapfrog, RowStream, SpectralBounds, Stepped, TangentRowStream, Tendency, TimeScheme,
-    check_time_step,
+    AdjointRowStream, Lanes, Leapfrog, RestartedLeapfrog, RowStream, SpectralBounds, Stepped, TangentRowStream,
+    Tendency, TimeScheme, check_time_step,
 };
 pub use shallow_water::{LinearShallowWater, ShallowWater, ShallowWaterParameters, VectorInvariant};
 pub use state::{Layout, State, Variable};

@@ -2,13 +2,13 @@
 //! sweep against that of whole fields.
 
 use crate::common::{BOUNDARIES, FORMS, SCHEMES, difference, grid, jet, largest, parameters, stepped, turbulence};
-use isobar_model::forecast::forecast_tl;
+use isobar_model::forecast::{forecast_tl, trajectory};
 use isobar_model::initial::{self, Vortex};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::shallow_water::{H, U, V};
 use isobar_model::{
-    Boundary, ColumnsMut, Duration, ForecastError, Layout, Leapfrog, LinearShallowWater, Model, ShallowWater,
-    ShallowWaterParameters, SpectralBounds, State, Stored, TangentLinear, Tendency, VectorInvariant,
+    Adjoint, Boundary, ColumnsMut, Duration, ForecastError, Lanes, Layout, Leapfrog, LinearShallowWater, Model,
+    ShallowWater, ShallowWaterParameters, SpectralBounds, State, Stored, TangentLinear, Tendency, VectorInvariant,
 };
 use std::sync::Arc;
 
@@ -181,11 +181,16 @@ fn bands_on_several_threads_give_the_bits_of_one() {
     }
 }
 
-/// Rows of 150 places are swept in three strips, rows of 81 in two: the tangent-linear of whole fields to rounding, and
-/// a column has the bits it has alone, whatever its place in a group, the others, and the steps taken at once.
+/// Rows of 150 places are swept in three strips, rows of 81 in two, those of a column alone from 289 on: the tangent-linear and
+/// the adjoint of whole fields to rounding, and a column has the bits it has alone, whatever its place in a group, the others,
+/// and the steps taken at once.
 #[test]
-fn strips_give_the_tangent_linear_of_whole_fields() {
+fn strips_give_the_tangent_linear_and_the_adjoint_of_whole_fields() {
     for (nx, ny, boundary, form, hyperdiffusion_m4_per_s) in [
+        (289, 6, BOUNDARIES[0], FORMS[0], 5e14),
+        (300, 4, BOUNDARIES[1], FORMS[1], 0.0),
+        (4, 4, BOUNDARIES[1], FORMS[0], 5e14),
+        (5, 4, BOUNDARIES[0], FORMS[1], 0.0),
         (150, 12, BOUNDARIES[0], FORMS[0], 0.0),
         (81, 9, BOUNDARIES[1], FORMS[1], 0.0),
         (150, 12, BOUNDARIES[0], FORMS[0], 5e14),
@@ -209,7 +214,10 @@ fn strips_give_the_tangent_linear_of_whole_fields() {
 
 fn check_strips<T: Tendency + Clone>(rows: &T, start: &State) {
     let whole = WholeFields::of(rows.clone());
-    assert!(rows.tangent_row_stream(20).is_some() && whole.tangent_row_stream(20).is_none());
+    for lanes in [Lanes::One, Lanes::Eight] {
+        assert!(rows.tangent_row_stream(20, lanes).is_some() && whole.tangent_row_stream(20, lanes).is_none());
+        assert!(rows.adjoint_row_stream(20, lanes, 1).is_some() && whole.adjoint_row_stream(20, lanes, 1).is_none());
+    }
     for scheme in SCHEMES {
         check_sweep(&stepped(rows.clone(), 200, scheme), &stepped(whole.clone(), 200, scheme), start);
     }
@@ -218,27 +226,59 @@ fn check_strips<T: Tendency + Clone>(rows: &T, start: &State) {
     check_sweep(&rows, &whole, &rows.start(start));
 }
 
-fn check_sweep(swept: &dyn TangentLinear, fields: &dyn TangentLinear, start: &State) {
-    let (len, mut at) = (start.values().len(), start.clone());
+fn check_sweep(swept: &dyn Adjoint, fields: &dyn Adjoint, start: &State) {
+    let len = start.values().len();
     let columns = standard_normals(&mut stream(3, "columns"), 11 * len);
-    let [mut single, mut expected, mut alone] = [columns.clone(), columns.clone(), columns[9 * len..10 * len].to_vec()];
+    let states = trajectory(swept, start, 2).unwrap();
     for steps in 1..=3 {
-        swept.step_tl(&at, &mut single);
-        fields.step_tl(&at, &mut expected);
-        swept.step(&mut at);
-        for threads in [1, 2] {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let mut together = columns.clone();
-            pool.install(|| swept.steps_tl(start, ColumnsMut::Double(&mut together), steps));
-            assert!(together == single, "{steps} steps at once on {threads} threads");
-        }
+        let forwards = |model: &dyn Adjoint, columns: &mut [f64]| {
+            states[..steps].iter().for_each(|at| model.step_tl(at, columns));
+        };
+        let backwards = |model: &dyn Adjoint, columns: &mut [f64]| {
+            states[..steps].iter().rev().for_each(|at| model.step_ad(at, columns));
+        };
+        let forwards_at_once = |columns: &mut [f64]| swept.steps_tl(start, ColumnsMut::Double(columns), steps);
+        let backwards_at_once = |columns: &mut [f64]| swept.steps_ad(&states[..steps], columns);
+        check_steps(swept, fields, &columns, len, &forwards, &forwards_at_once);
+        check_steps(swept, fields, &columns, len, &backwards, &backwards_at_once);
     }
-    swept.steps_tl(start, ColumnsMut::Double(&mut alone), 3);
-    assert!(single[9 * len..10 * len] == alone, "a column knows of the others");
+}
+
+fn check_steps(
+    swept: &dyn Adjoint,
+    fields: &dyn Adjoint,
+    columns: &[f64],
+    len: usize,
+    one_by_one: &dyn Fn(&dyn Adjoint, &mut [f64]),
+    at_once: &(dyn Fn(&mut [f64]) + Sync),
+) {
+    let [mut single, mut expected] = [columns.to_vec(), columns.to_vec()];
+    one_by_one(swept, &mut single);
+    one_by_one(fields, &mut expected);
+    for threads in [1, 2] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let mut together = columns.to_vec();
+        pool.install(|| at_once(&mut together));
+        assert!(together == single, "all steps at once on {threads} threads");
+    }
+    // Those of a group, of the few that are left, and of a group that is filled up.
+    for (number, beside) in [(2, 1), (9, 1), (9, 2)] {
+        let own = &single[number * len..(number + 1) * len];
+        let mut alone = columns[number * len..][..beside * len].to_vec();
+        at_once(&mut alone);
+        assert!(own == &alone[..len], "a column knows of the others");
+        let mut filled_up = columns[..6 * len].to_vec();
+        filled_up[5 * len..].copy_from_slice(&columns[number * len..][..len]);
+        at_once(&mut filled_up);
+        assert!(own == &filled_up[5 * len..], "a column knows of the zeros beside it");
+    }
     let scale = largest(&expected);
-    assert!(largest(&difference(&single, &columns)) > 0.1 * scale, "the columns must have moved");
-    let error = largest(&difference(&single, &expected)) / scale;
-    assert!(error < 1e-14, "relative error {error:e}");
+    assert!(largest(&difference(&single, columns)) > 0.1 * scale, "the columns must have moved");
+    let differences = difference(&single, &expected);
+    let error = largest(&differences) / scale;
+    let worst = (0..columns.len()).find(|&k| differences[k].abs() == error * scale).map(|k| k % len);
+    let place = swept.layout().describe(worst.unwrap_or(0));
+    assert!(error < 1e-14, "relative error {error:e} in {place}");
 }
 
 /// Columns stored in single precision: after a forecast those in double precision, rounded to the bit, whatever the strips.

@@ -6,16 +6,19 @@
 //! - [`aside`]: [`Aside`], passive and rejected observations, which no method sees
 //! - [`operator`]: [`ObservationOperator`], y = h(x, c)
 //! - [`jacobian`], [`sparse`]: its Jacobians X and G
+//! - [`error_regression`]: [`ErrorRegression`], R of errors that are correlated
 //! - [`calibration`]: the parameters c, and what is known of them
 //!
 //! What an experiment describes:
 //! - [`system`]: [`ObservingSystem`], all networks together
 //! - [`network`]: [`Network`], an instrument, its [`Schedule`] and its [`Faults`]
 //! - [`bias`]: how biases truly behave, and what methods may assume; [`air_mass`]: biases that depend on the state
+//! - [`error_correlation`]: [`ErrorCorrelation`], within what, and how far, random errors are correlated
 //! - [`station`]: where stations come from; [`station_file`], [`observation_file`]: files of stations and observations
 //! - [`table`](mod@table), [`times`]: how all tables and times are read
 //! - [`projection`]: the plane's place on the Earth
 //! - [`recorded_use`]: [`RecordedUse`], how many observations of a file can be used
+//! - [`withheld`]: [`Withheld`], stations that no method sees
 //! - [`quality`]: [`QualityControl`], which values are rejected; [`rejection`]: why; [`value_check`]: what was expected
 //! - [`error`]: [`ObservationError`], everything that can be wrong with it
 //!
@@ -36,6 +39,8 @@ pub mod bias;
 mod biases;
 pub mod calibration;
 pub mod error;
+pub mod error_correlation;
+pub mod error_regression;
 pub mod faults;
 pub mod footprint;
 mod general_operator;
@@ -63,12 +68,15 @@ pub mod testing;
 pub mod times;
 pub mod value_check;
 pub mod window;
+pub mod withheld;
 
 pub use air_mass::AirMassBias;
 pub use aside::{Aside, Unused, UnusedObservation};
 pub use bias::{AssumedDrift, BiasProcess, Evolution, InitialBias};
 pub use calibration::{ByPlacement, Calibration, Drift, Parameter, Placement};
 pub use error::ObservationError;
+pub use error_correlation::{ErrorCorrelation, ErrorCorrelationKind};
+pub use error_regression::ErrorRegression;
 pub use faults::Faults;
 pub use footprint::footprint;
 pub use instrument::radiosonde::{BiasScope, RadiosondeSettings, StationBias};
@@ -79,7 +87,7 @@ pub use instrument::steady::Steady;
 pub use instrument::{Instrument, InstrumentSettings, ObservedVariable};
 pub use jacobian::Jacobian;
 pub use network::{Network, Schedule};
-pub use observation::{Observation, Reading};
+pub use observation::{Observation, Reading, ScanLine};
 pub use observation_file::{FurtherColumns, ObservationFile, ObservationPlace, ObservationRecord, ValidTime};
 pub use operator::{LinearOperator, ObservationOperator};
 pub use predictor::Predictor;
@@ -96,3 +104,4 @@ pub use station_file::{Position, StationFile, StationRecord};
 pub use system::{ObservingSystem, SavedSystem};
 pub use value_check::ValueCheck;
 pub use window::{ObservationTypes, ObservationWindow};
+pub use withheld::{Platform, Withheld};

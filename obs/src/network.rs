@@ -1,6 +1,7 @@
 //! Networks: an instrument, when it reports, and which of its reports are missing or wrong.
 
 use crate::error::{ObservationError, require};
+use crate::error_correlation::ErrorCorrelation;
 use crate::faults::Faults;
 use crate::instrument::InstrumentSettings;
 use std::sync::Arc;
@@ -16,9 +17,13 @@ pub struct Network {
     pub missing_rate: f64,
     /// Reports that must not be believed.
     pub faults: Faults,
+    /// How the random errors of its observations are correlated; `None` if they are independent.
+    pub error_correlation: Option<ErrorCorrelation>,
     /// Whether methods assimilate its observations. Those of a passive network are compared with every method's estimates, and
     /// take part in nothing else.
     pub assimilate: bool,
+    /// The share of its stations that is withheld: their observations are passive; from 0 to below 1.
+    pub withhold: f64,
     /// What reports.
     pub instrument: Arc<dyn InstrumentSettings>,
 }
@@ -31,9 +36,16 @@ impl Network {
             schedule: Schedule::EVERY_CYCLE,
             missing_rate: 0.0,
             faults: Faults::NONE,
+            error_correlation: None,
             assimilate: true,
+            withhold: 0.0,
             instrument: Arc::new(instrument),
         }
+    }
+
+    /// Whether some of its observations are compared with every method's estimates only.
+    pub fn has_passive(&self) -> bool {
+        !self.assimilate || self.withhold > 0.0
     }
 
     /// Whether its name and all that instruments have in common are what they must be.
@@ -46,6 +58,20 @@ impl Network {
         self.schedule.validate(name)?;
         let rate = self.missing_rate;
         require((0.0..=1.0).contains(&rate), name, "missing_rate", rate, "a probability from 0 to 1")?;
+        require((0.0..1.0).contains(&self.withhold), name, "withhold", self.withhold, "a share from 0 to below 1")?;
+        if self.withhold > 0.0 && !self.assimilate {
+            let problem =
+                "withhold has no effect, since assimilate is false: none of the network's stations is assimilated";
+            return Err(ObservationError::in_setting(name, "withhold", problem));
+        }
+        if self.withhold > 0.0 && self.error_correlation.is_some() {
+            let problem = "withhold would compare methods with stations whose errors are correlated with those that they are \
+                           given; leave out withhold or error_correlation";
+            return Err(ObservationError::in_setting(name, "withhold", problem));
+        }
+        if let Some(correlation) = &self.error_correlation {
+            correlation.validate(name, self.instrument.has_scan_lines())?;
+        }
         self.faults.validate(name)
     }
 }

@@ -20,6 +20,20 @@ pub struct Observation {
     pub calibration_row: Vec<(usize, f64)>,
     /// The biases that depend on the state.
     pub predictors: Vec<Predictor>,
+    /// Its place in a scan line, for scanning instruments.
+    pub scan_line: Option<ScanLine>,
+    /// The number of its report among those of its network in a cycle, within which errors may be correlated by distance; 0 if
+    /// nothing divides the network's observations into reports.
+    pub report_number: usize,
+}
+
+/// A place in a scan line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ScanLine {
+    /// The number of the scan line among those of a pass.
+    pub number: usize,
+    /// Distance from the middle of the line, along the line \[m\].
+    pub across_m: f64,
 }
 
 /// What an observation reads.
@@ -71,8 +85,16 @@ impl Reading {
 impl Observation {
     /// An observation without biases, whose random error is yet to be drawn.
     pub fn new(report: Report, sigma: f64, state: StateOperator) -> Self {
-        let (calibration_row, predictors) = (Vec::new(), Vec::new());
-        Self { report, sigma, reading: Reading::Error(0.0), state, calibration_row, predictors }
+        Self {
+            report,
+            sigma,
+            reading: Reading::Error(0.0),
+            state,
+            calibration_row: Vec::new(),
+            predictors: Vec::new(),
+            scan_line: None,
+            report_number: 0,
+        }
     }
 
     /// The same with biases that do not depend on the state: (number of the parameter, factor).
@@ -109,4 +131,6 @@ pub(crate) struct Arrival {
     pub time: Time,
     /// Whether methods do not see it, whatever quality control says.
     pub is_passive: bool,
+    /// The number of its network in the observing system.
+    pub network: usize,
 }

@@ -5,6 +5,8 @@ use crate::bias::BiasProcess;
 use crate::biases::Biases;
 use crate::calibration::{Calibration, Parameter};
 use crate::error::ObservationError;
+use crate::error_correlation::{self, ErrorCorrelation};
+use crate::error_regression::ErrorRegression;
 use crate::faults::Faults;
 use crate::general_operator::GeneralOperator;
 use crate::instrument::Instrument;
@@ -18,7 +20,8 @@ use crate::site::Site;
 use crate::station::{LeftOutStation, Station};
 use crate::value_check::ValueCheck;
 use crate::window::ObservationWindow;
-use isobar_model::{Duration, Layout, State, Time};
+use crate::withheld::Withheld;
+use isobar_model::{Duration, Grid, Layout, State, Time};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -49,9 +52,10 @@ const MOST_WEIGHTS: usize = 20_000_000;
 /// All networks of an experiment, which observe the truth cycle after cycle:
 ///
 /// ```text
-/// y = X x + G c + ε,   ε ~ N(0, R),   R diagonal
+/// y = X x + G c + ε,   ε ~ N(0, R)
 /// ```
 ///
+/// R is diagonal but within the reports of networks with an [`ErrorCorrelation`].///
 /// X interpolates the state x to the stations or averages it over footprints; G says which parameters c (biases)
 /// each observation has; beside them there are the predictors p(x) of [air-mass biases](crate::AirMassBias). Every
 /// network, and every parameter, has its own random stream (`observations/europe`, `missing/europe`,
@@ -95,16 +99,21 @@ struct Member {
     missing: ChaCha8Rng,
     faults: Faults,
     faulty: ChaCha8Rng,
+    error_correlation: Option<ErrorCorrelation>,
     is_passive: bool,
+    withheld: Withheld,
     instrument: Box<dyn Instrument>,
 }
 
 impl Member {
     /// What arrives of the network's observations in a cycle.
-    fn observe(&mut self, cycle: usize) -> Vec<Observation> {
+    fn observe(&mut self, cycle: usize, grid: &Grid) -> Vec<Observation> {
         let Some(pass) = self.schedule.pass(cycle) else { return Vec::new() };
         // The instrument draws all of its random errors, so that the rate changes no other report.
         let mut observations = self.instrument.observe(cycle, pass);
+        if let Some(correlation) = &self.error_correlation {
+            correlation.correlate(&mut observations, grid);
+        }
         let (mut platform, mut is_missing): (Option<Arc<str>>, bool) = (None, false);
         observations.retain(|observation| {
             if platform.as_ref() != Some(&observation.report.platform) {
@@ -153,6 +162,12 @@ impl ObservingSystem {
             }
             let parameters = biases.calibration().len();
             let mut site = Site { network: name, layout, projection, seed, window, start, biases: &mut biases };
+            let instrument = network.instrument.build(&mut site)?;
+            let withheld = if network.withhold > 0.0 {
+                Withheld::choose(network.withhold, &instrument.platforms(), name, &mut site.stream("withheld"))?
+            } else {
+                Withheld::default()
+            };
             members.push(Member {
                 name: name.clone(),
                 schedule: network.schedule,
@@ -160,10 +175,15 @@ impl ObservingSystem {
                 missing: site.stream("missing"),
                 faults: network.faults,
                 faulty: site.stream("faults"),
+                error_correlation: network.error_correlation,
                 is_passive: !network.assimilate,
-                instrument: network.instrument.build(&mut site)?,
+                withheld,
+                instrument,
             });
             let member = &members[members.len() - 1];
+            if let Some(correlation) = &network.error_correlation {
+                correlation.check_size(name, member.instrument.most_in_report())?;
+            }
             // Of recorded observations all weights are held, and those of a cycle are few.
             observations += member.instrument.most_observations(1);
             weights += member.instrument.weights();
@@ -237,6 +257,12 @@ impl ObservingSystem {
         self.members.iter().filter_map(move |member| Some((&*member.name, member.instrument.recorded_use(&cycles)?)))
     }
 
+    /// The stations that are withheld of each network that has such.
+    pub fn withheld(&self) -> impl Iterator<Item = (&str, &Withheld)> {
+        let of_members = self.members.iter().map(|member| (&*member.name, &member.withheld));
+        of_members.filter(|(_, withheld)| !withheld.names.is_empty())
+    }
+
     /// The present cycle: that of the last observations, 0 before the first.
     pub fn cycle(&self) -> usize {
         self.cycle
@@ -298,8 +324,8 @@ impl ObservingSystem {
         self.biases.advance(self.window);
         let time = self.time();
         let mut arrivals: Vec<Arrival> = Vec::new();
-        for member in &mut self.members {
-            let observations = member.observe(self.cycle);
+        for (network, member) in self.members.iter_mut().enumerate() {
+            let observations = member.observe(self.cycle, &self.layout.grid);
             let arrive = |observation: Observation| {
                 let (value, value_bias_removed, time) = match observation.reading {
                     Reading::Error(error) => {
@@ -310,7 +336,8 @@ impl ObservingSystem {
                     }
                     Reading::Recorded { value, time, .. } => (value, value, time),
                 };
-                Arrival { observation, value, value_bias_removed, time, is_passive: member.is_passive }
+                let is_passive = member.is_passive || member.withheld.names.contains(&observation.report.platform);
+                Arrival { observation, value, value_bias_removed, time, is_passive, network }
             };
             let observed = observations.into_iter().map(arrive).collect();
             arrivals.extend(member.faults.spoil(observed, self.window, &self.layout.grid, &mut member.faulty));
@@ -336,9 +363,11 @@ impl ObservingSystem {
         let (mut checks, mut unused, mut unused_bias_removed) = (Vec::new(), Vec::new(), Vec::new());
         let (mut rows_of_used, mut rows_of_unused) = (GeneralOperator::default(), GeneralOperator::default());
         self.values_bias_removed.clear();
+        let judged: Vec<_> = judged.collect();
+        let error_regression = self.error_regression(&judged);
         for (arrival, rejection, check) in judged {
-            let Arrival { observation, value, value_bias_removed, time, is_passive } = arrival;
-            let why = rejection.map(Unused::Rejected).or(is_passive.then_some(Unused::Passive));
+            let why = why_unused(&arrival, rejection);
+            let Arrival { observation, value, value_bias_removed, time, .. } = arrival;
             if let Some(why) = why {
                 let Observation { report, sigma, .. } = rows_of_unused.take(observation);
                 unused.push(UnusedObservation { report, time, value, sigma, why, check });
@@ -356,8 +385,32 @@ impl ObservingSystem {
         self.values_bias_removed.extend(unused_bias_removed);
         let aside = Aside { checks, unused, operator: rows_of_unused.simplified() };
         let operator = rows_of_used.simplified();
-        ObservationWindow { time, cycle: self.cycle, reports, times, values, sigma, aside, operator }
+        ObservationWindow { time, cycle: self.cycle, reports, times, values, sigma, error_regression, aside, operator }
     }
+
+    /// How the errors of the observations that are used depend on each other, as methods assume.
+    fn error_regression(&self, judged: &[(Arrival, Option<Rejection>, Option<ValueCheck>)]) -> ErrorRegression {
+        let mut correlations = Vec::new();
+        let number_of_member: Vec<Option<usize>> = self
+            .members
+            .iter()
+            .map(|member| {
+                correlations.push((member.error_correlation?, member.error_correlation?.assumed_length_m));
+                Some(correlations.len() - 1)
+            })
+            .collect();
+        if correlations.is_empty() {
+            return ErrorRegression::default();
+        }
+        let used = judged.iter().filter(|(arrival, rejection, _)| why_unused(arrival, *rejection).is_none());
+        let used = used.map(|(arrival, ..)| (&arrival.observation, number_of_member[arrival.network]));
+        error_correlation::regression(&correlations, used, &self.layout.grid)
+    }
+}
+
+/// Why an observation is not used, if it is not.
+fn why_unused(arrival: &Arrival, rejection: Option<Rejection>) -> Option<Unused> {
+    rejection.map(Unused::Rejected).or(arrival.is_passive.then_some(Unused::Passive))
 }
 
 /// Refuses observing systems whose observations would not fit in memory; `name` is the network that is one too many.

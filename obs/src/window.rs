@@ -1,6 +1,7 @@
 //! The observations of one cycle, as a method receives them.
 
 use crate::aside::{Aside, UnusedObservation};
+use crate::error_regression::ErrorRegression;
 use crate::operator::{LinearOperator, ObservationOperator};
 use crate::report::{ObservationType, Report};
 use isobar_model::{Layout, State, Time};
@@ -23,8 +24,10 @@ pub struct ObservationWindow {
     pub times: Vec<Time>,
     /// The reported values, with their biases.
     pub values: Vec<f64>,
-    /// Standard deviation of each random error; errors are independent.
+    /// Standard deviation of each random error.
     pub sigma: Vec<f64>,
+    /// How the errors depend on each other, as far as methods assume that they do.
+    pub error_regression: ErrorRegression,
     /// What was reported as well, but is not used: no method sees it.
     pub aside: Aside,
     /// h(x, c) of these observations.
@@ -53,6 +56,7 @@ impl ObservationWindow {
         self.reports.len() == self.len()
             && self.sigma.len() == self.len()
             && self.times.len() == self.len()
+            && self.error_regression.fits(self.len())
             && reports.all(|report| report.variable < layout.variables.len())
     }
 

@@ -3,6 +3,7 @@
 mod air_mass;
 mod common;
 mod determinism;
+mod error_correlation;
 mod errors;
 mod passive;
 mod quality;

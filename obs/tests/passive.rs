@@ -95,3 +95,78 @@ fn unknown_biases_of_a_passive_network_are_refused_and_known_ones_are_not() {
     let message = with_bias(false).unwrap_err();
     assert!(message.starts_with("passive: assimilate is false, but the network has unknown biases"), "{message}");
 }
+
+/// Stations that are withheld report what they would, and are compared as passive ones; the others are what is left.
+#[test]
+fn withheld_stations_are_passive_and_the_same_in_every_cycle() {
+    let layout = layout(Boundary::Channel);
+    let truth = random_state(&layout, 1);
+    let process = isobar_obs::BiasProcess::constant(5.0);
+    let bias = StationBias { scope: isobar_obs::BiasScope::EachGroup, variable: "h".into(), process };
+    let groups = ["a", "b", "c"].map(String::from).to_vec();
+    let stations = StationSource::Random { count: 60, groups };
+    let sondes = RadiosondeSettings { biases: vec![bias], ..RadiosondeSettings::new(stations) };
+    let network = Network::new("sondes", sondes);
+    let withheld = Network { withhold: 0.2, ..network.clone() };
+    let [mut all, mut some] = [network, withheld].map(|network| system(&[network]));
+    let names: Vec<_> = some.withheld().flat_map(|(_, it)| it.names.iter().cloned()).collect();
+    assert_eq!((names.len(), some.withheld().next().unwrap().1.of), (12, 60));
+    assert_eq!(all.withheld().count(), 0);
+    let is_withheld = |platform: &std::sync::Arc<str>| names.contains(platform);
+    for _ in 0..3 {
+        let (of_all, of_some) = (all.observe(&truth), some.observe(&truth));
+        let both = of_all.reports.iter().zip(&of_all.values);
+        let (out, left): (Vec<_>, Vec<_>) = both.partition(|(report, _)| is_withheld(&report.platform));
+        assert_eq!((out.len(), left.len()), (36, 144));
+        assert!(of_some.reports.iter().zip(&of_some.values).eq(left));
+        assert!(of_some.aside.unused.iter().map(|it| (&it.report, &it.value)).eq(out));
+        assert!(of_some.aside.unused.iter().all(|it| it.why == Unused::Passive));
+    }
+}
+
+#[test]
+fn a_share_that_cannot_be_withheld_is_refused() {
+    let message = |network: Network| {
+        let layout = layout(Boundary::Channel);
+        let (window, start) = (Duration::from_seconds(3600), Time::from_seconds(0));
+        ObservingSystem::new(&layout, None, &[network], 7, window, start).err().expect("it is refused").to_string()
+    };
+    let network = || Network { withhold: 0.2, ..Network::new("net", sondes()) };
+    let process = isobar_obs::BiasProcess::constant(5.0);
+    let bias = StationBias { scope: isobar_obs::BiasScope::EachStation, variable: "h".into(), process };
+    let biased = Network::new("net", RadiosondeSettings { biases: vec![bias], ..sondes() });
+    let kind = isobar_obs::ErrorCorrelationKind::ByDistance;
+    let correlation = isobar_obs::ErrorCorrelation { kind, length_m: 1e5, assumed_length_m: 1e5 };
+    for (network, wanted) in [
+        (Network { assimilate: false, ..network() }, "withhold has no effect"),
+        (Network { withhold: 1.0, ..network() }, "withhold is 1, but must be a share from 0 to below 1"),
+        (
+            Network { withhold: 0.2, ..biased },
+            "withhold is 0.2, which is 12 of 60 stations, but only 0 can be withheld",
+        ),
+        (Network { withhold: 0.2, ..Network::new("net", crate::common::satellite()) }, "the network has no stations"),
+        (Network { error_correlation: Some(correlation), ..network() }, "whose errors are correlated with those"),
+    ] {
+        let message = message(network);
+        assert!(message.starts_with("net: ") && message.contains(wanted), "{message}");
+    }
+}
+
+/// Of a file those are withheld that could be used, by their `id`.
+#[test]
+fn stations_of_a_file_are_withheld_too() {
+    let rows: String = (1..=2)
+        .flat_map(|cycle| (0..10).map(move |it| format!("{cycle},{}e5,3e5,h,{it},1,s{it}\n", it + 1)))
+        .chain(["1,1e5,-9e9,h,1,1,outside\n".to_string()])
+        .collect();
+    let text = format!("cycle,x_m,y_m,variable,value,sigma,id\n{rows}");
+    let recorded = RecordedSettings::new(ObservationFile::parse(&text, "file.csv", None).unwrap());
+    let mut system = system(&[Network { withhold: 0.3, ..Network::new("file", recorded) }]);
+    let withheld = system.withheld().next().unwrap().1.clone();
+    assert_eq!((withheld.names.len(), withheld.of), (3, 10));
+    for _ in 0..2 {
+        let window = system.observe_checked(None, None);
+        let passive: Vec<_> = window.aside.passive().map(|(_, it)| it.report.platform.clone()).collect();
+        assert!(passive.iter().eq(&withheld.names) && window.len() == 7, "{passive:?}");
+    }
+}

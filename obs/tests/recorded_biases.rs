@@ -29,7 +29,8 @@ fn by_angle(scope: RecordedScope) -> RecordedBias {
 }
 
 fn settings(text: &str, biases: Vec<RecordedBias>) -> RecordedSettings {
-    let further = FurtherColumns { group_by: Some("country".into()), predictors: vec!["angle".into()] };
+    let further =
+        FurtherColumns { group_by: Some("country".into()), predictors: vec!["angle".into()], ..Default::default() };
     let observations = ObservationFile::parse_with(text, "file.csv", None, further).unwrap();
     RecordedSettings { biases, ..RecordedSettings::new(observations) }
 }
@@ -224,7 +225,7 @@ fn mistakes_are_named() {
 
 #[test]
 fn further_columns_are_read_as_the_values_are() {
-    let further = || FurtherColumns { group_by: None, predictors: vec!["angle".into()] };
+    let further = || FurtherColumns { group_by: None, predictors: vec!["angle".into()], ..Default::default() };
     let parse = |text: &str, markers: Option<&[f64]>| ObservationFile::parse_with(text, "t.csv", markers, further());
     let head = "cycle,x_m,y_m,value,angle,remark";
     let text = format!("{head}\n1,2,3,4,5,x\n1,2,3,4,NA,x\n1,2,3,4,-999,x\n");
@@ -242,7 +243,7 @@ fn further_columns_are_read_as_the_values_are() {
     let without = message("cycle,x_m,y_m,value\n1,2,3,4\n");
     assert!(without.contains("the header has no column `angle`; it has `cycle`"), "{without}");
     let by = |text: &str| {
-        let further = FurtherColumns { group_by: Some("group".into()), predictors: Vec::new() };
+        let further = FurtherColumns { group_by: Some("group".into()), ..Default::default() };
         ObservationFile::parse_with(text, "t.csv", None, further)
     };
     let groups = by("cycle,x_m,y_m,value,GROUP\n1,2,3,4,a\n").unwrap();

@@ -2,6 +2,7 @@
 
 use super::temporary;
 use crate::interrupt;
+use crate::memory;
 use crate::options::RunOptions;
 use crate::output::directory::SUMMARY_FILE;
 use crate::output::recorded::SavedRun;
@@ -17,7 +18,6 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
-use sysinfo::System;
 
 /// Cycles of the run that shows how much memory one takes.
 const TRIAL_CYCLES: usize = 2;
@@ -139,7 +139,7 @@ fn schedule(jobs: &[Job<'_>], options: &RunOptions, left: usize, run: &Run<'_>) 
         _ => {
             let directory = temporary::directory()?;
             let needed_bytes = trial(&jobs[0], options, run, directory.path());
-            let both = needed_bytes.zip(available_bytes());
+            let both = needed_bytes.zip(memory::available_bytes());
             both.map_or(1, |(needed_bytes, available_bytes)| fitting(wanted, needed_bytes, available_bytes))
         }
     };
@@ -163,14 +163,6 @@ fn trial(job: &Job<'_>, options: &RunOptions, run: &Run<'_>, directory: &Path) -
 fn fitting(wanted: usize, needed_bytes: u64, available_bytes: u64) -> usize {
     let most = MEMORY_SHARE * available_bytes as f64 / needed_bytes as f64;
     (most as usize).clamp(1, wanted.max(1))
-}
-
-/// Memory that can be had without swapping, also within the limits of a container; `None` where the system does not report it.
-fn available_bytes() -> Option<u64> {
-    let mut system = System::new().ok()?;
-    system.refresh_memory();
-    let of_container = system.cgroup_limits().map(|limits| limits.free_memory);
-    Some(of_container.map_or(system.available_memory(), |free| free.min(system.available_memory())))
 }
 
 /// Hears nothing.
@@ -198,6 +190,6 @@ mod tests {
         assert_eq!(fitting(8, gigabyte, 100 * gigabyte), 8);
         assert_eq!(fitting(8, gigabyte, 5 * gigabyte), 3);
         assert_eq!(fitting(8, gigabyte, gigabyte), 1);
-        assert!(available_bytes().is_none_or(|bytes| bytes > 1_000_000));
+        assert!(memory::available_bytes().is_none_or(|bytes| bytes > 1_000_000));
     }
 }

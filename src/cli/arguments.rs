@@ -1,5 +1,6 @@
 //! The arguments that the program takes.
 
+use super::advise_arguments::{ADVISE_EXAMPLES, AdviseArguments};
 use super::outputs::OutputArguments;
 use super::sensors::SensorsCommand;
 use super::threads::MOST_THREADS;
@@ -45,6 +46,7 @@ const EXAMPLES: &str = "Examples:
   isobar sweep mine.toml                         all settings of its [sweep], and which are the best
   isobar exact fkf_linear                        the errors of infinitely many seeds, where all is linear
   isobar diagnose out/quickstart                 are claims, covariances and biases what they should be?
+  isobar advise quickstart --from out/quickstart --method fkf --mean h    what is worth observing next
   isobar compare out/quickstart other/quickstart which one is better, and is that chance?
   isobar regress                                 have the scores of any scenario moved?";
 
@@ -98,10 +100,16 @@ pub enum Command {
         /// Directories of runs
         #[arg(required = true, value_name = "OUT")]
         runs: Vec<PathBuf>,
+        /// Print all tables, and not only the verdicts and the worst biases
+        #[arg(long, short)]
+        all: bool,
         /// Print them as JSON, with all digits
         #[arg(long)]
         json: bool,
     },
+    /// Rank what could be observed next by what it would tell of a bias, a mean or a forecast
+    #[command(after_help = ADVISE_EXAMPLES)]
+    Advise(AdviseArguments),
     /// Keep what is known of sensors from run to run: calibrations, test points, recalibrations
     Sensors {
         #[command(subcommand)]
@@ -300,6 +308,15 @@ pub struct ExactArguments {
     pub scenario: OsString,
     #[command(flatten)]
     pub part: PartArguments,
+    /// Write the scores to this file as JSON, with all digits and units
+    #[arg(long, short, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Replace the file of an earlier computation
+    #[arg(long, short = 'f', requires = "out")]
+    pub overwrite: bool,
+    /// Show no progress
+    #[arg(long, short)]
+    pub quiet: bool,
 }
 
 /// Which part of a scenario is run, and on how many threads.

@@ -3,9 +3,10 @@
 use super::console::{print, print_json, width};
 use crate::output::recorded::SavedRun;
 use crate::scores::MethodScores;
-use crate::tables::diagnostics::{all, in_words};
+use crate::shell::command;
+use crate::tables::diagnostics::{all, in_words, worst_biases};
 use crate::tables::terminal::sentences;
-use crate::text::shown_path;
+use crate::text::{listed, shown_path};
 use miette::{Report, miette};
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
@@ -14,8 +15,11 @@ use std::process::ExitCode;
 /// The most rows of a table that are printed; the report has them all.
 const MOST_ROWS: usize = 60;
 
-/// Prints the diagnostics of runs.
-pub fn diagnose(runs: &[PathBuf], as_json: bool) -> Result<ExitCode, Report> {
+/// Biases that are shown without being asked for.
+const WORST: usize = 5;
+
+/// Prints the diagnostics of runs: the verdicts and the worst biases, and on request all tables.
+pub fn diagnose(runs: &[PathBuf], with_all: bool, as_json: bool) -> Result<ExitCode, Report> {
     let runs = runs.iter().map(|run| SavedRun::open(run)).collect::<Result<Vec<_>, _>>()?;
     if as_json {
         let runs = runs.iter().map(described).collect::<Result<Vec<_>, _>>()?;
@@ -33,6 +37,16 @@ pub fn diagnose(runs: &[PathBuf], as_json: bool) -> Result<ExitCode, Report> {
         let words = in_words(&run.summary);
         if !words.is_empty() {
             print(&format!("{}\n", sentences(&words.join("\n"), width())))?;
+        }
+        if !with_all {
+            if let Some(worst) = worst_biases(&run.summary, WORST).filled() {
+                let title = "Biases with the largest errors for what is claimed of them";
+                print(&format!("{title}\n{}\n", worst.terminal(width())))?;
+            }
+            let all = command("isobar diagnose --all", &[&run.directory]);
+            let titles = listed(tables.iter().map(|titled| titled.title));
+            print(&sentences(&format!("`{all}` also prints: {titles}"), width()))?;
+            continue;
         }
         for titled in tables.iter().filter(|titled| titled.table.rows.len() <= MOST_ROWS) {
             print(&format!("{}\n{}\n", titled.title, titled.table.terminal_with_notes(width())))?;

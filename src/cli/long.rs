@@ -1,7 +1,8 @@
 //! Scores in the long form, for other programs: each with its unit, nothing rounded.
 
 use crate::batch::seeds::SeedsSummary;
-use crate::scores::{Score, Summary};
+use crate::exact::ExactSummary;
+use crate::scores::{Score, Summary, Values};
 use serde::Serialize;
 
 /// A score of a method.
@@ -60,6 +61,15 @@ pub fn of_run<'a>(summary: &'a Summary, variables: &[(&'a str, &'a str)]) -> Vec
         }
     }
     rows
+}
+
+/// All exact scores, by method.
+pub fn of_exact<'a>(summary: &'a ExactSummary, variables: &[(&'a str, &'a str)]) -> Vec<ScoreRow<'a>> {
+    let of_method = |(method, values): (&'a String, &'a Values)| {
+        let row = |score: Score<'a>| values.get(&score.key()).map(|&value| ScoreRow::new(method, &score, value));
+        Score::all(variables, |_| true).into_iter().filter_map(row).collect::<Vec<_>>()
+    };
+    summary.methods.iter().flat_map(of_method).collect()
 }
 
 /// All mean scores over seeds, by method.

@@ -51,6 +51,7 @@ struct Shown<'a> {
     help: Option<String>,
     original: &'a dyn Diagnostic,
     cause: Option<Box<Shown<'a>>>,
+    related: Vec<Shown<'a>>,
     /// If the cause has neither a place nor help.
     plain_cause: Option<Cause>,
 }
@@ -63,6 +64,7 @@ impl<'a> Shown<'a> {
             help: original.help().map(|help| printable(&help.to_string())),
             plain_cause: original.source().filter(|_| cause.is_none()).map(Cause::of),
             cause,
+            related: original.related().map_or(Vec::new(), |others| others.map(Self::of).collect()),
             original,
         }
     }
@@ -95,6 +97,12 @@ impl Diagnostic for Shown<'_> {
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
         self.original.labels()
+    }
+
+    fn related<'b>(&'b self) -> Option<Box<dyn Iterator<Item = &'b dyn Diagnostic> + 'b>> {
+        let others =
+            || Box::new(self.related.iter().map(|other| other as &dyn Diagnostic)) as Box<dyn Iterator<Item = _>>;
+        (!self.related.is_empty()).then(others)
     }
 
     fn diagnostic_source(&self) -> Option<&dyn Diagnostic> {

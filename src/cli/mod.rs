@@ -1,5 +1,7 @@
 //! The command line: arguments in, tables and files out.
 
+mod advise;
+mod advise_arguments;
 mod arguments;
 mod check;
 mod compare;
@@ -29,9 +31,10 @@ mod view;
 mod write_back;
 
 use crate::interrupt;
-use crate::text::is_unprintable;
+use crate::text::{is_unprintable, nearest};
 use arguments::{Arguments, Command};
-use clap::Parser;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::{CommandFactory, Parser};
 use console::{complain, show};
 use messages::Messages;
 use miette::Report;
@@ -73,9 +76,22 @@ fn obey(command: Command) -> Result<ExitCode, Report> {
         Command::Sensors { command } => sensors::sensors(&command),
         Command::Compare(arguments) => compare::compare(&arguments),
         Command::Sweep(arguments) => sweep::sweep(&arguments),
+        Command::Advise(arguments) => advise::run(&arguments),
         Command::Exact(arguments) => exact::run(&arguments),
-        Command::Diagnose { runs, json } => diagnose::diagnose(&runs, json),
+        Command::Diagnose { runs, all, json } => diagnose::diagnose(&runs, all, json),
     }
+}
+
+/// The command that a misspelt one may mean, if the crate that reads arguments has no suggestion.
+fn meant(error: &clap::Error) -> Option<String> {
+    let is_unknown = error.kind() == ErrorKind::InvalidSubcommand;
+    let said = |kind| error.get(kind).filter(|_| is_unknown);
+    let Some(ContextValue::String(word)) = said(ContextKind::InvalidSubcommand) else { return None };
+    if said(ContextKind::SuggestedSubcommand).is_some() {
+        return None;
+    }
+    let command = Arguments::command();
+    nearest(word, command.get_subcommands().map(clap::Command::get_name)).map(String::from)
 }
 
 /// Shows what is wrong with the arguments, or the help or version that they ask for.
@@ -87,6 +103,9 @@ fn refuse(error: &clap::Error) -> ExitCode {
     } else {
         // There is nowhere to report that standard error is closed.
         let _ = error.print();
+        if let Some(near) = meant(error) {
+            complain(&format!("did you mean `isobar {near}`?"));
+        }
     }
     u8::try_from(error.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from)
 }

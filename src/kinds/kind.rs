@@ -1,10 +1,8 @@
 //! What every kind of thing that a scenario chooses by name is, and how one is chosen.
 
+pub(crate) use crate::reader::KIND;
 use crate::reader::{AnyKey, Field, Form, KindForm, Read, Section};
 use crate::text::clean;
-
-/// The key by which a table names its kind.
-pub(crate) const KIND: &str = "kind";
 
 /// A kind of thing that a scenario chooses by name: reads a `T` from its section, in a scenario that otherwise is `C`.
 pub(crate) struct Kind<T: ?Sized, C: ?Sized> {

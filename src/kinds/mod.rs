@@ -10,11 +10,14 @@ pub(crate) mod forecast;
 pub mod initial;
 pub(crate) mod instruments;
 mod kind;
+mod lists;
 pub mod methods;
 pub mod models;
+pub(crate) mod warnings;
 
 pub use domain::Domain;
 pub(crate) use kind::{KIND, Kind, Kinds, check_name, choose, choose_by, distinct_name, form, forms, plain_name, read};
+pub(crate) use lists::list;
 
 #[cfg(test)]
 mod tests {

@@ -150,6 +150,7 @@ impl History {
             Event::Estimated(estimated) => self.add_parameters(estimated),
             Event::Started(_)
             | Event::Resumed(_)
+            | Event::Outlook { .. }
             | Event::Forecast(_)
             | Event::Failed { .. }
             | Event::CycleEnded(_)

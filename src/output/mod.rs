@@ -23,6 +23,7 @@ pub mod scores;
 mod sink;
 pub mod structure;
 pub mod summary;
+pub mod warnings;
 pub mod working;
 
 pub use directory::{Existing, OutputDirectory};

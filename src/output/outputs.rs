@@ -2,7 +2,9 @@
 
 #[cfg(feature = "rerun")]
 use super::rerun;
-use super::{OutputDirectory, Sink, SinkError, forecasts, netcdf, parameters, readings, report, scores, summary};
+use super::{
+    OutputDirectory, Sink, SinkError, forecasts, netcdf, parameters, readings, report, scores, summary, warnings,
+};
 use crate::event::RunInfo;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -143,6 +145,9 @@ pub fn open_all(
     sinks.push(Box::new(scores::ScoresSink::create(info, directory)?));
     sinks.push(Box::new(forecasts::ForecastsSink::new(info, directory)));
     sinks.push(Box::new(parameters::ParametersSink::new(info, directory)));
+    if !info.warnings.is_empty() {
+        sinks.push(Box::new(warnings::WarningsSink::new(info, directory)));
+    }
     if info.keeps_sensors {
         sinks.push(Box::new(readings::ReadingsSink::create(info, directory)?));
     }

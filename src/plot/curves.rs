@@ -1,20 +1,12 @@
 //! Curves and bands over a common axis, as SVG.
 
 use super::colors::hex;
+use super::svg::{GRID, INK, PAPER, Svg};
 use crate::text::printable;
 use kuva::plot::legend::{LegendEntry, LegendPosition, LegendShape};
 use kuva::plot::{BandPlot, LinePlot, ScatterPlot};
 use kuva::prelude::{Layout, Plot, Theme};
-use kuva::render::annotations::ReferenceLine;
-
-/// Colours of text, of lines in the background, and of paper in a figure's file.
-const INK: &str = "#1b1e25";
-const GRID: &str = "#d9dce3";
-const PAPER: &str = "#ffffff";
-
-/// What stands for them in a figure that is part of a page: the page's style sheet knows their colours by day and by
-/// night.
-const PAGE_COLORS: [(&str, &str); 3] = [(INK, "var(--ink)"), (GRID, "var(--line)"), (PAPER, "none")];
+use kuva::render::annotations::{ReferenceLine, ShadedRegion};
 
 /// Height of a figure with one row of names \[px\], and of each further row.
 const HEIGHT: f64 = 300.0;
@@ -104,21 +96,24 @@ pub struct CurvePlot {
     pub highest: Option<f64>,
     /// Whether the names of curves are shown.
     pub legend: bool,
-}
-
-/// A figure: for a file of its own, and for a page that has it among others.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Svg {
-    /// With colours on white paper.
-    pub file: String,
-    /// With the page's colours, its own identifiers, and without a fixed size.
-    pub page: String,
+    /// The part of the x axis that counts, if not all of it does: it is shaded.
+    pub counts: Option<[f64; 2]>,
 }
 
 impl CurvePlot {
     /// Curves with their names, all of them, from zero on.
     pub fn new(title: String, x_label: String, y_label: String, curves: Vec<Curve>) -> Self {
-        Self { title, x_label, y_label, curves, reference: None, from_zero: true, highest: None, legend: true }
+        Self {
+            title,
+            x_label,
+            y_label,
+            curves,
+            reference: None,
+            from_zero: true,
+            highest: None,
+            legend: true,
+            counts: None,
+        }
     }
 
     /// Draws the figure. `id` is a word that no other figure of the page has. Characters that XML cannot hold or a browser
@@ -142,7 +137,7 @@ impl CurvePlot {
         let file = kuva::render_to_svg(plots, layout);
         // Identifiers of the plotting crate are numbered through the life of the process.
         let file = unique_identifiers(&file, id);
-        Svg { page: for_page(&file, &self.title), file }
+        Svg::new(file, &self.title)
     }
 
     fn layout(&self, plots: &[Plot]) -> Layout {
@@ -186,6 +181,9 @@ impl CurvePlot {
             layout.show_legend = false;
         } else {
             layout = layout.with_legend_entries(entries);
+        }
+        if let Some([from, to]) = self.counts.map(|counts| counts.map(|end| end.clamp(left, right))) {
+            layout = layout.with_shaded_region(ShadedRegion::vertical(from, to).with_color(GRID).with_opacity(0.35));
         }
         if let Some(value) = self.reference {
             let line = ReferenceLine::horizontal(value).with_color(INK).with_stroke_width(1.0).with_dasharray("2 3");
@@ -323,25 +321,6 @@ fn unique_identifiers(svg: &str, id: &str) -> String {
     text
 }
 
-/// The figure as part of a page.
-fn for_page(svg: &str, title: &str) -> String {
-    let mut svg = svg.to_string();
-    for (from, to) in PAGE_COLORS {
-        svg = svg.replace(&format!("\"{from}\""), &format!("\"{to}\""));
-    }
-    let Some(end) = svg.find('>') else { return svg };
-    let (opening, rest) = svg.split_at(end);
-    let size = |name: &str| {
-        let value = opening.split(&format!(" {name}=\"")).nth(1)?.split('"').next()?;
-        value.parse::<f64>().ok()
-    };
-    let (width, height) = (size("width").unwrap_or(440.0), size("height").unwrap_or(300.0));
-    let label = minijinja::HtmlEscape(title);
-    let ns = "xmlns=\"http://www.w3.org/2000/svg\"";
-    let font = "font-family=\"system-ui, sans-serif\" fill=\"var(--ink)\"";
-    format!("<svg {ns} viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{label}\" {font}{rest}")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -412,6 +391,22 @@ mod tests {
         let [_, [low, high]] = banded.ranges();
         assert_eq!((low, high), (1.0, 50.0));
         assert!(!banded.svg("a").file.contains("NaN"));
+    }
+
+    /// Half of the axis counts: the shade is half as wide as the axis, and goes to its end.
+    #[test]
+    fn what_counts_is_shaded() {
+        let mut plot = plot(vec![[0.0, 1.0], [1.0, 2.0], [2.0, 1.5]]);
+        assert!(!plot.svg("a").file.contains("pacity=\"0.35"));
+        plot.counts = Some([1.0, 9.0]);
+        let svg = plot.svg("a").file;
+        let rectangle =
+            svg.split("<rect").find(|part| part.contains("pacity=\"0.35")).unwrap_or_else(|| panic!("{svg}"));
+        let number = |text: &str, key: &str| -> f64 {
+            text.split(&format!("{key}=\"")).nth(1).unwrap().split('"').next().unwrap().parse().unwrap()
+        };
+        let axis = number(&svg[svg.find("<clipPath").unwrap()..], " width");
+        assert!((number(rectangle, " width") / axis - 0.5).abs() < 0.01, "{rectangle} of {axis}");
     }
 
     #[test]

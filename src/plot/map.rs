@@ -1,27 +1,39 @@
-//! A field as a map with colour bar, contour lines and marks, as PNG.
+//! A field as a map with colour bar, contour lines, coast and marks, as SVG: the cells are a small picture within it.
 
 use super::PlotError;
 use super::colors::{Scale, hex};
+use super::contours;
+use super::curves::{Curve, CurvePlot, Dash};
 use super::number;
-use super::palette::indexed;
-use kuva::plot::colormap::ColorMap;
-use kuva::plot::{ContourPlot, Heatmap, ScatterPlot};
-use kuva::prelude::{Layout, Plot, Theme};
-use kuva::render::layout::TickFormat;
-use std::sync::Arc;
+use super::range::tick_step;
+use super::svg::{Anchor, Canvas, INK, Svg};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use png::{BitDepth, ColorType, Compression, Encoder};
+use std::fmt::Write;
 
-/// Pixels of the picture for each of its units: sharp on a fine display.
-const PIXELS: f32 = 1.2;
+/// Width of a figure \[px\], and what labels and colour bar take beside the map and above and below it.
+const WIDTH: f64 = 440.0;
+const LEFT: f64 = 48.0;
+const RIGHT: f64 = 66.0;
+const TOP: f64 = 34.0;
+const BOTTOM: f64 = 42.0;
 
-/// Width of the map's frame, and what the labels around it take.
-const FRAME: f64 = 330.0;
-const AROUND: [f64; 2] = [105.0, 88.0];
+/// The tallest map, and the lowest \[px\]: beyond, the map is narrower, or its cells are not squares.
+const TALLEST: f64 = 460.0;
+const LOWEST: f64 = 36.0;
 
-/// Steps of the colour scales: more than the eye tells apart, and few enough for a small picture.
-const STEPS: f32 = 64.0;
+/// Steps of colours that have no steps of their own: more than the eye tells apart.
+const SMOOTH: usize = 64;
+
+/// The most cells on a side for which contour lines are drawn, and for which the values are part of the figure.
+const MOST_CELLS: usize = 128;
+
+/// The largest whole number that stands for a value of the field.
+const LARGEST: f64 = 32_000.0;
 
 /// An observing platform on a map.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Mark {
     /// x \[m\].
     pub x_m: f64,
@@ -29,6 +41,8 @@ pub struct Mark {
     pub y_m: f64,
     /// Its colour; `None`: a small dark dot.
     pub color: Option<[u8; 3]>,
+    /// What is said of it when it is pointed at; may be empty.
+    pub title: String,
 }
 
 /// A map of a field.
@@ -38,7 +52,7 @@ pub struct FieldMap {
     pub title: String,
     /// Unit of the field; empty if it has none.
     pub unit: String,
-    /// Values `[y, x]`, from the south.
+    /// Values `[y, x]`, from the south; nothing for a map with marks alone.
     pub field: Vec<f32>,
     /// Columns and rows.
     pub size: [usize; 2],
@@ -48,133 +62,275 @@ pub struct FieldMap {
     pub scale: Scale,
     /// The values at the ends of the colours.
     pub range: [f32; 2],
+    /// The values between which there is one colour, from below; nothing for colours without steps.
+    pub steps: Vec<f32>,
     /// Values at which lines are drawn.
     pub contours: Vec<f64>,
+    /// Coastlines, points (x, y) \[m\].
+    pub coast: Vec<Vec<[f64; 2]>>,
     /// Observing platforms.
     pub marks: Vec<Mark>,
 }
 
-impl FieldMap {
-    /// Draws the map.
-    ///
-    /// # Errors
-    /// If the field's size is not what it says it is, or the picture cannot be encoded.
-    pub fn png(&self) -> Result<Vec<u8>, PlotError> {
-        let failure = |reason: String| PlotError { figure: self.title.clone(), reason };
-        let [nx, ny] = self.size;
-        let [low, high] = self.range.map(f64::from);
-        if nx * ny == 0 || self.field.len() != nx * ny || low >= high || !(high - low).is_finite() {
-            return Err(failure(format!("{} values in {nx} × {ny} cells from {low} to {high}", self.field.len())));
-        }
-        let [width, height] = self.extent_m.map(|metres| metres / 1000.0);
-        let rows = self.rows();
-        let mut plots = Vec::new();
-        if self.scale != Scale::Parts {
-            plots.push(self.color_bar([width, height]));
-        }
-        plots.push(self.cells(&rows, [width, height]));
-        if nx > 1 && ny > 1 {
-            plots.extend(self.lines(rows, [width, height]));
-        }
-        plots.extend(self.dots());
-        let layout = self.layout(&plots, [width, height]);
-        kuva::render_to_png(plots, layout, PIXELS).and_then(indexed).map_err(failure)
+/// Where the map is in the figure.
+struct Frame {
+    left: f64,
+    top: f64,
+    width: f64,
+    height: f64,
+    extent_m: [f64; 2],
+}
+
+impl Frame {
+    /// As wide as there is room, with squares as squares.
+    fn new(extent_m: [f64; 2]) -> Self {
+        let room = WIDTH - LEFT - RIGHT;
+        let aspect = extent_m[1] / extent_m[0];
+        let height = (room * aspect).clamp(LOWEST, TALLEST);
+        let width = (height / aspect).clamp(LOWEST, room);
+        Self { left: LEFT + 0.5 * (room - width), top: TOP, width, height, extent_m }
     }
 
-    fn layout(&self, plots: &[Plot], [width, height]: [f64; 2]) -> Layout {
-        let aspect = (height / width).clamp(0.25, 2.0);
-        let theme = Theme { show_grid: false, ..Theme::light() };
-        let unit = if self.unit.is_empty() { String::new() } else { format!(" [{}]", self.unit) };
-        let mut layout = Layout::auto_from_plots(plots)
-            .with_width(FRAME + AROUND[0])
-            .with_height(FRAME * aspect + AROUND[1])
-            .with_theme(theme)
-            .with_title(format!("{}{unit}", self.title))
-            // Rotated labels look smudged in pictures of this crate.
-            .with_x_label("x and y [km]")
-            .with_x_axis_min(0.0)
-            .with_x_axis_max(width)
-            .with_y_axis_min(0.0)
-            .with_y_axis_max(height)
-            .with_title_size(14)
-            .with_label_size(12)
-            .with_tick_size(11)
-            .with_body_size(11)
-            .with_colorbar_tick_format(TickFormat::Custom(Arc::new(number::<f64>)));
-        layout.show_colorbar = self.scale != Scale::Parts;
-        layout
-    }
-
-    /// Rows of values within the range; what is no number is at its low end.
-    fn rows(&self) -> Vec<Vec<f64>> {
-        let [low, high] = self.range;
-        let value = |&value: &f32| f64::from(if value.is_nan() { low } else { value.clamp(low, high) });
-        self.field.chunks(self.size[0]).map(|row| row.iter().map(value).collect()).collect()
-    }
-
-    /// The crate's colour bars span the values of a plot and not a given range: this plot has nothing but the two ends of
-    /// the range, and is hidden behind the cells.
-    fn color_bar(&self, [width, height]: [f64; 2]) -> Plot {
-        let [low, high] = self.range.map(f64::from);
-        let scale = self.scale;
-        let colors = ColorMap::Custom(Arc::new(move |part| color(scale, part as f32)));
-        let grid = vec![vec![low, high], vec![low, high]];
-        let (xs, ys) = (vec![0.4 * width, 0.6 * width], vec![0.4 * height, 0.6 * height]);
-        let bar = ContourPlot::new().with_grid(grid, xs, ys).with_filled().with_n_levels(2).with_colormap(colors);
-        bar.into()
-    }
-
-    fn cells(&self, rows: &[Vec<f64>], [width, height]: [f64; 2]) -> Plot {
-        // The crate spreads the colours over the values that there are.
-        let values = || rows.iter().flatten().copied();
-        let (from, to) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
-        let [low, high] = self.range.map(f64::from);
-        let scale = self.scale;
-        let color = move |part: f64| {
-            let value = from + part * (to - from);
-            self::color(scale, ((value - low) / (high - low)) as f32)
-        };
-        let heatmap = Heatmap::new().with_data(rows.iter().cloned()).with_color_map(ColorMap::Custom(Arc::new(color)));
-        heatmap.with_x_range(0.0, width).with_y_range(0.0, height).with_cell_size(1.0).into()
-    }
-
-    fn lines(&self, rows: Vec<Vec<f64>>, [width, height]: [f64; 2]) -> Option<Plot> {
-        let [low, high] = self.range.map(f64::from);
-        let levels: Vec<f64> = self.contours.iter().copied().filter(|level| (low..high).contains(level)).collect();
-        if levels.is_empty() {
-            return None;
-        }
-        let centres = |count: usize, length: f64| {
-            (0..count).map(|number| (number as f64 + 0.5) * length / count as f64).collect::<Vec<_>>()
-        };
-        let (xs, ys) = (centres(self.size[0], width), centres(self.size[1], height));
-        let color = if self.scale == Scale::Difference { "#5a5a5a" } else { "#f4f4f4" };
-        let plot = ContourPlot::new().with_grid(rows, xs, ys).with_levels(&levels);
-        Some(plot.with_line_color(color).with_line_width(0.7).into())
-    }
-
-    /// Each mark with a dark rim if it has a colour, so that it is seen on any field.
-    fn dots(&self) -> Vec<Plot> {
-        if self.marks.is_empty() {
-            return Vec::new();
-        }
-        let place = |mark: &Mark| (mark.x_m / 1000.0, mark.y_m / 1000.0);
-        let points: Vec<(f64, f64)> = self.marks.iter().map(place).collect();
-        let colored = self.marks.iter().filter_map(|mark| Some((place(mark), hex(mark.color?))));
-        let (places, colors): (Vec<(f64, f64)>, Vec<String>) = colored.unzip();
-        let size = if places.is_empty() { 0.9 } else { 2.8 };
-        let mut plots = vec![ScatterPlot::new().with_data(points).with_color("#202020").with_size(size).into()];
-        if !places.is_empty() {
-            plots.push(ScatterPlot::new().with_data(places).with_size(2.2).with_colors(colors).into());
-        }
-        plots
+    /// The place of a point of the plane \[m\].
+    fn place(&self, [x_m, y_m]: [f64; 2]) -> [f64; 2] {
+        let [x, y] = [x_m / self.extent_m[0], y_m / self.extent_m[1]];
+        [self.left + x * self.width, self.top + (1.0 - y) * self.height]
     }
 }
 
-/// The colour at a position on a scale, in steps.
-fn color(scale: Scale, position: f32) -> String {
-    let position = if scale == Scale::Parts { position } else { (position * STEPS).round() / STEPS };
-    hex(scale.color(position))
+impl FieldMap {
+    /// Draws the map. `id` is a word that no other figure of the page has.
+    ///
+    /// # Errors
+    /// If the field's size is not what it says it is, or the picture cannot be encoded.
+    pub fn svg(&self, id: &str) -> Result<Svg, PlotError> {
+        let failure = |reason: String| PlotError { figure: self.title.clone(), reason };
+        let ([nx, ny], [low, high]) = (self.size, self.range);
+        let has_cells = self.field.len() == nx * ny || self.field.is_empty();
+        if nx * ny == 0 || !has_cells || low >= high || !(high - low).is_finite() {
+            return Err(failure(format!("{} values in {nx} × {ny} cells from {low} to {high}", self.field.len())));
+        }
+        let frame = Frame::new(self.extent_m);
+        let mut canvas = Canvas::new([WIDTH, frame.top + frame.height + BOTTOM]);
+        let unit = if self.unit.is_empty() { String::new() } else { format!(" [{}]", self.unit) };
+        let title = format!("{}{unit}", self.title);
+        canvas.text([frame.left + 0.5 * frame.width, 20.0], 14.0, Anchor::Middle, INK, &title);
+        if !self.field.is_empty() {
+            canvas.raw(&self.cells(&frame).map_err(failure)?);
+        }
+        let Frame { left, top, width, height, .. } = frame;
+        canvas.raw(&format!(
+            "<clipPath id=\"{id}-0\"><rect x=\"{left:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\"/>\
+             </clipPath>\n<g clip-path=\"url(#{id}-0)\" fill=\"none\">"
+        ));
+        self.lines(&mut canvas, &frame);
+        canvas.raw("</g>");
+        self.dots(&mut canvas, &frame);
+        canvas.raw(&format!(
+            "<rect x=\"{left:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"none\" stroke=\"{INK}\" \
+             stroke-width=\"0.8\"/>"
+        ));
+        self.axes(&mut canvas, &frame);
+        if self.scale != Scale::Parts {
+            self.color_bar(&mut canvas, &frame);
+        }
+        Ok(canvas.finish(&self.title))
+    }
+
+    /// The thresholds between colours, from below; one less than there are colours.
+    fn thresholds(&self) -> Vec<f32> {
+        let [low, high] = self.range;
+        match self.scale {
+            Scale::Parts => (0..SMOOTH.min(high as usize)).map(|number| number as f32 + 0.5).collect(),
+            _ if !self.steps.is_empty() => self.steps.clone(),
+            _ => (1..SMOOTH).map(|step| low + (high - low) * step as f32 / SMOOTH as f32).collect(),
+        }
+    }
+
+    /// The colour of each step, from below. Those of steps are spread evenly over the scale, whatever their widths.
+    fn palette(&self) -> Vec<[u8; 3]> {
+        let last = self.thresholds().len();
+        (0..=last).map(|number| self.scale.color(number as f32 / last.max(1) as f32)).collect()
+    }
+
+    /// The cells as a small picture, which is spread over the map, with the values for whoever points at them.
+    fn cells(&self, frame: &Frame) -> Result<String, String> {
+        let ([nx, ny], thresholds) = (self.size, self.thresholds());
+        let number = |value: &f32| thresholds.partition_point(|threshold| value > threshold) as u8;
+        // Pictures begin at the top.
+        let indices: Vec<u8> = self.field.chunks(nx).rev().flatten().map(number).collect();
+        let mut bytes = Vec::new();
+        let mut encoder = Encoder::new(&mut bytes, nx as u32, ny as u32);
+        encoder.set_color(ColorType::Indexed);
+        encoder.set_depth(BitDepth::Eight);
+        encoder.set_compression(Compression::High);
+        encoder.set_palette(self.palette().concat());
+        let mut writer = encoder.write_header().map_err(|error| error.to_string())?;
+        writer.write_image_data(&indices).map_err(|error| error.to_string())?;
+        writer.finish().map_err(|error| error.to_string())?;
+        let Frame { left, top, width, height, extent_m } = frame;
+        Ok(format!(
+            "<image x=\"{left:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" \
+             preserveAspectRatio=\"none\" style=\"image-rendering:pixelated\" data-nx=\"{nx}\" data-km=\"{:.4} {:.4}\"{} \
+             href=\"data:image/png;base64,{}\"/>",
+            extent_m[0] / 1e3,
+            extent_m[1] / 1e3,
+            self.values(),
+            STANDARD.encode(bytes)
+        ))
+    }
+
+    /// The values as attributes: whole numbers of 16 bits, of a unit that is given; nothing of a field that is large or has no
+    /// values.
+    fn values(&self) -> String {
+        let most =
+            self.field.iter().filter(|value| value.is_finite()).fold(0.0_f32, |most, value| most.max(value.abs()));
+        if self.scale == Scale::Parts || self.size.iter().any(|&cells| cells > MOST_CELLS) || most == 0.0 {
+            return String::new();
+        }
+        let step = f64::from(most) / LARGEST;
+        let whole = |value: &f32| if value.is_finite() { (f64::from(*value) / step).round() as i16 } else { i16::MIN };
+        let bytes: Vec<u8> = self.field.iter().flat_map(|value| whole(value).to_le_bytes()).collect();
+        format!(" data-step=\"{step:e}\" data-values=\"{}\"", STANDARD.encode(bytes))
+    }
+
+    /// Contour lines and coast.
+    fn lines(&self, canvas: &mut Canvas, frame: &Frame) {
+        let [nx, ny] = self.size;
+        let [low, high] = self.range.map(f64::from);
+        if nx > 1 && ny > 1 && nx.max(ny) <= MOST_CELLS && !self.field.is_empty() {
+            let mut path = String::new();
+            for level in self.contours.iter().filter(|&&level| (low..high).contains(&level)) {
+                for segment in contours::segments(&self.field, nx, *level as f32) {
+                    let [a, b] = segment.map(|[x, y]| {
+                        let [x, y] = [f64::from(x) / nx as f64, f64::from(y) / ny as f64];
+                        frame.place([x * self.extent_m[0], y * self.extent_m[1]])
+                    });
+                    // A string takes everything.
+                    let _ = write!(path, "M{:.1} {:.1}L{:.1} {:.1}", a[0], a[1], b[0], b[1]);
+                }
+            }
+            let color = if self.scale == Scale::Difference { "#5a5a5a" } else { "#f4f4f4" };
+            if !path.is_empty() {
+                canvas.raw(&format!("<path d=\"{path}\" stroke=\"{color}\" stroke-width=\"0.7\"/>"));
+            }
+        }
+        let mut path = String::new();
+        for line in &self.coast {
+            for (number, point) in line.iter().enumerate() {
+                let [x, y] = frame.place(*point);
+                let _ = write!(path, "{}{x:.1} {y:.1}", if number == 0 { 'M' } else { 'L' });
+            }
+        }
+        if !path.is_empty() {
+            // Light under dark: it is seen on any field, and on paper.
+            let (under, over) = ("#ffffff", "#303030");
+            let under = if self.field.is_empty() {
+                String::new()
+            } else {
+                format!("<path d=\"{path}\" stroke=\"{under}e0\" stroke-width=\"2\"/>\n")
+            };
+            let over = if self.field.is_empty() { INK } else { over };
+            canvas.raw(&format!("{under}<path d=\"{path}\" stroke=\"{over}\" stroke-width=\"0.8\"/>"));
+        }
+    }
+
+    /// Coloured dots with a dark rim, so that they are seen on any field; all others as one path.
+    fn dots(&self, canvas: &mut Canvas, frame: &Frame) {
+        let mut path = String::new();
+        for mark in &self.marks {
+            let place = frame.place([mark.x_m, mark.y_m]);
+            match mark.color {
+                None => {
+                    // A string takes everything.
+                    let _ = write!(path, "M{:.1} {:.1}h0", place[0], place[1]);
+                }
+                Some(color) => {
+                    canvas.dot(place, 3.2, "#202020", "");
+                    canvas.dot(place, 2.5, &hex(color), &mark.title);
+                }
+            }
+        }
+        if !path.is_empty() {
+            canvas
+                .raw(&format!("<path d=\"{path}\" stroke=\"#202020\" stroke-width=\"2.2\" stroke-linecap=\"round\"/>"));
+        }
+    }
+
+    /// The field of a ring or a row of cells as a line; `None` for any other.
+    pub fn line(&self) -> Option<CurvePlot> {
+        let [nx, ny] = self.size;
+        if ny != 1 || nx == 1 || self.field.len() != nx || self.scale == Scale::Parts {
+            return None;
+        }
+        let x_km = |cell: usize| (cell as f64 + 0.5) * self.extent_m[0] / 1e3 / nx as f64;
+        let points = self.field.iter().enumerate().map(|(cell, value)| [x_km(cell), f64::from(*value)]).collect();
+        let unit = if self.unit.is_empty() { String::new() } else { format!("[{}]", self.unit) };
+        let curve = Curve { name: None, color: None, dash: Dash::Solid, points, band: None };
+        let mut plot = CurvePlot::new(self.title.clone(), "x [km]".into(), unit, vec![curve]);
+        plot.from_zero = self.scale == Scale::Spread;
+        plot.reference = (self.scale == Scale::Difference).then_some(0.0);
+        Some(plot)
+    }
+
+    fn axes(&self, canvas: &mut Canvas, frame: &Frame) {
+        let [width_km, height_km] = self.extent_m.map(|metres| metres / 1e3);
+        let step = tick_step(width_km.max(height_km));
+        let (bottom, ticks) = (frame.top + frame.height, |length: f64| {
+            (0..).map(move |number| number as f64 * step).take_while(move |&at| at <= length * 1.0001)
+        });
+        for at in ticks(width_km) {
+            let [x, _] = frame.place([at * 1e3, 0.0]);
+            canvas.line([[x, bottom], [x, bottom + 4.0]], INK, 0.8);
+            canvas.text([x, bottom + 16.0], 11.0, Anchor::Middle, INK, &number(at));
+        }
+        for at in ticks(height_km) {
+            let [_, y] = frame.place([0.0, at * 1e3]);
+            canvas.line([[frame.left - 4.0, y], [frame.left, y]], INK, 0.8);
+            canvas.text([frame.left - 7.0, y + 4.0], 11.0, Anchor::End, INK, &number(at));
+        }
+        let middle = frame.left + 0.5 * frame.width;
+        canvas.text([middle, bottom + 32.0], 12.0, Anchor::Middle, INK, "x and y [km]");
+    }
+
+    /// The colours from below, with the thresholds between steps, and arrows at the ends, beyond which there are values too.
+    fn color_bar(&self, canvas: &mut Canvas, frame: &Frame) {
+        let colors = self.palette();
+        let (x, width) = (frame.left + frame.width + 14.0, 13.0);
+        let has_steps = !self.steps.is_empty();
+        let end = if has_steps { 12.0 } else { 0.0 };
+        let (top, height) = (frame.top + end, frame.height - 2.0 * end);
+        let inner = if has_steps { &colors[1..colors.len() - 1] } else { &colors[..] };
+        let part = height / inner.len().max(1) as f64;
+        for (number, color) in inner.iter().enumerate() {
+            let y = top + height - (number + 1) as f64 * part;
+            // A little more, that nothing shows between them.
+            canvas.rectangle([x, y], [width, part + if number > 0 { 0.5 } else { 0.0 }], &hex(*color));
+        }
+        let mut label = |y: f64, value: f32| {
+            canvas.text([x + width + 5.0, y + 4.0], 11.0, Anchor::Start, INK, &number(value));
+        };
+        if has_steps {
+            let all = self.steps.iter().enumerate();
+            all.for_each(|(number, value)| label(top + height - number as f64 * part, *value));
+            let [first, last] = [colors[0], colors[colors.len() - 1]].map(hex);
+            let (bottom, tip) = (top + height, x + 0.5 * width);
+            canvas.raw(&format!(
+                "<path d=\"M{x:.1} {top:.1}h{width}L{tip:.1} {:.1}z\" fill=\"{last}\"/>\n\
+                 <path d=\"M{x:.1} {bottom:.1}h{width}L{tip:.1} {:.1}z\" fill=\"{first}\"/>",
+                top - end,
+                bottom + end
+            ));
+        } else {
+            let [low, high] = self.range.map(f64::from);
+            let step = tick_step(high - low);
+            let first = (low / step).ceil() as i64;
+            let values = (first..).map(|number| number as f64 * step).take_while(|&value| value <= high * 1.0001);
+            for value in values.take(20) {
+                label(top + height * (1.0 - (value - low) / (high - low)), value as f32);
+            }
+        }
+    }
 }
 
 /// About ten round values between the ends of a range, at which contour lines are drawn.
@@ -188,49 +344,18 @@ pub fn contour_levels([low, high]: [f32; 2]) -> Vec<f64> {
     (first..).map(|number| number as f64 * step).take_while(|&level| level < high).collect()
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn map() -> FieldMap {
-        FieldMap {
-            title: "<h>".into(),
-            unit: "m".into(),
-            field: (0..12).map(|value| value as f32).collect(),
-            size: [4, 3],
-            extent_m: [4e5, 3e5],
-            scale: Scale::State,
-            range: [0.0, 20.0],
-            contours: contour_levels([0.0, 20.0]),
-            marks: vec![Mark { x_m: 1e5, y_m: 1e5, color: Some([255, 255, 255]) }],
-        }
-    }
-
-    #[test]
-    fn a_map_is_a_picture_and_always_the_same() {
-        let png = map().png().unwrap();
-        assert_eq!(&png[..8], b"\x89PNG\r\n\x1a\n");
-        assert_eq!(png[25], 3, "not a picture with a palette");
-        assert_eq!(png, map().png().unwrap());
-        let mut other = map();
-        other.range = [0.0, 40.0];
-        assert_ne!(png, other.png().unwrap(), "colours must follow the range");
-    }
-
-    #[test]
-    fn odd_fields_are_drawn_or_refused() {
-        let mut one = FieldMap { field: vec![f32::NAN], size: [1, 1], ..map() };
-        assert!(one.png().is_ok());
-        one.field = vec![f32::INFINITY];
-        assert!(one.png().is_ok());
-        assert!(FieldMap { size: [4, 4], ..map() }.png().unwrap_err().to_string().contains("4 × 4"));
-        assert!(FieldMap { range: [1.0, 1.0], ..map() }.png().is_err());
-        assert!(FieldMap { range: [f32::NAN, 1.0], ..map() }.png().is_err());
-    }
-
-    #[test]
-    fn contour_levels_are_round_and_within_the_range() {
-        assert_eq!(contour_levels([-20.0, 20.0]), [-20.0, -16.0, -12.0, -8.0, -4.0, 0.0, 4.0, 8.0, 12.0, 16.0]);
-        assert!(contour_levels([f32::NAN, 1.0]).is_empty());
-    }
+/// Symmetric steps for differences of all sizes from `least` to `most`: ±1, ±2, ±5, ±10, … times a power of ten, three to six on
+/// either side. Where more would be needed the largest are left out.
+pub fn symmetric_steps(least: f32, most: f32) -> Vec<f32> {
+    let most = if most.is_finite() && most > 0.0 { most } else { 1.0 };
+    let round = |number: i32| [1.0, 2.0, 5.0][number.rem_euclid(3) as usize] * 10f32.powi(number.div_euclid(3));
+    let last = (-60..60).rev().find(|&number| round(number) < most).unwrap_or(0);
+    let wanted = (-60..60).rev().find(|&number| round(number) <= least.max(0.0)).unwrap_or(last);
+    let first = wanted.min(last - 2);
+    let above: Vec<f32> = (first..=last.min(first + 5)).map(round).collect();
+    above.iter().rev().map(|value| -value).chain(above.iter().copied()).collect()
 }
+
+#[cfg(test)]
+#[path = "map_tests.rs"]
+mod tests;

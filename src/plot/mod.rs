@@ -1,26 +1,33 @@
-//! Figures of this project's kind: curves as SVG, maps as PNG. The only place that knows the plotting crate.
+//! Figures of this project's kind, as SVG. The only place that knows the plotting crate.
 //!
 //! | module | what it holds |
 //! |---|---|
 //! | [`curves`] | curves and bands over one axis |
-//! | [`map`] | a field with colour bar, contour lines and marks |
+//! | [`map`] | a field with colour bar, contour lines, coast and marks |
+//! | [`intervals`] | values with intervals, row by row |
+//! | [`coast`] | coastlines |
 //! | [`colors`] | scales for maps, colours for methods; all safe for colour-blind eyes |
 //! | [`parts`] | colours for the parts of a partition |
 //! | [`range`] | round ranges for colours and axes |
 //! | [`thin`] | fields at reduced resolution |
 
+pub mod coast;
 pub mod colors;
+mod contours;
 pub mod curves;
+pub mod intervals;
 pub mod map;
 mod number;
-mod palette;
 pub mod parts;
 pub mod range;
+mod svg;
 pub mod thin;
 
 pub use curves::{Curve, CurvePlot, Dash};
+pub use intervals::IntervalPlot;
 pub use map::{FieldMap, Mark};
-pub use number::{number, unit};
+pub use number::{number, unit, with_unit};
+pub use svg::Svg;
 pub use thin::Thinning;
 
 /// Why a figure cannot be drawn.

@@ -14,6 +14,11 @@ pub fn number<N: Into<f64>>(value: N) -> String {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
 }
 
+/// A number with its unit; without one where that is 1.
+pub fn with_unit(number: impl std::fmt::Display, udunits: &str) -> String {
+    if udunits == "1" { number.to_string() } else { format!("{number} {}", unit(udunits)) }
+}
+
 /// A unit in UDUNITS spelling as it is printed, on one line: `m s⁻¹` for `m s-1`.
 pub fn unit(udunits: &str) -> String {
     let power = |text: &str| text.replace("-1", "⁻¹").replace("-2", "⁻²").replace("-3", "⁻³");

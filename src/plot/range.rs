@@ -16,6 +16,14 @@ pub fn round_up(value: Option<f32>) -> f32 {
     steps.into_iter().map(|step| step * power).find(|&rounded| rounded >= value * 0.9999).unwrap_or(value)
 }
 
+/// A step of 1, 2 or 5 times a power of ten, of which at most six go into a length.
+pub fn tick_step(length: f64) -> f64 {
+    let least = if length.is_finite() && length > 0.0 { length / 6.0 } else { 1.0 };
+    let power = 10f64.powf(least.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0].into_iter().find(|step| step * power >= 0.9999 * least).unwrap_or(10.0);
+    step * power
+}
+
 /// Round values at or beyond both ends.
 pub fn around(low: f32, high: f32) -> [f32; 2] {
     let unit = round_up(Some((high - low) / 20.0));
@@ -26,6 +34,13 @@ pub fn around(low: f32, high: f32) -> [f32; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn ticks_are_at_round_values() {
+        for (length, step) in [(6.0, 1.0), (3.3, 1.0), (5180.0, 1000.0), (0.7, 0.2), (25.0, 5.0), (0.0, 1.0)] {
+            assert!((tick_step(length) / step - 1.0).abs() < 1e-9, "{length}: {}", tick_step(length));
+        }
+    }
 
     #[test]
     fn limits_are_round_and_large_enough() {

@@ -1,8 +1,10 @@
 //! How far a run is, for whoever waits for it.
 
 mod display;
+mod exact;
 mod seeds;
 
+pub use exact::ExactProgress;
 pub use seeds::{SeedListener, SeedsProgress};
 
 use crate::event::{Event, RunInfo};
@@ -57,6 +59,7 @@ impl Sink for Progress {
             | Event::Observed { .. }
             | Event::Estimated(_)
             | Event::Smoothed(_)
+            | Event::Outlook { .. }
             | Event::Forecast(_)
             | Event::CycleEnded(_) => {}
         }

@@ -20,18 +20,88 @@ struct Details {
     message: String,
     help: Option<String>,
     place: Option<(NamedSource<String>, LabeledSpan)>,
+    /// Line and column, from 1, if it is at a place.
+    line_and_column: Option<(usize, usize)>,
+    /// Whether a key is missing: many can be at one place.
+    is_absence: bool,
+    /// The file's other faults, in the order of their places.
+    others: Vec<ScenarioError>,
 }
 
 impl ScenarioError {
     /// A fault of the file as a whole.
     pub(crate) fn of_file(path: &Path, reason: impl fmt::Display) -> Self {
         let message = format!("cannot read {}: {reason}", shown_path(path));
-        Self { details: Box::new(Details { message, help: None, place: None }) }
+        Self::at(message, None, None, None)
+    }
+
+    fn at(
+        message: String,
+        help: Option<String>,
+        place: Option<(NamedSource<String>, LabeledSpan)>,
+        line_and_column: Option<(usize, usize)>,
+    ) -> Self {
+        let details = Details { message, help, place, line_and_column, is_absence: false, others: Vec::new() };
+        Self { details: Box::new(details) }
+    }
+
+    /// The same, as a key that is missing.
+    pub(super) fn of_absence(mut self) -> Self {
+        self.details.is_absence = true;
+        self
+    }
+
+    /// Whether two faults are one, said by two that looked at the same place.
+    fn is_same(&self, other: &Self) -> bool {
+        let absent = self.details.is_absence || other.details.is_absence;
+        let at_one_place = self.line_and_column().is_some() && self.line_and_column() == other.line_and_column();
+        at_one_place && (!absent || self.message() == other.message())
+    }
+
+    /// All of several faults, in the order of their places. Of two that are one only the first stays, which says more
+    /// than what comes after it. `None` if there is no fault.
+    pub(super) fn of_all(faults: impl IntoIterator<Item = ScenarioError>) -> Option<Self> {
+        let mut all: Vec<ScenarioError> = Vec::new();
+        for mut fault in faults {
+            let others = std::mem::take(&mut fault.details.others);
+            for fault in std::iter::once(fault).chain(others) {
+                if !all.iter().any(|other| other.is_same(&fault)) {
+                    all.push(fault);
+                }
+            }
+        }
+        // Stable: those without a place come first.
+        all.sort_by_key(ScenarioError::line_and_column);
+        let more = all.len().saturating_sub(MOST_SHOWN);
+        all.truncate(MOST_SHOWN);
+        if let Some(last) = all.last_mut().filter(|_| more > 0) {
+            let help = last.details.help.get_or_insert_default();
+            *help = format!("{help}\nand there are {more} more faults").trim_start().to_string();
+        }
+        let mut all = all.into_iter();
+        let mut first = all.next()?;
+        first.details.others = all.collect();
+        Some(first)
     }
 
     /// What is wrong, in one sentence.
     pub fn message(&self) -> &str {
         &self.details.message
+    }
+
+    /// Line and column in the file, from 1, if the fault is at a place.
+    pub fn line_and_column(&self) -> Option<(usize, usize)> {
+        self.details.line_and_column
+    }
+
+    /// What would be right, if more is known of it than the place says.
+    pub fn own_help(&self) -> Option<&str> {
+        self.details.help.as_deref()
+    }
+
+    /// The file's other faults, in the order of their places.
+    pub fn others(&self) -> &[ScenarioError] {
+        &self.details.others
     }
 }
 
@@ -56,7 +126,16 @@ impl Diagnostic for ScenarioError {
         let (_, label) = self.details.place.as_ref()?;
         Some(Box::new(std::iter::once(label.clone())))
     }
+
+    fn related<'a>(&'a self) -> Option<Box<dyn Iterator<Item = &'a dyn Diagnostic> + 'a>> {
+        let others = &self.details.others;
+        let others = || Box::new(others.iter().map(|other| other as &dyn Diagnostic)) as Box<dyn Iterator<Item = _>>;
+        (!self.details.others.is_empty()).then(others)
+    }
 }
+
+/// The most faults that are shown of a file.
+const MOST_SHOWN: usize = 20;
 
 /// The longest part of a line that is shown \[bytes\].
 const WIDEST: usize = 200;
@@ -129,16 +208,16 @@ impl SourceFile {
         let end = self.printable.floor_char_boundary(end.min(start + WIDEST));
         let name = shown_path(&self.path);
         let column = start - self.printable[..start].rfind('\n').map_or(0, |newline| newline + 1);
+        let line = self.printable[..start].matches('\n').count() + 1;
         if column > WIDEST {
-            let line = self.printable[..start].matches('\n').count() + 1;
             let message = format!("{message} ({label}), at {name}:{line}:{}", column + 1);
-            return ScenarioError { details: Box::new(Details { message, help, place: None }) };
+            return ScenarioError::at(message, help, None, Some((line, column + 1)));
         }
         let (text, start) = self.excerpt(start, end);
         let length = (end - start.min(end)).min(text.len() - start);
         let label = LabeledSpan::new(Some(clean(label)), start, length);
         let place = Some((NamedSource::new(name, text), label));
-        ScenarioError { details: Box::new(Details { message, help, place }) }
+        ScenarioError::at(message, help, place, Some((line, column + 1)))
     }
 
     /// The text, each line cut after [`WIDEST`] bytes (or shortly after the fault), so that no line floods the terminal;

@@ -2,6 +2,8 @@
 
 use super::{AnyKey, Read, ScenarioError, Section, SourceFile};
 use crate::text::{clean, is_unprintable, listed, nearest};
+use isobar_model::Time;
+use isobar_obs::times;
 use std::ops::Range;
 use std::path::PathBuf;
 use toml::Spanned;
@@ -150,6 +152,23 @@ impl<'a> Field<'a> {
         Err(self.invalid(message, "must be 1 to 500 printable characters"))
     }
 
+    /// A time in whole seconds, as a TOML date-time or a string.
+    pub fn time(&self) -> Read<Time> {
+        let wanted = "a time such as \"2026-01-15T00:00:00Z\", in whole seconds, from 1900 to 2200";
+        let text = match self.value.get_ref() {
+            DeValue::String(text) => text.to_string(),
+            DeValue::Datetime(time) => time.to_string(),
+            _ => return Err(self.invalid(format!("`{}` is not a time", self.title()), wanted)),
+        };
+        let cannot = format!("`{}` cannot be \"{}\"", self.title(), clean(&text));
+        let time = times::parse(&text)
+            .map_err(|expected| self.invalid(format!("{cannot}: it must be a time {expected}"), wanted))?;
+        if !(-2_208_988_800..7_258_118_400).contains(&time.seconds()) {
+            return Err(self.invalid(cannot, wanted));
+        }
+        Ok(time)
+    }
+
     /// The path of the file that is named here, relative to the scenario's directory.
     pub fn path(&self) -> Read<PathBuf> {
         let name = self.text()?;
@@ -202,6 +221,20 @@ impl<'a> Field<'a> {
         key: &str,
         kinds: &[(&'static str, T, Vec<&'static str>)],
     ) -> Read<(T, Section<'a>)> {
+        let (number, section) = self.section_of_any(key, kinds)?;
+        let (_, meaning, keys) = &kinds[number];
+        let keys: Vec<&str> = std::iter::once(key).chain(keys.iter().copied()).collect();
+        let elsewhere: Vec<(&str, &[&str])> = kinds.iter().map(|kind| (kind.0, kind.2.as_slice())).collect();
+        section.check_keys(&keys, &elsewhere)?;
+        Ok((*meaning, section))
+    }
+
+    /// The same with whatever keys; the kind by its number.
+    pub(super) fn section_of_any<T>(
+        &self,
+        key: &str,
+        kinds: &[(&'static str, T, Vec<&'static str>)],
+    ) -> Read<(usize, Section<'a>)> {
         let section = self.any_section()?;
         let names: Vec<(&str, usize)> = kinds.iter().enumerate().map(|(number, kind)| (kind.0, number)).collect();
         let Some(kind) = section.optional(key) else {
@@ -220,11 +253,7 @@ impl<'a> Field<'a> {
                 Some(help),
             ));
         };
-        let (_, meaning, keys) = &kinds[kind.choice(&names)?];
-        let keys: Vec<&str> = std::iter::once(key).chain(keys.iter().copied()).collect();
-        let elsewhere: Vec<(&str, &[&str])> = kinds.iter().map(|kind| (kind.0, kind.2.as_slice())).collect();
-        section.check_keys(&keys, &elsewhere)?;
-        Ok((*meaning, section))
+        Ok((kind.choice(&names)?, section))
     }
 
     /// The elements of a list of at most `most`.

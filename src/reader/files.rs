@@ -17,6 +17,20 @@ const MOST_BYTES: u64 = 300_000_000;
 /// The text of the file that a key names, relative to the scenario; the results depend on its contents. `what` it is, for
 /// messages.
 pub(crate) fn read(field: &Field<'_>, what: &str) -> Read<String> {
+    let bytes = bytes(field, what)?;
+    let text = decode(&bytes, &field.text()?).map_err(|error| field.invalid(clean(&error.to_string()), "this file"))?;
+    field.file.has_read(&field.text()?, checksum(text));
+    Ok(text.to_owned())
+}
+
+/// The same of a file that is no text.
+pub(crate) fn read_bytes(field: &Field<'_>, what: &str) -> Read<Vec<u8>> {
+    let bytes = bytes(field, what)?;
+    field.file.has_read(&field.text()?, crc32fast::hash(&bytes));
+    Ok(bytes)
+}
+
+fn bytes(field: &Field<'_>, what: &str) -> Read<Vec<u8>> {
     let path = field.path()?;
     let shown = shown_path(&path);
     // Neither a directory nor a pipe, which might never end, nor begin.
@@ -29,9 +43,7 @@ pub(crate) fn read(field: &Field<'_>, what: &str) -> Read<String> {
         let message = format!("with {shown} the files of this scenario have more than {} MB", MOST_BYTES / 1_000_000);
         return Err(field.invalid(message, "too much in all"));
     }
-    let text = decode(&bytes, &field.text()?).map_err(|error| field.invalid(clean(&error.to_string()), "this file"))?;
-    field.file.has_read(&field.text()?, checksum(text));
-    Ok(text.to_owned())
+    Ok(bytes)
 }
 
 /// A checksum of what a table says: remarks, empty lines, line ends and quotation marks do not count.

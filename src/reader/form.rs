@@ -3,6 +3,9 @@
 
 use super::{AnyKey, Limits};
 
+/// The key by which a table names its kind, of those in a list.
+pub(crate) const KIND: &str = "kind";
+
 /// The form of a value. It says less than the reader checks, which knows the rest of the file.
 #[derive(Clone)]
 pub(crate) enum Form {

@@ -18,19 +18,30 @@ pub(crate) struct Section<'a> {
 
 impl<'a> Section<'a> {
     /// The whole file.
-    pub fn root(file: &'a SourceFile, root: &'a DeTable<'a>, keys: &[&dyn AnyKey]) -> Read<Self> {
-        let section = Section { file, name: String::new(), table: root, span: 0..0 };
-        section.check_keys(&keys.iter().map(|key| key.name()).collect::<Vec<_>>(), &[])?;
-        Ok(section)
+    pub fn root(file: &'a SourceFile, root: &'a DeTable<'a>) -> Self {
+        Section { file, name: String::new(), table: root, span: 0..0 }
     }
 
     /// Refuses any key that is not among `keys`; `elsewhere` lists the keys of other kinds of this table.
     pub(super) fn check_keys(&self, keys: &[&str], elsewhere: &[(&str, &[&str])]) -> Read<()> {
-        for key in self.table.keys() {
+        self.unknown_keys(keys, elsewhere).next().map_or(Ok(()), |(_, fault)| Err(fault))
+    }
+
+    /// Refuses keys that are none of these.
+    pub fn check_names(&self, keys: &[&dyn AnyKey]) -> Read<()> {
+        let names: Vec<&str> = keys.iter().map(|key| key.name()).collect();
+        ScenarioError::of_all(self.unknown_keys(&names, &[]).map(|(_, fault)| fault)).map_or(Ok(()), Err)
+    }
+
+    /// A fault for each key that is not among `keys`, and the key that may be meant.
+    pub(super) fn unknown_keys<'b>(
+        &'b self,
+        keys: &'b [&'b str],
+        elsewhere: &'b [(&'b str, &'b [&'b str])],
+    ) -> impl Iterator<Item = (Option<&'b str>, ScenarioError)> + 'b {
+        let unknown = self.table.keys().filter(|key| !keys.contains(&key.get_ref().as_ref()));
+        unknown.map(move |key| {
             let word: &str = key.get_ref();
-            if keys.contains(&word) {
-                continue;
-            }
             let place = if self.name.is_empty() { "at the top level".into() } else { format!("in [{}]", self.title()) };
             let message = format!("unknown key `{}` {place}", clean(word));
             let kinds: Vec<_> = elsewhere
@@ -38,7 +49,8 @@ impl<'a> Section<'a> {
                 .filter(|(_, keys)| keys.contains(&word))
                 .map(|(kind, _)| format!("\"{kind}\""))
                 .collect();
-            let mut help = match nearest(word, keys.iter().copied()) {
+            let near = nearest(word, keys.iter().copied());
+            let mut help = match near {
                 Some(near) => format!("did you mean `{near}`?\n"),
                 None if !kinds.is_empty() => format!("`{}` belongs to kind {}\n", clean(word), kinds.join(", ")),
                 None => String::new(),
@@ -47,9 +59,8 @@ impl<'a> Section<'a> {
                 [] => help.push_str("this table takes no keys"),
                 _ => help.push_str(&format!("valid keys here: {}", listed(keys.iter().copied()))),
             }
-            return Err(self.file.error(key.span(), message, "not a key of this table", Some(help)));
-        }
-        Ok(())
+            (near, self.file.error(key.span(), message, "not a key of this table", Some(help)))
+        })
     }
 
     /// The name as messages show it.
@@ -71,15 +82,19 @@ impl<'a> Section<'a> {
         }
     }
 
-    fn missing(&self, key: &str) -> ScenarioError {
+    /// The fault of a key that is not there.
+    pub(super) fn missing(&self, key: &str) -> ScenarioError {
         if !self.name.is_empty() {
             let message = format!("`{key}` is missing in [{}]", self.title());
-            return self.file.error(self.span.clone(), message, &format!("`{key}` must be given here"), None);
+            let label = format!("`{key}` must be given here");
+            return self.file.error(self.span.clone(), message, &label, None).of_absence();
         }
         let is_line = matches!(key, "title" | "phenomenon" | "source" | "seed" | "start");
         let shown = if is_line { format!("`{key}`") } else { format!("[{key}]") };
         let help = is_line.then(|| "it belongs above the first [section]".to_string());
-        self.file.error(0..0, format!("{shown} is missing"), &format!("{shown} must be in this file"), help)
+        self.file
+            .error(0..0, format!("{shown} is missing"), &format!("{shown} must be in this file"), help)
+            .of_absence()
     }
 
     /// The value of a key, or its default.

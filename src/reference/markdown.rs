@@ -16,9 +16,13 @@ pub fn markdown() -> String {
     for key in keys::ALL {
         let of_table = inner("", &key.form());
         // Kinds and names have places of their own.
-        if matches!(key.form(), Form::Table(_) | Form::Entries(_)) && !of_table.is_empty() {
-            write!(text, "\n### `[{}]`\n\n{}.\n", key.name(), capitalised(key.meaning()))
-                .expect("a String takes any text");
+        let header = match key.form() {
+            Form::Table(_) | Form::Entries(_) => format!("[{}]", key.name()),
+            Form::List(_) => format!("[[{}]]", key.name()),
+            _ => continue,
+        };
+        if !of_table.is_empty() {
+            write!(text, "\n### `{header}`\n\n{}.\n", capitalised(key.meaning())).expect("a String takes any text");
             text.push_str(&rows(of_table));
         }
     }

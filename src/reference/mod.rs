@@ -9,7 +9,7 @@ pub use find::{Explanation, Unknown, explain, sections};
 pub use markdown::markdown;
 pub use schema::schema;
 
-use crate::kinds::{KIND, covariances, forms, initial, instruments, methods, models};
+use crate::kinds::{KIND, list};
 use crate::reader::{AnyKey, Form, KindForm};
 use crate::scenario::keys;
 use crate::text::listed;
@@ -60,18 +60,6 @@ const LISTS: [(&str, &str, &str); 5] = [
     ("initial", "Initial states", "`[initial]` or `[truth.initial]`"),
     ("covariances", "Covariances", "an element of `components` in `[background_error]` or `[model_error]`"),
 ];
-
-/// The kinds of a list.
-fn list(option: &str) -> Vec<KindForm> {
-    match option {
-        "methods" => forms(methods::METHODS),
-        "instruments" => forms(instruments::INSTRUMENTS),
-        "models" => forms(models::MODELS),
-        "initial" => forms(initial::INITIAL),
-        "covariances" => forms(covariances::COVARIANCES),
-        other => unreachable!("there is no list {other}"),
-    }
-}
 
 /// All lists of kinds.
 pub fn all() -> Vec<Reference> {

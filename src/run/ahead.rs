@@ -66,6 +66,11 @@ impl Ahead {
         Ok(())
     }
 
+    /// The forecasts from the analysis of a cycle whose valid time has not come, the shortest first.
+    pub fn from(&self, cycle: usize) -> impl Iterator<Item = &Pending> {
+        self.pending.iter().filter(move |pending| pending.from_cycle == cycle)
+    }
+
     /// Takes out the forecasts that are valid at the end of a cycle.
     pub fn due(&mut self, cycle: usize) -> Vec<Pending> {
         self.pending.extract_if(.., |pending| pending.cycle == cycle).collect()

@@ -13,8 +13,9 @@ use crate::event::{Analysed, Estimated, Event, Forecast, RunInfo, Smoothed};
 use crate::interrupt;
 use crate::outcome::Outcome;
 use crate::scores::forecast::{self, Verifying};
-use crate::scores::{Failure, RunScores, Scorecard, Summary, TrueValues};
+use crate::scores::{Failure, Outlook, RunScores, Scorecard, Summary, TrueValues, WarningCase};
 use crate::text::clean;
+use crate::threshold_warning::PlacedWarning;
 use isobar_assim::Estimate;
 use isobar_obs::ObservationWindow;
 use rayon::ThreadPool;
@@ -219,7 +220,7 @@ impl Cycles<'_, '_> {
         let method = &mut methods[number];
         let is_start = times.starts_from(cycle, info.score_from_cycle);
         let observed = observed.as_given_to(method);
-        let passive = info.networks.iter().any(|network| network.is_passive);
+        let passive = info.networks.iter().any(|network| network.has_passive);
         let verifying = match truth {
             Some(truth) => Verifying::Truth { truth: truth.state(), climate },
             None => Verifying::Observations { observed, passive },
@@ -228,13 +229,18 @@ impl Cycles<'_, '_> {
         due.extend(is_start.then(|| Pending { from_cycle: cycle, cycle, estimate: analysis.clone() }));
         for Pending { from_cycle, cycle, estimate } in due {
             let measured = forecast::measure(&estimate, &verifying);
-            self.scores.totals[number].forecasts.add(cycle - from_cycle, &measured);
+            let totals = &mut self.scores.totals[number];
+            totals.forecasts.add(cycle - from_cycle, &measured);
+            let warnings: Vec<WarningCase> =
+                info.warnings.iter().map(|warning| judged(warning, &estimate, &verifying)).collect();
+            totals.warnings.add(cycle - from_cycle, &warnings, estimate.state_spread.is_some());
             self.events.send(&Event::Forecast(Forecast {
                 method: number,
                 from_cycle,
                 cycle,
                 estimate: Cow::Owned(estimate),
                 scores: Cow::Owned(forecast::values(&measured)),
+                warnings: Cow::Owned(warnings),
             }))?;
         }
         if !is_start {
@@ -243,6 +249,16 @@ impl Cycles<'_, '_> {
         let Competitor { runner, ahead, memory_limit_bytes, .. } = method;
         let (limit, last) = (*memory_limit_bytes, if self.goes_on { usize::MAX } else { info.cycles });
         let made = self.workers.install(|| ahead.start(runner, cycle, &times, info.window, last, limit));
+        if !info.warnings.is_empty() {
+            let probabilities = |forecast: &Pending| {
+                let all = info.warnings.iter().map(|warning| warning.probability(&forecast.estimate)).collect();
+                (forecast.cycle - cycle, all)
+            };
+            let outlook = Outlook { from_cycle: cycle, leads: ahead.from(cycle).map(probabilities).collect() };
+            self.scores.totals[number].warnings.add_outlook(outlook.clone());
+            let (time, outlook) = (info.time(cycle), Cow::Owned(outlook));
+            self.events.send(&Event::Outlook { method: number, time, outlook })?;
+        }
         let Err(fault) = made else { return Ok(()) };
         self.scores.totals[number].forecasts.add_failed();
         if !std::mem::replace(&mut method.has_warned_ahead, true) {
@@ -267,6 +283,16 @@ impl Cycles<'_, '_> {
         }
         Ok(())
     }
+}
+
+/// A warning of a forecast whose valid time has come.
+fn judged(warning: &PlacedWarning, forecast: &Estimate, verifying: &Verifying<'_>) -> WarningCase {
+    let probability = warning.probability(forecast);
+    let occurred = match verifying {
+        Verifying::Truth { truth, .. } => Some(warning.occurred(truth)),
+        Verifying::Observations { observed, passive } => warning.observed(observed, *passive, forecast.state.layout()),
+    };
+    WarningCase { probability, issued: warning.issues(probability), occurred }
 }
 
 /// How many common factors are shown: a few, and in the first, the last and some cycles between, since each is as large

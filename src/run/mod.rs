@@ -26,6 +26,7 @@ use crate::scenario::Scenario;
 use crate::scores::{RunScores, Scorecard, Summary};
 use crate::sensors::table;
 use crate::sensors::write_back::{self, SENSORS_FILE};
+use crate::tables::warnings::without_skill;
 use crate::text::shown_path;
 use checkpoint::{Keeper, Newest, Plan, file, journal, newest};
 use cycles::{Cycles, Shown};
@@ -71,6 +72,25 @@ pub fn finish(out: &Path, afterwards: Afterwards<'_>) -> Result<(), SinkError> {
     let directory = OutputDirectory::finish(out)?;
     directory.publish()?;
     if afterwards(out) { directory.clear_away() } else { Ok(()) }
+}
+
+/// The experiment of a scenario with one of its methods, in the state in which a run of it ended, to ask what comes next.
+///
+/// # Errors
+/// If the run has no state that can be used, or the scenario is another one.
+pub fn reopen(scenario: &Scenario, from: &Path, method: &str) -> Result<Experiment, RunError> {
+    let refuse = |reason: String| RunError::Earlier { directory: from.to_path_buf(), reason };
+    let run = EarlierRun::read(from).map_err(refuse)?;
+    let options = RunOptions {
+        methods: Some(vec![method.to_string()]),
+        cycles: Some(1),
+        seed: Some(run.seed()),
+        ..RunOptions::new(from)
+    };
+    let earlier = run.check_end(scenario, &options).map_err(refuse)?;
+    let mut experiment = Experiment::builder(scenario).build_after(&options, Some(&earlier))?;
+    run.restore(&mut experiment).map_err(refuse)?;
+    Ok(experiment)
 }
 
 impl ExperimentBuilder<'_> {
@@ -148,6 +168,9 @@ impl ExperimentBuilder<'_> {
         let mut cycles =
             Cycles { experiment: &mut experiment, scores, events: &mut events, workers: &workers, shown, goes_on };
         let summary = cycles.run(done)?;
+        for text in without_skill(&summary) {
+            events.announce(&Event::Warning(&text))?;
+        }
         if goes_on {
             earlier::write(directory.path(), scenario, &mut experiment)?;
         }

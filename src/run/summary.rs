@@ -7,8 +7,9 @@ use crate::scores::{MethodScores, RunScores, Scorecard, Summary, VerifiedBy};
 /// The scores of a run; `with_memory`: also the memory of each method.
 pub(super) fn summary(experiment: &Experiment, scores: &RunScores, with_memory: bool) -> Summary {
     let Experiment { info, methods, variance_ratio, .. } = experiment;
-    let by = VerifiedBy::in_world(info.has_truth, info.networks.iter().any(|network| network.is_passive));
+    let by = VerifiedBy::in_world(info.has_truth, info.networks.iter().any(|network| network.has_passive));
     let forecasts = |total: &Scorecard| total.forecasts.scores(&info.layout, info.window, by);
+    let names: Vec<String> = info.warnings.iter().map(|it| it.warning.name.clone()).collect();
     let longest_hours = info.lead_times.map_or(0.0, |times| info.lead_hours(times.longest_cycles));
     let methods = info.methods.iter().zip(&scores.totals).zip(methods).map(|((own, total), method)| {
         let last = method.failure.as_ref().map_or(info.cycles, |failure| failure.cycle);
@@ -16,7 +17,10 @@ pub(super) fn summary(experiment: &Experiment, scores: &RunScores, with_memory: 
             None => MethodScores {
                 stability: method.runner.stability(&info.calibration, &info.layout, *variance_ratio).ok(),
                 smoother_lag_cycles: own.smoother_lag_cycles,
-                ..total.scores(&info.layout, &info.calibration).with_forecasts(forecasts(total), longest_hours)
+                ..total
+                    .scores(&info.layout, &info.calibration)
+                    .with_forecasts(forecasts(total), longest_hours)
+                    .with_warnings(total.warnings.scores(&names, |cycles| info.lead_hours(cycles)))
             },
             // Scores of fewer cycles could not be compared with those of the other methods.
             Some(failure) => MethodScores { failure: Some(failure.clone()), ..MethodScores::default() },

@@ -5,6 +5,7 @@ use crate::reader::{Absent, AnyKey, Choice, Described, Form, Key, Limits, Read, 
 use crate::text::{clean, listed};
 use indexmap::IndexMap;
 use isobar_assim::high_pass::HighPassSettings;
+use isobar_obs::Network;
 
 /// What some methods start from instead of the biases' priors.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,8 +55,13 @@ const METHODS: Key<Described> = Key::absent(
 /// The keys.
 pub(super) const KEYS: &[&dyn AnyKey] = &[&METHOD, &CYCLES, &BOX_KM, &COVARIANCE_SCALE, &METHODS];
 
-/// Reads `[initialise]`; `cycles` are those of the run.
-pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>, cycles: usize) -> Read<Option<Initialise>> {
+/// Reads `[initialise]`; `cycles` are those of the run, and `correlated` a network with correlated errors.
+pub(super) fn read(
+    root: &Section<'_>,
+    methods: &IndexMap<String, Method>,
+    cycles: usize,
+    correlated: Option<&Network>,
+) -> Read<Option<Initialise>> {
     let Some(field) = root.optional("initialise") else { return Ok(None) };
     let section = field.section_with(KEYS)?;
     section.get(&METHOD)?;
@@ -85,6 +91,17 @@ pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>, cycle
     if chosen.is_empty() {
         let message = "[initialise] has no method to initialise".to_string();
         return Err(field.misplaced(message, NEEDED));
+    }
+    let uses_correlation = |name: &&String| methods[*name].uses_error_correlation;
+    if let (Some(name), Some(network)) = (chosen.iter().find(uses_correlation), correlated) {
+        let message = format!(
+            "the method `{name}` cannot be initialised: a high-pass filter takes errors as independent, and those of \
+             network {} are correlated",
+            network.name
+        );
+        return Err(
+            field.misplaced(message, "give the method `error_correlation = \"ignore\"`, or leave out [initialise]")
+        );
     }
     let high_pass = HighPassSettings { cycles: batch, box_m, covariance_scale };
     Ok(Some(Initialise { high_pass, methods: chosen }))

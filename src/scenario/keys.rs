@@ -1,7 +1,7 @@
 //! The keys of a scenario file, from the top.
 
 use super::{cycle, expected, grid, initialise, quality, sensors, sweep};
-use crate::kinds::{covariances, forecast};
+use crate::kinds::{covariances, forecast, warnings};
 use crate::reader::{Absent, AnyKey, Described, Form, Integer, Key, Table, YesNo};
 
 const TITLE: Key<Described> = Key::required("title", "", TEXT, "title, in one line");
@@ -84,6 +84,13 @@ pub(crate) const ALL: &[&dyn AnyKey] = &[
         forecast::KEYS,
         "no forecasts ahead",
         "forecasts ahead of the analyses of all methods, and their scores by lead time",
+    ),
+    &Key::absent(
+        "warnings",
+        "",
+        Described("a list of tables", warnings::form),
+        Absent::Explained("no warnings"),
+        "values beyond a threshold, of which forecasts ahead warn",
     ),
     &optional(
         "quality_control",

@@ -29,21 +29,22 @@ use crate::kinds::initial::{GivenState, INITIAL, InitialState};
 use crate::kinds::instruments;
 use crate::kinds::methods::{self, Method, Surroundings};
 use crate::kinds::models::{self, Model};
-use crate::kinds::{self, Domain, distinct_name, forecast, plain_name};
+use crate::kinds::{self, Domain, distinct_name, forecast, plain_name, warnings};
 use crate::lead_times::LeadTimes;
 use crate::output::Outputs;
-use crate::reader::{self, Field, FileName, Read, Section, SourceFile};
+use crate::reader::{self, AnyKey, Faults, Field, FileName, Read, Section, SourceFile};
 use crate::safe_file;
 use crate::scores::expected::TOLERANCE_KEY;
+use crate::scores::kinds::BRIER;
 use crate::scores::{Part, ScoreKind};
 use crate::text;
+use crate::threshold_warning::ThresholdWarning;
 use indexmap::IndexMap;
 use isobar_model::{Adjoint, State, Time};
-use isobar_obs::{Network, QualityControl, times};
+use isobar_obs::{Network, QualityControl};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use toml::de::DeValue;
 
 /// The largest scenario file \[bytes\].
 const LARGEST_FILE: u64 = 1_000_000;
@@ -88,6 +89,8 @@ pub struct Scenario {
     pub cycle: CycleSettings,
     /// The lead times of forecasts ahead, if there are such forecasts.
     pub forecast: Option<LeadTimes>,
+    /// Of what forecasts ahead warn.
+    pub warnings: Vec<ThresholdWarning>,
     /// How the values of observations are checked, if they are.
     pub quality_control: Option<QualityControl>,
     /// The networks, in the order of the file.
@@ -139,7 +142,7 @@ impl Scenario {
     /// Reads a scenario file.
     ///
     /// # Errors
-    /// The first fault in the file, with its place.
+    /// All faults in the file that can be told apart, with their places.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
         let bytes = safe_file::read_named(path, LARGEST_FILE);
         let bytes = bytes.map_err(|error| ScenarioError::of_file(path, error.to_string()))?;
@@ -189,60 +192,90 @@ impl Scenario {
         }
         let file = SourceFile::new(path, text);
         let tree = reader::parse(&file, text)?;
-        let root = Section::root(&file, &tree, keys::ALL)?;
-        let (title, phenomenon, source) =
-            (string(&root, "title")?, string(&root, "phenomenon")?, string(&root, "source")?);
-        let seed = root.required("seed")?.integer(0, i64::MAX)? as u64;
-        let start = time(&root.required("start")?)?;
-        let World { grid, model_field, model, initial } = World::read(&root, given)?;
+        let root = Section::root(&file, &tree);
+        let is_given = |key: &&&dyn AnyKey| given.is_some() && WORLD.contains(&key.name());
+        let keys: Vec<&dyn AnyKey> = keys::ALL.iter().filter(|key| !is_given(key)).copied().collect();
+        let mut faults = Faults::default();
+        match Self::read_parts(&root, given, &mut faults) {
+            Some(scenario) if faults.is_empty() => {
+                let (file_names, tables) = file.into_names();
+                let name = path.file_stem().map_or(String::new(), |stem| text::clean(&stem.to_string_lossy()));
+                Ok(Self { name, path: path.to_path_buf(), text: text.to_string(), file_names, tables, ..scenario })
+            }
+            // What was not read, because something before it is wrong, is compared with its form at least.
+            _ => Err(faults.with(reader::of_keys(&root, &keys, &kinds::list))),
+        }
+    }
+
+    /// Reads all parts, and notes every fault: a part is not read if one on which it depends has a fault. What belongs to the
+    /// file as a whole is left empty.
+    fn read_parts(root: &Section<'_>, given: Option<(Model, State)>, faults: &mut Faults) -> Option<Self> {
+        faults.keep(root.check_names(keys::ALL));
+        let title = faults.keep(string(root, "title"));
+        let phenomenon = faults.keep(string(root, "phenomenon"));
+        let source = faults.keep(string(root, "source"));
+        let seed = faults.keep(root.required("seed").and_then(|field| field.integer(0, i64::MAX)));
+        let start = faults.keep(root.required("start").and_then(|field| field.time()));
+        let outputs = faults.keep(cycle::read_output(root));
+        let influence_every_cycles = faults.keep(cycle::read_diagnostics(root));
+        let regression = faults.keep(root.get(&keys::REGRESSION));
+
+        let World { grid, model_field, model, initial } = faults.keep(World::read(root, given))?;
         let domain = Domain { grid: grid.grid.clone(), model: model.clone() };
-        let background_error = covariances::read(&root.required("background_error")?, &domain)?;
-        let model_error =
-            root.optional("model_error").map_or(Ok(Vec::new()), |field| covariances::read(&field, &domain))?;
-        let networks = instruments::read(&root, &domain)?;
-        let truth = cycle::read_truth(&root, model_field.as_ref(), &domain, &networks)?;
-        let true_step = truth.as_ref().map_or(model.time_step, |truth| truth.model.time_step);
+        let background_error = root.required("background_error").and_then(|field| covariances::read(&field, &domain));
+        let background_error = faults.keep(background_error);
+        let model_error = root.optional("model_error").map(|field| covariances::read(&field, &domain));
+        let model_error = faults.keep(model_error.unwrap_or(Ok(Vec::new())));
+        let networks = faults.keep(instruments::read(root, &domain));
+        let truth = networks
+            .as_ref()
+            .and_then(|networks| faults.keep(cycle::read_truth(root, model_field.as_ref(), &domain, networks)));
+        let true_step = truth.iter().flatten().map(|truth| truth.model.time_step).next().unwrap_or(model.time_step);
         let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", true_step)];
-        let cycle = cycle::read(&root, start, &steps)?;
-        let forecast = forecast::read(&root, cycle.window, cycle.count, cycle.score_from_cycle)?;
-        let quality_control = quality::read(&root, &background_error, &grid, &networks)?;
-        let stability = sensors::read_stability(&root, cycle.count)?;
+        let cycle = start.and_then(|start| faults.keep(cycle::read(root, start, &steps)))?;
+        let forecast = faults.keep(forecast::read(root, cycle.window, cycle.count, cycle.score_from_cycle));
+        let warnings =
+            forecast.as_ref().and_then(|forecast| faults.keep(warnings::read(root, &domain, forecast.as_ref())));
+        let stability = faults.keep(sensors::read_stability(root, cycle.count));
+        let (background_error, model_error) = (background_error?, model_error?);
+        let networks = networks?;
+        let quality_control = faults.keep(quality::read(root, &background_error, &grid, &networks));
         let surroundings = Surroundings {
             domain,
             cycles: cycle.count,
             cycle: cycle.window,
-            freezes: stability.freeze_after_cycles.is_some(),
+            freezes: stability.is_some_and(|stability| stability.freeze_after_cycles.is_some()),
             networks: networks.iter().filter(|it| it.assimilate).map(|network| network.name.clone()).collect(),
+            correlated: correlated_network(&networks).map(|network| network.name.clone()),
             background_error: background_error.clone(),
             model_error: model_error.clone(),
             has_model_error: !model_error.is_empty(),
             error_length_m: covariances::shortest_length_m(&model_error)
                 .or_else(|| covariances::shortest_length_m(&background_error)),
         };
-        let methods = read_methods(&root, &surroundings)?;
-        let initialise = initialise::read(&root, &methods, cycle.count)?;
-        let sensors = sensors::read(&root, &methods)?;
-        let influence_every_cycles = cycle::read_diagnostics(&root)?;
-        let has_passive = networks.iter().any(|network| !network.assimilate);
+        let methods = faults.keep(read_methods(root, &surroundings))?;
+        let initialise = faults.keep(initialise::read(root, &methods, cycle.count, correlated_network(&networks)));
+        let sensors = faults.keep(sensors::read(root, &methods));
+        let expected = faults.keep(expected::read(root, &methods, &model));
+        let (truth, forecast, warnings) = (truth?, forecast?, warnings?);
+        let has_passive = networks.iter().any(Network::has_passive);
         let can_have = |kind: &ScoreKind| {
-            (kind.part != Part::Forecast || forecast.is_some()) && kind.against.exists(truth.is_some(), has_passive)
+            (kind.part != Part::Forecast || forecast.is_some())
+                && (kind.name != BRIER || !warnings.is_empty())
+                && kind.against.exists(truth.is_some(), has_passive)
         };
-        let sweep = sweep::read(&root, &model, can_have)?;
-        let outputs = cycle::read_output(&root)?;
-        let regression = root.get(&keys::REGRESSION)?;
-        let expected = expected::read(&root, &methods, &model)?;
-        let (file_names, tables) = file.into_names();
-        Ok(Self {
-            name: path.file_stem().map_or(String::new(), |stem| text::clean(&stem.to_string_lossy())),
-            path: path.to_path_buf(),
-            text: text.to_string(),
-            file_names,
-            tables,
-            title,
-            phenomenon,
-            source,
-            seed,
-            start,
+        let sweep = faults.keep(sweep::read(root, &model, can_have));
+        Some(Self {
+            name: String::new(),
+            path: PathBuf::new(),
+            text: String::new(),
+            file_names: Vec::new(),
+            tables: BTreeMap::new(),
+            title: title?,
+            phenomenon: phenomenon?,
+            source: source?,
+            seed: seed? as u64,
+            start: start?,
             grid,
             model,
             initial,
@@ -251,19 +284,31 @@ impl Scenario {
             truth,
             cycle,
             forecast,
-            quality_control,
+            warnings,
+            quality_control: quality_control?,
             networks,
             methods,
-            initialise,
-            influence_every_cycles,
-            sweep,
-            sensors,
-            stability,
-            outputs,
-            regression,
-            expected,
+            initialise: initialise?,
+            influence_every_cycles: influence_every_cycles?,
+            sweep: sweep?,
+            sensors: sensors?,
+            stability: stability?,
+            outputs: outputs?,
+            regression: regression?,
+            expected: expected?,
         })
     }
+}
+
+/// The tables that a model from code replaces.
+const WORLD: [&str; 3] = ["grid", "model", "initial"];
+
+/// A network that is assimilated, and whose errors methods should take as correlated, if there is one.
+fn correlated_network(networks: &[Network]) -> Option<&Network> {
+    let is_correlated = |network: &&Network| {
+        network.assimilate && network.error_correlation.is_some_and(|correlation| correlation.assumed_length_m > 0.0)
+    };
+    networks.iter().find(is_correlated)
 }
 
 /// The plane, the model and its first background.
@@ -278,7 +323,7 @@ struct World<'a> {
 impl<'a> World<'a> {
     fn read(root: &Section<'a>, given: Option<(Model, State)>) -> Read<Self> {
         if let Some((model, background)) = given {
-            if let Some(field) = ["grid", "model", "initial"].into_iter().find_map(|key| root.optional(key)) {
+            if let Some(field) = WORLD.into_iter().find_map(|key| root.optional(key)) {
                 let message = format!("[{}] is given by code, with the model", field.title());
                 return Err(field.misplaced(message, "leave it out"));
             }
@@ -299,19 +344,20 @@ const MOST_METHODS: usize = 100;
 
 /// Reads `[methods]`, in the order of the file.
 fn read_methods(root: &Section<'_>, surroundings: &Surroundings) -> Read<IndexMap<String, Method>> {
-    let mut methods: IndexMap<String, Method> = IndexMap::new();
     let field = root.required("methods")?;
-    for (name, field) in field.any_section()?.fields() {
-        check_method_name(name, methods.keys()).map_err(|(message, help)| field.misplaced(message, help))?;
-        if methods.len() == MOST_METHODS {
+    let mut names: Vec<String> = Vec::new();
+    let methods = reader::read_all(field.any_section()?.fields().map(|(name, field)| {
+        check_method_name(name, names.iter()).map_err(|(message, help)| field.misplaced(message, help))?;
+        if names.len() == MOST_METHODS {
             return Err(field.misplaced(format!("there are more than {MOST_METHODS} methods"), "too many"));
         }
-        methods.insert(name.to_string(), methods::read(&field, surroundings)?);
-    }
+        names.push(name.to_string());
+        Ok((name.to_string(), methods::read(&field, surroundings)?))
+    }))?;
     if methods.is_empty() {
         return Err(field.misplaced("[methods] is empty".into(), "add a table such as [methods.fkf]"));
     }
-    Ok(methods)
+    Ok(methods.into_iter().collect())
 }
 
 /// Refuses a name that a method cannot have beside these others.
@@ -334,21 +380,4 @@ pub(crate) fn check_method_name<'a>(
 
 fn string(root: &Section<'_>, key: &str) -> Read<String> {
     root.required(key)?.text()
-}
-
-/// A time in whole seconds, as a TOML date-time or a string.
-fn time(field: &Field<'_>) -> Read<Time> {
-    let wanted = "a time such as \"2026-01-15T00:00:00Z\", in whole seconds, from 1900 to 2200";
-    let text = match field.value.get_ref() {
-        DeValue::String(text) => text.to_string(),
-        DeValue::Datetime(time) => time.to_string(),
-        _ => return Err(field.invalid(format!("`{}` is not a time", field.title()), wanted)),
-    };
-    let cannot = format!("`{}` cannot be \"{}\"", field.title(), text::clean(&text));
-    let time = times::parse(&text)
-        .map_err(|expected| field.invalid(format!("{cannot}: it must be a time {expected}"), wanted))?;
-    if !(-2_208_988_800..7_258_118_400).contains(&time.seconds()) {
-        return Err(field.invalid(cannot, wanted));
-    }
-    Ok(time)
 }

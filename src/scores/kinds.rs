@@ -106,6 +106,8 @@ pub enum Measure {
     Diagnostics(fn(&StateDiagnostics) -> f64),
     /// The score of this name of forecasts ahead at their longest lead time.
     LongestLead(&'static str),
+    /// The Brier score of warnings over all lead times after the analysis, averaged over the warnings.
+    Warnings,
     /// From the clock or the memory of the computer; the loop over cycles knows it.
     Cost,
 }
@@ -115,6 +117,9 @@ pub const SECONDS: &str = "seconds_per_cycle";
 
 /// The name of the memory among the scores.
 pub const MEMORY: &str = "peak_memory_bytes";
+
+/// The name of the score of warnings.
+pub const BRIER: &str = "brier_score";
 
 /// Root-mean-square error of the state.
 const ERROR: ScoreKind = ScoreKind {
@@ -263,6 +268,17 @@ pub const SCORES: &[ScoreKind] = &[
         line: None,
         measure: Measure::LongestLead(forecast::SPREAD),
         ..SPREAD
+    },
+    ScoreKind {
+        name: BRIER,
+        title: "Brier",
+        about: "Brier score of warnings over all lead times after the analysis, averaged over the warnings.",
+        per_variable: false,
+        unit: Unit::One,
+        against: Against::Nothing,
+        tabulated: true,
+        measure: Measure::Warnings,
+        ..FORECAST
     },
     ScoreKind {
         name: "rmse_smoothed",

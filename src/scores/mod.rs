@@ -7,6 +7,7 @@
 //! | [`measures`] | what is measured in one cycle; the only place where truth and estimate meet |
 //! | [`scorecard`] | the measures of a run, and their averages |
 //! | [`forecast`] | the errors of forecasts ahead, by lead time |
+//! | [`warnings`] | how right the probabilities of warnings were |
 //! | [`truths`] | the truth of this cycle and of earlier ones |
 //! | [`diagnostics`] | beyond errors: claimed distributions, assumed covariances, worth of observations |
 //! | [`stability`] | which bias estimates can be relied on, and what would help the others |
@@ -26,6 +27,7 @@ pub mod stability;
 pub mod statistics;
 pub mod summary;
 pub mod truths;
+pub mod warnings;
 
 pub use against::Against;
 pub use expected::{Expected, Regression};
@@ -35,6 +37,7 @@ pub use score::{Score, udunits};
 pub use scorecard::{RunScores, Scorecard};
 pub use summary::{Failure, MethodScores, ObservationCounts, RejectedObservation, Summary, TypeCounts};
 pub use truths::{EarlierTruths, TrueValues};
+pub use warnings::{Outlook, WarningCase, WarningScores};
 
 use indexmap::IndexMap;
 

@@ -7,6 +7,7 @@ use super::kinds::{Better, Measure, SCORES, ScoreKind, kind_of};
 use super::measures::{Sum, Verified};
 use super::summary::{Intervals, MethodScores, ObservationCounts};
 use super::truths::{EarlierTruths, TrueValues, Truth};
+use super::warnings::WarningSums;
 use crate::outcome::Outcome;
 use crate::scores::diagnostics::DiagnosticSums;
 use crate::scores::statistics::{mean, root_interval};
@@ -26,6 +27,8 @@ pub struct Scorecard {
     diagnostics: DiagnosticSums,
     /// Of forecasts ahead, which are not those of a cycle and have no part in [`Scorecard::add`].
     pub forecasts: ForecastSums,
+    /// Of their warnings, likewise.
+    pub warnings: WarningSums,
 }
 
 /// The scores of a run so far.
@@ -64,6 +67,7 @@ impl Scorecard {
             partition: analysis.partition.clone(),
             diagnostics: DiagnosticSums::of_cycle(truth, outcome, observed, calibration, scores_bias),
             forecasts: ForecastSums::default(),
+            warnings: WarningSums::default(),
         }
     }
 

@@ -3,7 +3,8 @@
 use super::Values;
 use super::against::Against;
 use super::forecast::ForecastScores;
-use super::kinds::{Better, MEMORY, Measure, SCORES, kind_of};
+use super::kinds::{BRIER, Better, MEMORY, Measure, SCORES, kind_of};
+use super::warnings::WarningScores;
 use crate::scores::diagnostics::Diagnostics;
 use crate::scores::stability::Stability;
 use crate::scores::statistics::Interval;
@@ -57,6 +58,9 @@ pub struct MethodScores {
     /// The forecasts ahead, by lead time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub forecasts: Option<ForecastScores>,
+    /// The warnings of forecasts ahead, in the order of the scenario.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<WarningScores>,
     /// Which bias estimates can be relied on.
     #[serde(default)]
     pub stability: Option<Stability>,
@@ -82,6 +86,16 @@ impl MethodScores {
             }
         }
         self.forecasts = forecasts;
+        self
+    }
+
+    /// Takes the scores of warnings, and among the scores of the run their average.
+    pub fn with_warnings(mut self, warnings: Vec<WarningScores>) -> Self {
+        let briers: Option<Vec<f64>> = warnings.iter().map(|it| Some(it.ahead.brier?.score.value)).collect();
+        if let Some(briers) = briers.filter(|it| !it.is_empty()) {
+            self.values.insert(BRIER.into(), briers.iter().sum::<f64>() / briers.len() as f64);
+        }
+        self.warnings = warnings;
         self
     }
 

@@ -251,6 +251,24 @@ fn biases(summary: &Summary) -> Table {
     }
 }
 
+/// The biases of all methods whose errors are furthest beyond what is claimed of them, the worst first.
+pub fn worst_biases(summary: &Summary, count: usize) -> Table {
+    let all = each(summary).flat_map(|(method, _, diagnostics)| {
+        let of_one = move |(parameter, own): (&'_ String, &'_ BiasDiagnostics)| {
+            Some((own.normalised_rmse?, method.clone(), parameter.clone(), own.rmse, own.spread))
+        };
+        diagnostics.biases.iter().filter_map(of_one).collect::<Vec<_>>()
+    });
+    let mut all: Vec<_> = all.filter(|it| it.0.is_finite()).collect();
+    all.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let row = |(normalised, method, parameter, rmse, spread): (f64, String, String, f64, Option<f64>)| -> Vec<Cell> {
+        let figures = [Some(rmse), spread, Some(normalised)].map(Cell::figure);
+        [Cell::from(parameter), method.into()].into_iter().chain(figures).collect()
+    };
+    let rows = all.into_iter().take(count).map(row).collect();
+    Table::new(&["parameter", "method", "RMSE", "claimed σ", "error/σ"], rows)
+}
+
 fn quality(summary: &Summary) -> Table {
     let types = &summary.observations.by_type;
     let reasons: Vec<&String> = summary.observations.rejected.keys().collect();

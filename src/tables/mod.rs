@@ -5,6 +5,7 @@
 //! | [`scores`] | the scores of a run |
 //! | [`diagnostics`], [`stability`] | what the methods' diagnostics and the stability monitor found |
 //! | [`forecasts`] | forecasts ahead by lead time |
+//! | [`warnings`] | warnings of forecasts ahead, their scores and the last outlook |
 //! | [`regression`] | scores beside the accepted ones |
 //! | [`terminal`] | how tables look on a terminal |
 
@@ -14,6 +15,7 @@ pub mod regression;
 pub mod scores;
 pub mod stability;
 pub mod terminal;
+pub mod warnings;
 
 use crate::scores::statistics::Interval;
 use serde::Serialize;

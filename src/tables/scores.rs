@@ -1,8 +1,9 @@
 //! The scores of a run: on the terminal at its end, on its page and in the viewer.
 
 use super::terminal::sentences;
-use super::{Cell, Table, forecasts, stability};
+use super::{Cell, Table, forecasts, stability, warnings};
 use crate::scores::{Against, MethodScores, Part, Score, Summary, Values};
+use crate::text::counted;
 use indexmap::IndexMap;
 use isobar_assim::block_angular::PartitionReport;
 
@@ -32,7 +33,8 @@ pub fn on_terminal(summary: &Summary, variables: &[(&str, &str)], width: usize) 
     let rejected = summary.observations.describe_rejected();
     let texts = [partitions(summary), stability::on_terminal(summary), rejected, failures(summary)];
     let texts = texts.into_iter().flatten().map(|text| sentences(&text, width));
-    tables.chain(forecasts::on_terminal(summary, variables, width)).chain(texts).collect::<Vec<_>>().join("\n\n")
+    let ahead = forecasts::on_terminal(summary, variables, width).into_iter();
+    tables.chain(ahead).chain(warnings::on_terminal(summary, width)).chain(texts).collect::<Vec<_>>().join("\n\n")
 }
 
 /// The scores of all methods but those of smoothed estimates and of cost, with intervals.
@@ -112,14 +114,17 @@ fn partitions(summary: &Summary) -> Option<String> {
         let it = scores.partition.as_ref()?;
         let cut = match (it.separators, it.nested) {
             (0, _) => String::new(),
-            (count, false) => format!(", {} of them from {count} separators", it.separator_unknowns),
-            (count, true) => format!("; {count} separators of {} unknowns, nested", it.separator_unknowns),
+            (count, false) => format!(", {} of them from {}", it.separator_unknowns, counted(count, "separator")),
+            (count, true) => {
+                let unknowns = counted(it.separator_unknowns, "unknown");
+                format!("; {} of {unknowns}, nested", counted(count, "separator"))
+            }
         };
         Some(format!(
-            "\n{name}: {} blocks, of which observations link up to {} ({} variables) into one; {} factors; border {}{cut}",
-            it.blocks,
+            "\n{name}: {}, of which observations link up to {} ({}) into one; {} factors; border {}{cut}",
+            counted(it.blocks, "block"),
             it.largest_component_blocks,
-            it.largest_component_variables,
+            counted(it.largest_component_variables, "variable"),
             factors(it),
             it.border
         ))

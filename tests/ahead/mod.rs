@@ -7,7 +7,7 @@ use isobar::options::RunOptions;
 use isobar::output::{Sink, SinkError};
 use isobar::run::run;
 use isobar::scenario::Scenario;
-use isobar::scores::{Summary, Values};
+use isobar::scores::{Outlook, Summary, Values, WarningCase};
 use isobar_assim::Estimate;
 use isobar_model::State;
 use isobar_obs::ObservationWindow;
@@ -30,6 +30,10 @@ pub struct Listener {
     pub truth: BTreeMap<usize, State>,
     pub observed: BTreeMap<usize, ObservationWindow>,
     pub forecasts: Forecasts,
+    /// Likewise.
+    pub warned: BTreeMap<(usize, usize, usize), Vec<WarningCase>>,
+    /// By method and start.
+    pub outlooks: BTreeMap<(usize, usize), Outlook>,
     pub warnings: Vec<String>,
     /// The cycle whose observations end the run.
     pub end: Option<usize>,
@@ -55,7 +59,11 @@ impl Sink for Listener {
             Event::Forecast(it) => {
                 let key = (it.method, it.from_cycle, it.cycle - it.from_cycle);
                 let own = (it.estimate.clone().into_owned(), it.scores.clone().into_owned());
+                self.warned.insert(key, it.warnings.clone().into_owned());
                 assert!(self.forecasts.insert(key, own).is_none(), "{key:?} comes twice");
+            }
+            Event::Outlook { method, outlook, .. } => {
+                self.outlooks.insert((*method, outlook.from_cycle), outlook.clone().into_owned());
             }
             Event::Warning(text) => self.warnings.push((*text).to_string()),
             _ => {}

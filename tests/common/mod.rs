@@ -80,6 +80,14 @@ pub fn isobar(directory: &Path, arguments: &[&str]) -> Output {
     command.output().expect("the program can be started")
 }
 
+/// The script of every page.
+pub const SCRIPT: &str = include_str!("../../src/output/report/script.js");
+
+/// A page without its one script; a figure as it is.
+pub fn without_script(page: &str) -> String {
+    page.replacen(&format!("<script>{SCRIPT}</script>"), "", 1)
+}
+
 /// Output of the program.
 pub fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).expect("the program writes UTF-8")

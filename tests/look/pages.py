@@ -60,6 +60,41 @@ class Browser:
             self.events.append(self.receive())
 
 
+def use(evaluate, name):
+    """What the script does: values where maps are pointed at, sorted tables, methods that are switched off."""
+    tip = evaluate("""(() => {
+        const image = document.querySelector('image[data-values]');
+        if (!image) return 'no map';
+        image.scrollIntoView();
+        const box = image.getBoundingClientRect();
+        const at = { bubbles: true, clientX: box.left + box.width / 2, clientY: box.top + box.height / 2 };
+        image.dispatchEvent(new PointerEvent('pointermove', at));
+        const tip = document.querySelector('.tip');
+        return tip.hidden ? 'hidden' : tip.textContent;
+    })()""")
+    assert tip == "no map" or (" km" in tip and " at " in tip), f"{name}: a map says {tip}"
+    order = evaluate("""(() => {
+        const table = [...document.querySelectorAll('table')].find(it => it.tBodies[0].rows.length > 2);
+        if (!table) return [];
+        const column = table.tHead.rows[0].cells.length - 1;
+        table.tHead.rows[0].cells[column].click();
+        const values = [...table.tBodies[0].rows].map(row => parseFloat(row.cells[column].firstChild.textContent));
+        return values.filter(value => !Number.isNaN(value));
+    })()""")
+    assert order == sorted(order), f"{name}: a table that is not sorted: {order}"
+    hidden = evaluate("""(() => {
+        const item = document.querySelector('.switches [data-color]');
+        if (!item) return 'no switches';
+        const drawn = document.querySelector(`.curves [stroke="${item.dataset.color}"]`);
+        item.querySelector('input').click();
+        const display = getComputedStyle(drawn).display;
+        item.querySelector('input').click();
+        return `${display}, then ${getComputedStyle(drawn).display}`;
+    })()""")
+    assert hidden in ("no switches", "none, then inline"), f"{name}: a method switched off is {hidden}"
+    evaluate("scrollTo(0, 0)")
+
+
 def look(browser, page, width, dark, picture, whole):
     target = browser.call("Target.createTarget", url="about:blank")["targetId"]
     session = browser.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
@@ -76,7 +111,7 @@ def look(browser, page, width, dark, picture, whole):
     evaluate("document.querySelectorAll('details').forEach(it => it.open = true)")
     found = evaluate("""({
         scroll: document.documentElement.scrollWidth, width: innerWidth,
-        wide: [...document.querySelectorAll('body *')].filter(it => !it.closest('.scroll, svg')
+        wide: [...document.querySelectorAll('body *')].filter(it => !it.closest('.scroll, nav, svg')
             && it.getBoundingClientRect().right > innerWidth + 1).map(it => it.tagName + ' ' + it.className).slice(0, 5),
         figures: document.querySelectorAll('figure').length,
         flat: [...document.querySelectorAll('figure svg, figure img')].filter(it => it.getBoundingClientRect().height < 50
@@ -85,6 +120,8 @@ def look(browser, page, width, dark, picture, whole):
         columns: [...document.querySelectorAll('table')].every(table => new Set([...table.rows].map(row =>
             row.cells.length)).size == 1),
         tables: document.querySelectorAll('table').length})""")
+    if whole:
+        use(evaluate, page.name)
     if not whole:
         evaluate("document.querySelectorAll('details').forEach(it => it.open = false)")
     height = min(evaluate("document.documentElement.scrollHeight"), 14000)

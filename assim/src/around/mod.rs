@@ -4,9 +4,11 @@
 //! |---|---|
 //! | [`sensors`] | what is known of the sensors: earlier calibrations, recalibrations, biases that are not to be adjusted |
 //! | [`adaptive`] | factors on the errors of observations and forecasts, found from the innovations |
+//! | [`whitened`] | errors of observations that are correlated |
 //! | [`first_calibration`] | a calibration from the first observations, by Lange's High-pass Filter |
 
 pub mod adaptive;
 pub mod first_calibration;
 mod likelihood;
 pub mod sensors;
+pub mod whitened;

@@ -52,7 +52,7 @@ pub(crate) fn leading_columns(
     let core = multiply_all(covariance, scales, &mut basis);
     // A ≈ G Gᵀ with G = (A Q) root; its eigenvectors by the small Gram matrix.
     let root = pseudo_root(core, precision);
-    let gram = scaled_gram(&[&basis], &vec![1.0; m]);
+    let gram = scaled_gram(&basis, &vec![1.0; m]);
     let gram = product(root.transpose(), product(gram.as_ref(), root.as_ref()).as_ref());
     let rotation = product(root.as_ref(), leading_directions(gram.as_ref(), rank).as_ref());
     basis.recombine(None, rotation.as_ref());
@@ -115,7 +115,7 @@ fn orthonormalise(basis: &mut TallMatrix) {
     let (m, n) = (basis.rows(), basis.columns());
     let ones = vec![1.0; m];
     for _ in 0..PASSES {
-        let gram = scaled_gram(&[basis], &ones);
+        let gram = scaled_gram(basis, &ones);
         let off = (0..n).flat_map(|j| (0..n).map(move |i| (i, j)));
         if off.map(|(i, j)| (gram[(i, j)] - f64::from(i == j)).abs()).fold(0.0, f64::max) < 1e-6 {
             return;

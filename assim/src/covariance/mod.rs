@@ -23,7 +23,9 @@ pub(crate) use taper::{WIDEST, is_wide};
 pub use univariate::Univariate;
 pub use white::White;
 
-use faer::Mat;
+use crate::linalg::mirror_lower;
+use faer::prelude::ReborrowMut;
+use faer::{Mat, MatMut};
 use isobar_model::Layout;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -97,12 +99,19 @@ pub fn randomize(covariance: &dyn Covariance, stream: &mut ChaCha8Rng) -> Vec<f6
 
 /// The covariance of the values at `indices` among each other, `[n, n]`.
 pub fn block(covariance: &dyn Covariance, indices: &[usize]) -> Mat<f64> {
-    let n = indices.len();
-    let lower: Vec<Vec<f64>> = (0..n)
-        .into_par_iter()
-        .map(|column| indices[column..].iter().map(|&row| covariance.covariance(row, indices[column])).collect())
-        .collect();
-    Mat::from_fn(n, n, |i, j| lower[i.min(j)][i.max(j) - i.min(j)])
+    let mut block = Mat::zeros(indices.len(), indices.len());
+    fill_block(block.as_mut(), covariance, indices, 1.0);
+    block
+}
+
+/// Fills a matrix `[n, n]` with the covariance of the values at `indices` among each other, multiplied by a factor.
+fn fill_block(mut target: MatMut<'_, f64>, covariance: &dyn Covariance, indices: &[usize], factor: f64) {
+    target.rb_mut().par_col_iter_mut().enumerate().for_each(|(j, mut column)| {
+        for (i, &row) in indices.iter().enumerate().skip(j) {
+            column[i] = factor * covariance.covariance(row, indices[j]);
+        }
+    });
+    mirror_lower(target);
 }
 
 /// The standard deviation of each variable in the middle of the domain, for every value of the state; 1 where it is 0.
@@ -123,5 +132,12 @@ pub fn standard_deviations(covariance: &dyn Covariance) -> Vec<f64> {
 
 /// The whole covariance matrix, `[len, len]`; for small grids.
 pub fn dense(covariance: &dyn Covariance) -> Mat<f64> {
-    block(covariance, &(0..covariance.len()).collect::<Vec<_>>())
+    let mut dense = Mat::zeros(covariance.len(), covariance.len());
+    fill_dense(dense.as_mut(), covariance, 1.0);
+    dense
+}
+
+/// Fills a matrix `[len, len]` with the whole covariance, multiplied by a factor.
+pub(crate) fn fill_dense(target: MatMut<'_, f64>, covariance: &dyn Covariance, factor: f64) {
+    fill_block(target, covariance, &(0..covariance.len()).collect::<Vec<_>>(), factor);
 }

@@ -3,8 +3,10 @@
 use super::batch::Batch;
 use super::inflation::Inflation;
 use super::near::LocalObservations;
+use super::perturbations::Perturbations;
 use super::weights::WeightGrid;
 use faer::Mat;
+use isobar_model::vector::{add, subtract};
 use isobar_model::{Grid, Location};
 use std::ops::Range;
 
@@ -16,8 +18,8 @@ pub(super) struct Plan<'a> {
     pub weights: &'a WeightGrid,
     pub observations: LocalObservations<'a>,
     pub inflation: Inflation,
-    /// The members' deviations in the parameters, `[p, N]`.
-    pub parameters: &'a Mat<f64>,
+    /// The members' deviations in the parameters, `[p, N]`, now and in each earlier ensemble of a smoother.
+    pub parameters: &'a [Mat<f64>],
     /// Local parameters with the cells in which they belong, in the order of these.
     pub local: &'a [(usize, usize)],
     /// Shared parameters that are observed, with the share that each analysis has in theirs.
@@ -32,12 +34,21 @@ pub(super) struct Band<'a> {
     pub points: Range<usize>,
     /// The values of each variable of the first member, then of the second …
     pub fields: Vec<&'a mut [f64]>,
+    /// For each earlier ensemble the means of each variable, then the first member's deviations from these …
+    pub earlier: Vec<Vec<&'a mut [f64]>>,
 }
 
 /// What the analyses of a band find beside its state.
 pub(super) struct BesideState {
     /// Inflation of the background's covariance, for each analysis.
     pub variance_factors: Vec<f64>,
+    /// What becomes of the parameters, now and in each earlier ensemble.
+    pub parameters: Vec<BandParameters>,
+}
+
+/// The parameters of an ensemble in the analyses of a band.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct BandParameters {
     /// The numbers of local parameters, with the members' analysed deviations from the background's mean and the shift of
     /// the mean, `[N + 1]`.
     pub local: Vec<(usize, Vec<f64>)>,
@@ -45,23 +56,22 @@ pub(super) struct BesideState {
     pub shared: Vec<Vec<f64>>,
 }
 
-/// Perturbations that become analysed deviations: of the state's values, variable by variable, of local parameters, and of
-/// shared ones in the analyses of each row.
-struct Perturbations {
-    /// From a member to the next: an odd number of the processor's lines, so that the members of one row are in different
-    /// sets of its cache.
-    stride: usize,
-    /// `[N, stride]`.
-    before: Vec<f64>,
-    /// `[N + 1, stride]`, with the shift of the mean last.
-    after: Vec<f64>,
-}
-
 impl Plan<'_> {
-    /// How many numbers a thread holds for bands of `height` rows of analyses and N members.
-    pub fn numbers(grid: &Grid, variables: usize, weights: &WeightGrid, height: usize, members: f64) -> f64 {
+    /// How many numbers a thread holds for bands of `height` rows of analyses and N members of so many ensembles.
+    pub fn numbers(
+        grid: &Grid,
+        variables: usize,
+        weights: &WeightGrid,
+        height: usize,
+        members: f64,
+        ensembles: usize,
+    ) -> f64 {
         let rows = weights.rows.cells(0..height.min(weights.rows.len())).len();
-        (2.0 * members + 4.0) * (rows * grid.nx * variables) as f64
+        ((2.0 * members + 1.0) * ensembles as f64 + 3.0) * (rows * grid.nx * variables) as f64
+    }
+
+    fn members(&self) -> usize {
+        self.parameters[0].ncols()
     }
 
     /// Takes the analyses into a band of the members.
@@ -75,17 +85,20 @@ impl Plan<'_> {
         let (mean, mut perturbations) = self.perturbations(&band, local, state + parameters);
         let variance_factors = self.apply(&band.points, cells, local, &mut perturbations);
         self.set(&mut band, mean, &mut perturbations);
-        let of_row = |row: usize| perturbations.after.iter().skip(row).step_by(perturbations.stride).copied().collect();
-        BesideState {
-            variance_factors,
-            local: local.iter().enumerate().map(|(i, &(_, number))| (number, of_row(state + i))).collect(),
-            shared: (state + local.len()..state + parameters).map(of_row).collect(),
-        }
+        self.set_earlier(&mut band, &mut perturbations);
+        let Perturbations { rows, ensembles, stride, after, .. } = &perturbations;
+        let of_row = |row: usize| after.iter().skip(row).step_by(*stride).copied().collect();
+        let of_ensemble = |first: usize| BandParameters {
+            local: local.iter().enumerate().map(|(i, &(_, number))| (number, of_row(first + i))).collect(),
+            shared: (first + local.len()..first + parameters).map(of_row).collect(),
+        };
+        let parameters = (0..*ensembles).map(|ensemble| of_ensemble(ensemble * rows + state)).collect();
+        BesideState { variance_factors, parameters }
     }
 
     /// The means of the state's values and all perturbations.
     fn perturbations(&self, band: &Band<'_>, local: &[(usize, usize)], rows: usize) -> (Vec<f64>, Perturbations) {
-        let members = self.parameters.ncols();
+        let (members, ensembles) = (self.members(), self.parameters.len());
         let of_member = |member: usize| &band.fields[member * self.variables..][..self.variables];
         let mut mean = Vec::new();
         for member in 0..members {
@@ -97,18 +110,26 @@ impl Plan<'_> {
             }
         }
         mean.iter_mut().for_each(|mean| *mean /= members as f64);
-        let stride = (rows.div_ceil(8) | 1) * 8;
+        let stride = ((ensembles * rows).div_ceil(8) | 1) * 8;
         let mut before = Vec::with_capacity(members * stride);
         for member in 0..members {
-            let values = of_member(member).iter().flat_map(|field| field.iter());
-            before.extend(values.zip(&mean).map(|(value, mean)| value - mean));
-            before.extend(local.iter().map(|&(_, number)| self.parameters[(number, member)]));
-            for _ in band.points.clone() {
-                before.extend(self.shared.iter().map(|&(number, _)| self.parameters[(number, member)]));
+            for (ensemble, parameters) in self.parameters.iter().enumerate() {
+                if ensemble == 0 {
+                    let values = of_member(member).iter().flat_map(|field| field.iter());
+                    before.extend(values.zip(&mean).map(|(value, mean)| value - mean));
+                } else {
+                    let fields = &band.earlier[ensemble - 1][(member + 1) * self.variables..][..self.variables];
+                    fields.iter().for_each(|field| before.extend_from_slice(field));
+                }
+                before.extend(local.iter().map(|&(_, number)| parameters[(number, member)]));
+                for _ in band.points.clone() {
+                    before.extend(self.shared.iter().map(|&(number, _)| parameters[(number, member)]));
+                }
             }
             before.resize((member + 1) * stride, 0.0);
         }
-        (mean, Perturbations { stride, before, after: vec![0.0; (members + 1) * stride] })
+        let after = vec![0.0; (members + 1) * stride];
+        (mean, Perturbations { rows, ensembles, stride, before, after })
     }
 
     /// Applies all analyses that have a weight in the band; returns the inflation of its own.
@@ -185,8 +206,8 @@ impl Plan<'_> {
 
     /// The analysed members of the state: deviations from the analysed mean, with their spread relaxed.
     fn set(&self, band: &mut Band<'_>, mut mean: Vec<f64>, perturbations: &mut Perturbations) {
-        let Perturbations { stride, before, after } = perturbations;
-        let (state, members) = (mean.len(), self.parameters.ncols());
+        let Perturbations { stride, before, after, .. } = perturbations;
+        let (state, members) = (mean.len(), self.members());
         let (deviations, shift) = after.split_at_mut(members * *stride);
         let mut excess = vec![0.0; state];
         for deviations in deviations.chunks_exact(*stride) {
@@ -222,25 +243,27 @@ impl Plan<'_> {
             }
         }
     }
-}
 
-impl Perturbations {
-    /// Adds what the analyses at some places make of the rows of each place, times a weight.
-    fn analyse(&mut self, batch: &mut Batch<'_>, here: &[(f64, f64)], factors: &mut [f64], rows: &[Vec<(usize, f64)>]) {
-        let (lanes, most) = (rows.len(), rows.iter().map(Vec::len).max().unwrap_or(0));
-        let members = self.before.len() / self.stride;
-        // What a place has not has no weight.
-        let of_lanes = |vector: usize| rows.iter().map(move |rows| rows.get(vector).copied().unwrap_or((0, 0.0)));
-        let x = batch.perturbations(most);
-        for (vector, x) in x.chunks_exact_mut(members * lanes).enumerate() {
-            for (x, values) in x.chunks_exact_mut(lanes).zip(self.before.chunks_exact(self.stride)) {
-                x.iter_mut().zip(of_lanes(vector)).for_each(|(x, (row, _))| *x = values[row]);
-            }
-        }
-        let analysed = batch.analyse(here, factors);
-        for (vector, analysed) in analysed.chunks_exact((members + 1) * lanes).enumerate() {
-            for (analysed, values) in analysed.chunks_exact(lanes).zip(self.after.chunks_exact_mut(self.stride)) {
-                analysed.iter().zip(of_lanes(vector)).for_each(|(value, (row, weight))| values[row] += weight * value);
+    /// The same of earlier ensembles, whose spread is not relaxed.
+    fn set_earlier(&self, band: &mut Band<'_>, perturbations: &mut Perturbations) {
+        let members = self.members();
+        let Perturbations { rows, stride, after, .. } = perturbations;
+        for (number, fields) in band.earlier.iter_mut().enumerate() {
+            let (means, deviations) = fields.split_at_mut(self.variables);
+            let mut first = (number + 1) * *rows;
+            for (variable, mean) in means.iter_mut().enumerate() {
+                let of_member = |member: usize| &after[member * *stride + first..][..mean.len()];
+                let mut excess = vec![0.0; mean.len()];
+                (0..members).for_each(|member| add(&mut excess, of_member(member)));
+                excess.iter_mut().for_each(|excess| *excess /= members as f64);
+                for member in 0..members {
+                    let field = &mut deviations[member * self.variables + variable];
+                    field.copy_from_slice(of_member(member));
+                    subtract(field, &excess);
+                }
+                add(mean, of_member(members));
+                add(mean, &excess);
+                first += mean.len();
             }
         }
     }
@@ -268,7 +291,8 @@ mod tests {
         Mat::from_fn(rows, MEMBERS, |i, j| normals[i * MEMBERS + j] - mean(i))
     }
 
-    /// What bands of any height make of state and parameters is the same, to the bit, and what the interpolated weights do.
+    /// What bands of any height make of state and parameters, now and earlier, is the same, to the bit, and what the
+    /// interpolated weights do.
     #[test]
     fn bands_of_any_height_apply_the_interpolated_weights() {
         for (boundary, spacing) in [(Boundary::Periodic, 1), (Boundary::Periodic, 3), (Boundary::Channel, 2)] {
@@ -284,7 +308,7 @@ mod tests {
             let background = BackgroundInflation::Factor(1.1);
             let inflation = Inflation { background, relaxation_to_prior_spread: 0.3, ..Inflation::NONE };
             let (taper, weights) = (Taper::new(&grid, 4.0), WeightGrid::new(&grid, spacing));
-            let parameters = centered(3, 3);
+            let parameters = [centered(3, 3), centered(3, 5)];
             let local = [(17, 2), (40, 0)];
             let shares = weights.shares([(5, 1.0), (70, 2.0)].into_iter()).unwrap();
             let shared = [(1, shares.clone())];
@@ -299,34 +323,44 @@ mod tests {
                 shared: &shared,
                 last_factors: &vec![1.0; weights.len()],
             };
-            let state = centered(VARIABLES * cells, 4);
+            let [state, state_earlier] = [4, 6].map(|seed| centered(VARIABLES * cells, seed));
             let run = |height: usize| {
                 let mut members: Vec<Vec<f64>> = (0..MEMBERS).map(|j| state.col_as_slice(j).to_vec()).collect();
+                // About a mean of 2.
+                let mut earlier: Vec<Vec<f64>> = (0..MEMBERS).map(|j| state_earlier.col_as_slice(j).to_vec()).collect();
+                earlier.insert(0, vec![2.0; VARIABLES * cells]);
                 let mut found = Vec::new();
                 for first in (0..weights.rows.len()).step_by(height) {
                     let points = first..weights.rows.len().min(first + height);
                     let rows = weights.rows.cells(points.clone());
                     let rows = rows.start * grid.nx..rows.end * grid.nx;
-                    let fields = members.iter_mut().flat_map(|member| {
-                        let (first, second) = member.split_at_mut(cells);
-                        [&mut first[rows.clone()], &mut second[rows.clone()]]
+                    let [fields, earlier] = [&mut members, &mut earlier].map(|columns| {
+                        let parts = columns.iter_mut().flat_map(|column| {
+                            let (first, second) = column.split_at_mut(cells);
+                            [&mut first[rows.clone()], &mut second[rows.clone()]]
+                        });
+                        parts.collect()
                     });
-                    found.push(plan.analyse(Band { points, fields: fields.collect() }));
+                    found.push(plan.analyse(Band { points, fields, earlier: vec![earlier] }));
                 }
-                (members, found)
+                (members, earlier, found)
             };
-            let (members, found) = run(1);
+            let (members, earlier, found) = run(1);
+            let parameters_of = |found: &[BesideState], ensemble: usize| {
+                let of_bands: Vec<BandParameters> = found.iter().map(|it| it.parameters[ensemble].clone()).collect();
+                let local: Vec<_> = of_bands.iter().flat_map(|it| it.local.clone()).collect();
+                (local, of_bands.into_iter().flat_map(|it| it.shared).collect::<Vec<_>>())
+            };
             for height in [2, 3, 100] {
-                let (others, other) = run(height);
-                assert_eq!(members, others, "{boundary:?} {height}");
+                let (others, others_earlier, other) = run(height);
+                assert_eq!((&members, &earlier), (&others, &others_earlier), "{boundary:?} {height}");
                 let all = |found: &[BesideState]| {
                     let factors: Vec<f64> = found.iter().flat_map(|it| it.variance_factors.clone()).collect();
-                    let local: Vec<_> = found.iter().flat_map(|it| it.local.clone()).collect();
-                    (factors, local, found.iter().flat_map(|it| it.shared.clone()).collect::<Vec<_>>())
+                    (factors, parameters_of(found, 0), parameters_of(found, 1))
                 };
                 assert_eq!(all(&found), all(&other));
             }
-            let of_points: Vec<Mat<f64>> = (0..weights.len())
+            let of_points: Vec<[Mat<f64>; 2]> = (0..weights.len())
                 .map(|point| {
                     let here = |axis: &Axis, point| axis.cell(point) as f64 + 0.5;
                     let count = weights.columns.len();
@@ -338,13 +372,15 @@ mod tests {
                         departures: (0..n).map(|i| roots[i] * whitened.departures[i]).collect(),
                         rounding: vec![0.0; n],
                     };
-                    transform(&observed, (1.0 + 0.1 * nearest).powi(2)).weights(0.0)
+                    let transform = transform(&observed, (1.0 + 0.1 * nearest).powi(2));
+                    let earlier = transform.earlier_weights();
+                    [transform.weights(0.0), earlier]
                 })
                 .collect();
-            let mixed = |shares: &[f64], row: MatRef<'_, f64>| -> Vec<f64> {
+            let mixed = |ensemble: usize, shares: &[f64], row: MatRef<'_, f64>| -> Vec<f64> {
                 let mut sum = vec![0.0; MEMBERS + 1];
                 for (weights, share) in of_points.iter().zip(shares) {
-                    let analysed = product(row, weights.as_ref());
+                    let analysed = product(row, weights[ensemble].as_ref());
                     sum.iter_mut().enumerate().for_each(|(j, sum)| *sum += share * analysed[(0, j)]);
                 }
                 sum
@@ -355,22 +391,32 @@ mod tests {
             let in_cell = |cell: usize| weights.shares([(cell, 1.0)].into_iter()).unwrap();
             for row in 0..VARIABLES * cells {
                 let before = state.as_ref().get(row..row + 1, ..);
-                let analysed = mixed(&in_cell(row % cells), before);
+                let analysed = mixed(0, &in_cell(row % cells), before);
                 let spread = |values: &[f64]| values.iter().map(|value| value * value).sum::<f64>().sqrt();
                 let before: Vec<f64> = (0..MEMBERS).map(|j| before[(0, j)]).collect();
                 let factor = 0.7 + 0.3 * spread(&before) / spread(&analysed[..MEMBERS]);
                 let expected: Vec<f64> = (0..MEMBERS).map(|j| analysed[MEMBERS] + factor * analysed[j]).collect();
                 close(&members.iter().map(|member| member[row]).collect::<Vec<_>>(), &expected);
+                let expected = mixed(1, &in_cell(row % cells), state_earlier.as_ref().get(row..row + 1, ..));
+                let mean = earlier[0][row];
+                let deviations: Vec<f64> = earlier[1..].iter().map(|member| member[row]).collect();
+                assert!(deviations.iter().sum::<f64>().abs() < 1e-12);
+                let analysed: Vec<f64> = deviations.iter().map(|deviation| mean - 2.0 + deviation).collect();
+                close(&analysed, &expected[..MEMBERS].iter().map(|it| expected[MEMBERS] + it).collect::<Vec<_>>());
             }
-            for (number, analysed) in found.iter().flat_map(|found| &found.local) {
-                let cell = local.iter().find(|it| it.1 == *number).unwrap().0;
-                close(analysed, &mixed(&in_cell(cell), parameters.as_ref().get(*number..number + 1, ..)));
+            for (ensemble, parameters) in parameters.iter().enumerate() {
+                let (of_places, of_rows) = parameters_of(&found, ensemble);
+                assert_eq!(of_places.len(), local.len());
+                for (number, analysed) in of_places {
+                    let cell = local.iter().find(|it| it.1 == number).unwrap().0;
+                    close(&analysed, &mixed(ensemble, &in_cell(cell), parameters.as_ref().get(number..number + 1, ..)));
+                }
+                let sums = of_rows.iter().fold(vec![0.0; MEMBERS + 1], |mut sum, row| {
+                    sum.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
+                    sum
+                });
+                close(&sums, &mixed(ensemble, &shares, parameters.as_ref().get(1..2, ..)));
             }
-            let sums = found.iter().flat_map(|found| &found.shared).fold(vec![0.0; MEMBERS + 1], |mut sum, row| {
-                sum.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
-                sum
-            });
-            close(&sums, &mixed(&shares, parameters.as_ref().get(1..2, ..)));
         }
     }
 }

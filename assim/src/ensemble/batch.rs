@@ -17,7 +17,13 @@ use pulp::Arch;
 /// √f (1−α) A^-½ x + α x,    A = I + f Ỹᵀ Ỹ,    and their mean moves by    f/√(N−1) xᵀ A⁻¹ Ỹᵀ d̃
 /// ```
 ///
-/// (the transform of [`super::transform`]). The weights of the members need not be formed for it. Of fewer observations than
+/// (the transform of [`super::transform`]), but if they are those of an earlier ensemble of a smoother
+///
+/// ```text
+/// A^-½ x    and    √f/√(N−1) xᵀ A⁻¹ Ỹᵀ d̃.
+/// ```
+///
+/// The weights of the members need not be formed for it. Of fewer observations than
 /// members the matrix `M = I + f Ỹ Ỹᵀ` of observations serves (Higham 2008, Functions of Matrices, theorem 1.35):
 ///
 /// ```text
@@ -73,8 +79,8 @@ impl<'a> Batch<'a> {
     }
 
     /// Analyses the perturbations at some places along x, from their inflation in the last cycle, which becomes that of this
-    /// one: what has become of them, `[vectors, N + 1, lanes]`.
-    pub fn analyse(&mut self, here: &[(f64, f64)], last_factors: &mut [f64]) -> &[f64] {
+    /// one: what has become of them, `[vectors, N + 1, lanes]`. Vectors from number `present` on are of earlier ensembles.
+    pub fn analyse(&mut self, here: &[(f64, f64)], last_factors: &mut [f64], present: usize) -> &[f64] {
         self.find(here);
         for (near, last) in self.near.iter_mut().zip(last_factors) {
             near.set_analysis(self.all, &self.found, last);
@@ -88,7 +94,7 @@ impl<'a> Batch<'a> {
             }
             if most < self.members { self.of_observations(most) } else { self.of_members() }
         }
-        self.combine();
+        self.combine(present);
         self.analysed.as_ref()
     }
 
@@ -206,29 +212,33 @@ impl<'a> Batch<'a> {
         });
     }
 
-    /// What the perturbations become.
-    fn combine(&mut self) {
+    /// What the perturbations become; those from number `present` on are of earlier ensembles.
+    fn combine(&mut self, present: usize) {
         let (lanes, members) = (self.lanes, self.members);
         let x = self.x.as_ref();
         let analysed = self.analysed.reset(x.len() / members * (members + 1));
         let (vectors, inner) = (self.vectors.as_ref(), self.inner.as_ref());
-        let relaxation = self.all.inflation.relaxation_to_prior_perturbations;
         for (vector, analysed) in analysed.chunks_exact_mut((members + 1) * lanes).enumerate() {
             let first = vector * members * lanes;
+            let is_earlier = vector >= present;
+            let relaxation = if is_earlier { 0.0 } else { self.all.inflation.relaxation_to_prior_perturbations };
             for (lane, near) in self.near.iter().enumerate() {
                 let at = |member: usize| first + member * lanes + lane;
                 if let Some(weights) = &near.weights {
+                    let weights = &weights[usize::from(is_earlier)];
                     for j in 0..=members {
                         analysed[j * lanes + lane] = (0..members).map(|i| x[at(i)] * weights[(i, j)]).sum();
                     }
                 } else if near.numbers.is_empty() {
                     (0..members).for_each(|j| analysed[j * lanes + lane] = x[at(j)]);
                 } else {
-                    let gain = near.inflation.sqrt() * (1.0 - relaxation);
+                    let root = near.inflation.sqrt();
+                    let [of_root, of_mean] = if is_earlier { [1.0, root] } else { [root, near.inflation] };
+                    let gain = of_root * (1.0 - relaxation);
                     for j in 0..members {
                         analysed[j * lanes + lane] = gain * vectors[at(j)] + relaxation * x[at(j)];
                     }
-                    let gain = near.inflation / ((members - 1) as f64).sqrt();
+                    let gain = of_mean / ((members - 1) as f64).sqrt();
                     analysed[members * lanes + lane] = gain * inner[vector * lanes + lane];
                 }
             }
@@ -236,12 +246,14 @@ impl<'a> Batch<'a> {
     }
 }
 
-/// How many numbers a [`Batch`] holds for N members and n observations around its places.
-pub(super) fn numbers(members: f64, observations: f64) -> f64 {
+/// How many numbers a [`Batch`] holds for so many vectors of N members and n observations around its places: the vectors as
+/// they are, as they become, twice on the way, and as they are observed.
+pub(super) fn numbers(members: f64, observations: f64, vectors: f64) -> f64 {
     let size = members.min(observations);
     let lanes = lanes(Arch::new()) as f64;
     let graded = transform::numbers(members, observations);
-    graded + lanes * (size * size + 3.0 * observations) + members * observations + size.powi(2)
+    let of_vectors = vectors * (4.0 * members + observations);
+    graded + lanes * (size * size + 3.0 * observations + of_vectors) + members * observations + size.powi(2)
 }
 
 #[cfg(test)]
@@ -255,8 +267,9 @@ mod tests {
 
     const GRID: Grid = Grid { nx: 23, ny: 17, dx_m: 1.0, dy_m: 1.0, boundary: Boundary::Channel };
 
-    /// The weights of one place, from all observations and the eigenvectors of its matrix.
-    fn dense(all: &LocalObservations<'_>, here: (f64, f64), last: f64) -> (Option<Mat<f64>>, f64) {
+    /// The weights of one place and those of earlier members, from all observations and the eigenvectors of its matrix; and
+    /// the inflation.
+    fn dense(all: &LocalObservations<'_>, here: (f64, f64), last: f64) -> (Option<[Mat<f64>; 2]>, f64) {
         let WhitenedObservations { perturbations, departures, rounding } = all.whitened;
         let roots: Vec<f64> = all.places.iter().map(|&place| all.taper.weight(here, place).max(0.0).sqrt()).collect();
         if roots.iter().all(|root| *root == 0.0) {
@@ -272,7 +285,9 @@ mod tests {
         let factor = all.inflation.variance_factor(last, &Sizes { weight, ..observed.sizes() });
         let nearest = roots.iter().copied().fold(0.0, f64::max).powi(2);
         let tapered = (1.0 + (factor.sqrt() - 1.0) * nearest).powi(2);
-        (Some(transform(&observed, tapered).weights(all.inflation.relaxation_to_prior_perturbations)), factor)
+        let transform = transform(&observed, tapered);
+        let earlier = transform.earlier_weights();
+        (Some([transform.weights(all.inflation.relaxation_to_prior_perturbations), earlier]), factor)
     }
 
     /// Places with more and fewer observations than members, and with none; near the seam of the plane and at a wall; with
@@ -316,11 +331,11 @@ mod tests {
                 for first in (0..GRID.nx).step_by(lanes) {
                     let here: Vec<(f64, f64)> =
                         (first..GRID.nx.min(first + lanes)).map(|i| (i as f64 + 0.5, row as f64 + 0.5)).collect();
-                    let vectors = 3;
+                    let (vectors, present) = (5, 3);
                     let values = standard_normals(&mut stream(row as u64, "x"), vectors * members * lanes);
                     batch.perturbations(vectors).copy_from_slice(&values);
                     let mut factors = vec![1.1; here.len()];
-                    let analysed = batch.analyse(&here, &mut factors).to_vec();
+                    let analysed = batch.analyse(&here, &mut factors, present).to_vec();
                     for (lane, &here) in here.iter().enumerate() {
                         let (weights, factor) = dense(&all, here, 1.1);
                         assert!((factors[lane] / factor - 1.0).abs() < 1e-9);
@@ -339,7 +354,10 @@ mod tests {
                             let x = |i: usize| values[(vector * members + i) * lanes + lane];
                             let found = |i: usize| analysed[(vector * (members + 1) + i) * lanes + lane];
                             let expected = |j: usize| match &weights {
-                                Some(weights) => (0..members).map(|i| x(i) * weights[(i, j)]).sum(),
+                                Some(weights) => {
+                                    let weights = &weights[usize::from(vector >= present)];
+                                    (0..members).map(|i| x(i) * weights[(i, j)]).sum()
+                                }
                                 None if j < members => x(j),
                                 None => 0.0,
                             };

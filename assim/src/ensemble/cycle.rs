@@ -53,23 +53,15 @@ impl EnsembleCycle {
     /// The same with a smoother of the last `lag` analyses before the newest.
     ///
     /// # Errors
-    /// [`Error::TooLarge`] if their members do not fit into the memory limit; [`Error::Setting`] with
-    /// [`ModelErrorTreatment::SquareRoot`], unless nothing is added in a cycle: the square root recombines the members, which
-    /// then do not go on from the earlier ones that are to be regressed on them.
+    /// [`Error::Setting`] with [`ModelErrorTreatment::SquareRoot`], unless nothing is added in a cycle: the square root
+    /// recombines the members, which then do not go on from the earlier ones that are to be regressed on them.
     pub fn smoothing(mut self, lag: usize) -> Result<Self, Error> {
-        let Self { problem, settings, memory: Memory { ensemble, .. } } = &self;
+        let Self { problem, settings, .. } = &self;
         let drifts = problem.estimated_calibration().parameters.iter().any(|it| it.drift.changes());
         if settings.model_error == ModelErrorTreatment::SquareRoot && (problem.model_error.is_some() || drifts) {
             let message = "an ensemble smoother needs members that go on from the earlier ones: random draws of the model \
                            error, not its square root";
             return Err(Error::Setting(message.into()));
-        }
-        let (members, rows) = (ensemble.members(), ensemble.values().nrows());
-        // Beside the four of them that the filter needs.
-        let needed_bytes = 8 * (lag as u64 + 5) * (members * rows) as u64;
-        if needed_bytes > problem.memory_limit_bytes {
-            let what = format!("an ensemble smoother of {lag} analyses with {members} members of {rows} unknowns");
-            return Err(Error::TooLarge { what, needed_bytes, limit_bytes: problem.memory_limit_bytes });
         }
         self.memory.smoother = Some(FixedLag::new(lag));
         Ok(self)
@@ -102,7 +94,10 @@ impl EnsembleCycle {
     pub fn transform(&mut self, analysis: Transform) -> f64 {
         if let Some(smoother) = &mut self.memory.smoother {
             let weights = analysis.earlier_weights();
-            smoother.revise(|perturbations| product(perturbations.as_ref(), weights.as_ref()));
+            for earlier in smoother.earlier() {
+                let deviations = product(earlier.perturbations.as_ref(), weights.as_ref());
+                *earlier = Moments::of_transformed(std::mem::take(&mut earlier.mean), &deviations);
+            }
         }
         let chi2 = analysis.chi2;
         let weights = analysis.weights(self.settings.inflation.relaxation_to_prior_perturbations);

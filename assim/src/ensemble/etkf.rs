@@ -2,7 +2,7 @@
 
 use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
-use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis};
+use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis, with_smoother};
 use super::members::ObservedEnsemble;
 use super::transform::{self, WhitenedObservations, transform};
 use crate::error::Error;
@@ -33,12 +33,12 @@ impl EnsembleTransformKalmanFilter {
     /// [`Error::TooLarge`] if their members do not fit into the memory limit; [`Error::Setting`] with
     /// [`ModelErrorTreatment::SquareRoot`](super::ModelErrorTreatment::SquareRoot), unless nothing is added in a cycle.
     pub fn smoothing(self, lag: usize) -> Result<Self, Error> {
-        Ok(Self { cycle: self.cycle.smoothing(lag)?, ..self })
+        with_smoother(self, lag)
     }
 }
 
 impl EnsembleAnalysis for Transform {
-    fn numbers(&self, _: &Problem<dyn Model>, members: f64, observations: f64) -> f64 {
+    fn numbers(&self, _: &Problem<dyn Model>, members: f64, observations: f64, _: usize) -> f64 {
         transform::numbers(members, observations)
     }
 

@@ -17,11 +17,11 @@ use isobar_obs::ObservationWindow;
 
 /// What the ensemble methods differ in.
 pub(super) trait EnsembleAnalysis: Clone + Send + 'static {
-    /// How many numbers the analysis of n observations holds for N members, beside these.
-    fn numbers(&self, problem: &Problem<dyn Model>, members: f64, observations: f64) -> f64;
+    /// How many numbers the analysis of n observations holds for N members and so many earlier ensembles, beside these.
+    fn numbers(&self, problem: &Problem<dyn Model>, members: f64, observations: f64, earlier: usize) -> f64;
 
-    /// Takes the analysis of the observations, of which there are some, into the ensemble; returns χ² where double precision
-    /// has it.
+    /// Takes the analysis of the observations, of which there are some, into the ensemble and into the earlier ones of a
+    /// smoother; returns χ² where double precision has it.
     ///
     /// # Errors
     /// That of an analysis which double precision cannot resolve.
@@ -54,27 +54,47 @@ pub(super) fn with_analysis<A: EnsembleAnalysis>(
     places: usize,
     analysis: A,
 ) -> Result<EnsembleFilter<A>, Error> {
-    require_memory(&problem, settings.members, &analysis, problem.most_observations)?;
+    require_memory(&problem, settings.members, &analysis, problem.most_observations, None)?;
     Ok(EnsembleFilter { cycle: EnsembleCycle::new(problem, settings, places)?, analysis })
 }
 
+/// A filter with a smoother of the last `lag` analyses before the newest.
+///
+/// # Errors
+/// As [`EnsembleCycle::smoothing`]; [`Error::TooLarge`] if their members do not fit into the memory limit.
+pub(super) fn with_smoother<A: EnsembleAnalysis>(
+    filter: EnsembleFilter<A>,
+    lag: usize,
+) -> Result<EnsembleFilter<A>, Error> {
+    let EnsembleFilter { cycle, analysis } = filter;
+    let cycle = cycle.smoothing(lag)?;
+    let problem = &cycle.problem;
+    require_memory(problem, cycle.settings.members, &analysis, problem.most_observations, Some(lag))?;
+    Ok(EnsembleFilter { cycle, analysis })
+}
+
 /// Fails unless there is memory for the members, their perturbations before and after and the draws of Q; the priors of the
-/// biases; what the members make of the observations, with its perturbations as they are and whitened; and the analysis.
+/// biases; what the members make of the observations, with its perturbations as they are and whitened; the analysis; and the
+/// ensembles of a smoother of this lag.
 fn require_memory(
     problem: &Problem<dyn Model>,
     members: usize,
     analysis: &impl EnsembleAnalysis,
     observations: usize,
+    lag: Option<usize>,
 ) -> Result<(), Error> {
     let p = problem.estimated_calibration().len();
     let rows = problem.background.values().len() + p;
     let [size, parameters, columns, n] = [rows, p, members, observations].map(|size| size as f64);
-    let numbers = 4.0 * size * columns
+    // The newest analysis is kept as well.
+    let ensembles = lag.map_or(0.0, |lag| lag as f64 + 1.0);
+    let numbers = (4.0 + ensembles) * size * columns
         + 2.0 * parameters * parameters
         + 3.0 * n * columns
-        + analysis.numbers(problem, columns, n);
+        + analysis.numbers(problem, columns, n, lag.unwrap_or(0));
     problem.require_memory(numbers, || {
-        format!("an ensemble of {members} members of {rows} unknowns with {observations} observations")
+        let of_lag = lag.map_or(String::new(), |lag| format!(" and the {lag} analyses before of its smoother"));
+        format!("an ensemble of {members} members of {rows} unknowns{of_lag} with {observations} observations")
     })
 }
 
@@ -87,7 +107,8 @@ impl<A: EnsembleAnalysis> Assimilator for EnsembleFilter<A> {
 
     fn analyse(&mut self, _: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
         let Self { cycle, analysis } = self;
-        require_memory(&cycle.problem, cycle.settings.members, analysis, observed.len())?;
+        let lag = cycle.memory.smoother.as_ref().map(FixedLag::lag);
+        require_memory(&cycle.problem, cycle.settings.members, analysis, observed.len(), lag)?;
         let members = cycle.memory.ensemble.observe(&cycle.problem, observed)?;
         if let Some(smoother) = &mut cycle.memory.smoother {
             smoother.shorten();

@@ -4,7 +4,6 @@ use super::members::Ensemble;
 use super::moments::{Moments, spread};
 use crate::error::Error;
 use crate::memory::require;
-use faer::Mat;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -15,7 +14,21 @@ use std::collections::VecDeque;
 ///
 /// With the transform `A = I + Ỹᵀ Ỹ` of [`super::transform`] an earlier ensemble gets `x̄ ← x̄ + X A⁻¹ Ỹᵀ d̃ / √(N−1)` and
 /// `X ← X A^-½`, without the inflation and the relaxation that the present one gets beside: these are remedies for its
-/// further forecasts, which the past has not before it. No eigenvalue of A^-½ is above one, and so no variance grows.
+/// further forecasts, which the past has not before it (so do DAPPER's `EnKS` and PDAF). No eigenvalue of A^-½ is above one,
+/// and so no variance grows.
+///
+/// *Localised.* Each place of an earlier ensemble, and each of its biases, is regressed with the weights that the place or the
+/// bias has in the present analysis (Khare, Anderson, Hoar and Nychka 2008, Tellus 60A, 97–112; Nerger, Schulte and
+/// Bunse-Gerstner 2014, Q. J. R. Meteorol. Soc. 140, 2249–2259): the local transform of
+/// [`LocalEnsembleTransformKalmanFilter`](super::LocalEnsembleTransformKalmanFilter), the tapered gain
+///
+/// ```text
+/// x_i ← x_i + (ρ ∘ X Ỹᵀ) S⁻¹ R^-½ (y + ε_i − h(x_i)) / √(N−1)
+/// ```
+///
+/// of [`StochasticEnsembleKalmanFilter`](super::StochasticEnsembleKalmanFilter), X being the earlier perturbations, the
+/// innovations and their covariance S the present ones. So the taper ρ stands where it is: it does not move with the flow,
+/// although what was here at the time of the earlier ensemble may be elsewhere by now.
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) struct FixedLag {
     lag: usize,
@@ -41,13 +54,9 @@ impl FixedLag {
         }
     }
 
-    /// Revises the earlier ensembles by an analysis: the perturbations `[m + p, N + 1]` that it makes of `[m + p, N]`, the last
-    /// column being the increment of the mean.
-    pub fn revise(&mut self, analysis: impl Fn(&Mat<f64>) -> Mat<f64>) {
-        for past in &mut self.ensembles {
-            let transformed = analysis(&past.perturbations);
-            *past = Moments::of_transformed(std::mem::take(&mut past.mean), &transformed);
-        }
+    /// The earlier ensembles, which the analysis revises.
+    pub fn earlier(&mut self) -> impl Iterator<Item = &mut Moments> {
+        self.ensembles.iter_mut()
     }
 
     /// Takes in the newest ensemble.

@@ -1,10 +1,11 @@
 //! The local ensemble transform Kalman filter.
 
 use super::EnsembleSettings;
-use super::band::{Band, BesideState, Plan};
+use super::band::{Band, BandParameters, BesideState, Plan};
 use super::batch;
-use super::cycle::EnsembleCycle;
-use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis};
+use super::cycle::{EnsembleCycle, Memory};
+use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis, with_smoother};
+use super::fixed_lag::FixedLag;
 use super::localization::Taper;
 use super::members::{Ensemble, ObservedEnsemble};
 use super::moments::Moments;
@@ -84,6 +85,16 @@ impl LocalEnsembleTransformKalmanFilter {
         with_analysis(problem, settings, places, analysis)
     }
 
+    /// The filter with its ensemble smoother of the last `lag` analyses before the newest: the weights of a place revise its
+    /// earlier members as well, without the inflation and the relaxation, and so do those of a bias.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] if their members do not fit into the memory limit; [`Error::Setting`] with
+    /// [`ModelErrorTreatment::SquareRoot`](super::ModelErrorTreatment::SquareRoot), unless nothing is added in a cycle.
+    pub fn smoothing(self, lag: usize) -> Result<Self, Error> {
+        with_smoother(self, lag)
+    }
+
     /// Mean and spread of the members.
     pub(crate) fn estimate(&self) -> Estimate {
         self.cycle.estimate()
@@ -132,12 +143,15 @@ fn band_height(weights: &WeightGrid) -> usize {
 impl EnsembleAnalysis for LocalTransform {
     /// The observations row by row; and on each thread those around a batch of places with the matrices there, and a band of
     /// the members.
-    fn numbers(&self, problem: &Problem<dyn Model>, members: f64, observations: f64) -> f64 {
+    fn numbers(&self, problem: &Problem<dyn Model>, members: f64, observations: f64, earlier: usize) -> f64 {
         let layout = problem.background.layout();
+        let (grid, variables, ensembles) = (&layout.grid, layout.variables.len(), earlier + 1);
         let near = observations * (2.0 * self.reach).min(1.0);
-        let batch = batch::numbers(members, near);
-        let band =
-            Plan::numbers(&layout.grid, layout.variables.len(), &self.weights, band_height(&self.weights), members);
+        // A place has a weight in the cells up to the next ones.
+        let [columns, rows] = [&self.weights.columns, &self.weights.rows].map(|axis| 2 * axis.cells(0..1).len() - 1);
+        let vectors = ensembles * (columns * rows * variables + self.shared.len());
+        let batch = batch::numbers(members, near, vectors as f64);
+        let band = Plan::numbers(grid, variables, &self.weights, band_height(&self.weights), members, ensembles);
         observations * members + rayon::current_num_threads() as f64 * (batch + band)
     }
 
@@ -145,7 +159,11 @@ impl EnsembleAnalysis for LocalTransform {
         let layout = cycle.problem.background.layout().clone();
         let (grid, variables) = (&layout.grid, layout.variables.len());
         let whitened = WhitenedObservations::new(members);
-        let Moments { mean, perturbations } = cycle.memory.ensemble.parameter_moments();
+        let Memory { ensemble, smoother, variance_factors, .. } = &mut cycle.memory;
+        let mut earlier: Vec<&mut Moments> = smoother.iter_mut().flat_map(FixedLag::earlier).collect();
+        let parameters_earlier = earlier.iter().map(|earlier| earlier.rows_from(layout.len()));
+        let parameters = std::iter::once(ensemble.parameter_moments()).chain(parameters_earlier);
+        let (means, perturbations): (Vec<_>, Vec<_>) = parameters.map(|it| (it.mean, it.perturbations.0)).unzip();
         let shared: Vec<(usize, Vec<f64>)> = self
             .shared
             .iter()
@@ -161,15 +179,21 @@ impl EnsembleAnalysis for LocalTransform {
             parameters: &perturbations,
             local: &self.local,
             shared: &shared,
-            last_factors: &cycle.memory.variance_factors,
+            last_factors: variance_factors,
         };
-        let found = analyse_bands(&plan, &mut cycle.memory.ensemble);
-        let analysed = analysed_parameters(mean, &perturbations, &shared, &found);
-        cycle.memory.variance_factors = found.into_iter().flat_map(|found| found.variance_factors).collect();
-        cycle.memory.ensemble.set_parameters(&analysed);
+        let found = analyse_bands(&plan, ensemble, &mut earlier);
+        for (number, (mean, perturbations)) in means.into_iter().zip(&perturbations).enumerate() {
+            let found = found.iter().map(|found| &found.parameters[number]);
+            let analysed = analysed_parameters(mean, perturbations, &shared, found);
+            match number.checked_sub(1) {
+                None => ensemble.set_parameters(&analysed),
+                Some(number) => earlier[number].set_rows_from(layout.len(), &analysed),
+            }
+        }
+        *variance_factors = found.into_iter().flat_map(|found| found.variance_factors).collect();
 
         // χ² alone needs the covariance of all observations, and is given where there is memory for it.
-        let shared = SharedParameters { numbers: &self.shared, perturbations: perturbations.as_ref() };
+        let shared = SharedParameters { numbers: &self.shared, perturbations: perturbations[0].as_ref() };
         let (count, n) = (whitened.perturbations.ncols() as f64, whitened.departures.len() as f64);
         let fits = cycle.problem.require_memory(tapered::numbers(count, n, self.taper.reach()), || "χ²".into());
         let tapered = fits
@@ -179,32 +203,38 @@ impl EnsembleAnalysis for LocalTransform {
     }
 }
 
-/// Takes the local analyses into the members' states.
-fn analyse_bands(plan: &Plan<'_>, ensemble: &mut Ensemble) -> Vec<BesideState> {
+/// Takes the local analyses into the members' states, and those of earlier ensembles.
+fn analyse_bands(plan: &Plan<'_>, ensemble: &mut Ensemble, earlier: &mut [&mut Moments]) -> Vec<BesideState> {
     let (rows, height) = (&plan.weights.rows, band_height(plan.weights));
     let bands = || (0..rows.len()).step_by(height).map(|first| first..rows.len().min(first + height));
     let lengths: Vec<usize> = bands().map(|points| rows.cells(points).len() * plan.grid.nx).collect();
-    let fields = ensemble.split_fields(plan.grid.cells(), &lengths);
-    let bands: Vec<Band<'_>> = bands().zip(fields).map(|(points, fields)| Band { points, fields }).collect();
+    let cells = plan.grid.cells();
+    let fields = ensemble.split_fields(cells, &lengths);
+    let in_bands = bands().zip(fields);
+    let mut bands: Vec<_> = in_bands.map(|(points, fields)| Band { points, fields, earlier: Vec::new() }).collect();
+    for earlier in earlier {
+        let pieces = earlier.split_fields(plan.variables * cells, cells, &lengths);
+        bands.iter_mut().zip(pieces).for_each(|(band, piece)| band.earlier.push(piece));
+    }
     bands.into_par_iter().map(|band| plan.analyse(band)).collect()
 }
 
-/// The moments of all parameters, given those of the background and what the bands find; those that no band
+/// The moments of all parameters of an ensemble, given those before and what the bands find; those that no band
 /// finds stay as they are.
-fn analysed_parameters(
+fn analysed_parameters<'a>(
     mean: Vec<f64>,
     perturbations: &Mat<f64>,
     shared: &[(usize, Vec<f64>)],
-    found: &[BesideState],
+    found: impl Iterator<Item = &'a BandParameters> + Clone,
 ) -> Moments {
     let members = perturbations.ncols();
     let mut deviations =
         Mat::from_fn(mean.len(), members + 1, |i, j| if j < members { perturbations[(i, j)] } else { 0.0 });
-    for (number, analysed) in found.iter().flat_map(|found| &found.local) {
+    for (number, analysed) in found.clone().flat_map(|found| &found.local) {
         (0..=members).for_each(|j| deviations[(*number, j)] = analysed[j]);
     }
     for (i, &(number, _)) in shared.iter().enumerate() {
-        let of_rows = || found.iter().flat_map(|found| found.shared.iter().skip(i).step_by(shared.len()));
+        let of_rows = || found.clone().flat_map(|found| found.shared.iter().skip(i).step_by(shared.len()));
         (0..=members).for_each(|j| deviations[(number, j)] = of_rows().map(|analysed| analysed[j]).sum());
     }
     Moments::of_transformed(mean, &deviations)

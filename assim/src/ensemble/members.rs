@@ -1,7 +1,7 @@
 //! The ensemble: members (x, c) as columns.
 
 use super::model_error::add_model_error;
-use super::moments::{Moments, variable_scales};
+use super::moments::{Moments, split_fields, variable_scales};
 use super::{EnsembleSettings, InitialMembers};
 use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance::{self, randomize};
@@ -194,15 +194,7 @@ impl Ensemble {
     /// The state's fields of `cells` values, cut at these lengths: for each piece the parts of the first member's fields,
     /// then those of the second's …
     pub(super) fn split_fields(&mut self, cells: usize, lengths: &[usize]) -> Vec<Vec<&mut [f64]>> {
-        let mut pieces: Vec<Vec<&mut [f64]>> = lengths.iter().map(|_| Vec::new()).collect();
-        for member in self.values.chunks_exact_mut(self.rows) {
-            for mut field in member[..self.state_values].chunks_exact_mut(cells) {
-                for (piece, &length) in pieces.iter_mut().zip(lengths) {
-                    piece.push(field.split_off_mut(..length).expect("the lengths sum up to a field"));
-                }
-            }
-        }
-        pieces
+        split_fields(self.values.chunks_exact_mut(self.rows), self.state_values, cells, lengths)
     }
 
     /// Forecasts each member with the model, and adds what a window adds to the errors.

@@ -12,6 +12,7 @@
 //! | `inflation` | multiplicative, adaptive, relaxation to the prior spread and perturbations |
 //! | `batch`, `near` | analyses of neighbouring places, each with the observations around it |
 //! | `band` | what they make of the members in some rows of cells |
+//! | `perturbations` | those of such rows, place by place |
 //! | `weights` | where they are made, and the interpolation between |
 //! | `buckets` | observations found by where they are |
 //! | `lanes`, `products` | linear algebra of several places at a time, one in each lane of vectors |
@@ -20,7 +21,7 @@
 //! | `tapered` | innovations with a tapered covariance of state and shared biases |
 //! | `etkf` | [`EnsembleTransformKalmanFilter`] |
 //! | `own` | [`EnsembleTransform`]: the analysis made elsewhere |
-//! | `fixed_lag` | its smoother, the EnKS |
+//! | `fixed_lag` | their smoother, the EnKS |
 //! | `letkf` | [`LocalEnsembleTransformKalmanFilter`] |
 //! | `stochastic` | [`StochasticEnsembleKalmanFilter`] |
 //!
@@ -43,6 +44,7 @@ mod model_error;
 mod moments;
 mod near;
 mod own;
+mod perturbations;
 mod principal;
 mod products;
 mod stochastic;

@@ -35,6 +35,45 @@ impl Moments {
         add(&mut about, &shift);
         Self { mean: about, perturbations: Matrix(deviations) }
     }
+
+    /// Those of the rows from number `first` on.
+    pub fn rows_from(&self, first: usize) -> Self {
+        let perturbations = self.perturbations.get(first.., ..).to_owned();
+        Self { mean: self.mean[first..].to_vec(), perturbations: Matrix(perturbations) }
+    }
+
+    /// Sets the rows from number `first` on.
+    pub fn set_rows_from(&mut self, first: usize, rows: &Self) {
+        self.mean[first..].copy_from_slice(&rows.mean);
+        self.perturbations.as_mut().get_mut(first.., ..).copy_from(&*rows.perturbations);
+    }
+
+    /// The fields of `cells` values that the first `state_values` rows are, cut at these lengths: for each piece the parts of
+    /// the mean's fields, then those of the first member's perturbations …
+    pub fn split_fields(&mut self, state_values: usize, cells: usize, lengths: &[usize]) -> Vec<Vec<&mut [f64]>> {
+        let perturbations = self.perturbations.as_mut().try_as_col_major_mut().expect("columns are in one piece");
+        let columns = perturbations.col_iter_mut().map(|column| column.as_slice_mut());
+        split_fields(std::iter::once(&mut *self.mean).chain(columns), state_values, cells, lengths)
+    }
+}
+
+/// The fields of `cells` values in the first `state_values` of each column, cut at these lengths: for each piece the parts of
+/// the first column's fields, then those of the second's …
+pub(super) fn split_fields<'a>(
+    columns: impl Iterator<Item = &'a mut [f64]>,
+    state_values: usize,
+    cells: usize,
+    lengths: &[usize],
+) -> Vec<Vec<&'a mut [f64]>> {
+    let mut pieces: Vec<Vec<&mut [f64]>> = lengths.iter().map(|_| Vec::new()).collect();
+    for column in columns {
+        for mut field in column[..state_values].chunks_exact_mut(cells) {
+            for (piece, &length) in pieces.iter_mut().zip(lengths) {
+                piece.push(field.split_off_mut(..length).expect("the lengths sum up to a field"));
+            }
+        }
+    }
+    pieces
 }
 
 /// Standard deviation of each row of perturbations.

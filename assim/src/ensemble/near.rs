@@ -74,8 +74,8 @@ pub(super) struct Near {
     pub roots: Vec<f64>,
     /// f.
     pub inflation: f64,
-    /// Where double precision needs more care: the weights of the members, `[N, N + 1]`.
-    pub weights: Option<Mat<f64>>,
+    /// Where double precision needs more care: the weights of the members, `[N, N + 1]`, and those of earlier ones.
+    pub weights: Option<[Mat<f64>; 2]>,
 }
 
 impl Near {
@@ -117,7 +117,9 @@ impl Near {
                 rounding: scaled(rounding),
             };
             let relaxation = all.inflation.relaxation_to_prior_perturbations;
-            self.weights = Some(transform(&local, self.inflation).weights(relaxation));
+            let transform = transform(&local, self.inflation);
+            let earlier = transform.earlier_weights();
+            self.weights = Some([transform.weights(relaxation), earlier]);
         }
     }
 }

@@ -53,7 +53,7 @@ impl<T: EnsembleTransform> EnsembleFilter<By<T>> {
 
 impl<T: EnsembleTransform> EnsembleAnalysis for By<T> {
     /// As much again for what is made outside.
-    fn numbers(&self, _: &Problem<dyn Model>, members: f64, observations: f64) -> f64 {
+    fn numbers(&self, _: &Problem<dyn Model>, members: f64, observations: f64, _: usize) -> f64 {
         2.0 * transform::numbers(members, observations)
     }
 

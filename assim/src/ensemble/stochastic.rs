@@ -2,14 +2,14 @@
 
 use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
-use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis};
+use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis, with_smoother};
 use super::localization::Taper;
 use super::members::ObservedEnsemble;
 use super::moments::Moments;
 use super::tapered::{self, SharedParameters, TaperedGain, TaperedInnovations, cross_taper};
 use super::transform::WhitenedObservations;
 use crate::error::Error;
-use crate::problem::Problem;
+use crate::problem::{Innovations, Problem};
 use faer::{Mat, MatRef};
 use isobar_model::random::standard_normals;
 use isobar_model::{Layout, Location, Model};
@@ -56,11 +56,20 @@ impl StochasticEnsembleKalmanFilter {
         let analysis = PerturbedObservations { taper, cross, shared, local };
         with_analysis(problem, settings, 1, analysis)
     }
+
+    /// The filter with its ensemble smoother of the last `lag` analyses before the newest.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] if their members do not fit into the memory limit; [`Error::Setting`] with
+    /// [`ModelErrorTreatment::SquareRoot`](super::ModelErrorTreatment::SquareRoot), unless nothing is added in a cycle.
+    pub fn smoothing(self, lag: usize) -> Result<Self, Error> {
+        with_smoother(self, lag)
+    }
 }
 
 impl EnsembleAnalysis for PerturbedObservations {
     /// The tapered innovations and their solution with its draws.
-    fn numbers(&self, _: &Problem<dyn Model>, members: f64, observations: f64) -> f64 {
+    fn numbers(&self, _: &Problem<dyn Model>, members: f64, observations: f64, _: usize) -> f64 {
         tapered::numbers(members, observations, self.taper.reach()) + 4.0 * members * observations
     }
 
@@ -87,23 +96,20 @@ impl EnsembleAnalysis for PerturbedObservations {
         let innovations = Mat::from_fn(n, columns, |i, j| {
             whitened.departures[i] - root * whitened.perturbations[(i, j)] + errors[(i, j)]
         });
-        let local = LocalUpdate { gain: tapered.gain(innovations), factor };
-
-        let mut deviations = perturbations.to_owned();
-        local.update_cells(layout, &mut deviations);
-        for &(number, place) in &self.local {
-            let row = perturbations.get(m + number..m + number + 1, ..);
-            deviations.as_mut().get_mut(m + number..m + number + 1, ..).copy_from(local.analysed(row, place));
+        let read = |number: usize| (0..n).any(|row| reads(&members.innovations, row, number));
+        let update = Update {
+            layout,
+            gain: tapered.gain(innovations),
+            local: &self.local,
+            shared: self.shared.iter().map(|&number| (number, read(number))).collect(),
+        };
+        if let Some(smoother) = &mut cycle.memory.smoother {
+            for earlier in smoother.earlier() {
+                let deviations = update.analysed(&earlier.perturbations, 1.0);
+                *earlier = Moments::of_deviations(std::mem::take(&mut earlier.mean), deviations);
+            }
         }
-        let own = Mat::from_fn(self.shared.len(), columns, |i, j| parameters[(self.shared[i], j)]);
-        let increment = local.gain.of_shared(own.as_ref());
-        for (i, &number) in self.shared.iter().enumerate() {
-            // A bias that nothing observes is not inflated.
-            let observed =
-                (0..n).any(|row| members.innovations.jacobian.calibration.row(row).iter().any(|e| e.0 == number));
-            let before = if observed { parameters.as_ref() } else { perturbations.get(m.., ..) };
-            (0..columns).for_each(|j| deviations[(m + number, j)] = before[(number, j)] + increment[(i, j)]);
-        }
+        let deviations = update.analysed(&background.perturbations, factor);
         let mut analysed = Moments::of_deviations(background.mean.clone(), deviations);
         let relaxation = inflation.relaxation_to_prior_perturbations;
         if relaxation > 0.0 {
@@ -115,37 +121,65 @@ impl EnsembleAnalysis for PerturbedObservations {
     }
 }
 
-/// What the observations say, to be taken to places.
-struct LocalUpdate<'a> {
-    gain: TaperedGain<'a>,
-    /// Inflation of the perturbations where something is observed.
-    factor: f64,
+/// Whether an observation reads a parameter.
+fn reads(innovations: &Innovations, row: usize, parameter: usize) -> bool {
+    innovations.jacobian.calibration.row(row).iter().any(|entry| entry.0 == parameter)
 }
 
-impl LocalUpdate<'_> {
+/// What the observations say, to be taken to ensembles now and earlier.
+struct Update<'a> {
+    layout: &'a Layout,
+    gain: TaperedGain<'a>,
+    /// Local parameters with their places.
+    local: &'a [(usize, (f64, f64))],
+    /// Shared parameters, and whether they are observed.
+    shared: Vec<(usize, bool)>,
+}
+
+impl Update<'_> {
+    /// What perturbations `[m + p, N]` become when they are inflated by a factor and analysed: deviations from the mean before.
+    fn analysed(&self, perturbations: &Mat<f64>, factor: f64) -> Mat<f64> {
+        let (m, columns) = (self.layout.len(), perturbations.ncols());
+        let mut deviations = perturbations.clone();
+        self.update_cells(&mut deviations, factor);
+        for &(number, place) in self.local {
+            let row = perturbations.get(m + number..m + number + 1, ..);
+            let analysed = self.at_place(row, factor, place);
+            deviations.as_mut().get_mut(m + number..m + number + 1, ..).copy_from(analysed);
+        }
+        let own = Mat::from_fn(self.shared.len(), columns, |i, j| factor * perturbations[(m + self.shared[i].0, j)]);
+        let increment = self.gain.of_shared(own.as_ref());
+        for (i, &(number, is_observed)) in self.shared.iter().enumerate() {
+            // A bias that nothing observes is not inflated.
+            let before = |j: usize| if is_observed { own[(i, j)] } else { perturbations[(m + number, j)] };
+            (0..columns).for_each(|j| deviations[(m + number, j)] = before(j) + increment[(i, j)]);
+        }
+        deviations
+    }
+
     /// The analysed values `[k, N]` of one place: inflated, plus (ρ ∘ P Hᵀ) S⁻¹ (y + ε − h).
     ///
     /// Inflation makes up for the spread that an analysis takes too much of, so it has the analysis's taper,
     /// 1 + (f − 1) max ρ: full at an observation, none where no observation has an influence. There it would multiply the
     /// spread in every cycle, with nothing to bring it back.
-    fn analysed(&self, values: MatRef<'_, f64>, place: (f64, f64)) -> Mat<f64> {
+    fn at_place(&self, values: MatRef<'_, f64>, factor: f64, place: (f64, f64)) -> Mat<f64> {
         let near = self.gain.near(place);
         let nearest = near.iter().map(|(_, weight)| *weight).fold(0.0, f64::max);
-        let inflated = values * faer::Scale(1.0 + (self.factor - 1.0) * nearest);
+        let inflated = values * faer::Scale(1.0 + (factor - 1.0) * nearest);
         let increment = self.gain.of_state(inflated.as_ref(), &near);
         inflated + increment
     }
 
-    /// Takes perturbations to analysed deviations from the background's mean in all cells.
-    fn update_cells(&self, layout: &Layout, deviations: &mut Mat<f64>) {
-        let (grid, cells, variables) = (&layout.grid, layout.grid.cells(), layout.variables.len());
-        let columns = deviations.ncols();
+    /// Takes perturbations to analysed deviations from the mean before in all cells.
+    fn update_cells(&self, deviations: &mut Mat<f64>, factor: f64) {
+        let grid = &self.layout.grid;
+        let (cells, variables, columns) = (grid.cells(), self.layout.variables.len(), deviations.ncols());
         let analysed: Vec<Mat<f64>> = (0..cells)
             .into_par_iter()
             .map(|cell| {
                 let place = (grid.x_m(Location::Center, cell % grid.nx), grid.y_m(Location::Center, cell / grid.nx));
                 let values = Mat::from_fn(variables, columns, |variable, j| deviations[(variable * cells + cell, j)]);
-                self.analysed(values.as_ref(), place)
+                self.at_place(values.as_ref(), factor, place)
             })
             .collect();
         for j in 0..columns {

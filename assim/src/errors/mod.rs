@@ -2,8 +2,7 @@
 //!
 //! | module | P |
 //! |---|---|
-//! | [`dense`] | the whole matrix: the reference for every other method |
-//! | `serial` | the same, analysed one observation at a time |
+//! | [`dense`] | the whole matrix: the reference for every other method; analysed at once or one observation at a time |
 //! | [`banded`] | a band beside what the calibration parameters explain: the Frobenius recursion |
 //! | [`blocks`] | blocks of the grid and common factors: Lange's Fast Kalman Filter |
 //! | [`local`] | blocks of the grid and factors of tiles, whose number does not grow with the domain |
@@ -12,4 +11,3 @@ pub mod banded;
 pub mod blocks;
 pub mod dense;
 pub mod local;
-mod serial;

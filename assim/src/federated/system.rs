@@ -61,6 +61,7 @@ pub(super) fn observations_of(
         times: rows.iter().map(|&row| observed.times[row]).collect(),
         values: chosen(&observed.values),
         sigma: chosen(&observed.sigma),
+        error_regression: Default::default(),
         aside: Default::default(),
         operator: Arc::new(SystemOperator {
             whole: Arc::clone(&observed.operator),

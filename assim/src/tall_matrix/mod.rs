@@ -9,7 +9,7 @@
 
 mod products;
 
-pub(crate) use products::{cross_product, scaled_gram};
+pub(crate) use products::{add_scaled_gram, cross_product, scaled_gram};
 
 use isobar_model::Stored;
 use rayon::prelude::*;

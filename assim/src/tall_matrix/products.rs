@@ -1,9 +1,9 @@
 //! What is computed with tall matrices, chunk by chunk of their rows.
 
 use super::{TallMatrix, Values, stored};
-use crate::linalg::mirror_lower;
+use crate::linalg::{add_lower_product, add_product, mirror_lower};
 use faer::linalg::matmul::matmul;
-use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::prelude::ReborrowMut;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 use isobar_model::Stored;
 use rayon::prelude::*;
@@ -11,12 +11,26 @@ use rayon::prelude::*;
 /// Rows that one thread works on at a time: with a hundred columns they fit into the cache.
 const ROWS: usize = 512;
 
+/// Columns of a product with a triangular matrix that are found together.
+const BAND: usize = 64;
+
 /// Rows whose sums one thread takes without interruption.
 const SUM_ROWS: usize = 16 * ROWS;
 
 impl TallMatrix {
     /// A ← \[A B\] T, where there may be no B.
     pub fn recombine(&mut self, b: Option<&TallMatrix>, t: MatRef<'_, f64>) {
+        self.multiply(b, t, t.ncols().max(1));
+    }
+
+    /// A ← A T for a lower triangular T, whose entries above the diagonal are zero: half the operations of
+    /// [`TallMatrix::recombine`].
+    pub fn multiply_lower(&mut self, t: MatRef<'_, f64>) {
+        self.multiply(None, t, BAND);
+    }
+
+    /// A ← \[A B\] T, `width` columns of T at a time; above the first of these diagonal entries T is zero.
+    fn multiply(&mut self, b: Option<&TallMatrix>, t: MatRef<'_, f64>, width: usize) {
         let (rows, own, new) = (self.rows, self.columns, t.ncols());
         let further = b.map_or(0, |b| b.columns);
         assert!(t.nrows() == own + further && b.is_none_or(|b| b.rows == rows));
@@ -24,8 +38,12 @@ impl TallMatrix {
         stored!(&mut self.values, values => {
             let all = MatMut::from_column_major_slice_mut(values, rows, self.columns);
             all.par_row_chunks_mut(ROWS).enumerate().for_each_init(
-                || (vec![0.0; ROWS * (own + further)], vec![0.0; ROWS * new]),
-                |(before, after), (chunk, rows)| recombine_rows(rows, chunk * ROWS, (own, b), t, before, after),
+                || (vec![0.0; ROWS * own], Vec::new(), vec![0.0; ROWS * new]),
+                |(of_a, of_b, after), (chunk, rows)| {
+                    let count = rows.nrows();
+                    let of_b = b.map(move |b| b.part(chunk * ROWS, count, 0, of_b));
+                    multiply_rows(rows, own, of_b, (t, width), of_a, after);
+                },
             );
         });
         self.truncate(new);
@@ -83,27 +101,31 @@ impl TallMatrix {
     }
 }
 
-/// Some rows of [`TallMatrix::recombine`]; they begin at `first`, and the first `own` columns are A.
-fn recombine_rows<S: Stored>(
+/// Some rows of [`TallMatrix::multiply`], of which the first `own` columns are A; `of_a` has place for these.
+fn multiply_rows<S: Stored>(
     mut rows: MatMut<'_, S>,
-    first: usize,
-    (own, b): (usize, Option<&TallMatrix>),
-    t: MatRef<'_, f64>,
-    before: &mut [f64],
+    own: usize,
+    of_b: Option<MatRef<'_, f64>>,
+    (t, width): (MatRef<'_, f64>, usize),
+    of_a: &mut [f64],
     after: &mut [f64],
 ) {
     let (count, new) = (rows.nrows(), t.ncols());
-    let (of_a, rest) = before.split_at_mut(count * own);
+    let of_a = &mut of_a[..count * own];
     for (column, out) in rows.as_ref().col_iter().zip(of_a.chunks_exact_mut(count)) {
         widen_all(column.try_as_col_major().expect("columns are contiguous").as_slice(), out);
     }
-    if let Some(b) = b {
-        b.copy_rows(first, 0, &mut rest[..count * b.columns]);
-    }
-    let before = MatRef::from_column_major_slice(&before[..count * t.nrows()], count, t.nrows());
+    let of_a = MatRef::from_column_major_slice(of_a, count, own);
     let after = &mut after[..count * new];
-    let product = MatMut::from_column_major_slice_mut(&mut *after, count, new);
-    matmul(product, Accum::Replace, before, t, 1.0, Par::Seq);
+    let mut product = MatMut::from_column_major_slice_mut(&mut *after, count, new);
+    for first in (0..new).step_by(width) {
+        let columns = first..new.min(first + width);
+        let (of_a, t) = (of_a.get(.., first..), t.get(first..own, columns.clone()));
+        matmul(product.rb_mut().get_mut(.., columns), Accum::Replace, of_a, t, 1.0, Par::Seq);
+    }
+    if let Some(of_b) = of_b {
+        matmul(product, Accum::Add, of_b, t.get(own.., ..), 1.0, Par::Seq);
+    }
     for (column, values) in rows.as_mut().col_iter_mut().zip(after.chunks_exact(count)) {
         S::narrow_all(values, column.try_as_col_major_mut().expect("columns are contiguous").as_slice_mut());
     }
@@ -113,40 +135,40 @@ fn widen_all<S: Stored>(stored: &[S], out: &mut [f64]) {
     out.iter_mut().zip(stored).for_each(|(out, value)| *out = value.widen());
 }
 
-/// Wᵀ diag(1/scales²) W with W the parts side by side, `[columns, columns]`.
-pub(crate) fn scaled_gram(parts: &[&TallMatrix], scales: &[f64]) -> Mat<f64> {
-    let width: usize = parts.iter().map(|part| part.columns).sum();
-    let mut gram = sum_over_rows(0, scales.len(), &|first, count| {
-        let mut sum = Mat::zeros(width, width);
-        let mut scratch = vec![0.0; ROWS * width];
+/// Aᵀ diag(1/scales²) A, `[columns, columns]`.
+pub(crate) fn scaled_gram(a: &TallMatrix, scales: &[f64]) -> Mat<f64> {
+    let mut gram = Mat::zeros(a.columns, a.columns);
+    add_scaled_gram(gram.as_mut(), a, None, scales);
+    mirror_lower(gram.as_mut());
+    gram
+}
+
+/// To a matrix of \[A B\]ᵀ diag(1/scales²) \[A B\] the columns of A: of its own part the lower triangle, and all of B's.
+/// Bᵀ diag(1/scales²) B is left as it is.
+pub(crate) fn add_scaled_gram(mut gram: MatMut<'_, f64>, a: &TallMatrix, b: Option<&TallMatrix>, scales: &[f64]) {
+    let (own, width) = (a.columns, a.columns + b.map_or(0, |b| b.columns));
+    let sum = sum_over_rows(0, scales.len(), &|first, count| {
+        let mut sum = Mat::zeros(width, own);
+        let mut scaled = vec![0.0; ROWS.min(count) * own];
+        let (mut of_a, mut of_b) = (Vec::new(), Vec::new());
         for start in (first..first + count).step_by(ROWS) {
             let rows = ROWS.min(first + count - start);
-            let mut rest = &mut scratch[..rows * width];
-            for part in parts {
-                let (own, others) = rest.split_at_mut(rows * part.columns);
-                part.copy_rows(start, 0, own);
-                rest = others;
+            let scaled = &mut scaled[..rows * own];
+            a.copy_rows(start, 0, scaled);
+            for column in scaled.chunks_exact_mut(rows) {
+                column.iter_mut().zip(&scales[start..]).for_each(|(value, scale)| *value /= scale * scale);
             }
-            for column in scratch[..rows * width].chunks_exact_mut(rows) {
-                column.iter_mut().zip(&scales[start..]).for_each(|(value, scale)| *value /= scale);
+            let scaled = MatRef::from_column_major_slice(scaled, rows, own);
+            let (with_a, with_b) = sum.as_mut().split_at_row_mut(own);
+            add_lower_product(with_a, 1.0, a.part(start, rows, 0, &mut of_a).transpose(), scaled);
+            if let Some(b) = b {
+                add_product(with_b, 1.0, b.part(start, rows, 0, &mut of_b).transpose(), scaled);
             }
-            let scaled = MatRef::from_column_major_slice(&scratch[..rows * width], rows, width);
-            triangular::matmul(
-                sum.as_mut(),
-                BlockStructure::TriangularLower,
-                Accum::Add,
-                scaled.transpose(),
-                BlockStructure::Rectangular,
-                scaled,
-                BlockStructure::Rectangular,
-                1.0,
-                Par::Seq,
-            );
         }
         sum
     });
-    mirror_lower(gram.as_mut());
-    gram
+    let mut target = gram.rb_mut().get_mut(.., ..own);
+    target += sum;
 }
 
 /// Aᵀ B of two tall matrices, A without the columns before `first_column`.
@@ -212,7 +234,11 @@ pub(super) mod tests {
             let wide = Mat::from_fn(rows, 8, |i, j| if j < 5 { a.value(i, j) } else { b.value(i, j - 5) });
             let scaled = Mat::from_fn(rows, 8, |i, j| wide[(i, j)] / scales[i]);
             let expected = scaled.transpose() * &scaled;
-            assert!(difference(scaled_gram(&[&a, &b], &scales).as_ref(), expected.as_ref()) < 1e-12);
+            let mut found = Mat::zeros(8, 8);
+            found.as_mut().get_mut(5.., 5..).copy_from(scaled_gram(&b, &scales));
+            add_scaled_gram(found.as_mut(), &a, Some(&b), &scales);
+            mirror_lower(found.as_mut());
+            assert!(difference(found.as_ref(), expected.as_ref()) < 1e-12);
             let expected = dense(&a).transpose() * dense(&b);
             for first in [0, 2, 5] {
                 let found = cross_product(&a, first, &b);
@@ -250,7 +276,20 @@ pub(super) mod tests {
             empty.recombine(Some(&TallMatrix::zeros(0, 2, precision)), t.as_ref());
             empty.append(3);
             assert_eq!((empty.rows(), empty.columns(), empty.columns_mut().len()), (0, 12, 12));
-            assert_eq!(scaled_gram(&[&empty], &[]), Mat::<f64>::zeros(12, 12));
+            assert_eq!(scaled_gram(&empty, &[]), Mat::<f64>::zeros(12, 12));
+        }
+    }
+
+    #[test]
+    fn a_lower_triangle_multiplies_as_any_matrix_does() {
+        for ((precision, rounded), columns) in
+            PRECISIONS.into_iter().flat_map(|it| [1, BAND, 2 * BAND + 3].map(|n| (it, n)))
+        {
+            let (a, t) = (random(ROWS + 7, columns, 1, precision), random(columns, columns, 4, Precision::Double));
+            let t = Mat::from_fn(columns, columns, |i, j| if i >= j { t.value(i, j) } else { 0.0 });
+            let mut multiplied = a.clone();
+            multiplied.multiply_lower(t.as_ref());
+            assert!(difference(dense(&multiplied).as_ref(), (dense(&a) * &t).as_ref()) < rounded);
         }
     }
 }

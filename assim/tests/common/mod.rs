@@ -231,6 +231,7 @@ pub fn window(problem: &Problem, count: usize, within_cell: bool, cycle: usize, 
         times: vec![Time::from_seconds(cycle as i64 * WINDOW.seconds()); count],
         values,
         sigma: (0..count).map(|row| 0.5 + 0.1 * (row % 5) as f64).collect(),
+        error_regression: Default::default(),
         aside: Default::default(),
         operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
     }

@@ -3,67 +3,52 @@
 use crate::columns::LANES;
 use pulp::{Arch, Simd, WithSimd};
 
-/// Takes the values of eight columns from `[lane, level, variable, y, x]` to `[level, y, x, variable, lane]` and back.
+/// Takes the values of eight columns from `[lane, level, variable, y, x]` to `[level, variable, y, x, lane]` and back.
 ///
-/// Whole rows in x are exchanged first, along the cycles of their permutation, and each row of all variables and lanes is
-/// then transposed by a copy of it.
+/// Whole rows in x are exchanged first, along the cycles of their permutation, and the eight lanes of each row are then
+/// transposed by a copy of them.
 pub(crate) struct Interleaving {
     arch: Arch,
-    /// Numbers of levels, variables, rows and places.
-    shape: [usize; 4],
-    /// A row of all variables and lanes.
+    /// Rows of a column, of all levels and variables.
+    rows: usize,
+    nx: usize,
+    /// A row of all lanes.
     row: Vec<f64>,
     /// Which rows are where they belong.
     moved: Vec<bool>,
 }
 
 impl Interleaving {
-    /// For columns of `levels` levels of `variables` fields of `ny` rows of `nx`.
-    pub fn new(levels: usize, variables: usize, [nx, ny]: [usize; 2]) -> Self {
-        let (row, moved) = (vec![0.0; LANES * variables * nx], vec![false; LANES * levels * variables * ny]);
-        Self { arch: Arch::new(), shape: [levels, variables, ny, nx], row, moved }
+    /// For columns of `rows` rows of `nx` places, those of all levels and variables.
+    pub fn new(rows: usize, nx: usize) -> Self {
+        Self { arch: Arch::new(), rows, nx, row: vec![0.0; LANES * nx], moved: vec![false; LANES * rows] }
     }
 
-    /// To `[level, y, x, variable, lane]`.
+    /// To `[row, x, lane]`.
     pub fn interleave(&mut self, columns: &mut [f64]) {
-        let [levels, variables, ny, nx] = self.shape;
-        // To [level, y, variable, lane, x].
-        self.exchange(columns, |to| {
-            let (lane, variable) = (to % LANES, to / LANES % variables);
-            let (y, level) = (to / (LANES * variables) % ny, to / (LANES * variables * ny));
-            ((lane * levels + level) * variables + variable) * ny + y
-        });
-        for columns in columns.chunks_exact_mut(self.row.len()) {
-            self.row.copy_from_slice(columns);
-            for (variable, lanes) in self.row.chunks_exact(LANES * nx).enumerate() {
-                let sources = std::array::from_fn(|lane| &lanes[lane * nx..][..nx]);
-                let out = &mut columns.as_chunks_mut::<LANES>().0[variable..];
-                self.arch.dispatch(Interleave { sources, out, variables });
-            }
+        let rows = self.rows;
+        // To [row, lane, x].
+        self.exchange(columns, |to| to % LANES * rows + to / LANES);
+        for out in columns.chunks_exact_mut(self.row.len()) {
+            self.row.copy_from_slice(out);
+            self.arch.dispatch(Interleave { row: &self.row, out });
         }
     }
 
-    /// To `[lane, level, variable, y, x]`.
+    /// To `[lane, row, x]`.
     pub fn separate(&mut self, columns: &mut [f64]) {
-        let [levels, variables, ny, nx] = self.shape;
-        for columns in columns.chunks_exact_mut(self.row.len()) {
-            self.row.copy_from_slice(columns);
-            for (number, out) in columns.chunks_exact_mut(nx).enumerate() {
-                let (from, lane) = (&self.row.as_chunks::<LANES>().0[number / LANES..], number % LANES);
-                self.arch.dispatch(Separate { from, variables, lane, out });
-            }
+        let rows = self.rows;
+        for out in columns.chunks_exact_mut(self.row.len()) {
+            self.row.copy_from_slice(out);
+            self.arch.dispatch(Separate { row: &self.row, out });
         }
-        // From [level, y, variable, lane, x].
-        self.exchange(columns, |to| {
-            let (y, variable) = (to % ny, to / ny % variables);
-            let (level, lane) = (to / (ny * variables) % levels, to / (ny * variables * levels));
-            ((level * ny + y) * variables + variable) * LANES + lane
-        });
+        // From [row, lane, x].
+        self.exchange(columns, |to| to % rows * LANES + to / rows);
     }
 
     /// Puts the rows in the order that says, for each place, where its row is.
     fn exchange(&mut self, columns: &mut [f64], source: impl Fn(usize) -> usize) {
-        let nx = self.shape[3];
+        let nx = self.nx;
         let row = |number: usize| number * nx..(number + 1) * nx;
         let first = &mut self.row[..nx];
         self.moved.fill(false);
@@ -87,9 +72,8 @@ impl Interleaving {
 }
 
 struct Interleave<'a> {
-    sources: [&'a [f64]; LANES],
-    out: &'a mut [[f64; LANES]],
-    variables: usize,
+    row: &'a [f64],
+    out: &'a mut [f64],
 }
 
 impl WithSimd for Interleave<'_> {
@@ -97,19 +81,17 @@ impl WithSimd for Interleave<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) {
-        let n = self.sources[0].len();
-        let [a, b, c, d, e, f, g, h] = self.sources.map(|source| &source[..n]);
-        let out = &mut self.out[..(n - 1) * self.variables + 1];
+        let n = self.row.len() / LANES;
+        let [a, b, c, d, e, f, g, h] = std::array::from_fn(|lane| &self.row[lane * n..][..n]);
+        let out = &mut self.out.as_chunks_mut::<LANES>().0[..n];
         for i in 0..n {
-            out[i * self.variables] = [a[i], b[i], c[i], d[i], e[i], f[i], g[i], h[i]];
+            out[i] = [a[i], b[i], c[i], d[i], e[i], f[i], g[i], h[i]];
         }
     }
 }
 
 struct Separate<'a> {
-    from: &'a [[f64; LANES]],
-    variables: usize,
-    lane: usize,
+    row: &'a [f64],
     out: &'a mut [f64],
 }
 
@@ -118,8 +100,12 @@ impl WithSimd for Separate<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) {
-        for (out, from) in self.out.iter_mut().zip(self.from.iter().step_by(self.variables)) {
-            *out = from[self.lane];
+        let n = self.row.len() / LANES;
+        let row = &self.row.as_chunks::<LANES>().0[..n];
+        for (lane, out) in self.out.chunks_exact_mut(n).enumerate() {
+            for i in 0..n {
+                out[i] = row[i][lane];
+            }
         }
     }
 }
@@ -130,18 +116,14 @@ mod tests {
 
     #[test]
     fn columns_are_interleaved_and_separated_where_they_lie() {
-        for [levels, variables, ny, nx] in [[1, 1, 1, 4], [1, 3, 5, 7], [2, 3, 4, 5], [2, 1, 6, 100]] {
-            let len = LANES * levels * variables * ny * nx;
-            let apart: Vec<f64> = (0..len).map(|i| i as f64).collect();
+        for [rows, nx] in [[1, 4], [15, 7], [24, 5], [12, 100]] {
+            let apart: Vec<f64> = (0..LANES * rows * nx).map(|i| i as f64).collect();
             let mut values = apart.clone();
-            let mut interleaving = Interleaving::new(levels, variables, [nx, ny]);
+            let mut interleaving = Interleaving::new(rows, nx);
             interleaving.interleave(&mut values);
             for (number, &value) in values.iter().enumerate() {
-                let (lane, variable) = (number % LANES, number / LANES % variables);
-                let (x, row) = (number / (LANES * variables) % nx, number / (LANES * variables * nx));
-                let (y, level) = (row % ny, row / ny);
-                let expected = (((lane * levels + level) * variables + variable) * ny + y) * nx + x;
-                assert_eq!(value, expected as f64);
+                let (lane, x, row) = (number % LANES, number / LANES % nx, number / (LANES * nx));
+                assert_eq!(value, ((lane * rows + row) * nx + x) as f64);
             }
             interleaving.separate(&mut values);
             assert_eq!(values, apart);

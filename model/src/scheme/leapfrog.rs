@@ -17,6 +17,7 @@
 //! α + λΔt ± √((1 − α)² + (λΔt)²). For λΔt = iθ they are at most 1 in size up to θ = √((1 − α)/(1 + α)), for λΔt = −σ up
 //! to σ = 2α/(1 + α): without the filter any damping makes the computational mode grow.
 
+use super::adjoint_sweep::sweep_ad;
 use super::sweep::sweep;
 use super::tangent_sweep::sweep_tl;
 use super::tendency::Tendency;
@@ -214,6 +215,9 @@ impl<T: Tendency> Adjoint for Leapfrog<T> {
     /// With n* and f* for the gradients with respect to the new and the filtered level:
     /// n* += α f*, now* = (1 − 2α) f* + f'ᵀ 2Δt n*, before* = n* + α f*.
     fn step_ad(&self, at: &State, columns: &mut [f64]) {
+        if sweep_ad(&self.tendency, Scheme::Leapfrog(self.leap()), std::slice::from_ref(at), columns) {
+            return;
+        }
         let linearisation = self.linearise(at.values());
         let (two_dt, alpha) = (2.0 * self.time_step.as_f64(), self.robert_filter);
         self.columns(columns).for_each(
@@ -233,6 +237,12 @@ impl<T: Tendency> Adjoint for Leapfrog<T> {
                 self.constrain(column);
             },
         );
+    }
+
+    fn steps_ad(&self, states: &[State], columns: &mut [f64]) {
+        if !sweep_ad(&self.tendency, Scheme::Leapfrog(self.leap()), states, columns) {
+            states.iter().rev().for_each(|at| self.step_ad(at, columns));
+        }
     }
 }
 

@@ -6,18 +6,22 @@
 //! | [`runge_kutta`] | [`Stepped`]: a tendency with a [`TimeScheme`] and a time step; the stability limit |
 //! | [`leapfrog`] | [`Leapfrog`] with Robert's filter, a model whose state holds two time levels |
 //! | [`restarted`] | [`RestartedLeapfrog`]: leapfrog restarted after every analysis, with one time level |
-//! | [`rows`] | [`RowStream`] and [`TangentRowStream`]: f and f' row by row |
+//! | [`rows`] | [`RowStream`], [`TangentRowStream`] and [`AdjointRowStream`]: f, f' and its transpose row by row |
 //! | `sweep`, `bands` | a step of the state as one pass over memory, in parallel bands of rows |
-//! | `tangent_sweep`, `strips`, `interleaving` | the same for eight increments at once |
+//! | `tangent_sweep`, `adjoint_sweep` | the same for increments, forwards and back |
+//! | `groups`, `interleaving`, `strips`, `stages` | which increments together, how they lie, and rows in cache |
 //! | `update` | how the slopes of a row make its next state |
 
+mod adjoint_sweep;
 mod bands;
+mod groups;
 mod interleaving;
 pub mod leapfrog;
 pub mod restarted;
 pub mod rows;
 pub mod runge_kutta;
-mod strips;
+mod stages;
+pub(crate) mod strips;
 pub(crate) mod sweep;
 mod tangent_sweep;
 pub mod tendency;
@@ -25,7 +29,7 @@ mod update;
 
 pub use leapfrog::Leapfrog;
 pub use restarted::RestartedLeapfrog;
-pub use rows::{Pushed, RowStream, TangentRowStream};
+pub use rows::{AdjointRowStream, Pushed, RowStream, TangentRowStream};
 pub use runge_kutta::{Stepped, TimeScheme, check_time_step};
-pub use strips::MOST_PLACES;
+pub use strips::{Lanes, MOST_PLACES};
 pub use tendency::{SpectralBounds, Tendency};

@@ -116,9 +116,7 @@ impl<T: Tendency> Adjoint for RestartedLeapfrog<T> {
         for (levels, column) in levels.chunks_exact_mut(2 * one).zip(columns.chunks_exact(one)) {
             levels[..one].copy_from_slice(column);
         }
-        for at in trajectory.iter().rev() {
-            self.leapfrog.step_ad(at, &mut levels);
-        }
+        self.leapfrog.steps_ad(&trajectory, &mut levels);
         columns.copy_from_slice(&self.leapfrog.start_ad(at, &levels));
     }
 }

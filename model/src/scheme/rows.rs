@@ -36,12 +36,15 @@ impl<'a> Row<'a> {
         row
     }
 
-    /// Some of its places.
-    pub(crate) fn part(mut self, places: std::ops::Range<usize>) -> Self {
-        for row in self.0.iter_mut().filter(|row| !row.is_empty()) {
-            *row = &row[places.clone()];
-        }
-        self
+    /// A row of so many variables.
+    ///
+    /// # Panics
+    /// If there are more than [`MOST_VARIABLES`].
+    #[inline(always)]
+    pub fn each<const N: usize>(variables: [&'a [f64]; N]) -> Self {
+        let mut row = Self::default();
+        row.0[..N].copy_from_slice(&variables);
+        row
     }
 
     /// The rows of the first variables.
@@ -82,11 +85,11 @@ pub trait RowStream: Send {
 }
 
 /// What a [`TangentRowStream`] takes of the state, or of the increments, and what it writes.
-pub struct Pushed<'a, R> {
+pub struct Pushed<'a> {
     /// The row south of the one that is pushed.
-    pub south: R,
+    pub south: Row<'a>,
     /// The row that is pushed.
-    pub north: R,
+    pub north: Row<'a>,
     /// The tendency, of the row that is [`TangentRowStream::reach`] rows south of it.
     pub tendency: &'a mut [f64],
 }
@@ -94,7 +97,10 @@ pub struct Pushed<'a, R> {
 /// A tendency and its derivative, row by row from the south, for stencils that reach one or two rows and columns.
 ///
 /// Rows of the state are as in [`RowStream`], at most [`MOST_PLACES`](super::MOST_PLACES) long; rows of increments hold
-/// `[x, variable, lane]`.
+/// `[variable, x, lane]`, each variable with the place before its first and the place after its last, as it is periodic.
+///
+/// Rows are numbered from the south; row −1 and row `ny` lie beyond a wall or are those at the other end of a periodic
+/// domain, and so on.
 pub trait TangentRowStream: Send {
     /// As [`RowStream::reach`].
     fn reach(&self) -> usize {
@@ -102,21 +108,57 @@ pub trait TangentRowStream: Send {
     }
 
     /// Begins a sweep with its first row.
-    fn begin(&mut self, x: Row<'_>, dx: &[f64]);
+    fn begin(&mut self, row: isize, x: Row<'_>, dx: Row<'_>);
 
     /// The rows beyond a wall, of the state `[variable, x]` and the increments, given the rows beside it.
-    fn beyond_wall(&self, x: Row<'_>, dx: &[f64], ghost: &mut [f64], d_ghost: &mut [f64]);
+    fn beyond_wall(&self, x: Row<'_>, dx: Row<'_>, ghost: &mut [f64], d_ghost: &mut [f64]);
 
     /// As [`RowStream::push`], for state and increments.
-    fn push(&mut self, row: usize, x: Pushed<'_, Row<'_>>, dx: Pushed<'_, &[f64]>);
+    fn push(&mut self, row: isize, x: Pushed<'_>, dx: Pushed<'_>);
 
     /// As [`RowStream::finish`], for state and increments.
     fn finish(&mut self, _tendency: &mut [f64], _d_tendency: &mut [f64]) {}
 }
 
-/// A ring of rows, as many as a power of two, so that finding one is no division.
+/// A tendency f(x) and the transpose of its derivative, row by row from the south, for stencils that reach one or two rows
+/// and columns.
+///
+/// Rows of the state are pushed first, as in [`RowStream`], and what f' needs to know of them is kept until rows of the
+/// adjoint increments, arranged as those of a [`TangentRowStream`], come to the same place; these may have as many places less
+/// in the west as in the east. Rows are numbered as there.
+pub trait AdjointRowStream: Send {
+    /// As [`RowStream::reach`].
+    fn reach(&self) -> usize {
+        1
+    }
+
+    /// Begins a sweep with the first row of the state.
+    fn begin(&mut self, row: isize, x: Row<'_>);
+
+    /// The row of the state beyond a wall, `[variable, x]`, given the row beside it.
+    fn beyond_wall(&self, x: Row<'_>, ghost: &mut [f64]);
+
+    /// As [`RowStream::push`]. What rows up to that south of `row` need for their adjoint is known from then on.
+    fn push_state(&mut self, row: isize, x: Pushed<'_>);
+
+    /// As [`RowStream::finish`].
+    fn finish_state(&mut self, _tendency: &mut [f64]) {}
+
+    /// Takes row `row` of y, `north`, and the row south of it; beyond a wall they may be anything. Writes f'ᵀ y of the row
+    /// that is [`AdjointRowStream::reach`] rows south of `row`, in which places that must be zero are zero. The first rows of a
+    /// sweep, for which rows in the south are missing, are not to be used.
+    fn push(&mut self, row: isize, south: Row<'_>, north: Row<'_>, out: &mut [f64]);
+
+    /// With a reach of two rows: f'ᵀ y of the row beside the northern wall, that beyond it having been pushed.
+    fn finish(&mut self, _out: &mut [f64]) {}
+}
+
+/// A ring of rows, as many as a power of two, so that finding one is no division. They begin where lines of cache do if their
+/// length is a whole number of lines.
 pub(crate) struct Ring {
     values: Vec<f64>,
+    /// Values before the first row.
+    before: usize,
     row_len: usize,
     mask: usize,
 }
@@ -124,13 +166,17 @@ pub(crate) struct Ring {
 impl Ring {
     /// Of at least `depth` rows.
     pub fn new(row_len: usize, depth: usize) -> Self {
+        const LINE_BYTES: usize = 64;
         let depth = depth.next_power_of_two();
-        Self { values: vec![0.0; row_len * depth], row_len, mask: depth - 1 }
+        let values = vec![0.0; row_len * depth + LINE_BYTES / size_of::<f64>()];
+        // Where it lies changes no result, so that none is as good.
+        let before = values.as_ptr().align_offset(LINE_BYTES).min(LINE_BYTES / size_of::<f64>());
+        Self { values, before, row_len, mask: depth - 1 }
     }
 
     #[inline]
     fn start(&self, row: isize) -> usize {
-        (row as usize & self.mask) * self.row_len
+        self.before + (row as usize & self.mask) * self.row_len
     }
 
     #[inline]

@@ -19,6 +19,7 @@
 //! k*_s = Δt b_s y* + Δt Σ_{r>s} a_rs g_r,   g_s = F_sᵀ k*_s,   x* = y* + Σ g_s.
 //! ```
 
+use super::adjoint_sweep::sweep_ad;
 use super::sweep::sweep;
 use super::tangent_sweep::sweep_tl;
 use super::tendency::{SpectralBounds, Tendency};
@@ -245,6 +246,10 @@ impl<T: Tendency> TangentLinear for Stepped<T> {
 
 impl<T: Tendency> Adjoint for Stepped<T> {
     fn step_ad(&self, at: &State, columns: &mut [f64]) {
+        self.check_layout(at);
+        if sweep_ad(&self.tendency, self.numbers(), std::slice::from_ref(at), columns) {
+            return;
+        }
         let linearisations = self.linearise_stages(at);
         let (a, b) = self.scheme.coefficients();
         let dt = self.time_step.as_f64();
@@ -267,6 +272,13 @@ impl<T: Tendency> Adjoint for Stepped<T> {
                 self.tendency.constrain(column);
             },
         );
+    }
+
+    fn steps_ad(&self, states: &[State], columns: &mut [f64]) {
+        states.iter().for_each(|at| self.check_layout(at));
+        if !sweep_ad(&self.tendency, self.numbers(), states, columns) {
+            states.iter().rev().for_each(|at| self.step_ad(at, columns));
+        }
     }
 }
 

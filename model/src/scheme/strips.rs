@@ -1,18 +1,51 @@
-//! Strips of the rows of a group of eight interleaved columns: so many places of each row that all that a sweep over a strip
-//! works with stays in cache.
+//! Strips of the rows of columns: so many places of each row that all that a sweep over a strip works with stays in cache.
 //!
 //! A strip is advanced in place and needs some places on either side of it as they were before the step: those in the
 //! west have been overwritten by the strip before, and those east of the last strip by the first, so each leaves copies
 //! behind.
+//!
+//! A strip takes itself for periodic, so that its outermost places become wrong, by as many as the stencil reaches with
+//! each stage; those on either side are as many as all stages take.
 
 use crate::columns::LANES;
 use std::ops::Range;
 
 /// The most places of a row in a sweep over a strip.
-pub const MOST_PLACES: usize = 80;
+pub const MOST_PLACES: usize = 288;
 
-/// Rows with more than [`MOST_PLACES`] are cut into strips of no more than this, to which come those on either side.
-const STRIP: usize = 64;
+/// How many columns lie interleaved, and so how a row of them is `[variable, x, lane]`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lanes {
+    /// One column alone: vector operations take places beside each other.
+    One,
+    /// [`LANES`](crate::LANES) columns: vector operations take a place of all.
+    Eight,
+}
+
+impl Lanes {
+    /// How many.
+    pub fn count(self) -> usize {
+        match self {
+            Lanes::One => 1,
+            Lanes::Eight => LANES,
+        }
+    }
+
+    /// Rows that are longer than the first are cut into strips no wider than the second, to which come the places on
+    /// either side.
+    fn limits(self) -> [usize; 2] {
+        match self {
+            Lanes::One => [MOST_PLACES, 240],
+            Lanes::Eight => [80, 64],
+        }
+    }
+
+    /// The most places of a sweep over rows of `nx`.
+    pub(crate) fn most_places(self, nx: usize, reach: usize) -> usize {
+        let [longest, width] = self.limits();
+        if nx <= longest { nx } else { width + 2 * reach }
+    }
+}
 
 /// Some places of each row.
 #[derive(Clone, Copy)]
@@ -29,11 +62,12 @@ pub(crate) struct Strip {
 
 impl Strip {
     /// The strips of a row, for a sweep that reaches so far.
-    pub fn of_row(nx: usize, reach: usize) -> Vec<Strip> {
-        if nx <= MOST_PLACES {
+    pub fn of_row(nx: usize, lanes: Lanes, reach: usize) -> Vec<Strip> {
+        let [longest, width] = lanes.limits();
+        if nx <= longest {
             return vec![Strip { first: 0, width: nx, reach: 0, nx }];
         }
-        let count = nx.div_ceil(STRIP);
+        let count = nx.div_ceil(width);
         let strip = |number: usize| {
             let (first, end) = (number * nx / count, (number + 1) * nx / count);
             Strip { first, width: end - first, reach, nx }
@@ -41,21 +75,19 @@ impl Strip {
         (0..count).map(strip).collect()
     }
 
+    /// The same with less on either side.
+    pub fn reaching(self, reach: usize) -> Strip {
+        Strip { reach: self.reach.min(reach), ..self }
+    }
+
     /// Places with those on either side.
     pub fn places(self) -> usize {
         self.width + 2 * self.reach
     }
 
-    /// Those of the places that are left without so many on either side.
-    pub fn without(self, outermost: usize) -> Range<usize> {
-        let outermost = outermost.min(self.reach);
-        outermost..self.places() - outermost
-    }
-
-    /// The strip's own places of a row of the whole grid.
-    pub fn of_grid(self, row: usize) -> Range<usize> {
-        let start = row * self.nx + self.first;
-        start..start + self.width
+    /// The strip's own places of a row.
+    pub fn own(self) -> Range<usize> {
+        self.first..self.first + self.width
     }
 
     /// Copies the strip of a whole row.
@@ -63,69 +95,78 @@ impl Strip {
         let end = self.first + self.width;
         let (west, rest) = out.split_at_mut(self.reach);
         let (own, east) = rest.split_at_mut(self.width);
-        own.copy_from_slice(&row[self.first..end]);
+        own.copy_from_slice(&row[self.own()]);
         west.copy_from_slice(&row[if self.first == 0 { self.nx } else { self.first } - self.reach..][..self.reach]);
         east.copy_from_slice(&row[if end == self.nx { 0 } else { end }..][..self.reach]);
     }
 }
 
-/// What a sweep over strips needs to know of a group of columns, `[level, y, x, variable, lane]`.
-pub(crate) struct Group {
+/// Reads strips of the rows of one level of columns, `[variable, y, x, lane]`, that are advanced in place.
+pub(crate) struct StripReader {
     variables: usize,
-    nx: usize,
-    /// Values of one level of the group.
-    level: usize,
-    /// Of each row of the present level, `reach` places west of the strip, and the first of the row.
+    ny: usize,
+    /// Values of a row, and of the places on either side of a strip.
+    row: usize,
+    reach: usize,
+    lanes: usize,
+    /// Of each row, the places west of the strip, and the first of the row.
     west: Vec<f64>,
     first: Vec<f64>,
 }
 
-impl Group {
+impl StripReader {
     /// For columns with this number of variables, each of `ny` rows of `nx`.
-    pub fn new(variables: usize, [nx, ny]: [usize; 2], reach: usize) -> Self {
-        let edges = if nx <= MOST_PLACES { 0 } else { ny * reach * variables * LANES };
-        let level = nx * ny * variables * LANES;
-        Self { variables, nx, level, west: vec![0.0; edges], first: vec![0.0; edges] }
+    pub fn new(variables: usize, [nx, ny]: [usize; 2], lanes: Lanes, reach: usize) -> Self {
+        let (longest, lanes) = (lanes.limits()[0], lanes.count());
+        let reach = if nx <= longest { 0 } else { reach * lanes };
+        let edges = variables * ny * reach;
+        Self { variables, ny, row: nx * lanes, reach, lanes, west: vec![0.0; edges], first: vec![0.0; edges] }
     }
 
-    /// Reads the strip of a row of the present level; it is yet to be advanced, or will be read once more before it is.
-    pub fn read(&mut self, columns: &[f64], row: usize, strip: Strip, to_be_advanced: bool, out: &mut [f64]) {
-        let place = self.variables * LANES;
-        let (own, reach) = (self.own(row, strip), strip.reach * place);
-        let (west, rest) = out.split_at_mut(reach);
-        let (middle, east) = rest.split_at_mut(own.len());
-        middle.copy_from_slice(&columns[own.clone()]);
-        if reach == 0 {
-            return;
-        }
-        let edge = row * reach..(row + 1) * reach;
-        let end_of_row = (row + 1) * self.nx * place;
-        match strip.first {
-            0 => west.copy_from_slice(&columns[end_of_row - reach..end_of_row]),
-            _ => west.copy_from_slice(&self.west[edge.clone()]),
-        }
-        if own.end == end_of_row {
-            east.copy_from_slice(&self.first[edge.clone()]);
-        } else {
-            east.copy_from_slice(&columns[own.end..own.end + reach]);
-        }
-        if to_be_advanced {
-            self.west[edge.clone()].copy_from_slice(&middle[middle.len() - reach..]);
-            if strip.first == 0 {
-                self.first[edge].copy_from_slice(&middle[..reach]);
+    /// Reads the strip of a row as [`periodic_row`] has it; it is yet to be advanced, or will be read once more before it is.
+    pub fn read(&mut self, level: &[f64], row: usize, strip: Strip, to_be_advanced: bool, out: &mut [f64]) {
+        let (reach, lanes) = (self.reach, self.lanes);
+        let own = strip.first * lanes..(strip.first + strip.width) * lanes;
+        let stride = (strip.places() + 2) * lanes;
+        for (variable, out) in out.chunks_exact_mut(stride).take(self.variables).enumerate() {
+            let number = variable * self.ny + row;
+            let (field, edge) = (&level[number * self.row..][..self.row], number * reach..(number + 1) * reach);
+            let inner = stride - 2 * lanes;
+            let (west, rest) = out[lanes..][..inner].split_at_mut(reach);
+            let (middle, east) = rest.split_at_mut(own.len());
+            middle.copy_from_slice(&field[own.clone()]);
+            if reach > 0 {
+                match strip.first {
+                    0 => west.copy_from_slice(&field[self.row - reach..]),
+                    _ => west.copy_from_slice(&self.west[edge.clone()]),
+                }
+                match &field[own.end..] {
+                    [] => east.copy_from_slice(&self.first[edge.clone()]),
+                    rest => east.copy_from_slice(&rest[..reach]),
+                }
+                if to_be_advanced {
+                    self.west[edge.clone()].copy_from_slice(&middle[middle.len() - reach..]);
+                    if strip.first == 0 {
+                        self.first[edge].copy_from_slice(&middle[..reach]);
+                    }
+                }
             }
+            periodic_row(out, lanes);
         }
     }
 
-    /// The strip of a row of the present level, and of that before (if there is one).
-    pub fn row_mut<'a>(&self, columns: &'a mut [f64], row: usize, strip: Strip) -> (&'a mut [f64], &'a mut [f64]) {
-        let own = self.own(row, strip);
-        let (now, before) = columns.split_at_mut(self.level);
-        (&mut now[own.clone()], before.get_mut(own).unwrap_or_default())
+    /// Where a variable's own places of a row are in a level.
+    pub fn own(&self, variable: usize, row: usize, strip: Strip) -> Range<usize> {
+        let start = (variable * self.ny + row) * self.row;
+        start + strip.first * self.lanes..start + (strip.first + strip.width) * self.lanes
     }
+}
 
-    fn own(&self, row: usize, strip: Strip) -> Range<usize> {
-        let (places, place) = (strip.of_grid(row), self.variables * LANES);
-        places.start * place..places.end * place
-    }
+/// Fills the place before the first and that after the last: the row of a variable has them, as it is periodic, so that a
+/// stencil is one loop.
+#[inline(always)]
+pub(crate) fn periodic_row(row: &mut [f64], lanes: usize) {
+    let end = row.len() - lanes;
+    row.copy_within(end - lanes..end, 0);
+    row.copy_within(lanes..2 * lanes, end);
 }

@@ -1,6 +1,7 @@
 //! What a model integrates: a right-hand side dx/dt = f(x), its derivative and the transpose of that.
 
-use super::rows::{RowStream, TangentRowStream};
+use super::rows::{AdjointRowStream, RowStream, TangentRowStream};
+use super::strips::Lanes;
 use crate::error::ModelError;
 use crate::state::Layout;
 use std::sync::Arc;
@@ -43,16 +44,23 @@ pub trait Tendency: Send + Sync {
         None
     }
 
-    /// f and f' row by row for eight columns at once, for rows of `nx` places, at most
+    /// f and f' row by row for one column or eight at once, for rows of at most `nx` places, which are at most
     /// [`MOST_PLACES`](super::MOST_PLACES): with it a batch of columns is advanced in lockstep, and
-    /// what f' needs to know of the state is neither stored nor read for each column. `None` as in
-    /// [`Tendency::row_stream`].
-    fn tangent_row_stream(&self, _nx: usize) -> Option<Box<dyn TangentRowStream + '_>> {
+    /// what f' needs to know of the state is neither stored nor read for each column. A column has the same bits in both.
+    /// `None` as in [`Tendency::row_stream`].
+    fn tangent_row_stream(&self, _nx: usize, _lanes: Lanes) -> Option<Box<dyn TangentRowStream + '_>> {
+        None
+    }
+
+    /// f and the transpose of f' row by row, as [`Tendency::tangent_row_stream`], where rows of adjoint increments come so
+    /// many rows after those of the state: `None` if and only if that is.
+    fn adjoint_row_stream(&self, _nx: usize, _lanes: Lanes, _delay: usize) -> Option<Box<dyn AdjointRowStream + '_>> {
         None
     }
 
     /// The state at which f' is taken where the model's is `at`: another one only if f is itself linearised, about a state
-    /// that stays as it is, so that its tendency in [`Tendency::tangent_row_stream`] is zero.
+    /// that stays as it is, so that its tendency in [`Tendency::tangent_row_stream`] and
+    /// [`Tendency::adjoint_row_stream`] is zero.
     fn linearised_at<'a>(&'a self, at: &'a [f64]) -> &'a [f64] {
         at
     }

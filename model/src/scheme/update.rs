@@ -70,6 +70,40 @@ pub(crate) fn leap(arch: Arch, leapfrog: Leap, levels: &mut [&mut [f64]], start:
     arch.dispatch(LeapRow { leapfrog, levels, start, nx, slope });
 }
 
+/// `out` = Σ weight k, added up in this order.
+pub(crate) fn weigh(arch: Arch, out: &mut [f64], terms: Terms<'_, '_>) {
+    arch.dispatch(Weigh { out, terms });
+}
+
+struct Weigh<'a, 'b> {
+    out: &'a mut [f64],
+    terms: Terms<'a, 'b>,
+}
+
+impl WithSimd for Weigh<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) {
+        let (n, mut rest) = (self.out.len(), self.terms);
+        let out = self.out;
+        if let [(weight, first), (next_weight, next), others @ ..] = rest {
+            let (first, next) = (&first[..n], &next[..n]);
+            for i in 0..n {
+                out[i] = weight * first[i] + next_weight * next[i];
+            }
+            rest = others;
+        } else if let [(weight, first), others @ ..] = rest {
+            let first = &first[..n];
+            for i in 0..n {
+                out[i] = weight * first[i];
+            }
+            rest = others;
+        }
+        rest.iter().for_each(|&term| add(out, [term], 0..n));
+    }
+}
+
 struct Combine<'a, 'b> {
     out: &'a mut [f64],
     x: Row<'a>,
@@ -88,6 +122,7 @@ impl WithSimd for Combine<'_, '_> {
                 [a] => sum(out, x, [a], part),
                 [a, b] => sum(out, x, [a, b], part),
                 [a, b, c] => sum(out, x, [a, b, c], part),
+                [a, b, c, d] => sum(out, x, [a, b, c, d], part),
                 _ => {
                     out.copy_from_slice(x);
                     self.terms.iter().for_each(|&term| add(out, [term], part.clone()));
@@ -172,6 +207,20 @@ impl Leap {
             let new = before[i] + two_dt * slope[i];
             before[i] = now[i] + self.alpha * (new - 2.0 * now[i] + before[i]);
             now[i] = new;
+        }
+    }
+}
+
+impl Leap {
+    /// The transpose of [`Leap::advance`] on gradients (n*, f*) with respect to the new and the filtered level: (now*, before*),
+    /// given m* = n* + α f* and the gradient with respect to the slope's state, g = f'ᵀ 2Δt m*:
+    /// now* = (1 − 2α) f* + g, before* = m* + α f*.
+    pub fn take_back(self, now: &mut [f64], before: &mut [f64], new: &[f64], gradient: &[f64]) {
+        let n = now.len();
+        let (before, new, gradient) = (&mut before[..n], &new[..n], &gradient[..n]);
+        for i in 0..n {
+            now[i] = (1.0 - 2.0 * self.alpha) * before[i] + gradient[i];
+            before[i] = new[i] + self.alpha * before[i];
         }
     }
 }

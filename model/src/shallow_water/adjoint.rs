@@ -1,4 +1,5 @@
-//! The adjoint tendency N'(x̄)ᵀ δy: the derivatives in [`super::kernel`] transposed, in reverse order.
+//! The adjoint tendency N'(x̄)ᵀ δy of whole fields, for the start of leapfrog: the derivatives in [`super::kernel`] transposed,
+//! in reverse order. A step has it row by row, in [`super::adjoint_rows`].
 //!
 //! A stencil that reads at k + s becomes one that reads at k − s; the boundary condition's transpose comes last
 //! ([`Halo::fold`](crate::halo::Halo::fold)). With a star for the gradient with respect to a quantity and

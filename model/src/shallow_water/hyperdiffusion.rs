@@ -3,13 +3,13 @@
 //! With L the five-point Laplacian, L(L x) reaches two rows: when row j is pushed, L x is known up to row j − 1 and
 //! L(L x) up to row j − 2, so that all tendencies come one row later than those of the stream within.
 
+use super::adjoint_rows::AdjointRows;
 use super::rows::ShallowWaterRows;
-use super::tangent_rows::TangentRows;
+use super::tangent_rows::continue_evenly;
 use super::{ShallowWater, V};
-use crate::columns::LANES;
 use crate::grid::Boundary;
-use crate::scheme::MOST_PLACES;
-use crate::scheme::rows::{Pushed, Row, RowStream, TangentRowStream};
+use crate::scheme::rows::{AdjointRowStream, Pushed, Row, RowStream, TangentRowStream};
+use crate::scheme::strips::periodic_row;
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -21,8 +21,26 @@ const VARIABLES: usize = 3;
 enum Arrangement {
     /// `[variable, x]`.
     Fields,
-    /// `[x, variable, lane]`.
-    Places,
+    /// `[variable, x, lane]` of so many lanes, with the place before the first and that after the last.
+    Padded(usize),
+}
+
+impl Arrangement {
+    /// From a value to that of the next place.
+    fn stride(self) -> usize {
+        match self {
+            Arrangement::Fields => 1,
+            Arrangement::Padded(lanes) => lanes,
+        }
+    }
+
+    /// The values of a variable's row, without what repeats others.
+    fn inner(self, row: &[f64]) -> &[f64] {
+        match self {
+            Arrangement::Fields => row,
+            Arrangement::Padded(lanes) => &row[lanes..row.len() - lanes],
+        }
+    }
 }
 
 /// The tendency with hyperdiffusion.
@@ -54,7 +72,7 @@ impl RowStream for HyperdiffusedRows<'_> {
     fn push(&mut self, row: usize, south: Row<'_>, north: Row<'_>, tendency: &mut [f64]) {
         self.damping.release(tendency);
         self.inner.push(row, south, north, &mut self.damping.pending[..tendency.len()]);
-        self.damping.push(row, &south.variables::<VARIABLES>(), &north.variables::<VARIABLES>(), tendency);
+        self.damping.push(row as isize, south, north, tendency);
     }
 
     fn finish(&mut self, tendency: &mut [f64]) {
@@ -62,20 +80,20 @@ impl RowStream for HyperdiffusedRows<'_> {
     }
 }
 
-/// The tendency with hyperdiffusion and its derivative for eight columns.
+/// The tendency with hyperdiffusion and its derivative.
 pub(super) struct HyperdiffusedTangentRows<'a> {
-    inner: TangentRows<'a>,
+    inner: Box<dyn TangentRowStream + 'a>,
     of_state: Damping<'a>,
     of_columns: Damping<'a>,
 }
 
 impl<'a> HyperdiffusedTangentRows<'a> {
-    /// For rows of at most `nx` places.
-    pub fn new(model: &'a ShallowWater, nx: usize) -> Self {
+    /// For rows of at most `nx` places, given the stream of the other terms for so many columns.
+    pub fn new(model: &'a ShallowWater, nx: usize, inner: Box<dyn TangentRowStream + 'a>, lanes: usize) -> Self {
         Self {
-            inner: TangentRows::new(model, nx),
+            inner,
             of_state: Damping::new(model, Arrangement::Fields, nx),
-            of_columns: Damping::new(model, Arrangement::Places, nx),
+            of_columns: Damping::new(model, Arrangement::Padded(lanes), nx),
         }
     }
 }
@@ -85,23 +103,22 @@ impl TangentRowStream for HyperdiffusedTangentRows<'_> {
         2
     }
 
-    fn begin(&mut self, x: Row<'_>, dx: &[f64]) {
-        self.inner.begin(x, dx);
+    fn begin(&mut self, row: isize, x: Row<'_>, dx: Row<'_>) {
+        self.inner.begin(row, x, dx);
     }
 
-    fn beyond_wall(&self, x: Row<'_>, dx: &[f64], ghost: &mut [f64], d_ghost: &mut [f64]) {
+    fn beyond_wall(&self, x: Row<'_>, dx: Row<'_>, ghost: &mut [f64], d_ghost: &mut [f64]) {
         self.inner.beyond_wall(x, dx, ghost, d_ghost);
     }
 
-    fn push(&mut self, row: usize, x: Pushed<'_, Row<'_>>, dx: Pushed<'_, &[f64]>) {
+    fn push(&mut self, row: isize, x: Pushed<'_>, dx: Pushed<'_>) {
         self.of_state.release(x.tendency);
         self.of_columns.release(dx.tendency);
         let (pending, d_pending) = (&mut self.of_state.pending, &mut self.of_columns.pending);
         let (pending, d_pending) = (&mut pending[..x.tendency.len()], &mut d_pending[..dx.tendency.len()]);
         self.inner.push(row, Pushed { tendency: pending, ..x }, Pushed { tendency: d_pending, ..dx });
-        let [south, north] = [x.south, x.north].map(|row| row.variables::<VARIABLES>());
-        self.of_state.push(row, &south, &north, x.tendency);
-        self.of_columns.push(row, &[dx.south], &[dx.north], dx.tendency);
+        self.of_state.push(row, x.south, x.north, x.tendency);
+        self.of_columns.push(row, dx.south, dx.north, dx.tendency);
     }
 
     fn finish(&mut self, tendency: &mut [f64], d_tendency: &mut [f64]) {
@@ -110,28 +127,96 @@ impl TangentRowStream for HyperdiffusedTangentRows<'_> {
     }
 }
 
+/// The tendency with hyperdiffusion and the transpose of its derivative, which is hyperdiffused as x is, for `L` columns.
+pub(super) struct HyperdiffusedAdjointRows<'a, const L: usize> {
+    inner: AdjointRows<'a, L>,
+    of_state: Damping<'a>,
+    of_columns: Damping<'a>,
+    /// The row of the columns beyond a wall.
+    ghost: Vec<f64>,
+}
+
+impl<'a, const L: usize> HyperdiffusedAdjointRows<'a, L> {
+    /// As [`AdjointRows::new`].
+    pub fn new(model: &'a ShallowWater, nx: usize, delay: usize) -> Self {
+        Self {
+            inner: AdjointRows::new(model, nx, delay),
+            of_state: Damping::new(model, Arrangement::Fields, nx),
+            of_columns: Damping::new(model, Arrangement::Padded(L), nx),
+            ghost: vec![0.0; VARIABLES * (nx + 2) * L],
+        }
+    }
+}
+
+impl<const L: usize> AdjointRowStream for HyperdiffusedAdjointRows<'_, L> {
+    fn reach(&self) -> usize {
+        2
+    }
+
+    fn begin(&mut self, row: isize, x: Row<'_>) {
+        self.inner.begin(row, x);
+    }
+
+    fn beyond_wall(&self, x: Row<'_>, ghost: &mut [f64]) {
+        self.inner.beyond_wall(x, ghost);
+    }
+
+    fn push_state(&mut self, row: isize, x: Pushed<'_>) {
+        self.of_state.release(x.tendency);
+        let pending = &mut self.of_state.pending[..x.tendency.len()];
+        self.inner.push_state(row, Pushed { tendency: pending, ..x });
+        self.of_state.push(row, x.south, x.north, x.tendency);
+    }
+
+    fn finish_state(&mut self, tendency: &mut [f64]) {
+        self.of_state.finish(tendency);
+    }
+
+    fn push(&mut self, row: isize, south: Row<'_>, north: Row<'_>, out: &mut [f64]) {
+        self.of_columns.release(out);
+        self.inner.push(row, south, north, &mut self.of_columns.pending[..out.len()]);
+        let grid = &self.of_columns.model.layout.grid;
+        let (walls, ghost) = (grid.boundary == Boundary::Channel, &mut self.ghost[..out.len()]);
+        let stride = out.len() / VARIABLES;
+        let (south, north) = if walls && row == 0 {
+            continue_evenly(north, ghost);
+            (Row::of(ghost, stride), north)
+        } else if walls && row == grid.ny as isize {
+            continue_evenly(south, ghost);
+            (south, Row::of(ghost, stride))
+        } else {
+            (south, north)
+        };
+        self.of_columns.push(row, south, north, out);
+    }
+
+    fn finish(&mut self, out: &mut [f64]) {
+        self.of_columns.finish(out);
+    }
+}
+
 /// −ν L(L x) of a sweep over rows, and what it waits for.
 struct Damping<'a> {
     model: &'a ShallowWater,
     arch: Arch,
     arrangement: Arrangement,
-    /// The row two rows south of the one pushed last.
-    before: Vec<f64>,
-    /// L x of the three rows south of it, from the south.
-    laplacians: [Vec<f64>; 3],
+    /// The row two rows south of the one pushed last, of each variable.
+    before: [Vec<f64>; VARIABLES],
+    /// L x of the three rows south of it, from the south, of each variable.
+    laplacians: [[Vec<f64>; VARIABLES]; 3],
     /// The other terms of the row south of it.
     pending: Vec<f64>,
 }
 
 impl<'a> Damping<'a> {
     fn new(model: &'a ShallowWater, arrangement: Arrangement, nx: usize) -> Self {
-        let len = match arrangement {
-            Arrangement::Fields => VARIABLES * nx,
-            Arrangement::Places => VARIABLES * LANES * nx.min(MOST_PLACES),
+        let row = |_| vec![0.0; nx * arrangement.stride()];
+        let rows = || std::array::from_fn(row);
+        let pending = match arrangement {
+            Arrangement::Fields => vec![0.0; VARIABLES * nx],
+            Arrangement::Padded(lanes) => vec![0.0; VARIABLES * (nx + 2) * lanes],
         };
-        let row = || vec![0.0; len];
-        let laplacians = [row(), row(), row()];
-        Self { model, arch: Arch::new(), arrangement, before: row(), laplacians, pending: row() }
+        Self { model, arch: Arch::new(), arrangement, before: rows(), laplacians: [rows(), rows(), rows()], pending }
     }
 
     /// The other terms of the row two rows south of the one that is pushed now.
@@ -139,30 +224,29 @@ impl<'a> Damping<'a> {
         tendency.copy_from_slice(&self.pending[..tendency.len()]);
     }
 
-    /// Takes a row, given in its contiguous parts with the one south of it; damps the tendency of the row two rows south.
-    fn push(&mut self, row: usize, south: &[&[f64]], north: &[&[f64]], tendency: &mut [f64]) {
+    /// Takes a row and the one south of it; damps the tendency of the row two rows south.
+    fn push(&mut self, row: isize, south: Row<'_>, north: Row<'_>, tendency: &mut [f64]) {
         self.laplacians.rotate_left(1);
-        let (arch, weights, stride) = (self.arch, self.weights(), self.stride());
-        let mut first = 0;
-        for (south, north) in south.iter().zip(north) {
-            let part = first..first + south.len();
-            let before = &mut self.before[part.clone()];
-            let out = &mut self.laplacians[2][part];
+        let (arch, weights, stride) = (self.arch, self.weights(), self.arrangement.stride());
+        let rows = south.variables::<VARIABLES>().into_iter().zip(north.variables::<VARIABLES>());
+        for ((before, out), (south, north)) in self.before.iter_mut().zip(&mut self.laplacians[2]).zip(rows) {
+            let (south, north) = (self.arrangement.inner(south), self.arrangement.inner(north));
+            let (before, out) = (&mut before[..south.len()], &mut out[..south.len()]);
             let store = |out: &mut f64, value: f64| *out = value;
             arch.dispatch(Laplace { weights, stride, rows: [before, south, north], out, store });
             before.copy_from_slice(south);
-            first += south.len();
         }
         let walls = self.model.layout.grid.boundary == Boundary::Channel;
         if walls && row == 1 {
             // L x is continued beyond the wall as x is; v, and L v, are zero at the wall itself.
             let [_, beyond, beside] = &mut self.laplacians;
-            without_v(self.arrangement, &mut beside[..first]);
-            beyond[..first].copy_from_slice(&beside[..first]);
+            beside[V].fill(0.0);
+            beyond.iter_mut().zip(beside).for_each(|(beyond, beside)| beyond.copy_from_slice(beside));
         }
         self.damp(tendency);
         if walls && row == 2 {
-            without_v(self.arrangement, tendency);
+            let stride = tendency.len() / VARIABLES;
+            tendency[V * stride..].fill(0.0);
         }
     }
 
@@ -171,24 +255,27 @@ impl<'a> Damping<'a> {
         self.release(tendency);
         self.laplacians.rotate_left(1);
         let [_, beside, beyond] = &mut self.laplacians;
-        let beyond = &mut beyond[..tendency.len()];
-        beyond.copy_from_slice(&beside[..tendency.len()]);
-        without_v(self.arrangement, beyond);
+        beyond.iter_mut().zip(beside).for_each(|(beyond, beside)| beyond.copy_from_slice(beside));
+        beyond[V].fill(0.0);
         self.damp(tendency);
     }
 
     /// −= ν L(L x).
     fn damp(&self, tendency: &mut [f64]) {
-        let (weights, stride) = (self.weights(), self.stride());
+        let (weights, stride) = (self.weights(), self.arrangement.stride());
         let hyperdiffusion = self.model.parameters.hyperdiffusion_m4_per_s;
-        let part = match self.arrangement {
-            Arrangement::Fields => tendency.len() / VARIABLES,
-            Arrangement::Places => tendency.len(),
-        };
-        for (number, out) in tendency.chunks_exact_mut(part).enumerate() {
-            let rows = self.laplacians.each_ref().map(|row| &row[number * part..][..part]);
+        let len = tendency.len() / VARIABLES;
+        for (variable, row) in tendency.chunks_exact_mut(len).enumerate() {
+            let out = match self.arrangement {
+                Arrangement::Fields => &mut *row,
+                Arrangement::Padded(lanes) => &mut row[lanes..len - lanes],
+            };
+            let rows = self.laplacians.each_ref().map(|row| &row[variable][..out.len()]);
             let store = |out: &mut f64, value: f64| *out -= hyperdiffusion * value;
             self.arch.dispatch(Laplace { weights, stride, rows, out, store });
+            if let Arrangement::Padded(lanes) = self.arrangement {
+                periodic_row(row, lanes);
+            }
         }
     }
 
@@ -196,25 +283,6 @@ impl<'a> Damping<'a> {
     fn weights(&self) -> [f64; 2] {
         let grid = &self.model.layout.grid;
         [grid.dx_m.powi(-2), grid.dy_m.powi(-2)]
-    }
-
-    /// From a value to that of the next place.
-    fn stride(&self) -> usize {
-        match self.arrangement {
-            Arrangement::Fields => 1,
-            Arrangement::Places => VARIABLES * LANES,
-        }
-    }
-}
-
-/// v = 0.
-fn without_v(arrangement: Arrangement, row: &mut [f64]) {
-    match arrangement {
-        Arrangement::Fields => {
-            let nx = row.len() / VARIABLES;
-            row[V * nx..].fill(0.0);
-        }
-        Arrangement::Places => row.chunks_exact_mut(LANES).skip(V).step_by(VARIABLES).for_each(|v| v.fill(0.0)),
     }
 }
 

@@ -1,10 +1,7 @@
 //! The equations of a place, each once, with its derivative beside it: [`super::rows`] takes them row by row,
-//! [`super::tangent_linear`] the derivatives field by field; [`super::adjoint`] has their transposes.
-//!
-//! The derivatives for eight columns at once are written in vector operations in [`super::tangent_rows`]. Two forms without
-//! them were measured and are slower: dual numbers of eight directions in the lines of f take 42 ns for a place where the
-//! vector operations take 14 (AVX-512, rows of 64 places), and the lines here over a type of vectors 24.0 ns for a cell
-//! against 15.8. Other programs were running on the machine at the time, so the ratios are rough.
+//! [`super::tangent_rows`] the derivatives row by row, and [`super::tangent_linear`] field by field; [`super::adjoint_rows`] and
+//! [`super::adjoint`] have their transposes. [`super::tangent_lanes`] and [`super::adjoint_lanes`] are the same lines in vector
+//! operations, for eight columns at once.
 
 use super::{ShallowWater, VectorInvariant};
 

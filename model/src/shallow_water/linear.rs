@@ -3,8 +3,8 @@
 use super::{Coefficients, ShallowWater};
 use crate::error::{ModelError, require, require_finite, require_positive};
 use crate::grid::Boundary;
-use crate::scheme::rows::{Pushed, Row, TangentRowStream};
-use crate::scheme::{SpectralBounds, Tendency};
+use crate::scheme::rows::{AdjointRowStream, Pushed, Row, TangentRowStream};
+use crate::scheme::{Lanes, SpectralBounds, Tendency};
 use crate::state::{Layout, State};
 
 use std::sync::Arc;
@@ -140,8 +140,12 @@ impl Tendency for LinearShallowWater {
         self.basic_state.values()
     }
 
-    fn tangent_row_stream(&self, nx: usize) -> Option<Box<dyn TangentRowStream + '_>> {
-        Some(Box::new(SteadyRows(self.nonlinear.tangent_row_stream(nx)?)))
+    fn tangent_row_stream(&self, nx: usize, lanes: Lanes) -> Option<Box<dyn TangentRowStream + '_>> {
+        Some(Box::new(SteadyRows(self.nonlinear.tangent_row_stream(nx, lanes)?)))
+    }
+
+    fn adjoint_row_stream(&self, nx: usize, lanes: Lanes, delay: usize) -> Option<Box<dyn AdjointRowStream + '_>> {
+        Some(Box::new(SteadyAdjointRows(self.nonlinear.adjoint_row_stream(nx, lanes, delay)?)))
     }
 
     fn linearise(&self, _at: &[f64]) {}
@@ -170,15 +174,15 @@ impl TangentRowStream for SteadyRows<'_> {
         self.0.reach()
     }
 
-    fn begin(&mut self, x: Row<'_>, dx: &[f64]) {
-        self.0.begin(x, dx);
+    fn begin(&mut self, row: isize, x: Row<'_>, dx: Row<'_>) {
+        self.0.begin(row, x, dx);
     }
 
-    fn beyond_wall(&self, x: Row<'_>, dx: &[f64], ghost: &mut [f64], d_ghost: &mut [f64]) {
+    fn beyond_wall(&self, x: Row<'_>, dx: Row<'_>, ghost: &mut [f64], d_ghost: &mut [f64]) {
         self.0.beyond_wall(x, dx, ghost, d_ghost);
     }
 
-    fn push(&mut self, row: usize, x: Pushed<'_, Row<'_>>, dx: Pushed<'_, &[f64]>) {
+    fn push(&mut self, row: isize, x: Pushed<'_>, dx: Pushed<'_>) {
         self.0.push(row, Pushed { tendency: &mut *x.tendency, ..x }, dx);
         x.tendency.fill(0.0);
     }
@@ -186,5 +190,40 @@ impl TangentRowStream for SteadyRows<'_> {
     fn finish(&mut self, tendency: &mut [f64], d_tendency: &mut [f64]) {
         self.0.finish(tendency, d_tendency);
         tendency.fill(0.0);
+    }
+}
+
+/// The same for the transpose of N'.
+struct SteadyAdjointRows<'a>(Box<dyn AdjointRowStream + 'a>);
+
+impl AdjointRowStream for SteadyAdjointRows<'_> {
+    fn reach(&self) -> usize {
+        self.0.reach()
+    }
+
+    fn begin(&mut self, row: isize, x: Row<'_>) {
+        self.0.begin(row, x);
+    }
+
+    fn beyond_wall(&self, x: Row<'_>, ghost: &mut [f64]) {
+        self.0.beyond_wall(x, ghost);
+    }
+
+    fn push_state(&mut self, row: isize, x: Pushed<'_>) {
+        self.0.push_state(row, Pushed { tendency: &mut *x.tendency, ..x });
+        x.tendency.fill(0.0);
+    }
+
+    fn finish_state(&mut self, tendency: &mut [f64]) {
+        self.0.finish_state(tendency);
+        tendency.fill(0.0);
+    }
+
+    fn push(&mut self, row: isize, south: Row<'_>, north: Row<'_>, out: &mut [f64]) {
+        self.0.push(row, south, north, out);
+    }
+
+    fn finish(&mut self, out: &mut [f64]) {
+        self.0.finish(out);
     }
 }

@@ -22,22 +22,27 @@
 //! R. Sadourny (1975): The dynamics of finite-difference models of the shallow-water equations. J. Atmos. Sci. 32.
 
 mod adjoint;
+mod adjoint_lanes;
+mod adjoint_rows;
 mod damping;
 mod hyperdiffusion;
 mod kernel;
 mod linear;
+mod row_coefficients;
 mod rows;
+mod tangent_lanes;
 mod tangent_linear;
 mod tangent_rows;
 
 pub use linear::LinearShallowWater;
 pub use tangent_linear::Coefficients;
 
+use crate::columns::LANES;
 use crate::error::{ModelError, require, require_finite, require_non_negative, require_positive};
 use crate::grid::{Boundary, Grid, Location};
 use crate::halo::Halo;
 use crate::scheme::sweep::tendency_by_rows;
-use crate::scheme::{RowStream, SpectralBounds, TangentRowStream, Tendency};
+use crate::scheme::{AdjointRowStream, Lanes, RowStream, SpectralBounds, TangentRowStream, Tendency};
 use crate::state::{Layout, Variable};
 
 use pulp::{Arch, Simd, WithSimd};
@@ -174,6 +179,13 @@ impl ShallowWater {
         coriolis_at(&self.layout.grid, &self.parameters, j as f64)
     }
 
+    /// The number of a row that may be beyond a periodic edge; in a channel row `ny` lies beyond the northern wall.
+    #[inline]
+    fn grid_row(&self, row: isize) -> usize {
+        let ny = self.layout.grid.ny as isize;
+        if (0..=ny).contains(&row) { row as usize } else { row.rem_euclid(ny) as usize }
+    }
+
     /// The fields of h, u and v in a slice `[variable, y, x]`.
     #[inline(always)]
     fn fields<'a>(&self, x: &'a [f64]) -> [&'a [f64]; 3] {
@@ -224,11 +236,23 @@ impl Tendency for ShallowWater {
         })
     }
 
-    fn tangent_row_stream(&self, nx: usize) -> Option<Box<dyn TangentRowStream + '_>> {
-        Some(if self.parameters.hyperdiffusion_m4_per_s == 0.0 {
-            Box::new(tangent_rows::TangentRows::new(self, nx))
-        } else {
-            Box::new(hyperdiffusion::HyperdiffusedTangentRows::new(self, nx))
+    fn tangent_row_stream(&self, nx: usize, lanes: Lanes) -> Option<Box<dyn TangentRowStream + '_>> {
+        let rows: Box<dyn TangentRowStream + '_> = match lanes {
+            Lanes::One => Box::new(tangent_rows::TangentRows::<1>::new(self, nx)),
+            Lanes::Eight => Box::new(tangent_lanes::TangentLanes::new(self, nx)),
+        };
+        if self.parameters.hyperdiffusion_m4_per_s == 0.0 {
+            return Some(rows);
+        }
+        Some(Box::new(hyperdiffusion::HyperdiffusedTangentRows::new(self, nx, rows, lanes.count())))
+    }
+
+    fn adjoint_row_stream(&self, nx: usize, lanes: Lanes, delay: usize) -> Option<Box<dyn AdjointRowStream + '_>> {
+        Some(match (self.parameters.hyperdiffusion_m4_per_s == 0.0, lanes) {
+            (true, Lanes::One) => Box::new(adjoint_rows::AdjointRows::<1>::new(self, nx, delay)),
+            (true, Lanes::Eight) => Box::new(adjoint_rows::AdjointRows::<LANES>::new(self, nx, delay)),
+            (false, Lanes::One) => Box::new(hyperdiffusion::HyperdiffusedAdjointRows::<1>::new(self, nx, delay)),
+            (false, Lanes::Eight) => Box::new(hyperdiffusion::HyperdiffusedAdjointRows::<LANES>::new(self, nx, delay)),
         })
     }
 

@@ -12,10 +12,13 @@ use crate::observation::Observation;
 use crate::recorded_use::RecordedUse;
 use crate::site::Site;
 use crate::station::{LeftOutStation, Station};
+use crate::withheld::Platform;
 use isobar_model::Layout;
 use rand_chacha::ChaCha8Rng;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::ops::RangeInclusive;
+use std::sync::Arc;
 
 /// The settings of an instrument, and how it is built from them.
 pub trait InstrumentSettings: fmt::Debug + Send + Sync {
@@ -27,6 +30,11 @@ pub trait InstrumentSettings: fmt::Debug + Send + Sync {
 
     /// Whether its observations were made elsewhere.
     fn is_recorded(&self) -> bool {
+        false
+    }
+
+    /// Whether its observations have a place in a scan line.
+    fn has_scan_lines(&self) -> bool {
         false
     }
 
@@ -44,6 +52,17 @@ pub trait Instrument: Send + Sync {
 
     /// The most observations that it may report in a cycle in which it reports.
     fn most_observations(&self, cycle: usize) -> usize;
+
+    /// The most observations of one variable with one [report number](Observation::report_number) in a cycle, or more.
+    fn most_in_report(&self) -> usize {
+        self.most_observations(1)
+    }
+
+    /// Its platforms that can be withheld: stations, and what a file names; none for an instrument whose observations are each
+    /// of another place.
+    fn platforms(&self) -> Vec<Platform> {
+        Vec::new()
+    }
 
     /// About how many weights the rows of X and the predictors have that it holds, or makes in a cycle.
     fn weights(&self) -> usize;
@@ -65,6 +84,17 @@ pub trait Instrument: Send + Sync {
     fn recorded_use(&self, _cycles: &RangeInclusive<usize>) -> Option<RecordedUse> {
         None
     }
+}
+
+/// The platforms of observations, by name, with all of their biases.
+fn platforms_of<'a>(observations: impl Iterator<Item = &'a Observation>) -> Vec<Platform> {
+    let mut biases: BTreeMap<Arc<str>, BTreeSet<usize>> = BTreeMap::new();
+    for observation in observations {
+        let own = biases.entry(Arc::clone(&observation.report.platform)).or_default();
+        own.extend(observation.calibration_row.iter().map(|entry| entry.0));
+        own.extend(observation.predictors.iter().map(|predictor| predictor.parameter));
+    }
+    biases.into_iter().map(|(name, biases)| Platform { name, biases }).collect()
 }
 
 /// A variable of the state that an instrument reports.

@@ -2,7 +2,7 @@
 
 use super::recorded_bias::{self, RecordedBias, References};
 use super::recorded_winds::{Winds, row};
-use super::{Instrument, InstrumentSettings};
+use super::{Instrument, InstrumentSettings, platforms_of};
 use crate::error::{ObservationError, list, require};
 use crate::observation::{Observation, Reading};
 use crate::observation_file::{ObservationFile, ObservationPlace, ObservationRecord, ValidTime};
@@ -12,6 +12,7 @@ use crate::site::Site;
 use crate::state_operator::StateOperator;
 use crate::station::no_projection;
 use crate::table::Faults;
+use crate::withheld::Platform;
 use isobar_model::{Duration, Time};
 use rand_chacha::ChaCha8Rng;
 use std::collections::{HashMap, HashSet};
@@ -64,7 +65,7 @@ impl InstrumentSettings for RecordedSettings {
         let network: Arc<str> = site.network.into();
         let mut winds = Winds::new(self.winds.unwrap_or(WindAxes::Earth) == WindAxes::Earth, site.layout);
         let (mut records, mut observations, mut faults) = (Vec::new(), Vec::new(), Faults::default());
-        let mut nameless = Nameless::default();
+        let (mut nameless, mut reports) = (Nameless::default(), Reports::default());
         for record in self.observations.records() {
             let Some((variable, sigma)) = self.variable_and_sigma(record, site, &mut faults)? else { continue };
             let Some((x_m, y_m, state)) = self.place(record, variable, site, &mut faults)? else { continue };
@@ -77,7 +78,9 @@ impl InstrumentSettings for RecordedSettings {
             let report = Report { network: network.clone(), platform: platform.into(), variable, x_m, y_m, scan: None };
             let reading = Reading::Recorded { value: record.value, time, is_late, lacks_predictor: false };
             records.push(record);
-            observations.push((cycle, Observation { reading, ..Observation::new(report, sigma, state) }));
+            let report_number = reports.number(record.report.as_deref());
+            let observation = Observation { reading, report_number, ..Observation::new(report, sigma, state) };
+            observations.push((cycle, observation));
         }
         faults.check(file).map_err(|error| ObservationError::from(error).of_network(site.network, "file"))?;
         let references =
@@ -206,6 +209,22 @@ impl Instrument for Recorded {
         until(cycle + 1) - until(cycle)
     }
 
+    fn most_in_report(&self) -> usize {
+        let mut counts: HashMap<(usize, usize, usize), usize> = HashMap::new();
+        for (cycle, observation) in &self.observations {
+            *counts.entry((*cycle, observation.report.variable, observation.report_number)).or_default() += 1;
+        }
+        counts.into_values().max().unwrap_or(0)
+    }
+
+    fn platforms(&self) -> Vec<Platform> {
+        let is_late = |reading: &Reading| matches!(reading, Reading::Recorded { is_late: true, .. });
+        let usable = self.observations.iter().filter(|(cycle, observation)| {
+            *cycle > 0 && !observation.state.is_empty() && !is_late(&observation.reading)
+        });
+        platforms_of(usable.map(|(_, observation)| observation))
+    }
+
     fn weights(&self) -> usize {
         self.observations.iter().map(|(_, observation)| observation.state.weights()).sum()
     }
@@ -257,6 +276,18 @@ fn when(valid: ValidTime, tolerance: Duration, window: Duration, start: Time) ->
             let next = (seconds.max(0) + length - 1) / length;
             (next as usize, time, true)
         }
+    }
+}
+
+/// The numbers of the reports that a file names, in the order in which they come.
+#[derive(Default)]
+struct Reports<'a>(HashMap<&'a str, usize>);
+
+impl<'a> Reports<'a> {
+    /// The number of the report of this name; 0 where reports have no names.
+    fn number(&mut self, name: Option<&'a str>) -> usize {
+        let next = self.0.len();
+        name.map_or(0, |name| *self.0.entry(name).or_insert(next))
     }
 }
 

@@ -6,7 +6,7 @@ use crate::bias::BiasProcess;
 use crate::calibration::Placement;
 use crate::error::{ObservationError, require};
 use crate::footprint::{TRUNCATION, footprint};
-use crate::observation::{Observation, Reading};
+use crate::observation::{Observation, Reading, ScanLine};
 use crate::predictor::Predictor;
 use crate::report::Report;
 use crate::site::Site;
@@ -264,6 +264,10 @@ impl InstrumentSettings for SatelliteSettings {
         Ok(Box::new(satellite))
     }
 
+    fn has_scan_lines(&self) -> bool {
+        true
+    }
+
     fn has_air_mass_bias(&self) -> bool {
         self.air_mass_biases.iter().any(|bias| !bias.process.known)
     }
@@ -338,6 +342,8 @@ impl Instrument for Satellite {
                 ),
                 calibration_row: self.terms.iter().map(|&(column, term)| (column, term.value(s))).collect(),
                 predictors: self.predictors(x_m, y_m),
+                scan_line: Some(ScanLine { number: line, across_m: 0.5 * s * self.settings.swath_width_m }),
+                report_number: 0,
             });
         }
         observations

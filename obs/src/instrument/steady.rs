@@ -1,11 +1,12 @@
 //! Instruments that see the same in every cycle.
 
-use super::Instrument;
+use super::{Instrument, platforms_of};
 use crate::error::ObservationError;
 use crate::observation::{Observation, Reading};
 use crate::site::Site;
 use crate::state_operator::StateOperator;
 use crate::station::{LeftOutStation, Station};
+use crate::withheld::Platform;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -66,6 +67,10 @@ impl Instrument for Steady {
 
     fn most_observations(&self, _cycle: usize) -> usize {
         self.observations.len()
+    }
+
+    fn platforms(&self) -> Vec<Platform> {
+        platforms_of(self.observations.iter())
     }
 
     fn weights(&self) -> usize {

@@ -37,6 +37,7 @@ pub(super) struct Columns {
     sigma: Option<usize>,
     id: Option<usize>,
     group: Option<usize>,
+    report: Option<usize>,
     /// With their names.
     predictors: Vec<(usize, String)>,
 }
@@ -66,7 +67,8 @@ impl Columns {
         let place = self.place(row, faults);
         let value = number(row, self.value, "value", markers, faults);
         let sigma = self.sigma.map(|column| row.number(column, (1.0 / LARGEST, LARGEST), faults));
-        let [id, group] = [self.id, self.group].map(|column| column.map(|column| row.name(column, faults)));
+        let [id, group, report] =
+            [self.id, self.group, self.report].map(|column| column.map(|column| row.name(column, faults)));
         let predictor = |&(column, ref name): &(usize, String)| {
             let is_missing = is_missing_or_marked(row, column, markers);
             if is_missing { Some(None) } else { number(row, column, name, markers, faults).map(Some) }
@@ -81,6 +83,7 @@ impl Columns {
             sigma: if let Some(sigma) = sigma { Some(sigma?) } else { None },
             id: if let Some(id) = id { Some(id?) } else { None },
             group: if let Some(group) = group { Some(group?) } else { None },
+            report: if let Some(report) = report { Some(report?) } else { None },
             predictors: predictors.into_iter().collect::<Option<_>>()?,
         })
     }
@@ -150,6 +153,7 @@ impl Columns {
             sigma: find("sigma"),
             id: find("id"),
             group: further.group_by.as_ref().map(named).transpose()?,
+            report: further.report_by.as_ref().map(named).transpose()?,
             predictors: further.predictors.iter().map(with_name).collect::<Result<_, TableError>>()?,
         })
     }

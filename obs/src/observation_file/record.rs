@@ -2,11 +2,13 @@
 
 use isobar_model::Time;
 
-/// Columns that biases use.
+/// Columns that biases and correlated errors use.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FurtherColumns {
     /// The column that says to which group a station belongs.
     pub group_by: Option<String>,
+    /// The column that says to which report an observation belongs.
+    pub report_by: Option<String>,
     /// Columns of numbers.
     pub predictors: Vec<String>,
 }
@@ -30,6 +32,8 @@ pub struct ObservationRecord {
     pub id: Option<String>,
     /// The station's group, if that is read.
     pub group: Option<String>,
+    /// Its report, if that is read.
+    pub report: Option<String>,
     /// The numbers of the [further columns](FurtherColumns::predictors); nothing where one is missing.
     pub predictors: Vec<Option<f64>>,
 }

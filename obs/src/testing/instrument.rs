@@ -178,6 +178,8 @@ mod tests {
                 state: StateOperator::Linear(vec![(0, 1.0)]),
                 calibration_row: Vec::new(),
                 predictors: Vec::new(),
+                scan_line: None,
+                report_number: 0,
             };
             if self.is_silent { Vec::new() } else { vec![observation] }
         }

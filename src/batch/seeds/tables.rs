@@ -52,15 +52,17 @@ impl SeedsSummary {
         variables: &[(&str, &str)],
         cell: impl Fn(&SeedsScore, &ScoreKind) -> Cell,
     ) -> Vec<Table> {
-        let parts: [&[Part]; 3] = [&[Part::Analysis], &[Part::Background, Part::Biases, Part::Cost], &[Part::Smoothed]];
+        let parts: [&[Part]; 4] =
+            [&[Part::Analysis], &[Part::Background, Part::Biases, Part::Cost], &[Part::Forecast], &[Part::Smoothed]];
         let table = |parts: &[Part]| {
             let mut columns = Score::all(variables, |kind| kind.tabulated && parts.contains(&kind.part));
             columns.retain(|score| self.methods.values().any(|scores| scores.contains_key(&score.key())));
             let row = |method: &&str| -> Option<Vec<Cell>> {
                 let scores = columns.iter().map(|column| (self.score(method, &column.key()), column.kind));
                 let cells = scores.clone().map(|(score, kind)| score.map_or(NONE.into(), |it| cell(it, kind)));
-                // Most methods have no smoother.
-                let is_left_out = parts == [Part::Smoothed] && scores.clone().all(|(score, _)| score.is_none());
+                // Most methods have no smoother, and most scenarios no warnings.
+                let may_be_left_out = matches!(parts, [Part::Smoothed | Part::Forecast]);
+                let is_left_out = may_be_left_out && scores.clone().all(|(score, _)| score.is_none());
                 (!is_left_out).then(|| std::iter::once((*method).into()).chain(cells).collect())
             };
             let header = std::iter::once(title.to_string()).chain(columns.iter().map(Score::title));

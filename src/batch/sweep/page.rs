@@ -79,6 +79,7 @@ impl SweepSummary {
             subtitle: format!("{} over its settings", scenario.name),
             facts: facts.map(|(name, text)| (name.to_string(), text)).into(),
             sections,
+            ..Page::default()
         })
     }
 

@@ -67,9 +67,32 @@ impl SweepSummary {
         let of_one = |name: &str, number: usize| {
             let own = &self.methods[name][number];
             let values: Vec<String> = own.values.iter().map(|(key, value)| format!("{key} = {value}")).collect();
-            format!("{name}: {} ({} {})", values.join(", "), self.score, figure(own.scores[&self.score].mean))
+            let at_edge: Vec<&str> =
+                own.values.keys().filter(|key| self.is_at_edge(name, number, key)).map(|it| short(it)).collect();
+            let edge = match at_edge[..] {
+                [] => String::new(),
+                _ => format!("; at the edge of its range, and perhaps better beyond: {}", at_edge.join(", ")),
+            };
+            format!("{name}: {} ({} {}{edge})", values.join(", "), self.score, figure(own.scores[&self.score].mean))
         };
         let with_choice = self.best.iter().filter(|(name, _)| self.has_choice(name));
         with_choice.flat_map(|(name, best)| best.iter().map(move |&number| of_one(name, number))).collect()
+    }
+
+    /// Whether a setting of a method has the least or the largest of three or more numbers that one of its own keys takes.
+    fn is_at_edge(&self, method: &str, setting: usize, key: &str) -> bool {
+        let settings = &self.methods[method];
+        let number = |own: &SettingScores| match own.values.get(key)? {
+            Value::Integer(whole) => Some(*whole as f64),
+            Value::Float(number) => Some(*number),
+            _ => None,
+        };
+        let mut all: Vec<f64> = settings.iter().filter_map(number).collect();
+        all.sort_by(f64::total_cmp);
+        all.dedup();
+        let ends = [all.first(), all.last()];
+        key.starts_with("methods.")
+            && all.len() >= 3
+            && number(&settings[setting]).is_some_and(|own| ends.contains(&Some(&own)))
     }
 }

@@ -10,7 +10,7 @@ mod white;
 pub use component::CovarianceSettings;
 
 use super::{Domain, Kinds};
-use crate::reader::{AnyKey, Described, Field, Form, Key, Read};
+use crate::reader::{AnyKey, Described, Field, Form, Key, Read, read_all};
 use isobar_assim::covariance::Sum;
 use isobar_assim::{Covariance, Error};
 use isobar_model::Layout;
@@ -42,7 +42,7 @@ pub(crate) const KEYS: &[&dyn AnyKey] = &[&COMPONENTS];
 /// Reads a table of components.
 pub(crate) fn read(field: &Field<'_>, domain: &Domain) -> Read<Components> {
     let components = field.section_with(KEYS)?.required(COMPONENTS.name)?.elements(MOST_COMPONENTS)?;
-    components.iter().map(|element| Ok(Arc::from(super::read(element, COVARIANCES, domain)?))).collect()
+    read_all(components.iter().map(|element| Ok(Arc::from(super::read(element, COVARIANCES, domain)?))))
 }
 
 /// The sum of the components: zero if there are none.

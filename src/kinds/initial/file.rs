@@ -1,10 +1,9 @@
 //! `kind = "file"`.
 
-use super::state::InitialState;
+use super::state::{InitialState, Values, check_values};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Described, Field, Form, Key, Read, fields};
 use crate::text::clean;
-use isobar_model::{Boundary, ModelError, State, advection, shallow_water};
 
 /// The most columns of a file of states.
 const MOST_COLUMNS: usize = 100;
@@ -20,17 +19,6 @@ pub(super) const KIND: Kind<dyn InitialState, Domain> =
     Kind::new("file", "The values of a file", &[&[&FILE]], |section, domain| {
         Ok(Box::new(Values(values(&section.required(FILE.name)?, domain)?)))
     });
-
-/// The values of a state, `[variable, y, x]`.
-#[derive(Debug)]
-struct Values(Vec<f64>);
-
-impl InitialState for Values {
-    fn build(&self, domain: &Domain, _: u64) -> Result<State, ModelError> {
-        let layout = if domain.model.is_shallow_water() { shallow_water::layout } else { advection::layout };
-        Ok(State::from_values(&layout(domain.grid.clone()), self.0.clone()))
-    }
-}
 
 /// The state of a file that has a column for each of the model's variables.
 fn values(field: &Field<'_>, domain: &Domain) -> Read<Vec<f64>> {
@@ -51,17 +39,6 @@ fn values(field: &Field<'_>, domain: &Domain) -> Read<Vec<f64>> {
             }
         }
     }
-    if model.is_shallow_water() {
-        let (h, v) = (&values[..grid.cells()], &values[2 * grid.cells()..]);
-        if let Some(cell) = h.iter().position(|depth| *depth <= 0.0) {
-            let message = format!("the depth h is {} in row {} of the numbers", h[cell], cell + 1);
-            return Err(field.invalid(message, "must be greater than 0 everywhere"));
-        }
-        if let (Boundary::Channel, Some(cell)) = (grid.boundary, v[..grid.nx].iter().position(|v| *v != 0.0)) {
-            let message =
-                format!("v is {} in row {} of the numbers, which lies on the southern wall", v[cell], cell + 1);
-            return Err(field.invalid(message, "must be 0 in the first nx rows"));
-        }
-    }
+    check_values(&values, domain).map_err(|(message, allowed)| field.invalid(message, allowed))?;
     Ok(values)
 }

@@ -5,6 +5,7 @@ mod file;
 mod gaussian_hill;
 mod given;
 mod jet;
+mod netcdf;
 mod random_balanced;
 mod rest;
 mod state;
@@ -24,4 +25,5 @@ pub(crate) const INITIAL: &Kinds<dyn InitialState, Domain> = &[
     &gaussian_hill::KIND,
     &cosine_wave::KIND,
     &file::KIND,
+    &netcdf::KIND,
 ];

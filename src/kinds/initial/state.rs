@@ -2,8 +2,9 @@
 
 use crate::kinds::Domain;
 use crate::reader::{Absent, Key, Limits, Read, Section};
-use isobar_model::{ModelError, ShallowWater, State};
+use isobar_model::{Boundary, Layout, ModelError, ShallowWater, State, advection, shallow_water};
 use std::fmt::Debug;
+use std::sync::Arc;
 
 /// The state from which every method starts, with the truth at a draw of the background error from it; or that of the truth.
 pub trait InitialState: Debug + Send + Sync {
@@ -30,6 +31,44 @@ pub struct BalancedHeights {
     pub length_m: f64,
     /// Whether they are a random draw.
     pub is_random: bool,
+}
+
+/// The values of a state that a file has, `[variable, y, x]`.
+#[derive(Debug)]
+pub(super) struct Values(pub Vec<f64>);
+
+impl InitialState for Values {
+    fn build(&self, domain: &Domain, _: u64) -> Result<State, ModelError> {
+        Ok(State::from_values(&layout(domain), self.0.clone()))
+    }
+}
+
+/// The grid and the variables of the model's states.
+pub(super) fn layout(domain: &Domain) -> Arc<Layout> {
+    let layout = if domain.model.is_shallow_water() { shallow_water::layout } else { advection::layout };
+    layout(domain.grid.clone())
+}
+
+/// Refuses values, `[variable, y, x]`, that are not a state of the model: depths must be positive, and nothing flows through a
+/// wall.
+///
+/// # Errors
+/// What is wrong, and what would be right.
+pub(super) fn check_values(values: &[f64], domain: &Domain) -> Result<(), (String, &'static str)> {
+    let grid = &domain.grid;
+    if !domain.model.is_shallow_water() {
+        return Ok(());
+    }
+    let (h, v) = (&values[..grid.cells()], &values[2 * grid.cells()..]);
+    if let Some(cell) = h.iter().position(|depth| *depth <= 0.0) {
+        let message = format!("the depth h is {} in row {} of the numbers", h[cell], cell + 1);
+        return Err((message, "must be greater than 0 everywhere"));
+    }
+    if let (Boundary::Channel, Some(cell)) = (grid.boundary, v[..grid.nx].iter().position(|v| *v != 0.0)) {
+        let message = format!("v is {} in row {} of the numbers, which lies on the southern wall", v[cell], cell + 1);
+        return Err((message, "must be 0 in the first nx rows"));
+    }
+    Ok(())
 }
 
 pub(super) const MEAN_DEPTH_M: Key<Limits> = Key::absent(

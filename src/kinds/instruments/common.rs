@@ -39,6 +39,14 @@ pub(super) const ASSIMILATE: Key<YesNo> = Key::absent(
     "whether methods assimilate it; a passive network (`false`) is compared with their estimates and does nothing else",
 );
 
+pub(super) const WITHHOLD: Key<Limits> = Key::absent(
+    "withhold",
+    "1",
+    Limits::Between(0.0, 0.9),
+    Absent::Means(0.0),
+    "share of the stations, chosen by the seed, that no method sees: they are compared with estimates and do nothing else",
+);
+
 const FAULTS: Key<Table> = Key::absent(
     "faults",
     "",

@@ -1,7 +1,7 @@
 //! `kind = "file"`: observations made elsewhere.
 
-use super::bias;
-use super::common::{ASSIMILATE, MOST_GROUPS, at_file, texts};
+use super::common::{ASSIMILATE, MOST_GROUPS, WITHHOLD, at_file, texts};
+use super::{bias, correlation};
 use crate::kinds::{Domain, Kind, Kinds, choose_by, forms};
 use crate::reader::{Absent, AnyKey, Choice, Described, Field, Form, Key, Limits, Read, Section, Value, files};
 use isobar_model::Duration;
@@ -98,6 +98,7 @@ pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
     &[&[
         &FILE,
         &ASSIMILATE,
+        &WITHHOLD,
         &VARIABLE,
         &SIGMA,
         &MISSING,
@@ -107,6 +108,7 @@ pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
         &REFERENCE_GROUPS,
         &REFERENCE_STATIONS,
         &BIAS,
+        &correlation::FILE,
     ]],
     |section, domain| {
         let file = section.required(FILE.name)?;
@@ -137,7 +139,7 @@ pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
     },
 );
 
-/// The columns that biases and references need.
+/// The columns that biases, references and correlated errors need.
 fn further_columns(
     section: &Section<'_>,
     biases: &[RecordedBias],
@@ -160,7 +162,7 @@ fn further_columns(
             predictors.push(column.clone());
         }
     }
-    Ok(FurtherColumns { group_by, predictors })
+    Ok(FurtherColumns { group_by, report_by: correlation::report_by(section)?, predictors })
 }
 
 fn biases(section: &Section<'_>, domain: &Domain) -> Read<Vec<RecordedBias>> {

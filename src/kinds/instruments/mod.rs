@@ -2,13 +2,14 @@
 
 mod bias;
 mod common;
+mod correlation;
 mod file;
 mod radiosonde;
 mod satellite;
 
 use super::{Domain, Kinds, check_name, choose, distinct_name};
-use crate::reader::{Field, Read, Section};
-use common::{ASSIMILATE, FIRST_CYCLE, INTERVAL_CYCLES, MISSING_RATE, faults};
+use crate::reader::{Field, Read, Section, read_all};
+use common::{ASSIMILATE, FIRST_CYCLE, INTERVAL_CYCLES, MISSING_RATE, WITHHOLD, faults};
 use isobar_obs::{InstrumentSettings, Network, ObservationError, Schedule};
 use std::sync::Arc;
 
@@ -21,23 +22,23 @@ const MOST_NETWORKS: usize = 100;
 
 /// Reads `[networks]`; a scenario without it has no observations.
 pub(crate) fn read(root: &Section<'_>, domain: &Domain) -> Read<Vec<Network>> {
-    let mut networks: Vec<Network> = Vec::new();
-    let Some(field) = root.optional("networks") else { return Ok(networks) };
-    for (name, field) in field.any_section()?.fields() {
+    let Some(field) = root.optional("networks") else { return Ok(Vec::new()) };
+    let mut names: Vec<&str> = Vec::new();
+    read_all(field.any_section()?.fields().map(|(name, field)| {
         check_name(name, &field, "network")?;
-        let others = networks.iter().map(|network| network.name.as_str());
-        distinct_name(name, others, "network").map_err(|(message, help)| field.misplaced(message, help))?;
-        if networks.len() == MOST_NETWORKS {
+        distinct_name(name, names.iter().copied(), "network")
+            .map_err(|(message, help)| field.misplaced(message, help))?;
+        if names.len() == MOST_NETWORKS {
             return Err(field.misplaced(format!("there are more than {MOST_NETWORKS} networks"), "too many"));
         }
-        networks.push(network(name, &field, domain)?);
-    }
-    Ok(networks)
+        names.push(name);
+        network(name, &field, domain)
+    }))
 }
 
 fn network(name: &str, field: &Field<'_>, domain: &Domain) -> Read<Network> {
     let (kind, section) = choose(field, INSTRUMENTS, domain)?;
-    let instrument = Arc::from((kind.read)(&section, domain)?);
+    let instrument: Arc<dyn InstrumentSettings> = Arc::from((kind.read)(&section, domain)?);
     let every_cycles = section.get(&INTERVAL_CYCLES)?;
     let first_cycle = section.whole_or(FIRST_CYCLE.name, 1, 1, every_cycles)?;
     Ok(Network {
@@ -45,7 +46,9 @@ fn network(name: &str, field: &Field<'_>, domain: &Domain) -> Read<Network> {
         schedule: Schedule { every_cycles, offset_cycles: first_cycle % every_cycles },
         missing_rate: section.get(&MISSING_RATE)?,
         faults: faults(&section)?,
+        error_correlation: correlation::read(&section, &*instrument)?,
         assimilate: section.get(&ASSIMILATE)?,
+        withhold: section.get(&WITHHOLD)?,
         instrument,
     })
 }

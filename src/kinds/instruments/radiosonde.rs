@@ -1,7 +1,7 @@
 //! `kind = "radiosonde"`: stations that stay where they are.
 
-use super::bias;
-use super::common::{COMMON, MOST_GROUPS, at_file, texts};
+use super::common::{COMMON, MOST_GROUPS, WITHHOLD, at_file, texts};
+use super::{bias, correlation};
 use crate::kinds::{Domain, Kind, Kinds, choose_by, forms};
 use crate::reader::{Absent, AnyKey, Described, Field, Form, Key, Limits, Read, Section, Whole, files};
 use isobar_obs::{
@@ -141,6 +141,8 @@ pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
             &SIGMA_WIND_M_PER_S,
             &OBSERVE,
             &BIAS,
+            &correlation::STATIONS,
+            &WITHHOLD,
         ],
         COMMON,
     ],

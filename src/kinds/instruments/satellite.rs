@@ -1,7 +1,7 @@
 //! `kind = "satellite"`: a polar-orbiting satellite with a cross-track scanner.
 
-use super::bias;
 use super::common::COMMON;
+use super::{bias, correlation};
 use crate::kinds::{Domain, Kind, Kinds, choose_by, forms};
 use crate::reader::{Absent, Choice, Described, Form, Key, Limits, Read, Section, Whole};
 use isobar_obs::{AirMassBias, Heading, InstrumentSettings, ObservedVariable, SatelliteSettings, ScanBias, ScanTerm};
@@ -95,6 +95,7 @@ pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
             &HEADING,
             &TRACK_ANGLE_DEG,
             &BIAS,
+            &correlation::SATELLITE,
         ],
         COMMON,
     ],

@@ -1,7 +1,7 @@
 //! `kind = "banded_kf"`.
 
 use super::adapt::ADAPT;
-use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, Setup, Surroundings};
+use super::{BIAS, ERROR_CORRELATION, MEMORY_LIMIT_GB, MethodSettings, Setup, Sizes, Surroundings, Work};
 use crate::kinds::Kind;
 use crate::reader::{Key, Whole};
 use isobar_assim::banded::BandedKalmanFilter;
@@ -9,6 +9,9 @@ use isobar_assim::{Assimilator, Error};
 
 /// More diagonals than any covariance has.
 const MOST_DIAGONALS: usize = 1_000_000_000;
+
+/// Values of each row that columns on their way through the model take.
+const BATCH: f64 = 256.0;
 
 const HALF_BANDWIDTH: Key<Whole> = Key::required(
     "half_bandwidth",
@@ -20,7 +23,7 @@ const HALF_BANDWIDTH: Key<Whole> = Key::required(
 pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "banded_kf",
     "The Kalman filter with a banded covariance",
-    &[&[&BIAS, &ADAPT, &HALF_BANDWIDTH, &MEMORY_LIMIT_GB]],
+    &[&[&BIAS, &ERROR_CORRELATION, &ADAPT, &HALF_BANDWIDTH, &MEMORY_LIMIT_GB]],
     |section, _| Ok(Box::new(BandedKalman { half_bandwidth: section.get(&HALF_BANDWIDTH)? })),
 );
 
@@ -33,6 +36,15 @@ struct BandedKalman {
 impl MethodSettings for BandedKalman {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
         Ok(Box::new(BandedKalmanFilter::new(setup.problem, self.half_bandwidth)?))
+    }
+
+    fn work(&self, sizes: &Sizes) -> Work {
+        // L, Q and the next L, and a batch of columns; every column of L goes through the tangent-linear model.
+        let Sizes { values: m, biases: p, observations: n, .. } = *sizes;
+        let width = (self.half_bandwidth as f64 + 1.0).min(m);
+        let numbers = (3.0 * width + BATCH) * m + 4.0 * m * p + 5.0 * p * p + n * (p + width);
+        let multiplications = m * width * (2.0 * width + p) + n * width * (width + p);
+        Work { numbers, multiplications, tangent_steps: (m + p) * sizes.steps, ..Work::forecast(sizes) }
     }
 
     fn describe(&self) -> String {

@@ -1,6 +1,6 @@
 //! `kind = "climatology"`.
 
-use super::{MethodSettings, Setup, Surroundings};
+use super::{MethodSettings, Setup, Sizes, Surroundings, Work};
 use crate::kinds::Kind;
 use isobar_assim::climatology::Climatology;
 use isobar_assim::{Assimilator, Error};
@@ -14,6 +14,10 @@ struct Constant;
 impl MethodSettings for Constant {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
         Ok(Box::new(Climatology::new(setup.problem)))
+    }
+
+    fn work(&self, sizes: &Sizes) -> Work {
+        Work { steps: 0.0, ..Work::forecast(sizes) }
     }
 
     fn describe(&self) -> String {

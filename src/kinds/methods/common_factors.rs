@@ -4,6 +4,7 @@ use super::Surroundings;
 use crate::kinds::covariances;
 use crate::reader::{Absent, Key, Limits, OrTable, OrWord, Read, Section, Whole};
 use isobar_assim::covariance::middle_deviations;
+use isobar_assim::fast_kalman::Precision;
 use toml::de::DeValue;
 
 pub(super) const FACTORS: Key<OrTable<OrWord<Whole>>> = Key::absent(
@@ -82,6 +83,15 @@ impl CommonFactors {
             retained_energy: if number > 0 { RETAINED_ENERGY } else { 1.0 },
             asked_for: Some(number),
         }
+    }
+}
+
+/// How factors are stored and propagated, in words, where it is not as usual.
+pub(super) fn storage(precision: Precision, factor_grid: usize) -> String {
+    let precision = if precision == Precision::Single { " in single precision" } else { "" };
+    match factor_grid {
+        1 => precision.into(),
+        cells => format!("{precision} on a grid {cells} times as wide"),
     }
 }
 

@@ -1,6 +1,6 @@
 //! `kind = "enkf"`.
 
-use super::{MethodSettings, Setup, Surroundings, ensemble};
+use super::{MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Sizes, Surroundings, Work, ensemble};
 use crate::kinds::Kind;
 use isobar_assim::ensemble::{EnsembleSettings, StochasticEnsembleKalmanFilter};
 use isobar_assim::{Assimilator, Error};
@@ -8,11 +8,11 @@ use isobar_assim::{Assimilator, Error};
 pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "enkf",
     "The stochastic ensemble Kalman filter, with tapered covariances",
-    &[ensemble::KEYS, &[&ensemble::OPTIONAL_RADIUS_KM]],
-    |section, _| {
+    &[ensemble::KEYS, &[&ensemble::OPTIONAL_RADIUS_KM, &SMOOTHER_LAG_CYCLES]],
+    |section, surroundings| {
         let radius_km = section.find(&ensemble::OPTIONAL_RADIUS_KM)?;
         let localization_radius_m = radius_km.map_or(f64::INFINITY, |km| km * 1e3);
-        Ok(Box::new(Enkf { ensemble: ensemble::read(section)?, localization_radius_m }))
+        Ok(Box::new(Enkf { ensemble: ensemble::read_with_smoother(section, surroundings)?, localization_radius_m }))
     },
 );
 
@@ -25,8 +25,16 @@ struct Enkf {
 
 impl MethodSettings for Enkf {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
-        let radius_m = self.localization_radius_m;
-        Ok(Box::new(StochasticEnsembleKalmanFilter::new(setup.problem, self.ensemble, radius_m)?))
+        let filter = |problem| StochasticEnsembleKalmanFilter::new(problem, self.ensemble, self.localization_radius_m);
+        Ok(Box::new(setup.smoothed(filter, StochasticEnsembleKalmanFilter::smoothing)?))
+    }
+
+    fn work(&self, sizes: &Sizes) -> Work {
+        // P Hᵀ and H P Hᵀ + R of the members' perturbations, tapered, and the solution.
+        let (n, members) = (sizes.observations, self.ensemble.members as f64);
+        let ensemble = Work::ensemble(sizes, members);
+        let multiplications = n * members * (n + 2.0 * sizes.unknowns()) + n.powi(3) / 3.0;
+        Work { numbers: ensemble.numbers + 2.0 * n * n, multiplications, ..ensemble }
     }
 
     fn describe(&self) -> String {

@@ -1,6 +1,6 @@
 //! The settings that ensemble methods share.
 
-use super::{BIAS, MEMORY_LIMIT_GB};
+use super::{BIAS, ERROR_CORRELATION, MEMORY_LIMIT_GB, SMOOTHER_LAG_CYCLES, Surroundings};
 use crate::reader::{Absent, AnyKey, Choice, Key, Limits, OrWord, Read, Section, Whole};
 use isobar_assim::ensemble::{
     BackgroundInflation, EnsembleSettings, Inflation, InitialMembers, LocalSettings, ModelErrorTreatment,
@@ -88,6 +88,7 @@ pub(super) const OPTIONAL_RADIUS_KM: Key<Limits> = Key::absent(
 /// The keys of all ensembles.
 pub(super) const KEYS: &[&dyn AnyKey] = &[
     &BIAS,
+    &ERROR_CORRELATION,
     &MEMBERS,
     &INITIAL_MEMBERS,
     &MODEL_ERROR_TREATMENT,
@@ -115,6 +116,19 @@ pub(super) fn read(section: &Section<'_>) -> Read<EnsembleSettings> {
         },
         seed: section.get(&ENSEMBLE_SEED)? as u64,
     })
+}
+
+/// The same for a method that may have a smoother, which needs members that go on from the earlier ones.
+pub(super) fn read_with_smoother(section: &Section<'_>, surroundings: &Surroundings) -> Read<EnsembleSettings> {
+    let settings = read(section)?;
+    let smooths = section.optional(SMOOTHER_LAG_CYCLES.name).is_some() && surroundings.has_model_error;
+    if let (Some(field), true, ModelErrorTreatment::SquareRoot) =
+        (section.optional(MODEL_ERROR_TREATMENT.name), smooths, settings.model_error)
+    {
+        let message = "the square root of the model error recombines the members, which a smoother cannot follow";
+        return Err(field.misplaced(message.into(), "must be \"random\", or leave out `smoother_lag_cycles`"));
+    }
+    Ok(settings)
 }
 
 /// A factor, or `"adaptive"`.

@@ -1,6 +1,6 @@
 //! `kind = "etkf"`.
 
-use super::{MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings, ensemble};
+use super::{MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Sizes, Surroundings, Work, ensemble};
 use crate::kinds::Kind;
 use isobar_assim::ensemble::{EnsembleSettings, EnsembleTransformKalmanFilter};
 use isobar_assim::{Assimilator, Error};
@@ -9,7 +9,7 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "etkf",
     "The ensemble transform Kalman filter",
     &[ensemble::KEYS, &[&SMOOTHER_LAG_CYCLES]],
-    |section, _| Ok(Box::new(Etkf(ensemble::read(section)?))),
+    |section, surroundings| Ok(Box::new(Etkf(ensemble::read_with_smoother(section, surroundings)?))),
 );
 
 #[derive(Debug)]
@@ -19,6 +19,10 @@ impl MethodSettings for Etkf {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
         let filter = |problem| EnsembleTransformKalmanFilter::new(problem, self.0);
         Ok(Box::new(setup.smoothed(filter, EnsembleTransformKalmanFilter::smoothing)?))
+    }
+
+    fn work(&self, sizes: &Sizes) -> Work {
+        Work::ensemble(sizes, self.0.members as f64)
     }
 
     fn describe(&self) -> String {

@@ -1,9 +1,12 @@
 //! `kind = "fkf"`: Lange's Fast Kalman Filter, and the settings that it shares with the time volume.
 
 use super::adapt::ADAPT;
-use super::common_factors::{self, CommonFactors, FACTORS};
+use super::common_factors::{self, CommonFactors, FACTORS, storage};
 use super::local_factors::{self, LOCAL_FACTORS};
-use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings};
+use super::work::probes;
+use super::{
+    BIAS, ERROR_CORRELATION, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Sizes, Surroundings, Work,
+};
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, AnyKey, Choice, Described, Field, Form, Key, OrTable, Read, Section, Whole};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
@@ -99,14 +102,24 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "fkf",
     "Lange's Fast Kalman Filter: blocks, and the common factors that link them",
     &[
-        &[&BIAS, &ADAPT, &BIAS_COUPLING, &FACTOR_GRID, &FACTOR_PRECISION, &LOCAL_FACTORS, &SMOOTHER_LAG_CYCLES],
+        &[
+            &BIAS,
+            &ERROR_CORRELATION,
+            &ADAPT,
+            &BIAS_COUPLING,
+            &FACTOR_GRID,
+            &FACTOR_PRECISION,
+            &LOCAL_FACTORS,
+            &SMOOTHER_LAG_CYCLES,
+        ],
         SHARED_KEYS,
     ],
     |section, surroundings| {
         let Settings { filter, factors } = read(section, surroundings)?;
-        let factor_grid = factor_grid(section, &surroundings.domain.grid, &filter)?;
         let local = local_factors::read(section, surroundings, &filter, factors)?;
-        check_smoother(section, &filter, local.is_some())?;
+        let has_factors = filter.factors > 0 || local.is_some();
+        let factor_grid = factor_grid(section, &surroundings.domain.grid, filter.residual, has_factors)?;
+        check_smoother(section, has_factors)?;
         Ok(Box::new(FastKalman { settings: Settings { filter, factors }, factor_grid, local }))
     },
 );
@@ -122,22 +135,36 @@ struct FastKalman {
 
 impl MethodSettings for FastKalman {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
-        if let Some(local) = self.local {
-            return Ok(Box::new(LocalFastKalmanFilter::with_local_factors(setup.problem, local)?));
-        }
         let (Domain { grid, model }, cycle) = (setup.domain, setup.cycle);
+        let fault = |reason: String| Error::Setting(format!("factor_grid = {}: {reason}", self.factor_grid));
+        let coarse = || model.build_coarser(grid, cycle, self.factor_grid).map_err(fault);
+        let coarse = (self.factor_grid > 1).then(coarse).transpose()?;
+        if let Some(local) = self.local {
+            let filter = |problem| LocalFastKalmanFilter::with_local_factors(problem, local);
+            let filter = setup.smoothed(filter, LocalFastKalmanFilter::smoothing)?;
+            return Ok(match coarse {
+                None => Box::new(filter),
+                Some(model) => Box::new(filter.with_factors_on(model)?),
+            });
+        }
         let filter = |problem| FastKalmanFilter::new(problem, self.settings.filter);
         let filter = setup.smoothed(filter, FastKalmanFilter::smoothing)?;
-        if self.factor_grid == 1 {
-            return Ok(Box::new(filter));
+        Ok(match coarse {
+            None => Box::new(filter),
+            Some(model) => Box::new(filter.with_factors_on(model)?),
+        })
+    }
+
+    fn work(&self, sizes: &Sizes) -> Work {
+        match &self.local {
+            Some(local) => local_factors::work(local, sizes),
+            None => work(&self.settings, self.factor_grid, sizes),
         }
-        let fault = |reason: String| Error::Setting(format!("factor_grid = {}: {reason}", self.factor_grid));
-        Ok(Box::new(filter.with_factors_on(model.build_coarser(grid, cycle, self.factor_grid).map_err(fault)?)?))
     }
 
     fn describe(&self) -> String {
         let settings = match &self.local {
-            Some(local) => local_factors::describe(local, self.settings.factors),
+            Some(local) => local_factors::describe(local, self.settings.factors, self.factor_grid),
             None => describe(&self.settings, self.factor_grid),
         };
         format!("Fast Kalman Filter, {settings}")
@@ -152,16 +179,10 @@ impl MethodSettings for FastKalman {
     }
 }
 
-/// Fails if there is to be a smoother without the factors of the whole domain that it needs.
-pub(super) fn check_smoother(section: &Section<'_>, settings: &FastKalmanSettings, local: bool) -> Read<()> {
+/// Fails if there is to be a smoother without the factors that it needs.
+pub(super) fn check_smoother(section: &Section<'_>, has_factors: bool) -> Read<()> {
     let Some(field) = section.optional(SMOOTHER_LAG_CYCLES.name) else { return Ok(()) };
-    if local {
-        let message = "the smoother needs factors of the whole domain".to_string();
-        return Err(
-            field.misplaced(message, "leave out this key, or give a number of `factors` without `local_factors`")
-        );
-    }
-    if settings.factors == 0 {
+    if !has_factors {
         let message = "the smoother revises what common factors link, and there are no factors".to_string();
         return Err(field.misplaced(message, "leave out this key, or add `factors`"));
     }
@@ -229,7 +250,7 @@ const FACTOR_GRIDS: [usize; 4] = [1, 2, 4, 8];
 const FEWEST_CELLS: usize = 4;
 
 /// Reads how many cells wide those are on which the factors are propagated.
-fn factor_grid(section: &Section<'_>, grid: &Grid, settings: &FastKalmanSettings) -> Read<usize> {
+fn factor_grid(section: &Section<'_>, grid: &Grid, residual: Residual, has_factors: bool) -> Read<usize> {
     let cells = section.get(&FACTOR_GRID)?;
     if cells == 1 {
         return Ok(cells);
@@ -242,7 +263,7 @@ fn factor_grid(section: &Section<'_>, grid: &Grid, settings: &FastKalmanSettings
             field.invalid(message, "must be 1, 2, 4 or 8, divide both sides and leave at least 4 cells on each")
         );
     }
-    if settings.residual == Residual::Exact || settings.factors == 0 {
+    if residual == Residual::Exact || !has_factors {
         let message = "without factors, or with an exact forecast of the blocks, nothing can be coarser".to_string();
         return Err(field.invalid(message, "needs `factors`, and residual = \"probe\" or \"persist\""));
     }
@@ -259,6 +280,41 @@ fn blocks(field: &Field<'_>, grid: &Grid) -> Read<BlockShape> {
         return Err(tile.invalid(format!("`{}` needs two numbers", tile.title()), "must be [cells in x, cells in y]"));
     };
     Ok(BlockShape::Tile { nx: nx.whole(1, grid.nx)?, ny: ny.whole(1, grid.ny)? })
+}
+
+/// The work of a filter with factors of the whole domain: blocks, those of Q and their roots; Φ with one column for each bias
+/// and for probes, twice, and the factors of Q; their tangent-linear forecast, and the products that compress them and take
+/// them into an analysis.
+pub(super) fn work(Settings { filter, .. }: &Settings, factor_grid: usize, sizes: &Sizes) -> Work {
+    let Sizes { values: m, biases: p, observations: n, .. } = *sizes;
+    let r = filter.factors as f64;
+    let (nx, ny) = filter.blocks.cells(&sizes.grid);
+    let block = (nx * ny) as f64 * sizes.variables;
+    let (of_blocks, probes) = (m * block, probes(filter.residual));
+    let is_exact = filter.residual == Residual::Exact;
+    let columns = if is_exact { m } else { r + p + probes };
+    let exact = if is_exact { m * m + 2.0 * m * block.min(m) } else { 0.0 };
+    let all = 2.0 * r + p + probes;
+    let width = match filter.factor_precision {
+        Precision::Double => 1.0,
+        Precision::Single => 0.5,
+    };
+    // Blocks that observations link are merged, up to this limit: whether any are is not known here.
+    let component = (filter.largest_component as f64).min(m);
+    // The factors of Q join those of the state, and all of them are compressed by the products of their columns.
+    let compression = m * all * all + 10.0 * all.powi(3);
+    let analysis = n * (r + p) * (r + p) + m * (r + p) * (r + p) + of_blocks * (block + r + p);
+    Work {
+        numbers: 3.0 * of_blocks
+            + width * m * (2.0 * all + r)
+            + exact
+            + component * component
+            + 2.0 * n * (r + p)
+            + 4.0 * (r + p).powi(2),
+        tangent_steps: columns * sizes.steps / (factor_grid as f64).powi(3),
+        multiplications: compression + analysis + if is_exact { 2.0 * m * m * block } else { 0.0 },
+        ..Work::forecast(sizes)
+    }
 }
 
 /// A filter's settings in words.
@@ -289,11 +345,6 @@ pub(super) fn describe(Settings { filter: settings, factors }: &Settings, factor
         }
         _ => format!("{} common factors{chosen}", settings.factors),
     };
-    if settings.factor_precision == Precision::Single {
-        factors += " in single precision";
-    }
-    if factor_grid > 1 {
-        factors += &format!(" on a grid {factor_grid} times as wide");
-    }
+    factors += &storage(settings.factor_precision, factor_grid);
     format!("{factors}, {blocks} {residual}, covariance with biases {coupling}")
 }

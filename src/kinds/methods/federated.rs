@@ -1,7 +1,7 @@
 //! `kind = "federated_kf"`.
 
 use super::adapt::ADAPT;
-use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, Setup, Surroundings};
+use super::{BIAS, ERROR_CORRELATION, MEMORY_LIMIT_GB, MethodSettings, Setup, Sizes, Surroundings, Work};
 use crate::kinds::Kind;
 use crate::kinds::models::Model;
 use crate::reader::{Absent, Described, Form, Key, Limits, Read, Section, Whole};
@@ -35,7 +35,7 @@ const ROUNDING: f64 = 0.005;
 pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "federated_kf",
     "A Kalman filter for each observing system, and a master that fuses them",
-    &[&[&BIAS, &ADAPT, &INFORMATION_SHARING, &RESET_EVERY_CYCLES, &MEMORY_LIMIT_GB]],
+    &[&[&BIAS, &ERROR_CORRELATION, &ADAPT, &INFORMATION_SHARING, &RESET_EVERY_CYCLES, &MEMORY_LIMIT_GB]],
     |section, surroundings| {
         let networks: Vec<&str> = surroundings.networks.iter().map(String::as_str).collect();
         if networks.is_empty() {
@@ -68,6 +68,19 @@ fn shares(section: &Section<'_>, networks: &[&str]) -> Read<Vec<f64>> {
 impl MethodSettings for FederatedSettings {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
         Ok(Box::new(FederatedKalmanFilter::new(setup.problem, self.clone())?))
+    }
+
+    fn work(&self, sizes: &Sizes) -> Work {
+        // A dense filter for each system, and the master.
+        let filters = self.systems.len() as f64 + 1.0;
+        let one = Work::dense(sizes, sizes.unknowns());
+        Work {
+            numbers: 5.0 * filters * sizes.unknowns().powi(2),
+            tangent_steps: one.tangent_steps * filters,
+            multiplications: one.multiplications * filters,
+            steps: one.steps * filters,
+            ..one
+        }
     }
 
     fn describe(&self) -> String {

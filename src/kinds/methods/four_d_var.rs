@@ -1,6 +1,7 @@
 //! `kind = "4dvar"`.
 
-use super::{BIAS, MethodSettings, Setup, Surroundings, variational};
+use super::work::ITERATIONS;
+use super::{BIAS, ERROR_CORRELATION, MethodSettings, Setup, Sizes, Surroundings, Work, variational};
 use crate::kinds::Kind;
 use crate::reader::{Absent, Key, Whole};
 use isobar_assim::variational::{FourDVar, FourDVarSettings, ThreeDVarSettings};
@@ -14,7 +15,7 @@ const OUTER_LOOPS: Key<Whole> =
 pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "4dvar",
     "Strong-constraint incremental 4D-Var over a moving window, with outer loops",
-    &[&[&BIAS, &WINDOW_CYCLES, &OUTER_LOOPS], variational::KEYS],
+    &[&[&BIAS, &ERROR_CORRELATION, &WINDOW_CYCLES, &OUTER_LOOPS], variational::KEYS],
     |section, _| {
         let ThreeDVarSettings { covariance_scale, tolerance, max_iterations } = variational::read(section)?;
         Ok(Box::new(FourDVarSettings {
@@ -30,6 +31,22 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
 impl MethodSettings for FourDVarSettings {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
         Ok(Box::new(FourDVar::new(setup.problem, self.clone())?))
+    }
+
+    fn work(&self, sizes: &Sizes) -> Work {
+        // Every iteration goes through the window forth and back, and the trajectory is stored.
+        let [loops, cycles] = [self.outer_loops, self.window_cycles].map(|count| count as f64);
+        let iterations = loops * ITERATIONS.min(self.max_iterations as f64);
+        let window_steps = cycles * sizes.steps;
+        let inner = Work::minimisation(sizes, sizes.controls, iterations);
+        let columns = iterations + sizes.biases;
+        Work {
+            numbers: inner.numbers + sizes.values * (window_steps + 3.0 * (sizes.biases + 1.0)),
+            steps: (loops + 1.0) * window_steps,
+            tangent_steps: columns * window_steps,
+            adjoint_steps: columns * window_steps,
+            ..inner
+        }
     }
 
     fn describe(&self) -> String {

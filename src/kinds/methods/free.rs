@@ -1,6 +1,6 @@
 //! `kind = "free"`.
 
-use super::{MethodSettings, Setup, Surroundings};
+use super::{MethodSettings, Setup, Sizes, Surroundings, Work};
 use crate::kinds::Kind;
 use isobar_assim::free::FreeRun;
 use isobar_assim::{Assimilator, Error};
@@ -14,6 +14,10 @@ struct Free;
 impl MethodSettings for Free {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
         Ok(Box::new(FreeRun::new(setup.problem)))
+    }
+
+    fn work(&self, sizes: &Sizes) -> Work {
+        Work::forecast(sizes)
     }
 
     fn describe(&self) -> String {

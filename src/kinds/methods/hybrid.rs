@@ -1,6 +1,7 @@
 //! `kind = "hybrid_3dvar"`.
 
-use super::{MethodSettings, Setup, Surroundings, ensemble, variational};
+use super::work::ITERATIONS;
+use super::{MethodSettings, Setup, Sizes, Surroundings, Work, ensemble, variational};
 use crate::kinds::Kind;
 use crate::reader::{Key, Limits};
 use isobar_assim::variational::{HybridSettings, HybridThreeDVar};
@@ -30,6 +31,14 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
 impl MethodSettings for HybridSettings {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
         Ok(Box::new(HybridThreeDVar::new(setup.problem, self.clone())?))
+    }
+
+    fn work(&self, sizes: &Sizes) -> Work {
+        // The control vector has weights of the members beside that of B: about a field for each.
+        let members = self.ensemble.members as f64;
+        let controls = sizes.controls + members * sizes.values / sizes.variables;
+        let iterations = ITERATIONS.min(self.variational.max_iterations as f64);
+        Work::ensemble(sizes, members).and(Work::minimisation(sizes, controls, iterations))
     }
 
     fn describe(&self) -> String {

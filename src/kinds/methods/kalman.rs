@@ -1,7 +1,9 @@
 //! `kind = "kf"`.
 
 use super::adapt::ADAPT;
-use super::{BIAS, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings};
+use super::{
+    BIAS, ERROR_CORRELATION, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Sizes, Surroundings, Work,
+};
 use crate::kinds::Kind;
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::{Assimilator, Error};
@@ -9,7 +11,7 @@ use isobar_assim::{Assimilator, Error};
 pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "kf",
     "The dense (extended) Kalman filter on state and biases",
-    &[&[&BIAS, &ADAPT, &SMOOTHER_LAG_CYCLES, &MEMORY_LIMIT_GB]],
+    &[&[&BIAS, &ERROR_CORRELATION, &ADAPT, &SMOOTHER_LAG_CYCLES, &MEMORY_LIMIT_GB]],
     |_, _| Ok(Box::new(Kalman)),
 );
 
@@ -19,6 +21,10 @@ struct Kalman;
 impl MethodSettings for Kalman {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
         Ok(Box::new(setup.smoothed(KalmanFilter::new, KalmanFilter::smoothing)?))
+    }
+
+    fn work(&self, sizes: &Sizes) -> Work {
+        Work::dense(sizes, sizes.unknowns())
     }
 
     fn describe(&self) -> String {

@@ -1,7 +1,9 @@
 //! `local_factors`: factors of tiles instead of the whole domain, in a Fast Kalman Filter.
 
-use super::common_factors::{CommonFactors, FACTORS};
-use super::{SMOOTHER_LAG_CYCLES, Surroundings};
+use super::Surroundings;
+use super::common_factors::{CommonFactors, FACTORS, storage};
+use super::work::probes;
+use super::{Sizes, Work};
 use crate::reader::{Absent, AnyKey, Key, Limits, Read, Section, Table, Whole};
 use isobar_assim::fast_kalman::{FastKalmanSettings, Residual};
 use isobar_assim::local_factors::LocalFactorSettings;
@@ -62,8 +64,7 @@ const MIXED: Key<Whole> = Key::absent(
 );
 
 /// Keys that belong to factors of the whole domain.
-const OF_WHOLE_DOMAIN: [&str; 5] =
-    ["factor_grid", "factor_precision", "bias_coupling", "separator_factors", "largest_component"];
+const OF_WHOLE_DOMAIN: [&str; 3] = ["bias_coupling", "separator_factors", "largest_component"];
 
 /// The settings of local factors, if the method has any, and of its blocks.
 pub(super) fn read(
@@ -74,9 +75,7 @@ pub(super) fn read(
 ) -> Read<Option<LocalFactorSettings>> {
     let mut of_whole_domain = OF_WHOLE_DOMAIN.iter().filter_map(|key| section.optional(key));
     let Some(field) = section.optional(LOCAL_FACTORS.name) else {
-        let may_be_local = of_whole_domain.next().is_none()
-            && section.optional(SMOOTHER_LAG_CYCLES.name).is_none()
-            && filter.residual != Residual::Exact;
+        let may_be_local = of_whole_domain.next().is_none() && filter.residual != Residual::Exact;
         return Ok(in_place_of(factors, surroundings, filter).filter(|_| may_be_local));
     };
     if let Some(excluded) = section.optional(FACTORS.name).into_iter().chain(of_whole_domain).next() {
@@ -118,6 +117,7 @@ pub(super) fn read(
         tile_m,
         support_tiles,
         mixed,
+        factor_precision: filter.factor_precision,
         residual: filter.residual,
     }))
 }
@@ -142,19 +142,40 @@ fn in_place_of(
         tile_m: TILE_LENGTHS * length_m,
         support_tiles: SUPPORT_TILES,
         mixed,
+        factor_precision: filter.factor_precision,
         residual: filter.residual,
     };
     Some(settings).filter(|settings| settings.packed_columns(&surroundings.domain.grid) < asked_for)
 }
 
-/// The settings in words; `factors` are those of the whole domain in whose place they are.
-pub(super) fn describe(settings: &LocalFactorSettings, factors: CommonFactors) -> String {
+/// The work of a filter with factors of tiles: the factors with those of Q on their supports, three times, the packed columns,
+/// the blocks and the border; the packed columns go through the tangent-linear model, and each support is compressed.
+pub(super) fn work(settings: &LocalFactorSettings, sizes: &Sizes) -> Work {
+    let Sizes { values: m, biases: p, .. } = *sizes;
+    let packed = settings.packed_columns(&sizes.grid) as f64;
+    let tiles = (sizes.grid.width_m() / settings.tile_m).ceil() * (sizes.grid.height_m() / settings.tile_m).ceil();
+    let support = (m / tiles * (settings.support_tiles as f64).powi(2)).min(m);
+    let columns = (settings.per_tile + settings.model_error_per_tile) as f64;
+    let held = tiles * support;
+    let probes = probes(settings.residual);
+    Work {
+        numbers: held * (3.0 * columns + 2.0) + m * (packed + 3.0 * p + 9.0 * sizes.variables),
+        tangent_steps: (packed + p + probes) * sizes.steps,
+        multiplications: held * columns * (4.0 * columns + p) + sizes.observations * (columns + p).powi(2),
+        ..Work::forecast(sizes)
+    }
+}
+
+/// The settings in words; `factors` are those of the whole domain in whose place they are, and `factor_grid` as many cells on a
+/// side as those are wide on which they are propagated.
+pub(super) fn describe(settings: &LocalFactorSettings, factors: CommonFactors, factor_grid: usize) -> String {
     let LocalFactorSettings { per_tile, tile_m, support_tiles, mixed, .. } = settings;
     let mut words =
         format!("{per_tile} factors on each tile of {} km, cut off beyond {support_tiles} tiles", tile_m / 1e3);
     if *mixed > 0 {
         words += &format!(", {mixed} of them mixed");
     }
+    words += &storage(settings.factor_precision, factor_grid);
     if let Some(number) = factors.asked_for {
         words += &format!(", in place of {number} for the whole domain that B and Q ask for");
     }

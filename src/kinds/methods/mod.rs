@@ -21,16 +21,18 @@ mod settings;
 mod three_d_var;
 mod time_volume;
 mod variational;
+mod work;
 
 pub use adapt::Adapt;
 pub use settings::{MethodSettings, Setup};
+pub use work::{Sizes, Work};
 
 use super::{Domain, Kinds, choose};
 use crate::reader::{Field, Read, Section};
-use isobar_assim::{Assimilator, BiasTreatment, Error, Problem};
+use isobar_assim::{Assimilator, BiasTreatment, Error, Problem, Whitened};
 use isobar_model::{Duration, Time};
 pub(crate) use settings::Surroundings;
-use settings::{BIAS, COVARIANCE_SCALE, MEMORY_LIMIT_GB, SMOOTHER_LAG_CYCLES};
+use settings::{BIAS, COVARIANCE_SCALE, ERROR_CORRELATION, MEMORY_LIMIT_GB, SMOOTHER_LAG_CYCLES};
 use std::sync::Arc;
 
 /// All kinds of methods.
@@ -59,6 +61,8 @@ pub struct Method {
     pub kind: &'static str,
     /// How it treats the observations' biases.
     pub bias: BiasTreatment,
+    /// Whether it takes correlated errors of observations as such.
+    pub uses_error_correlation: bool,
     /// Which errors it estimates from its innovations, if any.
     pub adapt: Option<Adapt>,
     /// The number of later cycles that revise its estimates, if it has a smoother.
@@ -78,9 +82,19 @@ pub(crate) fn read(field: &Field<'_>, surroundings: &Surroundings) -> Read<Metho
         let help = "choose another kind of method, or leave out `freeze_after_cycles`";
         return Err(section.required("kind")?.misplaced(reason.into(), help));
     }
+    let uses_error_correlation = settings.uses_observations() && section.get(&ERROR_CORRELATION)?;
+    if let (true, Some(network), Err(reason)) =
+        (uses_error_correlation, &surroundings.correlated, settings.takes_correlated_errors())
+    {
+        let message =
+            format!("the errors of network {network} are correlated, which this method cannot take: {reason}");
+        let help = "choose another kind of method, or give `error_correlation = \"ignore\"`";
+        return Err(section.required("kind")?.misplaced(message, help));
+    }
     Ok(Method {
         kind: kind.name,
         bias,
+        uses_error_correlation,
         adapt: adapt::read(&section, settings.static_covariance_scale().is_some(), surroundings.has_model_error)?,
         smoother_lag_cycles: smoother_lag_cycles(&section, surroundings.freezes)?,
         memory_limit_bytes: (section.get(&MEMORY_LIMIT_GB)? * 1e9) as u64,
@@ -97,6 +111,15 @@ fn smoother_lag_cycles(section: &Section<'_>, freezes: bool) -> Read<Option<usiz
 }
 
 impl Method {
+    /// What the method does in a cycle of these sizes, estimated.
+    pub fn work(&self, sizes: &Sizes) -> Work {
+        let work = self.settings.work(sizes);
+        // A smoother holds what each past analysis had, and revises it: about one filter's work in matrices again.
+        let lag = self.smoother_lag_cycles.map_or(0.0, |lag| lag as f64);
+        let kept = if self.settings.carries_bias_covariance() { 0.5 } else { 0.25 };
+        Work { numbers: work.numbers * (1.0 + kept * lag), ..work }
+    }
+
     /// Whether the method estimates biases from observations.
     pub fn estimates_biases(&self) -> bool {
         self.bias == BiasTreatment::Estimate && self.settings.uses_observations()
@@ -137,10 +160,11 @@ impl Method {
         }
         let smoother_lag_cycles = self.smoother_lag_cycles;
         let method = self.settings.build(Setup { problem, smoother_lag_cycles, domain, start, cycle })?;
-        match &self.adapt {
-            Some(adapt) => adapt.around(method, ground, self.settings.static_covariance_scale()),
-            None => Ok(method),
-        }
+        let method = match &self.adapt {
+            Some(adapt) => adapt.around(method, ground, self.settings.static_covariance_scale())?,
+            None => method,
+        };
+        Ok(if self.uses_error_correlation { Box::new(Whitened::new(method)) } else { method })
     }
 
     /// The settings in words.
@@ -155,6 +179,9 @@ impl Method {
                 BiasTreatment::Ignore => ", biases ignored",
                 BiasTreatment::Known => ", biases known",
             };
+            if !self.uses_error_correlation {
+                words += ", error correlations ignored";
+            }
         }
         if let Some(adapt) = &self.adapt {
             words += &format!(", {}", adapt.describe(self.settings.static_covariance_scale().is_some()));

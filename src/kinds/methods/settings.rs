@@ -1,5 +1,6 @@
 //! What the settings of every method can do, and the keys that methods share.
 
+use super::work::{Sizes, Work};
 use crate::kinds::Domain;
 use crate::kinds::covariances::Components;
 use crate::kinds::models::Model;
@@ -15,6 +16,9 @@ pub trait MethodSettings: Debug + Send + Sync {
     /// # Errors
     /// That of the method: settings that do not fit the problem, or more memory than is allowed.
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error>;
+
+    /// What it does in a cycle, as far as sizes say it: an estimate, which nothing but a forecast of its cost depends on.
+    fn work(&self, sizes: &Sizes) -> Work;
 
     /// The settings in words, as they stand in tables and on pages; how biases are treated is added to them.
     fn describe(&self) -> String;
@@ -39,6 +43,14 @@ pub trait MethodSettings: Debug + Send + Sync {
     /// finds.
     fn carries_bias_covariance(&self) -> bool {
         false
+    }
+
+    /// Whether it can be given observations whose errors are correlated.
+    ///
+    /// # Errors
+    /// Why it cannot, as it stands after a colon.
+    fn takes_correlated_errors(&self) -> Result<(), &'static str> {
+        Ok(())
     }
 
     /// Whether single biases can be taken back to their prior and adjusted no more.
@@ -96,6 +108,8 @@ pub(crate) struct Surroundings {
     pub freezes: bool,
     /// The names of the observing systems.
     pub networks: Vec<String>,
+    /// The name of one of them whose errors methods should take as correlated, if there is one.
+    pub correlated: Option<String>,
     /// The components of B.
     pub background_error: Components,
     /// Those of Q, if the model makes errors.
@@ -116,6 +130,14 @@ pub(super) const BIAS: Key<Choice<BiasTreatment>> = Key::absent(
     ]),
     Absent::Means(BiasTreatment::Estimate),
     "how biases are treated: estimated with the state, ignored, or taken out of the data as they truly are",
+);
+
+pub(super) const ERROR_CORRELATION: Key<Choice<bool>> = Key::absent(
+    "error_correlation",
+    "",
+    Choice(&[("use", true), ("ignore", false)]),
+    Absent::Means(true),
+    "how correlated errors of observations are treated: as the networks say, or as independent",
 );
 
 pub(super) const MEMORY_LIMIT_GB: Key<Limits> = Key::absent(

@@ -1,7 +1,8 @@
 //! `kind = "3dvar"`.
 
 use super::adapt::ADAPT_STATIC;
-use super::{BIAS, MethodSettings, Setup, Surroundings, variational};
+use super::work::ITERATIONS;
+use super::{BIAS, ERROR_CORRELATION, MethodSettings, Setup, Sizes, Surroundings, Work, variational};
 use crate::kinds::Kind;
 use isobar_assim::variational::{ThreeDVar, ThreeDVarSettings};
 use isobar_assim::{Assimilator, Error};
@@ -9,13 +10,17 @@ use isobar_assim::{Assimilator, Error};
 pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "3dvar",
     "3D-Var: a static B, conjugate gradients, biases in the control vector",
-    &[&[&BIAS, &ADAPT_STATIC], variational::KEYS],
+    &[&[&BIAS, &ERROR_CORRELATION, &ADAPT_STATIC], variational::KEYS],
     |section, _| Ok(Box::new(variational::read(section)?)),
 );
 
 impl MethodSettings for ThreeDVarSettings {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
         Ok(Box::new(ThreeDVar::new(setup.problem, self.clone())?))
+    }
+
+    fn work(&self, sizes: &Sizes) -> Work {
+        Work::minimisation(sizes, sizes.controls, ITERATIONS.min(self.max_iterations as f64))
     }
 
     fn describe(&self) -> String {

@@ -1,5 +1,5 @@
 //! `<method>_forecast.nc`: the forecasts of one method ahead of one analysis, the last from which they reach the longest lead
-//! time within the run, with the standard deviations that it claims; and the scores of all its forecasts by lead time, with
+//! time within the run, with the standard deviations that it claims and the probabilities of warnings; and the scores of all its forecasts by lead time, with
 //! their 95 % intervals. Lead time 0 is the analysis.
 
 use super::coordinates as cf;
@@ -8,7 +8,8 @@ use crate::event::{Forecast, RunInfo};
 use crate::lead_times::LeadTimes;
 use crate::output::SinkError;
 use crate::scores::forecast::{FORECAST_SCORES, Known, RMSE, SPREAD, SPREAD_PER_ERROR};
-use crate::scores::{ForecastScores, Summary};
+use crate::scores::{ForecastScores, MethodScores, Summary};
+use crate::threshold_warning::{PlacedWarning, ThresholdWarning};
 use isobar_assim::Estimate;
 use isobar_model::Variable as StateVariable;
 use std::collections::BTreeMap;
@@ -48,7 +49,8 @@ impl ForecastFile {
     /// If it cannot be written.
     pub fn write(&self, info: &RunInfo, summary: &Summary) -> Result<(), SinkError> {
         let method = &info.methods[self.method];
-        let scores = summary.methods.get(&method.name).and_then(|scores| scores.forecasts.as_ref());
+        let of_method = summary.methods.get(&method.name);
+        let scores = of_method.and_then(|scores| scores.forecasts.as_ref());
         let has_spread = self.forecasts.values().any(|estimate| estimate.state_spread.is_some());
         let mut file = NetcdfFile::create(&self.path, self.definition(info, scores, has_spread))?;
         for lead in self.times.kept() {
@@ -57,7 +59,9 @@ impl ForecastFile {
                 ("time".into(), vec![info.time(self.start + lead).seconds() as f64]),
             ];
             record.extend(self.fields(info, lead, has_spread));
+            record.extend(self.probabilities(info, lead));
             record.extend(score_values(info, scores, info.lead_hours(lead)));
+            record.extend(brier_values(info, of_method, info.lead_hours(lead)));
             let record: Vec<(&str, &[f64])> = record.iter().map(|(name, values)| (name.as_str(), &**values)).collect();
             file.append(&record)?;
         }
@@ -100,8 +104,43 @@ impl ForecastFile {
                 definition.record(field("_spread", meaning).with_some("standard_name", standard_name));
             }
         }
+        self.add_warnings(&mut definition, info);
         add_scores(&mut definition, info, scores);
         definition
+    }
+
+    /// Of each warning its probability, and that of the event at each grid point.
+    fn add_warnings(&self, definition: &mut Definition, info: &RunInfo) {
+        for placed in &info.warnings {
+            let warning = &placed.warning;
+            let (name, described) = (names_of(warning), warning.describe(&info.layout));
+            let about = format!("probability of {described}; in an area the largest of a single grid point");
+            let probability = Variable::new(name.probability.as_str(), &[]).with("long_name", about).with("units", "1");
+            definition.record(probability.with("_FillValue", FILL_VALUE));
+            let variable = &info.layout.variables[warning.variable];
+            let meaning =
+                format!("probability of {} {} {}", variable.long_name, warning.side.word(), warning.threshold);
+            let field = cf::field(&name.field, &meaning, "1", variable.location, info.projection.is_some());
+            definition.record(field.with_more("coordinates", "time forecast_reference_time"));
+            for (name, meaning) in [(&name.brier, "Brier score"), (&name.occurred, "frequency of the event")] {
+                let about = format!("{meaning} over all forecasts, {described}");
+                let added = Variable::new(name.as_str(), &[]).with("long_name", about).with("units", "1");
+                definition.record(added.with("_FillValue", FILL_VALUE));
+            }
+        }
+    }
+
+    /// The values of the first two of these variables at a lead time.
+    fn probabilities(&self, info: &RunInfo, lead: usize) -> Vec<(String, Vec<f64>)> {
+        let forecast = self.forecasts.get(&lead);
+        let of_warning = |placed: &PlacedWarning| {
+            let name = names_of(&placed.warning);
+            let probability = forecast.map_or(FILL_VALUE, |forecast| placed.probability(forecast));
+            let field =
+                forecast.map_or_else(|| vec![FILL_VALUE; info.layout.grid.cells()], |forecast| placed.field(forecast));
+            [(name.probability, vec![probability]), (name.field, field)]
+        };
+        info.warnings.iter().flat_map(of_warning).collect()
     }
 
     /// The fields at a lead time.
@@ -122,6 +161,38 @@ impl ForecastFile {
         }
         fields
     }
+}
+
+/// The names of a warning's variables.
+struct WarningNames {
+    probability: String,
+    field: String,
+    brier: String,
+    occurred: String,
+}
+
+fn names_of(warning: &ThresholdWarning) -> WarningNames {
+    let name = cf::safe_name(&warning.name, "_");
+    WarningNames {
+        probability: format!("warning_{name}"),
+        field: format!("warning_{name}_field"),
+        brier: format!("warning_{name}_brier_score"),
+        occurred: format!("warning_{name}_frequency"),
+    }
+}
+
+/// The values of the last two of these variables at a lead time.
+fn brier_values(info: &RunInfo, of_method: Option<&MethodScores>, hours: f64) -> Vec<(String, Vec<f64>)> {
+    let of_warning = |placed: &PlacedWarning| {
+        let all = || of_method.iter().flat_map(|it| &it.warnings).find(|it| it.name == placed.warning.name);
+        let lead = all().and_then(|it| it.leads.iter().find(|lead| (lead.lead_hours - hours).abs() < 1e-9));
+        let scores = lead.map(|lead| &lead.scores).filter(|scores| scores.cases > 0);
+        let brier = scores.and_then(|it| it.brier).map(|it| it.score.value);
+        let frequency = scores.map(|it| it.occurred as f64 / it.cases as f64);
+        let name = names_of(&placed.warning);
+        [(name.brier, brier), (name.occurred, frequency)].map(|(name, it)| (name, vec![it.unwrap_or(FILL_VALUE)]))
+    };
+    info.warnings.iter().flat_map(of_warning).collect()
 }
 
 /// The scores that a method has, with their variables.

@@ -130,7 +130,7 @@ impl Sink for NetcdfSink {
                 self.failed[*method] = true;
                 Ok(())
             }
-            Event::Estimated(_) | Event::CycleEnded(_) | Event::Warning(_) => Ok(()),
+            Event::Estimated(_) | Event::Outlook { .. } | Event::CycleEnded(_) | Event::Warning(_) => Ok(()),
         }
     }
 }

@@ -6,6 +6,7 @@ mod scores;
 pub use scores::{MethodSeries, Scores};
 
 use crate::output::directory::SUMMARY_FILE;
+use crate::output::summary::TRUTH_CHECKSUM;
 use crate::safe_file::read_named;
 use crate::scores::Summary;
 use crate::text::{clean, shown_path};
@@ -47,6 +48,8 @@ pub struct SavedRun {
     pub directory: PathBuf,
     /// Its scores.
     pub summary: Summary,
+    /// What distinguishes its truth from others; `None` without one.
+    pub truth_checksum: Option<u64>,
 }
 
 impl SavedRun {
@@ -72,8 +75,11 @@ impl SavedRun {
                 runs => error.with_help(format!("below it there are: {}", runs.join(", "))),
             });
         }
-        let summary = summary(&read(&path)?, directory, &path)?;
-        Ok(Self { directory: directory.to_path_buf(), summary })
+        let text = read(&path)?;
+        let summary = summary(&text, directory, &path)?;
+        let document: Option<serde_json::Value> = serde_json::from_str(&text).ok();
+        let truth_checksum = document.and_then(|document| document.get(TRUTH_CHECKSUM)?.as_u64());
+        Ok(Self { directory: directory.to_path_buf(), summary, truth_checksum })
     }
 }
 

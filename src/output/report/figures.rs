@@ -52,7 +52,7 @@ impl Figures<'_> {
             }
             let is_smoothed = self.info.methods.iter().any(|method| method.smoother_lag_cycles.is_some());
             let smoothed = if is_smoothed { ", error once smoothed (dotted)" } else { "" };
-            let has_passive = self.info.networks.iter().any(|network| network.is_passive);
+            let has_passive = self.info.networks.iter().any(|network| network.has_passive);
             let passive = if has_passive { ", of passive ones (dotted)" } else { "" };
             let (stem, title, shown) = if self.info.has_truth {
                 ("rmse", "RMSE", format!("error (solid), claimed spread (broken){smoothed}"))
@@ -278,6 +278,9 @@ impl Figures<'_> {
         let label = format!("days since {}", utc(self.info.begin()));
         let mut plot = CurvePlot::new(title, label, format!("[{}]", unit(udunits)), curves);
         plot.reference = reference;
+        let day = |cycle: f64| cycle * self.info.window.days();
+        let (first, last) = (self.info.scored_from() - self.info.done, self.info.count());
+        plot.counts = (first > 1).then(|| [day(first as f64 - 0.5), day(last as f64)]);
         plot.highest = highest(&plot.curves);
         Drawing { stem, caption, plot }
     }

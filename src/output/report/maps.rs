@@ -6,10 +6,11 @@ use crate::output::history::{Cycle, Fields, History, MethodMaps, ShownCorrelatio
 use crate::output::netcdf::coordinates::safe_name;
 use crate::output::structure::{ShownFactor, ShownStructure};
 use crate::plot::colors::{GREYS, HUES, Scale, difference};
-use crate::plot::map::contour_levels;
-use crate::plot::range::round_up;
-use crate::plot::{FieldMap, Mark};
-use isobar_obs::Report;
+use crate::plot::map::{contour_levels, symmetric_steps};
+use crate::plot::range::{quantile, round_up};
+use crate::plot::{FieldMap, Mark, coast};
+use crate::tables::figure;
+use isobar_obs::{Projection, Report};
 
 /// The most observations whose places are marked on a map.
 const MOST_PLACES: usize = 3000;
@@ -60,6 +61,8 @@ pub struct StructureMaps {
 struct Ranges {
     state: [f32; 2],
     difference: f32,
+    /// The steps of errors.
+    error_steps: Vec<f32>,
     spread: f32,
 }
 
@@ -69,6 +72,7 @@ pub struct Maps<'a> {
     history: &'a History,
     /// By variable.
     ranges: Vec<Ranges>,
+    coast: Vec<Vec<[f64; 2]>>,
 }
 
 /// What is drawn of one method in one cycle: names for captions and files.
@@ -79,11 +83,20 @@ struct Subject<'a> {
     stem: String,
 }
 
+/// The coastlines within the plane, points (x, y) \[m\]; none if the plane has no place on the Earth.
+pub fn coastlines(info: &RunInfo) -> Vec<Vec<[f64; 2]>> {
+    let grid = &info.layout.grid;
+    let on_earth = |projection: &Projection| {
+        coast::lines([grid.width_m(), grid.height_m()], |latitude, longitude| projection.forward(latitude, longitude))
+    };
+    info.projection.as_ref().map_or_else(Vec::new, on_earth)
+}
+
 impl<'a> Maps<'a> {
     /// The maps of a complete run.
     pub fn new(info: &'a RunInfo, history: &'a History) -> Self {
         let ranges = (0..info.layout.variables.len()).map(|number| ranges(history, number));
-        Self { info, history, ranges: ranges.collect() }
+        Self { info, history, ranges: ranges.collect(), coast: coastlines(info) }
     }
 
     /// The maps of the variable that is shown first, the latest cycle first.
@@ -139,8 +152,7 @@ impl<'a> Maps<'a> {
         let (grid, ShownCorrelations { of, fields, calibration }) = (&self.info.layout.grid, correlations);
         let (of_variable, cell) = (of / grid.cells(), of % grid.cells());
         let location = self.info.layout.variables[of_variable].location;
-        let mark =
-            Mark { x_m: grid.x_m(location, cell % grid.nx), y_m: grid.y_m(location, cell / grid.nx), color: None };
+        let mark = mark(grid.x_m(location, cell % grid.nx), grid.y_m(location, cell / grid.nx));
         let (name, of_name) = (self.variable(variable).0, self.variable(of_variable).0);
         let title = format!("{}: correlation with {name}", it.method);
         let map = self.map(variable, title, fields[variable].clone(), Scale::Difference, [-1.0, 1.0]);
@@ -187,6 +199,7 @@ impl<'a> Maps<'a> {
                 x_m: report.x_m,
                 y_m: report.y_m,
                 color: Some(difference(departure, limit)),
+                title: format!("{} {}: {departure:+.3} {unit}", report.network, report.platform),
             })
             .collect();
         let caption = format!(
@@ -211,12 +224,13 @@ impl<'a> Maps<'a> {
 
     fn error(&self, it: &Subject<'_>, variable: usize) -> Option<Drawing> {
         let truth = it.cycle.truth.as_ref()?;
-        let ((name, _), limit) = (self.variable(variable), self.ranges[variable].difference);
-        let pairs = it.maps.analysis[variable].iter().zip(&truth[variable]);
-        let error = pairs.map(|(value, truth)| value - truth).collect();
-        let title = format!("{}: analysis error {name}", it.method);
-        let mut map = self.map(variable, title, error, Scale::Difference, [-limit, limit]);
-        map.marks = self.marks(it, variable);
+        let ((name, _), steps) = (self.variable(variable), &self.ranges[variable].error_steps);
+        let error = errors(&it.maps.analysis[variable], &truth[variable]);
+        let title = format!("{}: error of {name}, RMSE {}", it.method, figure(f64::from(root_mean_square(&error))));
+        let limit = steps.last().copied().unwrap_or(1.0);
+        let map = self.map(variable, title, error, Scale::Difference, [-limit, limit]);
+        let (steps, marks) = (steps.clone(), self.marks(it, variable));
+        let map = FieldMap { steps, marks, contours: Vec::new(), ..map };
         let caption = format!("Analysis minus truth of {}. Dots: {}.", it.method, self.observations(it, variable));
         Some(Drawing { stem: format!("{}_error{}", it.stem, self.suffix(variable)), caption, map })
     }
@@ -279,7 +293,7 @@ impl<'a> Maps<'a> {
 
     /// Dots where the variable was observed.
     fn marks(&self, it: &Subject<'_>, variable: usize) -> Vec<Mark> {
-        dots(it.cycle, variable).map(|(_, it)| Mark { x_m: it.x_m, y_m: it.y_m, color: None }).collect()
+        dots(it.cycle, variable).map(|(_, it)| mark(it.x_m, it.y_m)).collect()
     }
 
     fn state(&self, variable: usize, title: String, fields: &Fields) -> FieldMap {
@@ -296,10 +310,48 @@ impl<'a> Maps<'a> {
             extent_m: [grid.width_m(), grid.height_m()],
             scale,
             range,
+            steps: Vec::new(),
             contours: contour_levels(range),
+            coast: self.coast.clone(),
             marks: Vec::new(),
         }
     }
+
+    /// A map without a field, for what stands in places.
+    pub fn empty(&self, title: String, unit: String, limit: f32) -> FieldMap {
+        let map = self.map(self.history.mapped, title, Vec::new(), Scale::Difference, [-limit, limit]);
+        FieldMap { unit, contours: Vec::new(), ..map }
+    }
+}
+
+/// A small dark dot.
+fn mark(x_m: f64, y_m: f64) -> Mark {
+    Mark { x_m, y_m, color: None, title: String::new() }
+}
+
+fn errors(analysis: &[f32], truth: &[f32]) -> Vec<f32> {
+    analysis.iter().zip(truth).map(|(value, truth)| value - truth).collect()
+}
+
+fn root_mean_square(values: &[f32]) -> f32 {
+    let squares: f64 = values.iter().map(|value| f64::from(*value).powi(2)).sum();
+    (squares / values.len().max(1) as f64).sqrt() as f32
+}
+
+/// The share of the least error of a method from which on errors have a colour.
+const LEAST_SHOWN: f32 = 0.4;
+
+/// Steps in which the errors of all methods are seen, however far apart they are.
+fn error_steps(history: &History, variable: usize) -> Vec<f32> {
+    let mut all: Vec<Vec<f32>> = Vec::new();
+    for cycle in history.cycles.iter().filter(|cycle| cycle.has_maps) {
+        let Some(truth) = &cycle.truth else { continue };
+        let maps = cycle.methods.iter().flatten().filter_map(|own| own.maps.as_ref());
+        all.extend(maps.map(|maps| errors(&maps.analysis[variable], &truth[variable])));
+    }
+    let least = all.iter().map(|own| root_mean_square(own)).filter(|rms| *rms > 0.0).reduce(f32::min);
+    let most = all.into_iter().filter_map(|own| quantile(own.into_iter().map(f32::abs).collect(), 0.98));
+    symmetric_steps(LEAST_SHOWN * least.unwrap_or(1.0), most.reduce(f32::max).unwrap_or(1.0))
 }
 
 /// The observations of a variable, with their numbers.
@@ -321,6 +373,7 @@ fn ranges(history: &History, variable: usize) -> Ranges {
     let usual = |values: &dyn Fn(&Cycle, &MethodMaps) -> Vec<f32>| round_up(history.usual(0.98, values));
     Ranges {
         state: history.state_range(variable),
+        error_steps: error_steps(history, variable),
         difference: usual(&|cycle, maps| match &cycle.truth {
             Some(truth) => {
                 let pairs = maps.analysis[variable].iter().zip(&truth[variable]);

@@ -1,14 +1,18 @@
 //! `report.html`: the run on one page, for somebody who has a browser and nothing else; and its figures as files.
 //!
-//! The page loads nothing: curves are SVG within it, maps are PNG as data. Everything of a scenario that goes into it goes
+//! The page loads nothing: its figures are SVG within it, and its one script is not needed to read it. Everything of a scenario that goes into it goes
 //! through the template's escaping. Maps of grids with more than 200 cells on a side are means over groups of cells.
 
+mod biases;
 mod facts;
 mod figures;
 mod forecasts;
+mod headline;
 mod maps;
 pub mod page;
+mod section;
 mod tables;
+mod warnings;
 
 use crate::event::{Event, RunInfo};
 use crate::output::history::History;
@@ -17,6 +21,7 @@ use crate::plot::Thinning;
 use crate::scores::Summary;
 use std::fs;
 use std::path::PathBuf;
+use warnings::ProbabilityFields;
 
 /// Name among the [`OUTPUTS`](crate::output::OUTPUTS).
 pub const REPORT: &str = "report";
@@ -35,6 +40,7 @@ const MAP_CELLS: usize = 200;
 pub struct ReportSink {
     directory: PathBuf,
     history: History,
+    probabilities: ProbabilityFields,
 }
 
 impl ReportSink {
@@ -48,7 +54,8 @@ impl ReportSink {
             return Err(SinkError { path: directory.join(REPORT_FILE), reason: "the run has no variables".into() });
         }
         let thinning = Thinning::new(&info.layout.grid, MAP_CELLS);
-        Ok(Self { directory, history: History::new(info, thinning, has_maps) })
+        let (history, probabilities) = (History::new(info, thinning, has_maps), ProbabilityFields::new(thinning));
+        Ok(Self { directory, history, probabilities })
     }
 
     fn failure(&self, file: &str, reason: impl ToString) -> SinkError {
@@ -56,7 +63,7 @@ impl ReportSink {
     }
 
     fn write(&self, summary: &Summary) -> Result<(), SinkError> {
-        let report = page::Report::new(&self.history, summary);
+        let report = page::Report::new(&self.history, &self.probabilities, summary);
         let report = report.map_err(|error| self.failure(FIGURES_DIRECTORY, error))?;
         let figures = self.directory.join(FIGURES_DIRECTORY);
         fs::create_dir_all(&figures).map_err(|error| self.failure(FIGURES_DIRECTORY, error))?;
@@ -73,6 +80,10 @@ impl Sink for ReportSink {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         match event {
             Event::Finished(summary) => self.write(summary),
+            Event::Forecast(forecast) => {
+                self.probabilities.add(&self.history.info, forecast);
+                Ok(())
+            }
             event => self.history.record(event).map_err(|reason| self.failure(REPORT_FILE, reason)),
         }
     }

@@ -1,24 +1,32 @@
-//! The page: sections of text, tables and figures, put together by a template that escapes what it is given.
+//! The page: its sections, put together by a template that escapes what it is given.
 
+pub use super::section::{Figure, Folded, Page, Section};
+
+use super::biases;
 use super::facts;
 use super::figures::{self, Figures};
 use super::forecasts;
+use super::headline;
 use super::maps::{self, Maps};
 use super::tables;
+use super::warnings::{self, ProbabilityFields};
 use crate::event::RunInfo;
 use crate::output::history::History;
-use crate::plot::{CurvePlot, PlotError};
+use crate::plot::PlotError;
+use crate::plot::colors::{hex, of_method_on_paper};
 use crate::scores::Summary;
-use crate::tables::{MOST_PARAMETERS, Table, diagnostics, scores, stability};
+use crate::tables::{MOST_PARAMETERS, diagnostics, scores, stability};
 use crate::text::on_page;
-use base64::Engine;
 use minijinja::syntax::SyntaxConfig;
 use minijinja::value::{Serde, Value};
 use minijinja::{Environment, UndefinedBehavior, context, escape_formatter};
-use serde::Serialize;
 
 /// Figures of bias parameters that are shown at once; the others are folded.
 const OPEN_FIGURES: usize = 8;
+
+/// The script of every page, and its hash: browsers run this script and no other.
+const SCRIPT: &str = include_str!("script.js");
+const SCRIPT_HASH: &str = "sha256-e0sZpOUDkzyYZLgyL0bOHQOewRY68RyrTfU0qxUn/hc=";
 
 /// Why a page cannot be made.
 #[derive(Debug, thiserror::Error)]
@@ -29,68 +37,6 @@ pub enum PageError {
     /// The template.
     #[error("the page cannot be put together: {0}")]
     Template(#[from] minijinja::Error),
-}
-
-/// A figure on a page.
-#[derive(Clone, Debug, Serialize)]
-pub struct Figure {
-    /// What it shows, in words.
-    pub caption: String,
-    /// Its SVG element, already escaped; empty for a picture.
-    pub svg: String,
-    /// The picture's bytes in base64; empty for an SVG.
-    pub png: String,
-}
-
-impl Figure {
-    /// Curves as the figure of this number on its page; `None` if there are none.
-    pub fn of_curves(plot: &CurvePlot, number: usize, caption: String) -> Option<Self> {
-        let svg = || plot.svg(&format!("f{number}")).page;
-        (!plot.curves.is_empty()).then(|| Self { caption, svg: svg(), png: String::new() })
-    }
-}
-
-/// A part of the page.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct Section {
-    /// Its heading.
-    pub title: String,
-    /// What there is to know before looking.
-    pub text: String,
-    /// Tables.
-    pub tables: Vec<Table>,
-    /// Figures.
-    pub figures: Vec<Figure>,
-    /// Further parts, each under a line that opens it.
-    pub folded: Vec<Folded>,
-}
-
-/// Something that the reader has to open.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct Folded {
-    /// The line that is always seen.
-    pub title: String,
-    /// What there is to know before looking.
-    pub text: String,
-    /// A text, to the letter.
-    pub verbatim: String,
-    /// Tables.
-    pub tables: Vec<Table>,
-    /// Figures.
-    pub figures: Vec<Figure>,
-}
-
-/// A page.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct Page {
-    /// The heading.
-    pub title: String,
-    /// The line below it.
-    pub subtitle: String,
-    /// Facts by name.
-    pub facts: Vec<(String, String)>,
-    /// The parts.
-    pub sections: Vec<Section>,
 }
 
 /// Puts a page together.
@@ -106,8 +52,9 @@ pub fn render(page: &Page) -> Result<String, PageError> {
         Some(text) if !value.is_safe() => escape_formatter(output, state, &Value::from(on_page(text))),
         _ => escape_formatter(output, state, value),
     });
-    let style = include_str!("style.css");
-    Ok(environment.get_template("page.html")?.render(context! { page => Value::from(Serde(page)), style })?)
+    let (style, script, script_hash) = (include_str!("style.css"), SCRIPT, SCRIPT_HASH);
+    let values = context! { page => Value::from(Serde(page)), style, script, script_hash };
+    Ok(environment.get_template("page.html")?.render(values)?)
 }
 
 /// The report of a run: the page, and the files of its figures.
@@ -118,17 +65,23 @@ pub struct Report {
 
 impl Report {
     /// Draws everything.
-    pub fn new(history: &History, summary: &Summary) -> Result<Self, PageError> {
+    pub fn new(history: &History, probabilities: &ProbabilityFields, summary: &Summary) -> Result<Self, PageError> {
         let info = &history.info;
         let mut report = Self { page: Page::default(), files: Vec::new() };
         let figures = Figures { info, history };
         report.page.title.clone_from(&info.title);
         report.page.subtitle =
             format!("{}, seed {}: {} methods side by side", info.scenario, info.seed, info.methods.len());
+        report.page.headline = headline::sentences(info, summary);
+        let methods = info.methods.iter().enumerate();
+        report.page.methods =
+            methods.map(|(number, method)| (method.name.clone(), hex(of_method_on_paper(number)))).collect();
         report.page.facts = facts::facts(info, summary);
+        let glance = report.glance(info, summary, history.mapped);
         let scores = report.scores(info, summary);
         let (title, text) = if info.has_truth {
-            let text = "A method whose claimed spread (broken line) lies on its error (solid line) knows what it does not know.";
+            let text = "A method whose claimed spread (broken line) lies on its error (solid line) knows what it does not know. Shaded: the \
+                        cycles that count.";
             ("Error over time", text)
         } else {
             let text = "Departures hold the observations' own errors, so that they stay above the claimed spread.";
@@ -143,11 +96,13 @@ impl Report {
         let maps = Maps::new(info, history);
         let structures = report.structures(maps.structures())?;
         let correlations = report.correlations(maps.correlations(), history.mapped)?;
-        let maps = report.maps(info, maps.all(), maps.other_variables())?;
-        let biases = report.biases(info, history, &figures);
+        let of_stations = biases::stations(info, history, &maps);
+        let maps = report.maps(info, maps.all(), maps.other_variables(), glance)?;
+        let biases = report.biases(info, history, &figures, of_stations)?;
         let parameters = report.parameters(info, history, &figures);
         let stability = stability(summary);
         let ahead = report.ahead(info, summary);
+        let warnings = report.warnings(info, probabilities, summary)?;
         let reliability = Section {
             title: "Is the claimed spread right?".into(),
             text: "For the methods that claim one, over all grid points of the cycles that count.".into(),
@@ -191,7 +146,7 @@ impl Report {
             ..Section::default()
         };
         let parts = [reliability, correlations, innovations, diagnostics, cost];
-        let all = [Some(scores), Some(errors), ahead, Some(maps), biases, parameters, stability]
+        let all = [Some(maps), Some(scores), Some(errors), ahead, warnings, biases, parameters, stability]
             .into_iter()
             .chain(parts.map(Some));
         let filled = |it: &Section| !(it.figures.is_empty() && it.tables.is_empty() && it.folded.is_empty());
@@ -215,7 +170,7 @@ impl Report {
             Some(_) => " Smoothed is the estimate of the same cycles once later observations have revised it.",
             None => "",
         };
-        let passive = if info.networks.iter().any(|network| network.is_passive) {
+        let passive = if info.networks.iter().any(|network| network.has_passive) {
             " Passive observations take no part in any analysis: their departures are an independent score."
         } else {
             ""
@@ -253,14 +208,61 @@ impl Report {
         Some(Section { title: "Forecasts ahead".into(), text, figures, folded, ..Section::default() })
     }
 
-    fn biases(&mut self, info: &RunInfo, history: &History, figures: &Figures<'_>) -> Option<Section> {
-        let table = tables::biases(info, history)?;
-        let mut all = self.curves(figures.biases());
-        let rest = all.split_off(all.len().min(OPEN_FIGURES));
-        let mut folded = Vec::new();
-        if !rest.is_empty() {
-            folded.push(Folded { title: format!("{} more biases", rest.len()), figures: rest, ..Folded::default() });
+    /// Warnings of forecasts ahead.
+    fn warnings(
+        &mut self,
+        info: &RunInfo,
+        probabilities: &ProbabilityFields,
+        summary: &Summary,
+    ) -> Result<Option<Section>, PageError> {
+        use crate::tables::warnings as tables;
+        let Some(text) = warnings::text(info, summary) else { return Ok(None) };
+        let of_warning = |name: &String| {
+            let (scores, leads) = (tables::table(summary, name), tables::by_lead(summary, name));
+            let mut folded = vec![
+                Folded { title: format!("Scores of {name}"), tables: vec![scores], ..Folded::default() },
+                Folded { title: format!("Scores of {name} by lead time"), tables: vec![leads], ..Folded::default() },
+            ];
+            if let Some((from_cycle, outlook)) = tables::outlook(summary, name) {
+                let title = format!("Probability of {name} ahead of the analysis of cycle {from_cycle}");
+                folded.push(Folded { title, tables: vec![outlook], ..Folded::default() });
+            }
+            folded
+        };
+        let mut folded: Vec<Folded> = tables::names(summary).iter().flat_map(of_warning).collect();
+        let figures = self.curves(warnings::drawings(info, summary));
+        for (number, placed) in info.warnings.iter().enumerate() {
+            let maps = probabilities.maps(info, number).into_iter().map(|it| self.map(it));
+            let figures = maps.collect::<Result<Vec<Figure>, _>>()?;
+            if !figures.is_empty() {
+                let title = format!("Maps of the probability of {}", placed.warning.name);
+                folded.push(Folded { title, figures, ..Folded::default() });
+            }
         }
+        Ok(Some(Section { title: "Warnings".into(), text, figures, folded, ..Section::default() }))
+    }
+
+    /// Errors of the analysis and what is claimed of them, of one variable.
+    fn glance(&mut self, info: &RunInfo, summary: &Summary, variable: usize) -> Vec<Figure> {
+        let intervals = headline::drawing(info, summary, variable).into_iter();
+        intervals.map(|it| self.intervals(it, "curves")).collect()
+    }
+
+    fn biases(
+        &mut self,
+        info: &RunInfo,
+        history: &History,
+        figures: &Figures<'_>,
+        of_stations: Vec<maps::Drawing>,
+    ) -> Result<Option<Section>, PageError> {
+        let Some(table) = tables::biases(info, history) else { return Ok(None) };
+        let mut all: Vec<Figure> =
+            biases::last_estimates(info, history).map(|it| self.intervals(it, "wide curves")).into_iter().collect();
+        for drawing in of_stations {
+            all.push(self.map(drawing)?);
+        }
+        let over_time = self.curves(figures.biases());
+        let mut folded = vec![Folded { title: "Every bias over time".into(), figures: over_time, ..Folded::default() }];
         let which = match info.calibration.len() {
             0..=MOST_PARAMETERS => "every bias".to_string(),
             all => format!("the first {} of {all} biases", MOST_PARAMETERS),
@@ -268,13 +270,13 @@ impl Report {
         let truth = if history.knows_biases() { ", and the truth (broken) where it is known" } else { "" };
         let title = format!("The last estimate of {which}, with ± 2σ where claimed");
         folded.push(Folded { title, tables: vec![table], ..Folded::default() });
-        Some(Section {
+        Ok(Some(Section {
             title: "Biases".into(),
-            text: format!("Estimates with the band of ±2σ that the method claims{truth}."),
+            text: format!("Estimates with the ±2σ that the method claims{truth}."),
             figures: all,
             folded,
             ..Section::default()
-        })
+        }))
     }
 
     fn parameters(&mut self, info: &RunInfo, history: &History, figures: &Figures<'_>) -> Option<Section> {
@@ -343,10 +345,12 @@ impl Report {
         info: &RunInfo,
         all: Vec<maps::MapsOfCycle>,
         others: Vec<(String, Vec<maps::Drawing>)>,
+        first: Vec<Figure>,
     ) -> Result<Section, PageError> {
-        let mut section = Section { title: "Maps".into(), ..Section::default() };
+        let (title, short) = ("At a glance".into(), "At a glance".into());
+        let mut section = Section { title, short, figures: first, ..Section::default() };
         let (shown, told) = if info.has_truth {
-            ("error", "Truth, and the error of every method.")
+            ("error", "Root-mean-square errors with what is claimed of them, the truth, and the error of every method.")
         } else {
             ("analysis", "The analysis of every method.")
         };
@@ -363,9 +367,10 @@ impl Report {
                 more.push(Folded { title, figures: others, ..Folded::default() });
             }
             if number == 0 {
-                section.title = format!("Maps of {when}");
+                section.title = format!("At a glance: {when}");
                 section.text = format!("{told} All maps of a kind have the same colours for the same values.");
-                (section.figures, section.folded) = (figures, more);
+                section.figures.extend(figures);
+                section.folded = more;
             } else {
                 let title = format!("The same of {when}");
                 section.folded.push(Folded { title, figures, ..Folded::default() });
@@ -386,18 +391,32 @@ impl Report {
             let id = format!("f{}", self.files.len());
             let svg = plot.svg(&id);
             self.files.push((format!("{stem}.svg"), svg.file.into_bytes()));
-            all.push(Figure { caption, svg: svg.page, png: String::new() });
+            all.push(Figure { caption, svg: svg.page, class: "curves" });
         }
         all
     }
 
-    /// Draws a map, for the page and as a file.
+    /// Draws values with intervals, for the page and as a file.
+    fn intervals(
+        &mut self,
+        headline::Drawing { stem, caption, plot }: headline::Drawing,
+        class: &'static str,
+    ) -> Figure {
+        let svg = plot.svg();
+        self.files.push((format!("{stem}.svg"), svg.file.into_bytes()));
+        Figure { caption, svg: svg.page, class }
+    }
+
+    /// Draws a map, or a line where the plane is one, for the page and as a file.
     fn map(&mut self, drawing: maps::Drawing) -> Result<Figure, PageError> {
         let maps::Drawing { stem, caption, map } = drawing;
-        let bytes = map.png()?;
-        let png = base64::engine::general_purpose::STANDARD.encode(&bytes);
-        self.files.push((format!("{stem}.png"), bytes));
-        Ok(Figure { caption, svg: String::new(), png })
+        let id = format!("f{}", self.files.len());
+        let svg = match map.line() {
+            Some(line) => line.svg(&id),
+            None => map.svg(&id)?,
+        };
+        self.files.push((format!("{stem}.svg"), svg.file.into_bytes()));
+        Ok(Figure { caption, svg: svg.page, class: "" })
     }
 }
 

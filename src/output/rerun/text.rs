@@ -2,8 +2,8 @@
 
 use crate::event::RunInfo;
 use crate::scores::Summary;
-use crate::tables::forecasts;
 use crate::tables::scores::errors;
+use crate::tables::{forecasts, warnings};
 use std::fmt::Write;
 
 /// The scores of all methods, as a table in markdown.
@@ -17,6 +17,10 @@ pub fn scores(info: &RunInfo, summary: &Summary) -> String {
     }
     for table in forecasts::on_page(summary, &info.variables()) {
         let _ = writeln!(text, "\nForecasts ahead by lead time\n\n{}", table.markdown());
+    }
+    for name in warnings::names(summary) {
+        let _ = writeln!(text, "\nWarning {name}: {}\n", warnings::frequency(summary, &name));
+        text += &warnings::table(summary, &name).markdown();
     }
     text += if info.has_truth {
         "\nRoot-mean-square errors of background and analysis."

@@ -126,17 +126,63 @@ impl EarlierRun {
     /// # Errors
     /// What of the scenario and the options is not as it must be to go on, a line for each.
     pub fn check(&self, scenario: &Scenario, options: &RunOptions) -> Result<Earlier, String> {
-        let FinalState { settings, seed, start, window, calibration, recalibrations, saved } = &self.state;
-        let had: Vec<&str> = saved.methods.iter().map(|method| method.name.as_str()).collect();
-        let chosen = |name: &&str| options.methods.as_ref().is_none_or(|chosen| chosen.iter().any(|it| it == name));
-        let methods: Vec<&str> = scenario.methods.keys().map(String::as_str).filter(chosen).collect();
-        let (continued, new): (Vec<&str>, Vec<&str>) = methods.into_iter().partition(|name| had.contains(name));
+        let FinalState { start, window, saved, .. } = &self.state;
         let mut lines = Vec::new();
         let end = *start + *window * saved.cycle;
         if scenario.start != end {
             let (end, now) = (utc(end), utc(scenario.start));
             lines.push(format!("start: it must be where that run ended, `start = \"{end}\"`; now {now}"));
         }
+        let count = options.cycles.unwrap_or(scenario.cycle.count);
+        let (last, scored) = (saved.cycle + count, scenario.cycle.score_from_cycle);
+        let too_few = (last < scored).then(|| {
+            format!("cycle.score_from_cycle: no cycle counts, for cycles go on and {last} is the last; now {scored}")
+        });
+        lines.extend(self.differences_from(scenario, options));
+        lines.extend(too_few);
+        self.unless(lines, scenario)
+    }
+
+    /// What must be known to look at the state in which the run ended: of the run's own scenario, or of one that goes on from
+    /// it.
+    ///
+    /// # Errors
+    /// As [`EarlierRun::check`].
+    pub fn check_end(&self, scenario: &Scenario, options: &RunOptions) -> Result<Earlier, String> {
+        let FinalState { start, window, saved, .. } = &self.state;
+        let end = *start + *window * saved.cycle;
+        let mut lines = Vec::new();
+        if ![*start, end].contains(&scenario.start) {
+            let (start, end, now) = (utc(*start), utc(end), utc(scenario.start));
+            lines.push(format!("start: that run, or those before it, went from {start} to {end}; now {now}"));
+        }
+        lines.extend(self.differences_from(scenario, options));
+        self.unless(lines, scenario)
+    }
+
+    /// The seed of the run.
+    pub fn seed(&self) -> u64 {
+        self.state.seed
+    }
+
+    /// What a run must know, unless something differs.
+    fn unless(&self, lines: Vec<String>, scenario: &Scenario) -> Result<Earlier, String> {
+        if !lines.is_empty() {
+            return Err(in_lines(lines));
+        }
+        let FinalState { start, calibration, recalibrations, saved, .. } = &self.state;
+        let sensors = scenario.sensors.is_some().then(|| (calibration.clone(), recalibrations.clone()));
+        Ok(Earlier { start: *start, cycles: saved.cycle, sensors, checksum: self.checksum })
+    }
+
+    /// What of a scenario and the options is other than in the run, a line for each.
+    fn differences_from(&self, scenario: &Scenario, options: &RunOptions) -> Vec<String> {
+        let FinalState { settings, seed, saved, .. } = &self.state;
+        let had: Vec<&str> = saved.methods.iter().map(|method| method.name.as_str()).collect();
+        let chosen = |name: &&str| options.methods.as_ref().is_none_or(|chosen| chosen.iter().any(|it| it == name));
+        let methods: Vec<&str> = scenario.methods.keys().map(String::as_str).filter(chosen).collect();
+        let (continued, new): (Vec<&str>, Vec<&str>) = methods.into_iter().partition(|name| had.contains(name));
+        let mut lines = Vec::new();
         let seed_now = options.seed.unwrap_or(scenario.seed);
         if seed_now != *seed {
             lines.push(format!("seed: {seed} before, {seed_now} now"));
@@ -146,18 +192,7 @@ impl EarlierRun {
             lines.push(format!("methods: that run has no state of {new}, but of {had}; --methods leaves others out"));
         }
         lines.extend(Settings::of(scenario).differences(settings, &continued));
-        let count = options.cycles.unwrap_or(scenario.cycle.count);
-        let (last, scored) = (saved.cycle + count, scenario.cycle.score_from_cycle);
-        if last < scored {
-            lines.push(format!(
-                "cycle.score_from_cycle: no cycle counts, for cycles go on and {last} is the last; now {scored}"
-            ));
-        }
-        if !lines.is_empty() {
-            return Err(in_lines(lines));
-        }
-        let sensors = scenario.sensors.is_some().then(|| (calibration.clone(), recalibrations.clone()));
-        Ok(Earlier { start: *start, cycles: saved.cycle, sensors, checksum: self.checksum })
+        lines
     }
 
     /// Sets an experiment that has just been built to the final state of this run.

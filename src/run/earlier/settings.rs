@@ -8,7 +8,7 @@ use toml::{Table, Value};
 
 /// Keys that may differ: what a run is called, how long it is, what is found out and written. The start and the seed are
 /// compared apart.
-const FREE: [&str; 13] = [
+const FREE: [&str; 14] = [
     "title",
     "phenomenon",
     "source",
@@ -17,6 +17,7 @@ const FREE: [&str; 13] = [
     "cycle.count",
     "cycle.score_from_cycle",
     "diagnostics",
+    "warnings",
     "sweep",
     "sensors.writes",
     "output",

@@ -41,6 +41,14 @@ pub enum ExperimentError {
         /// Name of the parameter.
         parameter: String,
     },
+    /// A warning that has no place in the domain.
+    #[error("warning {name}: {reason}")]
+    Warning {
+        /// Its name.
+        name: String,
+        /// Why.
+        reason: String,
+    },
     /// The database of sensors.
     #[error(transparent)]
     Sensors(#[from] SensorError),

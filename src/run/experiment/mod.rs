@@ -2,6 +2,7 @@
 
 mod balance;
 mod builder;
+mod cost;
 mod error;
 mod ground;
 mod inputs;
@@ -10,12 +11,15 @@ mod notices;
 mod span;
 
 pub use builder::ExperimentBuilder;
+pub use cost::Cost;
 pub use error::ExperimentError;
 pub use ground::{Ground, ground};
 pub use inputs::{Inputs, inputs_of};
 
 use crate::event::{MethodInfo, NetworkInfo, RunInfo, StationInfo};
 use crate::kinds::instruments;
+use crate::kinds::methods::{Method, Sizes, Work};
+use crate::memory;
 use crate::options::RunOptions;
 use crate::run::ahead::{Ahead, require_room};
 use crate::run::cycle::{Freezing, Runner};
@@ -27,10 +31,12 @@ use crate::scenario::{Scenario, ScenarioError};
 use crate::scores::Failure;
 use crate::sensors::SensorError;
 use crate::sensors::knowledge::WarmStart;
+use crate::threshold_warning::{PlacedWarning, ThresholdWarning};
 use builder::AddedMethod;
+use cost::Rates;
 use ground::ground_after;
 use isobar_assim::high_pass::HighPassSettings;
-use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem, Recalibration};
+use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem, Recalibration, Whitened};
 use isobar_model::{State, Time};
 use isobar_obs::ObservingSystem;
 use span::Span;
@@ -47,6 +53,11 @@ impl ExperimentError {
             ExperimentError::Covariance(_) => (vec!["background_error"], "here or in [model_error]"),
             ExperimentError::Method { name, .. } => (vec!["methods", name], "this method"),
             ExperimentError::UnknownBias { name, .. } => (vec!["methods", name, "bias"], "not known to anyone"),
+            ExperimentError::Warning { name, .. } => {
+                let number = scenario.warnings.iter().position(|it| it.name == *name).unwrap_or(0);
+                place = vec!["warnings".into(), number.to_string(), "at".into()];
+                (place.iter().map(String::as_str).collect(), "not there")
+            }
             ExperimentError::Sensors(_) => (vec!["sensors", "database"], "this database"),
             ExperimentError::Observations(error) => {
                 place = instruments::place(error, &scenario.text);
@@ -127,6 +138,8 @@ pub struct Checked {
     pub information: Vec<String>,
     /// What the user should know.
     pub warnings: Vec<String>,
+    /// What each method is estimated to cost on this machine, in the order of the scenario.
+    pub costs: Vec<(String, Cost)>,
 }
 
 /// The most values of a state for which a check sets up the methods: beyond, that takes minutes, and is left to the run, which
@@ -136,20 +149,46 @@ const MOST_SET_UP: usize = 200_000;
 /// Whether a scenario's model, initial state, covariances and observing systems fit together.
 ///
 /// # Errors
-/// The first thing that does not.
-pub fn check(scenario: &Scenario) -> Result<Checked, ExperimentError> {
-    check_sensors(scenario)?;
-    let ground = ground(scenario, scenario.seed, scenario.cycle.count)?;
-    // What a method refuses depends on all that it is given, so that each is set up for once.
-    if ground.problem.background.values().len() <= MOST_SET_UP {
-        for name in scenario.methods.keys() {
-            method(&ground.problem, name, scenario, scenario.start)?;
+/// All things that do not, as far as they do not depend on each other; at least one.
+pub fn check(scenario: &Scenario) -> Result<Checked, Vec<ExperimentError>> {
+    let mut faults: Vec<ExperimentError> = check_sensors(scenario).err().into_iter().collect();
+    let ground = match ground(scenario, scenario.seed, scenario.cycle.count) {
+        Ok(ground) => ground,
+        Err(fault) => {
+            faults.push(fault);
+            return Err(faults);
+        }
+    };
+    let problem = &ground.problem;
+    let is_large = problem.background.values().len() > MOST_SET_UP;
+    for (name, method) in &scenario.methods {
+        // What a method refuses depends on all that it is given, so that each is set up for once; a large one only if it will
+        // be refused, before it takes any memory.
+        let bytes = cost::bytes(&work(scenario, method, problem));
+        if !is_large || bytes > method.memory_limit_bytes as f64 {
+            faults.extend(self::method(problem, name, scenario, scenario.start).err());
         }
     }
+    if !faults.is_empty() {
+        return Err(faults);
+    }
     let cycles = 1..=scenario.cycle.count;
+    let placed = placed_warnings(scenario, &ground).map_err(|fault| vec![fault])?;
     let mut warnings = notices::warnings(scenario, &ground.observing, cycles.clone());
     warnings.extend(notices::of_methods(scenario, |_| true));
-    Ok(Checked { information: notices::information(scenario, &ground.observing, cycles), warnings })
+    warnings.extend(notices::of_thresholds(&placed, problem));
+    let rates = Rates::measure(problem);
+    let costs = scenario.methods.iter();
+    let costs: Vec<(String, Cost)> =
+        costs.map(|(name, method)| (name.clone(), rates.cost(&work(scenario, method, problem)))).collect();
+    warnings.extend(notices::memory(costs.iter().map(|(_, cost)| cost.bytes).sum()));
+    Ok(Checked { information: notices::information(scenario, &ground.observing, cycles), warnings, costs })
+}
+
+/// The work of a method in a cycle, estimated.
+fn work(scenario: &Scenario, method: &Method, problem: &Problem) -> Work {
+    let steps = problem_steps(scenario, problem) * problem.model.substeps();
+    method.work(&Sizes::new(problem, method.bias, &scenario.grid.grid, steps))
 }
 
 /// Whether the scenario's database of sensors can be written back, and may be, if it is to be.
@@ -192,7 +231,9 @@ impl ExperimentBuilder<'_> {
         let scenario = &*self.scenario;
         let seed = options.seed.unwrap_or(scenario.seed);
         let span = Span::new(scenario, options.cycles, earlier);
-        let Ground { problem, sensors, truth, observing } = ground_after(scenario, seed, span, earlier)?;
+        let ground = ground_after(scenario, seed, span, earlier)?;
+        let placed = placed_warnings(scenario, &ground)?;
+        let Ground { problem, sensors, truth, observing } = ground;
         let inputs = Inputs::new(scenario, &sensors, added);
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
         let freezing = scenario.stability.freeze_after_cycles.map(|after_cycle| Freezing {
@@ -230,7 +271,7 @@ impl ExperimentBuilder<'_> {
         }
         for AddedMethod { name, description, set_up } in added.iter().filter(|method| chosen(&method.name)) {
             let build = || {
-                let method = set_up(problem.clone())?;
+                let method = Box::new(Whitened::new(set_up(problem.clone())?));
                 let estimates_biases = method.can().calibration.is_some();
                 Ok(calibrated(method, estimates_biases))
             };
@@ -251,12 +292,14 @@ impl ExperimentBuilder<'_> {
         let networks = scenario.networks.iter().map(|network| NetworkInfo {
             name: network.name.as_str().into(),
             is_recorded: network.instrument.is_recorded(),
-            is_passive: !network.assimilate,
+            has_passive: network.has_passive(),
         });
         let info = RunInfo {
             scenario: scenario.name.clone(),
             title: scenario.title.clone(),
             scenario_text: scenario.text.clone(),
+            // It is set up by the threads that run it.
+            threads: rayon::current_num_threads(),
             seed,
             layout: problem.background.layout().clone(),
             projection: scenario.grid.projection.clone(),
@@ -266,6 +309,7 @@ impl ExperimentBuilder<'_> {
             cycles: span.last,
             score_from_cycle: scenario.cycle.score_from_cycle,
             lead_times: scenario.forecast,
+            warnings: placed,
             calibration: problem.calibration.clone(),
             methods: infos,
             has_truth: truth.is_some(),
@@ -278,6 +322,7 @@ impl ExperimentBuilder<'_> {
         let mut warnings = sensors.warnings;
         warnings.extend(notices::warnings(scenario, &observing, span.cycles()));
         warnings.extend(notices::of_methods(scenario, chosen));
+        warnings.extend(notices::of_thresholds(&info.warnings, &problem));
         Ok(Experiment {
             info,
             variance_ratio: scenario.stability.variance_ratio,
@@ -298,11 +343,24 @@ impl ExperimentBuilder<'_> {
     }
 }
 
+/// The scenario's warnings with their grid points.
+fn placed_warnings(scenario: &Scenario, ground: &Ground) -> Result<Vec<PlacedWarning>, ExperimentError> {
+    let layout = ground.problem.background.layout();
+    let place = |warning: &ThresholdWarning| {
+        let placed = warning.place(layout, ground.observing.stations());
+        placed.map_err(|reason| ExperimentError::Warning { name: warning.name.clone(), reason })
+    };
+    scenario.warnings.iter().map(place).collect()
+}
+
 /// The time steps of the methods' model in a cycle.
 fn problem_steps(scenario: &Scenario, problem: &Problem) -> usize {
     let step = problem.model.time_step();
     scenario.cycle.window.steps_of(step).expect("the scenario's window fits its steps")
 }
+
+/// The factor by which memory may have been estimated too high.
+const DOUBT: f64 = 1.5;
 
 /// Sets up one of the scenario's methods, whose first cycle begins at `start`.
 ///
@@ -315,6 +373,15 @@ pub fn method(
     start: Time,
 ) -> Result<Box<dyn Assimilator>, ExperimentError> {
     let fault = |error| ExperimentError::Method { name: name.to_string(), error };
+    // A limit that a scenario sets may be more than there is; beyond all doubt of the estimate nothing is tried.
+    let settings = &scenario.methods[name];
+    let needed_bytes = cost::bytes(&work(scenario, settings, problem));
+    let is_beyond = |total: &u64| settings.memory_limit_bytes > *total && needed_bytes > DOUBT * *total as f64;
+    if let Some(total_bytes) = memory::total_bytes().filter(is_beyond) {
+        let (needed, total) = (memory::in_words(needed_bytes), memory::in_words(total_bytes as f64));
+        let message = format!("it would need about {needed}, and this machine has {total}");
+        return Err(fault(isobar_assim::Error::Setting(message)));
+    }
     let method = scenario.methods[name].build(problem, &scenario.domain(), start, scenario.cycle.window);
     let method = method.map_err(fault)?;
     if scenario.forecast.is_some() {

@@ -1,7 +1,13 @@
 //! What the user should know of the observations before a run.
 
 use crate::kinds::methods::Method;
+use crate::memory;
+use crate::plot::with_unit;
+use crate::run::reference::mean_variances;
 use crate::scenario::Scenario;
+use crate::tables::figure;
+use crate::threshold_warning::{PlacedWarning, Side};
+use isobar_assim::Problem;
 use isobar_obs::{LeftOutStation, ObservingSystem};
 use std::ops::RangeInclusive;
 
@@ -9,7 +15,7 @@ use std::ops::RangeInclusive;
 const MOST_NAMED: usize = 5;
 
 /// What there is to know without being wrong: of each network that is read from a file how many of its observations can be
-/// used, why the others cannot, and how many biases they have; which stations lie in the margin, and which of a list that
+/// used, why the others cannot, and how many biases they have; which stations are withheld; which stations lie in the margin, and which of a list that
 /// covers more than the domain lie outside of it.
 pub(super) fn information(
     scenario: &Scenario,
@@ -21,7 +27,13 @@ pub(super) fn information(
         lines.map(|line| format!("networks.{network}: {line}")).collect::<Vec<_>>()
     });
     let places = [Place::Margin, Place::Beyond].map(|place| left_out(scenario, observing, place));
-    recorded.chain(places.into_iter().flatten()).collect()
+    let withheld = observing.withheld().map(|(network, withheld)| {
+        let names: Vec<&str> = withheld.names.iter().take(MOST_NAMED).map(|name| &**name).collect();
+        let more = if withheld.names.len() > MOST_NAMED { ", …" } else { "" };
+        let (count, of, names) = (withheld.names.len(), withheld.of, names.join(", "));
+        format!("networks.{network}: {count} of {of} stations are withheld from all methods: {names}{more}")
+    });
+    recorded.chain(withheld).chain(places.into_iter().flatten()).collect()
 }
 
 /// What the user should know of the chosen methods with this model.
@@ -31,6 +43,45 @@ pub(super) fn of_methods(scenario: &Scenario, chosen: impl Fn(&String) -> bool) 
         Some(format!("methods.{name}: {}", method.settings.warning(&scenario.model)?))
     };
     chosen.filter_map(warning).collect()
+}
+
+/// The number of standard deviations beyond which no value is expected.
+const BEYOND_SIGMAS: f64 = 5.0;
+
+/// Warnings whose event no state near the first background has, or every one: by five times the root of the sum of the
+/// variances of its error and of its own variability.
+pub(super) fn of_thresholds(warnings: &[PlacedWarning], problem: &Problem) -> Vec<String> {
+    let (background, layout) = (&problem.background, problem.background.layout());
+    let variances =
+        if warnings.is_empty() { Vec::new() } else { mean_variances(&*problem.background_error, background) };
+    let notice = |placed: &PlacedWarning| {
+        let warning = &placed.warning;
+        let number = warning.variable;
+        let margin = BEYOND_SIGMAS * (variances[number] + background.variability(number).powi(2)).sqrt();
+        let of_points = || placed.points.iter().map(|&point| background.values()[point]);
+        let most = of_points().map(|value| warning.side.beyond(value, warning.threshold)).fold(f64::MIN, f64::max);
+        let what = if most < -margin {
+            "never"
+        } else if most > margin {
+            "always"
+        } else {
+            return None;
+        };
+        let extreme = match warning.side {
+            Side::Above => format!("at most {}", figure(of_points().fold(f64::MIN, f64::max))),
+            Side::Below => format!("at least {}", figure(of_points().fold(f64::MAX, f64::min))),
+        };
+        let unit = layout.variables[number].unit;
+        Some(format!(
+            "warnings.{}: {} almost {what} occurs: the first background is {} there, and five standard deviations of its error \
+             and variability are {}",
+            warning.name,
+            warning.describe(layout),
+            with_unit(extreme, unit),
+            with_unit(figure(margin), unit),
+        ))
+    };
+    warnings.iter().filter_map(notice).collect()
 }
 
 /// What makes the run other than the user may think.
@@ -83,6 +134,15 @@ fn left_out(scenario: &Scenario, observing: &ObservingSystem, place: Place) -> V
         (count > 0).then(|| format!("networks.{network}: {count} of {total} stations {text}: {names}{more}"))
     };
     scenario.networks.iter().filter_map(|network| in_words(&network.name)).collect()
+}
+
+/// A warning if all methods together would need more memory than there is.
+pub(super) fn memory(needed_bytes: f64) -> Option<String> {
+    let available_bytes = memory::available_bytes()? as f64;
+    let [needed, available] = [needed_bytes, available_bytes].map(memory::in_words);
+    (needed_bytes > available_bytes).then(|| {
+        format!("the methods would hold about {needed} at one time, and {available} are free: --methods chooses some")
+    })
 }
 
 /// A warning if there are networks and none of them is assimilated.

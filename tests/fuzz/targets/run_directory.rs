@@ -15,7 +15,7 @@ fuzz_target!(|text: &str| {
         Err(error) => assert!(!error.to_string().chars().any(char::is_control), "{error}"),
         Ok(summary) => {
             let Ok(scores) = scores else { return };
-            let run = || (SavedRun { directory: directory.into(), summary: summary.clone() }, scores.clone());
+            let run = || (SavedRun { directory: directory.into(), summary: summary.clone(), truth_checksum: None }, scores.clone());
             let comparison = Comparison::of(vec![run(), run()]);
             let _ = (comparison.between_runs(), comparison.within_runs());
         }

@@ -4,7 +4,9 @@ use super::factors::Factors;
 use super::grid_blocks::Blocks;
 use crate::covariance::{self, Covariance};
 use crate::linalg::add_product;
+use crate::tall_matrix::stored;
 use faer::{Mat, MatMut, MatRef};
+use isobar_model::Stored;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -68,14 +70,10 @@ impl BlockDiagonal {
     /// Applies `work` to each block's number and matrix, in parallel.
     pub fn for_each_block(&mut self, blocks: &Blocks, work: impl Fn(usize, MatMut<'_, f64>) + Sync) {
         self.for_each_chunk(blocks, |first, matrices| {
-            let mut rest = matrices;
-            let mut block = first;
-            while !rest.is_empty() {
+            for_each_matrix(blocks, first, matrices, |block, own| {
                 let size = blocks.size(block);
-                let (own, others) = rest.split_at_mut(size * size);
                 work(block, MatMut::from_column_major_slice_mut(own, size, size));
-                (rest, block) = (others, block + 1);
-            }
+            });
         });
     }
 
@@ -100,27 +98,26 @@ impl BlockDiagonal {
 
     /// C_k += sign Φ_k Φ_kᵀ, the block diagonal of what the factors hold.
     pub fn add_factors(&mut self, blocks: &Blocks, sign: f64, factors: &Factors) {
+        let m = factors.state.rows();
         self.for_each_chunk(blocks, |first, matrices| {
-            for column in 0..factors.columns() {
-                let mut rest = &mut *matrices;
-                let mut block = first;
-                while !rest.is_empty() {
-                    let members = blocks.members(block);
-                    let size = members.len();
-                    let (own, others) = rest.split_at_mut(size * size);
-                    if size <= SMALL {
-                        let mut values = [0.0; SMALL];
-                        factors.values(members, column, &mut values[..size]);
-                        for (own, &right) in own.chunks_exact_mut(size).zip(&values) {
-                            own.iter_mut().zip(&values).for_each(|(own, left)| *own += sign * (left * right));
-                        }
-                    } else if column == 0 {
-                        let rows = Mat::from_fn(size, factors.columns(), |i, j| factors.value(members[i], j));
-                        let own = MatMut::from_column_major_slice_mut(own, size, size);
-                        add_product(own, sign, rows.as_ref(), rows.transpose());
-                    }
-                    (rest, block) = (others, block + 1);
+            for_each_matrix(blocks, first, matrices, |block, own| {
+                let (members, size) = (blocks.members(block), blocks.size(block));
+                if size > SMALL {
+                    let rows = Mat::from_fn(size, factors.columns(), |i, j| factors.value(members[i], j));
+                    let own = MatMut::from_column_major_slice_mut(own, size, size);
+                    add_product(own, sign, rows.as_ref(), rows.transpose());
                 }
+            });
+            // Factor by factor, because a column of Φ lies together in memory, and a block's rows do not.
+            for column in 0..factors.columns() {
+                stored!(factors.state.values(), values => {
+                    let of_state = &values[column * m..][..m];
+                    let entry = |variable: usize| match of_state.get(variable) {
+                        Some(value) => value.widen(),
+                        None => factors.local.value(variable - m, column),
+                    };
+                    add_squares(blocks, first, matrices, sign, entry);
+                });
             }
         });
     }
@@ -164,6 +161,50 @@ impl BlockDiagonal {
             let (block, position) = blocks.place(variable);
             *variance += self.values[blocks.matrix(block).start + position * (blocks.size(block) + 1)];
         });
+    }
+}
+
+/// Calls `work` with the number and the matrix of each block from `first` on.
+fn for_each_matrix(blocks: &Blocks, first: usize, matrices: &mut [f64], mut work: impl FnMut(usize, &mut [f64])) {
+    let (mut rest, mut block) = (matrices, first);
+    while !rest.is_empty() {
+        let size = blocks.size(block);
+        let (own, others) = rest.split_at_mut(size * size);
+        work(block, own);
+        (rest, block) = (others, block + 1);
+    }
+}
+
+/// C_k += sign f_k f_kᵀ of each small block from `first` on, for a factor f with these entries.
+fn add_squares(blocks: &Blocks, first: usize, matrices: &mut [f64], sign: f64, entry: impl Fn(usize) -> f64) {
+    for_each_matrix(blocks, first, matrices, |block, own| {
+        let members = blocks.members(block);
+        match members.len() {
+            // The variables of a cell.
+            1 => add_square::<1>(own, members, sign, &entry),
+            2 => add_square::<2>(own, members, sign, &entry),
+            3 => add_square::<3>(own, members, sign, &entry),
+            4 => add_square::<4>(own, members, sign, &entry),
+            size if size <= SMALL => {
+                let mut values = [0.0; SMALL];
+                let values = &mut values[..size];
+                values.iter_mut().zip(members).for_each(|(value, &variable)| *value = entry(variable));
+                for (own, right) in own.chunks_exact_mut(size).zip(&*values) {
+                    own.iter_mut().zip(&*values).for_each(|(own, left)| *own += sign * (left * right));
+                }
+            }
+            _ => {}
+        }
+    });
+}
+
+/// [`add_squares`] of one block of a size that the compiler knows.
+#[inline(always)]
+fn add_square<const N: usize>(own: &mut [f64], members: &[usize], sign: f64, entry: impl Fn(usize) -> f64) {
+    let (own, members) = (&mut own[..N * N], &members[..N]);
+    let values: [f64; N] = std::array::from_fn(|i| entry(members[i]));
+    for (j, right) in values.iter().enumerate() {
+        values.iter().enumerate().for_each(|(i, left)| own[j * N + i] += sign * (left * right));
     }
 }
 

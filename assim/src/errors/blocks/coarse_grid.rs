@@ -19,7 +19,7 @@ use rayon::prelude::*;
 use std::sync::Arc;
 
 /// A model on a coarser grid of the same domain, and the way there and back.
-pub(super) struct CoarseGrid {
+pub(in crate::errors) struct CoarseGrid {
     model: Arc<dyn TangentLinear>,
     /// Of each variable along y and along x.
     interpolations: Vec<[Interpolation; 2]>,

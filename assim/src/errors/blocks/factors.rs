@@ -1,11 +1,11 @@
 //! The common factors Φ = [Φ_b; Φ_c].
 
 use crate::error::Error;
-use crate::linalg::{cholesky, column, product, solve_lower};
+use crate::linalg::{cholesky, column, mirror_lower, product, solve_lower};
 use crate::memory::Matrix;
-use crate::tall_matrix::{ColumnMut, Precision, TallMatrix, scaled_gram, stored};
-use faer::{Mat, MatRef};
-use isobar_model::Stored;
+use crate::tall_matrix::{ColumnMut, Precision, TallMatrix, add_scaled_gram};
+use faer::prelude::ReborrowMut;
+use faer::{Mat, MatMut, MatRef};
 use isobar_model::vector::axpy;
 use isobar_obs::Calibration;
 use rayon::prelude::*;
@@ -57,6 +57,14 @@ pub(super) fn with_priors(
     Ok(Factors { state, local: of_local, shared: Matrix(of_shared), past: VecDeque::new() })
 }
 
+/// Further factors F of the state, `[m, q]`, which join Φ.
+#[derive(Clone, Copy)]
+pub(crate) struct Further<'a> {
+    pub factors: &'a TallMatrix,
+    /// Fᵀ S⁻² F, `[q, q]`, S the scales of the state's values.
+    pub gram: MatRef<'a, f64>,
+}
+
 impl Factors {
     /// `columns` columns of zeros, in double precision, for the variables of `like`.
     pub fn zeros_like(like: &Factors, columns: usize) -> Self {
@@ -90,20 +98,6 @@ impl Factors {
     pub fn value(&self, variable: usize, column: usize) -> f64 {
         let m = self.state.rows();
         if variable < m { self.state.value(variable, column) } else { self.local.value(variable - m, column) }
-    }
-
-    /// Entries of some block variables, in their order.
-    pub fn values(&self, variables: &[usize], column: usize, entries: &mut [f64]) {
-        let m = self.state.rows();
-        stored!(self.state.values(), values => {
-            let of_state = &values[column * m..][..m];
-            for (entry, &variable) in entries.iter_mut().zip(variables) {
-                *entry = match of_state.get(variable) {
-                    Some(value) => value.widen(),
-                    None => self.local.value(variable - m, column),
-                };
-            }
-        });
     }
 
     /// Sets an entry of a block variable.
@@ -176,9 +170,17 @@ impl Factors {
     }
 
     /// Φ ← Φ T.
-    pub fn rotate(&mut self, t: MatRef<'_, f64>) {
+    fn rotate(&mut self, t: MatRef<'_, f64>) {
         self.recombine(None, t);
         self.shared = Matrix(product(self.shared.as_ref(), t));
+    }
+
+    /// Φ ← Φ T for a lower triangular T, whose entries above the diagonal are zero.
+    pub fn multiply_lower(&mut self, t: MatRef<'_, f64>) {
+        self.state.multiply_lower(t);
+        self.local.multiply_lower(t);
+        self.shared = Matrix(product(self.shared.as_ref(), t));
+        self.past.iter_mut().for_each(|past| past.multiply_lower(t));
     }
 
     /// Φ_b ← \[Φ_b \[F; 0\]\] T, where F are further factors of the state, which are independent of the past: Ψ ← Ψ T_old.
@@ -196,15 +198,19 @@ impl Factors {
         self.past.push_back(now);
     }
 
-    /// \[Φ_b \[F; 0\]\]ᵀ S⁻² \[Φ_b \[F; 0\]\], S the scales of the block variables.
-    pub fn scaled_gram(&self, further: Option<&TallMatrix>, scales: &[f64]) -> Mat<f64> {
+    /// \[Φ_b \[F; 0\]\]ᵀ S⁻² \[Φ_b \[F; 0\]\], S the scales of the block variables, into a matrix of zeros.
+    pub fn scaled_gram(&self, further: Option<Further<'_>>, scales: &[f64], mut gram: MatMut<'_, f64>) {
         let (of_state, of_local) = scales.split_at(self.state.rows());
-        let parts: Vec<&TallMatrix> = std::iter::once(&self.state).chain(further).collect();
-        let mut gram = scaled_gram(&parts, of_state);
         let r = self.columns();
-        let mut own = gram.as_mut().get_mut(..r, ..r);
-        own += scaled_gram(&[&self.local], of_local);
-        gram
+        match further {
+            None => add_scaled_gram(gram.rb_mut(), &self.state, None, of_state),
+            Some(Further { factors, gram: own }) => {
+                add_scaled_gram(gram.rb_mut(), &self.state, Some(factors), of_state);
+                gram.rb_mut().get_mut(r.., r..).copy_from(own);
+            }
+        }
+        add_scaled_gram(gram.rb_mut().get_mut(..r, ..r), &self.local, None, of_local);
+        mirror_lower(gram);
     }
 
     /// Φ_b x.

@@ -95,12 +95,12 @@ impl BlockErrors {
         }
     }
 
-    /// Adds Φ ξ̂ to the increments of b, returns those of c, and revises the earlier analyses; Φ ← Φ T and Ψ ← Ψ T, where the
-    /// first `free` columns are no factors.
+    /// Adds Φ ξ̂ to the increments of b, returns those of c, and revises the earlier analyses; Φ ← Φ T and Ψ ← Ψ T with a lower
+    /// triangular T, `root`, where the first `free` columns are no factors.
     pub(super) fn take_in_amplitudes(
         &mut self,
         amplitudes: &[f64],
-        rotation: MatRef<'_, f64>,
+        root: MatRef<'_, f64>,
         free: usize,
         of_blocks: &mut [f64],
     ) -> Vec<f64> {
@@ -121,7 +121,7 @@ impl BlockErrors {
                 (past, variances(rows))
             })
             .collect();
-        factors.rotate(rotation);
+        factors.multiply_lower(root);
         for ((past, before), rows) in revised.iter_mut().zip(&factors.past) {
             let changes = past.variances.iter_mut().zip(variances(rows).into_iter().zip(before));
             changes.for_each(|(variance, (after, before))| *variance += after - *before);

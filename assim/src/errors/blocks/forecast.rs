@@ -5,7 +5,7 @@ use super::compression::{Joining, Kept, join_and_compress};
 use super::factored_covariance::FactoredCovariance;
 use super::factors::Factors;
 use super::grid_blocks::Blocks;
-use super::{BiasCoupling, BlockErrors, Residual, residual};
+use super::{BiasCoupling, BlockErrors, ModelError, Residual, residual};
 use crate::error::Error;
 use crate::filter::Cycle;
 use crate::linalg::{add_symmetric_product, cholesky, mirror_lower, product};
@@ -68,7 +68,7 @@ impl BlockErrors {
         if frame.settings.bias_coupling == BiasCoupling::Drop {
             return drop_coupling(covariance, &drift, &frame.blocks);
         }
-        let joining = Joining { model_error: model_error.map(|model_error| &model_error.factors), drift: &drift };
+        let joining = Joining { model_error: model_error.map(ModelError::further), drift: &drift };
         let kept = Kept { at_most: frame.settings.factors, retained: frame.settings.retained_energy };
         join_and_compress(covariance, &joining, kept, &frame.scales, &frame.blocks);
         Ok(())

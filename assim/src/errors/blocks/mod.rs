@@ -32,6 +32,7 @@ mod grid_blocks;
 mod nested;
 mod past_analyses;
 mod product;
+mod reflections;
 pub(super) mod residual;
 mod separation;
 mod settings;
@@ -43,10 +44,13 @@ pub use grid_blocks::BlockShape;
 pub use settings::{BiasCoupling, FastKalmanSettings, Residual};
 
 pub(super) use block_diagonal::BlockDiagonal;
+pub(super) use coarse_grid::CoarseGrid;
 pub(super) use component::{check_component, partition, set_blocks, update_rows};
 pub(super) use compression::rounding;
 pub(crate) use factors::Factors;
+use factors::Further;
 pub(super) use grid_blocks::Blocks;
+pub(super) use past_analyses::{FixedLag, PastAnalysis};
 pub(crate) use solution::{Increments, SplitRows};
 pub(super) use solution::{augmented, of_blocks};
 
@@ -57,13 +61,11 @@ use crate::filter::{Cycle, ErrorBlocks, Errors, Filter, Fit};
 use crate::fixed_lag::PastAnalyses;
 use crate::memory::require;
 use crate::problem::{Innovations, Problem, require_memory};
-use crate::tall_matrix::TallMatrix;
-use coarse_grid::CoarseGrid;
+use crate::tall_matrix::{TallMatrix, scaled_gram};
 use factored_covariance::FactoredCovariance;
-use faer::{Mat, MatRef};
+use faer::{Mat, MatRef, Scale};
 use isobar_model::{Layout, TangentLinear, random};
 use isobar_obs::ByPlacement;
-use past_analyses::FixedLag;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -108,17 +110,24 @@ pub struct Memory {
 struct ModelError {
     /// The leading factors F_Q.
     factors: TallMatrix,
+    /// F_Qᵀ S⁻² F_Q, S the scales of the state's values.
+    gram: Mat<f64>,
     /// All of the blocks Q_k, what F_Q holds of them included.
     blocks: BlockDiagonal,
 }
 
 impl ModelError {
+    /// What joins the common factors.
+    fn further(&self) -> Further<'_> {
+        Further { factors: &self.factors, gram: self.gram.as_ref() }
+    }
+
     /// That of α Q.
     fn times(&self, factor: f64) -> Self {
         let (mut factors, mut blocks) = (self.factors.clone(), self.blocks.clone());
         factors.scale(factor.sqrt());
         blocks.values_mut().iter_mut().for_each(|value| *value *= factor);
-        Self { factors, blocks }
+        Self { factors, gram: &self.gram * Scale(factor), blocks }
     }
 }
 
@@ -204,7 +213,8 @@ impl BlockErrors {
         let model_error = problem.model_error.as_deref().map(|operator| {
             let mut factors = leading(operator, &mut random);
             factors.shrink_to_fit();
-            ModelError { factors, blocks: BlockDiagonal::of(operator, &blocks) }
+            let gram = scaled_gram(&factors, &scales[..m]);
+            ModelError { factors, gram, blocks: BlockDiagonal::of(operator, &blocks) }
         });
         let mut state = leading(&*problem.background_error, &mut of_background);
         state.prepend(p);
@@ -290,6 +300,10 @@ impl Errors for BlockErrors {
 
     fn multiply(&self, h: &[f64]) -> Vec<f64> {
         self.product(h)
+    }
+
+    fn between(&self, a: &[(usize, f64)], b: &[(usize, f64)], _size: usize) -> f64 {
+        self.bilinear(a, b)
     }
 
     fn widen_calibration(&mut self, widening: MatRef<'_, f64>) {

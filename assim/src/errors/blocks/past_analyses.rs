@@ -1,4 +1,4 @@
-//! The earlier analyses of the smoother by common factors, as they are known now.
+//! The earlier analyses of a smoother by common or local factors, as they are known now.
 
 use crate::augmented::Augmented;
 use crate::error::Error;
@@ -7,9 +7,9 @@ use crate::memory::require;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// The estimates of the last analyses given all observations up to now; their rows Ψ of the factors are with those of Φ.
+/// The estimates of the last analyses given all observations up to now; their rows Ψ of the factors are elsewhere.
 #[derive(Clone, Serialize, Deserialize)]
-pub(super) struct FixedLag {
+pub(in crate::errors) struct FixedLag {
     pub lag: usize,
     /// The oldest first, at most `lag` and the last one.
     pub analyses: VecDeque<PastAnalysis>,
@@ -17,7 +17,7 @@ pub(super) struct FixedLag {
 
 /// An earlier analysis, as it is known now.
 #[derive(Clone, Serialize, Deserialize)]
-pub(super) struct PastAnalysis {
+pub(in crate::errors) struct PastAnalysis {
     /// ŝ given all observations so far.
     pub s: Augmented,
     /// The diagonal of its covariance, `[m + p]`.

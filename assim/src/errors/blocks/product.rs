@@ -2,13 +2,14 @@
 
 use super::solution::{augmented, of_blocks};
 use super::{BlockErrors, Frame};
+use faer::MatRef;
 use isobar_model::vector::axpy;
 
 impl BlockErrors {
     /// (blkdiag(C) + Φ Φᵀ) h for an h over (x, c). It costs as much as the factors, (m + p) r, and the blocks that h touches.
     pub(super) fn product(&self, h: &[f64]) -> Vec<f64> {
         let Frame { blocks, local, shared, layout, .. } = &*self.frame;
-        let (covariance, factors, m) = (&self.memory.covariance, self.factors(), layout.len());
+        let (factors, m) = (self.factors(), layout.len());
         // h of the block variables where it is not zero.
         let of_blocks: Vec<(usize, f64)> = of_blocks(h, m, local).enumerate().filter(|entry| entry.1 != 0.0).collect();
         let amplitudes: Vec<f64> = (0..factors.columns())
@@ -21,20 +22,68 @@ impl BlockErrors {
         let mut image = vec![0.0; blocks.variables()];
         factors.multiply_add(&amplitudes, &mut image);
         for &(variable, weight) in &of_blocks {
-            // A patch holds the blocks that observations have linked, the variable's own among them.
-            let linked = covariance.linked.iter().find(|it| it.variables.binary_search(&variable).is_ok());
-            let (members, own) = match linked {
-                Some(patch) => (patch.variables.as_slice(), patch.covariance.as_ref()),
-                None => {
-                    let block = blocks.place(variable).0;
-                    (blocks.members(block), covariance.own.block(blocks, block))
-                }
-            };
+            let (members, own) = self.part_of(variable);
             let column = members.binary_search(&variable).expect("a variable is in its block");
             members.iter().enumerate().for_each(|(i, &member)| image[member] += weight * own[(i, column)]);
         }
         let mut of_shared = vec![0.0; shared.len()];
         (0..factors.columns()).for_each(|j| axpy(amplitudes[j], factors.shared.col_as_slice(j), &mut of_shared));
         augmented(&image, &of_shared, local, shared)
+    }
+
+    /// aᵀ (blkdiag(C) + Φ Φᵀ) b for few entries (number in (x, c), value): the rows of Φ and the blocks that they touch, and
+    /// nothing that is as long as the state.
+    pub(super) fn bilinear(&self, a: &[(usize, f64)], b: &[(usize, f64)]) -> f64 {
+        let Frame { local, shared, layout, .. } = &*self.frame;
+        let (factors, m) = (self.factors(), layout.len());
+        let position = |all: &[usize], number: usize| all.iter().position(|&own| own == number);
+        // Block variables, and rows of the shared parameters.
+        let split = |h: &[(usize, f64)]| {
+            let [mut of_blocks, mut of_shared] = [const { Vec::new() }; 2];
+            for &(number, weight) in h {
+                match number.checked_sub(m) {
+                    None => of_blocks.push((number, weight)),
+                    Some(parameter) => match (position(local, parameter), position(shared, parameter)) {
+                        (Some(own), _) => of_blocks.push((m + own, weight)),
+                        (None, Some(own)) => of_shared.push((own, weight)),
+                        (None, None) => {}
+                    },
+                }
+            }
+            [of_blocks, of_shared]
+        };
+        let ([a_blocks, a_shared], [b_blocks, b_shared]) = (split(a), split(b));
+        let mut sum = 0.0;
+        for column in 0..factors.columns() {
+            let amplitude = |of_blocks: &[(usize, f64)], of_shared: &[(usize, f64)]| {
+                let blocks = of_blocks.iter().map(|&(variable, weight)| weight * factors.value(variable, column));
+                let shared = of_shared.iter().map(|&(row, weight)| weight * factors.shared[(row, column)]);
+                blocks.sum::<f64>() + shared.sum::<f64>()
+            };
+            sum += amplitude(&a_blocks, &a_shared) * amplitude(&b_blocks, &b_shared);
+        }
+        for &(variable, weight) in &a_blocks {
+            let (members, own) = self.part_of(variable);
+            let column = members.binary_search(&variable).expect("a variable is in its block");
+            for &(other, its_weight) in &b_blocks {
+                if let Ok(row) = members.binary_search(&other) {
+                    sum += weight * its_weight * own[(row, column)];
+                }
+            }
+        }
+        sum
+    }
+
+    /// The block variables with which one goes together but for the factors, and their covariance: those of its block, or of
+    /// the patch of blocks that observations have linked.
+    fn part_of(&self, variable: usize) -> (&[usize], MatRef<'_, f64>) {
+        let (blocks, covariance) = (&self.frame.blocks, &self.memory.covariance);
+        match covariance.linked.iter().find(|it| it.variables.binary_search(&variable).is_ok()) {
+            Some(patch) => (patch.variables.as_slice(), patch.covariance.as_ref()),
+            None => {
+                let block = blocks.place(variable).0;
+                (blocks.members(block), covariance.own.block(blocks, block))
+            }
+        }
     }
 }

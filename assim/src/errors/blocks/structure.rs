@@ -43,7 +43,8 @@ impl BlockErrors {
         if count == 0 {
             return Vec::new();
         }
-        let gram = factors.scaled_gram(None, scales);
+        let mut gram = Mat::zeros(r, r);
+        factors.scaled_gram(None, scales, gram.as_mut());
         let (energies, vectors) = eigen(gram.as_ref());
         // In descending order.
         let rotation = Mat::from_fn(r, count, |i, j| vectors[(i, r - 1 - j)]);

@@ -14,13 +14,14 @@
 
 use super::amplitudes::Amplitudes;
 use super::local_factors::{LocalFactors, add_to_blocks, union};
+use super::recombination::Recombination;
 use super::{Frame, LocalErrors};
 use crate::augmented::Augmented;
 use crate::block_angular::{self, Component, Eliminated, PartitionReport};
 use crate::error::Error;
 use crate::errors::blocks::{SplitRows, augmented, check_component, partition, set_blocks, update_rows};
 use crate::filter::Fit;
-use crate::linalg::{add_symmetric_product, product};
+use crate::linalg::add_symmetric_product;
 use crate::memory::Matrix;
 use crate::problem::Innovations;
 use faer::Mat;
@@ -76,20 +77,15 @@ impl LocalErrors {
         }
         let solved = amplitudes.solve(self.memory.shared.as_ref())?;
         for (tile, factors) in self.memory.factors.iter().enumerate() {
-            for (j, amplitude) in amplitudes.of(tile).enumerate() {
-                let (values, amplitude) = (factors.values.col_as_slice(j), solved.amplitudes[amplitude]);
-                factors
-                    .variables
-                    .iter()
-                    .zip(values)
-                    .for_each(|(&variable, value)| increment[variable] += amplitude * value);
-            }
+            factors.multiply_add(&solved.amplitudes[amplitudes.of(tile)], &mut increment);
         }
         for (j, &change) in solved.border.iter().enumerate() {
             axpy(change, self.memory.sensitivity.col_as_slice(j), &mut increment);
         }
-        self.finish(&amplitudes, solved.of_border.as_ref());
-        self.memory.shared = Matrix(solved.shared);
+        let roots = roots(&amplitudes, &frame);
+        self.finish(&amplitudes, solved.of_border.as_ref(), &roots);
+        let before = std::mem::replace(&mut self.memory.shared, Matrix(solved.shared.clone()));
+        self.revise_past(&amplitudes, &solved, &roots, before.as_ref());
         s.add(&augmented(&increment, &solved.border, local, shared));
         Ok(Fit { chi2: solved.chi2, partition: Some(self.report(&components)) })
     }
@@ -104,7 +100,7 @@ impl LocalErrors {
         self.memory.factors.par_iter_mut().zip(seen).for_each(|(factors, seen)| {
             let members: Vec<usize> = seen.iter().flat_map(|&block| frame.blocks.members(block)).copied().collect();
             if members.iter().any(|&variable| factors.row(variable).is_none()) {
-                *factors = factors.extended(&union([factors.variables.as_slice(), &members]));
+                *factors = factors.extended(&union([factors.variables.as_slice(), &members]), factors.precision());
             }
         });
     }
@@ -128,7 +124,7 @@ impl LocalErrors {
                     for factors in &factors {
                         let place = factors.row(variable);
                         for j in 0..factors.columns() {
-                            g[(i, column)] += place.map_or(0.0, |place| weight * factors.values[(place, j)]);
+                            g[(i, column)] += place.map_or(0.0, |place| weight * factors.value(place, j));
                             column += 1;
                         }
                     }
@@ -153,14 +149,11 @@ impl LocalErrors {
             let mut column = 0;
             for &tile in &tiles {
                 let factors = &mut self.memory.factors[tile];
-                let places: Vec<Option<usize>> = variables.iter().map(|&variable| factors.row(variable)).collect();
-                for j in 0..factors.columns() {
-                    let values = factors.values.col_as_slice_mut(j);
-                    for (place, change) in places.iter().zip(sensitivity.col_as_slice(column)) {
-                        values[place.expect("the factors have rows for the component")] -= change;
-                    }
-                    column += 1;
-                }
+                let place = |&variable: &usize| factors.row(variable).expect("the factors have rows for the component");
+                let places: Vec<usize> = variables.iter().map(place).collect();
+                let changes = sensitivity.get(.., column..column + factors.columns());
+                factors.subtract_rows(&places, changes);
+                column += factors.columns();
             }
             for j in 0..p {
                 let values = self.memory.sensitivity.col_as_slice_mut(j);
@@ -174,30 +167,15 @@ impl LocalErrors {
     }
 
     /// Γ ← Γ' − Σ_j Ψ_j (M⁻¹ M_xc)_j and F_j ← Σ_i Ψ_i (M^-½)_ij; the part of F_j outside its support joins the blocks.
-    fn finish(&mut self, amplitudes: &Amplitudes, of_border: faer::MatRef<'_, f64>) {
+    fn finish(&mut self, amplitudes: &Amplitudes, of_border: faer::MatRef<'_, f64>, roots: &Recombination) {
         let frame = Arc::clone(&self.frame);
-        let Frame { tiles, supports, blocks, shared, .. } = &*frame;
+        let Frame { supports, blocks, .. } = &*frame;
         for (tile, psi) in self.memory.factors.iter().enumerate() {
-            let change = product(psi.values.as_ref(), of_border.get(amplitudes.of(tile), ..));
-            for j in 0..shared.len() {
-                let values = self.memory.sensitivity.col_as_slice_mut(j);
-                let changes = change.col_as_slice(j);
-                psi.variables.iter().zip(changes).for_each(|(&variable, change)| values[variable] -= change);
-            }
+            psi.subtract_products(of_border.get(amplitudes.of(tile), ..), &mut self.memory.sensitivity);
         }
         let psi = &self.memory.factors;
-        let rooted: Vec<(LocalFactors, LocalFactors)> = (0..psi.len())
-            .into_par_iter()
-            .map(|tile| {
-                let near = tiles.near(tile, NEAR);
-                let variables = union(near.iter().map(|&other| psi[other].variables.as_slice()));
-                let mut values = Mat::zeros(variables.len(), psi[tile].columns());
-                for (&other, root) in near.iter().zip(amplitudes.root_columns(tile, &near)) {
-                    psi[other].add_to(&variables, values.as_mut(), Some(root.as_ref()));
-                }
-                LocalFactors::new(variables, values).split(&supports[tile])
-            })
-            .collect();
+        let rooted: Vec<(LocalFactors, LocalFactors)> =
+            (0..psi.len()).into_par_iter().map(|tile| roots.whole(tile, psi).split(&supports[tile])).collect();
         let (inside, outside): (Vec<_>, Vec<_>) = rooted.into_iter().unzip();
         add_to_blocks(&mut self.memory.own, blocks, 1.0, &outside);
         self.memory.factors = inside;
@@ -211,6 +189,16 @@ impl LocalErrors {
     fn report(&self, components: &[Component]) -> PartitionReport {
         partition(&self.frame.blocks, components, self.columns(), self.frame.shared.len())
     }
+}
+
+/// M^-½, of each tile from the principal submatrix of the tiles next to it.
+fn roots(amplitudes: &Amplitudes, frame: &Frame) -> Recombination {
+    let of_tile = |tile: usize| {
+        let near = frame.tiles.near(tile, NEAR);
+        let columns = amplitudes.root_columns(tile, &near);
+        near.into_iter().zip(columns).collect()
+    };
+    Recombination::new((0..frame.supports.len()).into_par_iter().map(of_tile).collect())
 }
 
 /// Adds what the components say of amplitudes and border, those that see the same tiles together.

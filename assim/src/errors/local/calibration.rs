@@ -1,6 +1,5 @@
 //! The calibration parameters in the covariance with local factors.
 
-use super::local_factors::LocalFactors;
 use super::{Frame, LocalErrors};
 use crate::error::Error;
 use crate::errors::blocks::rounding;
@@ -76,6 +75,10 @@ impl LocalErrors {
         solve_lower(root.as_ref(), transposed.as_mut());
         let after = transposed.transpose().to_owned();
         solve_lower_transposed(root.as_ref(), transposed.as_mut());
+        // S φ S'⁻¹ for what depends on c, and is no part of the covariance.
+        let mut of_past = Mat::from_fn(p, p, |i, j| kept[shared[i]] * memory.shared[(i, j)]);
+        solve_lower(root.as_ref(), of_past.as_mut());
+        solve_lower_transposed(root.as_ref(), of_past.as_mut());
         memory.own.add_columns(blocks, 1.0, before.as_ref());
         let mut all = vec![0.0; blocks.variables()];
         memory.own.add_variances(blocks, &mut all);
@@ -83,6 +86,7 @@ impl LocalErrors {
         memory.own.clear_rounding(blocks, &all, rounding(p));
         memory.sensitivity = Matrix(transposed.transpose().to_owned());
         memory.shared = Matrix(shared_now);
+        self.drift_past(of_past.transpose());
         Ok(())
     }
 
@@ -94,11 +98,7 @@ impl LocalErrors {
             let (variable, kept) = (m + i, kept[number]);
             memory.own.scale(&frame.blocks, variable, kept);
             (0..memory.sensitivity.ncols()).for_each(|j| memory.sensitivity[(variable, j)] *= kept);
-            for LocalFactors { variables, values } in &mut memory.factors {
-                if let Ok(row) = variables.binary_search(&variable) {
-                    (0..values.ncols()).for_each(|j| values[(row, j)] *= kept);
-                }
-            }
+            memory.factors.iter_mut().for_each(|factors| factors.scale_row(variable, kept));
         }
     }
 
@@ -115,15 +115,14 @@ impl LocalErrors {
         let frame = Arc::clone(&self.frame);
         let Frame { local, shared, layout, blocks, supports, .. } = &*frame;
         let (m, p) = (layout.len(), shared.len());
+        self.forget();
         // What the state's errors have through Γ stays in its blocks.
         let root = self.shared_root()?;
         let through = product(self.memory.sensitivity.as_ref(), root.as_ref());
         self.memory.own.add_columns(blocks, 1.0, through.as_ref());
         for (factors, support) in self.memory.factors.iter_mut().zip(supports) {
             let first = support.partition_point(|&variable| variable < m);
-            for column in 0..factors.columns() {
-                factors.values.col_as_slice_mut(column)[first..].fill(0.0);
-            }
+            (0..factors.columns()).for_each(|j| factors.edit_column(j, |column| column[first..].fill(0.0)));
         }
         (m..m + local.len()).for_each(|variable| self.memory.own.clear(blocks, variable));
         self.memory.sensitivity = Matrix(Mat::zeros(blocks.variables(), p));

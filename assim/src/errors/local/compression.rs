@@ -1,6 +1,7 @@
 //! Compression of each tile's factors, which preserves every block's own covariance.
 
 use super::local_factors::{LocalFactors, add_to_blocks, divided};
+use super::recombination::Recombination;
 use super::{Frame, LocalErrors, LocalFactorSettings};
 use crate::linalg::{add_symmetric_product, eigen, product};
 use crate::spectral_cut;
@@ -10,10 +11,23 @@ use rand_chacha::rand_core::Rng;
 use rayon::prelude::*;
 use std::sync::Arc;
 
+/// What a compression makes of a tile's factors F.
+struct Compressed {
+    /// F T in the support.
+    kept: LocalFactors,
+    /// What is dropped: F D, unless its columns are mixed, and F T outside of the support.
+    dropped: [LocalFactors; 2],
+    /// T, `[factors, factors that stay]`.
+    turn: Mat<f64>,
+    /// D of the columns that are mixed, `[factors, left over]`.
+    mixed: Option<Mat<f64>>,
+}
+
 impl LocalErrors {
     /// Keeps the leading directions of each tile, in the norm of the scales, on its support. The block diagonal of the
     /// others joins the C_k, as does that of the values outside the support; or the others are mixed, see [`random_signs`].
-    pub(super) fn compress(&mut self) {
+    /// The earlier analyses follow, with what `recombination` has done before.
+    pub(super) fn compress(&mut self, recombination: Option<Recombination>) {
         let frame = Arc::clone(&self.frame);
         let LocalFactorSettings { per_tile, mixed, .. } = frame.settings;
         let factors = std::mem::take(&mut self.memory.factors);
@@ -22,52 +36,67 @@ impl LocalErrors {
             .map(LocalFactors::columns)
             .map(|r| (mixed > 0 && r > per_tile).then(|| random_signs(r, mixed, &mut self.memory.random)))
             .collect();
-        let compressed: Vec<(LocalFactors, [LocalFactors; 2])> = factors
+        let compressed: Vec<Compressed> = factors
             .into_par_iter()
             .zip(&frame.supports)
             .zip(signs)
             .map(|((factors, support), signs)| compressed(factors, support, signs, &frame))
             .collect();
-        let (kept, dropped): (Vec<_>, Vec<_>) = compressed.into_iter().unzip();
+        let (mut kept, mut dropped, mut turns, mut of_mixed) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        for tile in compressed {
+            kept.push(tile.kept);
+            dropped.extend(tile.dropped);
+            turns.push(tile.turn);
+            of_mixed.extend(tile.mixed);
+        }
         self.memory.factors = kept;
-        add_to_blocks(&mut self.memory.own, &frame.blocks, 1.0, dropped.as_flattened());
+        add_to_blocks(&mut self.memory.own, &frame.blocks, 1.0, &dropped);
+        if let Some(before) = recombination {
+            // All tiles have the same number of factors: those of all are mixed, or of none.
+            let left = (of_mixed.len() == turns.len()).then(|| before.then(&of_mixed));
+            self.recombine_past(&before.then(&turns), left.as_ref().map(|left| (left, per_tile - mixed)));
+        }
     }
 }
 
 /// The factors of a tile that stay, in its support and in a basis that rounding has no part in; and what is dropped.
-fn compressed(
-    factors: LocalFactors,
-    support: &[usize],
-    signs: Option<Mat<f64>>,
-    frame: &Frame,
-) -> (LocalFactors, [LocalFactors; 2]) {
+fn compressed(factors: LocalFactors, support: &[usize], signs: Option<Mat<f64>>, frame: &Frame) -> Compressed {
     let Frame { settings, scales, fixed_basis, .. } = frame;
-    let LocalFactors { variables, values } = factors;
+    let precision = factors.precision();
+    let (values, variables) = (factors.to_matrix(), factors.variables);
     let (r, keep) = (values.ncols(), settings.per_tile - settings.mixed);
     let turn =
         |values: &Mat<f64>, columns: usize| fixed_basis.rotation(values.as_ref(), &variables, support, scales, columns);
-    let (kept, rest) = if r > settings.per_tile {
-        let (leading, rest) = cut(&values, &variables, keep, scales);
-        let kept = product(leading.as_ref(), turn(&leading, keep).as_ref());
+    let nothing = || Mat::zeros(values.nrows(), 0);
+    let (kept, rest, turn, mixed) = if r > settings.per_tile {
+        let (leading, left) = cut(&values, &variables, keep, scales);
+        let (of_leading, rest) = (product(values.as_ref(), leading.as_ref()), product(values.as_ref(), left.as_ref()));
+        let turn_leading = turn(&of_leading, keep);
+        let (kept, t) =
+            (product(of_leading.as_ref(), turn_leading.as_ref()), product(leading.as_ref(), turn_leading.as_ref()));
         match signs {
-            None => (kept, rest),
+            None => (kept, rest, t, None),
             Some(signs) => {
                 let sums = product(turn(&rest, r).as_ref(), signs.as_ref());
-                let mixed = product(rest.as_ref(), sums.as_ref());
-                let joint = |i: usize, j: usize| if j < keep { kept[(i, j)] } else { mixed[(i, j - keep)] };
-                (Mat::from_fn(kept.nrows(), settings.per_tile, joint), Mat::zeros(kept.nrows(), 0))
+                let joined = |kept: &Mat<f64>, mixed: &Mat<f64>| {
+                    let joint = |i: usize, j: usize| if j < keep { kept[(i, j)] } else { mixed[(i, j - keep)] };
+                    Mat::from_fn(kept.nrows(), settings.per_tile, joint)
+                };
+                let kept = joined(&kept, &product(rest.as_ref(), sums.as_ref()));
+                (kept, nothing(), joined(&t, &product(left.as_ref(), sums.as_ref())), Some(left))
             }
         }
     } else {
-        (product(values.as_ref(), turn(&values, r).as_ref()), Mat::zeros(values.nrows(), 0))
+        let turn = turn(&values, r);
+        (product(values.as_ref(), turn.as_ref()), nothing(), turn, None)
     };
-    let rest = LocalFactors::new(variables.clone(), rest);
-    let (inside, outside) = LocalFactors::new(variables, kept).split(support);
-    (inside, [rest, outside])
+    let rest = LocalFactors::new(variables.clone(), rest.as_ref(), precision);
+    let (kept, outside) = LocalFactors::new(variables, kept.as_ref(), precision).split(support);
+    Compressed { kept, dropped: [rest, outside], turn, mixed }
 }
 
-/// F parted into its leading directions, by their energy with each variable divided by its scale, and what is left over, such
-/// that the sum of both covariances is F Fᵀ.
+/// L and D, which part F into its leading directions F L, by their energy with each variable divided by its scale, and what is
+/// left over, F D, such that the sum of both covariances is F Fᵀ.
 ///
 /// With the eigenvalues λ and eigenvectors of Fᵀ S⁻² F, and the weights w of a [`spectral_cut`], by which no direction that
 /// nothing but rounding tells from one that is left over is kept, `w² λ` is kept and `(1 − w²) λ` left over.
@@ -85,7 +114,7 @@ fn cut(values: &Mat<f64>, variables: &[usize], keep: usize, scales: &[f64]) -> (
         .filter(|(_, weight)| *weight > 0.0)
         .collect();
     let rest = Mat::from_fn(r, left.len(), |i, j| directions[(i, r - 1 - left[j].0)] * left[j].1);
-    (product(values.as_ref(), leading.as_ref()), product(values.as_ref(), rest.as_ref()))
+    (leading, rest)
 }
 
 /// ±1/√s, `[rows, s]`: R with E(R Rᵀ) = I.

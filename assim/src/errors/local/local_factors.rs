@@ -1,11 +1,12 @@
 //! The factors of one tile, and what they have in the blocks.
 
-use crate::errors::blocks::{BlockDiagonal, Blocks};
+use crate::errors::blocks::{BlockDiagonal, Blocks, Precision};
 use crate::linalg::product;
-use crate::memory::Matrix;
-use faer::{Mat, MatRef};
+use crate::tall_matrix::TallMatrix;
+use faer::{Mat, MatMut, MatRef};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// F_j: columns that are zero but for some block variables.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -13,17 +14,61 @@ pub(super) struct LocalFactors {
     /// The block variables, ascending.
     pub variables: Vec<usize>,
     /// Their rows, `[variables, r]`.
-    pub values: Matrix,
+    values: TallMatrix,
 }
 
 impl LocalFactors {
-    pub fn new(variables: Vec<usize>, values: Mat<f64>) -> Self {
-        Self { variables, values: Matrix(values) }
+    /// Factors with these values, `[variables, r]`, rounded to a precision.
+    pub fn new(variables: Vec<usize>, values: MatRef<'_, f64>, precision: Precision) -> Self {
+        Self::filled(variables, values.ncols(), precision, |j, column| {
+            column.iter_mut().zip(values.col(j).iter()).for_each(|(to, from)| *to = *from);
+        })
+    }
+
+    /// Factors whose columns of zeros `fill` changes, given the number of each.
+    pub fn filled(
+        variables: Vec<usize>,
+        columns: usize,
+        precision: Precision,
+        mut fill: impl FnMut(usize, &mut [f64]),
+    ) -> Self {
+        let mut values = TallMatrix::zeros(variables.len(), columns, precision);
+        (0..columns).for_each(|j| values.edit_column(j, |column| fill(j, column)));
+        Self { variables, values }
     }
 
     /// Number of factors r.
     pub fn columns(&self) -> usize {
-        self.values.ncols()
+        self.values.columns()
+    }
+
+    pub fn precision(&self) -> Precision {
+        self.values.precision()
+    }
+
+    /// The rows of one factor.
+    pub fn column(&self, j: usize) -> Cow<'_, [f64]> {
+        self.values.column(j)
+    }
+
+    /// Applies `work` to the rows of one factor.
+    pub fn edit_column(&mut self, j: usize, work: impl FnOnce(&mut [f64])) {
+        self.values.edit_column(j, work);
+    }
+
+    /// All rows, `[variables, r]`: those stored, or their copy in the scratch.
+    pub fn rows<'a>(&'a self, scratch: &'a mut Vec<f64>) -> MatRef<'a, f64> {
+        self.values.part(0, self.variables.len(), 0, scratch)
+    }
+
+    /// All rows, `[variables, r]`.
+    pub fn to_matrix(&self) -> Mat<f64> {
+        self.rows(&mut Vec::new()).to_owned()
+    }
+
+    /// Whether it is whole.
+    pub fn is_whole(&self) -> bool {
+        self.values.has_shape(self.variables.len(), self.columns())
     }
 
     /// Where a variable's row is.
@@ -31,23 +76,99 @@ impl LocalFactors {
         self.variables.binary_search(&variable).ok()
     }
 
-    /// Adds the rows, times `t` if there is one, to those of a matrix whose ascending variables include these.
-    pub fn add_to(&self, variables: &[usize], mut values: faer::MatMut<'_, f64>, t: Option<MatRef<'_, f64>>) {
-        let multiplied = t.map(|t| product(self.values.as_ref(), t));
-        let own = multiplied.as_ref().unwrap_or(&self.values.0);
-        let rows: Vec<usize> = places(&self.variables, variables).map(|it| it.expect("it is among these")).collect();
-        for column in 0..own.ncols() {
-            let (from, to) = (own.col_as_slice(column), values.as_mut().col_mut(column));
+    /// The entry of a row in a column.
+    pub fn value(&self, row: usize, column: usize) -> f64 {
+        self.values.value(row, column)
+    }
+
+    /// Adds F_j x to a vector of all block variables.
+    pub fn multiply_add(&self, x: &[f64], of_blocks: &mut [f64]) {
+        for (j, x) in x.iter().enumerate().filter(|(_, x)| **x != 0.0) {
+            self.variables.iter().zip(&*self.column(j)).for_each(|(&variable, value)| of_blocks[variable] += x * value);
+        }
+    }
+
+    /// F_jᵀ h of a vector of all block variables.
+    pub fn transposed_product(&self, of_blocks: &[f64]) -> Vec<f64> {
+        let of =
+            |j| self.variables.iter().zip(&*self.column(j)).map(|(&variable, value)| value * of_blocks[variable]).sum();
+        (0..self.columns()).map(of).collect()
+    }
+
+    /// Adds the sum of the squares of each row to a vector of all block variables.
+    pub fn add_squared_rows(&self, of_blocks: &mut [f64]) {
+        self.add_squared_rows_from(0, of_blocks);
+    }
+
+    /// Adds the sum of the squares of each row from the column `first` on to a vector of all block variables.
+    pub fn add_squared_rows_from(&self, first: usize, of_blocks: &mut [f64]) {
+        for j in first..self.columns() {
+            let rows = self.column(j);
+            self.variables.iter().zip(&*rows).for_each(|(&variable, value)| of_blocks[variable] += value * value);
+        }
+    }
+
+    /// Subtracts F_j T from the rows of a matrix that has one for each block variable, `[at least all of them, columns of T]`.
+    pub fn subtract_products(&self, t: MatRef<'_, f64>, from: &mut Mat<f64>) {
+        let products = product(self.rows(&mut Vec::new()), t);
+        for j in 0..t.ncols() {
+            let (values, changes) = (from.col_as_slice_mut(j), products.col_as_slice(j));
+            self.variables.iter().zip(changes).for_each(|(&variable, change)| values[variable] -= change);
+        }
+    }
+
+    /// Multiplies the row of a variable, if it is among these.
+    pub fn scale_row(&mut self, variable: usize, factor: f64) {
+        if let Some(row) = self.row(variable) {
+            (0..self.columns()).for_each(|j| self.values.set(row, j, factor * self.values.value(row, j)));
+        }
+    }
+
+    /// Subtracts changes, `[places, r]`, from the rows at these places.
+    pub fn subtract_rows(&mut self, places: &[usize], changes: MatRef<'_, f64>) {
+        for (j, mut column) in self.values.columns_mut().into_iter().enumerate() {
+            places.iter().zip(changes.col(j).iter()).for_each(|(&place, &change)| column.subtract(place, change));
+        }
+    }
+
+    /// Adds the rows, times `t` if there is one, to those of a matrix of some ascending variables. Rows of other variables
+    /// are left out.
+    pub fn add_to(&self, variables: &[usize], mut values: MatMut<'_, f64>, t: Option<MatRef<'_, f64>>) {
+        let rows: Vec<(usize, usize)> =
+            places(&self.variables, variables).enumerate().filter_map(|(from, to)| Some((from, to?))).collect();
+        let mut add = |j: usize, column: &[f64]| {
+            let to = values.as_mut().col_mut(j);
             let to = to.try_as_col_major_mut().expect("columns are contiguous").as_slice_mut();
-            rows.iter().zip(from).for_each(|(&row, value)| to[row] += value);
+            rows.iter().for_each(|&(from, place)| to[place] += column[from]);
+        };
+        match t {
+            Some(t) => {
+                let multiplied = product(self.rows(&mut Vec::new()), t);
+                (0..multiplied.ncols()).for_each(|j| add(j, multiplied.col_as_slice(j)));
+            }
+            None => (0..self.columns()).for_each(|j| add(j, &self.column(j))),
         }
     }
 
     /// The same factors on more variables, which include these.
-    pub fn extended(&self, variables: &[usize]) -> Self {
-        let mut values = Mat::zeros(variables.len(), self.columns());
-        self.add_to(variables, values.as_mut(), None);
-        Self::new(variables.to_vec(), values)
+    pub fn extended(&self, variables: &[usize], precision: Precision) -> Self {
+        let rows: Vec<usize> =
+            places(&self.variables, variables).map(|place| place.expect("it is among these")).collect();
+        Self::filled(variables.to_vec(), self.columns(), precision, |j, column| {
+            rows.iter().zip(&*self.column(j)).for_each(|(&row, value)| column[row] = *value);
+        })
+    }
+
+    /// The same factors, and after them the `further` ones, times a factor, with the same variables.
+    pub fn joined(&self, further: &Self, factor: f64) -> Self {
+        let (r, columns) = (self.columns(), self.columns() + further.columns());
+        Self::filled(self.variables.clone(), columns, self.precision(), |j, column| {
+            if j < r {
+                column.copy_from_slice(&self.column(j));
+            } else {
+                column.iter_mut().zip(&*further.column(j - r)).for_each(|(to, from)| *to = factor * from);
+            }
+        })
     }
 
     /// The rows of the variables that a support holds, which are among these, and those of the others.
@@ -57,12 +178,11 @@ impl LocalFactors {
             rows[usize::from(place.is_none())].push(row);
         }
         let [inside, outside] = rows.map(|rows| {
-            let mut values = Mat::zeros(rows.len(), self.columns());
-            for j in 0..self.columns() {
-                let from = self.values.col_as_slice(j);
-                values.col_as_slice_mut(j).iter_mut().zip(&rows).for_each(|(value, &row)| *value = from[row]);
-            }
-            Self::new(rows.iter().map(|&row| self.variables[row]).collect(), values)
+            let variables = rows.iter().map(|&row| self.variables[row]).collect();
+            Self::filled(variables, self.columns(), self.precision(), |j, column| {
+                let from = self.column(j);
+                column.iter_mut().zip(&rows).for_each(|(value, &row)| *value = from[row]);
+            })
         });
         (inside, outside)
     }
@@ -72,7 +192,7 @@ impl LocalFactors {
         let mut rows: Vec<usize> = (0..self.variables.len()).collect();
         // The rows of one variable of the model are a run that a stable sort finds.
         rows.sort_by_key(|&row| blocks.position(self.variables[row]));
-        let transposed = self.values.transpose().to_owned();
+        let transposed = self.rows(&mut Vec::new()).transpose().to_owned();
         let block_of = |row: usize| blocks.place(self.variables[row]).0;
         rows.chunk_by(|&a, &b| block_of(a) == block_of(b))
             .map(|rows| {

@@ -14,11 +14,13 @@
 //! In a cycle
 //!
 //! 1. the factors of tiles whose supports have no cell in common are *packed* into one column of the tangent-linear model:
-//!    q² r columns, however large the domain is (`forecast`);
+//!    q² r columns, however large the domain is (`forecast`), on the grid of the state or a coarser one;
 //! 2. the leading directions of Q that belong to a tile join its factors, and *localising rotations* of neighbours' factors,
 //!    which change no covariance, move each direction to the tile that it is nearest to (`rotation`);
 //! 3. each tile keeps its r leading directions, in its support (`compression`);
 //! 4. the observations are analysed by a nested block-angular regression: cells, amplitudes ξ, border c (`analysis`).
+//!
+//! A smoother (`fixed_lag`) keeps the errors of earlier analyses as further rows of the factors.
 //!
 //! With one tile it is the Fast Kalman Filter of `blocks` with its border in another form.
 
@@ -27,8 +29,10 @@ mod analysis;
 mod calibration;
 mod compression;
 mod fixed_basis;
+mod fixed_lag;
 mod forecast;
 mod local_factors;
+mod recombination;
 mod roots;
 mod rotation;
 mod settings;
@@ -38,16 +42,18 @@ mod tiles;
 
 pub use settings::LocalFactorSettings;
 
-use super::blocks::{BlockDiagonal, Blocks, augmented, of_blocks, rounding};
+use super::blocks::{BlockDiagonal, Blocks, CoarseGrid, augmented, of_blocks, rounding};
 use crate::augmented::Augmented;
 use crate::covariance::{Covariance, middle_deviations};
 use crate::error::Error;
 use crate::filter::{Cycle, Errors, Filter, Fit};
+use crate::fixed_lag::PastAnalyses;
 use crate::linalg::product;
 use crate::memory::{Matrix, require};
 use crate::problem::{Innovations, Problem, require_memory};
 use faer::{Mat, MatRef};
 use fixed_basis::FixedBasis;
+use fixed_lag::{Past, add_border_variances};
 use isobar_model::{Layout, TangentLinear, random};
 use isobar_obs::ByPlacement;
 use local_factors::{LocalFactors, add_to_blocks};
@@ -63,6 +69,8 @@ pub type LocalFastKalmanFilter = Filter<LocalErrors>;
 #[derive(Clone)]
 pub struct LocalErrors {
     frame: Arc<Frame>,
+    /// Where the packed columns are propagated, if not on the grid of the state.
+    coarse: Option<Arc<CoarseGrid>>,
     memory: Memory,
 }
 
@@ -105,6 +113,8 @@ pub struct Memory {
     shared: Matrix,
     /// Draws the probes, and the signs of what is mixed.
     random: ChaCha8Rng,
+    /// The earlier analyses, if there is a smoother.
+    past: Option<Past>,
 }
 
 /// Q of the state's values.
@@ -127,6 +137,26 @@ impl LocalFastKalmanFilter {
         let problem = problem.into();
         let errors = LocalErrors::new(&problem, settings)?;
         Ok(Self::starting_with(problem, errors))
+    }
+
+    /// The same filter with its packed columns and those of the border propagated by a model on a coarser grid of the same
+    /// domain: see [`FastKalmanFilter::with_factors_on`](crate::fast_kalman::FastKalmanFilter::with_factors_on).
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if the model's grid is not one of whole multiples of the state's cells.
+    pub fn with_factors_on(mut self, model: Arc<dyn TangentLinear>) -> Result<Self, Error> {
+        let errors = &mut self.belief.errors;
+        errors.coarse = Some(Arc::new(CoarseGrid::new(&errors.frame.layout, model)?));
+        Ok(self)
+    }
+
+    /// The same filter with the smoother of `fixed_lag`, which revises the last `lag` analyses by the newer observations.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] if the rows of the factors of that many analyses do not fit into the memory limit.
+    pub fn smoothing(mut self, lag: usize) -> Result<Self, Error> {
+        self.belief.errors.smooth(lag)?;
+        Ok(self)
     }
 
     /// The columns that a forecast propagates, whatever the size of the domain: packed factors, the border's and probes.
@@ -163,6 +193,7 @@ impl LocalErrors {
             .iter()
             .map(|support| support[..support.partition_point(|&variable| variable < m)].to_vec())
             .collect();
+        let precision = settings.factor_precision;
         let mut random = random::stream(0, "local common factors");
         let mut factored = |covariance: &dyn Covariance, rank: usize| {
             let factors =
@@ -172,7 +203,8 @@ impl LocalErrors {
             rest.add_variances(&blocks, &mut all);
             add_to_blocks(&mut rest, &blocks, -1.0, &factors);
             rest.clear_rounding(&blocks, &all, rounding(rank * covering.iter().map(Vec::len).max().unwrap_or(0)));
-            let factors = factors.iter().zip(&supports).map(|(factors, support)| factors.extended(support)).collect();
+            let rounded = |(factors, support): (&LocalFactors, &Vec<usize>)| factors.extended(support, precision);
+            let factors = factors.iter().zip(&supports).map(rounded).collect();
             Ok::<_, Error>(ModelError { factors, rest })
         };
         let background = factored(&*problem.background_error, settings.per_tile)?;
@@ -181,9 +213,9 @@ impl LocalErrors {
         let largest = supports.iter().map(Vec::len).max().unwrap_or(0);
         let fixed_basis = FixedBasis::new(largest, settings.per_tile + settings.model_error_per_tile);
         let turned = |(factors, support): (LocalFactors, &Vec<usize>)| {
-            let LocalFactors { variables, values } = factors;
+            let (values, variables) = (factors.to_matrix(), factors.variables);
             let turn = fixed_basis.rotation(values.as_ref(), &variables, support, &scales, values.ncols());
-            LocalFactors::new(variables, product(values.as_ref(), turn.as_ref()))
+            LocalFactors::new(variables, product(values.as_ref(), turn.as_ref()).as_ref(), precision)
         };
         let memory = Memory {
             own: background.rest,
@@ -191,6 +223,7 @@ impl LocalErrors {
             sensitivity: Matrix(Mat::zeros(blocks.variables(), shared.len())),
             shared: Matrix(Mat::zeros(shared.len(), shared.len())),
             random,
+            past: None,
         };
         let colours = tiles.colours(1);
         let is_uncovered =
@@ -215,7 +248,7 @@ impl LocalErrors {
             fixed_basis,
             memory_limit_bytes,
         };
-        let mut errors = Self { frame: Arc::new(frame), memory };
+        let mut errors = Self { frame: Arc::new(frame), coarse: None, memory };
         let p = calibration.len();
         let prior = Mat::from_fn(p, p, |i, j| calibration.prior_covariance(i, j));
         errors.add_calibration_errors(prior.as_ref())?;
@@ -239,7 +272,9 @@ impl Errors for LocalErrors {
     }
 
     fn analyse(&mut self, s: &mut Augmented, d: &Innovations) -> Result<Fit, Error> {
-        self.analyse_rows(s, d)
+        let fit = self.analyse_rows(s, d)?;
+        self.remember(s);
+        Ok(fit)
     }
 
     fn variances(&self) -> Vec<f64> {
@@ -247,22 +282,8 @@ impl Errors for LocalErrors {
         let memory = &self.memory;
         let mut variances = vec![0.0; blocks.variables()];
         memory.own.add_variances(blocks, &mut variances);
-        for factors in &memory.factors {
-            for column in 0..factors.columns() {
-                let values = factors.values.col_as_slice(column);
-                factors
-                    .variables
-                    .iter()
-                    .zip(values)
-                    .for_each(|(&variable, value)| variances[variable] += value * value);
-            }
-        }
-        // (Γ S Γᵀ)ᵢᵢ.
-        let of_border = product(memory.sensitivity.as_ref(), memory.shared.as_ref());
-        for column in 0..shared.len() {
-            let (a, b) = (of_border.col_as_slice(column), memory.sensitivity.col_as_slice(column));
-            variances.iter_mut().zip(a.iter().zip(b)).for_each(|(variance, (a, b))| *variance += a * b);
-        }
+        memory.factors.iter().for_each(|factors| factors.add_squared_rows(&mut variances));
+        add_border_variances(memory.sensitivity.as_ref(), memory.shared.as_ref(), &mut variances);
         let of_shared: Vec<f64> = (0..shared.len()).map(|i| memory.shared[(i, i)]).collect();
         augmented(&variances, &of_shared, local, shared)
     }
@@ -283,15 +304,8 @@ impl Errors for LocalErrors {
                 }
             }
         }
-        for factors in memory.factors.iter() {
-            for column in 0..factors.columns() {
-                let values = factors.values.col_as_slice(column);
-                let rows = || factors.variables.iter().zip(values);
-                let amplitude: f64 = rows().map(|(&variable, value)| value * of_blocks[variable]).sum();
-                if amplitude != 0.0 {
-                    rows().for_each(|(&variable, value)| image[variable] += amplitude * value);
-                }
-            }
+        for factors in &memory.factors {
+            factors.multiply_add(&factors.transposed_product(&of_blocks), &mut image);
         }
         let p = shared.len();
         let seen: Vec<f64> = (0..p)
@@ -316,18 +330,30 @@ impl Errors for LocalErrors {
         &self.memory
     }
 
-    fn recall(&mut self, memory: Memory, _: &Augmented) -> Result<(), Error> {
-        let Frame { blocks, shared, supports, .. } = &*self.frame;
+    fn recall(&mut self, memory: Memory, s: &Augmented) -> Result<(), Error> {
+        let Frame { blocks, shared, supports, settings, .. } = &*self.frame;
         let (b, p) = (blocks.variables(), shared.len());
         require(memory.own.values().len() == blocks.matrices_len(), "the covariance of the blocks")?;
         let fits = memory.factors.len() == supports.len()
             && memory.factors.iter().zip(supports).all(|(factors, support)| {
-                factors.variables == *support && factors.values.has_shape(support.len(), factors.columns())
+                factors.variables == *support
+                    && factors.is_whole()
+                    && factors.precision() == settings.factor_precision
+                    && factors.columns() == memory.factors[0].columns()
             });
         require(fits, "the matrix of the local factors")?;
         require(memory.sensitivity.has_shape(b, p) && memory.shared.has_shape(p, p), "the border")?;
+        match (&self.memory.past, &memory.past) {
+            (None, None) => {}
+            (Some(own), Some(recalled)) => recalled.require(own.lag(), s, &self.frame, &memory.factors)?,
+            _ => require(false, "the smoother")?,
+        }
         self.memory = memory;
         Ok(())
+    }
+
+    fn smoother(&self) -> Option<&dyn PastAnalyses> {
+        self.memory.past.as_ref().map(|past| past.analyses() as _)
     }
 
     fn require_memory(&self, observations: usize, _: usize, limit_bytes: u64) -> Result<(), Error> {

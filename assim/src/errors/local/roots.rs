@@ -4,6 +4,7 @@ use super::local_factors::LocalFactors;
 use super::tiles::Tiles;
 use crate::covariance::{Covariance, OVERSAMPLING};
 use crate::error::Error;
+use crate::errors::blocks::Precision;
 use crate::linalg::{qr, singular_values};
 use crate::spectral_cut;
 use faer::{Mat, MatRef};
@@ -81,7 +82,7 @@ pub(super) fn leading_local_factors(
             let values = scaled.col_as_slice_mut(column).iter_mut();
             values.zip(support).for_each(|(value, &variable)| *value *= scales[variable]);
         }
-        LocalFactors::new(support.clone(), scaled)
+        LocalFactors::new(support.clone(), scaled.as_ref(), Precision::Double)
     });
     Ok(factors.collect())
 }

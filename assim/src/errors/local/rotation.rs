@@ -1,6 +1,7 @@
 //! Localising rotations: each direction of the factors moves to the tile that it is nearest to.
 
 use super::local_factors::{LocalFactors, multiplied, union};
+use super::recombination::Recombination;
 use super::tiles::Pair;
 use super::{Frame, LocalErrors};
 use crate::linalg::{add_symmetric_product, eigen, product};
@@ -9,24 +10,28 @@ use rayon::prelude::*;
 use std::sync::Arc;
 
 impl LocalErrors {
-    /// Rotates the factors of all pairs of neighbours, first along x, then along y; supports grow to those of both.
-    pub(super) fn localize(&mut self) {
+    /// Rotates the factors of all pairs of neighbours, first along x, then along y; supports grow to those of both. The
+    /// recombination, if there is one, takes the rotations up.
+    pub(super) fn localize(&mut self, mut recombination: Option<&mut Recombination>) {
         let frame = Arc::clone(&self.frame);
         for group in frame.tiles.pairs() {
-            let rotated: Vec<[LocalFactors; 2]> = group
+            let rotated: Vec<([LocalFactors; 2], Mat<f64>)> = group
                 .par_iter()
                 .map(|pair| rotated(&frame, pair, pair.tiles.map(|tile| &self.memory.factors[tile])))
                 .collect();
-            for (pair, factors) in group.iter().zip(rotated) {
+            for (pair, (factors, rotation)) in group.iter().zip(rotated) {
                 for (&tile, factors) in pair.tiles.iter().zip(factors) {
                     self.memory.factors[tile] = factors;
+                }
+                if let Some(recombination) = recombination.as_mut() {
+                    recombination.rotate(pair.tiles, rotation.as_ref());
                 }
             }
         }
     }
 }
 
-/// The factors of a pair, rotated: with `Y = [F_1 F_2]` and s(x) the place across their common edge,
+/// The factors of a pair, rotated, and U: with `Y = [F_1 F_2]` and s(x) the place across their common edge,
 ///
 /// ```text
 /// U = eigenvectors of Yᵀ N diag(s) Y, ascending      F_1 ← Y U(:, 1 … r_1)      F_2 ← Y U(:, r_1 + 1 …)
@@ -35,9 +40,10 @@ impl LocalErrors {
 /// U is orthogonal, so that Σ F Fᵀ stays what it is. Of all rotations it makes tr F_1ᵀ N diag(s) F_1 least: since the
 /// squares of the distances from the middles of the two tiles differ by a linear function of s, that makes the sum of
 /// squared distances, weighted with the variance, as small as it can be.
-fn rotated(frame: &Frame, pair: &Pair, factors: [&LocalFactors; 2]) -> [LocalFactors; 2] {
+fn rotated(frame: &Frame, pair: &Pair, factors: [&LocalFactors; 2]) -> ([LocalFactors; 2], Mat<f64>) {
     let variables = union(factors.map(|factors| factors.variables.as_slice()));
     let [first, second] = factors.map(LocalFactors::columns);
+    let precision = factors[0].precision();
     let mut y = Mat::zeros(variables.len(), first + second);
     for (factors, from) in factors.into_iter().zip([0, first]) {
         factors.add_to(&variables, y.as_mut().get_mut(.., from..from + factors.columns()), None);
@@ -51,7 +57,8 @@ fn rotated(frame: &Frame, pair: &Pair, factors: [&LocalFactors; 2]) -> [LocalFac
     add_symmetric_product(moments.as_mut(), 1.0, y.transpose(), weighted.as_ref());
     let (_, rotation) = eigen(moments.as_ref());
     let part = |from: usize, count: usize| {
-        LocalFactors::new(variables.clone(), product(y.as_ref(), rotation.get(.., from..from + count)))
+        let values = product(y.as_ref(), rotation.get(.., from..from + count));
+        LocalFactors::new(variables.clone(), values.as_ref(), precision)
     };
-    [part(0, first), part(first, second)]
+    ([part(0, first), part(first, second)], rotation)
 }

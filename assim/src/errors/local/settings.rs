@@ -2,7 +2,7 @@
 
 use super::tiles::Tiles;
 use crate::error::Error;
-use crate::errors::blocks::{BlockShape, Blocks, Residual};
+use crate::errors::blocks::{BlockShape, Blocks, Precision, Residual};
 use isobar_model::Grid;
 
 /// How the filter with local factors is set up.
@@ -21,6 +21,8 @@ pub struct LocalFactorSettings {
     /// Of the factors of a tile, how many are random sums of the directions that a compression leaves over. These keep
     /// what blocks have in common there, in the mean, where a dissipative model would soon take it from the blocks.
     pub mixed: usize,
+    /// How the factors and those of the model error are stored.
+    pub factor_precision: Precision,
     /// How the block-diagonal part is forecast: not exactly, which would need the whole propagator.
     pub residual: Residual,
 }
@@ -64,12 +66,8 @@ impl LocalFactorSettings {
         // The factors with those of Q, these, both as rotations embed them, the packed columns, the blocks and the border.
         let largest = supports.iter().map(|support| support.len() as u64).max().unwrap_or(0);
         let packed = b * (held / b.max(1) + 1) * per_tile as u64;
-        let needed_bytes = 8
-            * (held * (3 * columns + 2)
-                + packed
-                + 4 * largest * columns
-                + 3 * blocks.matrices_len() as u64
-                + 3 * b * p);
+        let needed_bytes = self.factor_precision.bytes() * (held * 3 * columns + packed)
+            + 8 * (held * 2 + 4 * largest * columns + 3 * blocks.matrices_len() as u64 + 3 * b * p);
         if needed_bytes > limit {
             let what = format!("{columns} factors on each of {} supports of up to {largest} variables", supports.len());
             return Err(Error::TooLarge { what, needed_bytes, limit_bytes: limit });

@@ -47,6 +47,7 @@ fn errors(boundary: Boundary) -> LocalErrors {
         tile_m: 2.0,
         support_tiles: 4,
         mixed: 0,
+        factor_precision: super::super::blocks::Precision::Double,
         residual: super::super::blocks::Residual::Persist,
     };
     LocalErrors::new(&problem, settings).unwrap()
@@ -58,7 +59,7 @@ fn of_factors(errors: &LocalErrors) -> Mat<f64> {
     let mut sum = Mat::zeros(n, n);
     for factors in &errors.memory.factors {
         let all: Vec<usize> = (0..n).collect();
-        let wide = factors.extended(&all).values.0;
+        let wide = factors.extended(&all, factors.precision()).to_matrix();
         sum += &wide * wide.transpose();
     }
     sum
@@ -84,7 +85,7 @@ fn fill_with_normals(errors: &mut LocalErrors, seed: u64) {
     for factors in &mut errors.memory.factors {
         for j in 0..factors.columns() {
             let normals = standard_normals(random, factors.variables.len());
-            factors.values.col_as_slice_mut(j).copy_from_slice(&normals);
+            factors.edit_column(j, |column| column.copy_from_slice(&normals));
         }
     }
     let rows = errors.memory.sensitivity.nrows();
@@ -101,7 +102,7 @@ fn spread_along_x(errors: &LocalErrors) -> f64 {
     for (tile, factors) in errors.memory.factors.iter().enumerate() {
         let middle = ((tile % 8) as f64 + 0.5) * nx / count;
         for j in 0..factors.columns() {
-            for (&variable, value) in factors.variables.iter().zip(factors.values.col_as_slice(j)) {
+            for (&variable, value) in factors.variables.iter().zip(&*factors.column(j)) {
                 let x = (cells[variable] % layout.grid.nx) as f64 + 0.5;
                 let apart = (x - middle + 0.5 * nx).rem_euclid(nx) - 0.5 * nx;
                 sum += (value * apart / scales[variable]).powi(2);
@@ -116,14 +117,14 @@ fn rotations_change_no_covariance_and_bring_directions_nearer_to_their_tiles() {
     for boundary in [Boundary::Periodic, Boundary::Channel] {
         let mut errors = errors(boundary);
         let (before, spread) = (of_factors(&errors), spread_along_x(&errors));
-        errors.localize();
+        errors.localize(None);
         let after = of_factors(&errors);
         let change = (&after - &before).norm_max() / before.norm_max();
         assert!(change < 1e-13, "{boundary:?}: {change:e}");
         assert!(spread_along_x(&errors) <= spread * (1.0 + 1e-12), "{boundary:?}");
         fill_with_normals(&mut errors, 3);
         let (before, spread) = (of_factors(&errors), spread_along_x(&errors));
-        errors.localize();
+        errors.localize(None);
         assert!(spread_along_x(&errors) <= spread * (1.0 + 1e-12), "{boundary:?}");
         assert!((of_factors(&errors) - &before).norm_max() < 1e-12 * before.norm_max(), "{boundary:?}");
     }
@@ -134,11 +135,11 @@ fn compression_keeps_the_covariance_of_each_block() {
     for boundary in [Boundary::Periodic, Boundary::Channel] {
         let mut errors = errors(boundary);
         fill_with_normals(&mut errors, 5);
-        errors.localize();
+        errors.localize(None);
         let before = of_blocks(&errors);
         let mut fewer = LocalFactorSettings { per_tile: 3, ..errors.frame.settings };
         std::mem::swap(&mut Arc::get_mut(&mut errors.frame).unwrap().settings, &mut fewer);
-        errors.compress();
+        errors.compress(None);
         assert!(
             errors
                 .memory
@@ -206,7 +207,8 @@ fn all_directions_of_all_tiles_make_the_whole_covariance() {
         let factors = roots::leading_local_factors(&covariance, &tiles, &supports, &scales, 1000, random).unwrap();
         let mut sum = Mat::zeros(layout.len(), layout.len());
         for factors in &factors {
-            sum += &factors.values.0 * factors.values.transpose();
+            let values = factors.to_matrix();
+            sum += &values * values.transpose();
         }
         let dense = crate::covariance::dense(&covariance);
         assert!((&sum - &dense).norm_max() < 1e-12 * dense.norm_max(), "{boundary:?}");

@@ -177,6 +177,11 @@ pub(super) fn check_name(factor: &FactorSettings, before: &[FactorSettings], fie
 }
 
 impl FactorSettings {
+    /// Whether it is one of observations that depends on place.
+    pub(super) fn has_patterns_of_observations(&self) -> bool {
+        matches!(self.acts_on, ActsOn::Biases(_)) && !self.patterns.is_empty()
+    }
+
     /// The factor, with the biases that it acts on by number.
     ///
     /// # Errors

@@ -3,7 +3,7 @@
 mod corrections;
 mod factors;
 
-use super::{MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Surroundings, fast_kalman};
+use super::{ERROR_CORRELATION, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Sizes, Surroundings, Work, fast_kalman};
 use crate::kinds::{Kind, form};
 use crate::reader::{Absent, Choice, Described, Form, Key, Limits, Read, Section, Whole};
 use corrections::ModelCorrections;
@@ -70,6 +70,7 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
             &MODEL_FACTORS,
             &TRANSITION_CORRECTIONS,
             &SELECTION_THRESHOLD,
+            &ERROR_CORRELATION,
             &SMOOTHER_LAG_CYCLES,
         ],
     ],
@@ -88,7 +89,7 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
             return Err(section.file.error(section.span.clone(), message, label, None));
         }
         let filter = fast_kalman::read(section, surroundings)?;
-        fast_kalman::check_smoother(section, &filter.filter, false)?;
+        fast_kalman::check_smoother(section, filter.filter.factors > 0)?;
         Ok(Box::new(TimeVolumeOptions {
             filter,
             window_cycles,
@@ -164,6 +165,12 @@ impl MethodSettings for TimeVolumeOptions {
         })
     }
 
+    fn work(&self, sizes: &Sizes) -> Work {
+        // Unknowns of the window are columns beside the factors.
+        let more = (self.factors.len() * self.window_cycles + self.corrections.len()) as f64;
+        fast_kalman::work(&self.filter, 1, &Sizes { biases: sizes.biases + more, ..sizes.clone() })
+    }
+
     fn describe(&self) -> String {
         format!(
             "moving time volume of {} cycles, {} factors of observations and model, {} candidates of transition, {}",
@@ -180,6 +187,13 @@ impl MethodSettings for TimeVolumeOptions {
 
     fn carries_bias_covariance(&self) -> bool {
         true
+    }
+
+    fn takes_correlated_errors(&self) -> Result<(), &'static str> {
+        if self.factors.iter().any(FactorSettings::has_patterns_of_observations) {
+            return Err("factors of observations with patterns have their value where each observation is");
+        }
+        Ok(())
     }
 
     fn can_freeze_biases(&self) -> Result<(), &'static str> {

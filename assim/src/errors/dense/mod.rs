@@ -1,26 +1,39 @@
 //! The dense (extended) Kalman filter on the augmented state s = (x, c): the reference for every other method.
 
-use super::serial;
+mod serial;
+
 use crate::augmented::Augmented;
 use crate::covariance;
 use crate::error::Error;
 use crate::filter::{Cycle, Errors, Filter, Fit};
 use crate::fixed_lag::{FixedLag, PastAnalyses, Whitened};
 use crate::innovation_covariance::InnovationCovariance;
-use crate::linalg::{add_product, add_symmetric_product, column, product, solve_lower_transposed, solved_lower};
+use crate::linalg::{
+    add_symmetric_product, column, for_each_chunk, mirror_lower, product, solve_lower, solve_lower_transposed,
+    solved_lower, squared_norm,
+};
 use crate::memory::{Matrix, require};
 use crate::problem::{Innovations, Problem, require_memory};
-use crate::propagator::propagator;
-use faer::{Mat, MatRef, Scale};
+use crate::propagator::{BAND, Propagator};
+use faer::{Mat, MatMut, MatRef};
 use isobar_model::TangentLinear;
 use isobar_model::vector::{axpy, scale};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// The Kalman filter with the whole covariance.
 ///
-/// Forecast (21), (24) of WO 93/22625: `s~ = M(ŝ)`, `P = A Cov(ŝ) Aᵀ + Q`; analysis in gain form,
-/// `K = P Hᵀ (H P Hᵀ + R)⁻¹`, with the covariance in Joseph's form `(I − K H) P (I − K H)ᵀ + K R Kᵀ`.
+/// Forecast (21), (24) of WO 93/22625: `s~ = M(ŝ)`, `P = A Cov(ŝ) Aᵀ + Q`, where A is applied to the columns of P and then to
+/// its rows, in its place; analysis in gain form, `K = P Hᵀ (H P Hᵀ + R)⁻¹`: with the Cholesky factor L of
+/// H P Hᵀ + R, and `W = P Hᵀ L⁻ᵀ`, it is
+///
+/// ```text
+/// s ← s + W L⁻¹ d        P ← P − W Wᵀ        P ← P + (K R − P Hᵀ) Kᵀ
+/// ```
+///
+/// of which one triangle is computed. In the last step, Joseph's form, K R − P Hᵀ is nothing but rounding, which would be
+/// more than what accurate observations leave of P.
 ///
 /// [`KalmanFilter::serial`] takes one observation after the other: where their errors are uncorrelated, each is a scalar
 /// measurement of what the ones before have left (Bierman 1977, Factorization Methods for Discrete Sequential Estimation,
@@ -86,12 +99,14 @@ impl KalmanFilter {
         let size = Size { unknowns: m + p, observations: problem.most_observations, one_by_one, lag: None };
         size.require_memory(problem.memory_limit_bytes)?;
         let mut covariance = Mat::zeros(m + p, m + p);
-        let of_state = covariance::dense(&*problem.background_error) * Scale(factor);
-        covariance.as_mut().get_mut(..m, ..m).copy_from(of_state);
+        covariance::fill_dense(covariance.as_mut().get_mut(..m, ..m), &*problem.background_error, factor);
         let prior = Mat::from_fn(p, p, |i, j| calibration.prior_covariance(i, j));
         covariance.as_mut().get_mut(m.., m..).copy_from(prior);
-        let model_error = problem.model_error.as_deref();
-        let model_error = model_error.map(|operator| Arc::new(covariance::dense(operator) * Scale(factor)));
+        let model_error = problem.model_error.as_deref().map(|operator| {
+            let mut model_error = Mat::zeros(m, m);
+            covariance::fill_dense(model_error.as_mut(), operator, factor);
+            Arc::new(model_error)
+        });
         let memory = Memory { covariance: Matrix(covariance), smoother: None };
         Ok(Self::starting_with(problem, Dense { model_error, one_by_one, memory }))
     }
@@ -142,27 +157,27 @@ impl Errors for Dense {
 
     fn forecast(&mut self, s: &mut Augmented, cycle: &Cycle<'_>) -> Result<(), Error> {
         let m = s.state.values().len();
-        let a = propagator(cycle.model, &mut s.state, cycle.steps)?;
-        let a = MatRef::from_column_major_slice(&a, m, m);
+        let propagator = Propagator::new(cycle.model, &mut s.state, cycle.steps)?;
         let kept = cycle.kept();
         if let Some(kept) = &kept {
             self.decay(m, kept);
         }
-        let p = self.memory.covariance.as_ref();
-        // A P_xx and A P_xc.
-        let rows = product(a, p.get(..m, ..));
-        let mut forecast = Mat::zeros(p.nrows(), p.nrows());
+        let Memory { covariance, smoother } = &mut self.memory;
+        propagator.propagate(covariance.as_mut(), m)?;
         if let Some(model_error) = &self.model_error {
-            forecast.as_mut().get_mut(..m, ..m).copy_from(&**model_error * Scale(cycle.error_factor));
+            let add = |first: usize, chunk: MatMut<'_, f64>| {
+                for (j, column) in (first..).zip(chunk.col_iter_mut()) {
+                    let column = column.try_as_col_major_mut().expect("columns are contiguous").as_slice_mut();
+                    axpy(cycle.error_factor, &model_error.col_as_slice(j)[j..], &mut column[j..]);
+                }
+            };
+            for_each_chunk(covariance.as_mut().get_mut(..m, ..m), 0, &add);
         }
-        add_symmetric_product(forecast.as_mut().get_mut(..m, ..m), 1.0, rows.as_ref().get(.., ..m), a.transpose());
-        forecast.as_mut().get_mut(..m, m..).copy_from(rows.as_ref().get(.., m..));
-        forecast.as_mut().get_mut(m.., ..m).copy_from(rows.as_ref().get(.., m..).transpose());
-        forecast.as_mut().get_mut(m.., m..).copy_from(p.get(m.., m..));
-        (m..p.nrows()).for_each(|i| forecast[(i, i)] += cycle.drift(i - m));
-        self.memory.covariance = Matrix(forecast);
-        if let Some(smoother) = &mut self.memory.smoother {
-            smoother.forecast(a, kept.as_deref());
+        (m..covariance.nrows()).for_each(|i| covariance[(i, i)] += cycle.drift(i - m));
+        mirror_lower(covariance.as_mut());
+        if let Some(smoother) = smoother {
+            let a = propagator.matrix()?;
+            smoother.forecast(MatRef::from_column_major_slice(&a, m, m), kept.as_deref());
         }
         Ok(())
     }
@@ -189,6 +204,13 @@ impl Errors for Dense {
             axpy(weight, self.memory.covariance.col_as_slice(j), &mut product);
         }
         product
+    }
+
+    fn between(&self, a: &[(usize, f64)], b: &[(usize, f64)], _size: usize) -> f64 {
+        let of_a = |&(i, weight): &(usize, f64)| {
+            weight * b.iter().map(|&(j, other)| other * self.memory.covariance[(i, j)]).sum::<f64>()
+        };
+        a.iter().map(of_a).sum()
     }
 
     fn widen_calibration(&mut self, widening: MatRef<'_, f64>) {
@@ -236,28 +258,22 @@ impl Errors for Dense {
 
 /// The analysis of all observations at once; returns K d, `[m + p]`, and dᵀ (H P Hᵀ + R)⁻¹ d.
 fn in_gain_form(p: &mut Mat<f64>, d: &Innovations) -> Result<(Vec<f64>, f64), Error> {
-    let innovation = InnovationCovariance::new(p.as_ref(), d)?;
-    let chi2 = innovation.normalised_square(&d.departures);
-    let InnovationCovariance { cross, root } = innovation;
-    let mut transposed_gain = solved_lower(root.as_ref(), cross.transpose().to_owned());
-    solve_lower_transposed(root.as_ref(), transposed_gain.as_mut());
-    let gain = transposed_gain.transpose();
-    let increment = product(gain, column(&d.departures).as_ref());
-    // Joseph's form in two rank-n steps: P ← P − K (H P), then P ← P − (P Hᵀ) Kᵀ + K R Kᵀ.
-    add_product(p.as_mut(), -1.0, gain, cross.transpose());
-    // p is now (I − K H) P; left is −(I − K H) P Hᵀ + K R.
-    let mut left = Mat::zeros(p.nrows(), d.len());
-    for row in 0..d.len() {
-        let target = left.col_as_slice_mut(row);
-        for (column, weight) in d.row(row) {
-            axpy(-weight, p.col_as_slice(column), target);
-        }
-        for (i, value) in target.iter_mut().enumerate() {
-            *value += d.variance[row] * gain[(i, row)];
-        }
-    }
-    add_symmetric_product(p.as_mut(), 1.0, left.as_ref(), gain.transpose());
-    Ok((increment.col_as_slice(0).to_vec(), chi2))
+    let InnovationCovariance { cross: mut w, root } = InnovationCovariance::new(p.as_ref(), d)?;
+    solve_lower(root.as_ref(), w.as_mut().transpose_mut());
+    let departures = solved_lower(root.as_ref(), column(&d.departures));
+    let increment = product(w.as_ref(), departures.as_ref());
+    add_symmetric_product(p.as_mut(), -1.0, w.as_ref(), w.transpose());
+    let mut gain = w;
+    solve_lower_transposed(root.as_ref(), gain.as_mut().transpose_mut());
+    // K R − P Hᵀ.
+    let mut rounding = Mat::<f64>::zeros(p.nrows(), d.len());
+    rounding.par_col_iter_mut().enumerate().for_each(|(row, target)| {
+        let target = target.try_as_col_major_mut().expect("columns are contiguous").as_slice_mut();
+        axpy(d.variance[row], gain.col_as_slice(row), target);
+        d.row(row).for_each(|(column, weight)| axpy(-weight, p.col_as_slice(column), target));
+    });
+    add_symmetric_product(p.as_mut(), 1.0, rounding.as_ref(), gain.transpose());
+    Ok((increment.col_as_slice(0).to_vec(), squared_norm(departures.col_as_slice(0))))
 }
 
 /// What a dense filter has to hold.
@@ -274,14 +290,16 @@ struct Size {
 }
 
 impl Size {
-    /// P and Q, and for the forecast the propagator A and two products of the same size, or for the analysis P Hᵀ, twice the
-    /// gain and H P Hᵀ + R; the smoother, if there is one.
+    /// P and Q, and for the forecast the propagator A and twice a band, or for the analysis twice P Hᵀ and H P Hᵀ + R; the
+    /// smoother, if there is one.
     fn require_memory(self, limit_bytes: u64) -> Result<(), Error> {
         let Self { unknowns, observations, one_by_one, lag } = self;
         let (size, n) = (unknowns as f64, observations as f64);
-        let of_analysis = if one_by_one { size + n } else { 3.0 * size * n + n * n };
+        let of_forecast = size * size + 2.0 * size * size.min(BAND as f64);
+        let of_analysis =
+            if one_by_one { size * size.min(serial::DELAYED as f64) + n } else { 2.0 * size * n + 2.0 * n * n };
         let of_smoother = lag.map_or(0.0, |lag| FixedLag::numbers(lag, unknowns, observations));
-        let numbers = 2.0 * size * size + f64::max(3.0 * size * size, of_analysis) + of_smoother;
+        let numbers = 2.0 * size * size + f64::max(of_forecast, of_analysis) + of_smoother;
         require_memory(limit_bytes, numbers, || {
             let smoother = lag.map_or_else(String::new, |lag| format!(" with a smoother of {lag} analyses"));
             let observations = match observations {

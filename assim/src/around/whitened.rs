@@ -1,0 +1,141 @@
+//! A method that is given observations whose errors are independent, where those that arrive are correlated.
+
+use crate::assimilator::{Adjustments, Assimilator, Views};
+use crate::error::Error;
+use crate::estimate::{Analysis, Background};
+use crate::structure::{BlockStructure, Structure};
+use isobar_model::{Duration, State};
+use isobar_obs::{ErrorRegression, Jacobian, ObservationOperator, ObservationWindow, SparseRows};
+use std::borrow::Cow;
+use std::sync::Arc;
+
+/// Any method on observations with correlated errors. Methods take errors as independent; with R = U D Uᵀ of a window's
+/// [`ErrorRegression`] and T = U⁻¹, the method is given
+///
+/// ```text
+/// T y = T h(x, c) + T ε,    T ε ~ N(0, D),    D diagonal
+/// ```
+///
+/// which says the same: (y − h)ᵀ R⁻¹ (y − h) = |D^-½ T (y − h)|², so that gain, χ², gradients and claimed errors are those of
+/// the full R. T h has the Jacobian T (X, G): an observation reads beside its own footprint those of the observations of its
+/// report on whose errors its error depends, and so has their biases. What the method says of observations, their departures,
+/// is turned back by U; where no errors are correlated it is given the window as it is.
+///
+/// A row has the place of its own observation. A method that localises by places is no longer that of the full R: where an
+/// observation is near, and the one before it in its report is not, the localised analysis knows their difference, but not
+/// what both have in common.
+#[derive(Clone)]
+pub struct Whitened {
+    method: Box<dyn Assimilator>,
+}
+
+impl Whitened {
+    /// The method, on any observations.
+    pub fn new(method: Box<dyn Assimilator>) -> Self {
+        Self { method }
+    }
+}
+
+/// T h(x, c).
+struct WhitenedOperator {
+    whole: Arc<dyn ObservationOperator>,
+    regression: ErrorRegression,
+    /// σ of the errors before T.
+    sigma: Vec<f64>,
+}
+
+impl ObservationOperator for WhitenedOperator {
+    fn len(&self) -> usize {
+        self.whole.len()
+    }
+
+    fn simulate(&self, x: &State, calibration: &[f64]) -> Vec<f64> {
+        let mut simulated = self.whole.simulate(x, calibration);
+        self.regression.whiten(&self.sigma, &mut simulated);
+        simulated
+    }
+
+    fn linearize(&self, x: &State, calibration: &[f64]) -> Jacobian {
+        let whole = self.whole.linearize(x, calibration);
+        Jacobian {
+            state: self.regression.whiten_rows(&self.sigma, &whole.state),
+            calibration: self.regression.whiten_rows(&self.sigma, &whole.calibration),
+        }
+    }
+
+    fn linearize_calibration(&self, x: &State, calibration: &[f64]) -> SparseRows {
+        self.regression.whiten_rows(&self.sigma, &self.whole.linearize_calibration(x, calibration))
+    }
+
+    fn anchored(&self, background: &State) -> Option<Arc<dyn ObservationOperator>> {
+        let whole = self.whole.anchored(background)?;
+        Some(Arc::new(Self { whole, regression: self.regression.clone(), sigma: self.sigma.clone() }))
+    }
+}
+
+/// The same observations with independent errors.
+fn whitened(observed: &ObservationWindow) -> Cow<'_, ObservationWindow> {
+    let regression = &observed.error_regression;
+    if regression.is_independent() {
+        return Cow::Borrowed(observed);
+    }
+    let mut values = observed.values.clone();
+    regression.whiten(&observed.sigma, &mut values);
+    let operator = WhitenedOperator {
+        whole: Arc::clone(&observed.operator),
+        regression: regression.clone(),
+        sigma: observed.sigma.clone(),
+    };
+    Cow::Owned(ObservationWindow {
+        values,
+        sigma: regression.whitened_sigma(&observed.sigma),
+        error_regression: ErrorRegression::default(),
+        operator: Arc::new(operator),
+        ..observed.clone()
+    })
+}
+
+impl Assimilator for Whitened {
+    fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
+        self.method.forecast(window)
+    }
+
+    fn analyse(&mut self, from: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        let given = whitened(observed);
+        let mut analysis = self.method.analyse(from, &given)?;
+        if let Cow::Owned(_) = given {
+            for departures in [&mut analysis.background_departures, &mut analysis.analysis_departures] {
+                observed.error_regression.correlate(&observed.sigma, departures);
+            }
+        }
+        Ok(analysis)
+    }
+
+    fn boxed_clone(&self) -> Box<dyn Assimilator> {
+        Box::new(self.clone())
+    }
+
+    fn memory(&self) -> Result<Vec<u8>, Error> {
+        self.method.memory()
+    }
+
+    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
+        self.method.recall(memory)
+    }
+
+    fn can(&self) -> Views<'_> {
+        let views = self.method.can();
+        Views { blocks: views.blocks.map(|_| self as &dyn BlockStructure), ..views }
+    }
+
+    fn adjust(&mut self) -> Adjustments<'_> {
+        self.method.adjust()
+    }
+}
+
+impl BlockStructure for Whitened {
+    fn structure(&self, observed: &ObservationWindow, factors: usize) -> Structure {
+        let blocks = self.method.can().blocks.expect("a view of a method with blocks");
+        blocks.structure(&whitened(observed), factors)
+    }
+}

@@ -1,0 +1,79 @@
+//! `kind = "netcdf"`.
+
+use super::state::{InitialState, Values, check_values, layout};
+use crate::calendar::utc;
+use crate::kinds::{Domain, Kind};
+use crate::reader::{Absent, Described, Form, Key, Read, Section, StateFile};
+use isobar_model::Time;
+use std::collections::BTreeMap;
+
+const FILE: Key<Described> = Key::required(
+    "file",
+    "",
+    Described(
+        "a netCDF file, of version 3 or 4, with a field on the grid for each of the model's variables",
+        Form::text,
+    ),
+    "the state",
+);
+
+const TIME: Key<Described> = Key::absent(
+    "time",
+    "",
+    Described("a time such as \"2026-01-15T00:00:00Z\"", || Form::Time),
+    Absent::Explained("the only time of the file"),
+    "the time of the state in the file",
+);
+
+const VARIABLES: Key<Described> = Key::absent(
+    "variables",
+    "",
+    Described("a table such as `{ h = \"z500\" }`", || Form::Named(&[], Box::new(Form::Text))),
+    Absent::Explained("those of the same names, or of the same standard names by the CF conventions"),
+    "names of the variables in the file by those of the model",
+);
+
+pub(super) const KIND: Kind<dyn InitialState, Domain> =
+    Kind::new("netcdf", "The state of a netCDF file at a time", &[&[&FILE, &TIME, &VARIABLES]], |section, domain| {
+        Ok(Box::new(Values(values(section, domain)?)))
+    });
+
+fn values(section: &Section<'_>, domain: &Domain) -> Read<Vec<f64>> {
+    let field = section.required(FILE.name)?;
+    let file = StateFile::open(&field, layout(domain), &names(section, domain)?)?;
+    let time = match (section.optional(TIME.name), file.times()) {
+        (None, None | Some([_])) => None,
+        (None, Some(times)) => {
+            let message = format!(
+                "the file has states at {} times, from {} to {}",
+                times.len(),
+                utc(times[0]),
+                utc(times[times.len() - 1])
+            );
+            return Err(field.invalid(message, "give one of them by `time`"));
+        }
+        (Some(time), None) => {
+            return Err(time.misplaced("the file does not say of what time its state is".into(), "leave out this key"));
+        }
+        (Some(time), Some(_)) => Some(time.time()?),
+    };
+    let values = file.values(time).map_err(|problem| in_file(section, time, problem))?;
+    check_values(&values, domain).map_err(|(message, allowed)| field.invalid(message, allowed))?;
+    Ok(values)
+}
+
+/// A fault of the file, at the key of the time where one is given.
+fn in_file(section: &Section<'_>, time: Option<Time>, problem: String) -> crate::reader::ScenarioError {
+    let key = if time.is_some() { TIME.name } else { FILE.name };
+    match section.required(key) {
+        Ok(field) => field.invalid(format!("`{}`: {problem}", field.title()), "cannot be used"),
+        Err(error) => error,
+    }
+}
+
+/// The names that variables have in the file.
+fn names(section: &Section<'_>, domain: &Domain) -> Read<BTreeMap<String, String>> {
+    let Some(field) = section.optional(VARIABLES.name) else { return Ok(BTreeMap::new()) };
+    let own: Vec<&str> = domain.model.variables().iter().map(|variable| variable.0).collect();
+    field.section(&own)?.fields().map(|(name, field)| Ok((name.to_string(), field.text()?))).collect()
+}

@@ -1,0 +1,78 @@
+//! What a page is made of: sections of text, tables and figures.
+
+use crate::plot::{CurvePlot, IntervalPlot};
+use crate::tables::Table;
+use serde::Serialize;
+
+/// A figure on a page.
+#[derive(Clone, Debug, Serialize)]
+pub struct Figure {
+    /// What it shows, in words.
+    pub caption: String,
+    /// Its SVG element, already escaped.
+    pub svg: String,
+    /// Class of its style: `curves` for what has a colour for each method, `wide`, both, or empty.
+    pub class: &'static str,
+}
+
+impl Figure {
+    /// Values with intervals; `None` if there are none.
+    pub fn of_intervals(plot: &IntervalPlot, caption: String) -> Option<Self> {
+        (!plot.rows.is_empty()).then(|| Self { caption, svg: plot.svg().page, class: "curves" })
+    }
+
+    /// Curves as the figure of this number on its page; `None` if there are none.
+    pub fn of_curves(plot: &CurvePlot, number: usize, caption: String) -> Option<Self> {
+        let svg = || plot.svg(&format!("f{number}")).page;
+        (!plot.curves.is_empty()).then(|| Self { caption, svg: svg(), class: "curves" })
+    }
+}
+
+/// A part of the page.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Section {
+    /// Its heading.
+    pub title: String,
+    /// Its heading in the table of contents; empty: the same.
+    pub short: String,
+    /// What there is to know before looking.
+    pub text: String,
+    /// Tables.
+    pub tables: Vec<Table>,
+    /// Figures.
+    pub figures: Vec<Figure>,
+    /// Further parts, each under a line that opens it.
+    pub folded: Vec<Folded>,
+}
+
+/// Something that the reader has to open.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Folded {
+    /// The line that is always seen.
+    pub title: String,
+    /// What there is to know before looking.
+    pub text: String,
+    /// A text, to the letter.
+    pub verbatim: String,
+    /// Tables.
+    pub tables: Vec<Table>,
+    /// Figures.
+    pub figures: Vec<Figure>,
+}
+
+/// A page.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Page {
+    /// The heading.
+    pub title: String,
+    /// The line below it.
+    pub subtitle: String,
+    /// What was found, in a few sentences.
+    pub headline: Vec<String>,
+    /// Names and colours of methods that can be switched off in charts.
+    pub methods: Vec<(String, String)>,
+    /// Facts by name, at the end.
+    pub facts: Vec<(String, String)>,
+    /// The parts.
+    pub sections: Vec<Section>,
+}

@@ -1,0 +1,154 @@
+//! All faults of a file, and not only the first: parts that do not depend on each other are read whatever is wrong with the
+//! others, and keys that are not read because of that are compared with their forms.
+
+use super::{AnyKey, Field, Form, KIND, KindForm, Read, ScenarioError, Section};
+use toml::de::DeValue;
+
+/// What was found to be wrong so far.
+#[derive(Default)]
+pub(crate) struct Faults(Vec<ScenarioError>);
+
+impl Faults {
+    /// The part that was read; otherwise its fault is kept.
+    pub fn keep<T>(&mut self, read: Read<T>) -> Option<T> {
+        read.map_err(|fault| self.0.push(fault)).ok()
+    }
+
+    /// Whether all parts could be read.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// All faults and those of `forms` in the order of their places. What was kept is told where both are at one place.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub fn with(self, forms: Vec<ScenarioError>) -> ScenarioError {
+        ScenarioError::of_all(self.0.into_iter().chain(forms)).expect("a part could not be read")
+    }
+}
+
+/// All parts, each read whatever is wrong with the others.
+///
+/// # Errors
+/// All faults of all parts.
+pub(crate) fn read_all<T>(parts: impl Iterator<Item = Read<T>>) -> Read<Vec<T>> {
+    let mut faults = Vec::new();
+    let parts: Vec<T> = parts.filter_map(|part| part.map_err(|fault| faults.push(fault)).ok()).collect();
+    ScenarioError::of_all(faults).map_or(Ok(parts), Err)
+}
+
+/// The kinds in the list of a name.
+type Lists<'a> = &'a dyn Fn(&str) -> Vec<KindForm>;
+
+/// What of a table does not have the form that its keys say: unknown and missing keys, wrong types, values beyond their
+/// limits, in all tables below it, too. Less than a reader finds, who knows the rest of the file.
+pub(crate) fn of_keys(section: &Section<'_>, keys: &[&'static dyn AnyKey], lists: Lists<'_>) -> Vec<ScenarioError> {
+    let mut faults = Vec::new();
+    let names: Vec<&str> = keys.iter().map(|key| key.name()).collect();
+    let mut meant = Vec::new();
+    for (near, fault) in section.unknown_keys(&names, &[]) {
+        meant.extend(near);
+        faults.push(fault);
+    }
+    of_known(section, keys, &meant, lists, &mut faults);
+    faults
+}
+
+/// The same of the known keys, of which those that unknown ones may mean are not missed.
+fn of_known(
+    section: &Section<'_>,
+    keys: &[&'static dyn AnyKey],
+    meant: &[&str],
+    lists: Lists<'_>,
+    faults: &mut Vec<ScenarioError>,
+) {
+    for key in keys {
+        match section.optional(key.name()) {
+            Some(field) => of_form(&field, &key.form(), lists, faults),
+            None if key.default().is_none() && !meant.contains(&key.name()) => faults.push(section.missing(key.name())),
+            None => {}
+        }
+    }
+}
+
+/// What of a value does not have a form.
+fn of_form(field: &Field<'_>, form: &Form, lists: Lists<'_>, faults: &mut Vec<ScenarioError>) {
+    let fault = match form {
+        Form::Number(limits) => field.number(*limits).err(),
+        Form::Whole(least, most) => field.integer(*least, *most).err(),
+        Form::YesNo => field.yes_or_no().err(),
+        Form::Words(words) => field.choice(&words.iter().map(|word| (*word, ())).collect::<Vec<_>>()).err(),
+        Form::Text => field.text().err(),
+        Form::List(of) => match field.elements(usize::MAX) {
+            Ok(elements) => return elements.iter().for_each(|element| of_form(element, of, lists, faults)),
+            Err(fault) => Some(fault),
+        },
+        Form::Table(keys) => match field.any_section() {
+            Ok(section) => return faults.extend(of_keys(&section, keys, lists)),
+            Err(fault) => Some(fault),
+        },
+        Form::Kinds(by, kinds) => return of_kinds(field, by, kinds, lists, faults),
+        Form::Listed(name) => return of_kinds(field, KIND, &lists(name), lists, faults),
+        Form::Named(keys, other) => match field.any_section() {
+            Ok(section) => {
+                of_known(&section, keys, &[], lists, faults);
+                let others = section.fields().filter(|(name, _)| keys.iter().all(|key| key.name() != *name));
+                return others.for_each(|(_, field)| of_form(&field, other, lists, faults));
+            }
+            Err(fault) => Some(fault),
+        },
+        Form::Entries(entries) => match field.any_section() {
+            Ok(section) => {
+                let names: Vec<&str> = entries.iter().map(|entry| entry.0).collect();
+                faults.extend(section.unknown_keys(&names, &[]).map(|(_, fault)| fault));
+                let known = entries.iter().filter_map(|(name, form)| Some((section.optional(name)?, form)));
+                return known.for_each(|(field, form)| of_form(&field, form, lists, faults));
+            }
+            Err(fault) => Some(fault),
+        },
+        Form::Any(forms) => return of_any(field, forms, lists, faults),
+        // Which of these keys there are depends on another table, and a time has its own reader.
+        Form::PartOf(_) | Form::Time | Form::Free => None,
+    };
+    faults.extend(fault);
+}
+
+fn of_kinds(field: &Field<'_>, by: &str, kinds: &[KindForm], lists: Lists<'_>, faults: &mut Vec<ScenarioError>) {
+    let names = |kind: &KindForm| kind.keys.iter().map(|key| key.name()).collect::<Vec<_>>();
+    let choices: Vec<_> = kinds.iter().map(|kind| (kind.name, (), names(kind))).collect();
+    let (number, section) = match field.section_of_any(by, &choices) {
+        Ok(chosen) => chosen,
+        Err(fault) => return faults.push(fault),
+    };
+    let known: Vec<&str> = std::iter::once(by).chain(choices[number].2.iter().copied()).collect();
+    let elsewhere: Vec<(&str, &[&str])> = choices.iter().map(|kind| (kind.0, kind.2.as_slice())).collect();
+    let mut meant = Vec::new();
+    for (near, fault) in section.unknown_keys(&known, &elsewhere) {
+        meant.extend(near);
+        faults.push(fault);
+    }
+    of_known(&section, &kinds[number].keys, &meant, lists, faults);
+}
+
+/// What does not have any of the forms: what is said by the only one that is a table, or the only one that is not, if the
+/// value is; otherwise nothing, since nobody knows which was meant.
+fn of_any(field: &Field<'_>, forms: &[Form], lists: Lists<'_>, faults: &mut Vec<ScenarioError>) {
+    let of_each = forms.iter().map(|form| {
+        let mut own = Vec::new();
+        of_form(field, form, lists, &mut own);
+        (form, own)
+    });
+    let mut of_each: Vec<(&Form, Vec<ScenarioError>)> = of_each.collect();
+    if of_each.iter().any(|(_, own)| own.is_empty()) {
+        return;
+    }
+    let is_table = |form: &Form| {
+        matches!(form, Form::Table(_) | Form::Kinds(..) | Form::Listed(_) | Form::Named(..) | Form::Entries(_))
+    };
+    let value_is_table = matches!(field.value.get_ref(), DeValue::Table(_));
+    of_each.retain(|(form, _)| is_table(form) == value_is_table);
+    if let [(_, own)] = &mut of_each[..] {
+        faults.append(own);
+    }
+}
