@@ -157,7 +157,8 @@ fn figures_are_on_the_page_and_in_files() {
         assert_eq!((count("_correlation.svg"), count("_correlation_")), (1, 2));
         // The other variables at the end.
         for variable in ["u", "v"] {
-            assert_eq!(count(&format!("_error_{variable}.svg")), 5, "{variable}");
+            let curves = 2;
+            assert_eq!(count(&format!("_error_{variable}.svg")), 5 + curves, "{variable}");
             assert_eq!(count(&format!("_spread_{variable}.svg")), 4, "{variable}");
         }
         assert_eq!((count("_blocks.svg"), count("01_fast_kalman_factor_")), (1, 2));

@@ -125,8 +125,8 @@ pub(super) fn read_with_smoother(section: &Section<'_>, surroundings: &Surroundi
     if let (Some(field), true, ModelErrorTreatment::SquareRoot) =
         (section.optional(MODEL_ERROR_TREATMENT.name), smooths, settings.model_error)
     {
-        let message = "the square root of the model error recombines the members, which a smoother cannot follow";
-        return Err(field.misplaced(message.into(), "must be \"random\", or leave out `smoother_lag_cycles`"));
+        let message = format!("`{}` recombines the members, which a smoother cannot follow", field.title());
+        return Err(field.misplaced(message, "must be \"random\", or leave out `smoother_lag_cycles`"));
     }
     Ok(settings)
 }
