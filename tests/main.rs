@@ -4,6 +4,7 @@ mod advise;
 mod agreement;
 mod ahead;
 mod air_mass;
+mod all_faults;
 mod anywhere;
 mod architecture;
 mod automatic_factors;

@@ -142,7 +142,8 @@ fn files_page_and_terminal_hold_the_warnings() {
     let options = RunOptions { outputs, ..run_options(folder.path(), scenario.cycle.count) };
     let mut listener = Listener::default();
     let summary = run(&scenario, &options, &mut listener).unwrap();
-    let said: Vec<&str> = listener.warnings.iter().map(String::as_str).collect();
+    let said: Vec<&str> =
+        listener.warnings.iter().map(String::as_str).filter(|it| it.starts_with("warnings.never")).collect();
     assert_eq!(said.len(), 2, "{said:?}");
     assert!(said[0].starts_with("warnings.never: tracer above 30 anywhere almost never occurs: the first"), "{said:?}");
     assert!(said[1].starts_with("warnings.never: the event never occurred in 24 cases, so that"), "{said:?}");
@@ -172,7 +173,7 @@ fn files_page_and_terminal_hold_the_warnings() {
     let page = fs::read_to_string(out.join("report.html")).unwrap();
     assert!(page.contains("tracer above 0.8") && page.contains("Scores of much by lead time"));
     assert!(out.join("figures/warning_much_reliability.svg").is_file());
-    assert!(out.join("figures/warning_much_map_01_kf.png").is_file());
+    assert!(out.join("figures/warning_much_map_01_kf.svg").is_file());
     let table = isobar::tables::scores::on_terminal(&summary, &[("tracer", "1")], 100);
     assert!(table.contains("Warning much, over all lead times after the analysis: the event occurred in"), "{table}");
     assert!(table.contains("Probability of never ahead of the analysis of cycle 14"), "{table}");

@@ -125,7 +125,7 @@ fn departures_take_the_place_of_errors() {
         .unwrap()
         .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
         .collect();
-    assert!(figures.iter().any(|name| name.ends_with("_analysis.png")), "{figures:?}");
+    assert!(figures.iter().any(|name| name.ends_with("_analysis.svg")), "{figures:?}");
     assert!(!figures.iter().any(|name| name.contains("truth") || name.contains("error")), "{figures:?}");
     let scores = fs::read_to_string(out.join("scores.csv")).unwrap();
     let header = scores.lines().next().unwrap();

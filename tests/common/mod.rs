@@ -95,7 +95,12 @@ pub fn text(bytes: &[u8]) -> String {
 
 /// Line and column, from 1, of `part` in `text`.
 pub fn place(text: &str, part: &str) -> String {
-    let start = text.find(part).unwrap_or_else(|| panic!("{part} is not in the scenario"));
+    place_from(text, 0, part)
+}
+
+/// As [`place`], for the first `part` from byte `from` on.
+pub fn place_from(text: &str, from: usize, part: &str) -> String {
+    let start = from + text[from..].find(part).unwrap_or_else(|| panic!("{part} is not in the scenario"));
     let line_start = text[..start].rfind('\n').map_or(0, |newline| newline + 1);
     format!("{}:{}", text[..start].matches('\n').count() + 1, start - line_start + 1)
 }
