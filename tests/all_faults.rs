@@ -1,6 +1,6 @@
 //! All faults of a scenario file at once, and what `isobar check` says a run will cost.
 
-use crate::common::{VALID, isobar, place, place_from, text};
+use crate::common::{VALID, isobar, place_from, text};
 use std::fs;
 use tempfile::tempdir;
 
