@@ -169,7 +169,8 @@ fn figures_are_on_the_page_and_in_files() {
         }
         let text = fs::read_to_string(directory.join("report.html")).unwrap();
         let svgs = all.keys().filter(|name| name.ends_with(".svg")).count();
-        assert_eq!(text.matches("<svg").count(), svgs);
+        // Of the cycle in the middle the page has truth and errors, and not 5 backgrounds, 5 analyses and 4 spreads.
+        assert_eq!(text.matches("<svg").count(), svgs - 14);
         assert_eq!(text.matches("<figure").count(), text.matches("<figcaption>").count());
     });
 }
