@@ -44,7 +44,7 @@ pub trait TangentLinear: Model {
     /// `columns` holds any number of increments one after another, each `[variable, y, x]`: a column-major matrix.
     fn step_tl(&self, at: &State, columns: &mut [f64]);
 
-    /// Advances increments by `steps` time steps along the trajectory from `at`, with the bits of single steps.
+    /// Advances increments by `steps` time steps along the trajectory from `at`, to the same bits as by single steps.
     ///
     /// The default takes single steps; a model overrides it if it is faster with all steps at once. Columns in single
     /// precision are advanced in double precision and rounded after the last step.
@@ -59,12 +59,12 @@ pub trait Adjoint: TangentLinear {
     /// [`TangentLinear::step_tl`].
     fn step_ad(&self, at: &State, columns: &mut [f64]);
 
-    /// Takes adjoint increments back by a step from each of the states, from the last to the first, with the bits of single
-    /// steps.
+    /// Takes adjoint increments back by one time step from each of the states, from the last to the first, to the same bits as
+    /// by single steps.
     ///
     /// The default takes single steps; a model overrides it if it is faster with all steps at once.
     fn steps_ad(&self, states: &[State], columns: &mut [f64]) {
-        states.iter().rev().for_each(|at| self.step_ad(at, columns));
+        step_by_step_ad(self, states, columns);
     }
 }
 
@@ -158,6 +158,11 @@ pub(crate) fn step_by_step<M: TangentLinear + ?Sized>(model: &M, at: &State, col
             }
         }
     }
+}
+
+/// [`Adjoint::steps_ad`] by single steps.
+pub(crate) fn step_by_step_ad<M: Adjoint + ?Sized>(model: &M, states: &[State], columns: &mut [f64]) {
+    states.iter().rev().for_each(|at| model.step_ad(at, columns));
 }
 
 /// Fails at the first value of the increments in `columns` (as in [`TangentLinear::step_tl`]) that is not finite.

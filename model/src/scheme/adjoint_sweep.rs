@@ -14,13 +14,11 @@
 //! [`super::runge_kutta`], with y constrained first.
 
 use super::groups::{for_each_group, linearised_at};
-use super::interleaving::Interleaving;
 use super::rows::{AdjointRowStream, Pushed, Ring, Row};
-use super::stages::{Stages, load_state};
+use super::stages::{Stages, load_state, of_strip};
 use super::strips::{Lanes, Strip, StripReader};
-use super::tangent_sweep::of_strip;
 use super::tendency::Tendency;
-use super::update::{Scheme, combine, weigh};
+use super::update::{Scheme, add_slopes, combine, weigh};
 use crate::grid::{Boundary, Grid};
 use crate::state::State;
 use pulp::Arch;
@@ -98,7 +96,6 @@ struct AdjointWavefront<'a> {
     inputs: Vec<Ring>,
     /// g of each stage.
     gradients: Vec<Ring>,
-    interleaving: Option<Interleaving>,
     /// Of each level.
     readers: Vec<StripReader>,
     /// A row of the earlier level; beyond a wall, any row.
@@ -122,7 +119,6 @@ impl<'a> AdjointWavefront<'a> {
         let y_places = lanes.most_places(grid.nx, reach.of_y as usize);
         let row_len = variables * (y_places + 2) * lanes.count();
         let of_stage = reach.of_stage as usize;
-        let interleaving = || Interleaving::new(scheme.levels() * variables * grid.ny, grid.nx);
         let reader = |_| StripReader::new(variables, shape, lanes, reach.of_y as usize);
         Self {
             arch: Arch::new(),
@@ -138,7 +134,6 @@ impl<'a> AdjointWavefront<'a> {
             y: Ring::new(row_len, reach.of_y as usize + 1),
             inputs: (0..stages).map(|_| Ring::new(row_len, 2)).collect(),
             gradients: (0..stages).map(|stage| Ring::new(row_len, of_stage * stage + 1)).collect(),
-            interleaving: (lanes == Lanes::Eight).then(interleaving),
             readers: (0..scheme.levels()).map(reader).collect(),
             row: vec![0.0; row_len],
             first_rows: Ring::new(row_len, reach.of_y as usize),
@@ -147,17 +142,11 @@ impl<'a> AdjointWavefront<'a> {
 
     /// Takes the columns back by a step from each of the states, in place.
     fn take_back(&mut self, states: &[Cow<'_, [f64]>], columns: &mut [f64]) {
-        if let Some(interleaving) = &mut self.interleaving {
-            interleaving.interleave(columns);
-        }
         for at in states.iter().rev() {
             for strip in Strip::of_row(self.grid.nx, self.lanes, self.reach.of_x as usize) {
                 self.strip = strip;
                 self.sweep_strip(at, columns);
             }
-        }
-        if let Some(interleaving) = &mut self.interleaving {
-            interleaving.separate(columns);
         }
     }
 
@@ -258,7 +247,7 @@ impl<'a> AdjointWavefront<'a> {
     /// Pushes a row of y to the last stage.
     fn push(&mut self, row: isize, columns: &mut [f64]) {
         let ny = self.grid.ny as isize;
-        let (level, strip) = (columns.len() / self.scheme.levels(), self.strip.reaching(self.reach.of_y as usize));
+        let (level, strip) = (columns.len() / self.scheme.levels(), self.strip_of_y());
         let y = self.y.row_mut(row);
         if row >= ny {
             y.copy_from_slice(self.first_rows.row(row.rem_euclid(ny)));
@@ -267,7 +256,8 @@ impl<'a> AdjointWavefront<'a> {
             self.readers[0].read(columns, grid_row, strip, to_be_advanced, y);
             if let Scheme::Leapfrog(leapfrog) = self.scheme {
                 self.readers[1].read(&columns[level..], grid_row, strip, to_be_advanced, &mut self.row);
-                y.iter_mut().zip(&self.row).for_each(|(new, filtered)| *new += leapfrog.alpha * filtered);
+                let len = y.len();
+                add_slopes(self.arch, &mut [&mut *y], 0, len, &[(leapfrog.alpha, &self.row)]);
             }
             if (0..self.reach.of_y).contains(&row) {
                 self.first_rows.row_mut(row).copy_from_slice(self.y.row(row));
@@ -279,36 +269,22 @@ impl<'a> AdjointWavefront<'a> {
     /// All gradients that a row of a stage's k* consists of are known: pushes it, and what that makes known to earlier stages.
     fn cascade(&mut self, stage: usize, row: isize, columns: &mut [f64]) {
         let (len, stride, of_stage) = (self.variables * self.stride(), self.stride(), self.reach.of_stage);
-        let mut terms: [(f64, &[f64]); 8] = [(0.0, &[]); 8];
-        let mut count = 1;
-        terms[0].1 = &self.y.row(row)[..len];
-        match self.scheme {
-            Scheme::RungeKutta { a, b, dt } => {
-                terms[0].0 = dt * b[stage];
-                for later in stage + 1..b.len() {
-                    if a[later][stage] != 0.0 {
-                        terms[count] = (dt * a[later][stage], &self.gradients[later].row(row)[..len]);
-                        count += 1;
-                    }
-                }
-            }
-            Scheme::Leapfrog(leapfrog) => terms[0].0 = 2.0 * leapfrog.dt,
-            Scheme::Slope => terms[0].0 = 1.0,
-        }
+        let (terms, count) = self.scheme.terms_ad(stage, &self.y.row(row)[..len], &self.gradients, row);
         weigh(self.arch, &mut self.inputs[stage].row_mut(row)[..len], &terms[..count]);
         let pushed = &mut self.pushed[1][stage];
         *pushed += 1;
-        let first = *pushed == 1;
-        if first && self.grid.boundary == Boundary::Channel {
+        if *pushed == 1 {
+            if self.grid.boundary == Boundary::Periodic {
+                return;
+            }
+            // The row beyond the wall stands for all rows there within reach.
             *pushed += of_stage as usize;
-        } else if first {
-            return;
         }
         let is_known = *pushed > 2 * of_stage as usize;
         let input = |row| of_strip(&self.inputs[stage], row, self.variables, stride);
         let out = &mut self.gradients[stage].row_mut(row - of_stage)[..len];
         self.streams[stage].push(row, input(row - 1), input(row), out);
-        if is_known && !first {
+        if is_known {
             self.continue_with(stage, row - of_stage, columns);
         }
     }
@@ -318,13 +294,10 @@ impl<'a> AdjointWavefront<'a> {
         if stage > 0 {
             return self.cascade(stage - 1, row, columns);
         }
-        let (lanes, level) = (self.lanes.count(), columns.len() / self.scheme.levels());
-        let strip = self.strip.reaching(self.reach.of_y as usize);
-        let (now, before) = columns.split_at_mut(level);
+        let (strip, reader) = (self.strip_of_y(), &self.readers[0]);
+        let (now, before) = columns.split_at_mut(columns.len() / self.scheme.levels());
         for variable in 0..self.variables {
-            let own = self.readers[0].own(variable, row as usize, strip);
-            let start = variable * self.stride() + (1 + strip.reach) * lanes;
-            let inner = start..start + own.len();
+            let (own, inner) = (reader.own(variable, row as usize, strip), reader.inner(variable, strip));
             let (now, y, len) = (&mut now[own.clone()], &self.y.row(row)[inner.clone()], own.len());
             if let Scheme::Leapfrog(leapfrog) = self.scheme {
                 let gradient = &self.gradients[0].row(row)[inner];
@@ -339,9 +312,14 @@ impl<'a> AdjointWavefront<'a> {
         }
     }
 
+    /// The strip with as many places on either side as y needs.
+    fn strip_of_y(&self) -> Strip {
+        self.strip.reaching(self.reach.of_y as usize)
+    }
+
     /// Values of a variable's row of columns.
     fn stride(&self) -> usize {
-        (self.strip.reaching(self.reach.of_y as usize).places() + 2) * self.lanes.count()
+        self.strip_of_y().stride(self.lanes.count())
     }
 
     /// Values of a row of the state.

@@ -1,5 +1,6 @@
 //! Which columns are advanced together: eight at a time, interleaved, and a few that are left one after another.
 
+use super::interleaving::Interleaving;
 use super::strips::Lanes;
 use super::tendency::Tendency;
 use crate::columns::{Columns, LANES};
@@ -7,11 +8,12 @@ use crate::grid::Boundary;
 use crate::stored::Stored;
 use std::borrow::Cow;
 
-/// From so many columns on it is faster to fill a group up with zeros than to advance one after another.
+/// Fewer columns than this are advanced one after another, which is then faster than a group filled up with zeros.
 const LEAST_OF_A_GROUP: usize = 5;
 
-/// Applies `advance` to the columns of each group in double precision, of `levels` levels each and constrained, with a sweep
-/// for each worker. Who shares a group with whom has no influence on the result, if it is the same for both numbers of lanes.
+/// Applies `advance` to the columns of each group in double precision, of `levels` levels each, constrained and, if they are
+/// eight, interleaved, with a sweep for each worker. Which columns share a group has no influence on the result, if it is the
+/// same for both numbers of lanes.
 pub(super) fn for_each_group<T: Tendency, S: Stored, W: Send>(
     tendency: &T,
     levels: usize,
@@ -25,23 +27,27 @@ pub(super) fn for_each_group<T: Tendency, S: Stored, W: Send>(
     let count = columns.len() / len;
     let grouped = if count % LANES < LEAST_OF_A_GROUP { count - count % LANES } else { count };
     let (grouped, alone) = columns.split_at_mut(grouped * len);
-    let constrained_sweep = |columns: &mut [f64], sweep: &mut W| {
-        columns.chunks_exact_mut(level).for_each(|level| tendency.constrain(level));
-        advance(columns, sweep);
-    };
+    let constrain = |columns: &mut [f64]| columns.chunks_exact_mut(level).for_each(|level| tendency.constrain(level));
     let are_any = (!grouped.is_empty(), !alone.is_empty());
     let mut groups = || {
-        let work = || (sweep(Lanes::Eight), Vec::new(), Vec::new());
-        Columns::new(grouped, len).for_each_group(LANES, work, |group, (sweep, copy, filled)| {
+        let nx = tendency.layout().grid.nx;
+        let work = || (sweep(Lanes::Eight), Interleaving::new(len / nx, nx), Vec::new(), Vec::new());
+        Columns::new(grouped, len).for_each_group(LANES, work, |group, (sweep, interleaving, copy, filled)| {
             let Some(sweep) = sweep else { return };
+            let mut advance_eight = |columns: &mut [f64]| {
+                constrain(columns);
+                interleaving.interleave(columns);
+                advance(columns, sweep);
+                interleaving.separate(columns);
+            };
             S::in_double(group, copy, |columns| {
                 if columns.len() == LANES * len {
-                    return constrained_sweep(columns, sweep);
+                    return advance_eight(columns);
                 }
                 filled.clear();
                 filled.extend_from_slice(columns);
                 filled.resize(LANES * len, 0.0);
-                constrained_sweep(filled, sweep);
+                advance_eight(filled);
                 columns.copy_from_slice(&filled[..columns.len()]);
             });
         });
@@ -50,7 +56,10 @@ pub(super) fn for_each_group<T: Tendency, S: Stored, W: Send>(
         let work = || (sweep(Lanes::One), Vec::new());
         Columns::new(alone, len).for_each_group(1, work, |column, (sweep, copy)| {
             let Some(sweep) = sweep else { return };
-            S::in_double(column, copy, |column| constrained_sweep(column, sweep));
+            S::in_double(column, copy, |column| {
+                constrain(column);
+                advance(column, sweep);
+            });
         });
     };
     match are_any {

@@ -24,7 +24,7 @@ use super::tendency::Tendency;
 use super::update::{Leap, Scheme};
 use crate::columns::Columns;
 use crate::error::{ModelError, require};
-use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step};
+use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step, step_by_step_ad};
 use crate::state::{Layout, State};
 use crate::stored::ColumnsMut;
 use crate::time::Duration;
@@ -137,6 +137,11 @@ impl<T: Tendency> Leapfrog<T> {
         sweep_tl(&self.tendency, Scheme::Leapfrog(self.leap()), at.values(), columns, steps)
     }
 
+    /// Takes increments back in sweeps over the rows; returns false, with nothing done, if the tendency has no row form.
+    fn sweep_columns_ad(&self, states: &[State], columns: &mut [f64]) -> bool {
+        sweep_ad(&self.tendency, Scheme::Leapfrog(self.leap()), states, columns)
+    }
+
     fn columns<'a>(&self, columns: &'a mut [f64]) -> Columns<'a, f64> {
         Columns::new(columns, self.layout.len())
     }
@@ -215,7 +220,7 @@ impl<T: Tendency> Adjoint for Leapfrog<T> {
     /// With n* and f* for the gradients with respect to the new and the filtered level:
     /// n* += α f*, now* = (1 − 2α) f* + f'ᵀ 2Δt n*, before* = n* + α f*.
     fn step_ad(&self, at: &State, columns: &mut [f64]) {
-        if sweep_ad(&self.tendency, Scheme::Leapfrog(self.leap()), std::slice::from_ref(at), columns) {
+        if self.sweep_columns_ad(std::slice::from_ref(at), columns) {
             return;
         }
         let linearisation = self.linearise(at.values());
@@ -240,8 +245,8 @@ impl<T: Tendency> Adjoint for Leapfrog<T> {
     }
 
     fn steps_ad(&self, states: &[State], columns: &mut [f64]) {
-        if !sweep_ad(&self.tendency, Scheme::Leapfrog(self.leap()), states, columns) {
-            states.iter().rev().for_each(|at| self.step_ad(at, columns));
+        if !self.sweep_columns_ad(states, columns) {
+            step_by_step_ad(self, states, columns);
         }
     }
 }

@@ -36,7 +36,7 @@ impl<'a> Row<'a> {
         row
     }
 
-    /// A row of so many variables.
+    /// A row given as one slice for each variable.
     ///
     /// # Panics
     /// If there are more than [`MOST_VARIABLES`].
@@ -123,9 +123,9 @@ pub trait TangentRowStream: Send {
 /// A tendency f(x) and the transpose of its derivative, row by row from the south, for stencils that reach one or two rows
 /// and columns.
 ///
-/// Rows of the state are pushed first, as in [`RowStream`], and what f' needs to know of them is kept until rows of the
-/// adjoint increments, arranged as those of a [`TangentRowStream`], come to the same place; these may have as many places less
-/// in the west as in the east. Rows are numbered as there.
+/// Rows of the state are pushed first, as in [`RowStream`], and what f' needs to know of them is kept until the same rows of
+/// the adjoint increments are pushed. These are arranged and numbered as those of a [`TangentRowStream`], and may be shorter, by
+/// as many places in the west as in the east.
 pub trait AdjointRowStream: Send {
     /// As [`RowStream::reach`].
     fn reach(&self) -> usize {
@@ -169,7 +169,7 @@ impl Ring {
         const LINE_BYTES: usize = 64;
         let depth = depth.next_power_of_two();
         let values = vec![0.0; row_len * depth + LINE_BYTES / size_of::<f64>()];
-        // Where it lies changes no result, so that none is as good.
+        // Alignment changes no result, so that failing to find it does no harm.
         let before = values.as_ptr().align_offset(LINE_BYTES).min(LINE_BYTES / size_of::<f64>());
         Self { values, before, row_len, mask: depth - 1 }
     }

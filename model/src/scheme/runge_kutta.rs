@@ -26,7 +26,7 @@ use super::tendency::{SpectralBounds, Tendency};
 use super::update::Scheme;
 use crate::columns::Columns;
 use crate::error::ModelError;
-use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step};
+use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step, step_by_step_ad};
 use crate::state::{Layout, State};
 use crate::stored::ColumnsMut;
 use crate::time::Duration;
@@ -161,6 +161,12 @@ impl<T: Tendency> Stepped<T> {
         sweep_tl(&self.tendency, self.numbers(), at.values(), columns, steps)
     }
 
+    /// Takes increments back in sweeps over the rows; returns false, with nothing done, if the tendency has no row form.
+    fn sweep_columns_ad(&self, states: &[State], columns: &mut [f64]) -> bool {
+        states.iter().for_each(|at| self.check_layout(at));
+        sweep_ad(&self.tendency, self.numbers(), states, columns)
+    }
+
     fn work(&self) -> Work {
         let len = self.layout().len();
         let stages = self.scheme.coefficients().1.len();
@@ -246,8 +252,7 @@ impl<T: Tendency> TangentLinear for Stepped<T> {
 
 impl<T: Tendency> Adjoint for Stepped<T> {
     fn step_ad(&self, at: &State, columns: &mut [f64]) {
-        self.check_layout(at);
-        if sweep_ad(&self.tendency, self.numbers(), std::slice::from_ref(at), columns) {
+        if self.sweep_columns_ad(std::slice::from_ref(at), columns) {
             return;
         }
         let linearisations = self.linearise_stages(at);
@@ -275,14 +280,13 @@ impl<T: Tendency> Adjoint for Stepped<T> {
     }
 
     fn steps_ad(&self, states: &[State], columns: &mut [f64]) {
-        states.iter().for_each(|at| self.check_layout(at));
-        if !sweep_ad(&self.tendency, self.numbers(), states, columns) {
-            states.iter().rev().for_each(|at| self.step_ad(at, columns));
+        if !self.sweep_columns_ad(states, columns) {
+            step_by_step_ad(self, states, columns);
         }
     }
 }
 
-/// y += factor x; nothing for a factor of zero, of which the coefficients of a scheme have many.
+/// y += factor x; nothing for a factor of zero, as many coefficients of a scheme are zero.
 #[inline(always)]
 fn add_scaled(y: &mut [f64], factor: f64, x: &[f64]) {
     if factor != 0.0 {

@@ -5,15 +5,16 @@ use super::strips::Strip;
 use super::update::{Scheme, combine, leap};
 use pulp::Arch;
 
-/// Rows of states and slopes at all stages, each of which is so many rows behind the one before.
+/// Rows of states and slopes at all stages.
 pub(super) struct Stages {
     pub states: Vec<Ring>,
     pub slopes: Vec<Ring>,
+    /// The row beyond a wall.
     pub ghost: Vec<f64>,
 }
 
 impl Stages {
-    /// For rows of at most `row_len` values.
+    /// For rows of at most `row_len` values, where each stage is `reach` rows behind the one before.
     pub fn new(stages: usize, reach: usize, row_len: usize) -> Self {
         let states = |stage: usize| Ring::new(row_len, if stage == 0 { reach * stages + 1 } else { 2 });
         Self {
@@ -45,9 +46,10 @@ impl Stages {
     ) {
         let (places, variables) = (strip.places(), before.len() / scheme.levels() / cells);
         for variable in 0..variables {
-            let own =
-                variable * cells + row * nx + strip.first..variable * cells + row * nx + strip.first + strip.width;
-            let inner = variable * places + strip.reach..variable * places + strip.reach + strip.width;
+            let start = variable * cells + row * nx + strip.first;
+            let own = start..start + strip.width;
+            let start = variable * places + strip.reach;
+            let inner = start..start + strip.width;
             if let Scheme::Leapfrog(leapfrog) = scheme {
                 let (now, filtered) = after.split_at_mut(variables * cells);
                 let (now, filtered) = (&mut now[own.clone()], &mut filtered[own.clone()]);
@@ -62,6 +64,11 @@ impl Stages {
             }
         }
     }
+}
+
+/// A strip's row in a ring of longer rows: `values` values of each of `variables` variables.
+pub(super) fn of_strip(ring: &Ring, row: isize, variables: usize, values: usize) -> Row<'_> {
+    Row::of(&ring.row(row)[..variables * values], values)
 }
 
 /// Copies the strip of a row of the first level of a state, `[variable, y, x]`.

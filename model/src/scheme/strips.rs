@@ -1,4 +1,4 @@
-//! Strips of the rows of columns: so many places of each row that all that a sweep over a strip works with stays in cache.
+//! Strips of the rows of columns, narrow enough that the working set of a sweep over a strip stays in cache.
 //!
 //! A strip is advanced in place and needs some places on either side of it as they were before the step: those in the
 //! west have been overwritten by the strip before, and those east of the last strip by the first, so each leaves copies
@@ -31,8 +31,7 @@ impl Lanes {
         }
     }
 
-    /// Rows that are longer than the first are cut into strips no wider than the second, to which come the places on
-    /// either side.
+    /// Rows longer than the first are cut into strips no wider than the second, not counting the places on either side.
     fn limits(self) -> [usize; 2] {
         match self {
             Lanes::One => [MOST_PLACES, 240],
@@ -61,7 +60,7 @@ pub(crate) struct Strip {
 }
 
 impl Strip {
-    /// The strips of a row, for a sweep that reaches so far.
+    /// The strips of a row, for a sweep that reaches `reach` places.
     pub fn of_row(nx: usize, lanes: Lanes, reach: usize) -> Vec<Strip> {
         let [longest, width] = lanes.limits();
         if nx <= longest {
@@ -85,7 +84,12 @@ impl Strip {
         self.width + 2 * self.reach
     }
 
-    /// The strip's own places of a row.
+    /// Values of a variable's row of columns: of the strip, and of the place before the first and that after the last.
+    pub fn stride(self, lanes: usize) -> usize {
+        (self.places() + 2) * lanes
+    }
+
+    /// The places of a row that are advanced.
     pub fn own(self) -> Range<usize> {
         self.first..self.first + self.width
     }
@@ -127,7 +131,7 @@ impl StripReader {
     pub fn read(&mut self, level: &[f64], row: usize, strip: Strip, to_be_advanced: bool, out: &mut [f64]) {
         let (reach, lanes) = (self.reach, self.lanes);
         let own = strip.first * lanes..(strip.first + strip.width) * lanes;
-        let stride = (strip.places() + 2) * lanes;
+        let stride = strip.stride(lanes);
         for (variable, out) in out.chunks_exact_mut(stride).take(self.variables).enumerate() {
             let number = variable * self.ny + row;
             let (field, edge) = (&level[number * self.row..][..self.row], number * reach..(number + 1) * reach);
@@ -155,10 +159,16 @@ impl StripReader {
         }
     }
 
-    /// Where a variable's own places of a row are in a level.
+    /// Where the places of a variable's row that are advanced are in a level.
     pub fn own(&self, variable: usize, row: usize, strip: Strip) -> Range<usize> {
         let start = (variable * self.ny + row) * self.row;
         start + strip.first * self.lanes..start + (strip.first + strip.width) * self.lanes
+    }
+
+    /// Where they are in a row as it is read.
+    pub fn inner(&self, variable: usize, strip: Strip) -> Range<usize> {
+        let start = variable * strip.stride(self.lanes) + (1 + strip.reach) * self.lanes;
+        start..start + strip.width * self.lanes
     }
 }
 

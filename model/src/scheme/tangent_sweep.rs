@@ -7,9 +7,8 @@
 //! same, so that a column has the bits it has alone. Long rows are swept in [strips](super::strips).
 
 use super::groups::{for_each_group, linearised_at};
-use super::interleaving::Interleaving;
 use super::rows::{Pushed, Ring, Row, TangentRowStream};
-use super::stages::{Stages, load_state};
+use super::stages::{Stages, load_state, of_strip};
 use super::strips::{Lanes, Strip, StripReader};
 use super::tendency::Tendency;
 use super::update::{Scheme, combine, leap};
@@ -74,7 +73,6 @@ struct TangentWavefront<'a> {
     strip: Strip,
     x: Stages,
     dx: Stages,
-    interleaving: Option<Interleaving>,
     reader: StripReader,
     /// The first rows of the columns, which come again at the end of a periodic sweep.
     first_rows: Ring,
@@ -96,7 +94,6 @@ impl<'a> TangentWavefront<'a> {
         let reach = of_stage * stages;
         let places = lanes.most_places(grid.nx, reach);
         let row_len = variables * (places + 2) * lanes.count();
-        let interleaving = || Interleaving::new(scheme.levels() * variables * grid.ny, grid.nx);
         Self {
             arch: Arch::new(),
             scheme,
@@ -110,7 +107,6 @@ impl<'a> TangentWavefront<'a> {
             streams,
             x: Stages::new(stages, of_stage, variables * places),
             dx: Stages::new(stages, of_stage, row_len),
-            interleaving: (lanes == Lanes::Eight).then(interleaving),
             reader: StripReader::new(variables, [grid.nx, grid.ny], lanes, reach),
             first_rows: Ring::new(row_len, reach),
             at: [Vec::new(), Vec::new()],
@@ -120,9 +116,6 @@ impl<'a> TangentWavefront<'a> {
 
     /// Advances the columns by `steps` steps along the trajectory from `start`, in place.
     fn advance(&mut self, start: &[f64], columns: &mut [f64], steps: usize) {
-        if let Some(interleaving) = &mut self.interleaving {
-            interleaving.interleave(columns);
-        }
         let [mut before, mut after] = std::mem::take(&mut self.at);
         after.resize(if steps > 1 { start.len() } else { 0 }, 0.0);
         before.resize(if steps > 2 { start.len() } else { 0 }, 0.0);
@@ -135,9 +128,6 @@ impl<'a> TangentWavefront<'a> {
             std::mem::swap(&mut before, &mut after);
         }
         self.at = [before, after];
-        if let Some(interleaving) = &mut self.interleaving {
-            interleaving.separate(columns);
-        }
     }
 
     fn sweep_strip(&mut self, at: &[f64], after: &mut [f64], columns: &mut [f64]) {
@@ -237,12 +227,9 @@ impl<'a> TangentWavefront<'a> {
             self.dx.continue_with(arch, scheme, stage, row, d_len);
             return self.cascade(stage + 1, row, at, after, columns);
         }
-        let (lanes, level) = (self.lanes.count(), columns.len() / scheme.levels());
-        let (now, before) = columns.split_at_mut(level);
+        let (now, before) = columns.split_at_mut(columns.len() / scheme.levels());
         for variable in 0..self.variables {
-            let own = self.reader.own(variable, row as usize, strip);
-            let inner = variable * self.stride() + (1 + strip.reach) * lanes;
-            let inner = inner..inner + own.len();
+            let (own, inner) = (self.reader.own(variable, row as usize, strip), self.reader.inner(variable, strip));
             let now = &mut now[own.clone()];
             if let Scheme::Leapfrog(leapfrog) = scheme {
                 let slope = &self.dx.slopes[0].row(row)[inner];
@@ -262,16 +249,11 @@ impl<'a> TangentWavefront<'a> {
 
     /// Values of a variable's row of increments.
     fn stride(&self) -> usize {
-        (self.strip.places() + 2) * self.lanes.count()
+        self.strip.stride(self.lanes.count())
     }
 
     /// Values of a row of the state and of increments.
     fn lengths(&self) -> (usize, usize) {
         (self.variables * self.strip.places(), self.variables * self.stride())
     }
-}
-
-/// A row of so many variables, each of so many values.
-pub(super) fn of_strip(ring: &Ring, row: isize, variables: usize, values: usize) -> Row<'_> {
-    Row::of(&ring.row(row)[..variables * values], values)
 }

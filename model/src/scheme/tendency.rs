@@ -52,8 +52,8 @@ pub trait Tendency: Send + Sync {
         None
     }
 
-    /// f and the transpose of f' row by row, as [`Tendency::tangent_row_stream`], where rows of adjoint increments come so
-    /// many rows after those of the state: `None` if and only if that is.
+    /// f and the transpose of f' row by row, as [`Tendency::tangent_row_stream`], where rows of adjoint increments come at most
+    /// `delay` rows after those of the state. `None` if and only if that has none.
     fn adjoint_row_stream(&self, _nx: usize, _lanes: Lanes, _delay: usize) -> Option<Box<dyn AdjointRowStream + '_>> {
         None
     }

@@ -49,6 +49,34 @@ impl Scheme<'_> {
         }
         (terms, count)
     }
+
+    /// The terms of k* of a stage in `row`, given y and the gradients of the later stages.
+    #[inline]
+    pub fn terms_ad<'t>(
+        self,
+        stage: usize,
+        y: &'t [f64],
+        gradients: &'t [Ring],
+        row: isize,
+    ) -> ([(f64, &'t [f64]); 8], usize) {
+        let mut terms: [(f64, &[f64]); 8] = [(0.0, &[]); 8];
+        let mut count = 1;
+        terms[0].1 = y;
+        match self {
+            Scheme::RungeKutta { a, b, dt } => {
+                terms[0].0 = dt * b[stage];
+                for (weights, gradients) in a.iter().zip(gradients).skip(stage + 1) {
+                    if weights[stage] != 0.0 {
+                        terms[count] = (dt * weights[stage], &gradients.row(row)[..y.len()]);
+                        count += 1;
+                    }
+                }
+            }
+            Scheme::Leapfrog(leapfrog) => terms[0].0 = 2.0 * leapfrog.dt,
+            Scheme::Slope => terms[0].0 = 1.0,
+        }
+        (terms, count)
+    }
 }
 
 /// Slopes of a row, `[variable, x]`, each with the time it acts for; added up in this order.
@@ -209,11 +237,9 @@ impl Leap {
             now[i] = new;
         }
     }
-}
 
-impl Leap {
     /// The transpose of [`Leap::advance`] on gradients (n*, f*) with respect to the new and the filtered level: (now*, before*),
-    /// given m* = n* + α f* and the gradient with respect to the slope's state, g = f'ᵀ 2Δt m*:
+    /// given m* = n* + α f* and the gradient through the slope, g = f'ᵀ 2Δt m*:
     /// now* = (1 − 2α) f* + g, before* = m* + α f*.
     pub fn take_back(self, now: &mut [f64], before: &mut [f64], new: &[f64], gradient: &[f64]) {
         let n = now.len();

@@ -1,68 +1,38 @@
 //! The loops of [`super::adjoint_rows`] for eight columns at once in vector operations, with the same bits.
 
-use super::ShallowWater;
+use super::VARIABLES;
+use super::adjoint_rows::Gradients;
+use super::kernel::Constants;
+use super::lanes::{for_vectors, places, places_mut};
 use super::row_coefficients::RowCoefficients;
-use crate::columns::LANES;
 use crate::scheme::rows::Row;
 use pulp::Simd;
-
-/// h, u and v.
-const VARIABLES: usize = 3;
-
-/// Gradients with respect to the diagnostic quantities of the rows of a sweep, `[x, lane]`: see
-/// [`AdjointRows`](super::adjoint_rows::AdjointRows).
-pub(super) struct Rows<'a> {
-    pub flux_x: &'a mut [f64],
-    pub flux_y: [&'a mut [f64]; 2],
-    pub vorticity: [&'a mut [f64]; 2],
-    pub thickness: [&'a mut [f64]; 2],
-    pub bernoulli: [&'a mut [f64]; 2],
-}
-
-/// Places of a row of one variable, the lanes of each in `P` vectors.
-#[inline(always)]
-fn places<S: Simd, const P: usize>(row: &[f64]) -> &[[S::f64s; P]] {
-    S::as_simd_f64s(row).0.as_chunks().0
-}
-
-/// Places of a row of one variable, the lanes of each in `P` vectors.
-#[inline(always)]
-fn places_mut<S: Simd, const P: usize>(row: &mut [f64]) -> &mut [[S::f64s; P]] {
-    S::as_mut_simd_f64s(row).0.as_chunks_mut().0
-}
 
 /// V*, q*/h̄ˣʸ and q q*/(4 h̄ˣʸ) of the northern row, U* and B* of the southern.
 #[inline(always)]
 pub(super) fn diagnostics<S: Simd>(
     simd: S,
-    model: &ShallowWater,
+    constants: Constants,
     coefficients: &RowCoefficients,
     row: isize,
     [south, north]: [Row<'_>; 2],
-    rows: &mut Rows<'_>,
+    gradients: &mut Gradients,
 ) {
-    match S::as_simd_f64s(&[0.0; 2 * LANES]).0.len() / 2 {
-        1 => diagnostics_in::<S, 1>(simd, model, coefficients, row, south, north, rows),
-        2 => diagnostics_in::<S, 2>(simd, model, coefficients, row, south, north, rows),
-        4 => diagnostics_in::<S, 4>(simd, model, coefficients, row, south, north, rows),
-        8 => diagnostics_in::<S, 8>(simd, model, coefficients, row, south, north, rows),
-        vectors => panic!("no processor has vectors of which {vectors} make eight numbers"),
-    }
+    for_vectors!(diagnostics_in::<S>(simd, constants, coefficients, row, south, north, gradients));
 }
 
 #[inline(always)]
 fn diagnostics_in<S: Simd, const P: usize>(
     simd: S,
-    model: &ShallowWater,
+    constants: Constants,
     coefficients: &RowCoefficients,
     row: isize,
     south: Row<'_>,
     north: Row<'_>,
-    rows: &mut Rows<'_>,
+    gradients: &mut Gradients,
 ) {
-    let grid = &model.layout.grid;
+    let [_, per_dx, per_dy] = constants.splat(simd);
     let splat = |value: f64| simd.splat_f64s(value);
-    let (per_dx, per_dy) = (splat(1.0 / grid.dx_m), splat(1.0 / grid.dy_m));
     let (add, sub, mul) = (|a, b| simd.add_f64s(a, b), |a, b| simd.sub_f64s(a, b), |a, b| simd.mul_f64s(a, b));
     let [h_south, u_south, v_south] = south.variables().map(places::<S, P>);
     let [h_north, u_north, v_north] = north.variables().map(places::<S, P>);
@@ -79,13 +49,8 @@ fn diagnostics_in<S: Simd, const P: usize>(
     let (of_q_y, of_q_e) = (&term.y[0][..padded], &term.y[1][..n]);
     let (of_u, of_u_e) = (&term.y[2][..padded], &term.y[3][..n]);
     let (of_u_s, of_u_se) = (&term_s.y[2][..padded], &term_s.y[3][..n]);
-    let flux_x = &mut places_mut::<S, P>(rows.flux_x)[..padded];
-    let [_, flux_y] = &mut rows.flux_y;
-    let ([_, vorticity], [_, thickness]) = (&mut rows.vorticity, &mut rows.thickness);
-    let [_, bernoulli] = &mut rows.bernoulli;
-    let (flux_y, bernoulli) = (&mut places_mut::<S, P>(flux_y)[..padded], &mut places_mut::<S, P>(bernoulli)[..padded]);
-    let (vorticity, thickness) =
-        (&mut places_mut::<S, P>(vorticity)[..padded], &mut places_mut::<S, P>(thickness)[..padded]);
+    let [flux_x, flux_y, vorticity, thickness, bernoulli] =
+        gradients.newest_mut().map(|row| &mut places_mut::<S, P>(row)[..padded]);
     for part in 0..P {
         for w in 0..n {
             let (i, e) = (w + 1, w + 2);
@@ -115,49 +80,41 @@ fn diagnostics_in<S: Simd, const P: usize>(
 #[inline(always)]
 pub(super) fn prognostics<S: Simd>(
     simd: S,
-    model: &ShallowWater,
+    constants: Constants,
     coefficients: &RowCoefficients,
     row: isize,
-    rows: &Rows<'_>,
+    gradients: &Gradients,
     out: &mut [f64],
 ) {
-    match S::as_simd_f64s(&[0.0; 2 * LANES]).0.len() / 2 {
-        1 => prognostics_in::<S, 1>(simd, model, coefficients, row, rows, out),
-        2 => prognostics_in::<S, 2>(simd, model, coefficients, row, rows, out),
-        4 => prognostics_in::<S, 4>(simd, model, coefficients, row, rows, out),
-        8 => prognostics_in::<S, 8>(simd, model, coefficients, row, rows, out),
-        vectors => panic!("no processor has vectors of which {vectors} make eight numbers"),
-    }
+    for_vectors!(prognostics_in::<S>(simd, constants, coefficients, row, gradients, out));
 }
 
 #[inline(always)]
 fn prognostics_in<S: Simd, const P: usize>(
     simd: S,
-    model: &ShallowWater,
+    constants: Constants,
     coefficients: &RowCoefficients,
     row: isize,
-    rows: &Rows<'_>,
+    gradients: &Gradients,
     out: &mut [f64],
 ) {
-    let grid = &model.layout.grid;
+    let [gravity, per_dx, per_dy] = constants.splat(simd);
     let splat = |value: f64| simd.splat_f64s(value);
-    let (per_dx, per_dy) = (splat(1.0 / grid.dx_m), splat(1.0 / grid.dy_m));
-    let gravity = splat(model.parameters.gravity_m_per_s2);
     let (add, sub, mul) = (|a, b| simd.add_f64s(a, b), |a, b| simd.sub_f64s(a, b), |a, b| simd.mul_f64s(a, b));
     let (out_h, winds) = out.split_at_mut(out.len() / VARIABLES);
     let (out_u, out_v) = winds.split_at_mut(out_h.len());
-    let (out_h, out_u, out_v) = (places_mut::<S, P>(out_h), places_mut::<S, P>(out_u), places_mut::<S, P>(out_v));
+    let [out_h, out_u, out_v] = [out_h, out_u, out_v].map(places_mut::<S, P>);
     let padded = out_h.len();
     let n = padded - 2;
     let (out_u, out_v) = (&mut out_u[..padded], &mut out_v[..padded]);
     let (at, half_v_n) = (coefficients.places(row, n), &coefficients.places(row + 1, n).half_v[..padded]);
     let (thickness_x, thickness_y) = (&at.thickness_x[..padded], &at.thickness_y[..padded]);
     let (half_u, half_v) = (&at.half_u[..padded], &at.half_v[..padded]);
-    let flux_x = &places::<S, P>(rows.flux_x)[..padded];
-    let [flux_y, flux_y_n] = [0, 1].map(|row| &places::<S, P>(rows.flux_y[row])[..padded]);
-    let [z, z_n] = [0, 1].map(|row| &places::<S, P>(rows.vorticity[row])[..padded]);
-    let [q, q_n] = [0, 1].map(|row| &places::<S, P>(rows.thickness[row])[..padded]);
-    let [b_s, b] = [0, 1].map(|row| &places::<S, P>(rows.bernoulli[row])[..padded]);
+    let flux_x = &places::<S, P>(&gradients.flux_x)[..padded];
+    let [flux_y, flux_y_n] = gradients.flux_y.each_ref().map(|row| &places::<S, P>(row)[..padded]);
+    let [z, z_n] = gradients.vorticity.each_ref().map(|row| &places::<S, P>(row)[..padded]);
+    let [q, q_n] = gradients.thickness.each_ref().map(|row| &places::<S, P>(row)[..padded]);
+    let [b_s, b] = gradients.bernoulli.each_ref().map(|row| &places::<S, P>(row)[..padded]);
     for part in 0..P {
         for w in 0..n {
             let (i, e) = (w + 1, w + 2);

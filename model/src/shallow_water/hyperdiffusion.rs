@@ -4,24 +4,21 @@
 //! L(L x) up to row j − 2, so that all tendencies come one row later than those of the stream within.
 
 use super::adjoint_rows::AdjointRows;
-use super::rows::ShallowWaterRows;
-use super::tangent_rows::continue_evenly;
-use super::{ShallowWater, V};
+use super::rows::{ShallowWaterRows, continue_evenly};
+use super::{ShallowWater, V, VARIABLES};
 use crate::grid::Boundary;
+use crate::scheme::Lanes;
 use crate::scheme::rows::{AdjointRowStream, Pushed, Row, RowStream, TangentRowStream};
 use crate::scheme::strips::periodic_row;
 
 use pulp::{Arch, Simd, WithSimd};
-
-/// h, u and v.
-const VARIABLES: usize = 3;
 
 /// How the values of a row lie.
 #[derive(Clone, Copy, PartialEq)]
 enum Arrangement {
     /// `[variable, x]`.
     Fields,
-    /// `[variable, x, lane]` of so many lanes, with the place before the first and that after the last.
+    /// `[variable, x, lane]` with this number of lanes, and with the place before the first and that after the last.
     Padded(usize),
 }
 
@@ -88,12 +85,12 @@ pub(super) struct HyperdiffusedTangentRows<'a> {
 }
 
 impl<'a> HyperdiffusedTangentRows<'a> {
-    /// For rows of at most `nx` places, given the stream of the other terms for so many columns.
-    pub fn new(model: &'a ShallowWater, nx: usize, inner: Box<dyn TangentRowStream + 'a>, lanes: usize) -> Self {
+    /// For rows of at most `nx` places, given the stream of the other terms.
+    pub fn new(model: &'a ShallowWater, nx: usize, lanes: Lanes, inner: Box<dyn TangentRowStream + 'a>) -> Self {
         Self {
             inner,
             of_state: Damping::new(model, Arrangement::Fields, nx),
-            of_columns: Damping::new(model, Arrangement::Padded(lanes), nx),
+            of_columns: Damping::new(model, Arrangement::Padded(lanes.count()), nx),
         }
     }
 }
@@ -127,28 +124,28 @@ impl TangentRowStream for HyperdiffusedTangentRows<'_> {
     }
 }
 
-/// The tendency with hyperdiffusion and the transpose of its derivative, which is hyperdiffused as x is, for `L` columns.
-pub(super) struct HyperdiffusedAdjointRows<'a, const L: usize> {
-    inner: AdjointRows<'a, L>,
+/// The tendency with hyperdiffusion and the transpose of its derivative, which is hyperdiffused as x is.
+pub(super) struct HyperdiffusedAdjointRows<'a> {
+    inner: AdjointRows<'a>,
     of_state: Damping<'a>,
     of_columns: Damping<'a>,
     /// The row of the columns beyond a wall.
     ghost: Vec<f64>,
 }
 
-impl<'a, const L: usize> HyperdiffusedAdjointRows<'a, L> {
+impl<'a> HyperdiffusedAdjointRows<'a> {
     /// As [`AdjointRows::new`].
-    pub fn new(model: &'a ShallowWater, nx: usize, delay: usize) -> Self {
+    pub fn new(model: &'a ShallowWater, nx: usize, lanes: Lanes, delay: usize) -> Self {
         Self {
-            inner: AdjointRows::new(model, nx, delay),
+            inner: AdjointRows::new(model, nx, lanes, delay),
             of_state: Damping::new(model, Arrangement::Fields, nx),
-            of_columns: Damping::new(model, Arrangement::Padded(L), nx),
-            ghost: vec![0.0; VARIABLES * (nx + 2) * L],
+            of_columns: Damping::new(model, Arrangement::Padded(lanes.count()), nx),
+            ghost: vec![0.0; VARIABLES * (nx + 2) * lanes.count()],
         }
     }
 }
 
-impl<const L: usize> AdjointRowStream for HyperdiffusedAdjointRows<'_, L> {
+impl AdjointRowStream for HyperdiffusedAdjointRows<'_> {
     fn reach(&self) -> usize {
         2
     }

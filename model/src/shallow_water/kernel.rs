@@ -4,12 +4,13 @@
 //! operations, for eight columns at once.
 
 use super::{ShallowWater, VectorInvariant};
+use pulp::Simd;
 
 /// Numbers of the equations.
 #[derive(Clone, Copy)]
 pub(super) struct Constants {
     /// g \[m s⁻²\].
-    gravity: f64,
+    pub gravity: f64,
     /// 1/dx \[m⁻¹\].
     per_dx: f64,
     /// 1/dy \[m⁻¹\].
@@ -57,6 +58,12 @@ impl Constants {
     pub fn new(model: &ShallowWater) -> Self {
         let grid = &model.layout.grid;
         Self { gravity: model.parameters.gravity_m_per_s2, per_dx: 1.0 / grid.dx_m, per_dy: 1.0 / grid.dy_m }
+    }
+
+    /// g, 1/dx and 1/dy in all lanes of vectors.
+    #[inline(always)]
+    pub fn splat<S: Simd>(self, simd: S) -> [S::f64s; 3] {
+        [self.gravity, self.per_dx, self.per_dy].map(|value| simd.splat_f64s(value))
     }
 
     /// ζ = δx v/dx − δy u/dy of u, u\[S\] and v, v\[W\]; δζ likewise.

@@ -27,6 +27,7 @@ mod adjoint_rows;
 mod damping;
 mod hyperdiffusion;
 mod kernel;
+mod lanes;
 mod linear;
 mod row_coefficients;
 mod rows;
@@ -37,7 +38,6 @@ mod tangent_rows;
 pub use linear::LinearShallowWater;
 pub use tangent_linear::Coefficients;
 
-use crate::columns::LANES;
 use crate::error::{ModelError, require, require_finite, require_non_negative, require_positive};
 use crate::grid::{Boundary, Grid, Location};
 use crate::halo::Halo;
@@ -54,6 +54,8 @@ pub const H: usize = 0;
 pub const U: usize = 1;
 /// Number of the meridional wind v among the variables.
 pub const V: usize = 2;
+/// h, u and v.
+const VARIABLES: usize = 3;
 
 /// The physical parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -238,21 +240,20 @@ impl Tendency for ShallowWater {
 
     fn tangent_row_stream(&self, nx: usize, lanes: Lanes) -> Option<Box<dyn TangentRowStream + '_>> {
         let rows: Box<dyn TangentRowStream + '_> = match lanes {
-            Lanes::One => Box::new(tangent_rows::TangentRows::<1>::new(self, nx)),
+            Lanes::One => Box::new(tangent_rows::TangentRows::new(self, nx)),
             Lanes::Eight => Box::new(tangent_lanes::TangentLanes::new(self, nx)),
         };
         if self.parameters.hyperdiffusion_m4_per_s == 0.0 {
             return Some(rows);
         }
-        Some(Box::new(hyperdiffusion::HyperdiffusedTangentRows::new(self, nx, rows, lanes.count())))
+        Some(Box::new(hyperdiffusion::HyperdiffusedTangentRows::new(self, nx, lanes, rows)))
     }
 
     fn adjoint_row_stream(&self, nx: usize, lanes: Lanes, delay: usize) -> Option<Box<dyn AdjointRowStream + '_>> {
-        Some(match (self.parameters.hyperdiffusion_m4_per_s == 0.0, lanes) {
-            (true, Lanes::One) => Box::new(adjoint_rows::AdjointRows::<1>::new(self, nx, delay)),
-            (true, Lanes::Eight) => Box::new(adjoint_rows::AdjointRows::<LANES>::new(self, nx, delay)),
-            (false, Lanes::One) => Box::new(hyperdiffusion::HyperdiffusedAdjointRows::<1>::new(self, nx, delay)),
-            (false, Lanes::Eight) => Box::new(hyperdiffusion::HyperdiffusedAdjointRows::<LANES>::new(self, nx, delay)),
+        Some(if self.parameters.hyperdiffusion_m4_per_s == 0.0 {
+            Box::new(adjoint_rows::AdjointRows::new(self, nx, lanes, delay))
+        } else {
+            Box::new(hyperdiffusion::HyperdiffusedAdjointRows::new(self, nx, lanes, delay))
         })
     }
 

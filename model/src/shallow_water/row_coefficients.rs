@@ -1,6 +1,6 @@
 //! The coefficients of f' in the rows of a sweep, computed once for all columns.
 
-use super::rows::ShallowWaterRows;
+use super::rows::DiagnosticRows;
 use super::{H, ShallowWater, U, V, VectorInvariant};
 use crate::scheme::rows::{Ring, Row};
 use crate::scheme::strips::periodic_row;
@@ -66,10 +66,10 @@ impl RowCoefficients {
         halve(x.variable(V), half_v);
     }
 
-    /// Takes row `row` of the state, `north`, which `rows` was told last, and the row south of it. The places of that row are
-    /// known from now on, and the vorticity term south of it.
+    /// Takes row `row` of the state, `north`, the row south of it, and the diagnostic rows once it was pushed. The places of
+    /// that row are known from now on, and the vorticity term south of it.
     #[inline(always)]
-    pub fn push(&mut self, row: isize, rows: &ShallowWaterRows<'_>, south: Row<'_>, north: Row<'_>) {
+    pub fn push(&mut self, row: isize, rows: &DiagnosticRows, south: Row<'_>, north: Row<'_>) {
         let (h, h_s, form) = (north.variable(H), south.variable(H), self.form);
         let n = h.len();
         let [thickness_x, thickness_y, per_thickness, quarter_q, half_u, half_v, a, b, c, _] = self.quantities_mut(row);

@@ -2,46 +2,88 @@
 //! quantities of two or three rows in cache.
 
 use super::kernel::{Constants, Diagnosed, mass_flux};
-use super::{H, ShallowWater, U, V, VectorInvariant};
+use super::{H, ShallowWater, U, V, VARIABLES, VectorInvariant};
 use crate::grid::Boundary;
 use crate::scheme::rows::{Row, RowStream};
+use crate::scheme::strips::periodic_row;
 use pulp::{Simd, WithSimd};
 
-/// Diagnostic rows of a sweep: the last is that of the row pushed last, unless said otherwise.
+/// Diagnostic rows of a sweep, or their increments: the last is that of the row pushed last, unless said otherwise.
 ///
 /// Stencils reach east in U and q, whose rows have their first value again at the end, and west in V and B, whose rows
 /// have their last value also at the beginning.
+pub(super) struct DiagnosticRows {
+    /// U of three rows.
+    pub flux_x: [Vec<f64>; 3],
+    /// V of two rows.
+    pub flux_y: [Vec<f64>; 2],
+    /// q of two rows.
+    pub q: [Vec<f64>; 2],
+    /// B of the two rows before the last.
+    pub bernoulli: [Vec<f64>; 2],
+}
+
+impl DiagnosticRows {
+    /// For rows of at most `nx` places.
+    pub fn new(nx: usize) -> Self {
+        let row = || vec![0.0; nx + 1];
+        Self { flux_x: [row(), row(), row()], flux_y: [row(), row()], q: [row(), row()], bernoulli: [row(), row()] }
+    }
+
+    /// Makes room for the next row.
+    pub fn advance(&mut self) {
+        self.flux_x.rotate_left(1);
+        self.flux_y.swap(0, 1);
+        self.q.swap(0, 1);
+        self.bernoulli.swap(0, 1);
+    }
+
+    /// Those around the row south of the one pushed last.
+    #[inline(always)]
+    pub fn around(&self) -> Around<'_> {
+        Around {
+            flux_x_s: &self.flux_x[0],
+            flux_x: &self.flux_x[1],
+            flux_y: &self.flux_y[0],
+            flux_y_n: &self.flux_y[1],
+            q: &self.q[0],
+            q_n: &self.q[1],
+            b_s: &self.bernoulli[0],
+            b: &self.bernoulli[1],
+        }
+    }
+}
+
+/// The diagnostic rows around a row: U and B of the row and south of it, V and q of the row and north of it.
+#[derive(Clone, Copy)]
+pub(super) struct Around<'a> {
+    pub flux_x_s: &'a [f64],
+    pub flux_x: &'a [f64],
+    pub flux_y: &'a [f64],
+    pub flux_y_n: &'a [f64],
+    pub q: &'a [f64],
+    pub q_n: &'a [f64],
+    pub b_s: &'a [f64],
+    pub b: &'a [f64],
+}
+
+/// The tendency by rows.
 pub(super) struct ShallowWaterRows<'a> {
     model: &'a ShallowWater,
     arch: pulp::Arch,
-    /// U of three rows.
-    pub(super) flux_x: [Vec<f64>; 3],
-    /// V of two rows.
-    pub(super) flux_y: [Vec<f64>; 2],
-    /// q of two rows.
-    pub(super) q: [Vec<f64>; 2],
-    /// B of the two rows before the last.
-    bernoulli: [Vec<f64>; 2],
+    pub(super) diagnostics: DiagnosticRows,
 }
 
 impl<'a> ShallowWaterRows<'a> {
-    /// For rows of `nx` places.
+    /// For rows of at most `nx` places.
     pub fn new(model: &'a ShallowWater, nx: usize) -> Self {
-        let row = || vec![0.0; nx + 1];
-        Self {
-            model,
-            arch: pulp::Arch::new(),
-            flux_x: [row(), row(), row()],
-            flux_y: [row(), row()],
-            q: [row(), row()],
-            bernoulli: [row(), row()],
-        }
+        Self { model, arch: pulp::Arch::new(), diagnostics: DiagnosticRows::new(nx) }
     }
 }
 
 impl RowStream for ShallowWaterRows<'_> {
     fn begin(&mut self, first: Row<'_>) {
-        let (h, u, flux) = (first.variable(H), first.variable(U), &mut self.flux_x[2]);
+        let (h, u, flux) = (first.variable(H), first.variable(U), &mut self.diagnostics.flux_x[2]);
         let nx = h.len();
         for i in 0..nx {
             flux[i] = mass_flux([h[i], h[if i == 0 { nx - 1 } else { i - 1 }]], u[i]);
@@ -49,20 +91,12 @@ impl RowStream for ShallowWaterRows<'_> {
         flux[nx] = flux[0];
     }
 
-    /// h and u continued evenly, v = 0.
     fn beyond_wall(&self, x: Row<'_>, ghost: &mut [f64]) {
-        let nx = x.variable(H).len();
-        ghost[..nx].copy_from_slice(x.variable(H));
-        ghost[nx..2 * nx].copy_from_slice(x.variable(U));
-        ghost[2 * nx..].fill(0.0);
+        continue_evenly(x, ghost);
     }
 
     fn push(&mut self, row: usize, south: Row<'_>, north: Row<'_>, tendency: &mut [f64]) {
-        self.flux_x.swap(0, 1);
-        self.flux_x.swap(1, 2);
-        self.flux_y.swap(0, 1);
-        self.q.swap(0, 1);
-        self.bernoulli.swap(0, 1);
+        self.diagnostics.advance();
         self.arch.dispatch(Push { rows: self, row, south, north, tendency });
     }
 }
@@ -82,23 +116,15 @@ impl WithSimd for Push<'_, '_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) {
         let Push { rows, row, south, north, tendency } = self;
-        let ShallowWaterRows { model, flux_x, flux_y, q, bernoulli, .. } = rows;
+        let ShallowWaterRows { model, diagnostics, .. } = rows;
         let constants = Constants::new(model);
         let coriolis = model.coriolis_per_s(row);
+        let DiagnosticRows { flux_x, flux_y, q, bernoulli } = diagnostics;
         diagnose(constants, coriolis, south, north, &mut flux_x[2], &mut flux_y[1], &mut q[1], &mut bernoulli[1]);
         let nx = north.variable(H).len();
         let (k_h, winds) = tendency.split_at_mut(nx);
         let (k_u, k_v) = winds.split_at_mut(nx);
-        let around = Around {
-            flux_x_s: &flux_x[0],
-            flux_x: &flux_x[1],
-            flux_y: &flux_y[0],
-            flux_y_n: &flux_y[1],
-            q: &q[0],
-            q_n: &q[1],
-            b_s: &bernoulli[0],
-            b: &bernoulli[1],
-        };
+        let around = diagnostics.around();
         // One loop for each form.
         match model.form {
             VectorInvariant::PotentialEnstrophy => {
@@ -170,19 +196,6 @@ fn diagnose(
     bernoulli[0] = bernoulli[last + 1];
 }
 
-/// The diagnostic rows around a row: U and B of the row and south of it, V and q of the row and north of it.
-#[derive(Clone, Copy)]
-struct Around<'a> {
-    flux_x_s: &'a [f64],
-    flux_x: &'a [f64],
-    flux_y: &'a [f64],
-    flux_y_n: &'a [f64],
-    q: &'a [f64],
-    q_n: &'a [f64],
-    b_s: &'a [f64],
-    b: &'a [f64],
-}
-
 /// The tendencies of a row.
 #[inline(always)]
 fn tendencies(
@@ -215,4 +228,31 @@ fn add_drag(drag: f64, wind: &[f64], out: &mut [f64]) {
     for (out, wind) in out.iter_mut().zip(wind) {
         *out -= drag * wind;
     }
+}
+
+/// h and u continued evenly beyond a wall, v = 0, of the state or of columns.
+pub(super) fn continue_evenly(row: Row<'_>, ghost: &mut [f64]) {
+    let [h, u, _] = row.variables::<VARIABLES>();
+    let (ghost_h, winds) = ghost.split_at_mut(h.len());
+    let (ghost_u, ghost_v) = winds.split_at_mut(u.len());
+    ghost_h.copy_from_slice(h);
+    ghost_u.copy_from_slice(u);
+    ghost_v.fill(0.0);
+}
+
+/// What is the same for the derivative and its transpose once a row of columns, `[variable, x, lane]`, was pushed: drag on the
+/// winds of the row south of it, `south`, no change of the flow through a wall, and the places at the ends of the row.
+#[inline(always)]
+pub(super) fn finish_columns(model: &ShallowWater, row: isize, south: Row<'_>, out: &mut [f64], lanes: usize) {
+    let stride = out.len() / VARIABLES;
+    let drag = model.parameters.drag_per_s;
+    if drag != 0.0 {
+        for wind in [U, V] {
+            add_drag(drag, south.variable(wind), &mut out[wind * stride..][..stride]);
+        }
+    }
+    if model.layout.grid.boundary == Boundary::Channel && row == 1 {
+        out[V * stride..].fill(0.0);
+    }
+    out.chunks_exact_mut(stride).for_each(|row| periodic_row(row, lanes));
 }

@@ -1,24 +1,20 @@
 //! The tangent-linear tendency row by row for eight columns at once: the lines of [`super::tangent_rows`] in vector operations,
 //! in one pass from west to east, with the same bits.
 //!
-//! The lines over arrays of eight lanes were measured and are slower, by about a half; so are dual
-//! numbers of eight directions in the lines of f, by a factor of 3 (AVX-512; other programs were running on the machine, so
-//! the ratios are rough).
+//! The same lines over arrays of eight lanes were measured to take about half as long again, and dual numbers of eight
+//! directions in the lines of f three times as long (AVX-512; other programs were running on the machine, so the ratios are
+//! rough).
 
-use super::kernel::mass_flux_tl;
+use super::kernel::{Constants, mass_flux_tl};
+use super::lanes::{for_vectors, places, places_mut};
 use super::row_coefficients::RowCoefficients;
-use super::rows::ShallowWaterRows;
-use super::tangent_rows::continue_evenly;
-use super::{ShallowWater, U, V};
+use super::rows::{ShallowWaterRows, continue_evenly, finish_columns};
+use super::{ShallowWater, VARIABLES};
 use crate::columns::LANES;
-use crate::grid::Boundary;
 use crate::scheme::rows::{Pushed, Row, RowStream, TangentRowStream};
-use crate::scheme::strips::periodic_row;
 
 use pulp::{Simd, WithSimd};
 
-/// h, u and v.
-const VARIABLES: usize = 3;
 /// Values that a place keeps for the next row.
 const KEPT: usize = 5;
 
@@ -87,42 +83,10 @@ impl WithSimd for Push<'_, '_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Push { rows, row, x: [x_south, x_north], dx: Pushed { south, north, tendency } } = self;
-        rows.coefficients.push(row, &rows.state, x_south, x_north);
-        let vector_len = S::as_simd_f64s(&[0.0; 2 * LANES]).0.len() / 2;
-        match vector_len {
-            1 => push::<S, 1>(simd, rows, row, south, north, tendency),
-            2 => push::<S, 2>(simd, rows, row, south, north, tendency),
-            4 => push::<S, 4>(simd, rows, row, south, north, tendency),
-            8 => push::<S, 8>(simd, rows, row, south, north, tendency),
-            _ => panic!("no processor has vectors of which {vector_len} make eight numbers"),
-        }
-        let stride = tendency.len() / VARIABLES;
-        let drag = rows.model.parameters.drag_per_s;
-        if drag != 0.0 {
-            for variable in [U, V] {
-                let out = &mut tendency[variable * stride..][..stride];
-                for (out, wind) in out.iter_mut().zip(south.variable(variable)) {
-                    *out -= drag * wind;
-                }
-            }
-        }
-        if rows.model.layout.grid.boundary == Boundary::Channel && row == 1 {
-            tendency[V * stride..].fill(0.0);
-        }
-        tendency.chunks_exact_mut(stride).for_each(|row| periodic_row(row, LANES));
+        rows.coefficients.push(row, &rows.state.diagnostics, x_south, x_north);
+        for_vectors!(push::<S>(simd, rows, row, south, north, tendency));
+        finish_columns(rows.model, row, south, tendency, LANES);
     }
-}
-
-/// Places of `K` quantities, the lanes of each in `P` vectors.
-#[inline(always)]
-fn places_mut<S: Simd, const P: usize, const K: usize>(row: &mut [f64]) -> &mut [[[S::f64s; P]; K]] {
-    S::as_mut_simd_f64s(row).0.as_chunks_mut().0.as_chunks_mut().0
-}
-
-/// Places of a row of one variable.
-#[inline(always)]
-fn places<S: Simd, const P: usize>(row: &[f64]) -> &[[S::f64s; P]] {
-    S::as_simd_f64s(row).0.as_chunks().0
 }
 
 /// One vector of each quantity of a place.
@@ -146,14 +110,12 @@ fn push<S: Simd, const P: usize>(
     north: Row<'_>,
     tendency: &mut [f64],
 ) {
-    let grid = &rows.model.layout.grid;
+    let [gravity, per_dx, per_dy] = Constants::new(rows.model).splat(simd);
     let splat = |value: f64| simd.splat_f64s(value);
-    let (per_dx, per_dy) = (splat(1.0 / grid.dx_m), splat(1.0 / grid.dy_m));
-    let gravity = splat(rows.model.parameters.gravity_m_per_s2);
     let (add, sub, mul) = (|a, b| simd.add_f64s(a, b), |a, b| simd.sub_f64s(a, b), |a, b| simd.mul_f64s(a, b));
     let (out_h, winds) = tendency.split_at_mut(tendency.len() / VARIABLES);
     let (out_u, out_v) = winds.split_at_mut(out_h.len());
-    let [out_h, out_u, out_v] = [out_h, out_u, out_v].map(|row| S::as_mut_simd_f64s(row).0.as_chunks_mut::<P>().0);
+    let [out_h, out_u, out_v] = [out_h, out_u, out_v].map(places_mut::<S, P>);
     // Place i is at i + 1.
     let padded = out_h.len();
     let n = padded - 2;
@@ -168,7 +130,7 @@ fn push<S: Simd, const P: usize>(
     let term = rows.coefficients.vorticity_term(row - 1, n);
     let [a, a_n, m, m_n] = term.x.map(|row| &row[..=n]);
     let [c, c_e, d, d_e] = term.y.map(|row| &row[..=n]);
-    let kept = &mut places_mut::<S, P, KEPT>(&mut rows.kept)[..=n];
+    let kept = &mut places_mut::<S, P>(&mut rows.kept).as_chunks_mut::<KEPT>().0[..=n];
     for part in 0..P {
         // Of the place in the west, beginning with that west of the first: states, and U, U + U[S], V, q and B.
         let (mut h_w, mut v_w) = (north_h[0][part], north_v[0][part]);
