@@ -11,6 +11,7 @@
 
 use isobar_assim::covariance::Univariate;
 use isobar_assim::ensemble::{EnsembleSettings, LocalEnsembleTransformKalmanFilter, LocalSettings};
+use isobar_assim::testing::Still;
 use isobar_assim::{Assimilator, BiasTreatment, Problem, reserve_workspace};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Boundary, Duration, Grid, Layout, Location, Model, State, Time, Variable};
@@ -149,20 +150,4 @@ fn observations(layout: &Layout, count: usize) -> ObservationWindow {
         aside: Default::default(),
         operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
     }
-}
-
-/// A model in which nothing moves.
-struct Still(Arc<Layout>);
-
-impl Model for Still {
-    fn layout(&self) -> &Arc<Layout> {
-        &self.0
-    }
-    fn time_step(&self) -> Duration {
-        Duration::from_seconds(60)
-    }
-    fn largest_time_step_s(&self, _: &State) -> f64 {
-        f64::INFINITY
-    }
-    fn step(&self, _: &mut State) {}
 }

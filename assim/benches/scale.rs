@@ -1,7 +1,7 @@
 //! Cost of the Fast Kalman Filter with common factors by the size of the grid.
 //!
 //! Nonlinear shallow water on doubly periodic grids of n × n cells of 5 km, steps of 40 s, cycles of half an hour, and
-//! so many observations for each cell at every size: soundings three cells apart over nine tenths of the domain, and a
+//! the same number of observations per cell at every size: soundings three cells apart over nine tenths of the domain, and a
 //! sonde for each 170 cells, five of six with a bias of their own. The *spacing* is fixed, not the domain: the time step
 //! follows the spacing, so that a cycle has 45 steps at every size, and what grows is the number of variables alone. The
 //! number of factors is fixed too, although a larger domain would want more of them.
@@ -13,17 +13,19 @@
 //!
 //! For each size: seconds of a cycle; of as many tangent-linear runs as the cycle has, measured alone; of the rest of the
 //! forecast (compression) and of the analysis; the most memory that the filter took, setting it up included, over that
-//! of Φ in double precision; and, with `kf`, the full Kalman filter's time. From the first size to the last the exponent of the cost by the
-//! number of variables.
+//! of Φ in double precision; and, with `kf`, the full Kalman filter's time. From the first size to the last the exponent of
+//! the cost by the number of variables.
 
-use isobar_assim::covariance::{Balanced, BalancedParameters, Covariance, Sum, White};
-use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
+mod common;
+
+use common::{PROBES, covariance, small, with_factors};
+use isobar_assim::fast_kalman::{FastKalmanFilter, FastKalmanSettings, Precision};
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::{Assimilator, BiasTreatment, Problem, reserve_workspace};
 use isobar_model::forecast::forecast_tl;
 use isobar_model::initial::{JetConfig, geostrophic_jet};
 use isobar_model::{
-    Boundary, Duration, Grid, Layout, ShallowWater, ShallowWaterParameters, State, Stepped, Stored, Time, TimeScheme,
+    Boundary, Duration, Grid, ShallowWater, ShallowWaterParameters, State, Stepped, Stored, Time, TimeScheme,
     VectorInvariant,
 };
 use isobar_obs::{
@@ -39,9 +41,8 @@ static MEMORY: PeakAlloc = PeakAlloc;
 
 const SPACING_M: f64 = 5e3;
 const WINDOW: Duration = Duration::from_seconds(1800);
-const PROBES: usize = 8;
 
-/// Steps of a cycle on grids so many times as wide.
+/// Steps of a cycle, by how many times as wide the cells of a grid are; 0 for widths that are not measured.
 const WINDOW_STEPS: [usize; 9] = [0, 45, 24, 0, 12, 0, 0, 0, 6];
 
 /// What takes longer is measured once \[s\].
@@ -136,16 +137,8 @@ fn measure<S: Stored>(n: usize, factor_precision: Precision, request: &Request) 
     MEMORY.reset_peak_usage();
     let before = MEMORY.current_usage();
     let began = Instant::now();
-    let settings = FastKalmanSettings {
-        blocks: BlockShape::Cell,
-        bias_coupling: BiasCoupling::Carry,
-        factors: request.factors - 2,
-        residual: Residual::Probe { count: PROBES },
-        retained_energy: 1.0,
-        largest_component: usize::MAX,
-        separator_factors: 0,
-        factor_precision,
-    };
+    let settings = with_factors(request.factors - 2);
+    let settings = FastKalmanSettings { largest_component: usize::MAX, factor_precision, ..settings };
     let mut filter = FastKalmanFilter::new(problem.clone(), settings).expect("a filter");
     if request.grid > 1 {
         let model = model(n / request.grid, request.grid as f64 * SPACING_M, WINDOW_STEPS[request.grid]);
@@ -156,7 +149,7 @@ fn measure<S: Stored>(n: usize, factor_precision: Precision, request: &Request) 
     let mut cycles = 0;
     while cycles < request.cycles && (cycles == 0 || forecast_s < PATIENCE_S) {
         cycles += 1;
-        // What the truth is has no influence on the cost.
+        // The truth has no influence on the cost.
         let observed = observing.observe(&problem.background);
         let began = Instant::now();
         let from_filter = filter.forecast(WINDOW).expect("a forecast");
@@ -191,11 +184,10 @@ fn measure<S: Stored>(n: usize, factor_precision: Precision, request: &Request) 
     Cost { variables: m as f64, cycle_s, tangent_s, memory }
 }
 
-/// Seconds of as many tangent-linear runs over the window: the lesser of two measurements, if they do not take long.
+/// Seconds of this number of tangent-linear runs over the window: the lesser of two measurements, if they do not take long.
 fn tangent_linear_s<S: Stored>(problem: &Problem, columns: usize) -> f64 {
     let m = problem.background.values().len();
-    let pattern = |index: usize| S::narrow(1e-3 * ((index % 1013) as f64 / 1013.0 - 0.5));
-    let mut increments: Vec<S> = (0..m * columns).map(pattern).collect();
+    let mut increments: Vec<S> = (0..m * columns).map(|index| S::narrow(small(index))).collect();
     let steps = WINDOW_STEPS[1];
     let run = |increments: &mut [S]| {
         let mut state = problem.background.clone();
@@ -255,22 +247,6 @@ fn background(n: usize) -> State {
         perturbation: None,
     };
     geostrophic_jet(&equations(n, SPACING_M), &jet).expect("a state")
-}
-
-/// Balanced errors and white ones.
-fn covariance(layout: &Layout, sigma_height_m: f64, length_m: f64, white: f64) -> Arc<dyn Covariance> {
-    let parameters = BalancedParameters {
-        sigma_height_m,
-        length_m,
-        gravity_m_per_s2: 9.8,
-        coriolis_per_s: 1e-4,
-        beta_per_m_per_s: 0.0,
-    };
-    let mut terms: Vec<Box<dyn Covariance>> = vec![Box::new(Balanced::new(layout, &parameters).expect("rotation"))];
-    for (variable, factor) in [(0, 1.0), (1, 0.1), (2, 0.1)] {
-        terms.push(Box::new(White::new(layout, variable, factor * white)));
-    }
-    Arc::new(Sum::new(layout.len(), terms))
 }
 
 fn instruments(n: usize) -> [Network; 2] {

@@ -1,21 +1,21 @@
-//! What an observation that has not been made would tell.
+//! How much a proposed observation would reduce an error variance.
 
 use crate::covariance_column::{CovarianceColumn, JointErrors, Unknown};
 use crate::error::Error;
 use crate::linalg::{cholesky, solve_lower};
 use faer::Mat;
 
-/// By how much observations would reduce the variance of one functional vᵀs of the unknowns s = (x, c), as the errors of a
-/// method with covariance P go together:
+/// By how much observations would reduce the error variance of a functional vᵀs of the unknowns s = (x, c), given a method's
+/// error covariance P:
 ///
 /// ```text
 /// observation hᵀs + ε, Var ε = r         vᵀ P h (hᵀ P h + r)⁻¹ hᵀ P v
 /// several, H s + ε, R = diag(r)          vᵀ P Hᵀ (H P Hᵀ + R)⁻¹ H P v
 /// ```
 ///
-/// what the analysis of a Kalman filter takes off vᵀ P v, whatever the value that is observed (Berliner, Lu and Snyder 1999, J.
-/// Atmos. Sci. 56; Bishop and Toth 1999, J. Atmos. Sci. 56, on adaptive observations). P v is found once; each observation costs
-/// what [`JointErrors::covariance_between`] does.
+/// This is the reduction of vᵀ P v in the analysis of a Kalman filter, whatever the observed value (Berliner, Lu and Snyder 1999,
+/// J. Atmos. Sci. 56; Bishop and Toth 1999, J. Atmos. Sci. 56, on adaptive observations). P v is computed once; one
+/// observation then costs one [`JointErrors::covariance_between`], k together k (k + 1)/2.
 pub struct Advice<'a> {
     errors: &'a dyn JointErrors,
     /// P v.
@@ -25,7 +25,7 @@ pub struct Advice<'a> {
 }
 
 impl<'a> Advice<'a> {
-    /// Of a functional, by the unknowns of which it is a combination; `None` if the method does not estimate one of them.
+    /// Advice for a functional, given as a combination of unknowns; `None` if the method does not estimate one of them.
     pub fn new(errors: &'a dyn JointErrors, functional: &[(Unknown, f64)]) -> Option<Self> {
         let with_functional = errors.covariance_with(functional)?;
         let variance = with_functional.with_combination(functional);
@@ -37,16 +37,17 @@ impl<'a> Advice<'a> {
         self.variance
     }
 
-    /// What observations with these combinations of unknowns and error variances, made together, would take off the variance
-    /// of the functional; 0 for none, and for one of what is known exactly. `None` if the method does not estimate an unknown of theirs.
+    /// By how much observations, each a combination of unknowns with an error variance, would together reduce the variance of
+    /// the functional: 0 without observations, or for a single one of something that is known exactly. `None` if the method does
+    /// not estimate an unknown that they observe.
     ///
     /// # Errors
-    /// [`Error::NotPositiveDefinite`] for several of which one follows from the others without error.
+    /// [`Error::NotPositiveDefinite`] if one of several observations follows from the others without error.
     pub fn reduction(&self, rows: &[(Vec<(Unknown, f64)>, f64)]) -> Result<Option<f64>, Error> {
-        let seen: Vec<f64> = rows.iter().map(|(h, _)| self.with_functional.with_combination(h)).collect();
         if rows.is_empty() {
             return Ok(Some(0.0));
         }
+        let seen: Vec<f64> = rows.iter().map(|(h, _)| self.with_functional.with_combination(h)).collect();
         if let [(h, r)] = rows {
             let Some(variance) = self.errors.covariance_between(h, h) else { return Ok(None) };
             let total = variance + r;
@@ -61,7 +62,7 @@ impl<'a> Advice<'a> {
             }
             system[(i, i)] += r;
         }
-        let root = cholesky(system, || "the covariance of the observations that are proposed".into())?;
+        let root = cholesky(system, || "the covariance of the proposed observations".into())?;
         let mut whitened = Mat::from_fn(k, 1, |i, _| seen[i]);
         solve_lower(root.as_ref(), whitened.as_mut());
         Ok(Some(whitened.col_as_slice(0).iter().map(|value| value * value).sum()))

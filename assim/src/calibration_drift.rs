@@ -1,11 +1,11 @@
-//! The drift of calibration parameters from one time to another.
+//! The drift of calibration parameters over a period.
 
 use faer::MatMut;
 use isobar_model::Duration;
 use isobar_obs::Calibration;
 
-/// Forecasts the covariance of calibration parameters `[p, p]` by a time, `P_c ← φ P_c φ + Q_c`; returns φ, by which their mean
-/// is to be multiplied.
+/// Forecasts the covariance `[p, p]` of calibration parameters over a time, `P_c ← φ P_c φ + Q_c`; returns φ, by which the caller
+/// multiplies their mean.
 ///
 /// # Panics
 /// If the covariance has another size.

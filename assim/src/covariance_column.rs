@@ -1,6 +1,6 @@
 //! One column of a method's error covariance, without the matrix.
 
-use isobar_model::vector::axpy;
+use isobar_model::vector::{add, scale};
 use isobar_obs::Calibration;
 
 /// A number that a method estimates.
@@ -49,17 +49,18 @@ pub trait JointErrors {
     /// `None` if the method does not estimate the unknown.
     fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn>;
 
-    /// P v, the covariances of the error of a combination vᵀs of unknowns with those of all; `None` if the method does not
-    /// estimate one of them, or the combination is empty.
+    /// P v, the covariances of the error of a combination vᵀs of unknowns with the errors of all unknowns; `None` if the method
+    /// does not estimate an unknown of the combination, or the combination is empty.
     fn covariance_with(&self, combination: &[(Unknown, f64)]) -> Option<CovarianceColumn> {
         let mut sum: Option<CovarianceColumn> = None;
         for &(unknown, weight) in combination {
             let mut column = self.covariance_column(unknown)?;
-            column.state.iter_mut().chain(&mut column.calibration).for_each(|value| *value *= weight);
+            scale(&mut column.state, weight);
+            scale(&mut column.calibration, weight);
             match &mut sum {
                 Some(sum) => {
-                    axpy(1.0, &column.state, &mut sum.state);
-                    axpy(1.0, &column.calibration, &mut sum.calibration);
+                    add(&mut sum.state, &column.state);
+                    add(&mut sum.calibration, &column.calibration);
                 }
                 None => sum = Some(column),
             }
@@ -67,7 +68,7 @@ pub trait JointErrors {
         sum
     }
 
-    /// aᵀ P b, the covariance of the errors of two combinations of few unknowns; `None` as for
+    /// aᵀ P b, the covariance of the errors of two short combinations of unknowns; `None` as for
     /// [`JointErrors::covariance_with`].
     fn covariance_between(&self, a: &[(Unknown, f64)], b: &[(Unknown, f64)]) -> Option<f64> {
         Some(self.covariance_with(a)?.with_combination(b))

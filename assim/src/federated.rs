@@ -11,7 +11,7 @@ use crate::estimate::{Analysis, Background, Estimate};
 use crate::innovation_covariance::InnovationCovariance;
 use crate::memory::{from_bytes, require, to_bytes};
 use crate::problem::{Innovations, Problem};
-use crate::propagator::BAND;
+use crate::propagator::Propagator;
 use faer::MatRef;
 use fusion::Fused;
 use isobar_model::{Duration, Model, TangentLinear};
@@ -321,7 +321,7 @@ fn check_memory(
 ) -> Result<(), Error> {
     let m = problem.background.values().len();
     let (systems, n) = (parameters.len(), observations as f64);
-    let of_filter = |size: f64| 3.0 * size * size + 2.0 * size * size.min(BAND as f64);
+    let of_filter = |size: f64| 2.0 * size * size + Propagator::numbers(size);
     let filters: f64 = parameters.map(|own| of_filter((m + own) as f64)).sum();
     let master = (m + problem.calibration.len()) as f64;
     // Covariance, model error, propagator and twice a band for each, the master and what it fuses; for the innovations those

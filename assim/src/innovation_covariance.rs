@@ -1,7 +1,7 @@
 //! The covariance of innovations, as a dense matrix.
 
 use crate::error::Error;
-use crate::linalg::{cholesky, column, solved_lower, squared_norm};
+use crate::linalg::{cholesky, column, entries, entries_mut, solved_lower, squared_norm};
 use crate::problem::Innovations;
 use faer::{Mat, MatRef};
 use isobar_model::vector::axpy;
@@ -25,11 +25,8 @@ impl InnovationCovariance {
         let mut cross = Mat::zeros(p.nrows(), n);
         let mut covariance = Mat::zeros(n, n);
         cross.par_col_iter_mut().zip(covariance.par_col_iter_mut()).enumerate().for_each(|(j, (cross, covariance))| {
-            let cross = cross.try_as_col_major_mut().expect("columns are contiguous").as_slice_mut();
-            for (column, weight) in d.row(j) {
-                axpy(weight, p.col(column).try_as_col_major().expect("columns are contiguous").as_slice(), cross);
-            }
-            let covariance = covariance.try_as_col_major_mut().expect("columns are contiguous").as_slice_mut();
+            let (cross, covariance) = (entries_mut(cross), entries_mut(covariance));
+            d.row(j).for_each(|(column, weight)| axpy(weight, entries(p.col(column)), cross));
             for i in j..n {
                 covariance[i] = d.row(i).map(|(column, weight)| weight * cross[column]).sum();
             }

@@ -7,8 +7,8 @@ use faer::linalg::evd::{self, ComputeEigenvectors, tridiag};
 use faer::linalg::{householder, qr::no_pivoting::factor::recommended_block_size};
 use faer::{Conj, Mat, Par};
 
-/// All eigenvalues in descending order, and the eigenvectors of as many of the largest as `count` says when it is given
-/// them, in this order; of the matrix, `[n, n]`, the lower triangle is read.
+/// All eigenvalues in descending order, and the eigenvectors of the largest of them, in the same order: `count` is given the
+/// eigenvalues and returns how many. Only the lower triangle of the matrix, `[n, n]`, is read.
 ///
 /// With the orthogonal U that makes it tridiagonal, `A = U B Uᵀ` (Golub and Van Loan 2013, Matrix Computations, section 8.3),
 /// and the eigenvectors of B, only those that are asked for are multiplied by U.

@@ -9,12 +9,12 @@ use faer::linalg::cholesky::llt::factor;
 use faer::linalg::solvers::Qr;
 use faer::linalg::{matmul::matmul, triangular_solve};
 use faer::prelude::ReborrowMut;
-use faer::{Accum, Mat, MatMut, MatRef, Par};
+use faer::{Accum, ColMut, ColRef, Mat, MatMut, MatRef, Par};
 
 /// Columns that one thread works on at a time.
 const CHUNK: usize = 128;
 
-/// Rows and columns of what is transposed at a time: it fits into the cache nearest to the processor.
+/// Largest number of rows and columns that are transposed at once: both matrices fit into the first-level cache.
 const TILE: usize = 32;
 
 /// Makes this thread and those of the pool allocate the workspace that matrix products keep: twice the size of the
@@ -149,12 +149,19 @@ pub(crate) fn inverse_from_cholesky(l: MatRef<'_, f64>) -> Mat<f64> {
 
 /// The entries of a matrix row by row.
 pub(crate) fn row_major(matrix: MatRef<'_, f64>) -> Vec<f64> {
-    let (n, columns) = (matrix.nrows(), matrix.ncols());
-    let mut values = vec![0.0; n * columns];
-    for j in 0..columns {
-        (0..n).for_each(|i| values[i * columns + j] = matrix[(i, j)]);
-    }
+    let mut values = vec![0.0; matrix.nrows() * matrix.ncols()];
+    copy_transposed(MatMut::from_column_major_slice_mut(&mut values, matrix.ncols(), matrix.nrows()), matrix);
     values
+}
+
+/// The entries of a column of a column-major matrix.
+pub(crate) fn entries<T>(column: ColRef<'_, T>) -> &[T] {
+    column.try_as_col_major().expect("columns are contiguous").as_slice()
+}
+
+/// The entries of a column of a column-major matrix, to be changed.
+pub(crate) fn entries_mut<T>(column: ColMut<'_, T>) -> &mut [T] {
+    column.try_as_col_major_mut().expect("columns are contiguous").as_slice_mut()
 }
 
 /// A column vector.

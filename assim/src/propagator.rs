@@ -1,7 +1,7 @@
-//! The propagator A of one cycle: the linearised forecast, as a matrix or as what the tangent-linear model does.
+//! The propagator A of one cycle: the linearised forecast, as a matrix or as runs of the tangent-linear model.
 
 use crate::error::Error;
-use crate::linalg::{add_product, copy_transposed};
+use crate::linalg::{add_product, copy_transposed, entries, entries_mut};
 use faer::prelude::ReborrowMut;
 use faer::{MatMut, MatRef};
 use isobar_model::forecast::{self, ForecastError, require_finite_increments};
@@ -23,20 +23,20 @@ pub(crate) fn propagator(model: &dyn TangentLinear, state: &mut State, steps: us
 }
 
 /// Columns or rows of a covariance that are propagated at a time.
-pub(crate) const BAND: usize = 256;
+const BAND: usize = 256;
 
 /// Columns of A or rows of a band that one thread copies at a time.
 const COPIED: usize = 64;
 
-/// With fewer values for each step of a run than this, products with A take less time than runs: about as many as were
-/// measured with linear shallow water and four stages to a step.
+/// Below this number of values per step of a run, products with A take less time than runs. It was measured with linear
+/// shallow water and four stages per step.
 const VALUES_PER_STEP: usize = 200;
 
 /// The propagator A of one cycle, for the forecast of a covariance.
 pub(crate) enum Propagator<'a> {
-    /// What is multiplied by A is advanced by the tangent-linear model: P ← A P Aᵀ takes 2m of its runs.
+    /// The tangent-linear model advances what A multiplies: P ← A P Aᵀ takes 2m of its runs.
     Runs { model: &'a dyn TangentLinear, at: State, steps: usize },
-    /// Column-major `[m, m]`: m runs, and products of 3m³ operations, which take less time where a run has many steps for
+    /// Column-major `[m, m]`: m runs, and products of 3m³ operations, which take less time where a run has many steps and
     /// few values.
     Matrix(Vec<f64>),
 }
@@ -53,6 +53,11 @@ impl<'a> Propagator<'a> {
         let at = state.clone();
         forecast::forecast(model, state, steps)?;
         Ok(Self::Runs { model, at, steps })
+    }
+
+    /// How many numbers [`Propagator::propagate`] holds beside a P of this size, m + p: A, and twice a band.
+    pub fn numbers(size: f64) -> f64 {
+        size * size + 2.0 * size * size.min(BAND as f64)
     }
 
     /// A, column-major `[m, m]`.
@@ -79,11 +84,11 @@ impl<'a> Propagator<'a> {
             let mut columns = p.rb_mut().get_mut(..m, first..size.min(first + BAND));
             band.resize(m * columns.ncols(), 0.0);
             band.par_chunks_exact_mut(m).zip(columns.as_ref().par_col_iter()).for_each(|(target, source)| {
-                target.copy_from_slice(source.try_as_col_major().expect("columns are contiguous").as_slice());
+                target.copy_from_slice(entries(source));
             });
             self.multiply(&mut band, &mut scratch, m, (m, first))?;
             band.par_chunks_exact(m).zip(columns.rb_mut().par_col_iter_mut()).for_each(|(source, target)| {
-                target.try_as_col_major_mut().expect("columns are contiguous").as_slice_mut().copy_from_slice(source);
+                entries_mut(target).copy_from_slice(source);
             });
         }
         let (above, mut below) = p.rb_mut().split_at_row_mut(m);
@@ -95,7 +100,7 @@ impl<'a> Propagator<'a> {
             let columns = MatMut::from_column_major_slice_mut(&mut band, m, last - first);
             let chunks = columns.par_row_chunks_mut(COPIED).zip(rows.as_ref().par_col_chunks(COPIED));
             chunks.for_each(|(target, source)| copy_transposed(target, source));
-            // Of the rows of a symmetric matrix those values count that are not above the diagonal.
+            // The result is symmetric: each row is needed up to the diagonal only.
             self.multiply(&mut band, &mut scratch, m, (last, first))?;
             let columns = MatRef::from_column_major_slice(&band, m, last - first);
             let rows = rows.rb_mut().get_mut(.., ..last);
@@ -105,8 +110,8 @@ impl<'a> Propagator<'a> {
         Ok(())
     }
 
-    /// A times the columns of `band`, each of m values, of which the first `wanted` are found; `first` is the number of the
-    /// first column, for messages.
+    /// Multiplies the columns of `band`, each of m values, by A; at least the first `wanted` values of each are found. `first`
+    /// is the number of the first column, for messages.
     fn multiply(
         &self,
         band: &mut Vec<f64>,

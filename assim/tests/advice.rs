@@ -1,4 +1,4 @@
-//! What an observation would tell is what it tells.
+//! The predicted reduction of a variance is the one that an analysis achieves.
 
 use crate::common::*;
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
@@ -45,7 +45,7 @@ fn variance(method: &dyn Assimilator, functional: &[(Unknown, f64)]) -> f64 {
     Advice::new(method.can().joint_errors.unwrap(), functional).unwrap().variance()
 }
 
-/// vᵀ P v before minus after an analysis of one observation, or of several together, is the reduction that was said before it.
+/// The predicted reduction is the difference of vᵀ P v before and after an analysis of one observation, or of several together.
 #[test]
 fn the_reduction_is_that_of_an_analysis_with_the_observations() {
     let problem = problem(true, calibration(2, 2, 0.4), 4);
@@ -112,7 +112,7 @@ fn covariances_of_combinations_are_those_of_columns() {
     }
 }
 
-/// An exact observation of the functional leaves nothing of its variance, one of what is known exactly takes nothing off it.
+/// An exact observation of the functional removes all of its variance; an observation of something known exactly removes none.
 #[test]
 fn exact_knowledge_has_no_reduction() {
     let problem = problem(false, calibration(1, 0, 0.0), 4);

@@ -1,7 +1,7 @@
 //! Methods that must agree exactly, on a small linear problem.
 
 use crate::common::*;
-use faer::linalg::solvers::{DenseSolveCore, Solve};
+use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter};
 use isobar_assim::kalman::KalmanFilter;
@@ -78,26 +78,6 @@ fn one_observation_at_a_time_equals_all_at_once() {
         assert!(found < 1e-11, "{shared} shared, {local} local: {found:e}");
         let covariance = serial.covariance();
         assert!((0..covariance.nrows()).all(|i| (0..i).all(|j| covariance[(i, j)] == covariance[(j, i)])));
-    }
-}
-
-/// Observations so accurate that what they leave is near the rounding of what was there.
-#[test]
-fn serial_updates_stay_positive_under_nearly_perfect_observations() {
-    let problem = problem(true, calibration(3, 0, 0.0), 2);
-    let mut serial = KalmanFilter::serial(problem.clone()).unwrap();
-    for cycle in 1..=20 {
-        let from_serial = serial.forecast(WINDOW).unwrap();
-        let mut observed = window(&problem, 60, false, cycle, 5);
-        observed.sigma.fill(1e-7);
-        // Of one state, for such observations must not contradict each other.
-        let layout = problem.background.layout();
-        let state = State::from_values(layout, standard_normals(&mut stream(cycle as u64, "state"), layout.len()));
-        observed.values = observed.operator.simulate(&state, &[0.0; 3]);
-        serial.analyse(&from_serial, &observed).unwrap();
-        let eigenvalues = serial.covariance().self_adjoint_eigenvalues(Side::Lower).unwrap();
-        let (least, largest) = (eigenvalues[0], eigenvalues[eigenvalues.len() - 1]);
-        assert!(least > -1e-15 * largest.max(1.0), "cycle {cycle}: {least:e} beside {largest:e}");
     }
 }
 
@@ -183,38 +163,6 @@ fn dropping_the_coupling_with_the_biases_costs_bias_accuracy_and_spoils_its_clai
 }
 
 #[test]
-fn gain_form_equals_regression_form_of_the_kalman_filter() {
-    let problem = problem(true, calibration(2, 1, 0.3), 8);
-    let mut filter = KalmanFilter::new(problem.clone()).unwrap();
-    let background = filter.forecast(WINDOW).unwrap();
-    let p = filter.covariance().to_owned();
-    let observed = window(&problem, 20, false, 1, 9);
-    let jacobian = observed.operator.linearize(&background.estimate.state, &background.estimate.calibration);
-    let m = background.estimate.state.values().len();
-    let size = p.nrows();
-    let mut h = Mat::<f64>::zeros(20, size);
-    for row in 0..20 {
-        jacobian.state.row(row).iter().for_each(|&(column, weight)| h[(row, column)] += weight);
-        jacobian.calibration.row(row).iter().for_each(|&(column, weight)| h[(row, m + column)] += weight);
-    }
-    // Cov = (H' R⁻¹ H + P⁻¹)⁻¹, δ = Cov H' R⁻¹ d: eqs. (12)–(14) of WO 93/22625.
-    let weighted = Mat::from_fn(20, size, |i, j| h[(i, j)] / observed.sigma[i].powi(2));
-    let information = p.llt(Side::Lower).unwrap().inverse() + h.transpose() * &weighted;
-    let covariance = information.llt(Side::Lower).unwrap().inverse();
-    let analysis = filter.analyse(&background, &observed).unwrap();
-    let d = Mat::from_fn(20, 1, |i, _| analysis.background_departures[i]);
-    let increment = &covariance * (weighted.transpose() * d);
-    let found: Vec<f64> = (&analysis.estimate.state - &background.estimate.state)
-        .values()
-        .iter()
-        .copied()
-        .chain(analysis.estimate.calibration.iter().zip(&background.estimate.calibration).map(|(a, b)| a - b))
-        .collect();
-    assert!(relative_difference(&found, increment.col_as_slice(0)) < 1e-10);
-    assert!(relative_difference(&flat(&filter.covariance().to_owned()), &flat(&covariance)) < 1e-10);
-}
-
-#[test]
 fn three_d_var_equals_the_dense_analysis_with_static_covariance() {
     let problem = problem(true, calibration(2, 1, 0.5), 8);
     let settings = ThreeDVarSettings { covariance_scale: 0.4, tolerance: 1e-12, max_iterations: 500 };
@@ -234,12 +182,7 @@ fn three_d_var_equals_the_dense_analysis_with_static_covariance() {
         }
         p.as_mut().submatrix_mut(0, 0, m, m).copy_from(&b * faer::Scale(0.4));
         p.as_mut().submatrix_mut(m, m, 3, 3).copy_from(&bias_covariance);
-        let jacobian = observed.operator.linearize(&background.estimate.state, &background.estimate.calibration);
-        let mut h = Mat::<f64>::zeros(20, m + 3);
-        for row in 0..20 {
-            jacobian.state.row(row).iter().for_each(|&(column, weight)| h[(row, column)] += weight);
-            jacobian.calibration.row(row).iter().for_each(|&(column, weight)| h[(row, m + column)] += weight);
-        }
+        let h = dense_jacobian(&observed, &background.estimate);
         let mut innovation = &h * &p * h.transpose();
         (0..20).for_each(|i| innovation[(i, i)] += observed.sigma[i].powi(2));
         let inverse = innovation.llt(Side::Lower).unwrap().inverse();
@@ -304,83 +247,6 @@ fn biases_are_estimated_ignored_or_known() {
     }
 }
 
-/// All observations at once, and one after the other.
-const DENSE: [fn(Problem) -> Result<KalmanFilter, Error>; 2] = [KalmanFilter::new, KalmanFilter::serial];
-
-/// More unknowns than one thread takes at a time, and than a band of the covariance has; more observations than are taken in
-/// between two sweeps over the covariance.
-fn large_problem() -> Problem {
-    let mut problem = problem(true, calibration(2, 3, 0.2), 8);
-    let grid = isobar_model::Grid { nx: 16, ny: 12, ..problem.background.layout().grid.clone() };
-    let layout = std::sync::Arc::new(isobar_model::Layout { grid, ..(**problem.background.layout()).clone() });
-    problem.model = std::sync::Arc::new(model(&layout, true, 8));
-    problem.background = State::zeros(&layout);
-    problem.background_error = white(&layout, 1.5);
-    problem.model_error = Some(white(&layout, 0.4));
-    problem
-}
-
-#[test]
-fn dense_updates_are_the_same_bits_on_any_number_of_threads() {
-    let problem = large_problem();
-    for build in DENSE {
-        let run = |threads: usize| {
-            rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
-                let mut filter = build(problem.clone()).unwrap();
-                let from_filter = filter.forecast(WINDOW).unwrap();
-                filter.analyse(&from_filter, &window(&problem, 150, false, 1, 6)).unwrap();
-                flat(&filter.covariance().to_owned()).iter().map(|value| value.to_bits()).collect::<Vec<_>>()
-            })
-        };
-        assert_eq!(run(1), run(2));
-        assert_eq!(run(1), run(8));
-    }
-}
-
-/// P ← A P Aᵀ + Q and P ← P − P Hᵀ (H P Hᵀ + R)⁻¹ H P, written as dense algebra.
-#[test]
-fn forecast_and_analysis_in_place_are_those_of_dense_algebra() {
-    let problem = large_problem();
-    for build in DENSE {
-        let mut filter = build(problem.clone()).unwrap();
-        let m = problem.background.values().len();
-        let (size, kept) = (filter.covariance().nrows(), problem.calibration.kept(WINDOW));
-        let mut columns = Mat::<f64>::identity(m, m);
-        (0..m).for_each(|j| problem.model.step_tl(&problem.background, columns.col_as_slice_mut(j)));
-        let a = Mat::from_fn(size, size, |i, j| match (i < m, j < m) {
-            (true, true) => columns[(i, j)],
-            (false, false) if i == j => kept[i - m],
-            _ => 0.0,
-        });
-        for cycle in 1..=2 {
-            let mut expected = &a * filter.covariance() * a.transpose();
-            let q = isobar_assim::covariance::dense(problem.model_error.as_deref().unwrap());
-            let mut of_state = expected.as_mut().get_mut(..m, ..m);
-            of_state += q;
-            for (i, parameter) in problem.calibration.parameters.iter().enumerate() {
-                expected[(m + i, m + i)] += parameter.drift.added_variance(WINDOW);
-            }
-            let from_filter = filter.forecast(WINDOW).unwrap();
-            let difference = (filter.covariance() - &expected).norm_max() / expected.norm_max();
-            assert!(difference < 1e-13, "forecast {cycle}: {difference:e}");
-            let observed = window(&problem, 150, false, cycle, 6);
-            let jacobian = observed.operator.linearize(&from_filter.estimate.state, &from_filter.estimate.calibration);
-            let mut h = Mat::<f64>::zeros(observed.len(), size);
-            for row in 0..observed.len() {
-                jacobian.state.row(row).iter().for_each(|&(column, weight)| h[(row, column)] += weight);
-                jacobian.calibration.row(row).iter().for_each(|&(column, weight)| h[(row, m + column)] += weight);
-            }
-            let cross = &expected * h.transpose();
-            let mut innovation = &h * &cross;
-            (0..observed.len()).for_each(|row| innovation[(row, row)] += observed.sigma[row].powi(2));
-            expected -= &cross * innovation.llt(Side::Lower).unwrap().solve(cross.transpose());
-            filter.analyse(&from_filter, &observed).unwrap();
-            let difference = (filter.covariance() - &expected).norm_max() / expected.norm_max();
-            assert!(difference < 1e-12, "analysis {cycle}: {difference:e}");
-        }
-    }
-}
-
 #[test]
 fn the_same_bits_on_any_number_of_threads() {
     let problem = problem(true, calibration(2, 3, 0.2), 8);
@@ -418,37 +284,6 @@ fn what_does_not_fit_into_memory_is_refused_with_the_figure() {
     let message = error.to_string();
     assert!(message.starts_with("the component of 16 blocks (32 variables) that 55 observations link"), "{message}");
     assert!(message.ends_with("would need 0.1 MB, more than the limit of 0.0 MB"), "{message}");
-}
-
-#[test]
-fn an_observation_that_is_not_finite_is_named() {
-    let problem = problem(true, calibration(1, 0, 0.0), 8);
-    let filters: [Box<dyn Assimilator>; 2] = [
-        Box::new(KalmanFilter::new(problem.clone()).unwrap()),
-        Box::new(KalmanFilter::serial(problem.clone()).unwrap()),
-    ];
-    for mut filter in filters {
-        let from_filter = filter.forecast(WINDOW).unwrap();
-        let mut observed = window(&problem, 3, false, 1, 6);
-        observed.values[1] = f64::NAN;
-        assert_eq!(
-            filter.analyse(&from_filter, &observed).unwrap_err().to_string(),
-            "the innovation of n/p is not finite"
-        );
-    }
-}
-
-/// Without variance in state and observation there is nothing to divide by.
-#[test]
-fn an_observation_of_what_is_known_without_error_is_refused() {
-    let mut problem = problem(true, calibration(0, 0, 0.0), 8);
-    (problem.background_error, problem.model_error) = (white(problem.background.layout(), 0.0), None);
-    let mut filter = KalmanFilter::serial(problem.clone()).unwrap();
-    let from_filter = filter.forecast(WINDOW).unwrap();
-    let mut observed = window(&problem, 3, false, 1, 6);
-    observed.sigma[2] = 0.0;
-    let error = filter.analyse(&from_filter, &observed).unwrap_err();
-    assert!(matches!(error, Error::NotPositiveDefinite { pivot: 2, size: 3, .. }), "{error}");
 }
 
 /// Where a covariance has been lost, the failure says in which block: a whole state is no place to look.

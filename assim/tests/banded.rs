@@ -6,15 +6,8 @@ use faer::{Mat, Side};
 use isobar_assim::banded::BandedKalmanFilter;
 use isobar_assim::covariance::dense;
 use isobar_assim::kalman::KalmanFilter;
-use isobar_assim::{Assimilator, BiasTreatment, Error, Problem, Unknown};
+use isobar_assim::{Assimilator, BiasTreatment, Error, Problem};
 use isobar_obs::{Calibration, ObservationWindow};
-
-/// The covariance of (x, c), column by column.
-fn matrix(filter: &dyn Assimilator, m: usize, p: usize) -> Mat<f64> {
-    let unknowns = (0..m).map(Unknown::Value).chain((0..p).map(Unknown::Parameter));
-    let columns: Vec<_> = unknowns.map(|unknown| column(filter, unknown).unwrap()).collect();
-    Mat::from_fn(m + p, m + p, |i, j| if i < m { columns[j].state[i] } else { columns[j].calibration[i - m] })
-}
 
 /// (H, R) of observations, dense.
 fn operator(problem: &Problem, observed: &ObservationWindow) -> (Mat<f64>, Mat<f64>) {
@@ -46,7 +39,7 @@ fn the_full_band_is_the_kalman_filter() {
             let (found, wanted) = (&analysis.estimate, &expected.estimate);
             assert!(relative_difference(found.state.values(), wanted.state.values()) < 1e-9, "cycle {cycle}");
             assert!((analysis.innovation_chi2.unwrap() / expected.innovation_chi2.unwrap() - 1.0).abs() < 1e-9);
-            let found = flat(&matrix(&banded, m, p));
+            let found = flat(&covariance_matrix(&banded, m, p));
             assert!(relative_difference(&found, &flat(&reference.covariance().to_owned())) < 1e-9, "cycle {cycle}");
             if p > 0 {
                 assert!(relative_difference(&analysis.estimate.calibration, &wanted.calibration) < 1e-9);
@@ -77,13 +70,13 @@ fn without_a_band_the_forecast_keeps_the_variances_alone() {
         p = a * &p * a.transpose() + &q;
         p = Mat::from_fn(m, m, |i, j| if i == j { p[(i, i)] } else { 0.0 });
         let from_banded = banded.forecast(WINDOW).unwrap();
-        assert!(relative_difference(&flat(&matrix(&banded, m, 0)), &flat(&p)) < 1e-12, "cycle {cycle}");
+        assert!(relative_difference(&flat(&covariance_matrix(&banded, m, 0)), &flat(&p)) < 1e-12, "cycle {cycle}");
         let observed = window(&problem, 14, false, cycle, 5);
         let (h, r) = operator(&problem, &observed);
         let s = (&h * &p * h.transpose() + r).llt(Side::Lower).unwrap().inverse();
         p = &p - &p * h.transpose() * s * &h * &p;
         banded.analyse(&from_banded, &observed).unwrap();
-        assert!(relative_difference(&flat(&matrix(&banded, m, 0)), &flat(&p)) < 1e-12, "cycle {cycle}");
+        assert!(relative_difference(&flat(&covariance_matrix(&banded, m, 0)), &flat(&p)) < 1e-12, "cycle {cycle}");
     }
 }
 
@@ -96,7 +89,7 @@ fn every_analysis_is_exact_for_the_covariance_of_its_forecast() {
         let mut banded = BandedKalmanFilter::new(problem.clone(), half_bandwidth).unwrap();
         for cycle in 1..=6 {
             let background = banded.forecast(WINDOW).unwrap();
-            let prior = matrix(&banded, m, p);
+            let prior = covariance_matrix(&banded, m, p);
             let least = prior.self_adjoint_eigenvalues(Side::Lower).unwrap()[0];
             assert!(least > -1e-12, "half-bandwidth {half_bandwidth}, cycle {cycle}: {least:e}");
             let observed = window(&problem, 14, false, cycle, 5);
@@ -111,7 +104,7 @@ fn every_analysis_is_exact_for_the_covariance_of_its_forecast() {
                 values(&background.estimate).iter().enumerate().map(|(i, value)| value + increment[(i, 0)]).collect();
             assert!(relative_difference(&values(&analysis.estimate), &expected) < 1e-10);
             let posterior = &prior - &gain * &h * &prior;
-            assert!(relative_difference(&flat(&matrix(&banded, m, p)), &flat(&posterior)) < 1e-10);
+            assert!(relative_difference(&flat(&covariance_matrix(&banded, m, p)), &flat(&posterior)) < 1e-10);
             let spread =
                 [analysis.estimate.state_spread.unwrap(), analysis.estimate.calibration_spread.unwrap()].concat();
             let expected: Vec<f64> = (0..m + p).map(|i| posterior[(i, i)].sqrt()).collect();

@@ -65,16 +65,7 @@ fn all(problem: &Problem) -> Vec<(&'static str, Build<'_>)> {
     let probed = FastKalmanSettings { residual: Residual::Probe { count: 3 }, factors: 5, ..exact };
     let single = FastKalmanSettings { factor_precision: Precision::Single, ..probed };
     let cut = FastKalmanSettings { largest_component: 6, separator_factors: 60, ..probed };
-    let tiles = LocalFactorSettings {
-        blocks: BlockShape::Cell,
-        per_tile: 4,
-        model_error_per_tile: 6,
-        tile_m: 1.0,
-        support_tiles: 2,
-        mixed: 1,
-        factor_precision: Precision::Double,
-        residual: Residual::Probe { count: 3 },
-    };
+    let tiles = tile_settings();
     let nested = FastKalmanSettings { largest_component: 6, separator_factors: 0, ..probed };
     let variational = ThreeDVarSettings { covariance_scale: 0.7, tolerance: 1e-12, max_iterations: 300 };
     let four = FourDVarSettings {

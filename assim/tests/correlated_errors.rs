@@ -14,7 +14,7 @@ use isobar_assim::optimal_interpolation::OptimalInterpolation;
 use isobar_assim::response::Responder;
 use isobar_assim::variational::{FourDVar, FourDVarSettings, ThreeDVar, ThreeDVarSettings};
 use isobar_assim::{
-    AdaptedCovariance, Adaptive, AdaptiveSettings, Analysis, Assimilator, Background, Problem, Unknown, Whitened,
+    AdaptedCovariance, Adaptive, AdaptiveSettings, Analysis, Assimilator, Background, Problem, Whitened,
 };
 use isobar_obs::{ErrorRegression, ObservationWindow};
 use std::collections::HashSet;
@@ -46,18 +46,11 @@ struct Solution {
 }
 
 fn dense(p: &Mat<f64>, from: &Background, observed: &ObservationWindow) -> Solution {
-    let (state, calibration) = (&from.estimate.state, &from.estimate.calibration);
-    let (n, m, size) = (observed.len(), state.values().len(), p.nrows());
-    let jacobian = observed.operator.linearize(state, calibration);
-    let mut h = Mat::<f64>::zeros(n, size);
-    for row in 0..n {
-        jacobian.state.row(row).iter().for_each(|&(column, weight)| h[(row, column)] += weight);
-        jacobian.calibration.row(row).iter().for_each(|&(column, weight)| h[(row, m + column)] += weight);
-    }
+    let (n, h) = (observed.len(), dense_jacobian(observed, &from.estimate));
     let r = observed.error_regression.covariance(&observed.sigma);
     let cross = p * h.transpose();
     let s = &h * &cross + Mat::from_fn(n, n, |i, j| r[i][j]);
-    let simulated = observed.operator.simulate(state, calibration);
+    let simulated = observed.operator.simulate(&from.estimate.state, &from.estimate.calibration);
     let d = Mat::from_fn(n, 1, |i, _| observed.values[i] - simulated[i]);
     let factor = s.llt(Side::Lower).unwrap();
     let w = factor.solve(&d);
@@ -66,17 +59,9 @@ fn dense(p: &Mat<f64>, from: &Background, observed: &ObservationWindow) -> Solut
     Solution { increment: increment.col_as_slice(0).to_vec(), covariance, chi2: (d.transpose() * w)[(0, 0)] }
 }
 
-/// The covariance of the errors of (x, c) that a method believes in.
-fn believed(method: &dyn Assimilator, problem: &Problem) -> Mat<f64> {
-    let m = problem.background.values().len();
-    let unknown = |i: usize| if i < m { Unknown::Value(i) } else { Unknown::Parameter(i - m) };
-    let columns: Vec<Vec<f64>> = (0..m + problem.calibration.len())
-        .map(|i| {
-            let column = column(method, unknown(i)).expect("the method has joint errors");
-            [column.state, column.calibration].concat()
-        })
-        .collect();
-    Mat::from_fn(columns.len(), columns.len(), |i, j| columns[j][i])
+/// The covariance of the errors of (x, c) that a method claims.
+fn claimed(method: &dyn Assimilator, problem: &Problem) -> Mat<f64> {
+    covariance_matrix(method, problem.background.values().len(), problem.calibration.len())
 }
 
 /// Largest relative difference of an analysis from the dense solution, in increment, χ² and departures.
@@ -123,9 +108,9 @@ fn filters_equal_the_dense_solution_with_the_full_matrix() {
             for cycle in 1..=6 {
                 let from = method.forecast(WINDOW).unwrap();
                 let observed = correlated(&problem, cycle);
-                let expected = dense(&believed(&method, &problem), &from, &observed);
+                let expected = dense(&claimed(&method, &problem), &from, &observed);
                 let analysis = method.analyse(&from, &observed).unwrap();
-                let after = relative_difference(&flat(&believed(&method, &problem)), &flat(&expected.covariance));
+                let after = relative_difference(&flat(&claimed(&method, &problem)), &flat(&expected.covariance));
                 // Cells with factors lose a little in the next forecast, not in the analysis.
                 largest = largest.max(difference(&from, &observed, &analysis, &expected)).max(after);
             }
@@ -135,7 +120,7 @@ fn filters_equal_the_dense_solution_with_the_full_matrix() {
     }
 }
 
-/// Of methods with a static covariance, and of an ensemble that holds all of it, the first analysis.
+/// The first analysis of methods with a static covariance, and of an ensemble that holds all of the covariance.
 #[test]
 fn methods_without_a_covariance_of_their_own_equal_it_too() {
     let problem = problem(true, calibration(3, 0, 0.0), 2);
@@ -182,7 +167,7 @@ fn methods_without_a_covariance_of_their_own_equal_it_too() {
     }
 }
 
-/// A strong correlation matters: without it the analysis is another one. Windows of independent errors are passed on to the bit.
+/// Ignoring a strong correlation changes the analysis. Windows with independent errors give the same analysis to the bit.
 #[test]
 fn a_correlation_changes_the_analysis_and_independence_changes_nothing() {
     let problem = problem(true, calibration(2, 1, 0.7), 2);
@@ -237,8 +222,8 @@ fn adapted_errors_keep_their_correlations() {
     assert!(a.iter().zip(&b).all(|(a, b)| (a.value / b.value - 1.0).abs() < 1e-8), "{a:?} {b:?}");
 }
 
-/// What the gains are worth in a world with the full R: with it they have the errors that they claim, and without it larger ones,
-/// of which they claim something else.
+/// In a world with the full R, gains that know it have the errors that they claim; others have larger errors, and claim wrong
+/// ones.
 #[test]
 fn gains_with_the_full_matrix_have_the_errors_that_they_claim_and_others_larger_ones() {
     let problem = problem(true, calibration(3, 0, 0.5), 2);
@@ -263,7 +248,7 @@ fn gains_with_the_full_matrix_have_the_errors_that_they_claim_and_others_larger_
             let error_covariance = observed.error_regression.covariance(&observed.sigma);
             actual.analyse(&gain, &jacobian, &error_covariance, true);
         }
-        let claimed = believed(&*method, &problem);
+        let claimed = claimed(&*method, &problem);
         (actual.mean_squares(), (0..claimed.nrows()).map(|i| claimed[(i, i)]).collect::<Vec<f64>>())
     });
     assert!(relative_difference(&known.0, &known.1) < 1e-9);

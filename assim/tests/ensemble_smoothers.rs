@@ -7,8 +7,9 @@ use isobar_assim::ensemble::{
     BackgroundInflation, EnsembleSettings, EnsembleTransformKalmanFilter, Inflation, InitialMembers,
     LocalEnsembleTransformKalmanFilter, LocalSettings, ModelErrorTreatment, StochasticEnsembleKalmanFilter,
 };
+use isobar_assim::testing::Still;
 use isobar_assim::{Assimilator, Error, Estimate, Problem};
-use isobar_model::{Duration, Layout, Model, State};
+use isobar_model::Model;
 use isobar_obs::ObservationWindow;
 use std::sync::Arc;
 
@@ -16,18 +17,6 @@ const LAG: usize = 3;
 const CYCLES: usize = 6;
 const EVERYWHERE: LocalSettings = LocalSettings { localization_radius_m: f64::INFINITY, analysis_spacing_cells: 1 };
 const NEAR: LocalSettings = LocalSettings { localization_radius_m: 3.0, analysis_spacing_cells: 2 };
-
-fn all(estimate: &Estimate) -> [Vec<f64>; 2] {
-    let values = estimate.state.values().iter().chain(&estimate.calibration).copied().collect();
-    let spread = estimate.state_spread.iter().chain(&estimate.calibration_spread).flatten().copied().collect();
-    [values, spread]
-}
-
-/// Largest relative difference of values and claims.
-fn difference(found: &Estimate, expected: &Estimate) -> f64 {
-    let parts = all(found).into_iter().zip(all(expected));
-    parts.map(|(found, expected)| relative_difference(&found, &expected)).fold(0.0, f64::max)
-}
 
 /// Observations that are scattered over the plane; none in cycle 3.
 fn observed(problem: &Problem, cycle: usize) -> ObservationWindow {
@@ -87,7 +76,7 @@ fn without_localisation_the_local_smoother_is_the_global_one() {
                 cycle(&mut expected, &problem, number);
                 for ago in 0..number.min(LAG + 1) {
                     let expected = smoothed(&expected, ago).unwrap();
-                    let error = difference(&smoothed(&found, ago).unwrap(), &expected);
+                    let error = estimate_difference(&smoothed(&found, ago).unwrap(), &expected);
                     assert!(error < 1e-9, "cycle {number}, {ago} ago, {shared} shared, {local} local: {error:e}");
                 }
                 assert!(smoothed(&found, LAG + 1).is_none());
@@ -127,13 +116,7 @@ fn without_a_taper_the_stochastic_smoother_is_the_formula_of_its_members() {
         let gram = independent.transpose() * &independent;
         let weights = gram.llt(Side::Lower).unwrap().solve(independent.transpose() * &increments);
         let n = observed.len();
-        let jacobian = observed.operator.linearize(&problem.background, &vec![0.0; p]);
-        let mut h = Mat::<f64>::zeros(n, m + p);
-        for row in 0..n {
-            jacobian.state.row(row).iter().for_each(|&(column, weight)| h[(row, column)] = weight);
-            jacobian.calibration.row(row).iter().for_each(|&(column, weight)| h[(row, m + column)] += weight);
-        }
-        let seen = &h * &now;
+        let seen = dense_jacobian(&observed, &from.estimate) * &now;
         let mut innovation = &seen * seen.transpose();
         innovation *= faer::Scale(1.0 / (members - 1) as f64);
         (0..n).for_each(|i| innovation[(i, i)] += observed.sigma[i].powi(2));
@@ -153,7 +136,7 @@ fn without_a_taper_the_stochastic_smoother_is_the_formula_of_its_members() {
         }
         past.push(after);
         for (ago, past) in past.iter().rev().enumerate() {
-            let [values, spread] = all(&smoothed(&filter, ago).unwrap());
+            let [values, spread] = values_and_spread(&smoothed(&filter, ago).unwrap());
             let deviations = about_mean(past);
             let square = |i: usize| (0..members).map(|j| deviations[(i, j)].powi(2)).sum::<f64>();
             let expected: Vec<f64> = (0..m + p).map(|i| (square(i) / (members - 1) as f64).sqrt()).collect();
@@ -161,22 +144,6 @@ fn without_a_taper_the_stochastic_smoother_is_the_formula_of_its_members() {
             assert!(error < 1e-9, "cycle {number}, {ago} ago: {error:e}");
         }
     }
-}
-
-/// A model that does nothing.
-struct Still(Arc<Layout>);
-
-impl Model for Still {
-    fn layout(&self) -> &Arc<Layout> {
-        &self.0
-    }
-    fn time_step(&self) -> Duration {
-        WINDOW
-    }
-    fn largest_time_step_s(&self, _: &State) -> f64 {
-        f64::INFINITY
-    }
-    fn step(&self, _: &mut State) {}
 }
 
 /// Where nothing changes with time, earlier states are the present one, localised and interpolated as that is.
@@ -196,7 +163,7 @@ fn of_what_stays_the_past_is_the_present() {
         for number in 1..=CYCLES {
             let analysis = cycle(&mut *method, &moving, number);
             for ago in 0..number.min(LAG + 1) {
-                let error = difference(&smoothed(&*method, ago).unwrap(), &analysis);
+                let error = estimate_difference(&smoothed(&*method, ago).unwrap(), &analysis);
                 assert!(error < 1e-11, "cycle {number}, {ago} ago: {error:e}");
             }
         }
@@ -215,9 +182,9 @@ fn a_local_smoother_claims_no_more_than_its_filter() {
     for number in 1..=CYCLES {
         let analysis = cycle(&mut filter, &problem, number);
         assert_eq!(cycle(&mut smoother, &problem, number), analysis);
-        analyses.push(all(&analysis));
+        analyses.push(values_and_spread(&analysis));
         for ago in 1..number.min(LAG + 1) {
-            let [values, spread] = all(&smoothed(&smoother, ago).unwrap());
+            let [values, spread] = values_and_spread(&smoothed(&smoother, ago).unwrap());
             let [filtered, claimed] = &analyses[number - 1 - ago];
             assert!(spread.iter().zip(claimed).all(|(own, filter)| *own <= filter * (1.0 + 1e-12)));
             let with_later = number != 3 || ago > 1;
@@ -276,7 +243,7 @@ fn what_the_smoothers_cannot_do_is_refused() {
     };
     assert_eq!(needs(1), [None, None]);
     for error in needs(1000).into_iter().flatten() {
-        assert!(error.contains("the 1000 analyses before of its smoother"), "{error}");
+        assert!(error.contains("the 1000 earlier analyses of its smoother"), "{error}");
     }
     assert!(needs(1000).iter().all(Option::is_some));
 }

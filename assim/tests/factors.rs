@@ -2,9 +2,7 @@
 
 use crate::common::*;
 use faer::{Mat, Side};
-use isobar_assim::covariance::{
-    self, Balanced, BalancedParameters, Covariance, Sum, Univariate, White, leading_factors,
-};
+use isobar_assim::covariance::{self, Covariance, Sum, Univariate, White, leading_factors};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Residual};
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::{Assimilator, BiasTreatment, Problem};
@@ -121,16 +119,9 @@ fn a_forecast_keeps_the_covariance_of_every_block() {
 fn leading_factors_are_below_the_covariance_and_hold_its_energy() {
     let grid = Grid { nx: 10, ny: 8, dx_m: 2e5, dy_m: 2e5, boundary: Boundary::Channel };
     let layout = shallow_water::layout(grid);
-    let parameters = BalancedParameters {
-        sigma_height_m: 20.0,
-        length_m: 6e5,
-        gravity_m_per_s2: 9.8,
-        coriolis_per_s: 1e-4,
-        beta_per_m_per_s: 1.6e-11,
-    };
     let operator = Sum::new(
         layout.len(),
-        vec![Box::new(Balanced::new(&layout, &parameters).unwrap()), Box::new(White::new(&layout, 0, 2.0))],
+        vec![Box::new(balanced(&layout, 20.0, 6e5, 1.6e-11)), Box::new(White::new(&layout, 0, 2.0))],
     );
     let m = layout.len();
     // The energy norm matters: the wind is small in its unit.
@@ -194,16 +185,9 @@ fn factors_of_smooth_errors_need_no_fine_grid() {
     let model = |cells: usize, step_s: i64| jet(cells, step_s, Boundary::Periodic, 0.0, 0.0);
     let (fine, background) = model(32, 600);
     let layout = background.layout().clone();
-    let parameters = BalancedParameters {
-        sigma_height_m: 20.0,
-        length_m: 9e5,
-        gravity_m_per_s2: 9.8,
-        coriolis_per_s: 1e-4,
-        beta_per_m_per_s: 0.0,
-    };
     let problem: Problem = Problem {
         model: fine,
-        background_error: Arc::new(Balanced::new(&layout, &parameters).unwrap()),
+        background_error: Arc::new(balanced(&layout, 20.0, 9e5, 0.0)),
         model_error: None,
         background,
         calibration: calibration(1, 0, 0.0),

@@ -1,7 +1,7 @@
 //! The Fast Kalman Filter with local factors in the limits in which it is exact.
 
 use crate::common::{settings as common_settings, *};
-use isobar_assim::covariance::{Balanced, BalancedParameters, Covariance, Sum, Univariate, White};
+use isobar_assim::covariance::{Covariance, Sum, Univariate, White};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::local_factors::{LocalFactorSettings, LocalFastKalmanFilter};
@@ -78,14 +78,7 @@ fn difference(found: &Estimate, expected: &Estimate) -> f64 {
         .max(relative_difference(&of_calibration(found), &of_calibration(expected)))
 }
 
-fn cycle(method: &mut dyn Assimilator, problem: &Problem, cycle: usize) -> Estimate {
-    let from = method.forecast(WINDOW).unwrap();
-    // One cycle without any observation.
-    let count = if cycle == 3 { 0 } else { 14 };
-    method.analyse(&from, &window(problem, count, false, cycle, 5)).unwrap().estimate
-}
-
-/// The problem with errors that a number of directions holds better than as many others.
+/// The problem with smooth errors, of which a few directions hold most.
 fn smooth_problem(shared: usize) -> Problem {
     let problem = problem(true, calibration(shared, 0, 0.0), 2);
     let layout = Arc::clone(problem.background.layout());
@@ -130,8 +123,8 @@ fn with_all_factors_the_smoother_is_the_dense_one() {
     }
 }
 
-/// With one tile, as many directions as are found exactly, and biases that do not drift, its border is that of the factors of the whole domain in another form: the
-/// same filter, and the same smoother, however many directions a compression drops.
+/// With one tile, no more directions than are found exactly, and biases that do not drift, its border is that of the factors of
+/// the whole domain in another form: the same filter, and the same smoother, however many directions a compression drops.
 #[test]
 fn with_one_tile_filter_and_smoother_are_those_of_factors_of_the_whole_domain() {
     for shared in [0, 3] {
@@ -160,21 +153,12 @@ fn with_one_tile_filter_and_smoother_are_those_of_factors_of_the_whole_domain() 
     }
 }
 
-/// What is mixed changes claims at random, but they stay those of a covariance; and a smoother that is not asked for nothing
-/// changes nothing in the filter.
+/// Mixing changes claims at random, but they stay those of a covariance; and a smoother changes nothing in the filter.
 #[test]
 fn a_smoother_follows_what_is_mixed_and_cut_off() {
     let problem = Problem { calibration: calibration(2, 1, 0.7), ..smooth_problem(0) };
     for (mixed, residual) in [(0, Residual::Persist), (2, Residual::Probe { count: 3 })] {
-        let settings = LocalFactorSettings {
-            per_tile: 5,
-            model_error_per_tile: 6,
-            tile_m: 1.0,
-            support_tiles: 2,
-            mixed,
-            residual,
-            ..everything()
-        };
+        let settings = LocalFactorSettings { per_tile: 5, mixed, residual, ..tile_settings() };
         let (mut plain, mut smoother) = (local(&problem, settings), local(&problem, settings).smoothing(3).unwrap());
         let mut filtered = Vec::new();
         for number in 1..=6 {
@@ -199,8 +183,7 @@ fn a_smoother_follows_what_is_mixed_and_cut_off() {
         }
     }
     let small = Problem { memory_limit_bytes: 100_000, ..problem };
-    let settings = LocalFactorSettings { per_tile: 5, model_error_per_tile: 6, tile_m: 1.0, ..everything() };
-    let settings = LocalFactorSettings { support_tiles: 2, ..settings };
+    let settings = LocalFactorSettings { per_tile: 5, mixed: 0, residual: Residual::Persist, ..tile_settings() };
     assert!(matches!(local(&small, settings).smoothing(30), Err(Error::TooLarge { .. })));
 }
 
@@ -237,20 +220,10 @@ fn packed_factors_may_be_propagated_on_a_coarser_grid() {
     let model = |cells: usize, step_s: i64| jet(cells, step_s, Boundary::Periodic, 0.0, 0.0);
     let (fine, background) = model(16, 900);
     let layout = background.layout().clone();
-    let errors = |sigma_height_m: f64, length_m: f64| -> Arc<dyn Covariance> {
-        let parameters = BalancedParameters {
-            sigma_height_m,
-            length_m,
-            gravity_m_per_s2: 9.8,
-            coriolis_per_s: 1e-4,
-            beta_per_m_per_s: 0.0,
-        };
-        Arc::new(Balanced::new(&layout, &parameters).unwrap())
-    };
     let problem: Problem = Problem {
         model: fine,
-        background_error: errors(20.0, 9e5),
-        model_error: Some(errors(3.0, 8e5)),
+        background_error: Arc::new(balanced(&layout, 20.0, 9e5, 0.0)),
+        model_error: Some(Arc::new(balanced(&layout, 3.0, 8e5, 0.0))),
         background,
         calibration: calibration(1, 0, 0.0),
         bias: BiasTreatment::Estimate,

@@ -17,6 +17,7 @@ mod ensemble_smoothers;
 mod factors;
 mod federated;
 mod high_pass;
+mod kalman;
 mod local_factors;
 mod oracles;
 mod recovered_amplitudes;

@@ -1,7 +1,7 @@
 //! Factors stored in single precision: the filter in double precision but for 2⁻²⁴ wherever a factor is written.
 
 use crate::common::*;
-use isobar_assim::covariance::{Balanced, BalancedParameters, Covariance, Sum, White};
+use isobar_assim::covariance::{Covariance, Sum, White};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::time_volume::{Target, TimeShape, TimeVolume};
@@ -50,14 +50,7 @@ fn channel_jet(cells: usize, step_s: i64) -> (Arc<Stepped<ShallowWater>>, State)
 
 /// Balanced and white errors.
 fn errors(layout: &Layout, sigma_height_m: f64, length_m: f64, white: f64) -> Arc<dyn Covariance> {
-    let parameters = BalancedParameters {
-        sigma_height_m,
-        length_m,
-        gravity_m_per_s2: 9.8,
-        coriolis_per_s: 1e-4,
-        beta_per_m_per_s: 1.6e-11,
-    };
-    let mut terms: Vec<Box<dyn Covariance>> = vec![Box::new(Balanced::new(layout, &parameters).unwrap())];
+    let mut terms: Vec<Box<dyn Covariance>> = vec![Box::new(balanced(layout, sigma_height_m, length_m, 1.6e-11))];
     terms.extend(
         [1.0, 0.1, 0.1].iter().enumerate().map(|(variable, factor)| -> Box<dyn Covariance> {
             Box::new(White::new(layout, variable, factor * white))

@@ -9,30 +9,10 @@ use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, Fast
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::local_factors::{LocalFactorSettings, LocalFastKalmanFilter};
 use isobar_assim::variational::{FourDVar, FourDVarSettings};
-use isobar_assim::{Assimilator, Calibrated, Error, Estimate, Problem, Recalibration, SensorKnowledge};
+use isobar_assim::{Assimilator, Calibrated, Error, Problem, Recalibration, SensorKnowledge};
 use isobar_model::{State, Time, forecast};
 
 const CYCLES: usize = 6;
-
-/// State, parameters and their standard deviations.
-fn all(estimate: &Estimate) -> (Vec<f64>, Vec<f64>) {
-    let values = estimate.state.values().iter().chain(&estimate.calibration).copied().collect();
-    let spread = estimate.state_spread.iter().chain(&estimate.calibration_spread).flatten().copied().collect();
-    (values, spread)
-}
-
-/// Largest relative difference of values and claims.
-fn difference(found: &Estimate, expected: &Estimate) -> f64 {
-    let ((a, sigma_a), (b, sigma_b)) = (all(found), all(expected));
-    relative_difference(&a, &b).max(relative_difference(&sigma_a, &sigma_b))
-}
-
-fn cycle(method: &mut dyn Assimilator, problem: &Problem, cycle: usize) -> Estimate {
-    let from = method.forecast(WINDOW).unwrap();
-    // One cycle without any observation.
-    let count = if cycle == 3 { 0 } else { 14 };
-    method.analyse(&from, &window(problem, count, false, cycle, 5)).unwrap().estimate
-}
 
 fn complete(problem: &Problem) -> EnsembleSettings {
     let members = problem.background.values().len() + problem.calibration.len() + 1;
@@ -86,7 +66,7 @@ fn the_dense_smoother_is_that_of_rauch_tung_and_striebel() {
                 backgrounds.push(background);
             }
             let analysis = cycle(&mut filter, &problem, number);
-            analyses.push((all(&analysis).0, filter.covariance().to_owned()));
+            analyses.push((values_and_spread(&analysis)[0].clone(), filter.covariance().to_owned()));
             let (mut mean, mut covariance) = analyses.last().unwrap().clone();
             for ago in 0..number {
                 let t = number - 1 - ago;
@@ -102,7 +82,7 @@ fn the_dense_smoother_is_that_of_rauch_tung_and_striebel() {
                     covariance = own_covariance + &gain * (covariance - background) * gain.transpose();
                 }
                 let found = smoothed(&filter, ago).unwrap();
-                let (values, spread) = all(&found);
+                let [values, spread] = values_and_spread(&found);
                 let expected: Vec<f64> = (0..mean.len()).map(|i| covariance[(i, i)].sqrt()).collect();
                 let error = relative_difference(&values, &mean).max(relative_difference(&spread, &expected));
                 assert!(error < 1e-9, "cycle {number}, {ago} ago, {shared} shared: {error:e}");
@@ -125,7 +105,7 @@ fn a_complete_ensemble_smoother_is_the_dense_one() {
             cycle(&mut reference, &problem, number);
             for ago in 0..number.min(5) {
                 let found = smoothed(&ensemble, ago).unwrap();
-                let error = difference(&found, &smoothed(&reference, ago).unwrap());
+                let error = estimate_difference(&found, &smoothed(&reference, ago).unwrap());
                 assert!(error < 1e-8, "cycle {number}, {ago} ago, {shared} shared: {error:e}");
             }
             let beyond = (smoothed(&ensemble, 5), smoothed(&reference, 5));
@@ -146,7 +126,7 @@ fn a_complete_fast_smoother_is_the_dense_one() {
             cycle(&mut reference, &problem, number);
             for ago in 0..number.min(5) {
                 let found = smoothed(&fast, ago).unwrap();
-                let error = difference(&found, &smoothed(&reference, ago).unwrap());
+                let error = estimate_difference(&found, &smoothed(&reference, ago).unwrap());
                 assert!(error < 1e-9, "cycle {number}, {ago} ago, {shared} shared: {error:e}");
             }
             assert!(smoothed(&fast, 5).is_none());
@@ -215,11 +195,11 @@ fn a_smoother_claims_no_more_than_its_filter() {
             cycle(&mut *without_lag, &problem, number);
             assert!(smoothed(&*filter, 0).is_none());
             let itself = smoothed(&*without_lag, 0).unwrap();
-            assert!(difference(&itself, &analysis) < 1e-13 && smoothed(&*without_lag, 1).is_none());
-            analyses.push(all(&analysis));
+            assert!(estimate_difference(&itself, &analysis) < 1e-13 && smoothed(&*without_lag, 1).is_none());
+            analyses.push(values_and_spread(&analysis));
             for ago in 1..number.min(4) {
-                let (values, spread) = all(&smoothed(&*smoother, ago).unwrap());
-                let (filtered, claimed) = &analyses[number - 1 - ago];
+                let [values, spread] = values_and_spread(&smoothed(&*smoother, ago).unwrap());
+                let [filtered, claimed] = &analyses[number - 1 - ago];
                 assert!(spread.iter().zip(claimed).all(|(own, filter)| *own <= filter * (1.0 + 1e-12)));
                 // There are observations after each of them.
                 let with_later = number != 3 || ago > 1;
@@ -232,16 +212,7 @@ fn a_smoother_claims_no_more_than_its_filter() {
 #[test]
 fn a_smoother_goes_on_from_its_memory_to_the_same_bits() {
     let problem = problem(true, calibration(3, 2, 0.7), 2);
-    let tiles = LocalFactorSettings {
-        blocks: BlockShape::Cell,
-        per_tile: 4,
-        model_error_per_tile: 6,
-        tile_m: 1.0,
-        support_tiles: 2,
-        mixed: 1,
-        factor_precision: Precision::Single,
-        residual: Residual::Probe { count: 3 },
-    };
+    let tiles = LocalFactorSettings { factor_precision: Precision::Single, ..tile_settings() };
     let make: [&dyn Fn() -> Box<dyn Assimilator>; 4] = [
         &|| Box::new(KalmanFilter::new(problem.clone()).unwrap().smoothing(3).unwrap()),
         &|| Box::new(fast(&problem, 12, 3)),
@@ -298,7 +269,7 @@ fn a_recalibration_is_not_carried_back() {
         if ago < 3 {
             found.calibration[1] -= 4.0;
         }
-        assert!(difference(&found, &expected) < 1e-12, "{ago} ago");
+        assert!(estimate_difference(&found, &expected) < 1e-12, "{ago} ago");
     }
 }
 

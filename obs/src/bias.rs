@@ -87,7 +87,7 @@ pub enum AssumedDrift {
 }
 
 impl Evolution {
-    /// What of it is random, as methods can assume it.
+    /// Its random changes, as methods can assume them; `None` if there are none.
     fn at_random(self) -> Option<AssumedDrift> {
         match self {
             Evolution::RandomWalk { sigma_per_sqrt_day } => Some(AssumedDrift::RandomWalk { sigma_per_sqrt_day }),
@@ -206,9 +206,9 @@ impl BiasProcess {
     }
 }
 
-/// A drift, with the standard deviation of an AR(1) process.
-fn drift(of: Option<AssumedDrift>, sigma: f64) -> Drift {
-    match of {
+/// The drift with these random changes; `sigma` is the standard deviation of an AR(1) process.
+fn drift(changes: Option<AssumedDrift>, sigma: f64) -> Drift {
+    match changes {
         None => Drift::CONSTANT,
         Some(AssumedDrift::RandomWalk { sigma_per_sqrt_day }) => Drift::RandomWalk { sigma_per_sqrt_day },
         Some(AssumedDrift::FirstOrder { correlation_hours }) => {

@@ -54,8 +54,7 @@ impl Drift {
     /// No change at all.
     pub const CONSTANT: Drift = Drift::RandomWalk { sigma_per_sqrt_day: 0.0 };
 
-    /// φ, the part of a value that is left after a time. It is never 0, so that one can divide by it: after very many
-    /// correlation times it is 10⁻¹⁰⁰.
+    /// φ, the part of a value that is left after a time; at least 10⁻¹⁰⁰, so that it can be a divisor.
     pub fn kept(self, time: Duration) -> f64 {
         const LEAST: f64 = 1e-100;
         match self {

@@ -11,7 +11,7 @@ use std::f64::consts::PI;
 /// seconds.
 pub const MOST_IN_REPORT: usize = 2000;
 
-/// The least part of its variance that an error has for itself, given all others: observations at one place differ.
+/// The least share of an error's variance that the other errors do not explain: observations at one place differ.
 const LEAST_SHARE: f64 = 1e-6;
 
 /// Random errors of one variable that are correlated within a report of a network; those of different reports, variables and
@@ -21,14 +21,14 @@ const LEAST_SHARE: f64 = 1e-6;
 /// R_ij = σ_i σ_j exp(−d_ij/L)
 /// ```
 ///
-/// It is exponential because such a matrix is positive definite for any places in a plane, and along a line, where the errors
-/// are a first-order autoregressive process, each depends on the error before it alone.
+/// The exponential is positive definite for any places in a plane; and along a line, where it makes the errors a first-order
+/// autoregressive process, each depends only on the error before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ErrorCorrelation {
-    /// What a report is, and d.
+    /// What a report is, and the distance d within it.
     pub kind: ErrorCorrelationKind,
-    /// L of the errors as they are drawn \[m\], at least 0, which means independent errors; errors that were made elsewhere
-    /// are not drawn.
+    /// L of the errors that are drawn \[m\], at least 0, which means independent errors. Recorded observations have theirs
+    /// already.
     pub length_m: f64,
     /// L that methods assume \[m\].
     pub assumed_length_m: f64,
@@ -38,8 +38,7 @@ pub struct ErrorCorrelation {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ErrorCorrelationKind {
     /// All observations of a variable in a cycle that have the same [report number](Observation::report_number). d is the
-    /// distance on the plane; where it is periodic the chord of the circle that it makes, with which R stays positive definite:
-    /// (W/π) sin(π Δx/W).
+    /// distance on the plane; in a periodic direction it is the chord (W/π) sin(π Δx/W), which keeps R positive definite.
     ByDistance,
     /// The footprints of a [scan line](crate::observation::ScanLine). d is the distance along the line.
     ScanLine,
@@ -70,9 +69,12 @@ impl ErrorCorrelation {
         Err(ObservationError::in_setting(network, "error_correlation", problem))
     }
 
-    /// Gives random errors that were drawn independently the correlation that they truly have.
+    /// Correlates random errors that were drawn independently.
     pub(crate) fn correlate(&self, observations: &mut [Observation], grid: &Grid) {
-        let regression = regression(&[(*self, self.length_m)], observations.iter().map(|it| (it, Some(0))), grid);
+        if !observations.iter().any(|it| matches!(it.reading, Reading::Error(_))) {
+            return;
+        }
+        let regression = regression(&[Some((self.kind, self.length_m))], observations.iter().map(|it| (it, 0)), grid);
         if regression.is_independent() {
             return;
         }
@@ -89,38 +91,39 @@ impl ErrorCorrelation {
     }
 }
 
-/// The regression of the errors of observations, each with the number of its correlation in the list, if it has one: a
-/// correlation and L.
+/// The regression of the errors of observations, each with the number of its network, given the kind of correlation and L of
+/// each network whose errors are correlated.
 pub(crate) fn regression<'a>(
-    correlations: &[(ErrorCorrelation, f64)],
-    observations: impl Iterator<Item = (&'a Observation, Option<usize>)>,
+    of_networks: &[Option<(ErrorCorrelationKind, f64)>],
+    observations: impl Iterator<Item = (&'a Observation, usize)>,
     grid: &Grid,
 ) -> ErrorRegression {
-    let mut rows: Vec<(Vec<(usize, f64)>, f64)> = Vec::new();
-    let mut reports: BTreeMap<(usize, usize, usize), Vec<(usize, Place)>> = BTreeMap::new();
-    for (row, (observation, correlation)) in observations.enumerate() {
-        rows.push((Vec::new(), 1.0));
-        let Some(number) = correlation.filter(|&number| correlations[number].1 > 0.0) else { continue };
-        let report = &observation.report;
-        let found = match (correlations[number].0.kind, observation.scan_line) {
-            (ErrorCorrelationKind::ByDistance, _) => {
-                Some((observation.report_number, Place { x_m: report.x_m, y_m: report.y_m }))
-            }
-            (ErrorCorrelationKind::ScanLine, Some(line)) => Some((line.number, Place { x_m: line.across_m, y_m: 0.0 })),
-            (ErrorCorrelationKind::ScanLine, None) => None,
-        };
-        if let Some((of_report, place)) = found {
-            reports.entry((number, report.variable, of_report)).or_default().push((row, place));
-        }
+    if of_networks.iter().all(Option::is_none) {
+        return ErrorRegression::default();
     }
-    for ((number, ..), members) in reports {
-        let (correlation, length_m) = &correlations[number];
+    let mut rows = Regression::new();
+    let mut reports: BTreeMap<(usize, usize, usize), Vec<(usize, Place)>> = BTreeMap::new();
+    for (row, (observation, network)) in observations.enumerate() {
+        rows.push((Vec::new(), 1.0));
+        let Some((kind, _)) = of_networks[network].filter(|(_, length_m)| *length_m > 0.0) else { continue };
+        let report = &observation.report;
+        let (number, place) = match (kind, observation.scan_line) {
+            (ErrorCorrelationKind::ByDistance, _) => {
+                (observation.report_number, Place { x_m: report.x_m, y_m: report.y_m })
+            }
+            (ErrorCorrelationKind::ScanLine, Some(line)) => (line.number, Place { x_m: line.across_m, y_m: 0.0 }),
+            (ErrorCorrelationKind::ScanLine, None) => continue,
+        };
+        reports.entry((network, report.variable, number)).or_default().push((row, place));
+    }
+    for ((network, ..), members) in reports {
+        let Some((kind, length_m)) = of_networks[network] else { continue };
         let places: Vec<Place> = members.iter().map(|member| member.1).collect();
-        let found = match correlation.kind {
+        let found = match kind {
             ErrorCorrelationKind::ByDistance => {
                 by_correlation(places.len(), |i, j| (-places[i].chord_m(places[j], grid) / length_m).exp())
             }
-            ErrorCorrelationKind::ScanLine => along_line(&places, *length_m),
+            ErrorCorrelationKind::ScanLine => along_line(&places, length_m),
         };
         for ((row, _), (weights, share)) in members.iter().zip(found) {
             let numbered = weights.into_iter().map(|(before, weight)| (members[before].0, weight));

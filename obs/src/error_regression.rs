@@ -1,4 +1,4 @@
-//! Correlated errors of observations: each error given the errors before it.
+//! Correlated observation errors: the regression of each error on earlier ones.
 
 use crate::sparse::SparseRows;
 use serde::{Deserialize, Serialize};
@@ -13,20 +13,21 @@ use serde::{Deserialize, Serialize};
 /// independent errors with standard deviations √v_i σ_i. Observations of different reports have no b, so that T is
 /// block-diagonal like R; where no errors are correlated it is I, and nothing changes to the bit.
 ///
-/// The default is that of any number of independent errors.
+/// The default stands for any number of independent errors.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ErrorRegression {
-    /// b.
+    /// b, a row for each error.
     weights: SparseRows,
-    /// v.
+    /// v of each error.
     shares: Vec<f64>,
 }
 
 impl ErrorRegression {
-    /// Takes the next error: (number of an observation before it, b) and v, its share of variance that is left.
+    /// Appends an error: (number of an earlier observation, b), and v, the share of its variance that the earlier errors do
+    /// not explain.
     ///
     /// # Panics
-    /// If a number is not that of an observation before it.
+    /// If a number is not that of an earlier observation.
     pub fn push(&mut self, weights: impl IntoIterator<Item = (usize, f64)>, share: f64) {
         let row = self.shares.len();
         self.weights.push_row(weights.into_iter().inspect(|(before, _)| assert!(*before < row, "a later error")));
@@ -38,7 +39,7 @@ impl ErrorRegression {
         (0..self.shares.len()).all(|row| self.weights.row(row).is_empty())
     }
 
-    /// Whether it is that of this many errors; one that has been read from a file may not be.
+    /// Whether it can be the regression of this many errors; one that has been read from a file may not.
     pub fn fits(&self, observations: usize) -> bool {
         let is_before = |row: usize| self.weights.row(row).iter().all(|(before, _)| *before < row);
         self.shares.is_empty() && self.weights.rows() == 0
@@ -58,26 +59,24 @@ impl ErrorRegression {
     /// y ← T y.
     pub fn whiten(&self, sigma: &[f64], y: &mut [f64]) {
         for row in (0..self.shares.len()).rev() {
-            let known: f64 = self.weights_in_units(sigma, row).map(|(before, weight)| weight * y[before]).sum();
-            y[row] -= known;
+            y[row] -= self.known(sigma, row, y);
         }
     }
 
-    /// y ← T⁻¹ y: of independent errors with standard deviations [`ErrorRegression::whitened_sigma`] it makes errors with the
+    /// y ← T⁻¹ y: turns independent errors with standard deviations [`ErrorRegression::whitened_sigma`] into errors with
     /// covariance R.
     pub fn correlate(&self, sigma: &[f64], y: &mut [f64]) {
         for row in 0..self.shares.len() {
-            let known: f64 = self.weights_in_units(sigma, row).map(|(before, weight)| weight * y[before]).sum();
-            y[row] += known;
+            y[row] += self.known(sigma, row, y);
         }
     }
 
-    /// T M, row by row: a row reads what those read on which its error depends.
+    /// T M, row by row: a row also reads what the rows read on whose errors its error depends.
     pub fn whiten_rows(&self, sigma: &[f64], rows: &SparseRows) -> SparseRows {
         let mut whitened = SparseRows::new();
         for row in 0..rows.rows() {
             let mut entries = rows.row(row).to_vec();
-            if row < self.shares.len() && !self.weights.row(row).is_empty() {
+            if !self.weights_of(row).is_empty() {
                 for (before, weight) in self.weights_in_units(sigma, row) {
                     entries.extend(rows.row(before).iter().map(|&(column, value)| (column, -weight * value)));
                 }
@@ -95,14 +94,13 @@ impl ErrorRegression {
         whitened
     }
 
-    /// R, row after row, `[n, n]`: Cov(ε_i, ε_j) = Σ_k b_ik σ_i/σ_k Cov(ε_k, ε_j) for j < i, and with j = i beside that v_i σ_i².
+    /// R, row by row, `[n, n]`: Cov(ε_i, ε_j) = Σ_k b_ik σ_i/σ_k Cov(ε_k, ε_j) for j < i, plus v_i σ_i² for j = i.
     pub fn covariance(&self, sigma: &[f64]) -> Vec<Vec<f64>> {
         let n = sigma.len();
         let own = self.whitened_sigma(sigma);
         let mut covariance = vec![vec![0.0; n]; n];
         for i in 0..n {
-            let on: Vec<(usize, f64)> =
-                if self.shares.is_empty() { Vec::new() } else { self.weights_in_units(sigma, i).collect() };
+            let on: Vec<(usize, f64)> = self.weights_in_units(sigma, i).collect();
             for j in 0..i {
                 let value = on.iter().map(|&(before, weight)| weight * covariance[before][j]).sum();
                 covariance[i][j] = value;
@@ -114,9 +112,20 @@ impl ErrorRegression {
         covariance
     }
 
+    /// (j, b_ij) of observation i.
+    fn weights_of(&self, row: usize) -> &[(usize, f64)] {
+        // The default has no rows for its independent errors.
+        if row < self.shares.len() { self.weights.row(row) } else { &[] }
+    }
+
     /// (j, b_ij σ_i/σ_j).
     fn weights_in_units(&self, sigma: &[f64], row: usize) -> impl Iterator<Item = (usize, f64)> {
-        self.weights.row(row).iter().map(move |&(before, weight)| (before, weight * sigma[row] / sigma[before]))
+        self.weights_of(row).iter().map(move |&(before, weight)| (before, weight * sigma[row] / sigma[before]))
+    }
+
+    /// Σ_j b_ij σ_i/σ_j y_j.
+    fn known(&self, sigma: &[f64], row: usize, y: &[f64]) -> f64 {
+        self.weights_in_units(sigma, row).map(|(before, weight)| weight * y[before]).sum()
     }
 }
 
@@ -126,7 +135,7 @@ mod tests {
 
     const SIGMA: [f64; 4] = [2.0, 0.5, 3.0, 1.0];
 
-    /// Errors 1 and 3 are independent of the others, 0 and 2 have a correlation of 0.6; then 3 depends on both.
+    /// Error 1 is independent of the others, 0 and 2 have a correlation of 0.6, and 3 depends on both of these.
     fn regression() -> ErrorRegression {
         let mut regression = ErrorRegression::default();
         regression.push([], 1.0);

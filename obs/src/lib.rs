@@ -6,14 +6,14 @@
 //! - [`aside`]: [`Aside`], passive and rejected observations, which no method sees
 //! - [`operator`]: [`ObservationOperator`], y = h(x, c)
 //! - [`jacobian`], [`sparse`]: its Jacobians X and G
-//! - [`error_regression`]: [`ErrorRegression`], R of errors that are correlated
+//! - [`error_regression`]: [`ErrorRegression`], R of correlated errors
 //! - [`calibration`]: the parameters c, and what is known of them
 //!
 //! What an experiment describes:
 //! - [`system`]: [`ObservingSystem`], all networks together
 //! - [`network`]: [`Network`], an instrument, its [`Schedule`] and its [`Faults`]
 //! - [`bias`]: how biases truly behave, and what methods may assume; [`air_mass`]: biases that depend on the state
-//! - [`error_correlation`]: [`ErrorCorrelation`], within what, and how far, random errors are correlated
+//! - [`error_correlation`]: [`ErrorCorrelation`], how random errors are correlated within reports
 //! - [`station`]: where stations come from; [`station_file`], [`observation_file`]: files of stations and observations
 //! - [`table`](mod@table), [`times`]: how all tables and times are read
 //! - [`projection`]: the plane's place on the Earth

@@ -43,7 +43,7 @@ impl Network {
         }
     }
 
-    /// Whether some of its observations are compared with every method's estimates only.
+    /// Whether some of its observations are passive.
     pub fn has_passive(&self) -> bool {
         !self.assimilate || self.withhold > 0.0
     }

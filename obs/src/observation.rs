@@ -22,8 +22,8 @@ pub struct Observation {
     pub predictors: Vec<Predictor>,
     /// Its place in a scan line, for scanning instruments.
     pub scan_line: Option<ScanLine>,
-    /// The number of its report among those of its network in a cycle, within which errors may be correlated by distance; 0 if
-    /// nothing divides the network's observations into reports.
+    /// The number of its report within its network and cycle; errors of a report may be correlated by distance. 0 if the
+    /// network's observations are not divided into reports.
     pub report_number: usize,
 }
 
@@ -67,6 +67,11 @@ impl Reading {
         match self {
             Reading::Error(value) | Reading::Recorded { value, .. } => *value = new,
         }
+    }
+
+    /// Whether it was recorded too far from the end of the window.
+    pub(crate) fn is_late(&self) -> bool {
+        matches!(self, Reading::Recorded { is_late: true, .. })
     }
 
     /// Whether it was recorded without the value of a predictor of its bias.

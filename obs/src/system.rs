@@ -15,7 +15,6 @@ use crate::observation::{Arrival, Observation, Reading};
 use crate::projection::Projection;
 use crate::quality::{self, QualityControl, Reference};
 use crate::recorded_use::RecordedUse;
-use crate::rejection::Rejection;
 use crate::site::Site;
 use crate::station::{LeftOutStation, Station};
 use crate::value_check::ValueCheck;
@@ -55,7 +54,8 @@ const MOST_WEIGHTS: usize = 20_000_000;
 /// y = X x + G c + ε,   ε ~ N(0, R)
 /// ```
 ///
-/// R is diagonal but within the reports of networks with an [`ErrorCorrelation`].///
+/// R is diagonal except within the reports of networks with an [`ErrorCorrelation`].
+///
 /// X interpolates the state x to the stations or averages it over footprints; G says which parameters c (biases)
 /// each observation has; beside them there are the predictors p(x) of [air-mass biases](crate::AirMassBias). Every
 /// network, and every parameter, has its own random stream (`observations/europe`, `missing/europe`,
@@ -90,6 +90,9 @@ pub struct ObservingSystem {
     /// Of the present cycle: observations that are used, then the others.
     values_bias_removed: Vec<f64>,
 }
+
+/// An observation with the reason why it is not used, if it is not, and the check of its value.
+type Judged = (Arrival, Option<Unused>, Option<ValueCheck>);
 
 /// A network in operation.
 struct Member {
@@ -257,7 +260,7 @@ impl ObservingSystem {
         self.members.iter().filter_map(move |member| Some((&*member.name, member.instrument.recorded_use(&cycles)?)))
     }
 
-    /// The stations that are withheld of each network that has such.
+    /// The withheld stations of each network that has any.
     pub fn withheld(&self) -> impl Iterator<Item = (&str, &Withheld)> {
         let of_members = self.members.iter().map(|member| (&*member.name, &member.withheld));
         of_members.filter(|(_, withheld)| !withheld.names.is_empty())
@@ -349,26 +352,22 @@ impl ObservingSystem {
             }
             None => vec![None; arrivals.len()],
         };
-        let judged = arrivals.into_iter().zip(rejections).zip(checks);
-        self.window(time, judged.map(|((arrival, rejection), check)| (arrival, rejection, check)))
+        let judged = arrivals.into_iter().zip(rejections).zip(checks).map(|((arrival, rejection), check)| {
+            let why_unused = rejection.map(Unused::Rejected).or(arrival.is_passive.then_some(Unused::Passive));
+            (arrival, why_unused, check)
+        });
+        self.window(time, judged.collect())
     }
 
     /// Parts what methods see from what they do not.
-    fn window(
-        &mut self,
-        time: Time,
-        judged: impl Iterator<Item = (Arrival, Option<Rejection>, Option<ValueCheck>)>,
-    ) -> ObservationWindow {
+    fn window(&mut self, time: Time, judged: Vec<Judged>) -> ObservationWindow {
         let (mut reports, mut times, mut values, mut sigma) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let (mut checks, mut unused, mut unused_bias_removed) = (Vec::new(), Vec::new(), Vec::new());
         let (mut rows_of_used, mut rows_of_unused) = (GeneralOperator::default(), GeneralOperator::default());
         self.values_bias_removed.clear();
-        let judged: Vec<_> = judged.collect();
         let error_regression = self.error_regression(&judged);
-        for (arrival, rejection, check) in judged {
-            let why = why_unused(&arrival, rejection);
-            let Arrival { observation, value, value_bias_removed, time, .. } = arrival;
-            if let Some(why) = why {
+        for (Arrival { observation, value, value_bias_removed, time, .. }, why_unused, check) in judged {
+            if let Some(why) = why_unused {
                 let Observation { report, sigma, .. } = rows_of_unused.take(observation);
                 unused.push(UnusedObservation { report, time, value, sigma, why, check });
                 unused_bias_removed.push(value_bias_removed);
@@ -389,28 +388,13 @@ impl ObservingSystem {
     }
 
     /// How the errors of the observations that are used depend on each other, as methods assume.
-    fn error_regression(&self, judged: &[(Arrival, Option<Rejection>, Option<ValueCheck>)]) -> ErrorRegression {
-        let mut correlations = Vec::new();
-        let number_of_member: Vec<Option<usize>> = self
-            .members
-            .iter()
-            .map(|member| {
-                correlations.push((member.error_correlation?, member.error_correlation?.assumed_length_m));
-                Some(correlations.len() - 1)
-            })
-            .collect();
-        if correlations.is_empty() {
-            return ErrorRegression::default();
-        }
-        let used = judged.iter().filter(|(arrival, rejection, _)| why_unused(arrival, *rejection).is_none());
-        let used = used.map(|(arrival, ..)| (&arrival.observation, number_of_member[arrival.network]));
-        error_correlation::regression(&correlations, used, &self.layout.grid)
+    fn error_regression(&self, judged: &[Judged]) -> ErrorRegression {
+        let assumed = |member: &Member| member.error_correlation.map(|it| (it.kind, it.assumed_length_m));
+        let of_networks: Vec<_> = self.members.iter().map(assumed).collect();
+        let used = judged.iter().filter(|(_, why_unused, _)| why_unused.is_none());
+        let used = used.map(|(arrival, ..)| (&arrival.observation, arrival.network));
+        error_correlation::regression(&of_networks, used, &self.layout.grid)
     }
-}
-
-/// Why an observation is not used, if it is not.
-fn why_unused(arrival: &Arrival, rejection: Option<Rejection>) -> Option<Unused> {
-    rejection.map(Unused::Rejected).or(arrival.is_passive.then_some(Unused::Passive))
 }
 
 /// Refuses observing systems whose observations would not fit in memory; `name` is the network that is one too many.

@@ -26,7 +26,7 @@ pub struct ObservationWindow {
     pub values: Vec<f64>,
     /// Standard deviation of each random error.
     pub sigma: Vec<f64>,
-    /// How the errors depend on each other, as far as methods assume that they do.
+    /// How the errors depend on each other, as methods assume.
     pub error_regression: ErrorRegression,
     /// What was reported as well, but is not used: no method sees it.
     pub aside: Aside,

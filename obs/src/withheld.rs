@@ -1,4 +1,4 @@
-//! Stations that are withheld from methods, to verify their estimates.
+//! Stations that are withheld from the methods to verify their estimates.
 
 use crate::error::ObservationError;
 use rand::RngExt;
@@ -6,30 +6,30 @@ use rand_chacha::ChaCha8Rng;
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 
-/// A platform that reports again and again, or may do so.
+/// A platform that may report in more than one cycle.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Platform {
     /// Its name in reports.
     pub name: Arc<str>,
-    /// The numbers of the biases of its observations in the calibration.
+    /// The calibration parameters of its observations, by number.
     pub biases: BTreeSet<usize>,
 }
 
-/// The platforms that are withheld of a network.
+/// The withheld platforms of a network.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Withheld {
     /// Their names, in order.
     pub names: BTreeSet<Arc<str>>,
-    /// How many platforms there are.
+    /// The number of all platforms of the network.
     pub of: usize,
 }
 
 impl Withheld {
-    /// Chooses a share of the platforms at random, and with all methods the same ones: the nearest whole number to it, and one at
-    /// least. No bias is left to platforms that are withheld, since nothing could determine it.
+    /// Chooses a share of the platforms at random, rounded to a whole number, and at least one. Each bias keeps a platform that
+    /// is not withheld, since nothing else could determine it.
     ///
     /// # Errors
-    /// If there are no platforms, or not enough that can be withheld.
+    /// If there are no platforms, or too few that can be withheld.
     pub(crate) fn choose(
         share: f64,
         platforms: &[Platform],

@@ -1,8 +1,8 @@
 //! The experiment on which all methods are measured: linear shallow water on a doubly periodic plane of square cells of
-//! 200 km, cycles of 3 hours of 18 steps, as in the scenario `fkf_linear`, and point observations at random places: every
-//! second one of a sonde, of h, u and v in turn, the others soundings of h. The observations of h have biases in common.
+//! 200 km, cycles of 3 hours in 18 steps, as in the scenario `fkf_linear`, and point observations at random places: every
+//! second one is of a sonde, of h, u and v in turn, the others are soundings of h. The observations of h have biases in common.
 
-use isobar_assim::covariance::{Balanced, BalancedParameters, Covariance, Sum, White};
+use crate::common::covariance;
 use isobar_assim::{BiasTreatment, Problem};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{
@@ -20,7 +20,7 @@ pub const WINDOW: Duration = Duration::from_seconds(3 * 3600);
 const TIME_STEP: Duration = Duration::from_seconds(600);
 pub const STEPS: usize = 18;
 
-/// The observing systems, and the names of their biases begin with theirs.
+/// The observing systems; the names of their biases begin with these.
 pub const SYSTEMS: [&str; 2] = ["sondes", "polar"];
 
 /// With `side` × `side` cells.
@@ -44,22 +44,6 @@ pub fn problem(side: usize, observations: usize) -> Problem {
     }
 }
 
-/// Balanced errors and white ones.
-fn covariance(layout: &Layout, sigma_height_m: f64, length_m: f64, white: f64) -> Arc<dyn Covariance> {
-    let parameters = BalancedParameters {
-        sigma_height_m,
-        length_m,
-        gravity_m_per_s2: 9.8,
-        coriolis_per_s: 1e-4,
-        beta_per_m_per_s: 0.0,
-    };
-    let mut terms: Vec<Box<dyn Covariance>> = vec![Box::new(Balanced::new(layout, &parameters).expect("rotation"))];
-    for (variable, factor) in [(0, 1.0), (1, 0.1), (2, 0.1)] {
-        terms.push(Box::new(White::new(layout, variable, factor * white)));
-    }
-    Arc::new(Sum::new(layout.len(), terms))
-}
-
 fn calibration() -> Calibration {
     let parameter = |name: &str| Parameter {
         name: name.into(),
@@ -71,7 +55,7 @@ fn calibration() -> Calibration {
     Calibration { parameters: ["sondes/h", "polar/offset"].map(parameter).to_vec(), ..Calibration::default() }
 }
 
-/// The observations of a cycle. What they say has no influence on the cost.
+/// The observations of a cycle. Their values have no influence on the cost.
 pub fn observations(layout: &Layout, count: usize, cycle: usize) -> ObservationWindow {
     let (random, cells) = (&mut stream(1, &format!("places {cycle}")), layout.grid.cells());
     let (mut state, mut calibration, mut reports) = (SparseRows::new(), SparseRows::new(), Vec::new());

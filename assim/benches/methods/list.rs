@@ -1,5 +1,6 @@
-//! All methods that are measured: the one list of them.
+//! The list of all methods that are measured.
 
+use crate::common::{PROBES, with_factors};
 use crate::experiment::SYSTEMS;
 use isobar_assim::banded::BandedKalmanFilter;
 use isobar_assim::climatology::Climatology;
@@ -7,7 +8,7 @@ use isobar_assim::ensemble::{
     EnsembleSettings, EnsembleTransformKalmanFilter, LocalEnsembleTransformKalmanFilter, LocalSettings,
     StochasticEnsembleKalmanFilter,
 };
-use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
+use isobar_assim::fast_kalman::{BlockShape, FastKalmanFilter, Precision, Residual};
 use isobar_assim::federated::{FederatedKalmanFilter, FederatedSettings};
 use isobar_assim::free::FreeRun;
 use isobar_assim::kalman::KalmanFilter;
@@ -24,15 +25,15 @@ type Built = Result<Box<dyn Assimilator>, Error>;
 
 /// A method that is measured.
 pub struct Method {
-    /// Its kind in a scenario, with what tells it from others of the same kind.
+    /// Its kind in a scenario, with whatever distinguishes it from others of that kind.
     pub name: &'static str,
-    /// What its size is a number of, if it has one.
+    /// What its size counts, if it has one.
     pub size_of: Option<SizeOf>,
     /// Builds it for a problem; the second argument is its size.
     pub build: fn(Problem, usize) -> Built,
 }
 
-/// What the size of a method is a number of.
+/// What the size of a method counts.
 #[derive(Clone, Copy, PartialEq)]
 pub enum SizeOf {
     Members,
@@ -61,7 +62,6 @@ impl SizeOf {
     }
 }
 
-const PROBES: usize = 8;
 const LENGTH_M: f64 = 8e5;
 const LOCAL: LocalSettings = LocalSettings { localization_radius_m: 3e6, analysis_spacing_cells: 2 };
 
@@ -189,18 +189,4 @@ pub const METHODS: [Method; 16] = [
 
 fn variational() -> ThreeDVarSettings {
     ThreeDVarSettings { covariance_scale: 0.4, tolerance: 1e-4, max_iterations: 100 }
-}
-
-/// Blocks of a cell beside common factors.
-fn with_factors(factors: usize) -> FastKalmanSettings {
-    FastKalmanSettings {
-        blocks: BlockShape::Cell,
-        bias_coupling: BiasCoupling::Carry,
-        factors,
-        residual: Residual::Probe { count: PROBES },
-        retained_energy: 1.0,
-        largest_component: 500,
-        separator_factors: 0,
-        factor_precision: Precision::Double,
-    }
 }

@@ -5,22 +5,25 @@
 //!
 //! | argument | meaning |
 //! |---|---|
-//! | a name | of a method; all of them, if there is none |
+//! | a name | of a method; without any, all methods |
 //! | `side=24` | cells on a side of the plane |
 //! | `observations=256` | of a cycle |
 //! | `members=40`, `factors=80`, `per_tile=8` | the size of a method that has one |
 //! | `threads=1` | with more than one, seconds are those of the clock |
-//! | `cycles=1` | that are measured at least, after one that is not |
+//! | `cycles=1` | the least number of cycles that are measured, after one that is not |
 //! | `once` | no exponents |
 //!
 //! For each method: the seconds of a cycle, forecast and analysis; the most memory that it took, setting it up included; for
-//! filters with common factors of the domain how many times as long as its tangent-linear runs by themselves the cycle
-//! takes; the exponents with which the seconds grow with the cells (from a plane of half as many on a side), the observations
-//! (from a quarter of them), and the members or factors (from half of them).
+//! filters with common factors of the domain the seconds over those of the cycle's tangent-linear runs alone; the exponents
+//! with which the seconds grow with the cells (from a plane of half as many on a side), the observations (from a quarter of
+//! them), and the members or factors (from half of them).
 
+#[path = "../common/mod.rs"]
+mod common;
 mod experiment;
 mod list;
 
+use common::small;
 use experiment::{STEPS, WINDOW, observations, problem};
 use isobar_assim::reserve_workspace;
 use isobar_model::forecast::forecast_tl;
@@ -65,7 +68,7 @@ fn main() {
 }
 
 /// # Panics
-/// On an argument that is none of these.
+/// On an unknown argument.
 fn request() -> Request {
     let mut request = Request {
         methods: Vec::new(),
@@ -93,7 +96,7 @@ fn request() -> Request {
             _ => {
                 let found = METHODS.iter().find(|method| method.name == argument);
                 let names = || METHODS.map(|method| method.name).join(", ");
-                request.methods.push(found.unwrap_or_else(|| panic!("{argument} is none of {}", names())));
+                request.methods.push(found.unwrap_or_else(|| panic!("no method {argument}: there are {}", names())));
             }
         }
     }
@@ -151,7 +154,7 @@ fn print_table(request: &Request) {
 /// Cycles are measured until they have taken this long \[s\]: Linux counts a thread's time in ticks.
 const LEAST_S: f64 = 0.2;
 
-/// Sets a method up and lets it cycle.
+/// Sets up a method and runs its cycles.
 fn measure(method: &Method, case: Case, cycles: usize) -> Cost {
     let problem = problem(case.side, case.observations);
     let layout = problem.background.layout().clone();
@@ -178,12 +181,11 @@ fn measure(method: &Method, case: Case, cycles: usize) -> Cost {
     Cost { seconds: seconds / measured as f64, bytes }
 }
 
-/// The seconds of as many tangent-linear runs over the window as a filter with common factors has.
+/// The seconds of the tangent-linear runs over the window of a filter with common factors.
 fn tangent_linear_s(case: Case) -> f64 {
     let problem = problem(case.side, 0);
     let values = problem.background.values().len() * propagated(case.size);
-    let pattern = |index: usize| 1e-3 * ((index % 1013) as f64 / 1013.0 - 0.5);
-    let mut columns: Vec<f64> = (0..values).map(pattern).collect();
+    let mut columns: Vec<f64> = (0..values).map(small).collect();
     let mut run = || {
         let mut state = problem.background.clone();
         let clock = Clock::start();

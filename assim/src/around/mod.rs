@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`sensors`] | what is known of the sensors: earlier calibrations, recalibrations, biases that are not to be adjusted |
 //! | [`adaptive`] | factors on the errors of observations and forecasts, found from the innovations |
-//! | [`whitened`] | errors of observations that are correlated |
+//! | [`whitened`] | correlated errors of observations |
 //! | [`first_calibration`] | a calibration from the first observations, by Lange's High-pass Filter |
 
 pub mod adaptive;

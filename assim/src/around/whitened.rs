@@ -1,4 +1,4 @@
-//! A method that is given observations whose errors are independent, where those that arrive are correlated.
+//! A decorator that turns observations with correlated errors into observations with independent errors.
 
 use crate::assimilator::{Adjustments, Assimilator, Views};
 use crate::error::Error;
@@ -9,21 +9,21 @@ use isobar_obs::{ErrorRegression, Jacobian, ObservationOperator, ObservationWind
 use std::borrow::Cow;
 use std::sync::Arc;
 
-/// Any method on observations with correlated errors. Methods take errors as independent; with R = U D Uᵀ of a window's
+/// Any method, on observations with correlated errors. Methods assume independent errors; with R = U D Uᵀ from a window's
 /// [`ErrorRegression`] and T = U⁻¹, the method is given
 ///
 /// ```text
 /// T y = T h(x, c) + T ε,    T ε ~ N(0, D),    D diagonal
 /// ```
 ///
-/// which says the same: (y − h)ᵀ R⁻¹ (y − h) = |D^-½ T (y − h)|², so that gain, χ², gradients and claimed errors are those of
-/// the full R. T h has the Jacobian T (X, G): an observation reads beside its own footprint those of the observations of its
-/// report on whose errors its error depends, and so has their biases. What the method says of observations, their departures,
-/// is turned back by U; where no errors are correlated it is given the window as it is.
+/// which is the same problem: (y − h)ᵀ R⁻¹ (y − h) = |D^-½ T (y − h)|², so that gain, χ², gradients and claimed errors are those
+/// of the full R. T h has the Jacobian T (X, G): beside its own footprint and biases, an observation reads those of the
+/// observations of its report on whose errors its error depends. The method's departures are transformed back by U; a window
+/// without correlated errors is passed on as it is.
 ///
-/// A row has the place of its own observation. A method that localises by places is no longer that of the full R: where an
-/// observation is near, and the one before it in its report is not, the localised analysis knows their difference, but not
-/// what both have in common.
+/// A row has the place of its own observation. A method that localises by places does not solve the problem with the full R:
+/// where an observation is near, and the one before it in its report is not, the localised analysis uses their difference, but
+/// not what the two have in common.
 #[derive(Clone)]
 pub struct Whitened {
     method: Box<dyn Assimilator>,

@@ -42,11 +42,11 @@ pub(super) struct Band<'a> {
 pub(super) struct BesideState {
     /// Inflation of the background's covariance, for each analysis.
     pub variance_factors: Vec<f64>,
-    /// What becomes of the parameters, now and in each earlier ensemble.
+    /// The analysed parameters, now and in each earlier ensemble.
     pub parameters: Vec<BandParameters>,
 }
 
-/// The parameters of an ensemble in the analyses of a band.
+/// The parameters of an ensemble that the analyses of a band find.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct BandParameters {
     /// The numbers of local parameters, with the members' analysed deviations from the background's mean and the shift of
@@ -57,7 +57,7 @@ pub(super) struct BandParameters {
 }
 
 impl Plan<'_> {
-    /// How many numbers a thread holds for bands of `height` rows of analyses and N members of so many ensembles.
+    /// How many numbers a thread holds for a band of `height` rows of analyses, for `ensembles` ensembles of N members.
     pub fn numbers(
         grid: &Grid,
         variables: usize,
@@ -85,7 +85,7 @@ impl Plan<'_> {
         let (mean, mut perturbations) = self.perturbations(&band, local, state + parameters);
         let variance_factors = self.apply(&band.points, cells, local, &mut perturbations);
         self.set(&mut band, mean, &mut perturbations);
-        self.set_earlier(&mut band, &mut perturbations);
+        self.set_earlier(&mut band, &perturbations);
         let Perturbations { rows, ensembles, stride, after, .. } = &perturbations;
         let of_row = |row: usize| after.iter().skip(row).step_by(*stride).copied().collect();
         let of_ensemble = |first: usize| BandParameters {
@@ -244,15 +244,15 @@ impl Plan<'_> {
         }
     }
 
-    /// The same of earlier ensembles, whose spread is not relaxed.
-    fn set_earlier(&self, band: &mut Band<'_>, perturbations: &mut Perturbations) {
+    /// The means and deviations of earlier ensembles, whose spread is not relaxed.
+    fn set_earlier(&self, band: &mut Band<'_>, perturbations: &Perturbations) {
         let members = self.members();
-        let Perturbations { rows, stride, after, .. } = perturbations;
+        let &Perturbations { rows, stride, ref after, .. } = perturbations;
         for (number, fields) in band.earlier.iter_mut().enumerate() {
             let (means, deviations) = fields.split_at_mut(self.variables);
-            let mut first = (number + 1) * *rows;
+            let mut first = (number + 1) * rows;
             for (variable, mean) in means.iter_mut().enumerate() {
-                let of_member = |member: usize| &after[member * *stride + first..][..mean.len()];
+                let of_member = |member: usize| &after[member * stride + first..][..mean.len()];
                 let mut excess = vec![0.0; mean.len()];
                 (0..members).for_each(|member| add(&mut excess, of_member(member)));
                 excess.iter_mut().for_each(|excess| *excess /= members as f64);
@@ -291,8 +291,8 @@ mod tests {
         Mat::from_fn(rows, MEMBERS, |i, j| normals[i * MEMBERS + j] - mean(i))
     }
 
-    /// What bands of any height make of state and parameters, now and earlier, is the same, to the bit, and what the
-    /// interpolated weights do.
+    /// Bands of any height give the same state and parameters, now and earlier, to the bit, and those of the interpolated
+    /// weights.
     #[test]
     fn bands_of_any_height_apply_the_interpolated_weights() {
         for (boundary, spacing) in [(Boundary::Periodic, 1), (Boundary::Periodic, 3), (Boundary::Channel, 2)] {

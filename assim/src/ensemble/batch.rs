@@ -17,14 +17,14 @@ use pulp::Arch;
 /// √f (1−α) A^-½ x + α x,    A = I + f Ỹᵀ Ỹ,    and their mean moves by    f/√(N−1) xᵀ A⁻¹ Ỹᵀ d̃
 /// ```
 ///
-/// (the transform of [`super::transform`]), but if they are those of an earlier ensemble of a smoother
+/// (the transform of [`super::transform`]); those of an earlier ensemble of a smoother become
 ///
 /// ```text
-/// A^-½ x    and    √f/√(N−1) xᵀ A⁻¹ Ỹᵀ d̃.
+/// A^-½ x    and their mean moves by    √f/√(N−1) xᵀ A⁻¹ Ỹᵀ d̃
 /// ```
 ///
-/// The weights of the members need not be formed for it. Of fewer observations than
-/// members the matrix `M = I + f Ỹ Ỹᵀ` of observations serves (Higham 2008, Functions of Matrices, theorem 1.35):
+/// The weights of the members need not be formed for this. With fewer observations than members the matrix `M = I + f Ỹ Ỹᵀ` of
+/// observations is used (Higham 2008, Functions of Matrices, theorem 1.35):
 ///
 /// ```text
 /// A^-½ x = x − f Ỹᵀ (M + M^½)⁻¹ Ỹ x,    A⁻¹ Ỹᵀ d̃ = Ỹᵀ M⁻¹ d̃
@@ -78,8 +78,9 @@ impl<'a> Batch<'a> {
         self.x.reset(vectors * self.members * self.lanes)
     }
 
-    /// Analyses the perturbations at some places along x, from their inflation in the last cycle, which becomes that of this
-    /// one: what has become of them, `[vectors, N + 1, lanes]`. Vectors from number `present` on are of earlier ensembles.
+    /// Analyses the perturbations at some places along x, given the inflation of each place in the last cycle, which becomes
+    /// that of this one; returns the analysed ones, `[vectors, N + 1, lanes]`. The first `present` vectors are of the present
+    /// ensemble, the others of earlier ones.
     pub fn analyse(&mut self, here: &[(f64, f64)], last_factors: &mut [f64], present: usize) -> &[f64] {
         self.find(here);
         for (near, last) in self.near.iter_mut().zip(last_factors) {
@@ -212,7 +213,7 @@ impl<'a> Batch<'a> {
         });
     }
 
-    /// What the perturbations become; those from number `present` on are of earlier ensembles.
+    /// The analysed perturbations; the first `present` are of the present ensemble, the others of earlier ones.
     fn combine(&mut self, present: usize) {
         let (lanes, members) = (self.lanes, self.members);
         let x = self.x.as_ref();
@@ -246,8 +247,8 @@ impl<'a> Batch<'a> {
     }
 }
 
-/// How many numbers a [`Batch`] holds for so many vectors of N members and n observations around its places: the vectors as
-/// they are, as they become, twice on the way, and as they are observed.
+/// How many numbers a [`Batch`] holds for N members and n observations around its places, and for its vectors: each before and
+/// after the analysis, two intermediate results, and as observed.
 pub(super) fn numbers(members: f64, observations: f64, vectors: f64) -> f64 {
     let size = members.min(observations);
     let lanes = lanes(Arch::new()) as f64;

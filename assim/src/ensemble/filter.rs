@@ -17,11 +17,12 @@ use isobar_obs::ObservationWindow;
 
 /// What the ensemble methods differ in.
 pub(super) trait EnsembleAnalysis: Clone + Send + 'static {
-    /// How many numbers the analysis of n observations holds for N members and so many earlier ensembles, beside these.
+    /// How many numbers the analysis of n observations holds for N members and `earlier` earlier ensembles, beside the members
+    /// themselves.
     fn numbers(&self, problem: &Problem<dyn Model>, members: f64, observations: f64, earlier: usize) -> f64;
 
-    /// Takes the analysis of the observations, of which there are some, into the ensemble and into the earlier ones of a
-    /// smoother; returns χ² where double precision has it.
+    /// Updates the ensemble, and the earlier ones of a smoother, by the analysis of at least one observation; returns χ² where
+    /// double precision resolves it.
     ///
     /// # Errors
     /// That of an analysis which double precision cannot resolve.
@@ -93,7 +94,7 @@ fn require_memory(
         + 3.0 * n * columns
         + analysis.numbers(problem, columns, n, lag.unwrap_or(0));
     problem.require_memory(numbers, || {
-        let of_lag = lag.map_or(String::new(), |lag| format!(" and the {lag} analyses before of its smoother"));
+        let of_lag = lag.map_or(String::new(), |lag| format!(" and the {lag} earlier analyses of its smoother"));
         format!("an ensemble of {members} members of {rows} unknowns{of_lag} with {observations} observations")
     })
 }

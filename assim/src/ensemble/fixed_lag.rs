@@ -13,9 +13,9 @@ use std::collections::VecDeque;
 /// (Raanes 2016, Q. J. R. Meteorol. Soc. 142, 1259–1264).
 ///
 /// With the transform `A = I + Ỹᵀ Ỹ` of [`super::transform`] an earlier ensemble gets `x̄ ← x̄ + X A⁻¹ Ỹᵀ d̃ / √(N−1)` and
-/// `X ← X A^-½`, without the inflation and the relaxation that the present one gets beside: these are remedies for its
-/// further forecasts, which the past has not before it (so do DAPPER's `EnKS` and PDAF). No eigenvalue of A^-½ is above one,
-/// and so no variance grows.
+/// `X ← X A^-½`, without the inflation and the relaxation of the present one: these are remedies for the forecasts that follow,
+/// and none follow from the past (DAPPER's `EnKS` and PDAF do the same). No eigenvalue of A^-½ is above one, and so no variance
+/// grows.
 ///
 /// *Localised.* Each place of an earlier ensemble, and each of its biases, is regressed with the weights that the place or the
 /// bias has in the present analysis (Khare, Anderson, Hoar and Nychka 2008, Tellus 60A, 97–112; Nerger, Schulte and
@@ -26,9 +26,9 @@ use std::collections::VecDeque;
 /// x_i ← x_i + (ρ ∘ X Ỹᵀ) S⁻¹ R^-½ (y + ε_i − h(x_i)) / √(N−1)
 /// ```
 ///
-/// of [`StochasticEnsembleKalmanFilter`](super::StochasticEnsembleKalmanFilter), X being the earlier perturbations, the
-/// innovations and their covariance S the present ones. So the taper ρ stands where it is: it does not move with the flow,
-/// although what was here at the time of the earlier ensemble may be elsewhere by now.
+/// of [`StochasticEnsembleKalmanFilter`](super::StochasticEnsembleKalmanFilter), with the earlier perturbations X, and the
+/// present innovations and their covariance S. The taper ρ is therefore fixed in space: it does not move with the flow, although
+/// what was here at the time of the earlier ensemble may be elsewhere by now.
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) struct FixedLag {
     lag: usize,
@@ -54,7 +54,7 @@ impl FixedLag {
         }
     }
 
-    /// The earlier ensembles, which the analysis revises.
+    /// The earlier ensembles, for an analysis to revise.
     pub fn earlier(&mut self) -> impl Iterator<Item = &mut Moments> {
         self.ensembles.iter_mut()
     }

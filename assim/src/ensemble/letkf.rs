@@ -85,8 +85,8 @@ impl LocalEnsembleTransformKalmanFilter {
         with_analysis(problem, settings, places, analysis)
     }
 
-    /// The filter with its ensemble smoother of the last `lag` analyses before the newest: the weights of a place revise its
-    /// earlier members as well, without the inflation and the relaxation, and so do those of a bias.
+    /// The filter with its ensemble smoother of the last `lag` analyses before the newest: the weights of a place, and those of a
+    /// bias, also revise its earlier members, without inflation and relaxation.
     ///
     /// # Errors
     /// [`Error::TooLarge`] if their members do not fit into the memory limit; [`Error::Setting`] with
@@ -203,7 +203,7 @@ impl EnsembleAnalysis for LocalTransform {
     }
 }
 
-/// Takes the local analyses into the members' states, and those of earlier ensembles.
+/// Applies the local analyses to the states of the members, now and in earlier ensembles.
 fn analyse_bands(plan: &Plan<'_>, ensemble: &mut Ensemble, earlier: &mut [&mut Moments]) -> Vec<BesideState> {
     let (rows, height) = (&plan.weights.rows, band_height(plan.weights));
     let bands = || (0..rows.len()).step_by(height).map(|first| first..rows.len().min(first + height));
@@ -219,8 +219,8 @@ fn analyse_bands(plan: &Plan<'_>, ensemble: &mut Ensemble, earlier: &mut [&mut M
     bands.into_par_iter().map(|band| plan.analyse(band)).collect()
 }
 
-/// The moments of all parameters of an ensemble, given those before and what the bands find; those that no band
-/// finds stay as they are.
+/// The analysed moments of all parameters of an ensemble, from their background and from what the bands find; parameters that no
+/// band finds keep theirs.
 fn analysed_parameters<'a>(
     mean: Vec<f64>,
     perturbations: &Mat<f64>,

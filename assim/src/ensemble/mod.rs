@@ -12,7 +12,7 @@
 //! | `inflation` | multiplicative, adaptive, relaxation to the prior spread and perturbations |
 //! | `batch`, `near` | analyses of neighbouring places, each with the observations around it |
 //! | `band` | what they make of the members in some rows of cells |
-//! | `perturbations` | those of such rows, place by place |
+//! | `perturbations` | the perturbations in such rows, before and after |
 //! | `weights` | where they are made, and the interpolation between |
 //! | `buckets` | observations found by where they are |
 //! | `lanes`, `products` | linear algebra of several places at a time, one in each lane of vectors |

@@ -36,20 +36,20 @@ impl Moments {
         Self { mean: about, perturbations: Matrix(deviations) }
     }
 
-    /// Those of the rows from number `first` on.
+    /// The moments of the rows from `first` on.
     pub fn rows_from(&self, first: usize) -> Self {
         let perturbations = self.perturbations.get(first.., ..).to_owned();
         Self { mean: self.mean[first..].to_vec(), perturbations: Matrix(perturbations) }
     }
 
-    /// Sets the rows from number `first` on.
+    /// Sets the rows from `first` on.
     pub fn set_rows_from(&mut self, first: usize, rows: &Self) {
         self.mean[first..].copy_from_slice(&rows.mean);
         self.perturbations.as_mut().get_mut(first.., ..).copy_from(&*rows.perturbations);
     }
 
-    /// The fields of `cells` values that the first `state_values` rows are, cut at these lengths: for each piece the parts of
-    /// the mean's fields, then those of the first member's perturbations …
+    /// The first `state_values` rows as fields of `cells` values, cut at these lengths: for each piece the parts of the mean's
+    /// fields, then those of the first member's perturbations …
     pub fn split_fields(&mut self, state_values: usize, cells: usize, lengths: &[usize]) -> Vec<Vec<&mut [f64]>> {
         let perturbations = self.perturbations.as_mut().try_as_col_major_mut().expect("columns are in one piece");
         let columns = perturbations.col_iter_mut().map(|column| column.as_slice_mut());
@@ -57,8 +57,8 @@ impl Moments {
     }
 }
 
-/// The fields of `cells` values in the first `state_values` of each column, cut at these lengths: for each piece the parts of
-/// the first column's fields, then those of the second's …
+/// The first `state_values` of each column as fields of `cells` values, cut at these lengths: for each piece the parts of the
+/// first column's fields, then those of the second's …
 pub(super) fn split_fields<'a>(
     columns: impl Iterator<Item = &'a mut [f64]>,
     state_values: usize,

@@ -74,7 +74,7 @@ pub(super) struct Near {
     pub roots: Vec<f64>,
     /// f.
     pub inflation: f64,
-    /// Where double precision needs more care: the weights of the members, `[N, N + 1]`, and those of earlier ones.
+    /// Where double precision needs more care: the weights of the members, `[N, N + 1]`, and of earlier ensembles.
     pub weights: Option<[Mat<f64>; 2]>,
 }
 

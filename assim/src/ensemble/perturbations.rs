@@ -1,4 +1,4 @@
-//! Perturbations of some rows of cells, on their way through the analyses.
+//! The perturbations in some rows of cells, before and after the analyses.
 
 use super::batch::Batch;
 
@@ -8,8 +8,8 @@ pub(super) struct Perturbations {
     /// Rows of one ensemble.
     pub rows: usize,
     pub ensembles: usize,
-    /// From a member to the next: an odd number of the processor's lines, so that the members of one row are in different
-    /// sets of its cache.
+    /// From one member to the next: an odd number of cache lines, so that the members of one row are in different sets of the
+    /// cache.
     pub stride: usize,
     /// `[N, stride]`.
     pub before: Vec<f64>,
@@ -18,8 +18,8 @@ pub(super) struct Perturbations {
 }
 
 impl Perturbations {
-    /// Adds what the analyses at some places make of the rows of each place, times a weight, and of the same rows of earlier
-    /// ensembles.
+    /// Analyses the rows of some places, each row with a weight, and the same rows of earlier ensembles; adds the results, times
+    /// their weights.
     pub fn analyse(
         &mut self,
         batch: &mut Batch<'_>,
@@ -29,7 +29,7 @@ impl Perturbations {
     ) {
         let (lanes, most) = (rows.len(), rows.iter().map(Vec::len).max().unwrap_or(0));
         let members = self.before.len() / self.stride;
-        // What a place has not has no weight.
+        // Places with fewer rows than `most` are filled up with rows of weight 0.
         let of_lanes = |vector: usize| {
             let (first, vector) = (vector / most * self.rows, vector % most);
             rows.iter().map(move |rows| rows.get(vector).map_or((0, 0.0), |&(row, weight)| (first + row, weight)))

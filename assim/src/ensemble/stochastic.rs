@@ -9,7 +9,7 @@ use super::moments::Moments;
 use super::tapered::{self, SharedParameters, TaperedGain, TaperedInnovations, cross_taper};
 use super::transform::WhitenedObservations;
 use crate::error::Error;
-use crate::problem::{Innovations, Problem};
+use crate::problem::Problem;
 use faer::{Mat, MatRef};
 use isobar_model::random::standard_normals;
 use isobar_model::{Layout, Location, Model};
@@ -96,12 +96,13 @@ impl EnsembleAnalysis for PerturbedObservations {
         let innovations = Mat::from_fn(n, columns, |i, j| {
             whitened.departures[i] - root * whitened.perturbations[(i, j)] + errors[(i, j)]
         });
-        let read = |number: usize| (0..n).any(|row| reads(&members.innovations, row, number));
+        let rows = &members.innovations.jacobian.calibration;
+        let is_observed = |number: usize| (0..n).any(|row| rows.row(row).iter().any(|entry| entry.0 == number));
         let update = Update {
             layout,
             gain: tapered.gain(innovations),
             local: &self.local,
-            shared: self.shared.iter().map(|&number| (number, read(number))).collect(),
+            shared: self.shared.iter().map(|&number| (number, is_observed(number))).collect(),
         };
         if let Some(smoother) = &mut cycle.memory.smoother {
             for earlier in smoother.earlier() {
@@ -121,12 +122,7 @@ impl EnsembleAnalysis for PerturbedObservations {
     }
 }
 
-/// Whether an observation reads a parameter.
-fn reads(innovations: &Innovations, row: usize, parameter: usize) -> bool {
-    innovations.jacobian.calibration.row(row).iter().any(|entry| entry.0 == parameter)
-}
-
-/// What the observations say, to be taken to ensembles now and earlier.
+/// The analysis of the observations, to be applied to the present and to earlier ensembles.
 struct Update<'a> {
     layout: &'a Layout,
     gain: TaperedGain<'a>,
@@ -137,7 +133,7 @@ struct Update<'a> {
 }
 
 impl Update<'_> {
-    /// What perturbations `[m + p, N]` become when they are inflated by a factor and analysed: deviations from the mean before.
+    /// Perturbations `[m + p, N]`, inflated by a factor and analysed, as deviations from the mean before the analysis.
     fn analysed(&self, perturbations: &Mat<f64>, factor: f64) -> Mat<f64> {
         let (m, columns) = (self.layout.len(), perturbations.ncols());
         let mut deviations = perturbations.clone();
@@ -170,7 +166,7 @@ impl Update<'_> {
         inflated + increment
     }
 
-    /// Takes perturbations to analysed deviations from the mean before in all cells.
+    /// Turns perturbations into analysed deviations from the mean before the analysis, in all cells.
     fn update_cells(&self, deviations: &mut Mat<f64>, factor: f64) {
         let grid = &self.layout.grid;
         let (cells, variables, columns) = (grid.cells(), self.layout.variables.len(), deviations.ncols());

@@ -1,7 +1,7 @@
 //! What is computed with tall matrices, chunk by chunk of their rows.
 
 use super::{TallMatrix, Values, stored};
-use crate::linalg::{add_lower_product, add_product, mirror_lower};
+use crate::linalg::{add_lower_product, add_product, entries, entries_mut, mirror_lower};
 use faer::linalg::matmul::matmul;
 use faer::prelude::ReborrowMut;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
@@ -29,7 +29,7 @@ impl TallMatrix {
         self.multiply(None, t, BAND);
     }
 
-    /// A ← \[A B\] T, `width` columns of T at a time; above the first of these diagonal entries T is zero.
+    /// A ← \[A B\] T, `width` columns of T at a time, which are zero above the diagonal entry of the first of them.
     fn multiply(&mut self, b: Option<&TallMatrix>, t: MatRef<'_, f64>, width: usize) {
         let (rows, own, new) = (self.rows, self.columns, t.ncols());
         let further = b.map_or(0, |b| b.columns);
@@ -101,7 +101,7 @@ impl TallMatrix {
     }
 }
 
-/// Some rows of [`TallMatrix::multiply`], of which the first `own` columns are A; `of_a` has place for these.
+/// Some rows of [`TallMatrix::multiply`], of which the first `own` columns are A; `of_a` has room for a copy of these.
 fn multiply_rows<S: Stored>(
     mut rows: MatMut<'_, S>,
     own: usize,
@@ -113,7 +113,7 @@ fn multiply_rows<S: Stored>(
     let (count, new) = (rows.nrows(), t.ncols());
     let of_a = &mut of_a[..count * own];
     for (column, out) in rows.as_ref().col_iter().zip(of_a.chunks_exact_mut(count)) {
-        widen_all(column.try_as_col_major().expect("columns are contiguous").as_slice(), out);
+        widen_all(entries(column), out);
     }
     let of_a = MatRef::from_column_major_slice(of_a, count, own);
     let after = &mut after[..count * new];
@@ -127,7 +127,7 @@ fn multiply_rows<S: Stored>(
         matmul(product, Accum::Add, of_b, t.get(own.., ..), 1.0, Par::Seq);
     }
     for (column, values) in rows.as_mut().col_iter_mut().zip(after.chunks_exact(count)) {
-        S::narrow_all(values, column.try_as_col_major_mut().expect("columns are contiguous").as_slice_mut());
+        S::narrow_all(values, entries_mut(column));
     }
 }
 
@@ -143,8 +143,8 @@ pub(crate) fn scaled_gram(a: &TallMatrix, scales: &[f64]) -> Mat<f64> {
     gram
 }
 
-/// To a matrix of \[A B\]ᵀ diag(1/scales²) \[A B\] the columns of A: of its own part the lower triangle, and all of B's.
-/// Bᵀ diag(1/scales²) B is left as it is.
+/// Adds to `gram` the columns of \[A B\]ᵀ diag(1/scales²) \[A B\] that belong to A: the lower triangle of A's part, and all
+/// of B's part. The columns that belong to B are left as they are.
 pub(crate) fn add_scaled_gram(mut gram: MatMut<'_, f64>, a: &TallMatrix, b: Option<&TallMatrix>, scales: &[f64]) {
     let (own, width) = (a.columns, a.columns + b.map_or(0, |b| b.columns));
     let sum = sum_over_rows(0, scales.len(), &|first, count| {

@@ -1,12 +1,10 @@
 //! The contracts that every covariance operator and every method must keep (feature `testing`): [`check_covariance`],
-//! [`check_assimilator`].
+//! [`check_assimilator`]; and [`Still`], a model for tests.
 
 mod assimilator;
 mod covariance;
-#[cfg(test)]
 mod still;
 
 pub use assimilator::{AssimilatorContract, Trial, check_assimilator};
 pub use covariance::{CovarianceContract, check_covariance};
-#[cfg(test)]
-pub(crate) use still::Still;
+pub use still::Still;

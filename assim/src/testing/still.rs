@@ -1,10 +1,10 @@
-//! A model for tests in which nothing is to move.
+//! A model for tests in which nothing must move.
 
 use isobar_model::{Duration, Layout, Model, State, TangentLinear};
 use std::sync::Arc;
 
 /// A model that does nothing, in steps of a minute.
-pub(crate) struct Still(pub Arc<Layout>);
+pub struct Still(pub Arc<Layout>);
 
 impl Model for Still {
     fn layout(&self) -> &Arc<Layout> {

@@ -1,9 +1,10 @@
 //! A small linear model whose propagator is a given matrix, and random observations of it.
 
 use faer::{Mat, MatRef};
-use isobar_assim::covariance::{Covariance, Sum, White};
+use isobar_assim::covariance::{Balanced, BalancedParameters, Covariance, Sum, White};
 use isobar_assim::ensemble::{EnsembleSettings, Inflation, InitialMembers, ModelErrorTreatment};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Precision, Residual};
+use isobar_assim::local_factors::LocalFactorSettings;
 use isobar_assim::time_volume::{AmplitudeEvolution, Factor, Target, TimeShape, TimeVolumeSettings};
 use isobar_assim::{
     Assimilator, Background, BiasTreatment, CalibrationAccuracy, CovarianceColumn, Error, Estimate, EstimatedParameter,
@@ -32,6 +33,20 @@ pub fn settings(blocks: BlockShape, bias_coupling: BiasCoupling) -> FastKalmanSe
         largest_component: usize::MAX,
         separator_factors: 0,
         factor_precision: Precision::Double,
+    }
+}
+
+/// Tiles of a cell with a few factors, of which one is mixed.
+pub fn tile_settings() -> LocalFactorSettings {
+    LocalFactorSettings {
+        blocks: BlockShape::Cell,
+        per_tile: 4,
+        model_error_per_tile: 6,
+        tile_m: 1.0,
+        support_tiles: 2,
+        mixed: 1,
+        factor_precision: Precision::Double,
+        residual: Residual::Probe { count: 3 },
     }
 }
 
@@ -237,6 +252,24 @@ pub fn window(problem: &Problem, count: usize, within_cell: bool, cycle: usize, 
     }
 }
 
+/// Forecast and analysis of a window; in the third there are no observations.
+pub fn cycle(method: &mut dyn Assimilator, problem: &Problem, number: usize) -> Estimate {
+    let from = method.forecast(WINDOW).unwrap();
+    let count = if number == 3 { 0 } else { 14 };
+    method.analyse(&from, &window(problem, count, false, number, 5)).unwrap().estimate
+}
+
+/// The Jacobian of observations by (x, c) at an estimate, `[n, m + p]`.
+pub fn dense_jacobian(observed: &ObservationWindow, at: &Estimate) -> Mat<f64> {
+    let (jacobian, m) = (observed.operator.linearize(&at.state, &at.calibration), at.state.values().len());
+    let mut dense = Mat::zeros(observed.len(), m + at.calibration.len());
+    for row in 0..observed.len() {
+        jacobian.state.row(row).iter().for_each(|&(column, weight)| dense[(row, column)] += weight);
+        jacobian.calibration.row(row).iter().for_each(|&(column, weight)| dense[(row, m + column)] += weight);
+    }
+    dense
+}
+
 /// The background before any forecast.
 pub fn start(problem: &Problem) -> Background {
     let estimate = Estimate {
@@ -251,6 +284,26 @@ pub fn start(problem: &Problem) -> Background {
 /// A column of a method's covariance.
 pub fn column(method: &dyn Assimilator, unknown: Unknown) -> Option<CovarianceColumn> {
     method.can().joint_errors?.covariance_column(unknown)
+}
+
+/// A method's covariance of the errors of (x, c), `[m + p, m + p]`, found column by column.
+pub fn covariance_matrix(method: &dyn Assimilator, m: usize, p: usize) -> Mat<f64> {
+    let unknowns = (0..m).map(Unknown::Value).chain((0..p).map(Unknown::Parameter));
+    let columns: Vec<_> = unknowns.map(|unknown| column(method, unknown).unwrap()).collect();
+    Mat::from_fn(m + p, m + p, |i, j| if i < m { columns[j].state[i] } else { columns[j].calibration[i - m] })
+}
+
+/// State and calibration of an estimate, and their standard deviations.
+pub fn values_and_spread(estimate: &Estimate) -> [Vec<f64>; 2] {
+    let values = estimate.state.values().iter().chain(&estimate.calibration).copied().collect();
+    let spread = estimate.state_spread.iter().chain(&estimate.calibration_spread).flatten().copied().collect();
+    [values, spread]
+}
+
+/// Largest relative difference of two estimates, in values and standard deviations.
+pub fn estimate_difference(found: &Estimate, expected: &Estimate) -> f64 {
+    let parts = values_and_spread(found).into_iter().zip(values_and_spread(expected));
+    parts.map(|(found, expected)| relative_difference(&found, &expected)).fold(0.0, f64::max)
 }
 
 /// What a method knows of the calibration.
@@ -290,7 +343,14 @@ pub fn flat(matrix: &Mat<f64>) -> Vec<f64> {
     (0..matrix.ncols()).flat_map(|j| matrix.col_as_slice(j).to_vec()).collect()
 }
 
-/// A jet of nonlinear shallow water on so many cells on a side, and its model.
+/// Balanced errors of shallow water on the plane of [`jet`].
+pub fn balanced(layout: &Layout, sigma_height_m: f64, length_m: f64, beta_per_m_per_s: f64) -> Balanced {
+    let parameters =
+        BalancedParameters { sigma_height_m, length_m, gravity_m_per_s2: 9.8, coriolis_per_s: 1e-4, beta_per_m_per_s };
+    Balanced::new(layout, &parameters).unwrap()
+}
+
+/// A jet of nonlinear shallow water on this number of cells on a side, and its model.
 pub fn jet(
     cells: usize,
     step_s: i64,

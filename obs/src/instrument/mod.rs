@@ -53,13 +53,14 @@ pub trait Instrument: Send + Sync {
     /// The most observations that it may report in a cycle in which it reports.
     fn most_observations(&self, cycle: usize) -> usize;
 
-    /// The most observations of one variable with one [report number](Observation::report_number) in a cycle, or more.
+    /// An upper bound for the observations of one variable with the same [report number](Observation::report_number) in a
+    /// cycle.
     fn most_in_report(&self) -> usize {
         self.most_observations(1)
     }
 
-    /// Its platforms that can be withheld: stations, and what a file names; none for an instrument whose observations are each
-    /// of another place.
+    /// Its platforms that can be withheld: stations, or the identifiers in a file; none for an instrument whose observations are
+    /// all at different places.
     fn platforms(&self) -> Vec<Platform> {
         Vec::new()
     }
@@ -86,7 +87,7 @@ pub trait Instrument: Send + Sync {
     }
 }
 
-/// The platforms of observations, by name, with all of their biases.
+/// The platforms of some observations, sorted by name, with all their biases.
 fn platforms_of<'a>(observations: impl Iterator<Item = &'a Observation>) -> Vec<Platform> {
     let mut biases: BTreeMap<Arc<str>, BTreeSet<usize>> = BTreeMap::new();
     for observation in observations {

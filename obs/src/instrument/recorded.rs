@@ -218,11 +218,9 @@ impl Instrument for Recorded {
     }
 
     fn platforms(&self) -> Vec<Platform> {
-        let is_late = |reading: &Reading| matches!(reading, Reading::Recorded { is_late: true, .. });
-        let usable = self.observations.iter().filter(|(cycle, observation)| {
-            *cycle > 0 && !observation.state.is_empty() && !is_late(&observation.reading)
-        });
-        platforms_of(usable.map(|(_, observation)| observation))
+        let in_time =
+            self.observations.iter().filter(|(cycle, observation)| is_in_time_and_inside(*cycle, observation));
+        platforms_of(in_time.map(|(_, observation)| observation))
     }
 
     fn weights(&self) -> usize {
@@ -246,7 +244,7 @@ impl Instrument for Recorded {
                 &mut usage.in_no_cycle
             } else if state.is_empty() {
                 &mut usage.outside
-            } else if matches!(reading, Reading::Recorded { is_late: true, .. }) {
+            } else if reading.is_late() {
                 &mut usage.late
             } else if reading.lacks_predictor() {
                 &mut usage.no_predictor
@@ -259,6 +257,11 @@ impl Instrument for Recorded {
         }
         Some(usage)
     }
+}
+
+/// Whether an observation is valid at the end of a cycle and lies in the domain.
+pub(super) fn is_in_time_and_inside(cycle: usize, observation: &Observation) -> bool {
+    cycle > 0 && !observation.reading.is_late() && !observation.state.is_empty()
 }
 
 /// The cycle with which an observation arrives (0: before the first), its valid time, and whether it is late there.
@@ -279,12 +282,12 @@ fn when(valid: ValidTime, tolerance: Duration, window: Duration, start: Time) ->
     }
 }
 
-/// The numbers of the reports that a file names, in the order in which they come.
+/// The reports that a file names, numbered in order of appearance.
 #[derive(Default)]
 struct Reports<'a>(HashMap<&'a str, usize>);
 
 impl<'a> Reports<'a> {
-    /// The number of the report of this name; 0 where reports have no names.
+    /// The number of the report with this name; 0 if reports have no names.
     fn number(&mut self, name: Option<&'a str>) -> usize {
         let next = self.0.len();
         name.map_or(0, |name| *self.0.entry(name).or_insert(next))

@@ -1,9 +1,10 @@
 //! Biases of recorded observations, of whose true values nothing is known.
 
+use super::recorded::is_in_time_and_inside;
 use crate::bias::{BiasProcess, Evolution, InitialBias};
 use crate::calibration::Placement;
 use crate::error::{ObservationError, list, require};
-use crate::observation::{Observation, Reading};
+use crate::observation::Observation;
 use crate::observation_file::{ObservationFile, ObservationRecord};
 use crate::recorded_use::BiasUse;
 use crate::site::Site;
@@ -151,8 +152,7 @@ impl RecordedBias {
                 continue;
             };
             members[place].factors.push((number, factor));
-            let is_late = matches!(observation.reading, Reading::Recorded { is_late: true, .. });
-            if *cycle > 0 && !is_late && !observation.state.is_empty() {
+            if is_in_time_and_inside(*cycle, observation) {
                 members[place].places.push((observation.report.x_m, observation.report.y_m));
             }
         }

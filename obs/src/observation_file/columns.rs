@@ -66,9 +66,11 @@ impl Columns {
         };
         let place = self.place(row, faults);
         let value = number(row, self.value, "value", markers, faults);
-        let sigma = self.sigma.map(|column| row.number(column, (1.0 / LARGEST, LARGEST), faults));
-        let [id, group, report] =
-            [self.id, self.group, self.report].map(|column| column.map(|column| row.name(column, faults)));
+        // `Some(None)` without such a column; `None` for a fault.
+        let sigma =
+            self.sigma.map_or(Some(None), |column| row.number(column, (1.0 / LARGEST, LARGEST), faults).map(Some));
+        let [id, group, report] = [self.id, self.group, self.report]
+            .map(|column| column.map_or(Some(None), |column| row.name(column, faults).map(Some)));
         let predictor = |&(column, ref name): &(usize, String)| {
             let is_missing = is_missing_or_marked(row, column, markers);
             if is_missing { Some(None) } else { number(row, column, name, markers, faults).map(Some) }
@@ -80,10 +82,10 @@ impl Columns {
             place: place?,
             variable: self.variable.map(|column| row.text(column).to_owned()),
             value: value?,
-            sigma: if let Some(sigma) = sigma { Some(sigma?) } else { None },
-            id: if let Some(id) = id { Some(id?) } else { None },
-            group: if let Some(group) = group { Some(group?) } else { None },
-            report: if let Some(report) = report { Some(report?) } else { None },
+            sigma: sigma?,
+            id: id?,
+            group: group?,
+            report: report?,
             predictors: predictors.into_iter().collect::<Option<_>>()?,
         })
     }

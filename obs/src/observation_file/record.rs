@@ -2,7 +2,7 @@
 
 use isobar_model::Time;
 
-/// Columns that biases and correlated errors use.
+/// The columns that biases and correlated errors need.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FurtherColumns {
     /// The column that says to which group a station belongs.

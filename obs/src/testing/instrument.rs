@@ -171,16 +171,10 @@ mod tests {
             self.reports += 1;
             let network = self.network.unwrap_or("net").into();
             let error = if self.counts { self.reports as f64 } else { 0.0 };
-            let observation = Observation {
-                report: Report { network, platform: "a".into(), variable: 0, x_m: 1.0, y_m: 1.0, scan: None },
-                sigma: self.sigma.unwrap_or(1.0),
-                reading: Reading::Error(error),
-                state: StateOperator::Linear(vec![(0, 1.0)]),
-                calibration_row: Vec::new(),
-                predictors: Vec::new(),
-                scan_line: None,
-                report_number: 0,
-            };
+            let report = Report { network, platform: "a".into(), variable: 0, x_m: 1.0, y_m: 1.0, scan: None };
+            let state = StateOperator::Linear(vec![(0, 1.0)]);
+            let reading = Reading::Error(error);
+            let observation = Observation { reading, ..Observation::new(report, self.sigma.unwrap_or(1.0), state) };
             if self.is_silent { Vec::new() } else { vec![observation] }
         }
 

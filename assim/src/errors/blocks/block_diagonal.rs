@@ -108,7 +108,7 @@ impl BlockDiagonal {
                     add_product(own, sign, rows.as_ref(), rows.transpose());
                 }
             });
-            // Factor by factor, because a column of Φ lies together in memory, and a block's rows do not.
+            // Factor by factor: a column of Φ is contiguous in memory, the rows of a block are not.
             for column in 0..factors.columns() {
                 stored!(factors.state.values(), values => {
                     let of_state = &values[column * m..][..m];
@@ -198,7 +198,7 @@ fn add_squares(blocks: &Blocks, first: usize, matrices: &mut [f64], sign: f64, e
     });
 }
 
-/// [`add_squares`] of one block of a size that the compiler knows.
+/// [`add_squares`] of one block whose size is known at compile time.
 #[inline(always)]
 fn add_square<const N: usize>(own: &mut [f64], members: &[usize], sign: f64, entry: impl Fn(usize) -> f64) {
     let (own, members) = (&mut own[..N * N], &members[..N]);

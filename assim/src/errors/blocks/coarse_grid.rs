@@ -12,6 +12,8 @@
 //! coarse cell takes k² cells' place and, with the time step that its spacing allows, k steps' too: k³ times less work.
 
 use crate::error::Error;
+use crate::filter::Cycle;
+use crate::tall_matrix::{TallMatrix, stored};
 use isobar_model::forecast::{ForecastError, forecast_tl, require_finite_increments};
 use isobar_model::vector::axpy;
 use isobar_model::{Boundary, Duration, Layout, State, Stored, TangentLinear};
@@ -66,11 +68,30 @@ impl CoarseGrid {
         })
     }
 
-    /// Forecasts the state over a window and its number of steps, the probes by the model of the state, and the factors here.
+    /// Forecasts the state over a cycle, and columns of increments: the first `factors` of them on the coarser grid, if there
+    /// is one, and the others, the probes, by the model of the state.
     ///
     /// # Errors
     /// As a forecast; [`Error::Setting`] if the window does not hold whole steps of the coarse model, or more of them.
-    pub fn forecast<S: Stored>(
+    pub fn forecast(
+        coarse: Option<&Self>,
+        cycle: &Cycle<'_>,
+        state: &mut State,
+        columns: &mut TallMatrix,
+        factors: usize,
+    ) -> Result<(), Error> {
+        let factors = factors * columns.rows();
+        stored!(columns.values_mut(), columns => match coarse {
+            None => Ok(forecast_tl(cycle.model, state, columns, cycle.steps)?),
+            Some(coarse) => {
+                let (factors, probes) = columns.split_at_mut(factors);
+                coarse.forecast_here(cycle.model, state, (cycle.window, cycle.steps), factors, probes)
+            }
+        })
+    }
+
+    /// Forecasts the state over a window and its number of steps, the probes by the model of the state, and the factors here.
+    fn forecast_here<S: Stored>(
         &self,
         model: &dyn TangentLinear,
         state: &mut State,

@@ -12,7 +12,7 @@ use isobar_model::vector::scale;
 
 /// What joins the factors in a forecast.
 pub(super) struct Joining<'a> {
-    /// Those of the model error, if there is one.
+    /// The factors of the model error, if there is one.
     pub model_error: Option<Further<'a>>,
     /// Standard deviations of what the shared parameters' random walks add, `[p]`.
     pub drift: &'a [f64],
@@ -46,8 +46,8 @@ impl Kept {
 /// `[Φ_b F_Q 0; Φ_c 0 diag(drift)]` is rotated so that p columns carry Φ_c exactly. Of the others the leading
 /// directions stay, where every variable is divided by its scale first (else the wind would be thrown away for the
 /// height), damped where nothing but rounding tells them from the first that is dropped (see [`spectral_cut`]). All
-/// rotations are found from the small Gram matrix of `S⁻¹ [Φ_b F_Q]`, of which the part of F_Q stays the same from cycle to
-/// cycle, and applied at once in place.
+/// rotations are found from the small Gram matrix of `S⁻¹ [Φ_b F_Q]`, whose F_Q part is the same in every cycle, and applied at
+/// once in place.
 ///
 /// Of the block diagonal that goes with the dropped directions Φ_b's part is moved to C_k, so that Cov(b_k) of each
 /// block is what it was: `C_k += Φ_b,k Φ_b,kᵀ − Φ'_b,k Φ'_b,kᵀ`, Φ' the factors that stay. The caller has added *all* of
@@ -78,7 +78,7 @@ pub(super) fn join_and_compress(
     let (reflections, carried) = Reflections::new(shared);
     let joint = r + q + walks;
     let of_rest = if kept.at_most < joint - p || kept.retained < 1.0 {
-        // The walks have no part in b.
+        // The columns of the walks are zero in b.
         let mut gram = Mat::zeros(joint, joint);
         factors.scaled_gram(joining.model_error, scales, gram.as_mut().get_mut(..r + q, ..r + q));
         reflections.conjugate(gram.as_mut());

@@ -57,7 +57,7 @@ pub(super) fn with_priors(
     Ok(Factors { state, local: of_local, shared: Matrix(of_shared), past: VecDeque::new() })
 }
 
-/// Further factors F of the state, `[m, q]`, which join Φ.
+/// Further factors F of the state, `[m, q]`, that join Φ.
 #[derive(Clone, Copy)]
 pub(crate) struct Further<'a> {
     pub factors: &'a TallMatrix,
@@ -191,7 +191,7 @@ impl Factors {
         self.past.iter_mut().for_each(|past| past.rotate(of_old));
     }
 
-    /// The rows of now become those of the newest analysis of the past.
+    /// The present rows become those of the newest analysis of the past.
     pub fn remember(&mut self) {
         let Factors { state, local, shared, .. } = &*self;
         let now = Factors { state: state.clone(), local: local.clone(), shared: shared.clone(), past: VecDeque::new() };

@@ -51,18 +51,16 @@ impl BlockErrors {
     /// Takes in the newest analysis, which led to `s`.
     pub(crate) fn remember(&mut self, s: &Augmented) {
         let variances = self.memory.smoother.is_some().then(|| self.variances());
-        if let (Some(FixedLag { analyses, .. }), Some(variances)) = (&mut self.memory.smoother, variances) {
-            analyses.push_back(PastAnalysis { s: s.clone(), variances });
+        if let (Some(smoother), Some(variances)) = (&mut self.memory.smoother, variances) {
+            smoother.analyses.push_back(PastAnalysis { s: s.clone(), variances });
             self.memory.covariance.factors.remember();
         }
     }
 
     /// Drops the analyses that the next one will no longer revise.
     pub(super) fn drop_past(&mut self) {
-        if let Some(FixedLag { lag, analyses }) = &mut self.memory.smoother {
-            let dropped = analyses.len().saturating_sub(*lag);
-            analyses.drain(..dropped);
-            self.memory.covariance.factors.past.drain(..dropped);
+        if let Some(smoother) = &mut self.memory.smoother {
+            self.memory.covariance.factors.past.drain(..smoother.drop_past());
         }
     }
 

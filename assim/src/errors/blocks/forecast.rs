@@ -1,6 +1,7 @@
 //! The forecast of the factored covariance over one cycle.
 
 use super::block_diagonal::BlockDiagonal;
+use super::coarse_grid::CoarseGrid;
 use super::compression::{Joining, Kept, join_and_compress};
 use super::factored_covariance::FactoredCovariance;
 use super::factors::Factors;
@@ -11,10 +12,9 @@ use crate::filter::Cycle;
 use crate::linalg::{add_symmetric_product, cholesky, mirror_lower, product};
 use crate::memory::Matrix;
 use crate::propagator::propagator;
-use crate::tall_matrix::{Precision, TallMatrix, stored};
+use crate::tall_matrix::{Precision, TallMatrix};
 use faer::{Mat, MatRef};
 use isobar_model::State;
-use isobar_model::forecast::forecast_tl;
 use rayon::prelude::*;
 use std::collections::VecDeque;
 
@@ -36,13 +36,7 @@ impl BlockErrors {
         let (columns, grid) = (&mut factors.state, (&frame.blocks, &*frame.layout));
         let r = columns.columns();
         residual::forecast((own, columns), grid, frame.settings.residual.probes(), random, |columns| {
-            stored!(columns.values_mut(), columns => match &self.coarse {
-                None => forecast_tl(cycle.model, x, columns, cycle.steps).map_err(Error::from),
-                Some(coarse) => {
-                    let (factors, probes) = columns.split_at_mut(r * m);
-                    coarse.forecast(cycle.model, x, (cycle.window, cycle.steps), factors, probes)
-                }
-            })
+            CoarseGrid::forecast(self.coarse.as_deref(), cycle, x, columns, r)
         })
     }
 

@@ -7,7 +7,7 @@ use crate::memory::require;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// The estimates of the last analyses given all observations up to now; their rows Ψ of the factors are elsewhere.
+/// The estimates of the last analyses given all observations up to now; their rows Ψ of the factors are stored elsewhere.
 #[derive(Clone, Serialize, Deserialize)]
 pub(in crate::errors) struct FixedLag {
     pub lag: usize,
@@ -30,8 +30,15 @@ impl FixedLag {
         Self { lag, analyses: VecDeque::with_capacity(lag + 1) }
     }
 
-    /// Fails unless it is a smoother of this lag, of estimates like `s` with `size` = m + p unknowns, whose rows of the factors
-    /// are `rows`.
+    /// Drops the analyses that the next one will no longer revise; returns how many there were, all before the others.
+    pub fn drop_past(&mut self) -> usize {
+        let dropped = self.analyses.len().saturating_sub(self.lag);
+        self.analyses.drain(..dropped);
+        dropped
+    }
+
+    /// Fails unless it is a smoother of this lag, of estimates like `s` with `size` = m + p unknowns, with rows of the factors
+    /// for `rows` analyses.
     ///
     /// # Errors
     /// [`Error::Memory`].

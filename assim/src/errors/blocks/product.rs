@@ -31,8 +31,8 @@ impl BlockErrors {
         augmented(&image, &of_shared, local, shared)
     }
 
-    /// aᵀ (blkdiag(C) + Φ Φᵀ) b for few entries (number in (x, c), value): the rows of Φ and the blocks that they touch, and
-    /// nothing that is as long as the state.
+    /// aᵀ (blkdiag(C) + Φ Φᵀ) b for few entries (number in (x, c), value). It reads only the rows of Φ and the blocks that they
+    /// touch, and needs nothing as long as the state.
     pub(super) fn bilinear(&self, a: &[(usize, f64)], b: &[(usize, f64)]) -> f64 {
         let Frame { local, shared, layout, .. } = &*self.frame;
         let (factors, m) = (self.factors(), layout.len());
@@ -74,7 +74,7 @@ impl BlockErrors {
         sum
     }
 
-    /// The block variables with which one goes together but for the factors, and their covariance: those of its block, or of
+    /// The block variables that one is correlated with apart from the factors, and their covariance: those of its block, or of
     /// the patch of blocks that observations have linked.
     fn part_of(&self, variable: usize) -> (&[usize], MatRef<'_, f64>) {
         let (blocks, covariance) = (&self.frame.blocks, &self.memory.covariance);

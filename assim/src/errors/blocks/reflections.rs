@@ -1,6 +1,6 @@
 //! An orthogonal matrix that is a product of a few Householder reflections.
 
-use crate::linalg::{add_lower_product, add_product, mirror_lower, product};
+use crate::linalg::{add_lower_product, add_product, entries, entries_mut, mirror_lower, product};
 use faer::prelude::ReborrowMut;
 use faer::{Mat, MatMut};
 use isobar_model::vector::{axpy, dot, scale};
@@ -21,7 +21,7 @@ impl Reflections {
         let (mut v, mut t) = (Mat::zeros(n, p), Mat::zeros(p, p));
         for k in 0..p {
             let (earlier, mut own) = v.as_mut().split_at_col_mut(k);
-            let own = own.rb_mut().col_mut(0).try_as_col_major_mut().expect("columns are contiguous").as_slice_mut();
+            let own = entries_mut(own.rb_mut().col_mut(0));
             own[k..].copy_from_slice(&a.col_as_slice(k)[k..]);
             let length = dot(own, own).sqrt();
             // Away from zero: the difference of two numbers that are nearly the same would be rounding.
@@ -36,11 +36,7 @@ impl Reflections {
                 axpy(-2.0 * along, own, column);
             }
             // T_·k = −2 T Vᵀ v_k.
-            let overlaps: Vec<f64> = earlier
-                .as_ref()
-                .col_iter()
-                .map(|earlier| dot(earlier.try_as_col_major().expect("columns are contiguous").as_slice(), own))
-                .collect();
+            let overlaps: Vec<f64> = earlier.as_ref().col_iter().map(|earlier| dot(entries(earlier), own)).collect();
             for i in 0..k {
                 t[(i, k)] = -2.0 * (i..k).map(|l| t[(i, l)] * overlaps[l]).sum::<f64>();
             }

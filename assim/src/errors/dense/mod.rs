@@ -9,12 +9,12 @@ use crate::filter::{Cycle, Errors, Filter, Fit};
 use crate::fixed_lag::{FixedLag, PastAnalyses, Whitened};
 use crate::innovation_covariance::InnovationCovariance;
 use crate::linalg::{
-    add_symmetric_product, column, for_each_chunk, mirror_lower, product, solve_lower, solve_lower_transposed,
-    solved_lower, squared_norm,
+    add_symmetric_product, column, entries_mut, for_each_chunk, mirror_lower, product, solve_lower,
+    solve_lower_transposed, solved_lower, squared_norm,
 };
 use crate::memory::{Matrix, require};
 use crate::problem::{Innovations, Problem, require_memory};
-use crate::propagator::{BAND, Propagator};
+use crate::propagator::Propagator;
 use faer::{Mat, MatMut, MatRef};
 use isobar_model::TangentLinear;
 use isobar_model::vector::{axpy, scale};
@@ -25,15 +25,15 @@ use std::sync::Arc;
 /// The Kalman filter with the whole covariance.
 ///
 /// Forecast (21), (24) of WO 93/22625: `s~ = M(ŝ)`, `P = A Cov(ŝ) Aᵀ + Q`, where A is applied to the columns of P and then to
-/// its rows, in its place; analysis in gain form, `K = P Hᵀ (H P Hᵀ + R)⁻¹`: with the Cholesky factor L of
-/// H P Hᵀ + R, and `W = P Hᵀ L⁻ᵀ`, it is
+/// its rows, in place. Analysis in gain form, `K = P Hᵀ (H P Hᵀ + R)⁻¹`: with the Cholesky factor L of H P Hᵀ + R, and
+/// `W = P Hᵀ L⁻ᵀ`, it is
 ///
 /// ```text
 /// s ← s + W L⁻¹ d        P ← P − W Wᵀ        P ← P + (K R − P Hᵀ) Kᵀ
 /// ```
 ///
-/// of which one triangle is computed. In the last step, Joseph's form, K R − P Hᵀ is nothing but rounding, which would be
-/// more than what accurate observations leave of P.
+/// Only one triangle of P is computed. In the last step, which makes it Joseph's form, K R − P Hᵀ is nothing but rounding,
+/// but accurate observations may leave less of P than that.
 ///
 /// [`KalmanFilter::serial`] takes one observation after the other: where their errors are uncorrelated, each is a scalar
 /// measurement of what the ones before have left (Bierman 1977, Factorization Methods for Discrete Sequential Estimation,
@@ -167,8 +167,7 @@ impl Errors for Dense {
         if let Some(model_error) = &self.model_error {
             let add = |first: usize, chunk: MatMut<'_, f64>| {
                 for (j, column) in (first..).zip(chunk.col_iter_mut()) {
-                    let column = column.try_as_col_major_mut().expect("columns are contiguous").as_slice_mut();
-                    axpy(cycle.error_factor, &model_error.col_as_slice(j)[j..], &mut column[j..]);
+                    axpy(cycle.error_factor, &model_error.col_as_slice(j)[j..], &mut entries_mut(column)[j..]);
                 }
             };
             for_each_chunk(covariance.as_mut().get_mut(..m, ..m), 0, &add);
@@ -268,7 +267,7 @@ fn in_gain_form(p: &mut Mat<f64>, d: &Innovations) -> Result<(Vec<f64>, f64), Er
     // K R − P Hᵀ.
     let mut rounding = Mat::<f64>::zeros(p.nrows(), d.len());
     rounding.par_col_iter_mut().enumerate().for_each(|(row, target)| {
-        let target = target.try_as_col_major_mut().expect("columns are contiguous").as_slice_mut();
+        let target = entries_mut(target);
         axpy(d.variance[row], gain.col_as_slice(row), target);
         d.row(row).for_each(|(column, weight)| axpy(-weight, p.col_as_slice(column), target));
     });
@@ -295,11 +294,10 @@ impl Size {
     fn require_memory(self, limit_bytes: u64) -> Result<(), Error> {
         let Self { unknowns, observations, one_by_one, lag } = self;
         let (size, n) = (unknowns as f64, observations as f64);
-        let of_forecast = size * size + 2.0 * size * size.min(BAND as f64);
         let of_analysis =
             if one_by_one { size * size.min(serial::DELAYED as f64) + n } else { 2.0 * size * n + 2.0 * n * n };
         let of_smoother = lag.map_or(0.0, |lag| FixedLag::numbers(lag, unknowns, observations));
-        let numbers = 2.0 * size * size + f64::max(of_forecast, of_analysis) + of_smoother;
+        let numbers = 2.0 * size * size + f64::max(Propagator::numbers(size), of_analysis) + of_smoother;
         require_memory(limit_bytes, numbers, || {
             let smoother = lag.map_or_else(String::new, |lag| format!(" with a smoother of {lag} analyses"));
             let observations = match observations {

@@ -1,14 +1,14 @@
 //! The analysis of the dense Kalman filter with one observation at a time: no matrix of the size of the observations. The
 //! equations are those of [`KalmanFilter`](super::KalmanFilter).
 //!
-//! P is swept once for [`DELAYED`] observations, and not for each: until then the downdates `w wᵀ`, w = v/√α, are applied to
-//! what is read of it, `P h − Σ w (wᵀ h)`.
+//! P is updated once for every [`DELAYED`] observations instead of once for each: in between, the pending downdates `w wᵀ`,
+//! w = v/√α, are subtracted from each product with P instead, `P h − Σ w (wᵀ h)`.
 
 use crate::error::Error;
-use crate::linalg::{add_lower_product, mirror_lower};
+use crate::linalg::{add_lower_product, entries, entries_mut, mirror_lower};
 use crate::problem::Innovations;
 use faer::Mat;
-use isobar_model::vector::{axpy, sparse_dot};
+use isobar_model::vector::{axpy, scale, sparse_dot};
 
 /// Observations whose downdates of P are applied together.
 pub(super) const DELAYED: usize = 64;
@@ -27,10 +27,10 @@ pub(super) fn analyse(p: &mut Mat<f64>, d: &Innovations) -> Result<(Vec<f64>, f6
             h.clear();
             h.extend(d.row(row));
             let (earlier, own) = w.as_mut().get_mut(.., ..number + 1).split_at_col_mut(number);
-            let v = own.col_mut(0).try_as_col_major_mut().expect("columns are contiguous").as_slice_mut();
+            let v = entries_mut(own.col_mut(0));
             multiply_lower(p, &h, v);
             for w in earlier.as_ref().col_iter() {
-                let w = w.try_as_col_major().expect("columns are contiguous").as_slice();
+                let w = entries(w);
                 axpy(-sparse_dot(&h, w), w, v);
             }
             let alpha = sparse_dot(&h, v) + d.variance[row];
@@ -41,8 +41,7 @@ pub(super) fn analyse(p: &mut Mat<f64>, d: &Innovations) -> Result<(Vec<f64>, f6
             let innovation = d.departures[row] - sparse_dot(&h, &increment);
             axpy(innovation / alpha, v, &mut increment);
             chi2 += innovation * innovation / alpha;
-            let scale = alpha.sqrt().recip();
-            v.iter_mut().for_each(|value| *value *= scale);
+            scale(v, alpha.sqrt().recip());
         }
         let w = w.as_ref().get(.., ..count);
         add_lower_product(p.as_mut(), -1.0, w, w.transpose());

@@ -75,7 +75,7 @@ impl LocalErrors {
         solve_lower(root.as_ref(), transposed.as_mut());
         let after = transposed.transpose().to_owned();
         solve_lower_transposed(root.as_ref(), transposed.as_mut());
-        // S φ S'⁻¹ for what depends on c, and is no part of the covariance.
+        // (S φ S'⁻¹)ᵀ for the earlier analyses, whose errors depend on c but are not part of the covariance.
         let mut of_past = Mat::from_fn(p, p, |i, j| kept[shared[i]] * memory.shared[(i, j)]);
         solve_lower(root.as_ref(), of_past.as_mut());
         solve_lower_transposed(root.as_ref(), of_past.as_mut());

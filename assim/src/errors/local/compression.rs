@@ -11,22 +11,22 @@ use rand_chacha::rand_core::Rng;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// What a compression makes of a tile's factors F.
+/// The outcome of a compression of a tile's factors F.
 struct Compressed {
     /// F T in the support.
     kept: LocalFactors,
-    /// What is dropped: F D, unless its columns are mixed, and F T outside of the support.
+    /// What is dropped: F D, unless it is mixed, and F T outside the support.
     dropped: [LocalFactors; 2],
     /// T, `[factors, factors that stay]`.
     turn: Mat<f64>,
-    /// D of the columns that are mixed, `[factors, left over]`.
+    /// D, if F D is mixed, `[factors, left over]`.
     mixed: Option<Mat<f64>>,
 }
 
 impl LocalErrors {
     /// Keeps the leading directions of each tile, in the norm of the scales, on its support. The block diagonal of the
     /// others joins the C_k, as does that of the values outside the support; or the others are mixed, see [`random_signs`].
-    /// The earlier analyses follow, with what `recombination` has done before.
+    /// The earlier analyses are recombined in the same way, after `recombination`.
     pub(super) fn compress(&mut self, recombination: Option<Recombination>) {
         let frame = Arc::clone(&self.frame);
         let LocalFactorSettings { per_tile, mixed, .. } = frame.settings;
@@ -52,14 +52,14 @@ impl LocalErrors {
         self.memory.factors = kept;
         add_to_blocks(&mut self.memory.own, &frame.blocks, 1.0, &dropped);
         if let Some(before) = recombination {
-            // All tiles have the same number of factors: those of all are mixed, or of none.
+            // All tiles have the same number of factors, so that either all of them are mixed or none.
             let left = (of_mixed.len() == turns.len()).then(|| before.then(&of_mixed));
             self.recombine_past(&before.then(&turns), left.as_ref().map(|left| (left, per_tile - mixed)));
         }
     }
 }
 
-/// The factors of a tile that stay, in its support and in a basis that rounding has no part in; and what is dropped.
+/// Compresses the factors of a tile; those that stay are in a basis that does not depend on rounding.
 fn compressed(factors: LocalFactors, support: &[usize], signs: Option<Mat<f64>>, frame: &Frame) -> Compressed {
     let Frame { settings, scales, fixed_basis, .. } = frame;
     let precision = factors.precision();
@@ -98,8 +98,8 @@ fn compressed(factors: LocalFactors, support: &[usize], signs: Option<Mat<f64>>,
 /// L and D, which part F into its leading directions F L, by their energy with each variable divided by its scale, and what is
 /// left over, F D, such that the sum of both covariances is F Fᵀ.
 ///
-/// With the eigenvalues λ and eigenvectors of Fᵀ S⁻² F, and the weights w of a [`spectral_cut`], by which no direction that
-/// nothing but rounding tells from one that is left over is kept, `w² λ` is kept and `(1 − w²) λ` left over.
+/// With the eigenvalues λ and eigenvectors of Fᵀ S⁻² F, and the weights w of a [`spectral_cut`], which keeps no direction that
+/// only rounding distinguishes from one that is left over, `w² λ` is kept and `(1 − w²) λ` left over.
 fn cut(values: &Mat<f64>, variables: &[usize], keep: usize, scales: &[f64]) -> (Mat<f64>, Mat<f64>) {
     let r = values.ncols();
     let scaled = divided(values, variables, |variable| scales[variable]);

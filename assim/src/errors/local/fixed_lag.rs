@@ -19,7 +19,7 @@
 //! ```
 //!
 //! What is cut off or dropped stays in the variances as an error that nothing later sees. Where a compression mixes what it
-//! leaves over, the sum of squares that the random signs make of it takes its place in them, as it does in the present.
+//! leaves over, the squares of the random sums replace those of their terms in the variances, as they do in the present.
 //!
 //! A cycle costs lag + 1 products of the rows of each support with r × r matrices for each tile nearby, and never a covariance.
 
@@ -39,7 +39,6 @@ use isobar_model::vector::add;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
-use std::sync::Arc;
 
 /// The earlier analyses, and the rows of their errors.
 #[derive(Clone, Serialize, Deserialize)]
@@ -126,25 +125,20 @@ impl LocalErrors {
 
     /// Takes in the newest analysis, which led to `s`.
     pub(super) fn remember(&mut self, s: &Augmented) {
-        if self.memory.past.is_none() {
-            return;
-        }
-        let variances = self.variances();
+        let variances = self.memory.past.is_some().then(|| self.variances());
         let super::Memory { factors, sensitivity, past, .. } = &mut self.memory;
+        let (Some(past), Some(variances)) = (past, variances) else { return };
         let (b, p) = (sensitivity.nrows(), sensitivity.ncols());
         let row = |i: usize, j: usize| if i < b { sensitivity[(i, j)] } else { f64::from(u8::from(i - b == j)) };
         let rows = PastRows { factors: factors.clone(), sensitivity: Matrix(Mat::from_fn(b + p, p, row)) };
-        let past = past.as_mut().expect("there is a smoother");
         past.analyses.analyses.push_back(PastAnalysis { s: s.clone(), variances });
         past.rows.push_back(rows);
     }
 
     /// Drops the analyses that the next one will no longer revise.
     pub(super) fn drop_past(&mut self) {
-        if let Some(Past { analyses: FixedLag { lag, analyses }, rows }) = &mut self.memory.past {
-            let dropped = analyses.len().saturating_sub(*lag);
-            analyses.drain(..dropped);
-            rows.drain(..dropped);
+        if let Some(Past { analyses, rows }) = &mut self.memory.past {
+            rows.drain(..analyses.drop_past());
         }
     }
 
@@ -163,8 +157,8 @@ impl LocalErrors {
         }
     }
 
-    /// Ψ_lj ← Σ_i Ψ_li T_ij on the support of each tile. Of the columns from `kept` on, if there is a recombination of what they
-    /// are sums of, the squares take the place of that one's.
+    /// Ψ_lj ← Σ_i Ψ_li T_ij on the support of each tile. `left`, if any, is the recombination that yields the columns which are
+    /// mixed, and the number of the first column that is a sum of these: in the variances its squares replace theirs.
     pub(super) fn recombine_past(&mut self, recombination: &Recombination, left: Option<(&Recombination, usize)>) {
         let Some(Past { analyses, rows }) = &mut self.memory.past else { return };
         let Frame { supports, blocks, local, shared, .. } = &*self.frame;
@@ -192,8 +186,7 @@ impl LocalErrors {
         before: MatRef<'_, f64>,
     ) {
         let Some(Past { analyses, rows }) = &mut self.memory.past else { return };
-        let frame = Arc::clone(&self.frame);
-        let Frame { supports, blocks, local, shared, .. } = &*frame;
+        let Frame { supports, blocks, local, shared, .. } = &*self.frame;
         let (b, p) = (blocks.variables(), shared.len());
         for (past, rows) in analyses.analyses.iter_mut().zip(rows) {
             let mut increment = vec![0.0; b + p];

@@ -4,12 +4,11 @@ use super::local_factors::{LocalFactors, add_to_blocks};
 use super::recombination::Recombination;
 use super::{Frame, LocalErrors};
 use crate::error::Error;
-use crate::errors::blocks::residual;
+use crate::errors::blocks::{CoarseGrid, residual};
 use crate::filter::Cycle;
-use crate::tall_matrix::{Precision, TallMatrix, stored};
+use crate::tall_matrix::{Precision, TallMatrix};
 use faer::Mat;
 use isobar_model::State;
-use isobar_model::forecast::forecast_tl;
 use std::sync::Arc;
 
 impl LocalErrors {
@@ -45,13 +44,7 @@ impl LocalErrors {
         let super::Memory { own, random, .. } = &mut self.memory;
         let probes = settings.residual.probes();
         residual::forecast((own, &mut columns), (blocks, layout), probes, random, |columns| {
-            stored!(columns.values_mut(), columns => match &self.coarse {
-                None => forecast_tl(cycle.model, x, columns, cycle.steps).map_err(Error::from),
-                Some(coarse) => {
-                    let (factors, probes) = columns.split_at_mut((border + p) * m);
-                    coarse.forecast(cycle.model, x, (cycle.window, cycle.steps), factors, probes)
-                }
-            })
+            CoarseGrid::forecast(self.coarse.as_deref(), cycle, x, columns, border + p)
         })?;
         for ((factors, support), colour) in self.memory.factors.iter_mut().zip(supports).zip(&colours.of_tile) {
             for j in 0..factors.columns() {

@@ -1,7 +1,7 @@
 //! The factors of one tile, and what they have in the blocks.
 
 use crate::errors::blocks::{BlockDiagonal, Blocks, Precision};
-use crate::linalg::product;
+use crate::linalg::{entries_mut, product};
 use crate::tall_matrix::TallMatrix;
 use faer::{Mat, MatMut, MatRef};
 use rayon::prelude::*;
@@ -56,7 +56,7 @@ impl LocalFactors {
         self.values.edit_column(j, work);
     }
 
-    /// All rows, `[variables, r]`: those stored, or their copy in the scratch.
+    /// All rows, `[variables, r]`: as they are stored, or their copy in the scratch.
     pub fn rows<'a>(&'a self, scratch: &'a mut Vec<f64>) -> MatRef<'a, f64> {
         self.values.part(0, self.variables.len(), 0, scratch)
     }
@@ -66,7 +66,7 @@ impl LocalFactors {
         self.rows(&mut Vec::new()).to_owned()
     }
 
-    /// Whether it is whole.
+    /// Whether each variable has a row of its values, whatever was stored.
     pub fn is_whole(&self) -> bool {
         self.values.has_shape(self.variables.len(), self.columns())
     }
@@ -137,8 +137,7 @@ impl LocalFactors {
         let rows: Vec<(usize, usize)> =
             places(&self.variables, variables).enumerate().filter_map(|(from, to)| Some((from, to?))).collect();
         let mut add = |j: usize, column: &[f64]| {
-            let to = values.as_mut().col_mut(j);
-            let to = to.try_as_col_major_mut().expect("columns are contiguous").as_slice_mut();
+            let to = entries_mut(values.as_mut().col_mut(j));
             rows.iter().for_each(|&(from, place)| to[place] += column[from]);
         };
         match t {
@@ -171,7 +170,7 @@ impl LocalFactors {
         })
     }
 
-    /// The rows of the variables that a support holds, which are among these, and those of the others.
+    /// The rows of the variables that a support holds, which are among these, and the rows of the others.
     pub fn split(self, support: &[usize]) -> (Self, Self) {
         let mut rows = [Vec::new(), Vec::new()];
         for (row, place) in places(&self.variables, support).enumerate() {

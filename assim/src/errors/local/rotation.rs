@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 impl LocalErrors {
     /// Rotates the factors of all pairs of neighbours, first along x, then along y; supports grow to those of both. The
-    /// recombination, if there is one, takes the rotations up.
+    /// recombination, if there is one, records the rotations.
     pub(super) fn localize(&mut self, mut recombination: Option<&mut Recombination>) {
         let frame = Arc::clone(&self.frame);
         for group in frame.tiles.pairs() {
