@@ -42,7 +42,7 @@ pub struct RunInfo {
     pub score_from_cycle: usize,
     /// The lead times of forecasts ahead, if there are such forecasts.
     pub lead_times: Option<LeadTimes>,
-    /// Of what forecasts ahead warn.
+    /// The warnings of forecasts ahead.
     pub warnings: Vec<PlacedWarning>,
     /// The calibration parameters.
     pub calibration: Calibration,
@@ -79,6 +79,12 @@ impl RunInfo {
     /// The first cycle of this run that counts for the scores.
     pub fn scored_from(&self) -> usize {
         self.score_from_cycle.max(self.done + 1)
+    }
+
+    /// The cycle of the last analysis from which a forecast ahead reaches the longest lead time within the run; that of the first
+    /// start if none does.
+    pub fn last_complete_start(&self, times: LeadTimes) -> usize {
+        times.last_complete_start(times.first_start(self.score_from_cycle, self.done), self.cycles)
     }
 
     /// A number of cycles in hours.
@@ -179,12 +185,10 @@ pub enum Event<'a> {
     Estimated(Estimated<'a>),
     /// A method has revised the estimate of an earlier cycle, for the last time.
     Smoothed(Smoothed<'a>),
-    /// A method has made its forecasts ahead of an analysis, and they say how probable the events are of which they warn.
+    /// A method has made its forecasts ahead of an analysis, with the probabilities of the warnings.
     Outlook {
         /// Number of the method in [`RunInfo::methods`].
         method: usize,
-        /// Valid time of the analysis.
-        time: Time,
         /// The probabilities.
         outlook: Cow<'a, Outlook>,
     },
@@ -227,7 +231,7 @@ impl Event<'_> {
             Event::Analysed(analysed) => is_method(analysed.method) && analysed.fits(info),
             Event::Estimated(estimated) => is_method(estimated.method),
             Event::Smoothed(smoothed) => is_method(smoothed.method) && fits(&smoothed.estimate, info),
-            Event::Outlook { method, outlook, .. } => {
+            Event::Outlook { method, outlook } => {
                 let is_probability = |it: &f64| (0.0..=1.0).contains(it);
                 is_method(*method)
                     && outlook

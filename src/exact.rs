@@ -61,7 +61,7 @@ pub fn exact(scenario: &Scenario, options: &ExactOptions) -> Result<ExactSummary
     exact_heard(scenario, options, &|_| {})
 }
 
-/// How far a computation is: a method has done a cycle.
+/// Progress of a computation: a method has done a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CycleDone<'a> {
     /// The method.
@@ -72,7 +72,7 @@ pub struct CycleDone<'a> {
     pub all: usize,
 }
 
-/// The same; `heard` is told of every cycle of every method, which come in no order.
+/// The same, with a call of `heard` after every cycle of every method, in no particular order.
 ///
 /// # Errors
 /// As [`exact`].

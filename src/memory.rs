@@ -6,7 +6,7 @@
 //! ```
 
 use peak_alloc::PeakAlloc;
-use sysinfo::System;
+use sysinfo::{CGroupLimits, System};
 
 /// Memory beyond what was in use before.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -39,22 +39,20 @@ pub fn measured<T>(work: impl FnOnce() -> T) -> (T, Memory) {
 /// Memory that can be had without swapping, also within the limits of a container; `None` where the system does not report it
 /// \[bytes\].
 pub fn available_bytes() -> Option<u64> {
-    let system = system()?;
-    let of_container = system.cgroup_limits().map(|limits| limits.free_memory);
-    Some(of_container.map_or(system.available_memory(), |free| free.min(system.available_memory())))
+    of_system(System::available_memory, |limits| limits.free_memory)
 }
 
 /// All memory of the machine, or of the container; `None` where the system does not report it \[bytes\].
 pub fn total_bytes() -> Option<u64> {
-    let system = system()?;
-    let of_container = system.cgroup_limits().map(|limits| limits.total_memory);
-    Some(of_container.map_or(system.total_memory(), |all| all.min(system.total_memory())))
+    of_system(System::total_memory, |limits| limits.total_memory)
 }
 
-fn system() -> Option<System> {
+/// The lesser of what the machine and its container have; `None` where the system does not report it \[bytes\].
+fn of_system(of_machine: impl Fn(&System) -> u64, of_container: impl Fn(&CGroupLimits) -> u64) -> Option<u64> {
     let mut system = System::new().ok()?;
     system.refresh_memory();
-    Some(system)
+    let of_machine = of_machine(&system);
+    Some(system.cgroup_limits().map_or(of_machine, |limits| of_container(&limits).min(of_machine)))
 }
 
 /// A number of bytes with three digits and a unit: `22.5 TB`.

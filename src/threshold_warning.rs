@@ -7,19 +7,19 @@
 //! ```
 //!
 //! as a normal distribution, which is what a Kalman filter claims. Ensembles are taken the same way, by the mean and the
-//! standard deviation of their members, and not by the share of the members beyond the threshold: a share of 30 members knows
-//! no probability between 0 and 1/30, and a forecast of a biased observing system is compared with another by one rule.
+//! standard deviation of their members, and not by the share of the members beyond the threshold: a share of 30 members cannot be
+//! a probability between 0 and 1/30, and by one rule the forecasts of all methods can be compared.
 //! A method that claims no standard deviation says 0 or 1.
 //!
-//! A place is the grid point of the variable that is nearest to it. In an area a warning is of any grid point, and what is
-//! given is the largest probability of a single one,
+//! A place is the grid point of the variable that is nearest to it. In an area the event may occur at any grid point, and its
+//! probability is taken as the largest of a single one,
 //!
 //! ```text
 //! max_i P_i ≤ P(any i) ≤ Σ_i P_i
 //! ```
 //!
-//! a lower bound, since only standard deviations are kept of forecasts. It is the probability itself where one grid point
-//! alone matters, or all errors go together.
+//! a lower bound, since forecasts have only standard deviations and no correlations. It is the probability itself if only one
+//! grid point matters, or if all errors are fully correlated.
 
 use crate::plot::with_unit;
 use crate::scores::diagnostics::probability_below;
@@ -76,7 +76,7 @@ pub enum Area {
     },
 }
 
-/// A warning with the grid points that it is of.
+/// A warning with its grid points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlacedWarning {
     /// The warning.
@@ -120,7 +120,7 @@ impl Area {
     /// The grid points of a variable of this number in it, as indices of values of a state, in increasing order; at least one.
     ///
     /// # Errors
-    /// In words: a station that is not there, or an area without a grid point.
+    /// In words: an unknown station, or an area without a grid point.
     pub fn points(&self, variable: usize, layout: &Layout, stations: &[Station]) -> Result<Vec<usize>, String> {
         let grid = &layout.grid;
         let Variable { name: of_variable, location, .. } = &layout.variables[variable];
@@ -192,12 +192,12 @@ fn unknown_station(name: &str, stations: &[Station]) -> String {
 }
 
 impl PlacedWarning {
-    /// The probability that a forecast gives the event: at the grid point where it is largest.
+    /// The probability of the event by a forecast: that of the grid point where it is largest.
     pub fn probability(&self, forecast: &Estimate) -> f64 {
         self.points.iter().map(|&point| self.at(forecast, point)).fold(0.0, f64::max)
     }
 
-    /// The probability of the event at each grid point of the variable, `[y, x]`, also of those outside of the area.
+    /// The probability of the event at each grid point of the variable, `[y, x]`, also outside of the area.
     pub fn field(&self, forecast: &Estimate) -> Vec<f64> {
         let cells = forecast.state.layout().grid.cells();
         (self.warning.variable * cells..(self.warning.variable + 1) * cells)
@@ -210,15 +210,14 @@ impl PlacedWarning {
         self.warning.probability(forecast.state.values()[point], sigma)
     }
 
-    /// Whether the event has come about at one of the grid points.
+    /// Whether the event has occurred at one of the grid points.
     pub fn occurred(&self, truth: &State) -> bool {
         let is_beyond = |&point: &usize| self.is_beyond(truth.values()[point]);
         self.points.iter().any(is_beyond)
     }
 
-    /// Whether an observation with one of the grid points as its nearest is beyond the threshold, as it stands, with its
-    /// errors; `None` if there is no observation of the variable there. Those that are `passive` count, or those that are
-    /// used.
+    /// Whether an observation whose nearest grid point is one of these is beyond the threshold, as reported, with its errors;
+    /// `None` if there is no observation of the variable there. Either the passive observations count or those that are used.
     pub fn observed(&self, observed: &ObservationWindow, passive: bool, layout: &Layout) -> Option<bool> {
         let used = observed.reports.iter().zip(&observed.values).map(|(report, &value)| (report, value));
         let others = observed.aside.passive().map(|(_, it)| (&it.report, it.value));

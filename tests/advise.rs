@@ -1,4 +1,4 @@
-//! `isobar advise`: what is said of an observation is what its analysis does, and what cannot be asked is refused.
+//! `isobar advise`: an analysis reduces the variance as much as was predicted, and impossible requests are refused.
 
 use crate::ahead::{Listener, TRACER, parse};
 use crate::common::{isobar, text};
@@ -64,10 +64,10 @@ fn of_platform(window: &ObservationWindow, platform: &str, state: &State, bias: 
     }
 }
 
-/// The next report of each station takes off the variance what its analysis does, in the Kalman filter that goes on from the
-/// end of the run.
+/// The predicted reduction of the variance by the next report of each station is that of its analysis, in the Kalman filter that
+/// goes on from the end of the run.
 #[test]
-fn a_report_takes_off_what_was_said() {
+fn a_report_reduces_the_variance_as_predicted() {
     let scenario = parse(&[TRACER, METHODS]);
     let folder = tempfile::tempdir().unwrap();
     let from = finished(folder.path(), &scenario);
@@ -107,8 +107,9 @@ fn a_report_takes_off_what_was_said() {
     }
 }
 
-/// Kinds of candidates, and what must be true of them: knowing a sensor exactly leaves nothing of its bias; a radiosonde without
-/// bias tells more than the biased one at its place; another method with as good a covariance ranks alike.
+/// Kinds of candidates, and what must be true of them: an exact test point leaves no uncertainty of the sensor's bias; a
+/// radiosonde without bias reduces the variance more than the biased one at its place; another method with as good a covariance
+/// has about the same standard deviation.
 #[test]
 fn candidates_are_ranked_as_they_should_be() {
     let scenario = parse(&[TRACER, METHODS]);
@@ -130,7 +131,7 @@ fn candidates_are_ranked_as_they_should_be() {
     }
     let fast = advise(&scenario, &from, &request("fkf", state.clone())).unwrap();
     assert!((0.5..2.0).contains(&(fast.sigma / advised.sigma)), "{} and {}", fast.sigma, advised.sigma);
-    // A method that knows nothing of biases has no sensors to compare.
+    // A method that does not estimate biases has no sensors to compare.
     let plain = advise(&scenario, &from, &request("plain", state.clone())).unwrap();
     assert_eq!(Kind::ALL.map(|kind| count(&plain, kind)), [9, 9, 6, 0, 0]);
     let worse = Request { sigmas: [("tracer".to_string(), 2.0)].into(), ..request("kf", state) };
@@ -142,9 +143,9 @@ fn candidates_are_ranked_as_they_should_be() {
     assert!(of(&worse, "place 2,1") < of(&advised, "place 2,1"));
 }
 
-/// The mean of a forecast is the functional Aᵀ v of the analysis.
+/// The mean of a variable in a forecast is the functional Aᵀ v of the analysis.
 #[test]
-fn a_forecast_is_asked_by_the_adjoint() {
+fn a_functional_of_a_forecast_goes_back_by_the_adjoint() {
     let scenario = parse(&[TRACER, METHODS]);
     let folder = tempfile::tempdir().unwrap();
     let from = finished(folder.path(), &scenario);
@@ -196,7 +197,7 @@ fn what_cannot_be_asked_is_refused_by_name() {
     let said = refused(&scenario, &request("kf", mean(Area::Station("fixed/X".into()))));
     assert!(said.starts_with("there is no station \"fixed/X\" in the domain"), "{said}");
     let said = refused(&scenario, &Request { lead_hours: 7.0, ..request("kf", everywhere()) });
-    assert_eq!(said, "a lead time of 7 h is no whole number of cycles of 6 h");
+    assert_eq!(said, "a lead time of 7 h is not a whole number of cycles of 6 h");
     let other = parse(&[&TRACER.replace("sigma = 0.15", "sigma = 0.16"), METHODS]);
     let said = refused(&other, &request("kf", everywhere()));
     assert!(said.contains("model_error.components"), "{said}");
@@ -220,7 +221,7 @@ fn the_program_prints_tables_and_json() {
         said.starts_with("the mean of tracer in x = 0 to 400 km, y = 0 to 300 km, as kf knows it before"),
         "{said}"
     );
-    assert!(said.contains("The next reports of what there is, the best 3 of 9"), "{said}");
+    assert!(said.contains("The next reports of existing platforms, the best 3 of 9"), "{said}");
     assert!(said.contains("A new radiosonde without bias at a place, the best 3 of 300"), "{said}");
     let output = isobar(folder.path(), &[&asked[..], &["--json", "--grid", "2x2"]].concat());
     let json: serde_json::Value = serde_json::from_str(&text(&output.stdout)).unwrap();
@@ -232,7 +233,7 @@ fn the_program_prints_tables_and_json() {
         text(&output.stderr)
     };
     assert!(refused(&["tracer", "--at", "1000,0"]).contains("outside of the domain, which is 900 × 600 km"));
-    assert!(refused(&["tracer", "--at", "somewhere"]).contains("is no place"));
+    assert!(refused(&["tracer", "--at", "somewhere"]).contains("is not a place"));
     assert!(refused(&["tracer", "--grid", "0x3"]).contains("two whole numbers"));
     assert!(refused(&["tracer", "--sigma", "tracer"]).contains("as in h=12"));
 }

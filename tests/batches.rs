@@ -1,7 +1,7 @@
 //! Batches and runs that end before their time: what they go on with, and what they refuse.
 #![cfg(unix)]
 
-use crate::common::{VALID, isobar, text};
+use crate::common::{VALID, isobar, one_line, text};
 use isobar::output::directory::complete_runs;
 use std::fs;
 use std::os::unix::fs::MetadataExt;
@@ -65,7 +65,7 @@ fn interrupt(here: &Path, arguments: &[&str]) {
 /// What is said to standard error, without line breaks; the exit code is this one.
 fn said(here: &Path, arguments: &[&str], code: i32) -> String {
     let output = isobar(here, arguments);
-    let said = text(&output.stderr).split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ");
+    let said = one_line(&text(&output.stderr));
     assert_eq!(output.status.code(), Some(code), "{said}");
     said
 }

@@ -1,7 +1,7 @@
 //! Runs that end before their time: what is left, what goes on from it, and what is refused.
 #![cfg(unix)]
 
-use crate::common::{VALID, isobar, text};
+use crate::common::{VALID, isobar, one_line, text};
 use crate::outputs::Outputs;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -154,7 +154,7 @@ fn refusal(parent: &Path) -> String {
     let output = resume(parent).wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(1));
     assert!(!parent.join("out/small").exists());
-    text(&output.stderr).split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ")
+    one_line(&text(&output.stderr))
 }
 
 #[test]
@@ -202,7 +202,7 @@ fn what_is_of_another_version_or_scenario_is_refused_and_stays() {
     fs::write(&journal, bytes).unwrap();
     let again = isobar(parent.path(), &["run", "small.toml", "--no-rerun"]);
     assert_eq!(again.status.code(), Some(1));
-    let said = text(&again.stderr).split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ");
+    let said = one_line(&text(&again.stderr));
     assert!(said.contains("`isobar resume out/small` continues it"), "{said}");
     assert!(resume(parent.path()).wait().unwrap().success());
     let complete = isobar(parent.path(), &["resume", "out/small"]);
@@ -260,7 +260,7 @@ fn a_signal_ends_the_run_after_the_cycle_with_a_checkpoint() {
             assert!(sent.success());
         }
         let output = child.wait_with_output().unwrap();
-        let said = text(&output.stderr).split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ");
+        let said = one_line(&text(&output.stderr));
         assert_eq!(output.status.code(), Some(130), "{said}");
         assert!(said.contains("ending after this cycle") && said.contains("ended by a signal after cycle"), "{said}");
         assert!(said.contains("`isobar resume out/small` continues it"), "{said}");

@@ -1,12 +1,12 @@
 //! `error_correlation` of networks and of methods, in whole runs.
 
-use crate::common::{isobar, text};
-use crate::passive::{METHODS, WORLD};
+use crate::common::{isobar, one_line, text};
+use crate::passive::{METHODS, WORLD, summary};
 use crate::runs::run_options;
 use isobar::output::Sink;
 use isobar::run::run;
 use isobar::scenario::Scenario;
-use isobar::scores::{MethodScores, Summary, kind};
+use isobar::scores::{MethodScores, kind};
 use std::path::Path;
 
 /// The world with correlated errors, and with these methods.
@@ -18,13 +18,6 @@ fn world(correlation: &str, methods: &str) -> String {
 
 fn by_distance(keys: &str) -> String {
     format!("error_correlation = {{ kind = \"by_distance\", {keys} }}")
-}
-
-fn summary(text: &str) -> Summary {
-    let scenario = Scenario::parse(Path::new("s.toml"), text).unwrap_or_else(|error| panic!("{error:?}"));
-    let folder = tempfile::tempdir().unwrap();
-    let mut listener: Vec<Box<dyn Sink>> = Vec::new();
-    run(&scenario, &run_options(folder.path(), scenario.cycle.count), &mut listener).unwrap()
 }
 
 /// The scores without what a method has cost.
@@ -127,7 +120,7 @@ fn what_cannot_be_is_refused_by_name() {
         std::fs::write(folder.path().join("s.toml"), &scenario).unwrap();
         std::fs::write(folder.path().join("o.csv"), "cycle,column,row,value,id\n1,4,5,5,C\n").unwrap();
         let output = isobar(folder.path(), &["check", "s.toml"]);
-        let said = text(&output.stderr).replace(['│', '×'], " ").split_whitespace().collect::<Vec<_>>().join(" ");
+        let said = one_line(&text(&output.stderr));
         assert!(!output.status.success() && said.contains(wanted), "{wanted}: {said}");
     }
     // A method that ignores the correlation may be initialised.
@@ -151,7 +144,7 @@ fn a_time_volume_with_patterns_of_observations_is_refused_by_name() {
         let scenario = world(&by_distance("length_km = 200"), &method(correlation));
         std::fs::write(folder.path().join("s.toml"), &scenario).unwrap();
         let output = isobar(folder.path(), &["check", "s.toml"]);
-        let said = text(&output.stderr).replace(['│', '×'], " ").split_whitespace().collect::<Vec<_>>().join(" ");
+        let said = one_line(&text(&output.stderr));
         (output.status.success(), said)
     };
     let (ok, message) = said("");

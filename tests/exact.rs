@@ -223,6 +223,9 @@ fn exact_scores_are_written_for_programs_and_other_files_are_not_replaced() {
     assert!(isobar(here, &[&arguments[..], &["--overwrite"]].concat()).status.success());
     fs::write(here.join("e.json"), "{\"thesis\": 1}").unwrap();
     let refused = isobar(here, &[&arguments[..], &["--overwrite"]].concat());
-    assert!(text(&refused.stderr).contains("is no such file") && refused.status.code() == Some(1));
+    assert!(
+        text(&refused.stderr).contains("--overwrite replaces only files of isobar exact")
+            && refused.status.code() == Some(1)
+    );
     assert_eq!(fs::read_to_string(here.join("e.json")).unwrap(), "{\"thesis\": 1}");
 }

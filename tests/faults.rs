@@ -2,7 +2,7 @@
 //! says what happened and what to do.
 #![cfg(unix)]
 
-use crate::common::{VALID, isobar, text};
+use crate::common::{VALID, isobar, one_line, text};
 use crate::outputs::Outputs;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -31,7 +31,7 @@ fn run_after(parent: &Path, first: &str) -> Command {
 
 /// What was said to standard error, on one line.
 fn said(output: &Output) -> String {
-    text(&output.stderr).split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ")
+    one_line(&text(&output.stderr))
 }
 
 fn undisturbed() -> Outputs {

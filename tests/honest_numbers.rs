@@ -1,6 +1,6 @@
 //! Runs whose numbers would be wrong say so, or end.
 
-use crate::common::{TRACER, isobar, text};
+use crate::common::{TRACER, isobar, one_line, text};
 use serde_json::Value;
 use std::path::Path;
 
@@ -47,9 +47,7 @@ fn run(scenario: &str, observations: &str) -> (bool, String, Value) {
     std::fs::write(folder.path().join("observations.csv"), observations).unwrap();
     let arguments = ["run", "s.toml", "--threads", "1", "--out", "out", "--no-rerun"];
     let output = isobar(folder.path(), &arguments);
-    // One line, however wide the messages were broken.
-    let said = (text(&output.stdout) + &text(&output.stderr)).replace('│', " ");
-    let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
+    let said = one_line(&(text(&output.stdout) + &text(&output.stderr)));
     let summary = std::fs::read_to_string(folder.path().join("out/s/summary.json")).unwrap_or("null".into());
     let report = std::fs::read_to_string(folder.path().join("out/s/report.html")).unwrap_or_default();
     assert!(!Path::new("out/s").exists());

@@ -5,7 +5,7 @@
 //! geopotential_height, 16-bit integers with scale 0.5 and offset 5000) = 5500 + k/2 + 50 n, `ua` (x_wind, single precision) =
 //! k/4 − n and `va` (y_wind) = k/10 + n but 0 in the first row.
 
-use crate::common::{TRACER, isobar, text};
+use crate::common::{TRACER, isobar, one_line, text};
 use netcdf_reader::NcFile;
 use std::path::Path;
 use tempfile::{TempDir, tempdir};
@@ -54,8 +54,7 @@ fn foreign(name: &str) -> TempDir {
 fn command(folder: &Path, command: &[&str], scenario: &str) -> (bool, String) {
     std::fs::write(folder.join("s.toml"), scenario).unwrap();
     let output = isobar(folder, command);
-    let said = text(&output.stderr).replace('│', " ").split_whitespace().collect::<Vec<_>>().join(" ");
-    (output.status.success(), said)
+    (output.status.success(), one_line(&text(&output.stderr)))
 }
 
 const RUN: [&str; 5] = ["run", "s.toml", "-q", "--no-rerun", "--no-report"];

@@ -1,6 +1,6 @@
 //! Passive networks: their departures are known, and nothing else depends on them.
 
-use crate::common::{TRACER, isobar, text};
+use crate::common::{TRACER, isobar, one_line, text};
 use crate::runs::run_options;
 use isobar::output::Sink;
 use isobar::run::run;
@@ -125,7 +125,8 @@ faults = { gross_error_rate = 0.3, gross_error_factor = 300 }
 assimilate = false
 "#;
 
-fn summary(text: &str) -> Summary {
+/// The summary of a run.
+pub fn summary(text: &str) -> Summary {
     let scenario = Scenario::parse(Path::new("s.toml"), text).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let mut listener: Vec<Box<dyn Sink>> = Vec::new();
@@ -268,7 +269,7 @@ fn unknown_biases_of_a_passive_network_are_refused_with_their_line() {
     let bias = "\n[[networks.seen.bias]]\nper = \"group\"\nvariable = \"tracer\"\nsigma = 1\n";
     let folder = folder(&format!("{WORLD}{PASSIVE}{bias}{METHODS}"));
     let output = isobar(folder.path(), &["check", "s.toml"]);
-    let said = text(&output.stderr).replace('│', " ").split_whitespace().collect::<Vec<_>>().join(" ");
+    let said = one_line(&text(&output.stderr));
     assert!(!output.status.success() && said.contains("assimilate = false"), "{said}");
     assert!(said.contains("unknown biases, which only an assimilated network can determine"), "{said}");
 }
@@ -281,8 +282,7 @@ fn withheld_stations_are_named_and_verify_estimates() {
     let kf = "[methods.kf]\nkind = \"kf\"\n[methods.free]\nkind = \"free\"\n";
     let folder = folder(&format!("{scenario}{kf}"));
     let output = isobar(folder.path(), &["check", "s.toml"]);
-    let said = format!("{}{}", text(&output.stdout), text(&output.stderr));
-    let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
+    let said = one_line(&(text(&output.stdout) + &text(&output.stderr)));
     assert!(output.status.success() && said.contains("3 of 12 stations are withheld from all methods: "), "{said}");
     let found = summary(&format!("{scenario}{kf}"));
     let all = summary(&format!("{WORLD}{kf}"));

@@ -67,7 +67,7 @@ fn the_policy_of_the_page_allows_its_own_script_alone() {
     assert_eq!(text.matches(&format!("<script>{SCRIPT}</script>")).count(), 1);
     let policy = between(&text, "Content-Security-Policy\" content=\"", "\"");
     let hash = base64::engine::general_purpose::STANDARD.encode(Sha256::digest(SCRIPT));
-    assert!(policy.contains(&format!("script-src 'sha256-{hash}';")), "put sha256-{hash} into layout.rs: {policy}");
+    assert!(policy.contains(&format!("script-src 'sha256-{hash}';")), "put sha256-{hash} into page.rs: {policy}");
     for loose in ["unsafe-eval", "script-src 'unsafe", "default-src 'self'", "connect-src"] {
         assert!(!policy.contains(loose), "{policy}");
     }

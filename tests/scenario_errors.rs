@@ -42,7 +42,7 @@ const CASES: &[Case] = &[
         "[cycle]",
         "[forecast]\nlead_hours = 20\n[cycle]",
         "20",
-        &["`forecast.lead_hours` is 20, which is no whole number of cycles of 6 hours", "must be a multiple of 6"],
+        &["`forecast.lead_hours` is 20, which is not a whole number of cycles of 6 hours", "must be a multiple of 6"],
     ),
     (
         "[cycle]",

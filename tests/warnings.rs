@@ -1,7 +1,7 @@
 //! Warnings of forecasts ahead: what is probable, what comes of it, and where it is said.
 
 use crate::ahead::{Listener, TRACER, listen, parse};
-use crate::common::{isobar, place, text};
+use crate::common::{isobar, one_line, place, text};
 use crate::runs::run_options;
 use isobar::options::RunOptions;
 use isobar::output::Outputs;
@@ -192,8 +192,7 @@ fn faults_are_named() {
         let output = isobar(folder.path(), &["check", "s.toml"]);
         let said = self::text(&output.stderr);
         assert!(!output.status.success(), "{to}");
-        let flat = said.split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ");
-        assert!(flat.contains(wanted), "{to}:\n{said}");
+        assert!(one_line(&said).contains(wanted), "{to}:\n{said}");
         let place = place(&text, at);
         let line = place.split(':').next().unwrap();
         assert!(said.contains(&format!("s.toml:{line}:")), "{to}, line {line}:\n{said}");

@@ -1,6 +1,6 @@
 //! Worlds of recorded observations alone: nothing is scored against a truth that nobody has observed.
 
-use crate::common::{isobar, text};
+use crate::common::{isobar, one_line, text};
 use netcdf_reader::NcFile;
 use serde_json::Value;
 use std::fs;
@@ -163,8 +163,7 @@ fn a_truth_that_cannot_be_is_refused_and_one_that_is_given_is_kept() {
     let check = |scenario: &str| {
         let folder = folder(scenario);
         let output = isobar(folder.path(), &["check", "s.toml"]);
-        let said = text(&output.stdout) + &text(&output.stderr).replace('│', " ");
-        (output.status.success(), said.split_whitespace().collect::<Vec<_>>().join(" "))
+        (output.status.success(), one_line(&(text(&output.stdout) + &text(&output.stderr))))
     };
     assert!(check(&format!("{SCENARIO}[truth]\nkind = \"none\"\n")).0);
     let (ok, said) = check(&format!("{SCENARIO}[truth]\nkind = \"none\"\nmodel_error_scale = 2\n"));
@@ -190,7 +189,7 @@ fn a_truth_that_cannot_be_is_refused_and_one_that_is_given_is_kept() {
 fn exact_performance_without_a_truth_is_refused_by_name() {
     let folder = folder(SCENARIO);
     let output = isobar(folder.path(), &["exact", "s.toml"]);
-    let said = text(&output.stderr).replace('│', " ").split_whitespace().collect::<Vec<_>>().join(" ");
+    let said = one_line(&text(&output.stderr));
     assert!(!output.status.success() && said.contains("all observations are recorded"), "{said}");
 }
 

@@ -1,9 +1,9 @@
-//! What would tell how much.
+//! The result: ranked candidates.
 
 use super::candidates::Candidate;
 use isobar_model::Time;
 
-/// The candidates, and what they would tell of.
+/// The candidates, and the functional by which they are ranked.
 #[derive(Clone, Debug)]
 pub struct Advised {
     /// The functional, in words.
@@ -14,8 +14,8 @@ pub struct Advised {
     pub time: Time,
     /// The standard deviation of the functional without any of them.
     pub sigma: f64,
-    /// The candidates, those that tell the most first.
+    /// The candidates, those with the largest reduction of the variance first.
     pub candidates: Vec<Candidate>,
-    /// What there is to know of them.
+    /// Notes on them.
     pub notes: Vec<String>,
 }

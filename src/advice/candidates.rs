@@ -16,11 +16,11 @@ const MOST_COMPARED: usize = 200;
 /// The most places of a grid.
 pub const MOST_PLACES: usize = 1_000_000;
 
-/// What could be done.
+/// Kinds of candidates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
-    /// The next report of a platform that there is, with its biases.
+    /// The next report of an existing platform, with its biases.
     Report,
     /// A radiosonde without bias at a station.
     RadiosondeAtStation,
@@ -40,7 +40,7 @@ impl Kind {
     /// The title of its table.
     pub fn title(self) -> &'static str {
         match self {
-            Kind::Report => "The next reports of what there is",
+            Kind::Report => "The next reports of existing platforms",
             Kind::RadiosondeAtStation => "A new radiosonde without bias at a station",
             Kind::RadiosondeAtPlace => "A new radiosonde without bias at a place",
             Kind::TestPoint => "A sensor against a reference",
@@ -49,18 +49,18 @@ impl Kind {
     }
 }
 
-/// An observation that could be made, and what it would tell.
+/// An observation that could be made, and how much it would reduce the variance of the functional.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Candidate {
-    /// What it is.
+    /// Its kind.
     pub kind: Kind,
-    /// Of what or where.
+    /// Its platform, place or sensors.
     pub name: String,
     /// x \[m\], if it is at a place.
     pub x_m: Option<f64>,
     /// y \[m\].
     pub y_m: Option<f64>,
-    /// What it takes off the variance of the functional, in the square of its unit.
+    /// How much it reduces the variance of the functional, in the square of its unit.
     pub reduction: f64,
     /// That as a share of the variance.
     pub share: f64,
@@ -77,14 +77,14 @@ pub(super) struct Proposal {
     pub rows: Vec<(Vec<(Unknown, f64)>, f64)>,
 }
 
-/// All proposals, and what there is to know of them.
+/// All proposals, with notes on them.
 pub(super) struct Proposed {
     pub proposals: Vec<Proposal>,
     pub notes: Vec<String>,
 }
 
 impl Proposal {
-    /// With what it takes off the variance.
+    /// The candidate, with its reduction of the variance.
     pub fn with(self, reduction: f64, variance: f64) -> Candidate {
         let share = if variance > 0.0 { reduction / variance } else { 0.0 };
         Candidate {
@@ -99,8 +99,8 @@ impl Proposal {
     }
 }
 
-/// What could be observed at the time of `observed`, the window of the next analysis, by the networks of the run and beside
-/// them; of a method that estimates no biases observations have none.
+/// What could be observed at the time of `observed`, the window of the next analysis, by the networks of the run and by others.
+/// For a method that does not estimate biases, observations have none.
 pub(super) fn propose(
     request: &Request,
     info: &RunInfo,
@@ -113,7 +113,7 @@ pub(super) fn propose(
     let mut notes = Vec::new();
     let sigmas = sigmas(request, info, stations, observed)?;
     if sigmas.is_empty() {
-        notes.push("no station reports at that time: give the errors of a new radiosonde with --sigma".to_string());
+        notes.push("No station reports at that time: give the errors of a new radiosonde with --sigma.".to_string());
     } else {
         let radiosonde = |kind: Kind, name: String, (x_m, y_m): (f64, f64)| Proposal {
             kind,
@@ -150,17 +150,17 @@ pub(super) fn propose(
         let exact = if request.comparison_sigma > 0.0 {
             format!("have errors of {}, in the sensors' unit", request.comparison_sigma)
         } else {
-            "are taken as exact: what they tell is the most that they can".into()
+            "are taken as exact: no real one would reduce the variance more".into()
         };
         notes.push(format!("Test points and comparisons {exact}."));
         if info.calibration.len() > MOST_COMPARED {
-            notes.push(format!("Of more than {MOST_COMPARED} sensors no pairs are compared."));
+            notes.push(format!("There are more than {MOST_COMPARED} sensors, so that no pairs are compared."));
         }
     }
     Ok(Proposed { proposals, notes })
 }
 
-/// The next reports, those of one platform together.
+/// The next reports; those of a platform are one proposal.
 fn reports(observed: &ObservationWindow, estimate: &Estimate, estimates_biases: bool) -> Vec<Proposal> {
     if observed.is_empty() {
         return Vec::new();
@@ -171,14 +171,14 @@ fn reports(observed: &ObservationWindow, estimate: &Estimate, estimates_biases: 
         let of_state = jacobian.state.row(row).iter().map(|&(number, weight)| (Unknown::Value(number), weight));
         let of_biases = jacobian.calibration.row(row).iter().filter(|_| estimates_biases);
         let of_biases = of_biases.map(|&(number, weight)| (Unknown::Parameter(number), weight));
-        let own = proposals.entry((report.network.to_string(), report.platform.to_string()));
-        let own = own.or_insert_with(|| Proposal {
+        let entry = proposals.entry((report.network.to_string(), report.platform.to_string()));
+        let proposal = entry.or_insert_with(|| Proposal {
             kind: Kind::Report,
             name: format!("{}/{}", report.network, report.platform),
             place_m: Some((report.x_m, report.y_m)),
             rows: Vec::new(),
         });
-        own.rows.push((of_state.chain(of_biases).collect(), observed.sigma[row].powi(2)));
+        proposal.rows.push((of_state.chain(of_biases).collect(), observed.sigma[row].powi(2)));
     }
     proposals.into_values().collect()
 }
@@ -203,13 +203,13 @@ fn sigmas(
     };
     let rows: Vec<usize> = (0..observed.len()).filter(of_station).collect();
     let least = |number: usize| {
-        let own = rows.iter().filter(|&&row| observed.reports[row].variable == number);
-        own.map(|&row| observed.sigma[row]).min_by(f64::total_cmp).map(|sigma| (number, sigma))
+        let of_variable = rows.iter().filter(|&&row| observed.reports[row].variable == number);
+        of_variable.map(|&row| observed.sigma[row]).min_by(f64::total_cmp).map(|sigma| (number, sigma))
     };
     Ok((0..info.layout.variables.len()).filter_map(least).collect())
 }
 
-/// The value of a variable at a place, as an interpolation; `None` where nothing of the state is seen.
+/// The value of a variable at a place, as an interpolation of the state; `None` outside of the grid points.
 fn seen(info: &RunInfo, number: usize, x_m: f64, y_m: f64) -> Option<Vec<(Unknown, f64)>> {
     let grid = &info.layout.grid;
     let stencil = grid.stencil(info.layout.variables[number].location, x_m, y_m)?;
@@ -218,7 +218,7 @@ fn seen(info: &RunInfo, number: usize, x_m: f64, y_m: f64) -> Option<Vec<(Unknow
     Some(entries.collect()).filter(|entries: &Vec<_>| !entries.is_empty())
 }
 
-/// Test points of every sensor, and comparisons of all pairs of one unit.
+/// Test points of every sensor, and comparisons of all pairs with the same unit.
 fn sensors(info: &RunInfo, variance: f64) -> Vec<Proposal> {
     let parameters = &info.calibration.parameters;
     let proposal =

@@ -26,24 +26,24 @@ pub enum AdviceError {
     },
     /// The method has no covariance.
     #[error(
-        "method {name} carries no covariance of its errors from cycle to cycle, so that it cannot say what an observation would tell"
+        "method {name} carries no covariance of its errors from cycle to cycle, so that it cannot say how much an observation would help"
     )]
     NoCovariance {
         /// The method.
         name: String,
     },
-    /// The method does not estimate what is asked.
+    /// The method does not estimate the functional.
     #[error("method {name} does not estimate {what}")]
     NotEstimated {
         /// The method.
         name: String,
-        /// What is asked.
+        /// The functional, in words.
         what: String,
     },
     /// A request that the scenario does not fit.
     #[error("{0}")]
     Request(String),
-    /// The method cannot forecast, or its covariance is none.
+    /// The method cannot forecast, or its covariance is not positive definite.
     #[error("method {name}: {error}")]
     Method {
         /// The method.

@@ -45,7 +45,7 @@ impl Asked {
         let cycles = (lead_hours / info.window.hours()).round();
         if !(0.0..=1e5).contains(&cycles) || (lead_hours - cycles * info.window.hours()).abs() > 1e-9 {
             return Err(AdviceError::Request(format!(
-                "a lead time of {} h is no whole number of cycles of {} h",
+                "a lead time of {} h is not a whole number of cycles of {} h",
                 lead_hours,
                 info.window.hours()
             )));

@@ -1,8 +1,8 @@
-//! What to observe next: of observations that could be made at the next analysis, how much each would take off the variance of
-//! one functional of what a method estimates.
+//! What to observe next: how much each observation that could be made at the next analysis would reduce the variance of one
+//! functional of a method's estimates.
 //!
 //! A run has ended with an analysis and its covariance. From there the method forecasts one cycle, and [`Advice`] gives for each
-//! candidate what an analysis of it would take off the variance of the functional, whatever its value turns out to be. The
+//! candidate how much an analysis of it would reduce the variance of the functional, whatever its value turns out to be. The
 //! functional is a bias, or the mean of a variable in an area, at that time or in a forecast from it:
 //!
 //! ```text

@@ -1,12 +1,12 @@
-//! What is asked of a method.
+//! A request for advice.
 
 use super::functional::Functional;
 use indexmap::IndexMap;
 
-/// What is asked.
+/// A request for advice.
 #[derive(Clone, Debug)]
 pub struct Request {
-    /// The method whose covariance is asked.
+    /// The method whose covariance is used.
     pub method: String,
     /// What is to be known better.
     pub functional: Functional,

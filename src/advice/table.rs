@@ -1,4 +1,4 @@
-//! Candidate observations, those that would tell the most first.
+//! Tables of candidates, those with the largest reduction of the variance first.
 
 use super::advised::Advised;
 use super::candidates::{Candidate, Kind};

@@ -2,6 +2,7 @@
 
 use super::advise_arguments::AdviseArguments;
 use super::console::{print, print_json, width};
+use super::threads::workers;
 use super::{launch, lookup};
 use crate::advice::{AdviceError, Advised, Functional, Request, advise, tables};
 use crate::calendar::utc;
@@ -13,7 +14,6 @@ use crate::tables::terminal::sentences;
 use crate::text::shown_path;
 use crate::threshold_warning::Area;
 use miette::{Report, miette};
-use rayon::ThreadPoolBuilder;
 use serde_json::json;
 use std::process::ExitCode;
 
@@ -34,9 +34,7 @@ pub fn run(arguments: &AdviseArguments) -> Result<ExitCode, Report> {
         sigmas: arguments.sigma.iter().cloned().collect(),
         comparison_sigma: arguments.comparison_sigma,
     };
-    let threads = arguments.threads.map_or(0, |threads| threads as usize);
-    let workers = ThreadPoolBuilder::new().num_threads(threads).build().map_err(|error| miette!("{error}"))?;
-    let advised = workers.install(|| advise(&scenario, &arguments.from, &request));
+    let advised = workers(arguments.threads)?.install(|| advise(&scenario, &arguments.from, &request));
     let advised = advised.map_err(|error| report(error, &scenario))?;
     if arguments.json {
         print_json(&document(arguments, &scenario, &advised))?;
@@ -62,7 +60,7 @@ fn area(text: &str, scenario: &Scenario) -> Result<Area, Report> {
         return Ok(Area::Station(text.to_string()));
     }
     let wanted = "anywhere, a station NETWORK/NAME, a place X,Y or a box X:X,Y:Y in km";
-    let refuse = || miette!(help = format!("it is {wanted}"), "`--at {text}` is no place");
+    let refuse = || miette!(help = format!("it must be {wanted}"), "`--at {text}` is not a place");
     let sides: Vec<Vec<f64>> = text
         .split(',')
         .map(|side| side.split(':').map(|end| end.trim().parse::<f64>().map(|km| km * 1e3)).collect())
@@ -70,19 +68,17 @@ fn area(text: &str, scenario: &Scenario) -> Result<Area, Report> {
         .map_err(|_| refuse())?;
     let grid = &scenario.grid.grid;
     let extents = [grid.width_m(), grid.height_m()];
+    let [x, y] = &sides[..] else { return Err(refuse()) };
     let is_inside = |(side, extent_m): (&Vec<f64>, f64)| side.iter().all(|m| (0.0..=extent_m).contains(m));
-    if sides.len() == 2 && !sides.iter().zip(extents).all(is_inside) {
+    if ![x, y].into_iter().zip(extents).all(is_inside) {
         let [x, y] = extents.map(|m| m / 1e3);
         return Err(miette!("`--at {text}` is outside of the domain, which is {x} × {y} km"));
     }
-    match &sides[..] {
-        [x, y] => match (&x[..], &y[..]) {
-            (&[x_m], &[y_m]) if grid.contains(x_m, y_m) => Ok(Area::Place { x_m, y_m }),
-            (&[west, east], &[south, north]) if west < east && south < north => {
-                Ok(Area::Box { x_m: [west, east], y_m: [south, north] })
-            }
-            _ => Err(refuse()),
-        },
+    match (&x[..], &y[..]) {
+        (&[x_m], &[y_m]) if grid.contains(x_m, y_m) => Ok(Area::Place { x_m, y_m }),
+        (&[west, east], &[south, north]) if west < east && south < north => {
+            Ok(Area::Box { x_m: [west, east], y_m: [south, north] })
+        }
         _ => Err(refuse()),
     }
 }

@@ -3,7 +3,9 @@
 use super::threads::MOST_THREADS;
 use clap::Args;
 use std::ffi::OsString;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
+use std::str::FromStr;
 
 pub const ADVISE_EXAMPLES: &str = "Examples:
   isobar advise quickstart --from out/quickstart --method fkf --bias sondes/h/France
@@ -18,7 +20,7 @@ pub struct AdviseArguments {
     /// Directory of the run, with its final state
     #[arg(long, value_name = "OUT")]
     pub from: PathBuf,
-    /// The method whose covariance is asked
+    /// The method whose covariance is used
     #[arg(long, value_name = "NAME")]
     pub method: String,
     #[command(flatten)]
@@ -32,7 +34,7 @@ pub struct AdviseArguments {
     /// Numbers of places in x and y at which a new radiosonde is tried
     #[arg(long, value_name = "NXxNY", default_value = "20x15", value_parser = places)]
     pub grid: [usize; 2],
-    /// Standard deviations of a new radiosonde's errors [default: the least with which a station reports]
+    /// Standard deviations of a new radiosonde's errors [default: the smallest of the stations that report]
     #[arg(long, value_name = "VARIABLE=SIGMA,…", value_delimiter = ',', value_parser = sigma)]
     pub sigma: Vec<(String, f64)>,
     /// Standard deviation of test points and comparisons, in the sensors' unit
@@ -61,28 +63,31 @@ pub struct AskedArguments {
     pub mean: Option<String>,
 }
 
+/// A number within these bounds.
+fn number<T: FromStr + PartialOrd>(text: &str, bounds: RangeInclusive<T>) -> Option<T> {
+    text.parse().ok().filter(|number| bounds.contains(number))
+}
+
 /// A time after an analysis \[h\].
 fn hours(text: &str) -> Result<f64, String> {
-    let wanted = "it must be a number from 0 to 100000";
-    text.parse().ok().filter(|hours| (0.0..=1e5).contains(hours)).ok_or_else(|| wanted.into())
+    number(text, 0.0..=1e5).ok_or_else(|| "it must be a number from 0 to 100000".into())
 }
 
 /// A standard deviation, which may be 0.
 fn error(text: &str) -> Result<f64, String> {
-    let wanted = "it must be a number from 0 to 1e9";
-    text.parse().ok().filter(|sigma| (0.0..=1e9).contains(sigma)).ok_or_else(|| wanted.into())
+    number(text, 0.0..=1e9).ok_or_else(|| "it must be a number from 0 to 1e9".into())
 }
 
 /// Two numbers with an x between them.
 fn places(text: &str) -> Result<[usize; 2], String> {
-    let number = |part: &str| part.trim().parse().ok().filter(|count| (1..=10_000).contains(count));
-    let numbers = text.split_once('x').and_then(|(x, y)| Some([number(x)?, number(y)?]));
+    let count = |part: &str| number(part.trim(), 1..=10_000);
+    let numbers = text.split_once('x').and_then(|(x, y)| Some([count(x)?, count(y)?]));
     numbers.ok_or_else(|| "it must be two whole numbers from 1 to 10000, as in 20x15".into())
 }
 
 /// A variable and a standard deviation.
 fn sigma(text: &str) -> Result<(String, f64), String> {
-    let sigma = |text: &str| text.trim().parse().ok().filter(|sigma| (1e-9..=1e9).contains(sigma));
+    let sigma = |text: &str| number(text.trim(), 1e-9..=1e9);
     let both = text.split_once('=').and_then(|(name, value)| Some((name.trim().to_string(), sigma(value)?)));
     both.ok_or_else(|| "it must be a variable and a number from 1e-9 to 1e9, as in h=12".into())
 }

@@ -107,7 +107,7 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Rank what could be observed next by what it would tell of a bias, a mean or a forecast
+    /// Rank possible observations by how much they would help to know a bias, a mean or a forecast
     #[command(after_help = ADVISE_EXAMPLES)]
     Advise(AdviseArguments),
     /// Keep what is known of sensors from run to run: calibrations, test points, recalibrations

@@ -2,14 +2,15 @@
 
 use super::arguments::CompareArguments;
 use super::console::{print, print_json, width};
+use super::out_file;
 use crate::comparison::{Comparison, Differences};
 use crate::output::recorded::SavedRun;
 use crate::safe_file;
 use crate::tables::terminal::sentences;
 use crate::text::shown_path;
 use miette::{Report, miette};
-use std::fs::File;
-use std::io::{ErrorKind, Read};
+use std::io::Read;
+use std::path::Path;
 use std::process::ExitCode;
 
 /// What every page of isobar has in its head.
@@ -23,7 +24,7 @@ pub fn compare(arguments: &CompareArguments) -> Result<ExitCode, Report> {
     let runs = arguments.runs.iter().map(|run| SavedRun::open(run)).collect::<Result<Vec<_>, _>>()?;
     let comparison = Comparison::new(runs)?;
     let html = comparison.html().map_err(|error| miette!("{error}"))?;
-    write(arguments, &html)?;
+    out_file::write(&arguments.out, arguments.overwrite, html.as_bytes(), "pages of isobar", is_page)?;
     if arguments.json {
         print_json(&comparison.json(&arguments.out))?;
         return Ok(ExitCode::SUCCESS);
@@ -42,23 +43,9 @@ pub fn compare(arguments: &CompareArguments) -> Result<ExitCode, Report> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn write(arguments: &CompareArguments, html: &str) -> Result<(), Report> {
-    let shown = shown_path(&arguments.out);
-    let write = if arguments.overwrite { safe_file::replace } else { safe_file::write_new };
-    if arguments.overwrite && safe_file::open(&arguments.out).is_ok_and(|file| !is_page(file)) {
-        let help = "--overwrite replaces only pages of isobar; --out writes to another place";
-        return Err(miette!(help = help, "{shown} is no such page"));
-    }
-    write(&arguments.out, html.as_bytes()).map_err(|error| match error.kind() {
-        ErrorKind::AlreadyExists => {
-            miette!(help = "--overwrite replaces it, --out writes to another place", "{shown} exists")
-        }
-        _ => miette!("cannot write {shown}: {error}"),
-    })
-}
-
-/// Whether a file is a page that isobar wrote.
-fn is_page(file: File) -> bool {
+/// Whether a file is a page that isobar wrote. One that cannot be opened cannot be replaced either, and that says why.
+fn is_page(path: &Path) -> bool {
+    let Ok(file) = safe_file::open(path) else { return true };
     let mut head = Vec::new();
     let is_read = file.take(HEAD_LENGTH).read_to_end(&mut head).is_ok();
     is_read && String::from_utf8_lossy(&head).contains(MARK)

@@ -18,6 +18,7 @@ mod list;
 mod long;
 mod lookup;
 mod messages;
+mod out_file;
 mod outputs;
 mod regress;
 mod resume;

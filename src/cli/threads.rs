@@ -1,12 +1,19 @@
-//! The number of threads that the environment asks for.
+//! The number of threads, as the command line and the environment ask for it.
 
-use miette::{Report, miette};
+use miette::{IntoDiagnostic, Report, miette};
+use rayon::{ThreadPool, ThreadPoolBuilder};
 
 /// The most threads of `--threads`.
 pub(super) const MOST_THREADS: u64 = 1024;
 
 /// The variables that rayon obeys where there is no `--threads`.
 const VARIABLES: [&str; 2] = ["RAYON_NUM_THREADS", "RAYON_RS_NUM_CPUS"];
+
+/// As many threads as `--threads` asks for, or as are usual without it.
+pub(super) fn workers(threads: Option<u64>) -> Result<ThreadPool, Report> {
+    let threads = threads.map_or(0, |threads| threads as usize);
+    ThreadPoolBuilder::new().num_threads(threads).build().into_diagnostic()
+}
 
 /// Refuses more threads than `--threads` may ask for.
 ///

@@ -70,7 +70,7 @@ fn whole_cycles(field: &Field<'_>, window: Duration) -> Read<usize> {
     let (given, cycle) = (field.number(Limits::Positive)?, window.hours());
     let cycles = (given / cycle).round();
     if cycles < 1.0 || (given - cycles * cycle).abs() * 3600.0 > 1e-6 * cycles.max(1.0) || cycles > 1e6 {
-        let message = format!("`{}` is {given}, which is no whole number of cycles of {cycle} hours", field.title());
+        let message = format!("`{}` is {given}, which is not a whole number of cycles of {cycle} hours", field.title());
         return Err(field.invalid(message, &format!("must be a multiple of {cycle}")));
     }
     Ok(cycles as usize)

@@ -121,6 +121,18 @@ impl Cycle {
     }
 }
 
+impl MethodCycle {
+    /// The estimate of a calibration parameter.
+    pub fn bias(&self, number: usize) -> Option<f64> {
+        self.calibration.get(number).copied()
+    }
+
+    /// The claimed standard deviation of a calibration parameter, if the method claims one.
+    pub fn bias_spread(&self, number: usize) -> Option<f64> {
+        self.calibration_spread.as_ref()?.get(number).copied()
+    }
+}
+
 impl History {
     /// The history of a run that has not begun, which holds fields of the cycles for which `has_maps` is true.
     pub fn new(info: &RunInfo, thinning: Thinning, has_maps: fn(&RunInfo, usize) -> bool) -> Self {

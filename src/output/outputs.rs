@@ -151,7 +151,7 @@ pub fn open_all(
     if info.keeps_sensors {
         sinks.push(Box::new(readings::ReadingsSink::create(info, directory)?));
     }
-    sinks.push(Box::new(summary::SummarySink::new(directory)));
+    sinks.push(Box::new(summary::SummarySink::new(info, directory)));
     Ok(sinks)
 }
 

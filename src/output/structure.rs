@@ -3,6 +3,7 @@
 use crate::event::RunInfo;
 use crate::plot::{Thinning, number, parts};
 use crate::tables::figure;
+use crate::text::counted;
 use isobar_assim::{CommonFactor, Structure};
 
 /// The structure of a method after one analysis.
@@ -65,8 +66,7 @@ fn summary(part_of_cell: &[usize], observed: &[bool]) -> String {
     let seen = sizes.iter().zip(observed).filter(|(size, observed)| **observed && **size > 0).map(|(size, _)| *size);
     let (count, largest) = seen.clone().fold((0, 0), |(count, largest), size| (count + 1, size.max(largest)));
     let unseen = part_of_cell.len() - seen.sum::<usize>();
-    let parts = if count == 1 { "part" } else { "parts" };
-    format!("{count} observed {parts}, the largest of {largest} cells; {unseen} cells unobserved")
+    format!("{}, the largest of {largest} cells; {unseen} cells unobserved", counted(count, "observed part"))
 }
 
 #[cfg(test)]

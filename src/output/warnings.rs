@@ -1,5 +1,5 @@
-//! `warnings.csv` and `warning_scores.csv`: what forecasts ahead said of the events of which the scenario warns, and how right
-//! they were.
+//! `warnings.csv` and `warning_scores.csv`: the probabilities that forecasts ahead gave to the events of the scenario's warnings,
+//! and how right they were.
 //!
 //! `warnings.csv` has a row for each warning, method, start and lead time: `warning`, `method`, `from_cycle`, `from_time`,
 //! `lead_hours`, `valid_time` (UTC), `probability`, `issued` and `occurred`, both 1 or 0. `occurred` is empty where nothing says
@@ -50,8 +50,17 @@ impl WarningsSink {
     }
 
     fn table(&self) -> Table {
-        let header = ["warning", "method", "from_cycle", "from_time", "lead_hours"].into_iter();
-        let header: Vec<&str> = header.chain(["valid_time", "probability", "issued", "occurred"]).collect();
+        let header = [
+            "warning",
+            "method",
+            "from_cycle",
+            "from_time",
+            "lead_hours",
+            "valid_time",
+            "probability",
+            "issued",
+            "occurred",
+        ];
         let info = &self.info;
         let yes_or_no = |it: bool| Cell::from(usize::from(it));
         let row = |(&(number, method, from_cycle, lead), case): (&(usize, usize, usize, usize), &WarningCase)| {
@@ -78,9 +87,23 @@ impl WarningsSink {
 
 /// All scores of warnings.
 fn scores(summary: &Summary) -> Table {
-    let header = ["warning", "method", "lead_hours", "cases", "occurred", "hits", "misses", "false_alarms"].into_iter();
-    let header = header.chain(["brier", "brier_low", "brier_high"]);
-    let header: Vec<&str> = header.chain(["reliability", "resolution", "uncertainty", "skill"]).collect();
+    let header = [
+        "warning",
+        "method",
+        "lead_hours",
+        "cases",
+        "occurred",
+        "hits",
+        "misses",
+        "false_alarms",
+        "brier",
+        "brier_low",
+        "brier_high",
+        "reliability",
+        "resolution",
+        "uncertainty",
+        "skill",
+    ];
     let mut rows = Vec::new();
     for (method, scores) in &summary.methods {
         for warning in &scores.warnings {
@@ -114,7 +137,7 @@ fn figures(verified: &VerifiedWarnings) -> Vec<Cell> {
 impl Sink for WarningsSink {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         match event {
-            Event::Outlook { method, outlook, .. } => self.add_outlook(*method, outlook),
+            Event::Outlook { method, outlook } => self.add_outlook(*method, outlook),
             Event::Forecast(forecast) => {
                 let lead = forecast.cycle - forecast.from_cycle;
                 for (number, case) in forecast.warnings.iter().enumerate() {

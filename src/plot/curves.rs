@@ -53,6 +53,11 @@ impl Curve {
         Self { name: Some(name.into()), color: Some(color), dash: Dash::Solid, points, band: None }
     }
 
+    /// A broken curve in the colour of text, with a name.
+    pub fn reference(name: &str, points: Vec<[f64; 2]>) -> Self {
+        Self { name: Some(name.into()), color: None, dash: Dash::Dashed, points, band: None }
+    }
+
     /// The same, drawn otherwise and without a place in the legend.
     pub fn unnamed(self, dash: Dash) -> Self {
         Self { name: None, dash, ..self }

@@ -2,7 +2,7 @@
 
 use super::colors::hex;
 use super::number;
-use super::range::tick_step;
+use super::range::{multiples, tick_step};
 use super::svg::{Anchor, Canvas, GRID, INK, Svg};
 
 /// A value in a row.
@@ -16,7 +16,7 @@ pub struct Known {
     pub interval: Option<[f64; 2]>,
     /// A value that was claimed for it, shown as a hollow dot.
     pub claimed: Option<f64>,
-    /// What is said of it when it is pointed at.
+    /// The text that is shown when it is pointed at.
     pub title: String,
 }
 
@@ -92,9 +92,7 @@ impl Axis {
             let every = within.len().div_ceil(8).max(1);
             return within.into_iter().step_by(every).collect();
         }
-        let step = tick_step(self.to - self.from);
-        let first = (self.from / step).ceil() as i64;
-        (first..).map(|number| number as f64 * step).take_while(|&tick| tick <= self.to).take(20).collect()
+        multiples(tick_step(self.to - self.from), [self.from, self.to]).take(20).collect()
     }
 }
 

@@ -5,7 +5,7 @@ use super::colors::{Scale, hex};
 use super::contours;
 use super::curves::{Curve, CurvePlot, Dash};
 use super::number;
-use super::range::tick_step;
+use super::range::{multiples, round_up, tick_step};
 use super::svg::{Anchor, Canvas, INK, Svg};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -41,7 +41,7 @@ pub struct Mark {
     pub y_m: f64,
     /// Its colour; `None`: a small dark dot.
     pub color: Option<[u8; 3]>,
-    /// What is said of it when it is pointed at; may be empty.
+    /// The text that is shown when it is pointed at; may be empty.
     pub title: String,
 }
 
@@ -62,7 +62,7 @@ pub struct FieldMap {
     pub scale: Scale,
     /// The values at the ends of the colours.
     pub range: [f32; 2],
-    /// The values between which there is one colour, from below; nothing for colours without steps.
+    /// The values at which the colour changes, from below; empty for colours without steps.
     pub steps: Vec<f32>,
     /// Values at which lines are drawn.
     pub contours: Vec<f64>,
@@ -102,7 +102,7 @@ impl FieldMap {
     /// Draws the map. `id` is a word that no other figure of the page has.
     ///
     /// # Errors
-    /// If the field's size is not what it says it is, or the picture cannot be encoded.
+    /// If the field does not have its `size`, if its range is empty, or if the picture cannot be encoded.
     pub fn svg(&self, id: &str) -> Result<Svg, PlotError> {
         let failure = |reason: String| PlotError { figure: self.title.clone(), reason };
         let ([nx, ny], [low, high]) = (self.size, self.range);
@@ -223,15 +223,13 @@ impl FieldMap {
             }
         }
         if !path.is_empty() {
-            // Light under dark: it is seen on any field, and on paper.
-            let (under, over) = ("#ffffff", "#303030");
-            let under = if self.field.is_empty() {
-                String::new()
-            } else {
-                format!("<path d=\"{path}\" stroke=\"{under}e0\" stroke-width=\"2\"/>\n")
-            };
-            let over = if self.field.is_empty() { INK } else { over };
-            canvas.raw(&format!("{under}<path d=\"{path}\" stroke=\"{over}\" stroke-width=\"0.8\"/>"));
+            let has_field = !self.field.is_empty();
+            if has_field {
+                // Light under dark is seen on any field.
+                canvas.raw(&format!("<path d=\"{path}\" stroke=\"#ffffffe0\" stroke-width=\"2\"/>"));
+            }
+            let color = if has_field { "#303030" } else { INK };
+            canvas.raw(&format!("<path d=\"{path}\" stroke=\"{color}\" stroke-width=\"0.8\"/>"));
         }
     }
 
@@ -276,9 +274,7 @@ impl FieldMap {
     fn axes(&self, canvas: &mut Canvas, frame: &Frame) {
         let [width_km, height_km] = self.extent_m.map(|metres| metres / 1e3);
         let step = tick_step(width_km.max(height_km));
-        let (bottom, ticks) = (frame.top + frame.height, |length: f64| {
-            (0..).map(move |number| number as f64 * step).take_while(move |&at| at <= length * 1.0001)
-        });
+        let (bottom, ticks) = (frame.top + frame.height, |length: f64| multiples(step, [0.0, length * 1.0001]));
         for at in ticks(width_km) {
             let [x, _] = frame.place([at * 1e3, 0.0]);
             canvas.line([[x, bottom], [x, bottom + 4.0]], INK, 0.8);
@@ -304,7 +300,7 @@ impl FieldMap {
         let part = height / inner.len().max(1) as f64;
         for (number, color) in inner.iter().enumerate() {
             let y = top + height - (number + 1) as f64 * part;
-            // A little more, that nothing shows between them.
+            // A little more, so that nothing shows between them.
             canvas.rectangle([x, y], [width, part + if number > 0 { 0.5 } else { 0.0 }], &hex(*color));
         }
         let mut label = |y: f64, value: f32| {
@@ -324,9 +320,7 @@ impl FieldMap {
         } else {
             let [low, high] = self.range.map(f64::from);
             let step = tick_step(high - low);
-            let first = (low / step).ceil() as i64;
-            let values = (first..).map(|number| number as f64 * step).take_while(|&value| value <= high * 1.0001);
-            for value in values.take(20) {
+            for value in multiples(step, [low, high * 1.0001]).take(20) {
                 label(top + height * (1.0 - (value - low) / (high - low)), value as f32);
             }
         }
@@ -335,13 +329,12 @@ impl FieldMap {
 
 /// About ten round values between the ends of a range, at which contour lines are drawn.
 pub fn contour_levels([low, high]: [f32; 2]) -> Vec<f64> {
-    let step = f64::from(super::range::round_up(Some((high - low) / 11.0)));
+    let step = f64::from(round_up(Some((high - low) / 11.0)));
     let (low, high) = (f64::from(low), f64::from(high));
     if !(step > 0.0 && (high - low) / step < 100.0) {
         return Vec::new();
     }
-    let first = (low / step).ceil() as i64;
-    (first..).map(|number| number as f64 * step).take_while(|&level| level < high).collect()
+    multiples(step, [low, high]).filter(|&level| level < high).collect()
 }
 
 /// Symmetric steps for differences of all sizes from `least` to `most`: ±1, ±2, ±5, ±10, … times a power of ten, three to six on
@@ -352,7 +345,11 @@ pub fn symmetric_steps(least: f32, most: f32) -> Vec<f32> {
     let last = (-60..60).rev().find(|&number| round(number) < most).unwrap_or(0);
     let wanted = (-60..60).rev().find(|&number| round(number) <= least.max(0.0)).unwrap_or(last);
     let first = wanted.min(last - 2);
-    let above: Vec<f32> = (first..=last.min(first + 5)).map(round).collect();
+    both_signs(&(first..=last.min(first + 5)).map(round).collect::<Vec<f32>>())
+}
+
+/// Steps above zero, from below, with their negatives.
+pub fn both_signs(above: &[f32]) -> Vec<f32> {
     above.iter().rev().map(|value| -value).chain(above.iter().copied()).collect()
 }
 

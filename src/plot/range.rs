@@ -16,12 +16,18 @@ pub fn round_up(value: Option<f32>) -> f32 {
     steps.into_iter().map(|step| step * power).find(|&rounded| rounded >= value * 0.9999).unwrap_or(value)
 }
 
-/// A step of 1, 2 or 5 times a power of ten, of which at most six go into a length.
+/// A step of 1, 2 or 5 times a power of ten, such that a length has at most six of them.
 pub fn tick_step(length: f64) -> f64 {
     let least = if length.is_finite() && length > 0.0 { length / 6.0 } else { 1.0 };
     let power = 10f64.powf(least.log10().floor());
     let step = [1.0, 2.0, 5.0, 10.0].into_iter().find(|step| step * power >= 0.9999 * least).unwrap_or(10.0);
     step * power
+}
+
+/// The multiples of a step between two values, both included.
+pub fn multiples(step: f64, [low, high]: [f64; 2]) -> impl Iterator<Item = f64> {
+    let first = (low / step).ceil() as i64;
+    (first..).map(move |number| number as f64 * step).take_while(move |&value| value <= high)
 }
 
 /// Round values at or beyond both ends.

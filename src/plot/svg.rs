@@ -41,7 +41,7 @@ fn for_page(svg: &str, title: &str) -> String {
         value.parse::<f64>().ok()
     };
     let (width, height) = (size("width").unwrap_or(440.0), size("height").unwrap_or(300.0));
-    let label = minijinja::HtmlEscape(title);
+    let label = escaped(title);
     let ns = "xmlns=\"http://www.w3.org/2000/svg\"";
     let font = "font-family=\"system-ui, sans-serif\" fill=\"var(--ink)\"";
     format!("<svg {ns} viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{label}\" {font}{rest}")

@@ -22,7 +22,7 @@ struct Details {
     place: Option<(NamedSource<String>, LabeledSpan)>,
     /// Line and column, from 1, if it is at a place.
     line_and_column: Option<(usize, usize)>,
-    /// Whether a key is missing: many can be at one place.
+    /// Whether a key is missing: there can be many such faults at one place.
     is_absence: bool,
     /// The file's other faults, in the order of their places.
     others: Vec<ScenarioError>,
@@ -51,15 +51,15 @@ impl ScenarioError {
         self
     }
 
-    /// Whether two faults are one, said by two that looked at the same place.
+    /// Whether two faults are the same one, found twice at the same place.
     fn is_same(&self, other: &Self) -> bool {
         let absent = self.details.is_absence || other.details.is_absence;
         let at_one_place = self.line_and_column().is_some() && self.line_and_column() == other.line_and_column();
         at_one_place && (!absent || self.message() == other.message())
     }
 
-    /// All of several faults, in the order of their places. Of two that are one only the first stays, which says more
-    /// than what comes after it. `None` if there is no fault.
+    /// All of several faults, in the order of their places. Of one that was found twice only the first is kept, whose message
+    /// says more. `None` if there is no fault.
     pub(super) fn of_all(faults: impl IntoIterator<Item = ScenarioError>) -> Option<Self> {
         let mut all: Vec<ScenarioError> = Vec::new();
         for mut fault in faults {
@@ -94,7 +94,7 @@ impl ScenarioError {
         self.details.line_and_column
     }
 
-    /// What would be right, if more is known of it than the place says.
+    /// What would be right, where the label of the place does not say it all.
     pub fn own_help(&self) -> Option<&str> {
         self.details.help.as_deref()
     }
@@ -128,9 +128,9 @@ impl Diagnostic for ScenarioError {
     }
 
     fn related<'a>(&'a self) -> Option<Box<dyn Iterator<Item = &'a dyn Diagnostic> + 'a>> {
-        let others = &self.details.others;
-        let others = || Box::new(others.iter().map(|other| other as &dyn Diagnostic)) as Box<dyn Iterator<Item = _>>;
-        (!self.details.others.is_empty()).then(others)
+        let others = self.others();
+        let all = || Box::new(others.iter().map(|other| other as &dyn Diagnostic)) as Box<dyn Iterator<Item = _>>;
+        (!others.is_empty()).then(all)
     }
 }
 

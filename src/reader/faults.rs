@@ -1,15 +1,15 @@
-//! All faults of a file, and not only the first: parts that do not depend on each other are read whatever is wrong with the
-//! others, and keys that are not read because of that are compared with their forms.
+//! All faults of a file, and not only the first: independent parts are read whatever is wrong with the others, and parts that
+//! depend on a faulty one are at least compared with the forms of their keys.
 
 use super::{AnyKey, Field, Form, KIND, KindForm, Read, ScenarioError, Section};
 use toml::de::DeValue;
 
-/// What was found to be wrong so far.
+/// The faults found so far.
 #[derive(Default)]
 pub(crate) struct Faults(Vec<ScenarioError>);
 
 impl Faults {
-    /// The part that was read; otherwise its fault is kept.
+    /// The part that was read; or else `None`, with its fault kept.
     pub fn keep<T>(&mut self, read: Read<T>) -> Option<T> {
         read.map_err(|fault| self.0.push(fault)).ok()
     }
@@ -19,7 +19,8 @@ impl Faults {
         self.0.is_empty()
     }
 
-    /// All faults and those of `forms` in the order of their places. What was kept is told where both are at one place.
+    /// All faults and those of `forms`, in the order of their places. Where both have one at the same place, that of the part is
+    /// kept.
     ///
     /// # Panics
     /// If there is none.
@@ -33,29 +34,41 @@ impl Faults {
 /// # Errors
 /// All faults of all parts.
 pub(crate) fn read_all<T>(parts: impl Iterator<Item = Read<T>>) -> Read<Vec<T>> {
-    let mut faults = Vec::new();
-    let parts: Vec<T> = parts.filter_map(|part| part.map_err(|fault| faults.push(fault)).ok()).collect();
-    ScenarioError::of_all(faults).map_or(Ok(parts), Err)
+    let mut faults = Faults::default();
+    let parts: Vec<T> = parts.filter_map(|part| faults.keep(part)).collect();
+    ScenarioError::of_all(faults.0).map_or(Ok(parts), Err)
 }
 
 /// The kinds in the list of a name.
 type Lists<'a> = &'a dyn Fn(&str) -> Vec<KindForm>;
 
-/// What of a table does not have the form that its keys say: unknown and missing keys, wrong types, values beyond their
-/// limits, in all tables below it, too. Less than a reader finds, who knows the rest of the file.
+/// Where a table does not have the form that its keys say: unknown and missing keys, wrong types, values beyond their limits,
+/// also in all tables below it. A reader finds more, because it knows the rest of the file.
 pub(crate) fn of_keys(section: &Section<'_>, keys: &[&'static dyn AnyKey], lists: Lists<'_>) -> Vec<ScenarioError> {
     let mut faults = Vec::new();
     let names: Vec<&str> = keys.iter().map(|key| key.name()).collect();
-    let mut meant = Vec::new();
-    for (near, fault) in section.unknown_keys(&names, &[]) {
-        meant.extend(near);
-        faults.push(fault);
-    }
-    of_known(section, keys, &meant, lists, &mut faults);
+    of_table(section, &names, &[], keys, lists, &mut faults);
     faults
 }
 
-/// The same of the known keys, of which those that unknown ones may mean are not missed.
+/// The same for a table that may have keys of these names; `elsewhere` lists those of other kinds of this table.
+fn of_table(
+    section: &Section<'_>,
+    names: &[&str],
+    elsewhere: &[(&str, &[&str])],
+    keys: &[&'static dyn AnyKey],
+    lists: Lists<'_>,
+    faults: &mut Vec<ScenarioError>,
+) {
+    let mut meant = Vec::new();
+    for (near, fault) in section.unknown_keys(names, elsewhere) {
+        meant.extend(near);
+        faults.push(fault);
+    }
+    of_known(section, keys, &meant, lists, faults);
+}
+
+/// The same for the known keys. Those that a misspelt key may mean do not count as missing.
 fn of_known(
     section: &Section<'_>,
     keys: &[&'static dyn AnyKey],
@@ -72,7 +85,7 @@ fn of_known(
     }
 }
 
-/// What of a value does not have a form.
+/// Where a value does not have a form.
 fn of_form(field: &Field<'_>, form: &Form, lists: Lists<'_>, faults: &mut Vec<ScenarioError>) {
     let fault = match form {
         Form::Number(limits) => field.number(*limits).err(),
@@ -108,7 +121,7 @@ fn of_form(field: &Field<'_>, form: &Form, lists: Lists<'_>, faults: &mut Vec<Sc
             Err(fault) => Some(fault),
         },
         Form::Any(forms) => return of_any(field, forms, lists, faults),
-        // Which of these keys there are depends on another table, and a time has its own reader.
+        // Which of these keys there are depends on another table, and a time has its found reader.
         Form::PartOf(_) | Form::Time | Form::Free => None,
     };
     faults.extend(fault);
@@ -123,24 +136,19 @@ fn of_kinds(field: &Field<'_>, by: &str, kinds: &[KindForm], lists: Lists<'_>, f
     };
     let known: Vec<&str> = std::iter::once(by).chain(choices[number].2.iter().copied()).collect();
     let elsewhere: Vec<(&str, &[&str])> = choices.iter().map(|kind| (kind.0, kind.2.as_slice())).collect();
-    let mut meant = Vec::new();
-    for (near, fault) in section.unknown_keys(&known, &elsewhere) {
-        meant.extend(near);
-        faults.push(fault);
-    }
-    of_known(&section, &kinds[number].keys, &meant, lists, faults);
+    of_table(&section, &known, &elsewhere, &kinds[number].keys, lists, faults);
 }
 
-/// What does not have any of the forms: what is said by the only one that is a table, or the only one that is not, if the
-/// value is; otherwise nothing, since nobody knows which was meant.
+/// The faults of a value that has none of the forms: by the only form that is a table if the value is one, or else by the only
+/// form that is not; nothing if there are several, since nobody knows which was meant.
 fn of_any(field: &Field<'_>, forms: &[Form], lists: Lists<'_>, faults: &mut Vec<ScenarioError>) {
     let of_each = forms.iter().map(|form| {
-        let mut own = Vec::new();
-        of_form(field, form, lists, &mut own);
-        (form, own)
+        let mut found = Vec::new();
+        of_form(field, form, lists, &mut found);
+        (form, found)
     });
     let mut of_each: Vec<(&Form, Vec<ScenarioError>)> = of_each.collect();
-    if of_each.iter().any(|(_, own)| own.is_empty()) {
+    if of_each.iter().any(|(_, found)| found.is_empty()) {
         return;
     }
     let is_table = |form: &Form| {
@@ -148,7 +156,7 @@ fn of_any(field: &Field<'_>, forms: &[Form], lists: Lists<'_>, faults: &mut Vec<
     };
     let value_is_table = matches!(field.value.get_ref(), DeValue::Table(_));
     of_each.retain(|(form, _)| is_table(form) == value_is_table);
-    if let [(_, own)] = &mut of_each[..] {
-        faults.append(own);
+    if let [(_, found)] = &mut of_each[..] {
+        faults.append(found);
     }
 }

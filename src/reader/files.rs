@@ -23,7 +23,7 @@ pub(crate) fn read(field: &Field<'_>, what: &str) -> Read<String> {
     Ok(text.to_owned())
 }
 
-/// The same of a file that is no text.
+/// The bytes of a file that is not text, likewise.
 pub(crate) fn read_bytes(field: &Field<'_>, what: &str) -> Read<Vec<u8>> {
     let bytes = bytes(field, what)?;
     field.file.has_read(&field.text()?, crc32fast::hash(&bytes));

@@ -8,7 +8,6 @@ use isobar_obs::table::LARGEST;
 use isobar_obs::times;
 use netcdf_reader::{NcFile, NcSliceInfo, NcSliceInfoElem, NcVariable};
 use std::collections::BTreeMap;
-use std::fmt;
 use std::sync::Arc;
 
 /// How far coordinates may be from those of the grid, in cells.
@@ -27,12 +26,17 @@ pub(crate) struct StateFile {
 struct Times {
     /// The dimension.
     dimension: String,
+    /// At least one.
     valid: Vec<Time>,
 }
 
-impl fmt::Debug for StateFile {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("StateFile").field("names", &self.names).finish_non_exhaustive()
+impl Times {
+    /// The number of a time.
+    fn number(&self, time: Time) -> Result<usize, String> {
+        self.valid.binary_search(&time).map_err(|_| {
+            let [first, last] = [self.valid[0], self.valid[self.valid.len() - 1]].map(utc);
+            format!("it has no state at {}; its {} times are from {first} to {last}", utc(time), self.valid.len())
+        })
     }
 }
 
@@ -52,12 +56,11 @@ impl StateFile {
             layout.variables.iter().map(|variable| find(&file, variable, names)).collect::<Result<Vec<_>, _>>()?;
         let mut times: Option<Times> = None;
         for (number, (variable, name)) in layout.variables.iter().zip(&found).enumerate() {
-            let own = file.variable(name).map_err(|error| error.to_string())?;
-            check_unit(own, variable)?;
-            check_grid(&file, own, &layout, variable)?;
-            let dimension = time_dimension(&file, own)?;
+            let field = file.variable(name).map_err(|error| error.to_string())?;
+            check_unit(field, variable)?;
+            check_grid(&file, field, &layout, variable)?;
+            let dimension = time_dimension(&file, field)?;
             match (&times, dimension) {
-                (_, None) if number == 0 => {}
                 (None, Some(dimension)) if number == 0 => {
                     let valid = valid_times(&file, &dimension)?;
                     times = Some(Times { dimension, valid });
@@ -81,7 +84,7 @@ impl StateFile {
     /// There is no state at this time; a value is missing, or not finite.
     pub fn values(&self, time: Option<Time>) -> Result<Vec<f64>, String> {
         let record = match (&self.times, time) {
-            (Some(times), Some(time)) => times.valid.binary_search(&time).map_err(|_| self.no_state_at(time))?,
+            (Some(times), Some(time)) => times.number(time)?,
             _ => 0,
         };
         let mut values = Vec::with_capacity(self.layout.len());
@@ -89,12 +92,6 @@ impl StateFile {
             values.extend(self.field(name, record)?);
         }
         Ok(values)
-    }
-
-    fn no_state_at(&self, time: Time) -> String {
-        let valid = self.times().unwrap_or_default();
-        let (first, last) = (valid.first().copied().unwrap_or(time), valid.last().copied().unwrap_or(time));
-        format!("it has no state at {}; its {} times are from {} to {}", utc(time), valid.len(), utc(first), utc(last))
     }
 
     fn field(&self, name: &str, record: usize) -> Result<Vec<f64>, String> {
@@ -172,8 +169,8 @@ fn text(variable: &NcVariable, attribute: &str) -> Option<String> {
 }
 
 /// Refuses another unit than the variable's; a file need not say it.
-fn check_unit(own: &NcVariable, variable: &Variable) -> Result<(), String> {
-    let Some(unit) = text(own, "units") else { return Ok(()) };
+fn check_unit(field: &NcVariable, variable: &Variable) -> Result<(), String> {
+    let Some(unit) = text(field, "units") else { return Ok(()) };
     let plain = |unit: &str| {
         let unit = unit.trim().replace("**", "").replace(['^', '.', '*'], " ");
         let unit = unit.split_whitespace().collect::<Vec<_>>().join(" ");
@@ -187,13 +184,13 @@ fn check_unit(own: &NcVariable, variable: &Variable) -> Result<(), String> {
     if plain(&unit) == plain(variable.unit) {
         return Ok(());
     }
-    Err(format!("`{}` is in `{}`, but must be in {}", clean(own.name()), clean(&unit), variable.unit))
+    Err(format!("`{}` is in `{}`, but must be in {}", clean(field.name()), clean(&unit), variable.unit))
 }
 
 /// Refuses fields that are not on the grid.
-fn check_grid(file: &NcFile, own: &NcVariable, layout: &Layout, variable: &Variable) -> Result<(), String> {
-    let (grid, location, name) = (&layout.grid, variable.location, clean(own.name()));
-    let dimensions = own.dimensions();
+fn check_grid(file: &NcFile, field: &NcVariable, layout: &Layout, variable: &Variable) -> Result<(), String> {
+    let (grid, location, name) = (&layout.grid, variable.location, clean(field.name()));
+    let dimensions = field.dimensions();
     let [.., rows, columns] = dimensions else {
         return Err(format!(
             "`{name}` has {} dimensions, but must be a field, (y, x) or (time, y, x)",
@@ -238,8 +235,8 @@ fn check_grid(file: &NcFile, own: &NcVariable, layout: &Layout, variable: &Varia
 }
 
 /// The dimension of times among those before rows and columns, of which all others have one value.
-fn time_dimension(file: &NcFile, own: &NcVariable) -> Result<Option<String>, String> {
-    let dimensions = own.dimensions();
+fn time_dimension(file: &NcFile, field: &NcVariable) -> Result<Option<String>, String> {
+    let dimensions = field.dimensions();
     let mut found = None;
     for dimension in &dimensions[..dimensions.len() - 2] {
         let units = file.variable(&dimension.name).ok().and_then(|coordinate| text(coordinate, "units"));
@@ -248,7 +245,7 @@ fn time_dimension(file: &NcFile, own: &NcVariable) -> Result<Option<String>, Str
         } else if dimension.size != 1 {
             return Err(format!(
                 "`{}` has a dimension `{}` of {}, which is not of times: choose one of them, and write it to another file",
-                clean(own.name()),
+                clean(field.name()),
                 clean(&dimension.name),
                 dimension.size
             ));
@@ -285,7 +282,7 @@ fn valid_times(file: &NcFile, dimension: &str) -> Result<Vec<Time>, String> {
         let whole = value.round();
         // Days in double precision are known to a microsecond.
         if !(value.abs() < 1e12 && (value - whole).abs() < 1e-3) {
-            return Err(format!("`{name}` has the value {}, which is no whole number of seconds", value / seconds));
+            return Err(format!("`{name}` has the value {}, which is not a whole number of seconds", value / seconds));
         }
         let time = Time::from_seconds(start.seconds() + whole as i64);
         if valid.last().is_some_and(|last| *last >= time) {

@@ -27,7 +27,7 @@ impl<'a> Section<'a> {
         self.unknown_keys(keys, elsewhere).next().map_or(Ok(()), |(_, fault)| Err(fault))
     }
 
-    /// Refuses keys that are none of these.
+    /// Refuses all keys that are not among these.
     pub fn check_names(&self, keys: &[&dyn AnyKey]) -> Read<()> {
         let names: Vec<&str> = keys.iter().map(|key| key.name()).collect();
         ScenarioError::of_all(self.unknown_keys(&names, &[]).map(|(_, fault)| fault)).map_or(Ok(()), Err)

@@ -256,8 +256,7 @@ impl Cycles<'_, '_> {
             };
             let outlook = Outlook { from_cycle: cycle, leads: ahead.from(cycle).map(probabilities).collect() };
             self.scores.totals[number].warnings.add_outlook(outlook.clone());
-            let (time, outlook) = (info.time(cycle), Cow::Owned(outlook));
-            self.events.send(&Event::Outlook { method: number, time, outlook })?;
+            self.events.send(&Event::Outlook { method: number, outlook: Cow::Owned(outlook) })?;
         }
         let Err(fault) = made else { return Ok(()) };
         self.scores.totals[number].forecasts.add_failed();

@@ -89,7 +89,7 @@ pub struct Scenario {
     pub cycle: CycleSettings,
     /// The lead times of forecasts ahead, if there are such forecasts.
     pub forecast: Option<LeadTimes>,
-    /// Of what forecasts ahead warn.
+    /// The events of which forecasts ahead warn.
     pub warnings: Vec<ThresholdWarning>,
     /// How the values of observations are checked, if they are.
     pub quality_control: Option<QualityControl>,
@@ -142,7 +142,7 @@ impl Scenario {
     /// Reads a scenario file.
     ///
     /// # Errors
-    /// All faults in the file that can be told apart, with their places.
+    /// All faults in the file that do not follow from others, with their places.
     pub fn load(path: &Path) -> Result<Self, ScenarioError> {
         let bytes = safe_file::read_named(path, LARGEST_FILE);
         let bytes = bytes.map_err(|error| ScenarioError::of_file(path, error.to_string()))?;
@@ -202,13 +202,13 @@ impl Scenario {
                 let name = path.file_stem().map_or(String::new(), |stem| text::clean(&stem.to_string_lossy()));
                 Ok(Self { name, path: path.to_path_buf(), text: text.to_string(), file_names, tables, ..scenario })
             }
-            // What was not read, because something before it is wrong, is compared with its form at least.
+            // Parts that were not read, because others have faults, are at least compared with their forms.
             _ => Err(faults.with(reader::of_keys(&root, &keys, &kinds::list))),
         }
     }
 
-    /// Reads all parts, and notes every fault: a part is not read if one on which it depends has a fault. What belongs to the
-    /// file as a whole is left empty.
+    /// Reads all parts and collects their faults: a part is not read if one on which it depends has a fault. The fields that
+    /// belong to the file as a whole are left empty.
     fn read_parts(root: &Section<'_>, given: Option<(Model, State)>, faults: &mut Faults) -> Option<Self> {
         faults.keep(root.check_names(keys::ALL));
         let title = faults.keep(string(root, "title"));
@@ -239,6 +239,7 @@ impl Scenario {
         let stability = faults.keep(sensors::read_stability(root, cycle.count));
         let (background_error, model_error) = (background_error?, model_error?);
         let networks = networks?;
+        let correlated = correlated_network(&networks);
         let quality_control = faults.keep(quality::read(root, &background_error, &grid, &networks));
         let surroundings = Surroundings {
             domain,
@@ -246,7 +247,7 @@ impl Scenario {
             cycle: cycle.window,
             freezes: stability.is_some_and(|stability| stability.freeze_after_cycles.is_some()),
             networks: networks.iter().filter(|it| it.assimilate).map(|network| network.name.clone()).collect(),
-            correlated: correlated_network(&networks).map(|network| network.name.clone()),
+            correlated: correlated.map(|network| network.name.clone()),
             background_error: background_error.clone(),
             model_error: model_error.clone(),
             has_model_error: !model_error.is_empty(),
@@ -254,7 +255,7 @@ impl Scenario {
                 .or_else(|| covariances::shortest_length_m(&background_error)),
         };
         let methods = faults.keep(read_methods(root, &surroundings))?;
-        let initialise = faults.keep(initialise::read(root, &methods, cycle.count, correlated_network(&networks)));
+        let initialise = faults.keep(initialise::read(root, &methods, cycle.count, correlated));
         let sensors = faults.keep(sensors::read(root, &methods));
         let expected = faults.keep(expected::read(root, &methods, &model));
         let (truth, forecast, warnings) = (truth?, forecast?, warnings?);

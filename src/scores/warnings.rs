@@ -5,7 +5,7 @@
 //!
 //! ```text
 //! brier        Σ (p − o)²/N = reliability − resolution + uncertainty
-//! reliability  Σ n_k (p̄_k − ō_k)²/N                              0 if the event is as frequent as was said
+//! reliability  Σ n_k (p̄_k − ō_k)²/N                              0 if the event is as frequent as stated
 //! resolution   Σ n_k (ō_k − ō)²/N − Σ_k Σ_i (p_i − p̄_k)²/N + 2 Σ_k Σ_i (p_i − p̄_k)(o_i − ō_k)/N
 //! uncertainty  ō (1 − ō)
 //! brier_skill  1 − brier/uncertainty
@@ -13,8 +13,8 @@
 //!
 //! (Brier 1950, Mon. Wea. Rev. 78; Murphy 1973, J. Appl. Meteor. 12.) The second and third term of the resolution are what the
 //! bins leave within them, without which the sum is not exact (Stephenson, Coelho and Jolliffe 2008, Wea. Forecasting 23). The
-//! skill is that beside a forecast which always says how frequent the event was in these cases: 0 is no better than that, 1 is
-//! perfect. Of an event that never or always came about there is no skill. With few cases in a bin the reliability is too
+//! skill is relative to a forecast whose probability is always the frequency of the event in these cases: 0 is no better than
+//! that, 1 is perfect. There is no skill if the event never or always occurred. With few cases in a bin the reliability is too
 //! large by about Σ ō_k (1 − ō_k)/N, and the resolution with it.
 
 use super::forecast::Known;
@@ -45,7 +45,7 @@ pub struct Outlook {
     pub leads: Vec<(usize, Vec<f64>)>,
 }
 
-/// What is gathered of the warnings of one method.
+/// The warnings of one method so far.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct WarningSums {
     /// By the number of the warning and the lead time in cycles, in the order of the starts.
@@ -156,11 +156,11 @@ pub struct VerifiedWarnings {
 pub struct BrierScore {
     /// The score, and its 95 % interval over successive cases of one lead time.
     pub score: Known,
-    /// How far the frequency of the event is from the probability that was said.
+    /// How far the frequency of the event is from the stated probability.
     pub reliability: f64,
-    /// How far the frequency of the event differs between forecasts that say otherwise.
+    /// How much the frequency of the event differs between forecasts with different probabilities.
     pub resolution: f64,
-    /// That of a forecast which always says how frequent the event is.
+    /// The score of a forecast whose probability is always the frequency of the event.
     pub uncertainty: f64,
     /// The skill beside that forecast; `None` if the event never or always came about.
     pub skill: Option<f64>,

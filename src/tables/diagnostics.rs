@@ -5,8 +5,8 @@ use super::{Cell, MOST_PARAMETERS, Table, Titled, figure};
 use crate::scores::diagnostics::{BiasDiagnostics, Departures, Diagnostics, ObservationDiagnostics, StateDiagnostics};
 use crate::scores::{MethodScores, RejectedObservation, Summary, TypeCounts};
 
-/// Between which parts of the error a claimed spread is called right.
-const RIGHT: [f64; 2] = [0.9, 1.1];
+/// A claimed spread between these multiples of the error is called right.
+pub const RIGHT: [f64; 2] = [0.9, 1.1];
 
 /// All tables that have rows.
 pub fn all(summary: &Summary) -> Vec<Titled> {
@@ -251,21 +251,19 @@ fn biases(summary: &Summary) -> Table {
     }
 }
 
-/// The biases of all methods whose errors are furthest beyond what is claimed of them, the worst first.
+/// The biases whose errors are largest beside their claimed σ, of all methods, the worst first.
 pub fn worst_biases(summary: &Summary, count: usize) -> Table {
-    let all = each(summary).flat_map(|(method, _, diagnostics)| {
-        let of_one = move |(parameter, own): (&'_ String, &'_ BiasDiagnostics)| {
-            Some((own.normalised_rmse?, method.clone(), parameter.clone(), own.rmse, own.spread))
-        };
-        diagnostics.biases.iter().filter_map(of_one).collect::<Vec<_>>()
-    });
-    let mut all: Vec<_> = all.filter(|it| it.0.is_finite()).collect();
-    all.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let row = |(normalised, method, parameter, rmse, spread): (f64, String, String, f64, Option<f64>)| -> Vec<Cell> {
-        let figures = [Some(rmse), spread, Some(normalised)].map(Cell::figure);
-        [Cell::from(parameter), method.into()].into_iter().chain(figures).collect()
-    };
-    let rows = all.into_iter().take(count).map(row).collect();
+    let mut rows: Vec<(f64, Vec<Cell>)> = Vec::new();
+    for (method, _, diagnostics) in each(summary) {
+        for (parameter, own) in &diagnostics.biases {
+            let Some(normalised) = own.normalised_rmse.filter(|it| it.is_finite()) else { continue };
+            let figures = [Some(own.rmse), own.spread, Some(normalised)].map(Cell::figure);
+            let names = [parameter, method].map(|name| Cell::from(name.as_str()));
+            rows.push((normalised, names.into_iter().chain(figures).collect()));
+        }
+    }
+    rows.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let rows = rows.into_iter().take(count).map(|(_, row)| row).collect();
     Table::new(&["parameter", "method", "RMSE", "claimed σ", "error/σ"], rows)
 }
 

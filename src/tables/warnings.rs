@@ -51,7 +51,7 @@ pub fn frequency(summary: &Summary, name: &str) -> String {
     }
 }
 
-/// Of each warning whose event never or always occurred, that its scores say nothing of the skill.
+/// For each warning whose event never or always occurred, a note that its skill is undefined.
 pub fn without_skill(summary: &Summary) -> Vec<String> {
     let says_nothing = |name: &&String| {
         let mut all = of(summary, name).map(|(_, scores)| &scores.ahead).filter(|ahead| ahead.cases > 0).peekable();
@@ -67,30 +67,37 @@ pub fn without_skill(summary: &Summary) -> Vec<String> {
     names.iter().filter(says_nothing).map(text).collect()
 }
 
+/// The columns of the scores of a warning.
+const SCORES: [&str; 8] = [
+    "Brier\n[1]",
+    "skill\n[1]",
+    "reliability\n[1]",
+    "resolution\n[1]",
+    "uncertainty\n[1]",
+    "hits",
+    "misses",
+    "false\nalarms",
+];
+
 /// The scores of one warning over all lead times after the analysis, a row for each method.
 pub fn table(summary: &Summary, name: &str) -> Table {
-    let header = ["method", "Brier\n[1]", "skill\n[1]"].into_iter();
-    let header = header.chain(["reliability\n[1]", "resolution\n[1]", "uncertainty\n[1]"]);
-    let header: Vec<&str> = header.chain(["hits", "misses", "false\nalarms"]).collect();
     let row =
         |(method, scores): (&str, &WarningScores)| std::iter::once(method.into()).chain(cells(&scores.ahead)).collect();
-    Table::new(&header, of(summary, name).map(row).collect())
+    Table::new(&[&["method"][..], &SCORES].concat(), of(summary, name).map(row).collect())
 }
 
-/// The same at each lead time, a row for each method and lead time; the lead times are thinned.
+/// The same at each lead time, a row for each method and lead time.
 pub fn by_lead(summary: &Summary, name: &str) -> Table {
-    let Table { mut header, .. } = table(summary, name);
-    header.insert(1, "lead time\n[h]".into());
-    header.insert(2, "cases".into());
     let rows = of(summary, name).flat_map(|(method, scores)| {
         scores.leads.iter().map(move |lead| {
             let first = [method.into(), plot::number(lead.lead_hours).into(), lead.scores.cases.into()];
             first.into_iter().chain(cells(&lead.scores)).collect::<Vec<Cell>>()
         })
     });
-    Table { rows: rows.collect(), header }
+    Table::new(&[&["method", "lead time\n[h]", "cases"][..], &SCORES].concat(), rows.collect())
 }
 
+/// The cells of [`SCORES`].
 fn cells(verified: &VerifiedWarnings) -> Vec<Cell> {
     let brier = verified.brier.as_ref();
     let interval = brier.and_then(|it| it.score.interval);
@@ -126,7 +133,7 @@ pub fn outlook(summary: &Summary, name: &str) -> Option<(usize, Table)> {
     Table { header: header.collect(), rows }.filled().filter(|_| !hours.is_empty()).map(|table| (from_cycle, table))
 }
 
-/// A probability in percent; what is neither 0 nor 1 is not shown as that.
+/// A probability in percent; one that is neither 0 nor 1 does not look like it.
 fn percent(probability: Option<f64>) -> Cell {
     match probability {
         None => NONE.into(),
@@ -141,7 +148,7 @@ fn all(summary: &Summary) -> impl Iterator<Item = (&str, &WarningScores)> {
 }
 
 /// The scores of the warning of this name, with the methods.
-pub fn of<'a>(summary: &'a Summary, name: &str) -> impl Iterator<Item = (&'a str, &'a WarningScores)> {
+fn of<'a>(summary: &'a Summary, name: &str) -> impl Iterator<Item = (&'a str, &'a WarningScores)> {
     all(summary).filter(move |(_, scores)| scores.name == name)
 }
 

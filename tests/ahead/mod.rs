@@ -62,7 +62,7 @@ impl Sink for Listener {
                 self.warned.insert(key, it.warnings.clone().into_owned());
                 assert!(self.forecasts.insert(key, own).is_none(), "{key:?} comes twice");
             }
-            Event::Outlook { method, outlook, .. } => {
+            Event::Outlook { method, outlook } => {
                 self.outlooks.insert((*method, outlook.from_cycle), outlook.clone().into_owned());
             }
             Event::Warning(text) => self.warnings.push((*text).to_string()),

@@ -93,6 +93,11 @@ pub fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).expect("the program writes UTF-8")
 }
 
+/// What the program says in frames and broken lines, as one line.
+pub fn one_line(text: &str) -> String {
+    text.replace('│', " ").split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
 /// Line and column, from 1, of `part` in `text`.
 pub fn place(text: &str, part: &str) -> String {
     place_from(text, 0, part)

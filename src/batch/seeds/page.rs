@@ -64,12 +64,7 @@ impl SeedsSummary {
             let folded = vec![Folded { title, text: lines.join("\n"), ..Folded::default() }];
             sections.push(Section { title: "Failures".into(), folded, ..Section::default() });
         }
-        let folded = vec![Folded {
-            title: format!("{}.toml", scenario.name),
-            verbatim: scenario.text.clone(),
-            ..Folded::default()
-        }];
-        sections.push(Section { title: "Scenario".into(), folded, ..Section::default() });
+        sections.push(Section::of_scenario(&scenario.name, &scenario.text));
         render(&Page {
             title: scenario.title.clone(),
             subtitle: format!("{} over {} seeds", scenario.name, self.seeds.len()),

@@ -1,9 +1,9 @@
 //! The page of a sweep, and its figures.
 
-use super::tables::{short, shown};
+use super::tables::{number, short, shown};
 use super::{SettingScores, SweepSummary, groups};
 use crate::output::netcdf::coordinates::safe_name;
-use crate::output::report::page::{Figure, Folded, Page, PageError, Section, render};
+use crate::output::report::page::{Drawing, Figure, Folded, Page, PageError, Section, render};
 use crate::plot::colors::of_method_on_paper;
 use crate::plot::{Curve, CurvePlot, Dash};
 use crate::scenario::Scenario;
@@ -14,15 +14,6 @@ const LOGARITHMIC: f64 = 20.0;
 
 /// The lines of a method's curves, one for each combination of values that all methods share.
 const DASHES: [Dash; 3] = [Dash::Solid, Dash::Dashed, Dash::Dotted];
-
-/// A figure, and the stem of its file.
-pub struct Drawing {
-    /// The file's stem.
-    pub stem: String,
-    caption: String,
-    /// The figure.
-    pub plot: CurvePlot,
-}
 
 impl SweepSummary {
     /// The page.
@@ -61,10 +52,8 @@ impl SweepSummary {
             let folded = vec![Folded { title, verbatim: lines.join("\n"), ..Folded::default() }];
             sections.push(Section { title: "Failures".into(), folded, ..Section::default() });
         }
-        let title = format!("{}.toml", scenario.name);
-        let folded = vec![Folded { title, verbatim: scenario.text.clone(), ..Folded::default() }];
-        sections.push(Section { title: "Scenario".into(), folded, ..Section::default() });
-        sections.retain(|it| !(it.figures.is_empty() && it.tables.is_empty() && it.folded.is_empty()));
+        sections.push(Section::of_scenario(&scenario.name, &scenario.text));
+        sections.retain(|it| !it.is_empty());
         let seeds: Vec<String> = self.seeds.iter().map(u64::to_string).collect();
         let facts = [
             ("phenomenon", scenario.phenomenon.clone()),
@@ -84,14 +73,14 @@ impl SweepSummary {
     }
 
     /// The score over each key that has several values.
-    pub fn figures(&self, scenario: &Scenario) -> Vec<Drawing> {
+    pub fn figures(&self, scenario: &Scenario) -> Vec<Drawing<CurvePlot>> {
         let keys = scenario.sweep.iter().flat_map(|sweep| &sweep.vary);
         keys.filter(|(_, values)| values.len() > 1)
             .filter_map(|(key, values)| self.figure(scenario, key, values))
             .collect()
     }
 
-    fn figure(&self, scenario: &Scenario, key: &str, values: &[Value]) -> Option<Drawing> {
+    fn figure(&self, scenario: &Scenario, key: &str, values: &[Value]) -> Option<Drawing<CurvePlot>> {
         let numbers: Option<Vec<f64>> = values.iter().map(number).collect();
         let is_logarithmic = numbers.as_ref().is_some_and(|numbers| {
             let (least, most) = numbers.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), &x| (a.min(x), b.max(x)));
@@ -134,13 +123,5 @@ impl SweepSummary {
     fn least(&self, group: &[(usize, &SettingScores)], key: &str, value: &Value) -> Option<f64> {
         let own = group.iter().filter(|(_, own)| own.values.get(key) == Some(value));
         own.filter_map(|(_, own)| Some(own.scores.get(&self.score)?.mean)).reduce(f64::min)
-    }
-}
-
-fn number(value: &Value) -> Option<f64> {
-    match value {
-        Value::Integer(whole) => Some(*whole as f64),
-        Value::Float(number) => Some(*number),
-        _ => None,
     }
 }

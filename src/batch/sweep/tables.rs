@@ -14,6 +14,15 @@ pub fn shown(value: &Value) -> String {
     }
 }
 
+/// A value as a number, if it is one.
+pub fn number(value: &Value) -> Option<f64> {
+    match value {
+        Value::Integer(whole) => Some(*whole as f64),
+        Value::Float(number) => Some(*number),
+        _ => None,
+    }
+}
+
 /// The last part of a dotted key.
 pub fn short(key: &str) -> &str {
     key.rsplit('.').next().unwrap_or(key)
@@ -79,14 +88,10 @@ impl SweepSummary {
         with_choice.flat_map(|(name, best)| best.iter().map(move |&number| of_one(name, number))).collect()
     }
 
-    /// Whether a setting of a method has the least or the largest of three or more numbers that one of its own keys takes.
+    /// Whether a setting of a method has the least or the largest value of one of its own keys, if that has three or more numbers.
     fn is_at_edge(&self, method: &str, setting: usize, key: &str) -> bool {
         let settings = &self.methods[method];
-        let number = |own: &SettingScores| match own.values.get(key)? {
-            Value::Integer(whole) => Some(*whole as f64),
-            Value::Float(number) => Some(*number),
-            _ => None,
-        };
+        let number = |own: &SettingScores| number(own.values.get(key)?);
         let mut all: Vec<f64> = settings.iter().filter_map(number).collect();
         all.sort_by(f64::total_cmp);
         all.dedup();

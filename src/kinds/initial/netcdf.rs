@@ -4,7 +4,6 @@ use super::state::{InitialState, Values, check_values, layout};
 use crate::calendar::utc;
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, Described, Form, Key, Read, Section, StateFile};
-use isobar_model::Time;
 use std::collections::BTreeMap;
 
 const FILE: Key<Described> = Key::required(
@@ -41,7 +40,8 @@ pub(super) const KIND: Kind<dyn InitialState, Domain> =
 fn values(section: &Section<'_>, domain: &Domain) -> Read<Vec<f64>> {
     let field = section.required(FILE.name)?;
     let file = StateFile::open(&field, layout(domain), &names(section, domain)?)?;
-    let time = match (section.optional(TIME.name), file.times()) {
+    let time_field = section.optional(TIME.name);
+    let time = match (&time_field, file.times()) {
         (None, None | Some([_])) => None,
         (None, Some(times)) => {
             let message = format!(
@@ -57,18 +57,11 @@ fn values(section: &Section<'_>, domain: &Domain) -> Read<Vec<f64>> {
         }
         (Some(time), Some(_)) => Some(time.time()?),
     };
-    let values = file.values(time).map_err(|problem| in_file(section, time, problem))?;
+    let place = time_field.as_ref().unwrap_or(&field);
+    let fault = |problem: String| place.invalid(format!("`{}`: {problem}", place.title()), "cannot be used");
+    let values = file.values(time).map_err(fault)?;
     check_values(&values, domain).map_err(|(message, allowed)| field.invalid(message, allowed))?;
     Ok(values)
-}
-
-/// A fault of the file, at the key of the time where one is given.
-fn in_file(section: &Section<'_>, time: Option<Time>, problem: String) -> crate::reader::ScenarioError {
-    let key = if time.is_some() { TIME.name } else { FILE.name };
-    match section.required(key) {
-        Ok(field) => field.invalid(format!("`{}`: {problem}", field.title()), "cannot be used"),
-        Err(error) => error,
-    }
 }
 
 /// The names that variables have in the file.

@@ -73,7 +73,7 @@ impl MethodSettings for FederatedSettings {
     fn work(&self, sizes: &Sizes) -> Work {
         // A dense filter for each system, and the master.
         let filters = self.systems.len() as f64 + 1.0;
-        let one = Work::dense(sizes, sizes.unknowns());
+        let one = Work::dense(sizes);
         Work {
             numbers: 5.0 * filters * sizes.unknowns().powi(2),
             tangent_steps: one.tangent_steps * filters,

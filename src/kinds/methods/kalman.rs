@@ -24,7 +24,7 @@ impl MethodSettings for Kalman {
     }
 
     fn work(&self, sizes: &Sizes) -> Work {
-        Work::dense(sizes, sizes.unknowns())
+        Work::dense(sizes)
     }
 
     fn describe(&self) -> String {

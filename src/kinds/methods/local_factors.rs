@@ -1,9 +1,8 @@
 //! `local_factors`: factors of tiles instead of the whole domain, in a Fast Kalman Filter.
 
-use super::Surroundings;
 use super::common_factors::{CommonFactors, FACTORS, storage};
 use super::work::probes;
-use super::{Sizes, Work};
+use super::{Sizes, Surroundings, Work};
 use crate::reader::{Absent, AnyKey, Key, Limits, Read, Section, Table, Whole};
 use isobar_assim::fast_kalman::{FastKalmanSettings, Residual};
 use isobar_assim::local_factors::LocalFactorSettings;

@@ -28,7 +28,7 @@ impl MethodSettings for SerialKalman {
         let (n, unknowns) = (sizes.observations, sizes.unknowns());
         let numbers = 5.0 * unknowns * unknowns + n;
         let multiplications = 1.5 * unknowns.powi(3) + 4.0 * n * unknowns * unknowns;
-        Work { numbers, multiplications, ..Work::dense(sizes, unknowns) }
+        Work { numbers, multiplications, ..Work::dense(sizes) }
     }
 
     fn describe(&self) -> String {

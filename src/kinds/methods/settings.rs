@@ -17,7 +17,7 @@ pub trait MethodSettings: Debug + Send + Sync {
     /// That of the method: settings that do not fit the problem, or more memory than is allowed.
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error>;
 
-    /// What it does in a cycle, as far as sizes say it: an estimate, which nothing but a forecast of its cost depends on.
+    /// What it does in a cycle, estimated from sizes alone; only the estimate of its cost depends on it.
     fn work(&self, sizes: &Sizes) -> Work;
 
     /// The settings in words, as they stand in tables and on pages; how biases are treated is added to them.

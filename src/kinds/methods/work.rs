@@ -1,4 +1,4 @@
-//! What a method does in a cycle, estimated from sizes alone: how much it holds, and how often it calls what takes time.
+//! The work of a method in a cycle, estimated from sizes alone: how much memory it holds, and how often it does what takes time.
 
 use isobar_assim::fast_kalman::Residual;
 use isobar_assim::{BiasTreatment, Problem};
@@ -74,10 +74,10 @@ impl Work {
         Self { numbers: ESTIMATES * sizes.values, steps: sizes.steps, ..Self::default() }
     }
 
-    /// A dense Kalman filter of `unknowns` in all: P, Q, the propagator and two products; each column goes through the
-    /// tangent-linear model, `A P Aᵀ` takes two products, and an analysis in gain form P Hᵀ and Joseph's two updates.
-    pub fn dense(sizes: &Sizes, unknowns: f64) -> Self {
-        let n = sizes.observations;
+    /// A dense Kalman filter: P, Q, the propagator and two products; each column goes through the tangent-linear model, `A P Aᵀ`
+    /// takes two products, and an analysis in gain form P Hᵀ and Joseph's two updates.
+    pub fn dense(sizes: &Sizes) -> Self {
+        let (n, unknowns) = (sizes.observations, sizes.unknowns());
         let of_analysis = 3.0 * unknowns * n + n * n;
         Self {
             numbers: 2.0 * unknowns * unknowns + f64::max(3.0 * unknowns * unknowns, of_analysis),
@@ -116,7 +116,7 @@ impl Work {
         }
     }
 
-    /// `self` and `other`, one after the other, holding both.
+    /// `self` and `other`, one after the other, with the memory of both.
     pub fn and(self, other: Self) -> Self {
         Self {
             numbers: self.numbers + other.numbers,
@@ -129,7 +129,7 @@ impl Work {
     }
 }
 
-/// Columns that show how much of the residual blocks a forecast keeps.
+/// The number of columns that probe how much of the residual blocks a forecast keeps.
 pub(super) fn probes(residual: Residual) -> f64 {
     match residual {
         Residual::Probe { count } => count as f64,
@@ -137,7 +137,7 @@ pub(super) fn probes(residual: Residual) -> f64 {
     }
 }
 
-/// About as many iterations as a minimisation takes.
+/// The number of iterations that a minimisation usually takes.
 pub(super) const ITERATIONS: f64 = 30.0;
 
 #[cfg(test)]
@@ -162,8 +162,8 @@ mod tests {
     /// The exponents of the textbook: a dense filter is quadratic in memory, and cubic in time.
     #[test]
     fn work_grows_with_the_sizes_as_the_textbook_says() {
-        let small = Work::dense(&sizes(), 304.0);
-        let large = Work::dense(&Sizes { values: 3000.0, observations: 500.0, ..sizes() }, 3040.0);
+        let small = Work::dense(&sizes());
+        let large = Work::dense(&Sizes { values: 3000.0, biases: 40.0, observations: 500.0, ..sizes() });
         assert_eq!(large.numbers / small.numbers, 100.0);
         assert!((large.multiplications / small.multiplications - 1000.0).abs() < 1e-9);
         assert_eq!(large.tangent_steps / small.tangent_steps, 10.0);
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn two_works_are_done_one_after_the_other() {
+    fn the_work_of_two_parts_is_their_sum() {
         let (one, two) = (Work::ensemble(&sizes(), 8.0), Work::forecast(&sizes()));
         let both = one.and(two);
         assert_eq!((both.numbers, both.steps), (one.numbers + two.numbers, one.steps + two.steps));

@@ -1,6 +1,6 @@
 //! `<method>_forecast.nc`: the forecasts of one method ahead of one analysis, the last from which they reach the longest lead
-//! time within the run, with the standard deviations that it claims and the probabilities of warnings; and the scores of all its forecasts by lead time, with
-//! their 95 % intervals. Lead time 0 is the analysis.
+//! time within the run, with the standard deviations that it claims and the probabilities of warnings; and the scores of all
+//! its forecasts by lead time, with their 95 % intervals. Lead time 0 is the analysis.
 
 use super::coordinates as cf;
 use super::file::{Definition, FILL_VALUE, NetcdfFile, Values, Variable};
@@ -31,8 +31,7 @@ pub struct ForecastFile {
 impl ForecastFile {
     /// The file of a method, without anything in it.
     pub fn new(path: PathBuf, info: &RunInfo, method: usize, times: LeadTimes) -> Self {
-        let start = times.last_complete_start(times.first_start(info.score_from_cycle, info.done), info.cycles);
-        Self { path, method, times, start, forecasts: BTreeMap::new() }
+        Self { path, method, times, start: info.last_complete_start(times), forecasts: BTreeMap::new() }
     }
 
     /// Takes a forecast, if it is one that the file holds.
@@ -109,7 +108,7 @@ impl ForecastFile {
         definition
     }
 
-    /// Of each warning its probability, and that of the event at each grid point.
+    /// For each warning its probability, that of the event at each grid point, and the scores.
     fn add_warnings(&self, definition: &mut Definition, info: &RunInfo) {
         for placed in &info.warnings {
             let warning = &placed.warning;
@@ -130,7 +129,7 @@ impl ForecastFile {
         }
     }
 
-    /// The values of the first two of these variables at a lead time.
+    /// The probabilities of the warnings at a lead time.
     fn probabilities(&self, info: &RunInfo, lead: usize) -> Vec<(String, Vec<f64>)> {
         let forecast = self.forecasts.get(&lead);
         let of_warning = |placed: &PlacedWarning| {
@@ -181,11 +180,11 @@ fn names_of(warning: &ThresholdWarning) -> WarningNames {
     }
 }
 
-/// The values of the last two of these variables at a lead time.
+/// The scores of the warnings at a lead time.
 fn brier_values(info: &RunInfo, of_method: Option<&MethodScores>, hours: f64) -> Vec<(String, Vec<f64>)> {
     let of_warning = |placed: &PlacedWarning| {
-        let all = || of_method.iter().flat_map(|it| &it.warnings).find(|it| it.name == placed.warning.name);
-        let lead = all().and_then(|it| it.leads.iter().find(|lead| (lead.lead_hours - hours).abs() < 1e-9));
+        let own = of_method.and_then(|it| it.warnings.iter().find(|it| it.name == placed.warning.name));
+        let lead = own.and_then(|own| own.leads.iter().find(|lead| (lead.lead_hours - hours).abs() < 1e-9));
         let scores = lead.map(|lead| &lead.scores).filter(|scores| scores.cases > 0);
         let brier = scores.and_then(|it| it.brier).map(|it| it.score.value);
         let frequency = scores.map(|it| it.occurred as f64 / it.cases as f64);

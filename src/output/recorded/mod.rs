@@ -11,6 +11,7 @@ use crate::safe_file::read_named;
 use crate::scores::Summary;
 use crate::text::{clean, shown_path};
 use miette::Diagnostic;
+use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -48,7 +49,7 @@ pub struct SavedRun {
     pub directory: PathBuf,
     /// Its scores.
     pub summary: Summary,
-    /// What distinguishes its truth from others; `None` without one.
+    /// A checksum that identifies its truth; `None` without one.
     pub truth_checksum: Option<u64>,
 }
 
@@ -75,30 +76,27 @@ impl SavedRun {
                 runs => error.with_help(format!("below it there are: {}", runs.join(", "))),
             });
         }
-        let text = read(&path)?;
-        let summary = summary(&text, directory, &path)?;
-        let document: Option<serde_json::Value> = serde_json::from_str(&text).ok();
-        let truth_checksum = document.and_then(|document| document.get(TRUTH_CHECKSUM)?.as_u64());
+        Self::parse(&read(&path)?, directory, &path)
+    }
+
+    /// The run in a directory, from the text of its summary, the file `path`.
+    ///
+    /// # Errors
+    /// If the text is not a summary, or was written by another version.
+    pub fn parse(text: &str, directory: &Path, path: &Path) -> Result<Self, SavedRunError> {
+        let document: Value = serde_json::from_str(text).unwrap_or_default();
+        let own = env!("CARGO_PKG_VERSION");
+        let version = document.get("version").and_then(Value::as_str);
+        if let Some(version) = version.filter(|version| *version != own) {
+            let error =
+                SavedRunError::new(directory, format!("it was written by isobar {version}, and this is isobar {own}"));
+            return Err(error.with_help(format!("run it again with this version, or use isobar {version}")));
+        }
+        let summary: Summary = serde_json::from_str(text)
+            .map_err(|error| SavedRunError::new(path, format!("it is not the summary of a run: {error}")))?;
+        let truth_checksum = document.get(TRUTH_CHECKSUM).and_then(Value::as_u64);
         Ok(Self { directory: directory.to_path_buf(), summary, truth_checksum })
     }
-}
-
-/// The summary in a file of a run's directory.
-///
-/// # Errors
-/// If the text is not a summary, or was written by another version.
-pub fn summary(text: &str, directory: &Path, path: &Path) -> Result<Summary, SavedRunError> {
-    let version: Option<String> = serde_json::from_str::<serde_json::Value>(text)
-        .ok()
-        .and_then(|value| Some(value.get("version")?.as_str()?.to_string()));
-    let own = env!("CARGO_PKG_VERSION");
-    if let Some(version) = version.filter(|version| version != own) {
-        let error =
-            SavedRunError::new(directory, format!("it was written by isobar {version}, and this is isobar {own}"));
-        return Err(error.with_help(format!("run it again with this version, or use isobar {version}")));
-    }
-    serde_json::from_str(text)
-        .map_err(|error| SavedRunError::new(path, format!("it is not the summary of a run: {error}")))
 }
 
 /// The text of a file.

@@ -4,6 +4,7 @@ use crate::calendar::utc;
 use crate::event::RunInfo;
 use crate::plot::{number, unit};
 use crate::scores::Summary;
+use crate::text::counted;
 use isobar_model::Boundary;
 use toml::{Table, Value};
 
@@ -69,11 +70,7 @@ fn networks(scenario: &Table) -> Option<String> {
     let describe = |(name, network): (&String, &Value)| {
         let network = network.as_table()?;
         let biases = network.get("bias").and_then(Value::as_array).map_or(0, Vec::len);
-        let biases = if biases > 0 {
-            format!(", with {biases} {} of bias", if biases == 1 { "kind" } else { "kinds" })
-        } else {
-            String::new()
-        };
+        let biases = if biases > 0 { format!(", with {} of bias", counted(biases, "kind")) } else { String::new() };
         Some(format!("{name} ({}{biases})", network.get("kind")?.as_str()?))
     };
     let all: Vec<String> = networks.iter().filter_map(describe).collect();

@@ -1,5 +1,6 @@
 //! The curves of the report.
 
+use super::section::Drawing;
 use crate::calendar::utc;
 use crate::event::{MethodInfo, RunInfo};
 use crate::output::history::{Cycle, History, MethodCycle, ParameterHistory};
@@ -15,16 +16,6 @@ use std::collections::BTreeSet;
 /// The most bias parameters that have a figure.
 const MOST_PARAMETERS: usize = 48;
 
-/// A figure of curves, and the name of its file.
-pub struct Drawing {
-    /// The file's stem.
-    pub stem: String,
-    /// What it shows, in words.
-    pub caption: String,
-    /// The figure.
-    pub plot: CurvePlot,
-}
-
 /// Draws the curves of a run.
 pub struct Figures<'a> {
     /// The run.
@@ -35,7 +26,7 @@ pub struct Figures<'a> {
 
 impl Figures<'_> {
     /// RMSE and spread of each variable.
-    pub fn errors(&self) -> Vec<Drawing> {
+    pub fn errors(&self) -> Vec<Drawing<CurvePlot>> {
         let per_variable = |variable: &isobar_model::Variable| {
             let name = variable.name;
             let mut curves = Vec::new();
@@ -74,17 +65,17 @@ impl Figures<'_> {
     }
 
     /// The bias estimates with their bands, and the truth where it is known.
-    pub fn biases(&self) -> Vec<Drawing> {
+    pub fn biases(&self) -> Vec<Drawing<CurvePlot>> {
         let parameters = self.info.calibration.parameters.iter().enumerate().take(MOST_PARAMETERS);
         let drawing = |(number, parameter): (usize, &isobar_obs::Parameter)| {
             let mut curves = Vec::new();
             for (method, info) in self.info.methods.iter().enumerate() {
-                let points = self.series(method, |own| own.calibration.get(number).copied());
+                let points = self.series(method, |own| own.bias(number));
                 if points.iter().all(|point| point[1] == 0.0) {
                     continue;
                 }
                 let mut curve = Curve::new(&info.name, of_method_on_paper(method), points);
-                let sigmas = self.series(method, |own| own.calibration_spread.as_ref()?.get(number).copied());
+                let sigmas = self.series(method, |own| own.bias_spread(number));
                 if sigmas.len() == curve.points.len() {
                     let band =
                         |(point, sigma): (&[f64; 2], &[f64; 2])| [point[1] - 2.0 * sigma[1], point[1] + 2.0 * sigma[1]];
@@ -97,7 +88,7 @@ impl Figures<'_> {
             let points: Vec<[f64; 2]> = cycles.filter_map(truth).collect();
             let and_truth = if points.is_empty() { "" } else { ", and the truth (broken)" };
             if !points.is_empty() {
-                curves.push(Curve { name: Some("truth".into()), color: None, dash: Dash::Dashed, points, band: None });
+                curves.push(Curve::reference("truth", points));
             }
             let stem = format!("bias_{:02}_{}", number + 1, safe_name(&parameter.name, "_"));
             let caption = format!("Bias {}: estimates with ±2σ{and_truth}.", parameter.name);
@@ -109,7 +100,7 @@ impl Figures<'_> {
     }
 
     /// What methods estimate beside state and biases, where the data determine it, with bands.
-    pub fn parameters(&self) -> Vec<Drawing> {
+    pub fn parameters(&self) -> Vec<Drawing<CurvePlot>> {
         let drawing = |(number, (name, methods)): (usize, (&String, &Vec<Option<ParameterHistory>>))| {
             let curve = |(method, own): (usize, &Option<ParameterHistory>)| {
                 let determined = &own.as_ref().filter(|own| !own.determined.is_empty())?.determined;
@@ -131,7 +122,7 @@ impl Figures<'_> {
     }
 
     /// For methods with a spread: normalised errors, and errors against spreads.
-    pub fn reliability(&self) -> Vec<Drawing> {
+    pub fn reliability(&self) -> Vec<Drawing<CurvePlot>> {
         let mut drawings = Vec::new();
         for (number, variable) in self.info.layout.variables.iter().enumerate() {
             let with_spread = || {
@@ -147,15 +138,8 @@ impl Figures<'_> {
                 };
                 with_spread().map(curve).collect()
             };
-            let reference = |name: &str, points| Curve {
-                name: Some(name.into()),
-                color: None,
-                dash: Dash::Dashed,
-                points,
-                band: None,
-            };
             let mut curves = curves_of(Reliability::density);
-            curves.push(reference("N(0, 1)", normal_density()));
+            curves.push(Curve::reference("N(0, 1)", normal_density()));
             drawings.push(Drawing {
                 stem: format!("normalised_error_{}", variable.name),
                 caption: format!(
@@ -173,7 +157,7 @@ impl Figures<'_> {
             let mut curves = curves_of(Reliability::curve);
             let ends = curves.iter().flat_map(|curve| &curve.points).map(|point| point[0]);
             let (low, high) = ends.fold((f64::INFINITY, 0.0_f64), |(low, high), x| (low.min(x), high.max(x)));
-            curves.push(reference("right", vec![[low, low], [high, high]]));
+            curves.push(Curve::reference("right", vec![[low, low], [high, high]]));
             let points = curves_of(Reliability::curve).into_iter().map(|curve| curve.unnamed(Dash::Points));
             curves.extend(points);
             drawings.push(Drawing {
@@ -195,7 +179,7 @@ impl Figures<'_> {
     }
 
     /// The histograms of the truth's place in the claimed distributions.
-    pub fn histograms(&self, summary: &Summary) -> Vec<Drawing> {
+    pub fn histograms(&self, summary: &Summary) -> Vec<Drawing<CurvePlot>> {
         let drawing = |variable: &isobar_model::Variable| {
             let curve = |(method, (name, scores)): (usize, (&String, &MethodScores))| {
                 let own = scores.diagnostics.as_ref()?.state.get(variable.name)?.probability_histogram.as_ref()?;
@@ -224,8 +208,9 @@ impl Figures<'_> {
     }
 
     /// The scores of methods as a whole over time, and mean departures of each network and variable.
-    pub fn innovations(&self) -> Vec<Drawing> {
-        let mut drawings: Vec<Drawing> = self.info.drawn(false).filter_map(|(kind, _)| self.single(kind)).collect();
+    pub fn innovations(&self) -> Vec<Drawing<CurvePlot>> {
+        let mut drawings: Vec<Drawing<CurvePlot>> =
+            self.info.drawn(false).filter_map(|(kind, _)| self.single(kind)).collect();
         let methods = || self.history.cycles.iter().flat_map(|cycle| cycle.methods.iter().flatten());
         let kinds: BTreeSet<ObservationType> = methods().flat_map(|own| own.departures.keys().cloned()).collect();
         for kind in kinds {
@@ -250,7 +235,7 @@ impl Figures<'_> {
     }
 
     /// A score of methods as a whole; `None` if no method has it.
-    fn single(&self, kind: &'static ScoreKind) -> Option<Drawing> {
+    fn single(&self, kind: &'static ScoreKind) -> Option<Drawing<CurvePlot>> {
         let curve = |(method, info): (usize, &MethodInfo)| {
             let points = self.scores(method, kind.name);
             (!points.is_empty()).then(|| Curve::new(&info.name, of_method_on_paper(method), points))
@@ -274,7 +259,7 @@ impl Figures<'_> {
         udunits: &str,
         curves: Vec<Curve>,
         reference: Option<f64>,
-    ) -> Drawing {
+    ) -> Drawing<CurvePlot> {
         let label = format!("days since {}", utc(self.info.begin()));
         let mut plot = CurvePlot::new(title, label, format!("[{}]", unit(udunits)), curves);
         plot.reference = reference;

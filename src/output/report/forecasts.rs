@@ -1,6 +1,6 @@
 //! Forecasts ahead on the page: curves by lead time.
 
-use super::figures::Drawing;
+use super::section::Drawing;
 use crate::event::RunInfo;
 use crate::plot::colors::of_method_on_paper;
 use crate::plot::{Curve, CurvePlot, Dash, unit};
@@ -29,7 +29,7 @@ pub fn text(summary: &Summary) -> Option<String> {
 }
 
 /// Errors and claims of each variable by lead time, and the correlations of anomalies.
-pub fn drawings(info: &RunInfo, summary: &Summary) -> Vec<Drawing> {
+pub fn drawings(info: &RunInfo, summary: &Summary) -> Vec<Drawing<CurvePlot>> {
     let mut drawings = Vec::new();
     for variable in &info.layout.variables {
         let (name, long_name) = (variable.name, &variable.long_name);

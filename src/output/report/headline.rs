@@ -1,32 +1,21 @@
 //! What a run has found, in a few sentences and one figure: which method is best, how far the others are behind and at what
 //! cost, and whether they know their errors.
 
-use crate::event::RunInfo;
+use super::section::Drawing;
+use crate::event::{MethodInfo, RunInfo};
 use crate::plot::colors::of_method_on_paper;
 use crate::plot::intervals::{Known, Row};
 use crate::plot::{IntervalPlot, unit};
 use crate::scores::kinds::SECONDS;
 use crate::scores::{MethodScores, Summary};
+use crate::tables::diagnostics::RIGHT;
 use crate::tables::figure;
 use crate::text::listed;
 
-/// A figure of values with intervals, and the name of its file.
-pub struct Drawing {
-    /// The file's stem.
-    pub stem: String,
-    /// What it shows, in words.
-    pub caption: String,
-    /// The figure.
-    pub plot: IntervalPlot,
-}
-
-/// The most methods of which a sentence tells.
+/// The most methods that a sentence names.
 const MOST_NAMED: usize = 6;
 
-/// Between which parts of the error a claimed spread is called right.
-const RIGHT: [f64; 2] = [0.9, 1.1];
-
-/// Between which times of the best method another one's is not worth a word.
+/// A time between these multiples of the best method's is not mentioned.
 const SAME_TIME: [f64; 2] = [0.67, 1.5];
 
 /// A method with its error.
@@ -40,7 +29,7 @@ struct Entry<'a> {
 /// The methods that have a score of a variable, the best first.
 fn ranked<'a>(info: &'a RunInfo, summary: &'a Summary, kind: &str, variable: &str) -> Vec<Entry<'a>> {
     let key = format!("{kind}.{variable}");
-    let entry = |(number, method): (usize, &'a crate::event::MethodInfo)| {
+    let entry = |(number, method): (usize, &'a MethodInfo)| {
         let scores = summary.methods.get(&method.name)?;
         let error = *scores.values.get(&key).filter(|error| error.is_finite() && **error > 0.0)?;
         Some(Entry { number, name: &method.name, error, scores })
@@ -50,7 +39,7 @@ fn ranked<'a>(info: &'a RunInfo, summary: &'a Summary, kind: &str, variable: &st
     all
 }
 
-/// The score by which methods are told apart, and what it is called.
+/// The score by which methods are compared, and what it is called.
 fn measure(info: &RunInfo) -> (&'static str, &'static str) {
     if info.has_truth {
         ("rmse_analysis", "analysis error")
@@ -85,7 +74,7 @@ pub fn sentences(info: &RunInfo, summary: &Summary) -> Vec<String> {
     sentences
 }
 
-/// How far a method is behind the best, and its time if that is another.
+/// How far a method is behind the best, and its time if that differs.
 fn behind(best: &Entry<'_>, other: &Entry<'_>) -> String {
     let ratio = other.error / best.error;
     let distance = match ratio {
@@ -103,10 +92,10 @@ fn behind(best: &Entry<'_>, other: &Entry<'_>) -> String {
         time if time < 9.95 => format!(" in {time:.1} times its time"),
         time => format!(" in {time:.0} times its time"),
     });
-    format!("{}, {distance}{time}", other.name).replacen(", ", " (", 1) + ")"
+    format!("{} ({distance}{time})", other.name)
 }
 
-/// Which methods know how large their errors are.
+/// Whether the methods claim the errors that they have.
 fn claims(all: &[Entry<'_>], variable: &str) -> Option<String> {
     let key = format!("spread_analysis.{variable}");
     let claim = |entry: &Entry<'_>| Some(entry.scores.values.get(&key)? / entry.error);
@@ -122,11 +111,11 @@ fn claims(all: &[Entry<'_>], variable: &str) -> Option<String> {
     }
     let parts = groups.iter().filter(|(_, names)| !names.is_empty());
     let parts: Vec<String> = parts.map(|(verdict, names)| format!("{verdict} for {}", names.join(", "))).collect();
-    (!parts.is_empty()).then(|| format!("What methods claim of that error is {}.", parts.join("; ")))
+    (!parts.is_empty()).then(|| format!("The claimed error is {}.", parts.join("; ")))
 }
 
 /// The errors of all methods with their intervals and claims, the best above.
-pub fn drawing(info: &RunInfo, summary: &Summary, variable: usize) -> Option<Drawing> {
+pub fn drawing(info: &RunInfo, summary: &Summary, variable: usize) -> Option<Drawing<IntervalPlot>> {
     let variable = info.layout.variables.get(variable)?;
     let (kind, called) = measure(info);
     let (key, claimed) = (format!("{kind}.{}", variable.name), format!("spread_analysis.{}", variable.name));
@@ -170,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn distances_and_times_are_told_in_words() {
+    fn distances_and_times_are_put_in_words() {
         let methods = [scores(4.0, Some(4.1), 2.0), scores(4.4, Some(3.0), 0.3), scores(40.0, None, 0.1)];
         let names = ["kf", "fkf", "free"];
         let entries: Vec<Entry<'_>> = methods
@@ -186,6 +175,6 @@ mod tests {
         assert_eq!(behind(&entries[0], &entries[1]), "fkf (10 % larger in 15 % of its time)");
         assert_eq!(behind(&entries[0], &entries[2]), "free (10 times as large)");
         let claims = claims(&entries, "h").unwrap();
-        assert_eq!(claims, "What methods claim of that error is right for kf; too small for fkf (by 32 %).");
+        assert_eq!(claims, "The claimed error is right for kf; too small for fkf (by 32 %).");
     }
 }

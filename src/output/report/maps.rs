@@ -16,14 +16,7 @@ use isobar_obs::{Projection, Report};
 const MOST_PLACES: usize = 3000;
 
 /// A map, and the name of its file.
-pub struct Drawing {
-    /// The file's stem.
-    pub stem: String,
-    /// What it shows, in words.
-    pub caption: String,
-    /// The map.
-    pub map: FieldMap,
-}
+pub type Drawing = super::section::Drawing<FieldMap>;
 
 /// The maps of one cycle.
 pub struct MapsOfCycle {
@@ -84,7 +77,7 @@ struct Subject<'a> {
 }
 
 /// The coastlines within the plane, points (x, y) \[m\]; none if the plane has no place on the Earth.
-pub fn coastlines(info: &RunInfo) -> Vec<Vec<[f64; 2]>> {
+fn coastlines(info: &RunInfo) -> Vec<Vec<[f64; 2]>> {
     let grid = &info.layout.grid;
     let on_earth = |projection: &Projection| {
         coast::lines([grid.width_m(), grid.height_m()], |latitude, longitude| projection.forward(latitude, longitude))
@@ -108,7 +101,7 @@ impl<'a> Maps<'a> {
             let truth = cycle.truth.as_ref().map(|truth| Drawing {
                 stem: format!("map_{number:04}_truth"),
                 caption: format!("Truth of {name} at {time}."),
-                map: self.state(variable, format!("truth {name}"), truth),
+                plot: self.state(variable, format!("truth {name}"), truth),
             });
             MapsOfCycle { cycle: number, truth, methods: methods.collect(), time }
         };
@@ -170,7 +163,7 @@ impl<'a> Maps<'a> {
             stem: format!("{}_correlation{}", it.stem, self.suffix(variable)),
             caption,
             // Around nothing at all a line at zero would be noise.
-            map: FieldMap { unit: "1".into(), contours: contours.collect(), marks: vec![mark], ..map },
+            plot: FieldMap { unit: "1".into(), contours: contours.collect(), marks: vec![mark], ..map },
         }
     }
 
@@ -207,7 +200,7 @@ impl<'a> Maps<'a> {
              less to dark red for +{limit} {unit} or more.",
             self.observations(it, variable)
         );
-        let background = Drawing { stem: format!("{}_background", it.stem), caption, map: background };
+        let background = Drawing { stem: format!("{}_background", it.stem), caption, plot: background };
         let analysis = self.analysis(it, variable);
         let (error, spread) = (self.error(it, variable), self.spread(it, variable));
         MethodDrawings { states: vec![background, analysis], error, spread }
@@ -218,7 +211,7 @@ impl<'a> Maps<'a> {
         Drawing {
             stem: format!("{}_analysis{}", it.stem, self.suffix(variable)),
             caption: format!("Analysis of {}.", it.method),
-            map: self.state(variable, format!("{}: analysis {name}", it.method), &it.maps.analysis),
+            plot: self.state(variable, format!("{}: analysis {name}", it.method), &it.maps.analysis),
         }
     }
 
@@ -230,9 +223,9 @@ impl<'a> Maps<'a> {
         let limit = steps.last().copied().unwrap_or(1.0);
         let map = self.map(variable, title, error, Scale::Difference, [-limit, limit]);
         let (steps, marks) = (steps.clone(), self.marks(it, variable));
-        let map = FieldMap { steps, marks, contours: Vec::new(), ..map };
+        let plot = FieldMap { steps, marks, contours: Vec::new(), ..map };
         let caption = format!("Analysis minus truth of {}. Dots: {}.", it.method, self.observations(it, variable));
-        Some(Drawing { stem: format!("{}_error{}", it.stem, self.suffix(variable)), caption, map })
+        Some(Drawing { stem: format!("{}_error{}", it.stem, self.suffix(variable)), caption, plot })
     }
 
     fn spread(&self, it: &Subject<'_>, variable: usize) -> Option<Drawing> {
@@ -242,7 +235,7 @@ impl<'a> Maps<'a> {
         Some(Drawing {
             stem: format!("{}_spread{}", it.stem, self.suffix(variable)),
             caption: format!("Standard deviation that {} claims for its analysis.", it.method),
-            map: self.map(variable, title, field, Scale::Spread, range),
+            plot: self.map(variable, title, field, Scale::Spread, range),
         })
     }
 
@@ -257,7 +250,7 @@ impl<'a> Maps<'a> {
                 "Blocks of {} that observations link have one colour, the largest part light blue; grey: not observed. {}.",
                 it.method, structure.summary
             ),
-            map: FieldMap { unit: String::new(), contours: Vec::new(), marks, ..map },
+            plot: FieldMap { unit: String::new(), contours: Vec::new(), marks, ..map },
         }
     }
 
@@ -268,7 +261,7 @@ impl<'a> Maps<'a> {
         Drawing {
             stem: format!("{}_factor_{number}", it.stem),
             caption: format!("One standard deviation of common factor {number} of {}: {}.", it.method, factor.summary),
-            map: self.map(variable, title, field, Scale::Difference, [-limit, limit]),
+            plot: self.map(variable, title, field, Scale::Difference, [-limit, limit]),
         }
     }
 
@@ -300,7 +293,8 @@ impl<'a> Maps<'a> {
         self.map(variable, title, fields[variable].clone(), Scale::State, self.ranges[variable].state)
     }
 
-    fn map(&self, variable: usize, title: String, field: Vec<f32>, scale: Scale, range: [f32; 2]) -> FieldMap {
+    /// A map of a thinned field, in the unit of a variable.
+    pub fn map(&self, variable: usize, title: String, field: Vec<f32>, scale: Scale, range: [f32; 2]) -> FieldMap {
         let grid = self.history.thinning.grid(&self.info.layout.grid);
         FieldMap {
             title,
@@ -317,7 +311,7 @@ impl<'a> Maps<'a> {
         }
     }
 
-    /// A map without a field, for what stands in places.
+    /// A map without a field, for marks alone.
     pub fn empty(&self, title: String, unit: String, limit: f32) -> FieldMap {
         let map = self.map(self.history.mapped, title, Vec::new(), Scale::Difference, [-limit, limit]);
         FieldMap { unit, contours: Vec::new(), ..map }
@@ -333,15 +327,19 @@ fn errors(analysis: &[f32], truth: &[f32]) -> Vec<f32> {
     analysis.iter().zip(truth).map(|(value, truth)| value - truth).collect()
 }
 
+fn absolute(values: Vec<f32>) -> Vec<f32> {
+    values.into_iter().map(f32::abs).collect()
+}
+
 fn root_mean_square(values: &[f32]) -> f32 {
     let squares: f64 = values.iter().map(|value| f64::from(*value).powi(2)).sum();
     (squares / values.len().max(1) as f64).sqrt() as f32
 }
 
-/// The share of the least error of a method from which on errors have a colour.
+/// Errors have a colour from this share of the smallest error of a method on.
 const LEAST_SHOWN: f32 = 0.4;
 
-/// Steps in which the errors of all methods are seen, however far apart they are.
+/// Steps that show the errors of all methods, however far apart they are.
 fn error_steps(history: &History, variable: usize) -> Vec<f32> {
     let mut all: Vec<Vec<f32>> = Vec::new();
     for cycle in history.cycles.iter().filter(|cycle| cycle.has_maps) {
@@ -350,7 +348,7 @@ fn error_steps(history: &History, variable: usize) -> Vec<f32> {
         all.extend(maps.map(|maps| errors(&maps.analysis[variable], &truth[variable])));
     }
     let least = all.iter().map(|own| root_mean_square(own)).filter(|rms| *rms > 0.0).reduce(f32::min);
-    let most = all.into_iter().filter_map(|own| quantile(own.into_iter().map(f32::abs).collect(), 0.98));
+    let most = all.into_iter().filter_map(|own| quantile(absolute(own), 0.98));
     symmetric_steps(LEAST_SHOWN * least.unwrap_or(1.0), most.reduce(f32::max).unwrap_or(1.0))
 }
 
@@ -375,10 +373,7 @@ fn ranges(history: &History, variable: usize) -> Ranges {
         state: history.state_range(variable),
         error_steps: error_steps(history, variable),
         difference: usual(&|cycle, maps| match &cycle.truth {
-            Some(truth) => {
-                let pairs = maps.analysis[variable].iter().zip(&truth[variable]);
-                pairs.map(|(value, truth)| (value - truth).abs()).collect()
-            }
+            Some(truth) => absolute(errors(&maps.analysis[variable], &truth[variable])),
             None => dots(cycle, variable).filter_map(|(at, _)| Some(maps.departures.get(at)?.abs())).collect(),
         }),
         spread: usual(&|_, maps| maps.spread.as_ref().map_or_else(Vec::new, |it| it[variable].clone())),

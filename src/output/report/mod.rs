@@ -1,7 +1,8 @@
 //! `report.html`: the run on one page, for somebody who has a browser and nothing else; and its figures as files.
 //!
-//! The page loads nothing: its figures are SVG within it, and its one script is not needed to read it. Everything of a scenario that goes into it goes
-//! through the template's escaping. Maps of grids with more than 200 cells on a side are means over groups of cells.
+//! The page loads nothing: its figures are SVG within it, and its one script is not needed to read it. Everything of a
+//! scenario that goes into it goes through the template's escaping. Maps of grids with more than 200 cells on a side are means
+//! over groups of cells.
 
 mod biases;
 mod facts;
@@ -54,8 +55,8 @@ impl ReportSink {
             return Err(SinkError { path: directory.join(REPORT_FILE), reason: "the run has no variables".into() });
         }
         let thinning = Thinning::new(&info.layout.grid, MAP_CELLS);
-        let (history, probabilities) = (History::new(info, thinning, has_maps), ProbabilityFields::new(thinning));
-        Ok(Self { directory, history, probabilities })
+        let history = History::new(info, thinning, has_maps);
+        Ok(Self { directory, history, probabilities: ProbabilityFields::default() })
     }
 
     fn failure(&self, file: &str, reason: impl ToString) -> SinkError {
@@ -81,7 +82,7 @@ impl Sink for ReportSink {
         match event {
             Event::Finished(summary) => self.write(summary),
             Event::Forecast(forecast) => {
-                self.probabilities.add(&self.history.info, forecast);
+                self.probabilities.add(&self.history, forecast);
                 Ok(())
             }
             event => self.history.record(event).map_err(|reason| self.failure(REPORT_FILE, reason)),

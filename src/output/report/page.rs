@@ -1,10 +1,10 @@
 //! The page: its sections, put together by a template that escapes what it is given.
 
-pub use super::section::{Figure, Folded, Page, Section};
+pub use super::section::{Drawing, Figure, Folded, Page, Section};
 
 use super::biases;
 use super::facts;
-use super::figures::{self, Figures};
+use super::figures::Figures;
 use super::forecasts;
 use super::headline;
 use super::maps::{self, Maps};
@@ -12,8 +12,8 @@ use super::tables;
 use super::warnings::{self, ProbabilityFields};
 use crate::event::RunInfo;
 use crate::output::history::History;
-use crate::plot::PlotError;
 use crate::plot::colors::{hex, of_method_on_paper};
+use crate::plot::{CurvePlot, IntervalPlot, PlotError, Svg};
 use crate::scores::Summary;
 use crate::tables::{MOST_PARAMETERS, diagnostics, scores, stability};
 use crate::text::on_page;
@@ -21,7 +21,7 @@ use minijinja::syntax::SyntaxConfig;
 use minijinja::value::{Serde, Value};
 use minijinja::{Environment, UndefinedBehavior, context, escape_formatter};
 
-/// Figures of bias parameters that are shown at once; the others are folded.
+/// Figures of what else is estimated that are shown at once; the others are folded.
 const OPEN_FIGURES: usize = 8;
 
 /// The script of every page, and its hash: browsers run this script and no other.
@@ -77,7 +77,7 @@ impl Report {
         report.page.methods =
             methods.map(|(number, method)| (method.name.clone(), hex(of_method_on_paper(number)))).collect();
         report.page.facts = facts::facts(info, summary);
-        let glance = report.glance(info, summary, history.mapped);
+        let glance = headline::drawing(info, summary, history.mapped).map(|it| report.intervals(it, "curves"));
         let scores = report.scores(info, summary);
         let (title, text) = if info.has_truth {
             let text = "A method whose claimed spread (broken line) lies on its error (solid line) knows what it does not know. Shaded: the \
@@ -97,12 +97,12 @@ impl Report {
         let structures = report.structures(maps.structures())?;
         let correlations = report.correlations(maps.correlations(), history.mapped)?;
         let of_stations = biases::stations(info, history, &maps);
-        let maps = report.maps(info, maps.all(), maps.other_variables(), glance)?;
+        let at_a_glance = report.maps(info, maps.all(), maps.other_variables(), glance)?;
         let biases = report.biases(info, history, &figures, of_stations)?;
         let parameters = report.parameters(info, history, &figures);
         let stability = stability(summary);
         let ahead = report.ahead(info, summary);
-        let warnings = report.warnings(info, probabilities, summary)?;
+        let warnings = report.warnings(info, &maps, probabilities, summary)?;
         let reliability = Section {
             title: "Is the claimed spread right?".into(),
             text: "For the methods that claim one, over all grid points of the cycles that count.".into(),
@@ -136,21 +136,11 @@ impl Report {
             tables: tables::partitions(summary).into_iter().chain([scores::costs(summary)]).collect(),
             ..structures
         };
-        let scenario = Section {
-            title: "Scenario".into(),
-            folded: vec![Folded {
-                title: format!("{}.toml", info.scenario),
-                verbatim: info.scenario_text.clone(),
-                ..Folded::default()
-            }],
-            ..Section::default()
-        };
-        let parts = [reliability, correlations, innovations, diagnostics, cost];
-        let all = [Some(maps), Some(scores), Some(errors), ahead, warnings, biases, parameters, stability]
-            .into_iter()
-            .chain(parts.map(Some));
-        let filled = |it: &Section| !(it.figures.is_empty() && it.tables.is_empty() && it.folded.is_empty());
-        report.page.sections = all.flatten().chain([scenario]).filter(filled).collect();
+        let scenario = Section::of_scenario(&info.scenario, &info.scenario_text);
+        let first = [Some(at_a_glance), Some(scores), Some(errors), ahead, warnings, biases, parameters, stability];
+        let last = [reliability, correlations, innovations, diagnostics, cost, scenario];
+        let all = first.into_iter().flatten().chain(last);
+        report.page.sections = all.filter(|section| !section.is_empty()).collect();
         Ok(report)
     }
 
@@ -212,40 +202,21 @@ impl Report {
     fn warnings(
         &mut self,
         info: &RunInfo,
+        maps: &Maps<'_>,
         probabilities: &ProbabilityFields,
         summary: &Summary,
     ) -> Result<Option<Section>, PageError> {
-        use crate::tables::warnings as tables;
         let Some(text) = warnings::text(info, summary) else { return Ok(None) };
-        let of_warning = |name: &String| {
-            let (scores, leads) = (tables::table(summary, name), tables::by_lead(summary, name));
-            let mut folded = vec![
-                Folded { title: format!("Scores of {name}"), tables: vec![scores], ..Folded::default() },
-                Folded { title: format!("Scores of {name} by lead time"), tables: vec![leads], ..Folded::default() },
-            ];
-            if let Some((from_cycle, outlook)) = tables::outlook(summary, name) {
-                let title = format!("Probability of {name} ahead of the analysis of cycle {from_cycle}");
-                folded.push(Folded { title, tables: vec![outlook], ..Folded::default() });
-            }
-            folded
-        };
-        let mut folded: Vec<Folded> = tables::names(summary).iter().flat_map(of_warning).collect();
+        let mut folded = warnings::tables(summary);
         let figures = self.curves(warnings::drawings(info, summary));
         for (number, placed) in info.warnings.iter().enumerate() {
-            let maps = probabilities.maps(info, number).into_iter().map(|it| self.map(it));
-            let figures = maps.collect::<Result<Vec<Figure>, _>>()?;
+            let figures = self.draw(probabilities.maps(info, maps, number))?;
             if !figures.is_empty() {
                 let title = format!("Maps of the probability of {}", placed.warning.name);
                 folded.push(Folded { title, figures, ..Folded::default() });
             }
         }
         Ok(Some(Section { title: "Warnings".into(), text, figures, folded, ..Section::default() }))
-    }
-
-    /// Errors of the analysis and what is claimed of them, of one variable.
-    fn glance(&mut self, info: &RunInfo, summary: &Summary, variable: usize) -> Vec<Figure> {
-        let intervals = headline::drawing(info, summary, variable).into_iter();
-        intervals.map(|it| self.intervals(it, "curves")).collect()
     }
 
     fn biases(
@@ -258,14 +229,12 @@ impl Report {
         let Some(table) = tables::biases(info, history) else { return Ok(None) };
         let mut all: Vec<Figure> =
             biases::last_estimates(info, history).map(|it| self.intervals(it, "wide curves")).into_iter().collect();
-        for drawing in of_stations {
-            all.push(self.map(drawing)?);
-        }
+        all.extend(self.draw(of_stations)?);
         let over_time = self.curves(figures.biases());
         let mut folded = vec![Folded { title: "Every bias over time".into(), figures: over_time, ..Folded::default() }];
         let which = match info.calibration.len() {
             0..=MOST_PARAMETERS => "every bias".to_string(),
-            all => format!("the first {} of {all} biases", MOST_PARAMETERS),
+            all => format!("the first {MOST_PARAMETERS} of {all} biases"),
         };
         let truth = if history.knows_biases() { ", and the truth (broken) where it is known" } else { "" };
         let title = format!("The last estimate of {which}, with ± 2σ where claimed");
@@ -311,7 +280,7 @@ impl Report {
                             divided by its standard deviation in B; the share is that of the variance that the method \
                             claims for all values."
                         .into();
-                let figures = factors.into_iter().map(|it| self.map(it)).collect::<Result<_, _>>()?;
+                let figures = self.draw(factors)?;
                 section.folded.push(Folded { title, text, figures, ..Folded::default() });
             }
         }
@@ -328,7 +297,7 @@ impl Report {
             ..Section::default()
         };
         for (number, (variable, drawings)) in all.into_iter().enumerate() {
-            let figures = drawings.into_iter().map(|it| self.map(it)).collect::<Result<Vec<_>, _>>()?;
+            let figures = self.draw(drawings)?;
             if number == first {
                 section.figures = figures;
             } else if !figures.is_empty() {
@@ -345,30 +314,30 @@ impl Report {
         info: &RunInfo,
         all: Vec<maps::MapsOfCycle>,
         others: Vec<(String, Vec<maps::Drawing>)>,
-        first: Vec<Figure>,
+        first: Option<Figure>,
     ) -> Result<Section, PageError> {
         let (title, short) = ("At a glance".into(), "At a glance".into());
-        let mut section = Section { title, short, figures: first, ..Section::default() };
-        let (shown, told) = if info.has_truth {
-            ("error", "Root-mean-square errors with what is claimed of them, the truth, and the error of every method.")
+        let mut section = Section { title, short, figures: first.into_iter().collect(), ..Section::default() };
+        let (shown, about) = if info.has_truth {
+            ("error", "Root-mean-square errors, actual and claimed; the truth; and the error of every method.")
         } else {
             ("analysis", "The analysis of every method.")
         };
         for (number, maps) in all.into_iter().enumerate() {
             let when = format!("cycle {}, {}", maps.cycle, maps.time);
-            let mut figures: Vec<Figure> = maps.truth.into_iter().map(|it| self.map(it)).collect::<Result<_, _>>()?;
+            let mut figures = self.draw(maps.truth)?;
             let mut more = Vec::new();
             for (name, own) in maps.methods {
-                let mut others = own.states.into_iter().map(|it| self.map(it)).collect::<Result<Vec<_>, _>>()?;
+                let mut others = self.draw(own.states)?;
                 let error = own.error.map(|it| self.map(it)).transpose()?;
                 figures.extend(error.or_else(|| others.last().cloned()));
-                others.extend(own.spread.map(|it| self.map(it)).transpose()?);
+                others.extend(self.draw(own.spread)?);
                 let title = format!("{name}: background with observations, analysis, claimed spread");
                 more.push(Folded { title, figures: others, ..Folded::default() });
             }
             if number == 0 {
                 section.title = format!("At a glance: {when}");
-                section.text = format!("{told} All maps of a kind have the same colours for the same values.");
+                section.text = format!("{about} All maps of a kind have the same colours for the same values.");
                 section.figures.extend(figures);
                 section.folded = more;
             } else {
@@ -377,7 +346,7 @@ impl Report {
             }
         }
         for (variable, drawings) in others {
-            let figures = drawings.into_iter().map(|it| self.map(it)).collect::<Result<_, _>>()?;
+            let figures = self.draw(drawings)?;
             let title = format!("{variable}: {shown} and claimed spread of every method in the last cycle");
             section.folded.push(Folded { title, figures, ..Folded::default() });
         }
@@ -385,38 +354,44 @@ impl Report {
     }
 
     /// Draws curves, for the page and as files.
-    fn curves(&mut self, drawings: Vec<figures::Drawing>) -> Vec<Figure> {
-        let mut all = Vec::new();
-        for figures::Drawing { stem, caption, plot } in drawings {
-            let id = format!("f{}", self.files.len());
-            let svg = plot.svg(&id);
-            self.files.push((format!("{stem}.svg"), svg.file.into_bytes()));
-            all.push(Figure { caption, svg: svg.page, class: "curves" });
-        }
-        all
+    fn curves(&mut self, drawings: Vec<Drawing<CurvePlot>>) -> Vec<Figure> {
+        let draw = |Drawing { stem, caption, plot }: Drawing<CurvePlot>| {
+            let svg = plot.svg(&self.next_id());
+            self.keep(&stem, caption, svg, "curves")
+        };
+        drawings.into_iter().map(draw).collect()
     }
 
     /// Draws values with intervals, for the page and as a file.
-    fn intervals(
-        &mut self,
-        headline::Drawing { stem, caption, plot }: headline::Drawing,
-        class: &'static str,
-    ) -> Figure {
-        let svg = plot.svg();
-        self.files.push((format!("{stem}.svg"), svg.file.into_bytes()));
-        Figure { caption, svg: svg.page, class }
+    fn intervals(&mut self, drawing: Drawing<IntervalPlot>, class: &'static str) -> Figure {
+        let Drawing { stem, caption, plot } = drawing;
+        self.keep(&stem, caption, plot.svg(), class)
+    }
+
+    /// Draws maps, for the page and as files.
+    fn draw(&mut self, drawings: impl IntoIterator<Item = maps::Drawing>) -> Result<Vec<Figure>, PageError> {
+        drawings.into_iter().map(|drawing| self.map(drawing)).collect()
     }
 
     /// Draws a map, or a line where the plane is one, for the page and as a file.
     fn map(&mut self, drawing: maps::Drawing) -> Result<Figure, PageError> {
-        let maps::Drawing { stem, caption, map } = drawing;
-        let id = format!("f{}", self.files.len());
-        let svg = match map.line() {
+        let (Drawing { stem, caption, plot }, id) = (drawing, self.next_id());
+        let svg = match plot.line() {
             Some(line) => line.svg(&id),
-            None => map.svg(&id)?,
+            None => plot.svg(&id)?,
         };
+        Ok(self.keep(&stem, caption, svg, ""))
+    }
+
+    /// The word by which the next figure is known on the page.
+    fn next_id(&self) -> String {
+        format!("f{}", self.files.len())
+    }
+
+    /// A figure for the page, and its file.
+    fn keep(&mut self, stem: &str, caption: String, svg: Svg, class: &'static str) -> Figure {
         self.files.push((format!("{stem}.svg"), svg.file.into_bytes()));
-        Ok(Figure { caption, svg: svg.page, class: "" })
+        Figure { caption, svg: svg.page, class }
     }
 }
 

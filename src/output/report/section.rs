@@ -4,6 +4,16 @@ use crate::plot::{CurvePlot, IntervalPlot};
 use crate::tables::Table;
 use serde::Serialize;
 
+/// A figure to be drawn: curves, values with intervals, or a map.
+pub struct Drawing<P> {
+    /// The stem of its file's name.
+    pub stem: String,
+    /// What it shows, in words.
+    pub caption: String,
+    /// The figure.
+    pub plot: P,
+}
+
 /// A figure on a page.
 #[derive(Clone, Debug, Serialize)]
 pub struct Figure {
@@ -43,6 +53,19 @@ pub struct Section {
     pub figures: Vec<Figure>,
     /// Further parts, each under a line that opens it.
     pub folded: Vec<Folded>,
+}
+
+impl Section {
+    /// The text of a scenario file, to be opened.
+    pub fn of_scenario(name: &str, text: &str) -> Self {
+        let folded = Folded { title: format!("{name}.toml"), verbatim: text.to_string(), ..Folded::default() };
+        Self { title: "Scenario".into(), folded: vec![folded], ..Self::default() }
+    }
+
+    /// Whether there is nothing to look at.
+    pub fn is_empty(&self) -> bool {
+        self.figures.is_empty() && self.tables.is_empty() && self.folded.is_empty()
+    }
 }
 
 /// Something that the reader has to open.

@@ -55,9 +55,8 @@ pub fn biases(info: &RunInfo, history: &History) -> Option<Table> {
         row.extend(has_truth.then(|| Cell::figure(last.true_bias(number))));
         row.extend(last.methods.iter().map(|own| {
             let Some(own) = own else { return NONE.into() };
-            let cell = Cell::figure(own.calibration.get(number).copied());
-            let sigma = own.calibration_spread.as_ref().and_then(|spread| spread.get(number));
-            Cell { note: sigma.map_or_else(String::new, |sigma| format!("± {}", figure(2.0 * sigma))), ..cell }
+            let note = own.bias_spread(number).map_or_else(String::new, |sigma| format!("± {}", figure(2.0 * sigma)));
+            Cell { note, ..Cell::figure(own.bias(number)) }
         }));
         row
     };

@@ -96,7 +96,7 @@ impl Series<'_> {
         let path = |part: &str| self.names.parameter(method, parameter, part);
         for (part, name, factor) in [("below", "−2σ", -2.0), ("above", "+2σ", 2.0)] {
             let bound = move |(_, own): (&Cycle, &MethodCycle)| {
-                Some(own.calibration.get(parameter)? + factor * own.calibration_spread.as_ref()?.get(parameter)?)
+                Some(own.bias(parameter)? + factor * own.bias_spread(parameter)?)
             };
             let style = Style { color: ANALYSIS_SPREAD, width: 1.0, name };
             self.curve(&path(part), &style, self.estimates(method, bound))?;
@@ -104,7 +104,7 @@ impl Series<'_> {
         let cycles = self.history.cycles.iter().filter(|cycle| cycle.number >= self.since);
         let truth = cycles.filter_map(|cycle| Some((cycle, cycle.true_bias(parameter)?)));
         self.curve(&path("truth"), &Style { color: TRUTH, width: 1.5, name: "truth" }, truth)?;
-        let estimate = self.estimates(method, |(_, own)| own.calibration.get(parameter).copied());
+        let estimate = self.estimates(method, |(_, own)| own.bias(parameter));
         self.curve(&path("estimate"), &Style { color: ANALYSIS, width: 2.5, name: "estimate" }, estimate)
     }
 

@@ -124,22 +124,22 @@ impl EarlierRun {
     /// What a run of a scenario must know to be set up.
     ///
     /// # Errors
-    /// What of the scenario and the options is not as it must be to go on, a line for each.
+    /// What keeps the scenario and the options from going on, a line for each.
     pub fn check(&self, scenario: &Scenario, options: &RunOptions) -> Result<Earlier, String> {
-        let FinalState { start, window, saved, .. } = &self.state;
         let mut lines = Vec::new();
-        let end = *start + *window * saved.cycle;
+        let end = self.end();
         if scenario.start != end {
             let (end, now) = (utc(end), utc(scenario.start));
             lines.push(format!("start: it must be where that run ended, `start = \"{end}\"`; now {now}"));
         }
-        let count = options.cycles.unwrap_or(scenario.cycle.count);
-        let (last, scored) = (saved.cycle + count, scenario.cycle.score_from_cycle);
-        let too_few = (last < scored).then(|| {
-            format!("cycle.score_from_cycle: no cycle counts, for cycles go on and {last} is the last; now {scored}")
-        });
         lines.extend(self.differences_from(scenario, options));
-        lines.extend(too_few);
+        let count = options.cycles.unwrap_or(scenario.cycle.count);
+        let (last, scored) = (self.state.saved.cycle + count, scenario.cycle.score_from_cycle);
+        if last < scored {
+            lines.push(format!(
+                "cycle.score_from_cycle: no cycle counts, for cycles go on and {last} is the last; now {scored}"
+            ));
+        }
         self.unless(lines, scenario)
     }
 
@@ -149,11 +149,10 @@ impl EarlierRun {
     /// # Errors
     /// As [`EarlierRun::check`].
     pub fn check_end(&self, scenario: &Scenario, options: &RunOptions) -> Result<Earlier, String> {
-        let FinalState { start, window, saved, .. } = &self.state;
-        let end = *start + *window * saved.cycle;
+        let (start, end) = (self.state.start, self.end());
         let mut lines = Vec::new();
-        if ![*start, end].contains(&scenario.start) {
-            let (start, end, now) = (utc(*start), utc(end), utc(scenario.start));
+        if ![start, end].contains(&scenario.start) {
+            let (start, end, now) = (utc(start), utc(end), utc(scenario.start));
             lines.push(format!("start: that run, or those before it, went from {start} to {end}; now {now}"));
         }
         lines.extend(self.differences_from(scenario, options));
@@ -163,6 +162,11 @@ impl EarlierRun {
     /// The seed of the run.
     pub fn seed(&self) -> u64 {
         self.state.seed
+    }
+
+    /// The time of the state in which the run ended.
+    fn end(&self) -> Time {
+        self.state.start + self.state.window * self.state.saved.cycle
     }
 
     /// What a run must know, unless something differs.
@@ -175,7 +179,7 @@ impl EarlierRun {
         Ok(Earlier { start: *start, cycles: saved.cycle, sensors, checksum: self.checksum })
     }
 
-    /// What of a scenario and the options is other than in the run, a line for each.
+    /// How a scenario and the options differ from those of the run, a line for each difference.
     fn differences_from(&self, scenario: &Scenario, options: &RunOptions) -> Vec<String> {
         let FinalState { settings, seed, saved, .. } = &self.state;
         let had: Vec<&str> = saved.methods.iter().map(|method| method.name.as_str()).collect();

@@ -1,4 +1,4 @@
-//! What a run will cost: the methods' work, and how fast this machine does it. An estimate, right within a small factor.
+//! What a run will cost: the methods' work, and how fast this machine does it. The estimate is right within a small factor.
 
 use crate::kinds::methods::Work;
 use faer::Mat;
@@ -15,7 +15,7 @@ pub struct Cost {
     pub seconds: f64,
 }
 
-/// How long this machine takes for what methods do many times \[s\].
+/// The time that this machine takes for each operation that methods repeat \[s\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rates {
     step: f64,
@@ -25,13 +25,13 @@ pub struct Rates {
     root: f64,
 }
 
-/// As long as this each thing is timed, at least once.
+/// How long each operation is timed; at least one is.
 const TRIAL: Duration = Duration::from_millis(15);
 
-/// The most numbers in columns that a trial propagates.
+/// The most numbers in the columns of a trial.
 const MOST_NUMBERS: usize = 1 << 23;
 
-/// Columns of a trial for each thread, if they are not too many numbers.
+/// Columns of a trial for each thread, unless these are too many numbers.
 const COLUMNS: usize = 16;
 
 /// Rows of the matrices whose product is timed.
@@ -85,7 +85,7 @@ fn multiplication() -> f64 {
     seconds(|| drop(black_box(&matrix * &matrix))) / (ROWS as f64).powi(3)
 }
 
-/// The shortest time of one of several trials: others on the machine only make it longer.
+/// The shortest time of several trials: other programs on the machine can only make it longer.
 fn seconds(mut work: impl FnMut()) -> f64 {
     let began = Instant::now();
     let mut shortest = f64::INFINITY;

@@ -178,9 +178,8 @@ pub fn check(scenario: &Scenario) -> Result<Checked, Vec<ExperimentError>> {
     warnings.extend(notices::of_methods(scenario, |_| true));
     warnings.extend(notices::of_thresholds(&placed, problem));
     let rates = Rates::measure(problem);
-    let costs = scenario.methods.iter();
-    let costs: Vec<(String, Cost)> =
-        costs.map(|(name, method)| (name.clone(), rates.cost(&work(scenario, method, problem)))).collect();
+    let cost = |(name, method): (&String, &Method)| (name.clone(), rates.cost(&work(scenario, method, problem)));
+    let costs: Vec<(String, Cost)> = scenario.methods.iter().map(cost).collect();
     warnings.extend(notices::memory(costs.iter().map(|(_, cost)| cost.bytes).sum()));
     Ok(Checked { information: notices::information(scenario, &ground.observing, cycles), warnings, costs })
 }
@@ -359,7 +358,7 @@ fn problem_steps(scenario: &Scenario, problem: &Problem) -> usize {
     scenario.cycle.window.steps_of(step).expect("the scenario's window fits its steps")
 }
 
-/// The factor by which memory may have been estimated too high.
+/// The factor by which an estimate of memory may be too high.
 const DOUBT: f64 = 1.5;
 
 /// Sets up one of the scenario's methods, whose first cycle begins at `start`.
@@ -373,7 +372,7 @@ pub fn method(
     start: Time,
 ) -> Result<Box<dyn Assimilator>, ExperimentError> {
     let fault = |error| ExperimentError::Method { name: name.to_string(), error };
-    // A limit that a scenario sets may be more than there is; beyond all doubt of the estimate nothing is tried.
+    // The limit of a scenario may be more than the machine has: what is far beyond that is not even tried.
     let settings = &scenario.methods[name];
     let needed_bytes = cost::bytes(&work(scenario, settings, problem));
     let is_beyond = |total: &u64| settings.memory_limit_bytes > *total && needed_bytes > DOUBT * *total as f64;
@@ -382,15 +381,13 @@ pub fn method(
         let message = format!("it would need about {needed}, and this machine has {total}");
         return Err(fault(isobar_assim::Error::Setting(message)));
     }
-    let method = scenario.methods[name].build(problem, &scenario.domain(), start, scenario.cycle.window);
-    let method = method.map_err(fault)?;
+    let method = settings.build(problem, &scenario.domain(), start, scenario.cycle.window).map_err(fault)?;
     if scenario.forecast.is_some() {
-        require_room(&*method, scenario.methods[name].memory_limit_bytes).map_err(fault)?;
+        require_room(&*method, settings.memory_limit_bytes).map_err(fault)?;
     }
     match initialisation(name, scenario) {
         Some(high_pass) => {
-            let memory_limit_bytes = scenario.methods[name].memory_limit_bytes;
-            let problem = Problem { memory_limit_bytes, ..problem.clone() };
+            let problem = Problem { memory_limit_bytes: settings.memory_limit_bytes, ..problem.clone() };
             Ok(Box::new(Initialised::new(method, problem, high_pass).map_err(fault)?))
         }
         None => Ok(method),

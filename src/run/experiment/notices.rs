@@ -15,8 +15,8 @@ use std::ops::RangeInclusive;
 const MOST_NAMED: usize = 5;
 
 /// What there is to know without being wrong: of each network that is read from a file how many of its observations can be
-/// used, why the others cannot, and how many biases they have; which stations are withheld; which stations lie in the margin, and which of a list that
-/// covers more than the domain lie outside of it.
+/// used, why the others cannot, and how many biases they have; which stations are withheld; which stations lie in the margin,
+/// and which of a list that covers more than the domain lie outside of it.
 pub(super) fn information(
     scenario: &Scenario,
     observing: &ObservingSystem,
@@ -48,8 +48,8 @@ pub(super) fn of_methods(scenario: &Scenario, chosen: impl Fn(&String) -> bool) 
 /// The number of standard deviations beyond which no value is expected.
 const BEYOND_SIGMAS: f64 = 5.0;
 
-/// Warnings whose event no state near the first background has, or every one: by five times the root of the sum of the
-/// variances of its error and of its own variability.
+/// Warnings whose event almost never or almost always occurs: the first background is further from the threshold than five
+/// times the root of the sum of its error variance and of its variability squared.
 pub(super) fn of_thresholds(warnings: &[PlacedWarning], problem: &Problem) -> Vec<String> {
     let (background, layout) = (&problem.background, problem.background.layout());
     let variances =

@@ -3,7 +3,7 @@
 #![no_main]
 
 use isobar::comparison::Comparison;
-use isobar::output::recorded::{SavedRun, Scores, summary};
+use isobar::output::recorded::{SavedRun, Scores};
 use libfuzzer_sys::fuzz_target;
 use std::path::Path;
 
@@ -11,12 +11,11 @@ fuzz_target!(|text: &str| {
     let (json, csv) = text.split_once('\0').unwrap_or((text, ""));
     let directory = Path::new("run");
     let scores = Scores::parse(csv);
-    match summary(json, directory, &directory.join("summary.json")) {
+    match SavedRun::parse(json, directory, &directory.join("summary.json")) {
         Err(error) => assert!(!error.to_string().chars().any(char::is_control), "{error}"),
-        Ok(summary) => {
+        Ok(run) => {
             let Ok(scores) = scores else { return };
-            let run = || (SavedRun { directory: directory.into(), summary: summary.clone(), truth_checksum: None }, scores.clone());
-            let comparison = Comparison::of(vec![run(), run()]);
+            let comparison = Comparison::of(vec![(run.clone(), scores.clone()), (run, scores)]);
             let _ = (comparison.between_runs(), comparison.within_runs());
         }
     }

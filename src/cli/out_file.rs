@@ -1,0 +1,32 @@
+//! The file that `--out` names: one that exists is replaced only on request, and only if it is of the same kind.
+
+use crate::safe_file;
+use crate::text::shown_path;
+use miette::{Report, miette};
+use std::io::ErrorKind;
+use std::path::Path;
+
+/// Writes the file. With `overwrite` it replaces one of `kinds`, as in `pages of isobar`, for which `is_own` holds.
+pub fn write(
+    out: &Path,
+    overwrite: bool,
+    bytes: &[u8],
+    kinds: &str,
+    is_own: impl Fn(&Path) -> bool,
+) -> Result<(), Report> {
+    let shown = shown_path(out);
+    if overwrite && out.exists() && !is_own(out) {
+        let help = "--out writes to another place";
+        return Err(miette!(help = help, "{shown} exists, and --overwrite replaces only {kinds}"));
+    }
+    let write = if overwrite { safe_file::replace } else { safe_file::write_new };
+    write(out, bytes).map_err(|error| match error.kind() {
+        ErrorKind::AlreadyExists => exists(out),
+        _ => miette!("cannot write {shown}: {error}"),
+    })
+}
+
+/// The error that there is a file of that name.
+pub fn exists(out: &Path) -> Report {
+    miette!(help = "--overwrite replaces it, --out writes to another place", "{} exists", shown_path(out))
+}
