@@ -14,6 +14,7 @@ mod ensemble;
 mod ensemble_smoothers;
 mod factors;
 mod federated;
+mod federated_fast;
 mod high_pass;
 mod local_factors;
 mod oracles;

@@ -50,7 +50,7 @@ const FACTOR_GRID: Key<Whole> = Key::absent(
     "width of the cells on which factors are propagated: 1, 2, 4 or 8",
 );
 
-const FACTOR_PRECISION: Key<Choice<Precision>> = Key::absent(
+pub(super) const FACTOR_PRECISION: Key<Choice<Precision>> = Key::absent(
     "factor_precision",
     "",
     Choice(&[("double", Precision::Double), ("single", Precision::Single)]),
@@ -91,7 +91,7 @@ const SEPARATOR_FACTORS: Key<Whole> = Key::absent(
     "factors that the separators of larger components may add for an analysis",
 );
 
-/// The keys that the time volume has as well.
+/// The keys that the time volume and the federated filter have as well.
 pub(super) const SHARED_KEYS: &[&dyn AnyKey] =
     &[&BLOCKS, &FACTORS, &RESIDUAL, &PROBES, &LARGEST, &SEPARATOR_FACTORS, &MEMORY_LIMIT_GB];
 
@@ -176,7 +176,7 @@ pub(super) struct Settings {
     pub factors: CommonFactors,
 }
 
-/// Reads the settings of the filter; keys that the time volume does not have are absent there.
+/// Reads the settings of the filter; keys that the time volume or the federated filter do not have are absent there.
 pub(super) fn read(section: &Section<'_>, surroundings: &Surroundings) -> Read<Settings> {
     let domain = &surroundings.domain;
     let asked = section.find(&RESIDUAL)?;
