@@ -22,6 +22,7 @@ static FILES: &[(&str, &[u8])] = files![
     "correlated_errors.toml",
     "dense_footprints.toml",
     "diurnal_bias.toml",
+    "federated_large.toml",
     "fields/pdaf_2d_members.csv",
     "filter_forms.toml",
     "first_calibration.toml",

@@ -102,6 +102,7 @@ fn nor_in_other_methods() {
         serial_kf = { kind = "serial_kf", smoother_lag_cycles = 3 }
         banded = { kind = "banded_kf", half_bandwidth = 40 }
         federated = { kind = "federated_kf", information_sharing = { sondes = 0.7, polar = 0.3 }, reset_every_cycles = 2 }
+        federated_fast = { kind = "federated_fkf", factors = 20, information_sharing = { sondes = 0.7, polar = 0.3 } }
         federated_no_reset = { kind = "federated_kf", reset_every_cycles = 0 }
         adaptive_kf = { kind = "kf", smoother_lag_cycles = 2, adapt = { observation_error = true, model_error = true, memory_cycles = 5 } }
         adaptive_fkf = { kind = "fkf", factors = 20, adapt = { observation_error = true, model_error = true } }

@@ -23,6 +23,11 @@ kind = "serial_kf"
 [methods.banded]
 kind = "banded_kf"
 half_bandwidth = 40
+[methods.federated]
+kind = "federated_kf"
+[methods.federated_fast]
+kind = "federated_fkf"
+factors = 60
 [methods.factors]
 kind = "fkf"
 factors = 60

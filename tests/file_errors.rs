@@ -218,6 +218,11 @@ fn of_methods_that_cannot_freeze() {
     let case = |new: &str, at, wanted| Case { change: (FKF, new.to_string()), at, file: None, wanted };
     assert_named(&[
         case(
+            "[stability]\nfreeze_after_cycles = 5\n[methods.fkf]\nkind = \"federated_fkf\"",
+            "kind = \"federated_fkf\"",
+            &["no place for what frozen biases of two systems have in common", "leave out `freeze_after_cycles`"],
+        ),
+        case(
             "[stability]\nfreeze_after_cycles = 5\n[methods.fkf]\nkind = \"federated_kf\"",
             "kind = \"federated_kf\"",
             &["no place for what frozen biases of two systems have in common", "leave out `freeze_after_cycles`"],

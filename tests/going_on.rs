@@ -24,6 +24,7 @@ persist = { kind = "fkf", factors = 8, residual = "persist" }
 local = { kind = "fkf", local_factors = { per_tile = 3, tile_km = 300 }, smoother_lag_cycles = 2 }
 volume = { kind = "time_volume", factors = 6, window_cycles = 4, observation_factors = [{ name = "daily", kind = "sinusoid", period_hours = 24, biases = ["fixed/tracer"] }] }
 federated = { kind = "federated_kf", reset_every_cycles = 2 }
+federated_fast = { kind = "federated_fkf", factors = 6, reset_every_cycles = 2 }
 etkf = { kind = "etkf", members = 12, inflation = "adaptive", smoother_lag_cycles = 3 }
 letkf = { kind = "letkf", members = 6, localization_radius_km = 400, inflation = "adaptive", smoother_lag_cycles = 2 }
 enkf = { kind = "enkf", members = 6, localization_radius_km = 400, relaxation_to_prior_spread = 0.5, smoother_lag_cycles = 3 }

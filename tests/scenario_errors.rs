@@ -142,6 +142,18 @@ const CASES: &[Case] = &[
     ),
     (
         "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"federated_fkf\"\nfactors = 4\nbias_coupling = \"drop\"",
+        "bias_coupling",
+        &["unknown key `bias_coupling`"],
+    ),
+    (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"federated_fkf\"\ninformation_sharing = { sondes = 0.5, polar = 0.4 }",
+        "{ sondes = 0.5",
+        &["the factors of `methods.fkf.information_sharing` sum to 0.9", "must sum to 1"],
+    ),
+    (
+        "kind = \"fkf\"\nblocks = \"cell\"",
         "kind = \"banded_kf\"\nhalf_bandwidth = -1",
         "-1",
         &["`methods.fkf.half_bandwidth` is -1"],

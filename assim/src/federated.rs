@@ -1,20 +1,20 @@
 //! The federated Kalman filter: a local filter for each observing system, and a master that fuses them.
 
-mod fusion;
+mod blocks;
+mod dense;
 mod system;
 
 use crate::assimilator::{Adjustments, Assimilator, CalibrationAdjustment, Views, WidenCalibration};
 use crate::augmented::Augmented;
 use crate::error::Error;
-use crate::errors::dense::KalmanFilter;
+use crate::errors::blocks::BlockErrors;
+use crate::errors::dense::Dense;
 use crate::estimate::{Analysis, Background, Estimate};
-use crate::innovation_covariance::InnovationCovariance;
+use crate::filter::{Errors, Filter};
 use crate::memory::{from_bytes, require, to_bytes};
 use crate::problem::{Innovations, Problem};
-use crate::propagator::Propagator;
 use faer::MatRef;
-use fusion::Fused;
-use isobar_model::{Duration, Model, TangentLinear};
+use isobar_model::{Duration, TangentLinear};
 use isobar_obs::{Calibration, ObservationWindow};
 use rayon::prelude::*;
 use system::observations_of;
@@ -52,11 +52,13 @@ pub struct FederatedSettings {
 /// it forgets what model error lets the biases of different systems have in common, given the state. Without reset the
 /// local filters weigh old observations with their own inflated Q: equal to the centralised filter without model error.
 ///
-/// It costs as many Kalman filters as there are systems, and two fusions. Covariances between the biases of different
-/// systems that a prior, or frozen biases, may have cannot be represented, and are refused.
+/// It costs as many filters as there are systems, and two fusions. Covariances between the biases of different systems that a
+/// prior, or frozen biases, may have cannot be represented, and are refused.
+///
+/// `E` is the form of the errors' covariances: [`FederatedKalmanFilter`], [`FederatedFastKalmanFilter`].
 #[derive(Clone)]
-pub struct FederatedKalmanFilter {
-    filters: Filters,
+pub struct FederatedFilter<E> {
+    filters: Filters<E>,
     reset_every_cycles: Option<usize>,
     /// Analyses so far.
     cycle: usize,
@@ -64,72 +66,122 @@ pub struct FederatedKalmanFilter {
     error_factor: f64,
 }
 
+/// The federated filter of dense Kalman filters.
+pub type FederatedKalmanFilter = FederatedFilter<Dense>;
+
+/// The federated filter of Fast Kalman Filters, with the biases of each system as shared parameters, wherever they belong.
+/// Its covariances are fused without a dense one: see `errors::blocks::fusion`. With one block, or as many factors as unknowns,
+/// it is that of dense filters; with one system it is that system's filter.
+pub type FederatedFastKalmanFilter = FederatedFilter<BlockErrors>;
+
+/// A form of the errors in which estimates can be fused, and their fusion be divided.
+trait Fusible: Errors {
+    /// Fuses the local estimates into the master's.
+    ///
+    /// # Errors
+    /// [`Error::NotPositiveDefinite`] if a covariance has lost its meaning.
+    fn fuse(filters: &mut Filters<Self>) -> Result<(), Error>;
+
+    /// Divides the master's estimate among the local filters: see [`FederatedFilter`].
+    ///
+    /// # Errors
+    /// [`Error::NotPositiveDefinite`] if a covariance has lost its meaning.
+    fn divide(filters: &mut Filters<Self>) -> Result<(), Error>;
+
+    /// dᵀ (H P Hᵀ + R)⁻¹ d with the master's P.
+    ///
+    /// # Errors
+    /// Those of an analysis.
+    fn normalised_square(master: &Filter<Self>, innovations: &Innovations) -> Result<f64, Error>;
+
+    /// Fails unless there is memory for all filters and the analysis of so many observations.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`].
+    fn require_memory_of(filters: &Filters<Self>, observations: usize) -> Result<(), Error>;
+}
+
 /// The local filters and their master.
 #[derive(Clone)]
-struct Filters {
+struct Filters<E> {
     /// The fused estimate of x and all biases. It forecasts nothing.
-    master: KalmanFilter,
-    local: Vec<LocalFilter>,
+    master: Filter<E>,
+    local: Vec<LocalFilter<E>>,
 }
 
 /// A correlation below this is rounding.
 const ROUNDING: f64 = 1e-9;
 
 #[derive(Clone)]
-struct LocalFilter {
+struct LocalFilter<E> {
     system: String,
     /// β.
     share: f64,
     /// The numbers of its biases among all, ascending.
     parameters: Vec<usize>,
-    filter: KalmanFilter,
+    filter: Filter<E>,
 }
 
-impl FederatedKalmanFilter {
-    /// A filter that starts from the background.
-    ///
-    /// # Errors
-    /// [`Error::TooLarge`] if the dense matrices do not fit into the memory limit; [`Error::Setting`] for a bias of no
-    /// system, for biases of two systems whose priors are correlated, and for shares that do not sum to 1.
-    pub fn new(problem: impl Into<Problem<dyn TangentLinear>>, settings: FederatedSettings) -> Result<Self, Error> {
-        let problem = problem.into();
-        if settings.systems.is_empty() {
-            return Err(Error::Setting("a federated filter needs an observing system".into()));
-        }
-        let total: f64 = settings.systems.iter().map(|(_, share)| share).sum();
-        if settings.systems.iter().any(|(_, share)| *share <= 0.0) || (total - 1.0).abs() > 1e-9 {
-            let message = format!("the information-sharing factors must be positive and sum to 1, but sum to {total}");
-            return Err(Error::Setting(message));
-        }
-        let parameters = biases_of_systems(&problem.calibration, &settings.systems)?;
-        let sizes = parameters.iter().map(Vec::len);
-        check_memory(&problem.clone().into(), sizes, problem.most_observations)?;
-        let local = settings.systems.into_iter().zip(parameters).map(|((system, share), parameters)| {
-            let own = parameters.iter().map(|&number| problem.calibration.parameters[number].clone()).collect();
-            let within = |&(i, j): &(usize, usize)| {
-                Some((parameters.binary_search(&i).ok()?, parameters.binary_search(&j).ok()?))
-            };
+/// A problem of one observing system, or of the master, whose state's errors at the start and model errors are to be
+/// multiplied by a factor.
+struct Part {
+    problem: Problem<dyn TangentLinear>,
+    factor: f64,
+}
+
+/// The filters of all systems, each made by `build`, and their master.
+///
+/// # Errors
+/// [`Error::Setting`] for a bias of no system, for biases of two systems whose priors are correlated, and for shares that do
+/// not sum to 1; those of `build`.
+fn filters<E>(
+    problem: &Problem<dyn TangentLinear>,
+    systems: &[(String, f64)],
+    build: impl Fn(Part) -> Result<Filter<E>, Error>,
+) -> Result<Filters<E>, Error> {
+    let local =
+        systems.iter().zip(biases_of_systems(&problem.calibration, systems)?).map(|((system, share), numbers)| {
+            let own = numbers.iter().map(|&number| problem.calibration.parameters[number].clone()).collect();
+            let within =
+                |&(i, j): &(usize, usize)| Some((numbers.binary_search(&i).ok()?, numbers.binary_search(&j).ok()?));
             let covariances = problem.calibration.covariances.iter();
             let covariances = covariances.filter_map(|(pair, value)| Some((within(pair)?, *value))).collect();
             let calibration = Calibration { parameters: own, covariances };
             // All together have been found to fit.
             let problem = Problem { calibration, most_observations: 0, ..problem.clone() };
-            let filter = KalmanFilter::with_inflated_errors(problem, 1.0 / share, false)?;
-            Ok(LocalFilter { system, share, parameters, filter })
+            let filter = build(Part { problem, factor: 1.0 / share })?;
+            Ok(LocalFilter { system: system.clone(), share: *share, parameters: numbers, filter })
         });
-        let local = local.collect::<Result<_, Error>>()?;
-        let master = KalmanFilter::new(Problem { model_error: None, most_observations: 0, ..problem })?;
-        let filters = Filters { master, local };
-        Ok(Self { filters, reset_every_cycles: settings.reset_every_cycles, cycle: 0, error_factor: 1.0 })
-    }
+    let local = local.collect::<Result<_, Error>>()?;
+    let master = Problem { model_error: None, most_observations: 0, ..problem.clone() };
+    Ok(Filters { master: build(Part { problem: master, factor: 1.0 })?, local })
+}
 
-    /// The fused covariance of the errors of (x, c), `[m + p, m + p]`.
-    pub fn covariance(&self) -> MatRef<'_, f64> {
-        self.filters.master.covariance()
+impl<E> FederatedFilter<E> {
+    fn of(filters: Filters<E>, reset_every_cycles: Option<usize>) -> Self {
+        Self { filters, reset_every_cycles, cycle: 0, error_factor: 1.0 }
     }
 }
 
-impl Filters {
+impl FederatedSettings {
+    /// Fails for shares that make no sense.
+    ///
+    /// # Errors
+    /// [`Error::Setting`].
+    fn check(&self) -> Result<(), Error> {
+        if self.systems.is_empty() {
+            return Err(Error::Setting("a federated filter needs an observing system".into()));
+        }
+        let total: f64 = self.systems.iter().map(|(_, share)| share).sum();
+        if self.systems.iter().any(|(_, share)| *share <= 0.0) || (total - 1.0).abs() > 1e-9 {
+            let message = format!("the information-sharing factors must be positive and sum to 1, but sum to {total}");
+            return Err(Error::Setting(message));
+        }
+        Ok(())
+    }
+}
+
+impl<E: Errors> Filters<E> {
     /// The fused estimate.
     fn estimate(&self) -> Result<Estimate, Error> {
         self.master.belief.estimate(&self.master.calibration)
@@ -154,39 +206,12 @@ impl Filters {
         }
         Ok(rows)
     }
-
-    /// Fuses the local estimates into the master's.
-    fn fuse(&mut self) -> Result<(), Error> {
-        let m = self.master.belief.s.state.values().len();
-        let (first, rest) = self.local.split_first().expect("there is a system at least");
-        let mut fused = Fused::from(&first.filter);
-        for local in rest {
-            fused.fuse(&local.filter)?;
-        }
-        // The biases stand there system after system.
-        let order: Vec<usize> = match self.master.covariance().nrows() - m {
-            0 => (0..m).collect(),
-            _ => (0..m).chain(self.local.iter().flat_map(|it| &it.parameters).map(|number| m + number)).collect(),
-        };
-        fused.store(&order, &mut self.master);
-        Ok(())
-    }
-
-    /// Divides the master's estimate among the local filters.
-    fn reset(&mut self) -> Result<(), Error> {
-        let given_state = fusion::explained_by_state(&self.master)?;
-        for local in &mut self.local {
-            let biases: &[usize] = if given_state.nrows() == 0 { &[] } else { &local.parameters };
-            fusion::divide(&self.master, given_state.as_ref(), local.share, biases, &mut local.filter);
-        }
-        Ok(())
-    }
 }
 
-impl Assimilator for FederatedKalmanFilter {
+impl<E: Fusible> Assimilator for FederatedFilter<E> {
     fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
         let (factor, filters) = (self.error_factor, &mut self.filters);
-        let forecast = |local: &mut LocalFilter| {
+        let forecast = |local: &mut LocalFilter<E>| {
             if let Some(own) = local.filter.adjust().error_factor {
                 *own = factor;
             }
@@ -194,18 +219,16 @@ impl Assimilator for FederatedKalmanFilter {
         };
         let forecasts: Vec<_> = filters.local.par_iter_mut().map(forecast).collect();
         forecasts.into_iter().try_for_each(|forecast| forecast.map(drop))?;
-        filters.fuse()?;
+        E::fuse(filters)?;
         Ok(Background { estimate: filters.estimate()?, window })
     }
 
     fn analyse(&mut self, from: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
         let filters = &mut self.filters;
-        let sizes = filters.local.iter().map(|local| local.parameters.len());
-        check_memory(&filters.master.problem, sizes, observed.len())?;
+        E::require_memory_of(filters, observed.len())?;
         let Augmented { state, bias } = &filters.master.belief.s;
         let innovations = filters.master.problem.innovations(observed, state, bias)?;
-        let covariance = InnovationCovariance::new(filters.master.covariance(), &innovations)?;
-        let innovation_chi2 = covariance.normalised_square(&innovations.departures);
+        let innovation_chi2 = E::normalised_square(&filters.master, &innovations)?;
         let rows = filters.rows(observed, &innovations)?;
         let all = bias.len();
         let analyses: Vec<_> = filters
@@ -215,12 +238,12 @@ impl Assimilator for FederatedKalmanFilter {
             .map(|(local, rows)| local.filter.analyse(from, &observations_of(observed, rows, &local.parameters, all)))
             .collect();
         analyses.into_iter().try_for_each(|analysis| analysis.map(drop))?;
-        filters.fuse()?;
+        E::fuse(filters)?;
         self.cycle += 1;
         // One filter has nothing to share.
         let is_due = self.reset_every_cycles.is_some_and(|cycles| self.cycle.is_multiple_of(cycles));
         if is_due && filters.local.len() > 1 {
-            filters.reset()?;
+            E::divide(filters)?;
         }
         let estimate = filters.estimate()?;
         filters.master.problem.resolved_analysis(observed, innovations, estimate, innovation_chi2)
@@ -258,7 +281,7 @@ impl Assimilator for FederatedKalmanFilter {
     }
 }
 
-impl WidenCalibration for Filters {
+impl<E: Errors> WidenCalibration for Filters<E> {
     /// Each local filter takes the covariance of its own biases, so that the fused one is wider by just that. For a
     /// covariance between biases of two systems there is no place, and it is refused; recalibrations have none.
     fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
@@ -311,23 +334,4 @@ fn biases_of_systems(calibration: &Calibration, systems: &[(String, f64)]) -> Re
         }
     }
     Ok(numbers)
-}
-
-/// `parameters` are the numbers of biases of the systems.
-fn check_memory(
-    problem: &Problem<dyn Model>,
-    parameters: impl ExactSizeIterator<Item = usize>,
-    observations: usize,
-) -> Result<(), Error> {
-    let m = problem.background.values().len();
-    let (systems, n) = (parameters.len(), observations as f64);
-    let of_filter = |size: f64| 2.0 * size * size + Propagator::numbers(size);
-    let filters: f64 = parameters.map(|own| of_filter((m + own) as f64)).sum();
-    let master = (m + problem.calibration.len()) as f64;
-    // Covariance, model error, propagator and twice a band for each, the master and what it fuses; for the innovations those
-    // of the master and those of all local filters.
-    let numbers = filters + 5.0 * master * master + 4.0 * master * n + 2.0 * n * n;
-    problem.require_memory(numbers, || {
-        format!("{systems} dense Kalman filters for {m} values each and {observations} observations, and their fusion")
-    })
 }

@@ -8,7 +8,7 @@
 //! | [`banded`] | a band: the Frobenius recursion |
 //! | [`fast_kalman`] | blocks of the grid and common factors: Lange's Fast Kalman Filter |
 //! | [`time_volume`] | unknowns that are constant over a moving window, about the Fast Kalman Filter's covariance |
-//! | [`federated`] | a Kalman filter for each observing system, and their fusion |
+//! | [`federated`] | a filter for each observing system, dense or a Fast Kalman Filter, and their fusion |
 //! | [`variational`] | 3D-Var, also with an ensemble's covariance (hybrid), and 4D-Var; biases in the control vector |
 //! | [`optimal_interpolation`] | the analysis with a static covariance, solved directly |
 //! | [`ensemble`] | ensemble Kalman filters: transform (ETKF), local (LETKF), stochastic (EnKF) |

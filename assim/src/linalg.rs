@@ -121,6 +121,20 @@ pub(crate) fn cholesky(mut matrix: Mat<f64>, name: impl FnOnce() -> String) -> R
     Ok(matrix)
 }
 
+/// What may be added to the variances of a covariance before it is factored, as shares of them. Covariances such as a balanced B
+/// have no full rank; in directions with less than this share of the variances nothing is to be gained.
+const NUGGETS: [f64; 4] = [1e-11, 1e-9, 1e-7, 1e-5];
+
+/// The least nugget with which `factor` finds a factor, and this.
+///
+/// # Errors
+/// That of the least nugget, if there is no factor with any.
+pub(crate) fn with_nugget(factor: impl Fn(f64) -> Result<Mat<f64>, Error>) -> Result<(f64, Mat<f64>), Error> {
+    let with = |nugget: f64| factor(nugget).map(|root| (nugget, root));
+    let [least, larger @ ..] = NUGGETS;
+    larger.into_iter().fold(with(least), |found, nugget| found.or_else(|error| with(nugget).map_err(|_| error)))
+}
+
 /// B ← L⁻¹ B.
 pub(crate) fn solve_lower(l: MatRef<'_, f64>, b: MatMut<'_, f64>) {
     for_each_chunk(b, 0, &|_, chunk| triangular_solve::solve_lower_triangular_in_place(l, chunk, Par::Seq));

@@ -8,7 +8,7 @@ use isobar_assim::ensemble::{
     LocalEnsembleTransformKalmanFilter, LocalSettings, ModelErrorTreatment, StochasticEnsembleKalmanFilter,
 };
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
-use isobar_assim::federated::{FederatedKalmanFilter, FederatedSettings};
+use isobar_assim::federated::{FederatedFastKalmanFilter, FederatedKalmanFilter, FederatedSettings};
 use isobar_assim::free::FreeRun;
 use isobar_assim::high_pass::HighPassSettings;
 use isobar_assim::kalman::KalmanFilter;
@@ -78,6 +78,7 @@ fn all(problem: &Problem) -> Vec<(&'static str, Build<'_>)> {
     let hybrid =
         HybridSettings { ensemble_weight: 0.5, variational: variational.clone(), ensemble: members, local: LOCAL };
     let one_system = FederatedSettings { systems: vec![("n".into(), 1.0)], reset_every_cycles: Some(1) };
+    let system = one_system.clone();
     let named = || {
         let mut problem = problem.clone();
         problem.calibration.parameters.iter_mut().for_each(|it| it.name = format!("n/{}", it.name));
@@ -95,6 +96,12 @@ fn all(problem: &Problem) -> Vec<(&'static str, Build<'_>)> {
         ("serial", Box::new(move || Box::new(KalmanFilter::serial(own()).unwrap()))),
         ("banded", Box::new(move || Box::new(BandedKalmanFilter::new(own(), 11).unwrap()))),
         ("federated", Box::new(move || Box::new(FederatedKalmanFilter::new(named(), one_system.clone()).unwrap()))),
+        (
+            "federated fkf",
+            Box::new(move || {
+                Box::new(FederatedFastKalmanFilter::of_fast_filters(named(), system.clone(), probed).unwrap())
+            }),
+        ),
         ("fkf", Box::new(move || Box::new(FastKalmanFilter::new(own(), exact).unwrap()))),
         ("fkf with probes", Box::new(move || Box::new(FastKalmanFilter::new(own(), probed).unwrap()))),
         (

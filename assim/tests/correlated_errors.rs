@@ -8,7 +8,7 @@ use isobar_assim::actual_errors::ActualErrors;
 use isobar_assim::banded::BandedKalmanFilter;
 use isobar_assim::ensemble::EnsembleTransformKalmanFilter;
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter};
-use isobar_assim::federated::{FederatedKalmanFilter, FederatedSettings};
+use isobar_assim::federated::{FederatedFastKalmanFilter, FederatedKalmanFilter, FederatedSettings};
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::optimal_interpolation::OptimalInterpolation;
 use isobar_assim::response::Responder;
@@ -100,7 +100,11 @@ fn filters_equal_the_dense_solution_with_the_full_matrix() {
             ("fkf of one block", Box::new(FastKalmanFilter::new(own(), one_block).unwrap())),
             ("fkf of cells", Box::new(FastKalmanFilter::new(own(), all_factors).unwrap())),
             ("banded", Box::new(BandedKalmanFilter::new(own(), m - 1).unwrap())),
-            ("federated", Box::new(FederatedKalmanFilter::new(own(), system).unwrap())),
+            ("federated", Box::new(FederatedKalmanFilter::new(own(), system.clone()).unwrap())),
+            (
+                "federated of one block",
+                Box::new(FederatedFastKalmanFilter::of_fast_filters(own(), system, one_block).unwrap()),
+            ),
         ];
         for (name, method) in methods {
             let mut method = Whitened::new(method);

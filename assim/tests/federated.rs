@@ -8,10 +8,10 @@ use isobar_assim::{Assimilator, BiasTreatment, Problem, Unknown};
 use isobar_obs::{Calibration, Jacobian, LinearOperator, ObservationWindow, SparseRows};
 use std::sync::Arc;
 
-const SYSTEMS: [&str; 3] = ["sondes", "polar", "ships"];
+pub const SYSTEMS: [&str; 3] = ["sondes", "polar", "ships"];
 
 /// Three biases of sondes, two of polar, none of ships.
-fn biases(drift: f64) -> Calibration {
+pub fn biases(drift: f64) -> Calibration {
     let mut calibration = calibration(3, 2, drift);
     let names = ["sondes/0", "polar/0", "sondes/1", "polar/1", "sondes/2"];
     calibration.parameters.iter_mut().zip(names).for_each(|(parameter, name)| parameter.name = name.into());
@@ -19,8 +19,13 @@ fn biases(drift: f64) -> Calibration {
 }
 
 /// Random observations of the three systems, each with biases of its own.
-fn observations(problem: &Problem, cycle: usize) -> ObservationWindow {
-    let mut observed = window(problem, 30, false, cycle, 5);
+pub fn observations(problem: &Problem, cycle: usize) -> ObservationWindow {
+    observations_of(problem, false, cycle)
+}
+
+/// The same, each of one cell if `within_cell`.
+pub fn observations_of(problem: &Problem, within_cell: bool, cycle: usize) -> ObservationWindow {
+    let mut observed = window(problem, 30, within_cell, cycle, 5);
     let old = observed.operator.linearize(&problem.background, &[]);
     let mut calibration = SparseRows::new();
     for row in 0..observed.len() {
@@ -41,7 +46,7 @@ fn federated(problem: &Problem, shares: [f64; 3], reset_every_cycles: Option<usi
     FederatedKalmanFilter::new(problem.clone(), FederatedSettings { systems, reset_every_cycles }).unwrap()
 }
 
-const SHARES: [f64; 3] = [0.5, 0.2, 0.3];
+pub const SHARES: [f64; 3] = [0.5, 0.2, 0.3];
 
 /// Largest relative difference from the centralised filter in estimates, covariance and χ² over some cycles.
 fn difference(problem: &Problem, mut filter: FederatedKalmanFilter, cycles: usize) -> f64 {

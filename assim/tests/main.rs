@@ -16,6 +16,7 @@ mod ensemble;
 mod ensemble_smoothers;
 mod factors;
 mod federated;
+mod federated_fast;
 mod high_pass;
 mod kalman;
 mod local_factors;

@@ -9,7 +9,7 @@ use isobar_assim::ensemble::{
     StochasticEnsembleKalmanFilter,
 };
 use isobar_assim::fast_kalman::{BlockShape, FastKalmanFilter, Precision, Residual};
-use isobar_assim::federated::{FederatedKalmanFilter, FederatedSettings};
+use isobar_assim::federated::{FederatedFastKalmanFilter, FederatedKalmanFilter, FederatedSettings};
 use isobar_assim::free::FreeRun;
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::local_factors::{LocalFactorSettings, LocalFastKalmanFilter};
@@ -70,7 +70,13 @@ pub fn propagated(factors: usize) -> usize {
     factors + 2 + PROBES
 }
 
-pub const METHODS: [Method; 16] = [
+/// Two systems that share the information equally and start anew in every cycle.
+fn two_systems() -> FederatedSettings {
+    let systems = SYSTEMS.map(|system| (system.to_string(), 0.5)).to_vec();
+    FederatedSettings { systems, reset_every_cycles: Some(1) }
+}
+
+pub const METHODS: [Method; 17] = [
     Method { name: "free", size_of: None, build: |problem, _| Ok(Box::new(FreeRun::new(problem))) },
     Method { name: "climatology", size_of: None, build: |problem, _| Ok(Box::new(Climatology::new(problem))) },
     Method {
@@ -135,10 +141,14 @@ pub const METHODS: [Method; 16] = [
     Method {
         name: "federated_kf",
         size_of: None,
-        build: |problem, _| {
-            let systems = SYSTEMS.map(|system| (system.to_string(), 0.5)).to_vec();
-            let settings = FederatedSettings { systems, reset_every_cycles: Some(1) };
-            Ok(Box::new(FederatedKalmanFilter::new(problem, settings)?))
+        build: |problem, _| Ok(Box::new(FederatedKalmanFilter::new(problem, two_systems())?)),
+    },
+    Method {
+        name: "federated_fkf",
+        size_of: Some(SizeOf::Factors),
+        build: |problem, factors| {
+            let filter = FederatedFastKalmanFilter::of_fast_filters(problem, two_systems(), with_factors(factors))?;
+            Ok(Box::new(filter))
         },
     },
     Method {

@@ -53,7 +53,7 @@ const FACTOR_GRID: Key<Whole> = Key::absent(
     "width of the cells on which factors are propagated: 1, 2, 4 or 8",
 );
 
-const FACTOR_PRECISION: Key<Choice<Precision>> = Key::absent(
+pub(super) const FACTOR_PRECISION: Key<Choice<Precision>> = Key::absent(
     "factor_precision",
     "",
     Choice(&[("double", Precision::Double), ("single", Precision::Single)]),
@@ -94,7 +94,7 @@ const SEPARATOR_FACTORS: Key<Whole> = Key::absent(
     "factors that the separators of larger components may add for an analysis",
 );
 
-/// The keys that the time volume has as well.
+/// The keys that the time volume and the federated filter have as well.
 pub(super) const SHARED_KEYS: &[&dyn AnyKey] =
     &[&BLOCKS, &FACTORS, &RESIDUAL, &PROBES, &LARGEST, &SEPARATOR_FACTORS, &MEMORY_LIMIT_GB];
 
@@ -197,7 +197,7 @@ pub(super) struct Settings {
     pub factors: CommonFactors,
 }
 
-/// Reads the settings of the filter; keys that the time volume does not have are absent there.
+/// Reads the settings of the filter; keys that the time volume or the federated filter do not have are absent there.
 pub(super) fn read(section: &Section<'_>, surroundings: &Surroundings) -> Read<Settings> {
     let domain = &surroundings.domain;
     let asked = section.find(&RESIDUAL)?;
@@ -295,10 +295,7 @@ pub(super) fn work(Settings { filter, .. }: &Settings, factor_grid: usize, sizes
     let columns = if is_exact { m } else { r + p + probes };
     let exact = if is_exact { m * m + 2.0 * m * block.min(m) } else { 0.0 };
     let all = 2.0 * r + p + probes;
-    let width = match filter.factor_precision {
-        Precision::Double => 1.0,
-        Precision::Single => 0.5,
-    };
+    let width = width(filter.factor_precision);
     // Blocks that observations link are merged, up to this limit: whether any are is not known here.
     let component = (filter.largest_component as f64).min(m);
     // The factors of Q join those of the state, and all of them are compressed by the products of their columns.
@@ -314,6 +311,14 @@ pub(super) fn work(Settings { filter, .. }: &Settings, factor_grid: usize, sizes
         tangent_steps: columns * sizes.steps / (factor_grid as f64).powi(3),
         multiplications: compression + analysis + if is_exact { 2.0 * m * m * block } else { 0.0 },
         ..Work::forecast(sizes)
+    }
+}
+
+/// The memory of a number of the factors, in numbers in double precision.
+pub(super) fn width(precision: Precision) -> f64 {
+    match precision {
+        Precision::Double => 1.0,
+        Precision::Single => 0.5,
     }
 }
 

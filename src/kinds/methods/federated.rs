@@ -8,7 +8,7 @@ use crate::reader::{Absent, Described, Form, Key, Limits, Read, Section, Whole};
 use isobar_assim::federated::{FederatedKalmanFilter, FederatedSettings};
 use isobar_assim::{Assimilator, Error};
 
-const INFORMATION_SHARING: Key<Described> = Key::absent(
+pub(super) const INFORMATION_SHARING: Key<Described> = Key::absent(
     "information_sharing",
     "1",
     Described("a table with a factor for each network; their sum is 1", || {
@@ -21,7 +21,7 @@ const INFORMATION_SHARING: Key<Described> = Key::absent(
 /// The part that the filter of a network has.
 const SHARE: Limits = Limits::Between(1e-6, 1.0);
 
-const RESET_EVERY_CYCLES: Key<Whole> = Key::absent(
+pub(super) const RESET_EVERY_CYCLES: Key<Whole> = Key::absent(
     "reset_every_cycles",
     "cycles",
     Whole(0, 1_000_000),
@@ -36,21 +36,22 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "federated_kf",
     "A Kalman filter for each observing system, and a master that fuses them",
     &[&[&BIAS, &ERROR_CORRELATION, &ADAPT, &INFORMATION_SHARING, &RESET_EVERY_CYCLES, &MEMORY_LIMIT_GB]],
-    |section, surroundings| {
-        let networks: Vec<&str> = surroundings.networks.iter().map(String::as_str).collect();
-        if networks.is_empty() {
-            let message = "a federated filter has a filter for each network, and there are no networks".to_string();
-            return Err(section
-                .required("kind")?
-                .misplaced(message, "add a network, or choose another kind of method"));
-        }
-        let reset_every_cycles = Some(section.get(&RESET_EVERY_CYCLES)?).filter(|&cycles| cycles > 0);
-        let shares = shares(section, &networks)?;
-        let sum: f64 = shares.iter().sum();
-        let systems = networks.iter().zip(shares).map(|(name, share)| (name.to_string(), share / sum)).collect();
-        Ok(Box::new(FederatedSettings { systems, reset_every_cycles }))
-    },
+    |section, surroundings| Ok(Box::new(read(section, surroundings)?)),
 );
+
+/// Reads how a federated filter is divided.
+pub(super) fn read(section: &Section<'_>, surroundings: &Surroundings) -> Read<FederatedSettings> {
+    let networks: Vec<&str> = surroundings.networks.iter().map(String::as_str).collect();
+    if networks.is_empty() {
+        let message = "a federated filter has a filter for each network, and there are no networks".to_string();
+        return Err(section.required("kind")?.misplaced(message, "add a network, or choose another kind of method"));
+    }
+    let reset_every_cycles = Some(section.get(&RESET_EVERY_CYCLES)?).filter(|&cycles| cycles > 0);
+    let shares = shares(section, &networks)?;
+    let sum: f64 = shares.iter().sum();
+    let systems = networks.iter().zip(shares).map(|(name, share)| (name.to_string(), share / sum)).collect();
+    Ok(FederatedSettings { systems, reset_every_cycles })
+}
 
 /// The factor of each network, to rounding.
 fn shares(section: &Section<'_>, networks: &[&str]) -> Read<Vec<f64>> {
@@ -63,6 +64,17 @@ fn shares(section: &Section<'_>, networks: &[&str]) -> Read<Vec<f64>> {
         return Err(field.invalid(message, "must sum to 1"));
     }
     Ok(shares)
+}
+
+/// How a federated filter is divided, in words.
+pub(super) fn describe(settings: &FederatedSettings) -> String {
+    let reset = match settings.reset_every_cycles {
+        None => "never reset".to_string(),
+        Some(1) => "reset in every cycle".to_string(),
+        Some(cycles) => format!("reset every {cycles} cycles"),
+    };
+    let shares = settings.systems.iter().map(|(name, share)| format!("{name} {share:.3}"));
+    format!("information shared as {}, {reset}", shares.collect::<Vec<_>>().join(", "))
 }
 
 impl MethodSettings for FederatedSettings {
@@ -84,14 +96,7 @@ impl MethodSettings for FederatedSettings {
     }
 
     fn describe(&self) -> String {
-        let reset = match self.reset_every_cycles {
-            None => "never reset".to_string(),
-            Some(1) => "reset in every cycle".to_string(),
-            Some(cycles) => format!("reset every {cycles} cycles"),
-        };
-        let shares = self.systems.iter().map(|(name, share)| format!("{name} {share:.3}"));
-        let shares = shares.collect::<Vec<_>>().join(", ");
-        format!("federated Kalman filter, information shared as {shares}, {reset}")
+        format!("federated Kalman filter, {}", describe(self))
     }
 
     fn fixed_gain(&self) -> Result<(), &'static str> {

@@ -9,6 +9,7 @@ mod ensemble;
 mod etkf;
 mod fast_kalman;
 mod federated;
+mod federated_fast;
 mod four_d_var;
 mod free;
 mod hybrid;
@@ -47,6 +48,7 @@ pub(crate) const METHODS: &Kinds<dyn MethodSettings, Surroundings> = &[
     &serial_kalman::KIND,
     &banded_kalman::KIND,
     &federated::KIND,
+    &federated_fast::KIND,
     &fast_kalman::KIND,
     &time_volume::KIND,
     &etkf::KIND,

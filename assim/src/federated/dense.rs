@@ -1,19 +1,79 @@
-//! The fusion of estimates of one state with different biases, and its division.
+//! The federated filter of dense Kalman filters.
 
+use super::{FederatedKalmanFilter, FederatedSettings, Filters, Fusible, Part, biases_of_systems, filters};
 use crate::augmented::Augmented;
 use crate::error::Error;
-use crate::errors::dense::KalmanFilter;
-use crate::linalg::{add_symmetric_product, cholesky, column, product, solve_lower};
+use crate::errors::dense::{Dense, KalmanFilter};
+use crate::innovation_covariance::InnovationCovariance;
+use crate::linalg::{add_symmetric_product, cholesky, column, product, solve_lower, with_nugget};
+use crate::problem::{Innovations, Problem};
+use crate::propagator::Propagator;
 use faer::{Mat, MatRef};
 use isobar_model::vector::{add, difference};
+use isobar_model::{Model, TangentLinear};
 
-/// What is added to each variance before it is factored, as a share of it: the first with which there is a factor.
-/// Covariances such as a balanced B have no full rank; in directions in which both estimates have less than this share of the
-/// variances nothing is to be gained.
-const NUGGETS: [f64; 4] = [1e-11, 1e-9, 1e-7, 1e-5];
+impl FederatedKalmanFilter {
+    /// A filter that starts from the background.
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] if the dense matrices do not fit into the memory limit; [`Error::Setting`] for a bias of no
+    /// system, for biases of two systems whose priors are correlated, and for shares that do not sum to 1.
+    pub fn new(problem: impl Into<Problem<dyn TangentLinear>>, settings: FederatedSettings) -> Result<Self, Error> {
+        let problem = problem.into();
+        settings.check()?;
+        let FederatedSettings { systems, reset_every_cycles } = settings;
+        let sizes = biases_of_systems(&problem.calibration, &systems)?;
+        check_memory(&problem.clone().into(), sizes.iter().map(Vec::len), problem.most_observations)?;
+        let build = |Part { problem, factor }| KalmanFilter::with_inflated_errors(problem, factor, false);
+        Ok(Self::of(filters(&problem, &systems, build)?, reset_every_cycles))
+    }
+
+    /// The fused covariance of the errors of (x, c), `[m + p, m + p]`.
+    pub fn covariance(&self) -> MatRef<'_, f64> {
+        self.filters.master.covariance()
+    }
+}
+
+impl Fusible for Dense {
+    fn fuse(filters: &mut Filters<Self>) -> Result<(), Error> {
+        let Filters { master, local } = filters;
+        let m = master.belief.s.state.values().len();
+        let (first, rest) = local.split_first().expect("there is a system at least");
+        let mut fused = Fused::from(&first.filter);
+        for local in rest {
+            fused.fuse(&local.filter)?;
+        }
+        // The biases stand there system after system.
+        let order: Vec<usize> = match master.covariance().nrows() - m {
+            0 => (0..m).collect(),
+            _ => (0..m).chain(local.iter().flat_map(|it| &it.parameters).map(|number| m + number)).collect(),
+        };
+        fused.store(&order, master);
+        Ok(())
+    }
+
+    fn divide(filters: &mut Filters<Self>) -> Result<(), Error> {
+        let given_state = explained_by_state(&filters.master)?;
+        for local in &mut filters.local {
+            let biases: &[usize] = if given_state.nrows() == 0 { &[] } else { &local.parameters };
+            divide(&filters.master, given_state.as_ref(), local.share, biases, &mut local.filter);
+        }
+        Ok(())
+    }
+
+    fn normalised_square(master: &KalmanFilter, innovations: &Innovations) -> Result<f64, Error> {
+        let covariance = InnovationCovariance::new(master.covariance(), innovations)?;
+        Ok(covariance.normalised_square(&innovations.departures))
+    }
+
+    fn require_memory_of(filters: &Filters<Self>, observations: usize) -> Result<(), Error> {
+        let sizes = filters.local.iter().map(|local| local.parameters.len());
+        check_memory(&filters.master.problem, sizes, observations)
+    }
+}
 
 /// An estimate of x and of the biases of some systems, (x, c_1, …, c_k).
-pub(super) struct Fused {
+struct Fused {
     /// m.
     values: usize,
     /// `[m + p]`.
@@ -42,7 +102,7 @@ impl Fused {
     ///
     /// # Errors
     /// [`Error::NotPositiveDefinite`] if S has lost its meaning.
-    pub fn fuse(&mut self, other: &KalmanFilter) -> Result<(), Error> {
+    fn fuse(&mut self, other: &KalmanFilter) -> Result<(), Error> {
         let (m, known) = (self.values, self.covariance.nrows());
         let size = known + other.covariance().nrows() - m;
         let (p, q) = (self.covariance.as_ref(), other.covariance());
@@ -66,7 +126,7 @@ impl Fused {
     }
 
     /// Writes the estimate to where its values belong: number i to number `order[i]`.
-    pub fn store(self, order: &[usize], to: &mut KalmanFilter) {
+    fn store(self, order: &[usize], to: &mut KalmanFilter) {
         let (m, Augmented { state, bias }) = (self.values, &mut to.belief.s);
         state.values_mut().copy_from_slice(&self.estimate[..m]);
         for (&number, &value) in order[m..].iter().zip(&self.estimate[m..]) {
@@ -84,7 +144,7 @@ impl Fused {
 ///
 /// # Errors
 /// [`Error::NotPositiveDefinite`] if P has lost its meaning.
-pub(super) fn explained_by_state(master: &KalmanFilter) -> Result<Mat<f64>, Error> {
+fn explained_by_state(master: &KalmanFilter) -> Result<Mat<f64>, Error> {
     let (m, size) = (master.belief.s.state.values().len(), master.covariance().nrows());
     if size == m {
         return Ok(Mat::zeros(0, 0));
@@ -103,13 +163,7 @@ pub(super) fn explained_by_state(master: &KalmanFilter) -> Result<Mat<f64>, Erro
 /// ```
 ///
 /// `biases` are the numbers of its biases among all.
-pub(super) fn divide(
-    master: &KalmanFilter,
-    explained: MatRef<'_, f64>,
-    share: f64,
-    biases: &[usize],
-    local: &mut KalmanFilter,
-) {
+fn divide(master: &KalmanFilter, explained: MatRef<'_, f64>, share: f64, biases: &[usize], local: &mut KalmanFilter) {
     let (from, to) = (&master.belief.s, &mut local.belief.s);
     let m = from.state.values().len();
     to.state.values_mut().copy_from_slice(from.state.values());
@@ -137,6 +191,24 @@ fn semidefinite_cholesky(matrix: MatRef<'_, f64>, name: &str) -> Result<Mat<f64>
         }
         cholesky(matrix, || name.into())
     };
-    let [least, larger @ ..] = NUGGETS;
-    larger.into_iter().fold(factor(least), |found, nugget| found.or_else(|_| factor(nugget)))
+    with_nugget(factor).map(|(_, root)| root)
+}
+
+/// `parameters` are the numbers of biases of the systems.
+fn check_memory(
+    problem: &Problem<dyn Model>,
+    parameters: impl ExactSizeIterator<Item = usize>,
+    observations: usize,
+) -> Result<(), Error> {
+    let m = problem.background.values().len();
+    let (systems, n) = (parameters.len(), observations as f64);
+    let of_filter = |size: f64| 2.0 * size * size + Propagator::numbers(size);
+    let filters: f64 = parameters.map(|own| of_filter((m + own) as f64)).sum();
+    let master = (m + problem.calibration.len()) as f64;
+    // Covariance, model error, propagator and twice a band for each, the master and what it fuses; for the innovations those
+    // of the master and those of all local filters.
+    let numbers = filters + 5.0 * master * master + 4.0 * master * n + 2.0 * n * n;
+    problem.require_memory(numbers, || {
+        format!("{systems} dense Kalman filters for {m} values each and {observations} observations, and their fusion")
+    })
 }
