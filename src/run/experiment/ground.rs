@@ -75,7 +75,7 @@ pub(super) fn ground_after(
     };
     let truth = match &scenario.truth {
         None => None,
-        Some(TruthSettings::Twin(settings)) => Some(Truth::Twin(twin(settings)?)),
+        Some(TruthSettings::Twin(settings)) => Some(Truth::Twin(Box::new(twin(settings)?))),
         Some(TruthSettings::Series(settings)) => Some(Truth::Series(series(settings)?)),
     };
 

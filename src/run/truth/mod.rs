@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 /// The true world.
 pub enum Truth {
     /// A model run.
-    Twin(Twin),
+    Twin(Box<Twin>),
     /// The states of a file.
     Series(Series),
 }
