@@ -50,6 +50,8 @@ pub struct RunInfo {
     pub methods: Vec<MethodInfo>,
     /// Whether there is a truth, with which methods are compared.
     pub has_truth: bool,
+    /// The file that the truth is read from, if it is, as the scenario names it.
+    pub truth_file: Option<String>,
     /// Whether what is known of its sensors is kept in a database.
     pub keeps_sensors: bool,
     /// The networks.

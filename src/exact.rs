@@ -7,7 +7,7 @@
 
 use crate::kinds::methods::Method;
 use crate::run::experiment::{self, ExperimentError, Ground};
-use crate::scenario::{Scenario, ScenarioError, TruthSettings};
+use crate::scenario::{Scenario, ScenarioError, TruthSettings, TwinSettings};
 use crate::scores::Values;
 use indexmap::IndexMap;
 use isobar_assim::actual_errors::ActualErrors;
@@ -235,11 +235,22 @@ fn chosen(scenario: &Scenario, options: &ExactOptions) -> Result<(Vec<String>, V
 }
 
 /// Refuses a world that is not linear, or without a truth; how the truth differs from what methods assume.
-fn check_linear(scenario: &Scenario) -> Result<&TruthSettings, ScenarioError> {
-    let Some(truth) = &scenario.truth else {
-        let message =
-            "exact performance is that of errors against a truth, and all observations are recorded".to_string();
-        return Err(scenario.fault(&["networks"], message, "no truth"));
+fn check_linear(scenario: &Scenario) -> Result<&TwinSettings, ScenarioError> {
+    let truth = match &scenario.truth {
+        Some(TruthSettings::Twin(twin)) => twin,
+        Some(TruthSettings::Series(series)) => {
+            let message = format!(
+                "exact performance is that of a truth which departs from the model by known covariances, and not of the states \
+                 of {}",
+                series.name()
+            );
+            return Err(scenario.fault(&["truth", "kind"], message, "no known errors"));
+        }
+        None => {
+            let message =
+                "exact performance is that of errors against a truth, and all observations are recorded".to_string();
+            return Err(scenario.fault(&["networks"], message, "no truth"));
+        }
     };
     if !scenario.model.equations.is_linear() {
         let message = format!("exact performance needs a linear model, and {} is not linear", scenario.model.kind);

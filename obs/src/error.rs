@@ -1,6 +1,6 @@
 //! What can be wrong with a file of stations or observations, or with the description of an observing system.
 
-use crate::table::error::TableError;
+use crate::table::error::{Numbered, TableError};
 use std::fmt;
 
 /// A fault in a file of stations or observations, or in the description of an observing system.
@@ -27,8 +27,8 @@ pub enum Place {
     File {
         /// Name of the file, as its reader was given it.
         file: String,
-        /// Line number, from 1; `None` if it is the file as a whole.
-        line: Option<usize>,
+        /// Which line or row, from 1; `None` if it is the file as a whole.
+        row: Option<(Numbered, usize)>,
     },
     /// In the observing system as a whole.
     System,
@@ -38,8 +38,8 @@ impl fmt::Display for Place {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Place::Setting { network, .. } => write!(f, "{network}: "),
-            Place::File { file, line: Some(line) } => write!(f, "{file}, line {line}: "),
-            Place::File { file, line: None } => write!(f, "{file} "),
+            Place::File { file, row: Some((numbered, number)) } => write!(f, "{file}, {numbered} {number}: "),
+            Place::File { file, row: None } => write!(f, "{file} "),
             Place::System => Ok(()),
         }
     }
@@ -51,9 +51,9 @@ impl ObservationError {
         Self { place: Place::Setting { network: network.to_owned(), setting }, problem: problem.into() }
     }
 
-    /// A fault in a line of a file, or in the file as a whole; the `problem` then goes on after the file's name.
-    pub fn in_file(file: &str, line: Option<usize>, problem: impl Into<String>) -> Self {
-        Self { place: Place::File { file: file.to_owned(), line }, problem: problem.into() }
+    /// A fault in a line or row of a file, or in the file as a whole; the `problem` then goes on after the file's name.
+    pub fn in_file(file: &str, row: Option<(Numbered, usize)>, problem: impl Into<String>) -> Self {
+        Self { place: Place::File { file: file.to_owned(), row }, problem: problem.into() }
     }
 
     /// The same fault of a file as one of the network that reads it.
@@ -102,7 +102,10 @@ impl ObservationError {
 impl From<TableError> for ObservationError {
     fn from(error: TableError) -> Self {
         match &error.faults[..] {
-            [fault] => Self::in_file(&error.file, fault.line, fault.problem.clone()),
+            [fault] => {
+                let row = fault.line.map(|line| (error.numbered, line));
+                Self::in_file(&error.file, row, fault.problem.clone())
+            }
             _ => Self::in_file(&error.file, None, format!("has {}", error.listing())),
         }
     }

@@ -5,7 +5,7 @@ pub(crate) mod error;
 mod line;
 
 pub use decode::decode;
-pub use error::{Faults, TableError, TableFault};
+pub use error::{Faults, Numbered, TableError, TableFault};
 
 use crate::error::list;
 use crate::times;
@@ -48,16 +48,25 @@ const LIKELY: &[(&str, &[&str])] = &[
 /// Lines may end as on any system. Columns that have neither a name nor a field are no columns.
 pub struct Table<'a> {
     file: &'a str,
-    header_line: usize,
-    /// What is below the header: the lines that are neither empty nor remarks, with their numbers from 1.
-    lines: Vec<(usize, &'a str)>,
+    /// What is below the header.
+    body: Body<'a>,
     /// Names of the columns; empty for one without a name.
     columns: Vec<String>,
 }
 
+/// Lines with their numbers from 1.
+type Lines<'a> = Vec<(usize, &'a str)>;
+
+enum Body<'a> {
+    /// The lines that are neither empty nor remarks, and the number of the header's line.
+    Text { header_line: usize, lines: Lines<'a> },
+    /// Rows of a table that is no text.
+    Rows(Vec<Vec<String>>),
+}
+
 /// A row of a table, with as many fields as the table has columns.
 pub struct Row<'a> {
-    /// Number of its line, from 1.
+    /// Number of its line, or of the row where there is no text, from 1.
     pub line: usize,
     columns: &'a [String],
     fields: Vec<String>,
@@ -70,8 +79,29 @@ impl<'a> Table<'a> {
     /// # Errors
     /// A header that is not a line of CSV, other separators than commas, a column that is there twice.
     pub fn new(text: &'a str, file: &'a str, known: &[&str]) -> Result<Option<Self>, TableError> {
-        let Some(mut table) = Self::of_lines(text, file)? else { return Ok(None) };
-        table.lines.remove(0);
+        let Some((mut table, mut lines)) = Self::of_lines(text, file)? else { return Ok(None) };
+        let (header_line, _) = lines.remove(0);
+        table.body = Body::Text { header_line, lines };
+        table.with_known(known).map(Some)
+    }
+
+    /// A table that is no text, of columns with these names. Rows may be shorter than the names, whose last ones then have no
+    /// fields. `known` are recognised as in [`Table::new`].
+    ///
+    /// # Errors
+    /// A column that is there twice.
+    pub fn of_rows(
+        columns: Vec<String>,
+        rows: Vec<Vec<String>>,
+        file: &'a str,
+        known: &[&str],
+    ) -> Result<Self, TableError> {
+        Self { file, body: Body::Rows(rows), columns }.with_known(known)
+    }
+
+    /// With the names of known columns as they are known.
+    fn with_known(self, known: &[&str]) -> Result<Self, TableError> {
+        let mut table = self;
         for column in &mut table.columns {
             if let Some(name) = known.iter().find(|name| name.eq_ignore_ascii_case(column)) {
                 *column = name.to_string();
@@ -83,7 +113,7 @@ impl<'a> Table<'a> {
                 meant.for_each(|column| *column = name.to_string());
             }
         }
-        table.check_names().map(Some)
+        table.check_names()
     }
 
     /// As [`Table::new`], of a table of numbers that may begin without a header: the columns are then called `column 1` and
@@ -92,10 +122,11 @@ impl<'a> Table<'a> {
     /// # Errors
     /// As there.
     pub fn of_numbers(text: &'a str, file: &'a str) -> Result<Option<(Self, bool)>, TableError> {
-        let Some(mut table) = Self::of_lines(text, file)? else { return Ok(None) };
+        let Some((mut table, mut lines)) = Self::of_lines(text, file)? else { return Ok(None) };
         let has_header = table.columns.iter().any(|field| !field.is_empty() && field.parse::<f64>().is_err());
+        let header_line = if has_header { lines.remove(0).0 } else { lines[0].0 };
+        table.body = Body::Text { header_line, lines };
         if has_header {
-            table.lines.remove(0);
             return Ok(Some((table.check_names()?, true)));
         }
         let width = table.width();
@@ -105,10 +136,10 @@ impl<'a> Table<'a> {
         Ok(Some((table, false)))
     }
 
-    /// All lines of a text, the first as the names of columns.
-    fn of_lines(text: &'a str, file: &'a str) -> Result<Option<Self>, TableError> {
+    /// A table of the first line of a text as the names of columns, and all lines.
+    fn of_lines(text: &'a str, file: &'a str) -> Result<Option<(Self, Lines<'a>)>, TableError> {
         let is_empty = |line: &(usize, &str)| line.1.chars().all(|c| c == ',' || c.is_whitespace());
-        let lines: Vec<(usize, &str)> = lines(text).filter(|line| !is_empty(line)).collect();
+        let lines: Lines<'_> = lines(text).filter(|line| !is_empty(line)).collect();
         let Some(&(header_line, header)) = lines.first() else { return Ok(None) };
         let fault = |problem: String| TableError::at(file, header_line, problem);
         if let Some(other) = separator(header) {
@@ -118,7 +149,8 @@ impl<'a> Table<'a> {
             )));
         }
         let columns = split(header).map_err(fault)?;
-        Ok(Some(Self { file, header_line, lines, columns }))
+        let body = Body::Text { header_line, lines: Vec::new() };
+        Ok(Some((Self { file, body, columns }, lines)))
     }
 
     /// Refuses two columns of one name.
@@ -138,11 +170,22 @@ impl<'a> Table<'a> {
 
     /// Calls `take` with each row below the header. What is not a row is added to the faults.
     pub fn each_row(&self, faults: &mut Faults, mut take: impl FnMut(Row<'_>, &mut Faults)) {
-        for &(line, text) in &self.lines {
-            match self.row(line, text) {
-                Ok(Some(row)) => take(row, faults),
-                Ok(None) => {}
-                Err(problem) => faults.add(line, problem),
+        match &self.body {
+            Body::Text { lines, .. } => {
+                for &(line, text) in lines {
+                    match self.row(line, text) {
+                        Ok(Some(row)) => take(row, faults),
+                        Ok(None) => {}
+                        Err(problem) => faults.add(line, problem),
+                    }
+                }
+            }
+            Body::Rows(rows) => {
+                for (row, number) in rows.iter().zip(1..) {
+                    let mut fields = row.clone();
+                    fields.resize(self.columns.len(), String::new());
+                    take(Row { line: number, columns: &self.columns, fields }, faults);
+                }
             }
         }
     }
@@ -204,9 +247,20 @@ impl<'a> Table<'a> {
         self.wrong_header(format!("the header has no column {missing}; it has {columns}{hint}"))
     }
 
-    /// What is wrong with the header.
+    /// What is wrong with the header. Without text the name of the file takes its place in the sentence.
     pub fn wrong_header(&self, problem: String) -> TableError {
-        TableError::at(self.file, self.header_line, problem)
+        match self.body {
+            Body::Text { header_line, .. } => TableError::at(self.file, header_line, problem),
+            Body::Rows(_) => TableError::whole(self.file, problem.strip_prefix("the header ").unwrap_or(&problem)),
+        }
+    }
+
+    /// What the numbers of its rows count.
+    pub fn numbered(&self) -> Numbered {
+        match self.body {
+            Body::Text { .. } => Numbered::Lines,
+            Body::Rows(_) => Numbered::Rows,
+        }
     }
 }
 
@@ -299,6 +353,15 @@ pub fn rows(text: &str) -> impl Iterator<Item = Vec<String>> {
         fields
     };
     lines(text).map(fields).filter(|fields| !fields.is_empty())
+}
+
+/// The name under which a column is known, as [`Table::new`] recognises it.
+pub(crate) fn known_name<'a>(name: &str, known: &[&'a str]) -> Option<&'a str> {
+    let is_synonym = |own: &str| {
+        let synonyms = SYNONYMS.iter().find(|(name, _)| *name == own);
+        synonyms.is_some_and(|(_, synonyms)| synonyms.contains(&plain(name).as_str()))
+    };
+    known.iter().find(|own| own.eq_ignore_ascii_case(name) || is_synonym(own)).copied()
 }
 
 /// A column's name in lower case, with underscores for anything but letters and digits.

@@ -3,12 +3,15 @@
 use super::models::Model;
 use crate::reader::{Field, Read};
 use isobar_model::Grid;
+use isobar_obs::Projection;
 
 /// The plane and the model: what initial states, covariances and instruments must fit to.
 #[derive(Clone, Debug)]
 pub struct Domain {
     /// The grid.
     pub grid: Grid,
+    /// Where the plane lies on the Earth, if anywhere.
+    pub projection: Option<Projection>,
     /// The model.
     pub model: Model,
 }

@@ -19,7 +19,7 @@ pub(crate) use faults::{Faults, of_keys, read_all};
 pub(crate) use field::{Field, Limits};
 pub(crate) use form::{Form, KIND, KindForm};
 pub(crate) use key::{Absent, AnyKey, Choice, Described, Integer, Key, OrTable, OrWord, Table, Value, Whole, YesNo};
-pub(crate) use netcdf::StateFile;
+pub(crate) use netcdf::{Plane, StateFile, observations};
 pub(crate) use section::{Section, parse};
 
 /// Result of reading a part of a scenario.

@@ -65,7 +65,7 @@ impl Cycles<'_, '_> {
     /// Runs the cycles after those that are done.
     ///
     /// # Errors
-    /// A truth that leaves the finite numbers, an output that cannot be written, or a signal.
+    /// A truth that cannot go on, an output that cannot be written, or a signal.
     pub fn run(&mut self, done: usize) -> Result<Summary, RunError> {
         let cycles = self.experiment.info.cycles;
         if done == self.experiment.info.done {
@@ -105,7 +105,6 @@ impl Cycles<'_, '_> {
         let Experiment { info, truth, reference, observing, methods, .. } = &mut *self.experiment;
         if let Some(truth) = truth {
             self.workers.install(|| truth.advance()).map_err(|error| RunError::Truth { cycle, error })?;
-            truth.check_growth().map_err(|growth| RunError::TruthGrows { cycle, growth })?;
         }
         if let Some(reference) = reference {
             self.workers.install(|| reference.advance(cycle));

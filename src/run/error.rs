@@ -1,10 +1,9 @@
 //! Why a run ends early.
 
 use super::experiment::ExperimentError;
-use super::truth::Growth;
+use super::truth::TruthError;
 use crate::output::SinkError;
 use crate::text::shown_path;
-use isobar_model::ForecastError;
 use std::path::PathBuf;
 
 /// Why a run ended early.
@@ -13,21 +12,13 @@ pub enum RunError {
     /// The scenario cannot become an experiment.
     #[error(transparent)]
     Experiment(#[from] ExperimentError),
-    /// The truth left the finite numbers.
+    /// The truth cannot go on.
     #[error("cycle {cycle}, truth: {error}")]
     Truth {
         /// The cycle.
         cycle: usize,
         /// Why.
-        error: ForecastError,
-    },
-    /// The truth grew by orders of magnitude.
-    #[error("cycle {cycle}, truth: {growth}")]
-    TruthGrows {
-        /// The cycle.
-        cycle: usize,
-        /// From what to what.
-        growth: Growth,
+        error: TruthError,
     },
     /// A signal ended the run after a cycle.
     #[error("ended by a signal after cycle {cycle} of {cycles}")]
@@ -71,7 +62,7 @@ impl RunError {
         match self {
             Self::Interrupted { .. } | Self::Resume { .. } | Self::Place(_) | Self::Sink(_) | Self::Threads(_) => true,
             Self::Experiment(error) => matches!(error, ExperimentError::Sensors(_)),
-            Self::Truth { .. } | Self::TruthGrows { .. } | Self::Earlier { .. } => false,
+            Self::Truth { .. } | Self::Earlier { .. } => false,
         }
     }
 }

@@ -88,7 +88,7 @@ pub fn reopen(scenario: &Scenario, from: &Path, method: &str) -> Result<Experime
         ..RunOptions::new(from)
     };
     let earlier = run.check_end(scenario, &options).map_err(refuse)?;
-    let mut experiment = Experiment::builder(scenario).build_after(&options, Some(&earlier))?;
+    let mut experiment = Experiment::builder(scenario).build_at_end(&options, Some(&earlier))?;
     run.restore(&mut experiment).map_err(refuse)?;
     Ok(experiment)
 }

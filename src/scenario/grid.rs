@@ -1,6 +1,7 @@
 //! `[grid]`: the plane, and its place on the Earth.
 
-use crate::kinds::models;
+use crate::kinds::Domain;
+use crate::kinds::models::{self, Model};
 use crate::reader::{Absent, AnyKey, Choice, Key, Limits, Read, Section, Whole};
 use isobar_model::{Boundary, Grid};
 use isobar_obs::Projection;
@@ -12,6 +13,13 @@ pub struct GridSettings {
     pub grid: Grid,
     /// The projection whose centre is the middle of the domain.
     pub projection: Option<Projection>,
+}
+
+impl GridSettings {
+    /// The plane with a model.
+    pub(super) fn domain(&self, model: &Model) -> Domain {
+        Domain { grid: self.grid.clone(), projection: self.projection.clone(), model: model.clone() }
+    }
 }
 
 const SPACING: Limits = Limits::Between(1e-3, 1e4);

@@ -1,6 +1,6 @@
 //! The keys of a scenario file, from the top.
 
-use super::{cycle, expected, grid, initialise, quality, sensors, sweep};
+use super::{cycle, expected, grid, initialise, quality, sensors, sweep, truth};
 use crate::kinds::{covariances, forecast, warnings};
 use crate::reader::{Absent, AnyKey, Described, Form, Integer, Key, Table, YesNo};
 
@@ -74,7 +74,7 @@ pub(crate) const ALL: &[&dyn AnyKey] = &[
     ),
     &optional(
         "truth",
-        cycle::TRUTH_KEYS,
+        truth::KEYS,
         "it is as the methods assume",
         "how the true world differs from what methods assume",
     ),

@@ -14,18 +14,20 @@ mod moved;
 mod quality;
 mod sensors;
 mod sweep;
+mod truth;
 
 pub use crate::reader::ScenarioError;
 pub use crate::scores::Expected;
 pub use accept::{AcceptError, accept, with_expected};
-pub use cycle::{CycleSettings, TruthSettings};
+pub use cycle::CycleSettings;
 pub use grid::GridSettings;
 pub use initialise::Initialise;
 pub use sensors::{SensorSettings, StabilitySettings};
 pub use sweep::SweepSettings;
+pub use truth::{TruthSeries, TruthSettings, TwinSettings};
 
 use crate::kinds::covariances::{self, Components};
-use crate::kinds::initial::{GivenState, INITIAL, InitialState};
+use crate::kinds::initial::{self, GivenState, INITIAL, InitialState};
 use crate::kinds::instruments;
 use crate::kinds::methods::{self, Method, Surroundings};
 use crate::kinds::models::{self, Model};
@@ -40,7 +42,7 @@ use crate::scores::{Part, ScoreKind};
 use crate::text;
 use crate::threshold_warning::ThresholdWarning;
 use indexmap::IndexMap;
-use isobar_model::{Adjoint, State, Time};
+use isobar_model::{Adjoint, Layout, State, Time};
 use isobar_obs::{Network, QualityControl};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -118,12 +120,12 @@ pub struct Scenario {
 impl Scenario {
     /// The plane, with the methods' model.
     pub fn domain(&self) -> Domain {
-        Domain { grid: self.grid.grid.clone(), model: self.model.clone() }
+        self.domain_of(&self.model)
     }
 
     /// The plane, with another model.
     pub fn domain_of(&self, model: &Model) -> Domain {
-        Domain { grid: self.grid.grid.clone(), model: model.clone() }
+        self.grid.domain(model)
     }
 
     /// Whether the truth's model has a key with another value than `[model]`.
@@ -168,8 +170,8 @@ impl Scenario {
     /// As [`Scenario::parse`], with a model that is made by code and the first background: the text has no `[grid]`, `[model]`
     /// and `[initial]`.
     ///
-    /// Each cycle is a forecast with this one model, and [`TruthSettings::model`] is it, too. A truth of another model can be
-    /// set there.
+    /// Each cycle is a forecast with this one model, and [`TwinSettings::model`] is it, too. A truth of another model can be set
+    /// there.
     ///
     /// # Errors
     /// As [`Scenario::load`]; if the background is not a state of the model.
@@ -220,8 +222,8 @@ impl Scenario {
         let influence_every_cycles = faults.keep(cycle::read_diagnostics(root));
         let regression = faults.keep(root.get(&keys::REGRESSION));
 
-        let World { grid, model_field, model, initial } = faults.keep(World::read(root, given))?;
-        let domain = Domain { grid: grid.grid.clone(), model: model.clone() };
+        let World { grid, model_field, model, initial, layout } = faults.keep(World::read(root, given))?;
+        let domain = grid.domain(&model);
         let background_error = root.required("background_error").and_then(|field| covariances::read(&field, &domain));
         let background_error = faults.keep(background_error);
         let model_error = root.optional("model_error").map(|field| covariances::read(&field, &domain));
@@ -229,8 +231,11 @@ impl Scenario {
         let networks = faults.keep(instruments::read(root, &domain));
         let truth = networks
             .as_ref()
-            .and_then(|networks| faults.keep(cycle::read_truth(root, model_field.as_ref(), &domain, networks)));
-        let true_step = truth.iter().flatten().map(|truth| truth.model.time_step).next().unwrap_or(model.time_step);
+            .and_then(|networks| faults.keep(truth::read(root, model_field.as_ref(), &domain, &layout, networks)));
+        let true_step = match &truth {
+            Some(Some(TruthSettings::Twin(twin))) => twin.model.time_step,
+            _ => model.time_step,
+        };
         let steps = [("model.time_step_s", model.time_step), ("truth.model.time_step_s", true_step)];
         let cycle = start.and_then(|start| faults.keep(cycle::read(root, start, &steps)))?;
         let forecast = faults.keep(forecast::read(root, cycle.window, cycle.count, cycle.score_from_cycle));
@@ -319,6 +324,8 @@ struct World<'a> {
     model_field: Option<Field<'a>>,
     model: Model,
     initial: Arc<dyn InitialState>,
+    /// That of its states.
+    layout: Arc<Layout>,
 }
 
 impl<'a> World<'a> {
@@ -329,14 +336,16 @@ impl<'a> World<'a> {
                 return Err(field.misplaced(message, "leave it out"));
             }
             let grid = GridSettings { grid: background.layout().grid.clone(), projection: None };
-            return Ok(Self { grid, model_field: None, model, initial: Arc::new(GivenState(background)) });
+            let layout = Arc::clone(background.layout());
+            return Ok(Self { grid, model_field: None, model, initial: Arc::new(GivenState(background)), layout });
         }
         let grid = grid::read(root)?;
         let model_field = root.required("model")?;
         let model = models::read(&model_field, &grid.grid)?;
-        let domain = Domain { grid: grid.grid.clone(), model: model.clone() };
+        let domain = grid.domain(&model);
         let initial = kinds::read(&root.required("initial")?, INITIAL, &domain)?.into();
-        Ok(Self { grid, model_field: Some(model_field), model, initial })
+        let layout = initial::layout(&domain);
+        Ok(Self { grid, model_field: Some(model_field), model, initial, layout })
     }
 }
 

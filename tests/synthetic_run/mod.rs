@@ -201,6 +201,7 @@ fn info(nx: usize, ny: usize, cycles: usize, methods: usize) -> RunInfo {
         seed: 42,
         threads: 2,
         has_truth: true,
+        truth_file: None,
         keeps_sensors: false,
         lead_times: None,
         warnings: Vec::new(),

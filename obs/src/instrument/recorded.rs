@@ -64,7 +64,8 @@ impl InstrumentSettings for RecordedSettings {
         require((0.0..=half).contains(&tolerance), site.network, "time_tolerance", tolerance, expected)?;
         let network: Arc<str> = site.network.into();
         let mut winds = Winds::new(self.winds.unwrap_or(WindAxes::Earth) == WindAxes::Earth, site.layout);
-        let (mut records, mut observations, mut faults) = (Vec::new(), Vec::new(), Faults::default());
+        let mut faults = Faults::of(self.observations.numbered());
+        let (mut records, mut observations) = (Vec::new(), Vec::new());
         let (mut nameless, mut reports) = (Nameless::default(), Reports::default());
         for record in self.observations.records() {
             let Some((variable, sigma)) = self.variable_and_sigma(record, site, &mut faults)? else { continue };

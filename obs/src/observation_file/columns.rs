@@ -20,6 +20,9 @@ pub(super) const KNOWN: &[&str] = &[
     "group",
 ];
 
+/// The column of networks.
+pub(super) const NETWORK: &str = "network";
+
 /// The last cycle that a file may name, and the last column or row.
 const LAST: usize = 1_000_000;
 
@@ -38,6 +41,8 @@ pub(super) struct Columns {
     id: Option<usize>,
     group: Option<usize>,
     report: Option<usize>,
+    /// The column of networks, and the one that is read.
+    network: Option<(usize, String)>,
     /// With their names.
     predictors: Vec<(usize, String)>,
 }
@@ -50,6 +55,17 @@ enum PlaceColumns {
 }
 
 impl Columns {
+    /// Whether a row is of the network that is read, if only one is.
+    ///
+    /// # Errors
+    /// The name of its own.
+    pub fn is_read<'a>(&self, row: &'a Row<'_>) -> Result<(), &'a str> {
+        match &self.network {
+            Some((column, name)) if row.text(*column) != name => Err(row.text(*column)),
+            _ => Ok(()),
+        }
+    }
+
     /// Whether a row has no value, or no place.
     pub fn is_missing(&self, row: &Row<'_>, markers: Option<&[f64]>) -> bool {
         let (PlaceColumns::Plane(x, y) | PlaceColumns::Geographic(x, y) | PlaceColumns::GridPoint(x, y)) = self.place;
@@ -156,6 +172,7 @@ impl Columns {
             id: find("id"),
             group: further.group_by.as_ref().map(named).transpose()?,
             report: further.report_by.as_ref().map(named).transpose()?,
+            network: further.network.clone().map(|name| Ok((named(&NETWORK.to_owned())?, name))).transpose()?,
             predictors: further.predictors.iter().map(with_name).collect::<Result<_, TableError>>()?,
         })
     }

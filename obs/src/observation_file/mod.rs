@@ -5,8 +5,10 @@ mod record;
 
 pub use record::{FurtherColumns, ObservationPlace, ObservationRecord, ValidTime};
 
-use crate::table::{Faults, Table, TableError};
+use crate::error::list;
+use crate::table::{Faults, Numbered, Table, TableError, known_name};
 use columns::Columns;
+use std::collections::BTreeSet;
 
 /// The observations of a file, in its order.
 ///
@@ -25,6 +27,7 @@ use columns::Columns;
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObservationFile {
     file: String,
+    numbered: Numbered,
     columns: Vec<String>,
     further: FurtherColumns,
     records: Vec<ObservationRecord>,
@@ -53,18 +56,58 @@ impl ObservationFile {
         markers: Option<&[f64]>,
         further: FurtherColumns,
     ) -> Result<Self, TableError> {
-        let no_observations = || {
-            let form =
-                "it needs a header line such as `cycle,x_m,y_m,variable,value,sigma` and a line for each observation";
-            TableError::whole(file, format!("has no observations: {form}"))
-        };
-        let table = Table::new(text, file, columns::KNOWN)?.ok_or_else(no_observations)?;
-        let columns = Columns::find(&table, &further)?;
-        let mut faults = Faults::default();
+        match Table::new(text, file, columns::KNOWN)? {
+            Some(table) => Self::of_table(&table, file, markers, further),
+            None => Err(no_observations(file, Numbered::Lines)),
+        }
+    }
+
+    /// The same of a table that is no text, of columns with these names, whose fields are as they would be written in a text.
+    /// Rows may be shorter than the names, whose last ones then have no fields; [`ObservationFile::reads`] says which are read.
+    ///
+    /// # Errors
+    /// As [`ObservationFile::parse`], with numbers of rows.
+    pub fn of_rows(
+        columns: Vec<String>,
+        rows: Vec<Vec<String>>,
+        file: &str,
+        markers: Option<&[f64]>,
+        further: FurtherColumns,
+    ) -> Result<Self, TableError> {
+        Self::of_table(&Table::of_rows(columns, rows, file, columns::KNOWN)?, file, markers, further)
+    }
+
+    /// Whether anything is read from a column.
+    pub fn reads(column: &str, further: &FurtherColumns) -> bool {
+        let FurtherColumns { group_by, report_by, network, predictors } = further;
+        let is_further = |name: &String| name == column;
+        Self::known_name(column).is_some()
+            || group_by.iter().chain(report_by).chain(predictors).any(is_further)
+            || network.is_some() && column == columns::NETWORK
+    }
+
+    /// The name of the column that every file may have and that another name means, in capitals or as a synonym.
+    pub fn known_name(column: &str) -> Option<&'static str> {
+        known_name(column, columns::KNOWN)
+    }
+
+    fn of_table(
+        table: &Table<'_>,
+        file: &str,
+        markers: Option<&[f64]>,
+        further: FurtherColumns,
+    ) -> Result<Self, TableError> {
+        let columns = Columns::find(table, &further)?;
+        let mut faults = Faults::of(table.numbered());
         let mut records = Vec::new();
         let mut missing = 0;
+        let mut others = BTreeSet::new();
         table.each_row(&mut faults, |row, faults| {
-            if columns.is_missing(&row, markers) {
+            if let Err(other) = columns.is_read(&row) {
+                if !others.contains(other) {
+                    others.insert(other.to_owned());
+                }
+            } else if columns.is_missing(&row, markers) {
                 missing += 1;
             } else {
                 records.extend(columns.record(&row, markers, faults));
@@ -72,14 +115,35 @@ impl ObservationFile {
         });
         faults.check(file)?;
         if records.is_empty() && missing == 0 {
-            return Err(no_observations());
+            return Err(match &further.network {
+                Some(name) if !others.is_empty() => {
+                    let others = list(others.iter().map(|name| name.chars().take(60).collect::<String>()).take(20));
+                    TableError::whole(
+                        file,
+                        format!("has no observations of network `{name}`; it has those of {others}"),
+                    )
+                }
+                _ => no_observations(file, table.numbered()),
+            });
         }
-        Ok(Self { file: file.to_owned(), columns: table.columns().to_vec(), further, records, missing })
+        Ok(Self {
+            file: file.to_owned(),
+            numbered: table.numbered(),
+            columns: table.columns().to_vec(),
+            further,
+            records,
+            missing,
+        })
     }
 
     /// Name of the file.
     pub fn file(&self) -> &str {
         &self.file
+    }
+
+    /// What the numbers of its records count.
+    pub fn numbered(&self) -> Numbered {
+        self.numbered
     }
 
     /// Names of the columns.
@@ -101,6 +165,16 @@ impl ObservationFile {
     pub fn missing(&self) -> usize {
         self.missing
     }
+}
+
+fn no_observations(file: &str, numbered: Numbered) -> TableError {
+    let form = match numbered {
+        Numbered::Lines => {
+            "it needs a header line such as `cycle,x_m,y_m,variable,value,sigma` and a line for each observation"
+        }
+        Numbered::Rows => "it needs variables such as `time`, `x_m`, `y_m`, `variable`, `value` and `sigma`",
+    };
+    TableError::whole(file, format!("has no observations: {form}"))
 }
 
 #[cfg(test)]
@@ -163,6 +237,49 @@ mod tests {
         assert_eq!((all.records().len(), all.missing()), (0, 1));
         let kept = ObservationFile::parse(text, "t.csv", Some(&[])).unwrap();
         assert_eq!((kept.records().len(), kept.missing()), (2, 4));
+    }
+
+    /// Rows that are no text have their own numbers, and the same faults.
+    #[test]
+    fn rows_give_what_the_same_text_gives() {
+        let of = |text: &str, markers: Option<&[f64]>, further: &FurtherColumns| {
+            let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<String>>());
+            let (columns, rows) = (lines.next().unwrap(), lines.collect());
+            let of_text = ObservationFile::parse_with(text, "t", markers, further.clone());
+            (of_text, ObservationFile::of_rows(columns, rows, "t", markers, further.clone()))
+        };
+        let good = "Time,lat,lon,value,platform,network,note\n2026-01-15T06:00:00Z,5,-6,7,a,A,x\n2026-01-15T12:00:00Z,8,9,,b,A,\n\
+                    2026-01-15T12:00:00Z,8,9,-0.5,b,B,\n";
+        let only = |name: &str| FurtherColumns { network: Some(name.into()), ..FurtherColumns::default() };
+        for (further, count) in [(FurtherColumns::default(), 2), (only("A"), 1), (only("B"), 1)] {
+            let (text, rows) = of(good, None, &further);
+            let (text, rows) = (text.unwrap(), rows.unwrap());
+            let numbers = |it: &ObservationFile| it.records().iter().map(|own| own.line).collect::<Vec<_>>();
+            assert_eq!(numbers(&text), numbers(&rows).iter().map(|row| row + 1).collect::<Vec<_>>());
+            let same = |it: &ObservationFile| {
+                let records = it.records().iter().map(|own| ObservationRecord { line: 0, ..own.clone() });
+                (records.collect::<Vec<_>>(), it.missing(), it.columns().to_vec())
+            };
+            assert_eq!(same(&text), same(&rows));
+            assert_eq!(rows.records().len(), count);
+        }
+        let (_, error) = of(good, None, &only("C"));
+        assert_eq!(error.unwrap_err().to_string(), "t has no observations of network `C`; it has those of `A`, `B`");
+        let bad = "cycle,x_m,y_m,value,sigma\n1,one,2,-9999,-1\n1,2,3,4,5\n1.5,2,3,4,1\n";
+        let (text, rows) = of(bad, None, &FurtherColumns::default());
+        let (text, rows) = (text.unwrap_err(), rows.unwrap_err());
+        let with_rows = text.to_string().replace("line 2", "row 1").replace("line 4", "row 3");
+        assert_eq!(with_rows, rows.to_string());
+        assert!(rows.to_string().contains("row 3: `cycle` is `1.5`") && rows.total == 4, "{rows}");
+        for (head, expected) in [
+            ("cycle,x_m,y_m", "t has no column `value`; it has `cycle`, `x_m`, `y_m`"),
+            ("value,value", "t has two columns `value`"),
+            ("cycle,x_m,y_m,value", "t has no observations: it needs variables such as"),
+        ] {
+            let (_, rows) = of(head, None, &FurtherColumns::default());
+            let said = rows.unwrap_err().to_string();
+            assert!(said.starts_with(expected), "{said}");
+        }
     }
 
     #[test]

@@ -2,21 +2,23 @@
 
 use isobar_model::Time;
 
-/// The columns that biases and correlated errors need.
+/// The columns that biases and correlated errors need, and which rows are read.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FurtherColumns {
     /// The column that says to which group a station belongs.
     pub group_by: Option<String>,
     /// The column that says to which report an observation belongs.
     pub report_by: Option<String>,
+    /// The network whose rows are read, by the column `network`; `None`: all rows.
+    pub network: Option<String>,
     /// Columns of numbers.
     pub predictors: Vec<String>,
 }
 
-/// One line of a file of observations.
+/// One line or row of a file of observations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObservationRecord {
-    /// Line number, from 1.
+    /// Number of its line, or of its row in a file that is no text, from 1.
     pub line: usize,
     /// When it is valid.
     pub valid: ValidTime,

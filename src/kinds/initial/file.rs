@@ -22,7 +22,7 @@ pub(super) const KIND: Kind<dyn InitialState, Domain> =
 
 /// The state of a file that has a column for each of the model's variables.
 fn values(field: &Field<'_>, domain: &Domain) -> Read<Vec<f64>> {
-    let Domain { grid, model } = domain;
+    let Domain { grid, model, .. } = domain;
     let variables = model.variables();
     let fields = fields::read(field, grid, MOST_COLUMNS)?;
     let names = fields.names.unwrap_or_default();

@@ -12,6 +12,8 @@ mod state;
 mod vortices;
 
 pub(crate) use given::GivenState;
+pub(crate) use netcdf::{TRUE_VARIABLES, state_file};
+pub(crate) use state::layout;
 pub use state::{BalancedHeights, InitialState};
 
 use super::{Domain, Kinds};

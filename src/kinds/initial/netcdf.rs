@@ -4,7 +4,9 @@ use super::state::{InitialState, Values, check_values, layout};
 use crate::calendar::utc;
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, Described, Form, Key, Read, Section, StateFile};
+use isobar_model::Layout;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 const FILE: Key<Described> = Key::required(
     "file",
@@ -24,6 +26,9 @@ const TIME: Key<Described> = Key::absent(
     "the time of the state in the file",
 );
 
+/// The same key of a truth that is a series of states.
+pub(crate) const TRUE_VARIABLES: Key<Described> = VARIABLES;
+
 const VARIABLES: Key<Described> = Key::absent(
     "variables",
     "",
@@ -39,7 +44,7 @@ pub(super) const KIND: Kind<dyn InitialState, Domain> =
 
 fn values(section: &Section<'_>, domain: &Domain) -> Read<Vec<f64>> {
     let field = section.required(FILE.name)?;
-    let file = StateFile::open(&field, layout(domain), &names(section, domain)?)?;
+    let file = state_file(section, domain, layout(domain))?;
     let time_field = section.optional(TIME.name);
     let time = match (&time_field, file.times()) {
         (None, None | Some([_])) => None,
@@ -62,6 +67,11 @@ fn values(section: &Section<'_>, domain: &Domain) -> Read<Vec<f64>> {
     let values = file.values(time).map_err(fault)?;
     check_values(&values, domain).map_err(|(message, allowed)| field.invalid(message, allowed))?;
     Ok(values)
+}
+
+/// The file that a section names, with the names of its variables.
+pub(crate) fn state_file(section: &Section<'_>, domain: &Domain, layout: Arc<Layout>) -> Read<StateFile> {
+    StateFile::open(&section.required(FILE.name)?, layout, &names(section, domain)?)
 }
 
 /// The names that variables have in the file.

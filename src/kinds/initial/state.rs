@@ -44,7 +44,7 @@ impl InitialState for Values {
 }
 
 /// The grid and the variables of the model's states.
-pub(super) fn layout(domain: &Domain) -> Arc<Layout> {
+pub(crate) fn layout(domain: &Domain) -> Arc<Layout> {
     let layout = if domain.model.is_shallow_water() { shallow_water::layout } else { advection::layout };
     layout(domain.grid.clone())
 }

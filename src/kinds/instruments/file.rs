@@ -3,12 +3,15 @@
 use super::common::{ASSIMILATE, MOST_GROUPS, WITHHOLD, at_file, texts};
 use super::{bias, correlation};
 use crate::kinds::{Domain, Kind, Kinds, choose_by, forms};
-use crate::reader::{Absent, AnyKey, Choice, Described, Field, Form, Key, Limits, Read, Section, Value, files};
+use crate::reader::{
+    Absent, AnyKey, Choice, Described, Field, Form, Key, Limits, Plane, Read, Section, Value, files, observations,
+};
 use isobar_model::Duration;
 use isobar_obs::{
     ColumnPredictor, FurtherColumns, InstrumentSettings, ObservationFile, RecordedBias, RecordedScope,
     RecordedSettings, WindAxes,
 };
+use std::path::Path;
 
 /// The most stations that a list may name.
 const MOST_STATIONS: usize = 10_000;
@@ -16,7 +19,11 @@ const MOST_STATIONS: usize = 10_000;
 const FILE: Key<Described> = Key::required(
     "file",
     "",
-    Described("a CSV file with a line for each observation: its time, place, variable, value and error", Form::text),
+    Described(
+        "a CSV file with a line for each observation: its time, place, variable, value and error; or, with a name that ends in \
+         .nc, a netCDF file of version 3 or 4 with a variable for each such column, as `observations.nc` of a run",
+        Form::text,
+    ),
     "the observations",
 );
 
@@ -42,6 +49,14 @@ const MISSING: Key<Described> = Key::absent(
     Described("a list of numbers, such as [-9999]", Form::numbers),
     Absent::Explained("values that usually mark a missing one are refused"),
     "values that mark a missing one; rows with them are counted, and not used",
+);
+
+const ONLY_NETWORK: Key<Described> = Key::absent(
+    "only_network",
+    "",
+    Described("a name in the column `network` of the file", Form::text),
+    Absent::Explained("all observations of the file"),
+    "the network whose observations are read, of a file that has those of several, as `observations.nc` of a run",
 );
 
 const TIME_TOLERANCE: Key<Limits> = Key::absent(
@@ -101,6 +116,7 @@ pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
         &WITHHOLD,
         &VARIABLE,
         &SIGMA,
+        &ONLY_NETWORK,
         &MISSING,
         &TIME_TOLERANCE,
         &WINDS,
@@ -112,7 +128,6 @@ pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
     ]],
     |section, domain| {
         let file = section.required(FILE.name)?;
-        let text = files::read(&file, "file of observations")?;
         let missing = section.optional(MISSING.name).map(|field| {
             field.elements(1000)?.iter().map(|marker| marker.number(Limits::Any)).collect::<Read<Vec<f64>>>()
         });
@@ -120,12 +135,18 @@ pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
         let biases = biases(section, domain)?;
         let reference_groups = texts(section, REFERENCE_GROUPS.name, MOST_GROUPS)?;
         let further = further_columns(section, &biases, &reference_groups)?;
-        let observations = ObservationFile::parse_with(&text, &file.text()?, missing.as_deref(), further)
-            .map_err(|error| at_file(&file, &error))?;
         let names = domain.model.variables();
         let only = if names.len() == 1 { Some(0) } else { None };
         let given = section.optional(VARIABLE.name).map(|field| domain.variable(&field)).transpose()?;
         let variable = given.or(only).map(|number| names[number].0.to_string());
+        let observations = if is_netcdf(&file.text()?) {
+            let (projection, only) = (domain.projection.as_ref(), variable.as_deref());
+            observations(&file, &Plane { projection, variables: names, only }, missing.as_deref(), further)?
+        } else {
+            let text = files::read(&file, "file of observations")?;
+            ObservationFile::parse_with(&text, &file.text()?, missing.as_deref(), further)
+                .map_err(|error| at_file(&file, &error))?
+        };
         Ok(Box::new(RecordedSettings {
             observations,
             variable,
@@ -138,6 +159,11 @@ pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
         }))
     },
 );
+
+/// Whether a file is netCDF, by its name.
+fn is_netcdf(name: &str) -> bool {
+    Path::new(name).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("nc"))
+}
 
 /// The columns that biases, references and correlated errors need.
 fn further_columns(
@@ -162,7 +188,8 @@ fn further_columns(
             predictors.push(column.clone());
         }
     }
-    Ok(FurtherColumns { group_by, report_by: correlation::report_by(section)?, predictors })
+    let network = section.optional(ONLY_NETWORK.name).map(|field| field.text()).transpose()?;
+    Ok(FurtherColumns { group_by, report_by: correlation::report_by(section)?, network, predictors })
 }
 
 fn biases(section: &Section<'_>, domain: &Domain) -> Read<Vec<RecordedBias>> {

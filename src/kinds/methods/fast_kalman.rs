@@ -135,7 +135,7 @@ struct FastKalman {
 
 impl MethodSettings for FastKalman {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
-        let (Domain { grid, model }, cycle) = (setup.domain, setup.cycle);
+        let (Domain { grid, model, .. }, cycle) = (setup.domain, setup.cycle);
         let fault = |reason: String| Error::Setting(format!("factor_grid = {}: {reason}", self.factor_grid));
         let coarse = || model.build_coarser(grid, cycle, self.factor_grid).map_err(fault);
         let coarse = (self.factor_grid > 1).then(coarse).transpose()?;

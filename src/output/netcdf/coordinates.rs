@@ -17,9 +17,12 @@ pub fn add_global_attributes(definition: &mut Definition, info: &RunInfo, conten
     definition.attribute("title", format!("{}: {content}", info.title));
     let recorded = info.networks.iter().filter(|network| network.is_recorded).map(|network| &*network.name);
     let data = match recorded.collect::<Vec<_>>() {
-        recorded if recorded.is_empty() => "all data are synthetic".to_string(),
-        recorded => format!("recorded observations: {}", recorded.join(", ")),
+        recorded if recorded.is_empty() => None,
+        recorded => Some(format!("recorded observations: {}", recorded.join(", "))),
     };
+    let truth = info.truth_file.as_ref().map(|file| format!("truth: the states of {file}"));
+    let data: Vec<String> = truth.into_iter().chain(data).collect();
+    let data = if data.is_empty() { "all data are synthetic".to_string() } else { data.join("; ") };
     definition.attribute("source", format!("isobar {version}, a data-assimilation testbed; {data}"));
     definition.attribute(
         "history",

@@ -21,6 +21,7 @@ pub fn facts(info: &RunInfo, summary: &Summary) -> Vec<(String, String)> {
     add("stations and files", (!info.notes.is_empty()).then(|| info.notes.join("; ")));
     let no_truth = "all observations are recorded: methods are judged by departures of observations, with no truth";
     add("truth", (!info.has_truth).then(|| no_truth.to_string()));
+    add("truth", info.truth_file.as_ref().map(|file| format!("the states of {file}")));
     add("quality control", summary.observations.describe_rejected());
     let parameters = info.calibration.len();
     add("biases", (parameters > 0).then(|| format!("{parameters} unknown parameters")));

@@ -66,13 +66,10 @@ impl Saved {
             (Some(reference), Some(saved)) => reference.restore(saved),
             (reference, saved) => reference.is_none() && saved.is_none(),
         };
-        let truth_fits = match (truth, self.truth) {
-            (Some(truth), Some(saved)) => truth.restore(saved),
-            (truth, saved) => truth.is_none() && saved.is_none(),
-        };
-        if !fits || !reference_fits || !truth_fits {
+        if !fits || !reference_fits || truth.is_some() != self.truth.is_some() {
             return Err("it is not one of this experiment".into());
         }
+        truth.iter_mut().zip(self.truth).try_for_each(|(truth, saved)| truth.restore(saved))?;
         observing.restore(&self.observing).map_err(|error| error.to_string())?;
         let mut saved: Vec<(SavedMethod, &Vec<u8>)> = self.methods.into_iter().zip(memories).collect();
         for (own, competitor) in info.methods.iter().zip(methods) {

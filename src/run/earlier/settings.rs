@@ -1,6 +1,6 @@
 //! What of a scenario must be the same in a run that goes on from an earlier one.
 
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, TruthSettings};
 use crate::text::clean;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -29,8 +29,8 @@ const FREE: [&str; 14] = [
 const SHOWN: usize = 60;
 
 /// All that determines how a cycle follows from the one before: the keys of the scenario, and what the tables say that it names.
-/// New observations are read, so that the names and contents of their files are no part of it; nor is the place of the database
-/// of sensors.
+/// New observations are read, and new states of a truth that is a series, so that the names and contents of their files are no
+/// part of it; nor is the place of the database of sensors.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// Values by their keys with those of the tables that they are in, as in `model.time_step_s`.
@@ -49,14 +49,18 @@ impl Settings {
         if let Some(name) = values.get_mut("sensors.database") {
             *name = "a database".into();
         }
-        let mut observations = BTreeSet::new();
+        let mut read_anew = BTreeSet::new();
         for (name, network) in file.get("networks").and_then(Value::as_table).into_iter().flatten() {
             if network.get("kind").and_then(Value::as_str) == Some("file") {
-                observations.extend(network.get("file").and_then(Value::as_str));
+                read_anew.extend(network.get("file").and_then(Value::as_str));
                 values.remove(&format!("networks.{name}.file"));
             }
         }
-        let fixed = scenario.tables.iter().filter(|(name, _)| !observations.contains(name.as_str()));
+        if let Some(TruthSettings::Series(series)) = &scenario.truth {
+            read_anew.insert(series.name());
+            values.remove("truth.file");
+        }
+        let fixed = scenario.tables.iter().filter(|(name, _)| !read_anew.contains(name.as_str()));
         Self { values, tables: fixed.map(|(name, checksum)| (name.clone(), *checksum)).collect() }
     }
 

@@ -13,6 +13,9 @@ pub enum ExperimentError {
     /// The time step of the methods' or the truth's model.
     #[error("{0}")]
     TimeStep(ModelError),
+    /// The truth of a file.
+    #[error("{0}")]
+    Truth(String),
     /// An observing system.
     #[error(transparent)]
     Observations(#[from] ObservationError),

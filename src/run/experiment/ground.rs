@@ -6,8 +6,8 @@ use super::known_biases;
 use super::span::Span;
 use crate::kinds::covariances;
 use crate::run::earlier::Earlier;
-use crate::run::truth::Truth;
-use crate::scenario::{Scenario, TruthSettings};
+use crate::run::truth::{Series, Truth, Twin};
+use crate::scenario::{Scenario, TruthSeries, TruthSettings, TwinSettings};
 use crate::sensors::knowledge::{WarmStart, warm_start};
 use crate::sensors::{Database, SensorError, database::Missing};
 use isobar_assim::{BiasTreatment, Problem, SensorKnowledge, covariance};
@@ -52,7 +52,7 @@ pub(super) fn ground_after(
     let has_model_error = !scenario.model_error.is_empty();
     let model_error = has_model_error.then(|| build(&scenario.model_error)).transpose()?;
 
-    let truth = |settings: &TruthSettings| -> Result<Truth, ExperimentError> {
+    let twin = |settings: &TwinSettings| -> Result<Twin, ExperimentError> {
         let state = match &settings.initial {
             Some(initial) => initial.build(&scenario.domain_of(&settings.model), seed)?,
             None => {
@@ -67,9 +67,17 @@ pub(super) fn ground_after(
         check_time_step(&*model, &state).map_err(ExperimentError::TimeStep)?;
         let steps = scenario.cycle.window.steps_of(model.time_step()).expect("the scenario's window fits its steps");
         let error = model_error.clone().map(|covariance| (covariance, settings.model_error_scale.sqrt()));
-        Ok(Truth::new(model, steps, span.last, error, stream(seed, "truth/model error"), state))
+        Ok(Twin::new(model, steps, span.last, error, stream(seed, "truth/model error"), state))
     };
-    let truth = scenario.truth.as_ref().map(truth).transpose()?;
+    let begin = span.start + scenario.cycle.window * span.done;
+    let series = |series: &TruthSeries| {
+        Series::new(series.clone(), begin, scenario.cycle.window).map_err(ExperimentError::Truth)
+    };
+    let truth = match &scenario.truth {
+        None => None,
+        Some(TruthSettings::Twin(settings)) => Some(Truth::Twin(Box::new(twin(settings)?))),
+        Some(TruthSettings::Series(settings)) => Some(Truth::Series(series(settings)?)),
+    };
 
     let projection = scenario.grid.projection.as_ref();
     let (networks, window) = (&scenario.networks, scenario.cycle.window);
@@ -77,7 +85,7 @@ pub(super) fn ground_after(
     known_biases::check(scenario, &observing)?;
     let mut sensors = sensors(scenario, &observing, span)?;
     if let Some((calibration, known)) = earlier.and_then(|earlier| earlier.sensors.as_ref()) {
-        sensors.go_on(calibration, known, span.start + window * span.done);
+        sensors.go_on(calibration, known, begin);
     }
     let problem = Problem {
         model,

@@ -27,7 +27,7 @@ use crate::run::earlier::Earlier;
 use crate::run::reference::Reference;
 use crate::run::truth::Truth;
 use crate::run::units::UnitCheck;
-use crate::scenario::{Scenario, ScenarioError};
+use crate::scenario::{Scenario, ScenarioError, TruthSettings};
 use crate::scores::Failure;
 use crate::sensors::SensorError;
 use crate::sensors::knowledge::WarmStart;
@@ -58,6 +58,7 @@ impl ExperimentError {
                 place = vec!["warnings".into(), number.to_string(), "at".into()];
                 (place.iter().map(String::as_str).collect(), "not there")
             }
+            ExperimentError::Truth(_) => (vec!["truth", "file"], "this file"),
             ExperimentError::Sensors(_) => (vec!["sensors", "database"], "this database"),
             ExperimentError::Observations(error) => {
                 place = instruments::place(error, &scenario.text);
@@ -159,6 +160,8 @@ pub fn check(scenario: &Scenario) -> Result<Checked, Vec<ExperimentError>> {
             return Err(faults);
         }
     };
+    let truth = ground.truth.as_ref().map(|truth| truth.check_cycles(scenario.cycle.count));
+    faults.extend(truth.and_then(Result::err).map(ExperimentError::Truth));
     let problem = &ground.problem;
     let is_large = problem.background.values().len() > MOST_SET_UP;
     for (name, method) in &scenario.methods {
@@ -221,6 +224,21 @@ impl ExperimentBuilder<'_> {
     /// # Errors
     /// As [`ExperimentBuilder::build`].
     pub(super) fn build_after(
+        &self,
+        options: &RunOptions,
+        earlier: Option<&Earlier>,
+    ) -> Result<Experiment, ExperimentError> {
+        let experiment = self.build_at_end(options, earlier)?;
+        let truth = experiment.truth.as_ref().map(|truth| truth.check_cycles(experiment.info.count()));
+        truth.transpose().map_err(ExperimentError::Truth)?;
+        Ok(experiment)
+    }
+
+    /// The same, where none of its cycles is run: a truth of a file need not go on.
+    ///
+    /// # Errors
+    /// As [`ExperimentBuilder::build`].
+    pub(super) fn build_at_end(
         &self,
         options: &RunOptions,
         earlier: Option<&Earlier>,
@@ -312,6 +330,10 @@ impl ExperimentBuilder<'_> {
             calibration: problem.calibration.clone(),
             methods: infos,
             has_truth: truth.is_some(),
+            truth_file: match &scenario.truth {
+                Some(TruthSettings::Series(series)) => Some(series.name().to_string()),
+                _ => None,
+            },
             keeps_sensors: scenario.sensors.is_some(),
             networks: networks.collect(),
             notes: notices::information(scenario, &observing, span.cycles()),

@@ -29,6 +29,7 @@ static INFO: LazyLock<RunInfo> = LazyLock::new(|| {
         calibration: Default::default(),
         methods: vec![method("free"), method("fkf")],
         has_truth: true,
+        truth_file: None,
         keeps_sensors: false,
         lead_times: None,
         warnings: Vec::new(),

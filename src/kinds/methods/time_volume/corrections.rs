@@ -60,7 +60,7 @@ impl Corrections for ModelCorrections {
     }
 
     fn model(&self, corrections: &[f64]) -> Result<Arc<dyn TangentLinear>, Error> {
-        let Domain { grid, model } = &self.domain;
+        let Domain { grid, model, .. } = &self.domain;
         let changes = self.candidates.iter().map(|candidate| candidate.name.as_str()).zip(corrections.iter().copied());
         let fault = |error: ModelError| Error::Setting(format!("the corrected model: {error}"));
         let model = model.corrected(grid, &changes.collect::<Vec<_>>()).build(grid, self.cycle).map_err(fault)?;

@@ -1,13 +1,14 @@
 //! States from netCDF files, of version 3 or 4: fields on the grid, by name or by the standard names of the CF conventions.
 
-use super::{Field, Read, files};
+use super::attributes::{TimeUnits, metres, plain_unit, text};
 use crate::calendar::utc;
+use crate::reader::{Field, Read, files};
 use crate::text::{clean, clean_lines, listed};
 use isobar_model::{Layout, Time, Variable};
 use isobar_obs::table::LARGEST;
-use isobar_obs::times;
 use netcdf_reader::{NcFile, NcSliceInfo, NcSliceInfoElem, NcVariable};
 use std::collections::BTreeMap;
+use std::fmt::{self, Debug, Formatter};
 use std::sync::Arc;
 
 /// How far coordinates may be from those of the grid, in cells.
@@ -21,6 +22,12 @@ pub(crate) struct StateFile {
     names: Vec<String>,
     /// The times of its states, ascending; `None` if it has one state without a time.
     times: Option<Times>,
+}
+
+impl Debug for StateFile {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "the states of {:?} in a netCDF file", self.names)
+    }
 }
 
 struct Times {
@@ -73,6 +80,11 @@ impl StateFile {
         Ok(Self { file, layout, names: found, times })
     }
 
+    /// The layout of its states.
+    pub fn layout(&self) -> &Arc<Layout> {
+        &self.layout
+    }
+
     /// The times of its states; `None` if it has one state without a time.
     pub fn times(&self) -> Option<&[Time]> {
         self.times.as_ref().map(|times| times.valid.as_slice())
@@ -116,7 +128,8 @@ impl StateFile {
         // Beyond what any number may be are netCDF's own fill values, which a variable need not name.
         if let Some(cell) = values.iter().position(|value| value.is_nan() || value.abs() > LARGEST) {
             let (column, row) = (cell % grid.nx + 1, cell / grid.nx + 1);
-            return Err(format!("`{name}` has no value in column {column}, row {row} of the grid"));
+            let at = self.times.as_ref().map_or(String::new(), |times| format!(" at {}", utc(times.valid[record])));
+            return Err(format!("`{name}` has no value{at} in column {column}, row {row} of the grid"));
         }
         Ok(values)
     }
@@ -164,24 +177,10 @@ fn find(file: &NcFile, variable: &Variable, names: &BTreeMap<String, String>) ->
     }
 }
 
-fn text(variable: &NcVariable, attribute: &str) -> Option<String> {
-    variable.attribute(attribute)?.value.as_string()
-}
-
 /// Refuses another unit than the variable's; a file need not say it.
 fn check_unit(field: &NcVariable, variable: &Variable) -> Result<(), String> {
     let Some(unit) = text(field, "units") else { return Ok(()) };
-    let plain = |unit: &str| {
-        let unit = unit.trim().replace("**", "").replace(['^', '.', '*'], " ");
-        let unit = unit.split_whitespace().collect::<Vec<_>>().join(" ");
-        match unit.as_str() {
-            "m/s" | "meter/second" | "m / s" => "m s-1".to_string(),
-            "metre" | "metres" | "meter" | "meters" | "gpm" => "m".to_string(),
-            "" => "1".to_string(),
-            _ => unit,
-        }
-    };
-    if plain(&unit) == plain(variable.unit) {
+    if plain_unit(&unit) == plain_unit(variable.unit) {
         return Ok(());
     }
     Err(format!("`{}` is in `{}`, but must be in {}", clean(field.name()), clean(&unit), variable.unit))
@@ -207,9 +206,10 @@ fn check_grid(file: &NcFile, field: &NcVariable, layout: &Layout, variable: &Var
     let y: Vec<f64> = (0..grid.ny).map(|j| grid.y_m(location, j)).collect();
     for (dimension, wanted, cell_m) in [(columns, x, grid.dx_m), (rows, y, grid.dy_m)] {
         let Ok(coordinate) = file.variable(&dimension.name) else { continue };
-        let scale = match text(coordinate, "units").as_deref().map(str::trim) {
-            Some("m" | "metre" | "metres" | "meter" | "meters") => 1.0,
-            Some("km" | "kilometre" | "kilometres" | "kilometer" | "kilometers") => 1e3,
+        let unit = text(coordinate, "units");
+        let unit = unit.as_deref().map(str::trim);
+        let scale = match unit {
+            Some(unit) if metres(unit).is_some() => metres(unit).unwrap_or(1.0),
             Some(unit) if unit.to_ascii_lowercase().starts_with("degree") => {
                 return Err(format!(
                     "`{name}` is on latitudes and longitudes (`{}` in {}), but must be on the grid of the plane",
@@ -257,34 +257,13 @@ fn time_dimension(file: &NcFile, field: &NcVariable) -> Result<Option<String>, S
 /// The valid times of a dimension.
 fn valid_times(file: &NcFile, dimension: &str) -> Result<Vec<Time>, String> {
     let variable = file.variable(dimension).map_err(|error| error.to_string())?;
-    let units = text(variable, "units").unwrap_or_default();
-    let shown = clean(&units);
-    let name = clean(dimension);
-    let fault = || format!("`{name}` is in `{shown}`, but must be in seconds, minutes, hours or days since a time");
-    let (unit, since) = units.split_once(" since ").ok_or_else(fault)?;
-    let seconds = match unit.trim() {
-        "s" | "sec" | "secs" | "second" | "seconds" => 1.0,
-        "min" | "mins" | "minute" | "minutes" => 60.0,
-        "h" | "hr" | "hrs" | "hour" | "hours" => 3600.0,
-        "d" | "day" | "days" => 86_400.0,
-        _ => return Err(fault()),
-    };
-    let calendar = text(variable, "calendar").unwrap_or_else(|| "standard".into());
-    if !["standard", "gregorian", "proleptic_gregorian"].contains(&calendar.trim()) {
-        return Err(format!("`{name}` has the calendar `{}`, but must have the standard one", clean(&calendar)));
-    }
-    let since = since.trim().trim_end_matches(".0");
-    let since = if since.contains(':') { since.to_string() } else { format!("{since} 00:00:00") };
-    let start = times::parse(&since).map_err(|_| fault())?;
+    let (units, name) = (TimeUnits::of(variable)?, clean(dimension));
     let values = file.read_variable_as_f64(dimension).map_err(|error| error.to_string())?;
     let mut valid: Vec<Time> = Vec::with_capacity(values.len());
-    for value in values.iter().map(|value| value * seconds) {
-        let whole = value.round();
-        // Days in double precision are known to a microsecond.
-        if !(value.abs() < 1e12 && (value - whole).abs() < 1e-3) {
-            return Err(format!("`{name}` has the value {}, which is not a whole number of seconds", value / seconds));
-        }
-        let time = Time::from_seconds(start.seconds() + whole as i64);
+    for &value in &values {
+        let time = units.time(value);
+        let time =
+            time.ok_or_else(|| format!("`{name}` has the value {value}, which is not a whole number of seconds"))?;
         if valid.last().is_some_and(|last| *last >= time) {
             return Err(format!("the times of `{name}` do not ascend at {}", utc(time)));
         }

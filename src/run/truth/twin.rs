@@ -1,13 +1,12 @@
-//! The truth: a model run of its own, with stochastic model error, that no method ever sees.
+//! A truth that is a model run of its own, with stochastic model error.
 
 use isobar_assim::{Covariance, covariance};
 use isobar_model::{ForecastError, Model, State, forecast};
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// The true world.
-pub struct Truth {
+/// A true world that follows a model.
+pub struct Twin {
     model: Arc<dyn Model>,
     steps_per_cycle: usize,
     /// Covariance of what a cycle adds, and the factor on its standard deviation.
@@ -36,15 +35,7 @@ pub struct Growth {
     pub to: f64,
 }
 
-/// The truth's memory, for a checkpoint.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SavedTruth {
-    state: State,
-    /// Numbers drawn so far, in words of 32 bits.
-    random: u128,
-}
-
-impl Truth {
+impl Twin {
     /// A world that is at `state` now, and follows `model` for so many cycles with random errors of the given covariance and
     /// factor on the standard deviation.
     pub fn new(
@@ -86,17 +77,18 @@ impl Truth {
         &self.state
     }
 
-    /// Everything that the next cycles depend on and the scenario does not determine.
-    pub fn save(&self) -> SavedTruth {
-        SavedTruth { state: self.state.clone(), random: self.random.get_word_pos() }
+    /// Everything that the next cycles depend on and the scenario does not determine: its state, and the numbers drawn so far,
+    /// in words of 32 bits.
+    pub fn save(&self) -> (State, u128) {
+        (self.state.clone(), self.random.get_word_pos())
     }
 
-    /// Takes back what [`Truth::save`] gave; whether it fits.
-    pub fn restore(&mut self, saved: SavedTruth) -> bool {
-        let fits = saved.state.layout() == self.state.layout();
+    /// Takes back what [`Twin::save`] gave; whether it fits.
+    pub fn restore(&mut self, state: State, random: u128) -> bool {
+        let fits = state.layout() == self.state.layout();
         if fits {
-            self.state = saved.state;
-            self.random.set_word_pos(saved.random);
+            self.state = state;
+            self.random.set_word_pos(random);
         }
         fits
     }
@@ -161,7 +153,7 @@ mod tests {
         let start = State::from_values(&layout, (0..12).map(|i| 10.0 + f64::from(i)).collect());
         let growth = |factor: f64| {
             let model = Arc::new(Growing { layout: Arc::clone(&layout), factor });
-            let mut truth = Truth::new(model, 10, 30, None, stream(1, "truth"), start.clone());
+            let mut truth = Twin::new(model, 10, 30, None, stream(1, "truth"), start.clone());
             (1..=30).find_map(|cycle| {
                 truth.advance().unwrap();
                 truth.check_growth().err().map(|growth| (cycle, growth.to_string()))
