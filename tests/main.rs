@@ -64,4 +64,5 @@ mod terminals;
 mod time_schemes;
 mod warnings;
 mod windows;
+mod winds;
 mod without_truth;

@@ -25,6 +25,7 @@ The table of readings has a line for each tracker and time: `time,tracker,range_
 north, clockwise; what was not read is empty.
 
 Examples:
+  isobar winds isobar:/winds/flight_1.csv --trackers isobar:/winds/trackers.csv    a flight inside isobar
   isobar winds flight.csv --trackers trackers.csv
   isobar winds flight.csv --trackers trackers.csv --wind-change 1 --out winds.csv --page winds.html
   isobar winds today.csv --trackers trackers.csv --sensors trackers.db --write-back    from flight to flight";
@@ -47,7 +48,7 @@ pub struct WindsArguments {
     /// Start from what this database of sensors knows of the offsets at the time of the flight
     #[arg(long, value_name = "FILE")]
     pub sensors: Option<PathBuf>,
-    /// Write the offsets that are found into the database
+    /// Write the offsets that are found into the database, which is made if there is none
     #[arg(long, requires = "sensors")]
     pub write_back: bool,
     /// Write positions and winds of all fixes into this file, CSV
@@ -83,6 +84,7 @@ pub fn run(arguments: &WindsArguments) -> Result<ExitCode, Report> {
         flight: arguments.flight.clone(),
         trackers: arguments.trackers.clone(),
         sensors: arguments.sensors.clone(),
+        writes_back: arguments.write_back,
         motion,
     };
     let found = workers(arguments.threads)?.install(|| Sounding::find(&request));

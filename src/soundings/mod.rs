@@ -14,7 +14,8 @@ pub mod tables;
 use crate::calendar::utc;
 use crate::sensors::database::{Database, Missing};
 use crate::sensors::knowledge::warm_start;
-use crate::sensors::{SensorError, write_back};
+use crate::sensors::{Records, SensorError, write_back};
+use crate::text::shown_path;
 use faer::Mat;
 use isobar_assim::block_angular::Prior;
 use isobar_assim::wind_finding::{Flight, Motion, find_winds, offset_names};
@@ -32,6 +33,8 @@ pub struct Request {
     pub trackers: PathBuf,
     /// A database in which offsets may be known.
     pub sensors: Option<PathBuf>,
+    /// Whether the offsets will be written into the database, so that it need not be there yet.
+    pub writes_back: bool,
     /// How the balloon is assumed to move.
     pub motion: Option<Motion>,
 }
@@ -113,7 +116,8 @@ impl Sounding {
             if !has_priors {
                 return Err(table.without_priors());
             }
-            let records = Database::open(path, Missing::Refuse)?.records()?;
+            let is_new = request.writes_back && std::fs::symlink_metadata(path).is_err();
+            let records = if is_new { Records::default() } else { Database::open(path, Missing::Refuse)?.records()? };
             let start = warm_start(&records, &calibration, begin, end);
             let start = start.map_err(|reason| SensorError::new(path, reason))?;
             if let Some(it) = start.knowledge.recalibrations.first() {
@@ -137,10 +141,8 @@ impl Sounding {
             }),
         });
         let found = find_winds(&table.trackers, &readings.fixes, prior.as_ref(), request.motion);
-        let flight = found.map_err(|error| SoundingError::Flight {
-            file: crate::text::shown_path(&request.flight),
-            reason: error.to_string(),
-        })?;
+        let flight = found
+            .map_err(|error| SoundingError::Flight { file: shown_path(&request.flight), reason: error.to_string() })?;
         let name = request.flight.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
         Ok(Self { name, readings, trackers: table.trackers.len(), calibration, prior_mean, known, flight, warnings })
     }
