@@ -40,15 +40,15 @@ impl Sounding {
         )];
         if let Some(Motion { sigma_change_m_per_s }) = motion {
             sentences
-                .push(format!("the wind is assumed to change by {} m/s within a minute", figure(sigma_change_m_per_s)));
+                .push(format!("The wind is assumed to change by {} m/s within a minute", figure(sigma_change_m_per_s)));
         }
         if self.known > 0 {
             sentences.push(format!("{} of {} offsets were known before", self.known, self.calibration.len()));
         }
         let chi2 = flight.chi2_per_degree;
         let verdict = match chi2 {
-            0.0 => "no more readings than unknowns: nothing says whether the assumed errors are right".to_string(),
-            _ => format!("χ² per degree of freedom {}", figure(chi2)),
+            0.0 => "No more readings than unknowns: nothing says whether the assumed errors are right".to_string(),
+            _ => format!("χ² per degree of freedom: {}", figure(chi2)),
         };
         sentences.push(verdict);
         sentences
@@ -175,7 +175,7 @@ impl Sounding {
         );
         vec![
             (wind, "The wind between fixes at their mean height."),
-            (plan, "The track from above."),
+            (plan, "The track from above; the scales of x and y differ."),
             (accuracy, "Claimed standard deviations of the positions' coordinates."),
         ]
     }
