@@ -22,6 +22,7 @@
 //! | [`tables`] | tables of scores, for terminal, page and viewer |
 //! | [`plot`] | curves and maps, as these files hold them |
 //! | [`sensors`] | what is known of each sensor, from run to run |
+//! | [`soundings`] | winds from the readings of sensors that track a balloon |
 //! | [`mod@exact`] | the exact performance of linear methods in a linear world |
 //! | [`batch`] | the same experiment over several seeds, and over several settings |
 //! | [`advice`] | what to observe next |
@@ -57,6 +58,7 @@ pub mod scores;
 pub mod sensors;
 mod shell;
 pub mod shipped;
+pub mod soundings;
 pub mod tables;
 mod text;
 pub mod threshold_warning;

@@ -57,6 +57,9 @@ static FILES: &[(&str, &[u8])] = files![
     "stations/ring_of_100.csv",
     "stations/wind_profilers.csv",
     "wind_profilers.toml",
+    "winds/flight_1.csv",
+    "winds/flight_2.csv",
+    "winds/trackers.csv",
     "wrong_errors.toml",
     "wrong_model.toml",
 ];

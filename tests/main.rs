@@ -66,5 +66,6 @@ mod time_schemes;
 mod truth_series;
 mod warnings;
 mod windows;
+mod winds;
 mod without_truth;
 mod written;

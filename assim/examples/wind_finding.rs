@@ -21,9 +21,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let tracker = |name: &str, place_m, sigma_range_m| Tracker {
         name: name.into(),
         place_m,
-        sigma_range_m,
-        sigma_azimuth_rad: 1e-3,
-        sigma_elevation_rad: 1e-3,
+        sigma_range_m: Some(sigma_range_m),
+        sigma_azimuth_rad: Some(1e-3),
+        sigma_elevation_rad: Some(1e-3),
     };
     let trackers = [
         tracker("radar", [0.0, 0.0, 20.0], 20.0),
@@ -32,7 +32,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     ];
     let truth = [25.0, 3e-3, -2e-3, -40.0, -1e-3, 1.5e-3, 300.0, 5e-3, 1e-3];
     let (fixes, _) = simulate(&trackers, &truth, count);
-    let flight = find_winds(&trackers, &fixes, None)?;
+    let flight = find_winds(&trackers, &fixes, None, None)?;
     println!("{count} fixes, {} linearisations, χ²/n {:.4}\n", flight.iterations, flight.chi2_per_degree);
     println!("{:<28}{:>12}{:>12}{:>12}{:>8}", "offset (m, mrad)", "true", "found", "sigma", "z");
     for (i, name) in offset_names(&trackers).iter().enumerate() {
@@ -45,7 +45,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut seconds = Vec::new();
     for part in [count / 100, count / 10, count] {
         let began = Instant::now();
-        find_winds(&trackers, &fixes[..part], None)?;
+        find_winds(&trackers, &fixes[..part], None, None)?;
         seconds.push((part, began.elapsed().as_secs_f64()));
     }
     let of_all = seconds[2].1 / seconds[2].0 as f64;
@@ -69,12 +69,9 @@ fn simulate(trackers: &[Tracker], offsets: &[f64], count: usize) -> (Vec<Fix>, V
         position[1] += step * speed * angle.sin();
         position[2] += 5.0 * step;
         let reading = |(j, tracker): (usize, &Tracker)| {
-            let (exact, errors) = (reading_of(tracker, position), standard_normals(&mut random, 3));
-            Some(Reading {
-                range_m: exact.range_m + offsets[3 * j] + tracker.sigma_range_m * errors[0],
-                azimuth_rad: exact.azimuth_rad + offsets[3 * j + 1] + tracker.sigma_azimuth_rad * errors[1],
-                elevation_rad: exact.elevation_rad + offsets[3 * j + 2] + tracker.sigma_elevation_rad * errors[2],
-            })
+            let (exact, errors) = (reading_of(tracker, position).values(), standard_normals(&mut random, 3));
+            let read = |i: usize| Some(exact[i]? + offsets[3 * j + i] + tracker.sigmas()[i]? * errors[i]);
+            Reading { range_m: read(0), azimuth_rad: read(1), elevation_rad: read(2) }
         };
         fixes.push(Fix { seconds: step * k as f64, readings: trackers.iter().enumerate().map(reading).collect() });
         flown.push(position);

@@ -4,6 +4,7 @@ use super::advise_arguments::{ADVISE_EXAMPLES, AdviseArguments};
 use super::outputs::OutputArguments;
 use super::sensors::SensorsCommand;
 use super::threads::MOST_THREADS;
+use super::winds::{WINDS_HELP, WindsArguments};
 use crate::batch::seeds::FEWEST_SEEDS;
 use crate::output::recorded::recording::VIEWER_VERSION;
 use crate::output::{OUTPUTS, Open};
@@ -110,6 +111,9 @@ pub enum Command {
     /// Rank possible observations by how much they would help to know a bias, a mean or a forecast
     #[command(after_help = ADVISE_EXAMPLES)]
     Advise(AdviseArguments),
+    /// Find positions of a balloon, the wind, and the offsets of the sensors that track it
+    #[command(after_help = WINDS_HELP)]
+    Winds(WindsArguments),
     /// Keep what is known of sensors from run to run: calibrations, test points, recalibrations
     Sensors {
         #[command(subcommand)]

@@ -5,26 +5,17 @@ use super::console::{print, print_json, width};
 use super::out_file;
 use crate::comparison::{Comparison, Differences};
 use crate::output::recorded::SavedRun;
-use crate::safe_file;
 use crate::tables::terminal::sentences;
 use crate::text::shown_path;
 use miette::{Report, miette};
-use std::io::Read;
-use std::path::Path;
 use std::process::ExitCode;
-
-/// What every page of isobar has in its head.
-const MARK: &str = "<meta name=\"generator\" content=\"isobar\">";
-
-/// Bytes within which it has that.
-const HEAD_LENGTH: u64 = 500;
 
 /// Compares runs: a page, and the differences on the terminal.
 pub fn compare(arguments: &CompareArguments) -> Result<ExitCode, Report> {
     let runs = arguments.runs.iter().map(|run| SavedRun::open(run)).collect::<Result<Vec<_>, _>>()?;
     let comparison = Comparison::new(runs)?;
     let html = comparison.html().map_err(|error| miette!("{error}"))?;
-    out_file::write(&arguments.out, arguments.overwrite, html.as_bytes(), "pages of isobar", is_page)?;
+    out_file::write(&arguments.out, arguments.overwrite, html.as_bytes(), "pages of isobar", out_file::is_page)?;
     if arguments.json {
         print_json(&comparison.json(&arguments.out))?;
         return Ok(ExitCode::SUCCESS);
@@ -41,12 +32,4 @@ pub fn compare(arguments: &CompareArguments) -> Result<ExitCode, Report> {
     }
     print(&format!("{}: with intervals, scores and figures", shown_path(&arguments.out)))?;
     Ok(ExitCode::SUCCESS)
-}
-
-/// Whether a file is a page that isobar wrote. One that cannot be opened cannot be replaced either, and that says why.
-fn is_page(path: &Path) -> bool {
-    let Ok(file) = safe_file::open(path) else { return true };
-    let mut head = Vec::new();
-    let is_read = file.take(HEAD_LENGTH).read_to_end(&mut head).is_ok();
-    is_read && String::from_utf8_lossy(&head).contains(MARK)
 }

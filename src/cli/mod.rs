@@ -29,6 +29,7 @@ mod shown;
 mod sweep;
 mod threads;
 mod view;
+mod winds;
 mod write_back;
 
 use crate::interrupt;
@@ -78,6 +79,7 @@ fn obey(command: Command) -> Result<ExitCode, Report> {
         Command::Compare(arguments) => compare::compare(&arguments),
         Command::Sweep(arguments) => sweep::sweep(&arguments),
         Command::Advise(arguments) => advise::run(&arguments),
+        Command::Winds(arguments) => winds::run(&arguments),
         Command::Exact(arguments) => exact::run(&arguments),
         Command::Diagnose { runs, all, json } => diagnose::diagnose(&runs, all, json),
     }

@@ -3,8 +3,14 @@
 use crate::safe_file;
 use crate::text::shown_path;
 use miette::{Report, miette};
-use std::io::ErrorKind;
+use std::io::{ErrorKind, Read};
 use std::path::Path;
+
+/// What every page of isobar has in its head.
+const MARK: &str = "<meta name=\"generator\" content=\"isobar\">";
+
+/// Bytes within which it has that.
+const HEAD_LENGTH: u64 = 500;
 
 /// Writes the file. With `overwrite` it replaces one of `kinds`, as in `pages of isobar`, for which `is_own` holds.
 pub fn write(
@@ -29,4 +35,12 @@ pub fn write(
 /// The error that there is a file of that name.
 pub fn exists(out: &Path) -> Report {
     miette!(help = "--overwrite replaces it, --out writes to another place", "{} exists", shown_path(out))
+}
+
+/// Whether a file is a page that isobar wrote. One that cannot be opened cannot be replaced either, and that says why.
+pub fn is_page(path: &Path) -> bool {
+    let Ok(file) = safe_file::open(path) else { return true };
+    let mut head = Vec::new();
+    let is_read = file.take(HEAD_LENGTH).read_to_end(&mut head).is_ok();
+    is_read && String::from_utf8_lossy(&head).contains(MARK)
 }

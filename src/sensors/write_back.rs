@@ -7,7 +7,7 @@ use super::{SensorError, table};
 use crate::event::RunInfo;
 use faer::MatRef;
 use isobar_model::Time;
-use isobar_obs::Placement;
+use isobar_obs::{Parameter, Placement};
 use std::path::Path;
 
 /// The table in the directory of a run.
@@ -21,9 +21,20 @@ const MOST_TOGETHER: usize = 1000;
 /// # Errors
 /// In words: a parameter whose name or value no record can have.
 pub fn records(info: &RunInfo, method: &str, mean: &[f64], covariance: MatRef<'_, f64>) -> Result<Records, String> {
-    let time: Time = info.time(info.cycles);
     let origin = format!("{} {method} seed {}", info.scenario, info.seed);
-    let parameters = &info.calibration.parameters;
+    calibration(&info.calibration.parameters, (info.time(info.cycles), &origin), mean, covariance)
+}
+
+/// Sensors and their calibration at a time by an origin, in the parameters' units: mean `[p]` and covariance `[p, p]`.
+///
+/// # Errors
+/// In words: a parameter whose name or value no record can have.
+pub fn calibration(
+    parameters: &[Parameter],
+    (time, origin): (Time, &str),
+    mean: &[f64],
+    covariance: MatRef<'_, f64>,
+) -> Result<Records, String> {
     let mut records = Records::default();
     for (i, parameter) in parameters.iter().enumerate() {
         let place = match parameter.placement {
@@ -32,7 +43,7 @@ pub fn records(info: &RunInfo, method: &str, mean: &[f64], covariance: MatRef<'_
         };
         let (name, unit) = (parameter.name.clone(), parameter.unit.clone());
         records.add(Record::Sensor { name: name.clone(), unit, place, note: String::new() })?;
-        let (origin, sigma) = (origin.clone(), covariance[(i, i)].sqrt());
+        let (origin, sigma) = (origin.to_string(), covariance[(i, i)].sqrt());
         records.add(Record::Calibration { sensor: name, time, origin, value: mean[i], sigma })?;
     }
     if parameters.len() <= MOST_TOGETHER {
@@ -44,7 +55,7 @@ pub fn records(info: &RunInfo, method: &str, mean: &[f64], covariance: MatRef<'_
                     sensor: parameter.name.clone(),
                     other: other.name.clone(),
                     time,
-                    origin: origin.clone(),
+                    origin: origin.to_string(),
                     covariance: covariance[(i, j)].clamp(-most, most),
                 })?;
             }
@@ -53,27 +64,40 @@ pub fn records(info: &RunInfo, method: &str, mean: &[f64], covariance: MatRef<'_
     Ok(records)
 }
 
-/// Takes the table of a complete run into a database, in one transaction; how many records are new. A calibration of the
-/// same time and origin, from an earlier run of the same experiment, is replaced; a sensor that is there keeps its place
-/// and note.
+/// Takes the table of a complete run into a database, as [`store`].
 ///
 /// # Errors
-/// As [`table::read`] and [`Database::update`].
+/// As [`table::read`] and [`store`].
 pub fn write_back(run: &Path, database: &Path) -> Result<usize, SensorError> {
     let path = run.join(SENSORS_FILE);
-    let rows = table::read(&path)?;
+    let (lines, records): (Vec<u64>, Vec<Record>) = table::read(&path)?.into_iter().unzip();
+    store(records, database, |number, reason| SensorError::at(&path, lines[number], reason))
+}
+
+/// Takes sensors and one calibration of them into a database, in one transaction; how many records are new. A calibration of
+/// the same time and origin, from an earlier run of the same experiment, is replaced; a sensor that is there keeps its place
+/// and note. `fault` makes the error of a record, given its number.
+///
+/// # Errors
+/// As [`Database::open`] and [`Database::update`]; a record that contradicts another one.
+pub fn store(
+    new: impl IntoIterator<Item = Record>,
+    database: &Path,
+    fault: impl Fn(usize, String) -> SensorError,
+) -> Result<usize, SensorError> {
+    let new: Vec<Record> = new.into_iter().collect();
     Database::open(database, Missing::Create)?.update(|records| {
-        for (_, row) in &rows {
+        for row in &new {
             if let Record::Calibration { time, origin, .. } = row {
                 records.remove_calibration(*time, origin);
                 break;
             }
         }
-        for (line, row) in rows {
+        for (number, row) in new.into_iter().enumerate() {
             if matches!(row, Record::Sensor { .. }) && known_sensor(records, &row) {
                 continue;
             }
-            records.add(row).map_err(|reason| SensorError::at(&path, line, reason))?;
+            records.add(row).map_err(|reason| fault(number, reason))?;
         }
         Ok(())
     })
