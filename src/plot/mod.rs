@@ -3,6 +3,8 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`curves`] | curves and bands over one axis |
+//! | `ends` | names at the ends of curves |
+//! | [`heat`] | numbers over two axes |
 //! | [`map`] | a field with colour bar, contour lines, coast and marks |
 //! | [`intervals`] | values with intervals, row by row |
 //! | [`coast`] | coastlines |
@@ -15,6 +17,8 @@ pub mod coast;
 pub mod colors;
 mod contours;
 pub mod curves;
+mod ends;
+pub mod heat;
 pub mod intervals;
 pub mod map;
 mod number;
@@ -24,6 +28,7 @@ mod svg;
 pub mod thin;
 
 pub use curves::{Curve, CurvePlot, Dash};
+pub use heat::{HeatCell, HeatMap};
 pub use intervals::IntervalPlot;
 pub use map::{FieldMap, Mark};
 pub use number::{number, unit, with_unit};

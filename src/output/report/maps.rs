@@ -32,8 +32,10 @@ pub struct MapsOfCycle {
 
 /// The maps of a method.
 pub struct MethodDrawings {
-    /// Background and analysis.
-    pub states: Vec<Drawing>,
+    /// The background with the observations.
+    pub background: Drawing,
+    /// The analysis.
+    pub analysis: Drawing,
     /// Error of the analysis, if there is a truth.
     pub error: Option<Drawing>,
     /// Claimed spread of the analysis, if there is one.
@@ -185,14 +187,20 @@ impl<'a> Maps<'a> {
         let variable = self.history.mapped;
         let (name, unit) = self.variable(variable);
         let (method, limit) = (it.method, self.ranges[variable].difference);
+        // Of the others they would be half of the page.
+        let is_last = it.cycle.number == self.info.cycles;
         let mut background = self.state(variable, format!("{method}: background {name}"), &it.maps.background);
         let dots = dots(it.cycle, variable).filter_map(|(at, report)| Some((report, *it.maps.departures.get(at)?)));
         background.marks = dots
             .map(|(report, departure)| Mark {
                 x_m: report.x_m,
                 y_m: report.y_m,
-                color: Some(difference(departure, limit)),
-                title: format!("{} {}: {departure:+.3} {unit}", report.network, report.platform),
+                color: Some(difference(if is_last { departure } else { rounded(departure, limit) }, limit)),
+                title: if is_last {
+                    format!("{} {}: {departure:+.3} {unit}", report.network, report.platform)
+                } else {
+                    String::new()
+                },
             })
             .collect();
         let caption = format!(
@@ -203,7 +211,7 @@ impl<'a> Maps<'a> {
         let background = Drawing { stem: format!("{}_background", it.stem), caption, plot: background };
         let analysis = self.analysis(it, variable);
         let (error, spread) = (self.error(it, variable), self.spread(it, variable));
-        MethodDrawings { states: vec![background, analysis], error, spread }
+        MethodDrawings { background, analysis, error, spread }
     }
 
     fn analysis(&self, it: &Subject<'_>, variable: usize) -> Drawing {
@@ -316,6 +324,11 @@ impl<'a> Maps<'a> {
         let map = self.map(self.history.mapped, title, Vec::new(), Scale::Difference, [-limit, limit]);
         FieldMap { unit, contours: Vec::new(), ..map }
     }
+}
+
+/// A difference to a tenth of a limit, and within it: dots of few colours are written together.
+fn rounded(difference: f32, limit: f32) -> f32 {
+    (10.0 * difference / limit).round().clamp(-10.0, 10.0) / 10.0 * limit
 }
 
 /// A small dark dot.
