@@ -2,13 +2,15 @@
 
 use super::colors::hex;
 use super::ends::{self, End};
+use super::number;
 use super::svg::{GRID, INK, PAPER, Svg};
 use crate::text::printable;
 use kuva::plot::legend::{LegendEntry, LegendPosition, LegendShape};
 use kuva::plot::{BandPlot, LinePlot, ScatterPlot};
-use kuva::prelude::{Layout, Plot, Theme};
+use kuva::prelude::{Layout, Plot, Theme, TickFormat};
 use kuva::render::annotations::{ReferenceLine, ShadedRegion};
 use kuva::render::layout::ComputedLayout;
+use std::sync::Arc;
 
 /// Height of a figure with one row of names \[px\], and of each further row.
 const HEIGHT: f64 = 300.0;
@@ -180,7 +182,9 @@ impl CurvePlot {
             .with_tick_size(11)
             .with_body_size(11);
         if self.is_logarithmic() {
-            layout = layout.with_log_y().with_y_label(format!("{}, logarithmic", self.y_label));
+            let format = TickFormat::Custom(Arc::new(|value| number(value)));
+            layout =
+                layout.with_log_y().with_y_tick_format(format).with_y_label(format!("{}, logarithmic", self.y_label));
         } else if self.from_zero {
             layout = layout.with_y_axis_min(0.0);
         }
@@ -220,7 +224,7 @@ impl CurvePlot {
         };
         let all: Vec<(&str, &Curve, [f64; 2])> = named.filter_map(end).collect();
         let fits = |&(name, curve, [x, _]): &(&str, &Curve, [f64; 2])| {
-            name.chars().count() <= ends::LONGEST && curve.dash != Dash::Points && x >= right - 0.02 * (right - left)
+            name.chars().count() <= ends::LONGEST && curve.dash != Dash::Points && x >= right - 0.04 * (right - left)
         };
         (self.legend && !all.is_empty() && all.iter().all(fits)).then_some(all)
     }
@@ -307,7 +311,12 @@ impl CurvePlot {
         if self.from_zero && !is_logarithmic {
             take(1, 0.0);
         }
-        let [x, mut y] = ranges;
+        let [mut x, mut y] = ranges;
+        if self.curves.iter().any(|curve| curve.dash == Dash::Points) && x[1] > x[0] {
+            // Points at the edges are seen whole.
+            let margin = 0.025 * (x[1] - x[0]);
+            x = [x[0] - margin, x[1] + margin];
+        }
         if let Some(highest) = self.highest.filter(|&highest| highest > y[0]) {
             y[1] = y[1].min(highest);
         }

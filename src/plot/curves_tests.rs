@@ -58,6 +58,11 @@ fn curves_far_apart_have_a_logarithmic_axis() {
     assert!(!figure(50.0, false).is_logarithmic());
     let svg = figure(50.0, true).svg("a").file;
     assert!(svg.contains("error [m], logarithmic") && !svg.contains("NaN"), "{svg}");
+    // Ticks are plain numbers.
+    let mut low = figure(50.0, true);
+    low.curves.iter_mut().flat_map(|curve| &mut curve.points).for_each(|point| point[1] *= 0.1);
+    let svg = low.svg("a").file;
+    assert!(svg.contains(">0.1<") && svg.contains(">0.5<") && !svg.contains("e-1<"), "{svg}");
     // Nothing is logarithmic of zero.
     let mut zero = figure(50.0, true);
     zero.curves[0].points[1][1] = 0.0;
@@ -103,6 +108,17 @@ fn figures_without_points_or_extent_or_finite_numbers_can_be_drawn() {
             assert!(svg.starts_with("<svg") && !svg.contains("NaN") && !svg.contains("inf"), "{points:?} {svg}");
         }
     }
+}
+
+/// A point at the edge of the data is not at the edge of the axis, where half of it would be cut off.
+#[test]
+fn points_are_seen_whole() {
+    let mut plot = plot(vec![[1.0, 1.0], [5.0, 2.0]]);
+    assert_eq!(plot.ranges()[0], [1.0, 5.0]);
+    plot.curves[0].dash = Dash::Points;
+    let [left, right] = plot.ranges()[0];
+    assert!(left < 1.0 && right > 5.0 && right - left < 4.5, "{left} {right}");
+    assert!(!plot.svg("a").file.contains("NaN"));
 }
 
 /// Names stand at the ends of lines that are apart, and below those that are not.
