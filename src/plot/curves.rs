@@ -182,7 +182,7 @@ impl CurvePlot {
             .with_tick_size(11)
             .with_body_size(11);
         if self.is_logarithmic() {
-            let format = TickFormat::Custom(Arc::new(|value| number(value)));
+            let format = TickFormat::Custom(Arc::new(number::<f64>));
             layout =
                 layout.with_log_y().with_y_tick_format(format).with_y_label(format!("{}, logarithmic", self.y_label));
         } else if self.from_zero {

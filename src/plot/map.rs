@@ -4,6 +4,7 @@ use super::PlotError;
 use super::colors::{Scale, hex};
 use super::contours;
 use super::curves::{Curve, CurvePlot, Dash};
+use super::graticule;
 use super::number;
 use super::range::{multiples, round_up, tick_step};
 use super::svg::{self, Anchor, Canvas, INK, Svg};
@@ -67,14 +68,17 @@ pub struct FieldMap {
     pub steps: Vec<f32>,
     /// Values at which lines are drawn.
     pub contours: Vec<f64>,
+    /// Parallels and meridians.
+    pub graticule: Vec<graticule::Line>,
     /// Coastlines, points (x, y) \[m\].
     pub coast: Vec<Vec<[f64; 2]>>,
     /// Observing platforms.
     pub marks: Vec<Mark>,
 }
 
-/// The identifier of the coast, which is the same on all maps of a page: they are of one plane.
+/// The identifiers of coast and graticule, which are the same on all maps of a page: they are of one plane.
 const COAST: &str = "coast";
+const GRATICULE: &str = "graticule";
 
 /// Where the map is in the figure.
 struct Frame {
@@ -229,6 +233,28 @@ impl FieldMap {
             let color = if has_field { "#303030" } else { INK };
             canvas.raw(&format!("<use href=\"#{COAST}\" stroke=\"{color}\" stroke-width=\"0.8\"/>"));
         }
+        self.graticule(canvas, frame);
+    }
+
+    /// Parallels and meridians with their names.
+    fn graticule(&self, canvas: &mut Canvas, frame: &Frame) {
+        if self.graticule.is_empty() {
+            return;
+        }
+        let parts = self.graticule.iter().flat_map(|line| &line.parts);
+        let path: String = parts.map(|part| svg::path(part.iter().map(|point| frame.place(*point)))).collect();
+        let label = |line: &graticule::Line| {
+            let [x, y] = frame.place(line.at?);
+            // Of those that come from the west above, of those from the south at the right.
+            Some(format!("<text x=\"{:.1}\" y=\"{:.1}\">{}</text>", x + 2.5, y - 2.5, svg::escaped(&line.label)))
+        };
+        let labels: String = self.graticule.iter().filter_map(label).collect();
+        canvas.share(&format!(
+            "<g id=\"{GRATICULE}\"><path d=\"{path}\" fill=\"none\" stroke=\"#808080\" stroke-width=\"0.8\" \
+             stroke-dasharray=\"2 2\"/><g font-size=\"8.5\" fill=\"#303030\" stroke=\"#ffffffb0\" stroke-width=\"2\" \
+             paint-order=\"stroke\">{labels}</g></g>"
+        ));
+        canvas.raw(&format!("<use href=\"#{GRATICULE}\"/>"));
     }
 
     /// Coloured dots with a dark rim, so that they are seen on any field: those with a title one by one, those without in a

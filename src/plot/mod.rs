@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`curves`] | curves and bands over one axis |
 //! | `ends` | names at the ends of curves |
+//! | [`graticule`] | parallels and meridians |
 //! | [`heat`] | numbers over two axes |
 //! | [`map`] | a field with colour bar, contour lines, coast and marks |
 //! | [`intervals`] | values with intervals, row by row |
@@ -18,6 +19,7 @@ pub mod colors;
 mod contours;
 pub mod curves;
 mod ends;
+pub mod graticule;
 pub mod heat;
 pub mod intervals;
 pub mod map;

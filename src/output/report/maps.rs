@@ -8,7 +8,7 @@ use crate::output::structure::{ShownFactor, ShownStructure};
 use crate::plot::colors::{GREYS, HUES, Scale, difference};
 use crate::plot::map::{contour_levels, symmetric_steps};
 use crate::plot::range::{quantile, round_up};
-use crate::plot::{FieldMap, Mark, coast};
+use crate::plot::{FieldMap, Mark, coast, graticule};
 use crate::tables::figure;
 use isobar_obs::{Projection, Report};
 
@@ -68,6 +68,7 @@ pub struct Maps<'a> {
     /// By variable.
     ranges: Vec<Ranges>,
     coast: Vec<Vec<[f64; 2]>>,
+    graticule: Vec<graticule::Line>,
 }
 
 /// What is drawn of one method in one cycle: names for captions and files.
@@ -78,20 +79,25 @@ struct Subject<'a> {
     stem: String,
 }
 
-/// The coastlines within the plane, points (x, y) \[m\]; none if the plane has no place on the Earth.
-fn coastlines(info: &RunInfo) -> Vec<Vec<[f64; 2]>> {
-    let grid = &info.layout.grid;
-    let on_earth = |projection: &Projection| {
-        coast::lines([grid.width_m(), grid.height_m()], |latitude, longitude| projection.forward(latitude, longitude))
-    };
-    info.projection.as_ref().map_or_else(Vec::new, on_earth)
+/// Lines on the Earth within the plane, by a function of its size and of the place of a latitude and longitude; none if the plane
+/// has no place on the Earth.
+fn on_earth<T>(info: &RunInfo, of: impl Fn([f64; 2], &dyn Fn(f64, f64) -> Option<(f64, f64)>) -> Vec<T>) -> Vec<T> {
+    let extent_m = [info.layout.grid.width_m(), info.layout.grid.height_m()];
+    let lines = |projection: &Projection| of(extent_m, &|latitude, longitude| projection.forward(latitude, longitude));
+    info.projection.as_ref().map_or_else(Vec::new, lines)
 }
 
 impl<'a> Maps<'a> {
     /// The maps of a complete run.
     pub fn new(info: &'a RunInfo, history: &'a History) -> Self {
         let ranges = (0..info.layout.variables.len()).map(|number| ranges(history, number));
-        Self { info, history, ranges: ranges.collect(), coast: coastlines(info) }
+        Self {
+            info,
+            history,
+            ranges: ranges.collect(),
+            coast: on_earth(info, |extent_m, place| coast::lines(extent_m, place)),
+            graticule: on_earth(info, |extent_m, place| graticule::lines(extent_m, place)),
+        }
     }
 
     /// The maps of the variable that is shown first, the latest cycle first.
@@ -315,6 +321,7 @@ impl<'a> Maps<'a> {
             steps: Vec::new(),
             contours: contour_levels(range),
             coast: self.coast.clone(),
+            graticule: self.graticule.clone(),
             marks: Vec::new(),
         }
     }
