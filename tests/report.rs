@@ -151,9 +151,9 @@ fn figures_are_on_the_page_and_in_files() {
             assert!(all.contains_key(name), "{name} is missing");
         }
         assert_eq!((count("spread_error_"), count("normalised_error_")), (3, 3));
-        // In the middle and at the end.
-        assert_eq!((count("_truth.svg"), count("_error.svg"), count("_background.svg")), (2, 10, 10));
-        assert_eq!(count("_spread.svg"), 2 * 4, "one method has no spread");
+        // In all five cycles.
+        assert_eq!((count("_truth.svg"), count("_error.svg"), count("_background.svg")), (5, 25, 25));
+        assert_eq!(count("_spread.svg"), 5 * 4, "one method has no spread");
         assert_eq!((count("_correlation.svg"), count("_correlation_")), (1, 2));
         // The other variables at the end.
         for variable in ["u", "v"] {
@@ -169,10 +169,60 @@ fn figures_are_on_the_page_and_in_files() {
         }
         let text = fs::read_to_string(directory.join("report.html")).unwrap();
         let svgs = all.keys().filter(|name| name.ends_with(".svg")).count();
-        // Of the cycle in the middle the page has truth and errors, and not 5 backgrounds, 5 analyses and 4 spreads.
-        assert_eq!(text.matches("<svg").count(), svgs - 14);
+        // All of them, and the coast, which all maps have in common.
+        assert_eq!(text.matches("<svg").count(), svgs + 1);
+        assert_eq!(text.matches("id=\"coast\"").count(), 1);
         assert_eq!(text.matches("<figure").count(), text.matches("<figcaption>").count());
     });
+}
+
+/// What the slider shows: of every cycle the truth, and of every method background, analysis, error and spread.
+#[test]
+fn maps_say_of_which_cycle_and_method_they_are() {
+    let run = SyntheticRun::new(8, 6, 5, 3);
+    let text = page(&run);
+    let figures: Vec<&str> = text.split("<figure").skip(1).map(|rest| rest.split('>').next().unwrap()).collect();
+    let of = |cycle: usize, kind: &str, method: Option<&str>| {
+        let own = format!(" data-kind=\"{kind}\"");
+        let of_method = method.map(|method| format!(" data-method=\"{method}\""));
+        let is_it = |figure: &&&str| {
+            figure.contains(&format!(" data-cycle=\"{cycle}\""))
+                && figure.contains(&own)
+                && of_method.as_ref().map_or(!figure.contains("data-method"), |own| figure.contains(own))
+        };
+        figures.iter().filter(is_it).count()
+    };
+    for cycle in 1..=5 {
+        assert_eq!(of(cycle, "truth", None), 1, "cycle {cycle}");
+        for method in &run.info.methods {
+            for kind in ["background", "analysis", "error", "spread"] {
+                assert_eq!(of(cycle, kind, Some(&method.name)), 1, "cycle {cycle}: {kind} of {}", method.name);
+            }
+        }
+    }
+    assert_eq!(figures.iter().filter(|it| it.contains("data-cycle")).count(), 5 * (1 + 3 * 4));
+    assert!(text.contains(" data-when=\"cycle 5, "));
+    // Large grids have maps of two cycles.
+    let large = page(&SyntheticRun::new(160, 120, 3, 2));
+    let cycles: std::collections::BTreeSet<&str> = attributes(&large, "data-cycle").into_iter().collect();
+    assert_eq!(cycles.into_iter().collect::<Vec<_>>(), ["2", "3"]);
+}
+
+#[test]
+fn biases_of_a_scanner_are_drawn_by_scan_position() {
+    let mut run = SyntheticRun::new(8, 6, 4, 2);
+    let figure = |run: &SyntheticRun| {
+        let mut text = None;
+        written(run, |directory| text = fs::read_to_string(directory.join("figures/scan_polar_h.svg")).ok());
+        text.unwrap_or_default()
+    };
+    let svg = figure(&run);
+    // The first method has readings, and there is a truth.
+    assert!(svg.contains(">fast_kalman</text>") && svg.contains(">truth</text>"), "{svg}");
+    assert!(!svg.contains(">kalman</text>"), "it has none");
+    assert!(page(&run).contains("by scan position, all its terms together, after the analysis of cycle 4"));
+    run.windows.iter_mut().flat_map(|window| &mut window.reports).for_each(|report| report.scan = None);
+    assert!(figure(&run).is_empty());
 }
 
 /// Tells more of the first method than its analyses: parameters beside state and biases, and smoothed estimates.
@@ -305,6 +355,33 @@ fn fields_gone_astray_do_not_end_the_run() {
         let text = page(&run);
         assert!(text.contains("<h2>Scores</h2>"), "{value}");
     }
+}
+
+/// Every number of `scores.csv` is a row of `scores_long.csv`, and nothing else is.
+#[test]
+fn long_scores_are_those_of_the_wide_file() {
+    written(&SyntheticRun::new(8, 6, 3, 2), |directory| {
+        let table = |name: &str| {
+            let mut reader = csv::Reader::from_path(directory.join(name)).unwrap();
+            let header: Vec<String> = reader.headers().unwrap().iter().map(String::from).collect();
+            let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+            (header, rows)
+        };
+        let (titles, wide) = table("scores.csv");
+        let (header, long) = table("scores_long.csv");
+        assert_eq!(header, ["cycle", "valid_time", "method", "score", "variable", "unit", "value"]);
+        let mut expected = Vec::new();
+        for row in &wide {
+            for (title, value) in titles.iter().zip(row).skip(3).filter(|(_, value)| !value.is_empty()) {
+                let (score, rest) = title.split_once(' ').unwrap_or((title, ""));
+                let (variable, _) = rest.split_once(' ').unwrap_or_default();
+                expected.push([&row[0], &row[1], &row[2], score, variable, value].map(String::from));
+            }
+        }
+        let found: Vec<_> = long.iter().map(|row| [0, 1, 2, 3, 4, 6].map(|at| row[at].to_string())).collect();
+        assert!(found == expected && found.len() > 20, "{found:?}");
+        assert!(long.iter().any(|row| &row[3] == "rmse_analysis" && &row[4] == "u" && &row[5] == "m s-1"));
+    });
 }
 
 #[test]

@@ -57,7 +57,11 @@ fn every_seed_has_the_scores_of_its_own_run_however_many_run_at_a_time() {
         files,
         ["files.txt", "report.html", "seed-11", "seed-12", "seed-13", "seed-14", "seeds.csv", "seeds.json"]
     );
-    assert_eq!(fs::read_dir(folder.join("seed-11")).unwrap().count(), 3, "only summary.json, scores.csv and files.txt");
+    assert_eq!(
+        fs::read_dir(folder.join("seed-11")).unwrap().count(),
+        4,
+        "only the summary, two files of scores, and files.txt"
+    );
 
     // The mean and the paired difference are those of the summaries.
     let json: Value = serde_json::from_str(&fs::read_to_string(folder.join("seeds.json")).unwrap()).unwrap();

@@ -248,7 +248,8 @@ fn a_run_without_observations_or_parameters_has_all_its_files() {
 #[test]
 fn files_say_what_made_them_and_are_the_same_in_every_run() {
     let run = SyntheticRun::new(8, 6, 2, 2);
-    let names = ["truth.nc", "fast_kalman.nc", "kalman.nc", "observations.nc", "scores.csv", "summary.json"];
+    let names =
+        ["truth.nc", "fast_kalman.nc", "kalman.nc", "observations.nc", "scores.csv", "scores_long.csv", "summary.json"];
     let mut first = Vec::new();
     written(&run, |directory| {
         for name in names {

@@ -87,8 +87,16 @@ fn every_setting_has_the_scores_of_its_own_runs_and_the_best_is_named() {
     }
     assert!(said.contains("Best settings (*)") && said.contains("methods.var.covariance_scale = "), "{said}");
     let page = fs::read_to_string(folder.join("report.html")).unwrap();
-    assert!(page.matches("<svg").count() == 3 && !without_script(&page).contains("<script"));
-    assert_eq!(fs::read_dir(folder.join("figures")).unwrap().count(), 3);
+    assert!(page.matches("<svg").count() == 5 && !without_script(&page).contains("<script"));
+    assert_eq!(fs::read_dir(folder.join("figures")).unwrap().count(), 5);
+    // Two keys of `var`: all its means are in the cells, and a star is at the best of each value of the key that all share.
+    let figures = fs::read_dir(folder.join("figures")).unwrap().map(|entry| entry.unwrap().path());
+    let of_var = figures
+        .filter(|path| path.to_string_lossy().ends_with("_var.svg") && path.to_string_lossy().contains("sweep_pair_"));
+    let map = of_var.map(|path| fs::read_to_string(path).unwrap()).collect::<String>();
+    let means: Vec<String> = settings("var").iter().map(|own| isobar::tables::figure(score(own))).collect();
+    assert!(means.iter().all(|mean| map.contains(&format!(">{mean}"))), "{means:?}: {map}");
+    assert_eq!((map.matches(" *</text>").count(), map.matches("stroke-width=\"2.4\"").count()), (2, 2));
     let table = fs::read_to_string(folder.join("sweep.csv")).unwrap();
     let rows = csv::Reader::from_reader(table.as_bytes()).records().map(Result::unwrap).count();
     let scores = |own: &Value| own["scores"].as_object().unwrap().len();

@@ -31,6 +31,13 @@ over_cycles = counting.groupby("method")[column].apply(lambda errors: (errors**2
 for name, value in over_cycles.items():
     assert abs(value / summary["methods"][name]["rmse_analysis"][first["name"]] - 1) < 1e-9, name
 
+# scores_long.csv: the same, a row for each value.
+long = pd.read_csv(run / "scores_long.csv", parse_dates=["valid_time"])
+chosen = long[(long.score == "rmse_analysis") & (long.variable == first["name"])]
+by_method = chosen.pivot(index="valid_time", columns="method", values="value")
+assert (by_method[scores.method[0]].dropna().values == scores[scores.method == scores.method[0]][column].dropna().values).all()
+print(f"scores_long.csv: {len(long)} values of {long.score.nunique()} scores")
+
 # truth.nc and METHOD.nc: fields and biases over time.
 truth = xr.open_dataset(run / "truth.nc")
 for name in summary["methods"]:

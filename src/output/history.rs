@@ -2,6 +2,7 @@
 //! cycles of which there are maps.
 
 use super::reliability::Reliability;
+use super::scans::ScanBiases;
 use super::structure::ShownStructure;
 use crate::event::{Analysed, Estimated, Event, RunInfo, Smoothed};
 use crate::plot::Thinning;
@@ -35,6 +36,8 @@ pub struct History {
     reliability: Vec<Vec<Reliability>>,
     /// What methods estimate beside state and calibration, by name; in the place of each method what it has of it.
     pub parameters: IndexMap<String, Vec<Option<ParameterHistory>>>,
+    /// The biases of scanning instruments, each in the newest cycle with observations of it.
+    pub scans: BTreeMap<ObservationType, ScanBiases>,
     /// The whole true state of the current cycle, if there is a truth.
     truth: Option<Vec<f64>>,
 }
@@ -144,6 +147,7 @@ impl History {
             drawn: Score::all(&info.variables(), |kind| kind.line.is_some()),
             reliability: vec![vec![Reliability::default(); info.layout.variables.len()]; info.methods.len()],
             parameters: IndexMap::new(),
+            scans: BTreeMap::new(),
             truth: None,
             info: info.clone(),
         }
@@ -156,7 +160,10 @@ impl History {
     pub fn record(&mut self, event: &Event<'_>) -> Result<(), String> {
         match event {
             Event::Truth { cycle, time, state, calibration } => self.add_truth(*cycle, *time, state, calibration),
-            Event::Observed { window, .. } => self.add_observations(window),
+            Event::Observed { window, values_bias_removed } => {
+                self.scans.extend(ScanBiases::all(window, values_bias_removed, self.info.methods.len()));
+                self.add_observations(window);
+            }
             Event::Analysed(analysed) => self.add_estimates(analysed)?,
             Event::Smoothed(smoothed) => self.add_smoothed(smoothed),
             Event::Estimated(estimated) => self.add_parameters(estimated),
@@ -233,6 +240,9 @@ impl History {
                 calibration: it.calibration.clone(),
             }),
         });
+        for biases in self.scans.values_mut().filter(|biases| biases.cycle == cycle) {
+            biases.add(analysed, &own.values);
+        }
         let departures = [&analysis.background_departures, &analysis.analysis_departures];
         own.methods[method] = Some(MethodCycle {
             scores: self.drawn.iter().map(|score| scores.get(&score.key()).copied()).collect(),

@@ -3,7 +3,7 @@
 //! Contents: [`directory`] (where outputs go, with [`working`], [`destination`] and [`contents`]), [`OUTPUTS`] (the outputs that can be switched off), [`netcdf`],
 //! [`forecasts`], [`parameters`], [`readings`], [`report`], [`scores`], [`summary`], and with the cargo feature `rerun` the recording for the rerun
 //! viewer. Report and recording show what [`history`] holds of the run, with a method's blocks ([`structure`]) and what is
-//! known of its spread ([`reliability`]).
+//! known of its spread ([`reliability`]) and of biases that depend on the scan position ([`scans`]).
 
 pub mod contents;
 pub mod destination;
@@ -19,6 +19,7 @@ pub mod reliability;
 pub mod report;
 #[cfg(feature = "rerun")]
 pub mod rerun;
+pub mod scans;
 pub mod scores;
 mod sink;
 pub mod structure;

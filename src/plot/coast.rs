@@ -12,25 +12,28 @@ const PER_DEGREE: f64 = 20.0;
 /// The coastlines that meet a plane of this width and height \[m\], as its points (x, y) \[m\]; `place` gives the point of a
 /// latitude and longitude \[degrees\], if there is one.
 pub fn lines(extent_m: [f64; 2], place: impl Fn(f64, f64) -> Option<(f64, f64)>) -> Vec<Vec<[f64; 2]>> {
+    let of_line = |line| within(extent_m, points(line).map(|[longitude, latitude]| place(latitude, longitude)));
+    LINES.lines().flat_map(of_line).collect()
+}
+
+/// The parts of a line that are in a plane or near it.
+pub(super) fn within(extent_m: [f64; 2], places: impl Iterator<Item = Option<(f64, f64)>>) -> Vec<Vec<[f64; 2]>> {
     // Far from the centre points may lie anywhere, and lines between them go across the plane.
     let longest_m = 0.5 * extent_m[0].max(extent_m[1]);
     let is_near = |[x, y]: [f64; 2]| {
         [(x, extent_m[0]), (y, extent_m[1])].iter().all(|(at, length)| (-0.2 * length..=1.2 * length).contains(at))
     };
     let mut all = Vec::new();
-    for line in LINES.lines() {
-        let mut part: Vec<[f64; 2]> = Vec::new();
-        for [longitude, latitude] in points(line) {
-            let next = place(latitude, longitude).map(|(x, y)| [x, y]).filter(|&point| is_near(point));
-            let goes_on =
-                next.zip(part.last().copied()).is_none_or(|([x, y], [a, b])| (x - a).hypot(y - b) < longest_m);
-            if next.is_none() || !goes_on {
-                all.push(std::mem::take(&mut part));
-            }
-            part.extend(next);
+    let mut part: Vec<[f64; 2]> = Vec::new();
+    for place in places {
+        let next = place.map(|(x, y)| [x, y]).filter(|&point| is_near(point));
+        let goes_on = next.zip(part.last().copied()).is_none_or(|([x, y], [a, b])| (x - a).hypot(y - b) < longest_m);
+        if next.is_none() || !goes_on {
+            all.push(std::mem::take(&mut part));
         }
-        all.push(part);
+        part.extend(next);
     }
+    all.push(part);
     all.retain(|part| part.len() > 1);
     all
 }

@@ -76,14 +76,39 @@ const INFERNO: [[u8; 3]; 11] = [
 ];
 
 impl Scale {
-    /// The colour at `position`: 0 is the low end, 1 the high end. Beyond them, and for no number, the ends.
-    pub fn color(self, position: f32) -> [u8; 3] {
-        let table = match self {
+    /// Its identifier in figures.
+    pub fn name(self) -> &'static str {
+        match self {
+            Scale::State => "scale-state",
+            Scale::Difference => "scale-difference",
+            Scale::Spread => "scale-spread",
+            Scale::Parts => "scale-parts",
+        }
+    }
+
+    /// The scale from below, as a gradient of its name.
+    pub fn gradient(self) -> String {
+        let last = self.table().len() - 1;
+        let stop = |(number, color): (usize, &[u8; 3])| {
+            format!("<stop offset=\"{}\" stop-color=\"{}\"/>", number as f64 / last as f64, hex(*color))
+        };
+        let stops: String = self.table().iter().enumerate().map(stop).collect();
+        format!("<linearGradient id=\"{}\" x1=\"0\" y1=\"1\" x2=\"0\" y2=\"0\">{stops}</linearGradient>", self.name())
+    }
+
+    /// Its colours.
+    fn table(self) -> &'static [[u8; 3]; 11] {
+        match self {
             Scale::State => &VIRIDIS,
             Scale::Difference => &BLUE_RED,
             Scale::Spread => &INFERNO,
             Scale::Parts => &PARTS,
-        };
+        }
+    }
+
+    /// The colour at `position`: 0 is the low end, 1 the high end. Beyond them, and for no number, the ends.
+    pub fn color(self, position: f32) -> [u8; 3] {
+        let table = self.table();
         let steps = table.len() - 1;
         let position = if position.is_nan() { 0.0 } else { position.clamp(0.0, 1.0) };
         let place = position * steps as f32;

@@ -1,12 +1,16 @@
 //! Curves and bands over a common axis, as SVG.
 
 use super::colors::hex;
+use super::ends::{self, End};
+use super::number;
 use super::svg::{GRID, INK, PAPER, Svg};
 use crate::text::printable;
 use kuva::plot::legend::{LegendEntry, LegendPosition, LegendShape};
 use kuva::plot::{BandPlot, LinePlot, ScatterPlot};
-use kuva::prelude::{Layout, Plot, Theme};
+use kuva::prelude::{Layout, Plot, Theme, TickFormat};
 use kuva::render::annotations::{ReferenceLine, ShadedRegion};
+use kuva::render::layout::ComputedLayout;
+use std::sync::Arc;
 
 /// Height of a figure with one row of names \[px\], and of each further row.
 const HEIGHT: f64 = 300.0;
@@ -99,7 +103,7 @@ pub struct CurvePlot {
     pub from_zero: bool,
     /// The largest y to be shown; `None`: all.
     pub highest: Option<f64>,
-    /// Whether the names of curves are shown.
+    /// Whether the names of curves are shown: at their ends, or where these are too close together below them.
     pub legend: bool,
     /// The part of the x axis that counts, if not all of it does: it is shaded.
     pub counts: Option<[f64; 2]>,
@@ -138,8 +142,11 @@ impl CurvePlot {
     fn draw(&self, id: &str) -> Svg {
         let [_, [bottom, top]] = self.ranges();
         let plots: Vec<Plot> = self.curves.iter().flat_map(|curve| draw(curve, [bottom, top])).collect();
-        let layout = self.layout(&plots);
-        let file = kuva::render_to_svg(plots, layout);
+        let (layout, names) = match self.ends().and_then(|ends| self.named_at_ends(&plots, ends)) {
+            Some((layout, names)) => (layout, names),
+            None => (self.with_legend(self.layout(&plots)), String::new()),
+        };
+        let file = kuva::render_to_svg(plots, layout).replacen("</svg>", &format!("{names}</svg>"), 1);
         // Identifiers of the plotting crate are numbered through the life of the process.
         let file = unique_identifiers(&file, id);
         Svg::new(file, &self.title)
@@ -163,7 +170,7 @@ impl CurvePlot {
         (layout.x_range, layout.y_range) = ((left, right), (bottom, top));
         let mut layout = layout
             .with_width(440.0)
-            .with_height(HEIGHT + ROW * (self.legend_rows() - 1) as f64)
+            .with_height(HEIGHT)
             .with_theme(theme)
             .with_title(&*self.title)
             .with_x_label(&*self.x_label)
@@ -173,20 +180,15 @@ impl CurvePlot {
             .with_title_size(14)
             .with_label_size(12)
             .with_tick_size(11)
-            .with_body_size(11)
-            .with_legend_position(LegendPosition::OutsideBottomColumns)
-            .with_legend_box(false);
+            .with_body_size(11);
         if self.is_logarithmic() {
-            layout = layout.with_log_y().with_y_label(format!("{}, logarithmic", self.y_label));
+            let format = TickFormat::Custom(Arc::new(number::<f64>));
+            layout =
+                layout.with_log_y().with_y_tick_format(format).with_y_label(format!("{}, logarithmic", self.y_label));
         } else if self.from_zero {
             layout = layout.with_y_axis_min(0.0);
         }
-        let entries = self.legend_entries();
-        if entries.is_empty() {
-            layout.show_legend = false;
-        } else {
-            layout = layout.with_legend_entries(entries);
-        }
+        layout.show_legend = false;
         if let Some([from, to]) = self.counts.map(|counts| counts.map(|end| end.clamp(left, right))) {
             layout = layout.with_shaded_region(ShadedRegion::vertical(from, to).with_color(GRID).with_opacity(0.35));
         }
@@ -195,6 +197,53 @@ impl CurvePlot {
             layout = layout.with_reference_line(line);
         }
         layout
+    }
+
+    /// The names of curves below them.
+    fn with_legend(&self, layout: Layout) -> Layout {
+        let entries = self.legend_entries();
+        if entries.is_empty() {
+            return layout;
+        }
+        let mut layout = layout
+            .with_height(HEIGHT + ROW * (self.legend_rows() - 1) as f64)
+            .with_legend_position(LegendPosition::OutsideBottomColumns)
+            .with_legend_box(false)
+            .with_legend_entries(entries);
+        layout.show_legend = true;
+        layout
+    }
+
+    /// The curves that have names, if the names could stand at their ends: short ones, of lines that go to the right edge.
+    fn ends(&self) -> Option<Vec<(&str, &Curve, [f64; 2])>> {
+        let [[left, right], [bottom, top]] = self.ranges();
+        let named = self.curves.iter().filter_map(|curve| Some((curve.name.as_deref()?, curve)));
+        let end = |(name, curve)| {
+            let [x, y] = *Curve::finite(curve).0.last()?;
+            Some((name, curve, [x, y.clamp(bottom, top)]))
+        };
+        let all: Vec<(&str, &Curve, [f64; 2])> = named.filter_map(end).collect();
+        let fits = |&(name, curve, [x, _]): &(&str, &Curve, [f64; 2])| {
+            name.chars().count() <= ends::LONGEST && curve.dash != Dash::Points && x >= right - 0.04 * (right - left)
+        };
+        (self.legend && !all.is_empty() && all.iter().all(fits)).then_some(all)
+    }
+
+    /// The figure with names at the ends of curves; `None` where they would be too far from them.
+    fn named_at_ends(&self, plots: &[Plot], all: Vec<(&str, &Curve, [f64; 2])>) -> Option<(Layout, String)> {
+        let mut layout = self.layout(plots).with_height(HEIGHT - ends::LESS);
+        layout.force_margin_right = Some(ends::room(all.iter().map(|it| it.0)));
+        let frame = ComputedLayout::from_layout(&layout);
+        let color = |curve: &Curve| curve.color.map_or_else(|| INK.to_string(), hex);
+        let end = |&(name, curve, [x, y]): &(&str, &Curve, [f64; 2])| End {
+            name: name.into(),
+            color: color(curve),
+            at: [frame.map_x(x), frame.map_y(y)],
+        };
+        let ends: Vec<End> = all.iter().map(end).collect();
+        let within = [frame.margin_top, frame.height - frame.margin_bottom];
+        let names = ends::names(&ends, frame.width - frame.margin_right, within)?;
+        Some((layout, names))
     }
 
     /// The names of curves. The plotting crate would collect them by itself, but keeps room for one row only.
@@ -262,7 +311,12 @@ impl CurvePlot {
         if self.from_zero && !is_logarithmic {
             take(1, 0.0);
         }
-        let [x, mut y] = ranges;
+        let [mut x, mut y] = ranges;
+        if self.curves.iter().any(|curve| curve.dash == Dash::Points) && x[1] > x[0] {
+            // Points at the edges are seen whole.
+            let margin = 0.025 * (x[1] - x[0]);
+            x = [x[0] - margin, x[1] + margin];
+        }
         if let Some(highest) = self.highest.filter(|&highest| highest > y[0]) {
             y[1] = y[1].min(highest);
         }
@@ -327,110 +381,5 @@ fn unique_identifiers(svg: &str, id: &str) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn plot(points: Vec<[f64; 2]>) -> CurvePlot {
-        let curves = vec![Curve::new("<script>", [1, 2, 3], points)];
-        CurvePlot::new("error of <h> & \"u\"".into(), "time [d]".into(), "error [m]".into(), curves)
-    }
-
-    #[test]
-    fn a_figure_is_the_same_whenever_it_is_drawn_and_escapes_its_texts() {
-        let plot = plot(vec![[0.0, 1.0], [1.0, 2.0]]);
-        let first = plot.svg("a");
-        assert_eq!(first, plot.svg("a"));
-        assert!(!first.file.contains("kuva-clip") && first.file.contains("#010203"));
-        for svg in [&first.file, &first.page] {
-            assert!(svg.contains("&lt;script&gt;") && !svg.contains("<script"), "{svg}");
-            assert!(svg.contains("time [d]") && svg.contains("error [m]") && svg.contains("&lt;h&gt; &amp;"));
-        }
-        assert!(first.page.contains("var(--ink)") && !first.page.contains(INK), "{}", first.page);
-        assert_ne!(first.page, plot.svg("b").page, "identifiers must differ within a page");
-    }
-
-    /// However many curves there are, and however long their names: all names are within the figure, and so are the curves.
-    #[test]
-    fn every_name_has_its_place() {
-        for (count, length) in [(1, 4), (2, 4), (3, 40), (9, 12), (14, 14), (40, 6)] {
-            let mut plot = plot(vec![[0.0, 1.0], [1.0, 2.0]]);
-            let name = |number: usize| format!("{}{number:02}", "n".repeat(length - 2));
-            let curve = |number: usize| Curve::new(&name(number), [1, 2, 3], vec![[0.0, 1.0], [1.0, number as f64]]);
-            plot.curves = (0..count).map(curve).collect();
-            let svg = plot.svg("a").file;
-            let number = |text: &str, key: &str| -> f64 {
-                let value = text.split(&format!("{key}=\"")).nth(1).unwrap().split('"').next().unwrap();
-                value.parse().unwrap()
-            };
-            let height = number(&svg, " height");
-            for name in (0..count).map(name) {
-                let end = svg.find(&format!(">{name}</text>")).unwrap_or_else(|| panic!("{name} is missing"));
-                let own = &svg[svg[..end].rfind("<text").unwrap()..];
-                let (x, y) = (number(own, " x"), number(own, " y"));
-                assert!(y < height && x < 440.0, "{count} of {length}: {name} at {x}, {y} of {height}");
-            }
-            let clip = &svg[svg.find("<clipPath").unwrap()..];
-            assert!(number(clip, " height") > 150.0, "{count} of {length}: {}", number(clip, " height"));
-        }
-    }
-
-    #[test]
-    fn curves_far_apart_have_a_logarithmic_axis() {
-        let figure = |high: f64, from_zero: bool| {
-            let mut plot = plot(vec![[0.0, 1.0], [1.0, 2.0], [2.0, 1.5]]);
-            plot.curves.push(Curve::new("free", [3, 2, 1], vec![[0.0, high], [1.0, high]]));
-            plot.from_zero = from_zero;
-            plot
-        };
-        assert!(figure(50.0, true).is_logarithmic() && !figure(5.0, true).is_logarithmic());
-        assert!(!figure(50.0, false).is_logarithmic());
-        let svg = figure(50.0, true).svg("a").file;
-        assert!(svg.contains("error [m], logarithmic") && !svg.contains("NaN"), "{svg}");
-        // Nothing is logarithmic of zero.
-        let mut zero = figure(50.0, true);
-        zero.curves[0].points[1][1] = 0.0;
-        assert!(!zero.is_logarithmic());
-        // A band that reaches zero ends at the axis.
-        let mut banded = figure(50.0, true);
-        banded.curves[0].band = Some(vec![[-1.0, 3.0]; 3]);
-        let [_, [low, high]] = banded.ranges();
-        assert_eq!((low, high), (1.0, 50.0));
-        assert!(!banded.svg("a").file.contains("NaN"));
-    }
-
-    /// Half of the axis counts: the shade is half as wide as the axis, and goes to its end.
-    #[test]
-    fn what_counts_is_shaded() {
-        let mut plot = plot(vec![[0.0, 1.0], [1.0, 2.0], [2.0, 1.5]]);
-        assert!(!plot.svg("a").file.contains("pacity=\"0.35"));
-        plot.counts = Some([1.0, 9.0]);
-        let svg = plot.svg("a").file;
-        let rectangle =
-            svg.split("<rect").find(|part| part.contains("pacity=\"0.35")).unwrap_or_else(|| panic!("{svg}"));
-        let number = |text: &str, key: &str| -> f64 {
-            text.split(&format!("{key}=\"")).nth(1).unwrap().split('"').next().unwrap().parse().unwrap()
-        };
-        let axis = number(&svg[svg.find("<clipPath").unwrap()..], " width");
-        assert!((number(rectangle, " width") / axis - 0.5).abs() < 0.01, "{rectangle} of {axis}");
-    }
-
-    #[test]
-    fn figures_without_points_or_extent_or_finite_numbers_can_be_drawn() {
-        for points in [
-            vec![],
-            vec![[0.0, 0.0]],
-            vec![[1.0, 5.0]; 3],
-            vec![[0.0, f64::NAN], [1.0, f64::INFINITY], [2.0, 3.0]],
-            vec![[0.0, 1e300], [1.0, -1e300]],
-            vec![[0.0, 1e-300], [1.0, 2e-300]],
-        ] {
-            for from_zero in [true, false] {
-                let mut plot = plot(points.clone());
-                plot.from_zero = from_zero;
-                plot.curves[0].band = Some(vec![[f64::NAN, 1.0]; points.len()]);
-                let svg = plot.svg("a").file;
-                assert!(svg.starts_with("<svg") && !svg.contains("NaN") && !svg.contains("inf"), "{points:?} {svg}");
-            }
-        }
-    }
-}
+#[path = "curves_tests.rs"]
+mod tests;

@@ -4,12 +4,14 @@ use super::PlotError;
 use super::colors::{Scale, hex};
 use super::contours;
 use super::curves::{Curve, CurvePlot, Dash};
+use super::graticule;
 use super::number;
 use super::range::{multiples, round_up, tick_step};
-use super::svg::{Anchor, Canvas, INK, Svg};
+use super::svg::{self, Anchor, Canvas, INK, Svg};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use png::{BitDepth, ColorType, Compression, Encoder};
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// Width of a figure \[px\], and what labels and colour bar take beside the map and above and below it.
@@ -66,11 +68,17 @@ pub struct FieldMap {
     pub steps: Vec<f32>,
     /// Values at which lines are drawn.
     pub contours: Vec<f64>,
+    /// Parallels and meridians.
+    pub graticule: Vec<graticule::Line>,
     /// Coastlines, points (x, y) \[m\].
     pub coast: Vec<Vec<[f64; 2]>>,
     /// Observing platforms.
     pub marks: Vec<Mark>,
 }
+
+/// The identifiers of coast and graticule, which are the same on all maps of a page: they are of one plane.
+const COAST: &str = "coast";
+const GRATICULE: &str = "graticule";
 
 /// Where the map is in the figure.
 struct Frame {
@@ -201,13 +209,11 @@ impl FieldMap {
         if nx > 1 && ny > 1 && nx.max(ny) <= MOST_CELLS && !self.field.is_empty() {
             let mut path = String::new();
             for level in self.contours.iter().filter(|&&level| (low..high).contains(&level)) {
-                for segment in contours::segments(&self.field, nx, *level as f32) {
-                    let [a, b] = segment.map(|[x, y]| {
+                for line in contours::joined(&contours::segments(&self.field, nx, *level as f32)) {
+                    path += &svg::path(line.into_iter().map(|[x, y]| {
                         let [x, y] = [f64::from(x) / nx as f64, f64::from(y) / ny as f64];
                         frame.place([x * self.extent_m[0], y * self.extent_m[1]])
-                    });
-                    // A string takes everything.
-                    let _ = write!(path, "M{:.1} {:.1}L{:.1} {:.1}", a[0], a[1], b[0], b[1]);
+                    }));
                 }
             }
             let color = if self.scale == Scale::Difference { "#5a5a5a" } else { "#f4f4f4" };
@@ -215,27 +221,51 @@ impl FieldMap {
                 canvas.raw(&format!("<path d=\"{path}\" stroke=\"{color}\" stroke-width=\"0.7\"/>"));
             }
         }
-        let mut path = String::new();
-        for line in &self.coast {
-            for (number, point) in line.iter().enumerate() {
-                let [x, y] = frame.place(*point);
-                let _ = write!(path, "{}{x:.1} {y:.1}", if number == 0 { 'M' } else { 'L' });
-            }
-        }
+        let of_line = |line: &Vec<[f64; 2]>| svg::path(line.iter().map(|point| frame.place(*point)));
+        let path: String = self.coast.iter().map(of_line).collect();
         if !path.is_empty() {
+            canvas.share(&format!("<path id=\"{COAST}\" d=\"{path}\"/>"));
             let has_field = !self.field.is_empty();
             if has_field {
                 // Light under dark is seen on any field.
-                canvas.raw(&format!("<path d=\"{path}\" stroke=\"#ffffffe0\" stroke-width=\"2\"/>"));
+                canvas.raw(&format!("<use href=\"#{COAST}\" stroke=\"#ffffffe0\" stroke-width=\"2\"/>"));
             }
             let color = if has_field { "#303030" } else { INK };
-            canvas.raw(&format!("<path d=\"{path}\" stroke=\"{color}\" stroke-width=\"0.8\"/>"));
+            canvas.raw(&format!("<use href=\"#{COAST}\" stroke=\"{color}\" stroke-width=\"0.8\"/>"));
         }
+        self.graticule(canvas, frame);
     }
 
-    /// Coloured dots with a dark rim, so that they are seen on any field; all others as one path.
+    /// Parallels and meridians with their names.
+    fn graticule(&self, canvas: &mut Canvas, frame: &Frame) {
+        if self.graticule.is_empty() {
+            return;
+        }
+        let parts = self.graticule.iter().flat_map(|line| &line.parts);
+        let path: String = parts.map(|part| svg::path(part.iter().map(|point| frame.place(*point)))).collect();
+        let label = |line: &graticule::Line| {
+            let [x, y] = frame.place(line.at?);
+            // Of those that come from the west above, of those from the south at the right.
+            Some(format!("<text x=\"{:.1}\" y=\"{:.1}\">{}</text>", x + 2.5, y - 2.5, svg::escaped(&line.label)))
+        };
+        let labels: String = self.graticule.iter().filter_map(label).collect();
+        canvas.share(&format!(
+            "<g id=\"{GRATICULE}\"><path d=\"{path}\" fill=\"none\" stroke=\"#808080\" stroke-width=\"0.8\" \
+             stroke-dasharray=\"2 2\"/><g font-size=\"8.5\" fill=\"#303030\" stroke=\"#ffffffb0\" stroke-width=\"2\" \
+             paint-order=\"stroke\">{labels}</g></g>"
+        ));
+        canvas.raw(&format!("<use href=\"#{GRATICULE}\"/>"));
+    }
+
+    /// Coloured dots with a dark rim, so that they are seen on any field: those with a title one by one, those without in a
+    /// path for each colour; all others as one path.
     fn dots(&self, canvas: &mut Canvas, frame: &Frame) {
         let mut path = String::new();
+        let mut colors: BTreeMap<[u8; 3], String> = BTreeMap::new();
+        let titled = self.marks.iter().any(|mark| mark.color.is_some() && !mark.title.is_empty());
+        if titled {
+            canvas.raw("<g stroke=\"#202020\" stroke-width=\"0.7\">");
+        }
         for mark in &self.marks {
             let place = frame.place([mark.x_m, mark.y_m]);
             match mark.color {
@@ -243,15 +273,28 @@ impl FieldMap {
                     // A string takes everything.
                     let _ = write!(path, "M{:.1} {:.1}h0", place[0], place[1]);
                 }
+                Some(color) if mark.title.is_empty() => {
+                    let _ = write!(colors.entry(color).or_default(), "M{:.1} {:.1}h0", place[0], place[1]);
+                }
                 Some(color) => {
-                    canvas.dot(place, 3.2, "#202020", "");
-                    canvas.dot(place, 2.5, &hex(color), &mark.title);
+                    canvas.dot(place, 2.8, &hex(color), &mark.title);
                 }
             }
         }
+        if titled {
+            canvas.raw("</g>");
+        }
+        let mut points = |path: &str, color: &str, width: f64| {
+            canvas.raw(&format!(
+                "<path d=\"{path}\" stroke=\"{color}\" stroke-width=\"{width}\" stroke-linecap=\"round\"/>"
+            ));
+        };
+        if !colors.is_empty() {
+            points(&colors.values().map(String::as_str).collect::<String>(), "#202020", 6.3);
+            colors.iter().for_each(|(color, path)| points(path, &hex(*color), 4.9));
+        }
         if !path.is_empty() {
-            canvas
-                .raw(&format!("<path d=\"{path}\" stroke=\"#202020\" stroke-width=\"2.2\" stroke-linecap=\"round\"/>"));
+            points(&path, "#202020", 2.2);
         }
     }
 
@@ -298,10 +341,15 @@ impl FieldMap {
         let (top, height) = (frame.top + end, frame.height - 2.0 * end);
         let inner = if has_steps { &colors[1..colors.len() - 1] } else { &colors[..] };
         let part = height / inner.len().max(1) as f64;
-        for (number, color) in inner.iter().enumerate() {
-            let y = top + height - (number + 1) as f64 * part;
-            // A little more, so that nothing shows between them.
-            canvas.rectangle([x, y], [width, part + if number > 0 { 0.5 } else { 0.0 }], &hex(*color));
+        if has_steps {
+            for (number, color) in inner.iter().enumerate() {
+                let y = top + height - (number + 1) as f64 * part;
+                // A little more, so that nothing shows between them.
+                canvas.rectangle([x, y], [width, part + if number > 0 { 0.5 } else { 0.0 }], &hex(*color));
+            }
+        } else {
+            canvas.share(&self.scale.gradient());
+            canvas.rectangle([x, top], [width, height], &format!("url(#{})", self.scale.name()));
         }
         let mut label = |y: f64, value: f32| {
             canvas.text([x + width + 5.0, y + 4.0], 11.0, Anchor::Start, INK, &number(value));

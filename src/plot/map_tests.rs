@@ -13,6 +13,11 @@ fn map() -> FieldMap {
         range: [0.0, 20.0],
         steps: Vec::new(),
         contours: contour_levels([0.0, 20.0]),
+        graticule: vec![graticule::Line {
+            label: "<50°>".into(),
+            at: Some([0.0, 1e5]),
+            parts: vec![vec![[0.0, 1e5], [4e5, 1e5]]],
+        }],
         coast: vec![vec![[0.0, 0.0], [2e5, 1e5]]],
         marks: vec![Mark { x_m: 1e5, y_m: 1e5, color: Some([255, 255, 255]), title: "<b>".into() }],
     }
@@ -39,6 +44,8 @@ fn a_map_is_always_the_same_and_escapes_its_texts() {
     let svg = map().svg("a").unwrap();
     assert_eq!(svg, map().svg("a").unwrap());
     assert!(svg.file.contains("&lt;h&gt; [m]") && svg.file.contains("<title>&lt;b&gt;</title>"));
+    assert!(svg.file.contains("&lt;50°&gt;</text>") && !svg.page.contains("&lt;50°&gt;"), "it is what maps share");
+    assert!(svg.shared.iter().any(|own| own.contains("id=\"graticule\"") && own.contains("&lt;50°&gt;")));
     assert!(svg.page.contains("var(--ink)") && svg.page.contains("id=\"a-0\""));
     let other = FieldMap { range: [0.0, 40.0], ..map() }.svg("a").unwrap();
     assert_ne!(picture(&svg.file).0, picture(&other.file).0, "colours must follow the range");

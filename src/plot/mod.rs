@@ -3,6 +3,9 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`curves`] | curves and bands over one axis |
+//! | `ends` | names at the ends of curves |
+//! | [`graticule`] | parallels and meridians |
+//! | [`heat`] | numbers over two axes |
 //! | [`map`] | a field with colour bar, contour lines, coast and marks |
 //! | [`intervals`] | values with intervals, row by row |
 //! | [`coast`] | coastlines |
@@ -15,6 +18,9 @@ pub mod coast;
 pub mod colors;
 mod contours;
 pub mod curves;
+mod ends;
+pub mod graticule;
+pub mod heat;
 pub mod intervals;
 pub mod map;
 mod number;
@@ -24,6 +30,7 @@ mod svg;
 pub mod thin;
 
 pub use curves::{Curve, CurvePlot, Dash};
+pub use heat::{HeatCell, HeatMap};
 pub use intervals::IntervalPlot;
 pub use map::{FieldMap, Mark};
 pub use number::{number, unit, with_unit};

@@ -1,7 +1,6 @@
 //! Figures as SVG: for files of their own and as parts of a page.
 
 use crate::text::printable;
-use std::fmt::Write;
 
 /// Colours of text, of lines in the background, and of paper in a figure's file.
 pub(super) const INK: &str = "#1b1e25";
@@ -19,12 +18,14 @@ pub struct Svg {
     pub file: String,
     /// With the page's colours, its own identifiers, and without a fixed size.
     pub page: String,
+    /// Elements that it has in common with others of its page, which holds each once; the file has them within.
+    pub shared: Vec<String>,
 }
 
 impl Svg {
     /// The figure of a file.
     pub(super) fn new(file: String, title: &str) -> Self {
-        Self { page: for_page(&file, title), file }
+        Self { page: for_page(&file, title), file, shared: Vec::new() }
     }
 }
 
@@ -58,19 +59,25 @@ pub(super) enum Anchor {
 /// A figure in the making.
 pub(super) struct Canvas {
     body: String,
+    shared: Vec<String>,
     size: [f64; 2],
 }
 
 impl Canvas {
     /// White paper of this width and height.
     pub fn new(size: [f64; 2]) -> Self {
-        Self { body: String::new(), size }
+        Self { body: String::new(), shared: Vec::new(), size }
     }
 
     /// Adds elements, as they are.
     pub fn raw(&mut self, element: &str) {
         self.body.push_str(element);
         self.body.push('\n');
+    }
+
+    /// Adds an element that all figures of a page have in common, to be used by its identifier.
+    pub fn share(&mut self, element: &str) {
+        self.shared.push(element.to_string());
     }
 
     /// Adds a text in a size and colour, escaped.
@@ -110,19 +117,55 @@ impl Canvas {
     /// The figure.
     pub fn finish(self, title: &str) -> Svg {
         let [width, height] = self.size;
-        let mut file = String::new();
-        // A string takes everything.
-        let _ = write!(
-            file,
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" \
-             font-family=\"system-ui, sans-serif\">\n<rect width=\"100%\" height=\"100%\" fill=\"{PAPER}\"/>\n{}</svg>\n",
-            self.body
-        );
-        Svg::new(file, title)
+        let with = |shared: &str| {
+            format!(
+                "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" \
+                 font-family=\"system-ui, sans-serif\">\n{shared}<rect width=\"100%\" height=\"100%\" fill=\"{PAPER}\"/>\n\
+                 {}</svg>\n",
+                self.body
+            )
+        };
+        let figure = Svg::new(with(""), title);
+        if self.shared.is_empty() {
+            return figure;
+        }
+        Svg { file: with(&format!("<defs>{}</defs>\n", self.shared.concat())), shared: self.shared, ..figure }
     }
+}
+
+/// A line through places as data of a path, to a tenth of a pixel: from its second place on as steps.
+pub(super) fn path(places: impl IntoIterator<Item = [f64; 2]>) -> String {
+    let mut path = String::new();
+    let mut last: Option<[i64; 2]> = None;
+    for place in places {
+        let own = place.map(|it| (10.0 * it).round() as i64);
+        let ([x, y], letter) = match last {
+            None => (own, "M"),
+            Some([x, y]) => ([own[0] - x, own[1] - y], "l"),
+        };
+        if last.is_none() || [x, y] != [0, 0] {
+            let [x, y] = [x, y].map(|tenths| tenths as f64 / 10.0);
+            let between = if y < 0.0 { "" } else { " " };
+            path += &format!("{letter}{x}{between}{y}");
+        }
+        last = Some(own);
+    }
+    path
 }
 
 /// A text as SVG holds it: without characters that XML cannot hold or a browser would obey.
 pub(super) fn escaped(text: &str) -> String {
     minijinja::HtmlEscape(&printable(text)).to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_path_goes_through_its_places() {
+        let path = path([[1.0, 2.04], [1.26, -3.0], [1.26, -3.0], [11.26, 0.5]]);
+        assert_eq!(path, "M1 2l0.3-5l10 3.5");
+        assert_eq!(super::path([]), "");
+    }
 }

@@ -73,6 +73,23 @@ def use(evaluate, name):
         return tip.hidden ? 'hidden' : tip.textContent;
     })()""")
     assert tip == "no map" or (" km" in tip and " at " in tip), f"{name}: a map says {tip}"
+    maps = evaluate("""(() => {
+        const slider = document.querySelector('.player input'), choice = document.querySelector('.player select');
+        if (!slider) return 'no slider';
+        const shown = () => [...document.querySelectorAll('figure[data-cycle]:not([hidden])')].map(it => it.dataset);
+        slider.value = 0;
+        slider.dispatchEvent(new Event('input'));
+        const cycles = new Set(shown().map(it => it.cycle)), kinds = new Set(shown().map(it => it.kind));
+        choice.selectedIndex = choice.options.length - 1;
+        choice.dispatchEvent(new Event('change'));
+        const own = shown().every(it => it.kind == 'truth' || it.method == choice.value) && shown().length >= 4;
+        slider.value = slider.max;
+        slider.dispatchEvent(new Event('input'));
+        choice.selectedIndex = 0;
+        choice.dispatchEvent(new Event('change'));
+        return `${cycles.size} cycle, ${[...kinds].sort().join(' and ')}, ${own ? 'then one method' : 'then others'}`;
+    })()""")
+    assert maps in ("no slider", "1 cycle, error and truth, then one method"), f"{name}: the slider shows {maps}"
     order = evaluate("""(() => {
         const table = [...document.querySelectorAll('table')].find(it => it.tBodies[0].rows.length > 2);
         if (!table) return [];
@@ -114,7 +131,7 @@ def look(browser, page, width, dark, picture, whole):
         wide: [...document.querySelectorAll('body *')].filter(it => !it.closest('.scroll, nav, svg')
             && it.getBoundingClientRect().right > innerWidth + 1).map(it => it.tagName + ' ' + it.className).slice(0, 5),
         figures: document.querySelectorAll('figure').length,
-        flat: [...document.querySelectorAll('figure svg, figure img')].filter(it => it.getBoundingClientRect().height < 50
+        flat: [...document.querySelectorAll('figure:not([hidden]) :is(svg, img)')].filter(it => it.getBoundingClientRect().height < 50
             || (it.tagName == 'IMG' && !it.naturalWidth)).length,
         background: getComputedStyle(document.body).backgroundColor,
         columns: [...document.querySelectorAll('table')].every(table => new Set([...table.rows].map(row =>

@@ -36,6 +36,9 @@ impl SweepSummary {
             for own in self.figures(scenario) {
                 put(&format!("{FIGURES_DIRECTORY}/{}.svg", own.stem), Ok(own.plot.svg("figure").file))?;
             }
+            for own in self.heat_maps(scenario) {
+                put(&format!("{FIGURES_DIRECTORY}/{}.svg", own.stem), Ok(own.plot.svg().file))?;
+            }
         }
         let json = serde_json::to_string_pretty(self).map(|text| text + "\n");
         put(SWEEP_FILE, json.map_err(|error| error.to_string()))

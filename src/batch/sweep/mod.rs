@@ -5,6 +5,7 @@
 //! observations in all settings but those that change the truth.
 
 mod files;
+mod heat;
 mod page;
 mod settings;
 mod tables;
@@ -147,10 +148,10 @@ fn means(all: Vec<Values>) -> IndexMap<String, SweepScore> {
 }
 
 impl SettingScores {
-    /// The values that all methods share, but for that of one key.
-    fn common(&self, method: &str, but: &str) -> IndexMap<String, Value> {
+    /// The values that all methods share, but for those of some keys.
+    fn common(&self, method: &str, but: &[&str]) -> IndexMap<String, Value> {
         let own = format!("methods.{method}.");
-        let common = self.values.iter().filter(|(key, _)| !key.starts_with(&own) && *key != but);
+        let common = self.values.iter().filter(|(key, _)| !key.starts_with(&own) && !but.contains(&key.as_str()));
         common.map(|(key, value)| (key.clone(), value.clone())).collect()
     }
 }
@@ -158,8 +159,8 @@ impl SettingScores {
 /// Shared values, and the settings that have them, with their numbers.
 type Group<'a> = (IndexMap<String, Value>, Vec<(usize, &'a SettingScores)>);
 
-/// The settings of a method in groups of the same shared values, but for that of one key.
-fn groups<'a>(method: &str, settings: &'a [SettingScores], but: &str) -> Vec<Group<'a>> {
+/// The settings of a method in groups of the same shared values, but for those of some keys.
+fn groups<'a>(method: &str, settings: &'a [SettingScores], but: &[&str]) -> Vec<Group<'a>> {
     let mut groups: Vec<Group<'_>> = Vec::new();
     for (number, own) in settings.iter().enumerate() {
         let common = own.common(method, but);
@@ -180,7 +181,7 @@ fn best(method: &str, settings: &[SettingScores], score: &str) -> Vec<usize> {
         let complete = scores().filter(|(_, score)| score.seeds == most);
         complete.min_by(|a, b| a.1.mean.total_cmp(&b.1.mean)).map(|(number, _)| number)
     };
-    groups(method, settings, "").into_iter().filter_map(of_group).collect()
+    groups(method, settings, &[]).into_iter().filter_map(of_group).collect()
 }
 
 #[cfg(test)]
@@ -207,7 +208,7 @@ mod tests {
     fn there_is_a_best_setting_for_each_combination_of_shared_values() {
         let settings = [setting(1, 3.0, 4), setting(2, 9.0, 4), setting(1, 2.0, 4), setting(2, 8.0, 4)];
         assert_eq!(best("var", &settings, "rmse_analysis.h"), [2, 3]);
-        let of_key = groups("var", &settings, "grid.nx");
+        let of_key = groups("var", &settings, &["grid.nx"]);
         assert_eq!((of_key.len(), of_key[0].1.len()), (1, 4));
     }
 

@@ -45,6 +45,14 @@ impl SweepSummary {
                 figures,
                 ..Section::default()
             },
+            Section {
+                title: format!("{} over two keys", self.score),
+                text: "The mean over the seeds for every pair of values; of the settings that have the same pair, the least. The star \
+                       is at the best setting, of each combination of the values that all methods share."
+                    .into(),
+                figures: self.heat_maps(scenario).into_iter().filter_map(|own| Figure::of_heat(&own.plot, own.caption)).collect(),
+                ..Section::default()
+            },
         ];
         if !self.failed.is_empty() {
             let lines: Vec<String> = self.failed.iter().map(|(place, error)| format!("{place}: {error}")).collect();
@@ -95,7 +103,7 @@ impl SweepSummary {
         for (name, settings) in self.methods.iter().filter(|(_, own)| own.iter().any(|it| it.values.contains_key(key)))
         {
             let color = of_method_on_paper(scenario.methods.get_index_of(name).unwrap_or(0));
-            for ((common, group), dash) in groups(name, settings, key).into_iter().zip(DASHES.into_iter().cycle()) {
+            for ((common, group), dash) in groups(name, settings, &[key]).into_iter().zip(DASHES.into_iter().cycle()) {
                 let least = |value: &Value| Some([place(value)?, self.least(&group, key, value)?]);
                 let words = common.iter().map(|(key, value)| format!(", {} {}", short(key), shown(value)));
                 let title = format!("{name}{}", words.collect::<String>());

@@ -67,8 +67,8 @@ impl SweepSummary {
     }
 
     /// Whether a method has several settings with the same shared values.
-    fn has_choice(&self, method: &str) -> bool {
-        groups(method, &self.methods[method], "").iter().any(|(_, group)| group.len() > 1)
+    pub(super) fn has_choice(&self, method: &str) -> bool {
+        groups(method, &self.methods[method], &[]).iter().any(|(_, group)| group.len() > 1)
     }
 
     /// The best settings of each method that has a choice, in words.

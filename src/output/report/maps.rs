@@ -8,7 +8,7 @@ use crate::output::structure::{ShownFactor, ShownStructure};
 use crate::plot::colors::{GREYS, HUES, Scale, difference};
 use crate::plot::map::{contour_levels, symmetric_steps};
 use crate::plot::range::{quantile, round_up};
-use crate::plot::{FieldMap, Mark, coast};
+use crate::plot::{FieldMap, Mark, coast, graticule};
 use crate::tables::figure;
 use isobar_obs::{Projection, Report};
 
@@ -32,8 +32,10 @@ pub struct MapsOfCycle {
 
 /// The maps of a method.
 pub struct MethodDrawings {
-    /// Background and analysis.
-    pub states: Vec<Drawing>,
+    /// The background with the observations.
+    pub background: Drawing,
+    /// The analysis.
+    pub analysis: Drawing,
     /// Error of the analysis, if there is a truth.
     pub error: Option<Drawing>,
     /// Claimed spread of the analysis, if there is one.
@@ -66,6 +68,7 @@ pub struct Maps<'a> {
     /// By variable.
     ranges: Vec<Ranges>,
     coast: Vec<Vec<[f64; 2]>>,
+    graticule: Vec<graticule::Line>,
 }
 
 /// What is drawn of one method in one cycle: names for captions and files.
@@ -76,20 +79,25 @@ struct Subject<'a> {
     stem: String,
 }
 
-/// The coastlines within the plane, points (x, y) \[m\]; none if the plane has no place on the Earth.
-fn coastlines(info: &RunInfo) -> Vec<Vec<[f64; 2]>> {
-    let grid = &info.layout.grid;
-    let on_earth = |projection: &Projection| {
-        coast::lines([grid.width_m(), grid.height_m()], |latitude, longitude| projection.forward(latitude, longitude))
-    };
-    info.projection.as_ref().map_or_else(Vec::new, on_earth)
+/// Lines on the Earth within the plane, by a function of its size and of the place of a latitude and longitude; none if the plane
+/// has no place on the Earth.
+fn on_earth<T>(info: &RunInfo, of: impl Fn([f64; 2], &dyn Fn(f64, f64) -> Option<(f64, f64)>) -> Vec<T>) -> Vec<T> {
+    let extent_m = [info.layout.grid.width_m(), info.layout.grid.height_m()];
+    let lines = |projection: &Projection| of(extent_m, &|latitude, longitude| projection.forward(latitude, longitude));
+    info.projection.as_ref().map_or_else(Vec::new, lines)
 }
 
 impl<'a> Maps<'a> {
     /// The maps of a complete run.
     pub fn new(info: &'a RunInfo, history: &'a History) -> Self {
         let ranges = (0..info.layout.variables.len()).map(|number| ranges(history, number));
-        Self { info, history, ranges: ranges.collect(), coast: coastlines(info) }
+        Self {
+            info,
+            history,
+            ranges: ranges.collect(),
+            coast: on_earth(info, |extent_m, place| coast::lines(extent_m, place)),
+            graticule: on_earth(info, |extent_m, place| graticule::lines(extent_m, place)),
+        }
     }
 
     /// The maps of the variable that is shown first, the latest cycle first.
@@ -185,14 +193,20 @@ impl<'a> Maps<'a> {
         let variable = self.history.mapped;
         let (name, unit) = self.variable(variable);
         let (method, limit) = (it.method, self.ranges[variable].difference);
+        // Of the others they would be half of the page.
+        let is_last = it.cycle.number == self.info.cycles;
         let mut background = self.state(variable, format!("{method}: background {name}"), &it.maps.background);
         let dots = dots(it.cycle, variable).filter_map(|(at, report)| Some((report, *it.maps.departures.get(at)?)));
         background.marks = dots
             .map(|(report, departure)| Mark {
                 x_m: report.x_m,
                 y_m: report.y_m,
-                color: Some(difference(departure, limit)),
-                title: format!("{} {}: {departure:+.3} {unit}", report.network, report.platform),
+                color: Some(difference(if is_last { departure } else { rounded(departure, limit) }, limit)),
+                title: if is_last {
+                    format!("{} {}: {departure:+.3} {unit}", report.network, report.platform)
+                } else {
+                    String::new()
+                },
             })
             .collect();
         let caption = format!(
@@ -203,7 +217,7 @@ impl<'a> Maps<'a> {
         let background = Drawing { stem: format!("{}_background", it.stem), caption, plot: background };
         let analysis = self.analysis(it, variable);
         let (error, spread) = (self.error(it, variable), self.spread(it, variable));
-        MethodDrawings { states: vec![background, analysis], error, spread }
+        MethodDrawings { background, analysis, error, spread }
     }
 
     fn analysis(&self, it: &Subject<'_>, variable: usize) -> Drawing {
@@ -307,6 +321,7 @@ impl<'a> Maps<'a> {
             steps: Vec::new(),
             contours: contour_levels(range),
             coast: self.coast.clone(),
+            graticule: self.graticule.clone(),
             marks: Vec::new(),
         }
     }
@@ -316,6 +331,11 @@ impl<'a> Maps<'a> {
         let map = self.map(self.history.mapped, title, Vec::new(), Scale::Difference, [-limit, limit]);
         FieldMap { unit, contours: Vec::new(), ..map }
     }
+}
+
+/// A difference to a tenth of a limit, and within it: dots of few colours are written together.
+fn rounded(difference: f32, limit: f32) -> f32 {
+    (10.0 * difference / limit).round().clamp(-10.0, 10.0) / 10.0 * limit
 }
 
 /// A small dark dot.

@@ -8,9 +8,11 @@ mod biases;
 mod facts;
 mod figures;
 mod forecasts;
+mod glance;
 mod headline;
 mod maps;
 pub mod page;
+mod scans;
 mod section;
 mod tables;
 mod warnings;
@@ -35,6 +37,10 @@ pub const FIGURES_DIRECTORY: &str = "figures";
 
 /// The most cells on a side of a map.
 const MAP_CELLS: usize = 200;
+
+/// The most cycles with maps, and the most values that their maps have together; two cycles have maps in any case.
+const MOST_CYCLES: usize = 6;
+const MOST_VALUES: usize = 200_000;
 
 /// Writes the report when the run is complete.
 #[derive(Debug)]
@@ -94,7 +100,12 @@ impl Sink for ReportSink {
     }
 }
 
-/// Whether a cycle is one of those whose maps are on the page: that in the middle and the last.
+/// Whether a cycle is one of those whose maps are on the page: the last, and others evenly before it, on small grids more than
+/// on large ones.
 fn has_maps(info: &RunInfo, cycle: usize) -> bool {
-    cycle == info.cycles || cycle == info.done + info.count().div_ceil(2)
+    let [columns, rows] = Thinning::new(&info.layout.grid, MAP_CELLS).size();
+    // Truth; background, analysis and error or spread of every method.
+    let values = columns * rows * (1 + 3 * info.methods.len());
+    let parts = (MOST_VALUES / values.max(1)).clamp(2, MOST_CYCLES).min(info.count().max(1));
+    (1..=parts).any(|part| cycle == info.done + (info.count() * part).div_ceil(parts))
 }

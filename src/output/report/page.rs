@@ -8,6 +8,7 @@ use super::figures::Figures;
 use super::forecasts;
 use super::headline;
 use super::maps::{self, Maps};
+use super::scans;
 use super::tables;
 use super::warnings::{self, ProbabilityFields};
 use crate::event::RunInfo;
@@ -26,7 +27,7 @@ const OPEN_FIGURES: usize = 8;
 
 /// The script of every page, and its hash: browsers run this script and no other.
 const SCRIPT: &str = include_str!("script.js");
-const SCRIPT_HASH: &str = "sha256-e0sZpOUDkzyYZLgyL0bOHQOewRY68RyrTfU0qxUn/hc=";
+const SCRIPT_HASH: &str = "sha256-bkpFYMB97s0DlQnZn6HwsPLn5wkFcQs2aADBU/DHbgc=";
 
 /// Why a page cannot be made.
 #[derive(Debug, thiserror::Error)]
@@ -229,6 +230,7 @@ impl Report {
         let Some(table) = tables::biases(info, history) else { return Ok(None) };
         let mut all: Vec<Figure> =
             biases::last_estimates(info, history).map(|it| self.intervals(it, "wide curves")).into_iter().collect();
+        all.extend(self.curves(scans::drawings(info, history)));
         all.extend(self.draw(of_stations)?);
         let over_time = self.curves(figures.biases());
         let mut folded = vec![Folded { title: "Every bias over time".into(), figures: over_time, ..Folded::default() }];
@@ -308,51 +310,6 @@ impl Report {
         Ok(section)
     }
 
-    /// The maps of the last cycle, and folded the errors of others; the files hold all.
-    fn maps(
-        &mut self,
-        info: &RunInfo,
-        all: Vec<maps::MapsOfCycle>,
-        others: Vec<(String, Vec<maps::Drawing>)>,
-        first: Option<Figure>,
-    ) -> Result<Section, PageError> {
-        let (title, short) = ("At a glance".into(), "At a glance".into());
-        let mut section = Section { title, short, figures: first.into_iter().collect(), ..Section::default() };
-        let (shown, about) = if info.has_truth {
-            ("error", "Root-mean-square errors, actual and claimed; the truth; and the error of every method.")
-        } else {
-            ("analysis", "The analysis of every method.")
-        };
-        for (number, maps) in all.into_iter().enumerate() {
-            let when = format!("cycle {}, {}", maps.cycle, maps.time);
-            let mut figures = self.draw(maps.truth)?;
-            let mut more = Vec::new();
-            for (name, own) in maps.methods {
-                let mut others = self.draw(own.states)?;
-                let error = own.error.map(|it| self.map(it)).transpose()?;
-                figures.extend(error.or_else(|| others.last().cloned()));
-                others.extend(self.draw(own.spread)?);
-                let title = format!("{name}: background with observations, analysis, claimed spread");
-                more.push(Folded { title, figures: others, ..Folded::default() });
-            }
-            if number == 0 {
-                section.title = format!("At a glance: {when}");
-                section.text = format!("{about} All maps of a kind have the same colours for the same values.");
-                section.figures.extend(figures);
-                section.folded = more;
-            } else {
-                let title = format!("The same of {when}");
-                section.folded.push(Folded { title, figures, ..Folded::default() });
-            }
-        }
-        for (variable, drawings) in others {
-            let figures = self.draw(drawings)?;
-            let title = format!("{variable}: {shown} and claimed spread of every method in the last cycle");
-            section.folded.push(Folded { title, figures, ..Folded::default() });
-        }
-        Ok(section)
-    }
-
     /// Draws curves, for the page and as files.
     fn curves(&mut self, drawings: Vec<Drawing<CurvePlot>>) -> Vec<Figure> {
         let draw = |Drawing { stem, caption, plot }: Drawing<CurvePlot>| {
@@ -369,17 +326,20 @@ impl Report {
     }
 
     /// Draws maps, for the page and as files.
-    fn draw(&mut self, drawings: impl IntoIterator<Item = maps::Drawing>) -> Result<Vec<Figure>, PageError> {
+    pub(super) fn draw(&mut self, drawings: impl IntoIterator<Item = maps::Drawing>) -> Result<Vec<Figure>, PageError> {
         drawings.into_iter().map(|drawing| self.map(drawing)).collect()
     }
 
     /// Draws a map, or a line where the plane is one, for the page and as a file.
-    fn map(&mut self, drawing: maps::Drawing) -> Result<Figure, PageError> {
+    pub(super) fn map(&mut self, drawing: maps::Drawing) -> Result<Figure, PageError> {
         let (Drawing { stem, caption, plot }, id) = (drawing, self.next_id());
         let svg = match plot.line() {
             Some(line) => line.svg(&id),
             None => plot.svg(&id)?,
         };
+        for element in svg.shared.iter().filter(|element| !self.page.shared.contains(element)).collect::<Vec<_>>() {
+            self.page.shared.push(element.clone());
+        }
         Ok(self.keep(&stem, caption, svg, ""))
     }
 
@@ -391,7 +351,7 @@ impl Report {
     /// A figure for the page, and its file.
     fn keep(&mut self, stem: &str, caption: String, svg: Svg, class: &'static str) -> Figure {
         self.files.push((format!("{stem}.svg"), svg.file.into_bytes()));
-        Figure { caption, svg: svg.page, class }
+        Figure { caption, svg: svg.page, class, choice: None }
     }
 }
 

@@ -1,5 +1,6 @@
 "use strict";
-// Values of maps where they are pointed at, tables by column, methods switched on and off. The page is complete without it.
+// Values of maps where they are pointed at, maps cycle by cycle, tables by column, methods switched on and off. The page is
+// complete without it.
 (() => {
   const tip = document.createElement("div");
   tip.className = "tip";
@@ -28,6 +29,41 @@
     tip.style.left = `${Math.min(event.pageX + 14, innerWidth - 190)}px`;
     tip.style.top = `${event.pageY + 16}px`;
   });
+  const maps = [...document.querySelectorAll("figure[data-cycle]")];
+  const cycles = [...new Set(maps.map(map => map.dataset.cycle))].sort((a, b) => a - b);
+  if (cycles.length > 1) {
+    const make = (name, values) => Object.assign(document.createElement(name), values);
+    const labelled = (text, item) => {
+      const label = make("label", { textContent: text });
+      label.append(item);
+      return label;
+    };
+    const grid = maps[0].parentElement, heading = grid.closest("section").querySelector("h2");
+    const title = heading.textContent.split(":")[0];
+    const slider = make("input", { type: "range", min: 0, max: cycles.length - 1, value: cycles.length - 1 });
+    const when = make("output"), choice = make("select"), player = make("p", { className: "player" });
+    const kind = maps.some(map => map.dataset.kind === "error") ? "error" : "analysis";
+    const names = [...new Set(maps.map(map => map.dataset.method).filter(name => name))];
+    choice.append(new Option(`${kind} of every method`, ""), ...names.map(name => new Option(`all maps of ${name}`, name)));
+    player.append(labelled("Cycle", slider), when, labelled("Show", choice));
+    const folds = new Set(maps.map(map => map.closest("details")).filter(fold => fold));
+    grid.before(player);
+    grid.append(...maps);
+    folds.forEach(fold => { if (!fold.querySelector("figure")) fold.remove(); });
+    const show = () => {
+      const cycle = cycles[slider.value], own = maps.filter(map => map.dataset.cycle === cycle);
+      maps.forEach(map => { map.hidden = true; });
+      for (const map of own) {
+        const isChosen = choice.value ? map.dataset.method === choice.value : map.dataset.kind === kind;
+        map.hidden = !isChosen && map.dataset.kind !== "truth";
+      }
+      when.textContent = own[0].dataset.when.replace("cycle ", "");
+      heading.textContent = `${title}: ${own[0].dataset.when}`;
+    };
+    slider.addEventListener("input", show);
+    choice.addEventListener("change", show);
+    show();
+  }
   const rank = cell => {
     const number = parseFloat(cell.firstChild?.textContent.replace("−", "-"));
     return Number.isNaN(number) ? Infinity : number;

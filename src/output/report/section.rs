@@ -1,10 +1,10 @@
 //! What a page is made of: sections of text, tables and figures.
 
-use crate::plot::{CurvePlot, IntervalPlot};
+use crate::plot::{CurvePlot, HeatMap, IntervalPlot};
 use crate::tables::Table;
 use serde::Serialize;
 
-/// A figure to be drawn: curves, values with intervals, or a map.
+/// A figure to be drawn: curves, values with intervals, numbers over two axes, or a map.
 pub struct Drawing<P> {
     /// The stem of its file's name.
     pub stem: String,
@@ -23,18 +23,39 @@ pub struct Figure {
     pub svg: String,
     /// Class of its style: `curves` for what has a colour for each method, `wide`, both, or empty.
     pub class: &'static str,
+    /// What it is a map of, if it is one of those among which a reader may choose.
+    pub choice: Option<Choice>,
+}
+
+/// What a map is of, for the script that shows those of one cycle.
+#[derive(Clone, Debug, Serialize)]
+pub struct Choice {
+    /// The number of the cycle.
+    pub cycle: usize,
+    /// The cycle in words.
+    pub when: String,
+    /// The method; none for the truth.
+    pub method: Option<String>,
+    /// `truth`, `error`, `background`, `analysis` or `spread`.
+    pub kind: &'static str,
 }
 
 impl Figure {
     /// Values with intervals; `None` if there are none.
     pub fn of_intervals(plot: &IntervalPlot, caption: String) -> Option<Self> {
-        (!plot.rows.is_empty()).then(|| Self { caption, svg: plot.svg().page, class: "curves" })
+        (!plot.rows.is_empty()).then(|| Self { caption, svg: plot.svg().page, class: "curves", choice: None })
+    }
+
+    /// Numbers over two axes; `None` if there are none.
+    pub fn of_heat(plot: &HeatMap, caption: String) -> Option<Self> {
+        let has_some = plot.cells.iter().any(|cell| cell.value.is_some());
+        has_some.then(|| Self { caption, svg: plot.svg().page, class: "", choice: None })
     }
 
     /// Curves as the figure of this number on its page; `None` if there are none.
     pub fn of_curves(plot: &CurvePlot, number: usize, caption: String) -> Option<Self> {
         let svg = || plot.svg(&format!("f{number}")).page;
-        (!plot.curves.is_empty()).then(|| Self { caption, svg: svg(), class: "curves" })
+        (!plot.curves.is_empty()).then(|| Self { caption, svg: svg(), class: "curves", choice: None })
     }
 }
 
@@ -98,4 +119,6 @@ pub struct Page {
     pub facts: Vec<(String, String)>,
     /// The parts.
     pub sections: Vec<Section>,
+    /// SVG elements that several figures use.
+    pub shared: Vec<String>,
 }
