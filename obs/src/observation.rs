@@ -27,6 +27,13 @@ pub struct Observation {
     pub report_number: usize,
 }
 
+impl Observation {
+    /// Whether it is valid at the end of a cycle, of this number or 0 before the first, and lies in the domain.
+    pub(crate) fn is_in_time_and_inside(&self, cycle: usize) -> bool {
+        cycle > 0 && !self.reading.is_late() && !self.state.is_empty()
+    }
+}
+
 /// A place in a scan line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScanLine {

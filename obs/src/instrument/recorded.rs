@@ -219,8 +219,7 @@ impl Instrument for Recorded {
     }
 
     fn platforms(&self) -> Vec<Platform> {
-        let in_time =
-            self.observations.iter().filter(|(cycle, observation)| is_in_time_and_inside(*cycle, observation));
+        let in_time = self.observations.iter().filter(|(cycle, observation)| observation.is_in_time_and_inside(*cycle));
         platforms_of(in_time.map(|(_, observation)| observation))
     }
 
@@ -258,11 +257,6 @@ impl Instrument for Recorded {
         }
         Some(usage)
     }
-}
-
-/// Whether an observation is valid at the end of a cycle and lies in the domain.
-pub(super) fn is_in_time_and_inside(cycle: usize, observation: &Observation) -> bool {
-    cycle > 0 && !observation.reading.is_late() && !observation.state.is_empty()
 }
 
 /// The cycle with which an observation arrives (0: before the first), its valid time, and whether it is late there.

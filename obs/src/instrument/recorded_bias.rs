@@ -1,6 +1,5 @@
 //! Biases of recorded observations, of whose true values nothing is known.
 
-use super::recorded::is_in_time_and_inside;
 use crate::bias::{BiasProcess, Evolution, InitialBias};
 use crate::calibration::Placement;
 use crate::error::{ObservationError, list, require};
@@ -152,7 +151,7 @@ impl RecordedBias {
                 continue;
             };
             members[place].factors.push((number, factor));
-            if is_in_time_and_inside(*cycle, observation) {
+            if observation.is_in_time_and_inside(*cycle) {
                 members[place].places.push((observation.report.x_m, observation.report.y_m));
             }
         }
