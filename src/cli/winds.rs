@@ -76,7 +76,7 @@ fn change(text: &str) -> Result<f64, String> {
 /// Finds positions, winds and offsets, prints them and writes the files.
 pub fn run(arguments: &WindsArguments) -> Result<ExitCode, Report> {
     let files = [&arguments.out, &arguments.page];
-    for path in files.into_iter().flatten().filter(|path| !arguments.overwrite && path.exists()) {
+    if let Some(path) = files.into_iter().flatten().find(|path| !arguments.overwrite && path.exists()) {
         return Err(out_file::exists(path));
     }
     let motion = arguments.wind_change.map(|sigma_change_m_per_s| Motion { sigma_change_m_per_s });
