@@ -89,7 +89,7 @@ fn a_flight_is_a_table_and_a_page() {
     }
     assert!(rows[180][column("u_m_per_s")].is_empty());
     let page = fs::read_to_string(directory.path().join("winds.html")).unwrap();
-    assert!(page.matches("<svg").count() >= 3 && page.contains("second_radar/range"));
+    assert!(page.matches("<svg").count() >= 3 && page.contains("second_radar&#x2f;range"));
     // Without a motion neighbours do not help, and the wind is less well known.
     let independent = found(directory.path(), &[FLIGHTS[0], "--trackers", TRACKERS]);
     let sigma = independent["fixes"][90]["sigma_wind_m_per_s"][0].as_f64().unwrap();

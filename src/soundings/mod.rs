@@ -8,8 +8,11 @@
 //!
 //! The mathematics is in [`isobar_assim::wind_finding`].
 
+mod error;
 pub mod page;
 pub mod tables;
+
+pub use error::SoundingError;
 
 use crate::calendar::utc;
 use crate::sensors::database::{Database, Missing};
@@ -58,33 +61,6 @@ pub struct Sounding {
     pub flight: Flight,
     /// What the user should know.
     pub warnings: Vec<String>,
-}
-
-/// Why there is no sounding.
-#[derive(Clone, Debug, thiserror::Error)]
-pub enum SoundingError {
-    /// A table is not what it should be.
-    #[error("{0}")]
-    Table(#[from] isobar_obs::table::TableError),
-    /// A file cannot be read.
-    #[error("{file}: {reason}")]
-    File {
-        /// The file, as shown.
-        file: String,
-        /// Why not.
-        reason: String,
-    },
-    /// The database.
-    #[error(transparent)]
-    Sensors(#[from] SensorError),
-    /// The flight does not determine what is asked.
-    #[error("{file}: {reason}")]
-    Flight {
-        /// The table of readings, as shown.
-        file: String,
-        /// Why not.
-        reason: String,
-    },
 }
 
 impl Sounding {

@@ -9,7 +9,7 @@
 //! A table of readings has a row for each tracker and time: `time`, `tracker`, `range_m`, `azimuth_deg` from north, clockwise,
 //! and `elevation_deg`. Fields without a value are empty.
 
-use super::SoundingError;
+use super::error::SoundingError;
 use crate::safe_file;
 use crate::text::{listed, nearest, shown_path};
 use isobar_assim::wind_finding::{Fix, Reading, Tracker};

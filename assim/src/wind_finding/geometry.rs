@@ -1,6 +1,6 @@
 //! What trackers read of a balloon: the equations, their derivatives, and a first guess of the balloon's places.
 
-use super::{Fix, Reading, Tracker};
+use super::readings::{Fix, Reading, Tracker};
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 use std::f64::consts::{PI, TAU};

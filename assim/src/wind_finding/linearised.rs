@@ -2,7 +2,7 @@
 //! motion of the balloon, a chain of fixes with one.
 
 use super::geometry::{derivatives, from, half_turn, values};
-use super::{Fix, Motion, Tracker, offsets_of};
+use super::readings::{Fix, Motion, Tracker, offsets_of};
 use crate::block_angular::{
     Block, Prior, RegressionRows, Solution, SparseRegression, SparseSolution, solve, solve_sparse,
 };
