@@ -94,7 +94,7 @@ trait Fusible: Errors {
     /// Those of an analysis.
     fn normalised_square(master: &Filter<Self>, innovations: &Innovations) -> Result<f64, Error>;
 
-    /// Fails unless there is memory for all filters and the analysis of so many observations.
+    /// Fails unless there is memory for all filters and for the analysis of this number of observations.
     ///
     /// # Errors
     /// [`Error::TooLarge`].

@@ -15,20 +15,18 @@ use rayon::prelude::*;
 /// Unknowns of a part of the chain of fixes: 32 fixes.
 const LARGEST_PART: usize = 96;
 
-/// The equation of a reading: `left = derivatives δb_fix + δc_offset + e`, Var(e) = σ².
+/// The equation of a reading: `left = derivatives δb + δc_offset + e`, Var(e) = σ², b the position at its fix.
 struct ReadingRow {
-    fix: usize,
     offset: usize,
     derivatives: [f64; 3],
     left: f64,
     sigma: f64,
 }
 
-/// The equations of all readings of a flight, fix by fix, about the present estimates.
+/// The equations of all readings of a flight about the present estimates.
 pub(super) struct Linearised {
-    rows: Vec<ReadingRow>,
-    /// The first row of each fix, and the number of rows.
-    firsts: Vec<usize>,
+    /// Those of each fix.
+    rows: Vec<Vec<ReadingRow>>,
     /// Number of offsets.
     offsets: usize,
 }
@@ -36,34 +34,39 @@ pub(super) struct Linearised {
 impl Linearised {
     pub fn new(trackers: &[Tracker], fixes: &[Fix], positions_m: &[[f64; 3]], offsets: &[f64]) -> Self {
         let numbers = offsets_of(trackers);
-        let (mut rows, mut firsts) = (Vec::new(), vec![0]);
-        for (fix, readings) in fixes.iter().enumerate() {
-            for (offset, &(tracker, kind)) in numbers.iter().enumerate() {
-                let relative = from(&trackers[tracker], positions_m[fix]);
-                let Some(value) = readings.readings[tracker].values()[kind] else { continue };
-                let Some(sigma) = trackers[tracker].sigmas()[kind] else { continue };
-                let left = value - values(relative)[kind] - offsets[offset];
-                let left = if kind == 0 { left } else { half_turn(left) };
-                rows.push(ReadingRow { fix, offset, derivatives: derivatives(relative)[kind], left, sigma });
+        let rows = |(fix, &position): (&Fix, &[f64; 3])| {
+            let (mut rows, mut offset) = (Vec::new(), 0);
+            for of_tracker in numbers.chunk_by(|a, b| a.0 == b.0) {
+                let (tracker, reading) = (&trackers[of_tracker[0].0], fix.readings[of_tracker[0].0].values());
+                let relative = from(tracker, position);
+                let (model, derivatives, sigmas) = (values(relative), derivatives(relative), tracker.sigmas());
+                for &(_, kind) in of_tracker {
+                    if let (Some(value), Some(sigma)) = (reading[kind], sigmas[kind]) {
+                        let left = value - model[kind] - offsets[offset];
+                        let left = if kind == 0 { left } else { half_turn(left) };
+                        rows.push(ReadingRow { offset, derivatives: derivatives[kind], left, sigma });
+                    }
+                    offset += 1;
+                }
             }
-            firsts.push(rows.len());
-        }
-        Self { rows, firsts, offsets: offsets.len() }
+            rows
+        };
+        Self { rows: fixes.par_iter().zip(positions_m).map(rows).collect(), offsets: offsets.len() }
     }
 
     /// Number of rows.
     pub fn len(&self) -> usize {
-        self.rows.len()
+        self.rows.iter().map(Vec::len).sum()
     }
 
     /// Number of rows of a fix.
     pub fn rows_of(&self, fix: usize) -> usize {
-        self.firsts[fix + 1] - self.firsts[fix]
+        self.rows[fix].len()
     }
 
     /// The rows of a fix as a block of eq. (15).
     pub fn block(&self, fix: usize) -> Block {
-        let rows = &self.rows[self.firsts[fix]..self.firsts[fix + 1]];
+        let rows = &self.rows[fix];
         let n = rows.len();
         Block::Regression(RegressionRows {
             x: Mat::from_fn(n, 3, |row, i| rows[row].derivatives[i]),
@@ -75,7 +78,7 @@ impl Linearised {
 
     /// The changes of all estimates without a motion.
     pub fn solve_blocks(&self, prior: Option<&Prior>) -> Result<Solved, Error> {
-        let blocks: Vec<Block> = (0..self.firsts.len() - 1).into_par_iter().map(|fix| self.block(fix)).collect();
+        let blocks: Vec<Block> = (0..self.rows.len()).into_par_iter().map(|fix| self.block(fix)).collect();
         Ok(Solved::Blocks(solve(&blocks, self.offsets, prior)?))
     }
 
@@ -95,10 +98,12 @@ impl Linearised {
     ) -> Result<Solved, Error> {
         let mut x = SparseRows::new();
         let (mut y, mut variance) = (Vec::new(), Vec::new());
-        for row in &self.rows {
-            x.push_row((0..3).map(|i| (3 * row.fix + i, row.derivatives[i])));
+        let mut offset = Vec::new();
+        for (fix, row) in self.rows.iter().enumerate().flat_map(|(fix, rows)| rows.iter().map(move |row| (fix, row))) {
+            x.push_row((0..3).map(|i| (3 * fix + i, row.derivatives[i])));
             y.push(row.left);
             variance.push(row.sigma.powi(2));
+            offset.push(row.offset);
         }
         for k in 1..fixes.len() - 1 {
             let span = |k: usize| fixes[k + 1].seconds - fixes[k].seconds;
@@ -112,9 +117,7 @@ impl Linearised {
                 variance.push(motion.variance((span(k - 1) + span(k)) / 2.0));
             }
         }
-        let g = Mat::from_fn(y.len(), self.offsets, |row, j| {
-            f64::from(self.rows.get(row).is_some_and(|row| row.offset == j))
-        });
+        let g = Mat::from_fn(y.len(), self.offsets, |row, j| f64::from(offset.get(row) == Some(&j)));
         let system = SparseRegression { unknowns: 3 * fixes.len(), x: &x, g: g.as_ref(), y: &y, variance: &variance };
         Ok(Solved::Chain(solve_sparse(&system, prior, LARGEST_PART)?))
     }

@@ -66,8 +66,8 @@ const CONVERGED: f64 = 1e-6;
 /// The largest change of a position that counts as no change \[m\].
 const CONVERGED_M: f64 = 1e-4;
 
-/// Finds positions, winds and offsets from the readings of a flight; `prior` holds what is known of the offsets before, in the
-/// order of [`offset_names`].
+/// Finds positions, winds and offsets from the readings of a flight; `prior` is that of the offsets, in the order of
+/// [`offset_names`].
 ///
 /// # Errors
 /// [`Error::Setting`] for readings that make no sense, with the fix, and for offsets that the flight does not determine,
@@ -187,7 +187,7 @@ fn check_determined(
     if has_prior {
         return Ok(());
     }
-    let blocks: Vec<_> = determined.iter().map(|&fix| linearised.block(fix)).collect();
+    let blocks: Vec<_> = determined.par_iter().map(|&fix| linearised.block(fix)).collect();
     let scales: Vec<f64> = trackers.iter().flat_map(|tracker| tracker.sigmas().into_iter().flatten()).collect();
     let mut rows = BorderRows::new(scales.len());
     rows.add(&blocks)?;

@@ -79,25 +79,27 @@ impl Fused {
     ///
     /// # Errors
     /// [`Error::NotPositiveDefinite`] if T of a block is not.
-    fn fuse(&mut self, other: &Fused, blocks: &Blocks, name: impl Fn(usize) -> String + Sync) -> Result<(), Error> {
+    fn fuse(self, other: Self, blocks: &Blocks, name: impl Fn(usize) -> String + Sync) -> Result<Self, Error> {
         let mut total = self.variances(blocks);
         add(&mut total, &other.variances(blocks));
         let sum = |block: usize| self.own.block(blocks, block).to_owned() + other.own.block(blocks, block);
         let (nuggets, roots) = inverse_roots(blocks, &total, sum, name)?;
+        let Self { mut state, mut biases, mut own, factors } = self;
+        let Self { state: their_state, biases: their_biases, own: mut of_first, factors: their_factors } = other;
+        let Factors { state: mut first, local, shared, .. } = factors;
+        let Factors { state: mut second, shared: their_shared, .. } = their_factors;
         // C' with the nugget, and C, times L⁻ᵀ.
-        let mut of_first = other.own.clone();
         of_first.for_each_block(blocks, |block, mut matrix| {
             blocks.members(block).iter().enumerate().for_each(|(i, &variable)| matrix[(i, i)] += nuggets[variable]);
             let times = product(matrix.as_ref(), roots.block(blocks, block).transpose());
             matrix.copy_from(times);
         });
-        let mut of_second = self.own.clone();
+        let mut of_second = own.clone();
         of_second.for_each_block(blocks, |block, mut matrix| {
             let times = product(matrix.as_ref(), roots.block(blocks, block).transpose());
             matrix.copy_from(times);
         });
-        let d = times_blocks(blocks, &roots, &difference(&other.state, &self.state));
-        let (mut first, mut second) = (self.factors.state.clone(), other.factors.state.clone());
+        let d = times_blocks(blocks, &roots, &difference(&their_state, &state));
         [&mut first, &mut second].into_iter().for_each(|factors| edit_blocks(blocks, &roots, factors));
         let Border { inverse, amplitudes } = Border::new(&[(-1.0, &first), (1.0, &second)], &d);
         edit_blocks(blocks, &of_first, &mut first);
@@ -107,18 +109,17 @@ impl Fused {
         (0..others).for_each(|j| first.edit_column(r + j, |values| values.copy_from_slice(&second.column(j))));
         drop(second);
 
-        add(&mut self.state, &times_blocks(blocks, &of_second, &d));
-        first.multiply_add(&amplitudes, &mut self.state);
-        let (own, theirs) = (&self.factors.shared, &other.factors.shared);
-        let p = own.nrows();
-        let shared = Mat::from_fn(p + theirs.nrows(), r + others, |i, j| match (i < p, j < r) {
-            (true, true) => own[(i, j)],
-            (false, false) => theirs[(i - p, j - r)],
+        add(&mut state, &times_blocks(blocks, &of_second, &d));
+        first.multiply_add(&amplitudes, &mut state);
+        let p = shared.nrows();
+        let shared = Mat::from_fn(p + their_shared.nrows(), r + others, |i, j| match (i < p, j < r) {
+            (true, true) => shared[(i, j)],
+            (false, false) => their_shared[(i - p, j - r)],
             _ => 0.0,
         });
-        self.biases.extend_from_slice(&other.biases);
-        add(&mut self.biases, product(shared.as_ref(), column(&amplitudes).as_ref()).col_as_slice(0));
-        self.own.for_each_block(blocks, |block, mut matrix| {
+        biases.extend(their_biases);
+        add(&mut biases, product(shared.as_ref(), column(&amplitudes).as_ref()).col_as_slice(0));
+        own.for_each_block(blocks, |block, mut matrix| {
             let half = product(of_second.block(blocks, block), of_first.block(blocks, block).transpose());
             let size = half.nrows();
             for (i, j) in (0..size).flat_map(|i| (0..size).map(move |j| (i, j))) {
@@ -126,10 +127,10 @@ impl Fused {
             }
         });
         first.recombine(None, inverse.as_ref());
-        let local = TallMatrix::zeros(0, inverse.ncols(), self.factors.local.precision());
+        let local = TallMatrix::zeros(0, inverse.ncols(), local.precision());
         let shared = Matrix(product(shared.as_ref(), inverse.as_ref()));
-        self.factors = Factors { state: first, local, shared, past: VecDeque::new() };
-        Ok(())
+        let factors = Factors { state: first, local, shared, past: VecDeque::new() };
+        Ok(Self { state, biases, own, factors })
     }
 }
 
@@ -244,7 +245,7 @@ pub(crate) fn fuse(master: &mut Belief<BlockErrors>, local: &[(&Belief<BlockErro
     let frame = Arc::clone(&master.errors.frame);
     let mut fused = Fused::of(first);
     for (other, _) in others {
-        fused.fuse(&Fused::of(other), &frame.blocks, |block| frame.blocks.describe(block, &frame.layout))?;
+        fused = fused.fuse(Fused::of(other), &frame.blocks, |block| frame.blocks.describe(block, &frame.layout))?;
     }
     let Fused { state, biases, own, mut factors } = fused;
     // The biases stand there system after system, and p of them are estimated.

@@ -74,10 +74,10 @@ fn information_adds_up() {
         let (state, biases) = estimate.col_as_slice(0).split_at(m);
         let FactoredCovariance { own, factors, .. } = covariance;
         let other = Fused { state: state.to_vec(), biases: biases.to_vec(), own, factors };
-        match &mut fused {
-            None => fused = Some(other),
-            Some(fused) => fused.fuse(&other, &blocks, |block| block.to_string()).unwrap(),
-        }
+        fused = Some(match fused {
+            None => other,
+            Some(fused) => fused.fuse(other, &blocks, |block| block.to_string()).unwrap(),
+        });
     }
     let Fused { state, biases, own, factors } = fused.unwrap();
     let expected = inverse(&information);
@@ -101,10 +101,7 @@ fn divided_and_fused(covariance: &FactoredCovariance, blocks: &Blocks, parameter
         let (own, factors) = division.divide(blocks, share, parameters).unwrap();
         Fused { state: vec![0.0; blocks.variables()], biases: vec![0.0; parameters.len()], own, factors }
     });
-    let fused = local.reduce(|mut fused, other| {
-        fused.fuse(&other, blocks, |block| block.to_string()).unwrap();
-        fused
-    });
+    let fused = local.reduce(|fused, other| fused.fuse(other, blocks, |block| block.to_string()).unwrap());
     let Fused { own, factors, .. } = fused.unwrap();
     FactoredCovariance { own, linked: Vec::new(), factors }.dense(blocks)
 }
