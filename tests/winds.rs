@@ -148,7 +148,7 @@ fn tables_that_make_no_sense_are_refused_by_line() {
         .replace("0.05\n", "0.05,9,0.5,0.5\n");
     let error = refused(&all, readings, &["--sensors", "missing.db"]);
     assert!(error.contains("there is no such database"), "{error}");
-    // With what is assumed of them, one tracker and one fix are enough.
+    // With priors of the offsets, one tracker and one fix are enough.
     let output = winds(directory.path(), &["flight.csv", "--trackers", "trackers.csv"]);
     assert!(output.status.success(), "{}", text(&output.stderr));
 }

@@ -9,7 +9,7 @@ use std::path::Path;
 /// What every page of isobar has in its head.
 const MARK: &str = "<meta name=\"generator\" content=\"isobar\">";
 
-/// Bytes within which it has that.
+/// Bytes at the beginning of a file that tell what it is: a page has its mark there, and a table its header.
 const HEAD_LENGTH: u64 = 500;
 
 /// Writes the file. With `overwrite` it replaces one of `kinds`, as in `pages of isobar`, for which `is_own` holds.
@@ -39,8 +39,17 @@ pub fn exists(out: &Path) -> Report {
 
 /// Whether a file is a page that isobar wrote. One that cannot be opened cannot be replaced either, and that says why.
 pub fn is_page(path: &Path) -> bool {
-    let Ok(file) = safe_file::open(path) else { return true };
+    head(path).is_none_or(|head| head.contains(MARK))
+}
+
+/// Whether a file is a table with this first line, likewise.
+pub fn is_table(path: &Path, header: &str) -> bool {
+    head(path).is_none_or(|head| head.lines().next() == Some(header))
+}
+
+/// The beginning of a file; `None` if it cannot be opened.
+fn head(path: &Path) -> Option<String> {
     let mut head = Vec::new();
-    let is_read = file.take(HEAD_LENGTH).read_to_end(&mut head).is_ok();
-    is_read && String::from_utf8_lossy(&head).contains(MARK)
+    let is_read = safe_file::open(path).ok()?.take(HEAD_LENGTH).read_to_end(&mut head).is_ok();
+    Some(if is_read { String::from_utf8_lossy(&head).into_owned() } else { String::new() })
 }

@@ -4,22 +4,19 @@ use super::console::{print, print_json, warn, width};
 use super::out_file;
 use super::threads::{MOST_THREADS, workers};
 use crate::calendar::utc;
-use crate::safe_file;
 use crate::soundings::{Request, Sounding};
 use crate::text::{counted, shown_path};
 use clap::Args;
 use isobar_assim::wind_finding::Motion;
 use miette::{Report, miette};
 use serde_json::{Value, json};
-use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 pub const WINDS_HELP: &str = "\
 The table of trackers has a line for each: `tracker`, its place `x_m,y_m,z_m` (eastward, northward, upward), the standard
-deviations of its readings `sigma_range_m,sigma_azimuth_deg,sigma_elevation_deg`, empty for what it does not measure. With
-`sigma_range_offset_m,sigma_azimuth_offset_deg,sigma_elevation_offset_deg` it says what is assumed of offsets before any flight,
-with `drift_range_m_per_sqrt_day` and so on how much they change within a day.
+deviations of its readings `sigma_range_m,sigma_azimuth_deg,sigma_elevation_deg`, empty for what it does not measure. `sigma_range_offset_m,sigma_azimuth_offset_deg,sigma_elevation_offset_deg` give the prior standard deviations of the offsets,
+`drift_range_m_per_sqrt_day` and so on their change within a day.
 
 The table of readings has a line for each tracker and time: `time,tracker,range_m,azimuth_deg,elevation_deg`, azimuth from
 north, clockwise; what was not read is empty.
@@ -48,7 +45,7 @@ pub struct WindsArguments {
     /// Start from what this database of sensors knows of the offsets at the time of the flight
     #[arg(long, value_name = "FILE")]
     pub sensors: Option<PathBuf>,
-    /// Write the offsets that are found into the database, which is made if there is none
+    /// Write the offsets that are found into the database, which is created if it does not exist
     #[arg(long, requires = "sensors")]
     pub write_back: bool,
     /// Write positions and winds of all fixes into this file, CSV
@@ -90,10 +87,10 @@ pub fn run(arguments: &WindsArguments) -> Result<ExitCode, Report> {
     let found = workers(arguments.threads)?.install(|| Sounding::find(&request));
     let sounding = found.map_err(|error| miette!("{error}"))?;
     sounding.warnings.iter().for_each(|warning| warn(warning));
-    let table = sounding.fixes().csv();
     if let Some(out) = &arguments.out {
-        let head = table.lines().next().unwrap_or_default().to_string();
-        let is_own = |path: &Path| first_line(path).is_none_or(|line| line == head);
+        let table = sounding.fixes().csv();
+        let header = table.lines().next().unwrap_or_default();
+        let is_own = |path: &Path| out_file::is_table(path, header);
         out_file::write(out, arguments.overwrite, table.as_bytes(), "tables of isobar winds", is_own)?;
     }
     if let Some(page) = &arguments.page {
@@ -119,16 +116,6 @@ pub fn run(arguments: &WindsArguments) -> Result<ExitCode, Report> {
     }
     print(&text)?;
     Ok(ExitCode::SUCCESS)
-}
-
-/// The first line of a file; `None` if it cannot be opened, and then cannot be replaced either.
-fn first_line(path: &Path) -> Option<String> {
-    const LONGEST: u64 = 1000;
-    let mut line = String::new();
-    let file = safe_file::open(path).ok()?;
-    // What is not text is not a table.
-    let _ = BufReader::new(file.take(LONGEST)).read_line(&mut line);
-    Some(line.trim_end().to_string())
 }
 
 fn document(sounding: &Sounding) -> Value {

@@ -137,6 +137,18 @@ impl Database {
         Ok(database)
     }
 
+    /// The records of a database. One that is not there has none if it may be made, and is not made for that: the first of a chain
+    /// of runs finds nothing, and writes the database.
+    ///
+    /// # Errors
+    /// As [`Database::open`] and [`Database::records`].
+    pub fn records_at(path: &Path, missing: Missing) -> Result<Records, SensorError> {
+        if missing == Missing::Create && !path.exists() {
+            return Ok(Records::default());
+        }
+        Self::open(path, Missing::Refuse)?.records()
+    }
+
     /// A database inside the program, to be read only.
     fn of_program(path: &Path, bytes: &'static [u8]) -> Result<Self, SensorError> {
         let opened = Connection::open_in_memory().and_then(|mut connection| {

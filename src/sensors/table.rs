@@ -54,15 +54,22 @@ pub fn parse(path: &Path, text: &[u8]) -> Result<Vec<(u64, Record)>, SensorError
     records(text).map_err(|error| SensorError::of_table(path, &error))
 }
 
+/// Refuses a column that is not one of these: it would be ignored.
+///
+/// # Errors
+/// The first such column, with the one that may be meant.
+pub fn refuse_unknown(table: &Table<'_>, known: &[&str]) -> Result<(), TableError> {
+    let is_unknown = |name: &&String| !name.is_empty() && !known.contains(&name.as_str());
+    let Some(name) = table.columns().iter().find(is_unknown) else { return Ok(()) };
+    let known = || known.iter().copied();
+    let near = nearest(name, known()).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
+    Err(table.wrong_header(format!("unknown column `{}`{near} (columns: {})", clean(name), listed(known()))))
+}
+
 fn records(text: &[u8]) -> Result<Vec<(u64, Record)>, TableError> {
     let table =
         Table::new(decode(text, "")?, "", &COLUMNS)?.ok_or_else(|| TableError::whole("", "it has no records"))?;
-    let is_unknown = |name: &&String| !name.is_empty() && !COLUMNS.contains(&name.as_str());
-    if let Some(name) = table.columns().iter().find(is_unknown) {
-        let near = nearest(name, COLUMNS).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
-        let problem = format!("unknown column `{}`{near} (columns: {})", clean(name), listed(COLUMNS));
-        return Err(table.wrong_header(problem));
-    }
+    refuse_unknown(&table, &COLUMNS)?;
     if let Some(column) = ["record", "sensor"].into_iter().find(|column| table.find(column).is_none()) {
         let problem = format!("the header has no column `{column}` (columns: {})", listed(COLUMNS));
         return Err(table.wrong_header(problem));

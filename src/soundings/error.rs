@@ -8,7 +8,7 @@ pub enum SoundingError {
     /// A table is not what it should be.
     #[error("{0}")]
     Table(#[from] isobar_obs::table::TableError),
-    /// A file cannot be read.
+    /// A file cannot be read, or a flight does not determine what is asked.
     #[error("{file}: {reason}")]
     File {
         /// The file, as shown.
@@ -19,12 +19,4 @@ pub enum SoundingError {
     /// The database.
     #[error(transparent)]
     Sensors(#[from] SensorError),
-    /// The flight does not determine what is asked.
-    #[error("{file}: {reason}")]
-    Flight {
-        /// The table of readings, as shown.
-        file: String,
-        /// Why not.
-        reason: String,
-    },
 }

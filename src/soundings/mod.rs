@@ -17,7 +17,7 @@ pub use error::SoundingError;
 use crate::calendar::utc;
 use crate::sensors::database::{Database, Missing};
 use crate::sensors::knowledge::warm_start;
-use crate::sensors::{Records, SensorError, write_back};
+use crate::sensors::{SensorError, write_back};
 use crate::text::shown_path;
 use faer::Mat;
 use isobar_assim::block_angular::Prior;
@@ -92,8 +92,8 @@ impl Sounding {
             if !has_priors {
                 return Err(table.without_priors());
             }
-            let is_new = request.writes_back && std::fs::symlink_metadata(path).is_err();
-            let records = if is_new { Records::default() } else { Database::open(path, Missing::Refuse)?.records()? };
+            let missing = if request.writes_back { Missing::Create } else { Missing::Refuse };
+            let records = Database::records_at(path, missing)?;
             let start = warm_start(&records, &calibration, begin, end);
             let start = start.map_err(|reason| SensorError::new(path, reason))?;
             if let Some(it) = start.knowledge.recalibrations.first() {
@@ -118,7 +118,7 @@ impl Sounding {
         });
         let found = find_winds(&table.trackers, &readings.fixes, prior.as_ref(), request.motion);
         let flight = found
-            .map_err(|error| SoundingError::Flight { file: shown_path(&request.flight), reason: error.to_string() })?;
+            .map_err(|error| SoundingError::File { file: shown_path(&request.flight), reason: error.to_string() })?;
         let name = request.flight.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
         Ok(Self { name, readings, trackers: table.trackers.len(), calibration, prior_mean, known, flight, warnings })
     }

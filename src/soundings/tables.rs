@@ -1,9 +1,8 @@
 //! The tables of trackers and of their readings.
 //!
 //! A table of trackers has a row for each: `tracker`; its place `x_m`, `y_m`, `z_m`, eastward, northward and upward of any
-//! origin; the standard deviations of its random errors `sigma_range_m`, `sigma_azimuth_deg`, `sigma_elevation_deg`, of which
-//! those are empty that it does not measure. It may have the standard deviations of what is assumed of its offsets before any
-//! flight, `sigma_range_offset_m`, `sigma_azimuth_offset_deg`, `sigma_elevation_offset_deg`, and of their change within a day,
+//! origin; the standard deviations of its random errors `sigma_range_m`, `sigma_azimuth_deg`, `sigma_elevation_deg`, empty for a
+//! quantity that it does not measure. It may have the prior standard deviations of its offsets, `sigma_range_offset_m`, `sigma_azimuth_offset_deg`, `sigma_elevation_offset_deg`, and of their change within a day,
 //! `drift_range_m_per_sqrt_day`, `drift_azimuth_deg_per_sqrt_day`, `drift_elevation_deg_per_sqrt_day`.
 //!
 //! A table of readings has a row for each tracker and time: `time`, `tracker`, `range_m`, `azimuth_deg` from north, clockwise,
@@ -11,7 +10,8 @@
 
 use super::error::SoundingError;
 use crate::safe_file;
-use crate::text::{listed, nearest, shown_path};
+use crate::sensors::table::refuse_unknown;
+use crate::text::{listed, shown_path};
 use isobar_assim::wind_finding::{Fix, Reading, Tracker};
 use isobar_model::{Duration, Time};
 use isobar_obs::table::{Faults, LARGEST, Row, Table, TableError, decode};
@@ -42,7 +42,7 @@ pub fn scale(unit: &str) -> f64 {
     if unit == "degree" { 1.0_f64.to_radians() } else { 1.0 }
 }
 
-/// What is assumed of an offset before a flight.
+/// The prior of an offset, and its drift.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Offset {
     /// Its unit: m or degree.
@@ -84,15 +84,9 @@ fn text(path: &Path) -> Result<Vec<u8>, SoundingError> {
     safe_file::read_named(path, LARGEST_TABLE).map_err(failure)
 }
 
-/// Refuses a column that the table cannot have: it would be ignored.
+/// Refuses columns that the table cannot have, and a table without one of those that it needs.
 fn check_columns(table: &Table<'_>, known: &[&str], needed: &[&str]) -> Result<(), TableError> {
-    let is_unknown = |name: &&String| !name.is_empty() && !known.contains(&name.as_str());
-    if let Some(name) = table.columns().iter().find(is_unknown) {
-        let near =
-            nearest(name, known.iter().copied()).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
-        let problem = format!("unknown column `{name}`{near} (columns: {})", listed(known.iter().copied()));
-        return Err(table.wrong_header(problem));
-    }
+    refuse_unknown(table, known)?;
     match needed.iter().find(|name| table.find(name).is_none()) {
         Some(name) => Err(table.missing(&format!("`{name}`"), &[name])),
         None => Ok(()),
@@ -160,10 +154,10 @@ impl TrackerTable {
         Ok(Self { file, trackers, offsets })
     }
 
-    /// Whether the table says what is assumed of offsets.
+    /// Whether the table gives prior standard deviations of the offsets.
     ///
     /// # Errors
-    /// If it says so of some only.
+    /// If it gives those of some offsets only.
     pub fn has_priors(&self) -> Result<bool, TableError> {
         let given = self.offsets.iter().filter(|offset| offset.sigma_prior.is_some()).count();
         if given == 0 || given == self.offsets.len() {
@@ -173,12 +167,12 @@ impl TrackerTable {
         Err(TableError::whole(&self.file, problem))
     }
 
-    /// That a database needs what is assumed of the sensors that it does not know.
+    /// The error that the table has no priors, which a database needs for the sensors that it does not know.
     pub(super) fn without_priors(&self) -> SoundingError {
         let columns = listed(OFFSETS);
         TableError::whole(
             &self.file,
-            format!("needs {columns} with a database of sensors: what is assumed of the sensors that it does not know"),
+            format!("needs {columns} with a database of sensors: the priors of the sensors that it does not know"),
         )
         .into()
     }

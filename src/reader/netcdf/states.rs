@@ -208,9 +208,9 @@ fn check_grid(file: &NcFile, field: &NcVariable, layout: &Layout, variable: &Var
         let Ok(coordinate) = file.variable(&dimension.name) else { continue };
         let unit = text(coordinate, "units");
         let unit = unit.as_deref().map(str::trim);
-        let scale = match unit {
-            Some(unit) if metres(unit).is_some() => metres(unit).unwrap_or(1.0),
-            Some(unit) if unit.to_ascii_lowercase().starts_with("degree") => {
+        let scale = match (unit, unit.and_then(metres)) {
+            (_, Some(scale)) => scale,
+            (Some(unit), None) if unit.to_ascii_lowercase().starts_with("degree") => {
                 return Err(format!(
                     "`{name}` is on latitudes and longitudes (`{}` in {}), but must be on the grid of the plane",
                     clean(&dimension.name),

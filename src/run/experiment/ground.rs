@@ -107,12 +107,8 @@ fn sensors(scenario: &Scenario, observing: &ObservingSystem, span: Span) -> Resu
         let knowledge = SensorKnowledge { mean: vec![0.0; calibration.len()], recalibrations: Vec::new() };
         return Ok(WarmStart { calibration: calibration.clone(), knowledge, known: 0, warnings: Vec::new() });
     };
-    // The first run of a chain finds nothing, and writes the database.
-    let records = if settings.writes.is_some() && !settings.database.exists() {
-        Default::default()
-    } else {
-        Database::open(&settings.database, Missing::Refuse)?.records()?
-    };
+    let missing = if settings.writes.is_some() { Missing::Create } else { Missing::Refuse };
+    let records = Database::records_at(&settings.database, missing)?;
     let end = span.start + scenario.cycle.window * span.last;
     warm_start(&records, calibration, span.start, end).map_err(|reason| SensorError::new(&settings.database, reason))
 }
