@@ -87,7 +87,7 @@ pub enum AssumedDrift {
 }
 
 impl Evolution {
-    /// Its random changes, as methods can assume them; `None` if there are none.
+    /// The random changes that methods can assume, unless it is constant or changes by rule.
     fn at_random(self) -> Option<AssumedDrift> {
         match self {
             Evolution::RandomWalk { sigma_per_sqrt_day } => Some(AssumedDrift::RandomWalk { sigma_per_sqrt_day }),

@@ -59,7 +59,7 @@ pub(super) fn names(ends: &[End], x: f64, within: [f64; 2]) -> Option<String> {
 }
 
 /// The places between two heights that are nearest to those that are wanted, by the sum of the squares of the distances, and
-/// at least a line apart: with y′ᵢ = yᵢ − i · line, in the order of what is wanted, the isotonic regression of w′ᵢ, found by pooling
+/// at least a line apart: with y′ᵢ = yᵢ − i · line, in the order of the wanted places, the isotonic regression of w′ᵢ, found by pooling
 /// adjacent violators (Barlow et al. 1972, Statistical Inference under Order Restrictions), and clamped. `None` if there
 /// is no room.
 fn apart(wanted: &[f64], [top, bottom]: [f64; 2]) -> Option<Vec<f64>> {

@@ -6,7 +6,7 @@ use super::svg::{Anchor, Canvas, INK, Svg};
 /// A cell of a figure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeatCell {
-    /// Its value; none where there is none.
+    /// Its value, if it has one.
     pub value: Option<f64>,
     /// The value in short.
     pub text: String,

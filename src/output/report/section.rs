@@ -41,18 +41,18 @@ pub struct Choice {
 }
 
 impl Figure {
-    /// Values with intervals; `None` if there are none.
+    /// Values with intervals; `None` without any.
     pub fn of_intervals(plot: &IntervalPlot, caption: String) -> Option<Self> {
         (!plot.rows.is_empty()).then(|| Self { caption, svg: plot.svg().page, class: "curves", choice: None })
     }
 
-    /// Numbers over two axes; `None` if there are none.
+    /// Numbers over two axes; `None` without any.
     pub fn of_heat(plot: &HeatMap, caption: String) -> Option<Self> {
         let has_some = plot.cells.iter().any(|cell| cell.value.is_some());
         has_some.then(|| Self { caption, svg: plot.svg().page, class: "", choice: None })
     }
 
-    /// Curves as the figure of this number on its page; `None` if there are none.
+    /// Curves as the figure of this number on its page; `None` without any.
     pub fn of_curves(plot: &CurvePlot, number: usize, caption: String) -> Option<Self> {
         let svg = || plot.svg(&format!("f{number}")).page;
         (!plot.curves.is_empty()).then(|| Self { caption, svg: svg(), class: "curves", choice: None })
