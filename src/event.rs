@@ -112,6 +112,12 @@ impl RunInfo {
         kinds.filter_map(|kind| Some((kind, kind.line?)))
     }
 
+    /// The number of the calibration parameter that is the bias of a station in a variable: its own, or that of its group.
+    pub fn bias_of(&self, station: &StationInfo, variable: &str) -> Option<usize> {
+        let names = [&station.group, &station.name].map(|of| format!("{}/{variable}/{of}", station.network));
+        self.calibration.parameters.iter().position(|parameter| names.contains(&parameter.name))
+    }
+
     /// Whether nothing is known of the true biases of a network, since it was recorded elsewhere.
     pub fn is_recorded(&self, network: &str) -> bool {
         self.networks.iter().any(|own| own.is_recorded && *own.name == *network)

@@ -32,6 +32,7 @@ static FILES: &[(&str, &[u8])] = files![
     "forecast_skill.toml",
     "fully_observed.toml",
     "growth_12000.toml",
+    "growth_16000.toml",
     "growth_4000.toml",
     "growth_8000.toml",
     "linear_advection.toml",

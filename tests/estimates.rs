@@ -3,6 +3,7 @@
 use crate::common::{VALID, isobar, text};
 use serde_json::Value;
 use std::fs;
+use std::path::Path;
 
 /// A grid that is large enough for matrices to count, and a method of each kind that has matrices of its own.
 const METHODS: &str = r#"
@@ -76,4 +77,17 @@ fn memory_is_as_estimated_within_a_factor() {
         }
     }
     assert!(estimates.len() > 10 && wrong.is_empty(), "{wrong:#?}");
+}
+
+/// Biases of stations are in the blocks: they take no column of the state each, of which this scenario would have thousands.
+#[test]
+fn thousands_of_station_biases_do_not_swell_the_estimate() {
+    let output = isobar(Path::new(env!("CARGO_MANIFEST_DIR")), &["check", "million", "--json"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let checked: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let estimates = checked["scenarios"][0]["estimates"].as_array().unwrap();
+    let filter = estimates.iter().find(|estimate| estimate["method"] == "fkf").unwrap();
+    // Measured: 4.8 GB.
+    let bytes = filter["memory_bytes"].as_f64().unwrap();
+    assert!((4.8e9 / FACTOR..4.8e9 * FACTOR).contains(&bytes), "{bytes}");
 }

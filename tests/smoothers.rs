@@ -98,7 +98,7 @@ fn smoothed_estimates_stand_at_their_own_time_and_are_scored_there() {
         assert!(of("plain").smoother_lag_cycles.is_none());
         let [all, serial] = ["kf", "serial_kf"].map(|method| &of(method).values["rmse_smoothed.h"]);
         assert!((all / serial - 1.0).abs() < 1e-6, "{all} and {serial}");
-        let table = isobar::tables::scores::on_terminal(summary, &[("h", "m"), ("u", "m/s"), ("v", "m/s")], 100);
+        let table = isobar::tables::scores::on_terminal(summary, &[("h", "m"), ("u", "m s-1"), ("v", "m s-1")], 100);
         let part = table.split("as later observations revise them").nth(1).expect("there is a table of them");
         let rows: Vec<&str> = part.lines().filter(|line| line.contains(" 3 ")).collect();
         assert!(rows.len() == 6 && table.lines().all(|line| line.chars().count() <= 100), "{table}");

@@ -5,7 +5,6 @@ use super::console::{print, print_json, show, width};
 use super::{explain, lookup};
 use crate::reference::{self, KindReference, Reference};
 use crate::scenario::Scenario;
-use crate::scores::udunits;
 use crate::shipped;
 use crate::tables::{Cell, Table};
 use crate::text::{clean, listed, nearest, shown_path};
@@ -76,7 +75,7 @@ fn scenarios_as_json() -> Result<ExitCode, Report> {
 /// A scenario in short, for a program.
 pub fn described(scenario: &Scenario) -> Value {
     let grid = &scenario.grid.grid;
-    let variable = |(name, unit): &(&str, &str)| json!({ "name": name, "unit": udunits(unit) });
+    let variable = |(name, unit): &(&str, &str)| json!({ "name": name, "unit": unit });
     json!({
         "scenario": scenario.name,
         "file": shown_path(&scenario.path),

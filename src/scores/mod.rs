@@ -33,7 +33,7 @@ pub use against::Against;
 pub use expected::{Expected, Regression};
 pub use forecast::{ForecastScores, VerifiedBy};
 pub use kinds::{Better, Line, Part, SCORES, ScoreKind, Unit, kind};
-pub use score::{Score, udunits};
+pub use score::Score;
 pub use scorecard::{RunScores, Scorecard};
 pub use summary::{Failure, MethodScores, ObservationCounts, RejectedObservation, Summary, TypeCounts};
 pub use truths::{EarlierTruths, TrueValues};

@@ -28,12 +28,12 @@ impl<'a> Score<'a> {
         self.kind.key(self.variable.0)
     }
 
-    /// Its title above a column of a table, in two lines: `h [m]` and `analysis`, or `bias RMSE` and `[own units]`.
+    /// Its title above a column of a table, in two lines: `h [m]` and `analysis`, or `bias RMSE` and `[native units]`.
     pub fn title(&self) -> String {
         let (name, udunits) = self.variable;
         match self.kind.unit {
             Unit::Variable => format!("{name} [{}]\n{}", plot::unit(udunits), self.kind.title),
-            Unit::Parameters => format!("{}\n[own\u{a0}units]", self.kind.title),
+            Unit::Parameters => format!("{}\n[native\u{a0}units]", self.kind.title),
             Unit::One => format!("{}\n[1]", self.kind.title),
             Unit::SecondsPerCycle => format!("{}\n[s/cycle]", self.kind.title),
             Unit::Bytes => format!("{}\n[MB]", self.kind.title),
@@ -43,7 +43,7 @@ impl<'a> Score<'a> {
     /// Its unit in UDUNITS spelling; of scores of biases, which are averaged over several units, words.
     pub fn unit(&self) -> &'a str {
         match self.kind.unit {
-            Unit::Variable => udunits(self.variable.1),
+            Unit::Variable => self.variable.1,
             Unit::Parameters => "that of each bias",
             Unit::One => "1",
             Unit::SecondsPerCycle => "s",
@@ -64,12 +64,12 @@ impl<'a> Score<'a> {
         kind(name).filter(|kind| kind.per_variable != variable.0.is_empty()).map(|kind| Self { kind, variable })
     }
 
-    /// What it is of, with its unit, on one line: `h [m]`, `biases [own units]`.
+    /// What it is of, with its unit, on one line: `h [m]`, `biases [native units]`.
     pub fn subject(&self) -> String {
         let (name, udunits) = self.variable;
         match self.kind.unit {
             Unit::Variable => format!("{name} [{}]", plot::unit(udunits)),
-            Unit::Parameters => "biases [own\u{a0}units]".into(),
+            Unit::Parameters => "biases [native\u{a0}units]".into(),
             _ => self.title().replace('\n', " "),
         }
     }
@@ -78,12 +78,6 @@ impl<'a> Score<'a> {
     pub fn in_tables(&self, value: f64) -> f64 {
         if self.kind.unit == Unit::Bytes { value / 1e6 } else { value }
     }
-}
-
-/// A variable's unit in UDUNITS spelling, as in the files of a run.
-pub fn udunits(unit: &str) -> &str {
-    // As the kinds of models write it for tables.
-    if unit == "m/s" { "m s-1" } else { unit }
 }
 
 #[cfg(test)]
@@ -101,6 +95,6 @@ mod tests {
             assert_eq!(Score::of_column(&score.column()).map(|found| found.key()), Some(score.key()));
         }
         assert!(["rmse_analysis", "bias_rmse h [m]", "cycle"].iter().all(|title| Score::of_column(title).is_none()));
-        assert_eq!(titles, ["h [m]\nanalysis", "u [m\u{a0}s⁻¹]\nanalysis", "bias RMSE\n[own\u{a0}units]"]);
+        assert_eq!(titles, ["h [m]\nanalysis", "u [m\u{a0}s⁻¹]\nanalysis", "bias RMSE\n[native\u{a0}units]"]);
     }
 }

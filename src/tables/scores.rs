@@ -180,11 +180,22 @@ mod tests {
 
     #[test]
     fn the_table_fits_into_100_columns_and_holds_every_figure_with_its_unit() {
-        let text = on_terminal(&summary(), &[("h", "m"), ("u", "m/s"), ("v", "m/s")], WIDTH);
+        let text = on_terminal(&summary(), &[("h", "m"), ("u", "m s-1"), ("v", "m s-1")], WIDTH);
         assert!(text.lines().all(|line| line.chars().count() <= 100), "{text}");
-        for part in
-            ["h [m]", "u [m/s]", "χ²/n", "[s/cycle]", "[MB]", "19.2", "3.84", "3.95", "0.770", "1.02", "12.3", "–"]
-        {
+        for part in [
+            "h [m]",
+            "u [m\u{a0}s⁻¹]",
+            "χ²/n",
+            "[s/cycle]",
+            "[MB]",
+            "19.2",
+            "3.84",
+            "3.95",
+            "0.770",
+            "1.02",
+            "12.3",
+            "–",
+        ] {
             assert!(text.contains(part), "{part} is missing:\n{text}");
         }
         let state = text.split_once("\n\nBiases").unwrap().0;

@@ -286,7 +286,7 @@ fn blocks(field: &Field<'_>, grid: &Grid) -> Read<BlockShape> {
 /// and for probes, twice, and the factors of Q; their tangent-linear forecast, and the products that compress them and take
 /// them into an analysis.
 pub(super) fn work(Settings { filter, .. }: &Settings, factor_grid: usize, sizes: &Sizes) -> Work {
-    let Sizes { values: m, biases: p, observations: n, .. } = *sizes;
+    let Sizes { values: m, shared_biases: p, observations: n, .. } = *sizes;
     let r = filter.factors as f64;
     let (nx, ny) = filter.blocks.cells(&sizes.grid);
     let block = (nx * ny) as f64 * sizes.variables;

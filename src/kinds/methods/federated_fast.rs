@@ -37,7 +37,12 @@ impl MethodSettings for FederatedFast {
     fn work(&self, sizes: &Sizes) -> Work {
         let systems = self.division.systems.len() as f64;
         // Each bias, and each observation, is of one system.
-        let own = Sizes { biases: sizes.biases / systems, observations: sizes.observations / systems, ..sizes.clone() };
+        let own = Sizes {
+            biases: sizes.biases / systems,
+            shared_biases: sizes.shared_biases / systems,
+            observations: sizes.observations / systems,
+            ..sizes.clone()
+        };
         let one = fast_kalman::work(&self.fast, 1, &own);
         let local = Work {
             numbers: systems * one.numbers,
@@ -50,7 +55,7 @@ impl MethodSettings for FederatedFast {
             return local;
         }
         // The master has the factors of all, twice more while they are fused; its blocks are factored with them.
-        let Sizes { values: m, biases: p, variables, .. } = *sizes;
+        let Sizes { values: m, shared_biases: p, variables, .. } = *sizes;
         let (nx, ny) = self.fast.filter.blocks.cells(&sizes.grid);
         let block = (nx * ny) as f64 * variables;
         let columns = systems * self.fast.filter.factors as f64 + p;

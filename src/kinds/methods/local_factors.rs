@@ -150,7 +150,7 @@ fn in_place_of(
 /// The work of a filter with factors of tiles: the factors with those of Q on their supports, three times, the packed columns,
 /// the blocks and the border; the packed columns go through the tangent-linear model, and each support is compressed.
 pub(super) fn work(settings: &LocalFactorSettings, sizes: &Sizes) -> Work {
-    let Sizes { values: m, biases: p, .. } = *sizes;
+    let Sizes { values: m, shared_biases: p, .. } = *sizes;
     let packed = settings.packed_columns(&sizes.grid) as f64;
     let tiles = (sizes.grid.width_m() / settings.tile_m).ceil() * (sizes.grid.height_m() / settings.tile_m).ceil();
     let support = (m / tiles * (settings.support_tiles as f64).powi(2)).min(m);

@@ -3,6 +3,7 @@
 use isobar_assim::fast_kalman::Residual;
 use isobar_assim::{BiasTreatment, Problem};
 use isobar_model::Grid;
+use isobar_obs::ByPlacement;
 
 /// The sizes on which the work of a method depends.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,6 +14,8 @@ pub struct Sizes {
     pub variables: f64,
     /// p, biases that the method estimates.
     pub biases: f64,
+    /// Those of them that many observations share. The others belong to places, and so to blocks.
+    pub shared_biases: f64,
     /// n, the most observations of a cycle.
     pub observations: f64,
     /// Length of the control vector of B.
@@ -46,11 +49,16 @@ impl Sizes {
     /// Those of a problem whose cycles have this number of steps.
     pub fn new(problem: &Problem, bias: BiasTreatment, grid: &Grid, steps: usize) -> Self {
         let layout = problem.background.layout();
-        let biases = if bias == BiasTreatment::Estimate { problem.calibration.len() } else { 0 };
+        let ByPlacement { shared, local } = problem.calibration.by_placement();
+        let [shared_biases, local_biases] = match bias {
+            BiasTreatment::Estimate => [shared.len() as f64, local.len() as f64],
+            _ => [0.0; 2],
+        };
         Self {
             values: layout.len() as f64,
             variables: layout.len() as f64 / layout.grid.cells() as f64,
-            biases: biases as f64,
+            biases: shared_biases + local_biases,
+            shared_biases,
             observations: problem.most_observations as f64,
             controls: problem.background_error.control_len() as f64,
             steps: steps as f64,
@@ -151,6 +159,7 @@ mod tests {
             values: 300.0,
             variables: 3.0,
             biases: 4.0,
+            shared_biases: 4.0,
             observations: 50.0,
             controls: 300.0,
             steps: 12.0,

@@ -89,4 +89,4 @@ impl Water {
 }
 
 /// The variables of shallow water.
-pub(super) const VARIABLES: &[(&str, &str)] = &[("h", "m"), ("u", "m/s"), ("v", "m/s")];
+pub(super) const VARIABLES: &[(&str, &str)] = &[("h", "m"), ("u", "m s-1"), ("v", "m s-1")];

@@ -95,8 +95,7 @@ pub fn stations(info: &RunInfo, history: &History, maps: &Maps<'_>) -> Vec<Drawi
     let mut drawings = Vec::new();
     for variable in &info.layout.variables {
         let value = |station: &StationInfo| {
-            let names = [&station.group, &station.name].map(|of| format!("{}/{}/{of}", station.network, variable.name));
-            let number = info.calibration.parameters.iter().position(|parameter| names.contains(&parameter.name))?;
+            let number = info.bias_of(station, variable.name)?;
             let value = own.bias(number)? - if has_truth { cycle.true_bias(number)? } else { 0.0 };
             Some(value as f32).filter(|value| value.is_finite())
         };

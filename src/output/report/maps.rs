@@ -2,15 +2,16 @@
 
 use crate::calendar::utc;
 use crate::event::RunInfo;
+use crate::output::earth;
 use crate::output::history::{Cycle, Fields, History, MethodMaps, ShownCorrelations};
 use crate::output::netcdf::coordinates::safe_name;
 use crate::output::structure::{ShownFactor, ShownStructure};
 use crate::plot::colors::{GREYS, HUES, Scale, difference};
 use crate::plot::map::{contour_levels, symmetric_steps};
 use crate::plot::range::{quantile, round_up};
-use crate::plot::{FieldMap, Mark, coast, graticule};
+use crate::plot::{FieldMap, Mark, graticule};
 use crate::tables::figure;
-use isobar_obs::{Projection, Report};
+use isobar_obs::Report;
 
 /// The most observations whose places are marked on a map.
 const MOST_PLACES: usize = 3000;
@@ -79,14 +80,6 @@ struct Subject<'a> {
     stem: String,
 }
 
-/// Lines on the Earth within the plane, by a function of its size and of the place of a latitude and longitude; none if the plane
-/// has no place on the Earth.
-fn on_earth<T>(info: &RunInfo, of: impl Fn([f64; 2], &dyn Fn(f64, f64) -> Option<(f64, f64)>) -> Vec<T>) -> Vec<T> {
-    let extent_m = [info.layout.grid.width_m(), info.layout.grid.height_m()];
-    let lines = |projection: &Projection| of(extent_m, &|latitude, longitude| projection.forward(latitude, longitude));
-    info.projection.as_ref().map_or_else(Vec::new, lines)
-}
-
 impl<'a> Maps<'a> {
     /// The maps of a complete run.
     pub fn new(info: &'a RunInfo, history: &'a History) -> Self {
@@ -95,8 +88,8 @@ impl<'a> Maps<'a> {
             info,
             history,
             ranges: ranges.collect(),
-            coast: on_earth(info, |extent_m, place| coast::lines(extent_m, place)),
-            graticule: on_earth(info, |extent_m, place| graticule::lines(extent_m, place)),
+            coast: earth::coastlines(info),
+            graticule: earth::graticule(info),
         }
     }
 

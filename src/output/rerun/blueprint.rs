@@ -1,7 +1,7 @@
 //! The viewer's layout: views and containers under fixed identifiers, logged property by property, because the typed
 //! interface has no way to set axes, bounds and legends.
 
-use super::names::{APPLICATION_ID, Result};
+use super::names::{APPLICATION_ID, Result, VALID_TIME};
 use ::rerun::datatypes::{Range2D, TimeRange, TimeRangeBoundary, Uuid};
 use ::rerun::external::re_log_types::BlueprintActivationCommand;
 use ::rerun::external::re_sdk_types::blueprint::{archetypes as archetype, components as component};
@@ -76,15 +76,16 @@ impl Blueprint {
         self.container_with_id(name, arrangement, parts).map(|(part, _)| part)
     }
 
-    /// Ends the layout with its outermost container, and sends it to the recording.
-    pub fn send(mut self, recording: &RecordingStream, tabs: &[Part]) -> Result {
+    /// Ends the layout with its outermost container, and sends it to the recording; it plays so many seconds of valid time in
+    /// a second.
+    pub fn send(mut self, recording: &RecordingStream, tabs: &[Part], playback_speed: f64) -> Result {
         let (_, id) = self.container_with_id("isobar", Arrangement::Tabs, tabs)?;
         let viewport = archetype::ViewportBlueprint::new().with_root_container(component::RootContainer(id));
         self.stream.log("viewport", &viewport.with_auto_layout(false).with_auto_views(false))?;
         let time = archetype::TimePanelBlueprint::new()
             .with_state(component::PanelState::Collapsed)
-            .with_timeline("cycle")
-            .with_fps(4.0)
+            .with_timeline(VALID_TIME)
+            .with_playback_speed(playback_speed)
             .with_play_state(component::PlayState::Following);
         self.stream.log("time_panel", &time)?;
         for panel in ["blueprint_panel", "selection_panel"] {

@@ -1,9 +1,10 @@
 //! Maps: fields, wind arrows and observing platforms, cycle by cycle.
 
 use super::frame::Frame;
-use super::names::{Names, Result};
+use super::names::{self, Names, Result, set_time};
 use super::ranges::{Ranges, VariableRanges};
 use crate::event::RunInfo;
+use crate::output::earth;
 use crate::output::history::{Cycle, Fields, History, MethodMaps};
 use crate::output::structure::ShownStructure;
 use crate::plot::colors::{self, Scale};
@@ -13,10 +14,11 @@ use ::rerun::{Arrows2D, ChannelDatatype, DepthImage, Image, LineStrips2D, Points
 use indexmap::IndexMap;
 use isobar_obs::Report;
 
-/// Colours of arrows on dark and on light maps, and of labels.
+/// Colours of arrows on dark and on light maps, of labels, and of the coast.
 const LIGHT: [u8; 4] = [255, 255, 255, 210];
 const DARK: [u8; 4] = [40, 40, 40, 220];
-const LABEL: [u8; 3] = [220, 220, 220];
+pub const LABEL: [u8; 3] = [220, 220, 220];
+const COAST: [u8; 4] = [110, 110, 110, 255];
 
 /// All reports of a station or footprint in one cycle, with their numbers; at least one.
 type Platform<'a> = Vec<(usize, &'a Report)>;
@@ -36,7 +38,7 @@ impl Maps<'_> {
     pub fn log_since(&self, since: usize) -> Result {
         for cycle in self.history.cycles.iter().filter(|cycle| cycle.number >= since) {
             let Some(truth) = &cycle.truth else { continue };
-            self.set_time(cycle);
+            set_time(self.recording, cycle);
             for (number, variable) in self.info.layout.variables.iter().enumerate() {
                 self.log_state(&format!("truth/{}", variable.name), number, &truth[number])?;
             }
@@ -44,13 +46,15 @@ impl Maps<'_> {
         }
         for method in 0..self.info.methods.len() {
             for (cycle, maps) in self.history.maps(method).filter(|(cycle, _)| cycle.number >= since) {
-                self.set_time(cycle);
+                set_time(self.recording, cycle);
                 let platforms = platforms(&cycle.reports);
                 for variable in 0..self.info.layout.variables.len() {
                     self.log_variable(method, variable, cycle, maps)?;
                     self.log_platforms(method, variable, (cycle, &platforms), &maps.departures)?;
                 }
-                self.log_wind(&self.names.map(method, "wind"), &maps.analysis, self.ranges.wind, LIGHT)?;
+                for (name, fields) in [("background_wind", &maps.background), ("wind", &maps.analysis)] {
+                    self.log_wind(&self.names.map(method, name), fields, self.ranges.wind, LIGHT)?;
+                }
                 if let Some(structure) = &maps.structure {
                     self.log_structure(method, cycle.number, structure)?;
                 }
@@ -60,19 +64,22 @@ impl Maps<'_> {
         Ok(())
     }
 
-    fn set_time(&self, cycle: &Cycle) {
-        self.recording.set_time_sequence("cycle", cycle.number as i64);
-        self.recording.set_timestamp_secs_since_epoch("valid_time", cycle.time.seconds() as f64);
-    }
-
-    /// The colour bars, which stay as they are.
-    pub fn log_color_bars(&self) -> Result {
+    /// Coast and colour bars, which stay as they are.
+    pub fn log_static(&self) -> Result {
+        let lines = earth::coastlines(self.info);
+        if !lines.is_empty() {
+            let lines = lines.into_iter().map(|line| line.into_iter().map(|[x, y]| self.frame.place(x, y)));
+            let strips = LineStrips2D::new(lines.map(Iterator::collect::<Vec<_>>)).with_colors([COAST]);
+            self.recording
+                .log_static(names::COAST, &strips.with_radii([0.05 * self.frame.mark()]).with_draw_order(10.0))?;
+        }
         for (variable, ranges) in self.info.layout.variables.iter().zip(&self.ranges.variables) {
-            let &VariableRanges { state, difference, spread, .. } = ranges;
+            let &VariableRanges { state, difference, spread, station_bias, .. } = ranges;
             for (name, scale, range) in [
                 ("state", Scale::State, state),
                 ("difference", Scale::Difference, [-difference, difference]),
                 ("spread", Scale::Spread, [0.0, spread]),
+                ("station_bias", Scale::Difference, [-station_bias, station_bias]),
             ] {
                 let bar = self.frame.color_bar(scale, range, variable.unit);
                 let path = format!("color_bars/{}/{name}", variable.name);
@@ -134,7 +141,7 @@ impl Maps<'_> {
         self.log_scalar(path, field, Colormap::Viridis, self.ranges.variables[variable].state)
     }
 
-    /// A field whose colours the viewer makes, so that it can also tell the values.
+    /// A field in colours of the viewer, which therefore also shows its numbers.
     fn log_scalar(&self, path: &str, field: &[f32], colormap: Colormap, [low, high]: [f32; 2]) -> Result {
         let bytes: Vec<u8> = self.frame.pixels(field).flat_map(|value| value.to_le_bytes()).collect();
         let image = DepthImage::from_data_type_and_bytes(bytes, self.frame.resolution(), ChannelDatatype::F32);
@@ -142,11 +149,14 @@ impl Maps<'_> {
         Ok(self.recording.log(path, &image)?)
     }
 
-    /// A difference in our own colours: the viewer has none with white at zero.
+    /// A difference in colours of isobar, since the viewer has no scale with white at zero. Under the colours are the numbers,
+    /// which the viewer shows where the map is pointed at.
     fn log_difference(&self, path: &str, difference: &[f32], limit: f32) -> Result {
+        self.log_scalar(&format!("{path}/values"), difference, Colormap::Grayscale, [-limit, limit])?;
         let bytes: Vec<u8> =
             self.frame.pixels(difference).flat_map(|&value| colors::difference(value, limit)).collect();
-        Ok(self.recording.log(path, &Image::from_rgb24(bytes, self.frame.resolution()))?)
+        // The viewer would make what is above another image half transparent.
+        Ok(self.recording.log(path, &Image::from_rgb24(bytes, self.frame.resolution()).with_opacity(1.0))?)
     }
 
     /// Arrows of the wind; those of the speed `fastest` are as long as arrows are apart.

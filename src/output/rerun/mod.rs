@@ -8,6 +8,7 @@
 //! grid. A running viewer that is sent the run while it computes sees each cycle in the ranges of the cycles so far, and all
 //! of them in the final ranges at the end.
 
+mod biases;
 mod blueprint;
 mod frame;
 mod live;
@@ -37,8 +38,8 @@ const MAP_CELLS: [usize; 5] = [256, 192, 128, 96, 64];
 /// What all maps of a run may take before compression \[bytes\].
 const MAPS_BYTES: usize = 300_000_000;
 
-/// Bytes of a cell in the maps of a truth, and of a method: three fields of numbers and three of colours.
-const BYTES: [usize; 2] = [4, 21];
+/// Bytes of a cell in the maps of a truth, and of a method: six fields of numbers, and colours of three of them.
+const BYTES: [usize; 2] = [4, 33];
 
 /// What both sinks hold of a run.
 #[derive(Debug)]

@@ -1,14 +1,29 @@
 //! Under which names everything is logged.
 
 use crate::event::RunInfo;
+use crate::output::history::Cycle;
 use crate::output::netcdf::coordinates::safe_name;
+use ::rerun::RecordingStream;
 use std::error::Error;
 
 /// The recording's application: the viewer keeps a user's layout by it.
 pub const APPLICATION_ID: &str = "isobar";
 
+/// The timelines.
+pub const CYCLE: &str = "cycle";
+pub const VALID_TIME: &str = "valid_time";
+
+/// The coastlines.
+pub const COAST: &str = "coast";
+
 /// The outcome of logging something.
 pub type Result<T = ()> = std::result::Result<T, Box<dyn Error>>;
+
+/// Sets the cycle to which what is logged next belongs.
+pub fn set_time(recording: &RecordingStream, cycle: &Cycle) {
+    recording.set_time_sequence(CYCLE, cycle.number as i64);
+    recording.set_timestamp_secs_since_epoch(VALID_TIME, cycle.time.seconds() as f64);
+}
 
 /// Names of entities.
 #[derive(Debug)]
@@ -51,6 +66,16 @@ impl Names {
     /// A method's curve of a calibration parameter.
     pub fn parameter(&self, method: usize, parameter: usize, part: &str) -> String {
         self.map(method, &format!("calibration/{}/{part}", self.parameters[parameter]))
+    }
+
+    /// A method's stations in the colour of their biases in a variable.
+    pub fn stations(&self, method: usize, variable: &str) -> String {
+        self.map(method, &format!("stations/{variable}"))
+    }
+
+    /// A method's curve of what it estimates beside state and calibration.
+    pub fn estimated(&self, method: usize, parameter: &str, part: &str) -> String {
+        self.map(method, &format!("estimated/{}/{part}", safe_name(parameter, "_")))
     }
 
     /// A method's curve in the comparison of all, of a variable or of the method as a whole.

@@ -1,5 +1,6 @@
 //! The ranges that colours and axes of the whole run share.
 
+use super::biases::of_stations;
 use super::frame::Frame;
 use crate::event::RunInfo;
 use crate::output::history::{Cycle, History, MethodMaps};
@@ -23,6 +24,8 @@ pub struct VariableRanges {
     pub difference: f32,
     /// Largest spread.
     pub spread: f32,
+    /// Largest error of a station's bias, or bias without a truth, that has its own colour.
+    pub station_bias: f32,
     /// Highest error or spread of the curves, for each method.
     pub score: Vec<f64>,
 }
@@ -32,13 +35,13 @@ impl Ranges {
     pub fn of_run(info: &RunInfo, history: &History) -> Self {
         let (names, frame) = (info.layout.variables.iter().map(|variable| variable.name), Frame::new(&info.layout));
         Self {
-            variables: names.enumerate().map(|(number, name)| of_variable(history, number, name)).collect(),
+            variables: names.enumerate().map(|(number, name)| of_variable(info, history, number, name)).collect(),
             wind: history.states().map(|fields| frame.highest_speed(fields)).fold(0.0, f32::max),
         }
     }
 }
 
-fn of_variable(history: &History, number: usize, name: &str) -> VariableRanges {
+fn of_variable(info: &RunInfo, history: &History, number: usize, name: &str) -> VariableRanges {
     // The first cycles, in which all methods know little, must not make the maps of all others pale: nine tenths of the
     // values, and a little more.
     let usual =
@@ -52,8 +55,18 @@ fn of_variable(history: &History, number: usize, name: &str) -> VariableRanges {
         state: history.state_range(number),
         difference: usual(&difference),
         spread: usual(&|_, maps| maps.spread.as_ref().map_or_else(Vec::new, |it| it[number].clone())),
+        station_bias: station_bias(info, history, name),
         score: (0..history.info.methods.len()).map(|method| score(history, method, name)).collect(),
     }
+}
+
+/// The limit of colours of stations: of the median method nine tenths of all values, and a little more.
+fn station_bias(info: &RunInfo, history: &History, variable: &str) -> f32 {
+    let has_truth = history.knows_biases();
+    let of_cycle = |own| of_stations(info, has_truth, own, variable).into_iter().map(|it| it.2.abs());
+    let of_method = |method| quantile(history.of_method(method).flat_map(of_cycle).collect(), 0.9);
+    let estimating = (0..info.methods.len()).filter(|&method| info.methods[method].estimates_biases);
+    round_up(quantile(estimating.filter_map(of_method).collect(), 0.5).map(|it| 1.2 * it))
 }
 
 /// The highest error or spread of a variable that a method's curves show.

@@ -1,5 +1,6 @@
 //! The file: everything that is logged.
 
+use super::biases::Biases;
 use super::frame::Frame;
 use super::maps::Maps;
 use super::names::{APPLICATION_ID, Names, Result};
@@ -40,7 +41,7 @@ pub fn id(info: &RunInfo) -> String {
 
 /// Logs the layout of the views and all that has happened; without a summary, the run is not complete.
 ///
-/// Curves are logged from a cycle on: a viewer that is told a point twice would draw it twice.
+/// Curves are logged from a cycle on: a viewer that is sent a point twice would draw it twice.
 pub fn log_run(
     recording: &RecordingStream,
     info: &RunInfo,
@@ -60,12 +61,15 @@ pub fn log_run(
     recording.log_static("text/stability", &TextDocument::from_markdown(verdicts))?;
     recording.log_static("text/scenario", &TextDocument::from_markdown(text::scenario(info)))?;
     let maps = Maps { recording, info, history, ranges: &ranges, names: &names, frame };
-    maps.log_color_bars()?;
+    maps.log_static()?;
     maps.log_since(0)?;
+    let biases = Biases { recording, info, history, names: &names, ranges: &ranges, frame };
+    biases.log_static()?;
+    biases.log_since(0)?;
     Series { recording, info, history, names: &names, since: curves_since }.log()
 }
 
-/// Logs what has happened since a cycle, for a viewer that has been told what was before, in the ranges of then.
+/// Logs what has happened since a cycle, for a viewer that has what was before, in the ranges of then.
 pub fn log_since(
     recording: &RecordingStream,
     info: &RunInfo,
@@ -75,5 +79,6 @@ pub fn log_since(
 ) -> Result {
     let (names, frame) = (Names::new(info), Frame::new(&info.layout));
     Maps { recording, info, history, ranges, names: &names, frame }.log_since(since)?;
+    Biases { recording, info, history, ranges, names: &names, frame }.log_since(since)?;
     Series { recording, info, history, names: &names, since }.log()
 }

@@ -1,6 +1,6 @@
 //! Curves over time: errors and spreads of each variable, and the bias estimates.
 
-use super::names::{Names, Result};
+use super::names::{CYCLE, Names, Result, VALID_TIME};
 use crate::event::RunInfo;
 use crate::output::history::{Cycle, History, MethodCycle};
 use crate::plot::colors;
@@ -52,6 +52,7 @@ impl Series<'_> {
             for parameter in shown_parameters(&self.info.calibration) {
                 self.log_parameter(method, parameter)?;
             }
+            self.log_estimated(method)?;
         }
         Ok(())
     }
@@ -108,6 +109,25 @@ impl Series<'_> {
         self.curve(&path("estimate"), &Style { color: ANALYSIS, width: 2.5, name: "estimate" }, estimate)
     }
 
+    /// What a method estimates beside state and calibration, where the data determine it.
+    fn log_estimated(&self, method: usize) -> Result {
+        for (name, methods) in &self.history.parameters {
+            let Some(parameter) = &methods[method] else { continue };
+            for (part, title, factor, color, width) in [
+                ("below", "−2σ", -2.0, ANALYSIS_SPREAD, 1.0),
+                ("above", "+2σ", 2.0, ANALYSIS_SPREAD, 1.0),
+                ("estimate", "estimate", 0.0, ANALYSIS, 2.5),
+            ] {
+                let points = parameter.determined.iter().filter_map(|(time, value, sigma)| {
+                    let cycle = self.history.cycles.iter().find(|cycle| cycle.time == *time)?;
+                    (cycle.number >= self.since).then_some((cycle, value + factor * sigma))
+                });
+                self.curve(&self.names.estimated(method, name, part), &Style { color, width, name: title }, points)?;
+            }
+        }
+        Ok(())
+    }
+
     /// A method's figure in every cycle that has one.
     fn estimates(
         &self,
@@ -126,9 +146,9 @@ impl Series<'_> {
         }
         let lines = SeriesLines::new().with_colors([style.color]).with_widths([style.width]).with_names([style.name]);
         self.recording.log_static(path, &lines)?;
-        let cycles = TimeColumn::new_sequence("cycle", points.iter().map(|(cycle, _)| cycle.number as i64));
+        let cycles = TimeColumn::new_sequence(CYCLE, points.iter().map(|(cycle, _)| cycle.number as i64));
         let seconds = points.iter().map(|(cycle, _)| cycle.time.seconds() as f64);
-        let times = TimeColumn::new_timestamp_secs_since_epoch("valid_time", seconds);
+        let times = TimeColumn::new_timestamp_secs_since_epoch(VALID_TIME, seconds);
         let values = Scalars::new(points.iter().map(|point| point.1)).columns_of_unit_batches()?;
         self.recording.send_columns(path, [cycles, times], values)?;
         Ok(())

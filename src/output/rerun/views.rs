@@ -1,25 +1,31 @@
-//! Which views there are: a tab that compares all methods, and one for each method.
+//! Which views there are: two tabs that compare all methods, and one for each method.
 
+use super::biases;
 use super::blueprint::{Arrangement, Blueprint, Part};
 use super::frame::Frame;
-use super::names::{Names, Result};
+use super::names::{self, Names, Result};
 use super::ranges::Ranges;
 use super::series::{DEPARTURE, PARAMETERS_PER_PAGE, compared, shown_parameters};
 use crate::event::RunInfo;
-use crate::output::history::{History, MethodCycle};
+use crate::output::earth;
+use crate::output::history::{History, ParameterHistory};
 use crate::plot::number as number_text;
 use crate::scores::{Score, ScoreKind};
 use ::rerun::RecordingStream;
 
 /// Sends the layout of the run's views.
 pub fn send(recording: &RecordingStream, info: &RunInfo, history: &History, names: &Names, ranges: &Ranges) -> Result {
-    let mut views = Views { blueprint: Blueprint::new()?, info, history, names, ranges };
-    let mut tabs = vec![views.overview()?];
+    let has_coast = !earth::coastlines(info).is_empty();
+    let mut views = Views { blueprint: Blueprint::new()?, info, history, names, ranges, has_coast };
+    let mut tabs = vec![views.overview()?, views.scores()?];
     for method in 0..info.methods.len() {
         tabs.push(views.method(method)?);
     }
-    views.blueprint.send(recording, &tabs)
+    views.blueprint.send(recording, &tabs, CYCLES_PER_SECOND * info.window.seconds() as f64)
 }
+
+/// How fast the viewer plays a run.
+const CYCLES_PER_SECOND: f64 = 4.0;
 
 struct Views<'a> {
     blueprint: Blueprint,
@@ -27,11 +33,41 @@ struct Views<'a> {
     history: &'a History,
     names: &'a Names,
     ranges: &'a Ranges,
+    has_coast: bool,
 }
 
 impl Views<'_> {
-    /// All methods: their errors in one plot for each variable, the scores, and the scenario.
+    /// All methods: the truth and the error of each in one variable, or the increments without a truth, and under these the
+    /// errors over time of each variable.
     fn overview(&mut self) -> Result<Part> {
+        let mapped = self.history.mapped;
+        let (name, unit, range) = (
+            self.info.layout.variables[mapped].name,
+            self.info.layout.variables[mapped].unit,
+            &self.ranges.variables[mapped],
+        );
+        let (what, part) =
+            if self.info.has_truth { ("analysis error", "analysis_error") } else { ("increment", "increment") };
+        let mut maps = Vec::new();
+        if self.info.has_truth {
+            let [low, high] = range.state.map(number_text);
+            let title = format!("truth of {name} · {low} to {high} {unit}");
+            maps.push(self.map(&title, vec![format!("truth/{name}"), "truth/wind".into()])?);
+        }
+        let limit = number_text(range.difference);
+        for (number, method) in self.info.methods.iter().enumerate() {
+            let title = format!("{} · {what} of {name} · ±{limit} {unit}", method.name);
+            maps.push(self.map(&title, vec![self.names.field(number, name, &format!("{part}/**"))])?);
+        }
+        let rows = if maps.len() > 4 { 2 } else { 1 };
+        let columns = maps.len().div_ceil(rows) as u32;
+        let maps = self.blueprint.container("maps", Arrangement::Grid(columns), &maps)?;
+        let errors = self.errors()?;
+        self.blueprint.container("overview", Arrangement::Vertical(&[1.8, 1.0]), &[maps, errors])
+    }
+
+    /// The errors of all methods over time, one plot for each variable.
+    fn errors(&mut self) -> Result<Part> {
         let mut plots = Vec::new();
         for (variable, range) in self.info.layout.variables.iter().zip(&self.ranges.variables) {
             let measured = compared(self.info).map_or("score", ScoreKind::measured);
@@ -40,7 +76,11 @@ impl Views<'_> {
             let highest = range.score.iter().copied().fold(0.0, f64::max);
             plots.push(self.blueprint.curves(&name, &contents, Some([0.0, highest]), true)?);
         }
-        let plots = self.blueprint.container("errors", Arrangement::Horizontal, &plots)?;
+        self.blueprint.container("errors", Arrangement::Horizontal, &plots)
+    }
+
+    /// All methods: innovations over time, the scores, and the scenario.
+    fn scores(&mut self) -> Result<Part> {
         let mapped = &self.info.layout.variables[self.history.mapped];
         let departure = format!("mean background departure of {} [{}]", mapped.name, mapped.unit);
         let others = self.info.drawn(false).map(|(kind, _)| (Score { kind, variable: ("", "") }.subject(), kind.name));
@@ -53,7 +93,15 @@ impl Views<'_> {
         let texts = texts.map(|(name, contents)| self.blueprint.document(name, contents));
         let texts = texts.into_iter().collect::<Result<Vec<_>>>()?;
         let texts = self.blueprint.container("texts", Arrangement::Horizontal, &texts)?;
-        self.blueprint.container("overview", Arrangement::Vertical(&[1.0, 0.8, 1.0]), &[plots, others, texts])
+        self.blueprint.container("scores", Arrangement::Vertical(&[0.7, 1.0]), &[others, texts])
+    }
+
+    /// A map of fields or marks, on it the coast.
+    fn map(&mut self, title: &str, mut contents: Vec<String>) -> Result<Part> {
+        if self.has_coast {
+            contents.push(names::COAST.into());
+        }
+        self.blueprint.map(title, &contents, Frame::new(&self.info.layout).bounds(false))
     }
 
     /// One method: a tab of maps and errors for each variable, one of its blocks and common factors, and its biases.
@@ -64,6 +112,7 @@ impl Views<'_> {
         for number in std::iter::once(mapped).chain(others) {
             tabs.push(self.maps(method, number)?);
         }
+        tabs.extend(self.all_biases(method)?);
         tabs.extend(self.structure(method)?);
         let maps = self.blueprint.container("maps", Arrangement::Tabs, &tabs)?;
         let name = &self.info.methods[method].name;
@@ -84,14 +133,18 @@ impl Views<'_> {
         let spread = format!("0 to {} {unit}", number_text(ranges.spread));
         let own = |part: &str| self.names.field(method, name, part);
         let observations = own("observations/**");
-        let wind = self.names.map(method, "wind");
+        let [background_wind, wind] = ["background_wind", "wind"].map(|part| self.names.map(method, part));
         let mut maps = vec![
             (format!("truth · {state}"), "state", vec![format!("truth/{name}"), "truth/wind".into()]),
-            ("background, observations".into(), "state", vec![own("background"), observations.clone()]),
+            (
+                "background, observations".into(),
+                "state",
+                vec![own("background"), background_wind, observations.clone()],
+            ),
             (format!("analysis · {state}"), "state", vec![own("analysis"), wind]),
-            (format!("increment · {difference}"), "difference", vec![own("increment"), observations]),
-            (format!("background error · {difference}"), "difference", vec![own("background_error")]),
-            (format!("analysis error · {difference}"), "difference", vec![own("analysis_error")]),
+            (format!("increment · {difference}"), "difference", vec![own("increment/**"), observations]),
+            (format!("background error · {difference}"), "difference", vec![own("background_error/**")]),
+            (format!("analysis error · {difference}"), "difference", vec![own("analysis_error/**")]),
         ];
         if !self.info.has_truth {
             maps = maps.split_off(1);
@@ -100,11 +153,10 @@ impl Views<'_> {
         if has_spread {
             maps.push((format!("claimed spread · {spread}"), "spread", vec![own("spread")]));
         }
-        let bounds = Frame::new(&self.info.layout).bounds(false);
         let mut parts = Vec::new();
         for (title, bar, mut contents) in maps {
             contents.push(format!("color_bars/{name}/{bar}/**"));
-            parts.push(self.blueprint.map(&title, &contents, bounds)?);
+            parts.push(self.map(&title, contents)?);
         }
         let contents = [self.names.score(method, name, "**")];
         let title = format!("{} and spread [{unit}]", if self.info.has_truth { "RMSE" } else { "departures" });
@@ -131,16 +183,39 @@ impl Views<'_> {
         self.blueprint.container(title, Arrangement::Grid(3), &parts).map(Some)
     }
 
-    /// The calibration parameters, one plot for each; in tabs if they are many.
-    fn biases(&mut self, method: usize) -> Result<Option<Part>> {
-        // A method that leaves them alone has zeros, and claims nothing.
-        let estimates =
-            |own: &MethodCycle| own.calibration_spread.is_some() || own.calibration.iter().any(|&it| it != 0.0);
-        if !self.history.of_method(method).any(|(_, own)| estimates(own)) {
+    /// All biases of the method in one figure, and maps of its stations in the colour of theirs.
+    fn all_biases(&mut self, method: usize) -> Result<Option<Part>> {
+        if self.info.calibration.is_empty() || !self.info.methods[method].estimates_biases {
             return Ok(None);
         }
+        let what = if self.history.knows_biases() { "errors of biases" } else { "biases" };
+        let contents = [format!("{}/**", biases::FRAME), self.names.map(method, "biases/**")];
+        let title = format!("{what} in σ of the prior, with ±2σ of the method");
+        let mut parts = vec![self.blueprint.map(&title, &contents, biases::bounds(self.info))?];
+        for (variable, ranges) in self.info.layout.variables.iter().zip(&self.ranges.variables) {
+            if self.info.stations.iter().all(|station| self.info.bias_of(station, variable.name).is_none()) {
+                continue;
+            }
+            let limit = number_text(ranges.station_bias);
+            let title = format!("stations: {what} of {} · ±{limit} {}", variable.name, variable.unit);
+            let stations = format!("{}/**", self.names.stations(method, variable.name));
+            parts.push(self.map(&title, vec![stations, format!("color_bars/{}/station_bias/**", variable.name)])?);
+        }
+        self.blueprint.container("all biases", Arrangement::Horizontal, &parts).map(Some)
+    }
+
+    /// What the method estimates beside the state, one plot for each; in tabs if there are many.
+    fn biases(&mut self, method: usize) -> Result<Option<Part>> {
         let mut plots = Vec::new();
-        for number in shown_parameters(&self.info.calibration) {
+        let is_determined = |own: &Option<ParameterHistory>| own.as_ref().is_some_and(|it| !it.determined.is_empty());
+        for (name, methods) in self.history.parameters.iter().filter(|(_, methods)| is_determined(&methods[method])) {
+            let unit = methods[method].as_ref().map_or("", |own| &own.last.unit);
+            let contents = [self.names.estimated(method, name, "**")];
+            let has_legend = plots.len() % PARAMETERS_PER_PAGE == 0;
+            plots.push(self.blueprint.curves(&format!("{name} [{unit}]"), &contents, None, has_legend)?);
+        }
+        let estimates_biases = self.info.methods[method].estimates_biases;
+        for number in shown_parameters(&self.info.calibration).into_iter().filter(|_| estimates_biases) {
             let parameter = &self.info.calibration.parameters[number];
             let name = format!("{} [{}]", parameter.name, parameter.unit);
             plots.push(self.blueprint.curves(
@@ -150,11 +225,14 @@ impl Views<'_> {
                 plots.len() % PARAMETERS_PER_PAGE == 0,
             )?);
         }
+        if plots.is_empty() {
+            return Ok(None);
+        }
         if plots.len() <= PARAMETERS_PER_PAGE {
             return self.blueprint.container("biases", Arrangement::Horizontal, &plots).map(Some);
         }
         let mut pages = Vec::new();
-        let total = self.info.calibration.len();
+        let total = plots.len();
         for (page, plots) in plots.chunks(PARAMETERS_PER_PAGE).enumerate() {
             let first = page * PARAMETERS_PER_PAGE + 1;
             let name = match plots.len() {

@@ -143,9 +143,12 @@ pub struct Checked {
     pub costs: Vec<(String, Cost)>,
 }
 
-/// The most values of a state for which a check sets up the methods: beyond, that takes minutes, and is left to the run, which
-/// refuses what does not fit before its first cycle.
-const MOST_SET_UP: usize = 200_000;
+/// The largest method that a check sets up \[bytes\]: beyond, that takes many seconds, and is left to the run, which refuses what
+/// does not fit before its first cycle.
+const MOST_SET_UP: f64 = 6e7;
+
+/// Estimates of memory are right within this factor.
+const ESTIMATES_WITHIN: f64 = 3.0;
 
 /// Whether a scenario's model, initial state, covariances and observing systems fit together.
 ///
@@ -163,12 +166,11 @@ pub fn check(scenario: &Scenario) -> Result<Checked, Vec<ExperimentError>> {
     let truth = ground.truth.as_ref().map(|truth| truth.check_cycles(scenario.cycle.count));
     faults.extend(truth.and_then(Result::err).map(ExperimentError::Truth));
     let problem = &ground.problem;
-    let is_large = problem.background.values().len() > MOST_SET_UP;
     for (name, method) in &scenario.methods {
-        // What a method refuses depends on all that it is given, so that each is set up for once; a large one only if it will
-        // be refused, before it takes any memory.
+        // What a method refuses depends on all that it is given, so that each is set up for once; a large one only if it is
+        // sure to be refused, before it takes any memory.
         let bytes = cost::bytes(&work(scenario, method, problem));
-        if !is_large || bytes > method.memory_limit_bytes as f64 {
+        if bytes < MOST_SET_UP || bytes > ESTIMATES_WITHIN * method.memory_limit_bytes as f64 {
             faults.extend(self::method(problem, name, scenario, scenario.start).err());
         }
     }

@@ -168,7 +168,7 @@ impl MethodSettings for TimeVolumeOptions {
     fn work(&self, sizes: &Sizes) -> Work {
         // Unknowns of the window are columns beside the factors.
         let more = (self.factors.len() * self.window_cycles + self.corrections.len()) as f64;
-        fast_kalman::work(&self.filter, 1, &Sizes { biases: sizes.biases + more, ..sizes.clone() })
+        fast_kalman::work(&self.filter, 1, &Sizes { shared_biases: sizes.shared_biases + more, ..sizes.clone() })
     }
 
     fn describe(&self) -> String {
