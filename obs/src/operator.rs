@@ -2,6 +2,7 @@
 
 use crate::jacobian::Jacobian;
 use crate::sparse::SparseRows;
+use crate::within_window::WithinWindow;
 use isobar_model::State;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -41,6 +42,11 @@ pub trait ObservationOperator: Send + Sync {
     /// Where x_b is the conditional mean of x_true, that error has mean 0 and is uncorrelated with p(x_b), so it adds to the
     /// random error but leaves estimates of β unbiased; of a worse background it biases them.
     fn anchored(&self, _background: &State) -> Option<Arc<dyn ObservationOperator>> {
+        None
+    }
+
+    /// When its observations are valid, if not all of them are at the end of the window.
+    fn within_window(&self) -> Option<&WithinWindow> {
         None
     }
 }

@@ -3,6 +3,7 @@
 use super::model_error::add_model_error;
 use super::moments::{Moments, split_fields, variable_scales};
 use super::{EnsembleSettings, InitialMembers};
+use crate::appropriate_time::Times;
 use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::covariance::{self, randomize};
 use crate::error::Error;
@@ -14,7 +15,7 @@ use faer::{Mat, MatRef};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::vector::{add, axpy, dot, subtract};
 use isobar_model::{Duration, Model, State, forecast};
-use isobar_obs::ObservationWindow;
+use isobar_obs::{ObservationWindow, WithinWindow};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -274,23 +275,28 @@ impl Ensemble {
         Estimate::with_spread(state, calibration, spread)
     }
 
-    /// Each member as the instruments would see it.
+    /// Each member as the instruments would see it; `trajectories` are where the members' trajectories through the window began,
+    /// and its length: what is within the window is seen from these.
     ///
     /// # Errors
-    /// [`Error::NotFinite`] if a departure is not finite.
+    /// [`Error::NotFinite`] if a departure is not finite; as a forecast.
     pub(super) fn observe(
         &self,
         problem: &Problem<dyn Model>,
         observed: &ObservationWindow,
+        trajectories: Option<(Ensemble, Duration)>,
     ) -> Result<ObservedEnsemble, Error> {
-        let members: Vec<Vec<f64>> = self
-            .values
-            .par_chunks_exact(self.rows)
-            .map(|member| {
-                let (state, calibration) = self.unpack(problem, member);
-                observed.operator.simulate(&state, &calibration)
-            })
-            .collect();
+        let members: Vec<Vec<f64>> = match observed.operator.within_window().zip(trajectories) {
+            None => self
+                .values
+                .par_chunks_exact(self.rows)
+                .map(|member| {
+                    let (state, calibration) = self.unpack(problem, member);
+                    observed.operator.simulate(&state, &calibration)
+                })
+                .collect(),
+            Some((within, (starts, window))) => self.observe_within(problem, within, &starts, window)?,
+        };
         let (state, calibration) = self.unpack(problem, &self.mean());
         let mut innovations = problem.innovations(observed, &state, &calibration)?;
         let mean: Vec<f64> = (0..observed.len())
@@ -303,6 +309,31 @@ impl Ensemble {
         let places = observed.reports.iter().map(|report| (report.x_m, report.y_m)).collect();
         let rounding = mean.iter().map(|mean| f64::EPSILON * mean.abs()).collect();
         Ok(ObservedEnsemble { innovations, perturbations, rounding, places })
+    }
+}
+
+impl Ensemble {
+    /// What each member sees of the observations of a window, at their times.
+    fn observe_within(
+        &self,
+        problem: &Problem<dyn Model>,
+        within: &WithinWindow,
+        starts: &Ensemble,
+        window: Duration,
+    ) -> Result<Vec<Vec<f64>>, Error> {
+        let times = Times::new(&*problem.model, window, within.lags())?;
+        let both = self.values.par_chunks_exact(self.rows).zip(starts.values.par_chunks_exact(self.rows));
+        both.map(|(member, start)| {
+            let (state, calibration) = self.unpack(problem, member);
+            let (mut x, _) = self.unpack(problem, start);
+            let see = |x: &State| within.whole().simulate(x, &calibration);
+            let now = see(&state);
+            let seen = times.follow(&*problem.model, &mut x, see)?.at_time;
+            // What is valid at the end is seen with the model errors.
+            let own = |((seen, now), lag): ((f64, f64), &Duration)| if lag.seconds() == 0 { now } else { seen };
+            Ok(seen.into_iter().zip(now).zip(within.lags()).map(own).collect())
+        })
+        .collect()
     }
 }
 
