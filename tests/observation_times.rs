@@ -72,7 +72,8 @@ fn departures_of_recorded_observations_are_those_at_their_times() {
     }
 }
 
-const STATIONS: &str = "[networks.net]\nkind = \"radiosonde\"\nstations = { regular = [4, 3] }\nobserve = { tracer = 0.1 }\n";
+const STATIONS: &str =
+    "[networks.net]\nkind = \"radiosonde\"\nstations = { regular = [4, 3] }\nobserve = { tracer = 0.1 }\n";
 
 const METHODS: &str = r#"[methods]
 kf = { kind = "kf" }
@@ -142,7 +143,8 @@ fn what_cannot_be_observed_in_time_is_refused_by_name() {
     let (_directory, output) = command(&["exact", "s.toml"], &scenario, "");
     assert!(!output.status.success() && said(&output).contains("network net observes them within the window"));
     // Before the start and after the end.
-    let csv = "time,column,row,value\n2026-01-15T00:00:00Z,5,3,0\n2026-01-15T18:00:01Z,5,3,0\n2026-01-15T18:00:00Z,5,3,0\n";
+    let csv =
+        "time,column,row,value\n2026-01-15T00:00:00Z,5,3,0\n2026-01-15T18:00:01Z,5,3,0\n2026-01-15T18:00:00Z,5,3,0\n";
     let scenario = format!("{}{file}observation_times = \"window\"\n{kf}", carried());
     let (_directory, output) = command(&["check", "s.toml"], &scenario, csv);
     let expected = "1 of 3 observations can be used: 2 not valid in any cycle";

@@ -3,7 +3,7 @@
 use crate::error::Error;
 use crate::problem::steps;
 use isobar_model::{Duration, Model, State, forecast};
-use isobar_obs::WithinWindow;
+use isobar_obs::TimedObservations;
 use isobar_obs::window_states::place;
 
 /// Where the times of a window's observations are among the time steps of a forecast. Between steps, what is observed is
@@ -87,7 +87,7 @@ pub(crate) struct Seen {
     pub at_end: Vec<f64>,
 }
 
-/// δ of [`WithinWindow`] for a background that is the forecast from `start`, in an experiment with this number of calibration
+/// δ of [`WithinWindow`](isobar_obs::WithinWindow) for a background that is the forecast from `start`, in an experiment with this number of calibration
 /// parameters.
 ///
 /// # Errors
@@ -96,13 +96,13 @@ pub fn shift(
     model: &dyn Model,
     start: &State,
     window: Duration,
-    within: &WithinWindow,
+    within: TimedObservations<'_>,
     parameters: usize,
 ) -> Result<Vec<f64>, Error> {
     let none = vec![0.0; parameters];
-    let times = Times::new(model, window, within.lags())?;
-    let Seen { at_time, at_end } = times.follow(model, &mut start.clone(), |x| within.whole().simulate(x, &none))?;
+    let times = Times::new(model, window, within.lags)?;
+    let Seen { at_time, at_end } = times.follow(model, &mut start.clone(), |x| within.whole.simulate(x, &none))?;
     // What is valid at the end is seen as it is.
     let own = |((seen, end), lag): ((f64, f64), &Duration)| if lag.seconds() == 0 { 0.0 } else { seen - end };
-    Ok(at_time.into_iter().zip(at_end).zip(within.lags()).map(own).collect())
+    Ok(at_time.into_iter().zip(at_end).zip(within.lags).map(own).collect())
 }

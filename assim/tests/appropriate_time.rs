@@ -9,7 +9,9 @@ use isobar_assim::variational::{FourDVar, FourDVarSettings, ThreeDVar, ThreeDVar
 use isobar_assim::{Assimilator, Estimate, Problem, Whitened};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Adjoint, Duration, Layout, Model, State, TangentLinear};
-use isobar_obs::{ErrorRegression, Jacobian, LinearOperator, ObservationWindow, SparseRows, WithinWindow};
+use isobar_obs::{
+    ErrorRegression, Jacobian, LinearOperator, ObservationWindow, SparseRows, TimedObservations, WithinWindow,
+};
 use std::sync::Arc;
 
 /// An hour.
@@ -88,7 +90,7 @@ fn hours(problem: &Problem, cycle: usize, hours: &[f64]) -> ObservationWindow {
 
 /// As seen from the trajectory from a state.
 fn seen(problem: &Problem, start: &State, observed: &ObservationWindow) -> ObservationWindow {
-    let of = |within: &WithinWindow| shift(&*problem.model, start, WINDOW, within, problem.calibration.len());
+    let of = |within: TimedObservations<'_>| shift(&*problem.model, start, WINDOW, within, problem.calibration.len());
     observed.at_appropriate_time(of).unwrap().into_owned()
 }
 
@@ -129,8 +131,8 @@ fn a_shift_of_the_operator_is_one_of_the_observations() {
     let problem = hourly();
     let observed = seen(&problem, &problem.background, &hours(&problem, 1, &[2.0, 3.5, 6.0]));
     let within = observed.operator.within_window().unwrap();
-    let values = observed.values.iter().zip(within.shift()).map(|(y, shift)| y - shift).collect();
-    let plain = ObservationWindow { values, operator: Arc::clone(within.whole()), ..observed.clone() };
+    let values = observed.values.iter().zip(within.shift).map(|(y, shift)| y - shift).collect();
+    let plain = ObservationWindow { values, operator: Arc::clone(within.whole), ..observed.clone() };
     let settings = ThreeDVarSettings { covariance_scale: 1.0, tolerance: 1e-13, max_iterations: 500 };
     let methods: [Box<dyn Fn() -> Box<dyn Assimilator>>; 2] = [
         Box::new(|| Box::new(KalmanFilter::new(problem.clone()).unwrap())),

@@ -92,7 +92,7 @@ pub use jacobian::Jacobian;
 pub use network::{Network, Schedule};
 pub use observation::{Observation, Reading, ScanLine};
 pub use observation_file::{FurtherColumns, ObservationFile, ObservationPlace, ObservationRecord, ValidTime};
-pub use operator::{LinearOperator, ObservationOperator};
+pub use operator::{LinearOperator, ObservationOperator, TimedObservations};
 pub use predictor::Predictor;
 pub use projection::Projection;
 pub use quality::QualityControl;

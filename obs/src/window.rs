@@ -2,7 +2,7 @@
 
 use crate::aside::{Aside, UnusedObservation};
 use crate::error_regression::ErrorRegression;
-use crate::operator::{LinearOperator, ObservationOperator};
+use crate::operator::{LinearOperator, ObservationOperator, TimedObservations};
 use crate::report::{ObservationType, Report};
 use crate::within_window::WithinWindow;
 use isobar_model::{Layout, State, Time};
@@ -106,7 +106,7 @@ impl ObservationWindow {
         }
         let mut seen = self.clone();
         for operator in [&mut seen.operator, &mut seen.aside.operator] {
-            if let Some(whole) = operator.within_window().map(|within| Arc::clone(within.whole())) {
+            if let Some(whole) = operator.within_window().map(|within| Arc::clone(within.whole)) {
                 *operator = whole;
             }
         }
@@ -120,7 +120,7 @@ impl ObservationWindow {
     /// Those of `shift`.
     pub fn at_appropriate_time<E>(
         &self,
-        mut shift: impl FnMut(&WithinWindow) -> Result<Vec<f64>, E>,
+        mut shift: impl FnMut(TimedObservations<'_>) -> Result<Vec<f64>, E>,
     ) -> Result<Cow<'_, Self>, E> {
         if !self.is_within_window() {
             return Ok(Cow::Borrowed(self));
@@ -128,7 +128,7 @@ impl ObservationWindow {
         let mut seen = self.clone();
         for operator in [&mut seen.operator, &mut seen.aside.operator] {
             if let Some(within) = operator.within_window() {
-                let shifted = within.shifted(shift(within)?);
+                let shifted = WithinWindow::new(Arc::clone(within.whole), within.lags.to_vec(), shift(within)?);
                 *operator = Arc::new(shifted);
             }
         }

@@ -1,7 +1,7 @@
 //! The first guess at appropriate time: observations of a window, each compared with the background at its time.
 
 use crate::jacobian::Jacobian;
-use crate::operator::ObservationOperator;
+use crate::operator::{ObservationOperator, TimedObservations};
 use crate::sparse::SparseRows;
 use isobar_model::{Duration, State};
 use std::sync::Arc;
@@ -39,47 +39,22 @@ impl WithinWindow {
     /// Observations, each valid so long before the end of its window; they themselves where all are valid at the end.
     ///
     /// # Panics
-    /// If there is not one lag for each.
+    /// As [`WithinWindow::new`].
     pub fn around(whole: Arc<dyn ObservationOperator>, lags: Vec<Duration>) -> Arc<dyn ObservationOperator> {
-        assert_eq!(whole.len(), lags.len(), "each observation has its time");
         if lags.iter().all(|lag| lag.seconds() == 0) {
             return whole;
         }
-        let shift = vec![0.0; lags.len()].into();
-        Arc::new(Self { whole, lags: lags.into(), shift })
+        let shift = vec![0.0; lags.len()];
+        Arc::new(Self::new(whole, lags, shift))
     }
 
-    /// The same observations with this δ.
+    /// Observations, each valid so long before the end of its window, with their δ.
     ///
     /// # Panics
-    /// If there is not one δ for each.
-    pub fn shifted(&self, shift: Vec<f64>) -> Self {
-        assert_eq!(shift.len(), self.lags.len(), "each observation has its shift");
-        Self { shift: shift.into(), ..self.clone() }
-    }
-
-    /// Other observations, such as combinations of these, each valid when the one of the same number is, with their δ.
-    ///
-    /// # Panics
-    /// If there are not as many.
-    pub fn replaced(&self, whole: Arc<dyn ObservationOperator>, shift: Vec<f64>) -> Self {
-        assert_eq!(whole.len(), self.lags.len(), "each observation has its time");
-        Self { whole, ..self.shifted(shift) }
-    }
-
-    /// The observations as if they were valid at the end of the window.
-    pub fn whole(&self) -> &Arc<dyn ObservationOperator> {
-        &self.whole
-    }
-
-    /// How long before the end of the window each is valid.
-    pub fn lags(&self) -> &[Duration] {
-        &self.lags
-    }
-
-    /// δ.
-    pub fn shift(&self) -> &[f64] {
-        &self.shift
+    /// If there is not one lag and one δ for each.
+    pub fn new(whole: Arc<dyn ObservationOperator>, lags: Vec<Duration>, shift: Vec<f64>) -> Self {
+        assert_eq!([whole.len(); 2], [lags.len(), shift.len()], "each observation has its time and its shift");
+        Self { whole, lags: lags.into(), shift: shift.into() }
     }
 }
 
@@ -107,7 +82,7 @@ impl ObservationOperator for WithinWindow {
         Some(Arc::new(Self { whole, ..self.clone() }))
     }
 
-    fn within_window(&self) -> Option<&WithinWindow> {
-        Some(self)
+    fn within_window(&self) -> Option<TimedObservations<'_>> {
+        Some(TimedObservations { whole: &self.whole, lags: &self.lags, shift: &self.shift })
     }
 }

@@ -36,7 +36,7 @@ fn differ_by_the_states(network: Network, times: usize) -> Vec<i64> {
         let difference = early.values[row] - late.values[row] - (seen(6 - hours) - seen(6));
         assert!(difference.abs() < 1e-12, "{row}: {difference:e}");
     }
-    let lags: Vec<i64> = early.operator.within_window().unwrap().lags().iter().map(|it| it.seconds() / 3600).collect();
+    let lags: Vec<i64> = early.operator.within_window().unwrap().lags.iter().map(|it| it.seconds() / 3600).collect();
     assert_eq!(lags, before);
     assert!(late.operator.within_window().is_none() && late.times.iter().all(|&time| time == late.time));
     before
@@ -145,7 +145,7 @@ fn recorded_observations_of_a_window_are_used_at_their_times() {
     .concat();
     let window = recorded(RecordedTimes::Window, &text);
     assert_eq!(window.values, [2.0, 3.0, 4.0, 5.0]);
-    let lags: Vec<i64> = window.operator.within_window().unwrap().lags().iter().map(|it| it.seconds()).collect();
+    let lags: Vec<i64> = window.operator.within_window().unwrap().lags.iter().map(|it| it.seconds()).collect();
     assert_eq!(lags, [6 * 3600 - 1, 9600, 3600, 0]);
     assert_eq!(window.times[1], Time::from_seconds(12_000));
     let rejected: Vec<Rejection> = window.aside.rejected().map(|(_, why)| why).collect();

@@ -12,7 +12,7 @@ use isobar_assim::{
     appropriate_time, reserve_workspace,
 };
 use isobar_model::{Duration, Layout, Model, State};
-use isobar_obs::{Calibration, ObservationWindow, WithinWindow};
+use isobar_obs::{Calibration, ObservationWindow, TimedObservations};
 use serde::{Deserialize, Serialize};
 use std::any::Any;
 use std::borrow::Cow;
@@ -198,7 +198,8 @@ impl Runner {
             return Ok(observed.at_end());
         };
         let began = Instant::now();
-        let shift = |within: &WithinWindow| appropriate_time::shift(&**model, start, window, within, parameters);
+        let shift =
+            |within: TimedObservations<'_>| appropriate_time::shift(&**model, start, window, within, parameters);
         let seen = guarded(|| observed.at_appropriate_time(shift));
         self.progress.seconds += began.elapsed().as_secs_f64();
         seen

@@ -147,7 +147,7 @@ fn departures(estimate: &Estimate, observed: &ObservationWindow, passive: bool) 
     let Estimate { state, calibration, .. } = estimate;
     let operator = if passive { &observed.aside.operator } else { &observed.operator };
     // A forecast is one of its valid time.
-    let is_then = |row: usize| operator.within_window().is_none_or(|within| within.lags()[row].seconds() == 0);
+    let is_then = |row: usize| operator.within_window().is_none_or(|within| within.lags[row].seconds() == 0);
     let claims = (!operator.is_empty()).then(|| claims(estimate, &operator.linearize(state, calibration))).flatten();
     let claimed = |row: usize, sigma: f64| claims.as_ref().map(|claims| claims[row].hypot(sigma));
     if passive {

@@ -5,7 +5,7 @@ use crate::error::Error;
 use crate::estimate::{Analysis, Background};
 use crate::structure::{BlockStructure, Structure};
 use isobar_model::{Duration, State};
-use isobar_obs::{ErrorRegression, Jacobian, ObservationOperator, ObservationWindow, SparseRows};
+use isobar_obs::{ErrorRegression, Jacobian, ObservationOperator, ObservationWindow, SparseRows, WithinWindow};
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -89,9 +89,9 @@ fn whitened(observed: &ObservationWindow) -> Cow<'_, ObservationWindow> {
     let operator = match observed.operator.within_window() {
         None => whitened(&observed.operator),
         Some(within) => {
-            let mut shift = within.shift().to_vec();
+            let mut shift = within.shift.to_vec();
             regression.whiten(&observed.sigma, &mut shift);
-            Arc::new(within.replaced(whitened(within.whole()), shift))
+            Arc::new(WithinWindow::new(whitened(within.whole), within.lags.to_vec(), shift))
         }
     };
     Cow::Owned(ObservationWindow {

@@ -1,8 +1,9 @@
 //! What the ensemble methods share but for their analyses.
 
 use super::fixed_lag::FixedLag;
-use super::members::{Ensemble, ObservedEnsemble};
+use super::members::Ensemble;
 use super::moments::{Moments, spread};
+use super::observed::ObservedEnsemble;
 use super::transform::{Transform, WhitenedObservations};
 use super::{EnsembleSettings, InitialMembers, ModelErrorTreatment};
 use crate::error::Error;

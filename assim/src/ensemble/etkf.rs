@@ -3,7 +3,7 @@
 use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
 use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis, with_smoother, with_trajectories};
-use super::members::ObservedEnsemble;
+use super::observed::ObservedEnsemble;
 use super::transform::{self, WhitenedObservations, transform};
 use crate::error::Error;
 use crate::problem::Problem;

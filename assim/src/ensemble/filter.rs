@@ -3,7 +3,8 @@
 use super::EnsembleSettings;
 use super::cycle::{EnsembleCycle, Memory};
 use super::fixed_lag::FixedLag;
-use super::members::{Ensemble, ObservedEnsemble};
+use super::members::Ensemble;
+use super::observed::ObservedEnsemble;
 use crate::assimilator::{Adjustments, Assimilator, CalibrationAdjustment, Smoother, Views, WidenCalibration};
 use crate::calibration_accuracy::{CalibrationAccuracy, CalibrationErrors};
 use crate::covariance_column::{CovarianceColumn, JointErrors, Unknown};

@@ -121,8 +121,8 @@ impl FourDVar {
         let end = states.last().expect("a cycle has steps");
         let innovations = self.problem.innovations(observed, end, bias)?;
         let Some(within) = observed.operator.within_window() else { return Ok((innovations, None)) };
-        let times = Times::new(&*self.model, length, within.lags())?;
-        let seen = times.along(states, |x| within.whole().simulate(x, bias));
+        let times = Times::new(&*self.model, length, within.lags)?;
+        let seen = times.along(states, |x| within.whole.simulate(x, bias));
         let departures: Vec<f64> = observed.values.iter().zip(seen).map(|(value, seen)| value - seen).collect();
         require_finite(&departures, observed)?;
         Ok((Innovations { departures, ..innovations }, Some(times)))
@@ -212,7 +212,7 @@ impl Assimilator for FourDVar {
     fn memory(&self) -> Result<Vec<u8>, Error> {
         let s = &self.present.s;
         let with_jacobian = |window: &ObservationWindow| {
-            let lags = window.operator.within_window().map_or(Vec::new(), |within| within.lags().to_vec());
+            let lags = window.operator.within_window().map_or(Vec::new(), |within| within.lags.to_vec());
             (window.clone(), window.operator.linearize(&s.state, &s.bias), lags)
         };
         let observed = self.observed.iter().map(with_jacobian).collect();
