@@ -61,11 +61,9 @@ fn departures_of_recorded_observations_are_those_at_their_times() {
         2026-01-15T07:00:00Z,5,3,0,0.1,a\n2026-01-16T12:00:00Z,5,3,0,0.1,a\n";
     let network = "[networks.obs]\nkind = \"file\"\nfile = \"obs.csv\"\nobservation_times = \"window\"\n";
     let directory = run(&[&*carried(), network, FREE].concat(), csv);
-    let phase = |column: f64, hours: f64| wave(column, hours);
-    // Where the wave has its crests is found from the one at the analysis.
     let found = numbers(directory.path(), "observations.nc", "background_departure_free");
     let expected =
-        [phase(5.0, 2.0), 0.5 * (phase(9.0, 2.0) + phase(9.0, 3.0)), phase(5.0, 6.0), phase(5.0, 7.0)].map(|it| -it);
+        [wave(5.0, 2.0), 0.5 * (wave(9.0, 2.0) + wave(9.0, 3.0)), wave(5.0, 6.0), wave(5.0, 7.0)].map(|it| -it);
     assert_eq!(found.len(), 4, "the last one is after the run");
     for (found, expected) in found.iter().zip(expected) {
         assert!((found - expected).abs() < 1e-6, "{found}, not {expected}");
@@ -130,8 +128,8 @@ fn what_cannot_be_observed_in_time_is_refused_by_name() {
             format!("{file}observation_times = \"window\"\ntime_tolerance_minutes = 10\n{kf}"),
             "all observations are used at their times",
         ),
-        (format!("{file}observation_times = \"late\"\n{kf}"), "\"analysis\" or \"window\""),
-        (format!("{STATIONS}{kf}first_guess = \"late\"\n"), "\"appropriate_time\" or \"analysis_time\""),
+        (format!("{file}observation_times = \"late\"\n{kf}"), "valid values: analysis, window"),
+        (format!("{STATIONS}{kf}first_guess = \"late\"\n"), "valid values: appropriate_time, analysis_time"),
         (format!("{STATIONS}[methods.free]\nkind = \"free\"\nfirst_guess = \"analysis_time\"\n"), "first_guess"),
     ] {
         let (_directory, output) = command(&["check", "s.toml"], &format!("{}{keys}", carried()), csv);
@@ -139,6 +137,11 @@ fn what_cannot_be_observed_in_time_is_refused_by_name() {
         assert!(!output.status.success() && message.contains(expected), "{keys}: {message}");
         assert!(message.contains("s.toml:"), "the place is named: {message}");
     }
+    let one_step = carried().replace("time_step_s = 3600", "time_step_s = 21600");
+    let scenario = format!("{one_step}{STATIONS}times_per_window = 2\n{kf}");
+    let (_directory, output) = command(&["check", "s.toml"], &scenario, "");
+    let expected = "the true states are known at the ends of the cycles only";
+    assert!(!output.status.success() && said(&output).contains(expected), "{}", said(&output));
     let scenario = format!("{}{STATIONS}times_per_window = 2\n{kf}", carried());
     let (_directory, output) = command(&["exact", "s.toml"], &scenario, "");
     assert!(!output.status.success() && said(&output).contains("network net observes them within the window"));

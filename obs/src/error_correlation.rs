@@ -102,7 +102,7 @@ pub(crate) fn regression<'a>(
         return ErrorRegression::default();
     }
     let mut rows = Regression::new();
-    let mut reports: BTreeMap<(usize, usize, usize, Duration), Vec<(usize, Place)>> = BTreeMap::new();
+    let mut reports: BTreeMap<Report, Vec<(usize, Place)>> = BTreeMap::new();
     for (row, (observation, network)) in observations.enumerate() {
         rows.push((Vec::new(), 1.0));
         let Some((kind, _)) = of_networks[network].filter(|(_, length_m)| *length_m > 0.0) else { continue };
@@ -134,6 +134,9 @@ pub(crate) fn regression<'a>(
     rows.into_iter().for_each(|(weights, share)| regression.push(weights, share));
     regression
 }
+
+/// A report: its network, its variable, its number, and how long before the end of the window it is valid.
+type Report = (usize, usize, usize, Duration);
 
 /// b and v of the errors of a report.
 type Regression = Vec<(Vec<(usize, f64)>, f64)>;

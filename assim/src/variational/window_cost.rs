@@ -85,7 +85,9 @@ impl Cost<'_> {
                         own.jacobian.state.row(row).iter().for_each(|&(at, entry)| dx[at] += weight * dy[row] * entry);
                     }
                 }
-                forecast::backward_ad(self.model, &cycle[before..=stop], &mut columns);
+                if stop > before {
+                    forecast::backward_ad(self.model, &cycle[before..=stop], &mut columns);
+                }
             }
         }
         (columns, biases)

@@ -109,7 +109,7 @@ pub(super) fn ground_after(
 
 /// Refuses networks that observe when the truth, of which so many states are known in a cycle, is not known.
 fn check_times(scenario: &Scenario, states: usize) -> Result<(), ExperimentError> {
-    let misses = |network: &&Network| network.times_per_window >= 1 && states % network.times_per_window != 0;
+    let misses = |network: &&Network| !states.is_multiple_of(network.times_per_window.max(1));
     let Some(network) = scenario.networks.iter().find(misses) else { return Ok(()) };
     let problem = match states {
         1 => "times_per_window is above 1, but the true states are known at the ends of the cycles only; leave it out"
@@ -127,7 +127,7 @@ fn check_times(scenario: &Scenario, states: usize) -> Result<(), ExperimentError
 /// The divisors of a number, in words; the larger ones are left out where there are many.
 fn divisors(number: usize) -> String {
     const MOST: usize = 12;
-    let all: Vec<String> = (1..=number).filter(|it| number % it == 0).map(|it| it.to_string()).collect();
+    let all: Vec<String> = (1..=number).filter(|it| number.is_multiple_of(*it)).map(|it| it.to_string()).collect();
     let more = if all.len() > MOST { ", …" } else { "" };
     all.iter().take(MOST).cloned().collect::<Vec<_>>().join(", ") + more
 }
