@@ -284,6 +284,13 @@ fn check_linear(scenario: &Scenario) -> Result<&TwinSettings, ScenarioError> {
             );
             return Err(scenario.fault(&["networks", name, "error_correlation"], message, "another assumed length"));
         }
+        if network.is_within_window() {
+            let key = if network.instrument.is_recorded() { "observation_times" } else { "times_per_window" };
+            let message = format!(
+                "exact performance needs errors at the analysis alone, and network {name} observes them within the window"
+            );
+            return Err(scenario.fault(&["networks", name, key], message, "before the analysis"));
+        }
         if network.instrument.has_air_mass_bias() {
             let message = format!(
                 "exact performance needs biases that do not depend on the state, and network {name} has air_mass terms"

@@ -40,6 +40,7 @@ static FILES: &[(&str, &[u8])] = files![
     "million.toml",
     "model_patterns.toml",
     "no_reference_station.toml",
+    "observation_times.toml",
     "observations/pdaf_2d.csv",
     "observations/recorded_biases_scanner.csv",
     "observations/recorded_biases_stations.csv",

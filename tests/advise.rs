@@ -78,7 +78,7 @@ fn a_report_reduces_the_variance_as_predicted() {
         let mut method = experiment.methods[0].runner.method().boxed_clone();
         let background = method.forecast(experiment.info.window).unwrap();
         let estimate = &background.estimate;
-        let window = experiment.observing.observe_checked(Some(&estimate.state), None);
+        let window = experiment.observing.observe_checked(Some((&estimate.state).into()), None);
         let combination: Vec<(Unknown, f64)> = match functional {
             Functional::Bias(_) => vec![(Unknown::Parameter(0), 1.0)],
             Functional::Mean { .. } => {
@@ -168,7 +168,7 @@ fn a_functional_of_a_forecast_goes_back_by_the_adjoint() {
     let combination: Vec<(Unknown, f64)> = (0..layout.len()).map(weight).collect();
     let advice = Advice::new(method.can().joint_errors.unwrap(), &combination).unwrap();
     assert!((advised.sigma / advice.variance().sqrt() - 1.0).abs() < 1e-12);
-    let window = experiment.observing.observe_checked(Some(&estimate.state), None);
+    let window = experiment.observing.observe_checked(Some((&estimate.state).into()), None);
     let rows = window.operator.linearize(&estimate.state, &estimate.calibration);
     let of_state = rows.state.row(0).iter().map(|&(number, weight)| (Unknown::Value(number), weight));
     let of_bias = rows.calibration.row(0).iter().map(|&(number, weight)| (Unknown::Parameter(number), weight));

@@ -29,10 +29,11 @@ fn resume(parent: &Path) -> Child {
     command.spawn().unwrap()
 }
 
-/// A directory with the scenario.
+/// A directory with the scenario, whose satellite observes within the window.
 fn place() -> TempDir {
     let parent = tempfile::tempdir().unwrap();
-    fs::write(parent.path().join("small.toml"), VALID).unwrap();
+    let scenario = VALID.replace("[networks.polar]\n", "[networks.polar]\ntimes_per_window = 6\n");
+    fs::write(parent.path().join("small.toml"), scenario).unwrap();
     parent
 }
 

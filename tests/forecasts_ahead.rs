@@ -79,7 +79,7 @@ fn the_claimed_spread_is_that_of_the_dense_recursion() {
     for cycle in 1..=scenario.cycle.count {
         experiment.truth.as_mut().unwrap().advance().unwrap();
         let state = experiment.truth.as_ref().unwrap().state().clone();
-        let observed = experiment.observing.observe_checked(Some(&state), None);
+        let observed = experiment.observing.observe_checked(Some((&state).into()), None);
         let runner = &mut experiment.methods[0].runner;
         let analysis = runner.cycle(window, &observed, false, false).unwrap().analysis.estimate;
         let Some((first, _)) = listener.forecasts.get(&(0, cycle, 0)) else { continue };

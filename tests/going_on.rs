@@ -59,6 +59,7 @@ evolution = { kind = "random_walk", sigma_per_sqrt_day = 0.2 }
 kind = "radiosonde"
 stations = { regular = [2, 2] }
 groups = ["E"]
+times_per_window = 3
 observe = { tracer = 0.2 }
 [[networks.jumping.bias]]
 per = "group"

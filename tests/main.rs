@@ -38,6 +38,7 @@ mod last_bit;
 mod live;
 mod netcdf_observations;
 mod netcdf_states;
+mod observation_times;
 mod observations;
 mod outputs;
 mod packages;

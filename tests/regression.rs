@@ -45,8 +45,9 @@ fn methods(scenario: &Scenario, condition: impl Fn(&Method) -> bool) -> Vec<&str
 
 /// Scenarios in which the Kalman filter is not told the statistics of the world, or in which one draw says nothing of them:
 /// where mean height and bias cannot be told apart nobody can better it but by luck, and where the model makes no error a few
-/// analyses see all there is. `forecast_skill` and `sensor_care` have no full Kalman filter.
-const NOT_OPTIMAL: [&str; 11] = [
+/// analyses see all there is; where it takes errors within the window for those at the analysis. `forecast_skill`,
+/// `observation_times` and `sensor_care` have no full Kalman filter.
+const NOT_OPTIMAL: [&str; 12] = [
     "diurnal_bias",
     "first_calibration",
     "forecast_skill",
@@ -54,6 +55,7 @@ const NOT_OPTIMAL: [&str; 11] = [
     "local_factors",
     "model_patterns",
     "no_reference_station",
+    "observation_times",
     "pdaf_2d",
     "sensor_care",
     "wrong_errors",

@@ -16,6 +16,7 @@
 //! | [`wind_finding`] | a balloon's positions and its trackers' calibration: the block-angular regression by itself |
 //! | [`free`], [`climatology`] | no assimilation |
 //! | [`around`] | decorators: a method with something added |
+//! | [`appropriate_time`] | observations of a window, each seen from the background at its time |
 //! | [`response`], [`actual_errors`] | the gain of any of them, found by asking, and what it is worth |
 //! | [`observability`] | which biases the data determine |
 //!
@@ -24,6 +25,7 @@
 
 pub mod actual_errors;
 mod advice;
+pub mod appropriate_time;
 pub mod around;
 pub mod assimilator;
 mod augmented;

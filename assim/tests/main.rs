@@ -4,6 +4,7 @@ mod accurate_observations;
 mod adaptive;
 mod advice;
 mod agreement;
+mod appropriate_time;
 mod banded;
 mod block_angular;
 mod card_recursion;

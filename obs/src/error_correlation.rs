@@ -3,7 +3,7 @@
 use crate::error::{ObservationError, require};
 use crate::error_regression::ErrorRegression;
 use crate::observation::{Observation, Reading};
-use isobar_model::{Boundary, Grid};
+use isobar_model::{Boundary, Duration, Grid};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
@@ -37,7 +37,7 @@ pub struct ErrorCorrelation {
 /// What a report is, and what distance within it means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ErrorCorrelationKind {
-    /// All observations of a variable in a cycle that have the same [report number](Observation::report_number). d is the
+    /// All observations of a variable at one time that have the same [report number](Observation::report_number). d is the
     /// distance on the plane; in a periodic direction it is the chord (W/π) sin(π Δx/W), which keeps R positive definite.
     ByDistance,
     /// The footprints of a [scan line](crate::observation::ScanLine). d is the distance along the line.
@@ -102,7 +102,7 @@ pub(crate) fn regression<'a>(
         return ErrorRegression::default();
     }
     let mut rows = Regression::new();
-    let mut reports: BTreeMap<(usize, usize, usize), Vec<(usize, Place)>> = BTreeMap::new();
+    let mut reports: BTreeMap<Report, Vec<(usize, Place)>> = BTreeMap::new();
     for (row, (observation, network)) in observations.enumerate() {
         rows.push((Vec::new(), 1.0));
         let Some((kind, _)) = of_networks[network].filter(|(_, length_m)| *length_m > 0.0) else { continue };
@@ -114,7 +114,7 @@ pub(crate) fn regression<'a>(
             (ErrorCorrelationKind::ScanLine, Some(line)) => (line.number, Place { x_m: line.across_m, y_m: 0.0 }),
             (ErrorCorrelationKind::ScanLine, None) => continue,
         };
-        reports.entry((network, report.variable, number)).or_default().push((row, place));
+        reports.entry((network, report.variable, number, observation.lag)).or_default().push((row, place));
     }
     for ((network, ..), members) in reports {
         let Some((kind, length_m)) = of_networks[network] else { continue };
@@ -134,6 +134,9 @@ pub(crate) fn regression<'a>(
     rows.into_iter().for_each(|(weights, share)| regression.push(weights, share));
     regression
 }
+
+/// A report: its network, its variable, its number, and how long before the end of the window it is valid.
+type Report = (usize, usize, usize, Duration);
 
 /// b and v of the errors of a report.
 type Regression = Vec<(Vec<(usize, f64)>, f64)>;

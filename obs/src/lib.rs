@@ -4,7 +4,7 @@
 //! - [`window`]: [`ObservationWindow`], the observations of one cycle
 //! - [`report`]: [`Report`], where, what and by whom each observation is
 //! - [`aside`]: [`Aside`], passive and rejected observations, which no method sees
-//! - [`operator`]: [`ObservationOperator`], y = h(x, c)
+//! - [`operator`]: [`ObservationOperator`], y = h(x, c); [`within_window`]: of observations before the end of the window
 //! - [`jacobian`], [`sparse`]: its Jacobians X and G
 //! - [`error_regression`]: [`ErrorRegression`], R of correlated errors
 //! - [`calibration`]: the parameters c, and what is known of them
@@ -25,6 +25,7 @@
 //! What makes observations:
 //! - [`instrument`]: [`InstrumentSettings`] and [`Instrument`], the traits of every instrument; an addition is one file
 //! - [`instrument::radiosonde`], [`instrument::satellite`], [`instrument::recorded`], [`instrument::recorded_bias`]
+//! - [`window_states`]: the states through a window that are observed
 //! - [`instrument::steady`]: [`Steady`], any instrument that sees the same in every cycle
 //! - [`site`]: where and when an instrument is to observe
 //! - [`observation`], [`predictor`]: one observation as an instrument makes it
@@ -68,7 +69,9 @@ pub mod testing;
 pub mod times;
 pub mod value_check;
 pub mod window;
+pub mod window_states;
 pub mod withheld;
+pub mod within_window;
 
 pub use air_mass::AirMassBias;
 pub use aside::{Aside, Unused, UnusedObservation};
@@ -80,7 +83,7 @@ pub use error_regression::ErrorRegression;
 pub use faults::Faults;
 pub use footprint::footprint;
 pub use instrument::radiosonde::{BiasScope, RadiosondeSettings, StationBias};
-pub use instrument::recorded::{RecordedSettings, WindAxes};
+pub use instrument::recorded::{RecordedSettings, RecordedTimes, WindAxes};
 pub use instrument::recorded_bias::{ColumnPredictor, RecordedBias, RecordedScope};
 pub use instrument::satellite::{Heading, SatelliteSettings, ScanBias, ScanTerm};
 pub use instrument::steady::Steady;
@@ -89,7 +92,7 @@ pub use jacobian::Jacobian;
 pub use network::{Network, Schedule};
 pub use observation::{Observation, Reading, ScanLine};
 pub use observation_file::{FurtherColumns, ObservationFile, ObservationPlace, ObservationRecord, ValidTime};
-pub use operator::{LinearOperator, ObservationOperator};
+pub use operator::{LinearOperator, ObservationOperator, TimedObservations};
 pub use predictor::Predictor;
 pub use projection::Projection;
 pub use quality::QualityControl;
@@ -104,4 +107,6 @@ pub use station_file::{Position, StationFile, StationRecord};
 pub use system::{ObservingSystem, SavedSystem};
 pub use value_check::ValueCheck;
 pub use window::{ObservationTypes, ObservationWindow};
+pub use window_states::WindowStates;
 pub use withheld::{Platform, Withheld};
+pub use within_window::WithinWindow;

@@ -4,6 +4,9 @@ use crate::error::{ObservationError, require};
 use crate::error_correlation::ErrorCorrelation;
 use crate::faults::Faults;
 use crate::instrument::InstrumentSettings;
+use crate::observation::Observation;
+use isobar_model::Duration;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// A network of stations, a satellite or recorded observations: one instrument of an observing system under its name.
@@ -24,6 +27,10 @@ pub struct Network {
     pub assimilate: bool,
     /// The share of its stations that is withheld: their observations are passive; from 0 to below 1.
     pub withhold: f64,
+    /// At how many times of the window it observes, at equal intervals, the last at the end; each observation is made once.
+    /// Of a scanner the scan lines follow each other through the window, of other instruments the platforms take turns.
+    /// Recorded observations have times of their own: 1.
+    pub times_per_window: usize,
     /// What reports.
     pub instrument: Arc<dyn InstrumentSettings>,
 }
@@ -39,6 +46,7 @@ impl Network {
             error_correlation: None,
             assimilate: true,
             withhold: 0.0,
+            times_per_window: 1,
             instrument: Arc::new(instrument),
         }
     }
@@ -46,6 +54,11 @@ impl Network {
     /// Whether some of its observations are passive.
     pub fn has_passive(&self) -> bool {
         !self.assimilate || self.withhold > 0.0
+    }
+
+    /// Whether some of its observations are valid before the end of their window, and are compared with the states then.
+    pub fn is_within_window(&self) -> bool {
+        self.times_per_window > 1 || self.instrument.is_within_window()
     }
 
     /// Whether its name and all that instruments have in common are what they must be.
@@ -73,6 +86,50 @@ impl Network {
             correlation.validate(name, self.instrument.has_scan_lines())?;
         }
         self.faults.validate(name)
+    }
+
+    /// Whether the times at which it observes are whole seconds of a window.
+    pub(crate) fn validate_times(&self, window: Duration) -> Result<(), ObservationError> {
+        let (name, times) = (&self.name, self.times_per_window);
+        let expected = format!("a divisor of the window's {} s", window.seconds());
+        let fits = times >= 1 && i64::try_from(times).is_ok_and(|times| window.seconds() % times == 0);
+        require(fits, name, "times_per_window", times as f64, expected)?;
+        let refuse = |problem: &str| Err(ObservationError::in_setting(name, "times_per_window", problem));
+        if times > 1 && self.instrument.is_recorded() {
+            return refuse("times_per_window has no effect, since recorded observations have times of their own");
+        }
+        if times > 1 && self.instrument.has_air_mass_bias() {
+            return refuse(
+                "times_per_window is above 1, but a bias depends on the state: methods know its predictor at the end of the \
+                 window only; leave out times_per_window or that bias",
+            );
+        }
+        Ok(())
+    }
+}
+
+/// Gives observations that an instrument makes in a window their times, of which there are so many: scan lines follow each
+/// other, other platforms take turns.
+pub(crate) fn spread(observations: &mut [Observation], times: usize, window: Duration) {
+    if times == 1 {
+        return;
+    }
+    let (mut lines, mut platforms): (BTreeSet<usize>, Vec<Arc<str>>) = (BTreeSet::new(), Vec::new());
+    lines.extend(observations.iter().filter_map(|it| Some(it.scan_line?.number)));
+    let lines: Vec<usize> = lines.into_iter().collect();
+    for observation in observations {
+        let number = match observation.scan_line {
+            Some(line) => lines.partition_point(|&other| other < line.number) * times / lines.len(),
+            None => {
+                let platform = &observation.report.platform;
+                if platforms.last() != Some(platform) {
+                    platforms.push(Arc::clone(platform));
+                }
+                (platforms.len() - 1) % times
+            }
+        };
+        let after = (times - 1 - number) as i64;
+        observation.lag = Duration::from_seconds(window.seconds() / times as i64 * after);
     }
 }
 

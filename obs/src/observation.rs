@@ -3,7 +3,7 @@
 use crate::predictor::Predictor;
 use crate::report::Report;
 use crate::state_operator::StateOperator;
-use isobar_model::{State, Time};
+use isobar_model::{Duration, State, Time};
 
 /// One observation as an instrument makes it, before it arrives.
 #[derive(Clone, Debug)]
@@ -25,6 +25,8 @@ pub struct Observation {
     /// The number of its report within its network and cycle; errors of a report may be correlated by distance. 0 if the
     /// network's observations are not divided into reports.
     pub report_number: usize,
+    /// How long before the end of the window it is made, and compared with the state.
+    pub lag: Duration,
 }
 
 impl Observation {
@@ -106,6 +108,7 @@ impl Observation {
             predictors: Vec::new(),
             scan_line: None,
             report_number: 0,
+            lag: Duration::from_seconds(0),
         }
     }
 

@@ -2,7 +2,7 @@
 
 use crate::jacobian::Jacobian;
 use crate::sparse::SparseRows;
-use isobar_model::State;
+use isobar_model::{Duration, State};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -43,6 +43,22 @@ pub trait ObservationOperator: Send + Sync {
     fn anchored(&self, _background: &State) -> Option<Arc<dyn ObservationOperator>> {
         None
     }
+
+    /// When its observations are valid, if not all of them are at the end of the window.
+    fn within_window(&self) -> Option<TimedObservations<'_>> {
+        None
+    }
+}
+
+/// Observations of which not all are valid at the end of their window: see [`WithinWindow`](crate::WithinWindow).
+#[derive(Clone, Copy)]
+pub struct TimedObservations<'a> {
+    /// As if they were valid at the end of the window.
+    pub whole: &'a Arc<dyn ObservationOperator>,
+    /// How long before the end of the window each is valid.
+    pub lags: &'a [Duration],
+    /// δ, what each would have shown then of the background beyond what it shows at the end.
+    pub shift: &'a [f64],
 }
 
 /// An operator that is linear in both arguments: interpolation, footprints, additive biases.

@@ -37,7 +37,8 @@ use crate::calibration::Calibration;
 use crate::observation::{Arrival, Observation, Reading};
 use crate::rejection::Rejection;
 use crate::value_check::ValueCheck;
-use isobar_model::{Boundary, Grid, State, Time};
+use crate::window_states::WindowStates;
+use isobar_model::{Boundary, Duration, Grid, State, Time};
 use std::collections::HashSet;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
@@ -55,7 +56,7 @@ pub struct QualityControl {
 #[derive(Clone, Copy, Debug)]
 pub struct Reference<'a> {
     /// x_f.
-    pub state: &'a State,
+    pub states: WindowStates<'a>,
     /// σ_x of each variable, in its unit; nothing where it is not known, and departures are their own scale.
     pub sigma: &'a [f64],
 }
@@ -74,12 +75,12 @@ const NORMAL_MEDIAN: f64 = 0.674_489_750_196_081_7;
 
 /// What a report says of itself: the rejection of each, where there is one.
 pub(crate) fn check_reports(arrivals: &[Arrival], time: Time, grid: &Grid) -> Vec<Option<Rejection>> {
-    let mut seen: HashSet<(Arc<str>, Arc<str>, usize)> = HashSet::new();
+    let mut seen: HashSet<(Arc<str>, Arc<str>, usize, Duration)> = HashSet::new();
     let check = |arrival: &Arrival| {
         let Arrival { observation, value, time: valid, .. } = arrival;
         let report = &observation.report;
         let is_late = match observation.reading {
-            Reading::Error(_) => *valid != time,
+            Reading::Error(_) => *valid + observation.lag != time,
             Reading::Recorded { time, is_late, .. } => is_late || *valid != time,
         };
         if !value.is_finite() || !observation.sigma.is_finite() {
@@ -90,7 +91,12 @@ pub(crate) fn check_reports(arrivals: &[Arrival], time: Time, grid: &Grid) -> Ve
             Some(Rejection::Late)
         } else if observation.reading.lacks_predictor() {
             Some(Rejection::NoPredictor)
-        } else if !seen.insert((Arc::clone(&report.network), Arc::clone(&report.platform), report.variable)) {
+        } else if !seen.insert((
+            Arc::clone(&report.network),
+            Arc::clone(&report.platform),
+            report.variable,
+            observation.lag,
+        )) {
             Some(Rejection::Duplicate)
         } else {
             None
@@ -108,7 +114,8 @@ impl QualityControl {
         calibration: &Calibration,
         rejections: &mut [Option<Rejection>],
     ) -> Vec<Option<ValueCheck>> {
-        let Reference { state: reference, sigma } = reference;
+        let Reference { states, sigma } = reference;
+        let reference = states.end();
         let mut checks = vec![None; arrivals.len()];
         for variable in 0..reference.layout().variables.len() {
             let of_variable = |&number: &usize| {
@@ -121,12 +128,12 @@ impl QualityControl {
             if judges.is_empty() && expected.is_infinite() {
                 continue;
             }
-            let limits = sane_values(arrivals, &judges, reference, variable, expected, calibration);
+            let limits = sane_values(arrivals, &judges, states, variable, expected, calibration);
             let (sane, absurd): (Vec<usize>, Vec<usize>) =
                 numbers.into_iter().partition(|&number| limits.contains(&arrivals[number].value));
             for number in absurd {
                 rejections[number] = Some(Rejection::Absurd);
-                let departure = departure(&arrivals[number], reference);
+                let departure = departure(&arrivals[number], states);
                 let predicted = arrivals[number].value - departure;
                 let z = departure / expected.hypot(arrivals[number].observation.sigma);
                 checks[number] = expected.is_finite().then_some(ValueCheck { predicted, z, neighbours: 0 });
@@ -135,7 +142,7 @@ impl QualityControl {
                 continue;
             }
             let of_variable: Vec<&Arrival> = sane.iter().map(|&number| &arrivals[number]).collect();
-            let departures = Departures::new(self, &of_variable, reference, calibration, expected);
+            let departures = Departures::new(self, &of_variable, states, calibration, expected);
             for (&number, (check, is_good)) in sane.iter().zip(departures.judge(self.limit)) {
                 checks[number] = Some(check);
                 rejections[number] = (!is_good).then_some(Rejection::GrossError);
@@ -154,15 +161,16 @@ fn largest_factor(observations: usize) -> f64 {
 fn sane_values(
     arrivals: &[Arrival],
     numbers: &[usize],
-    reference: &State,
+    states: WindowStates<'_>,
     variable: usize,
     expected: f64,
     calibration: &Calibration,
 ) -> RangeInclusive<f64> {
+    let reference = states.end();
     let field = reference.field(variable);
     let (low, high) =
         field.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &v| (low.min(v), high.max(v)));
-    let departures: Vec<f64> = numbers.iter().map(|&number| departure(&arrivals[number], reference).abs()).collect();
+    let departures: Vec<f64> = numbers.iter().map(|&number| departure(&arrivals[number], states).abs()).collect();
     // Without the state's part: random errors and biases.
     let known = |&number: &usize| {
         let Observation { sigma, .. } = arrivals[number].observation;
@@ -176,9 +184,10 @@ fn sane_values(
     low - margin..=high + margin
 }
 
-/// d of an observation.
-fn departure(arrival: &Arrival, reference: &State) -> f64 {
-    arrival.value - arrival.observation.state.value(reference)
+/// d of an observation, at its time.
+fn departure(arrival: &Arrival, reference: WindowStates<'_>) -> f64 {
+    let Observation { state, lag, .. } = &arrival.observation;
+    arrival.value - reference.value(*lag, |x| state.value(x))
 }
 
 /// The departures of one variable's observations from the reference, and how they should vary together.
@@ -205,11 +214,12 @@ impl<'a> Departures<'a> {
     fn new(
         control: &QualityControl,
         arrivals: &'a [&'a Arrival],
-        reference: &'a State,
+        states: WindowStates<'a>,
         calibration: &'a Calibration,
         expected: f64,
     ) -> Self {
-        let departures: Vec<f64> = arrivals.iter().map(|arrival| departure(arrival, reference)).collect();
+        let departures: Vec<f64> = arrivals.iter().map(|arrival| departure(arrival, states)).collect();
+        let reference: &'a State = states.end();
         let (grid, length_m) = (&reference.layout().grid, control.length_m);
         let calibration_rows =
             arrivals.iter().map(|arrival| arrival.observation.calibration_row_at(reference).collect()).collect();

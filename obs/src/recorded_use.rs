@@ -47,7 +47,10 @@ impl fmt::Display for RecordedUse {
         let reasons = [
             (missing, "missing"),
             (in_no_cycle, "not valid in any cycle"),
-            (late, "not valid at the end of a cycle (time_tolerance_minutes allows for that)"),
+            (
+                late,
+                "not valid at the end of a cycle (time_tolerance_minutes or observation_times = \"window\" allow for that)",
+            ),
             (outside, "outside of the domain"),
             (no_predictor, "without a predictor of their bias"),
             (duplicate, "duplicate"),

@@ -10,7 +10,7 @@ use crate::error_regression::ErrorRegression;
 use crate::faults::Faults;
 use crate::general_operator::GeneralOperator;
 use crate::instrument::Instrument;
-use crate::network::{Network, Schedule};
+use crate::network::{Network, Schedule, spread};
 use crate::observation::{Arrival, Observation, Reading};
 use crate::projection::Projection;
 use crate::quality::{self, QualityControl, Reference};
@@ -19,7 +19,9 @@ use crate::site::Site;
 use crate::station::{LeftOutStation, Station};
 use crate::value_check::ValueCheck;
 use crate::window::ObservationWindow;
+use crate::window_states::WindowStates;
 use crate::withheld::Withheld;
+use crate::within_window::WithinWindow;
 use isobar_model::{Duration, Grid, Layout, State, Time};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -105,15 +107,17 @@ struct Member {
     error_correlation: Option<ErrorCorrelation>,
     is_passive: bool,
     withheld: Withheld,
+    times_per_window: usize,
     instrument: Box<dyn Instrument>,
 }
 
 impl Member {
     /// What arrives of the network's observations in a cycle.
-    fn observe(&mut self, cycle: usize, grid: &Grid) -> Vec<Observation> {
+    fn observe(&mut self, cycle: usize, window: Duration, grid: &Grid) -> Vec<Observation> {
         let Some(pass) = self.schedule.pass(cycle) else { return Vec::new() };
         // The instrument draws all of its random errors, so that the rate changes no other report.
         let mut observations = self.instrument.observe(cycle, pass);
+        spread(&mut observations, self.times_per_window, window);
         if let Some(correlation) = &self.error_correlation {
             correlation.correlate(&mut observations, grid);
         }
@@ -159,6 +163,7 @@ impl ObservingSystem {
         let (mut observations, mut weights) = (0, 0);
         for network in networks {
             network.validate()?;
+            network.validate_times(window)?;
             let name = &network.name;
             if members.iter().any(|member| member.name == *name) {
                 return Err(ObservationError::duplicate_name(name, "name", name));
@@ -181,6 +186,7 @@ impl ObservingSystem {
                 error_correlation: network.error_correlation,
                 is_passive: !network.assimilate,
                 withheld,
+                times_per_window: network.times_per_window,
                 instrument,
             });
             let member = &members[members.len() - 1];
@@ -307,34 +313,37 @@ impl ObservingSystem {
     /// # Panics
     /// As there.
     pub fn observe(&mut self, truth: &State) -> ObservationWindow {
-        self.observe_checked(Some(truth), None)
+        self.observe_checked(Some(truth.into()), None)
     }
 
     /// Goes on to the next cycle, lets the true biases evolve, and observes `truth`, the true state at its valid time
-    /// [`Self::time`]; a world of recorded observations alone needs none. The values have the biases of
+    /// [`Self::time`]; a world of recorded observations alone needs none. A network that observes within the window needs the true
+    /// states at its times. The values have the biases of
     /// [`Self::calibration`], but not the known ones. Quality control compares the values with the reference, if there is one.
     ///
     /// # Panics
     /// If `truth` has another layout than the observing system, or there is none to observe for an instrument that does.
     pub fn observe_checked(
         &mut self,
-        truth: Option<&State>,
+        truth: Option<WindowStates<'_>>,
         reference: Option<(&QualityControl, Reference<'_>)>,
     ) -> ObservationWindow {
-        let fits = truth.is_none_or(|truth| **truth.layout() == *self.layout);
+        let fits = truth.is_none_or(|truth| **truth.end().layout() == *self.layout);
         assert!(fits, "the truth must have the observing system's layout");
         self.cycle += 1;
         self.biases.advance(self.window);
         let time = self.time();
         let mut arrivals: Vec<Arrival> = Vec::new();
         for (network, member) in self.members.iter_mut().enumerate() {
-            let observations = member.observe(self.cycle, &self.layout.grid);
+            let observations = member.observe(self.cycle, self.window, &self.layout.grid);
             let arrive = |observation: Observation| {
                 let (value, value_bias_removed, time) = match observation.reading {
                     Reading::Error(error) => {
                         let truth = truth.expect("an instrument that observes the truth needs one");
-                        let value_bias_removed = observation.state.value(truth) + error;
-                        let bias = observation.true_bias(truth, self.biases.values());
+                        let value_bias_removed =
+                            truth.value(observation.lag, |truth| observation.state.value(truth)) + error;
+                        let bias = observation.true_bias(truth.end(), self.biases.values());
+                        let time = time + Duration::from_seconds(-observation.lag.seconds());
                         (value_bias_removed + bias, value_bias_removed, time)
                     }
                     Reading::Recorded { value, time, .. } => (value, value, time),
@@ -364,15 +373,18 @@ impl ObservingSystem {
         let (mut reports, mut times, mut values, mut sigma) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let (mut checks, mut unused, mut unused_bias_removed) = (Vec::new(), Vec::new(), Vec::new());
         let (mut rows_of_used, mut rows_of_unused) = (GeneralOperator::default(), GeneralOperator::default());
+        let (mut lags_of_used, mut lags_of_unused) = (Vec::new(), Vec::new());
         self.values_bias_removed.clear();
         let error_regression = self.error_regression(&judged);
         for (Arrival { observation, value, value_bias_removed, time, .. }, why_unused, check) in judged {
             if let Some(why) = why_unused {
+                lags_of_unused.push(observation.lag);
                 let Observation { report, sigma, .. } = rows_of_unused.take(observation);
                 unused.push(UnusedObservation { report, time, value, sigma, why, check });
                 unused_bias_removed.push(value_bias_removed);
                 continue;
             }
+            lags_of_used.push(observation.lag);
             let Observation { report, sigma: its_sigma, .. } = rows_of_used.take(observation);
             values.push(value);
             self.values_bias_removed.push(value_bias_removed);
@@ -382,8 +394,9 @@ impl ObservingSystem {
             checks.push(check);
         }
         self.values_bias_removed.extend(unused_bias_removed);
-        let aside = Aside { checks, unused, operator: rows_of_unused.simplified() };
-        let operator = rows_of_used.simplified();
+        let aside =
+            Aside { checks, unused, operator: WithinWindow::around(rows_of_unused.simplified(), lags_of_unused) };
+        let operator = WithinWindow::around(rows_of_used.simplified(), lags_of_used);
         ObservationWindow { time, cycle: self.cycle, reports, times, values, sigma, error_regression, aside, operator }
     }
 

@@ -2,14 +2,15 @@
 
 use crate::aside::{Aside, UnusedObservation};
 use crate::error_regression::ErrorRegression;
-use crate::operator::{LinearOperator, ObservationOperator};
+use crate::operator::{LinearOperator, ObservationOperator, TimedObservations};
 use crate::report::{ObservationType, Report};
+use crate::within_window::WithinWindow;
 use isobar_model::{Layout, State, Time};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::sync::Arc;
 
-/// All observations of one cycle, valid at its end.
+/// All observations of one cycle, as its end sees them.
 ///
 /// Its operator is not serialised; a window that has been read back has one of no observations.
 #[derive(Clone, Serialize, Deserialize)]
@@ -20,7 +21,8 @@ pub struct ObservationWindow {
     pub cycle: usize,
     /// Where, what and by whom.
     pub reports: Vec<Report>,
-    /// When each is valid: at the end of the window, but for those of a file within its tolerance.
+    /// When each is valid: at the end of the window, but for those of a file within its tolerance and those of networks that
+    /// observe within the window.
     pub times: Vec<Time>,
     /// The reported values, with their biases.
     pub values: Vec<f64>,
@@ -90,6 +92,47 @@ impl ObservationWindow {
             anchored.aside.operator = operator;
         }
         Cow::Owned(anchored)
+    }
+
+    /// Whether some are valid before the end of the window, and are compared with the state then.
+    pub fn is_within_window(&self) -> bool {
+        [&self.operator, &self.aside.operator].iter().any(|operator| operator.within_window().is_some())
+    }
+
+    /// The same observations as if all were valid at the end of the window.
+    pub fn at_end(&self) -> Cow<'_, Self> {
+        if !self.is_within_window() {
+            return Cow::Borrowed(self);
+        }
+        let mut seen = self.clone();
+        for operator in [&mut seen.operator, &mut seen.aside.operator] {
+            if let Some(whole) = operator.within_window().map(|within| Arc::clone(within.whole)) {
+                *operator = whole;
+            }
+        }
+        Cow::Owned(seen)
+    }
+
+    /// The same observations as seen from a background at their times: `shift` gives δ of those of an operator,
+    /// [`WithinWindow`].
+    ///
+    /// # Errors
+    /// Those of `shift`.
+    pub fn at_appropriate_time<E>(
+        &self,
+        mut shift: impl FnMut(TimedObservations<'_>) -> Result<Vec<f64>, E>,
+    ) -> Result<Cow<'_, Self>, E> {
+        if !self.is_within_window() {
+            return Ok(Cow::Borrowed(self));
+        }
+        let mut seen = self.clone();
+        for operator in [&mut seen.operator, &mut seen.aside.operator] {
+            if let Some(within) = operator.within_window() {
+                let shifted = WithinWindow::new(Arc::clone(within.whole), within.lags.to_vec(), shift(within)?);
+                *operator = Arc::new(shifted);
+            }
+        }
+        Ok(Cow::Owned(seen))
     }
 
     /// The same observations with other values: those of the observations that are used, then of the others.

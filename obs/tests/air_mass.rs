@@ -118,7 +118,10 @@ fn quality_control_expects_the_bias_that_the_reference_predicts() {
         let config = SatelliteSettings { biases: Vec::new(), air_mass_biases, ..sharp };
         let mut system = system(&layout, &[Network::new("polar", config)]);
         system
-            .observe_checked(Some(truth), Some((&control, Reference { state: &reference, sigma: &[] })))
+            .observe_checked(
+                Some(truth.into()),
+                Some((&control, Reference { states: (&reference).into(), sigma: &[] })),
+            )
             .aside
             .rejected()
             .count()

@@ -11,3 +11,4 @@ mod radiosondes;
 mod recorded_biases;
 mod satellites;
 mod station_files;
+mod within_window;

@@ -30,9 +30,9 @@ fn others_are_observed_and_judged_as_if_it_were_not_there() {
     let (truth, reference) = (random_state(&layout, 1), random_state(&layout, 2));
     let [mut alone, mut together] = [vec![used.clone()], vec![passive, used]].map(|networks| system(&networks));
     for _ in 0..3 {
-        let reference = Reference { state: &reference, sigma: &[1.0, 1.0, 1.0] };
-        let [alone, together] =
-            [&mut alone, &mut together].map(|it| it.observe_checked(Some(&truth), Some((&CONTROL, reference))));
+        let reference = Reference { states: (&reference).into(), sigma: &[1.0, 1.0, 1.0] };
+        let [alone, together] = [&mut alone, &mut together]
+            .map(|it| it.observe_checked(Some((&truth).into()), Some((&CONTROL, reference))));
         assert_eq!(
             (&alone.reports, &alone.values, &alone.sigma),
             (&together.reports, &together.values, &together.sigma)

@@ -13,7 +13,7 @@ const CONTROL: QualityControl = QualityControl { length_m: 800e3, limit: isobar_
 
 /// A reference of which nothing is known but itself.
 fn unbounded(state: &State) -> Reference<'_> {
-    Reference { state, sigma: &[] }
+    Reference { states: state.into(), sigma: &[] }
 }
 
 fn layout() -> Arc<Layout> {
@@ -70,8 +70,8 @@ fn good_observations_pass_whatever_the_reference_is_worth() {
         let (mut rejected, mut used) = (0, 0);
         for seed in 0..20 {
             let (truth, reference) = (state(&layout, size, seed), state(&layout, 0.0, 0));
-            let window =
-                system(Faults::NONE, seed).observe_checked(Some(&truth), Some((&CONTROL, unbounded(&reference))));
+            let window = system(Faults::NONE, seed)
+                .observe_checked(Some((&truth).into()), Some((&CONTROL, unbounded(&reference))));
             (rejected, used) = (rejected + window.aside.rejected().count(), used + window.len());
         }
         println!("waves × {size}: {rejected} of {} rejected", used + rejected);
@@ -89,7 +89,8 @@ fn gross_errors_are_found_by_their_neighbours() {
     for seed in 0..20 {
         let (truth, reference) = (state(&layout, 1.0, seed), state(&layout, 0.0, 0));
         let clean = system(Faults::NONE, seed).observe(&truth);
-        let checked = system(faults, seed).observe_checked(Some(&truth), Some((&CONTROL, unbounded(&reference))));
+        let checked =
+            system(faults, seed).observe_checked(Some((&truth).into()), Some((&CONTROL, unbounded(&reference))));
         let value_of = |network: &str, platform: &str, variable: usize| {
             let same = |it: &isobar_obs::Report| {
                 &*it.network == network && &*it.platform == platform && it.variable == variable
@@ -123,7 +124,7 @@ fn what_a_report_says_of_itself_is_enough_for_these() {
     let layout = layout();
     let (truth, reference) = (state(&layout, 1.0, 1), state(&layout, 0.0, 0));
     let clean = system(Faults::NONE, 1).observe(&truth);
-    let window = system(faults, 1).observe_checked(Some(&truth), Some((&CONTROL, unbounded(&reference))));
+    let window = system(faults, 1).observe_checked(Some((&truth).into()), Some((&CONTROL, unbounded(&reference))));
     let count = |rejection| window.aside.rejected().filter(|it| it.1 == rejection).count();
     for rejection in [Rejection::NotFinite, Rejection::Outside, Rejection::Late, Rejection::Duplicate] {
         let share = count(rejection) as f64 / clean.len() as f64;
@@ -135,7 +136,7 @@ fn what_a_report_says_of_itself_is_enough_for_these() {
     assert!(window.values.iter().all(|value| clean.values.contains(value)));
     assert_eq!(window.operator.simulate(&truth, &[0.0; 3]).len(), window.len());
     // A second look at the same cycle gives the same.
-    let again = system(faults, 1).observe_checked(Some(&truth), Some((&CONTROL, unbounded(&reference))));
+    let again = system(faults, 1).observe_checked(Some((&truth).into()), Some((&CONTROL, unbounded(&reference))));
     assert_eq!(again.values, window.values);
     assert_eq!(again.aside.rejected().count(), window.aside.rejected().count());
 }
@@ -145,7 +146,7 @@ fn absurd_values_are_rejected_before_they_can_disturb_the_statistics() {
     let faults = Faults { gross_error_rate: 0.3, gross_error_factor: 1e9, ..Faults::NONE };
     let layout = layout();
     let (truth, reference) = (state(&layout, 1.0, 1), state(&layout, 0.0, 0));
-    let window = system(faults, 1).observe_checked(Some(&truth), Some((&CONTROL, unbounded(&reference))));
+    let window = system(faults, 1).observe_checked(Some((&truth).into()), Some((&CONTROL, unbounded(&reference))));
     let absurd = window.aside.rejected().filter(|it| it.1 == Rejection::Absurd).count();
     assert!(
         absurd * 10 > 9 * window.aside.rejected().count() && absurd > 50,
@@ -196,9 +197,9 @@ fn few_observations_are_not_their_own_scale() {
         let window = Duration::from_seconds(6 * 3600);
         let mut system = ObservingSystem::new(&layout, None, &configs, 1, window, Time::from_seconds(0)).unwrap();
         let sigma = [30.0, 3.0, 3.0];
-        let checked = Reference { state: &reference, sigma: &sigma };
+        let checked = Reference { states: (&reference).into(), sigma: &sigma };
         let control = QualityControl { length_m: 300e3, ..CONTROL };
-        let window = system.observe_checked(Some(&truth), Some((&control, checked)));
+        let window = system.observe_checked(Some((&truth).into()), Some((&control, checked)));
         let mut rejected: Vec<String> = window.aside.rejected().map(|it| it.0.report.platform.to_string()).collect();
         rejected.sort();
         rejected

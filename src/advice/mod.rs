@@ -56,7 +56,7 @@ pub fn advise(scenario: &Scenario, from: &Path, request: &Request) -> Result<Adv
     let Some(errors) = views.joint_errors else { return Err(AdviceError::NoCovariance { name: name() }) };
     let estimates_biases = views.calibration.is_some();
     // What is observed does not matter, only where and by whom.
-    let observed = experiment.observing.observe_checked(Some(&estimate.state), None);
+    let observed = experiment.observing.observe_checked(Some((&estimate.state).into()), None);
     let observed = &*observed.anchored(&estimate.state);
     let info = &experiment.info;
     let stations = experiment.observing.stations();

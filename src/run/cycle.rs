@@ -9,12 +9,13 @@ use crate::readings::Readings;
 use crate::scores::stability::{Stability, Watch, judge};
 use isobar_assim::{
     Assimilator, Calibrated, CalibrationAccuracy, Error, Estimate, EstimatedParameter, Structure, Unknown,
-    reserve_workspace,
+    appropriate_time, reserve_workspace,
 };
 use isobar_model::{Duration, Layout, Model, State};
-use isobar_obs::{Calibration, ObservationWindow};
+use isobar_obs::{Calibration, ObservationWindow, TimedObservations};
 use serde::{Deserialize, Serialize};
 use std::any::Any;
+use std::borrow::Cow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Instant;
@@ -38,6 +39,9 @@ pub struct Progress {
     watch: Watch,
     /// What the stability monitor found when parameters were frozen.
     when_frozen: Option<Stability>,
+    /// The analysis from which the method's trajectory through the next window starts; `None` if it takes all observations as
+    /// valid at the end of a window.
+    trajectory_start: Option<State>,
     /// The most memory that the method held at one time \[bytes\].
     pub peak_bytes: u64,
     /// Wall-clock seconds in all cycles.
@@ -84,6 +88,12 @@ impl Runner {
     /// The same with a model whose states the estimates must be.
     pub fn of_model(self, model: Arc<dyn Model>) -> Self {
         Self { model: Some(model), ..self }
+    }
+
+    /// The same where observations within a window are compared with the trajectory from the last analysis at their times, first
+    /// from this background: see [`isobar_obs::WithinWindow`]. The trajectory is that of the model alone, without random errors.
+    pub fn at_appropriate_time(self, background: State) -> Self {
+        Self { progress: Progress { trajectory_start: Some(background), ..self.progress }, ..self }
     }
 
     /// What the stability monitor says of the parameters of `calibration`; those that keep more than `variance_ratio` of
@@ -145,6 +155,7 @@ impl Runner {
         let from = self.step(|method| method.forecast(window))?;
         // All members of an ensemble share the predictors of its mean.
         let observed = &*observed.anchored(&from.estimate.state);
+        let observed = &*self.at_their_times(window, observed, from.estimate.calibration.len())?;
         let asked = (with_influence && !observed.is_empty()).then(|| self.method.clone());
         let analysis = self.step(|method| method.analyse(&from, observed))?;
         let smoothed = self.step(|method| smoothed(method, last))?;
@@ -170,7 +181,28 @@ impl Runner {
         }
         self.progress.watch.add(observed, &outcome);
         self.freeze(observed.cycle, outcome.background.state.layout())?;
+        if let Some(start) = &mut self.progress.trajectory_start {
+            start.clone_from(&outcome.analysis.estimate.state);
+        }
         Ok(outcome)
+    }
+
+    /// The observations as the method compares them with its trajectory through the window.
+    fn at_their_times<'a>(
+        &mut self,
+        window: Duration,
+        observed: &'a ObservationWindow,
+        parameters: usize,
+    ) -> Result<Cow<'a, ObservationWindow>, Fault> {
+        let (Some(start), Some(model)) = (&self.progress.trajectory_start, &self.model) else {
+            return Ok(observed.at_end());
+        };
+        let began = Instant::now();
+        let shift =
+            |within: TimedObservations<'_>| appropriate_time::shift(&**model, start, window, within, parameters);
+        let seen = guarded(|| observed.at_appropriate_time(shift));
+        self.progress.seconds += began.elapsed().as_secs_f64();
+        seen
     }
 
     /// A part of the method's work, whose cost is measured.
@@ -236,6 +268,11 @@ impl Runner {
         self.account(used);
         if !saved.watch.fits(layout) {
             return Err(Error::Memory { reason: "the stability monitor does not fit the experiment".into() });
+        }
+        let starts =
+            [&self.progress.trajectory_start, &saved.trajectory_start].map(|it| it.as_ref().map(State::layout));
+        if starts[0] != starts[1] {
+            return Err(Error::Memory { reason: "the start of the trajectory does not fit the experiment".into() });
         }
         let peak_bytes = self.progress.peak_bytes.max(saved.peak_bytes);
         self.progress = Progress { peak_bytes, ..saved };

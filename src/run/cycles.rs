@@ -110,7 +110,8 @@ impl Cycles<'_, '_> {
             self.workers.install(|| reference.advance(cycle));
         }
         let state = truth.as_ref().map(Truth::state);
-        let window = observing.observe_checked(state, reference.as_ref().map(Reference::now));
+        let through = truth.as_ref().map(Truth::window);
+        let window = observing.observe_checked(through, reference.as_ref().map(Reference::now));
         self.scores.observations.add(&window, &info.layout);
         if let Some(state) = state {
             let truth = TrueValues { state, calibration: observing.true_calibration() };

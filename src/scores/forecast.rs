@@ -1,7 +1,7 @@
 //! Scores of forecasts ahead, by lead time.
 //!
 //! A forecast is verified once its valid time has come: against the truth; without one against the passive observations of
-//! that time, and where there are none against all that are used, on which no forecast depends but the one of lead time 0,
+//! that time (those within the window before it are not), and where there are none against all that are used, on which no forecast depends but the one of lead time 0,
 //! the analysis.
 //!
 //! With errors e, claimed standard deviations σ and N grid points, of each variable
@@ -146,6 +146,8 @@ struct Departure {
 fn departures(estimate: &Estimate, observed: &ObservationWindow, passive: bool) -> Vec<Departure> {
     let Estimate { state, calibration, .. } = estimate;
     let operator = if passive { &observed.aside.operator } else { &observed.operator };
+    // A forecast is one of its valid time.
+    let is_then = |row: usize| operator.within_window().is_none_or(|within| within.lags[row].seconds() == 0);
     let claims = (!operator.is_empty()).then(|| claims(estimate, &operator.linearize(state, calibration))).flatten();
     let claimed = |row: usize, sigma: f64| claims.as_ref().map(|claims| claims[row].hypot(sigma));
     if passive {
@@ -157,7 +159,7 @@ fn departures(estimate: &Estimate, observed: &ObservationWindow, passive: bool) 
                 claimed: claimed(row, it.sigma),
             })
         };
-        return observed.aside.passive().filter_map(departure).collect();
+        return observed.aside.passive().filter(|(row, _)| is_then(*row)).filter_map(departure).collect();
     }
     let simulated = operator.simulate(state, calibration);
     let departure = |(row, report): (usize, &isobar_obs::Report)| Departure {
@@ -165,7 +167,14 @@ fn departures(estimate: &Estimate, observed: &ObservationWindow, passive: bool) 
         departure: observed.values[row] - simulated[row],
         claimed: claimed(row, observed.sigma[row]),
     };
-    observed.reports.iter().enumerate().map(departure).filter(|it| it.departure.is_finite()).collect()
+    observed
+        .reports
+        .iter()
+        .enumerate()
+        .filter(|(row, _)| is_then(*row))
+        .map(departure)
+        .filter(|it| it.departure.is_finite())
+        .collect()
 }
 
 /// The claimed standard deviation of what each observation would be without its random error.

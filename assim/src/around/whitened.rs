@@ -5,7 +5,7 @@ use crate::error::Error;
 use crate::estimate::{Analysis, Background};
 use crate::structure::{BlockStructure, Structure};
 use isobar_model::{Duration, State};
-use isobar_obs::{ErrorRegression, Jacobian, ObservationOperator, ObservationWindow, SparseRows};
+use isobar_obs::{ErrorRegression, Jacobian, ObservationOperator, ObservationWindow, SparseRows, WithinWindow};
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -81,16 +81,24 @@ fn whitened(observed: &ObservationWindow) -> Cow<'_, ObservationWindow> {
     }
     let mut values = observed.values.clone();
     regression.whiten(&observed.sigma, &mut values);
-    let operator = WhitenedOperator {
-        whole: Arc::clone(&observed.operator),
-        regression: regression.clone(),
-        sigma: observed.sigma.clone(),
+    let whitened = |whole: &Arc<dyn ObservationOperator>| -> Arc<dyn ObservationOperator> {
+        let (whole, regression, sigma) = (Arc::clone(whole), regression.clone(), observed.sigma.clone());
+        Arc::new(WhitenedOperator { whole, regression, sigma })
+    };
+    // The observations of a report have one time, so that T mixes none of different times.
+    let operator = match observed.operator.within_window() {
+        None => whitened(&observed.operator),
+        Some(within) => {
+            let mut shift = within.shift.to_vec();
+            regression.whiten(&observed.sigma, &mut shift);
+            Arc::new(WithinWindow::new(whitened(within.whole), within.lags.to_vec(), shift))
+        }
     };
     Cow::Owned(ObservationWindow {
         values,
         sigma: regression.whitened_sigma(&observed.sigma),
         error_regression: ErrorRegression::default(),
-        operator: Arc::new(operator),
+        operator,
         ..observed.clone()
     })
 }

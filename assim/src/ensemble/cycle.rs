@@ -1,8 +1,9 @@
 //! What the ensemble methods share but for their analyses.
 
 use super::fixed_lag::FixedLag;
-use super::members::{Ensemble, ObservedEnsemble};
+use super::members::Ensemble;
 use super::moments::{Moments, spread};
+use super::observed::ObservedEnsemble;
 use super::transform::{Transform, WhitenedObservations};
 use super::{EnsembleSettings, InitialMembers, ModelErrorTreatment};
 use crate::error::Error;
@@ -21,6 +22,10 @@ pub(super) struct EnsembleCycle {
     pub problem: Problem<dyn Model>,
     pub settings: EnsembleSettings,
     pub memory: Memory,
+    /// Whether members see observations within a window from their own trajectories.
+    pub asynchronous: bool,
+    /// Where the members' trajectories through the present window began.
+    pub starts: Option<Ensemble>,
 }
 
 /// What changes from cycle to cycle.
@@ -47,7 +52,8 @@ impl EnsembleCycle {
         let mut random = random::stream(settings.seed, purpose);
         let ensemble = Ensemble::draw(&problem, &settings, &mut random)?;
         let variance_factors = vec![settings.inflation.initial_variance_factor(); analyses];
-        Ok(Self { problem, settings, memory: Memory { ensemble, variance_factors, random, smoother: None } })
+        let memory = Memory { ensemble, variance_factors, random, smoother: None };
+        Ok(Self { problem, settings, memory, asynchronous: false, starts: None })
     }
 
     /// The same with a smoother of the last `lag` analyses before the newest.
@@ -56,15 +62,20 @@ impl EnsembleCycle {
     /// [`Error::Setting`] with [`ModelErrorTreatment::SquareRoot`], unless nothing is added in a cycle: the square root
     /// recombines the members, which then do not go on from the earlier ones that are to be regressed on them.
     pub fn smoothing(mut self, lag: usize) -> Result<Self, Error> {
-        let Self { problem, settings, .. } = &self;
-        let drifts = problem.estimated_calibration().parameters.iter().any(|it| it.drift.changes());
-        if settings.model_error == ModelErrorTreatment::SquareRoot && (problem.model_error.is_some() || drifts) {
+        if self.recombines() {
             let message = "an ensemble smoother needs members that go on from the earlier ones: random draws of the model \
                            error, not its square root";
             return Err(Error::Setting(message.into()));
         }
         self.memory.smoother = Some(FixedLag::new(lag));
         Ok(self)
+    }
+
+    /// Whether a forecast ends with a recombination of the members, which then are not the ends of their trajectories.
+    pub fn recombines(&self) -> bool {
+        let Self { problem, settings, .. } = self;
+        let drifts = problem.estimated_calibration().parameters.iter().any(|it| it.drift.changes());
+        settings.model_error == ModelErrorTreatment::SquareRoot && (problem.model_error.is_some() || drifts)
     }
 
     /// Mean and spread of the members at the analysis `analyses_ago` before the newest.

@@ -2,8 +2,8 @@
 
 use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
-use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis, with_smoother};
-use super::members::ObservedEnsemble;
+use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis, with_smoother, with_trajectories};
+use super::observed::ObservedEnsemble;
 use super::transform::{self, WhitenedObservations, transform};
 use crate::error::Error;
 use crate::problem::Problem;
@@ -34,6 +34,15 @@ impl EnsembleTransformKalmanFilter {
     /// [`ModelErrorTreatment::SquareRoot`](super::ModelErrorTreatment::SquareRoot), unless nothing is added in a cycle.
     pub fn smoothing(self, lag: usize) -> Result<Self, Error> {
         with_smoother(self, lag)
+    }
+
+    /// The same with members that see observations within a window from their own trajectories: the asynchronous filter (Sakov,
+    /// Evensen and Bertino 2010).
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] if the starts of the trajectories do not fit into the memory limit.
+    pub fn asynchronous(self) -> Result<Self, Error> {
+        with_trajectories(self)
     }
 }
 

@@ -3,7 +3,8 @@
 use super::EnsembleSettings;
 use super::cycle::{EnsembleCycle, Memory};
 use super::fixed_lag::FixedLag;
-use super::members::{Ensemble, ObservedEnsemble};
+use super::members::Ensemble;
+use super::observed::ObservedEnsemble;
 use crate::assimilator::{Adjustments, Assimilator, CalibrationAdjustment, Smoother, Views, WidenCalibration};
 use crate::calibration_accuracy::{CalibrationAccuracy, CalibrationErrors};
 use crate::covariance_column::{CovarianceColumn, JointErrors, Unknown};
@@ -55,7 +56,7 @@ pub(super) fn with_analysis<A: EnsembleAnalysis>(
     places: usize,
     analysis: A,
 ) -> Result<EnsembleFilter<A>, Error> {
-    require_memory(&problem, settings.members, &analysis, problem.most_observations, None)?;
+    require_memory(&problem, settings.members, &analysis, problem.most_observations, None, false)?;
     Ok(EnsembleFilter { cycle: EnsembleCycle::new(problem, settings, places)?, analysis })
 }
 
@@ -70,25 +71,46 @@ pub(super) fn with_smoother<A: EnsembleAnalysis>(
     let EnsembleFilter { cycle, analysis } = filter;
     let cycle = cycle.smoothing(lag)?;
     let problem = &cycle.problem;
-    require_memory(problem, cycle.settings.members, &analysis, problem.most_observations, Some(lag))?;
+    require_memory(problem, cycle.settings.members, &analysis, problem.most_observations, Some(lag), false)?;
+    Ok(EnsembleFilter { cycle, analysis })
+}
+
+/// A filter whose members see observations within a window from their own trajectories at their times, H x_j(t_i): the
+/// asynchronous ensemble Kalman filter (Sakov, Evensen and Bertino 2010, Tellus A 62, 24–29). The covariances between what is
+/// observed then and the state at the analysis are those of the trajectories, M included, where the first guess at appropriate
+/// time alone has them at the analysis. Model errors, which are added at the end of a window, are not in what is seen before.
+///
+/// A filter that recombines its members at the end of a forecast has no trajectories that end in them, and stays as it is.
+///
+/// # Errors
+/// [`Error::TooLarge`] if the starts of the trajectories do not fit into the memory limit as well.
+pub(super) fn with_trajectories<A: EnsembleAnalysis>(filter: EnsembleFilter<A>) -> Result<EnsembleFilter<A>, Error> {
+    let EnsembleFilter { mut cycle, analysis } = filter;
+    if cycle.recombines() {
+        return Ok(EnsembleFilter { cycle, analysis });
+    }
+    let (problem, lag) = (&cycle.problem, cycle.memory.smoother.as_ref().map(FixedLag::lag));
+    require_memory(problem, cycle.settings.members, &analysis, problem.most_observations, lag, true)?;
+    cycle.asynchronous = true;
     Ok(EnsembleFilter { cycle, analysis })
 }
 
 /// Fails unless there is memory for the members, their perturbations before and after and the draws of Q; the priors of the
 /// biases; what the members make of the observations, with its perturbations as they are and whitened; the analysis; and the
-/// ensembles of a smoother of this lag.
+/// ensembles of a smoother of this lag; and, if asynchronous, for the starts of their trajectories.
 fn require_memory(
     problem: &Problem<dyn Model>,
     members: usize,
     analysis: &impl EnsembleAnalysis,
     observations: usize,
     lag: Option<usize>,
+    asynchronous: bool,
 ) -> Result<(), Error> {
     let p = problem.estimated_calibration().len();
     let rows = problem.background.values().len() + p;
     let [size, parameters, columns, n] = [rows, p, members, observations].map(|size| size as f64);
     // The newest analysis is kept as well.
-    let ensembles = lag.map_or(0.0, |lag| lag as f64 + 1.0);
+    let ensembles = lag.map_or(0.0, |lag| lag as f64 + 1.0) + if asynchronous { 1.0 } else { 0.0 };
     let numbers = (4.0 + ensembles) * size * columns
         + 2.0 * parameters * parameters
         + 3.0 * n * columns
@@ -101,16 +123,18 @@ fn require_memory(
 
 impl<A: EnsembleAnalysis> Assimilator for EnsembleFilter<A> {
     fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
-        let EnsembleCycle { problem, settings, memory } = &mut self.cycle;
+        let EnsembleCycle { problem, settings, memory, asynchronous, starts } = &mut self.cycle;
+        *starts = asynchronous.then(|| memory.ensemble.clone());
         memory.ensemble.forecast(problem, settings, window, &mut memory.random)?;
         Ok(Background { estimate: self.cycle.estimate(), window })
     }
 
-    fn analyse(&mut self, _: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
+    fn analyse(&mut self, from: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
         let Self { cycle, analysis } = self;
         let lag = cycle.memory.smoother.as_ref().map(FixedLag::lag);
-        require_memory(&cycle.problem, cycle.settings.members, analysis, observed.len(), lag)?;
-        let members = cycle.memory.ensemble.observe(&cycle.problem, observed)?;
+        require_memory(&cycle.problem, cycle.settings.members, analysis, observed.len(), lag, cycle.asynchronous)?;
+        let trajectories = cycle.starts.take().map(|starts| (starts, from.window));
+        let members = cycle.memory.ensemble.observe(&cycle.problem, observed, trajectories)?;
         if let Some(smoother) = &mut cycle.memory.smoother {
             smoother.shorten();
         }

@@ -4,12 +4,13 @@ use super::EnsembleSettings;
 use super::band::{Band, BandParameters, BesideState, Plan};
 use super::batch;
 use super::cycle::{EnsembleCycle, Memory};
-use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis, with_smoother};
+use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis, with_smoother, with_trajectories};
 use super::fixed_lag::FixedLag;
 use super::localization::Taper;
-use super::members::{Ensemble, ObservedEnsemble};
+use super::members::Ensemble;
 use super::moments::Moments;
 use super::near::LocalObservations;
+use super::observed::ObservedEnsemble;
 use super::tapered::{self, SharedParameters, TaperedInnovations, cross_taper};
 use super::transform::WhitenedObservations;
 use super::weights::WeightGrid;
@@ -93,6 +94,15 @@ impl LocalEnsembleTransformKalmanFilter {
     /// [`ModelErrorTreatment::SquareRoot`](super::ModelErrorTreatment::SquareRoot), unless nothing is added in a cycle.
     pub fn smoothing(self, lag: usize) -> Result<Self, Error> {
         with_smoother(self, lag)
+    }
+
+    /// The same with members that see observations within a window from their own trajectories: the asynchronous filter (Sakov,
+    /// Evensen and Bertino 2010).
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] if the starts of the trajectories do not fit into the memory limit.
+    pub fn asynchronous(self) -> Result<Self, Error> {
+        with_trajectories(self)
     }
 
     /// Mean and spread of the members.

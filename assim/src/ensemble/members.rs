@@ -9,14 +9,14 @@ use crate::error::Error;
 use crate::estimate::Estimate;
 use crate::linalg::{add_symmetric_product, cholesky, column, polar_factor, product, qr, semidefinite_root};
 use crate::memory::Matrix;
-use crate::problem::{Innovations, Problem, require_finite, steps};
+use crate::problem::{Problem, steps};
 use faer::{Mat, MatRef};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::vector::{add, axpy, dot, subtract};
 use isobar_model::{Duration, Model, State, forecast};
-use isobar_obs::ObservationWindow;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use rayon::slice::ChunksExact;
 use serde::{Deserialize, Serialize};
 
 /// N members of the augmented state (x, c), each a column of m + p values; p is zero where biases are not estimated.
@@ -28,18 +28,6 @@ pub struct Ensemble {
     rows: usize,
     /// Column-major `[m + p, N]`.
     values: Vec<f64>,
-}
-
-/// What the members make of the observations.
-pub(super) struct ObservedEnsemble {
-    /// y − the members' mean h(x, c), with the Jacobians about their mean.
-    pub innovations: Innovations,
-    /// Y': the members' h(x, c) about their mean, `[n, N]`.
-    pub perturbations: Mat<f64>,
-    /// How far rounding may have changed a row of Y': a machine epsilon of |h(x, c)|, `[n]`.
-    pub rounding: Vec<f64>,
-    /// Where the observations are (x, y) \[m\].
-    pub places: Vec<(f64, f64)>,
 }
 
 impl Ensemble {
@@ -84,6 +72,11 @@ impl Ensemble {
     /// Number of members.
     pub fn members(&self) -> usize {
         self.values.len() / self.rows
+    }
+
+    /// The members one after another.
+    pub(super) fn each(&self) -> ChunksExact<'_, f64> {
+        self.values.par_chunks_exact(self.rows)
     }
 
     /// The members, `[m + p, N]`.
@@ -255,7 +248,7 @@ impl Ensemble {
     }
 
     /// State and full calibration of a member or a mean.
-    fn unpack(&self, problem: &Problem<dyn Model>, values: &[f64]) -> (State, Vec<f64>) {
+    pub(super) fn unpack(&self, problem: &Problem<dyn Model>, values: &[f64]) -> (State, Vec<f64>) {
         let state = State::from_values(problem.background.layout(), values[..self.state_values].to_vec());
         let mut calibration = values[self.state_values..].to_vec();
         calibration.resize(problem.calibration.len(), 0.0);
@@ -272,37 +265,6 @@ impl Ensemble {
     pub(super) fn estimate_of(&self, problem: &Problem<dyn Model>, mean: &[f64], spread: Vec<f64>) -> Estimate {
         let (state, calibration) = self.unpack(problem, mean);
         Estimate::with_spread(state, calibration, spread)
-    }
-
-    /// Each member as the instruments would see it.
-    ///
-    /// # Errors
-    /// [`Error::NotFinite`] if a departure is not finite.
-    pub(super) fn observe(
-        &self,
-        problem: &Problem<dyn Model>,
-        observed: &ObservationWindow,
-    ) -> Result<ObservedEnsemble, Error> {
-        let members: Vec<Vec<f64>> = self
-            .values
-            .par_chunks_exact(self.rows)
-            .map(|member| {
-                let (state, calibration) = self.unpack(problem, member);
-                observed.operator.simulate(&state, &calibration)
-            })
-            .collect();
-        let (state, calibration) = self.unpack(problem, &self.mean());
-        let mut innovations = problem.innovations(observed, &state, &calibration)?;
-        let mean: Vec<f64> = (0..observed.len())
-            .map(|row| members.iter().map(|member: &Vec<f64>| member[row]).sum::<f64>() / members.len() as f64)
-            .collect();
-        innovations.departures = observed.values.iter().zip(&mean).map(|(y, mean)| y - mean).collect();
-        require_finite(&innovations.departures, observed)?;
-        // From h(x, c) itself, not from departures: a large y would round the members' differences away.
-        let perturbations = Mat::from_fn(mean.len(), members.len(), |i, j| members[j][i] - mean[i]);
-        let places = observed.reports.iter().map(|report| (report.x_m, report.y_m)).collect();
-        let rounding = mean.iter().map(|mean| f64::EPSILON * mean.abs()).collect();
-        Ok(ObservedEnsemble { innovations, perturbations, rounding, places })
     }
 }
 

@@ -43,6 +43,7 @@ mod members;
 mod model_error;
 mod moments;
 mod near;
+mod observed;
 mod own;
 mod perturbations;
 mod principal;

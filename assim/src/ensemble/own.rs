@@ -3,7 +3,7 @@
 use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
 use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis};
-use super::members::ObservedEnsemble;
+use super::observed::ObservedEnsemble;
 use super::transform::{self, Transform, WhitenedObservations, transform};
 use crate::error::Error;
 use crate::linalg::column;

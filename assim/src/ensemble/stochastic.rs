@@ -2,10 +2,10 @@
 
 use super::EnsembleSettings;
 use super::cycle::EnsembleCycle;
-use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis, with_smoother};
+use super::filter::{EnsembleAnalysis, EnsembleFilter, with_analysis, with_smoother, with_trajectories};
 use super::localization::Taper;
-use super::members::ObservedEnsemble;
 use super::moments::Moments;
+use super::observed::ObservedEnsemble;
 use super::tapered::{self, SharedParameters, TaperedGain, TaperedInnovations, cross_taper};
 use super::transform::WhitenedObservations;
 use crate::error::Error;
@@ -64,6 +64,15 @@ impl StochasticEnsembleKalmanFilter {
     /// [`ModelErrorTreatment::SquareRoot`](super::ModelErrorTreatment::SquareRoot), unless nothing is added in a cycle.
     pub fn smoothing(self, lag: usize) -> Result<Self, Error> {
         with_smoother(self, lag)
+    }
+
+    /// The same with members that see observations within a window from their own trajectories: the asynchronous filter (Sakov,
+    /// Evensen and Bertino 2010).
+    ///
+    /// # Errors
+    /// [`Error::TooLarge`] if the starts of the trajectories do not fit into the memory limit.
+    pub fn asynchronous(self) -> Result<Self, Error> {
+        with_trajectories(self)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::buckets::Buckets;
 use super::localization::Taper;
-use super::members::ObservedEnsemble;
+use super::observed::ObservedEnsemble;
 use super::transform::WhitenedObservations;
 use crate::error::Error;
 use crate::linalg::{add_product, column, product, row_major};

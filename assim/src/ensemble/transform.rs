@@ -1,7 +1,7 @@
 //! The analysis in the space of the ensemble.
 
 use super::inflation::Sizes;
-use super::members::ObservedEnsemble;
+use super::observed::ObservedEnsemble;
 use super::principal::{Principal, principal};
 use crate::linalg::{add_product, add_symmetric_product, column, eigen, product, squared_norm};
 use crate::problem::Innovations;

@@ -4,18 +4,19 @@ use super::bias_information::BiasInformation;
 use super::conjugate_gradient::{Stopping, minimise};
 use super::control_space::{self, ControlSpace};
 use super::convergence::Convergence;
+use super::window_cost::Cost;
+use crate::appropriate_time::Times;
 use crate::assimilator::{Adjustments, Assimilator, CalibrationAdjustment, Views, WidenCalibration};
 use crate::calibrated_state::CalibratedState;
 use crate::error::Error;
 use crate::estimate::{Analysis, Background};
 use crate::linalg::squared_norm;
 use crate::memory::{from_bytes, require, to_bytes};
-use crate::problem::{Innovations, Problem, steps};
+use crate::problem::{Innovations, Problem, require_finite, steps};
 use faer::MatRef;
 use isobar_model::vector::add;
-use isobar_model::{Adjoint, ColumnsMut, Duration, Model, State, forecast};
-use isobar_obs::{Jacobian, LinearOperator, ObservationWindow};
-use rayon::prelude::*;
+use isobar_model::{Adjoint, Duration, Model, State, forecast};
+use isobar_obs::{Jacobian, LinearOperator, ObservationWindow, WithinWindow};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -44,7 +45,8 @@ pub struct FourDVarSettings {
 /// with the model as a strong constraint (Le Dimet and Talagrand 1986), incrementally (Courtier, Thépaut and Hollingsworth
 /// 1994): each outer loop linearises model and observations about the latest trajectory and minimises the quadratic cost
 /// in the control variables of 3D-Var, `x_0 − x_b = √s U χ`, `c − c_b = L β`, by conjugate gradients whose Hessian runs the
-/// tangent-linear model forward and its adjoint back.
+/// tangent-linear model forward and its adjoint back. Observations within a cycle are seen at their times on the trajectory,
+/// interpolated linearly between its time steps.
 ///
 /// The window slides by one cycle at a time. Its background is the analysis that was made when the cycle before its first
 /// observations ended, so that no observation counts twice; until L cycles have passed, it is the first background. The
@@ -68,8 +70,9 @@ pub struct FourDVar {
 struct Memory {
     present: CalibratedState,
     starts: VecDeque<CalibratedState>,
-    /// The observations of each cycle with the Jacobian of their operator, which is linear.
-    observed: Vec<(ObservationWindow, Jacobian)>,
+    /// The observations of each cycle with the Jacobian of their operator, which is linear, and how long before the end of the
+    /// cycle each is valid; no times where all are at its end.
+    observed: Vec<(ObservationWindow, Jacobian, Vec<Duration>)>,
     convergence: Convergence,
 }
 
@@ -107,6 +110,24 @@ impl FourDVar {
         Ok(cycles)
     }
 
+    /// Innovations about the states of a cycle of this length, and the times of its observations if not all are at its end.
+    fn innovations(
+        &self,
+        observed: &ObservationWindow,
+        states: &[State],
+        bias: &[f64],
+        length: Duration,
+    ) -> Result<(Innovations, Option<Times>), Error> {
+        let end = states.last().expect("a cycle has steps");
+        let innovations = self.problem.innovations(observed, end, bias)?;
+        let Some(within) = observed.operator.within_window() else { return Ok((innovations, None)) };
+        let times = Times::new(&*self.model, length, within.lags)?;
+        let seen = times.along(states, |x| within.whole.simulate(x, bias));
+        let departures: Vec<f64> = observed.values.iter().zip(seen).map(|(value, seen)| value - seen).collect();
+        require_finite(&departures, observed)?;
+        Ok((Innovations { departures, ..innovations }, Some(times)))
+    }
+
     /// The analysis of the window, whose cycles have this length; the trajectory's end and the biases become the estimate.
     /// Returns χ², if the last minimisation has converged.
     fn analyse_window(&mut self, cycle: Duration) -> Result<Option<f64>, Error> {
@@ -123,22 +144,17 @@ impl FourDVar {
         let mut chi2 = None;
         for outer in 1..=self.settings.outer_loops {
             let trajectory = self.trajectory(&estimate.s.state, steps)?;
-            let innovations = self
-                .observed
-                .iter()
-                .zip(&trajectory)
-                .map(|(observed, cycle)| {
-                    self.problem.innovations(observed, cycle.last().expect("a cycle has steps"), &estimate.s.bias)
-                })
-                .collect::<Result<Vec<_>, Error>>()?;
-            let cost =
-                Cost { model: &*self.model, control: &control, trajectory: &trajectory, innovations: &innovations };
+            let along = self.observed.iter().zip(&trajectory);
+            let seen = along.map(|(observed, states)| self.innovations(observed, states, &estimate.s.bias, cycle));
+            let (innovations, times): (Vec<_>, Vec<_>) = seen.collect::<Result<Vec<_>, Error>>()?.into_iter().unzip();
+            let (innovations, times) = (&*innovations, &*times);
+            let cost = Cost { model: &*self.model, control: &control, trajectory: &trajectory, innovations, times };
             // Innovations about the background, to first order: d + H M (x − x_b) + G (c − c_b).
             let dx = (&estimate.s.state - &background.s.state).values().to_vec();
             let differences = estimate.s.bias.iter().zip(&background.s.bias).map(|(a, b)| a - b);
             let dc: Vec<f64> = differences.take(control.parameters()).collect();
             let mut right: Vec<Vec<f64>> = cost.observe(dx, &[dc]).swap_remove(0);
-            for (values, own) in right.iter_mut().zip(&innovations) {
+            for (values, own) in right.iter_mut().zip(innovations) {
                 add(values, &own.whiten(own.departures.clone()));
             }
             let gradient = cost.multiply_transposed(&[right.clone()]).swap_remove(0);
@@ -149,7 +165,7 @@ impl FourDVar {
             if outer == self.settings.outer_loops {
                 // The last outer loop finds the covariance of the biases as well.
                 let information =
-                    BiasInformation::new(&innovations, &control, stopping, |vectors| cost.multiply_state(vectors));
+                    BiasInformation::new(innovations, &control, stopping, |vectors| cost.multiply_state(vectors));
                 estimate.bias_covariance = control.bias_covariance(&information.matrix)?.into();
                 self.convergence.add(minimum.ending, &information.endings);
                 if self.convergence.reached() {
@@ -195,7 +211,10 @@ impl Assimilator for FourDVar {
     /// The operators of the window are linear: a Jacobian stands for each of them.
     fn memory(&self) -> Result<Vec<u8>, Error> {
         let s = &self.present.s;
-        let with_jacobian = |window: &ObservationWindow| (window.clone(), window.operator.linearize(&s.state, &s.bias));
+        let with_jacobian = |window: &ObservationWindow| {
+            let lags = window.operator.within_window().map_or(Vec::new(), |within| within.lags.to_vec());
+            (window.clone(), window.operator.linearize(&s.state, &s.bias), lags)
+        };
         let observed = self.observed.iter().map(with_jacobian).collect();
         let convergence = self.convergence.clone();
         to_bytes(&Memory { present: self.present.clone(), starts: self.starts.clone(), observed, convergence })
@@ -205,15 +224,17 @@ impl Assimilator for FourDVar {
         let Memory { present, starts, observed, convergence } = from_bytes(memory)?;
         starts.iter().chain([&present]).try_for_each(|start| start.require_like(&self.present))?;
         let (layout, p) = (present.s.state.layout(), present.s.bias.len());
-        let fits = |(window, jacobian): &(ObservationWindow, Jacobian)| {
+        let fits = |(window, jacobian, lags): &(ObservationWindow, Jacobian, Vec<Duration>)| {
             window.fits(layout)
+                && (lags.is_empty() || lags.len() == window.len())
                 && jacobian.state.has_shape(window.len(), layout.len())
                 && jacobian.calibration.has_shape(window.len(), p)
         };
         let is_whole = starts.len() == observed.len() + 1 && starts.len() <= self.settings.window_cycles;
         require(is_whole && observed.iter().all(fits), "the assimilation window")?;
-        let with_operator = |(window, jacobian)| {
+        let with_operator = |(window, jacobian, lags): (ObservationWindow, Jacobian, Vec<Duration>)| {
             let operator = Arc::new(LinearOperator { jacobian });
+            let operator = if lags.is_empty() { operator } else { WithinWindow::around(operator, lags) };
             ObservationWindow { operator, ..window }
         };
         let observed = observed.into_iter().map(with_operator).collect();
@@ -236,77 +257,6 @@ impl WidenCalibration for FourDVar {
     /// The window's background says what was known of biases that are one and the same over the window.
     fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
         self.starts.iter_mut().chain([&mut self.present]).try_for_each(|start| start.widen_calibration(covariance))
-    }
-}
-
-/// The quadratic problem of an outer loop; a control vector is (χ, β), a vector of whitened observations has one part for
-/// each cycle. All operators take several vectors at once, which the models propagate together.
-struct Cost<'a> {
-    model: &'a dyn Adjoint,
-    control: &'a ControlSpace<'a>,
-    /// States of each cycle, from its first step to its end.
-    trajectory: &'a [Vec<State>],
-    innovations: &'a [Innovations],
-}
-
-impl Cost<'_> {
-    /// R^-½ (H M δx_0 + G δc) of several increments: `columns` holds the δx_0 one after another.
-    fn observe(&self, mut columns: Vec<f64>, biases: &[Vec<f64>]) -> Vec<Vec<Vec<f64>>> {
-        let m = self.control.state_values();
-        let mut result: Vec<Vec<Vec<f64>>> = vec![Vec::with_capacity(self.trajectory.len()); biases.len()];
-        for (cycle, own) in self.trajectory.iter().zip(self.innovations) {
-            self.model.steps_tl(&cycle[0], ColumnsMut::Double(&mut columns), cycle.len() - 1);
-            for (number, dc) in biases.iter().enumerate() {
-                let dy = own.jacobian.apply(&columns[number * m..][..m], dc);
-                result[number].push(own.whiten(dy));
-            }
-        }
-        result
-    }
-
-    /// Kᵀ of several vectors of whitened observations.
-    fn multiply_transposed(&self, whitened: &[Vec<Vec<f64>>]) -> Vec<Vec<f64>> {
-        let (columns, biases) = self.back(whitened);
-        let m = self.control.state_values();
-        columns.par_chunks_exact(m).zip(&biases).map(|(dx, dc)| self.control.controls(dx, dc)).collect()
-    }
-
-    /// (Mᵀ Hᵀ R^-½ y, Gᵀ R^-½ y) of several vectors of whitened observations: the states one after another, and the biases.
-    fn back(&self, whitened: &[Vec<Vec<f64>>]) -> (Vec<f64>, Vec<Vec<f64>>) {
-        let m = self.control.state_values();
-        let mut columns = vec![0.0; m * whitened.len()];
-        let mut biases = vec![vec![0.0; self.control.parameters()]; whitened.len()];
-        for (number, (cycle, own)) in self.trajectory.iter().zip(self.innovations).enumerate().rev() {
-            for (values, (dx, dc)) in whitened.iter().zip(columns.chunks_exact_mut(m).zip(&mut biases)) {
-                own.jacobian.apply_ad(&own.whiten(values[number].clone()), dx, dc);
-            }
-            forecast::backward_ad(self.model, cycle, &mut columns);
-        }
-        (columns, biases)
-    }
-
-    /// (I + KᵀK) v.
-    fn hessian(&self, control: &[f64]) -> Vec<f64> {
-        let (dx, dc) = self.control.increments(control);
-        let mut image = self.multiply_transposed(&self.observe(dx, &[dc])).swap_remove(0);
-        add(&mut image, control);
-        image
-    }
-
-    /// K_x K_xᵀ of several vectors of whitened observations, those of a window one after another; of the state alone.
-    fn multiply_state(&self, vectors: &[&[f64]]) -> Vec<Vec<f64>> {
-        let m = self.control.state_values();
-        let no_biases = vec![vec![0.0; self.control.parameters()]; vectors.len()];
-        let split = |vector: &&[f64]| -> Vec<Vec<f64>> {
-            let mut rest = *vector;
-            let mut of_cycle = |own: &Innovations| rest.split_off(..own.len()).expect("all cycles' rows").to_vec();
-            self.innovations.iter().map(&mut of_cycle).collect()
-        };
-        let (mut columns, _) = self.back(&vectors.iter().map(split).collect::<Vec<_>>());
-        columns.par_chunks_exact_mut(m).for_each(|dx| {
-            dx.copy_from_slice(&self.control.state_increment(&self.control.state_control(dx)));
-        });
-        self.observe(columns, &no_biases).into_iter().map(|parts| parts.concat()).collect()
     }
 }
 

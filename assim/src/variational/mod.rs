@@ -7,6 +7,7 @@ mod convergence;
 mod four_d_var;
 mod hybrid;
 mod three_d_var;
+mod window_cost;
 
 pub use four_d_var::{FourDVar, FourDVarSettings};
 pub use hybrid::{HybridSettings, HybridThreeDVar};

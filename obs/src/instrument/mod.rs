@@ -38,6 +38,11 @@ pub trait InstrumentSettings: fmt::Debug + Send + Sync {
         false
     }
 
+    /// Whether its observations have times within the window, and are used at these.
+    fn is_within_window(&self) -> bool {
+        false
+    }
+
     /// Whether a bias that methods must estimate depends on the state.
     fn has_air_mass_bias(&self) -> bool {
         false

@@ -30,9 +30,8 @@ pub struct RecordedSettings {
     pub variable: Option<String>,
     /// Standard deviation of the random error in the variable's unit, for a file without a column `sigma`; above 0.
     pub sigma: Option<f64>,
-    /// An observation is used at the end of a window if it is valid at most this long before or after it; from 0 to half of
-    /// the window.
-    pub time_tolerance: Duration,
+    /// Which observations are used, and at which time.
+    pub times: RecordedTimes,
     /// Along which axes the components u and v of winds are; `None`: [`WindAxes::Earth`] where the file gives latitudes and
     /// longitudes, else [`WindAxes::Grid`].
     pub winds: Option<WindAxes>,
@@ -42,6 +41,16 @@ pub struct RecordedSettings {
     pub reference_stations: Vec<String>,
     /// The biases.
     pub biases: Vec<RecordedBias>,
+}
+
+/// Which recorded observations are used, and at which time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RecordedTimes {
+    /// Those that are valid at most this long before or after the end of a window, as if they were valid then; from 0 to half of
+    /// the window.
+    End(Duration),
+    /// All that are valid within a window, after its start and not after its end, at their own times.
+    Window,
 }
 
 /// Along which axes the components of a wind are.
@@ -59,9 +68,11 @@ impl InstrumentSettings for RecordedSettings {
         if let Some(sigma) = self.sigma {
             require(sigma > 0.0, site.network, "sigma", sigma, "above 0")?;
         }
-        let (tolerance, half) = (self.time_tolerance.as_f64(), 0.5 * site.window.as_f64());
-        let expected = format!("from 0 to {half} s, half of the window");
-        require((0.0..=half).contains(&tolerance), site.network, "time_tolerance", tolerance, expected)?;
+        if let RecordedTimes::End(tolerance) = self.times {
+            let (tolerance, half) = (tolerance.as_f64(), 0.5 * site.window.as_f64());
+            let expected = format!("from 0 to {half} s, half of the window");
+            require((0.0..=half).contains(&tolerance), site.network, "time_tolerance", tolerance, expected)?;
+        }
         let network: Arc<str> = site.network.into();
         let mut winds = Winds::new(self.winds.unwrap_or(WindAxes::Earth) == WindAxes::Earth, site.layout);
         let mut faults = Faults::of(self.observations.numbered());
@@ -70,7 +81,7 @@ impl InstrumentSettings for RecordedSettings {
         for record in self.observations.records() {
             let Some((variable, sigma)) = self.variable_and_sigma(record, site, &mut faults)? else { continue };
             let Some((x_m, y_m, state)) = self.place(record, variable, site, &mut faults)? else { continue };
-            let (cycle, time, is_late) = when(record.valid, self.time_tolerance, site.window, site.start);
+            let Valid { cycle, time, is_late, lag } = when(record.valid, self.times, site.window, site.start);
             let platform = match &record.id {
                 Some(id) => id.clone(),
                 None => nameless.platform(cycle, variable, words(record.place, (x_m, y_m)), [record.value, sigma]),
@@ -80,7 +91,7 @@ impl InstrumentSettings for RecordedSettings {
             let reading = Reading::Recorded { value: record.value, time, is_late, lacks_predictor: false };
             records.push(record);
             let report_number = reports.number(record.report.as_deref());
-            let observation = Observation { reading, report_number, ..Observation::new(report, sigma, state) };
+            let observation = Observation { reading, report_number, lag, ..Observation::new(report, sigma, state) };
             observations.push((cycle, observation));
         }
         faults.check(file).map_err(|error| ObservationError::from(error).of_network(site.network, "file"))?;
@@ -102,6 +113,10 @@ impl InstrumentSettings for RecordedSettings {
     fn is_recorded(&self) -> bool {
         true
     }
+
+    fn is_within_window(&self) -> bool {
+        self.times == RecordedTimes::Window
+    }
 }
 
 impl RecordedSettings {
@@ -112,7 +127,7 @@ impl RecordedSettings {
             observations,
             variable: None,
             sigma: None,
-            time_tolerance: Duration::from_seconds(0),
+            times: RecordedTimes::End(Duration::from_seconds(0)),
             winds: None,
             reference_groups: Vec::new(),
             reference_stations: Vec::new(),
@@ -239,7 +254,7 @@ impl Instrument for Recorded {
             ..RecordedUse::default()
         };
         let mut seen = HashSet::new();
-        for (cycle, Observation { report, reading, state, .. }) in &self.observations {
+        for (cycle, Observation { report, reading, state, lag, .. }) in &self.observations {
             let count = if !cycles.contains(cycle) {
                 &mut usage.in_no_cycle
             } else if state.is_empty() {
@@ -248,7 +263,7 @@ impl Instrument for Recorded {
                 &mut usage.late
             } else if reading.lacks_predictor() {
                 &mut usage.no_predictor
-            } else if !seen.insert((cycle, &report.platform, report.variable)) {
+            } else if !seen.insert((cycle, &report.platform, report.variable, lag)) {
                 &mut usage.duplicate
             } else {
                 &mut usage.usable
@@ -259,20 +274,43 @@ impl Instrument for Recorded {
     }
 }
 
-/// The cycle with which an observation arrives (0: before the first), its valid time, and whether it is late there.
-fn when(valid: ValidTime, tolerance: Duration, window: Duration, start: Time) -> (usize, Time, bool) {
+/// When an observation is valid.
+struct Valid {
+    /// The cycle with which it arrives; 0: before the first.
+    cycle: usize,
+    time: Time,
+    /// Whether it is late there.
+    is_late: bool,
+    /// How long before the end of the window it is compared with the state.
+    lag: Duration,
+}
+
+fn when(valid: ValidTime, times: RecordedTimes, window: Duration, start: Time) -> Valid {
     let length = window.seconds();
+    let at_end = |cycle: i64, time: Time, is_late: bool| Valid {
+        cycle: cycle as usize,
+        time,
+        is_late,
+        lag: Duration::from_seconds(0),
+    };
     match valid {
-        ValidTime::Cycle(cycle) => (cycle, start + Duration::from_seconds(length * cycle as i64), false),
+        ValidTime::Cycle(cycle) => at_end(cycle as i64, start + window * cycle, false),
         ValidTime::Time(time) => {
             let seconds = (time - start).seconds();
-            let nearest = (seconds + length / 2).div_euclid(length);
-            if nearest >= 1 && (seconds - nearest * length).abs() <= tolerance.seconds() {
-                return (nearest as usize, time, false);
-            }
             // The window that ends next.
             let next = (seconds.max(0) + length - 1) / length;
-            (next as usize, time, true)
+            let tolerance = match times {
+                RecordedTimes::Window => {
+                    let lag = Duration::from_seconds(next * length - seconds.max(0));
+                    return Valid { lag, ..at_end(next, time, false) };
+                }
+                RecordedTimes::End(tolerance) => tolerance.seconds(),
+            };
+            let nearest = (seconds + length / 2).div_euclid(length);
+            if nearest >= 1 && (seconds - nearest * length).abs() <= tolerance {
+                return at_end(nearest, time, false);
+            }
+            at_end(next, time, true)
         }
     }
 }

@@ -11,7 +11,7 @@ use crate::predictor::Predictor;
 use crate::report::Report;
 use crate::site::Site;
 use crate::state_operator::StateOperator;
-use isobar_model::{Boundary, Grid, Location};
+use isobar_model::{Boundary, Duration, Grid, Location};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::f64::consts::PI;
@@ -344,6 +344,7 @@ impl Instrument for Satellite {
                 predictors: self.predictors(x_m, y_m),
                 scan_line: Some(ScanLine { number: line, across_m: 0.5 * s * self.settings.swath_width_m }),
                 report_number: 0,
+                lag: Duration::from_seconds(0),
             });
         }
         observations

@@ -47,6 +47,15 @@ pub(super) const WITHHOLD: Key<Limits> = Key::absent(
     "share of the stations, chosen by the seed, that no method sees: they are compared with estimates and do nothing else",
 );
 
+pub(super) const TIMES_PER_WINDOW: Key<Whole> = Key::absent(
+    "times_per_window",
+    "",
+    Whole(1, 100_000),
+    Absent::Means(1),
+    "at how many times of a cycle it observes, at equal intervals, the last at the analysis: scan lines follow each other, \
+     stations take turns; the time steps of the truth must meet all of them",
+);
+
 const FAULTS: Key<Table> = Key::absent(
     "faults",
     "",
@@ -79,7 +88,8 @@ const fn rate(name: &'static str, meaning: &'static str) -> Key<Limits> {
 }
 
 /// What instruments that make their own observations have in common.
-pub(super) const COMMON: &[&dyn AnyKey] = &[&ASSIMILATE, &INTERVAL_CYCLES, &FIRST_CYCLE, &MISSING_RATE, &FAULTS];
+pub(super) const COMMON: &[&dyn AnyKey] =
+    &[&ASSIMILATE, &INTERVAL_CYCLES, &FIRST_CYCLE, &TIMES_PER_WINDOW, &MISSING_RATE, &FAULTS];
 
 /// The most groups that a list may name.
 pub(super) const MOST_GROUPS: usize = 1000;

@@ -9,7 +9,7 @@ use crate::reader::{
 use isobar_model::Duration;
 use isobar_obs::{
     ColumnPredictor, FurtherColumns, InstrumentSettings, ObservationFile, RecordedBias, RecordedScope,
-    RecordedSettings, WindAxes,
+    RecordedSettings, RecordedTimes, WindAxes,
 };
 use std::path::Path;
 
@@ -67,6 +67,22 @@ const TIME_TOLERANCE: Key<Limits> = Key::absent(
     "how long before or after the end of a cycle an observation may be valid that is used there",
 );
 
+/// When observations of a file are used.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Times {
+    Analysis,
+    Window,
+}
+
+const OBSERVATION_TIMES: Key<Choice<Times>> = Key::absent(
+    "observation_times",
+    "",
+    Choice(&[("analysis", Times::Analysis), ("window", Times::Window)]),
+    Absent::Means(Times::Analysis),
+    "which observations are used: those that are valid at the end of a cycle, or all, at their times within it, after its start \
+     and not after its end",
+);
+
 const WINDS: Key<Choice<WindAxes>> = Key::absent(
     "winds",
     "",
@@ -109,7 +125,7 @@ const BIAS: Key<Described> = Key::absent(
 
 pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
     "file",
-    "Observations of a file, each in the cycle at whose end it is valid",
+    "Observations of a file, each in the cycle at whose end, or within which, it is valid",
     &[&[
         &FILE,
         &ASSIMILATE,
@@ -118,6 +134,7 @@ pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
         &SIGMA,
         &ONLY_NETWORK,
         &MISSING,
+        &OBSERVATION_TIMES,
         &TIME_TOLERANCE,
         &WINDS,
         &GROUP_BY,
@@ -151,7 +168,7 @@ pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
             observations,
             variable,
             sigma: section.find(&SIGMA)?,
-            time_tolerance: Duration::from_seconds((section.get(&TIME_TOLERANCE)? * 60.0).round() as i64),
+            times: times(section)?,
             winds: section.find(&WINDS)?,
             reference_groups,
             reference_stations: texts(section, REFERENCE_STATIONS.name, MOST_STATIONS)?,
@@ -159,6 +176,22 @@ pub(super) const KIND: Kind<dyn InstrumentSettings, Domain> = Kind::new(
         }))
     },
 );
+
+/// Which observations are used, and when.
+fn times(section: &Section<'_>) -> Read<RecordedTimes> {
+    let tolerance = section.optional(TIME_TOLERANCE.name);
+    match (section.get(&OBSERVATION_TIMES)?, tolerance) {
+        (Times::Window, Some(field)) => {
+            let message = format!("`{}` has no effect: all observations are used at their times", field.title());
+            Err(field.misplaced(message, "leave it out, or `observation_times = \"window\"`"))
+        }
+        (Times::Window, None) => Ok(RecordedTimes::Window),
+        (Times::Analysis, _) => {
+            let seconds = (section.get(&TIME_TOLERANCE)? * 60.0).round() as i64;
+            Ok(RecordedTimes::End(Duration::from_seconds(seconds)))
+        }
+    }
+}
 
 /// Whether a file is netCDF, by its name.
 fn is_netcdf(name: &str) -> bool {

@@ -9,7 +9,7 @@ mod satellite;
 
 use super::{Domain, Kinds, check_name, choose, distinct_name};
 use crate::reader::{Field, Read, Section, read_all};
-use common::{ASSIMILATE, FIRST_CYCLE, INTERVAL_CYCLES, MISSING_RATE, WITHHOLD, faults};
+use common::{ASSIMILATE, FIRST_CYCLE, INTERVAL_CYCLES, MISSING_RATE, TIMES_PER_WINDOW, WITHHOLD, faults};
 use isobar_obs::{InstrumentSettings, Network, ObservationError, Schedule};
 use std::sync::Arc;
 
@@ -49,6 +49,7 @@ fn network(name: &str, field: &Field<'_>, domain: &Domain) -> Read<Network> {
         error_correlation: correlation::read(&section, &*instrument)?,
         assimilate: section.get(&ASSIMILATE)?,
         withhold: section.get(&WITHHOLD)?,
+        times_per_window: section.get(&TIMES_PER_WINDOW)?,
         instrument,
     })
 }

@@ -28,6 +28,10 @@ impl MethodSettings for Constant {
         Err("its background is no forecast of the model")
     }
 
+    fn forecasts(&self) -> bool {
+        false
+    }
+
     fn uses_observations(&self) -> bool {
         false
     }

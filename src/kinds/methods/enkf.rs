@@ -26,7 +26,9 @@ struct Enkf {
 impl MethodSettings for Enkf {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
         let filter = |problem| StochasticEnsembleKalmanFilter::new(problem, self.ensemble, self.localization_radius_m);
-        Ok(Box::new(setup.smoothed(filter, StochasticEnsembleKalmanFilter::smoothing)?))
+        let within_window = setup.within_window;
+        let filter = setup.smoothed(filter, StochasticEnsembleKalmanFilter::smoothing)?;
+        Ok(Box::new(if within_window { filter.asynchronous()? } else { filter }))
     }
 
     fn work(&self, sizes: &Sizes) -> Work {

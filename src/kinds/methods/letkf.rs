@@ -24,7 +24,9 @@ struct Letkf {
 impl MethodSettings for Letkf {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
         let filter = |problem| LocalEnsembleTransformKalmanFilter::new(problem, self.ensemble, self.local);
-        Ok(Box::new(setup.smoothed(filter, LocalEnsembleTransformKalmanFilter::smoothing)?))
+        let within_window = setup.within_window;
+        let filter = setup.smoothed(filter, LocalEnsembleTransformKalmanFilter::smoothing)?;
+        Ok(Box::new(if within_window { filter.asynchronous()? } else { filter }))
     }
 
     fn work(&self, sizes: &Sizes) -> Work {

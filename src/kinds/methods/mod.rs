@@ -25,7 +25,7 @@ mod variational;
 mod work;
 
 pub use adapt::Adapt;
-pub use settings::{MethodSettings, Setup};
+pub use settings::{FirstGuess, MethodSettings, Setup};
 pub use work::{Sizes, Work};
 
 use super::{Domain, Kinds, choose};
@@ -33,7 +33,7 @@ use crate::reader::{Field, Read, Section};
 use isobar_assim::{Assimilator, BiasTreatment, Error, Problem, Whitened};
 use isobar_model::{Duration, Time};
 pub(crate) use settings::Surroundings;
-use settings::{BIAS, COVARIANCE_SCALE, ERROR_CORRELATION, MEMORY_LIMIT_GB, SMOOTHER_LAG_CYCLES};
+use settings::{BIAS, COVARIANCE_SCALE, ERROR_CORRELATION, FIRST_GUESS, MEMORY_LIMIT_GB, SMOOTHER_LAG_CYCLES};
 use std::sync::Arc;
 
 /// All kinds of methods.
@@ -65,6 +65,8 @@ pub struct Method {
     pub bias: BiasTreatment,
     /// Whether it takes correlated errors of observations as such.
     pub uses_error_correlation: bool,
+    /// When it takes observations within a window to be valid.
+    pub first_guess: FirstGuess,
     /// Which errors it estimates from its innovations, if any.
     pub adapt: Option<Adapt>,
     /// The number of later cycles that revise its estimates, if it has a smoother.
@@ -93,10 +95,17 @@ pub(crate) fn read(field: &Field<'_>, surroundings: &Surroundings) -> Read<Metho
         let help = "choose another kind of method, or give `error_correlation = \"ignore\"`";
         return Err(section.required("kind")?.misplaced(message, help));
     }
+    let first_guess = match settings.uses_observations() {
+        true => section.get(&FIRST_GUESS)?,
+        // What never changes is the same at all times.
+        false if !settings.forecasts() => FirstGuess::AnalysisTime,
+        false => FirstGuess::AppropriateTime,
+    };
     Ok(Method {
         kind: kind.name,
         bias,
         uses_error_correlation,
+        first_guess,
         adapt: adapt::read(&section, settings.static_covariance_scale().is_some(), surroundings.has_model_error)?,
         smoother_lag_cycles: smoother_lag_cycles(&section, surroundings.freezes)?,
         memory_limit_bytes: (section.get(&MEMORY_LIMIT_GB)? * 1e9) as u64,
@@ -143,7 +152,8 @@ impl Method {
         adapts.or(self.settings.fixed_gain().err())
     }
 
-    /// The method as it starts, with factors on its errors' covariances if it adapts them.
+    /// The method as it starts, with factors on its errors' covariances if it adapts them; `within_window`: for observations some of
+    /// which are valid within a window.
     ///
     /// # Errors
     /// That of the method.
@@ -153,6 +163,7 @@ impl Method {
         domain: &Domain,
         start: Time,
         cycle: Duration,
+        within_window: bool,
     ) -> Result<Box<dyn Assimilator>, Error> {
         let problem = Problem { bias: self.bias, memory_limit_bytes: self.memory_limit_bytes, ..ground.clone() };
         if self.estimates_biases() {
@@ -161,7 +172,9 @@ impl Method {
             problem.require_memory(4.0 * (p as f64).powi(2), || format!("the covariance of {p} biases"))?;
         }
         let smoother_lag_cycles = self.smoother_lag_cycles;
-        let method = self.settings.build(Setup { problem, smoother_lag_cycles, domain, start, cycle })?;
+        let within_window = within_window && self.first_guess == FirstGuess::AppropriateTime;
+        let method =
+            self.settings.build(Setup { problem, smoother_lag_cycles, within_window, domain, start, cycle })?;
         let method = match &self.adapt {
             Some(adapt) => adapt.around(method, ground, self.settings.static_covariance_scale())?,
             None => method,
@@ -183,6 +196,9 @@ impl Method {
             };
             if !self.uses_error_correlation {
                 words += ", error correlations ignored";
+            }
+            if self.first_guess == FirstGuess::AnalysisTime {
+                words += ", all observations taken as valid at the analysis";
             }
         }
         if let Some(adapt) = &self.adapt {

@@ -29,6 +29,11 @@ pub trait MethodSettings: Debug + Send + Sync {
     /// Why they do not, as it stands after a colon.
     fn fixed_gain(&self) -> Result<(), &'static str>;
 
+    /// Whether its background is a forecast of the model.
+    fn forecasts(&self) -> bool {
+        true
+    }
+
     /// Whether observations change its estimates.
     fn uses_observations(&self) -> bool {
         true
@@ -73,6 +78,8 @@ pub struct Setup<'a> {
     pub problem: Problem,
     /// The number of later cycles that revise its estimates, if it has a smoother.
     pub smoother_lag_cycles: Option<usize>,
+    /// Whether some observations are valid within a window, and are to be seen at their times.
+    pub within_window: bool,
     /// The plane, and the model from which others can be made.
     pub domain: &'a Domain,
     /// Valid time of the background.
@@ -138,6 +145,24 @@ pub(super) const ERROR_CORRELATION: Key<Choice<bool>> = Key::absent(
     Choice(&[("use", true), ("ignore", false)]),
     Absent::Means(true),
     "how correlated errors of observations are treated: as the networks say, or as independent",
+);
+
+/// When a method takes observations within a window to be valid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FirstGuess {
+    /// At their times: they are compared with the method's background then.
+    AppropriateTime,
+    /// At the time of the analysis.
+    AnalysisTime,
+}
+
+pub(super) const FIRST_GUESS: Key<Choice<FirstGuess>> = Key::absent(
+    "first_guess",
+    "",
+    Choice(&[("appropriate_time", FirstGuess::AppropriateTime), ("analysis_time", FirstGuess::AnalysisTime)]),
+    Absent::Means(FirstGuess::AppropriateTime),
+    "with which background observations within the window are compared: that of their times, or that of the analysis, as if they \
+     were valid then",
 );
 
 pub(super) const MEMORY_LIMIT_GB: Key<Limits> = Key::absent(

@@ -13,7 +13,7 @@ use crate::sensors::{Database, SensorError, database::Missing};
 use isobar_assim::{BiasTreatment, Problem, SensorKnowledge, covariance};
 use isobar_model::check_time_step;
 use isobar_model::random::stream;
-use isobar_obs::ObservingSystem;
+use isobar_obs::{Network, ObservationError, ObservingSystem};
 
 /// Everything of an experiment but its methods, which cost memory and time to set up.
 pub struct Ground {
@@ -67,7 +67,10 @@ pub(super) fn ground_after(
         check_time_step(&*model, &state).map_err(ExperimentError::TimeStep)?;
         let steps = scenario.cycle.window.steps_of(model.time_step()).expect("the scenario's window fits its steps");
         let error = model_error.clone().map(|covariance| (covariance, settings.model_error_scale.sqrt()));
-        Ok(Twin::new(model, steps, span.last, error, stream(seed, "truth/model error"), state))
+        check_times(scenario, steps)?;
+        let twin = Twin::new(model, steps, span.last, error, stream(seed, "truth/model error"), state);
+        let within = scenario.networks.iter().any(|network| network.times_per_window > 1);
+        Ok(if within { twin.keeping_window() } else { twin })
     };
     let begin = span.start + scenario.cycle.window * span.done;
     let series = |series: &TruthSeries| {
@@ -76,7 +79,11 @@ pub(super) fn ground_after(
     let truth = match &scenario.truth {
         None => None,
         Some(TruthSettings::Twin(settings)) => Some(Truth::Twin(Box::new(twin(settings)?))),
-        Some(TruthSettings::Series(settings)) => Some(Truth::Series(series(settings)?)),
+        Some(TruthSettings::Series(settings)) => {
+            // Of its states only those at the ends of the cycles are known.
+            check_times(scenario, 1)?;
+            Some(Truth::Series(series(settings)?))
+        }
     };
 
     let projection = scenario.grid.projection.as_ref();
@@ -98,6 +105,31 @@ pub(super) fn ground_after(
         most_observations: observing.most_observations(span.cycles()),
     };
     Ok(Ground { problem, sensors, truth, observing })
+}
+
+/// Refuses networks that observe when the truth, of which so many states are known in a cycle, is not known.
+fn check_times(scenario: &Scenario, states: usize) -> Result<(), ExperimentError> {
+    let misses = |network: &&Network| !states.is_multiple_of(network.times_per_window.max(1));
+    let Some(network) = scenario.networks.iter().find(misses) else { return Ok(()) };
+    let problem = match states {
+        1 => "times_per_window is above 1, but the true states are known at the ends of the cycles only; leave it out"
+            .into(),
+        _ => format!(
+            "times_per_window is {}, but a cycle has {states} time steps of the truth, whose states are observed; it must be \
+             one of {}",
+            network.times_per_window,
+            divisors(states)
+        ),
+    };
+    Err(ObservationError::in_setting(&network.name, "times_per_window", problem).into())
+}
+
+/// The divisors of a number, in words; the larger ones are left out where there are many.
+fn divisors(number: usize) -> String {
+    const MOST: usize = 12;
+    let all: Vec<String> = (1..=number).filter(|it| number.is_multiple_of(*it)).map(|it| it.to_string()).collect();
+    let more = if all.len() > MOST { ", …" } else { "" };
+    all.iter().take(MOST).cloned().collect::<Vec<_>>().join(", ") + more
 }
 
 /// What the database of sensors knows at the start of a run, or of the first of those from which it goes on; nothing without one.

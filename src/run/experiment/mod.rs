@@ -18,7 +18,7 @@ pub use inputs::{Inputs, inputs_of};
 
 use crate::event::{MethodInfo, NetworkInfo, RunInfo, StationInfo};
 use crate::kinds::instruments;
-use crate::kinds::methods::{Method, Sizes, Work};
+use crate::kinds::methods::{FirstGuess, Method, Sizes, Work};
 use crate::memory;
 use crate::options::RunOptions;
 use crate::run::ahead::{Ahead, require_room};
@@ -38,7 +38,7 @@ use ground::ground_after;
 use isobar_assim::high_pass::HighPassSettings;
 use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem, Recalibration, Whitened};
 use isobar_model::{State, Time};
-use isobar_obs::ObservingSystem;
+use isobar_obs::{Network, ObservingSystem};
 use span::Span;
 use std::borrow::Cow;
 
@@ -263,6 +263,11 @@ impl ExperimentBuilder<'_> {
         let watched = |runner: Runner| {
             runner.watched(scenario.cycle.score_from_cycle, freezing.clone()).of_model(problem.model.clone())
         };
+        let within_window = scenario.networks.iter().any(Network::is_within_window);
+        let at_its_times = |runner: Runner, first_guess: FirstGuess| match first_guess {
+            FirstGuess::AppropriateTime if within_window => runner.at_appropriate_time(problem.background.clone()),
+            _ => runner,
+        };
         let calibrated = |method: Box<dyn Assimilator>, estimates_biases: bool| {
             if estimates_biases {
                 Calibrated::new(method, &problem.calibration, span.start, sensors.knowledge.clone())
@@ -274,7 +279,7 @@ impl ExperimentBuilder<'_> {
         for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
             let build =
                 || Ok(calibrated(self::method(&problem, name, scenario, span.start)?, method.estimates_biases()));
-            let runner = watched(Runner::new::<_, ExperimentError>(build)?);
+            let runner = at_its_times(watched(Runner::new::<_, ExperimentError>(build)?), method.first_guess);
             let (smoother_lag_cycles, estimates_biases) = (runner.smoother_lag(), runner.estimates_biases());
             let bias_known = method.bias == BiasTreatment::Known;
             let scores_bias = method.scores_biases();
@@ -295,7 +300,7 @@ impl ExperimentBuilder<'_> {
                 Ok(calibrated(method, estimates_biases))
             };
             let runner = Runner::new(build).map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
-            let runner = watched(runner);
+            let runner = at_its_times(watched(runner), FirstGuess::AppropriateTime);
             let (smoother_lag_cycles, estimates_biases) = (runner.smoother_lag(), runner.estimates_biases());
             let (name, description) = (name.clone(), description.clone());
             methods.push(Competitor::new(runner, u64::MAX));
@@ -355,7 +360,15 @@ impl ExperimentBuilder<'_> {
             units: UnitCheck::new(&*problem.background_error, &problem.background),
             reference: scenario.quality_control.map(|control| {
                 let (background_error, model_error) = (&*problem.background_error, problem.model_error.as_deref());
-                Reference::new(control, problem.model, steps, problem.background, background_error, model_error)
+                Reference::new(
+                    control,
+                    problem.model,
+                    steps,
+                    problem.background,
+                    within_window,
+                    background_error,
+                    model_error,
+                )
             }),
             observing,
             inputs,
@@ -405,7 +418,9 @@ pub fn method(
         let message = format!("it would need about {needed}, and this machine has {total}");
         return Err(fault(isobar_assim::Error::Setting(message)));
     }
-    let method = settings.build(problem, &scenario.domain(), start, scenario.cycle.window).map_err(fault)?;
+    let within_window = scenario.networks.iter().any(Network::is_within_window);
+    let method =
+        settings.build(problem, &scenario.domain(), start, scenario.cycle.window, within_window).map_err(fault)?;
     if scenario.forecast.is_some() {
         require_room(&*method, settings.memory_limit_bytes).map_err(fault)?;
     }

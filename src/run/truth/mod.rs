@@ -7,6 +7,7 @@ pub use series::Series;
 pub use twin::{Growth, Twin};
 
 use isobar_model::{ForecastError, State, Time};
+use isobar_obs::WindowStates;
 use serde::{Deserialize, Serialize};
 
 /// The true world.
@@ -46,6 +47,14 @@ impl Truth {
         match self {
             Self::Twin(twin) => twin.state(),
             Self::Series(series) => series.state(),
+        }
+    }
+
+    /// The true states through the last window; of a file's only the one at its end.
+    pub fn window(&self) -> WindowStates<'_> {
+        match self {
+            Self::Twin(twin) => twin.window(),
+            Self::Series(series) => series.state().into(),
         }
     }
 

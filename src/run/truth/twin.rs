@@ -1,7 +1,9 @@
 //! A truth that is a model run of its own, with stochastic model error.
 
+use crate::run::reference::through_window;
 use isobar_assim::{Covariance, covariance};
-use isobar_model::{ForecastError, Model, State, forecast};
+use isobar_model::{ForecastError, Model, State};
+use isobar_obs::WindowStates;
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 
@@ -12,7 +14,10 @@ pub struct Twin {
     /// Covariance of what a cycle adds, and the factor on its standard deviation.
     model_error: Option<(Arc<dyn Covariance>, f64)>,
     random: ChaCha8Rng,
-    state: State,
+    /// The states through the last window, the last with its random errors; or that one alone where nothing is observed before
+    /// it.
+    states: Vec<State>,
+    keeps_window: bool,
     /// What its variability may come to without being a fault: root mean squares of each variable about its mean at the start,
     /// with the model errors of all cycles.
     scales: Vec<f64>,
@@ -47,7 +52,12 @@ impl Twin {
         state: State,
     ) -> Self {
         let scales = scales(&state, model_error.as_ref().map(|(covariance, factor)| (&**covariance, *factor)), cycles);
-        Self { model, steps_per_cycle, model_error, random, state, scales }
+        Self { model, steps_per_cycle, model_error, random, states: vec![state], keeps_window: false, scales }
+    }
+
+    /// The same with its states within each window.
+    pub fn keeping_window(self) -> Self {
+        Self { keeps_window: true, ..self }
     }
 
     /// Says whether the truth has grown by orders of magnitude, in every variable that varied at the start: a model that gains
@@ -58,9 +68,9 @@ impl Twin {
     pub fn check_growth(&self) -> Result<(), Growth> {
         /// Orders of magnitude that no experiment needs.
         const LARGEST: f64 = 1e3;
-        let layout = self.state.layout();
+        let layout = self.state().layout();
         let factors = self.scales.iter().enumerate().filter(|(_, scale)| **scale > 0.0).map(|(number, &from)| {
-            let to = self.state.variability(number);
+            let to = self.state().variability(number);
             (
                 to / from,
                 Growth { variable: layout.variables[number].name, unit: layout.variables[number].unit, from, to },
@@ -74,20 +84,25 @@ impl Twin {
 
     /// The true state now.
     pub fn state(&self) -> &State {
-        &self.state
+        self.states.last().expect("there is always a state")
+    }
+
+    /// The true states through the last window.
+    pub fn window(&self) -> WindowStates<'_> {
+        WindowStates::new(&self.states, self.model.time_step() * self.steps_per_cycle)
     }
 
     /// Everything that the next cycles depend on and the scenario does not determine: its state, and the numbers drawn so far,
     /// in words of 32 bits.
     pub fn save(&self) -> (State, u128) {
-        (self.state.clone(), self.random.get_word_pos())
+        (self.state().clone(), self.random.get_word_pos())
     }
 
     /// Takes back what [`Twin::save`] gave; whether it fits.
     pub fn restore(&mut self, state: State, random: u128) -> bool {
-        let fits = state.layout() == self.state.layout();
+        let fits = state.layout() == self.state().layout();
         if fits {
-            self.state = state;
+            self.states = vec![state];
             self.random.set_word_pos(random);
         }
         fits
@@ -98,10 +113,11 @@ impl Twin {
     /// # Errors
     /// If the true state leaves the finite numbers.
     pub fn advance(&mut self) -> Result<(), ForecastError> {
-        forecast::forecast(&*self.model, &mut self.state, self.steps_per_cycle)?;
+        self.states = through_window(&*self.model, self.state(), self.steps_per_cycle, self.keeps_window)?;
         if let Some((covariance, factor)) = &self.model_error {
             let error = covariance::randomize(&**covariance, &mut self.random);
-            self.state.values_mut().iter_mut().zip(error).for_each(|(value, error)| *value += factor * error);
+            let end = self.states.last_mut().expect("a forecast has an end");
+            end.values_mut().iter_mut().zip(error).for_each(|(value, error)| *value += factor * error);
         }
         Ok(())
     }

@@ -3,7 +3,9 @@
 mod corrections;
 mod factors;
 
-use super::{ERROR_CORRELATION, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Sizes, Surroundings, Work, fast_kalman};
+use super::{
+    ERROR_CORRELATION, FIRST_GUESS, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Sizes, Surroundings, Work, fast_kalman,
+};
 use crate::kinds::{Kind, form};
 use crate::reader::{Absent, Choice, Described, Form, Key, Limits, Read, Section, Whole};
 use corrections::ModelCorrections;
@@ -71,6 +73,7 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
             &TRANSITION_CORRECTIONS,
             &SELECTION_THRESHOLD,
             &ERROR_CORRELATION,
+            &FIRST_GUESS,
             &SMOOTHER_LAG_CYCLES,
         ],
     ],
@@ -143,7 +146,7 @@ struct TimeVolumeOptions {
 
 impl MethodSettings for TimeVolumeOptions {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
-        let Setup { problem, domain, start, cycle, smoother_lag_cycles } = setup;
+        let Setup { problem, domain, start, cycle, smoother_lag_cycles, .. } = setup;
         let factors = self.factors.iter().map(|factor| factor.resolve(&problem.calibration));
         let settings = TimeVolumeSettings {
             filter: self.filter.filter,
