@@ -102,6 +102,7 @@ fn in_parts(folder: &Path, scenario: &Scenario, parts: &[usize]) -> (Listener, S
         all.observed.extend(part.observed);
         all.truth.extend(part.truth);
         all.forecasts.extend(part.forecasts);
+        all.verdicts.extend(part.verdicts);
         (done, from) = (done + cycles, Some(options.out));
     }
     (all, format!("part_{}", parts.len() - 1))
@@ -122,6 +123,7 @@ fn assert_same_in_parts(scenario: &Scenario, parts: &[usize]) {
     }
     let observed = |it: &Listener| postcard::to_stdvec(&it.observed).unwrap();
     assert!(observed(&whole) == observed(&all) && whole.truth == all.truth);
+    assert_eq!(whole.verdicts, all.verdicts);
     assert!(
         whole.forecasts.keys().eq(all.forecasts.keys()),
         "{:?}, {:?}",

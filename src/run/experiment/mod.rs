@@ -22,7 +22,7 @@ use crate::kinds::methods::{Method, Sizes, Work};
 use crate::memory;
 use crate::options::RunOptions;
 use crate::run::ahead::{Ahead, require_room};
-use crate::run::cycle::{Freezing, Runner};
+use crate::run::cycle::{Judging, Runner};
 use crate::run::earlier::Earlier;
 use crate::run::reference::Reference;
 use crate::run::truth::Truth;
@@ -73,8 +73,6 @@ impl ExperimentError {
 pub struct Experiment {
     /// What is known before the first cycle.
     pub info: RunInfo,
-    /// The share of its prior variance above which a bias is not determined.
-    pub variance_ratio: f64,
     /// Number of cycles between two in which the influence of each type of observations is computed; `None`: never.
     pub influence_every_cycles: Option<usize>,
     /// The true world; `None` where all observations are recorded.
@@ -253,13 +251,13 @@ impl ExperimentBuilder<'_> {
         let Ground { problem, sensors, truth, observing } = ground;
         let inputs = Inputs::new(scenario, &sensors, added);
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
-        let freezing = scenario.stability.freeze_after_cycles.map(|after_cycle| Freezing {
-            after_cycle,
-            variance_ratio: scenario.stability.variance_ratio,
+        let judging = Judging {
             calibration: problem.calibration.clone(),
-        });
+            variance_ratio: scenario.stability.variance_ratio,
+            freeze_after_cycle: scenario.stability.freeze_after_cycles,
+        };
         let watched = |runner: Runner| {
-            runner.watched(scenario.cycle.score_from_cycle, freezing.clone()).of_model(problem.model.clone())
+            runner.watched(scenario.cycle.score_from_cycle, judging.clone()).of_model(problem.model.clone())
         };
         let calibrated = |method: Box<dyn Assimilator>, estimates_biases: bool| {
             if estimates_biases {
@@ -346,7 +344,6 @@ impl ExperimentBuilder<'_> {
         warnings.extend(notices::of_thresholds(&info.warnings, &problem));
         Ok(Experiment {
             info,
-            variance_ratio: scenario.stability.variance_ratio,
             influence_every_cycles: scenario.influence_every_cycles,
             truth,
             climate: problem.background.clone(),

@@ -11,9 +11,11 @@
 //! - *size* of the innovations, by χ².
 
 mod judge;
+mod verdicts;
 mod watch;
 
 pub use judge::judge;
+pub use verdicts::{Verdict, Verdicts};
 pub use watch::Watch;
 
 use indexmap::IndexMap;
@@ -85,12 +87,17 @@ pub struct ParameterStability {
 impl ParameterStability {
     /// The verdict, in words.
     pub fn verdict(&self) -> &'static str {
-        match (self.stable, self.frozen) {
-            (true, false) => "stable, adjusted",
-            (true, true) => "stable, but frozen",
-            (false, true) => "not stable, frozen",
-            (false, false) => "not stable, adjusted all the same",
-        }
+        in_words(self.stable, self.frozen)
+    }
+}
+
+/// A verdict in words.
+fn in_words(stable: bool, frozen: bool) -> &'static str {
+    match (stable, frozen) {
+        (true, false) => "stable, adjusted",
+        (true, true) => "stable, but frozen",
+        (false, true) => "not stable, frozen",
+        (false, false) => "not stable, adjusted all the same",
     }
 }
 
