@@ -46,13 +46,8 @@ fn a_bias_that_nothing_tells_from_the_mean_height_is_named_with_what_would_cure_
 /// A row of `verdicts.csv`: cycle, parameter, whether it is stable and frozen, and the share of its prior variance.
 type Row = (usize, String, bool, bool, f64);
 
-/// The verdicts on the biases of a shipped scenario in its cycles, and its summary; `shown`: how the page tells them.
-fn verdicts(
-    scenario: &str,
-    change: impl Fn(String) -> String,
-    method: &str,
-    shown: &str,
-) -> (Vec<Row>, serde_json::Value) {
+/// The verdicts on the biases of the scenario in its cycles, and at the end; `shown`: how the page tells them.
+fn verdicts(change: impl Fn(String) -> String, method: &str, shown: &str) -> (Vec<Row>, serde_json::Value) {
     let parent = tempdir().unwrap();
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/no_reference_station.toml");
     let shipped = fs::read_to_string(shipped).unwrap();
@@ -141,5 +136,30 @@ fn a_bias_without_a_stable_update_is_frozen_if_the_scenario_says_so() {
         let (spread, error) = (&scores["spread_analysis"]["h"], &scores["rmse_analysis"]["h"]);
         assert!(spread.as_f64().unwrap() > error.as_f64().unwrap(), "{scores}");
         assert_eq!(scores["stability"]["parameters"][0]["frozen"], true);
+    }
+}
+
+/// While nothing tells the bias from the mean height it is frozen, after three cycles of that; a reference that begins in cycle 15
+/// makes it stable, and two cycles later it is adjusted again.
+#[test]
+fn a_bias_is_frozen_while_it_has_no_stable_update() {
+    let late = |scenario: String| {
+        scenario
+            + "\n[stability]\nfreeze_unstable_cycles = 3\nthaw_stable_cycles = 2\n[networks.reference]\nkind = \"radiosonde\"\n\
+               stations = { regular = [5, 3] }\nsigma_height_m = 12\ninterval_cycles = 15\nfirst_cycle = 15\n"
+    };
+    for method in ["fkf", "kf"] {
+        let (rows, end) = verdicts(late, method, "frozen in cycles 3–15");
+        let told: Vec<(usize, bool, bool)> = rows.iter().map(|row| (row.0, row.2, row.3)).collect();
+        assert_eq!(told, [(1, false, false), (3, false, true), (15, true, true), (16, true, false)]);
+        // What is kept is what three cycles left, and an update would hardly leave less until the reference begins.
+        assert!((rows[1].4 / rows[0].4 - 1.0).abs() < 0.05 && rows[2].4 < 0.25, "{rows:?}");
+        assert!(end[0]["stable"] == true && end[0]["frozen"] == false, "{end}");
+        // It is no worse in the end than one that was never frozen.
+        let never =
+            |scenario: String| late(scenario).replace("freeze_unstable_cycles = 3\nthaw_stable_cycles = 2\n", "");
+        let (_, other) = verdicts(never, method, "from cycle 15");
+        let ratio = |end: &serde_json::Value| end[0]["variance_ratio"].as_f64().unwrap();
+        assert!(ratio(&end) < 1.2 * ratio(&other), "{end} {other}");
     }
 }

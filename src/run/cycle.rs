@@ -6,7 +6,7 @@ use crate::correlations::Correlations;
 use crate::memory::{self, Memory};
 use crate::outcome::{Outcome, Smoothed, UnusedDepartures};
 use crate::readings::Readings;
-use crate::scores::stability::{Stability, Verdicts, Watch, judge};
+use crate::scores::stability::{Freezing, Stability, Verdicts, Watch, judge};
 use isobar_assim::{
     Assimilator, Calibrated, CalibrationAccuracy, Error, Estimate, EstimatedParameter, Structure, Unknown,
     reserve_workspace,
@@ -60,8 +60,10 @@ pub struct Judging {
     pub calibration: Calibration,
     /// Those that keep more than this share of their prior variance have no stable update.
     pub variance_ratio: f64,
-    /// After this cycle those without one go back to their prior and are adjusted no more; `None`: never.
-    pub freeze_after_cycle: Option<usize>,
+    /// When those without one are adjusted no more.
+    pub freezing: Freezing,
+    /// The cycle of the method's first analysis, before which none is frozen.
+    pub first_analysis: usize,
 }
 
 impl Runner {
@@ -104,7 +106,7 @@ impl Runner {
     }
 
     fn freeze(&mut self, cycle: usize, layout: &Layout) -> Result<(), isobar_assim::Error> {
-        if self.judging.freeze_after_cycle != Some(cycle) {
+        if self.judging.freezing != Freezing::AfterCycle(cycle) {
             return Ok(());
         }
         let stability = self.stability(layout)?;
@@ -168,8 +170,10 @@ impl Runner {
         self.progress.watch.add(observed, &outcome);
         self.freeze(observed.cycle, outcome.background.state.layout())?;
         let Progress { watch, when_frozen, verdicts, .. } = &mut self.progress;
-        let (analysis, most) = (&outcome.analysis.estimate, self.judging.variance_ratio);
-        outcome.verdicts = verdicts.judge(watch, &self.method, analysis, most, when_frozen.as_ref());
+        let Judging { variance_ratio, freezing, first_analysis, .. } = self.judging;
+        let rule = (variance_ratio, if observed.cycle < first_analysis { Freezing::Never } else { freezing });
+        let analysis = &outcome.analysis.estimate;
+        outcome.verdicts = verdicts.judge(watch, &mut self.method, analysis, rule, when_frozen.as_ref())?;
         Ok(outcome)
     }
 

@@ -254,10 +254,12 @@ impl ExperimentBuilder<'_> {
         let judging = Judging {
             calibration: problem.calibration.clone(),
             variance_ratio: scenario.stability.variance_ratio,
-            freeze_after_cycle: scenario.stability.freeze_after_cycles,
+            freezing: scenario.stability.freezing,
+            first_analysis: 1,
         };
-        let watched = |runner: Runner| {
-            runner.watched(scenario.cycle.score_from_cycle, judging.clone()).of_model(problem.model.clone())
+        let watched = |runner: Runner, first_analysis: usize| {
+            let judging = Judging { first_analysis, ..judging.clone() };
+            runner.watched(scenario.cycle.score_from_cycle, judging).of_model(problem.model.clone())
         };
         let calibrated = |method: Box<dyn Assimilator>, estimates_biases: bool| {
             if estimates_biases {
@@ -270,13 +272,15 @@ impl ExperimentBuilder<'_> {
         for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
             let build =
                 || Ok(calibrated(self::method(&problem, name, scenario, span.start)?, method.estimates_biases()));
-            let runner = watched(Runner::new::<_, ExperimentError>(build)?);
+            let initialised = initialisation(name, scenario);
+            let first_analysis = initialised.map_or(1, |settings| settings.cycles);
+            let runner = watched(Runner::new::<_, ExperimentError>(build)?, first_analysis);
             let (smoother_lag_cycles, estimates_biases) = (runner.smoother_lag(), runner.estimates_biases());
             let bias_known = method.bias == BiasTreatment::Known;
             let scores_bias = method.scores_biases();
             let memory_limit_bytes = method.memory_limit_bytes;
             methods.push(Competitor { scores_bias, bias_known, ..Competitor::new(runner, memory_limit_bytes) });
-            let initialised = initialisation(name, scenario).map(|settings| {
+            let initialised = initialised.map(|settings| {
                 format!("calibration initialised from {} cycles by a high-pass filter", settings.cycles)
             });
             let known = sensors_in_words(&sensors).filter(|_| method.estimates_biases());
@@ -291,7 +295,7 @@ impl ExperimentBuilder<'_> {
                 Ok(calibrated(method, estimates_biases))
             };
             let runner = Runner::new(build).map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
-            let runner = watched(runner);
+            let runner = watched(runner, 1);
             let (smoother_lag_cycles, estimates_biases) = (runner.smoother_lag(), runner.estimates_biases());
             let (name, description) = (name.clone(), description.clone());
             methods.push(Competitor::new(runner, u64::MAX));

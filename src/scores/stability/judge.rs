@@ -81,16 +81,18 @@ pub fn judge(
     let parameters = calibration.parameters.iter().enumerate();
     stability.parameters = parameters
         .map(|(number, parameter)| {
-            let ratio = ratios[number];
+            let frozen = method.frozen()[number];
+            let would_be = method.variance_if_adjusted(number).map(|variance| variance / prior[(number, number)]);
+            let ratio = would_be.unwrap_or(ratios[number]);
             let why: Vec<String> =
-                doubts(watch, number, ratio, variance_ratio).map(|doubt| doubt.to_string()).collect();
+                doubts(watch, (number, frozen), ratio, variance_ratio).map(|doubt| doubt.to_string()).collect();
             ParameterStability {
                 name: parameter.name.clone(),
                 observations: watch.observations_of(number),
                 variance_ratio: ratio,
                 lag_correlation: watch.lag_correlation_of(number),
                 stable: why.is_empty(),
-                frozen: method.frozen()[number],
+                frozen,
                 why,
             }
         })
@@ -104,15 +106,21 @@ pub fn judge(
     Ok(stability)
 }
 
-/// Why a parameter with this share of its prior variance has no stable update; nothing if it has one.
-pub(super) fn doubts(watch: &Watch, number: usize, ratio: f64, most: f64) -> impl Iterator<Item = Doubt> {
+/// Why a parameter with this share of its prior variance has no stable update; nothing if it has one. Innovations of a filter
+/// that does not adjust a bias go together from cycle to cycle, and are no reason.
+pub(super) fn doubts(
+    watch: &Watch,
+    (number, frozen): (usize, bool),
+    ratio: f64,
+    most: f64,
+) -> impl Iterator<Item = Doubt> {
     let seen = watch.observations_of(number) > 0;
     let undetermined = match (seen, ratio > most) {
         (false, _) => Some(Doubt::Unobserved),
         (true, true) => Some(Doubt::Undetermined(ratio)),
         (true, false) => None,
     };
-    let lag = watch.lag_correlation_of(number);
+    let lag = watch.lag_correlation_of(number).filter(|_| !frozen);
     let red = lag.filter(|lag| lag.value > RED.max(BEYOND_CHANCE * lag.tolerance)).map(Doubt::Red);
     undetermined.into_iter().chain(red)
 }

@@ -1,33 +1,10 @@
 //! The verdict on every bias in every cycle, of which those are told that are others than in the cycle before.
 
+use super::freezing::Standing;
 use super::judge::doubts;
-use super::{Stability, Watch, in_words};
-use isobar_assim::{Assimilator, Calibrated, Estimate};
+use super::{Freezing, Stability, Verdict, Watch};
+use isobar_assim::{Assimilator, Calibrated, Error, Estimate};
 use serde::{Deserialize, Serialize};
-
-/// The verdict on a bias parameter in a cycle, by the rule of the verdict at the end: of what the observations so far leave of
-/// the variance that it would have without them, which for an evolving parameter tends to its stationary variance, and of
-/// its innovations so far.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Verdict {
-    /// Number of the parameter in the calibration.
-    pub parameter: usize,
-    /// Whether it has a stable update.
-    pub stable: bool,
-    /// Whether it is adjusted no more.
-    pub frozen: bool,
-    /// The share of its prior variance that it still has.
-    pub variance_ratio: f64,
-    /// Why it is not stable; empty if it is.
-    pub why: Vec<String>,
-}
-
-impl Verdict {
-    /// The verdict, in words.
-    pub fn in_words(&self) -> &'static str {
-        in_words(self.stable, self.frozen)
-    }
-}
 
 /// The last verdict on each parameter of a method; a checkpoint has it, so that a run that goes on repeats none.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -35,61 +12,83 @@ pub struct Verdicts {
     last: Vec<Standing>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-struct Standing {
-    stable: bool,
-    frozen: bool,
-}
-
 impl Verdicts {
-    /// Judges the parameters after an analysis: those verdicts that are the first or other than in the cycle before. None of a
-    /// method that claims no covariance of biases. `when_frozen` is what was said of parameters when they were frozen for
-    /// good, which stands.
+    /// Judges the parameters after an analysis, and freezes them and adjusts them again by the rule: those verdicts that are the
+    /// first or other than in the cycle before. None of a method that claims no covariance of biases. `when_frozen` is what
+    /// was said of parameters when they were frozen for good, which stands.
+    ///
+    /// # Errors
+    /// Those of [`Calibrated::hold`].
     pub fn judge(
         &mut self,
-        watch: &Watch,
-        method: &Calibrated,
+        watch: &mut Watch,
+        method: &mut Calibrated,
         analysis: &Estimate,
-        variance_ratio: f64,
+        (variance_ratio, freezing): (f64, Freezing),
         when_frozen: Option<&Stability>,
-    ) -> Vec<Verdict> {
-        let prior = method.prior_covariance();
-        let Some(claims) = method.can().calibration.filter(|_| prior.nrows() > 0) else { return Vec::new() };
-        let variances: Vec<f64> = match &analysis.calibration_spread {
-            Some(spread) => spread.iter().map(|sigma| sigma * sigma).collect(),
-            None => claims.calibration_accuracy().covariance().diagonal().column_vector().iter().copied().collect(),
-        };
-        let mut changed = Vec::new();
-        for (number, (&frozen, variance)) in method.frozen().iter().zip(variances).enumerate() {
-            let before = when_frozen.filter(|_| frozen).and_then(|before| before.parameters.get(number));
-            let verdict = match before {
-                Some(before) => Verdict {
-                    parameter: number,
-                    stable: before.stable,
-                    frozen,
-                    variance_ratio: before.variance_ratio,
-                    why: before.why.clone(),
-                },
-                None => {
-                    let ratio = variance / prior[(number, number)];
-                    let why: Vec<String> =
-                        doubts(watch, number, ratio, variance_ratio).map(|doubt| doubt.to_string()).collect();
-                    Verdict { parameter: number, stable: why.is_empty(), frozen, variance_ratio: ratio, why }
-                }
-            };
-            let standing = Standing { stable: verdict.stable, frozen };
-            match self.last.get_mut(number) {
-                Some(last) if *last == standing => continue,
-                Some(last) => *last = standing,
-                None => self.last.push(standing),
-            }
-            changed.push(verdict);
+    ) -> Result<Vec<Verdict>, Error> {
+        let mut verdicts = verdicts(watch, method, analysis, variance_ratio, when_frozen);
+        let before = |number: usize| self.last.get(number).copied();
+        let mut now: Vec<Standing> =
+            verdicts.iter().map(|it| Standing::after(before(it.parameter), it.stable, it.frozen)).collect();
+        if freezing == Freezing::Never {
+            now.iter_mut().for_each(|standing| *standing = standing.uncounted());
         }
-        changed
+        if let Freezing::WhileUnstable(rule) = freezing {
+            let (mut held, mut thawed) = (Vec::new(), Vec::new());
+            for (verdict, standing) in verdicts.iter_mut().zip(&mut now) {
+                standing.frozen = standing.is_to_be_frozen(rule);
+                match (verdict.frozen, standing.frozen) {
+                    (false, true) => held.push(verdict.parameter),
+                    (true, false) => thawed.push(verdict.parameter),
+                    _ => {}
+                }
+                verdict.frozen = standing.frozen;
+            }
+            if !held.is_empty() {
+                method.hold(&held)?;
+            }
+            method.thaw(&thawed);
+            thawed.into_iter().for_each(|parameter| watch.forget_correlation_of(parameter));
+        }
+        let is_new = |verdict: &Verdict| {
+            before(verdict.parameter).is_none_or(|it| (it.stable, it.frozen) != (verdict.stable, verdict.frozen))
+        };
+        verdicts.retain(is_new);
+        self.last = now;
+        Ok(verdicts)
     }
 
     /// Whether they are of this number of parameters; those of a file may not be.
     pub fn fits(&self, parameters: usize) -> bool {
         self.last.is_empty() || self.last.len() == parameters
     }
+}
+
+/// The verdict on every parameter after an analysis.
+fn verdicts(
+    watch: &Watch,
+    method: &Calibrated,
+    analysis: &Estimate,
+    variance_ratio: f64,
+    when_frozen: Option<&Stability>,
+) -> Vec<Verdict> {
+    let prior = method.prior_covariance();
+    let Some(claims) = method.can().calibration.filter(|_| prior.nrows() > 0) else { return Vec::new() };
+    let variances: Vec<f64> = match &analysis.calibration_spread {
+        Some(spread) => spread.iter().map(|sigma| sigma * sigma).collect(),
+        None => claims.calibration_accuracy().covariance().diagonal().column_vector().iter().copied().collect(),
+    };
+    let verdict = |(number, (&frozen, variance)): (usize, (&bool, f64))| {
+        let stands = when_frozen.filter(|_| frozen).and_then(|before| before.parameters.get(number));
+        if let Some(before) = stands {
+            let (stable, variance_ratio, why) = (before.stable, before.variance_ratio, before.why.clone());
+            return Verdict { parameter: number, stable, frozen, variance_ratio, why };
+        }
+        let ratio = method.variance_if_adjusted(number).unwrap_or(variance) / prior[(number, number)];
+        let doubts = doubts(watch, (number, frozen), ratio, variance_ratio);
+        let why: Vec<String> = doubts.map(|doubt| doubt.to_string()).collect();
+        Verdict { parameter: number, stable: why.is_empty(), frozen, variance_ratio: ratio, why }
+    };
+    method.frozen().iter().zip(variances).enumerate().map(verdict).collect()
 }
