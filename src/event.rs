@@ -4,6 +4,7 @@ use crate::correlations::Correlations;
 use crate::lead_times::LeadTimes;
 use crate::outcome::UnusedDepartures;
 use crate::readings::Readings;
+use crate::scores::stability::Verdict;
 use crate::scores::{Against, Failure, Line, Outlook, SCORES, ScoreKind, Summary, Values, WarningCase};
 use crate::threshold_warning::PlacedWarning;
 use isobar_assim::{Analysis, Estimate, EstimatedParameter, Structure};
@@ -191,6 +192,8 @@ pub enum Event<'a> {
     Analysed(Analysed<'a>),
     /// A method has estimated parameters beside state and calibration in a cycle.
     Estimated(Estimated<'a>),
+    /// The verdict on biases of a method is the first, or another than in the cycle before.
+    Judged(Judged<'a>),
     /// A method has revised the estimate of an earlier cycle, for the last time.
     Smoothed(Smoothed<'a>),
     /// A method has made its forecasts ahead of an analysis, with the probabilities of the warnings.
@@ -238,6 +241,9 @@ impl Event<'_> {
             }
             Event::Analysed(analysed) => is_method(analysed.method) && analysed.fits(info),
             Event::Estimated(estimated) => is_method(estimated.method),
+            Event::Judged(Judged { method, verdicts, .. }) => {
+                is_method(*method) && verdicts.iter().all(|it| it.parameter < info.calibration.len())
+            }
             Event::Smoothed(smoothed) => is_method(smoothed.method) && fits(&smoothed.estimate, info),
             Event::Outlook { method, outlook } => {
                 let is_probability = |it: &f64| (0.0..=1.0).contains(it);
@@ -272,6 +278,19 @@ pub struct Estimated<'a> {
     pub time: Time,
     /// The parameters.
     pub parameters: Cow<'a, [EstimatedParameter]>,
+}
+
+/// Which biases of a method the observations determine, where that has changed.
+#[derive(Serialize, Deserialize)]
+pub struct Judged<'a> {
+    /// Number of the method in [`RunInfo::methods`].
+    pub method: usize,
+    /// Number of the cycle, from 1.
+    pub cycle: usize,
+    /// Valid time.
+    pub time: Time,
+    /// The verdicts after the analysis of the cycle.
+    pub verdicts: Cow<'a, [Verdict]>,
 }
 
 /// A method's estimate of an earlier cycle, given the observations of later ones.

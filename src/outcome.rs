@@ -1,6 +1,7 @@
 //! What a method made of one cycle, for those who judge it: the monitors, the scores, the sinks.
 
 use crate::readings::Readings;
+use crate::scores::stability::Verdict;
 use isobar_assim::{Analysis, Estimate};
 use isobar_obs::ObservationType;
 use serde::{Deserialize, Serialize};
@@ -20,6 +21,8 @@ pub struct Outcome {
     pub readings: Option<Readings>,
     /// What each type of observations did, if that was asked for.
     pub influence: Option<Influence>,
+    /// The verdicts on its biases that are the first, or others than in the cycle before.
+    pub verdicts: Vec<Verdict>,
     /// Wall-clock seconds that it took.
     pub seconds: f64,
 }

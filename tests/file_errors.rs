@@ -233,5 +233,10 @@ fn of_methods_that_cannot_freeze() {
             "kind = \"time_volume\"",
             &["factors of a time volume would go on changing the biases", "leave out `freeze_after_cycles`"],
         ),
+        case(
+            "[stability]\nfreeze_unstable_cycles = 5\n[methods.fkf]\nkind = \"federated_kf\"",
+            "kind = \"federated_kf\"",
+            &["no place for what frozen biases of two systems have in common", "leave out `freeze_unstable_cycles`"],
+        ),
     ]);
 }

@@ -103,6 +103,7 @@ fn in_parts(folder: &Path, scenario: &Scenario, parts: &[usize]) -> (Listener, S
         all.observed.extend(part.observed);
         all.truth.extend(part.truth);
         all.forecasts.extend(part.forecasts);
+        all.verdicts.extend(part.verdicts);
         (done, from) = (done + cycles, Some(options.out));
     }
     (all, format!("part_{}", parts.len() - 1))
@@ -123,6 +124,7 @@ fn assert_same_in_parts(scenario: &Scenario, parts: &[usize]) {
     }
     let observed = |it: &Listener| postcard::to_stdvec(&it.observed).unwrap();
     assert!(observed(&whole) == observed(&all) && whole.truth == all.truth);
+    assert_eq!(whole.verdicts, all.verdicts);
     assert!(
         whole.forecasts.keys().eq(all.forecasts.keys()),
         "{:?}, {:?}",
@@ -147,4 +149,9 @@ fn first_calibration_and_freezing_go_on() {
     let frozen = "[initialise]\nmethod = \"high-pass\"\nmethods = [\"kf\"]\ncycles = 5\nbox_km = 400\n[stability]\nfreeze_after_cycles = 7\n\
         [methods]\nkf = { kind = \"kf\" }\nfkf = { kind = \"fkf\", factors = 6 }\n";
     assert_same_in_parts(&parse(&[TRACER, frozen]), &[3, 6, 2]);
+    let by_rule = frozen.replace(
+        "freeze_after_cycles = 7",
+        "variance_ratio = 0.02\nfreeze_unstable_cycles = 2\nthaw_stable_cycles = 3",
+    );
+    assert_same_in_parts(&parse(&[TRACER, &by_rule]), &[3, 1, 5, 2]);
 }

@@ -152,7 +152,7 @@ fn pipes_and_devices_in_the_place_of_a_runs_files_are_refused() {
     }
     // A hole of a terabyte.
     fs::create_dir_all(&working).unwrap();
-    for (name, beginning) in [("lock", ""), ("journal", "isobar journal 5\n"), ("checkpoint-0000000003", "")] {
+    for (name, beginning) in [("lock", ""), ("journal", "isobar journal 6\n"), ("checkpoint-0000000003", "")] {
         fs::write(working.join(name), beginning).unwrap();
         File::options().write(true).open(working.join(name)).unwrap().set_len(1 << 40).unwrap();
     }

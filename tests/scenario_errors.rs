@@ -38,6 +38,22 @@ const CASES: &[Case] = &[
         "11",
         &["`stability.freeze_after_cycles` is 11", "from 1 to 10"],
     ),
+    ("[cycle]", "[stability]\nfreeze_unstable_cycles = 0\n[cycle]", "0", &["`stability.freeze_unstable_cycles` is 0"]),
+    (
+        "[cycle]",
+        "[stability]\nfreeze_after_cycles = 5\nfreeze_unstable_cycles = 3\n[cycle]",
+        "freeze_unstable_cycles =",
+        &[
+            "after one cycle for good, or while they have no stable update",
+            "leave out this key or `freeze_after_cycles`",
+        ],
+    ),
+    (
+        "[cycle]",
+        "[stability]\nthaw_stable_cycles = 3\n[cycle]",
+        "thaw_stable_cycles =",
+        &["nothing is frozen that could be adjusted again", "give `freeze_unstable_cycles` as well"],
+    ),
     (
         "[cycle]",
         "[forecast]\nlead_hours = 20\n[cycle]",

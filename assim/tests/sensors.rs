@@ -83,6 +83,7 @@ fn knowledge() -> SensorKnowledge {
 
 /// The recursion written down with whole matrices: prior mean, B u with its variance, and a gain whose rows of frozen
 /// parameters are zero, in Joseph's form.
+#[derive(Clone)]
 struct ByHand {
     mean: Mat<f64>,
     covariance: Mat<f64>,
@@ -226,6 +227,58 @@ fn filters_with_knowledge_of_their_sensors_equal_the_recursion_with_whole_matric
                 assert!(relative_difference(with, &expected) < 1e-8, "{name}: {with:?} {expected:?}");
                 let expected = mean(&|i| mean(&|j| by_hand.covariance[(i, j)]));
                 assert!((variance / expected - 1.0).abs() < 1e-8, "{name}: {variance} {expected}");
+            }
+        }
+    }
+}
+
+/// A gain whose rows of the held parameters are zero, in every cycle or in some of them: estimate and variance stay, the state
+/// is adjusted with the uncertainty that they have, and what an update would have left is that of a filter that makes it.
+#[test]
+fn held_parameters_are_those_of_the_schmidt_kalman_filter_with_whole_matrices() {
+    let (problem, knowledge) = (known_problem(), knowledge());
+    // Which parameters are held in which cycle.
+    let always = |_: usize| -> Vec<usize> { vec![0, 1, 2, 3, 4] };
+    let at_times = |cycle: usize| -> Vec<usize> {
+        match cycle {
+            1..=2 => vec![],
+            3..=5 => vec![0, 3],
+            6 => vec![0],
+            _ => vec![0, 2],
+        }
+    };
+    for (name, schedule) in [("always", &always as &dyn Fn(usize) -> Vec<usize>), ("at times", &at_times)] {
+        for (kind, method) in methods(&problem).into_iter().take(3) {
+            let mut by_hand = ByHand::new(&problem, &knowledge);
+            let mut filter = Calibrated::new(method, &problem.calibration, START, knowledge.clone());
+            for cycle in 1..=9 {
+                let held = schedule(cycle);
+                by_hand.frozen = (0..5).map(|number| held.contains(&number)).collect();
+                filter.thaw(&[0, 1, 2, 3, 4]);
+                filter.hold(&held).unwrap();
+                let observed = window(&problem, 14, false, cycle, 5);
+                by_hand.forecast(&problem, &knowledge, cycle as i64);
+                let from = filter.forecast(WINDOW).unwrap();
+                let mut adjusting = ByHand { frozen: vec![false; 5], ..by_hand.clone() };
+                adjusting.analyse(&problem, &observed);
+                by_hand.analyse(&problem, &observed);
+                let analysis = filter.analyse(&from, &observed).unwrap().estimate;
+                let found = by_hand.difference(&analysis);
+                assert!(found < 1e-9, "{kind}, {name}, cycle {cycle}: {found:e}");
+                for number in 0..5 {
+                    let would_be = filter.variance_if_adjusted(number);
+                    assert_eq!(would_be.is_some(), held.contains(&number));
+                    let expected = adjusting.covariance[(by_hand.m + number, by_hand.m + number)];
+                    assert!(would_be.is_none_or(|it| (it / expected - 1.0).abs() < 1e-9), "{would_be:?} {expected}");
+                    let own = [analysis.calibration[number], analysis.calibration_spread.as_ref().unwrap()[number]];
+                    let before =
+                        [from.estimate.calibration[number], from.estimate.calibration_spread.as_ref().unwrap()[number]];
+                    let kept = own
+                        .iter()
+                        .zip(before)
+                        .all(|(own, before)| (own - before).abs() < 1e-12 * before.abs().max(1.0));
+                    assert_eq!(kept, held.contains(&number), "{kind}, {name}, cycle {cycle}: {own:?} {before:?}");
+                }
             }
         }
     }

@@ -4,9 +4,10 @@
 use super::reliability::Reliability;
 use super::scans::ScanBiases;
 use super::structure::ShownStructure;
-use crate::event::{Analysed, Estimated, Event, RunInfo, Smoothed};
+use crate::event::{Analysed, Estimated, Event, Judged, RunInfo, Smoothed};
 use crate::plot::Thinning;
 use crate::plot::range::{around, quantile};
+use crate::scores::stability::Verdict;
 use crate::scores::{Part, Score};
 use indexmap::IndexMap;
 use isobar_assim::{Estimate, EstimatedParameter};
@@ -36,6 +37,8 @@ pub struct History {
     reliability: Vec<Vec<Reliability>>,
     /// What methods estimate beside state and calibration, by name; in the place of each method what it has of it.
     pub parameters: IndexMap<String, Vec<Option<ParameterHistory>>>,
+    /// The verdicts on biases that were other than before, with cycle, time and number of the method.
+    pub verdicts: Vec<(usize, Time, usize, Verdict)>,
     /// The biases of scanning instruments, each in the newest cycle with observations of it.
     pub scans: BTreeMap<ObservationType, ScanBiases>,
     /// The whole true state of the current cycle, if there is a truth.
@@ -147,6 +150,7 @@ impl History {
             drawn: Score::all(&info.variables(), |kind| kind.line.is_some()),
             reliability: vec![vec![Reliability::default(); info.layout.variables.len()]; info.methods.len()],
             parameters: IndexMap::new(),
+            verdicts: Vec::new(),
             scans: BTreeMap::new(),
             truth: None,
             info: info.clone(),
@@ -167,6 +171,9 @@ impl History {
             Event::Analysed(analysed) => self.add_estimates(analysed)?,
             Event::Smoothed(smoothed) => self.add_smoothed(smoothed),
             Event::Estimated(estimated) => self.add_parameters(estimated),
+            Event::Judged(Judged { method, cycle, time, verdicts }) => {
+                self.verdicts.extend(verdicts.iter().map(|verdict| (*cycle, *time, *method, verdict.clone())));
+            }
             Event::Started(_)
             | Event::Resumed(_)
             | Event::Outlook { .. }

@@ -1,7 +1,7 @@
 //! Sinks hear the events of a run and write files. None of them changes the run.
 //!
 //! Contents: [`directory`] (where outputs go, with [`working`], [`destination`] and [`contents`]), [`OUTPUTS`] (the outputs that can be switched off), [`netcdf`],
-//! [`forecasts`], [`parameters`], [`readings`], [`report`], [`scores`], [`summary`], and with the cargo feature `rerun` the recording for the rerun
+//! [`forecasts`], [`parameters`], [`readings`], [`report`], [`scores`], [`summary`], [`verdicts`], and with the cargo feature `rerun` the recording for the rerun
 //! viewer. Report and recording show what [`history`] holds of the run and of the Earth (`earth`), with a method's blocks ([`structure`]) and what is
 //! known of its spread ([`reliability`]) and of biases that depend on the scan position ([`scans`]).
 
@@ -25,6 +25,7 @@ pub mod scores;
 mod sink;
 pub mod structure;
 pub mod summary;
+pub mod verdicts;
 pub mod warnings;
 pub mod working;
 

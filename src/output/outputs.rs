@@ -3,7 +3,8 @@
 #[cfg(feature = "rerun")]
 use super::rerun;
 use super::{
-    OutputDirectory, Sink, SinkError, forecasts, netcdf, parameters, readings, report, scores, summary, warnings,
+    OutputDirectory, Sink, SinkError, forecasts, netcdf, parameters, readings, report, scores, summary, verdicts,
+    warnings,
 };
 use crate::event::RunInfo;
 use serde::{Deserialize, Serialize};
@@ -145,6 +146,7 @@ pub fn open_all(
     sinks.push(Box::new(scores::ScoresSink::create(info, directory)?));
     sinks.push(Box::new(forecasts::ForecastsSink::new(info, directory)));
     sinks.push(Box::new(parameters::ParametersSink::new(info, directory)));
+    sinks.push(Box::new(verdicts::VerdictsSink::new(info, directory)));
     if !info.warnings.is_empty() {
         sinks.push(Box::new(warnings::WarningsSink::new(info, directory)));
     }

@@ -58,6 +58,7 @@ impl Sink for Progress {
             Event::Truth { .. }
             | Event::Observed { .. }
             | Event::Estimated(_)
+            | Event::Judged(_)
             | Event::Smoothed(_)
             | Event::Outlook { .. }
             | Event::Forecast(_)

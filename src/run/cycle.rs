@@ -6,7 +6,7 @@ use crate::correlations::Correlations;
 use crate::memory::{self, Memory};
 use crate::outcome::{Outcome, Smoothed, UnusedDepartures};
 use crate::readings::Readings;
-use crate::scores::stability::{Stability, Watch, judge};
+use crate::scores::stability::{Freezing, Stability, Verdicts, Watch, judge};
 use isobar_assim::{
     Assimilator, Calibrated, CalibrationAccuracy, Error, Estimate, EstimatedParameter, Structure, Unknown,
     appropriate_time, reserve_workspace,
@@ -25,8 +25,8 @@ pub struct Runner {
     method: Calibrated,
     /// The model that says whether a state is possible.
     model: Option<Arc<dyn Model>>,
-    /// When parameters without a stable update are frozen, if ever.
-    freezing: Option<Freezing>,
+    /// By what rule biases are judged.
+    judging: Judging,
     /// Memory that the method holds between cycles \[bytes\].
     held_bytes: i64,
     progress: Progress,
@@ -42,6 +42,8 @@ pub struct Progress {
     /// The analysis from which the method's trajectory through the next window starts; `None` if it takes all observations as
     /// valid at the end of a window.
     trajectory_start: Option<State>,
+    /// What it said of each bias last.
+    verdicts: Verdicts,
     /// The most memory that the method held at one time \[bytes\].
     pub peak_bytes: u64,
     /// Wall-clock seconds in all cycles.
@@ -55,15 +57,17 @@ impl Progress {
     }
 }
 
-/// After which cycle parameters go back to their prior and are adjusted no more, and which.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Freezing {
-    /// The cycle.
-    pub after_cycle: usize,
-    /// Those that keep more than this share of their prior variance, or have no stable update for another reason.
-    pub variance_ratio: f64,
+/// By what rule biases are judged, and when those without a stable update are frozen.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Judging {
     /// The parameters.
     pub calibration: Calibration,
+    /// Those that keep more than this share of their prior variance have no stable update.
+    pub variance_ratio: f64,
+    /// When those without one are adjusted no more.
+    pub freezing: Freezing,
+    /// The cycle of the method's first analysis, before which none is frozen.
+    pub first_analysis: usize,
 }
 
 impl Runner {
@@ -74,15 +78,20 @@ impl Runner {
     pub fn new<M: Into<Calibrated>, E>(build: impl FnOnce() -> Result<M, E>) -> Result<Self, E> {
         reserve_workspace();
         let (method, memory) = memory::measured(|| build().map(Into::into));
-        let mut runner =
-            Self { method: method?, model: None, freezing: None, held_bytes: 0, progress: Progress::default() };
+        let mut runner = Self {
+            method: method?,
+            model: None,
+            judging: Judging::default(),
+            held_bytes: 0,
+            progress: Progress::default(),
+        };
         runner.account(memory);
         Ok(runner)
     }
 
     /// The same with a stability monitor that counts from a cycle on, and perhaps freezes parameters.
-    pub fn watched(self, from_cycle: usize, freezing: Option<Freezing>) -> Self {
-        Self { progress: Progress { watch: Watch::new(from_cycle), ..self.progress }, freezing, ..self }
+    pub fn watched(self, from_cycle: usize, judging: Judging) -> Self {
+        Self { progress: Progress { watch: Watch::new(from_cycle), ..self.progress }, judging, ..self }
     }
 
     /// The same with a model whose states the estimates must be.
@@ -96,32 +105,21 @@ impl Runner {
         Self { progress: Progress { trajectory_start: Some(background), ..self.progress }, ..self }
     }
 
-    /// What the stability monitor says of the parameters of `calibration`; those that keep more than `variance_ratio` of
-    /// their prior variance have no stable update.
+    /// What the stability monitor says of the biases.
     ///
     /// # Errors
     /// If the prior of the parameters is no covariance.
-    pub fn stability(
-        &self,
-        calibration: &Calibration,
-        layout: &Layout,
-        variance_ratio: f64,
-    ) -> Result<Stability, isobar_assim::Error> {
-        judge(
-            &self.progress.watch,
-            &self.method,
-            calibration,
-            layout,
-            variance_ratio,
-            self.progress.when_frozen.as_ref(),
-        )
+    pub fn stability(&self, layout: &Layout) -> Result<Stability, isobar_assim::Error> {
+        let Judging { calibration, variance_ratio, .. } = &self.judging;
+        let Progress { watch, when_frozen, .. } = &self.progress;
+        judge(watch, &self.method, calibration, layout, *variance_ratio, when_frozen.as_ref())
     }
 
     fn freeze(&mut self, cycle: usize, layout: &Layout) -> Result<(), isobar_assim::Error> {
-        let Some(freezing) = self.freezing.as_ref().filter(|freezing| freezing.after_cycle == cycle) else {
+        if self.judging.freezing != Freezing::AfterCycle(cycle) {
             return Ok(());
-        };
-        let stability = self.stability(&freezing.calibration, layout, freezing.variance_ratio)?;
+        }
+        let stability = self.stability(layout)?;
         let unstable = stability.parameters.iter().enumerate().filter(|(_, own)| !own.stable);
         let unstable: Vec<usize> = unstable.map(|(number, _)| number).collect();
         self.progress.when_frozen = Some(stability);
@@ -168,7 +166,8 @@ impl Runner {
         let readings =
             calibration.map(|errors| Readings::new(observed, &analysis.estimate, || errors.calibration_accuracy()));
         let background = from.estimate.clone();
-        let mut outcome = Outcome { background, analysis, smoothed, unused, readings, influence: None, seconds };
+        let (influence, verdicts) = (None, Vec::new());
+        let mut outcome = Outcome { background, analysis, smoothed, unused, readings, influence, verdicts, seconds };
         // What is given back is not the method's to hold.
         self.held_bytes -= outcome.bytes();
         self.progress.monitor.check(&outcome)?;
@@ -184,6 +183,11 @@ impl Runner {
         if let Some(start) = &mut self.progress.trajectory_start {
             start.clone_from(&outcome.analysis.estimate.state);
         }
+        let Progress { watch, when_frozen, verdicts, .. } = &mut self.progress;
+        let Judging { variance_ratio, freezing, first_analysis, .. } = self.judging;
+        let rule = (variance_ratio, if observed.cycle < first_analysis { Freezing::Never } else { freezing });
+        let analysis = &outcome.analysis.estimate;
+        outcome.verdicts = verdicts.judge(watch, &mut self.method, analysis, rule, when_frozen.as_ref())?;
         Ok(outcome)
     }
 
@@ -266,7 +270,7 @@ impl Runner {
     pub fn restore(&mut self, method: &[u8], saved: Progress, layout: &Layout) -> Result<(), Error> {
         let (result, used) = memory::measured(|| self.method.recall(method));
         self.account(used);
-        if !saved.watch.fits(layout) {
+        if !saved.watch.fits(layout) || !saved.verdicts.fits(self.method.frozen().len()) {
             return Err(Error::Memory { reason: "the stability monitor does not fit the experiment".into() });
         }
         let starts =

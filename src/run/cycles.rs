@@ -9,10 +9,11 @@ use super::reference::Reference;
 use super::summary::summary;
 use super::truth::Truth;
 use crate::correlations::Correlations;
-use crate::event::{Analysed, Estimated, Event, Forecast, RunInfo, Smoothed};
+use crate::event::{Analysed, Estimated, Event, Forecast, Judged, RunInfo, Smoothed};
 use crate::interrupt;
 use crate::outcome::Outcome;
 use crate::scores::forecast::{self, Verifying};
+use crate::scores::stability::Verdict;
 use crate::scores::{Failure, Outlook, RunScores, Scorecard, Summary, TrueValues, WarningCase};
 use crate::text::clean;
 use crate::threshold_warning::PlacedWarning;
@@ -78,6 +79,7 @@ impl Cycles<'_, '_> {
                     self.send_smoothed(number, cycle, &outcome)?;
                     self.send_forecasts(number, cycle, &outcome.analysis.estimate, &observed)?;
                     self.send_parameters(number, cycle)?;
+                    self.send_verdicts(number, cycle, outcome.verdicts)?;
                 }
             }
             self.events.send(&Event::CycleEnded(cycle))?;
@@ -279,6 +281,15 @@ impl Cycles<'_, '_> {
         if !parameters.is_empty() {
             let (time, parameters) = (info.time(cycle), parameters.into());
             self.events.send(&Event::Estimated(Estimated { method: number, cycle, time, parameters }))?;
+        }
+        Ok(())
+    }
+
+    /// Sends the verdicts on a method's biases that are new.
+    fn send_verdicts(&mut self, number: usize, cycle: usize, verdicts: Vec<Verdict>) -> Result<(), RunError> {
+        if !verdicts.is_empty() {
+            let time = self.experiment.info.time(cycle);
+            self.events.send(&Event::Judged(Judged { method: number, cycle, time, verdicts: verdicts.into() }))?;
         }
         Ok(())
     }

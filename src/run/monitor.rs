@@ -166,6 +166,7 @@ mod tests {
             unused: Default::default(),
             readings: None,
             influence: None,
+            verdicts: Vec::new(),
             seconds: 0.0,
         }
     }

@@ -6,7 +6,7 @@ use crate::scores::{MethodScores, RunScores, Scorecard, Summary, VerifiedBy};
 
 /// The scores of a run; `with_memory`: also the memory of each method.
 pub(super) fn summary(experiment: &Experiment, scores: &RunScores, with_memory: bool) -> Summary {
-    let Experiment { info, methods, variance_ratio, .. } = experiment;
+    let Experiment { info, methods, .. } = experiment;
     let by = VerifiedBy::in_world(info.has_truth, info.networks.iter().any(|network| network.has_passive));
     let forecasts = |total: &Scorecard| total.forecasts.scores(&info.layout, info.window, by);
     let names: Vec<String> = info.warnings.iter().map(|it| it.warning.name.clone()).collect();
@@ -15,7 +15,7 @@ pub(super) fn summary(experiment: &Experiment, scores: &RunScores, with_memory: 
         let last = method.failure.as_ref().map_or(info.cycles, |failure| failure.cycle);
         let mut scores = match &method.failure {
             None => MethodScores {
-                stability: method.runner.stability(&info.calibration, &info.layout, *variance_ratio).ok(),
+                stability: method.runner.stability(&info.layout).ok(),
                 smoother_lag_cycles: own.smoother_lag_cycles,
                 ..total
                     .scores(&info.layout, &info.calibration)

@@ -250,7 +250,7 @@ impl Scenario {
             domain,
             cycles: cycle.count,
             cycle: cycle.window,
-            freezes: stability.is_some_and(|stability| stability.freeze_after_cycles.is_some()),
+            freezing_key: stability.and_then(|stability| stability.freezing_key()),
             networks: networks.iter().filter(|it| it.assimilate).map(|network| network.name.clone()).collect(),
             correlated: correlated.map(|network| network.name.clone()),
             background_error: background_error.clone(),

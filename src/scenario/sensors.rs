@@ -2,7 +2,8 @@
 
 use crate::kinds::methods::Method;
 use crate::place::parent_of;
-use crate::reader::{Absent, AnyKey, Described, Form, Key, Limits, Read, Section};
+use crate::reader::{Absent, AnyKey, Described, Form, Key, Limits, Read, Section, Whole};
+use crate::scores::stability::{Freezing, Hysteresis};
 use crate::shell::command;
 use crate::text::{clean, listed, shown_path};
 use indexmap::IndexMap;
@@ -73,8 +74,19 @@ impl SensorSettings {
 pub struct StabilitySettings {
     /// The largest share of its prior variance that a parameter may keep.
     pub variance_ratio: f64,
-    /// After this cycle parameters without a stable update go back to their prior and are adjusted no more; `None`: never.
-    pub freeze_after_cycles: Option<usize>,
+    /// When parameters without a stable update are adjusted no more.
+    pub freezing: Freezing,
+}
+
+impl StabilitySettings {
+    /// The key by which parameters are frozen, if they are.
+    pub fn freezing_key(&self) -> Option<&'static str> {
+        match self.freezing {
+            Freezing::Never => None,
+            Freezing::AfterCycle(_) => Some(FREEZE_AFTER_CYCLES.name),
+            Freezing::WhileUnstable(_) => Some(FREEZE_UNSTABLE_CYCLES.name),
+        }
+    }
 }
 
 const DATABASE: Key<Described> = Key::required(
@@ -111,8 +123,26 @@ const FREEZE_AFTER_CYCLES: Key<Described> = Key::absent(
     "cycle after which biases without a stable update go back to their prior, and are adjusted no more",
 );
 
+const FREEZE_UNSTABLE_CYCLES: Key<Whole> = Key::absent(
+    "freeze_unstable_cycles",
+    "cycles",
+    Whole(1, 1_000_000),
+    Absent::Explained("never"),
+    "cycles in succession without a stable update, after which a bias keeps estimate and variance, and is adjusted no more until \
+     it would have one",
+);
+
+const THAW_STABLE_CYCLES: Key<Whole> = Key::absent(
+    "thaw_stable_cycles",
+    "cycles",
+    Whole(1, 1_000_000),
+    Absent::Explained("as many as `freeze_unstable_cycles`"),
+    "cycles in succession in which a frozen bias would have a stable update, after which it is adjusted again",
+);
+
 /// The keys of `[stability]`.
-pub(super) const STABILITY_KEYS: &[&dyn AnyKey] = &[&VARIANCE_RATIO, &FREEZE_AFTER_CYCLES];
+pub(super) const STABILITY_KEYS: &[&dyn AnyKey] =
+    &[&VARIANCE_RATIO, &FREEZE_AFTER_CYCLES, &FREEZE_UNSTABLE_CYCLES, &THAW_STABLE_CYCLES];
 
 /// Reads `[sensors]`.
 pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>) -> Read<Option<SensorSettings>> {
@@ -135,11 +165,24 @@ pub(super) fn read(root: &Section<'_>, methods: &IndexMap<String, Method>) -> Re
 
 /// Reads `[stability]`.
 pub(super) fn read_stability(root: &Section<'_>, cycles: usize) -> Read<StabilitySettings> {
-    let mut settings = StabilitySettings { variance_ratio: DEFAULT_VARIANCE_RATIO, freeze_after_cycles: None };
+    let mut settings = StabilitySettings { variance_ratio: DEFAULT_VARIANCE_RATIO, freezing: Freezing::Never };
     let Some(field) = root.optional("stability") else { return Ok(settings) };
     let section = field.section_with(STABILITY_KEYS)?;
     settings.variance_ratio = section.get(&VARIANCE_RATIO)?;
-    settings.freeze_after_cycles =
-        section.optional(FREEZE_AFTER_CYCLES.name).map(|it| it.whole(1, cycles)).transpose()?;
+    if let Some(field) = section.optional(FREEZE_AFTER_CYCLES.name) {
+        settings.freezing = Freezing::AfterCycle(field.whole(1, cycles)?);
+    }
+    if let Some(unstable_cycles) = section.find(&FREEZE_UNSTABLE_CYCLES)? {
+        let stable_cycles = section.find(&THAW_STABLE_CYCLES)?.unwrap_or(unstable_cycles);
+        if settings.freezing != Freezing::Never {
+            let message = "biases are frozen after one cycle for good, or while they have no stable update, not both";
+            let help = format!("leave out this key or `{}`", FREEZE_AFTER_CYCLES.name);
+            return Err(section.required(FREEZE_UNSTABLE_CYCLES.name)?.misplaced(message.into(), &help));
+        }
+        settings.freezing = Freezing::WhileUnstable(Hysteresis { unstable_cycles, stable_cycles });
+    } else if let Some(field) = section.optional(THAW_STABLE_CYCLES.name) {
+        let message = "nothing is frozen that could be adjusted again".to_string();
+        return Err(field.misplaced(message, &format!("give `{}` as well", FREEZE_UNSTABLE_CYCLES.name)));
+    }
     Ok(settings)
 }

@@ -7,6 +7,7 @@ use isobar::options::RunOptions;
 use isobar::output::{Sink, SinkError};
 use isobar::run::run;
 use isobar::scenario::Scenario;
+use isobar::scores::stability::Verdict;
 use isobar::scores::{Outlook, Summary, Values, WarningCase};
 use isobar_assim::Estimate;
 use isobar_model::State;
@@ -34,6 +35,8 @@ pub struct Listener {
     pub warned: BTreeMap<(usize, usize, usize), Vec<WarningCase>>,
     /// By method and start.
     pub outlooks: BTreeMap<(usize, usize), Outlook>,
+    /// Cycle, method and verdict.
+    pub verdicts: Vec<(usize, usize, Verdict)>,
     pub warnings: Vec<String>,
     /// The cycle whose observations end the run.
     pub end: Option<usize>,
@@ -64,6 +67,9 @@ impl Sink for Listener {
             }
             Event::Outlook { method, outlook } => {
                 self.outlooks.insert((*method, outlook.from_cycle), outlook.clone().into_owned());
+            }
+            Event::Judged(it) => {
+                self.verdicts.extend(it.verdicts.iter().map(|verdict| (it.cycle, it.method, verdict.clone())));
             }
             Event::Warning(text) => self.warnings.push((*text).to_string()),
             _ => {}

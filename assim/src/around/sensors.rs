@@ -46,10 +46,12 @@ pub struct SensorKnowledge {
 /// *Variance.* What is not known of a step, diag(σ²), is added to the covariance of c by
 /// [`WidenCalibration`](crate::assimilator::WidenCalibration).
 ///
-/// *Frozen parameters.* With the gain's rows of frozen parameters F set to zero (Schmidt's consider filter), Joseph's form
-/// gives the optimal covariance but for its F × F block, which stays that of the forecast:
-/// `P⁺ = P⁺_optimal + K_F S K_Fᵀ`, `K_F S K_Fᵀ = P⁻_FF − P⁺_optimal,FF`. So the optimal analysis is made, o_F takes back what
-/// it did to c_F, and the difference of the blocks is added. The state's errors stay correlated with those of c_F.
+/// *Frozen parameters.* With the gain's rows of frozen parameters F set to zero (the Schmidt–Kalman or consider filter, Schmidt
+/// 1966, Advances in Control Systems 3, 293; Jazwinski 1970, section 8.4), their uncertainty still enters the covariance
+/// `S = H P⁻ Hᵀ + R` of the innovations, and Joseph's form gives the optimal covariance but for its F × F block, which stays
+/// that of the forecast: `P⁺ = P⁺_optimal + K_F S K_Fᵀ`, `K_F S K_Fᵀ = P⁻_FF − P⁺_optimal,FF`. So the optimal analysis is
+/// made, o_F takes back what it did to c_F, and the difference of the blocks is added. The state's errors stay correlated with
+/// those of c_F. P⁺_optimal,FF is what an update would have left, by which it is judged whether to adjust them again.
 #[derive(Clone)]
 pub struct Calibrated {
     method: Box<dyn Assimilator>,
@@ -72,6 +74,9 @@ struct Memory {
     /// ĉ'.
     estimate: Vec<f64>,
     frozen: Vec<bool>,
+    /// The variance that the last analysis would have left of each parameter that was frozen in it; no value of the others means
+    /// anything.
+    would_be: Vec<f64>,
     /// o at the analyses that the method's smoother still revises, the oldest first.
     past_offsets: VecDeque<Vec<f64>>,
 }
@@ -103,6 +108,7 @@ impl Calibrated {
             prior: Matrix(Mat::from_fn(p, p, |i, j| calibration.prior_covariance(i, j))),
             estimate: vec![0.0; p],
             frozen: vec![false; p],
+            would_be: vec![f64::NAN; p],
             past_offsets: VecDeque::new(),
         };
         Self { method, knowledge, calibration: calibration.clone(), memory }
@@ -125,21 +131,24 @@ impl Calibrated {
         &self.memory.frozen
     }
 
+    /// The variance that the last analysis would have left of a parameter that is frozen, had it been adjusted in it; `None` if
+    /// it is not frozen, or there has been no analysis since it was.
+    pub fn variance_if_adjusted(&self, parameter: usize) -> Option<f64> {
+        let would_be = self.memory.would_be[parameter];
+        (self.memory.frozen[parameter] && would_be.is_finite()).then_some(would_be)
+    }
+
     /// Takes parameters back to their prior, and adjusts them no more.
     ///
     /// # Errors
-    /// [`Error::Setting`] for a method without a covariance of the biases, or with a smoother.
+    /// As [`Calibrated::hold`].
     pub fn freeze(&mut self, parameters: &[usize]) -> Result<(), Error> {
         let fresh: Vec<usize> = parameters.iter().copied().filter(|&number| !self.memory.frozen[number]).collect();
         if fresh.is_empty() {
             return Ok(());
         }
-        if self.method.can().smoother.is_some() {
-            let message = "the fixed-lag smoother would go on adjusting what frozen parameters were";
-            return Err(Error::Setting(message.into()));
-        }
         let accuracy = self.accuracy()?;
-        fresh.iter().for_each(|&number| self.memory.frozen[number] = true);
+        self.hold(&fresh)?;
         let prior = self.memory.prior.as_ref();
         let widening = difference(prior, accuracy.covariance(), |number| fresh.contains(&number));
         self.widen(widening.as_ref())?;
@@ -147,6 +156,29 @@ impl Calibrated {
             self.memory.offset[number] = self.memory.prior_mean[number] - self.memory.estimate[number];
         }
         Ok(())
+    }
+
+    /// Adjusts parameters no more: each keeps estimate and variance as they are, but for what its drift makes of them.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] for a method without a covariance of the biases, or with a smoother.
+    pub fn hold(&mut self, parameters: &[usize]) -> Result<(), Error> {
+        if self.method.can().smoother.is_some() {
+            let message = "the fixed-lag smoother would go on adjusting what frozen parameters were";
+            return Err(Error::Setting(message.into()));
+        }
+        self.accuracy()?;
+        for &number in parameters {
+            if !std::mem::replace(&mut self.memory.frozen[number], true) {
+                self.memory.would_be[number] = f64::NAN;
+            }
+        }
+        Ok(())
+    }
+
+    /// Adjusts parameters again, from the estimate and the variance that they have.
+    pub fn thaw(&mut self, parameters: &[usize]) {
+        parameters.iter().for_each(|&number| self.memory.frozen[number] = false);
     }
 
     /// What the method claims to know of the calibration.
@@ -230,6 +262,7 @@ impl Calibrated {
         self.widen(widening.as_ref())?;
         for number in (0..frozen.len()).filter(|&number| frozen[number]) {
             self.memory.offset[number] -= analysis.estimate.calibration[number] - estimate[number];
+            self.memory.would_be[number] = after.covariance()[(number, number)];
             if let Some(spread) = &mut analysis.estimate.calibration_spread {
                 spread[number] = before.covariance()[(number, number)].max(0.0).sqrt();
             }
@@ -291,9 +324,10 @@ impl Assimilator for Calibrated {
     fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
         let (method, memory): (Vec<u8>, Memory) = from_bytes(memory)?;
         let p = self.calibration.len();
-        let lengths = [memory.offset.len(), memory.prior_mean.len(), memory.estimate.len(), memory.frozen.len()];
+        let Memory { offset, prior_mean, estimate, frozen, would_be, .. } = &memory;
+        let lengths = [offset.len(), prior_mean.len(), estimate.len(), frozen.len(), would_be.len()];
         let past_fits = memory.past_offsets.iter().all(|offset| offset.len() == p);
-        let fits = lengths == [p; 4] && memory.prior.has_shape(p, p) && past_fits;
+        let fits = lengths == [p; 5] && memory.prior.has_shape(p, p) && past_fits;
         require(fits, "the knowledge of the sensors")?;
         self.method.recall(&method)?;
         self.memory = memory;

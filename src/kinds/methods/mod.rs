@@ -82,9 +82,11 @@ pub(crate) fn read(field: &Field<'_>, surroundings: &Surroundings) -> Read<Metho
     let (kind, section) = choose(field, METHODS, surroundings)?;
     let settings: Arc<dyn MethodSettings> = (kind.read)(&section, surroundings)?.into();
     let bias = if settings.uses_observations() { section.get(&BIAS)? } else { BiasTreatment::Ignore };
-    if let (Err(reason), true, BiasTreatment::Estimate) = (settings.can_freeze_biases(), surroundings.freezes, bias) {
-        let help = "choose another kind of method, or leave out `freeze_after_cycles`";
-        return Err(section.required("kind")?.misplaced(reason.into(), help));
+    if let (Err(reason), Some(key), BiasTreatment::Estimate) =
+        (settings.can_freeze_biases(), surroundings.freezing_key, bias)
+    {
+        let help = format!("choose another kind of method, or leave out `{key}`");
+        return Err(section.required("kind")?.misplaced(reason.into(), &help));
     }
     let uses_error_correlation = settings.uses_observations() && section.get(&ERROR_CORRELATION)?;
     if let (true, Some(network), Err(reason)) =
@@ -107,16 +109,16 @@ pub(crate) fn read(field: &Field<'_>, surroundings: &Surroundings) -> Read<Metho
         uses_error_correlation,
         first_guess,
         adapt: adapt::read(&section, settings.static_covariance_scale().is_some(), surroundings.has_model_error)?,
-        smoother_lag_cycles: smoother_lag_cycles(&section, surroundings.freezes)?,
+        smoother_lag_cycles: smoother_lag_cycles(&section, surroundings.freezing_key)?,
         memory_limit_bytes: (section.get(&MEMORY_LIMIT_GB)? * 1e9) as u64,
         settings,
     })
 }
 
-fn smoother_lag_cycles(section: &Section<'_>, freezes: bool) -> Read<Option<usize>> {
-    if let Some(field) = section.optional(SMOOTHER_LAG_CYCLES.name).filter(|_| freezes) {
+fn smoother_lag_cycles(section: &Section<'_>, freezing_key: Option<&str>) -> Read<Option<usize>> {
+    if let (Some(field), Some(key)) = (section.optional(SMOOTHER_LAG_CYCLES.name), freezing_key) {
         let message = "a smoother would go on adjusting the biases that [stability] freezes".to_string();
-        return Err(field.misplaced(message, "leave out this key or `freeze_after_cycles`"));
+        return Err(field.misplaced(message, &format!("leave out this key or `{key}`")));
     }
     section.find(&SMOOTHER_LAG_CYCLES)
 }

@@ -58,7 +58,7 @@ pub trait MethodSettings: Debug + Send + Sync {
         Ok(())
     }
 
-    /// Whether single biases can be taken back to their prior and adjusted no more.
+    /// Whether single biases can be left as they are, or taken back to their prior, and adjusted no more.
     ///
     /// # Errors
     /// Why they cannot, in a sentence.
@@ -111,8 +111,8 @@ pub(crate) struct Surroundings {
     pub cycles: usize,
     /// Length of a cycle.
     pub cycle: Duration,
-    /// Whether biases may be frozen in a run.
-    pub freezes: bool,
+    /// The key by which biases may be frozen in a run, if they may be.
+    pub freezing_key: Option<&'static str>,
     /// The names of the observing systems.
     pub networks: Vec<String>,
     /// The name of one of them whose errors methods should take as correlated, if there is one.

@@ -130,7 +130,11 @@ impl Sink for NetcdfSink {
                 self.failed[*method] = true;
                 Ok(())
             }
-            Event::Estimated(_) | Event::Outlook { .. } | Event::CycleEnded(_) | Event::Warning(_) => Ok(()),
+            Event::Estimated(_)
+            | Event::Judged(_)
+            | Event::Outlook { .. }
+            | Event::CycleEnded(_)
+            | Event::Warning(_) => Ok(()),
         }
     }
 }

@@ -15,6 +15,7 @@ pub mod page;
 mod scans;
 mod section;
 mod tables;
+mod verdicts;
 mod warnings;
 
 use crate::event::{Event, RunInfo};

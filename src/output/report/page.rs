@@ -10,6 +10,7 @@ use super::headline;
 use super::maps::{self, Maps};
 use super::scans;
 use super::tables;
+use super::verdicts;
 use super::warnings::{self, ProbabilityFields};
 use crate::event::RunInfo;
 use crate::output::history::History;
@@ -101,7 +102,7 @@ impl Report {
         let at_a_glance = report.maps(info, maps.all(), maps.other_variables(), glance)?;
         let biases = report.biases(info, history, &figures, of_stations)?;
         let parameters = report.parameters(info, history, &figures);
-        let stability = stability(summary);
+        let stability = stability(summary, history);
         let ahead = report.ahead(info, summary);
         let warnings = report.warnings(info, &maps, probabilities, summary)?;
         let reliability = Section {
@@ -356,7 +357,7 @@ impl Report {
 }
 
 /// The stability monitor's verdicts; what it found of each method is folded.
-fn stability(summary: &Summary) -> Option<Section> {
+fn stability(summary: &Summary, history: &History) -> Option<Section> {
     let folded = summary.methods.iter().filter_map(|(name, scores)| {
         let own = scores.stability.as_ref().filter(|own| !own.parameters.is_empty())?;
         let findings = stability::findings(own).join(". ");
@@ -366,9 +367,9 @@ fn stability(summary: &Summary) -> Option<Section> {
     Some(Section {
         title: "Stability of the bias estimates".into(),
         text: "Which biases the observations determine, whether innovations are white and as large as the method claims, and \
-               what would help."
+               what would help; then in which cycles each bias had a stable update (verdicts.csv has all changes)."
             .into(),
-        tables: vec![tables::stability(summary)?],
+        tables: [tables::stability(summary)?].into_iter().chain(verdicts::table(history, summary)).collect(),
         folded: folded.collect(),
         ..Section::default()
     })

@@ -71,6 +71,11 @@ impl Blueprint {
         self.view("TextDocument", name, &[entity.into()])
     }
 
+    /// A log of texts over time.
+    pub fn log(&mut self, name: &str, contents: &[String]) -> Result<Part> {
+        self.view("TextLog", name, contents)
+    }
+
     /// A container of the parts.
     pub fn container(&mut self, name: &str, arrangement: Arrangement<'_>, parts: &[Part]) -> Result<Part> {
         self.container_with_id(name, arrangement, parts).map(|(part, _)| part)

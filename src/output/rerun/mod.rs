@@ -18,6 +18,7 @@ mod ranges;
 mod recording;
 mod series;
 mod text;
+mod verdicts;
 mod views;
 
 use crate::event::{Event, RunInfo};

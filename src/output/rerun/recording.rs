@@ -6,7 +6,7 @@ use super::maps::Maps;
 use super::names::{APPLICATION_ID, Names, Result};
 use super::ranges::Ranges;
 use super::series::Series;
-use super::{text, views};
+use super::{text, verdicts, views};
 use crate::event::RunInfo;
 use crate::output::history::History;
 use crate::scores::Summary;
@@ -41,7 +41,7 @@ pub fn id(info: &RunInfo) -> String {
 
 /// Logs the layout of the views and all that has happened; without a summary, the run is not complete.
 ///
-/// Curves are logged from a cycle on: a viewer that is sent a point twice would draw it twice.
+/// Curves and verdicts are logged from a cycle on: a viewer that is sent a point twice would draw it twice.
 pub fn log_run(
     recording: &RecordingStream,
     info: &RunInfo,
@@ -57,8 +57,8 @@ pub fn log_run(
     views::send(recording, info, history, &names, &ranges)?;
     let scores = summary.map_or_else(|| text::unfinished(info), |summary| text::scores(info, summary));
     recording.log_static("text/scores", &TextDocument::from_markdown(scores))?;
-    let verdicts = summary.map_or_else(|| text::unfinished(info), stability::markdown);
-    recording.log_static("text/stability", &TextDocument::from_markdown(verdicts))?;
+    let stability = summary.map_or_else(|| text::unfinished(info), stability::markdown);
+    recording.log_static("text/stability", &TextDocument::from_markdown(stability))?;
     recording.log_static("text/scenario", &TextDocument::from_markdown(text::scenario(info)))?;
     let maps = Maps { recording, info, history, ranges: &ranges, names: &names, frame };
     maps.log_static()?;
@@ -66,6 +66,7 @@ pub fn log_run(
     let biases = Biases { recording, info, history, names: &names, ranges: &ranges, frame };
     biases.log_static()?;
     biases.log_since(0)?;
+    verdicts::log(recording, info, history, &names, curves_since)?;
     Series { recording, info, history, names: &names, since: curves_since }.log()
 }
 
@@ -80,5 +81,6 @@ pub fn log_since(
     let (names, frame) = (Names::new(info), Frame::new(&info.layout));
     Maps { recording, info, history, ranges, names: &names, frame }.log_since(since)?;
     Biases { recording, info, history, ranges, names: &names, frame }.log_since(since)?;
+    verdicts::log(recording, info, history, &names, since)?;
     Series { recording, info, history, names: &names, since }.log()
 }

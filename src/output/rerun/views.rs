@@ -91,7 +91,12 @@ impl Views<'_> {
         let others = self.blueprint.container("innovations", Arrangement::Horizontal, &others)?;
         let texts = [("scores", "text/scores"), ("stability", "text/stability"), ("scenario", "text/scenario")];
         let texts = texts.map(|(name, contents)| self.blueprint.document(name, contents));
-        let texts = texts.into_iter().collect::<Result<Vec<_>>>()?;
+        let mut texts = texts.into_iter().collect::<Result<Vec<_>>>()?;
+        let estimating = (0..self.info.methods.len()).filter(|&method| self.info.methods[method].estimates_biases);
+        let logs: Vec<String> = estimating.map(|method| self.names.map(method, "verdicts")).collect();
+        if !logs.is_empty() {
+            texts.insert(2, self.blueprint.log("verdicts on biases", &logs)?);
+        }
         let texts = self.blueprint.container("texts", Arrangement::Horizontal, &texts)?;
         self.blueprint.container("scores", Arrangement::Vertical(&[0.7, 1.0]), &[others, texts])
     }

@@ -14,7 +14,7 @@ use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 /// The beginning of a journal.
-const FORMAT: &[u8] = b"isobar journal 5\n";
+const FORMAT: &[u8] = b"isobar journal 6\n";
 
 /// The longest plan \[bytes\]: of the largest scenario with the longest options.
 const LONGEST_PLAN: u64 = 10_000_000;

@@ -22,7 +22,7 @@ use crate::kinds::methods::{FirstGuess, Method, Sizes, Work};
 use crate::memory;
 use crate::options::RunOptions;
 use crate::run::ahead::{Ahead, require_room};
-use crate::run::cycle::{Freezing, Runner};
+use crate::run::cycle::{Judging, Runner};
 use crate::run::earlier::Earlier;
 use crate::run::reference::Reference;
 use crate::run::truth::Truth;
@@ -73,8 +73,6 @@ impl ExperimentError {
 pub struct Experiment {
     /// What is known before the first cycle.
     pub info: RunInfo,
-    /// The share of its prior variance above which a bias is not determined.
-    pub variance_ratio: f64,
     /// Number of cycles between two in which the influence of each type of observations is computed; `None`: never.
     pub influence_every_cycles: Option<usize>,
     /// The true world; `None` where all observations are recorded.
@@ -255,13 +253,15 @@ impl ExperimentBuilder<'_> {
         let Ground { problem, sensors, truth, observing } = ground;
         let inputs = Inputs::new(scenario, &sensors, added);
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
-        let freezing = scenario.stability.freeze_after_cycles.map(|after_cycle| Freezing {
-            after_cycle,
-            variance_ratio: scenario.stability.variance_ratio,
+        let judging = Judging {
             calibration: problem.calibration.clone(),
-        });
-        let watched = |runner: Runner| {
-            runner.watched(scenario.cycle.score_from_cycle, freezing.clone()).of_model(problem.model.clone())
+            variance_ratio: scenario.stability.variance_ratio,
+            freezing: scenario.stability.freezing,
+            first_analysis: 1,
+        };
+        let watched = |runner: Runner, first_analysis: usize| {
+            let judging = Judging { first_analysis, ..judging.clone() };
+            runner.watched(scenario.cycle.score_from_cycle, judging).of_model(problem.model.clone())
         };
         let within_window = scenario.networks.iter().any(Network::is_within_window);
         let at_its_times = |runner: Runner, first_guess: FirstGuess| match first_guess {
@@ -279,13 +279,16 @@ impl ExperimentBuilder<'_> {
         for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
             let build =
                 || Ok(calibrated(self::method(&problem, name, scenario, span.start)?, method.estimates_biases()));
-            let runner = at_its_times(watched(Runner::new::<_, ExperimentError>(build)?), method.first_guess);
+            let initialised = initialisation(name, scenario);
+            let first_analysis = initialised.map_or(1, |settings| settings.cycles);
+            let runner = watched(Runner::new::<_, ExperimentError>(build)?, first_analysis);
+            let runner = at_its_times(runner, method.first_guess);
             let (smoother_lag_cycles, estimates_biases) = (runner.smoother_lag(), runner.estimates_biases());
             let bias_known = method.bias == BiasTreatment::Known;
             let scores_bias = method.scores_biases();
             let memory_limit_bytes = method.memory_limit_bytes;
             methods.push(Competitor { scores_bias, bias_known, ..Competitor::new(runner, memory_limit_bytes) });
-            let initialised = initialisation(name, scenario).map(|settings| {
+            let initialised = initialised.map(|settings| {
                 format!("calibration initialised from {} cycles by a high-pass filter", settings.cycles)
             });
             let known = sensors_in_words(&sensors).filter(|_| method.estimates_biases());
@@ -300,7 +303,7 @@ impl ExperimentBuilder<'_> {
                 Ok(calibrated(method, estimates_biases))
             };
             let runner = Runner::new(build).map_err(|error| ExperimentError::Method { name: name.clone(), error })?;
-            let runner = at_its_times(watched(runner), FirstGuess::AppropriateTime);
+            let runner = at_its_times(watched(runner, 1), FirstGuess::AppropriateTime);
             let (smoother_lag_cycles, estimates_biases) = (runner.smoother_lag(), runner.estimates_biases());
             let (name, description) = (name.clone(), description.clone());
             methods.push(Competitor::new(runner, u64::MAX));
@@ -353,7 +356,6 @@ impl ExperimentBuilder<'_> {
         warnings.extend(notices::of_thresholds(&info.warnings, &problem));
         Ok(Experiment {
             info,
-            variance_ratio: scenario.stability.variance_ratio,
             influence_every_cycles: scenario.influence_every_cycles,
             truth,
             climate: problem.background.clone(),

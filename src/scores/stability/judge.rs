@@ -1,9 +1,10 @@
 //! The verdicts.
 
-use super::{InseparableMean, ParameterStability, Stability, Undetermined, Watch};
+use super::{Expected, InseparableMean, ParameterStability, Stability, Undetermined, Watch};
 use isobar_assim::{Assimilator, Calibrated, CalibrationAccuracy, Combination, Error, Observability};
 use isobar_model::Layout;
 use isobar_obs::Calibration;
+use std::fmt;
 
 /// More parameters than these are judged each by itself: their combinations would take too long.
 const MOST_TOGETHER: usize = 1000;
@@ -16,6 +17,33 @@ const BEYOND_CHANCE: f64 = 1.68;
 
 /// Parts of a direction below this, beside the largest of 1, are left out of its name.
 const SMALL: f64 = 0.3;
+
+/// Why a parameter has no stable update.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Doubt {
+    /// No observation has it.
+    Unobserved,
+    /// The share of its prior variance that it still has.
+    Undetermined(f64),
+    /// How far its innovations go together from cycle to cycle.
+    Red(Expected),
+}
+
+impl fmt::Display for Doubt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unobserved => f.write_str("no observation has it"),
+            Self::Undetermined(ratio) => {
+                write!(f, "the observations leave {:.0} % of its prior variance", 100.0 * ratio)
+            }
+            Self::Red(Expected { value, tolerance, .. }) => write!(
+                f,
+                "its innovations stay on one side (correlation {value:.2}, at most {tolerance:.2} by chance): it changes \
+                 faster than is assumed"
+            ),
+        }
+    }
+}
 
 /// What there is to say of a method that may have been judged before, when parameters were frozen: of these, and of what was
 /// not determined then, the verdict of that time stands. A parameter that keeps more than `variance_ratio` of its prior
@@ -53,28 +81,18 @@ pub fn judge(
     let parameters = calibration.parameters.iter().enumerate();
     stability.parameters = parameters
         .map(|(number, parameter)| {
-            let (observations, lag) = (watch.observations_of(number), watch.lag_correlation_of(number));
-            let ratio = ratios[number];
-            let mut why = Vec::new();
-            if observations == 0 {
-                why.push("no observation has it".to_string());
-            } else if ratio > variance_ratio {
-                why.push(format!("the observations leave {:.0} % of its prior variance", 100.0 * ratio));
-            }
-            if let Some(lag) = lag.filter(|lag| lag.value > RED.max(BEYOND_CHANCE * lag.tolerance)) {
-                let (value, tolerance) = (lag.value, lag.tolerance);
-                why.push(format!(
-                    "its innovations stay on one side (correlation {value:.2}, at most {tolerance:.2} by chance): it changes \
-                     faster than is assumed"
-                ));
-            }
+            let frozen = method.frozen()[number];
+            let would_be = method.variance_if_adjusted(number).map(|variance| variance / prior[(number, number)]);
+            let ratio = would_be.unwrap_or(ratios[number]);
+            let why: Vec<String> =
+                doubts(watch, (number, frozen), ratio, variance_ratio).map(|doubt| doubt.to_string()).collect();
             ParameterStability {
                 name: parameter.name.clone(),
-                observations,
+                observations: watch.observations_of(number),
                 variance_ratio: ratio,
-                lag_correlation: lag,
+                lag_correlation: watch.lag_correlation_of(number),
                 stable: why.is_empty(),
-                frozen: method.frozen()[number],
+                frozen,
                 why,
             }
         })
@@ -86,6 +104,25 @@ pub fn judge(
         frozen.for_each(|(own, before)| *own = ParameterStability { frozen: true, ..before.clone() });
     }
     Ok(stability)
+}
+
+/// Why a parameter with this share of its prior variance has no stable update; nothing if it has one. Innovations of a filter
+/// that does not adjust a bias go together from cycle to cycle, and are no reason.
+pub(super) fn doubts(
+    watch: &Watch,
+    (number, frozen): (usize, bool),
+    ratio: f64,
+    most: f64,
+) -> impl Iterator<Item = Doubt> {
+    let seen = watch.observations_of(number) > 0;
+    let undetermined = match (seen, ratio > most) {
+        (false, _) => Some(Doubt::Unobserved),
+        (true, true) => Some(Doubt::Undetermined(ratio)),
+        (true, false) => None,
+    };
+    let lag = watch.lag_correlation_of(number).filter(|_| !frozen);
+    let red = lag.filter(|lag| lag.value > RED.max(BEYOND_CHANCE * lag.tolerance)).map(Doubt::Red);
+    undetermined.into_iter().chain(red)
 }
 
 fn alone(accuracy: &CalibrationAccuracy, p: usize, prior: impl Fn(usize) -> f64) -> Vec<f64> {

@@ -10,10 +10,16 @@
 //! - *whiteness* of the innovations, by their lagged covariance (Daley 1992, MWR 120, 178);
 //! - *size* of the innovations, by χ².
 
+mod freezing;
 mod judge;
+mod verdict;
+mod verdicts;
 mod watch;
 
+pub use freezing::{Freezing, Hysteresis};
 pub use judge::judge;
+pub use verdict::Verdict;
+pub use verdicts::Verdicts;
 pub use watch::Watch;
 
 use indexmap::IndexMap;
@@ -70,13 +76,13 @@ pub struct ParameterStability {
     pub name: String,
     /// How many observations had it.
     pub observations: usize,
-    /// The share of its prior variance that it still has.
+    /// The share of its prior variance that it still has; of one that is frozen by [`Hysteresis`], that an update would leave.
     pub variance_ratio: f64,
     /// Correlation of what successive innovations say of it.
     pub lag_correlation: Option<Expected>,
     /// Whether it has a stable update.
     pub stable: bool,
-    /// Whether it was kept at its prior.
+    /// Whether it is adjusted no more.
     pub frozen: bool,
     /// Why it is not stable; empty if it is.
     pub why: Vec<String>,
@@ -85,12 +91,7 @@ pub struct ParameterStability {
 impl ParameterStability {
     /// The verdict, in words.
     pub fn verdict(&self) -> &'static str {
-        match (self.stable, self.frozen) {
-            (true, false) => "stable, adjusted",
-            (true, true) => "stable, but frozen",
-            (false, true) => "not stable, frozen",
-            (false, false) => "not stable, adjusted all the same",
-        }
+        verdict::in_words(self.stable, self.frozen)
     }
 }
 

@@ -166,6 +166,13 @@ impl Watch {
         self.parameters.get(parameter)?.lagged.correlation()
     }
 
+    /// Gathers what successive innovations say of a parameter anew.
+    pub(super) fn forget_correlation_of(&mut self, parameter: usize) {
+        if let Some(own) = self.parameters.get_mut(parameter) {
+            (own.last, own.lagged) = (None, Lagged::default());
+        }
+    }
+
     /// Correlation of a station's successive innovations.
     pub(super) fn lag_correlation(&self) -> Option<Expected> {
         self.lagged.correlation()

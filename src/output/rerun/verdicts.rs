@@ -1,0 +1,26 @@
+//! The verdicts on biases as a log: what a method began to say of a bias, and in which cycle.
+
+use super::names::{Names, Result};
+use crate::event::RunInfo;
+use crate::output::history::History;
+use crate::plot::number;
+use ::rerun::{RecordingStream, TextLog, TextLogLevel};
+
+/// Logs the verdicts of the cycles from `since` on.
+pub fn log(recording: &RecordingStream, info: &RunInfo, history: &History, names: &Names, since: usize) -> Result {
+    for (cycle, time, method, verdict) in history.verdicts.iter().filter(|(cycle, ..)| *cycle >= since) {
+        recording.set_time_sequence("cycle", *cycle as i64);
+        recording.set_timestamp_secs_since_epoch("valid_time", time.seconds() as f64);
+        let because = if verdict.stable {
+            format!("the observations leave {} % of its prior variance", number(100.0 * verdict.variance_ratio))
+        } else {
+            verdict.why.join("; ")
+        };
+        let parameter = &info.calibration.parameters[verdict.parameter].name;
+        let text = format!("cycle {cycle}: {parameter}: {}: {because}", verdict.in_words());
+        let level = if verdict.stable { TextLogLevel::INFO } else { TextLogLevel::WARN };
+        recording.log(names.map(*method, "verdicts"), &TextLog::new(text).with_level(level))?;
+    }
+    recording.reset_time();
+    Ok(())
+}
