@@ -46,7 +46,8 @@ fn methods(scenario: &Scenario, condition: impl Fn(&Method) -> bool) -> Vec<&str
 /// Scenarios in which the Kalman filter is not told the statistics of the world, or in which one draw says nothing of them:
 /// where mean height and bias cannot be told apart nobody can better it but by luck, and where the model makes no error a few
 /// analyses see all there is. `forecast_skill` and `sensor_care` have no full Kalman filter.
-const NOT_OPTIMAL: [&str; 11] = [
+const NOT_OPTIMAL: [&str; 12] = [
+    "compared_sensors",
     "diurnal_bias",
     "first_calibration",
     "forecast_skill",

@@ -384,7 +384,8 @@ impl ObservingSystem {
         self.values_bias_removed.extend(unused_bias_removed);
         let aside = Aside { checks, unused, operator: rows_of_unused.simplified() };
         let operator = rows_of_used.simplified();
-        ObservationWindow { time, cycle: self.cycle, reports, times, values, sigma, error_regression, aside, operator }
+        let (cycle, comparisons) = (self.cycle, Vec::new());
+        ObservationWindow { time, cycle, reports, times, values, sigma, error_regression, aside, comparisons, operator }
     }
 
     /// How the errors of the observations that are used depend on each other, as methods assume.

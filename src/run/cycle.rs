@@ -167,7 +167,8 @@ impl Runner {
             let innovations = &outcome.analysis.background_departures;
             outcome.influence = Some(guarded(|| influence::ask(&method, &from, observed, innovations))?);
         }
-        self.progress.watch.add(observed, &outcome);
+        let compared = if self.method.takes_comparisons() { &*observed.comparisons } else { &[] };
+        self.progress.watch.add(observed, compared, &outcome);
         self.freeze(observed.cycle, outcome.background.state.layout())?;
         let Progress { watch, when_frozen, verdicts, .. } = &mut self.progress;
         let Judging { variance_ratio, freezing, first_analysis, .. } = self.judging;

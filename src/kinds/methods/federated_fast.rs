@@ -2,7 +2,7 @@
 
 use super::adapt::ADAPT;
 use super::federated::{self, INFORMATION_SHARING, RESET_EVERY_CYCLES};
-use super::{BIAS, ERROR_CORRELATION, MethodSettings, Setup, Sizes, Surroundings, Work, fast_kalman};
+use super::{BIAS, COMPARISONS, ERROR_CORRELATION, MethodSettings, Setup, Sizes, Surroundings, Work, fast_kalman};
 use crate::kinds::Kind;
 use crate::kinds::models::Model;
 use isobar_assim::federated::{FederatedFastKalmanFilter, FederatedSettings};
@@ -12,7 +12,15 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "federated_fkf",
     "A Fast Kalman Filter for each observing system, and a master that fuses them without a dense covariance",
     &[
-        &[&BIAS, &ERROR_CORRELATION, &ADAPT, &INFORMATION_SHARING, &RESET_EVERY_CYCLES, &fast_kalman::FACTOR_PRECISION],
+        &[
+            &BIAS,
+            &ERROR_CORRELATION,
+            &COMPARISONS,
+            &ADAPT,
+            &INFORMATION_SHARING,
+            &RESET_EVERY_CYCLES,
+            &fast_kalman::FACTOR_PRECISION,
+        ],
         fast_kalman::SHARED_KEYS,
     ],
     |section, surroundings| {
@@ -78,6 +86,10 @@ impl MethodSettings for FederatedFast {
 
     fn warning(&self, model: &Model) -> Option<&'static str> {
         self.division.warning(model)
+    }
+
+    fn takes_comparisons(&self) -> Result<(), &'static str> {
+        Err("no local filter sees the sensors of two systems")
     }
 
     fn can_freeze_biases(&self) -> Result<(), &'static str> {

@@ -3,7 +3,9 @@
 mod corrections;
 mod factors;
 
-use super::{ERROR_CORRELATION, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Sizes, Surroundings, Work, fast_kalman};
+use super::{
+    COMPARISONS, ERROR_CORRELATION, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Sizes, Surroundings, Work, fast_kalman,
+};
 use crate::kinds::{Kind, form};
 use crate::reader::{Absent, Choice, Described, Form, Key, Limits, Read, Section, Whole};
 use corrections::ModelCorrections;
@@ -71,6 +73,7 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
             &TRANSITION_CORRECTIONS,
             &SELECTION_THRESHOLD,
             &ERROR_CORRELATION,
+            &COMPARISONS,
             &SMOOTHER_LAG_CYCLES,
         ],
     ],
