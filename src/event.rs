@@ -4,12 +4,12 @@ use crate::correlations::Correlations;
 use crate::lead_times::LeadTimes;
 use crate::outcome::UnusedDepartures;
 use crate::readings::Readings;
-use crate::scores::stability::Verdict;
 use crate::scores::{Against, Failure, Line, Outlook, SCORES, ScoreKind, Summary, Values, WarningCase};
 use crate::threshold_warning::PlacedWarning;
+use crate::verdict::Verdict;
 use isobar_assim::{Analysis, Estimate, EstimatedParameter, Structure};
 use isobar_model::{Duration, Layout, State, Time};
-use isobar_obs::{Calibration, ObservationWindow, Projection};
+use isobar_obs::{Calibration, ObservationWindow, Projection, SensorComparison};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -237,7 +237,11 @@ impl Event<'_> {
                 *state.layout() == info.layout && calibration.len() == info.calibration.len()
             }
             Event::Observed { window, values_bias_removed } => {
-                window.fits(&info.layout) && values_bias_removed.len() == window.len() + window.aside.unused.len()
+                let is_known =
+                    |it: &SensorComparison| it.row().all(|(parameter, _)| parameter < info.calibration.len());
+                window.fits(&info.layout)
+                    && window.comparisons.iter().all(is_known)
+                    && values_bias_removed.len() == window.len() + window.aside.unused.len()
             }
             Event::Analysed(analysed) => is_method(analysed.method) && analysed.fits(info),
             Event::Estimated(estimated) => is_method(estimated.method),

@@ -82,6 +82,10 @@ pub fn exact_heard(
     heard: &(dyn Fn(CycleDone<'_>) + Sync),
 ) -> Result<ExactSummary, ScenarioError> {
     let truth = check_linear(scenario)?;
+    if !scenario.comparisons.is_empty() {
+        let message = "exact errors are those of analyses of observations alone: leave out the comparisons of sensors";
+        return Err(scenario.fault(&["comparisons"], message.into(), "these"));
+    }
     let (names, left_out) = chosen(scenario, options)?;
     let (background_error_scale, model_error_scale) = (truth.background_error_scale, truth.model_error_scale);
     // A smoother leaves the filter's gains as they are, and would only take part in the analyses that find them.

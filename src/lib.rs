@@ -19,6 +19,7 @@
 //! | [`scores`] | the list of all scores; the only place where truth and estimate meet |
 //! | [`interrupt`] | how a signal ends a run |
 //! | [`event`], [`output`] | the events of a run, the files that they are written to, and runs read back from them |
+//! | [`verdict`] | whether a bias has a stable update |
 //! | [`tables`] | tables of scores, for terminal, page and viewer |
 //! | [`plot`] | curves and maps, as these files hold them |
 //! | [`sensors`] | what is known of each sensor, from run to run |
@@ -62,6 +63,7 @@ pub mod soundings;
 pub mod tables;
 mod text;
 pub mod threshold_warning;
+pub mod verdict;
 
 /// The version, as files say it.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");

@@ -1,7 +1,7 @@
 //! What a method made of one cycle, for those who judge it: the monitors, the scores, the sinks.
 
 use crate::readings::Readings;
-use crate::scores::stability::Verdict;
+use crate::verdict::Verdict;
 use isobar_assim::{Analysis, Estimate};
 use isobar_obs::ObservationType;
 use serde::{Deserialize, Serialize};

@@ -95,6 +95,7 @@ mod tests {
             sigma: vec![1.0],
             error_regression: Default::default(),
             aside,
+            comparisons: Vec::new(),
             operator: operator(&[&[(0, 0.5), (1, 2.0)]]),
         };
         let state = State::from_values(&Layout::ring(2, "x", "1"), vec![0.0; 2]);

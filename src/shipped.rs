@@ -18,6 +18,7 @@ macro_rules! files {
 static FILES: &[(&str, &[u8])] = files![
     "advection_exact.toml",
     "air_mass_bias.toml",
+    "compared_sensors.toml",
     "continental_us.toml",
     "correlated_errors.toml",
     "dense_footprints.toml",

@@ -132,6 +132,7 @@ fn a_panic_within_a_method_is_a_failure_of_the_method() {
         sigma: Vec::new(),
         error_regression: Default::default(),
         aside: Default::default(),
+        comparisons: Vec::new(),
         operator: std::sync::Arc::new(LinearOperator { jacobian }),
     };
     let Err(fault) = runner.cycle(Duration::from_seconds(60), &nothing, false, false) else {

@@ -149,6 +149,12 @@ fn first_calibration_and_freezing_go_on() {
     let frozen = "[initialise]\nmethod = \"high-pass\"\nmethods = [\"kf\"]\ncycles = 5\nbox_km = 400\n[stability]\nfreeze_after_cycles = 7\n\
         [methods]\nkf = { kind = \"kf\" }\nfkf = { kind = \"fkf\", factors = 6 }\n";
     assert_same_in_parts(&parse(&[TRACER, frozen]), &[3, 6, 2]);
+    let compared = frozen.replace(
+        "[stability]",
+        "[[comparisons]]\nsensor = \"fixed/tracer/B\"\ntime = \"2026-01-15T13:00:00Z\"\nsigma = 0.1\n\
+        [[comparisons]]\nsensor = \"fixed/tracer/B\"\ntime = \"2026-01-17T13:00:00Z\"\nsigma = 0.1\n[stability]",
+    );
+    assert_same_in_parts(&parse(&[TRACER, &compared]), &[3, 6, 2]);
     let by_rule = frozen.replace(
         "freeze_after_cycles = 7",
         "variance_ratio = 0.02\nfreeze_unstable_cycles = 2\nthaw_stable_cycles = 3",

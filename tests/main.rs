@@ -14,6 +14,7 @@ mod checkpoints;
 mod circles;
 mod command_line;
 mod common;
+mod comparisons;
 mod correlated_errors;
 mod determinism;
 mod diagnostics;

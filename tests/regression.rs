@@ -47,7 +47,8 @@ fn methods(scenario: &Scenario, condition: impl Fn(&Method) -> bool) -> Vec<&str
 /// where mean height and bias cannot be told apart nobody can better it but by luck, and where the model makes no error a few
 /// analyses see all there is; where it takes errors within the window for those at the analysis. `forecast_skill`,
 /// `observation_times` and `sensor_care` have no full Kalman filter.
-const NOT_OPTIMAL: [&str; 12] = [
+const NOT_OPTIMAL: [&str; 13] = [
+    "compared_sensors",
     "diurnal_bias",
     "first_calibration",
     "forecast_skill",

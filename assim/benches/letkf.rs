@@ -148,6 +148,7 @@ fn observations(layout: &Layout, count: usize) -> ObservationWindow {
         sigma: vec![0.3; count],
         error_regression: Default::default(),
         aside: Default::default(),
+        comparisons: Vec::new(),
         operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
     }
 }

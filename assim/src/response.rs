@@ -55,6 +55,9 @@ impl<'a> Responder<'a> {
         let mut observed = self.observed.clone();
         observed.values.clone_from(&self.simulated);
         add(&mut observed.values, innovations);
+        // Comparisons of sensors say nothing new.
+        let calibration = &self.background.estimate.calibration;
+        observed.comparisons.iter_mut().for_each(|it| it.value = it.simulate(calibration));
         let analysis = self.method.boxed_clone().analyse(self.background, &observed)?;
         let before = &self.background.estimate;
         Ok(Response {

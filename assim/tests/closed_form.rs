@@ -52,6 +52,7 @@ fn observe(observations: &[(usize, f64)], sigma: f64) -> ObservationWindow {
         values,
         error_regression: Default::default(),
         aside: Default::default(),
+        comparisons: Vec::new(),
         operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
     }
 }

@@ -6,13 +6,14 @@ use isobar_assim::Initialised;
 use isobar_assim::block_angular::{Block, BorderRows, RegressionRows, solve};
 use isobar_assim::covariance::{Sum, Univariate};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter};
-use isobar_assim::high_pass::{HighPassFilter, HighPassSettings, in_words};
+use isobar_assim::high_pass::{HighPassFilter, HighPassSettings, HighPassSolution, in_words};
 use isobar_assim::kalman::KalmanFilter;
 use isobar_assim::{Assimilator, BiasTreatment, Covariance, Problem};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Boundary, ExactShift, Grid, Model, State, Time};
 use isobar_obs::{
-    BiasProcess, BiasScope, Network, ObservedVariable, ObservingSystem, RadiosondeSettings, StationBias, StationSource,
+    BiasProcess, BiasScope, Network, ObservationWindow, ObservedVariable, ObservingSystem, RadiosondeSettings,
+    SensorComparison, StationBias, StationSource,
 };
 use std::sync::Arc;
 
@@ -165,6 +166,36 @@ fn without_a_reference_the_common_bias_is_named() {
     let [combination] = found.undetermined.as_slice() else { panic!("{:?}", found.undetermined) };
     assert_eq!(in_words(combination), "net/tracer/A + net/tracer/B + net/tracer/C");
     assert_eq!(in_words(&[(-1.0, "a".into()), (0.25, "b".into()), (-0.5, "c".into())]), "−a + 0.25 b − 0.50 c");
+}
+
+/// A test point of one sensor is among the rows, and with the differences within boxes it determines all.
+#[test]
+fn a_test_point_determines_the_common_bias() {
+    let World { problem, mut observing, truth, .. } = world(3, false);
+    let solve = |comparisons: Vec<SensorComparison>, observed: &ObservationWindow| {
+        let mut filter = HighPassFilter::new(problem.calibration.clone(), problem.background_error.clone(), SETTINGS);
+        let observed = ObservationWindow { comparisons, ..observed.clone() };
+        let grid = &problem.background.layout().grid;
+        filter.observe(&observed.with_comparisons_below(grid), &problem.background).unwrap();
+        filter.solve()
+    };
+    let observed = observing.observe(&truth);
+    let without = solve(vec![], &observed);
+    let test_point = |value, sigma| SensorComparison { parameter: 1, other: None, value, sigma };
+    let found = solve(vec![test_point(1.5, 0.25)], &observed);
+    assert!(found.undetermined.is_empty() && without.undetermined.len() == 1);
+    // The test point is all that is known of the common bias, and says nothing of the differences.
+    assert!((found.estimate[1] - 1.5).abs() < 1e-9 && (found.covariance[(1, 1)].sqrt() - 0.25).abs() < 1e-9);
+    for other in [0, 2] {
+        let [own, before] = [&found, &without].map(|it| it.estimate[other] - it.estimate[1]);
+        assert!((own - before).abs() < 1e-9, "{own} {before}");
+    }
+    // A comparison adds its information to that of the boxes on the difference: 1/σ² of both.
+    let variance = |it: &HighPassSolution| it.covariance[(0, 0)] - 2.0 * it.covariance[(0, 1)] + it.covariance[(1, 1)];
+    let comparison = SensorComparison { parameter: 0, other: Some(1), value: 0.0, sigma: 0.3 };
+    let compared = solve(vec![test_point(1.5, 0.25), comparison], &observed);
+    let expected = 1.0 / (1.0 / variance(&found) + 1.0 / 0.09);
+    assert!((variance(&compared) / expected - 1.0).abs() < 1e-9, "{} {expected}", variance(&compared));
 }
 
 /// The method starts from the batch as it would from a prior of the same mean and covariance, and both filters agree.

@@ -34,6 +34,7 @@ fn observe(rows: &[Observation]) -> ObservationWindow {
         sigma: rows.iter().map(|row| row.2).collect(),
         error_regression: Default::default(),
         aside: Default::default(),
+        comparisons: Vec::new(),
         operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
     }
 }

@@ -12,7 +12,7 @@ use isobar_assim::optimal_interpolation::OptimalInterpolation;
 use isobar_assim::variational::{FourDVar, FourDVarSettings, ThreeDVar, ThreeDVarSettings};
 use isobar_assim::{Assimilator, Calibrated, Estimate, Problem, Recalibration, SensorKnowledge, covariance};
 use isobar_model::Time;
-use isobar_obs::ObservationWindow;
+use isobar_obs::{ObservationWindow, SensorComparison};
 
 type Method = Box<dyn Assimilator>;
 
@@ -279,6 +279,71 @@ fn held_parameters_are_those_of_the_schmidt_kalman_filter_with_whole_matrices() 
                         .all(|(own, before)| (own - before).abs() < 1e-12 * before.abs().max(1.0));
                     assert_eq!(kept, held.contains(&number), "{kind}, {name}, cycle {cycle}: {own:?} {before:?}");
                 }
+            }
+        }
+    }
+}
+
+/// Comparisons and test points are further rows of H: that of a filter with whole matrices, of frozen parameters too; and χ² is
+/// that of the observations without them.
+#[test]
+fn comparisons_are_rows_of_the_recursion_with_whole_matrices() {
+    let (problem, knowledge) = (known_problem(), knowledge());
+    let comparisons = |cycle: usize| match cycle {
+        2 => vec![SensorComparison { parameter: 0, other: Some(3), value: 2.5, sigma: 0.3 }],
+        4 | 7 => vec![
+            SensorComparison { parameter: 4, other: None, value: -1.5, sigma: 0.2 },
+            SensorComparison { parameter: 2, other: Some(1), value: 0.5, sigma: 0.4 },
+        ],
+        _ => vec![],
+    };
+    for (name, method) in methods(&problem).into_iter().take(3) {
+        let mut by_hand = ByHand::new(&problem, &knowledge);
+        let mut filter = Calibrated::new(method, &problem.calibration, START, knowledge.clone());
+        for cycle in 1..=8 {
+            if cycle == 6 {
+                by_hand.frozen = vec![false, true, false, false, true];
+                filter.hold(&[1, 4]).unwrap();
+            }
+            let observed =
+                ObservationWindow { comparisons: comparisons(cycle), ..window(&problem, 14, false, cycle, 5) };
+            by_hand.forecast(&problem, &knowledge, cycle as i64);
+            let from = filter.forecast(WINDOW).unwrap();
+            let chi2 = filter.clone().analyse(&from, &ObservationWindow { comparisons: vec![], ..observed.clone() });
+            let chi2 = chi2.unwrap().innovation_chi2.unwrap();
+            by_hand.analyse(&problem, &observed.with_comparisons_below(&problem.background.layout().grid));
+            let analysis = filter.analyse(&from, &observed).unwrap();
+            let found = by_hand.difference(&analysis.estimate);
+            assert!(found < 1e-9, "{name}, cycle {cycle}: {found:e}");
+            assert_eq!((analysis.background_departures.len(), analysis.analysis_departures.len()), (14, 14));
+            let found = (analysis.innovation_chi2.unwrap() / chi2 - 1.0).abs();
+            assert!(found < 1e-8, "{name}, χ² of cycle {cycle}: {found:e}");
+        }
+    }
+}
+
+/// Every other method, too, is drawn to a comparison and sure of it.
+#[test]
+fn every_method_believes_a_comparison() {
+    let problem = problem(true, calibration(3, 2, 0.0), 2);
+    let comparison = SensorComparison { parameter: 0, other: Some(2), value: 6.0, sigma: 0.1 };
+    for (name, method) in methods(&problem) {
+        let mut method = Calibrated::new(
+            method,
+            &problem.calibration,
+            START,
+            SensorKnowledge { mean: vec![0.0; 5], recalibrations: vec![] },
+        );
+        for cycle in 1..=2 {
+            let comparisons = if cycle == 2 { vec![comparison] } else { vec![] };
+            let observed = ObservationWindow { comparisons, ..window(&problem, 14, false, cycle, 5) };
+            let from = method.forecast(WINDOW).unwrap();
+            let before = &from.estimate.calibration;
+            let found = (before[0] - before[2] - 6.0).abs();
+            let after = method.analyse(&from, &observed).unwrap().estimate.calibration;
+            if cycle == 2 {
+                assert!(found > 1.0, "{name}: it was there before: {found}");
+                assert!((after[0] - after[2] - 6.0).abs() < 0.3, "{name}: {} − {}", after[0], after[2]);
             }
         }
     }

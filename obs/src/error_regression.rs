@@ -34,6 +34,15 @@ impl ErrorRegression {
         self.shares.push(share);
     }
 
+    /// The same with further errors that are independent of all others.
+    pub fn with_independent(mut self, further: usize) -> Self {
+        // The default stands for any number.
+        if !self.shares.is_empty() {
+            (0..further).for_each(|_| self.push([], 1.0));
+        }
+        self
+    }
+
     /// Whether no error depends on another one.
     pub fn is_independent(&self) -> bool {
         (0..self.shares.len()).all(|row| self.weights.row(row).is_empty())

@@ -397,7 +397,8 @@ impl ObservingSystem {
         let aside =
             Aside { checks, unused, operator: WithinWindow::around(rows_of_unused.simplified(), lags_of_unused) };
         let operator = WithinWindow::around(rows_of_used.simplified(), lags_of_used);
-        ObservationWindow { time, cycle: self.cycle, reports, times, values, sigma, error_regression, aside, operator }
+        let (cycle, comparisons) = (self.cycle, Vec::new());
+        ObservationWindow { time, cycle, reports, times, values, sigma, error_regression, aside, comparisons, operator }
     }
 
     /// How the errors of the observations that are used depend on each other, as methods assume.

@@ -1,11 +1,12 @@
 //! The observations of one cycle, as a method receives them.
 
 use crate::aside::{Aside, UnusedObservation};
+use crate::comparison::{SensorComparison, WithComparisons};
 use crate::error_regression::ErrorRegression;
 use crate::operator::{LinearOperator, ObservationOperator, TimedObservations};
 use crate::report::{ObservationType, Report};
 use crate::within_window::WithinWindow;
-use isobar_model::{Layout, State, Time};
+use isobar_model::{Grid, Layout, State, Time};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -32,6 +33,8 @@ pub struct ObservationWindow {
     pub error_regression: ErrorRegression,
     /// What was reported as well, but is not used: no method sees it.
     pub aside: Aside,
+    /// Comparisons of sensors and test points of this cycle, which are no observations.
+    pub comparisons: Vec<SensorComparison>,
     /// h(x, c) of these observations.
     #[serde(skip, default = "no_operator")]
     pub operator: Arc<dyn ObservationOperator>,
@@ -59,7 +62,29 @@ impl ObservationWindow {
             && self.sigma.len() == self.len()
             && self.times.len() == self.len()
             && self.error_regression.fits(self.len())
+            && self.comparisons.iter().all(|it| it.sigma > 0.0)
             && reports.all(|report| report.variable < layout.variables.len())
+    }
+
+    /// The observations and below them, as observations of c alone with the place of the domain's middle, the comparisons.
+    pub fn with_comparisons_below(&self, grid: &Grid) -> Self {
+        let mut all = self.clone();
+        let comparisons = std::mem::take(&mut all.comparisons);
+        let report = Report {
+            network: "comparisons".into(),
+            platform: "".into(),
+            variable: 0,
+            x_m: 0.5 * grid.width_m(),
+            y_m: 0.5 * grid.height_m(),
+            scan: None,
+        };
+        all.reports.extend(comparisons.iter().map(|_| report.clone()));
+        all.times.extend(comparisons.iter().map(|_| all.time));
+        all.values.extend(comparisons.iter().map(|it| it.value));
+        all.sigma.extend(comparisons.iter().map(|it| it.sigma));
+        all.error_regression = all.error_regression.with_independent(comparisons.len());
+        all.operator = Arc::new(WithComparisons { observed: all.operator, comparisons });
+        all
     }
 
     /// The types of the observations, and which observation is of which type.

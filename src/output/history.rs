@@ -7,12 +7,12 @@ use super::structure::ShownStructure;
 use crate::event::{Analysed, Estimated, Event, Judged, RunInfo, Smoothed};
 use crate::plot::Thinning;
 use crate::plot::range::{around, quantile};
-use crate::scores::stability::Verdict;
 use crate::scores::{Part, Score};
+use crate::verdict::Verdict;
 use indexmap::IndexMap;
 use isobar_assim::{Estimate, EstimatedParameter};
 use isobar_model::{State, Time};
-use isobar_obs::{ObservationType, ObservationWindow, Report};
+use isobar_obs::{ObservationType, ObservationWindow, Report, SensorComparison};
 use std::collections::BTreeMap;
 
 /// Each variable of a state `[y, x]`, thinned.
@@ -62,6 +62,8 @@ pub struct Cycle {
     pub reports: Vec<Report>,
     /// Their values.
     pub values: Vec<f64>,
+    /// The comparisons of sensors.
+    pub comparisons: Vec<SensorComparison>,
     /// The results of the methods; the place of one that has none is empty.
     pub methods: Vec<Option<MethodCycle>>,
 }
@@ -208,7 +210,18 @@ impl History {
             let has_maps = (self.has_maps)(&self.info, number);
             let (true_calibration, truth, reports, values) = (Vec::new(), None, Vec::new(), Vec::new());
             let methods = self.info.methods.iter().map(|_| None).collect();
-            self.cycles.push(Cycle { number, time, has_maps, true_calibration, truth, reports, values, methods });
+            let comparisons = Vec::new();
+            self.cycles.push(Cycle {
+                number,
+                time,
+                has_maps,
+                true_calibration,
+                truth,
+                reports,
+                values,
+                comparisons,
+                methods,
+            });
         }
         let last = self.cycles.len() - 1;
         &mut self.cycles[last]
@@ -217,6 +230,7 @@ impl History {
     fn add_observations(&mut self, window: &ObservationWindow) {
         let cycle = self.begin(window.cycle, window.time);
         (cycle.reports, cycle.values) = (window.reports.clone(), window.values.clone());
+        cycle.comparisons.clone_from(&window.comparisons);
     }
 
     fn add_estimates(&mut self, analysed: &Analysed<'_>) -> Result<(), String> {

@@ -96,6 +96,7 @@ mod tests {
             sigma: vec![1.0; 4],
             error_regression: Default::default(),
             aside: Aside { checks: Vec::new(), unused: Vec::new(), operator: Arc::new(LinearOperator::default()) },
+            comparisons: Vec::new(),
             operator: Arc::new(LinearOperator::default()),
         };
         let all = ScanBiases::all(&window, &[8.0, 20.0, 25.0, 36.0], 2);

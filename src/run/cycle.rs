@@ -178,7 +178,8 @@ impl Runner {
             let innovations = &outcome.analysis.background_departures;
             outcome.influence = Some(guarded(|| influence::ask(&method, &from, observed, innovations))?);
         }
-        self.progress.watch.add(observed, &outcome);
+        let compared = if self.method.takes_comparisons() { &*observed.comparisons } else { &[] };
+        self.progress.watch.add(observed, compared, &outcome);
         self.freeze(observed.cycle, outcome.background.state.layout())?;
         if let Some(start) = &mut self.progress.trajectory_start {
             start.clone_from(&outcome.analysis.estimate.state);

@@ -13,10 +13,10 @@ use crate::event::{Analysed, Estimated, Event, Forecast, Judged, RunInfo, Smooth
 use crate::interrupt;
 use crate::outcome::Outcome;
 use crate::scores::forecast::{self, Verifying};
-use crate::scores::stability::Verdict;
 use crate::scores::{Failure, Outlook, RunScores, Scorecard, Summary, TrueValues, WarningCase};
 use crate::text::clean;
 use crate::threshold_warning::PlacedWarning;
+use crate::verdict::Verdict;
 use isobar_assim::Estimate;
 use isobar_obs::ObservationWindow;
 use rayon::ThreadPool;
@@ -104,7 +104,7 @@ impl Cycles<'_, '_> {
 
     /// Advances truth and reference by a cycle, and observes the truth if there is one.
     fn observe(&mut self, cycle: usize) -> Result<Observed, RunError> {
-        let Experiment { info, truth, reference, observing, methods, .. } = &mut *self.experiment;
+        let Experiment { info, truth, reference, observing, comparisons, methods, .. } = &mut *self.experiment;
         if let Some(truth) = truth {
             self.workers.install(|| truth.advance()).map_err(|error| RunError::Truth { cycle, error })?;
         }
@@ -113,7 +113,8 @@ impl Cycles<'_, '_> {
         }
         let state = truth.as_ref().map(Truth::state);
         let through = truth.as_ref().map(Truth::window);
-        let window = observing.observe_checked(through, reference.as_ref().map(Reference::now));
+        let mut window = observing.observe_checked(through, reference.as_ref().map(Reference::now));
+        window.comparisons = comparisons.of_cycle(window.time, info.window, observing.true_calibration());
         self.scores.observations.add(&window, &info.layout);
         if let Some(state) = state {
             let truth = TrueValues { state, calibration: observing.true_calibration() };

@@ -2,6 +2,7 @@
 
 mod ahead;
 pub mod checkpoint;
+pub mod comparisons;
 mod cost;
 pub mod cycle;
 mod cycles;

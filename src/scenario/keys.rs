@@ -1,6 +1,6 @@
 //! The keys of a scenario file, from the top.
 
-use super::{cycle, expected, grid, initialise, quality, sensors, sweep, truth};
+use super::{comparisons, cycle, expected, grid, initialise, quality, sensors, sweep, truth};
 use crate::kinds::{covariances, forecast, warnings};
 use crate::reader::{Absent, AnyKey, Described, Form, Integer, Key, Table, YesNo};
 
@@ -124,6 +124,13 @@ pub(crate) const ALL: &[&dyn AnyKey] = &[
         sensors::KEYS,
         "no database",
         "a database of sensors and their calibrations, kept from run to run",
+    ),
+    &Key::absent(
+        "comparisons",
+        "",
+        Described("a list of tables", comparisons::form),
+        Absent::Explained("no comparisons"),
+        "comparisons of sensors and test points within the run, which tell methods of the biases",
     ),
     &optional("stability", sensors::STABILITY_KEYS, "biases are never frozen", "when a bias counts as determined"),
     &Key::absent(

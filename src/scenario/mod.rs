@@ -4,6 +4,7 @@
 //! No default is hidden from a reader of the file but those that the settings' documentation names.
 
 mod accept;
+mod comparisons;
 mod cycle;
 mod expected;
 mod fault;
@@ -19,6 +20,7 @@ mod truth;
 pub use crate::reader::ScenarioError;
 pub use crate::scores::Expected;
 pub use accept::{AcceptError, accept, with_expected};
+pub use comparisons::ComparisonSettings;
 pub use cycle::CycleSettings;
 pub use grid::GridSettings;
 pub use initialise::Initialise;
@@ -97,6 +99,8 @@ pub struct Scenario {
     pub quality_control: Option<QualityControl>,
     /// The networks, in the order of the file.
     pub networks: Vec<Network>,
+    /// Comparisons of sensors and test points within the run.
+    pub comparisons: Vec<ComparisonSettings>,
     /// The methods, in the order of the file.
     pub methods: IndexMap<String, Method>,
     /// What some methods start from instead of the biases' priors.
@@ -242,6 +246,9 @@ impl Scenario {
         let warnings =
             forecast.as_ref().and_then(|forecast| faults.keep(warnings::read(root, &domain, forecast.as_ref())));
         let stability = faults.keep(sensors::read_stability(root, cycle.count));
+        let comparisons = start.zip(truth.as_ref()).and_then(|(start, truth)| {
+            faults.keep(comparisons::read(root, start, cycle.window, cycle.count, truth.is_some()))
+        });
         let (background_error, model_error) = (background_error?, model_error?);
         let networks = networks?;
         let correlated = correlated_network(&networks);
@@ -250,6 +257,7 @@ impl Scenario {
             domain,
             cycles: cycle.count,
             cycle: cycle.window,
+            compares: comparisons.as_ref().is_some_and(|comparisons| !comparisons.is_empty()),
             freezing_key: stability.and_then(|stability| stability.freezing_key()),
             networks: networks.iter().filter(|it| it.assimilate).map(|network| network.name.clone()).collect(),
             correlated: correlated.map(|network| network.name.clone()),
@@ -293,6 +301,7 @@ impl Scenario {
             warnings,
             quality_control: quality_control?,
             networks,
+            comparisons: comparisons?,
             methods,
             initialise: initialise?,
             influence_every_cycles: influence_every_cycles?,

@@ -224,7 +224,8 @@ pub fn warm_start(records: &Records, calibration: &Calibration, start: Time, end
     let mut warnings = Vec::new();
     if late_test_points > 0 {
         warnings.push(format!(
-            "{late_test_points} test points lie within the run, which does not use them: give them before its start"
+            "{late_test_points} test points lie within the run, which does not use them: give them before its start, or as \
+             [[comparisons]]"
         ));
     }
     let known = touched.iter().filter(|&&touched| touched).count();

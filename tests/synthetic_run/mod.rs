@@ -300,6 +300,7 @@ fn observe(info: &RunInfo, cycle: usize, truth: &[State], calibration: &[Vec<f64
         reports,
         error_regression: Default::default(),
         aside: Default::default(),
+        comparisons: Vec::new(),
         operator: Arc::new(LinearOperator { jacobian }),
     };
     (window, with_noise(unbiased))

@@ -86,6 +86,7 @@ pub fn observations(layout: &Layout, count: usize, cycle: usize) -> ObservationW
         sigma,
         error_regression: Default::default(),
         aside: Default::default(),
+        comparisons: Vec::new(),
         operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
     }
 }

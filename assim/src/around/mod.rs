@@ -2,12 +2,13 @@
 //!
 //! | module | what it adds |
 //! |---|---|
-//! | [`sensors`] | what is known of the sensors: earlier calibrations, recalibrations, biases that are not to be adjusted |
+//! | [`sensors`] | what is known of the sensors: earlier calibrations, recalibrations, biases that are not to be adjusted, comparisons of sensors |
 //! | [`adaptive`] | factors on the errors of observations and forecasts, found from the innovations |
 //! | [`whitened`] | correlated errors of observations |
 //! | [`first_calibration`] | a calibration from the first observations, by Lange's High-pass Filter |
 
 pub mod adaptive;
+mod compared;
 pub mod first_calibration;
 mod likelihood;
 pub mod sensors;

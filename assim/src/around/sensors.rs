@@ -1,5 +1,6 @@
 //! A method with what is known of its sensors: earlier calibrations, announced recalibrations, frozen parameters.
 
+use super::compared;
 use crate::assimilator::{Adjustments, Assimilator, CalibrationAdjustment, Smoother, Views};
 use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::calibration_drift::drift;
@@ -46,6 +47,11 @@ pub struct SensorKnowledge {
 /// *Variance.* What is not known of a step, diag(σ²), is added to the covariance of c by
 /// [`WidenCalibration`](crate::assimilator::WidenCalibration).
 ///
+/// *Comparisons* of sensors and test points are given to the method as observations of c' alone (see [`SensorComparison`](isobar_obs::SensorComparison)): of a
+/// Kalman filter that is the analysis with their rows in H. They are no part of the analysis' departures, nor of its χ²: with
+/// r⁺ = d − g ĉ and A⁺ = g S gᵀ after the analysis, and R = diag(σ²), their part of χ², given the observations, is
+/// `r⁺ᵀ (R − A⁺)⁻¹ r⁺`.
+///
 /// *Frozen parameters.* With the gain's rows of frozen parameters F set to zero (the Schmidt–Kalman or consider filter, Schmidt
 /// 1966, Advances in Control Systems 3, 293; Jazwinski 1970, section 8.4), their uncertainty still enters the covariance
 /// `S = H P⁻ Hᵀ + R` of the innovations, and Joseph's form gives the optimal covariance but for its F × F block, which stays
@@ -58,6 +64,7 @@ pub struct Calibrated {
     /// What follows is empty where the method does not estimate biases.
     knowledge: SensorKnowledge,
     calibration: Calibration,
+    ignores_comparisons: bool,
     memory: Memory,
 }
 
@@ -111,7 +118,17 @@ impl Calibrated {
             would_be: vec![f64::NAN; p],
             past_offsets: VecDeque::new(),
         };
-        Self { method, knowledge, calibration: calibration.clone(), memory }
+        Self { method, knowledge, calibration: calibration.clone(), ignores_comparisons: false, memory }
+    }
+
+    /// The same, as if sensors were never compared.
+    pub fn ignoring_comparisons(self) -> Self {
+        Self { ignores_comparisons: true, ..self }
+    }
+
+    /// Whether comparisons of sensors are taken in: by a method that estimates biases, unless it is to ignore them.
+    pub fn takes_comparisons(&self) -> bool {
+        !self.ignores_comparisons && !self.is_plain()
     }
 
     /// The covariance that the parameters would have now without any observation, `[p, p]`; without rows if the method
@@ -242,6 +259,7 @@ impl Calibrated {
         for (row, value) in shifted.values.iter_mut().enumerate() {
             *value -= rows.row_dot(row, &self.memory.offset);
         }
+        shifted.comparisons.iter_mut().for_each(|it| it.value -= it.simulate(&self.memory.offset));
         shifted
     }
 
@@ -251,11 +269,27 @@ impl Calibrated {
         add(&mut estimate.calibration, &self.memory.offset);
     }
 
+    /// The method's analysis of observations and comparisons.
+    fn analyse_own(&mut self, from: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        if observed.comparisons.is_empty() || !self.takes_comparisons() {
+            return self.method.analyse(from, observed);
+        }
+        let (n, grid) = (observed.len(), &from.estimate.state.layout().grid);
+        let mut analysis = self.method.analyse(from, &observed.with_comparisons_below(grid))?;
+        analysis.background_departures.truncate(n);
+        let left = analysis.analysis_departures.split_off(n);
+        if let Some(chi2) = analysis.innovation_chi2 {
+            let claims = self.method.can().calibration.map(|claims| claims.calibration_accuracy());
+            analysis.innovation_chi2 = claims.and_then(|claims| Some(chi2 - compared::chi2(&claims, &left, observed)?));
+        }
+        Ok(analysis)
+    }
+
     /// The analysis, where some parameters are frozen.
     fn analyse_frozen(&mut self, from: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
         let before = self.accuracy()?;
         let estimate = self.memory.estimate.clone();
-        let mut analysis = self.method.analyse(from, observed)?;
+        let mut analysis = self.analyse_own(from, observed)?;
         let after = self.accuracy()?;
         let frozen = self.memory.frozen.clone();
         let widening = difference(before.covariance(), after.covariance(), |number| frozen[number]);
@@ -300,7 +334,7 @@ impl Assimilator for Calibrated {
         let mut analysis = if self.memory.frozen.contains(&true) {
             self.analyse_frozen(from, observed)?
         } else {
-            self.method.analyse(from, observed)?
+            self.analyse_own(from, observed)?
         };
         if self.method.can().smoother.is_some() {
             let lag = self.lag();

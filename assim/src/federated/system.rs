@@ -63,6 +63,7 @@ pub(super) fn observations_of(
         sigma: chosen(&observed.sigma),
         error_regression: Default::default(),
         aside: Default::default(),
+        comparisons: Vec::new(),
         operator: Arc::new(SystemOperator {
             whole: Arc::clone(&observed.operator),
             rows,

@@ -248,6 +248,7 @@ pub fn window(problem: &Problem, count: usize, within_cell: bool, cycle: usize, 
         sigma: (0..count).map(|row| 0.5 + 0.1 * (row % 5) as f64).collect(),
         error_regression: Default::default(),
         aside: Default::default(),
+        comparisons: Vec::new(),
         operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
     }
 }

@@ -1,7 +1,10 @@
 //! `kind = "banded_kf"`.
 
 use super::adapt::ADAPT;
-use super::{BIAS, ERROR_CORRELATION, FIRST_GUESS, MEMORY_LIMIT_GB, MethodSettings, Setup, Sizes, Surroundings, Work};
+use super::{
+    BIAS, COMPARISONS, ERROR_CORRELATION, FIRST_GUESS, MEMORY_LIMIT_GB, MethodSettings, Setup, Sizes, Surroundings,
+    Work,
+};
 use crate::kinds::Kind;
 use crate::reader::{Key, Whole};
 use isobar_assim::banded::BandedKalmanFilter;
@@ -23,7 +26,7 @@ const HALF_BANDWIDTH: Key<Whole> = Key::required(
 pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "banded_kf",
     "The Kalman filter with a banded covariance",
-    &[&[&BIAS, &ERROR_CORRELATION, &FIRST_GUESS, &ADAPT, &HALF_BANDWIDTH, &MEMORY_LIMIT_GB]],
+    &[&[&BIAS, &ERROR_CORRELATION, &FIRST_GUESS, &COMPARISONS, &ADAPT, &HALF_BANDWIDTH, &MEMORY_LIMIT_GB]],
     |section, _| Ok(Box::new(BandedKalman { half_bandwidth: section.get(&HALF_BANDWIDTH)? })),
 );
 

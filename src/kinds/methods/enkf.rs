@@ -31,6 +31,10 @@ impl MethodSettings for Enkf {
         Ok(Box::new(if within_window { filter.asynchronous()? } else { filter }))
     }
 
+    fn takes_comparisons(&self) -> Result<(), &'static str> {
+        Err("what observations say is cut off with distance, and a comparison has no place")
+    }
+
     fn work(&self, sizes: &Sizes) -> Work {
         // P Hᵀ and H P Hᵀ + R of the members' perturbations, tapered, and the solution.
         let (n, members) = (sizes.observations, self.ensemble.members as f64);

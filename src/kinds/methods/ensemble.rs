@@ -1,6 +1,6 @@
 //! The settings that ensemble methods share.
 
-use super::{BIAS, ERROR_CORRELATION, FIRST_GUESS, MEMORY_LIMIT_GB, SMOOTHER_LAG_CYCLES, Surroundings};
+use super::{BIAS, COMPARISONS, ERROR_CORRELATION, FIRST_GUESS, MEMORY_LIMIT_GB, SMOOTHER_LAG_CYCLES, Surroundings};
 use crate::reader::{Absent, AnyKey, Choice, Key, Limits, OrWord, Read, Section, Whole};
 use isobar_assim::ensemble::{
     BackgroundInflation, EnsembleSettings, Inflation, InitialMembers, LocalSettings, ModelErrorTreatment,
@@ -90,6 +90,7 @@ pub(super) const KEYS: &[&dyn AnyKey] = &[
     &BIAS,
     &ERROR_CORRELATION,
     &FIRST_GUESS,
+    &COMPARISONS,
     &MEMBERS,
     &INITIAL_MEMBERS,
     &MODEL_ERROR_TREATMENT,

@@ -5,8 +5,8 @@ use super::common_factors::{self, CommonFactors, FACTORS, storage};
 use super::local_factors::{self, LOCAL_FACTORS};
 use super::work::probes;
 use super::{
-    BIAS, ERROR_CORRELATION, FIRST_GUESS, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Sizes,
-    Surroundings, Work,
+    BIAS, COMPARISONS, ERROR_CORRELATION, FIRST_GUESS, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup,
+    Sizes, Surroundings, Work,
 };
 use crate::kinds::{Domain, Kind};
 use crate::reader::{Absent, AnyKey, Choice, Described, Field, Form, Key, OrTable, Read, Section, Whole};
@@ -107,6 +107,7 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
             &BIAS,
             &ERROR_CORRELATION,
             &FIRST_GUESS,
+            &COMPARISONS,
             &ADAPT,
             &BIAS_COUPLING,
             &FACTOR_GRID,

@@ -1,7 +1,10 @@
 //! `kind = "federated_kf"`.
 
 use super::adapt::ADAPT;
-use super::{BIAS, ERROR_CORRELATION, FIRST_GUESS, MEMORY_LIMIT_GB, MethodSettings, Setup, Sizes, Surroundings, Work};
+use super::{
+    BIAS, COMPARISONS, ERROR_CORRELATION, FIRST_GUESS, MEMORY_LIMIT_GB, MethodSettings, Setup, Sizes, Surroundings,
+    Work,
+};
 use crate::kinds::Kind;
 use crate::kinds::models::Model;
 use crate::reader::{Absent, Described, Form, Key, Limits, Read, Section, Whole};
@@ -35,7 +38,16 @@ const ROUNDING: f64 = 0.005;
 pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "federated_kf",
     "A Kalman filter for each observing system, and a master that fuses them",
-    &[&[&BIAS, &ERROR_CORRELATION, &FIRST_GUESS, &ADAPT, &INFORMATION_SHARING, &RESET_EVERY_CYCLES, &MEMORY_LIMIT_GB]],
+    &[&[
+        &BIAS,
+        &ERROR_CORRELATION,
+        &FIRST_GUESS,
+        &COMPARISONS,
+        &ADAPT,
+        &INFORMATION_SHARING,
+        &RESET_EVERY_CYCLES,
+        &MEMORY_LIMIT_GB,
+    ]],
     |section, surroundings| Ok(Box::new(read(section, surroundings)?)),
 );
 
@@ -114,6 +126,10 @@ impl MethodSettings for FederatedSettings {
              own, which drifts away; its claimed errors are too small, and if it is never reset (0) it may be worse than no \
              assimilation",
         )
+    }
+
+    fn takes_comparisons(&self) -> Result<(), &'static str> {
+        Err("no local filter sees the sensors of two systems")
     }
 
     fn can_freeze_biases(&self) -> Result<(), &'static str> {

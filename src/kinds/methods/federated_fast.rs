@@ -2,7 +2,9 @@
 
 use super::adapt::ADAPT;
 use super::federated::{self, INFORMATION_SHARING, RESET_EVERY_CYCLES};
-use super::{BIAS, ERROR_CORRELATION, FIRST_GUESS, MethodSettings, Setup, Sizes, Surroundings, Work, fast_kalman};
+use super::{
+    BIAS, COMPARISONS, ERROR_CORRELATION, FIRST_GUESS, MethodSettings, Setup, Sizes, Surroundings, Work, fast_kalman,
+};
 use crate::kinds::Kind;
 use crate::kinds::models::Model;
 use isobar_assim::federated::{FederatedFastKalmanFilter, FederatedSettings};
@@ -16,6 +18,7 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
             &BIAS,
             &ERROR_CORRELATION,
             &FIRST_GUESS,
+            &COMPARISONS,
             &ADAPT,
             &INFORMATION_SHARING,
             &RESET_EVERY_CYCLES,
@@ -91,6 +94,10 @@ impl MethodSettings for FederatedFast {
 
     fn warning(&self, model: &Model) -> Option<&'static str> {
         self.division.warning(model)
+    }
+
+    fn takes_comparisons(&self) -> Result<(), &'static str> {
+        Err("no local filter sees the sensors of two systems")
     }
 
     fn can_freeze_biases(&self) -> Result<(), &'static str> {

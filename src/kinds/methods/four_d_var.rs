@@ -1,7 +1,9 @@
 //! `kind = "4dvar"`.
 
 use super::work::ITERATIONS;
-use super::{BIAS, ERROR_CORRELATION, FIRST_GUESS, MethodSettings, Setup, Sizes, Surroundings, Work, variational};
+use super::{
+    BIAS, COMPARISONS, ERROR_CORRELATION, FIRST_GUESS, MethodSettings, Setup, Sizes, Surroundings, Work, variational,
+};
 use crate::kinds::Kind;
 use crate::reader::{Absent, Key, Whole};
 use isobar_assim::variational::{FourDVar, FourDVarSettings, ThreeDVarSettings};
@@ -15,7 +17,7 @@ const OUTER_LOOPS: Key<Whole> =
 pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "4dvar",
     "Strong-constraint incremental 4D-Var over a moving window, with outer loops",
-    &[&[&BIAS, &ERROR_CORRELATION, &FIRST_GUESS, &WINDOW_CYCLES, &OUTER_LOOPS], variational::KEYS],
+    &[&[&BIAS, &ERROR_CORRELATION, &FIRST_GUESS, &COMPARISONS, &WINDOW_CYCLES, &OUTER_LOOPS], variational::KEYS],
     |section, _| {
         let ThreeDVarSettings { covariance_scale, tolerance, max_iterations } = variational::read(section)?;
         Ok(Box::new(FourDVarSettings {

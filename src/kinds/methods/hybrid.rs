@@ -33,6 +33,10 @@ impl MethodSettings for HybridSettings {
         Ok(Box::new(HybridThreeDVar::new(setup.problem, self.clone())?))
     }
 
+    fn takes_comparisons(&self) -> Result<(), &'static str> {
+        Err("its members are analysed place by place, and a comparison has no place")
+    }
+
     fn work(&self, sizes: &Sizes) -> Work {
         // The control vector has weights of the members beside that of B: about a field for each.
         let members = self.ensemble.members as f64;

@@ -29,6 +29,10 @@ impl MethodSettings for Letkf {
         Ok(Box::new(if within_window { filter.asynchronous()? } else { filter }))
     }
 
+    fn takes_comparisons(&self) -> Result<(), &'static str> {
+        Err("its analyses are of places, and a comparison has none")
+    }
+
     fn work(&self, sizes: &Sizes) -> Work {
         // An analysis in ensemble space about every point for which weights are computed, of the observations around it.
         let members = self.ensemble.members as f64;

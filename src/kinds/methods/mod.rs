@@ -33,7 +33,9 @@ use crate::reader::{Field, Read, Section};
 use isobar_assim::{Assimilator, BiasTreatment, Error, Problem, Whitened};
 use isobar_model::{Duration, Time};
 pub(crate) use settings::Surroundings;
-use settings::{BIAS, COVARIANCE_SCALE, ERROR_CORRELATION, FIRST_GUESS, MEMORY_LIMIT_GB, SMOOTHER_LAG_CYCLES};
+use settings::{
+    BIAS, COMPARISONS, COVARIANCE_SCALE, ERROR_CORRELATION, FIRST_GUESS, MEMORY_LIMIT_GB, SMOOTHER_LAG_CYCLES,
+};
 use std::sync::Arc;
 
 /// All kinds of methods.
@@ -67,6 +69,8 @@ pub struct Method {
     pub uses_error_correlation: bool,
     /// When it takes observations within a window to be valid.
     pub first_guess: FirstGuess,
+    /// Whether it takes comparisons of sensors.
+    pub uses_comparisons: bool,
     /// Which errors it estimates from its innovations, if any.
     pub adapt: Option<Adapt>,
     /// The number of later cycles that revise its estimates, if it has a smoother.
@@ -88,6 +92,13 @@ pub(crate) fn read(field: &Field<'_>, surroundings: &Surroundings) -> Read<Metho
         let help = format!("choose another kind of method, or leave out `{key}`");
         return Err(section.required("kind")?.misplaced(reason.into(), &help));
     }
+    let uses_comparisons = settings.uses_observations() && section.get(&COMPARISONS)?;
+    if let (true, Err(reason), BiasTreatment::Estimate) =
+        (uses_comparisons && surroundings.compares, settings.takes_comparisons(), bias)
+    {
+        let help = "choose another kind of method, or give `comparisons = \"ignore\"`";
+        return Err(section.required("kind")?.misplaced(format!("it cannot take [[comparisons]]: {reason}"), help));
+    }
     let uses_error_correlation = settings.uses_observations() && section.get(&ERROR_CORRELATION)?;
     if let (true, Some(network), Err(reason)) =
         (uses_error_correlation, &surroundings.correlated, settings.takes_correlated_errors())
@@ -108,6 +119,7 @@ pub(crate) fn read(field: &Field<'_>, surroundings: &Surroundings) -> Read<Metho
         bias,
         uses_error_correlation,
         first_guess,
+        uses_comparisons,
         adapt: adapt::read(&section, settings.static_covariance_scale().is_some(), surroundings.has_model_error)?,
         smoother_lag_cycles: smoother_lag_cycles(&section, surroundings.freezing_key)?,
         memory_limit_bytes: (section.get(&MEMORY_LIMIT_GB)? * 1e9) as u64,
@@ -201,6 +213,9 @@ impl Method {
             }
             if self.first_guess == FirstGuess::AnalysisTime {
                 words += ", all observations taken as valid at the analysis";
+            }
+            if !self.uses_comparisons {
+                words += ", comparisons ignored";
             }
         }
         if let Some(adapt) = &self.adapt {

@@ -1,7 +1,10 @@
 //! `kind = "optimal_interpolation"`.
 
 use super::adapt::ADAPT_STATIC;
-use super::{BIAS, COVARIANCE_SCALE, ERROR_CORRELATION, FIRST_GUESS, MethodSettings, Setup, Sizes, Surroundings, Work};
+use super::{
+    BIAS, COMPARISONS, COVARIANCE_SCALE, ERROR_CORRELATION, FIRST_GUESS, MethodSettings, Setup, Sizes, Surroundings,
+    Work,
+};
 use crate::kinds::Kind;
 use isobar_assim::optimal_interpolation::OptimalInterpolation;
 use isobar_assim::{Assimilator, Error};
@@ -9,7 +12,7 @@ use isobar_assim::{Assimilator, Error};
 pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "optimal_interpolation",
     "Optimal interpolation: a static B, solved directly in the space of the observations",
-    &[&[&BIAS, &ERROR_CORRELATION, &FIRST_GUESS, &COVARIANCE_SCALE, &ADAPT_STATIC]],
+    &[&[&BIAS, &ERROR_CORRELATION, &FIRST_GUESS, &COMPARISONS, &COVARIANCE_SCALE, &ADAPT_STATIC]],
     |section, _| Ok(Box::new(Interpolation { covariance_scale: section.get(&COVARIANCE_SCALE)? })),
 );
 

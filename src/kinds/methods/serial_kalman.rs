@@ -2,8 +2,8 @@
 
 use super::adapt::ADAPT;
 use super::{
-    BIAS, ERROR_CORRELATION, FIRST_GUESS, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Sizes,
-    Surroundings, Work,
+    BIAS, COMPARISONS, ERROR_CORRELATION, FIRST_GUESS, MEMORY_LIMIT_GB, MethodSettings, SMOOTHER_LAG_CYCLES, Setup,
+    Sizes, Surroundings, Work,
 };
 use crate::kinds::Kind;
 use isobar_assim::kalman::KalmanFilter;
@@ -12,7 +12,7 @@ use isobar_assim::{Assimilator, Error};
 pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "serial_kf",
     "The Kalman filter, one observation at a time: nothing is cubic in their number",
-    &[&[&BIAS, &ERROR_CORRELATION, &FIRST_GUESS, &ADAPT, &SMOOTHER_LAG_CYCLES, &MEMORY_LIMIT_GB]],
+    &[&[&BIAS, &ERROR_CORRELATION, &FIRST_GUESS, &COMPARISONS, &ADAPT, &SMOOTHER_LAG_CYCLES, &MEMORY_LIMIT_GB]],
     |_, _| Ok(Box::new(SerialKalman)),
 );
 

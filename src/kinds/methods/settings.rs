@@ -58,6 +58,14 @@ pub trait MethodSettings: Debug + Send + Sync {
         Ok(())
     }
 
+    /// Whether it can be given comparisons of sensors, which are observations of biases alone.
+    ///
+    /// # Errors
+    /// Why it cannot, in a sentence.
+    fn takes_comparisons(&self) -> Result<(), &'static str> {
+        Ok(())
+    }
+
     /// Whether single biases can be left as they are, or taken back to their prior, and adjusted no more.
     ///
     /// # Errors
@@ -111,6 +119,8 @@ pub(crate) struct Surroundings {
     pub cycles: usize,
     /// Length of a cycle.
     pub cycle: Duration,
+    /// Whether sensors are compared in the run.
+    pub compares: bool,
     /// The key by which biases may be frozen in a run, if they may be.
     pub freezing_key: Option<&'static str>,
     /// The names of the observing systems.
@@ -163,6 +173,14 @@ pub(super) const FIRST_GUESS: Key<Choice<FirstGuess>> = Key::absent(
     Absent::Means(FirstGuess::AppropriateTime),
     "with which background observations within the window are compared: that of their times, or that of the analysis, as if they \
      were valid then",
+);
+
+pub(super) const COMPARISONS: Key<Choice<bool>> = Key::absent(
+    "comparisons",
+    "",
+    Choice(&[("use", true), ("ignore", false)]),
+    Absent::Means(true),
+    "how [[comparisons]] of sensors are treated: as the rows on biases that they are, or as if there were none",
 );
 
 pub(super) const MEMORY_LIMIT_GB: Key<Limits> = Key::absent(

@@ -2,7 +2,9 @@
 
 use super::adapt::ADAPT_STATIC;
 use super::work::ITERATIONS;
-use super::{BIAS, ERROR_CORRELATION, FIRST_GUESS, MethodSettings, Setup, Sizes, Surroundings, Work, variational};
+use super::{
+    BIAS, COMPARISONS, ERROR_CORRELATION, FIRST_GUESS, MethodSettings, Setup, Sizes, Surroundings, Work, variational,
+};
 use crate::kinds::Kind;
 use isobar_assim::variational::{ThreeDVar, ThreeDVarSettings};
 use isobar_assim::{Assimilator, Error};
@@ -10,7 +12,7 @@ use isobar_assim::{Assimilator, Error};
 pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
     "3dvar",
     "3D-Var: a static B, conjugate gradients, biases in the control vector",
-    &[&[&BIAS, &ERROR_CORRELATION, &FIRST_GUESS, &ADAPT_STATIC], variational::KEYS],
+    &[&[&BIAS, &ERROR_CORRELATION, &FIRST_GUESS, &COMPARISONS, &ADAPT_STATIC], variational::KEYS],
     |section, _| Ok(Box::new(variational::read(section)?)),
 );
 

@@ -242,6 +242,11 @@ impl Report {
         let truth = if history.knows_biases() { ", and the truth (broken) where it is known" } else { "" };
         let title = format!("The last estimate of {which}, with ± 2σ where claimed");
         folded.push(Folded { title, tables: vec![table], ..Folded::default() });
+        if let Some(table) = tables::comparisons(info, history) {
+            let title = "Comparisons of sensors and test points".to_string();
+            let text = "What was found, ± 2σ, and what each method says of the same difference in the analysis that took it in.".into();
+            folded.push(Folded { title, text, tables: vec![table], ..Folded::default() });
+        }
         Ok(Some(Section {
             title: "Biases".into(),
             text: format!("Estimates with the ±2σ that the method claims{truth}."),

@@ -6,6 +6,7 @@ use crate::plot::unit;
 use crate::scores::{Failure, MethodScores, Summary};
 use crate::tables::scores::factors;
 use crate::tables::{Cell, MOST_PARAMETERS, NONE, Table, figure};
+use isobar_obs::SensorComparison;
 
 /// The methods' names and settings.
 pub fn methods(info: &RunInfo) -> Table {
@@ -64,6 +65,30 @@ pub fn biases(info: &RunInfo, history: &History) -> Option<Table> {
         header,
         rows: info.calibration.parameters.iter().take(MOST_PARAMETERS).enumerate().map(row).collect(),
     })
+}
+
+/// Every comparison of sensors and test point, up to [`MOST_PARAMETERS`], beside what the methods that estimate biases make of the
+/// same difference in the analysis of that cycle.
+pub fn comparisons(info: &RunInfo, history: &History) -> Option<Table> {
+    let estimating = || info.methods.iter().enumerate().filter(|(_, method)| method.estimates_biases);
+    let mut header: Vec<String> = ["biases", "cycle", "unit", "found"].map(String::from).into();
+    header.extend(estimating().map(|(_, method)| method.name.clone()));
+    let row = |(cycle, own): (&Cycle, &SensorComparison)| -> Vec<Cell> {
+        let parameters = &info.calibration.parameters;
+        let name = |number: usize| parameters[number].name.as_str();
+        let names = own
+            .other
+            .map_or(name(own.parameter).to_string(), |other| format!("{} − {}", name(own.parameter), name(other)));
+        let found = Cell { note: format!("± {}", figure(2.0 * own.sigma)), ..Cell::figure(Some(own.value)) };
+        let unit = unit(&parameters[own.parameter].unit);
+        let mut row: Vec<Cell> = vec![names.into(), cycle.number.into(), unit.into(), found];
+        row.extend(estimating().map(|(number, _)| {
+            Cell::figure(cycle.methods[number].as_ref().map(|method| own.simulate(&method.calibration)))
+        }));
+        row
+    };
+    let all = history.cycles.iter().flat_map(|cycle| cycle.comparisons.iter().map(move |own| (cycle, own)));
+    Table { header, rows: all.take(MOST_PARAMETERS).map(row).collect() }.filled()
 }
 
 /// The last estimate of every parameter beside state and biases, up to [`MOST_PARAMETERS`], by the methods that have some.

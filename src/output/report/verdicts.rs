@@ -2,8 +2,9 @@
 
 use crate::output::history::History;
 use crate::scores::Summary;
-use crate::scores::stability::{ParameterStability, Stability, Verdict};
+use crate::scores::stability::{ParameterStability, Stability};
 use crate::tables::{Cell, MOST_PARAMETERS, Table};
+use crate::verdict::Verdict;
 
 /// In which cycles each bias had a stable update, up to [`MOST_PARAMETERS`], by every method that estimates biases.
 pub fn table(history: &History, summary: &Summary) -> Option<Table> {

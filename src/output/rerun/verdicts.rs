@@ -17,7 +17,8 @@ pub fn log(recording: &RecordingStream, info: &RunInfo, history: &History, names
             verdict.why.join("; ")
         };
         let parameter = &info.calibration.parameters[verdict.parameter].name;
-        let text = format!("cycle {cycle}: {parameter}: {}: {because}", verdict.in_words());
+        let name = &info.methods[*method].name;
+        let text = format!("{name}, {parameter}: {}: {because}", verdict.in_words());
         let level = if verdict.stable { TextLogLevel::INFO } else { TextLogLevel::WARN };
         recording.log(names.map(*method, "verdicts"), &TextLog::new(text).with_level(level))?;
     }

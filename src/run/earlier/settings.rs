@@ -8,7 +8,7 @@ use toml::{Table, Value};
 
 /// Keys that may differ: what a run is called, how long it is, what is found out and written. The start and the seed are
 /// compared apart.
-const FREE: [&str; 14] = [
+const FREE: [&str; 15] = [
     "title",
     "phenomenon",
     "source",
@@ -18,6 +18,7 @@ const FREE: [&str; 14] = [
     "cycle.score_from_cycle",
     "diagnostics",
     "warnings",
+    "comparisons",
     "sweep",
     "sensors.writes",
     "output",

@@ -1,5 +1,6 @@
 //! Why a scenario cannot become an experiment.
 
+use crate::run::comparisons::Misplaced;
 use crate::sensors::SensorError;
 use isobar_model::ModelError;
 use isobar_obs::ObservationError;
@@ -52,6 +53,9 @@ pub enum ExperimentError {
         /// Why.
         reason: String,
     },
+    /// A comparison of sensors that are not there.
+    #[error("comparison {} of [[comparisons]]: {}", .0.number + 1, .0.reason)]
+    Comparison(Misplaced),
     /// The database of sensors.
     #[error(transparent)]
     Sensors(#[from] SensorError),

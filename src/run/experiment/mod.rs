@@ -22,6 +22,7 @@ use crate::kinds::methods::{FirstGuess, Method, Sizes, Work};
 use crate::memory;
 use crate::options::RunOptions;
 use crate::run::ahead::{Ahead, require_room};
+use crate::run::comparisons::{Comparisons, Misplaced};
 use crate::run::cycle::{Judging, Runner};
 use crate::run::earlier::Earlier;
 use crate::run::reference::Reference;
@@ -58,6 +59,10 @@ impl ExperimentError {
                 place = vec!["warnings".into(), number.to_string(), "at".into()];
                 (place.iter().map(String::as_str).collect(), "not there")
             }
+            ExperimentError::Comparison(Misplaced { number, key, .. }) => {
+                place = vec!["comparisons".into(), number.to_string(), key.to_string()];
+                (place.iter().map(String::as_str).collect(), "not there")
+            }
             ExperimentError::Truth(_) => (vec!["truth", "file"], "this file"),
             ExperimentError::Sensors(_) => (vec!["sensors", "database"], "this database"),
             ExperimentError::Observations(error) => {
@@ -87,6 +92,8 @@ pub struct Experiment {
     pub observing: ObservingSystem,
     /// Everything on which results depend beside the scenario's text and the options.
     pub inputs: Inputs,
+    /// The comparisons of sensors.
+    pub comparisons: Comparisons,
     /// The recalibrations of sensors that are known.
     pub recalibrations: Vec<Recalibration>,
     /// What the user should know of it before it runs.
@@ -177,6 +184,8 @@ pub fn check(scenario: &Scenario) -> Result<Checked, Vec<ExperimentError>> {
     }
     let cycles = 1..=scenario.cycle.count;
     let placed = placed_warnings(scenario, &ground).map_err(|fault| vec![fault])?;
+    let compared = Comparisons::of(scenario, &ground.observing, scenario.seed);
+    compared.map_err(|fault| vec![ExperimentError::Comparison(fault)])?;
     let mut warnings = notices::warnings(scenario, &ground.observing, cycles.clone());
     warnings.extend(notices::of_methods(scenario, |_| true));
     warnings.extend(notices::of_thresholds(&placed, problem));
@@ -250,6 +259,7 @@ impl ExperimentBuilder<'_> {
         let span = Span::new(scenario, options.cycles, earlier);
         let ground = ground_after(scenario, seed, span, earlier)?;
         let placed = placed_warnings(scenario, &ground)?;
+        let comparisons = Comparisons::of(scenario, &ground.observing, seed).map_err(ExperimentError::Comparison)?;
         let Ground { problem, sensors, truth, observing } = ground;
         let inputs = Inputs::new(scenario, &sensors, added);
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
@@ -277,8 +287,11 @@ impl ExperimentBuilder<'_> {
         };
         let (mut methods, mut infos) = (Vec::new(), Vec::new());
         for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
-            let build =
-                || Ok(calibrated(self::method(&problem, name, scenario, span.start)?, method.estimates_biases()));
+            let build = || {
+                let built = self::method(&problem, name, scenario, span.start)?;
+                let built = calibrated(built, method.estimates_biases());
+                Ok(if method.uses_comparisons { built } else { built.ignoring_comparisons() })
+            };
             let initialised = initialisation(name, scenario);
             let first_analysis = initialised.map_or(1, |settings| settings.cycles);
             let runner = watched(Runner::new::<_, ExperimentError>(build)?, first_analysis);
@@ -374,6 +387,7 @@ impl ExperimentBuilder<'_> {
             }),
             observing,
             inputs,
+            comparisons,
             recalibrations: sensors.knowledge.recalibrations,
             warnings,
             methods,

@@ -12,16 +12,15 @@
 
 mod freezing;
 mod judge;
-mod verdict;
 mod verdicts;
 mod watch;
 
 pub use freezing::{Freezing, Hysteresis};
 pub use judge::judge;
-pub use verdict::Verdict;
 pub use verdicts::Verdicts;
 pub use watch::Watch;
 
+use crate::verdict::in_words;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
@@ -74,7 +73,7 @@ pub struct VarianceGrowth {
 pub struct ParameterStability {
     /// Its name.
     pub name: String,
-    /// How many observations had it.
+    /// How many observations and comparisons had it.
     pub observations: usize,
     /// The share of its prior variance that it still has; of one that is frozen by [`Hysteresis`], that an update would leave.
     pub variance_ratio: f64,
@@ -91,7 +90,7 @@ pub struct ParameterStability {
 impl ParameterStability {
     /// The verdict, in words.
     pub fn verdict(&self) -> &'static str {
-        verdict::in_words(self.stable, self.frozen)
+        in_words(self.stable, self.frozen)
     }
 }
 

@@ -2,7 +2,8 @@
 
 use super::freezing::Standing;
 use super::judge::doubts;
-use super::{Freezing, Stability, Verdict, Watch};
+use super::{Freezing, Stability, Watch};
+use crate::verdict::Verdict;
 use isobar_assim::{Assimilator, Calibrated, Error, Estimate};
 use serde::{Deserialize, Serialize};
 

@@ -4,7 +4,7 @@ use super::{Expected, VarianceGrowth};
 use crate::outcome::Outcome;
 use indexmap::IndexMap;
 use isobar_model::Layout;
-use isobar_obs::ObservationWindow;
+use isobar_obs::{ObservationWindow, SensorComparison};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -81,9 +81,9 @@ impl Watch {
         Self { from_cycle, ..Self::default() }
     }
 
-    /// Takes in a cycle.
-    pub fn add(&mut self, observed: &ObservationWindow, outcome: &Outcome) {
-        self.add_parameters(observed, outcome);
+    /// Takes in a cycle, with the comparisons that the method took.
+    pub fn add(&mut self, observed: &ObservationWindow, compared: &[SensorComparison], outcome: &Outcome) {
+        self.add_parameters(observed, compared, outcome);
         if observed.cycle < self.from_cycle {
             return;
         }
@@ -114,9 +114,12 @@ impl Watch {
     }
 
     /// z = Σ G d/σ² / √(Σ G²/σ²) of each parameter: what the innovations of the cycle say that it should change.
-    fn add_parameters(&mut self, observed: &ObservationWindow, outcome: &Outcome) {
+    fn add_parameters(&mut self, observed: &ObservationWindow, compared: &[SensorComparison], outcome: &Outcome) {
         let calibration = &outcome.background.calibration;
         self.parameters.resize(calibration.len(), OfParameter::default());
+        for (parameter, _) in compared.iter().flat_map(SensorComparison::row) {
+            self.parameters[parameter].observations += 1;
+        }
         if calibration.is_empty() || observed.is_empty() {
             return;
         }
@@ -156,7 +159,7 @@ impl Watch {
             outcome.analysis.estimate.state_spread.as_ref().map(|spread| mean_squares(layout, spread));
     }
 
-    /// How many observations had a parameter.
+    /// How many observations and comparisons had a parameter.
     pub(super) fn observations_of(&self, parameter: usize) -> usize {
         self.parameters.get(parameter).map_or(0, |own| own.observations)
     }

@@ -4,7 +4,8 @@ mod corrections;
 mod factors;
 
 use super::{
-    ERROR_CORRELATION, FIRST_GUESS, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Sizes, Surroundings, Work, fast_kalman,
+    COMPARISONS, ERROR_CORRELATION, FIRST_GUESS, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Sizes, Surroundings, Work,
+    fast_kalman,
 };
 use crate::kinds::{Kind, form};
 use crate::reader::{Absent, Choice, Described, Form, Key, Limits, Read, Section, Whole};
@@ -74,6 +75,7 @@ pub(super) const KIND: Kind<dyn MethodSettings, Surroundings> = Kind::new(
             &SELECTION_THRESHOLD,
             &ERROR_CORRELATION,
             &FIRST_GUESS,
+            &COMPARISONS,
             &SMOOTHER_LAG_CYCLES,
         ],
     ],

@@ -13,8 +13,7 @@ pub struct Verdict {
     pub stable: bool,
     /// Whether it is adjusted no more.
     pub frozen: bool,
-    /// The share of its prior variance that it still has; of one that is frozen by [`super::Hysteresis`], that an update would
-    /// leave.
+    /// The share of its prior variance that it still has; of one that is frozen while it is unstable, that an update would leave.
     pub variance_ratio: f64,
     /// Why it is not stable; empty if it is.
     pub why: Vec<String>,
@@ -28,7 +27,7 @@ impl Verdict {
 }
 
 /// A verdict in words.
-pub(super) fn in_words(stable: bool, frozen: bool) -> &'static str {
+pub(crate) fn in_words(stable: bool, frozen: bool) -> &'static str {
     match (stable, frozen) {
         (true, false) => "stable, adjusted",
         (true, true) => "stable, but frozen",
