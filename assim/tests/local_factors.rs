@@ -4,7 +4,7 @@ use crate::common::{settings as common_settings, *};
 use isobar_assim::covariance::{Covariance, Sum, Univariate, White};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
 use isobar_assim::kalman::KalmanFilter;
-use isobar_assim::local_factors::{LocalFactorSettings, LocalFastKalmanFilter};
+use isobar_assim::local_factors::{LeftOver, LocalFactorSettings, LocalFastKalmanFilter};
 use isobar_assim::{Assimilator, BiasTreatment, Error, Estimate, Problem, Unknown};
 use isobar_model::Boundary;
 use std::sync::Arc;
@@ -18,6 +18,7 @@ fn everything() -> LocalFactorSettings {
         tile_m: 2.0,
         support_tiles: 3,
         mixed: 0,
+        left_over: LeftOver::Blocks,
         factor_precision: Precision::Double,
         residual: Residual::Persist,
     }
@@ -177,7 +178,10 @@ fn a_smoother_follows_what_is_mixed_and_cut_off() {
                     "cycle {number}, {ago} ago: {revised:e}"
                 );
                 if ago > 0 {
-                    assert!(mean(spread(&found)) < mean(spread(own)) * 1.000_001, "cycle {number}, {ago} ago");
+                    // Squares of random sums are those of their terms in the mean only.
+                    let at_most = if mixed == 0 { 1.000_001 } else { 1.02 };
+                    let ratio = mean(spread(&found)) / mean(spread(own));
+                    assert!(ratio < at_most, "cycle {number}, {ago} ago: {ratio}");
                 }
             }
         }

@@ -12,7 +12,7 @@ use isobar_assim::fast_kalman::{BlockShape, FastKalmanFilter, Precision, Residua
 use isobar_assim::federated::{FederatedFastKalmanFilter, FederatedKalmanFilter, FederatedSettings};
 use isobar_assim::free::FreeRun;
 use isobar_assim::kalman::KalmanFilter;
-use isobar_assim::local_factors::{LocalFactorSettings, LocalFastKalmanFilter};
+use isobar_assim::local_factors::{LeftOver, LocalFactorSettings, LocalFastKalmanFilter};
 use isobar_assim::optimal_interpolation::OptimalInterpolation;
 use isobar_assim::time_volume::{AmplitudeEvolution, Factor, Target, TimeShape, TimeVolume, TimeVolumeSettings};
 use isobar_assim::variational::{
@@ -167,6 +167,7 @@ pub const METHODS: [Method; 17] = [
                 tile_m: 2.0 * LENGTH_M,
                 support_tiles: 3,
                 mixed: 0,
+                left_over: LeftOver::Factors,
                 factor_precision: Precision::Double,
                 residual: Residual::Probe { count: PROBES },
             };

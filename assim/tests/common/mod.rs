@@ -4,7 +4,7 @@ use faer::{Mat, MatRef};
 use isobar_assim::covariance::{Balanced, BalancedParameters, Covariance, Sum, White};
 use isobar_assim::ensemble::{EnsembleSettings, Inflation, InitialMembers, ModelErrorTreatment};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanSettings, Precision, Residual};
-use isobar_assim::local_factors::LocalFactorSettings;
+use isobar_assim::local_factors::{LeftOver, LocalFactorSettings};
 use isobar_assim::time_volume::{AmplitudeEvolution, Factor, Target, TimeShape, TimeVolumeSettings};
 use isobar_assim::{
     Assimilator, Background, BiasTreatment, CalibrationAccuracy, CovarianceColumn, Error, Estimate, EstimatedParameter,
@@ -45,6 +45,7 @@ pub fn tile_settings() -> LocalFactorSettings {
         tile_m: 1.0,
         support_tiles: 2,
         mixed: 1,
+        left_over: LeftOver::Factors,
         factor_precision: Precision::Double,
         residual: Residual::Probe { count: 3 },
     }

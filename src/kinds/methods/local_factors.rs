@@ -3,9 +3,9 @@
 use super::common_factors::{CommonFactors, FACTORS, storage};
 use super::work::probes;
 use super::{Sizes, Surroundings, Work};
-use crate::reader::{Absent, AnyKey, Key, Limits, Read, Section, Table, Whole};
+use crate::reader::{Absent, AnyKey, Choice, Key, Limits, Read, Section, Table, Whole};
 use isobar_assim::fast_kalman::{FastKalmanSettings, Residual};
-use isobar_assim::local_factors::LocalFactorSettings;
+use isobar_assim::local_factors::{LeftOver, LocalFactorSettings};
 
 /// The width of a tile in correlation lengths of the model error, unless the scenario gives it.
 const TILE_LENGTHS: f64 = 2.0;
@@ -25,7 +25,7 @@ pub(super) const LOCAL_FACTORS: Key<Table> = Key::absent(
     "common factors of tiles, whose number does not grow with the domain; in place of `factors`",
 );
 
-const KEYS: &[&dyn AnyKey] = &[&PER_TILE, &TILE_KM, &SUPPORT_KM, &MODEL_ERROR_PER_TILE, &MIXED];
+const KEYS: &[&dyn AnyKey] = &[&PER_TILE, &TILE_KM, &SUPPORT_KM, &MODEL_ERROR_PER_TILE, &MIXED, &LEFT_OVER];
 
 const PER_TILE: Key<Whole> =
     Key::absent("per_tile", "", Whole(1, 1000), Absent::Means(8), "factors of each tile; 12 for a nonlinear model");
@@ -60,6 +60,15 @@ const MIXED: Key<Whole> = Key::absent(
     Whole(0, 999),
     Absent::Means(0),
     "factors of each tile that are random sums of what a compression leaves over; 2 for a nonlinear model",
+);
+
+const LEFT_OVER: Key<Choice<LeftOver>> = Key::absent(
+    "left_over",
+    "",
+    Choice(&[("factors", LeftOver::Factors), ("blocks", LeftOver::Blocks)]),
+    Absent::Means(LeftOver::Factors),
+    "where the variance goes that a compression leaves over: to the factors that are kept, or to the blocks, as if it had no \
+     correlations",
 );
 
 /// Keys that belong to factors of the whole domain.
@@ -116,6 +125,7 @@ pub(super) fn read(
         tile_m,
         support_tiles,
         mixed,
+        left_over: own.get(&LEFT_OVER)?,
         factor_precision: filter.factor_precision,
         residual: filter.residual,
     }))
@@ -141,6 +151,7 @@ fn in_place_of(
         tile_m: TILE_LENGTHS * length_m,
         support_tiles: SUPPORT_TILES,
         mixed,
+        left_over: LeftOver::Factors,
         factor_precision: filter.factor_precision,
         residual: filter.residual,
     };
@@ -168,11 +179,14 @@ pub(super) fn work(settings: &LocalFactorSettings, sizes: &Sizes) -> Work {
 /// The settings in words; `factors` are those of the whole domain in whose place they are, and `factor_grid` as many cells on a
 /// side as those are wide on which they are propagated.
 pub(super) fn describe(settings: &LocalFactorSettings, factors: CommonFactors, factor_grid: usize) -> String {
-    let LocalFactorSettings { per_tile, tile_m, support_tiles, mixed, .. } = settings;
+    let LocalFactorSettings { per_tile, tile_m, support_tiles, mixed, left_over, .. } = settings;
     let mut words =
         format!("{per_tile} factors on each tile of {} km, cut off beyond {support_tiles} tiles", tile_m / 1e3);
     if *mixed > 0 {
         words += &format!(", {mixed} of them mixed");
+    }
+    if *left_over == LeftOver::Blocks {
+        words += ", what they leave over in the blocks";
     }
     words += &storage(settings.factor_precision, factor_grid);
     if let Some(number) = factors.asked_for {

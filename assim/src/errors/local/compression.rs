@@ -2,7 +2,7 @@
 
 use super::local_factors::{LocalFactors, add_to_blocks, divided};
 use super::recombination::Recombination;
-use super::{Frame, LocalErrors, LocalFactorSettings};
+use super::{Frame, LeftOver, LocalErrors, LocalFactorSettings};
 use crate::linalg::{add_symmetric_product, eigen, product};
 use crate::spectral_cut;
 use faer::Mat;
@@ -24,10 +24,10 @@ struct Compressed {
 }
 
 impl LocalErrors {
-    /// Keeps the leading directions of each tile, in the norm of the scales, on its support. The block diagonal of the
-    /// others joins the C_k, as does that of the values outside the support; or the others are mixed, see [`random_signs`].
+    /// Keeps the leading directions of each tile, in the norm of the scales, on its support. What is left over joins the C_k or
+    /// the factors, see [`LeftOver`], as do the variances that are left already; or it is mixed, see [`random_signs`].
     /// The earlier analyses are recombined in the same way, after `recombination`.
-    pub(super) fn compress(&mut self, recombination: Option<Recombination>) {
+    pub(super) fn compress(&mut self, recombination: Option<Recombination>, mut left: Vec<f64>) {
         let frame = Arc::clone(&self.frame);
         let LocalFactorSettings { per_tile, mixed, .. } = frame.settings;
         let factors = std::mem::take(&mut self.memory.factors);
@@ -50,12 +50,52 @@ impl LocalErrors {
             of_mixed.extend(tile.mixed);
         }
         self.memory.factors = kept;
-        add_to_blocks(&mut self.memory.own, &frame.blocks, 1.0, &dropped);
+        self.leave_over(&dropped, &mut left);
+        self.lengthen(&left);
         if let Some(before) = recombination {
             // All tiles have the same number of factors, so that either all of them are mixed or none.
             let left = (of_mixed.len() == turns.len()).then(|| before.then(&of_mixed));
             self.recombine_past(&before.then(&turns), left.as_ref().map(|left| (left, per_tile - mixed)));
         }
+    }
+}
+
+impl LocalErrors {
+    /// Takes in parts of factors that are cut off or left over: into the blocks, or into the variances `left` of all block
+    /// variables, until the factors are lengthened.
+    pub(super) fn leave_over(&mut self, parts: &[LocalFactors], left: &mut [f64]) {
+        match self.frame.settings.left_over {
+            LeftOver::Blocks => add_to_blocks(&mut self.memory.own, &self.frame.blocks, 1.0, parts),
+            LeftOver::Factors => parts.iter().for_each(|part| part.add_squared_rows(left)),
+        }
+    }
+
+    /// F_j ← S F_j, with S = diag(s) such that each variable has the variance k of the factors and that which is left over, d:
+    ///
+    /// ```text
+    /// s² = 1 + w d / k,     w = min(1, k / d)
+    /// ```
+    ///
+    /// and (1 − w) d joins the blocks: where almost nothing is kept of a variable, its correlations would say little. S Σ F_j F_jᵀ S
+    /// is a covariance, and all variances together are k + d exactly.
+    pub(super) fn lengthen(&mut self, left: &[f64]) {
+        if left.iter().all(|left| *left == 0.0) {
+            return;
+        }
+        let super::Memory { own, factors, .. } = &mut self.memory;
+        let mut of_factors = vec![0.0; left.len()];
+        factors.iter().for_each(|factors| factors.add_squared_rows(&mut of_factors));
+        let mut longer = vec![1.0; left.len()];
+        for (variable, (&k, &d)) in of_factors.iter().zip(left).enumerate() {
+            if k > 0.0 {
+                longer[variable] = (1.0 + (d / k).min(1.0)).sqrt();
+            }
+            if d > k {
+                let (block, place) = self.frame.blocks.place(variable);
+                own.block_mut(&self.frame.blocks, block)[(place, place)] += d - k;
+            }
+        }
+        factors.par_iter_mut().for_each(|factors| factors.scale_rows(&longer));
     }
 }
 

@@ -92,8 +92,9 @@ impl LocalErrors {
             let joined: Vec<usize> = self.memory.factors.iter().map(LocalFactors::columns).collect();
             Recombination::joined(&before, &joined)
         });
-        self.localize(recombination.as_mut());
-        self.compress(recombination);
+        let mut left = vec![0.0; frame.blocks.variables()];
+        self.localize(recombination.as_mut(), &mut left);
+        self.compress(recombination, left);
         Ok(())
     }
 }

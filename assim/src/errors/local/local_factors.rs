@@ -124,6 +124,16 @@ impl LocalFactors {
         }
     }
 
+    /// Multiplies each row by what belongs to its variable among all block variables.
+    pub fn scale_rows(&mut self, of_blocks: &[f64]) {
+        let Self { variables, values } = self;
+        for j in 0..values.columns() {
+            values.edit_column(j, |column| {
+                column.iter_mut().zip(&*variables).for_each(|(value, &variable)| *value *= of_blocks[variable]);
+            });
+        }
+    }
+
     /// Subtracts changes, `[places, r]`, from the rows at these places.
     pub fn subtract_rows(&mut self, places: &[usize], changes: MatRef<'_, f64>) {
         for (j, mut column) in self.values.columns_mut().into_iter().enumerate() {
@@ -172,14 +182,29 @@ impl LocalFactors {
 
     /// The rows of the variables that a support holds, which are among these, and the rows of the others.
     pub fn split(self, support: &[usize]) -> (Self, Self) {
+        if self.variables == support {
+            let nothing = Self::filled(Vec::new(), self.columns(), self.precision(), |_, _| ());
+            return (self, nothing);
+        }
+        Self::parts(&self.variables, support, self.columns(), self.precision(), |j| self.column(j))
+    }
+
+    /// Factors with these columns on the variables: their rows in a support, which is among these, and the others.
+    pub fn parts<'a>(
+        variables: &[usize],
+        support: &[usize],
+        columns: usize,
+        precision: Precision,
+        values: impl Fn(usize) -> Cow<'a, [f64]>,
+    ) -> (Self, Self) {
         let mut rows = [Vec::new(), Vec::new()];
-        for (row, place) in places(&self.variables, support).enumerate() {
+        for (row, place) in places(variables, support).enumerate() {
             rows[usize::from(place.is_none())].push(row);
         }
         let [inside, outside] = rows.map(|rows| {
-            let variables = rows.iter().map(|&row| self.variables[row]).collect();
-            Self::filled(variables, self.columns(), self.precision(), |j, column| {
-                let from = self.column(j);
+            let variables = rows.iter().map(|&row| variables[row]).collect();
+            Self::filled(variables, columns, precision, |j, column| {
+                let from = values(j);
                 column.iter_mut().zip(&rows).for_each(|(value, &row)| *value = from[row]);
             })
         });

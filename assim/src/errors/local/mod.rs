@@ -8,8 +8,9 @@
 //!
 //! Each tile j of the domain has r factors F_j, which are zero outside of a support of q × q tiles about it. The shared
 //! calibration parameters c are the border, with the sensitivities Γ of all variables to them. It is a covariance
-//! whatever F_j, Γ, C_k ≥ 0 and S ≥ 0 are: everything that is dropped is a block diagonal of a positive semidefinite
-//! matrix, and joins the C_k, so that each block keeps its covariance.
+//! whatever F_j, Γ, C_k ≥ 0 and S ≥ 0 are: what is cut off a factor is a block diagonal of a positive semidefinite matrix, and
+//! joins the C_k, so that each block keeps its covariance; what a compression leaves over does so too, or makes the rows of
+//! the factors longer, so that each variable keeps its variance.
 //!
 //! In a cycle
 //!
@@ -40,7 +41,7 @@ mod settings;
 mod tests;
 mod tiles;
 
-pub use settings::LocalFactorSettings;
+pub use settings::{LeftOver, LocalFactorSettings};
 
 use super::blocks::{BlockDiagonal, Blocks, CoarseGrid, augmented, of_blocks, rounding};
 use crate::augmented::Augmented;

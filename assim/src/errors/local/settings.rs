@@ -5,6 +5,16 @@ use crate::error::Error;
 use crate::errors::blocks::{BlockShape, Blocks, Precision, Residual};
 use isobar_model::Grid;
 
+/// Where the directions of a tile go that a compression leaves over, and what a rotation leaves outside of a support.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LeftOver {
+    /// Into the blocks, where they count as errors without a correlation between one block and another.
+    Blocks,
+    /// Into the factors that are kept, which grow until each variable has the variance that it had: the errors that are left
+    /// over then have the correlations of those that are kept.
+    Factors,
+}
+
 /// How the filter with local factors is set up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LocalFactorSettings {
@@ -21,6 +31,8 @@ pub struct LocalFactorSettings {
     /// Of the factors of a tile, how many are random sums of the directions that a compression leaves over. These keep
     /// what blocks have in common there, in the mean, where a dissipative model would soon take it from the blocks.
     pub mixed: usize,
+    /// Where the others go that it leaves over.
+    pub left_over: LeftOver,
     /// How the factors and those of the model error are stored.
     pub factor_precision: Precision,
     /// How the block-diagonal part is forecast: not exactly, which would need the whole propagator.

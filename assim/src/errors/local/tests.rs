@@ -9,6 +9,10 @@ use isobar_model::{Boundary, Grid, State};
 use isobar_obs::{Calibration, Drift, Parameter, Placement};
 
 fn errors(boundary: Boundary) -> LocalErrors {
+    errors_with(boundary, 4)
+}
+
+fn errors_with(boundary: Boundary, support_tiles: usize) -> LocalErrors {
     let grid = Grid { nx: 16, ny: 11, dx_m: 1.0, dy_m: 1.0, boundary };
     let layout = isobar_model::shallow_water::layout(grid);
     let covariance = |length: f64| -> Arc<dyn Covariance> {
@@ -45,8 +49,9 @@ fn errors(boundary: Boundary) -> LocalErrors {
         per_tile: 4,
         model_error_per_tile: 6,
         tile_m: 2.0,
-        support_tiles: 4,
+        support_tiles,
         mixed: 0,
+        left_over: LeftOver::Blocks,
         factor_precision: super::super::blocks::Precision::Double,
         residual: super::super::blocks::Residual::Persist,
     };
@@ -112,43 +117,83 @@ fn spread_along_x(errors: &LocalErrors) -> f64 {
     sum
 }
 
+/// With supports without limit there is nothing to cut off, and the covariance stays as it is; else the blocks do.
 #[test]
 fn rotations_change_no_covariance_and_bring_directions_nearer_to_their_tiles() {
-    for boundary in [Boundary::Periodic, Boundary::Channel] {
-        let mut errors = errors(boundary);
-        let (before, spread) = (of_factors(&errors), spread_along_x(&errors));
-        errors.localize(None);
-        let after = of_factors(&errors);
-        let change = (&after - &before).norm_max() / before.norm_max();
-        assert!(change < 1e-13, "{boundary:?}: {change:e}");
-        assert!(spread_along_x(&errors) <= spread * (1.0 + 1e-12), "{boundary:?}");
-        fill_with_normals(&mut errors, 3);
-        let (before, spread) = (of_factors(&errors), spread_along_x(&errors));
-        errors.localize(None);
-        assert!(spread_along_x(&errors) <= spread * (1.0 + 1e-12), "{boundary:?}");
-        assert!((of_factors(&errors) - &before).norm_max() < 1e-12 * before.norm_max(), "{boundary:?}");
+    for (boundary, support_tiles) in
+        [Boundary::Periodic, Boundary::Channel].into_iter().flat_map(|boundary| [(boundary, 20), (boundary, 4)])
+    {
+        let mut errors = errors_with(boundary, support_tiles);
+        for seed in [0, 3] {
+            if seed > 0 {
+                fill_with_normals(&mut errors, seed);
+            }
+            let (before, blocks, spread) = (of_factors(&errors), of_blocks(&errors), spread_along_x(&errors));
+            let mut left = vec![0.0; before.nrows()];
+            errors.localize(None, &mut left);
+            assert!(left.iter().all(|left| *left == 0.0), "it is in the blocks");
+            let change = (of_factors(&errors) - &before).norm_max() / before.norm_max();
+            if support_tiles == 20 {
+                assert!(change < 1e-12, "{boundary:?}: {change:e}");
+                assert!(spread_along_x(&errors) <= spread * (1.0 + 1e-12), "{boundary:?}");
+            } else {
+                assert!(change > 1e-6, "nothing is cut off");
+                let supports = errors.memory.factors.iter().zip(&errors.frame.supports);
+                assert!(supports.into_iter().all(|(factors, support)| factors.variables == *support));
+            }
+            assert!(difference(&of_blocks(&errors), &blocks) < 1e-12, "{boundary:?}");
+        }
     }
 }
 
 #[test]
-fn compression_keeps_the_covariance_of_each_block() {
-    for boundary in [Boundary::Periodic, Boundary::Channel] {
+fn compression_keeps_the_covariance_of_each_block_or_the_variance_of_each_variable() {
+    for (boundary, left_over) in [Boundary::Periodic, Boundary::Channel]
+        .into_iter()
+        .flat_map(|boundary| [(boundary, LeftOver::Blocks), (boundary, LeftOver::Factors)])
+    {
         let mut errors = errors(boundary);
         fill_with_normals(&mut errors, 5);
-        errors.localize(None);
+        let mut left = vec![0.0; errors.frame.blocks.variables()];
+        errors.localize(None, &mut left);
         let before = of_blocks(&errors);
-        let mut fewer = LocalFactorSettings { per_tile: 3, ..errors.frame.settings };
-        std::mem::swap(&mut Arc::get_mut(&mut errors.frame).unwrap().settings, &mut fewer);
-        errors.compress(None);
-        assert!(
-            errors
-                .memory
-                .factors
-                .iter()
-                .zip(&errors.frame.supports)
-                .all(|(factors, support)| { factors.columns() == 3 && factors.variables == *support })
-        );
-        assert!(difference(&of_blocks(&errors), &before) < 1e-13, "{boundary:?}");
+        let variances = errors.variances();
+        let fewer = LocalFactorSettings { per_tile: 3, left_over, ..errors.frame.settings };
+        Arc::get_mut(&mut errors.frame).unwrap().settings = fewer;
+        errors.compress(None, left);
+        let pairs = || errors.memory.factors.iter().zip(&errors.frame.supports);
+        assert!(pairs().all(|(factors, support)| factors.columns() == 3 && factors.variables == *support));
+        assert!(difference(&errors.variances(), &variances) < 1e-13, "{boundary:?}, {left_over:?}");
+        match left_over {
+            LeftOver::Blocks => assert!(difference(&of_blocks(&errors), &before) < 1e-13, "{boundary:?}"),
+            LeftOver::Factors => {
+                assert!(difference(&of_blocks(&errors), &before) > 1e-3, "nothing joins the factors");
+            }
+        }
+    }
+}
+
+/// The variances that are there and those that are left over are all there afterwards; of a variable of which less is in the
+/// factors the surplus is in the blocks.
+#[test]
+fn longer_factors_hold_what_is_left_over() {
+    let mut errors = errors(Boundary::Channel);
+    fill_with_normals(&mut errors, 6);
+    let mut of_factors = vec![0.0; errors.frame.blocks.variables()];
+    errors.memory.factors.iter().for_each(|factors| factors.add_squared_rows(&mut of_factors));
+    let times = |variable: usize| if variable % 7 == 0 { 3.0 } else { 0.5 };
+    let left: Vec<f64> = of_factors.iter().enumerate().map(|(variable, k)| times(variable) * k).collect();
+    let before = errors.memory.own.clone();
+    errors.lengthen(&left);
+    let Frame { blocks, .. } = &*errors.frame;
+    let mut now = vec![0.0; left.len()];
+    errors.memory.factors.iter().for_each(|factors| factors.add_squared_rows(&mut now));
+    for (variable, &k) in of_factors.iter().enumerate() {
+        assert!((now[variable] - (1.0 + times(variable).min(1.0)) * k).abs() < 1e-12 * k, "{variable}");
+        let (block, place) = blocks.place(variable);
+        let grown =
+            errors.memory.own.block(blocks, block)[(place, place)] - before.block(blocks, block)[(place, place)];
+        assert!((grown - (times(variable) - 1.0).max(0.0) * k).abs() < 1e-12 * k, "{variable}: {grown}");
     }
 }
 
