@@ -2,9 +2,10 @@
 //!
 //! Contents: [`directory`] (where outputs go, with [`working`], [`destination`] and [`contents`]), [`OUTPUTS`] (the outputs that can be switched off), [`netcdf`],
 //! [`forecasts`], [`parameters`], [`readings`], [`report`], [`scores`], [`summary`], [`verdicts`], and with the cargo feature `rerun` the recording for the rerun
-//! viewer. Report and recording show what [`history`] holds of the run and of the Earth (`earth`), with a method's blocks ([`structure`]) and what is
+//! viewer. Report and recording show what [`history`] holds of the run and of the Earth (`earth`), with errors of biases (`bias_errors`), a method's blocks ([`structure`]) and what is
 //! known of its spread ([`reliability`]) and of biases that depend on the scan position ([`scans`]).
 
+mod bias_errors;
 pub mod contents;
 pub mod destination;
 pub mod directory;

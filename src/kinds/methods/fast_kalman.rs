@@ -306,7 +306,8 @@ pub(super) fn work(Settings { filter, .. }: &Settings, factor_grid: usize, sizes
     let analysis = n * (r + p) * (r + p) + m * (r + p) * (r + p) + of_blocks * (block + r + p);
     Work {
         numbers: 3.0 * of_blocks
-            + width * m * (2.0 * all + r)
+            + width * m * (all + r)
+            + 6.0 * all * all
             + exact
             + component * component
             + 2.0 * n * (r + p)

@@ -3,6 +3,7 @@
 use super::maps::Maps;
 use super::section::Drawing;
 use crate::event::{RunInfo, StationInfo};
+use crate::output::bias_errors::of_stations;
 use crate::output::history::{Cycle, History, MethodCycle};
 use crate::output::netcdf::coordinates::safe_name;
 use crate::plot::colors::{difference, of_method_on_paper};
@@ -94,16 +95,10 @@ pub fn stations(info: &RunInfo, history: &History, maps: &Maps<'_>) -> Vec<Drawi
     let Some(&(method, own)) = claiming.or(methods.last()) else { return Vec::new() };
     let mut drawings = Vec::new();
     for variable in &info.layout.variables {
-        let value = |station: &StationInfo| {
-            let number = info.bias_of(station, variable.name)?;
-            let value = own.bias(number)? - if has_truth { cycle.true_bias(number)? } else { 0.0 };
-            Some(value as f32).filter(|value| value.is_finite())
-        };
-        let all = info.stations.iter().filter_map(|station| Some((station, value(station)?)));
-        let all: Vec<(&StationInfo, f32)> = all.collect();
-        let Some(largest) = all.iter().map(|it| it.1.abs()).reduce(f32::max) else { continue };
+        let all = of_stations(history, (cycle, own), variable.name);
+        let Some(largest) = all.iter().map(|it| it.2.abs()).reduce(f32::max) else { continue };
         let (name, limit, units) = (&info.methods[method].name, round_up(Some(largest)), unit(variable.unit));
-        let mark = |(station, value): &(&StationInfo, f32)| Mark {
+        let mark = |(station, _, value): &(&StationInfo, usize, f32)| Mark {
             x_m: station.x_m,
             y_m: station.y_m,
             color: Some(difference(*value, limit)),

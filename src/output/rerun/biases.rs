@@ -6,6 +6,7 @@ use super::names::{Names, Result, set_time};
 use super::ranges::Ranges;
 use super::series::shown_parameters;
 use crate::event::{RunInfo, StationInfo};
+use crate::output::bias_errors;
 use crate::output::history::{Cycle, History, MethodCycle};
 use crate::plot::colors;
 use crate::tables::{NONE, figure};
@@ -39,21 +40,6 @@ pub struct Biases<'a> {
     pub frame: Frame<'a>,
 }
 
-/// The stations with a bias in a variable, the number of its parameter, and its error, or the bias without a truth.
-pub fn of_stations<'a>(
-    info: &'a RunInfo,
-    has_truth: bool,
-    (cycle, own): (&Cycle, &MethodCycle),
-    variable: &str,
-) -> Vec<(&'a StationInfo, usize, f32)> {
-    let of = |station: &'a StationInfo| {
-        let number = info.bias_of(station, variable)?;
-        let value = value(has_truth, (cycle, own), number)? as f32;
-        value.is_finite().then_some((station, number, value))
-    };
-    info.stations.iter().filter_map(of).collect()
-}
-
 /// What the figure shows: x and y, from and to.
 pub fn bounds(info: &RunInfo) -> [[f64; 2]; 2] {
     let rows = shown_parameters(&info.calibration).len() as f32;
@@ -64,12 +50,6 @@ pub fn bounds(info: &RunInfo) -> [[f64; 2]; 2] {
 /// Width of the figure, where a row has the height 1.
 fn width(info: &RunInfo) -> f32 {
     shown_parameters(&info.calibration).len().max(FEWEST_ROWS) as f32
-}
-
-/// An estimate, less the truth in a run that knows true biases; nothing where the truth of this one is not known.
-fn value(has_truth: bool, (cycle, own): (&Cycle, &MethodCycle), number: usize) -> Option<f64> {
-    let truth = if has_truth { cycle.true_bias(number)? } else { 0.0 };
-    Some(own.bias(number)? - truth)
 }
 
 /// A bias in words: estimate, claimed standard deviation and truth.
@@ -128,7 +108,7 @@ impl Biases<'_> {
         let (mut places, mut intervals, mut colors, mut labels) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for (row, number) in shown_parameters(&self.info.calibration).into_iter().enumerate() {
             let prior = self.info.calibration.prior_covariance(number, number).sqrt();
-            let Some(error) = value(has_truth, own, number).filter(|_| prior > 0.0) else { continue };
+            let Some(error) = bias_errors::error(self.history, own, number).filter(|_| prior > 0.0) else { continue };
             let (y, sigma) = (row as f32 + 0.5, own.1.bias_spread(number).unwrap_or(0.0));
             let x = |value: f64| self.x((value / prior) as f32);
             places.push([x(error), y]);
@@ -151,7 +131,7 @@ impl Biases<'_> {
     }
 
     fn log_stations(&self, method: usize, own: (&Cycle, &MethodCycle), (number, name): (usize, &str)) -> Result {
-        let stations = of_stations(self.info, self.history.knows_biases(), own, name);
+        let stations = bias_errors::of_stations(self.history, own, name);
         if stations.is_empty() {
             return Ok(());
         }

@@ -1,8 +1,8 @@
 //! The ranges that colours and axes of the whole run share.
 
-use super::biases::of_stations;
 use super::frame::Frame;
 use crate::event::RunInfo;
+use crate::output::bias_errors::of_stations;
 use crate::output::history::{Cycle, History, MethodMaps};
 use crate::plot::range::{quantile, round_up};
 
@@ -62,8 +62,7 @@ fn of_variable(info: &RunInfo, history: &History, number: usize, name: &str) -> 
 
 /// The limit of colours of stations: of the median method nine tenths of all values, and a little more.
 fn station_bias(info: &RunInfo, history: &History, variable: &str) -> f32 {
-    let has_truth = history.knows_biases();
-    let of_cycle = |own| of_stations(info, has_truth, own, variable).into_iter().map(|it| it.2.abs());
+    let of_cycle = |own| of_stations(history, own, variable).into_iter().map(|it| it.2.abs());
     let of_method = |method| quantile(history.of_method(method).flat_map(of_cycle).collect(), 0.9);
     let estimating = (0..info.methods.len()).filter(|&method| info.methods[method].estimates_biases);
     round_up(quantile(estimating.filter_map(of_method).collect(), 0.5).map(|it| 1.2 * it))

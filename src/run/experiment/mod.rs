@@ -2,6 +2,7 @@
 
 mod balance;
 mod builder;
+mod check;
 mod cost;
 mod error;
 mod ground;
@@ -11,6 +12,7 @@ mod notices;
 mod span;
 
 pub use builder::ExperimentBuilder;
+pub use check::{Checked, check, check_sensors};
 pub use cost::Cost;
 pub use error::ExperimentError;
 pub use ground::{Ground, ground};
@@ -30,11 +32,9 @@ use crate::run::truth::Truth;
 use crate::run::units::UnitCheck;
 use crate::scenario::{Scenario, ScenarioError, TruthSettings};
 use crate::scores::Failure;
-use crate::sensors::SensorError;
 use crate::sensors::knowledge::WarmStart;
 use crate::threshold_warning::{PlacedWarning, ThresholdWarning};
 use builder::AddedMethod;
-use cost::Rates;
 use ground::ground_after;
 use isobar_assim::high_pass::HighPassSettings;
 use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem, Recalibration, Whitened};
@@ -136,79 +136,6 @@ impl Competitor {
             has_warned_ahead: false,
         }
     }
-}
-
-/// What a scenario is found to be when nothing is wrong with it.
-pub struct Checked {
-    /// What there is to know without being wrong, such as how many observations of a file can be used.
-    pub information: Vec<String>,
-    /// What the user should know.
-    pub warnings: Vec<String>,
-    /// What each method is estimated to cost on this machine, in the order of the scenario.
-    pub costs: Vec<(String, Cost)>,
-}
-
-/// The largest method that a check sets up \[bytes\]: beyond, that takes many seconds, and is left to the run, which refuses what
-/// does not fit before its first cycle.
-const MOST_SET_UP: f64 = 6e7;
-
-/// Estimates of memory are right within this factor.
-const ESTIMATES_WITHIN: f64 = 3.0;
-
-/// Whether a scenario's model, initial state, covariances and observing systems fit together.
-///
-/// # Errors
-/// All things that do not, as far as they do not depend on each other; at least one.
-pub fn check(scenario: &Scenario) -> Result<Checked, Vec<ExperimentError>> {
-    let mut faults: Vec<ExperimentError> = check_sensors(scenario).err().into_iter().collect();
-    let ground = match ground(scenario, scenario.seed, scenario.cycle.count) {
-        Ok(ground) => ground,
-        Err(fault) => {
-            faults.push(fault);
-            return Err(faults);
-        }
-    };
-    let truth = ground.truth.as_ref().map(|truth| truth.check_cycles(scenario.cycle.count));
-    faults.extend(truth.and_then(Result::err).map(ExperimentError::Truth));
-    let problem = &ground.problem;
-    for (name, method) in &scenario.methods {
-        // What a method refuses depends on all that it is given, so that each is set up for once; a large one only if it is
-        // sure to be refused, before it takes any memory.
-        let bytes = cost::bytes(&work(scenario, method, problem));
-        if bytes < MOST_SET_UP || bytes > ESTIMATES_WITHIN * method.memory_limit_bytes as f64 {
-            faults.extend(self::method(problem, name, scenario, scenario.start).err());
-        }
-    }
-    if !faults.is_empty() {
-        return Err(faults);
-    }
-    let cycles = 1..=scenario.cycle.count;
-    let placed = placed_warnings(scenario, &ground).map_err(|fault| vec![fault])?;
-    let compared = Comparisons::of(scenario, &ground.observing, scenario.seed);
-    compared.map_err(|fault| vec![ExperimentError::Comparison(fault)])?;
-    let mut warnings = notices::warnings(scenario, &ground.observing, cycles.clone());
-    warnings.extend(notices::of_methods(scenario, |_| true));
-    warnings.extend(notices::of_thresholds(&placed, problem));
-    let rates = Rates::measure(problem);
-    let cost = |(name, method): (&String, &Method)| (name.clone(), rates.cost(&work(scenario, method, problem)));
-    let costs: Vec<(String, Cost)> = scenario.methods.iter().map(cost).collect();
-    warnings.extend(notices::memory(costs.iter().map(|(_, cost)| cost.bytes).sum()));
-    Ok(Checked { information: notices::information(scenario, &ground.observing, cycles), warnings, costs })
-}
-
-/// The work of a method in a cycle, estimated.
-fn work(scenario: &Scenario, method: &Method, problem: &Problem) -> Work {
-    let steps = problem_steps(scenario, problem) * problem.model.substeps();
-    method.work(&Sizes::new(problem, method.bias, &scenario.grid.grid, steps))
-}
-
-/// Whether the scenario's database of sensors can be written back, and may be, if it is to be.
-///
-/// # Errors
-/// If not.
-pub fn check_sensors(scenario: &Scenario) -> Result<(), ExperimentError> {
-    let Some(settings) = &scenario.sensors else { return Ok(()) };
-    Ok(settings.check_place().map_err(|reason| SensorError::new(&settings.database, reason))?)
 }
 
 impl Experiment {
@@ -403,6 +330,12 @@ fn placed_warnings(scenario: &Scenario, ground: &Ground) -> Result<Vec<PlacedWar
         placed.map_err(|reason| ExperimentError::Warning { name: warning.name.clone(), reason })
     };
     scenario.warnings.iter().map(place).collect()
+}
+
+/// The work of a method in a cycle, estimated.
+fn work(scenario: &Scenario, method: &Method, problem: &Problem) -> Work {
+    let steps = problem_steps(scenario, problem) * problem.model.substeps();
+    method.work(&Sizes::new(problem, method.bias, &scenario.grid.grid, steps))
 }
 
 /// The time steps of the methods' model in a cycle.
