@@ -43,7 +43,7 @@ fn methods(scenario: &Scenario, condition: impl Fn(&Method) -> bool) -> Vec<&str
     all.filter(|(_, method)| condition(method)).map(|(name, _)| name.as_str()).collect()
 }
 
-/// Scenarios in which the Kalman filter is not told the statistics of the world, or in which one draw says nothing of them:
+/// Scenarios in which the Kalman filter does not know the statistics of the world, or in which one draw says nothing of them:
 /// where mean height and bias cannot be told apart nobody can better it but by luck, and where the model makes no error a few
 /// analyses see all there is; where it takes errors within the window for those at the analysis. `forecast_skill`,
 /// `observation_times` and `sensor_care` have no full Kalman filter.
