@@ -181,7 +181,7 @@ fn longer_factors_hold_what_is_left_over() {
     fill_with_normals(&mut errors, 6);
     let mut of_factors = vec![0.0; errors.frame.blocks.variables()];
     errors.memory.factors.iter().for_each(|factors| factors.add_squared_rows(&mut of_factors));
-    let times = |variable: usize| if variable % 7 == 0 { 3.0 } else { 0.5 };
+    let times = |variable: usize| if variable.is_multiple_of(7) { 3.0 } else { 0.5 };
     let left: Vec<f64> = of_factors.iter().enumerate().map(|(variable, k)| times(variable) * k).collect();
     let before = errors.memory.own.clone();
     errors.lengthen(&left);
