@@ -59,8 +59,8 @@ fn every_seed_has_the_scores_of_its_own_run_however_many_run_at_a_time() {
     );
     assert_eq!(
         fs::read_dir(folder.join("seed-11")).unwrap().count(),
-        4,
-        "only the summary, two files of scores, and files.txt"
+        5,
+        "only the summary, two files of scores, verdicts.csv and files.txt"
     );
 
     // The mean and the paired difference are those of the summaries.

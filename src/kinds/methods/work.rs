@@ -100,7 +100,7 @@ impl Work {
     pub fn ensemble(sizes: &Sizes, members: f64) -> Self {
         let (size, n) = (sizes.unknowns(), sizes.observations);
         Self {
-            numbers: 4.0 * size * members + 3.0 * n * members + 2.0 * sizes.biases.powi(2),
+            numbers: 4.0 * size * members + 3.0 * n * members + 2.0 * (members.powi(2) + sizes.biases.powi(2)),
             steps: members * sizes.steps,
             roots: members,
             multiplications: (size + n) * members * members + 10.0 * members.powi(3),
