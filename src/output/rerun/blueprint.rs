@@ -8,6 +8,9 @@ use ::rerun::external::re_sdk_types::blueprint::{archetypes as archetype, compon
 use ::rerun::sink::MemorySinkStorage;
 use ::rerun::{RecordingStream, RecordingStreamBuilder};
 
+/// The classes of views.
+const CLASSES: [&str; 4] = ["2D", "TimeSeries", "TextDocument", "TextLog"];
+
 /// A layout that is being built.
 pub struct Blueprint {
     stream: RecordingStream,
@@ -108,7 +111,8 @@ impl Blueprint {
     }
 
     fn view(&mut self, class: &str, name: &str, contents: &[String]) -> Result<Part> {
-        let part = Part(format!("view/{}", self.next_id().1));
+        let number = CLASSES.iter().position(|own| *own == class).map_or(CLASSES.len(), |number| number + 1);
+        let part = Part(format!("view/{}", self.next_id(number as u8).1));
         let queries = contents.iter().map(|entity| component::QueryExpression(format!("+ /{entity}").into()));
         self.stream.log(part.property("ViewContents"), &archetype::ViewContents::new(queries))?;
         let view = archetype::ViewBlueprint::new(component::ViewClass(class.into())).with_display_name(name);
@@ -117,7 +121,7 @@ impl Blueprint {
     }
 
     fn container_with_id(&mut self, name: &str, arrangement: Arrangement<'_>, parts: &[Part]) -> Result<(Part, Uuid)> {
-        let (bytes, id) = self.next_id();
+        let (bytes, id) = self.next_id(0);
         let part = Part(format!("container/{id}"));
         let kind = match arrangement {
             Arrangement::Tabs => component::ContainerKind::Tabs,
@@ -139,12 +143,14 @@ impl Blueprint {
         Ok((part, Uuid { bytes }))
     }
 
-    /// The next identifier, as bytes and as text.
-    fn next_id(&mut self) -> ([u8; 16], String) {
+    /// The next identifier, as bytes and as text. The class of a view is part of it: a viewer that has shown another layout keeps
+    /// the state of each view by its identifier, and fails where that is now of another class.
+    fn next_id(&mut self, class: u8) -> ([u8; 16], String) {
         self.count += 1;
         let mut bytes = [0; 16];
+        bytes[9] = class;
         bytes[14..].copy_from_slice(&self.count.to_be_bytes());
-        (bytes, format!("00000000-0000-0000-0000-{:012x}", self.count))
+        (bytes, format!("00000000-0000-0000-00{class:02x}-{:012x}", self.count))
     }
 }
 
