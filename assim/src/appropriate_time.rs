@@ -16,7 +16,7 @@ pub(crate) struct Times {
 }
 
 impl Times {
-    /// The times of observations valid so long before the end of a window.
+    /// The times of observations that precede the end of a window by `lags`.
     ///
     /// # Errors
     /// [`Error::Setting`] if the window is not a whole number of time steps.
@@ -28,6 +28,11 @@ impl Times {
         stops.sort_unstable();
         stops.dedup();
         Ok(Self { places, stops })
+    }
+
+    /// The times of observations at the end of a window of this number of steps.
+    pub fn at_end(observations: usize, steps: usize) -> Self {
+        Self { places: vec![(steps, 0.0); observations], stops: vec![steps] }
     }
 
     /// The steps that are looked at, in ascending order, the last one always.
@@ -87,8 +92,8 @@ pub(crate) struct Seen {
     pub at_end: Vec<f64>,
 }
 
-/// δ of [`WithinWindow`](isobar_obs::WithinWindow) for a background that is the forecast from `start`, in an experiment with this number of calibration
-/// parameters.
+/// δ of [`WithinWindow`](isobar_obs::WithinWindow) for a background that is the forecast from `start`, in an experiment with
+/// this number of calibration parameters.
 ///
 /// # Errors
 /// As a forecast.

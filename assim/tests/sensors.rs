@@ -322,32 +322,35 @@ fn comparisons_are_rows_of_the_recursion_with_whole_matrices() {
     }
 }
 
-/// Every other method, too, is drawn to a comparison and sure of it.
+/// With the difference d ± s that the observations alone leave, every method combines a comparison y ± σ into
+/// (d/s² + y/σ²) / (1/s² + 1/σ²), and claims the variance 1 / (1/s² + 1/σ²).
 #[test]
-fn every_method_believes_a_comparison() {
+fn every_method_weighs_a_comparison_by_its_variance() {
     let problem = problem(true, calibration(3, 2, 0.0), 2);
     let comparison = SensorComparison { parameter: 0, other: Some(2), value: 6.0, sigma: 0.1 };
+    let unknown = SensorKnowledge { mean: vec![0.0; 5], recalibrations: vec![] };
     for (name, method) in methods(&problem) {
-        let mut method = Calibrated::new(
-            method,
-            &problem.calibration,
-            START,
-            SensorKnowledge { mean: vec![0.0; 5], recalibrations: vec![] },
+        let mut method = Calibrated::new(method, &problem.calibration, START, unknown.clone());
+        let observed = |cycle: usize| window(&problem, 14, false, cycle, 5);
+        let from = method.forecast(WINDOW).unwrap();
+        method.analyse(&from, &observed(1)).unwrap();
+        let from = method.forecast(WINDOW).unwrap();
+        let difference = |comparisons: Vec<SensorComparison>| {
+            let mut method = method.clone();
+            let analysis = method.analyse(&from, &ObservationWindow { comparisons, ..observed(2) }).unwrap();
+            let claims = method.can().calibration.unwrap().calibration_accuracy();
+            let s = claims.covariance();
+            (comparison.simulate(&analysis.estimate.calibration), s[(0, 0)] - 2.0 * s[(0, 2)] + s[(2, 2)])
+        };
+        let ((d, s2), (after, variance)) = (difference(vec![]), difference(vec![comparison]));
+        let sigma2 = comparison.sigma.powi(2);
+        let expected = (d / s2 + comparison.value / sigma2) / (1.0 / s2 + 1.0 / sigma2);
+        let claimed = 1.0 / (1.0 / s2 + 1.0 / sigma2);
+        assert!(
+            (after - expected).abs() < 1e-9 && (variance / claimed - 1.0).abs() < 1e-9,
+            "{name}: {after}, {expected}"
         );
-        for cycle in 1..=2 {
-            let comparisons = if cycle == 2 { vec![comparison] } else { vec![] };
-            let observed = ObservationWindow { comparisons, ..window(&problem, 14, false, cycle, 5) };
-            let from = method.forecast(WINDOW).unwrap();
-            let before = &from.estimate.calibration;
-            let found = (before[0] - before[2] - 6.0).abs();
-            let after = method.analyse(&from, &observed).unwrap().estimate.calibration;
-            if cycle == 2 {
-                assert!(found > 1.0, "{name}: it was there before: {found}");
-                // To the last tenth, or as near as three of its standard deviations: observations have a say, too.
-                let left = (after[0] - after[2] - 6.0).abs();
-                assert!(left < f64::max(0.1 * found, 0.3), "{name}: {} − {}, {found} before", after[0], after[2]);
-            }
-        }
+        assert!((d - comparison.value).abs() > 1.0, "{name}: it was there before: {d}");
     }
 }
 

@@ -1,4 +1,4 @@
-//! Comparisons of sensors, and test points: what is known of biases beside the observations of a cycle.
+//! Comparisons of sensors, and test points: further data on biases.
 
 use crate::jacobian::Jacobian;
 use crate::operator::ObservationOperator;

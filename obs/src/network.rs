@@ -108,8 +108,8 @@ impl Network {
     }
 }
 
-/// Gives observations that an instrument makes in a window their times, of which there are so many: scan lines follow each
-/// other, other platforms take turns.
+/// Spreads the observations of a window over `times` equally spaced times, the last at its end: scan lines follow each other,
+/// other platforms take turns.
 pub(crate) fn spread(observations: &mut [Observation], times: usize, window: Duration) {
     if times == 1 {
         return;

@@ -48,6 +48,11 @@ pub trait ObservationOperator: Send + Sync {
     fn within_window(&self) -> Option<TimedObservations<'_>> {
         None
     }
+
+    /// Whether the observation of this number is valid at the end of the window.
+    fn is_at_end(&self, row: usize) -> bool {
+        self.within_window().is_none_or(|within| within.lags[row].seconds() == 0)
+    }
 }
 
 /// Observations of which not all are valid at the end of their window: see [`WithinWindow`](crate::WithinWindow).

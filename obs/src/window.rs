@@ -6,9 +6,10 @@ use crate::error_regression::ErrorRegression;
 use crate::operator::{LinearOperator, ObservationOperator, TimedObservations};
 use crate::report::{ObservationType, Report};
 use crate::within_window::WithinWindow;
-use isobar_model::{Grid, Layout, State, Time};
+use isobar_model::{Duration, Grid, Layout, State, Time};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
+use std::convert::Infallible;
 use std::sync::Arc;
 
 /// All observations of one cycle, as its end sees them.
@@ -83,7 +84,18 @@ impl ObservationWindow {
         all.values.extend(comparisons.iter().map(|it| it.value));
         all.sigma.extend(comparisons.iter().map(|it| it.sigma));
         all.error_regression = all.error_regression.with_independent(comparisons.len());
-        all.operator = Arc::new(WithComparisons { observed: all.operator, comparisons });
+        let observed = all.operator;
+        let below = |observed: &Arc<dyn ObservationOperator>| -> Arc<dyn ObservationOperator> {
+            Arc::new(WithComparisons { observed: Arc::clone(observed), comparisons: comparisons.clone() })
+        };
+        all.operator = match observed.within_window() {
+            None => below(&observed),
+            Some(TimedObservations { whole, lags, shift }) => {
+                let lags = lags.iter().copied().chain(comparisons.iter().map(|_| Duration::from_seconds(0)));
+                let shift = shift.iter().copied().chain(comparisons.iter().map(|_| 0.0));
+                Arc::new(WithinWindow::new(below(whole), lags.collect(), shift.collect()))
+            }
+        };
         all
     }
 
@@ -126,16 +138,8 @@ impl ObservationWindow {
 
     /// The same observations as if all were valid at the end of the window.
     pub fn at_end(&self) -> Cow<'_, Self> {
-        if !self.is_within_window() {
-            return Cow::Borrowed(self);
-        }
-        let mut seen = self.clone();
-        for operator in [&mut seen.operator, &mut seen.aside.operator] {
-            if let Some(whole) = operator.within_window().map(|within| Arc::clone(within.whole)) {
-                *operator = whole;
-            }
-        }
-        Cow::Owned(seen)
+        let whole = |within: TimedObservations<'_>| Ok::<_, Infallible>(Arc::clone(within.whole));
+        self.seen_by(whole).unwrap_or_else(|never| match never {})
     }
 
     /// The same observations as seen from a background at their times: `shift` gives δ of those of an operator,
@@ -147,14 +151,23 @@ impl ObservationWindow {
         &self,
         mut shift: impl FnMut(TimedObservations<'_>) -> Result<Vec<f64>, E>,
     ) -> Result<Cow<'_, Self>, E> {
+        self.seen_by(|within| {
+            Ok(Arc::new(WithinWindow::new(Arc::clone(within.whole), within.lags.to_vec(), shift(within)?)))
+        })
+    }
+
+    /// The same observations with other operators in the place of those of which not all observations are valid at the end.
+    fn seen_by<E>(
+        &self,
+        mut operator: impl FnMut(TimedObservations<'_>) -> Result<Arc<dyn ObservationOperator>, E>,
+    ) -> Result<Cow<'_, Self>, E> {
         if !self.is_within_window() {
             return Ok(Cow::Borrowed(self));
         }
         let mut seen = self.clone();
-        for operator in [&mut seen.operator, &mut seen.aside.operator] {
-            if let Some(within) = operator.within_window() {
-                let shifted = WithinWindow::new(Arc::clone(within.whole), within.lags.to_vec(), shift(within)?);
-                *operator = Arc::new(shifted);
+        for own in [&mut seen.operator, &mut seen.aside.operator] {
+            if let Some(within) = own.within_window() {
+                *own = operator(within)?;
             }
         }
         Ok(Cow::Owned(seen))

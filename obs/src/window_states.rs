@@ -28,7 +28,7 @@ impl<'a> WindowStates<'a> {
     /// The states at the start of a window of this length, after each of equal steps, and at its end.
     ///
     /// # Panics
-    /// If there are none.
+    /// If `states` is empty.
     pub fn new(states: &'a [State], window: Duration) -> Self {
         assert!(!states.is_empty(), "a window has a state at its end");
         Self { states, window }
@@ -50,8 +50,8 @@ impl<'a> WindowStates<'a> {
     }
 }
 
-/// Between which states of a window of so many steps a time is, that is so long before its end: the number of the one at or
-/// before it, and the part of a step since then, from 0 to below 1. Times out of the window count as its ends.
+/// Where the time `lag` before the end of a window is among its time steps: the number of the step at or before it, and the
+/// fraction of a step since then, from 0 to below 1. Times outside the window count as its start or end.
 pub fn place(lag: Duration, window: Duration, steps: usize) -> (usize, f64) {
     let (lag, window) = (lag.seconds().clamp(0, window.seconds()), window.seconds());
     if lag == 0 || steps == 0 {

@@ -36,7 +36,7 @@ pub struct WithinWindow {
 }
 
 impl WithinWindow {
-    /// Observations, each valid so long before the end of its window; they themselves where all are valid at the end.
+    /// Observations with the time by which each precedes the end of the window; `whole` itself if all are valid at the end.
     ///
     /// # Panics
     /// As [`WithinWindow::new`].
@@ -48,10 +48,10 @@ impl WithinWindow {
         Arc::new(Self::new(whole, lags, shift))
     }
 
-    /// Observations, each valid so long before the end of its window, with their δ.
+    /// Observations with the time by which each precedes the end of the window, and δ.
     ///
     /// # Panics
-    /// If there is not one lag and one δ for each.
+    /// Unless `lags` and `shift` have one entry for each observation.
     pub fn new(whole: Arc<dyn ObservationOperator>, lags: Vec<Duration>, shift: Vec<f64>) -> Self {
         assert_eq!([whole.len(); 2], [lags.len(), shift.len()], "each observation has its time and its shift");
         Self { whole, lags: lags.into(), shift: shift.into() }

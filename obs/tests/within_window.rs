@@ -6,7 +6,8 @@ use isobar_obs::instrument::recorded::RecordedTimes;
 use isobar_obs::quality::Reference;
 use isobar_obs::{
     AirMassBias, BiasProcess, ErrorCorrelation, ErrorCorrelationKind, Faults, Network, ObservationFile,
-    ObservationWindow, ObservedVariable, QualityControl, RecordedSettings, Rejection, SatelliteSettings, WindowStates,
+    ObservationWindow, ObservedVariable, QualityControl, RecordedSettings, Rejection, SatelliteSettings,
+    SensorComparison, TimedObservations, WindowStates,
 };
 
 /// True states at the hours of the window, each with another sign and size.
@@ -175,4 +176,24 @@ fn times_that_cannot_be_are_errors() {
     let polar = SatelliteSettings { air_mass_biases: vec![bias], ..satellite() };
     let message = error(Network { times_per_window: 2, ..Network::new("polar", polar) });
     assert!(message.contains("a bias depends on the state"), "{message}");
+}
+
+/// Comparisons of sensors are of the end of the window; the observations keep their times and what is seen of the background then.
+#[test]
+fn observations_keep_their_times_above_comparisons() {
+    let network = Network { times_per_window: 3, ..Network::new("net", radiosondes(7)) };
+    let state = &hourly()[6];
+    let window = observed(network);
+    let shift = |within: TimedObservations<'_>| Ok::<_, ()>((0..within.lags.len()).map(|row| row as f64).collect());
+    let window = window.at_appropriate_time(shift).unwrap().into_owned();
+    let calibration: Vec<f64> = (0..50).map(f64::from).collect();
+    let comparison = SensorComparison { parameter: 1, other: Some(0), value: 2.0, sigma: 0.5 };
+    let window = ObservationWindow { comparisons: vec![comparison], ..window };
+    let below = window.with_comparisons_below(&layout(Boundary::Channel).grid);
+    let (own, all) = (window.operator.within_window().unwrap(), below.operator.within_window().unwrap());
+    assert_eq!((&all.lags[..window.len()], &all.shift[..window.len()]), (own.lags, own.shift));
+    assert_eq!((all.lags[window.len()].seconds(), all.shift[window.len()]), (0, 0.0));
+    let mut expected = window.operator.simulate(state, &calibration);
+    expected.push(1.0);
+    assert_eq!(below.operator.simulate(state, &calibration), expected);
 }

@@ -2,7 +2,7 @@
 //!
 //! | module | what it adds |
 //! |---|---|
-//! | [`sensors`] | what is known of the sensors: earlier calibrations, recalibrations, biases that are not to be adjusted, comparisons of sensors |
+//! | [`sensors`] | earlier calibrations and recalibrations of sensors, comparisons between them, frozen biases |
 //! | [`adaptive`] | factors on the errors of observations and forecasts, found from the innovations |
 //! | [`whitened`] | correlated errors of observations |
 //! | [`first_calibration`] | a calibration from the first observations, by Lange's High-pass Filter |

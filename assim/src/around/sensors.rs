@@ -47,10 +47,10 @@ pub struct SensorKnowledge {
 /// *Variance.* What is not known of a step, diag(σ²), is added to the covariance of c by
 /// [`WidenCalibration`](crate::assimilator::WidenCalibration).
 ///
-/// *Comparisons* of sensors and test points are given to the method as observations of c' alone (see [`SensorComparison`](isobar_obs::SensorComparison)): of a
-/// Kalman filter that is the analysis with their rows in H. They are no part of the analysis' departures, nor of its χ²: with
-/// r⁺ = d − g ĉ and A⁺ = g S gᵀ after the analysis, and R = diag(σ²), their part of χ², given the observations, is
-/// `r⁺ᵀ (R − A⁺)⁻¹ r⁺`.
+/// *Comparisons* of sensors and test points are given to the method as observations of c' alone (see
+/// [`SensorComparison`](isobar_obs::SensorComparison)); in a Kalman filter that is the analysis with their rows in H. The
+/// departures and χ² of the analysis are those of the observations alone: with r⁺ = d − g ĉ and A⁺ = g S gᵀ after the analysis,
+/// and R = diag(σ²), the comparisons' part of χ², given the observations, is `r⁺ᵀ (R − A⁺)⁻¹ r⁺`.
 ///
 /// *Frozen parameters.* With the gain's rows of frozen parameters F set to zero (the Schmidt–Kalman or consider filter, Schmidt
 /// 1966, Advances in Control Systems 3, 293; Jazwinski 1970, section 8.4), their uncertainty still enters the covariance
@@ -81,8 +81,7 @@ struct Memory {
     /// ĉ'.
     estimate: Vec<f64>,
     frozen: Vec<bool>,
-    /// The variance that the last analysis would have left of each parameter that was frozen in it; no value of the others means
-    /// anything.
+    /// The variance that the last analysis would have left of each parameter that was frozen in it; meaningless for the others.
     would_be: Vec<f64>,
     /// o at the analyses that the method's smoother still revises, the oldest first.
     past_offsets: VecDeque<Vec<f64>>,

@@ -110,22 +110,24 @@ impl FourDVar {
         Ok(cycles)
     }
 
-    /// Innovations about the states of a cycle of this length, and the times of its observations if not all are at its end.
+    /// Innovations about the states of a cycle of this length, and the times of its observations.
     fn innovations(
         &self,
         observed: &ObservationWindow,
         states: &[State],
         bias: &[f64],
         length: Duration,
-    ) -> Result<(Innovations, Option<Times>), Error> {
+    ) -> Result<(Innovations, Times), Error> {
         let end = states.last().expect("a cycle has steps");
         let innovations = self.problem.innovations(observed, end, bias)?;
-        let Some(within) = observed.operator.within_window() else { return Ok((innovations, None)) };
+        let Some(within) = observed.operator.within_window() else {
+            return Ok((innovations, Times::at_end(observed.len(), states.len() - 1)));
+        };
         let times = Times::new(&*self.model, length, within.lags)?;
         let seen = times.along(states, |x| within.whole.simulate(x, bias));
         let departures: Vec<f64> = observed.values.iter().zip(seen).map(|(value, seen)| value - seen).collect();
         require_finite(&departures, observed)?;
-        Ok((Innovations { departures, ..innovations }, Some(times)))
+        Ok((Innovations { departures, ..innovations }, times))
     }
 
     /// The analysis of the window, whose cycles have this length; the trajectory's end and the biases become the estimate.

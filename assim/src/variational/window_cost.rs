@@ -15,8 +15,8 @@ pub(super) struct Cost<'a> {
     /// States of each cycle, from its first step to its end.
     pub trajectory: &'a [Vec<State>],
     pub innovations: &'a [Innovations],
-    /// The times of each cycle's observations, where not all of them are at its end.
-    pub times: &'a [Option<Times>],
+    /// The times of each cycle's observations.
+    pub times: &'a [Times],
 }
 
 impl Cost<'_> {
@@ -25,14 +25,6 @@ impl Cost<'_> {
         let m = self.control.state_values();
         let mut result: Vec<Vec<Vec<f64>>> = vec![Vec::with_capacity(self.trajectory.len()); biases.len()];
         for ((cycle, own), times) in self.trajectory.iter().zip(self.innovations).zip(self.times) {
-            let Some(times) = times else {
-                self.model.steps_tl(&cycle[0], ColumnsMut::Double(&mut columns), cycle.len() - 1);
-                for (number, dc) in biases.iter().enumerate() {
-                    let dy = own.jacobian.apply(&columns[number * m..][..m], dc);
-                    result[number].push(own.whiten(dy));
-                }
-                continue;
-            };
             let (mut done, mut seen) = (0, vec![vec![0.0; own.len()]; biases.len()]);
             for &stop in times.stops() {
                 if stop > done {
@@ -66,15 +58,8 @@ impl Cost<'_> {
         let mut columns = vec![0.0; m * whitened.len()];
         let mut biases = vec![vec![0.0; self.control.parameters()]; whitened.len()];
         for (number, (cycle, own)) in self.trajectory.iter().zip(self.innovations).enumerate().rev() {
-            let weighted = whitened.iter().map(|values| own.whiten(values[number].clone()));
-            let Some(times) = &self.times[number] else {
-                for (dy, (dx, dc)) in weighted.zip(columns.chunks_exact_mut(m).zip(&mut biases)) {
-                    own.jacobian.apply_ad(&dy, dx, dc);
-                }
-                forecast::backward_ad(self.model, cycle, &mut columns);
-                continue;
-            };
-            let weighted: Vec<Vec<f64>> = weighted.collect();
+            let times = &self.times[number];
+            let weighted: Vec<Vec<f64>> = whitened.iter().map(|values| own.whiten(values[number].clone())).collect();
             for (dy, dc) in weighted.iter().zip(&mut biases) {
                 own.jacobian.calibration.transpose_multiply_add(dy, dc);
             }

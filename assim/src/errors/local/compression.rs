@@ -2,7 +2,7 @@
 
 use super::local_factors::{LocalFactors, add_to_blocks, divided};
 use super::recombination::Recombination;
-use super::{Frame, LeftOver, LocalErrors, LocalFactorSettings};
+use super::{Frame, LeftOver, LocalErrors, LocalFactorSettings, Memory};
 use crate::linalg::{add_symmetric_product, eigen, product};
 use crate::spectral_cut;
 use faer::Mat;
@@ -58,9 +58,7 @@ impl LocalErrors {
             self.recombine_past(&before.then(&turns), left.as_ref().map(|left| (left, per_tile - mixed)));
         }
     }
-}
 
-impl LocalErrors {
     /// Takes in parts of factors that are cut off or left over: into the blocks, or into the variances `left` of all block
     /// variables, until the factors are lengthened.
     pub(super) fn leave_over(&mut self, parts: &[LocalFactors], left: &mut [f64]) {
@@ -82,7 +80,7 @@ impl LocalErrors {
         if left.iter().all(|left| *left == 0.0) {
             return;
         }
-        let super::Memory { own, factors, .. } = &mut self.memory;
+        let Memory { own, factors, .. } = &mut self.memory;
         let mut of_factors = vec![0.0; left.len()];
         factors.iter().for_each(|factors| factors.add_squared_rows(&mut of_factors));
         let mut longer = vec![1.0; left.len()];

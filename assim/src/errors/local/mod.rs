@@ -8,9 +8,9 @@
 //!
 //! Each tile j of the domain has r factors F_j, which are zero outside of a support of q × q tiles about it. The shared
 //! calibration parameters c are the border, with the sensitivities Γ of all variables to them. It is a covariance
-//! whatever F_j, Γ, C_k ≥ 0 and S ≥ 0 are: what is cut off a factor is a block diagonal of a positive semidefinite matrix, and
-//! joins the C_k, so that each block keeps its covariance; what a compression leaves over does so too, or makes the rows of
-//! the factors longer, so that each variable keeps its variance.
+//! for any F_j and Γ, and any C_k ≥ 0 and S ≥ 0. The part that is cut off a factor, or left over by a compression, has a positive
+//! semidefinite block diagonal. Either that joins the C_k, and each block keeps its covariance; or the rows of the factors are
+//! lengthened, and each variable keeps its variance.
 //!
 //! In a cycle
 //!
