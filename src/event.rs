@@ -8,10 +8,11 @@ use crate::scores::{Against, Failure, Line, Outlook, SCORES, ScoreKind, Summary,
 use crate::threshold_warning::PlacedWarning;
 use crate::verdict::Verdict;
 use isobar_assim::{Analysis, Estimate, EstimatedParameter, Structure};
-use isobar_model::{Duration, Layout, State, Time};
+use isobar_model::{Duration, Layout, State, Time, Variable};
 use isobar_obs::{Calibration, ObservationWindow, Projection, SensorComparison};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// What is known before the first cycle.
@@ -113,10 +114,21 @@ impl RunInfo {
         kinds.filter_map(|kind| Some((kind, kind.line?)))
     }
 
-    /// The number of the calibration parameter that is the bias of a station in a variable: its own, or that of its group.
-    pub fn bias_of(&self, station: &StationInfo, variable: &str) -> Option<usize> {
-        let names = [&station.group, &station.name].map(|of| format!("{}/{variable}/{of}", station.network));
-        self.calibration.parameters.iter().position(|parameter| names.contains(&parameter.name))
+    /// The stations with a bias of each variable: the number of the station, and that of the calibration parameter, which is the
+    /// station's or its group's.
+    pub fn station_biases(&self) -> Vec<Vec<(usize, usize)>> {
+        let parameters = self.calibration.parameters.iter().enumerate();
+        let numbers: BTreeMap<&str, usize> = parameters.map(|(number, it)| (it.name.as_str(), number)).collect();
+        let of_variable = |variable: &Variable| {
+            let bias = |station: &StationInfo| {
+                let names =
+                    [&station.group, &station.name].map(|of| format!("{}/{}/{of}", station.network, variable.name));
+                names.iter().filter_map(|name| numbers.get(name.as_str()).copied()).min()
+            };
+            let stations = self.stations.iter().enumerate();
+            stations.filter_map(|(number, station)| Some((number, bias(station)?))).collect()
+        };
+        self.layout.variables.iter().map(of_variable).collect()
     }
 
     /// Whether nothing is known of the true biases of a network, since it was recorded elsewhere.

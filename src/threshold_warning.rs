@@ -221,10 +221,10 @@ impl PlacedWarning {
     pub fn observed(&self, observed: &ObservationWindow, passive: bool, layout: &Layout) -> Option<bool> {
         let operator = if passive { &observed.aside.operator } else { &observed.operator };
         // Those of the valid time, not within the window before it.
-        let is_then = |row: usize| operator.within_window().is_none_or(|within| within.lags[row].seconds() == 0);
         let used = observed.reports.iter().zip(&observed.values).enumerate();
-        let used = used.filter(|(row, _)| is_then(*row)).map(|(_, (report, &value))| (report, value));
-        let others = observed.aside.passive().filter(|(row, _)| is_then(*row)).map(|(_, it)| (&it.report, it.value));
+        let used = used.filter(|(row, _)| operator.is_at_end(*row)).map(|(_, (report, &value))| (report, value));
+        let others = observed.aside.passive().filter(|(row, _)| operator.is_at_end(*row));
+        let others = others.map(|(_, it)| (&it.report, it.value));
         let all: Box<dyn Iterator<Item = (&Report, f64)>> = if passive { Box::new(others) } else { Box::new(used) };
         let cells = layout.grid.cells();
         let is_of_it = |report: &Report| {

@@ -51,8 +51,7 @@ fn names(listener: &Listener) -> Vec<String> {
 /// and one that ignores comparisons does not.
 #[test]
 fn every_method_takes_what_was_found() {
-    let first = parse(&[CARRIED_TRACER, WORLD, "[methods.kf]\nkind = \"kf\"\n"]);
-    let mut first = first;
+    let mut first = parse(&[CARRIED_TRACER, WORLD, "[methods.kf]\nkind = \"kf\"\n"]);
     first.cycle.count = 1;
     let all = names(&listen(&first).0);
     let of = |network: &str| all.iter().filter(|name| name.starts_with(network)).cloned().collect::<Vec<_>>();

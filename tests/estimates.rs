@@ -79,7 +79,7 @@ fn memory_is_as_estimated_within_a_factor() {
     assert!(estimates.len() > 10 && wrong.is_empty(), "{wrong:#?}");
 }
 
-/// Biases of stations are in the blocks: they take no column of the state each, of which this scenario would have thousands.
+/// The biases of stations are in the blocks: they do not take a column of the state each. This scenario has thousands.
 #[test]
 fn thousands_of_station_biases_do_not_swell_the_estimate() {
     let output = isobar(Path::new(env!("CARGO_MANIFEST_DIR")), &["check", "million", "--json"]);

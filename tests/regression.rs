@@ -44,9 +44,9 @@ fn methods(scenario: &Scenario, condition: impl Fn(&Method) -> bool) -> Vec<&str
 }
 
 /// Scenarios in which the Kalman filter does not know the statistics of the world, or in which one draw says nothing of them:
-/// where mean height and bias cannot be told apart nobody can better it but by luck, and where the model makes no error a few
-/// analyses see all there is; where it takes errors within the window for those at the analysis. `forecast_skill`,
-/// `observation_times` and `sensor_care` have no full Kalman filter.
+/// where mean height and bias cannot be told apart, only luck makes one method better than another; where the model makes no error,
+/// a few analyses determine everything; and `observation_times`, where the filter takes an error within the window for the one at
+/// the analysis. `forecast_skill`, `observation_times` and `sensor_care` have no full Kalman filter.
 const NOT_OPTIMAL: [&str; 13] = [
     "compared_sensors",
     "diurnal_bias",

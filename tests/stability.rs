@@ -77,7 +77,7 @@ fn demanding(scenario: String) -> String {
     scenario.replace("groups = [\"all\"]", groups) + "\n[stability]\nvariance_ratio = 0.01\n"
 }
 
-/// Each verdict is told once, and again where it is another; the last is that of the end.
+/// A verdict is reported once, and again when it changes; the last is the verdict at the end.
 #[test]
 fn verdicts_of_every_cycle_are_told_where_they_change() {
     for method in ["fkf", "kf"] {

@@ -55,7 +55,7 @@ pub trait ObservationOperator: Send + Sync {
     }
 }
 
-/// Observations of which not all are valid at the end of their window: see [`WithinWindow`](crate::WithinWindow).
+/// Observations that are not all valid at the end of their window: see [`WithinWindow`](crate::WithinWindow).
 #[derive(Clone, Copy)]
 pub struct TimedObservations<'a> {
     /// As if they were valid at the end of the window.

@@ -156,7 +156,7 @@ impl ObservationWindow {
         })
     }
 
-    /// The same observations with other operators in the place of those of which not all observations are valid at the end.
+    /// The same observations with another operator wherever some are valid before the end of the window.
     fn seen_by<E>(
         &self,
         mut operator: impl FnMut(TimedObservations<'_>) -> Result<Arc<dyn ObservationOperator>, E>,

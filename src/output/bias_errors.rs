@@ -9,16 +9,15 @@ pub fn error(history: &History, (cycle, own): (&Cycle, &MethodCycle), number: us
     Some(own.bias(number)? - truth)
 }
 
-/// The stations with a bias in a variable, the number of its parameter, and its error.
+/// The stations with a bias of a variable, the number of its parameter, and its error.
 pub fn of_stations<'a>(
     history: &'a History,
     own: (&Cycle, &MethodCycle),
-    variable: &str,
+    variable: usize,
 ) -> Vec<(&'a StationInfo, usize, f32)> {
-    let of = |station: &'a StationInfo| {
-        let number = history.info.bias_of(station, variable)?;
+    let of = |&(station, number): &(usize, usize)| {
         let error = error(history, own, number)? as f32;
-        error.is_finite().then_some((station, number, error))
+        error.is_finite().then_some((&history.info.stations[station], number, error))
     };
-    history.info.stations.iter().filter_map(of).collect()
+    history.station_biases[variable].iter().filter_map(of).collect()
 }

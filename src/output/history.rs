@@ -39,6 +39,9 @@ pub struct History {
     pub parameters: IndexMap<String, Vec<Option<ParameterHistory>>>,
     /// The verdicts on biases that were other than before, with cycle, time and number of the method.
     pub verdicts: Vec<(usize, Time, usize, Verdict)>,
+    /// The stations with a bias of each variable: the number of the station and that of the parameter, which is the station's or
+    /// its group's.
+    pub station_biases: Vec<Vec<(usize, usize)>>,
     /// The biases of scanning instruments, each in the newest cycle with observations of it.
     pub scans: BTreeMap<ObservationType, ScanBiases>,
     /// The whole true state of the current cycle, if there is a truth.
@@ -153,6 +156,7 @@ impl History {
             reliability: vec![vec![Reliability::default(); info.layout.variables.len()]; info.methods.len()],
             parameters: IndexMap::new(),
             verdicts: Vec::new(),
+            station_biases: info.station_biases(),
             scans: BTreeMap::new(),
             truth: None,
             info: info.clone(),

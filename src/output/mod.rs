@@ -1,9 +1,10 @@
 //! Sinks hear the events of a run and write files. None of them changes the run.
 //!
-//! Contents: [`directory`] (where outputs go, with [`working`], [`destination`] and [`contents`]), [`OUTPUTS`] (the outputs that can be switched off), [`netcdf`],
-//! [`forecasts`], [`parameters`], [`readings`], [`report`], [`scores`], [`summary`], [`verdicts`], and with the cargo feature `rerun` the recording for the rerun
-//! viewer. Report and recording show what [`history`] holds of the run and of the Earth (`earth`), with errors of biases (`bias_errors`), a method's blocks ([`structure`]) and what is
-//! known of its spread ([`reliability`]) and of biases that depend on the scan position ([`scans`]).
+//! Contents: [`directory`] (where outputs go, with [`working`], [`destination`] and [`contents`]), [`OUTPUTS`] (the outputs that
+//! can be switched off), [`netcdf`], [`forecasts`], [`parameters`], [`verdicts`] (both with `late_csv`), [`readings`], [`report`],
+//! [`scores`], [`summary`], [`warnings`], and with the cargo feature `rerun` the recording for the rerun viewer. Report and
+//! recording show what [`history`] holds of the run and of the Earth (`earth`), with errors of biases (`bias_errors`), a method's
+//! blocks ([`structure`]), what is known of its spread ([`reliability`]), and biases that depend on the scan position ([`scans`]).
 
 mod bias_errors;
 pub mod contents;
@@ -12,6 +13,7 @@ pub mod directory;
 mod earth;
 pub mod forecasts;
 pub mod history;
+mod late_csv;
 pub mod netcdf;
 mod outputs;
 pub mod parameters;

@@ -7,21 +7,20 @@
 
 use crate::calendar::utc;
 use crate::event::{Estimated, Event, RunInfo};
+use crate::output::late_csv::LateCsv;
 use crate::output::{OutputDirectory, Sink, SinkError};
 use indexmap::IndexMap;
-use std::fmt::Display;
-use std::fs::File;
-use std::path::PathBuf;
 
 /// Name of the file in the output directory.
 pub const PARAMETERS_FILE: &str = "parameters.csv";
 
+/// The columns.
+const HEADER: [&str; 8] = ["cycle", "valid_time", "method", "parameter", "unit", "estimate", "sigma", "verdict"];
+
 /// Writes the parameters as they come.
 #[derive(Debug)]
 pub struct ParametersSink {
-    path: PathBuf,
-    /// None before the first parameter.
-    writer: Option<csv::Writer<File>>,
+    file: LateCsv,
     info: RunInfo,
     /// The last verdict on each parameter of each method.
     verdicts: IndexMap<(usize, String), String>,
@@ -31,12 +30,8 @@ pub struct ParametersSink {
 impl ParametersSink {
     /// A sink that creates the file in `directory` when it is needed.
     pub fn new(info: &RunInfo, directory: &OutputDirectory) -> Self {
-        let path = directory.path().join(PARAMETERS_FILE);
-        Self { path, writer: None, info: info.clone(), verdicts: IndexMap::new(), warnings: Vec::new() }
-    }
-
-    fn fault(&self, reason: &dyn Display) -> SinkError {
-        SinkError { path: self.path.clone(), reason: reason.to_string() }
+        let file = LateCsv::new(directory, PARAMETERS_FILE, &HEADER);
+        Self { file, info: info.clone(), verdicts: IndexMap::new(), warnings: Vec::new() }
     }
 
     fn name(&self, method: usize) -> String {
@@ -44,15 +39,6 @@ impl ParametersSink {
     }
 
     fn write(&mut self, estimated: &Estimated<'_>) -> Result<(), SinkError> {
-        let mut writer = match self.writer.take() {
-            Some(writer) => writer,
-            None => {
-                let mut writer = csv::Writer::from_path(&self.path).map_err(|error| self.fault(&error))?;
-                let header = ["cycle", "valid_time", "method", "parameter", "unit", "estimate", "sigma", "verdict"];
-                writer.write_record(header).map_err(|error| self.fault(&error))?;
-                writer
-            }
-        };
         for parameter in estimated.parameters.iter() {
             let row = [
                 estimated.cycle.to_string(),
@@ -64,10 +50,9 @@ impl ParametersSink {
                 parameter.sigma.map_or(String::new(), |sigma| sigma.to_string()),
                 parameter.verdict.clone(),
             ];
-            writer.write_record(&row).map_err(|error| self.fault(&error))?;
+            self.file.write(row)?;
             self.verdicts.insert((estimated.method, parameter.name.clone()), parameter.verdict.clone());
         }
-        self.writer = Some(writer);
         Ok(())
     }
 
@@ -77,10 +62,7 @@ impl ParametersSink {
                 self.warnings.push(format!("method {}, {parameter}: {verdict}", self.name(*method)));
             }
         }
-        match &mut self.writer {
-            Some(writer) => writer.flush().map_err(|error| self.fault(&error)),
-            None => Ok(()),
-        }
+        self.file.flush()
     }
 }
 

@@ -1,6 +1,6 @@
 //! Comparisons of sensors and test points, cycle by cycle.
 
-use crate::scenario::{ComparisonSettings, Scenario};
+use crate::scenario::Scenario;
 use crate::text::{clean, nearest};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{Duration, Time};
@@ -19,7 +19,7 @@ struct Placed {
     error: Option<f64>,
 }
 
-/// Why a comparison is none of this run.
+/// Why a comparison does not fit the run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Misplaced {
     /// Its number in the scenario, from 0.
@@ -31,26 +31,15 @@ pub struct Misplaced {
 }
 
 impl Comparisons {
-    /// Those of a scenario.
-    ///
-    /// # Errors
-    /// As [`Comparisons::new`].
-    pub fn of(scenario: &Scenario, observing: &ObservingSystem, seed: u64) -> Result<Self, Misplaced> {
-        Self::new(&scenario.comparisons, observing.calibration(), observing.true_calibration(), seed)
-    }
-
-    /// Finds the sensors. What is made from the truth has an error from a random stream of its own, by `seed`, sensors and time.
-    /// `truth` has the true biases, where they are known.
+    /// Those of a scenario, with the numbers of their sensors. What is made from the truth has an error from its own random
+    /// stream, by `seed`, sensors and time.
     ///
     /// # Errors
     /// The first comparison of a sensor that is not there, or of two whose biases have different units, or without a value where
-    /// the truth is not known.
-    pub fn new(
-        settings: &[ComparisonSettings],
-        calibration: &Calibration,
-        truth: &[Option<f64>],
-        seed: u64,
-    ) -> Result<Self, Misplaced> {
+    /// the true bias is not known.
+    pub fn new(scenario: &Scenario, observing: &ObservingSystem, seed: u64) -> Result<Self, Misplaced> {
+        let settings = &scenario.comparisons;
+        let (calibration, truth) = (observing.calibration(), observing.true_calibration());
         let mut placed: Vec<Placed> = Vec::new();
         for (number, own) in settings.iter().enumerate() {
             let misplaced = |key, reason| Misplaced { number, key, reason };
@@ -109,7 +98,7 @@ fn find(calibration: &Calibration, name: &str) -> Result<usize, String> {
         let near = nearest(name, names()).map_or(String::new(), |near| format!("; did you mean \"{}\"?", clean(near)));
         let all: Vec<String> = names().take(8).map(clean).collect();
         let more = if names().count() > all.len() { ", …" } else { "" };
-        let all = if all.is_empty() { "there are none".to_string() } else { all.join(", ") + more };
+        let all = if all.is_empty() { "none".to_string() } else { all.join(", ") + more };
         format!("no bias that methods estimate is called \"{}\"{near} (biases: {all})", clean(name))
     })
 }

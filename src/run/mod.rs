@@ -14,6 +14,7 @@ mod influence;
 pub mod monitor;
 pub mod reference;
 mod summary;
+mod through_window;
 pub mod truth;
 pub mod units;
 

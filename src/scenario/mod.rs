@@ -127,6 +127,11 @@ impl Scenario {
         self.domain_of(&self.model)
     }
 
+    /// Whether some observations are valid before the end of their window, and are compared with the states then.
+    pub fn observes_within_window(&self) -> bool {
+        self.networks.iter().any(Network::is_within_window)
+    }
+
     /// The plane, with another model.
     pub fn domain_of(&self, model: &Model) -> Domain {
         self.grid.domain(model)

@@ -1,8 +1,8 @@
 //! Scores of forecasts ahead, by lead time.
 //!
 //! A forecast is verified once its valid time has come: against the truth; without one against the passive observations of
-//! that time (those within the window before it are not), and where there are none against all that are used, on which no forecast depends but the one of lead time 0,
-//! the analysis.
+//! that time, not those within the window before it; and without these against all that are used, on which no forecast
+//! depends but the one of lead time 0, the analysis.
 //!
 //! With errors e, claimed standard deviations σ and N grid points, of each variable
 //!
@@ -146,8 +146,7 @@ struct Departure {
 fn departures(estimate: &Estimate, observed: &ObservationWindow, passive: bool) -> Vec<Departure> {
     let Estimate { state, calibration, .. } = estimate;
     let operator = if passive { &observed.aside.operator } else { &observed.operator };
-    // A forecast is one of its valid time.
-    let is_then = |row: usize| operator.within_window().is_none_or(|within| within.lags[row].seconds() == 0);
+    // A forecast is verified by observations of its valid time only.
     let claims = (!operator.is_empty()).then(|| claims(estimate, &operator.linearize(state, calibration))).flatten();
     let claimed = |row: usize, sigma: f64| claims.as_ref().map(|claims| claims[row].hypot(sigma));
     if passive {
@@ -159,7 +158,7 @@ fn departures(estimate: &Estimate, observed: &ObservationWindow, passive: bool) 
                 claimed: claimed(row, it.sigma),
             })
         };
-        return observed.aside.passive().filter(|(row, _)| is_then(*row)).filter_map(departure).collect();
+        return observed.aside.passive().filter(|(row, _)| operator.is_at_end(*row)).filter_map(departure).collect();
     }
     let simulated = operator.simulate(state, calibration);
     let departure = |(row, report): (usize, &isobar_obs::Report)| Departure {
@@ -171,7 +170,7 @@ fn departures(estimate: &Estimate, observed: &ObservationWindow, passive: bool) 
         .reports
         .iter()
         .enumerate()
-        .filter(|(row, _)| is_then(*row))
+        .filter(|(row, _)| operator.is_at_end(*row))
         .map(departure)
         .filter(|it| it.departure.is_finite())
         .collect()

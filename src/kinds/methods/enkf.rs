@@ -26,9 +26,11 @@ struct Enkf {
 impl MethodSettings for Enkf {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
         let filter = |problem| StochasticEnsembleKalmanFilter::new(problem, self.ensemble, self.localization_radius_m);
-        let within_window = setup.within_window;
-        let filter = setup.smoothed(filter, StochasticEnsembleKalmanFilter::smoothing)?;
-        Ok(Box::new(if within_window { filter.asynchronous()? } else { filter }))
+        Ok(Box::new(setup.ensemble(
+            filter,
+            StochasticEnsembleKalmanFilter::smoothing,
+            StochasticEnsembleKalmanFilter::asynchronous,
+        )?))
     }
 
     fn takes_comparisons(&self) -> Result<(), &'static str> {

@@ -18,9 +18,11 @@ struct Etkf(EnsembleSettings);
 impl MethodSettings for Etkf {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
         let filter = |problem| EnsembleTransformKalmanFilter::new(problem, self.0);
-        let within_window = setup.within_window;
-        let filter = setup.smoothed(filter, EnsembleTransformKalmanFilter::smoothing)?;
-        Ok(Box::new(if within_window { filter.asynchronous()? } else { filter }))
+        Ok(Box::new(setup.ensemble(
+            filter,
+            EnsembleTransformKalmanFilter::smoothing,
+            EnsembleTransformKalmanFilter::asynchronous,
+        )?))
     }
 
     fn work(&self, sizes: &Sizes) -> Work {

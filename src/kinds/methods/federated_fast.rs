@@ -97,7 +97,7 @@ impl MethodSettings for FederatedFast {
     }
 
     fn takes_comparisons(&self) -> Result<(), &'static str> {
-        Err("no local filter sees the sensors of two systems")
+        self.division.takes_comparisons()
     }
 
     fn can_freeze_biases(&self) -> Result<(), &'static str> {

@@ -24,9 +24,11 @@ struct Letkf {
 impl MethodSettings for Letkf {
     fn build(&self, setup: Setup<'_>) -> Result<Box<dyn Assimilator>, Error> {
         let filter = |problem| LocalEnsembleTransformKalmanFilter::new(problem, self.ensemble, self.local);
-        let within_window = setup.within_window;
-        let filter = setup.smoothed(filter, LocalEnsembleTransformKalmanFilter::smoothing)?;
-        Ok(Box::new(if within_window { filter.asynchronous()? } else { filter }))
+        Ok(Box::new(setup.ensemble(
+            filter,
+            LocalEnsembleTransformKalmanFilter::smoothing,
+            LocalEnsembleTransformKalmanFilter::asynchronous,
+        )?))
     }
 
     fn takes_comparisons(&self) -> Result<(), &'static str> {

@@ -108,11 +108,13 @@ pub(crate) fn read(field: &Field<'_>, surroundings: &Surroundings) -> Read<Metho
         let help = "choose another kind of method, or give `error_correlation = \"ignore\"`";
         return Err(section.required("kind")?.misplaced(message, help));
     }
-    let first_guess = match settings.uses_observations() {
-        true => section.get(&FIRST_GUESS)?,
+    let first_guess = if settings.uses_observations() {
+        section.get(&FIRST_GUESS)?
+    } else if settings.forecasts() {
+        FirstGuess::AppropriateTime
+    } else {
         // What never changes is the same at all times.
-        false if !settings.forecasts() => FirstGuess::AnalysisTime,
-        false => FirstGuess::AppropriateTime,
+        FirstGuess::AnalysisTime
     };
     Ok(Method {
         kind: kind.name,

@@ -109,6 +109,18 @@ impl Setup<'_> {
             None => Ok(method),
         }
     }
+
+    /// The same, with members that see observations within a window on their own trajectories if there are such observations.
+    pub(super) fn ensemble<M>(
+        self,
+        method: impl FnOnce(Problem) -> Result<M, Error>,
+        smoothing: impl FnOnce(M, usize) -> Result<M, Error>,
+        asynchronous: impl FnOnce(M) -> Result<M, Error>,
+    ) -> Result<M, Error> {
+        let within_window = self.within_window;
+        let method = self.smoothed(method, smoothing)?;
+        if within_window { asynchronous(method) } else { Ok(method) }
+    }
 }
 
 /// What the rest of the scenario says that a method must fit to.

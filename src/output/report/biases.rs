@@ -94,8 +94,8 @@ pub fn stations(info: &RunInfo, history: &History, maps: &Maps<'_>) -> Vec<Drawi
     let claiming = methods.iter().rfind(|(_, own)| own.calibration_spread.is_some());
     let Some(&(method, own)) = claiming.or(methods.last()) else { return Vec::new() };
     let mut drawings = Vec::new();
-    for variable in &info.layout.variables {
-        let all = of_stations(history, (cycle, own), variable.name);
+    for (number, variable) in info.layout.variables.iter().enumerate() {
+        let all = of_stations(history, (cycle, own), number);
         let Some(largest) = all.iter().map(|it| it.2.abs()).reduce(f32::max) else { continue };
         let (name, limit, units) = (&info.methods[method].name, round_up(Some(largest)), unit(variable.unit));
         let mark = |(station, _, value): &(&StationInfo, usize, f32)| Mark {

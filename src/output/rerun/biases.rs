@@ -1,16 +1,14 @@
 //! All biases of a method in one figure, and its stations in the colour of theirs, cycle by cycle.
 
-use super::frame::Frame;
-use super::maps::LABEL;
-use super::names::{Names, Result, set_time};
-use super::ranges::Ranges;
-use super::series::shown_parameters;
+use super::maps::{LABEL, Pictures};
+use super::names::{Result, set_time};
+use super::series::{MOST_PARAMETERS, shown_parameters};
 use crate::event::{RunInfo, StationInfo};
 use crate::output::bias_errors;
-use crate::output::history::{Cycle, History, MethodCycle};
+use crate::output::history::{Cycle, MethodCycle};
 use crate::plot::colors;
 use crate::tables::{NONE, figure};
-use ::rerun::{LineStrips2D, Points2D, RecordingStream};
+use ::rerun::{LineStrips2D, Points2D};
 
 /// Where the frame of the figure is logged, which all methods share.
 pub const FRAME: &str = "bias_figure";
@@ -30,26 +28,15 @@ const ZERO: [u8; 3] = [160, 160, 160];
 const WITHIN: [u8; 3] = [86, 180, 233];
 const BEYOND: [u8; 3] = [230, 120, 60];
 
-/// What all pictures of biases of a run have in common.
-pub struct Biases<'a> {
-    pub recording: &'a RecordingStream,
-    pub info: &'a RunInfo,
-    pub history: &'a History,
-    pub ranges: &'a Ranges,
-    pub names: &'a Names,
-    pub frame: Frame<'a>,
-}
-
 /// What the figure shows: x and y, from and to.
 pub fn bounds(info: &RunInfo) -> [[f64; 2]; 2] {
-    let rows = shown_parameters(&info.calibration).len() as f32;
-    let width = width(info);
+    let (rows, width) = (info.calibration.len().min(MOST_PARAMETERS) as f32, width(info));
     [[-(0.5 + NAMES) * width, 0.52 * width], [-0.5, rows + 1.2]].map(|range| range.map(f64::from))
 }
 
 /// Width of the figure, where a row has the height 1.
 fn width(info: &RunInfo) -> f32 {
-    shown_parameters(&info.calibration).len().max(FEWEST_ROWS) as f32
+    info.calibration.len().clamp(FEWEST_ROWS, MOST_PARAMETERS) as f32
 }
 
 /// A bias in words: estimate, claimed standard deviation and truth.
@@ -61,21 +48,20 @@ fn label(info: &RunInfo, (cycle, own): (&Cycle, &MethodCycle), number: usize) ->
     format!("{}: {estimate}{sigma} {}{truth}", parameter.name, parameter.unit)
 }
 
-impl Biases<'_> {
+impl Pictures<'_> {
     /// The frame of the figure: names, axis, and lines at whole standard deviations.
-    pub fn log_static(&self) -> Result {
+    pub fn log_bias_frame(&self) -> Result {
         let numbers = shown_parameters(&self.info.calibration);
         if numbers.is_empty() {
             return Ok(());
         }
         let (width, rows) = (width(self.info), numbers.len() as f32);
-        let at = |value: f32| self.x(value);
         let ticks = [-2.0_f32, -1.0, 0.0, 1.0, 2.0];
-        let lines = ticks.map(|tick| [[at(tick), 0.0], [at(tick), rows]]);
+        let lines = ticks.map(|tick| [[self.x(tick), 0.0], [self.x(tick), rows]]);
         let colors = ticks.map(|tick| if tick == 0.0 { ZERO } else { GRID });
         let lines = LineStrips2D::new(lines).with_colors(colors).with_radii([0.002 * width]);
         self.recording.log_static(format!("{FRAME}/lines"), &lines.with_draw_order(1.0))?;
-        let of_ticks = ticks.map(|tick| ([at(tick), rows + 0.2], format!("{tick} σ")));
+        let of_ticks = ticks.map(|tick| ([self.x(tick), rows + 0.2], format!("{tick} σ")));
         // The viewer writes a label below its place, by a length of the screen and not of the figure.
         let above = 0.017 * width;
         let name = |(row, &number): (usize, &usize)| {
@@ -89,13 +75,13 @@ impl Biases<'_> {
     }
 
     /// All pictures of biases from a cycle on.
-    pub fn log_since(&self, since: usize) -> Result {
+    pub fn log_biases(&self, since: usize) -> Result {
         for method in (0..self.info.methods.len()).filter(|&method| self.info.methods[method].estimates_biases) {
             for (cycle, own) in self.history.of_method(method).filter(|(cycle, _)| cycle.number >= since) {
-                set_time(self.recording, cycle);
+                set_time(self.recording, cycle.number, cycle.time);
                 self.log_figure(method, (cycle, own))?;
-                for (number, variable) in self.info.layout.variables.iter().enumerate() {
-                    self.log_stations(method, (cycle, own), (number, variable.name))?;
+                for variable in 0..self.info.layout.variables.len() {
+                    self.log_stations(method, (cycle, own), variable)?;
                 }
             }
         }
@@ -130,19 +116,20 @@ impl Biases<'_> {
         0.5 * width(self.info) * value / RANGE
     }
 
-    fn log_stations(&self, method: usize, own: (&Cycle, &MethodCycle), (number, name): (usize, &str)) -> Result {
-        let stations = bias_errors::of_stations(self.history, own, name);
+    fn log_stations(&self, method: usize, own: (&Cycle, &MethodCycle), variable: usize) -> Result {
+        let stations = bias_errors::of_stations(self.history, own, variable);
         if stations.is_empty() {
             return Ok(());
         }
-        let limit = self.ranges.variables[number].station_bias;
+        let limit = self.ranges.variables[variable].station_bias;
         let places: Vec<[f32; 2]> = stations.iter().map(|it| self.frame.place(it.0.x_m, it.0.y_m)).collect();
         let colors: Vec<_> = stations.iter().map(|it| colors::difference(it.2, limit)).collect();
         let words = |(station, number, _): &(&StationInfo, usize, f32)| {
             format!("{} ({})\n{}", station.name, station.group, label(self.info, own, *number))
         };
         let labels: Vec<String> = stations.iter().map(words).collect();
-        let (path, mark) = (self.names.stations(method, name), self.frame.mark());
+        let path = self.names.stations(method, self.info.layout.variables[variable].name);
+        let mark = self.frame.mark();
         let rim = Points2D::new(places.clone()).with_radii([0.6 * mark]).with_colors([[0u8, 0, 0]]);
         self.recording.log(format!("{path}/rim"), &rim.with_draw_order(30.0))?;
         let dots = Points2D::new(places).with_radii([0.5 * mark]).with_colors(colors).with_labels(labels);

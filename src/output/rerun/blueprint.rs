@@ -8,8 +8,14 @@ use ::rerun::external::re_sdk_types::blueprint::{archetypes as archetype, compon
 use ::rerun::sink::MemorySinkStorage;
 use ::rerun::{RecordingStream, RecordingStreamBuilder};
 
-/// The classes of views.
-const CLASSES: [&str; 4] = ["2D", "TimeSeries", "TextDocument", "TextLog"];
+/// The classes of views; the number of each is part of the identifiers of its views.
+#[derive(Clone, Copy, Debug)]
+enum Class {
+    Map = 1,
+    Curves,
+    Document,
+    Log,
+}
 
 /// A layout that is being built.
 pub struct Blueprint {
@@ -48,7 +54,7 @@ impl Blueprint {
 
     /// A map with the given bounds in x and y.
     pub fn map(&mut self, name: &str, contents: &[String], [x, y]: [[f64; 2]; 2]) -> Result<Part> {
-        let part = self.view("2D", name, contents)?;
+        let part = self.view(Class::Map, name, contents)?;
         let range = Range2D { x_range: x.into(), y_range: y.into() };
         let bounds = archetype::VisualBounds2D::new(component::VisualBounds2D(range));
         self.stream.log(part.property("VisualBounds2D"), &bounds)?;
@@ -57,7 +63,7 @@ impl Blueprint {
 
     /// Curves over the whole run, with the given range of values, and with or without a legend.
     pub fn curves(&mut self, name: &str, contents: &[String], range: Option<[f64; 2]>, legend: bool) -> Result<Part> {
-        let part = self.view("TimeSeries", name, contents)?;
+        let part = self.view(Class::Curves, name, contents)?;
         if let Some(range) = range {
             self.stream.log(part.property("ScalarAxis"), &archetype::ScalarAxis::new().with_range(range))?;
         }
@@ -71,12 +77,12 @@ impl Blueprint {
 
     /// A text.
     pub fn document(&mut self, name: &str, entity: &str) -> Result<Part> {
-        self.view("TextDocument", name, &[entity.into()])
+        self.view(Class::Document, name, &[entity.into()])
     }
 
     /// A log of texts over time.
     pub fn log(&mut self, name: &str, contents: &[String]) -> Result<Part> {
-        self.view("TextLog", name, contents)
+        self.view(Class::Log, name, contents)
     }
 
     /// A container of the parts.
@@ -84,8 +90,8 @@ impl Blueprint {
         self.container_with_id(name, arrangement, parts).map(|(part, _)| part)
     }
 
-    /// Ends the layout with its outermost container, and sends it to the recording; it plays so many seconds of valid time in
-    /// a second.
+    /// Ends the layout with its outermost container, and sends it to the recording, which plays `playback_speed` seconds of
+    /// valid time per second.
     pub fn send(mut self, recording: &RecordingStream, tabs: &[Part], playback_speed: f64) -> Result {
         let (_, id) = self.container_with_id("isobar", Arrangement::Tabs, tabs)?;
         let viewport = archetype::ViewportBlueprint::new().with_root_container(component::RootContainer(id));
@@ -110,12 +116,11 @@ impl Blueprint {
         Ok(())
     }
 
-    fn view(&mut self, class: &str, name: &str, contents: &[String]) -> Result<Part> {
-        let number = CLASSES.iter().position(|own| *own == class).map_or(CLASSES.len(), |number| number + 1);
-        let part = Part(format!("view/{}", self.next_id(number as u8).1));
+    fn view(&mut self, class: Class, name: &str, contents: &[String]) -> Result<Part> {
+        let part = Part(format!("view/{}", self.next_id(class as u8).1));
         let queries = contents.iter().map(|entity| component::QueryExpression(format!("+ /{entity}").into()));
         self.stream.log(part.property("ViewContents"), &archetype::ViewContents::new(queries))?;
-        let view = archetype::ViewBlueprint::new(component::ViewClass(class.into())).with_display_name(name);
+        let view = archetype::ViewBlueprint::new(component::ViewClass(class.name().into())).with_display_name(name);
         self.stream.log(part.0.as_str(), &view.with_space_origin("/"))?;
         Ok(part)
     }
@@ -143,14 +148,26 @@ impl Blueprint {
         Ok((part, Uuid { bytes }))
     }
 
-    /// The next identifier, as bytes and as text. The class of a view is part of it: a viewer that has shown another layout keeps
-    /// the state of each view by its identifier, and fails where that is now of another class.
+    /// The next identifier, as bytes and as text; `class` is 0 for containers. A viewer that has shown another layout keeps the
+    /// state of each view under its identifier, and fails if a view of another class now has that identifier.
     fn next_id(&mut self, class: u8) -> ([u8; 16], String) {
         self.count += 1;
         let mut bytes = [0; 16];
         bytes[9] = class;
         bytes[14..].copy_from_slice(&self.count.to_be_bytes());
         (bytes, format!("00000000-0000-0000-00{class:02x}-{:012x}", self.count))
+    }
+}
+
+impl Class {
+    /// What the viewer calls it.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Map => "2D",
+            Self::Curves => "TimeSeries",
+            Self::Document => "TextDocument",
+            Self::Log => "TextLog",
+        }
     }
 }
 

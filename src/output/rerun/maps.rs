@@ -4,7 +4,6 @@ use super::frame::Frame;
 use super::names::{self, Names, Result, set_time};
 use super::ranges::{Ranges, VariableRanges};
 use crate::event::RunInfo;
-use crate::output::earth;
 use crate::output::history::{Cycle, Fields, History, MethodMaps};
 use crate::output::structure::ShownStructure;
 use crate::plot::colors::{self, Scale};
@@ -23,8 +22,8 @@ const COAST: [u8; 4] = [110, 110, 110, 255];
 /// All reports of a station or footprint in one cycle, with their numbers; at least one.
 type Platform<'a> = Vec<(usize, &'a Report)>;
 
-/// What all maps of a run have in common.
-pub struct Maps<'a> {
+/// What all pictures of a run have in common.
+pub struct Pictures<'a> {
     pub recording: &'a RecordingStream,
     pub info: &'a RunInfo,
     pub history: &'a History,
@@ -33,12 +32,12 @@ pub struct Maps<'a> {
     pub frame: Frame<'a>,
 }
 
-impl Maps<'_> {
+impl Pictures<'_> {
     /// All maps of the run from a cycle on.
-    pub fn log_since(&self, since: usize) -> Result {
+    pub fn log_maps(&self, since: usize) -> Result {
         for cycle in self.history.cycles.iter().filter(|cycle| cycle.number >= since) {
             let Some(truth) = &cycle.truth else { continue };
-            set_time(self.recording, cycle);
+            set_time(self.recording, cycle.number, cycle.time);
             for (number, variable) in self.info.layout.variables.iter().enumerate() {
                 self.log_state(&format!("truth/{}", variable.name), number, &truth[number])?;
             }
@@ -46,7 +45,7 @@ impl Maps<'_> {
         }
         for method in 0..self.info.methods.len() {
             for (cycle, maps) in self.history.maps(method).filter(|(cycle, _)| cycle.number >= since) {
-                set_time(self.recording, cycle);
+                set_time(self.recording, cycle.number, cycle.time);
                 let platforms = platforms(&cycle.reports);
                 for variable in 0..self.info.layout.variables.len() {
                     self.log_variable(method, variable, cycle, maps)?;
@@ -65,10 +64,9 @@ impl Maps<'_> {
     }
 
     /// Coast and colour bars, which stay as they are.
-    pub fn log_static(&self) -> Result {
-        let lines = earth::coastlines(self.info);
-        if !lines.is_empty() {
-            let lines = lines.into_iter().map(|line| line.into_iter().map(|[x, y]| self.frame.place(x, y)));
+    pub fn log_frames(&self, coast: Vec<Vec<[f64; 2]>>) -> Result {
+        if !coast.is_empty() {
+            let lines = coast.into_iter().map(|line| line.into_iter().map(|[x, y]| self.frame.place(x, y)));
             let strips = LineStrips2D::new(lines.map(Iterator::collect::<Vec<_>>)).with_colors([COAST]);
             self.recording
                 .log_static(names::COAST, &strips.with_radii([0.05 * self.frame.mark()]).with_draw_order(10.0))?;

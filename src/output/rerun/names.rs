@@ -1,9 +1,9 @@
 //! Under which names everything is logged.
 
 use crate::event::RunInfo;
-use crate::output::history::Cycle;
 use crate::output::netcdf::coordinates::safe_name;
 use ::rerun::RecordingStream;
+use isobar_model::Time;
 use std::error::Error;
 
 /// The recording's application: the viewer keeps a user's layout by it.
@@ -19,10 +19,10 @@ pub const COAST: &str = "coast";
 /// The outcome of logging something.
 pub type Result<T = ()> = std::result::Result<T, Box<dyn Error>>;
 
-/// Sets the cycle to which what is logged next belongs.
-pub fn set_time(recording: &RecordingStream, cycle: &Cycle) {
-    recording.set_time_sequence(CYCLE, cycle.number as i64);
-    recording.set_timestamp_secs_since_epoch(VALID_TIME, cycle.time.seconds() as f64);
+/// Sets the cycle, and its valid time, to which what is logged next belongs.
+pub fn set_time(recording: &RecordingStream, cycle: usize, time: Time) {
+    recording.set_time_sequence(CYCLE, cycle as i64);
+    recording.set_timestamp_secs_since_epoch(VALID_TIME, time.seconds() as f64);
 }
 
 /// Names of entities.

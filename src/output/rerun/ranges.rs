@@ -35,13 +35,13 @@ impl Ranges {
     pub fn of_run(info: &RunInfo, history: &History) -> Self {
         let (names, frame) = (info.layout.variables.iter().map(|variable| variable.name), Frame::new(&info.layout));
         Self {
-            variables: names.enumerate().map(|(number, name)| of_variable(info, history, number, name)).collect(),
+            variables: names.enumerate().map(|(number, name)| of_variable(history, number, name)).collect(),
             wind: history.states().map(|fields| frame.highest_speed(fields)).fold(0.0, f32::max),
         }
     }
 }
 
-fn of_variable(info: &RunInfo, history: &History, number: usize, name: &str) -> VariableRanges {
+fn of_variable(history: &History, number: usize, name: &str) -> VariableRanges {
     // The first cycles, in which all methods know little, must not make the maps of all others pale: nine tenths of the
     // values, and a little more.
     let usual =
@@ -55,16 +55,17 @@ fn of_variable(info: &RunInfo, history: &History, number: usize, name: &str) -> 
         state: history.state_range(number),
         difference: usual(&difference),
         spread: usual(&|_, maps| maps.spread.as_ref().map_or_else(Vec::new, |it| it[number].clone())),
-        station_bias: station_bias(info, history, name),
+        station_bias: station_bias(history, number),
         score: (0..history.info.methods.len()).map(|method| score(history, method, name)).collect(),
     }
 }
 
 /// The limit of colours of stations: of the median method nine tenths of all values, and a little more.
-fn station_bias(info: &RunInfo, history: &History, variable: &str) -> f32 {
+fn station_bias(history: &History, variable: usize) -> f32 {
     let of_cycle = |own| of_stations(history, own, variable).into_iter().map(|it| it.2.abs());
     let of_method = |method| quantile(history.of_method(method).flat_map(of_cycle).collect(), 0.9);
-    let estimating = (0..info.methods.len()).filter(|&method| info.methods[method].estimates_biases);
+    let methods = &history.info.methods;
+    let estimating = (0..methods.len()).filter(|&method| methods[method].estimates_biases);
     round_up(quantile(estimating.filter_map(of_method).collect(), 0.5).map(|it| 1.2 * it))
 }
 

@@ -1,13 +1,13 @@
 //! The file: everything that is logged.
 
-use super::biases::Biases;
 use super::frame::Frame;
-use super::maps::Maps;
+use super::maps::Pictures;
 use super::names::{APPLICATION_ID, Names, Result};
 use super::ranges::Ranges;
 use super::series::Series;
 use super::{text, verdicts, views};
 use crate::event::RunInfo;
+use crate::output::earth;
 use crate::output::history::History;
 use crate::scores::Summary;
 use crate::tables::stability;
@@ -54,18 +54,18 @@ pub fn log_run(
     recording.send_recording_name(format!("{}, seed {}", info.title, info.seed))?;
     let (names, ranges) = (Names::new(info), Ranges::of_run(info, history));
     let frame = Frame::new(&info.layout);
-    views::send(recording, info, history, &names, &ranges)?;
+    let coast = earth::coastlines(info);
+    views::send(recording, info, history, (&names, &ranges), !coast.is_empty())?;
     let scores = summary.map_or_else(|| text::unfinished(info), |summary| text::scores(info, summary));
     recording.log_static("text/scores", &TextDocument::from_markdown(scores))?;
     let stability = summary.map_or_else(|| text::unfinished(info), stability::markdown);
     recording.log_static("text/stability", &TextDocument::from_markdown(stability))?;
     recording.log_static("text/scenario", &TextDocument::from_markdown(text::scenario(info)))?;
-    let maps = Maps { recording, info, history, ranges: &ranges, names: &names, frame };
-    maps.log_static()?;
-    maps.log_since(0)?;
-    let biases = Biases { recording, info, history, names: &names, ranges: &ranges, frame };
-    biases.log_static()?;
-    biases.log_since(0)?;
+    let pictures = Pictures { recording, info, history, ranges: &ranges, names: &names, frame };
+    pictures.log_frames(coast)?;
+    pictures.log_bias_frame()?;
+    pictures.log_maps(0)?;
+    pictures.log_biases(0)?;
     verdicts::log(recording, info, history, &names, curves_since)?;
     Series { recording, info, history, names: &names, since: curves_since }.log()
 }
@@ -79,8 +79,9 @@ pub fn log_since(
     since: usize,
 ) -> Result {
     let (names, frame) = (Names::new(info), Frame::new(&info.layout));
-    Maps { recording, info, history, ranges, names: &names, frame }.log_since(since)?;
-    Biases { recording, info, history, ranges, names: &names, frame }.log_since(since)?;
+    let pictures = Pictures { recording, info, history, ranges, names: &names, frame };
+    pictures.log_maps(since)?;
+    pictures.log_biases(since)?;
     verdicts::log(recording, info, history, &names, since)?;
     Series { recording, info, history, names: &names, since }.log()
 }

@@ -12,8 +12,8 @@ use std::cmp::Reverse;
 /// Plots of calibration parameters on one page.
 pub const PARAMETERS_PER_PAGE: usize = 4;
 
-/// The most pages of them that a method has.
-const PAGES: usize = 12;
+/// The most calibration parameters that are shown of a method, on twelve pages.
+pub const MOST_PARAMETERS: usize = 12 * PARAMETERS_PER_PAGE;
 
 /// What the mean departures of all methods are called beside names of variables and scores.
 pub const DEPARTURE: &str = "mean_departure";
@@ -95,37 +95,41 @@ impl Series<'_> {
 
     fn log_parameter(&self, method: usize, parameter: usize) -> Result {
         let path = |part: &str| self.names.parameter(method, parameter, part);
-        for (part, name, factor) in [("below", "−2σ", -2.0), ("above", "+2σ", 2.0)] {
-            let bound = move |(_, own): (&Cycle, &MethodCycle)| {
-                Some(own.bias(parameter)? + factor * own.bias_spread(parameter)?)
-            };
-            let style = Style { color: ANALYSIS_SPREAD, width: 1.0, name };
-            self.curve(&path(part), &style, self.estimates(method, bound))?;
-        }
         let cycles = self.history.cycles.iter().filter(|cycle| cycle.number >= self.since);
         let truth = cycles.filter_map(|cycle| Some((cycle, cycle.true_bias(parameter)?)));
         self.curve(&path("truth"), &Style { color: TRUTH, width: 1.5, name: "truth" }, truth)?;
-        let estimate = self.estimates(method, |(_, own)| own.bias(parameter));
-        self.curve(&path("estimate"), &Style { color: ANALYSIS, width: 2.5, name: "estimate" }, estimate)
+        let bound = |factor: f64| {
+            self.estimates(method, move |(_, own)| Some(own.bias(parameter)? + factor * own.bias_spread(parameter)?))
+        };
+        self.log_estimate(&path, bound, self.estimates(method, |(_, own)| own.bias(parameter)))
     }
 
     /// What a method estimates beside state and calibration, where the data determine it.
     fn log_estimated(&self, method: usize) -> Result {
         for (name, methods) in &self.history.parameters {
             let Some(parameter) = &methods[method] else { continue };
-            for (part, title, factor, color, width) in [
-                ("below", "−2σ", -2.0, ANALYSIS_SPREAD, 1.0),
-                ("above", "+2σ", 2.0, ANALYSIS_SPREAD, 1.0),
-                ("estimate", "estimate", 0.0, ANALYSIS, 2.5),
-            ] {
-                let points = parameter.determined.iter().filter_map(|(time, value, sigma)| {
+            let bound = |factor: f64| {
+                parameter.determined.iter().filter_map(move |(time, value, sigma)| {
                     let cycle = self.history.cycles.iter().find(|cycle| cycle.time == *time)?;
                     (cycle.number >= self.since).then_some((cycle, value + factor * sigma))
-                });
-                self.curve(&self.names.estimated(method, name, part), &Style { color, width, name: title }, points)?;
-            }
+                })
+            };
+            self.log_estimate(&|part| self.names.estimated(method, name, part), bound, bound(0.0))?;
         }
         Ok(())
+    }
+
+    /// An estimate, and its bounds, those of `bound` for −2 and 2 standard deviations.
+    fn log_estimate<'a, B: Iterator<Item = (&'a Cycle, f64)>>(
+        &self,
+        path: &dyn Fn(&str) -> String,
+        bound: impl Fn(f64) -> B,
+        estimate: impl Iterator<Item = (&'a Cycle, f64)>,
+    ) -> Result {
+        for (part, name, factor) in [("below", "−2σ", -2.0), ("above", "+2σ", 2.0)] {
+            self.curve(&path(part), &Style { color: ANALYSIS_SPREAD, width: 1.0, name }, bound(factor))?;
+        }
+        self.curve(&path("estimate"), &Style { color: ANALYSIS, width: 2.5, name: "estimate" }, estimate)
     }
 
     /// A method's figure in every cycle that has one.
@@ -177,6 +181,6 @@ fn style<'a>(kind: &ScoreKind, line: Line, name: &'a str) -> Style<'a> {
 pub fn shown_parameters(calibration: &Calibration) -> Vec<usize> {
     let mut numbers: Vec<usize> = (0..calibration.len()).collect();
     numbers.sort_by_key(|&number| calibration.parameters[number].placement != Placement::Shared);
-    numbers.truncate(PAGES * PARAMETERS_PER_PAGE);
+    numbers.truncate(MOST_PARAMETERS);
     numbers
 }

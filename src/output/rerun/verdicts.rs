@@ -1,6 +1,6 @@
 //! The verdicts on biases as a log: what a method began to say of a bias, and in which cycle.
 
-use super::names::{Names, Result};
+use super::names::{Names, Result, set_time};
 use crate::event::RunInfo;
 use crate::output::history::History;
 use crate::plot::number;
@@ -9,8 +9,7 @@ use ::rerun::{RecordingStream, TextLog, TextLogLevel};
 /// Logs the verdicts of the cycles from `since` on.
 pub fn log(recording: &RecordingStream, info: &RunInfo, history: &History, names: &Names, since: usize) -> Result {
     for (cycle, time, method, verdict) in history.verdicts.iter().filter(|(cycle, ..)| *cycle >= since) {
-        recording.set_time_sequence("cycle", *cycle as i64);
-        recording.set_timestamp_secs_since_epoch("valid_time", time.seconds() as f64);
+        set_time(recording, *cycle, *time);
         let because = if verdict.stable {
             format!("the observations leave {} % of its prior variance", number(100.0 * verdict.variance_ratio))
         } else {

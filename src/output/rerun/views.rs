@@ -7,15 +7,19 @@ use super::names::{self, Names, Result};
 use super::ranges::Ranges;
 use super::series::{DEPARTURE, PARAMETERS_PER_PAGE, compared, shown_parameters};
 use crate::event::RunInfo;
-use crate::output::earth;
-use crate::output::history::{History, ParameterHistory};
+use crate::output::history::History;
 use crate::plot::number as number_text;
 use crate::scores::{Score, ScoreKind};
 use ::rerun::RecordingStream;
 
-/// Sends the layout of the run's views.
-pub fn send(recording: &RecordingStream, info: &RunInfo, history: &History, names: &Names, ranges: &Ranges) -> Result {
-    let has_coast = !earth::coastlines(info).is_empty();
+/// Sends the layout of the run's views, which show the coast if there is one.
+pub fn send(
+    recording: &RecordingStream,
+    info: &RunInfo,
+    history: &History,
+    (names, ranges): (&Names, &Ranges),
+    has_coast: bool,
+) -> Result {
     let mut views = Views { blueprint: Blueprint::new()?, info, history, names, ranges, has_coast };
     let mut tabs = vec![views.overview()?, views.scores()?];
     for method in 0..info.methods.len() {
@@ -41,11 +45,8 @@ impl Views<'_> {
     /// errors over time of each variable.
     fn overview(&mut self) -> Result<Part> {
         let mapped = self.history.mapped;
-        let (name, unit, range) = (
-            self.info.layout.variables[mapped].name,
-            self.info.layout.variables[mapped].unit,
-            &self.ranges.variables[mapped],
-        );
+        let (variable, range) = (&self.info.layout.variables[mapped], &self.ranges.variables[mapped]);
+        let (name, unit) = (variable.name, variable.unit);
         let (what, part) =
             if self.info.has_truth { ("analysis error", "analysis_error") } else { ("increment", "increment") };
         let mut maps = Vec::new();
@@ -197,11 +198,11 @@ impl Views<'_> {
         let contents = [format!("{}/**", biases::FRAME), self.names.map(method, "biases/**")];
         let title = format!("{what} in σ of the prior, with ±2σ of the method");
         let mut parts = vec![self.blueprint.map(&title, &contents, biases::bounds(self.info))?];
-        for (variable, ranges) in self.info.layout.variables.iter().zip(&self.ranges.variables) {
-            if self.info.stations.iter().all(|station| self.info.bias_of(station, variable.name).is_none()) {
+        for (number, variable) in self.info.layout.variables.iter().enumerate() {
+            if self.history.station_biases[number].is_empty() {
                 continue;
             }
-            let limit = number_text(ranges.station_bias);
+            let limit = number_text(self.ranges.variables[number].station_bias);
             let title = format!("stations: {what} of {} · ±{limit} {}", variable.name, variable.unit);
             let stations = format!("{}/**", self.names.stations(method, variable.name));
             parts.push(self.map(&title, vec![stations, format!("color_bars/{}/station_bias/**", variable.name)])?);
@@ -212,23 +213,20 @@ impl Views<'_> {
     /// What the method estimates beside the state, one plot for each; in tabs if there are many.
     fn biases(&mut self, method: usize) -> Result<Option<Part>> {
         let mut plots = Vec::new();
-        let is_determined = |own: &Option<ParameterHistory>| own.as_ref().is_some_and(|it| !it.determined.is_empty());
-        for (name, methods) in self.history.parameters.iter().filter(|(_, methods)| is_determined(&methods[method])) {
-            let unit = methods[method].as_ref().map_or("", |own| &own.last.unit);
-            let contents = [self.names.estimated(method, name, "**")];
-            let has_legend = plots.len() % PARAMETERS_PER_PAGE == 0;
-            plots.push(self.blueprint.curves(&format!("{name} [{unit}]"), &contents, None, has_legend)?);
-        }
+        let estimated = self.history.parameters.iter().filter_map(|(name, methods)| {
+            let own = methods[method].as_ref().filter(|own| !own.determined.is_empty())?;
+            Some((format!("{name} [{}]", own.last.unit), self.names.estimated(method, name, "**")))
+        });
         let estimates_biases = self.info.methods[method].estimates_biases;
-        for number in shown_parameters(&self.info.calibration).into_iter().filter(|_| estimates_biases) {
+        let numbers = shown_parameters(&self.info.calibration).into_iter().filter(|_| estimates_biases);
+        let biases = numbers.map(|number| {
             let parameter = &self.info.calibration.parameters[number];
-            let name = format!("{} [{}]", parameter.name, parameter.unit);
-            plots.push(self.blueprint.curves(
-                &name,
-                &[self.names.parameter(method, number, "**")],
-                None,
-                plots.len() % PARAMETERS_PER_PAGE == 0,
-            )?);
+            let title = format!("{} [{}]", parameter.name, parameter.unit);
+            (title, self.names.parameter(method, number, "**"))
+        });
+        for (title, contents) in estimated.chain(biases) {
+            let has_legend = plots.len() % PARAMETERS_PER_PAGE == 0;
+            plots.push(self.blueprint.curves(&title, &[contents], None, has_legend)?);
         }
         if plots.is_empty() {
             return Ok(None);

@@ -34,8 +34,9 @@ impl<'a> ExperimentBuilder<'a> {
     /// Adds a method.
     ///
     /// `set_up` is given the scenario's [`Problem`]. Observations have their biases; a method that does not estimate them
-    /// returns zeros as its calibration. Those within a window have the operator of [`WithinWindow`](isobar_obs::WithinWindow), about
-    /// the trajectory from the problem's background or the method's last analysis. What `[sensors]` knows of the biases is used only for a method that has
+    /// returns zeros as its calibration. Those within a window have the operator of
+    /// [`WithinWindow`](isobar_obs::WithinWindow), about the trajectory from the problem's background or the method's last
+    /// analysis. What `[sensors]` knows of the biases is used only for a method that has
     /// [`Views::calibration`](isobar_assim::Views::calibration).
     ///
     /// [`ExperimentBuilder::build`] refuses a name that is not valid or that another method has.

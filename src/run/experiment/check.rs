@@ -54,7 +54,7 @@ pub fn check(scenario: &Scenario) -> Result<Checked, Vec<ExperimentError>> {
     }
     let cycles = 1..=scenario.cycle.count;
     let placed = placed_warnings(scenario, &ground).map_err(|fault| vec![fault])?;
-    let compared = Comparisons::of(scenario, &ground.observing, scenario.seed);
+    let compared = Comparisons::new(scenario, &ground.observing, scenario.seed);
     compared.map_err(|fault| vec![ExperimentError::Comparison(fault)])?;
     let mut warnings = notices::warnings(scenario, &ground.observing, cycles.clone());
     warnings.extend(notices::of_methods(scenario, |_| true));

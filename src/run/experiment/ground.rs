@@ -6,6 +6,7 @@ use super::known_biases;
 use super::span::Span;
 use crate::kinds::covariances;
 use crate::run::earlier::Earlier;
+use crate::run::through_window::ThroughWindow;
 use crate::run::truth::{Series, Truth, Twin};
 use crate::scenario::{Scenario, TruthSeries, TruthSettings, TwinSettings};
 use crate::sensors::knowledge::{WarmStart, warm_start};
@@ -68,9 +69,9 @@ pub(super) fn ground_after(
         let steps = scenario.cycle.window.steps_of(model.time_step()).expect("the scenario's window fits its steps");
         let error = model_error.clone().map(|covariance| (covariance, settings.model_error_scale.sqrt()));
         check_times(scenario, steps)?;
-        let twin = Twin::new(model, steps, span.last, error, stream(seed, "truth/model error"), state);
-        let within = scenario.networks.iter().any(|network| network.times_per_window > 1);
-        Ok(if within { twin.keeping_window() } else { twin })
+        let keeps_window = scenario.networks.iter().any(|network| network.times_per_window > 1);
+        let run = ThroughWindow::new(model, steps, state, keeps_window);
+        Ok(Twin::new(run, span.last, error, stream(seed, "truth/model error")))
     };
     let begin = span.start + scenario.cycle.window * span.done;
     let series = |series: &TruthSeries| {
@@ -107,7 +108,7 @@ pub(super) fn ground_after(
     Ok(Ground { problem, sensors, truth, observing })
 }
 
-/// Refuses networks that observe when the truth, of which so many states are known in a cycle, is not known.
+/// Refuses networks that observe at other times than those of the `states` true states of a cycle, at equal intervals.
 fn check_times(scenario: &Scenario, states: usize) -> Result<(), ExperimentError> {
     let misses = |network: &&Network| !states.is_multiple_of(network.times_per_window.max(1));
     let Some(network) = scenario.networks.iter().find(misses) else { return Ok(()) };
@@ -129,7 +130,7 @@ fn divisors(number: usize) -> String {
     const MOST: usize = 12;
     let all: Vec<String> = (1..=number).filter(|it| number.is_multiple_of(*it)).map(|it| it.to_string()).collect();
     let more = if all.len() > MOST { ", …" } else { "" };
-    all.iter().take(MOST).cloned().collect::<Vec<_>>().join(", ") + more
+    all[..all.len().min(MOST)].join(", ") + more
 }
 
 /// What the database of sensors knows at the start of a run, or of the first of those from which it goes on; nothing without one.

@@ -39,7 +39,7 @@ use ground::ground_after;
 use isobar_assim::high_pass::HighPassSettings;
 use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem, Recalibration, Whitened};
 use isobar_model::{State, Time};
-use isobar_obs::{Network, ObservingSystem};
+use isobar_obs::ObservingSystem;
 use span::Span;
 use std::borrow::Cow;
 
@@ -186,7 +186,7 @@ impl ExperimentBuilder<'_> {
         let span = Span::new(scenario, options.cycles, earlier);
         let ground = ground_after(scenario, seed, span, earlier)?;
         let placed = placed_warnings(scenario, &ground)?;
-        let comparisons = Comparisons::of(scenario, &ground.observing, seed).map_err(ExperimentError::Comparison)?;
+        let comparisons = Comparisons::new(scenario, &ground.observing, seed).map_err(ExperimentError::Comparison)?;
         let Ground { problem, sensors, truth, observing } = ground;
         let inputs = Inputs::new(scenario, &sensors, added);
         let chosen = |name: &String| options.methods.as_ref().is_none_or(|chosen| chosen.contains(name));
@@ -200,7 +200,7 @@ impl ExperimentBuilder<'_> {
             let judging = Judging { first_analysis, ..judging.clone() };
             runner.watched(scenario.cycle.score_from_cycle, judging).of_model(problem.model.clone())
         };
-        let within_window = scenario.networks.iter().any(Network::is_within_window);
+        let within_window = scenario.observes_within_window();
         let at_its_times = |runner: Runner, first_guess: FirstGuess| match first_guess {
             FirstGuess::AppropriateTime if within_window => runner.at_appropriate_time(problem.background.clone()),
             _ => runner,
@@ -367,9 +367,8 @@ pub fn method(
         let message = format!("it would need about {needed}, and this machine has {total}");
         return Err(fault(isobar_assim::Error::Setting(message)));
     }
-    let within_window = scenario.networks.iter().any(Network::is_within_window);
-    let method =
-        settings.build(problem, &scenario.domain(), start, scenario.cycle.window, within_window).map_err(fault)?;
+    let (window, within_window) = (scenario.cycle.window, scenario.observes_within_window());
+    let method = settings.build(problem, &scenario.domain(), start, window, within_window).map_err(fault)?;
     if scenario.forecast.is_some() {
         require_room(&*method, settings.memory_limit_bytes).map_err(fault)?;
     }

@@ -1,23 +1,19 @@
 //! A truth that is a model run of its own, with stochastic model error.
 
-use crate::run::reference::through_window;
+use crate::run::through_window::ThroughWindow;
 use isobar_assim::{Covariance, covariance};
-use isobar_model::{ForecastError, Model, State};
+use isobar_model::{ForecastError, State};
 use isobar_obs::WindowStates;
 use rand_chacha::ChaCha8Rng;
 use std::sync::Arc;
 
 /// A true world that follows a model.
 pub struct Twin {
-    model: Arc<dyn Model>,
-    steps_per_cycle: usize,
+    /// Its state at the end of a window has the random errors.
+    run: ThroughWindow,
     /// Covariance of what a cycle adds, and the factor on its standard deviation.
     model_error: Option<(Arc<dyn Covariance>, f64)>,
     random: ChaCha8Rng,
-    /// The states through the last window, the last with its random errors; or that one alone where nothing is observed before
-    /// it.
-    states: Vec<State>,
-    keeps_window: bool,
     /// What its variability may come to without being a fault: root mean squares of each variable about its mean at the start,
     /// with the model errors of all cycles.
     scales: Vec<f64>,
@@ -41,23 +37,17 @@ pub struct Growth {
 }
 
 impl Twin {
-    /// A world that is at `state` now, and follows `model` for so many cycles with random errors of the given covariance and
-    /// factor on the standard deviation.
+    /// A world that follows a model run for this number of cycles, with random errors of the given covariance and factor on
+    /// the standard deviation.
     pub fn new(
-        model: Arc<dyn Model>,
-        steps_per_cycle: usize,
+        run: ThroughWindow,
         cycles: usize,
         model_error: Option<(Arc<dyn Covariance>, f64)>,
         random: ChaCha8Rng,
-        state: State,
     ) -> Self {
-        let scales = scales(&state, model_error.as_ref().map(|(covariance, factor)| (&**covariance, *factor)), cycles);
-        Self { model, steps_per_cycle, model_error, random, states: vec![state], keeps_window: false, scales }
-    }
-
-    /// The same with its states within each window.
-    pub fn keeping_window(self) -> Self {
-        Self { keeps_window: true, ..self }
+        let scales =
+            scales(run.state(), model_error.as_ref().map(|(covariance, factor)| (&**covariance, *factor)), cycles);
+        Self { run, model_error, random, scales }
     }
 
     /// Says whether the truth has grown by orders of magnitude, in every variable that varied at the start: a model that gains
@@ -84,12 +74,12 @@ impl Twin {
 
     /// The true state now.
     pub fn state(&self) -> &State {
-        self.states.last().expect("there is always a state")
+        self.run.state()
     }
 
     /// The true states through the last window.
     pub fn window(&self) -> WindowStates<'_> {
-        WindowStates::new(&self.states, self.model.time_step() * self.steps_per_cycle)
+        self.run.window()
     }
 
     /// Everything that the next cycles depend on and the scenario does not determine: its state, and the numbers drawn so far,
@@ -100,9 +90,8 @@ impl Twin {
 
     /// Takes back what [`Twin::save`] gave; whether it fits.
     pub fn restore(&mut self, state: State, random: u128) -> bool {
-        let fits = state.layout() == self.state().layout();
+        let fits = self.run.restore(state);
         if fits {
-            self.states = vec![state];
             self.random.set_word_pos(random);
         }
         fits
@@ -113,11 +102,10 @@ impl Twin {
     /// # Errors
     /// If the true state leaves the finite numbers.
     pub fn advance(&mut self) -> Result<(), ForecastError> {
-        self.states = through_window(&*self.model, self.state(), self.steps_per_cycle, self.keeps_window)?;
+        self.run.advance()?;
         if let Some((covariance, factor)) = &self.model_error {
             let error = covariance::randomize(&**covariance, &mut self.random);
-            let end = self.states.last_mut().expect("a forecast has an end");
-            end.values_mut().iter_mut().zip(error).for_each(|(value, error)| *value += factor * error);
+            self.run.add(error.iter().map(|error| factor * error));
         }
         Ok(())
     }
@@ -140,7 +128,7 @@ fn scales(state: &State, model_error: Option<(&dyn Covariance, f64)>, cycles: us
 mod tests {
     use super::*;
     use isobar_model::random::stream;
-    use isobar_model::{Boundary, Duration, Grid, Layout, advection};
+    use isobar_model::{Boundary, Duration, Grid, Layout, Model, advection};
 
     /// Multiplies all values by a factor in a step.
     struct Growing {
@@ -169,7 +157,8 @@ mod tests {
         let start = State::from_values(&layout, (0..12).map(|i| 10.0 + f64::from(i)).collect());
         let growth = |factor: f64| {
             let model = Arc::new(Growing { layout: Arc::clone(&layout), factor });
-            let mut truth = Twin::new(model, 10, 30, None, stream(1, "truth"), start.clone());
+            let mut truth =
+                Twin::new(ThroughWindow::new(model, 10, start.clone(), false), 30, None, stream(1, "truth"));
             (1..=30).find_map(|cycle| {
                 truth.advance().unwrap();
                 truth.check_growth().err().map(|growth| (cycle, growth.to_string()))

@@ -14,8 +14,8 @@ pub enum Freezing {
     WhileUnstable(Hysteresis),
 }
 
-/// A bias is frozen, with the estimate and the variance that it has, after so many cycles in succession without a stable update,
-/// and adjusted again after so many with one.
+/// A bias is frozen, with its current estimate and variance, after `unstable_cycles` in succession without a stable update, and
+/// adjusted again after `stable_cycles` in succession with one.
 ///
 /// While it is frozen, the method is a Schmidt–Kalman filter (see [`isobar_assim::Calibrated`]), and the verdict is that on the
 /// update that it does not get: by the variance that it would have left. Innovations of a filter with a frozen bias are not

@@ -1,4 +1,4 @@
-//! The verdict on every bias in every cycle, of which those are told that are others than in the cycle before.
+//! The verdict on every bias in every cycle; only changes are reported.
 
 use super::freezing::Standing;
 use super::judge::doubts;
@@ -14,9 +14,9 @@ pub struct Verdicts {
 }
 
 impl Verdicts {
-    /// Judges the parameters after an analysis, and freezes them and adjusts them again by the rule: those verdicts that are the
-    /// first or other than in the cycle before. None of a method that claims no covariance of biases. `when_frozen` is what
-    /// was said of parameters when they were frozen for good, which stands.
+    /// Judges the parameters after an analysis, and freezes and thaws them by the rule. Returns the first verdict on each, and
+    /// those that have changed since the cycle before; nothing for a method that claims no covariance of biases. `when_frozen`
+    /// has the verdicts on parameters that were frozen for good, which stand.
     ///
     /// # Errors
     /// Those of [`Calibrated::hold`].

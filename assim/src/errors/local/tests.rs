@@ -173,8 +173,8 @@ fn compression_keeps_the_covariance_of_each_block_or_the_variance_of_each_variab
     }
 }
 
-/// The variances that are there and those that are left over are all there afterwards; of a variable of which less is in the
-/// factors the surplus is in the blocks.
+/// No variance is lost: a variable has its own and what was left over. Where that is more than the factors hold, the surplus is in
+/// the blocks.
 #[test]
 fn longer_factors_hold_what_is_left_over() {
     let mut errors = errors(Boundary::Channel);
