@@ -32,7 +32,8 @@ fn a_bias_that_nothing_tells_from_the_mean_height_is_named_with_what_would_cure_
         "cannot be separated: the mean h and sondes/h/all (correlation -1.00; keeps 54 % of its prior variance)",
         "an unbiased observation of the mean h would tell them apart, to 14 m or better",
         "stations without bias (reference_groups), of sondes/h/all",
-        "sondes/h/all: not stable, adjusted all the same: the observations leave 54 % of its prior variance",
+        "sondes/h/all: not stable, adjusted all the same: the observations leave 54 % of its prior variance; needs a test point \
+         to 13 m or better, or a network without bias that observes the same",
     ] {
         assert!(printed.contains(part), "{part} is missing:\n{printed}");
     }
@@ -162,4 +163,46 @@ fn a_bias_is_frozen_while_it_has_no_stable_update() {
         let ratio = |end: &serde_json::Value| end[0]["variance_ratio"].as_f64().unwrap();
         assert!(ratio(&end) < 1.2 * ratio(&other), "{end} {other}");
     }
+}
+
+/// A datum as good as the monitor says is needed makes the bias stable, and one that is a little worse does not.
+#[test]
+fn a_test_point_or_a_comparison_as_good_as_is_needed_is_enough() {
+    let standard = |scenario: String| {
+        scenario.replace("groups = [\"all\"]", "groups = [\"A\", \"B\"]")
+            + "\n[networks.standard]\nkind = \"radiosonde\"\nstations = { random = 1 }\nobserve = { h = 100 }\n\
+               [[networks.standard.bias]]\nper = \"group\"\nvariable = \"h\"\nsigma = 1\n"
+    };
+    let (printed, scores) = run(standard, "fkf");
+    let parameter = &scores["stability"]["parameters"][0];
+    assert!(parameter["name"] == "sondes/h/A" && parameter["stable"] == false, "{parameter}");
+    let needs = &parameter["needs"];
+    assert_eq!(needs["comparison"]["with"], "standard/h/all", "{needs}");
+    assert!(printed.contains("or a comparison with standard/h/all to "), "{printed}");
+    let data = [("", &needs["test_point_sigma"]), ("with = \"standard/h/all\"\n", &needs["comparison"]["sigma"])];
+    for ((with, sigma), (factor, enough)) in data.into_iter().flat_map(|it| [(it, (0.999, true)), (it, (1.001, false))])
+    {
+        let sigma = factor * sigma.as_f64().unwrap();
+        let last = format!(
+            "\n[[comparisons]]\nsensor = \"sondes/h/A\"\n{with}time = \"2026-01-25T00:00:00Z\"\nsigma = {sigma}\n"
+        );
+        let (_, scores) = run(|scenario| standard(scenario) + &last, "fkf");
+        let parameter = &scores["stability"]["parameters"][0];
+        assert_eq!(parameter["stable"], enough, "{with} {factor} {parameter}");
+    }
+}
+
+/// Observed for as many cycles as it says, a bias is determined, and in half of them it is not.
+#[test]
+fn as_many_cycles_as_are_needed_are_enough() {
+    let end = |cycles: u64| {
+        let of_length = |scenario: String| {
+            demanding(scenario).replace("count = 40", &format!("count = {cycles}")).replace("score_from_cycle = 21", "")
+        };
+        verdicts(of_length, "fkf", "cycle").1[0].clone()
+    };
+    let early = end(5);
+    let further = early["needs"]["further_cycles"].as_u64().unwrap();
+    assert!(end(5 + further)["stable"] == true, "{early}");
+    assert!(end(5 + further / 2)["stable"] == false, "{early}");
 }

@@ -50,6 +50,7 @@ mod innovation_covariance;
 mod leading_eigenvectors;
 mod linalg;
 mod memory;
+mod needs;
 pub mod observability;
 pub mod optimal_interpolation;
 pub mod problem;
@@ -83,6 +84,7 @@ pub use errors::{banded, blocks as fast_kalman, dense as kalman, local as local_
 pub use estimate::{Analysis, Background, Estimate};
 pub use estimated::{EstimatedParameter, EstimatesParameters};
 pub use linalg::reserve_workspace;
+pub use needs::{NeededComparison, Needs};
 pub use observability::{Combination, Inseparable, Observability};
 pub use problem::{BiasTreatment, Problem};
 pub use structure::{BlockStructure, CommonFactor, Structure};

@@ -1,9 +1,9 @@
 //! The stability monitor's verdicts in words, for terminal, page and recording.
 
 use super::{Cell, NONE, Table};
-use crate::plot::number;
+use crate::plot::{number, with_unit};
 use crate::scores::Summary;
-use crate::scores::stability::{ParameterStability, Stability, Undetermined};
+use crate::scores::stability::{ParameterNeeds, ParameterStability, Stability, Undetermined};
 
 /// The most combinations, parameters or sensors that are named.
 const MOST_NAMED: usize = 8;
@@ -58,9 +58,33 @@ pub fn findings(stability: &Stability) -> Vec<String> {
         ));
     }
     for parameter in stability.parameters.iter().filter(|it| !it.stable).take(MOST_NAMED) {
-        findings.push(format!("{}: {}: {}", parameter.name, parameter.verdict(), parameter.why.join("; ")));
+        let mut finding = format!("{}: {}: {}", parameter.name, parameter.verdict(), parameter.why.join("; "));
+        if let Some(needs) = parameter.needs.as_ref().map(|needs| needs_in_words(needs, &parameter.unit)) {
+            finding += &format!("; needs {needs}");
+        }
+        findings.push(finding);
     }
     findings
+}
+
+/// What would give a bias with this unit a stable update; each by itself.
+fn needs_in_words(needs: &ParameterNeeds, unit: &str) -> String {
+    let ParameterNeeds { further_cycles, test_point_sigma, comparison, reconfiguration } = needs;
+    let sigma = |sigma: f64| with_unit(number(rounded_down(sigma)), unit);
+    let data = [
+        further_cycles.map(|cycles| format!("about {cycles} more cycles like the last")),
+        test_point_sigma.map(|own| format!("a test point to {} or better", sigma(own))),
+        comparison.as_ref().map(|own| format!("a comparison with {} to {} or better", own.with, sigma(own.sigma))),
+        reconfiguration.clone(),
+    ];
+    data.into_iter().flatten().collect::<Vec<_>>().join(", or ")
+}
+
+/// At most the value, with two significant digits.
+fn rounded_down(value: f64) -> f64 {
+    let nearest = rounded(value);
+    let unit = 10_f64.powf(value.log10().floor() - 1.0);
+    if nearest <= value { nearest } else { rounded(nearest - unit) }
 }
 
 fn undetermined(combination: &Undetermined) -> String {

@@ -4,7 +4,7 @@ use isobar::correlations::Correlations;
 use isobar::event::{Analysed, Event, MethodInfo, RunInfo, StationInfo};
 use isobar::output::{Sink, SinkError};
 use isobar::readings::Readings;
-use isobar::scores::stability::{ParameterStability, Stability};
+use isobar::scores::stability::{ComparisonNeed, ParameterNeeds, ParameterStability, Stability};
 use isobar::scores::{MethodScores, Summary, Values};
 use isobar_assim::block_angular::PartitionReport;
 use isobar_assim::{Analysis, CommonFactor, Estimate, Structure};
@@ -369,12 +369,19 @@ fn analyse(
     values.extend([("seconds_per_cycle".to_string(), 0.0123), ("peak_memory_bytes".to_string(), 1_500_000.0)]);
     let parameters = info.calibration.parameters.iter().map(|parameter| ParameterStability {
         name: parameter.name.clone(),
+        unit: parameter.unit.clone(),
         observations: 12,
         variance_ratio: 0.5,
         lag_correlation: None,
         stable: false,
         frozen: false,
         why: vec!["the observations leave 50 % of its prior variance".into()],
+        needs: Some(ParameterNeeds {
+            further_cycles: Some(24),
+            test_point_sigma: Some(7.5),
+            comparison: Some(ComparisonNeed { with: "somewhere/else".into(), sigma: 3.25 }),
+            reconfiguration: None,
+        }),
     });
     let stability = Stability { parameters: parameters.collect(), ..Stability::default() };
     let scores = MethodScores {

@@ -1,5 +1,6 @@
 //! The verdicts.
 
+use super::needs::of_parameter;
 use super::{Expected, InseparableMean, ParameterStability, Stability, Undetermined, Watch};
 use isobar_assim::{Assimilator, Calibrated, CalibrationAccuracy, Combination, Error, Observability};
 use isobar_model::Layout;
@@ -84,16 +85,23 @@ pub fn judge(
             let frozen = method.frozen()[number];
             let would_be = method.variance_if_adjusted(number).map(|variance| variance / prior[(number, number)]);
             let ratio = would_be.unwrap_or(ratios[number]);
-            let why: Vec<String> =
-                doubts(watch, (number, frozen), ratio, variance_ratio).map(|doubt| doubt.to_string()).collect();
+            let doubts: Vec<Doubt> = doubts(watch, (number, frozen), ratio, variance_ratio).collect();
+            let why: Vec<String> = doubts.iter().map(Doubt::to_string).collect();
+            let needs = (!doubts.is_empty()).then(|| {
+                let information = watch.information_of(number);
+                let own = (number, prior[(number, number)]);
+                of_parameter(own, variance_ratio, &information, &doubts, &accuracy, calibration)
+            });
             ParameterStability {
                 name: parameter.name.clone(),
+                unit: parameter.unit.clone(),
                 observations: watch.observations_of(number),
                 variance_ratio: ratio,
                 lag_correlation: watch.lag_correlation_of(number),
                 stable: why.is_empty(),
                 frozen,
                 why,
+                needs,
             }
         })
         .collect();

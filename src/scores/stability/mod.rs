@@ -12,11 +12,13 @@
 
 mod freezing;
 mod judge;
+mod needs;
 mod verdicts;
 mod watch;
 
 pub use freezing::{Freezing, Hysteresis};
 pub use judge::judge;
+pub use needs::{ComparisonNeed, ParameterNeeds};
 pub use verdicts::Verdicts;
 pub use watch::Watch;
 
@@ -73,6 +75,8 @@ pub struct VarianceGrowth {
 pub struct ParameterStability {
     /// Its name.
     pub name: String,
+    /// Its unit, in UDUNITS spelling.
+    pub unit: String,
     /// How many observations and comparisons had it.
     pub observations: usize,
     /// The share of its prior variance that it still has; of one that is frozen by [`Hysteresis`], that an update would leave.
@@ -85,6 +89,8 @@ pub struct ParameterStability {
     pub frozen: bool,
     /// Why it is not stable; empty if it is.
     pub why: Vec<String>,
+    /// What would make it stable; `None` if it is.
+    pub needs: Option<ParameterNeeds>,
 }
 
 impl ParameterStability {

@@ -29,6 +29,7 @@ impl Verdicts {
         when_frozen: Option<&Stability>,
     ) -> Result<Vec<Verdict>, Error> {
         let mut verdicts = verdicts(watch, method, analysis, variance_ratio, when_frozen);
+        verdicts.iter().for_each(|it| watch.add_variance_ratio(it.parameter, it.variance_ratio));
         let before = |number: usize| self.last.get(number).copied();
         let mut now: Vec<Standing> =
             verdicts.iter().map(|it| Standing::after(before(it.parameter), it.stable, it.frozen)).collect();

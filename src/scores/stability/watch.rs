@@ -1,5 +1,6 @@
 //! What the monitor gathers, cycle by cycle.
 
+use super::needs::Information;
 use super::{Expected, VarianceGrowth};
 use crate::outcome::Outcome;
 use indexmap::IndexMap;
@@ -52,6 +53,7 @@ struct OfParameter {
     observations: usize,
     last: Option<f64>,
     lagged: Lagged,
+    information: Information,
 }
 
 /// A station's series: network, platform, variable.
@@ -167,6 +169,18 @@ impl Watch {
     /// Correlation of what successive innovations say of a parameter.
     pub(super) fn lag_correlation_of(&self, parameter: usize) -> Option<Expected> {
         self.parameters.get(parameter)?.lagged.correlation()
+    }
+
+    /// Takes in the share of its prior variance that a parameter keeps after a cycle, which [`Watch::add`] has taken in.
+    pub(super) fn add_variance_ratio(&mut self, parameter: usize, variance_ratio: f64) {
+        if let Some(own) = self.parameters.get_mut(parameter) {
+            own.information.add(variance_ratio);
+        }
+    }
+
+    /// How much observations have said of a parameter.
+    pub(super) fn information_of(&self, parameter: usize) -> Information {
+        self.parameters.get(parameter).map_or_else(Information::default, |own| own.information)
     }
 
     /// Gathers what successive innovations say of a parameter anew.
