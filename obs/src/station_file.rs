@@ -78,7 +78,7 @@ impl StationFile {
         let mut line_of_id: HashMap<String, usize> = HashMap::new();
         table.each_row(&mut faults, |row, faults| {
             let line = row.line;
-            let id = row.name(id_column, faults);
+            let id = row.name(id_column, faults).map(str::to_owned);
             let position = position_columns.read(&row, faults);
             if let Some(column) = name_column.filter(|&column| !row.text(column).is_empty()) {
                 row.name(column, faults);

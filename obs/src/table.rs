@@ -277,7 +277,7 @@ impl Row<'_> {
 
     /// Whether the field in a column says that there is no value: it is empty, `NaN`, `NA` or `null`.
     pub fn is_missing(&self, column: usize) -> bool {
-        ["", "nan", "na", "n/a", "null", "none"].contains(&self.fields[column].to_lowercase().as_str())
+        ["", "nan", "na", "n/a", "null", "none"].iter().any(|word| self.fields[column].eq_ignore_ascii_case(word))
     }
 
     /// A number from `low` to `high`; `None`, and a fault, if the field is none.
@@ -315,11 +315,11 @@ impl Row<'_> {
     }
 
     /// A name of at most [`LONGEST_NAME`] characters; `None`, and a fault, if the field is none.
-    pub fn name(&self, column: usize, faults: &mut Faults) -> Option<String> {
+    pub fn name(&self, column: usize, faults: &mut Faults) -> Option<&str> {
         let name = &self.fields[column];
         let length = name.chars().count();
         if (1..=LONGEST_NAME).contains(&length) {
-            return Some(name.clone());
+            return Some(name);
         }
         let column = shown(&self.columns[column]);
         faults.add(

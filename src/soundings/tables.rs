@@ -137,7 +137,7 @@ impl TrackerTable {
                 faults.add(row.line, format!("the tracker `{name}` is there twice"));
             }
             trackers.push(Tracker {
-                name,
+                name: name.to_owned(),
                 place_m: place.map(Option::unwrap_or_default),
                 sigma_range_m: sigma[0],
                 sigma_azimuth_rad: sigma[1],

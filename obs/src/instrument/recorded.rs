@@ -83,11 +83,14 @@ impl InstrumentSettings for RecordedSettings {
             let Some((x_m, y_m, state)) = self.place(record, variable, site, &mut faults)? else { continue };
             let Valid { cycle, time, is_late, lag } = when(record.valid, self.times, site.window, site.start);
             let platform = match &record.id {
-                Some(id) => id.clone(),
-                None => nameless.platform(cycle, variable, words(record.place, (x_m, y_m)), [record.value, sigma]),
+                Some(id) => Arc::clone(id),
+                None => {
+                    let place = words(record.place, (x_m, y_m));
+                    nameless.platform(cycle, variable, place, [record.value, sigma]).into()
+                }
             };
             winds.add(record, variable, sigma, observations.len());
-            let report = Report { network: network.clone(), platform: platform.into(), variable, x_m, y_m, scan: None };
+            let report = Report { network: network.clone(), platform, variable, x_m, y_m, scan: None };
             let reading = Reading::Recorded { value: record.value, time, is_late, lacks_predictor: false };
             records.push(record);
             let report_number = reports.number(record.report.as_deref());
@@ -148,7 +151,7 @@ impl RecordedSettings {
             let problem = format!("{file} has no column `{setting}`; add it, or give `{setting}` for the network");
             ObservationError::in_setting(site.network, "file", problem)
         };
-        let name = record.variable.as_ref().or(self.variable.as_ref()).ok_or_else(|| missing("variable"))?;
+        let name = record.variable.as_deref().or(self.variable.as_deref()).ok_or_else(|| missing("variable"))?;
         let sigma = record.sigma.or(self.sigma).ok_or_else(|| missing("sigma"))?;
         let valid = || layout.variables.iter().map(|variable| variable.name);
         match layout.variable(name) {

@@ -8,6 +8,7 @@ use crate::observation_file::{ObservationFile, ObservationRecord};
 use crate::recorded_use::BiasUse;
 use crate::site::Site;
 use std::collections::HashMap;
+use std::sync::Arc;
 
 /// A bias of one variable of recorded observations, which methods estimate:
 ///
@@ -244,12 +245,12 @@ pub(super) struct References<'a> {
 }
 
 /// What the file says of an observation: its station, or its group.
-type Said = fn(&ObservationRecord) -> Option<&String>;
+type Said = fn(&ObservationRecord) -> Option<&str>;
 
 impl References<'_> {
     /// Refuses names that are not in the file, or there twice.
     fn check(&self, network: &str) -> Result<(), ObservationError> {
-        let (station, group): (Said, Said) = (|record| record.id.as_ref(), |record| record.group.as_ref());
+        let (station, group): (Said, Said) = (|record| record.id.as_deref(), |record| record.group.as_deref());
         for (setting, names, said) in
             [("reference_stations", self.stations, station), ("reference_groups", self.groups, group)]
         {
@@ -257,7 +258,7 @@ impl References<'_> {
                 if names[..number].contains(name) {
                     return Err(ObservationError::duplicate_name(network, setting, name));
                 }
-                if !self.file.records().iter().any(|record| said(record) == Some(name)) {
+                if !self.file.records().iter().any(|record| said(record) == Some(name.as_str())) {
                     return Err(self.unknown(network, setting, name, said));
                 }
             }
@@ -266,14 +267,16 @@ impl References<'_> {
     }
 
     fn contain(&self, record: &ObservationRecord) -> bool {
-        record.id.as_ref().is_some_and(|id| self.stations.contains(id))
-            || record.group.as_ref().is_some_and(|group| self.groups.contains(group))
+        let contains = |names: &[String], own: &Option<Arc<str>>| {
+            own.as_deref().is_some_and(|own| names.iter().any(|name| name == own))
+        };
+        contains(self.stations, &record.id) || contains(self.groups, &record.group)
     }
 
     /// That a reference is not in the file.
     fn unknown(&self, network: &str, setting: &'static str, name: &str, said: Said) -> ObservationError {
         const MOST_LISTED: usize = 20;
-        let mut valid: Vec<&String> = self.file.records().iter().filter_map(said).collect();
+        let mut valid: Vec<&str> = self.file.records().iter().filter_map(said).collect();
         valid.sort_unstable();
         valid.dedup();
         let more = valid.len().saturating_sub(MOST_LISTED);

@@ -1,6 +1,6 @@
 //! The columns of a file of observations, and what a row of them says.
 
-use super::record::{FurtherColumns, ObservationPlace, ObservationRecord, ValidTime};
+use super::record::{FurtherColumns, Names, ObservationPlace, ObservationRecord, ValidTime};
 use crate::table::{Faults, LARGEST, Row, Table, TableError};
 
 /// Columns that are recognised in capitals too, and by synonyms.
@@ -74,7 +74,13 @@ impl Columns {
 
     /// The observation of a row that is not missing; `None`, and its faults, if the fields are not what they must be. Values
     /// that usually mark a missing one are faults unless there are `markers`.
-    pub fn record(&self, row: &Row<'_>, markers: Option<&[f64]>, faults: &mut Faults) -> Option<ObservationRecord> {
+    pub fn record(
+        &self,
+        row: &Row<'_>,
+        markers: Option<&[f64]>,
+        names: &mut Names,
+        faults: &mut Faults,
+    ) -> Option<ObservationRecord> {
         let valid = match (self.cycle, self.time) {
             (Some(cycle), _) => row.whole(cycle, LAST, faults).map(ValidTime::Cycle),
             (None, Some(time)) => row.time(time, faults).map(ValidTime::Time),
@@ -85,8 +91,9 @@ impl Columns {
         // `Some(None)` without such a column; `None` for a fault.
         let sigma =
             self.sigma.map_or(Some(None), |column| row.number(column, (1.0 / LARGEST, LARGEST), faults).map(Some));
-        let [id, group, report] = [self.id, self.group, self.report]
-            .map(|column| column.map_or(Some(None), |column| row.name(column, faults).map(Some)));
+        let [id, group, report] = [self.id, self.group, self.report].map(|column| {
+            column.map_or(Some(None), |column| row.name(column, faults).map(|name| Some(names.shared(name))))
+        });
         let predictor = |&(column, ref name): &(usize, String)| {
             let is_missing = is_missing_or_marked(row, column, markers);
             if is_missing { Some(None) } else { number(row, column, name, markers, faults).map(Some) }
@@ -96,7 +103,7 @@ impl Columns {
             line: row.line,
             valid: valid?,
             place: place?,
-            variable: self.variable.map(|column| row.text(column).to_owned()),
+            variable: self.variable.map(|column| names.shared(row.text(column))),
             value: value?,
             sigma: sigma?,
             id: id?,

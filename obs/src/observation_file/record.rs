@@ -1,6 +1,8 @@
 //! A line of a file of observations.
 
 use isobar_model::Time;
+use std::collections::HashSet;
+use std::sync::Arc;
 
 /// The columns that biases and correlated errors need, and which rows are read.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -25,19 +27,35 @@ pub struct ObservationRecord {
     /// Where.
     pub place: ObservationPlace,
     /// The variable's name, if the file says it.
-    pub variable: Option<String>,
+    pub variable: Option<Arc<str>>,
     /// The observed value; finite.
     pub value: f64,
     /// Standard deviation of its random error, above 0, if the file says it.
     pub sigma: Option<f64>,
     /// The station, if the file says it.
-    pub id: Option<String>,
+    pub id: Option<Arc<str>>,
     /// The station's group, if that is read.
-    pub group: Option<String>,
+    pub group: Option<Arc<str>>,
     /// Its report, if that is read.
-    pub report: Option<String>,
+    pub report: Option<Arc<str>>,
     /// The numbers of the [further columns](FurtherColumns::predictors); nothing where one is missing.
     pub predictors: Vec<Option<f64>>,
+}
+
+/// The names of a file, each held once: millions of rows have those of few stations.
+#[derive(Default)]
+pub(super) struct Names(HashSet<Arc<str>>);
+
+impl Names {
+    /// The one copy of a name.
+    pub fn shared(&mut self, name: &str) -> Arc<str> {
+        if let Some(held) = self.0.get(name) {
+            return Arc::clone(held);
+        }
+        let held: Arc<str> = name.into();
+        self.0.insert(Arc::clone(&held));
+        held
+    }
 }
 
 /// When an observation is valid.
