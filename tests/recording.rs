@@ -3,9 +3,9 @@
 
 use crate::synthetic_run::SyntheticRun;
 use isobar::output::{Existing, OutputDirectory, Outputs, open_all};
-use rerun::external::re_log_encoding::DecoderApp;
-use rerun::log::{Chunk, LogMsg};
-use rerun::{DepthImage, Image, Points2D, Scalars, TextDocument};
+use re_sdk::external::re_log_encoding::DecoderApp;
+use re_sdk::log::{Chunk, LogMsg};
+use re_sdk_types::archetypes::{DepthImage, Image, Points2D, Scalars, TextDocument};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::BufReader;

@@ -57,7 +57,7 @@ mod tests {
     #[test]
     fn the_viewers_version_is_that_of_the_sdk() {
         let manifest = include_str!("../../Cargo.toml");
-        assert!(manifest.contains(&format!("rerun = {{ version = \"={VIEWER_VERSION}\"")));
+        assert!(manifest.contains(&format!("re_sdk = {{ version = \"={VIEWER_VERSION}\"")));
         assert_eq!(version("rerun-cli 0.36.3 [rustc 1.92.0]"), Some("0.36.3"));
         assert_eq!(version("no such thing"), None);
     }

@@ -8,7 +8,7 @@ use crate::output::bias_errors;
 use crate::output::history::{Cycle, MethodCycle};
 use crate::plot::colors;
 use crate::tables::{NONE, figure};
-use ::rerun::{LineStrips2D, Points2D};
+use re_sdk_types::archetypes::{LineStrips2D, Points2D};
 
 /// Where the frame of the figure is logged, which all methods share.
 pub const FRAME: &str = "bias_figure";

@@ -2,11 +2,11 @@
 //! interface has no way to set axes, bounds and legends.
 
 use super::names::{APPLICATION_ID, Result, VALID_TIME};
-use ::rerun::datatypes::{Range2D, TimeRange, TimeRangeBoundary, Uuid};
-use ::rerun::external::re_log_types::BlueprintActivationCommand;
-use ::rerun::external::re_sdk_types::blueprint::{archetypes as archetype, components as component};
-use ::rerun::sink::MemorySinkStorage;
-use ::rerun::{RecordingStream, RecordingStreamBuilder};
+use re_sdk::external::re_log_types::BlueprintActivationCommand;
+use re_sdk::sink::MemorySinkStorage;
+use re_sdk::{RecordingStream, RecordingStreamBuilder};
+use re_sdk_types::blueprint::{archetypes as archetype, components as component};
+use re_sdk_types::datatypes::{Range2D, TimeRange, TimeRangeBoundary, Uuid};
 
 /// The classes of views; the number of each is part of the identifiers of its views.
 #[derive(Clone, Copy, Debug)]

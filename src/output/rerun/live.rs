@@ -8,7 +8,7 @@ use crate::output::history::History;
 use crate::output::recorded::recording::VIEWER_VERSION;
 use crate::scores::Summary;
 use crate::text::clean;
-use ::rerun::{RecordingStream, RecordingStreamBuilder};
+use re_sdk::{RecordingStream, RecordingStreamBuilder};
 use std::fmt;
 use std::net::{Ipv4Addr, SocketAddr, TcpStream};
 use std::time::Duration;

@@ -8,10 +8,12 @@ use crate::output::history::{Cycle, Fields, History, MethodMaps};
 use crate::output::structure::ShownStructure;
 use crate::plot::colors::{self, Scale};
 use crate::plot::number as number_text;
-use ::rerun::components::Colormap;
-use ::rerun::{Arrows2D, ChannelDatatype, DepthImage, Image, LineStrips2D, Points2D, RecordingStream};
 use indexmap::IndexMap;
 use isobar_obs::Report;
+use re_sdk::RecordingStream;
+use re_sdk_types::archetypes::{Arrows2D, DepthImage, Image, LineStrips2D, Points2D};
+use re_sdk_types::components::Colormap;
+use re_sdk_types::datatypes::ChannelDatatype;
 
 /// Colours of arrows on dark and on light maps, of labels, and of the coast.
 const LIGHT: [u8; 4] = [255, 255, 255, 210];

@@ -2,8 +2,8 @@
 
 use crate::event::RunInfo;
 use crate::output::netcdf::coordinates::safe_name;
-use ::rerun::RecordingStream;
 use isobar_model::Time;
+use re_sdk::RecordingStream;
 use std::error::Error;
 
 /// The recording's application: the viewer keeps a user's layout by it.

@@ -11,8 +11,9 @@ use crate::output::earth;
 use crate::output::history::History;
 use crate::scores::Summary;
 use crate::tables::stability;
-use ::rerun::log::ChunkBatcherConfig;
-use ::rerun::{RecordingStream, RecordingStreamBuilder, TextDocument};
+use re_sdk::log::ChunkBatcherConfig;
+use re_sdk::{RecordingStream, RecordingStreamBuilder};
+use re_sdk_types::archetypes::TextDocument;
 use std::path::Path;
 use std::time::Duration;
 

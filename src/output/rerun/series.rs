@@ -5,8 +5,10 @@ use crate::event::RunInfo;
 use crate::output::history::{Cycle, History, MethodCycle};
 use crate::plot::colors;
 use crate::scores::{Line, Part, ScoreKind};
-use ::rerun::{RecordingStream, Scalars, SeriesLines, TimeColumn};
 use isobar_obs::{Calibration, Placement};
+use re_sdk::RecordingStream;
+use re_sdk::log::TimeColumn;
+use re_sdk_types::archetypes::{Scalars, SeriesLines};
 use std::cmp::Reverse;
 
 /// Plots of calibration parameters on one page.

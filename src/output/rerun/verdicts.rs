@@ -4,7 +4,9 @@ use super::names::{Names, Result, set_time};
 use crate::event::RunInfo;
 use crate::output::history::History;
 use crate::plot::number;
-use ::rerun::{RecordingStream, TextLog, TextLogLevel};
+use re_sdk::RecordingStream;
+use re_sdk_types::archetypes::TextLog;
+use re_sdk_types::components::TextLogLevel;
 
 /// Logs the verdicts of the cycles from `since` on.
 pub fn log(recording: &RecordingStream, info: &RunInfo, history: &History, names: &Names, since: usize) -> Result {

@@ -10,7 +10,7 @@ use crate::event::RunInfo;
 use crate::output::history::History;
 use crate::plot::number as number_text;
 use crate::scores::{Score, ScoreKind};
-use ::rerun::RecordingStream;
+use re_sdk::RecordingStream;
 
 /// Sends the layout of the run's views, which show the coast if there is one.
 pub fn send(
