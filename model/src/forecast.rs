@@ -8,7 +8,10 @@ use crate::time::Duration;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// A forecast model: x(t + Δt) = M(x(t)).
+/// A forecast model: x(t + Δt) = M(x(t), t).
+///
+/// The time t is that of the state: it is advanced with it, copied with it and stored with it, so that no forecast has to be
+/// told when it starts, and none can start at another time than its state.
 pub trait Model: Send + Sync {
     /// Grid and variables.
     fn layout(&self) -> &Arc<Layout>;
@@ -33,7 +36,8 @@ pub trait Model: Send + Sync {
         require_finite_state(x)
     }
 
-    /// Advances `x` by one time step.
+    /// Advances `x` by one time step: its values, and its valid time by [`State::advance`]. A model whose right-hand side
+    /// depends on time finds the time before the step in [`State::time`].
     fn step(&self, x: &mut State);
 }
 

@@ -11,7 +11,7 @@ use crate::text::clean;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const FORMAT: Format = Format { name: "checkpoint", number: 6 };
+const FORMAT: Format = Format { name: "checkpoint", number: 7 };
 
 /// How many checkpoints are kept.
 const KEPT: usize = 2;

@@ -26,7 +26,7 @@ use serde::{Deserialize, Serialize};
 use settings::Settings;
 use std::path::Path;
 
-const FORMAT: Format = Format { name: "final state", number: 2 };
+const FORMAT: Format = Format { name: "final state", number: 3 };
 
 /// The most differences that a message lists.
 const MOST_LISTED: usize = 20;
