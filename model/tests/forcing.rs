@@ -158,11 +158,12 @@ fn the_forcing_is_of_second_order_with_every_scheme() {
             })
             .collect::<Vec<f64>>()
     });
-    for scheme in 0..3 {
+    // The third-order error of the third scheme falls by 8, and is as large as the other down to minutes.
+    for (scheme, most) in [(0, 4.2), (1, 4.2), (2, 8.2)] {
         let errors = errors.each_ref().map(|errors| errors[scheme]);
         assert!(errors[0] < 1.0 && errors[3] < 0.02, "{errors:?}");
         let ratio = errors[2] / errors[3];
-        assert!((3.8..4.2).contains(&ratio), "scheme {scheme}: {errors:?}");
+        assert!((3.8..most).contains(&ratio), "scheme {scheme}: {errors:?}");
     }
 }
 

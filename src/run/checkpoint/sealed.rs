@@ -1,7 +1,7 @@
 //! Files of a version of isobar with a checksum: checkpoints, and the final states of runs.
 //!
 //! ```text
-//! isobar checkpoint 6, version 0.1.0⏎      format and program
+//! isobar checkpoint 7, version 0.1.0⏎      format and program
 //! the head                                  postcard
 //! length, memory                            of each method: the length in 8 bytes, little-endian
 //! checksum                                  CRC-32 of all before it, 4 bytes, little-endian
