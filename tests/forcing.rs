@@ -113,7 +113,7 @@ fn tables_of_time_and_place_are_what_they_say() {
         &source("forcing", wave, "{ kind = \"table\", file = \"tide.csv\" }"),
         &source("truth.forcing", wave, "{ kind = \"sinusoid\", period_hours = 12, phase_hours = 3 }"),
     );
-    // Linear interpolation over half an hour is off by (ω/2)² h²/2 = 0.9 % at most, and two thirds of that in the mean.
+    // Linear interpolation over half an hour is off by (ω h)²/8 = 0.9 % at most, and two thirds of that in the mean.
     let whole =
         error("", &source("truth.forcing", wave, "{ kind = \"sinusoid\", period_hours = 12, phase_hours = 3 }"));
     assert!(by_table > 0.0 && by_table < 0.009 * whole, "{by_table} of {whole}");

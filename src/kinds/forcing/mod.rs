@@ -79,6 +79,6 @@ fn source(element: &Field<'_>, domain: &Domain) -> Read<Source> {
 
 /// The first source that is not known from one time to another: its number, and from when to when it is.
 pub(crate) fn unknown_between(forcing: &Forcing, from: Time, to: Time) -> Option<(usize, (Time, Time))> {
-    let spans = forcing.sources.iter().enumerate().filter_map(|(number, own)| Some((number, own.function.span()?)));
-    spans.into_iter().find(|(_, span)| from < span.0 || span.1 < to)
+    let mut spans = forcing.sources.iter().enumerate().filter_map(|(number, own)| Some((number, own.function.span()?)));
+    spans.find(|(_, span)| from < span.0 || span.1 < to)
 }
