@@ -86,8 +86,11 @@ impl Model for Forced {
         self.model.largest_time_step_s(x)
     }
 
+    fn needs_time(&self) -> bool {
+        true
+    }
+
     fn check_state(&self, x: &State) -> Result<(), ModelError> {
-        x.require_time()?;
         self.model.check_state(x)
     }
 

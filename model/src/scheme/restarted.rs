@@ -130,10 +130,11 @@ impl<T: Tendency> Model for RestartedLeapfrog<T> {
         self.leapfrog.largest_time_step_s(x).min(self.largest_angle / oscillation)
     }
 
+    fn needs_time(&self) -> bool {
+        !self.forcing.is_empty()
+    }
+
     fn check_state(&self, x: &State) -> Result<(), ModelError> {
-        if !self.forcing.is_empty() {
-            x.require_time()?;
-        }
         crate::forecast::require_finite_state(x)?;
         self.leapfrog.tendency().check(x.values())
     }
