@@ -30,8 +30,8 @@ const FREE: [&str; 15] = [
 const SHOWN: usize = 60;
 
 /// All that determines how a cycle follows from the one before: the keys of the scenario, and what the tables say that it names.
-/// New observations are read, new states of a truth that is a series, and new times of a forcing's table, so that the names and contents of their files are no
-/// part of it; nor is the place of the database of sensors.
+/// New observations are read, new states of a truth that is a series, and new times of a forcing's table, so that the names and
+/// contents of their files are no part of it; nor is the place of the database of sensors.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// Values by their keys with those of the tables that they are in, as in `model.time_step_s`.
