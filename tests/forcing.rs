@@ -145,7 +145,7 @@ fn a_table_that_does_not_reach_over_the_run_is_refused() {
     assert!(checked.status.success(), "{}", text(&checked.stderr));
     let refused = |arguments: &[&str], expected: &str| {
         let output = isobar(here, arguments);
-        let message = text(&output.stderr);
+        let message = text(&output.stderr).replace("\n  │ ", " ").split_whitespace().collect::<Vec<_>>().join(" ");
         assert!(!output.status.success() && message.contains(expected), "{message}");
         assert!(message.contains("file = \"u.csv\""), "{message}");
     };

@@ -112,7 +112,7 @@ mod tests {
     use isobar_model::random::{standard_normals, stream};
     use isobar_model::vector::{axpy, dot};
     use isobar_model::{
-        Boundary, Duration, Forced, Forcing, Grid, Model, ShallowWater, ShallowWaterParameters, Source, Stepped, Time,
+        Boundary, Duration, Forced, Forcing, Grid, ShallowWater, ShallowWaterParameters, Source, Stepped, Time,
         TimeFunction, TimeScheme, VectorInvariant,
     };
     use isobar_obs::{Jacobian, SparseRows};
