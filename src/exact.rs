@@ -265,6 +265,10 @@ fn check_linear(scenario: &Scenario) -> Result<&TwinSettings, ScenarioError> {
             "exact performance needs the same model for the truth: else errors depend on the state".to_string();
         return Err(scenario.fault(&["truth", "model"], message, "another model"));
     }
+    if truth.model.forcing != scenario.model.forcing {
+        let message = "exact performance needs the same forcing for the truth: else errors have a mean".to_string();
+        return Err(scenario.fault(&["truth", "forcing"], message, "another forcing"));
+    }
     if truth.initial.is_some() {
         let message = "exact performance is that of a truth which starts at a draw of the background error".to_string();
         return Err(scenario.fault(&["truth", "initial"], message, "a given start"));

@@ -30,6 +30,7 @@ static FILES: &[(&str, &[u8])] = files![
     "fkf_jet.toml",
     "fkf_linear.toml",
     "fkf_nonlinear.toml",
+    "forcing.toml",
     "forecast_skill.toml",
     "fully_observed.toml",
     "growth_12000.toml",

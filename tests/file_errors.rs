@@ -213,6 +213,54 @@ fn of_patterns() {
 }
 
 #[test]
+fn of_a_forcing() {
+    let case = |of: &str, variable: &str, key: &str, contents: String, wanted| Case {
+        change: (
+            "[cycle]",
+            format!("[[{of}]]\nvariable = \"{variable}\"\namplitude_per_day = 1\n{key}, file = \"b.csv\" }}\n[cycle]"),
+        ),
+        at: if variable == "v" { "{ kind = \"file\", file = \"b.csv\" }" } else { "\"b.csv\"" },
+        file: Some(("b.csv", contents)),
+        wanted,
+    };
+    const PATTERN: &str = "pattern = { kind = \"file\"";
+    const TIME: &str = "time = { kind = \"table\"";
+    let ones = "1\n".repeat(48);
+    assert_named(&[
+        case(
+            "forcing",
+            "h",
+            PATTERN,
+            "1\n".repeat(40),
+            &["b.csv has 40 rows of numbers, but should have 48, one for each cell of the grid", "the grid is 8 × 6"],
+        ),
+        case("forcing", "h", PATTERN, "1,2\n".repeat(48), &["there are 2 columns, more than the 1 allowed"]),
+        case("forcing", "h", PATTERN, ones.replacen('1', "inf", 1), &["b.csv, line 1: `column 1` is `inf`"]),
+        case(
+            "forcing",
+            "v",
+            PATTERN,
+            ones,
+            &["the pattern is 1 in row 1 of the numbers, at the southern wall", "must be 0 in the first nx rows"],
+        ),
+        case(
+            "truth.forcing",
+            "h",
+            TIME,
+            "time,value\n2026-01-15T00:00:00Z,1\n2026-01-15T00:00:00Z,1\n".into(),
+            &["b.csv, line 3: `time` is `2026-01-15T00:00:00Z`, but must be a time after that of the row before"],
+        ),
+        case(
+            "forcing",
+            "h",
+            TIME,
+            "time,value\n2026-01-15T00:00:00Z,1\n2026-01-17T00:00:00Z,1\n".into(),
+            &["the table of source 1 of [[forcing]] goes from 2026-01-15T00:00:00Z to 2026-01-17T00:00:00Z"],
+        ),
+    ]);
+}
+
+#[test]
 fn of_methods_that_cannot_freeze() {
     const FKF: &str = "[methods.fkf]\nkind = \"fkf\"\nblocks = \"cell\"";
     let case = |new: &str, at, wanted| Case { change: (FKF, new.to_string()), at, file: None, wanted };

@@ -143,6 +143,27 @@ fn a_run_in_parts_is_the_same_run_with_all_methods() {
     assert_same_in_parts(&scenario, &[5, 1, 3, 4]);
 }
 
+/// Sources of the model, and others of the truth, that change within a cycle and have no period in common with it.
+const SOURCES: &str = r#"
+[[forcing]]
+variable = "tracer"
+amplitude_per_day = 2
+pattern = { kind = "gaussian_hill", width_km = 200 }
+time = { kind = "sinusoid", period_hours = 17, phase_hours = 3 }
+[[truth.forcing]]
+variable = "tracer"
+amplitude_per_day = 3
+pattern = { kind = "cosine_wave", waves_y = 1 }
+time = { kind = "sinusoid", period_hours = 29 }
+"#;
+
+/// Time goes on where a run goes on, and does not begin anew.
+#[test]
+fn a_run_in_parts_is_the_same_run_with_a_forcing() {
+    let scenario = parse(&[TRACER, AROUND, SOURCES, METHODS]);
+    assert_same_in_parts(&scenario, &[5, 1, 3, 4]);
+}
+
 /// The high-pass filter's first cycles, and parameters that are frozen after a cycle, may lie in one run or another.
 #[test]
 fn first_calibration_and_freezing_go_on() {

@@ -28,6 +28,7 @@ mod failures;
 mod faults;
 mod file_errors;
 mod finished_runs;
+mod forcing;
 mod forecasts_ahead;
 mod going_on;
 mod honest_numbers;

@@ -47,10 +47,11 @@ fn methods(scenario: &Scenario, condition: impl Fn(&Method) -> bool) -> Vec<&str
 /// where mean height and bias cannot be told apart, only luck makes one method better than another; where the model makes no error,
 /// a few analyses determine everything; and `observation_times`, where the filter takes an error within the window for the one at
 /// the analysis. `forecast_skill`, `observation_times` and `sensor_care` have no full Kalman filter.
-const NOT_OPTIMAL: [&str; 13] = [
+const NOT_OPTIMAL: [&str; 14] = [
     "compared_sensors",
     "diurnal_bias",
     "first_calibration",
+    "forcing",
     "forecast_skill",
     "linear_advection",
     "local_factors",

@@ -54,6 +54,36 @@ fn the_diurnal_bias_is_recovered() {
     assert!(own.innovation_chi2.unwrap().holds() && !verdict("fkf").innovation_chi2.unwrap().holds(), "{own:?}");
 }
 
+/// What the heating of 6 per day adds in a cycle of w = 3 h, 6 (P/π) sin(π w/P) cos(2π (t − w/2 − 14 h)/P), has the cosine and the sine
+/// of the time at its end that the window estimates: a wind along the band does not change it.
+#[test]
+fn an_unknown_heating_is_found_as_strong_as_it_is() {
+    use std::f64::consts::{PI, TAU};
+    let (unknown, parameters) = results("forcing", |text| text, &["free", "kf", "window"]);
+    let (period, hours) = (24.0, 3.0);
+    let amplitude = 6.0 / 24.0 * period / PI * (PI * hours / period).sin();
+    let phase = TAU * (hours / 2.0 + 14.0) / period;
+    for (name, part) in [("cosine", phase.cos()), ("sine", phase.sin())] {
+        let (value, sigma, verdict) = &parameters[&("window".to_string(), format!("heating/eof 1/{name}"))];
+        let (truth, sigma) = (amplitude * part, sigma.unwrap());
+        assert_eq!(verdict, "determined");
+        assert!((value - truth).abs() < 3.0 * sigma, "{name}: {value} ± {sigma}, and not {truth}");
+        assert!(sigma < 0.1 * amplitude, "{name}: ± {sigma} of {amplitude}");
+    }
+    let known = |text: String| text.replace("amplitude_per_day = 0\n", "amplitude_per_day = 6\n");
+    let (known, of_nothing) = results("forcing", known, &["free", "kf", "window"]);
+    let error = |summary: &Summary, kind: &str, method: &str| summary.methods[method].values[&format!("{kind}.tracer")];
+    for kind in ["rmse_analysis", "rmse_background", "rmse_forecast"] {
+        let [blind, told, found] =
+            [error(&unknown, kind, "kf"), error(&known, kind, "kf"), error(&unknown, kind, "window")];
+        assert!(blind > 1.3 * told && found < 1.1 * told, "{kind}: {blind} without it, {told} with it, {found} found");
+    }
+    // Where there is nothing left to be found, nothing is found.
+    for (value, sigma, _) in of_nothing.values() {
+        assert!(value.abs() < 3.0 * sigma.unwrap(), "{value} ± {sigma:?}");
+    }
+}
+
 #[test]
 fn a_wrong_model_is_corrected() {
     let (wrong, parameters) = results("wrong_model", |text| text, &["corrected"]);

@@ -23,7 +23,8 @@ impl Climatology {
         let spread = covariance::standard_deviations(&*problem.background_error);
         let parameters = problem.estimated_calibration().parameters;
         let estimate = Estimate {
-            state: problem.background.clone(),
+            // It is of no particular time.
+            state: problem.background.clone().valid_at(None),
             calibration: vec![0.0; problem.calibration.len()],
             state_spread: Some(spread),
             calibration_spread: (!parameters.is_empty())

@@ -219,6 +219,7 @@ impl<E: Fusible> Assimilator for FederatedFilter<E> {
         };
         let forecasts: Vec<_> = filters.local.par_iter_mut().map(forecast).collect();
         forecasts.into_iter().try_for_each(|forecast| forecast.map(drop))?;
+        filters.master.belief.s.state.advance(window);
         E::fuse(filters)?;
         Ok(Background { estimate: filters.estimate()?, window })
     }

@@ -26,7 +26,7 @@ pub enum BiasTreatment {
 pub struct Problem<M: ?Sized = dyn Adjoint> {
     /// The forecast model.
     pub model: Arc<M>,
-    /// The background at the start.
+    /// The background at the start, with its valid time.
     pub background: State,
     /// Covariance of its error.
     pub background_error: Arc<dyn Covariance>,

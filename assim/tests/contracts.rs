@@ -49,10 +49,10 @@ fn adaptive(method: Box<dyn Assimilator>, problem: &Problem) -> Adaptive {
 }
 
 /// Builds a method.
-type Build<'a> = Box<dyn Fn() -> Box<dyn Assimilator> + 'a>;
+pub type Build<'a> = Box<dyn Fn() -> Box<dyn Assimilator> + 'a>;
 
 /// A method of every kind that is built from a problem.
-fn all(problem: &Problem) -> Vec<(&'static str, Build<'_>)> {
+pub fn all(problem: &Problem) -> Vec<(&'static str, Build<'_>)> {
     let own = || problem.clone();
     let inflation = Inflation {
         background: BackgroundInflation::Factor(1.1),

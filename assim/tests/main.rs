@@ -18,6 +18,7 @@ mod ensemble_smoothers;
 mod factors;
 mod federated;
 mod federated_fast;
+mod forcing;
 mod high_pass;
 mod kalman;
 mod local_factors;

@@ -290,6 +290,7 @@ impl Model for ExactShift {
 
     fn step(&self, x: &mut State) {
         self.shift(x.values_mut(), self.rows, self.columns);
+        x.advance(self.time_step);
     }
 }
 

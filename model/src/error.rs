@@ -51,6 +51,15 @@ pub enum ModelError {
         /// The value there.
         value: f64,
     },
+    /// A state has no valid time, and the model is not autonomous.
+    #[error("the state has no valid time, from which a model with a forcing could go on: State::valid_at says it")]
+    NoTime,
+    /// A source of a forcing does not fit the model.
+    #[error("{reason}")]
+    Source {
+        /// What is wrong.
+        reason: String,
+    },
     /// No thickness balances the wind between two rows.
     #[error("no thickness balances the zonal wind {} m/s at row {row}", Readable(*wind_m_per_s))]
     NoBalance {

@@ -8,7 +8,10 @@ use crate::time::Duration;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// A forecast model: x(t + Δt) = M(x(t)).
+/// A forecast model: x(t + Δt) = M(x(t), t).
+///
+/// The time t is that of the state: it is advanced with it, copied with it and stored with it, so that no forecast has to be
+/// told when it starts, and none can start at another time than its state.
 pub trait Model: Send + Sync {
     /// Grid and variables.
     fn layout(&self) -> &Arc<Layout>;
@@ -24,7 +27,12 @@ pub trait Model: Send + Sync {
     /// The largest stable step of the time scheme at `x` \[s\]; infinite where there is no limit.
     fn largest_time_step_s(&self, x: &State) -> f64;
 
-    /// Fails if no forecast can start from `x`: a value is not finite or, where the model has a thickness, that is not
+    /// Whether M depends on t, so that a forecast can start only from a state that knows its valid time.
+    fn needs_time(&self) -> bool {
+        false
+    }
+
+    /// Fails if no forecast can start from the values of `x`: one is not finite or, where the model has a thickness, that is not
     /// positive.
     ///
     /// # Errors
@@ -33,7 +41,8 @@ pub trait Model: Send + Sync {
         require_finite_state(x)
     }
 
-    /// Advances `x` by one time step.
+    /// Advances `x` by one time step: its values, and its valid time by [`State::advance`]. A model whose right-hand side
+    /// depends on time finds the time before the step in [`State::time`].
     fn step(&self, x: &mut State);
 }
 
@@ -104,10 +113,10 @@ pub enum ForecastError {
 /// Advances `x` by `steps` time steps.
 ///
 /// # Errors
-/// [`ForecastError::Start`] if the initial state does not pass [`Model::check_state`], and
+/// [`ForecastError::Start`] if the initial state does not pass [`Model::check_state`] or lacks the time that the model needs, and
 /// [`ForecastError::NotFinite`] at the first step after which a value is not finite.
 pub fn forecast(model: &dyn Model, x: &mut State, steps: usize) -> Result<(), ForecastError> {
-    model.check_state(x)?;
+    check_start(model, x)?;
     for step in 1..=steps {
         step_checked(model, x, step)?;
     }
@@ -125,7 +134,7 @@ pub fn forecast_tl<S: Stored>(
     columns: &mut [S],
     steps: usize,
 ) -> Result<(), ForecastError> {
-    model.check_state(x)?;
+    check_start(model, x)?;
     let at = x.clone();
     // The state's own forecast is as good as that of a further column, on whichever thread has time for it.
     let forecast = || (1..=steps).try_for_each(|step| step_checked(model, x, step));
@@ -184,7 +193,7 @@ pub fn require_finite_increments<S: Stored>(layout: &Layout, columns: &[S], step
 /// # Errors
 /// As [`forecast`].
 pub fn trajectory(model: &dyn Model, x: &State, steps: usize) -> Result<Vec<State>, ForecastError> {
-    model.check_state(x)?;
+    check_start(model, x)?;
     let mut states = Vec::with_capacity(steps + 1);
     states.push(x.clone());
     for step in 1..=steps {
@@ -198,6 +207,14 @@ pub fn trajectory(model: &dyn Model, x: &State, steps: usize) -> Result<Vec<Stat
 /// Takes adjoint increments back along a [`trajectory`], from its last state to its first.
 pub fn backward_ad(model: &dyn Adjoint, trajectory: &[State], columns: &mut [f64]) {
     model.steps_ad(&trajectory[..trajectory.len().saturating_sub(1)], columns);
+}
+
+/// Fails if no forecast can start from a state.
+fn check_start<M: Model + ?Sized>(model: &M, x: &State) -> Result<(), ModelError> {
+    if model.needs_time() {
+        x.require_time()?;
+    }
+    model.check_state(x)
 }
 
 /// Fails at the first value that is not finite.

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 /// A difference of states, `[variable, y, x]`. A column of a covariance factor *is* the values of an increment.
 ///
-/// It is serialised as a [`State`](crate::State) is.
+/// It is serialised with its layout, as a [`State`](crate::State) is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Values")]
 pub struct Increment {

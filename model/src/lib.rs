@@ -8,6 +8,7 @@
 //! | [`vector`] | y += a x, differences, inner products of plain slices |
 //! | [`stored`] | increments stored in double or single precision |
 //! | [`forecast`] | the traits [`Model`], [`TangentLinear`], [`Adjoint`], and the loops over time steps |
+//! | [`forcing`], [`time_function`], [`forced`] | known sources B u(t), and a model with them |
 //! | [`scheme`] | time schemes, once for all: [`Tendency`] + [`TimeScheme`] = [`Stepped`]; [`Leapfrog`]; sweeps over rows |
 //! | [`shallow_water`] | rotating [`ShallowWater`], nonlinear, and [`LinearShallowWater`] about a zonal flow |
 //! | [`advection`] | [`Advection`] of a tracer, and the [`ExactShift`] without any error |
@@ -18,6 +19,8 @@
 //! | `testing` | (feature `testing`) the contract every model must pass |
 //!
 //! # Equations
+//!
+//! Each with sources B u(t) of any variable, if there is a [`Forcing`].
 //!
 //! ```text
 //! shallow water                                           advection
@@ -71,6 +74,8 @@
 pub mod advection;
 mod columns;
 pub mod error;
+pub mod forced;
+pub mod forcing;
 pub mod forecast;
 pub mod grid;
 mod halo;
@@ -86,11 +91,14 @@ pub mod stored;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 pub mod time;
+pub mod time_function;
 pub mod vector;
 
 pub use advection::{Advection, AdvectionScheme, ExactShift, Wind};
 pub use columns::LANES;
 pub use error::ModelError;
+pub use forced::Forced;
+pub use forcing::{Forcing, Source};
 pub use forecast::{Adjoint, ForecastError, Model, TangentLinear};
 pub use grid::{Boundary, Grid, Location};
 pub use increment::Increment;
@@ -102,3 +110,4 @@ pub use shallow_water::{LinearShallowWater, ShallowWater, ShallowWaterParameters
 pub use state::{Layout, State, Variable};
 pub use stored::{ColumnsMut, Stored};
 pub use time::{Duration, Time};
+pub use time_function::TimeFunction;

@@ -1,7 +1,9 @@
 //! The model state x: every variable's field in one contiguous array `[variable, y, x]`.
 
+use crate::error::ModelError;
 use crate::grid::{Boundary, Grid, Location};
 use crate::increment::Increment;
+use crate::time::{Duration, Time};
 use crate::vector;
 use ndarray::ArrayView2;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -114,18 +116,31 @@ impl Layout {
     }
 }
 
-/// A model state x.
+/// A model state x(t).
+///
+/// It may know its valid time t, and keeps it: whatever goes on from a state goes on from its time. That of an autonomous
+/// model need not know it; a model with a forcing refuses to forecast from one that does not. A state made from values knows
+/// none before [`State::valid_at`].
 ///
 /// It is serialised with its layout, a few hundred bytes: a stored state is checked by comparing its layout with that of
 /// the model. One whose number of values is not that of its layout cannot be deserialised.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "Values")]
+#[serde(try_from = "StoredState")]
 pub struct State {
     layout: Arc<Layout>,
     values: Vec<f64>,
+    time: Option<Time>,
 }
 
-/// A state or an increment as it is read, not yet checked.
+/// A state as it is read, not yet checked.
+#[derive(Deserialize)]
+struct StoredState {
+    layout: Arc<Layout>,
+    values: Vec<f64>,
+    time: Option<Time>,
+}
+
+/// Values on a layout as they are read, not yet checked.
 #[derive(Deserialize)]
 pub(crate) struct Values {
     layout: Arc<Layout>,
@@ -148,11 +163,11 @@ impl Values {
     }
 }
 
-impl TryFrom<Values> for State {
+impl TryFrom<StoredState> for State {
     type Error = String;
-    fn try_from(values: Values) -> Result<Self, String> {
-        let (layout, values) = values.checked()?;
-        Ok(Self { layout, values })
+    fn try_from(StoredState { layout, values, time }: StoredState) -> Result<Self, String> {
+        let (layout, values) = Values { layout, values }.checked()?;
+        Ok(Self { layout, values, time })
     }
 }
 
@@ -168,7 +183,30 @@ impl State {
     /// If the number of values is not that of the layout.
     pub fn from_values(layout: &Arc<Layout>, values: Vec<f64>) -> Self {
         assert_eq!(values.len(), layout.len(), "a state needs one value per variable and cell");
-        Self { layout: Arc::clone(layout), values }
+        Self { layout: Arc::clone(layout), values, time: None }
+    }
+
+    /// The same values, valid at a time, or at none that is known.
+    pub fn valid_at(self, time: impl Into<Option<Time>>) -> Self {
+        Self { time: time.into(), ..self }
+    }
+
+    /// The valid time, if it is known.
+    pub fn time(&self) -> Option<Time> {
+        self.time
+    }
+
+    /// The valid time.
+    ///
+    /// # Errors
+    /// [`ModelError::NoTime`] if it is not known.
+    pub fn require_time(&self) -> Result<Time, ModelError> {
+        self.time.ok_or(ModelError::NoTime)
+    }
+
+    /// Moves the valid time on, if it is known. The values stay as they are: this is a part of what a model does in a step.
+    pub fn advance(&mut self, span: Duration) {
+        self.time = self.time.map(|time| time + span);
     }
 
     /// The meaning of the values.
@@ -244,7 +282,9 @@ mod tests {
         let state = State::from_values(&crate::shallow_water::layout(grid), (0..18).map(f64::from).collect());
         let bytes = postcard::to_stdvec(&state).unwrap();
         assert_eq!(postcard::from_bytes::<State>(&bytes).unwrap(), state);
-        let short = postcard::to_stdvec(&(state.layout(), &state.values()[1..])).unwrap();
+        let short = postcard::to_stdvec(&(state.layout(), &state.values()[1..], state.time())).unwrap();
         assert!(postcard::from_bytes::<State>(&short).is_err());
+        let timed = state.valid_at(Time::from_seconds(7));
+        assert_eq!(postcard::from_bytes::<State>(&postcard::to_stdvec(&timed).unwrap()).unwrap(), timed);
     }
 }

@@ -4,6 +4,7 @@ use crate::forecast::Adjoint;
 use crate::random::{standard_normals, stream};
 use crate::state::State;
 use crate::stored::{ColumnsMut, Stored};
+use crate::time::Time;
 use crate::vector::{self, dot};
 
 /// What [`check_contract`] measured.
@@ -16,9 +17,10 @@ pub struct Contract {
     pub dot_product_error: f64,
 }
 
-/// Runs the battery at a state: zero, linearity, Taylor ladder, dot product, batches, threads, several steps, single
+/// Runs the battery at a state: time, zero, linearity, Taylor ladder, dot product, batches, threads, several steps, single
 /// precision.
 ///
+/// * Time: a step moves the state's valid time on by the time step.
 /// * Zero: M'0 = 0 and M'ᵀ0 = 0.
 /// * Linearity: M'(2a − 3b) = 2 M'a − 3 M'b to rounding, and the same for M'ᵀ.
 /// * Taylor ladder: |M(x + εδ) − M(x) − ε M'δ| falls with ε², slope 2 ± 0.05 in each of at least four decades in a row;
@@ -45,6 +47,7 @@ pub fn check_contract(model: &dyn Adjoint, at: &State) -> Contract {
             .collect()
     };
     let (a, b) = (increment("contract/a"), increment("contract/b"));
+    check_time(model, at);
     check_zero(model, at);
     check_linearity(model, at, &a, &b, &scales);
     check_batches_and_threads(model, at, &increment);
@@ -69,6 +72,13 @@ fn step_ad(model: &dyn Adjoint, at: &State, dy: &[f64]) -> Vec<f64> {
     let mut dy = dy.to_vec();
     model.step_ad(at, &mut dy);
     dy
+}
+
+fn check_time(model: &dyn Adjoint, at: &State) {
+    let start = at.time().unwrap_or(Time::from_seconds(0));
+    let mut x = at.clone().valid_at(start);
+    model.step(&mut x);
+    assert_eq!(x.time(), Some(start + model.time_step()), "the state's valid time does not go on with the step");
 }
 
 fn check_zero(model: &dyn Adjoint, at: &State) {

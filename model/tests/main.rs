@@ -5,6 +5,7 @@ mod common;
 mod conservation;
 mod contracts;
 mod errors;
+mod forcing;
 mod initial;
 mod leapfrog;
 mod ncar_swm;

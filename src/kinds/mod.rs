@@ -6,6 +6,7 @@
 
 pub mod covariances;
 mod domain;
+pub(crate) mod forcing;
 pub(crate) mod forecast;
 pub mod initial;
 pub(crate) mod instruments;
@@ -13,6 +14,7 @@ mod kind;
 mod lists;
 pub mod methods;
 pub mod models;
+pub(crate) mod pattern;
 pub(crate) mod warnings;
 
 pub use domain::Domain;
@@ -44,5 +46,7 @@ mod tests {
         check(initial::INITIAL);
         check(covariances::COVARIANCES);
         check(instruments::INSTRUMENTS);
+        check(pattern::PATTERNS);
+        check(forcing::FUNCTIONS);
     }
 }

@@ -182,7 +182,8 @@ impl Runner {
         self.progress.watch.add(observed, compared, &outcome);
         self.freeze(observed.cycle, outcome.background.state.layout())?;
         if let Some(start) = &mut self.progress.trajectory_start {
-            start.clone_from(&outcome.analysis.estimate.state);
+            // Of a method's state only the values count: not every method says when it is valid.
+            *start = outcome.analysis.estimate.state.clone().valid_at(observed.time);
         }
         let Progress { watch, when_frozen, verdicts, .. } = &mut self.progress;
         let Judging { variance_ratio, freezing, first_analysis, .. } = self.judging;

@@ -1,7 +1,7 @@
 //! The keys of a scenario file, from the top.
 
 use super::{comparisons, cycle, expected, grid, initialise, quality, sensors, sweep, truth};
-use crate::kinds::{covariances, forecast, warnings};
+use crate::kinds::{covariances, forcing, forecast, warnings};
 use crate::reader::{Absent, AnyKey, Described, Form, Integer, Key, Table, YesNo};
 
 const TITLE: Key<Described> = Key::required("title", "", TEXT, "title, in one line");
@@ -64,6 +64,13 @@ pub(crate) const ALL: &[&dyn AnyKey] = &[
     &START,
     &table("grid", grid::KEYS, "the plane and its cells"),
     &of_kind("model", || Form::Listed("models"), "the equations and their time step"),
+    &Key::absent(
+        "forcing",
+        "",
+        Described("a list of tables", forcing::form_of_list),
+        Absent::Explained("no sources"),
+        "known sources of the model: what is added to its variables whatever its state, such as heating or a tide",
+    ),
     &of_kind("initial", || Form::Listed("initial"), "the state from which all methods start"),
     &table("background_error", covariances::KEYS, "how far the truth is from that state: covariance B"),
     &optional(

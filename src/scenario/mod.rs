@@ -33,7 +33,7 @@ use crate::kinds::initial::{self, GivenState, INITIAL, InitialState};
 use crate::kinds::instruments;
 use crate::kinds::methods::{self, Method, Surroundings};
 use crate::kinds::models::{self, Model};
-use crate::kinds::{self, Domain, distinct_name, forecast, plain_name, warnings};
+use crate::kinds::{self, Domain, distinct_name, forcing, forecast, plain_name, warnings};
 use crate::lead_times::LeadTimes;
 use crate::output::Outputs;
 use crate::reader::{self, AnyKey, Faults, Field, FileName, Read, Section, SourceFile};
@@ -231,7 +231,9 @@ impl Scenario {
         let influence_every_cycles = faults.keep(cycle::read_diagnostics(root));
         let regression = faults.keep(root.get(&keys::REGRESSION));
 
-        let World { grid, model_field, model, initial, layout } = faults.keep(World::read(root, given))?;
+        let World { grid, model_field, mut model, initial, layout } = faults.keep(World::read(root, given))?;
+        let forcing = faults.keep(forcing::read(root, "forcing", &grid.domain(&model)));
+        model.forcing = forcing.flatten().unwrap_or_default();
         let domain = grid.domain(&model);
         let background_error = root.required("background_error").and_then(|field| covariances::read(&field, &domain));
         let background_error = faults.keep(background_error);

@@ -2,7 +2,7 @@
 
 use crate::kinds::initial::{INITIAL, InitialState, TRUE_VARIABLES, state_file};
 use crate::kinds::models::{self, Model};
-use crate::kinds::{self, Domain};
+use crate::kinds::{self, Domain, forcing};
 use crate::reader::{Absent, AnyKey, Choice, Described, Field, Form, Key, Limits, Read, Section, StateFile};
 use crate::text::clean;
 use isobar_model::{Layout, State, Time};
@@ -91,6 +91,14 @@ const TRUE_MODEL: Key<Described> = Key::absent(
     "keys of the model that have another value in the truth",
 );
 
+const TRUE_FORCING: Key<Described> = Key::absent(
+    "forcing",
+    "",
+    Described("a list of tables as `[[forcing]]`; an empty one for none", forcing::form_of_list),
+    Absent::Explained("that of the model"),
+    "the sources that the truth has instead of the model's",
+);
+
 const TRUE_INITIAL: Key<Described> = Key::absent(
     "initial",
     "",
@@ -119,11 +127,20 @@ const BACKGROUND_ERROR_SCALE: Key<Limits> = Key::absent(
 const SERIES_KEYS: [&dyn AnyKey; 2] = [&TRUE_FILE, &TRUE_VARIABLES];
 
 /// The keys of a model run.
-const TWIN_KEYS: [&dyn AnyKey; 4] = [&TRUE_MODEL, &TRUE_INITIAL, &MODEL_ERROR_SCALE, &BACKGROUND_ERROR_SCALE];
+const TWIN_KEYS: [&dyn AnyKey; 5] =
+    [&TRUE_MODEL, &TRUE_FORCING, &TRUE_INITIAL, &MODEL_ERROR_SCALE, &BACKGROUND_ERROR_SCALE];
 
 /// The keys of `[truth]`.
-pub(super) const KEYS: &[&dyn AnyKey] =
-    &[&TRUTH_KIND, SERIES_KEYS[0], SERIES_KEYS[1], TWIN_KEYS[0], TWIN_KEYS[1], TWIN_KEYS[2], TWIN_KEYS[3]];
+pub(super) const KEYS: &[&dyn AnyKey] = &[
+    &TRUTH_KIND,
+    SERIES_KEYS[0],
+    SERIES_KEYS[1],
+    TWIN_KEYS[0],
+    TWIN_KEYS[1],
+    TWIN_KEYS[2],
+    TWIN_KEYS[3],
+    TWIN_KEYS[4],
+];
 
 /// Reads `[truth]`, whose states have a layout; there is no field of a model that is given by code. There is no truth where it
 /// says so, and where all observations are recorded and nothing is said.
@@ -194,7 +211,11 @@ fn read_twin(
         let Some(model) = model_field else {
             return Err(overrides.misplaced("a model that is given by code has no keys".into(), "leave it out"));
         };
-        truth.model = models::read_with_overrides(model, &overrides, &domain.grid)?;
+        let forcing = Arc::clone(&truth.model.forcing);
+        truth.model = Model { forcing, ..models::read_with_overrides(model, &overrides, &domain.grid)? };
+    }
+    if let Some(forcing) = forcing::read(section, TRUE_FORCING.name, domain)? {
+        truth.model.forcing = forcing;
     }
     if let Some(field) = section.optional(TRUE_INITIAL.name) {
         let domain = Domain { model: truth.model.clone(), ..domain.clone() };

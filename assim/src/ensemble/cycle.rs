@@ -81,7 +81,9 @@ impl EnsembleCycle {
     /// Mean and spread of the members at the analysis `analyses_ago` before the newest.
     pub fn smoothed(&self, analyses_ago: usize) -> Option<Estimate> {
         let (mean, spread) = self.memory.smoother.as_ref()?.estimate(analyses_ago)?;
-        Some(self.memory.ensemble.estimate_of(&self.problem, mean, spread))
+        let estimate = self.memory.ensemble.estimate_of(&self.problem, mean, spread);
+        // Of when it was is not kept.
+        Some(Estimate { state: estimate.state.valid_at(None), ..estimate })
     }
 
     /// m, the number of values of a state.

@@ -13,7 +13,7 @@ use crate::problem::{Problem, steps};
 use faer::{Mat, MatRef};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::vector::{add, axpy, dot, subtract};
-use isobar_model::{Duration, Model, State, forecast};
+use isobar_model::{Duration, Model, State, Time, forecast};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use rayon::slice::ChunksExact;
@@ -28,6 +28,8 @@ pub struct Ensemble {
     rows: usize,
     /// Column-major `[m + p, N]`.
     values: Vec<f64>,
+    /// Valid time of the members' states, if it is known.
+    time: Option<Time>,
 }
 
 impl Ensemble {
@@ -61,7 +63,8 @@ impl Ensemble {
         };
         let mut mean = problem.background.values().to_vec();
         mean.resize(m + p, 0.0);
-        let mut ensemble = Self { state_values: m, rows: m + p, values: perturbations };
+        let time = problem.background.time();
+        let mut ensemble = Self { state_values: m, rows: m + p, values: perturbations, time };
         ensemble.center();
         for member in ensemble.values.chunks_exact_mut(m + p) {
             add(member, &mean);
@@ -201,13 +204,15 @@ impl Ensemble {
         let (steps, m) = (steps(&*problem.model, window)?, self.state_values);
         let layout = problem.background.layout();
         let kept = problem.estimated_calibration().kept(window);
+        let time = self.time;
         self.values.par_chunks_exact_mut(self.rows).try_for_each(|member| {
-            let mut state = State::from_values(layout, member[..m].to_vec());
+            let mut state = State::from_values(layout, member[..m].to_vec()).valid_at(time);
             forecast::forecast(&*problem.model, &mut state, steps)?;
             member[..m].copy_from_slice(state.values());
             member[m..].iter_mut().zip(&kept).for_each(|(value, kept)| *value *= kept);
             Ok::<(), Error>(())
         })?;
+        self.time = time.map(|time| time + window);
         let mut moments = self.moments();
         add_model_error(problem, settings.model_error, window, &mut moments.perturbations, random);
         self.set(&moments);
@@ -250,6 +255,7 @@ impl Ensemble {
     /// State and full calibration of a member or a mean.
     pub(super) fn unpack(&self, problem: &Problem<dyn Model>, values: &[f64]) -> (State, Vec<f64>) {
         let state = State::from_values(problem.background.layout(), values[..self.state_values].to_vec());
+        let state = state.valid_at(self.time);
         let mut calibration = values[self.state_values..].to_vec();
         calibration.resize(problem.calibration.len(), 0.0);
         (state, calibration)

@@ -40,6 +40,7 @@ const ROUNDING: f64 = 1e-6;
 /// Runs the battery on a method over all cycles of the trial.
 ///
 /// * Estimates, their claimed standard deviations and departures are finite, and the same bits in a second run.
+/// * The state of an estimate is of no time, or its time goes on with the windows.
 /// * A window without observations leaves the first background as it is.
 /// * The memory of each cycle, recalled by a fresh method, leads to the same bits; its bytes are those of the memory.
 /// * What a copy does leaves the method as it is, and is what the method does itself.
@@ -53,6 +54,7 @@ pub fn check_assimilator(trial: &Trial<'_>) -> AssimilatorContract {
     assert!(trial.observed.len() > 1, "the battery needs two cycles at least");
     let mut contract = AssimilatorContract::default();
     let (mut method, mut again) = ((trial.build)(), (trial.build)());
+    let mut first_time = None;
     for (number, observed) in trial.observed.iter().enumerate() {
         let cycle = number + 1;
         let from = method.forecast(trial.window).unwrap_or_else(|error| panic!("cycle {cycle}: {error}"));
@@ -61,6 +63,9 @@ pub fn check_assimilator(trial: &Trial<'_>) -> AssimilatorContract {
             "cycle {cycle}: another background the second time"
         );
         require_finite(&from.estimate, "the background", cycle);
+        let time = from.estimate.state.time();
+        first_time = first_time.or(time);
+        assert_eq!(time, first_time.map(|first| first + trial.window * number), "cycle {cycle}: the background's time");
         if number == 0 {
             contract.change_without_observations = check_without_observations(&*method, &from, observed);
         }
@@ -72,6 +77,7 @@ pub fn check_assimilator(trial: &Trial<'_>) -> AssimilatorContract {
             contract.change_by_order = contract.change_by_order.max(change);
         }
         let analysis = analyse(&mut *method, &from, observed, cycle);
+        assert_eq!(analysis.estimate.state.time(), time, "cycle {cycle}: the analysis is of another time");
         assert!(analysis == asked, "cycle {cycle}: the method's analysis is not that of its copy");
         assert!(
             analysis == analyse(&mut *again, &from, observed, cycle),

@@ -102,3 +102,99 @@ impl Cost<'_> {
         self.observe(columns, &no_biases).into_iter().map(|parts| parts.concat()).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::covariance::{Sum, White};
+    use faer::Mat;
+    use isobar_model::initial::{RandomConfig, random_balanced};
+    use isobar_model::random::{standard_normals, stream};
+    use isobar_model::vector::{axpy, dot};
+    use isobar_model::{
+        Boundary, Duration, Forced, Forcing, Grid, ShallowWater, ShallowWaterParameters, Source, Stepped, Time,
+        TimeFunction, TimeScheme, VectorInvariant,
+    };
+    use isobar_obs::{Jacobian, SparseRows};
+    use std::sync::Arc;
+
+    /// Kᵀ of the whitened departures is minus the gradient of ½ Σ |R^-½ (y − H M(x_0 + √s U χ))|² of the nonlinear model with a
+    /// forcing that changes from step to step: the Taylor remainder falls with ε².
+    #[test]
+    fn the_gradient_is_that_of_the_cost_with_a_forcing() {
+        let grid = Grid { nx: 8, ny: 9, dx_m: 1e5, dy_m: 1e5, boundary: Boundary::Channel };
+        let parameters = ShallowWaterParameters {
+            gravity_m_per_s2: 9.81,
+            coriolis_per_s: 1e-4,
+            ..ShallowWaterParameters::default()
+        };
+        let water = ShallowWater::new(grid, parameters, VectorInvariant::PotentialEnstrophy).unwrap();
+        let config = RandomConfig { mean_depth_m: 1000.0, height_standard_deviation_m: 20.0, length_scale_m: 3e5 };
+        let start = random_balanced(&water, &config, &mut stream(1, "start")).unwrap();
+        let start = start.valid_at(Time::from_seconds(1_000_000));
+        let (period, highest_at) = (Duration::from_seconds(4000), Duration::from_seconds(300));
+        let pattern = standard_normals(&mut stream(2, "pattern"), 72).iter().map(|value| 0.05 * value).collect();
+        let source = Source { variable: 0, pattern, function: TimeFunction::Sinusoid { period, highest_at } };
+        let plain = Stepped::new(water, Duration::from_seconds(200), TimeScheme::Rk4).unwrap();
+        let model = Forced::of(Arc::new(plain), &Arc::new(Forcing { sources: vec![source] })).unwrap();
+        let (layout, steps, cycles) = (model.layout().clone(), 5, 3);
+        let m = layout.len();
+        let covariance = Sum::new(m, (0..3).map(|it| Box::new(White::new(&layout, it, 2.0)) as _).collect());
+        let control = ControlSpace::new(&covariance, 0.5, &Mat::zeros(0, 0)).unwrap();
+        let along = |x: &State| -> Vec<Vec<State>> {
+            let mut all: Vec<Vec<State>> = Vec::new();
+            for _ in 0..cycles {
+                let from = all.last().map_or(x, |cycle| &cycle[steps]);
+                all.push(forecast::trajectory(&*model, from, steps).unwrap());
+            }
+            all
+        };
+        // Every fifth value at the end of each cycle.
+        let rows: Vec<usize> = (0..m).step_by(5).collect();
+        let observations: Vec<Vec<f64>> =
+            (0..cycles).map(|cycle| standard_normals(&mut stream(cycle as u64, "observations"), rows.len())).collect();
+        let departures = |trajectory: &[Vec<State>]| -> Vec<Vec<f64>> {
+            let of_cycle = |(states, own): (&Vec<State>, &Vec<f64>)| {
+                let end = states[steps].values();
+                rows.iter().zip(own).map(|(&index, value)| 3.0 * value - (end[index] - start.values()[index])).collect()
+            };
+            trajectory.iter().zip(&observations).map(of_cycle).collect()
+        };
+        let trajectory = along(&start);
+        let innovations: Vec<Innovations> = departures(&trajectory)
+            .into_iter()
+            .map(|departures| {
+                let (mut state, mut calibration) = (SparseRows::new(), SparseRows::new());
+                rows.iter().for_each(|&index| state.push_row([(index, 1.0)]));
+                rows.iter().for_each(|_| calibration.push_row([]));
+                let variance = vec![4.0; rows.len()];
+                Innovations { departures, jacobian: Jacobian { state, calibration }, variance, state_values: m }
+            })
+            .collect();
+        let times: Vec<Times> = (0..cycles).map(|_| Times::at_end(rows.len(), steps)).collect();
+        let cost = Cost {
+            model: &*model,
+            control: &control,
+            trajectory: &trajectory,
+            innovations: &innovations,
+            times: &times,
+        };
+        let whitened = innovations.iter().map(|own| own.whiten(own.departures.clone())).collect();
+        let downhill = cost.multiply_transposed(&[whitened]).swap_remove(0);
+        let half_square = |trajectory: &[Vec<State>]| -> f64 {
+            departures(trajectory).iter().flatten().map(|departure| departure * departure / 4.0).sum::<f64>() / 2.0
+        };
+        let direction = standard_normals(&mut stream(9, "direction"), downhill.len());
+        let (before, slope) = (half_square(&trajectory), -dot(&downhill, &direction));
+        let remainder = |epsilon: f64| {
+            let mut moved = start.clone();
+            axpy(epsilon, &control.state_increment(&direction), moved.values_mut());
+            half_square(&along(&moved)) - before - epsilon * slope
+        };
+        let remainders = [1e-1, 1e-2, 1e-3].map(remainder);
+        for pair in remainders.windows(2) {
+            let order = (pair[0] / pair[1]).log10();
+            assert!((order - 2.0).abs() < 0.05, "{remainders:?}");
+        }
+    }
+}

@@ -119,6 +119,7 @@ impl Model for MatrixModel {
     }
     fn step(&self, x: &mut State) {
         self.multiply(x.values_mut(), false);
+        x.advance(WINDOW);
     }
 }
 
@@ -198,7 +199,7 @@ pub fn problem(coupled: bool, calibration: Calibration, seed: u64) -> Problem {
     let layout = layout();
     Problem {
         model: Arc::new(model(&layout, coupled, seed)),
-        background: State::zeros(&layout),
+        background: State::zeros(&layout).valid_at(Time::from_seconds(0)),
         background_error: white(&layout, 1.5),
         model_error: Some(white(&layout, 0.4)),
         calibration,

@@ -2,7 +2,6 @@
 
 use super::displacement_m;
 use crate::error::{ModelError, require_finite, require_positive};
-use crate::grid::Location;
 use crate::state::{Layout, State};
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -35,7 +34,7 @@ pub struct CosineWave {
     pub phase: f64,
 }
 
-/// A background value and hills on it, at the cells' centres; distances are to the nearest periodic image.
+/// A background value and hills on it, at the variable's points; distances are to the nearest periodic image.
 ///
 /// # Errors
 /// If a radius is not positive or a number not finite.
@@ -59,7 +58,7 @@ pub fn gaussian_hills(layout: &Arc<Layout>, background: f64, hills: &[GaussianHi
     }))
 }
 
-/// A cosine wave at the cells' centres.
+/// A cosine wave at the variable's points.
 ///
 /// # Errors
 /// If a number is not finite.
@@ -79,8 +78,8 @@ pub fn cosine_wave(layout: &Arc<Layout>, wave: &CosineWave) -> Result<State, Mod
 
 fn tracer(layout: &Arc<Layout>, value: impl Fn(f64, f64) -> f64) -> State {
     assert_eq!(layout.variables.len(), 1, "a tracer state has one variable");
-    let grid = &layout.grid;
+    let (grid, location) = (&layout.grid, layout.variables[0].location);
     let points = (0..grid.ny).flat_map(|j| (0..grid.nx).map(move |i| (j, i)));
-    let values = points.map(|(j, i)| value(grid.x_m(Location::Center, i), grid.y_m(Location::Center, j))).collect();
+    let values = points.map(|(j, i)| value(grid.x_m(location, i), grid.y_m(location, j))).collect();
     State::from_values(layout, values)
 }

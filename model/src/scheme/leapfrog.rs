@@ -76,12 +76,12 @@ impl<T: Tendency> Leapfrog<T> {
         self.tendency.tendency(&now, &mut slope, &mut vec![0.0; self.tendency.scratch_len()]);
         let dt = self.time_step.as_f64();
         let before: Vec<f64> = now.iter().zip(&slope).map(|(x, slope)| x - dt * slope).collect();
-        State::from_values(&self.layout, [now, before].concat())
+        State::from_values(&self.layout, [now, before].concat()).valid_at(x.time())
     }
 
     /// The present level of a two-level state.
     pub fn present(&self, x: &State) -> State {
-        State::from_values(self.tendency.layout(), x.values()[..self.half()].to_vec())
+        State::from_values(self.tendency.layout(), x.values()[..self.half()].to_vec()).valid_at(x.time())
     }
 
     /// Tangent-linear of [`Leapfrog::start`]: columns of one level to columns of two.
@@ -180,6 +180,7 @@ impl<T: Tendency> Model for Leapfrog<T> {
 
     fn step(&self, x: &mut State) {
         assert_eq!(x.values().len(), self.layout.len(), "the state is not of this model's layout");
+        x.advance(self.time_step);
         self.constrain(x.values_mut());
         if sweep(&self.tendency, Scheme::Leapfrog(self.leap()), x.values_mut()) {
             return;

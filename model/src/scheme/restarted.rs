@@ -21,14 +21,26 @@
 //! an even n, which is never below one: a free forecast grows from cycle to cycle, at a step of 45 % of the leapfrog's limit
 //! by 10 % in a cycle of four steps (α = 0.01). The filter damps a wave by about α θ²/2 in a step, so that n α ⪆ 1 makes up
 //! for it. The limit of the time step is that of the cycle: |x_n| ≤ 1 + [`LARGEST_GROWTH`] for all waves.
+//!
+//! A [`Forcing`] B u(t) is integrated exactly over what a step leaps over, 2Δt and with Euler's step Δt,
+//!
+//! ```text
+//! x̄(t₀ − Δt) = x − Δt f(x) − F₁      F₁ = B ∫ u dt, t₀ to t₀ + Δt                             start
+//! x(t + Δt)  = x̄(t − Δt) + 2Δt f(x(t)) + F,      F = 2 F₁ at first, then B ∫ u dt, t − Δt to t + Δt,
+//! ```
+//!
+//! so that it has the errors of the scheme itself, of second order but for Euler's step and the filter. It depends on no state:
+//! derivative and transpose stay those of the leapfrog, along the trajectory with the forcing.
 
 use super::leapfrog::Leapfrog;
 use super::tendency::Tendency;
 use crate::error::ModelError;
+use crate::forced::time_of;
+use crate::forcing::Forcing;
 use crate::forecast::{Adjoint, Model, TangentLinear};
 use crate::state::{Layout, State};
 use crate::stored::ColumnsMut;
-use crate::time::Duration;
+use crate::time::{Duration, Time};
 use std::sync::Arc;
 
 /// By how much a wave may grow in a cycle.
@@ -42,6 +54,7 @@ pub struct RestartedLeapfrog<T> {
     time_step: Duration,
     /// The largest θ up to which no wave grows by more than [`LARGEST_GROWTH`] in a cycle.
     largest_angle: f64,
+    forcing: Arc<Forcing>,
 }
 
 impl<T: Tendency> RestartedLeapfrog<T> {
@@ -53,17 +66,48 @@ impl<T: Tendency> RestartedLeapfrog<T> {
         crate::error::require_positive("steps", steps as f64)?;
         let time_step = Duration::from_seconds(steps as i64 * leapfrog.time_step().seconds());
         let largest_angle = largest_angle(steps, leapfrog.robert_filter());
-        Ok(Self { leapfrog, steps, time_step, largest_angle })
+        Ok(Self { leapfrog, steps, time_step, largest_angle, forcing: Arc::default() })
+    }
+
+    /// The same with a forcing.
+    ///
+    /// # Errors
+    /// As [`Forcing::check`].
+    pub fn forced(self, forcing: Arc<Forcing>) -> Result<Self, ModelError> {
+        forcing.check(self.layout())?;
+        Ok(Self { forcing, ..self })
     }
 
     /// Calls `visit` with the state before each of the leapfrog steps from `at`, and returns that after the last.
     fn run(&self, at: &State, mut visit: impl FnMut(&State)) -> State {
         let mut x = self.leapfrog.start(at);
-        for _ in 0..self.steps {
+        if !self.forcing.is_empty() {
+            let earlier = self.layout().len();
+            self.forcing.add(-1.0, time_of(at), self.leapt(0), &mut x.values_mut()[earlier..]);
+        }
+        for step in 0..self.steps {
             visit(&x);
             self.leapfrog.step(&mut x);
+            if !self.forcing.is_empty() {
+                self.force(step, time_of(at), &mut x);
+            }
         }
         x
+    }
+
+    /// Seconds of the cycle over which a step's forcing is integrated.
+    fn leapt(&self, step: usize) -> [f64; 2] {
+        let (dt, step) = (self.leapfrog.time_step().as_f64(), step as f64);
+        [(step - 1.0).max(0.0) * dt, (step + 1.0) * dt]
+    }
+
+    /// Adds the forcing of a step of the cycle that begins at a time to both levels: to the filtered one as far as the filter
+    /// takes over from the new one.
+    fn force(&self, step: usize, time: Time, x: &mut State) {
+        let (now, filtered) = x.values_mut().split_at_mut(self.leapfrog.tendency().layout().len());
+        let factor = if step == 0 { 2.0 } else { 1.0 };
+        self.forcing.add(factor, time, self.leapt(step), now);
+        self.forcing.add(factor * self.leapfrog.robert_filter(), time, self.leapt(step), filtered);
     }
 }
 
@@ -86,6 +130,10 @@ impl<T: Tendency> Model for RestartedLeapfrog<T> {
         self.leapfrog.largest_time_step_s(x).min(self.largest_angle / oscillation)
     }
 
+    fn needs_time(&self) -> bool {
+        !self.forcing.is_empty()
+    }
+
     fn check_state(&self, x: &State) -> Result<(), ModelError> {
         crate::forecast::require_finite_state(x)?;
         self.leapfrog.tendency().check(x.values())
@@ -99,7 +147,12 @@ impl<T: Tendency> Model for RestartedLeapfrog<T> {
 impl<T: Tendency> TangentLinear for RestartedLeapfrog<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
         let mut levels = self.leapfrog.start_tl(at, columns);
-        self.leapfrog.steps_tl(&self.leapfrog.start(at), ColumnsMut::Double(&mut levels), self.steps);
+        if self.forcing.is_empty() {
+            self.leapfrog.steps_tl(&self.leapfrog.start(at), ColumnsMut::Double(&mut levels), self.steps);
+        } else {
+            // The trajectory that the leapfrog would follow by itself is another one.
+            self.run(at, |x| self.leapfrog.step_tl(x, &mut levels));
+        }
         let one = self.layout().len();
         for (column, levels) in columns.chunks_exact_mut(one).zip(levels.chunks_exact(2 * one)) {
             column.copy_from_slice(&levels[..one]);

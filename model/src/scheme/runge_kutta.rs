@@ -202,6 +202,7 @@ impl<T: Tendency> Model for Stepped<T> {
 
     fn step(&self, x: &mut State) {
         self.check_layout(x);
+        x.advance(self.time_step);
         self.tendency.constrain(x.values_mut());
         if sweep(&self.tendency, self.numbers(), x.values_mut()) {
             return;

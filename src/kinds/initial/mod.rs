@@ -11,6 +11,8 @@ mod rest;
 mod state;
 mod vortices;
 
+pub(crate) use cosine_wave::{WAVE, wave};
+pub(crate) use gaussian_hill::{HILL, hill};
 pub(crate) use given::GivenState;
 pub(crate) use netcdf::{TRUE_VARIABLES, state_file};
 pub(crate) use state::layout;

@@ -2,7 +2,7 @@
 
 use crate::kinds::Domain;
 use crate::reader::{Absent, Key, Limits, Read, Section};
-use isobar_model::{Boundary, Layout, ModelError, ShallowWater, State, advection, shallow_water};
+use isobar_model::{Boundary, Layout, ModelError, ShallowWater, State};
 use std::fmt::Debug;
 use std::sync::Arc;
 
@@ -45,8 +45,7 @@ impl InitialState for Values {
 
 /// The grid and the variables of the model's states.
 pub(crate) fn layout(domain: &Domain) -> Arc<Layout> {
-    let layout = if domain.model.is_shallow_water() { shallow_water::layout } else { advection::layout };
-    layout(domain.grid.clone())
+    domain.model.equations.layout(&domain.grid)
 }
 
 /// Refuses values, `[variable, y, x]`, that are not a state of the model: depths must be positive, and nothing flows through a

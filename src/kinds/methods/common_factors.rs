@@ -105,9 +105,8 @@ fn number_asked_for(surroundings: &Surroundings) -> Option<usize> {
 /// a spectrum is not known without all of the matrix. See [`Spectrum::holding`](isobar_assim::covariance::Spectrum::holding).
 fn by_spectra(surroundings: &Surroundings) -> Option<usize> {
     let Surroundings { domain, cycle, background_error, model_error, .. } = surroundings;
-    let (model, time_step) = (&domain.model.equations, domain.model.time_step);
     // What cannot be built is refused by the run, in its own words.
-    let model = model.build(&domain.grid, time_step, *cycle).ok()?;
+    let model = domain.model.build(&domain.grid, *cycle).ok()?;
     let layout = model.layout();
     let background_error = covariances::build(background_error, layout).ok()?;
     let model_error = covariances::build(model_error, layout).ok()?;

@@ -5,7 +5,7 @@ use super::integration::{self, Integration, TIME_STEP_S};
 use super::parameter::{Parameter, SPEED, flow, northward, speed_or_zero};
 use crate::kinds::{Kind, Kinds, form, read};
 use crate::reader::{Absent, Choice, Described, Key, Limits};
-use isobar_model::{Adjoint, Advection, AdvectionScheme, Duration, Grid, ModelError, Wind};
+use isobar_model::{Adjoint, Advection, AdvectionScheme, Duration, Forcing, Grid, ModelError, Wind};
 use std::sync::Arc;
 
 const WIND: Key<Described> = Key::required(
@@ -77,8 +77,14 @@ impl Equations for AdvectionSettings {
         VARIABLES
     }
 
-    fn build(&self, grid: &Grid, time_step: Duration, cycle: Duration) -> Result<Arc<dyn Adjoint>, ModelError> {
-        self.integration.of(Advection::new(grid.clone(), &self.wind, self.scheme)?, time_step, cycle)
+    fn build(
+        &self,
+        grid: &Grid,
+        time_step: Duration,
+        cycle: Duration,
+        forcing: &Arc<Forcing>,
+    ) -> Result<Arc<dyn Adjoint>, ModelError> {
+        self.integration.of(Advection::new(grid.clone(), &self.wind, self.scheme)?, time_step, cycle, forcing)
     }
 
     fn boxed_clone(&self) -> Box<dyn Equations> {

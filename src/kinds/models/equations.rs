@@ -2,7 +2,7 @@
 
 use super::parameter::{BasicState, Parameter};
 use super::water::Water;
-use isobar_model::{Adjoint, Duration, Grid, ModelError};
+use isobar_model::{Adjoint, Duration, Forcing, Grid, Layout, ModelError, advection, shallow_water};
 use std::fmt::Debug;
 use std::sync::Arc;
 
@@ -11,11 +11,23 @@ pub trait Equations: Debug + Send + Sync {
     /// The prognostic variables: name and unit, in the order in which a state holds them.
     fn variables(&self) -> &[(&'static str, &'static str)];
 
-    /// The model on a grid, for cycles of this length.
+    /// Grid and variables of a state on a grid.
+    fn layout(&self, grid: &Grid) -> Arc<Layout> {
+        let layout = if self.water().is_some() { shallow_water::layout } else { advection::layout };
+        layout(grid.clone())
+    }
+
+    /// The model on a grid, for cycles of this length, with a forcing.
     ///
     /// # Errors
-    /// If the grid, the parameters or the time step do not fit.
-    fn build(&self, grid: &Grid, time_step: Duration, cycle: Duration) -> Result<Arc<dyn Adjoint>, ModelError>;
+    /// If the grid, the parameters, the time step or the forcing do not fit.
+    fn build(
+        &self,
+        grid: &Grid,
+        time_step: Duration,
+        cycle: Duration,
+        forcing: &Arc<Forcing>,
+    ) -> Result<Arc<dyn Adjoint>, ModelError>;
 
     /// The same equations with the same parameters.
     fn boxed_clone(&self) -> Box<dyn Equations>;

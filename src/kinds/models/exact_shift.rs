@@ -5,7 +5,7 @@ use super::equations::Equations;
 use super::integration::TIME_STEP_S;
 use crate::kinds::Kind;
 use crate::reader::{Absent, Integer, Key};
-use isobar_model::{Adjoint, Boundary, Duration, ExactShift, Grid, ModelError};
+use isobar_model::{Adjoint, Boundary, Duration, ExactShift, Forced, Forcing, Grid, ModelError};
 use std::sync::Arc;
 
 const COLUMNS: Key<Integer> =
@@ -39,8 +39,15 @@ impl Equations for ExactShiftSettings {
         advection::VARIABLES
     }
 
-    fn build(&self, grid: &Grid, time_step: Duration, _: Duration) -> Result<Arc<dyn Adjoint>, ModelError> {
-        Ok(Arc::new(ExactShift::new(grid.clone(), self.columns_per_step, self.rows_per_step, time_step)?))
+    fn build(
+        &self,
+        grid: &Grid,
+        time_step: Duration,
+        _: Duration,
+        forcing: &Arc<Forcing>,
+    ) -> Result<Arc<dyn Adjoint>, ModelError> {
+        let shift = ExactShift::new(grid.clone(), self.columns_per_step, self.rows_per_step, time_step)?;
+        Forced::of(Arc::new(shift), forcing)
     }
 
     fn boxed_clone(&self) -> Box<dyn Equations> {

@@ -1,7 +1,7 @@
 //! A model that is made by code.
 
 use super::equations::Equations;
-use isobar_model::{Adjoint, Duration, Grid, ModelError};
+use isobar_model::{Adjoint, Duration, Forced, Forcing, Grid, Layout, ModelError};
 use std::fmt::{self, Debug, Formatter};
 use std::sync::Arc;
 
@@ -31,8 +31,18 @@ impl Equations for GivenModel {
         &self.variables
     }
 
-    fn build(&self, _: &Grid, _: Duration, _: Duration) -> Result<Arc<dyn Adjoint>, ModelError> {
-        Ok(Arc::clone(&self.model))
+    fn layout(&self, _: &Grid) -> Arc<Layout> {
+        Arc::clone(self.model.layout())
+    }
+
+    fn build(
+        &self,
+        _: &Grid,
+        _: Duration,
+        _: Duration,
+        forcing: &Arc<Forcing>,
+    ) -> Result<Arc<dyn Adjoint>, ModelError> {
+        Forced::of(Arc::clone(&self.model), forcing)
     }
 
     fn boxed_clone(&self) -> Box<dyn Equations> {

@@ -1,7 +1,9 @@
 //! How the tendencies of a model are integrated in time.
 
 use crate::reader::{Absent, AnyKey, Choice, Integer, Key, Limits, Read, Section};
-use isobar_model::{Adjoint, Duration, Leapfrog, ModelError, RestartedLeapfrog, Stepped, Tendency, TimeScheme};
+use isobar_model::{
+    Adjoint, Duration, Forced, Forcing, Leapfrog, ModelError, RestartedLeapfrog, Stepped, Tendency, TimeScheme,
+};
 use std::sync::Arc;
 
 /// How a model is integrated in time.
@@ -59,19 +61,21 @@ pub(super) fn read(section: &Section<'_>) -> Read<Integration> {
 }
 
 impl Integration {
-    /// A tendency with this scheme, for cycles of this length.
+    /// A tendency with this scheme, for cycles of this length, and a forcing.
     pub fn of<T: Tendency + 'static>(
         self,
         tendency: T,
         time_step: Duration,
         cycle: Duration,
+        forcing: &Arc<Forcing>,
     ) -> Result<Arc<dyn Adjoint>, ModelError> {
-        Ok(match self {
-            Integration::Stepped(scheme) => Arc::new(Stepped::new(tendency, time_step, scheme)?),
+        match self {
+            Integration::Stepped(scheme) => Forced::of(Arc::new(Stepped::new(tendency, time_step, scheme)?), forcing),
             Integration::Leapfrog { robert_filter } => {
                 let steps = cycle.steps_of(time_step).expect("the scenario's cycle fits its steps");
-                Arc::new(RestartedLeapfrog::new(Leapfrog::new(tendency, time_step, robert_filter)?, steps)?)
+                let leapfrog = RestartedLeapfrog::new(Leapfrog::new(tendency, time_step, robert_filter)?, steps)?;
+                Ok(Arc::new(leapfrog.forced(Arc::clone(forcing))?))
             }
-        })
+        }
     }
 }

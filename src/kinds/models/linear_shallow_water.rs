@@ -6,7 +6,7 @@ use super::parameter::{BasicState, Parameter, flow, northward, speed_or_zero};
 use super::water::{self, VARIABLES, Water};
 use crate::kinds::Kind;
 use crate::reader::{Key, Limits};
-use isobar_model::{Adjoint, Duration, Grid, LinearShallowWater, ModelError};
+use isobar_model::{Adjoint, Duration, Forcing, Grid, LinearShallowWater, ModelError};
 use std::sync::Arc;
 
 const MEAN_DEPTH: Key<Limits> =
@@ -44,11 +44,17 @@ impl Equations for LinearWater {
         VARIABLES
     }
 
-    fn build(&self, grid: &Grid, time_step: Duration, cycle: Duration) -> Result<Arc<dyn Adjoint>, ModelError> {
+    fn build(
+        &self,
+        grid: &Grid,
+        time_step: Duration,
+        cycle: Duration,
+        forcing: &Arc<Forcing>,
+    ) -> Result<Arc<dyn Adjoint>, ModelError> {
         let BasicState { mean_depth_m, u_m_per_s, v_m_per_s } = self.about;
         let linear =
             LinearShallowWater::about_uniform_wind(self.water.tendency(grid)?, mean_depth_m, u_m_per_s, v_m_per_s)?;
-        self.water.integration.of(linear, time_step, cycle)
+        self.water.integration.of(linear, time_step, cycle, forcing)
     }
 
     fn boxed_clone(&self) -> Box<dyn Equations> {

@@ -18,7 +18,7 @@ use super::{Kinds, choose};
 use crate::reader::{Field, Read, Section};
 use given::GivenModel;
 use integration::TIME_STEP_S;
-use isobar_model::{Adjoint, Duration, Grid, ModelError};
+use isobar_model::{Adjoint, Duration, Forcing, Grid, ModelError};
 use std::sync::Arc;
 use toml::de::{DeTable, DeValue};
 
@@ -35,12 +35,15 @@ pub struct Model {
     pub time_step: Duration,
     /// The equations.
     pub equations: Arc<dyn Equations>,
+    /// Known sources beside them.
+    pub forcing: Arc<Forcing>,
 }
 
 impl Model {
     /// A model that is made by code.
     pub(crate) fn given(model: Arc<dyn Adjoint>) -> Self {
-        Self { kind: "given by code", time_step: model.time_step(), equations: Arc::new(GivenModel::new(model)) }
+        let (time_step, equations) = (model.time_step(), Arc::new(GivenModel::new(model)));
+        Self { kind: "given by code", time_step, equations, forcing: Arc::default() }
     }
 
     /// The prognostic variables: name and unit, in the order in which a state holds them.
@@ -61,9 +64,9 @@ impl Model {
     /// The model on a grid, for cycles of this length.
     ///
     /// # Errors
-    /// If the grid, the parameters or the time step do not fit.
+    /// If the grid, the parameters, the time step or the forcing do not fit.
     pub fn build(&self, grid: &Grid, cycle: Duration) -> Result<Arc<dyn Adjoint>, ModelError> {
-        self.equations.build(grid, self.time_step, cycle)
+        self.equations.build(grid, self.time_step, cycle, &self.forcing)
     }
 
     /// The same model with other parameters: each name with what is added to its value.
@@ -76,7 +79,7 @@ impl Model {
     }
 
     /// The model on a grid with cells `factor` times as wide, with the longest time step that divides the cycle and is not
-    /// longer in proportion.
+    /// longer in proportion. It takes increments along the states of the finer one, and has no forcing of its own.
     ///
     /// # Errors
     /// Why there is no such model.
@@ -92,7 +95,7 @@ impl Model {
             .find(|&steps| steps * factor as i64 >= most && seconds % steps == 0)
             .expect("the cycle holds whole steps of the model");
         let time_step = Duration::from_seconds(seconds / steps);
-        self.equations.build(&coarse, time_step, cycle).map_err(|error| error.to_string())
+        self.equations.build(&coarse, time_step, cycle, &Arc::default()).map_err(|error| error.to_string())
     }
 }
 
@@ -107,7 +110,7 @@ pub(crate) fn needs_neighbours(root: &Section<'_>) -> bool {
 pub(crate) fn read(field: &Field<'_>, grid: &Grid) -> Read<Model> {
     let (kind, section) = choose(field, MODELS, grid)?;
     let time_step = Duration::from_seconds(section.get(&TIME_STEP_S)?);
-    Ok(Model { kind: kind.name, time_step, equations: (kind.read)(&section, grid)?.into() })
+    Ok(Model { kind: kind.name, time_step, equations: (kind.read)(&section, grid)?.into(), forcing: Arc::default() })
 }
 
 /// The truth's model: `[model]` with single keys replaced by those of `overrides`.

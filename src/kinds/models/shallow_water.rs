@@ -5,7 +5,7 @@ use super::integration;
 use super::parameter::Parameter;
 use super::water::{self, VARIABLES, Water};
 use crate::kinds::Kind;
-use isobar_model::{Adjoint, Duration, Grid, ModelError};
+use isobar_model::{Adjoint, Duration, Forcing, Grid, ModelError};
 use std::sync::Arc;
 
 pub(super) const KIND: Kind<dyn Equations, Grid> = Kind::new(
@@ -20,8 +20,14 @@ impl Equations for Water {
         VARIABLES
     }
 
-    fn build(&self, grid: &Grid, time_step: Duration, cycle: Duration) -> Result<Arc<dyn Adjoint>, ModelError> {
-        self.integration.of(self.tendency(grid)?, time_step, cycle)
+    fn build(
+        &self,
+        grid: &Grid,
+        time_step: Duration,
+        cycle: Duration,
+        forcing: &Arc<Forcing>,
+    ) -> Result<Arc<dyn Adjoint>, ModelError> {
+        self.integration.of(self.tendency(grid)?, time_step, cycle, forcing)
     }
 
     fn boxed_clone(&self) -> Box<dyn Equations> {

@@ -30,8 +30,8 @@ const FREE: [&str; 15] = [
 const SHOWN: usize = 60;
 
 /// All that determines how a cycle follows from the one before: the keys of the scenario, and what the tables say that it names.
-/// New observations are read, and new states of a truth that is a series, so that the names and contents of their files are no
-/// part of it; nor is the place of the database of sensors.
+/// New observations are read, new states of a truth that is a series, and new times of a forcing's table, so that the names and
+/// contents of their files are no part of it; nor is the place of the database of sensors.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// Values by their keys with those of the tables that they are in, as in `model.time_step_s`.
@@ -60,6 +60,15 @@ impl Settings {
         if let Some(TruthSettings::Series(series)) = &scenario.truth {
             read_anew.insert(series.name());
             values.remove("truth.file");
+        }
+        let of_truth = file.get("truth").and_then(|truth| truth.get("forcing"));
+        for (list, sources) in [("forcing", file.get("forcing")), ("truth.forcing", of_truth)] {
+            for (number, source) in sources.and_then(Value::as_array).into_iter().flatten().enumerate() {
+                // A table of time goes on with the runs.
+                let table = source.get("time").and_then(|time| time.get("file")?.as_str());
+                read_anew.extend(table);
+                values.remove(&format!("{list}[{number}].time.file"));
+            }
         }
         let fixed = scenario.tables.iter().filter(|(name, _)| !read_anew.contains(name.as_str()));
         Self { values, tables: fixed.map(|(name, checksum)| (name.clone(), *checksum)).collect() }

@@ -1,8 +1,9 @@
 //! Why a scenario cannot become an experiment.
 
+use crate::calendar::utc;
 use crate::run::comparisons::Misplaced;
 use crate::sensors::SensorError;
-use isobar_model::ModelError;
+use isobar_model::{ModelError, Time};
 use isobar_obs::ObservationError;
 
 /// Why a scenario cannot become an experiment.
@@ -14,6 +15,26 @@ pub enum ExperimentError {
     /// The time step of the methods' or the truth's model.
     #[error("{0}")]
     TimeStep(ModelError),
+    /// A source whose table does not reach over the run.
+    #[error(
+        "the table of source {} of {} goes from {} to {}, but the run needs it from {} to {}",
+        number + 1,
+        if *of_truth { "[[truth.forcing]]" } else { "[[forcing]]" },
+        utc(known.0),
+        utc(known.1),
+        utc(needed.0),
+        utc(needed.1)
+    )]
+    Forcing {
+        /// Whether it is one of the truth's own.
+        of_truth: bool,
+        /// Its number, from 0.
+        number: usize,
+        /// From when to when it is needed.
+        needed: (Time, Time),
+        /// From when to when it is known.
+        known: (Time, Time),
+    },
     /// The truth of a file.
     #[error("{0}")]
     Truth(String),

@@ -4,7 +4,7 @@ use super::balance;
 use super::error::ExperimentError;
 use super::known_biases;
 use super::span::Span;
-use crate::kinds::covariances;
+use crate::kinds::{covariances, forcing};
 use crate::run::earlier::Earlier;
 use crate::run::through_window::ThroughWindow;
 use crate::run::truth::{Series, Truth, Twin};
@@ -44,8 +44,9 @@ pub(super) fn ground_after(
     earlier: Option<&Earlier>,
 ) -> Result<Ground, ExperimentError> {
     let grid = &scenario.grid.grid;
+    check_forcings(scenario, span)?;
     let model = scenario.model.build(grid, scenario.cycle.window)?;
-    let background = scenario.initial.build(&scenario.domain(), seed)?;
+    let background = scenario.initial.build(&scenario.domain(), seed)?.valid_at(span.start);
     balance::check(scenario, &background)?;
     check_time_step(&*model, &background).map_err(ExperimentError::TimeStep)?;
     let build = |components| covariances::build(components, background.layout()).map_err(ExperimentError::Covariance);
@@ -55,7 +56,7 @@ pub(super) fn ground_after(
 
     let twin = |settings: &TwinSettings| -> Result<Twin, ExperimentError> {
         let state = match &settings.initial {
-            Some(initial) => initial.build(&scenario.domain_of(&settings.model), seed)?,
+            Some(initial) => initial.build(&scenario.domain_of(&settings.model), seed)?.valid_at(span.start),
             None => {
                 let mut state = background.clone();
                 let deviation = covariance::randomize(&*background_error, &mut stream(seed, "truth/initial"));
@@ -106,6 +107,23 @@ pub(super) fn ground_after(
         most_observations: observing.most_observations(span.cycles()),
     };
     Ok(Ground { problem, sensors, truth, observing })
+}
+
+/// Refuses a source that is not known at all times of a run: of the model until the end of the longest forecast ahead.
+fn check_forcings(scenario: &Scenario, span: Span) -> Result<(), ExperimentError> {
+    let Scenario { model, truth, cycle, .. } = scenario;
+    let ahead = scenario.forecast.map_or(0, |times| times.longest_cycles);
+    let of_truth = match truth {
+        Some(TruthSettings::Twin(twin)) => Some((true, &twin.model.forcing, 0)),
+        _ => None,
+    };
+    for (of_truth, forcing, beyond) in [(false, &model.forcing, ahead)].into_iter().chain(of_truth) {
+        let [begin, end] = [span.done, span.last + beyond].map(|cycle_number| span.start + cycle.window * cycle_number);
+        if let Some((number, known)) = forcing::unknown_between(forcing, begin, end) {
+            return Err(ExperimentError::Forcing { of_truth, number, needed: (begin, end), known });
+        }
+    }
+    Ok(())
 }
 
 /// Refuses networks that observe at other times than those of the `states` true states of a cycle, at equal intervals.

@@ -63,6 +63,11 @@ impl ExperimentError {
                 place = vec!["comparisons".into(), number.to_string(), key.to_string()];
                 (place.iter().map(String::as_str).collect(), "not there")
             }
+            ExperimentError::Forcing { of_truth, number, .. } => {
+                let within = if *of_truth { vec!["truth"] } else { Vec::new() };
+                place = vec![number.to_string()];
+                ([within, vec!["forcing", &place[0], "time", "file"]].concat(), "this file")
+            }
             ExperimentError::Truth(_) => (vec!["truth", "file"], "this file"),
             ExperimentError::Sensors(_) => (vec!["sensors", "database"], "this database"),
             ExperimentError::Observations(error) => {

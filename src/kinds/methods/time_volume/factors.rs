@@ -1,11 +1,13 @@
 //! The factors of a time volume: patterns of errors of observations or of the model.
 
+use crate::kinds::initial::layout;
+use crate::kinds::pattern::{PATTERN, Pattern};
 use crate::kinds::{Domain, Kind, Kinds, choose};
 use crate::reader::{Absent, AnyKey, Described, Field, Form, Key, Limits, Read, Section, Whole, fields};
 use crate::text::clean;
 use isobar_assim::Error;
 use isobar_assim::time_volume::{AmplitudeEvolution, Factor, Target, TimeShape};
-use isobar_model::Duration;
+use isobar_model::{Duration, Location};
 use isobar_obs::Calibration;
 
 /// The most factors of a method, and the most amplitudes of a factor.
@@ -52,8 +54,8 @@ const PATTERNS_FILE: Key<Described> = Key::absent(
     "patterns_file",
     "",
     Described("a CSV file with a column for each pattern and a row for each cell", Form::text),
-    Absent::Explained("the same everywhere"),
-    "how it depends on place",
+    Absent::Explained("`pattern`"),
+    "how it depends on place, with an amplitude for each pattern",
 );
 
 const SIGMA: Key<Limits> = Key::absent(
@@ -88,7 +90,8 @@ const PERIOD_HOURS: Key<Limits> =
 const COUNT: Key<Whole> = Key::required("count", "", Whole(2, MOST), "number of hat functions in a period");
 
 /// The keys of factors of every shape.
-const COMMON: &[&dyn AnyKey] = &[&NAME, &BIASES, &VARIABLE, &PATTERNS_FILE, &SIGMA, &DRIFT, &CORRELATION_HOURS];
+const COMMON: &[&dyn AnyKey] =
+    &[&NAME, &BIASES, &VARIABLE, &PATTERN, &PATTERNS_FILE, &SIGMA, &DRIFT, &CORRELATION_HOURS];
 
 /// How a factor depends on time.
 pub(super) const SHAPES: &Kinds<TimeShape, Domain> = &[
@@ -126,10 +129,25 @@ pub(super) fn read(field: &Field<'_>, of_model: bool, domain: &Domain) -> Read<F
     let target = section.required(own.name)?;
     let acts_on = if of_model { ActsOn::Variable(domain.variable(&target)?) } else { ActsOn::Biases(biases(&target)?) };
     let shape = *(kind.read)(&section, domain)?;
-    let patterns = section.optional(PATTERNS_FILE.name);
-    let patterns = patterns.map(|field| fields::read(&field, &domain.grid, MOST)).transpose()?;
-    let patterns = patterns.map_or(Vec::new(), |fields| fields.columns);
+    let patterns = patterns(&section, &acts_on, domain)?;
     Ok(FactorSettings { name, acts_on, shape, patterns, evolution: evolution(&section)? })
+}
+
+/// How a factor depends on place: at the points of the variable on which it acts, or at the centres of cells.
+fn patterns(section: &Section<'_>, acts_on: &ActsOn, domain: &Domain) -> Read<Vec<Vec<f64>>> {
+    let location = match acts_on {
+        ActsOn::Variable(number) => layout(domain).variables[*number].location,
+        ActsOn::Biases(_) => Location::Center,
+    };
+    match (section.optional(PATTERN.name), section.optional(PATTERNS_FILE.name)) {
+        (None, None) => Ok(Vec::new()),
+        (Some(field), None) => Ok(vec![Pattern::read(&field, domain)?.values(&domain.grid, location)]),
+        (None, Some(field)) => Ok(fields::read(&field, &domain.grid, MOST)?.columns),
+        (Some(_), Some(field)) => {
+            let message = format!("`{}` stands beside `pattern`", field.title());
+            Err(field.misplaced(message, "make two factors, or put all patterns into the file"))
+        }
+    }
 }
 
 fn biases(field: &Field<'_>) -> Read<Vec<String>> {

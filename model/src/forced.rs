@@ -1,0 +1,120 @@
+//! A model with a forcing: dx/dt = f(x) + B u(t).
+//!
+//! A step of the model of f stands between the integrals of the forcing over the two halves of that step:
+//!
+//! ```text
+//! x ← x + B ∫ u dt, t to t + Δt/2      x ← M(x)      x ← x + B ∫ u dt, t + Δt/2 to t + Δt
+//! ```
+//!
+//! (Strang 1968, SIAM J. Numer. Anal. 5, 506–517). The integrals are exact, so the only error is that f acts on what the forcing
+//! has added as if it came at the ends of the step: with f(x) = A x it is, in one step,
+//!
+//! ```text
+//! ∫ e^(A (Δt − s)) B u(t + s) ds − e^(A Δt) B ∫₁ u − B ∫₂ u = Δt³ (A B u'/24 − A² B u/12) + O(Δt⁴),
+//! ```
+//!
+//! of second order in the end, whatever the order of M. Where f does not act on B, as a flow along the lines on which a pattern
+//! is constant, there is none.
+//!
+//! What is added does not depend on the state: the derivative of the step and its transpose are those of M, taken at the state
+//! with the first half. M has any time scheme, or none.
+
+use crate::error::ModelError;
+use crate::forcing::Forcing;
+use crate::forecast::{Adjoint, Model, TangentLinear};
+use crate::state::{Layout, State};
+use crate::time::{Duration, Time};
+use std::sync::Arc;
+
+/// A model with a forcing.
+#[derive(Clone)]
+pub struct Forced {
+    model: Arc<dyn Adjoint>,
+    forcing: Arc<Forcing>,
+}
+
+impl Forced {
+    /// A model with this forcing; as it is, without one.
+    ///
+    /// # Errors
+    /// As [`Forcing::check`].
+    pub fn of(model: Arc<dyn Adjoint>, forcing: &Arc<Forcing>) -> Result<Arc<dyn Adjoint>, ModelError> {
+        if forcing.is_empty() {
+            return Ok(model);
+        }
+        forcing.check(model.layout())?;
+        Ok(Arc::new(Self { model, forcing: Arc::clone(forcing) }))
+    }
+
+    /// Adds the forcing of the first or of the second half of a step that begins at a time.
+    fn add_half(&self, time: Time, second: bool, x: &mut State) {
+        let step_s = self.model.time_step().as_f64();
+        let span_s = if second { [0.5 * step_s, step_s] } else { [0.0, 0.5 * step_s] };
+        self.forcing.add(1.0, time, span_s, x.values_mut());
+    }
+
+    /// The state from which M goes on.
+    fn with_first_half(&self, x: &State) -> State {
+        let mut x = x.clone();
+        self.add_half(time_of(&x), false, &mut x);
+        x
+    }
+}
+
+/// The time of a state from which a forecast has been allowed to start.
+///
+/// # Panics
+/// If it has none.
+pub(crate) fn time_of(x: &State) -> Time {
+    x.require_time().unwrap_or_else(|error| panic!("{error}"))
+}
+
+impl Model for Forced {
+    fn layout(&self) -> &Arc<Layout> {
+        self.model.layout()
+    }
+
+    fn time_step(&self) -> Duration {
+        self.model.time_step()
+    }
+
+    fn substeps(&self) -> usize {
+        self.model.substeps()
+    }
+
+    fn largest_time_step_s(&self, x: &State) -> f64 {
+        self.model.largest_time_step_s(x)
+    }
+
+    fn needs_time(&self) -> bool {
+        true
+    }
+
+    fn check_state(&self, x: &State) -> Result<(), ModelError> {
+        self.model.check_state(x)
+    }
+
+    fn step(&self, x: &mut State) {
+        let time = time_of(x);
+        self.add_half(time, false, x);
+        self.model.step(x);
+        self.add_half(time, true, x);
+    }
+}
+
+impl TangentLinear for Forced {
+    fn step_tl(&self, at: &State, columns: &mut [f64]) {
+        self.model.step_tl(&self.with_first_half(at), columns);
+    }
+}
+
+impl Adjoint for Forced {
+    fn step_ad(&self, at: &State, columns: &mut [f64]) {
+        self.model.step_ad(&self.with_first_half(at), columns);
+    }
+
+    fn steps_ad(&self, states: &[State], columns: &mut [f64]) {
+        let states: Vec<State> = states.iter().map(|at| self.with_first_half(at)).collect();
+        self.model.steps_ad(&states, columns);
+    }
+}
