@@ -6,7 +6,7 @@
 //! |---|---|
 //! | [`time`], [`grid`], [`state`], [`increment`] | the nouns: when, where, x and δx |
 //! | [`vector`] | y += a x, differences, inner products of plain slices |
-//! | [`stored`] | increments stored in double or single precision |
+//! | [`stored`] | increments in double or single precision |
 //! | [`forecast`] | the traits [`Model`], [`TangentLinear`], [`Adjoint`], and the loops over time steps |
 //! | [`scheme`] | time schemes, once for all: [`Tendency`] + [`TimeScheme`] = [`Stepped`]; [`Leapfrog`]; sweeps over rows |
 //! | [`shallow_water`] | rotating [`ShallowWater`], nonlinear, and [`LinearShallowWater`] about a zonal flow |
@@ -69,6 +69,7 @@
 //! ```
 
 pub mod advection;
+mod arithmetic;
 mod columns;
 pub mod error;
 pub mod forecast;
@@ -89,7 +90,6 @@ pub mod time;
 pub mod vector;
 
 pub use advection::{Advection, AdvectionScheme, ExactShift, Wind};
-pub use columns::LANES;
 pub use error::ModelError;
 pub use forecast::{Adjoint, ForecastError, Model, TangentLinear};
 pub use grid::{Boundary, Grid, Location};
