@@ -276,11 +276,12 @@ impl<'a, N: Stored> Damping<'a, N> {
         }
     }
 
-    /// 1/dx² and 1/dy² times an area a², and ν/a⁴. The area is near that of a cell, so that L x is about as large as x, and far
-    /// from the smallest numbers of single precision if x is; it is a power of two, so that no bits depend on it.
+    /// 1/dx² and 1/dy² times an area a², and ν/a⁴. In single precision the area is about that of a cell, so that L x is as far
+    /// from the smallest numbers as x is; it is a power of two, on which no other bits depend.
     fn weights(&self) -> ([N; 2], N) {
         let grid = &self.model.layout.grid;
-        let area = f64::powi(2.0, (grid.dx_m * grid.dy_m).log2().round() as i32);
+        let is_double = size_of::<N>() == size_of::<f64>();
+        let area = if is_double { 1.0 } else { f64::powi(2.0, (grid.dx_m * grid.dy_m).log2().round() as i32) };
         let weights = [grid.dx_m, grid.dy_m].map(|spacing| N::narrow(area * spacing.powi(-2)));
         (weights, N::narrow(self.model.parameters.hyperdiffusion_m4_per_s / (area * area)))
     }
