@@ -167,7 +167,8 @@ fn tangent_linear(n: usize) {
             let per_column = |seconds: f64| seconds / batch as f64;
             println!(
                 "{n:4}² 1 thread, {name}: a column in a batch of {batch:2} costs {:5.2} nonlinear steps tangent-linear \
-                 ({:5.2} ns/cell), in single precision {:4.2} of that, {:5.2} by single steps; {:5.2} adjoint ({:5.2} ns/cell), {:5.2} by single steps",
+                 ({:5.2} ns/cell), in single precision {:4.2} of that, {:5.2} by single steps; {:5.2} adjoint \
+                 ({:5.2} ns/cell), {:5.2} by single steps",
                 per_column(forecast) / step,
                 1e9 * per_column(forecast) / (n * n) as f64,
                 single / forecast,

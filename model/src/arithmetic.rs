@@ -118,9 +118,5 @@ macro_rules! arithmetic {
     };
 }
 
-arithmetic!(
-    f64, 8, f64s, F64_LANES, as_simd_f64s, as_mut_simd_f64s, splat_f64s, add_f64s, sub_f64s, mul_f64s
-);
-arithmetic!(
-    f32, 16, f32s, F32_LANES, as_simd_f32s, as_mut_simd_f32s, splat_f32s, add_f32s, sub_f32s, mul_f32s
-);
+arithmetic!(f64, 8, f64s, F64_LANES, as_simd_f64s, as_mut_simd_f64s, splat_f64s, add_f64s, sub_f64s, mul_f64s);
+arithmetic!(f32, 16, f32s, F32_LANES, as_simd_f32s, as_mut_simd_f32s, splat_f32s, add_f32s, sub_f32s, mul_f32s);

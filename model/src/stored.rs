@@ -93,7 +93,10 @@ mod tests {
             assert_eq!((-value).widen(), -value.widen());
             if next.is_finite() {
                 let middle = 0.5 * (value.widen() + next.widen());
-                assert!(value.widen() < middle && middle < next.widen(), "exact, so that there is something between them");
+                assert!(
+                    value.widen() < middle && middle < next.widen(),
+                    "exact, so that there is something between them"
+                );
                 assert_eq!(f32::narrow(middle.next_down()), value);
                 assert_eq!(f32::narrow(middle.next_up()), next);
             }

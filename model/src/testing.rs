@@ -193,7 +193,10 @@ fn check_single_precision(model: &dyn Adjoint, at: &State, increment: &dyn Fn(&s
         model.steps_tl(at, ColumnsMut::Double(&mut double), steps);
         let roundings = norm(&vector::difference(&widened(&single), &double), scales) / norm(&double, scales);
         let limit = ROUNDINGS_PER_STEP * steps as f64 * f64::from(f32::EPSILON / 2.0);
-        assert!(roundings < limit, "the tangent-linear in single precision differs from that in double by {roundings:e}");
+        assert!(
+            roundings < limit,
+            "the tangent-linear in single precision differs from that in double by {roundings:e}"
+        );
     }
 }
 

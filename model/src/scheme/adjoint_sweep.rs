@@ -1,5 +1,5 @@
-//! Adjoint steps of a group of columns at once or of one, each as one sweep over the rows: the transposes of the stages follow each
-//! other from the last to the first at the distances of the stages themselves, behind the stages of the state.
+//! Adjoint steps of a group of columns at once or of one, each as one sweep over the rows: the transposes of the stages follow
+//! each other from the last to the first at the distances of the stages themselves, behind the stages of the state.
 //!
 //! ```text
 //! row  j + 8   x read                       stage 1 has its slope up to row j + 7

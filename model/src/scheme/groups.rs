@@ -52,11 +52,15 @@ pub(super) fn for_each_group<T: Tendency, N: Stored, W: Send>(
         });
     };
     let mut singles = || {
-        Columns::new(alone, len).for_each_group(1, || sweep(Lanes::One), |column, sweep| {
-            let Some(sweep) = sweep else { return };
-            constrain(column);
-            advance(column, sweep);
-        });
+        Columns::new(alone, len).for_each_group(
+            1,
+            || sweep(Lanes::One),
+            |column, sweep| {
+                let Some(sweep) = sweep else { return };
+                constrain(column);
+                advance(column, sweep);
+            },
+        );
     };
     match are_any {
         (true, true) => {

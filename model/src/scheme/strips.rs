@@ -125,7 +125,15 @@ impl<N: Stored> StripReader<N> {
         let (longest, lanes) = (lanes.limits()[0], lanes.count::<N>());
         let reach = if nx <= longest { 0 } else { reach * lanes };
         let edges = variables * ny * reach;
-        Self { variables, ny, row: nx * lanes, reach, lanes, west: vec![N::default(); edges], first: vec![N::default(); edges] }
+        Self {
+            variables,
+            ny,
+            row: nx * lanes,
+            reach,
+            lanes,
+            west: vec![N::default(); edges],
+            first: vec![N::default(); edges],
+        }
     }
 
     /// Reads the strip of a row as [`periodic_row`] has it; it is yet to be advanced, or will be read once more before it is.

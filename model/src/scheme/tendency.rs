@@ -49,11 +49,7 @@ pub trait Tendency: Send + Sync {
     /// which are at most [`MOST_PLACES`](super::MOST_PLACES): with it a batch of columns is advanced in lockstep, and what f'
     /// needs to know of the state is neither stored nor read for each column. A column has the same bits alone and in a group.
     /// `None` as in [`Tendency::row_stream`].
-    fn tangent_row_stream<N: Stored>(
-        &self,
-        _nx: usize,
-        _lanes: Lanes,
-    ) -> Option<Box<dyn TangentRowStream<N> + '_>> {
+    fn tangent_row_stream<N: Stored>(&self, _nx: usize, _lanes: Lanes) -> Option<Box<dyn TangentRowStream<N> + '_>> {
         None
     }
 

@@ -90,13 +90,7 @@ impl Scheme<'_> {
 pub(crate) type Terms<'a, 'b, N = f64> = &'a [(N, &'b [N])];
 
 /// `out` = x + Σ weight k for one row, `[variable, x]`.
-pub(crate) fn combine<N: Stored>(
-    arch: Arch,
-    out: &mut [N],
-    x: Row<'_, N>,
-    nx: usize,
-    terms: Terms<'_, '_, N>,
-) {
+pub(crate) fn combine<N: Stored>(arch: Arch, out: &mut [N], x: Row<'_, N>, nx: usize, terms: Terms<'_, '_, N>) {
     arch.dispatch(Combine { out, x, nx, terms });
 }
 

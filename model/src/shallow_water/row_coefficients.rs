@@ -1,4 +1,4 @@
-//! The coefficients of f' in the rows of a sweep, computed once for all columns, in double precision; they are kept in that of the
+//! The coefficients of f' in the rows of a sweep, computed once for all columns, in double precision, and kept in that of the
 //! columns.
 
 use super::rows::DiagnosticRows;

@@ -1,5 +1,5 @@
-//! The tangent-linear tendency row by row for a group of columns at once: the lines of [`super::tangent_rows`] in vector operations,
-//! in one pass from west to east, with the same bits.
+//! The tangent-linear tendency row by row for a group of columns at once: the lines of [`super::tangent_rows`] in vector
+//! operations, in one pass from west to east, with the same bits.
 //!
 //! The same lines over arrays of eight lanes were measured to take about half as long again, and dual numbers of eight
 //! directions in the lines of f three times as long (AVX-512; other programs were running on the machine, so the ratios are
