@@ -1,4 +1,5 @@
-//! Factors stored in single precision: the filter in double precision but for 2⁻²⁴ wherever a factor is written.
+//! Factors stored and forecast in single precision: the filter in double precision but for some 2⁻²⁴ of each step of a factor's
+//! forecast, and wherever a factor is written.
 
 use crate::common::*;
 use isobar_assim::covariance::{Covariance, Sum, White};
@@ -112,7 +113,6 @@ fn difference(found: &Estimate, expected: &Estimate) -> f64 {
     of_variable.fold(of_bias, f64::max)
 }
 
-/// A forecast rounds the factors 36 times, an analysis twice.
 #[test]
 fn a_nonlinear_run_is_that_in_double_precision_but_for_rounding() {
     let problem = jet_problem(16);

@@ -6,7 +6,7 @@
 //!   state, and the fraction reached of the step rate at which the state would move through memory just once;
 //! * the cost of one tangent-linear and one adjoint column, in a batch of 32 and of one, of the nonlinear and the linear
 //!   equations, in nonlinear steps of the same scheme: of each of twelve steps at once, as filters and 4D-Var take them, and of
-//!   a single one.
+//!   a single one; of twelve tangent-linear steps also in single precision, over the time in double.
 //!
 //! `cargo bench -p isobar-model`, or with grid sizes: `cargo bench -p isobar-model -- 64 256`. Times are the shortest,
 //! on one thread of the processor's time where the system tells it.
@@ -155,6 +155,10 @@ fn tangent_linear(n: usize) {
             let mut columns: Vec<f64> = one.iter().cycle().take(batch * len).copied().collect();
             let forecast =
                 least_seconds(|| model.steps_tl(at, ColumnsMut::Double(black_box(&mut columns)), STEPS)) / STEPS as f64;
+            let mut narrow: Vec<f32> = one.iter().cycle().take(batch * len).map(|&value| value as f32).collect();
+            let single =
+                least_seconds(|| model.steps_tl(at, ColumnsMut::Single(black_box(&mut narrow)), STEPS)) / STEPS as f64;
+            drop(narrow);
             let forward = least_seconds(|| model.step_tl(at, black_box(&mut columns)));
             columns.iter_mut().zip(one.iter().cycle()).for_each(|(column, one)| *column = *one);
             let backward = least_seconds(|| model.step_ad(at, black_box(&mut columns)));
@@ -163,9 +167,11 @@ fn tangent_linear(n: usize) {
             let per_column = |seconds: f64| seconds / batch as f64;
             println!(
                 "{n:4}² 1 thread, {name}: a column in a batch of {batch:2} costs {:5.2} nonlinear steps tangent-linear \
-                 ({:5.2} ns/cell), {:5.2} by single steps; {:5.2} adjoint ({:5.2} ns/cell), {:5.2} by single steps",
+                 ({:5.2} ns/cell), in single precision {:4.2} of that, {:5.2} by single steps; {:5.2} adjoint \
+                 ({:5.2} ns/cell), {:5.2} by single steps",
                 per_column(forecast) / step,
                 1e9 * per_column(forecast) / (n * n) as f64,
+                single / forecast,
                 per_column(forward) / step,
                 per_column(back) / step,
                 1e9 * per_column(back) / (n * n) as f64,

@@ -4,9 +4,6 @@ use crate::stored::Stored;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-/// Columns that are advanced together, one in each lane of vector operations.
-pub const LANES: usize = 8;
-
 /// Increments one after another.
 pub(crate) struct Columns<'a, S> {
     values: &'a mut [S],

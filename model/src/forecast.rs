@@ -1,6 +1,6 @@
 //! What a model is: three small traits, each a capability, and the loops over time steps, each written once.
 
-use crate::columns::LANES;
+use crate::arithmetic::Arithmetic;
 use crate::error::ModelError;
 use crate::state::{Layout, State};
 use crate::stored::{ColumnsMut, Stored};
@@ -55,8 +55,8 @@ pub trait TangentLinear: Model {
 
     /// Advances increments by `steps` time steps along the trajectory from `at`, to the same bits as by single steps.
     ///
-    /// The default takes single steps; a model overrides it if it is faster with all steps at once. Columns in single
-    /// precision are advanced in double precision and rounded after the last step.
+    /// The default takes single steps, and advances columns in single precision in double, rounding them after the last step; a
+    /// model overrides it if it is faster with all steps at once, or computes in single precision what is stored in it.
     fn steps_tl(&self, at: &State, columns: ColumnsMut<'_>, steps: usize) {
         step_by_step(self, at, columns, steps);
     }
@@ -146,24 +146,27 @@ pub fn forecast_tl<S: Stored>(
 pub(crate) fn step_by_step<M: TangentLinear + ?Sized>(model: &M, at: &State, columns: ColumnsMut<'_>, steps: usize) {
     match columns {
         ColumnsMut::Double([]) => {}
-        ColumnsMut::Double(columns) => {
-            let mut at = at.clone();
-            for step in 1..=steps {
-                model.step_tl(&at, columns);
-                if step < steps {
-                    model.step(&mut at);
-                    if at.first_non_finite().is_some() {
-                        return;
-                    }
-                }
-            }
-        }
+        ColumnsMut::Double(columns) => along(model, at, steps, |at| model.step_tl(at, columns)),
         // Through copies in double precision, of as many columns at a time as all threads take.
         ColumnsMut::Single(columns) => {
-            let group = LANES * rayon::current_num_threads() * model.layout().len().max(1);
+            let group = f64::COLUMNS * rayon::current_num_threads() * model.layout().len().max(1);
             let mut copy = Vec::new();
             for group in columns.chunks_mut(group) {
                 f32::in_double(group, &mut copy, |columns| model.steps_tl(at, ColumnsMut::Double(columns), steps));
+            }
+        }
+    }
+}
+
+/// Calls `visit` with the state before each of the steps from `at`, up to one that is not finite.
+pub(crate) fn along<M: Model + ?Sized>(model: &M, at: &State, steps: usize, mut visit: impl FnMut(&State)) {
+    let mut at = at.clone();
+    for step in 1..=steps {
+        visit(&at);
+        if step < steps {
+            model.step(&mut at);
+            if at.first_non_finite().is_some() {
+                return;
             }
         }
     }

@@ -6,7 +6,7 @@
 //! |---|---|
 //! | [`time`], [`grid`], [`state`], [`increment`] | the nouns: when, where, x and δx |
 //! | [`vector`] | y += a x, differences, inner products of plain slices |
-//! | [`stored`] | increments stored in double or single precision |
+//! | [`stored`] | increments in double or single precision |
 //! | [`forecast`] | the traits [`Model`], [`TangentLinear`], [`Adjoint`], and the loops over time steps |
 //! | [`forcing`], [`time_function`], [`forced`] | known sources B u(t), and a model with them |
 //! | [`scheme`] | time schemes, once for all: [`Tendency`] + [`TimeScheme`] = [`Stepped`]; [`Leapfrog`]; sweeps over rows |
@@ -72,6 +72,7 @@
 //! ```
 
 pub mod advection;
+mod arithmetic;
 mod columns;
 pub mod error;
 pub mod forced;
@@ -95,7 +96,6 @@ pub mod time_function;
 pub mod vector;
 
 pub use advection::{Advection, AdvectionScheme, ExactShift, Wind};
-pub use columns::LANES;
 pub use error::ModelError;
 pub use forced::Forced;
 pub use forcing::{Forcing, Source};

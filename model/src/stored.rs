@@ -1,6 +1,6 @@
-//! How increments are stored: in double precision or in single. All arithmetic is in double.
+//! How increments are stored: in double precision or in single.
 
-use std::fmt::Debug;
+use crate::arithmetic::Arithmetic;
 
 /// Increments one after another, each `[variable, y, x]`, in the precision in which they are stored.
 #[derive(Debug)]
@@ -11,9 +11,9 @@ pub enum ColumnsMut<'a> {
     Single(&'a mut [f32]),
 }
 
-/// A number of an increment as it is stored: `f64`, or `f32` for half the memory at the price of a relative error of 2⁻²⁴
-/// whenever it is written.
-pub trait Stored: sealed::Sealed + Copy + Debug + Default + PartialEq + Send + Sync + 'static {
+/// A number of an increment as it is stored: `f64`, or `f32` for half the memory and twice as many numbers in a vector of the
+/// processor, at the price of a relative error of 2⁻²⁴ whenever it is written or computed with.
+pub trait Stored: Arithmetic {
     /// The number in double precision, exactly.
     fn widen(self) -> f64;
 
@@ -80,8 +80,30 @@ impl Stored for f32 {
     }
 }
 
-mod sealed {
-    pub trait Sealed {}
-    impl Sealed for f64 {}
-    impl Sealed for f32 {}
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Widened and narrowed again every number is itself, down to the smallest; narrowed it is the nearest.
+    #[test]
+    fn widening_is_exact_and_narrowing_goes_to_the_nearest() {
+        for bits in (0..0x7f80_0000_u32).step_by(9973) {
+            let (value, next) = (f32::from_bits(bits), f32::from_bits(bits + 1));
+            assert_eq!(f32::narrow(value.widen()).to_bits(), bits);
+            assert_eq!((-value).widen(), -value.widen());
+            if next.is_finite() {
+                let middle = 0.5 * (value.widen() + next.widen());
+                assert!(
+                    value.widen() < middle && middle < next.widen(),
+                    "exact, so that there is something between them"
+                );
+                assert_eq!(f32::narrow(middle.next_down()), value);
+                assert_eq!(f32::narrow(middle.next_up()), next);
+            }
+        }
+        let mut scratch = Vec::new();
+        let mut values = [0.1_f32, -3.0];
+        f32::in_double(&mut values, &mut scratch, |values| values.iter_mut().for_each(|value| *value *= 1.0 + 1e-9));
+        assert_eq!(values, [0.1_f32, -3.0]);
+    }
 }

@@ -16,12 +16,13 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// How numbers are stored; all arithmetic is in double precision.
+/// How factors are stored, and in what their tangent-linear forecasts are computed; sums and products of them are in double
+/// precision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Precision {
     /// In 8 bytes.
     Double,
-    /// In 4 bytes, with a relative error of 2⁻²⁴ whenever they are written.
+    /// In 4 bytes, with a relative error of 2⁻²⁴ whenever they are written, and in each operation of a forecast.
     Single,
 }
 

@@ -1,5 +1,5 @@
-//! Adjoint steps of eight columns at once or of one, each as one sweep over the rows: the transposes of the stages follow each
-//! other from the last to the first at the distances of the stages themselves, behind the stages of the state.
+//! Adjoint steps of a group of columns at once or of one, each as one sweep over the rows: the transposes of the stages follow
+//! each other from the last to the first at the distances of the stages themselves, behind the stages of the state.
 //!
 //! ```text
 //! row  j + 8   x read                       stage 1 has its slope up to row j + 7
@@ -117,7 +117,7 @@ impl<'a> AdjointWavefront<'a> {
         let (stages, shape) = (streams.len(), [grid.nx, grid.ny]);
         let places = lanes.most_places(grid.nx, reach.of_x as usize);
         let y_places = lanes.most_places(grid.nx, reach.of_y as usize);
-        let row_len = variables * (y_places + 2) * lanes.count();
+        let row_len = variables * (y_places + 2) * lanes.count::<f64>();
         let of_stage = reach.of_stage as usize;
         let reader = |_| StripReader::new(variables, shape, lanes, reach.of_y as usize);
         Self {
@@ -319,7 +319,7 @@ impl<'a> AdjointWavefront<'a> {
 
     /// Values of a variable's row of columns.
     fn stride(&self) -> usize {
-        self.strip_of_y().stride(self.lanes.count())
+        self.strip_of_y().stride(self.lanes.count::<f64>())
     }
 
     /// Values of a row of the state.

@@ -1,9 +1,10 @@
-//! Which columns are advanced together: eight at a time, interleaved, and a few that are left one after another.
+//! Which columns are advanced together: as many as the widest vectors have lanes at a time, interleaved, and a few that are
+//! left one after another.
 
 use super::interleaving::Interleaving;
 use super::strips::Lanes;
 use super::tendency::Tendency;
-use crate::columns::{Columns, LANES};
+use crate::columns::Columns;
 use crate::grid::Boundary;
 use crate::stored::Stored;
 use std::borrow::Cow;
@@ -11,56 +12,55 @@ use std::borrow::Cow;
 /// Fewer columns than this are advanced one after another, which is then faster than a group filled up with zeros.
 const LEAST_OF_A_GROUP: usize = 5;
 
-/// Applies `advance` to the columns of each group in double precision, of `levels` levels each, constrained and, if they are
-/// eight, interleaved, with a sweep for each worker. Which columns share a group has no influence on the result, if it is the
-/// same for both numbers of lanes.
-pub(super) fn for_each_group<T: Tendency, S: Stored, W: Send>(
+/// Applies `advance` to the columns of each group, of `levels` levels each, constrained and, if they are many, interleaved,
+/// with a sweep for each worker. Which columns share a group has no influence on the result, if it is the same for both
+/// numbers of lanes.
+pub(super) fn for_each_group<T: Tendency, N: Stored, W: Send>(
     tendency: &T,
     levels: usize,
-    columns: &mut [S],
+    columns: &mut [N],
     sweep: impl Fn(Lanes) -> Option<W> + Sync,
-    advance: impl Fn(&mut [f64], &mut W) + Sync,
+    advance: impl Fn(&mut [N], &mut W) + Sync,
 ) {
     let level = tendency.layout().len();
     let len = levels * level;
     assert_eq!(columns.len() % len, 0, "columns must be whole increments of {len} values");
     let count = columns.len() / len;
-    let grouped = if count % LANES < LEAST_OF_A_GROUP { count - count % LANES } else { count };
-    let (grouped, alone) = columns.split_at_mut(grouped * len);
-    let constrain = |columns: &mut [f64]| columns.chunks_exact_mut(level).for_each(|level| tendency.constrain(level));
+    let left = count % N::COLUMNS;
+    let (grouped, alone) = columns.split_at_mut(if left < LEAST_OF_A_GROUP { count - left } else { count } * len);
+    let constrain = |columns: &mut [N]| columns.chunks_exact_mut(level).for_each(|level| tendency.constrain(level));
     let are_any = (!grouped.is_empty(), !alone.is_empty());
     let mut groups = || {
         let nx = tendency.layout().grid.nx;
-        let work = || (sweep(Lanes::Eight), Interleaving::new(len / nx, nx), Vec::new(), Vec::new());
-        Columns::new(grouped, len).for_each_group(LANES, work, |group, (sweep, interleaving, copy, filled)| {
+        let work = || (sweep(Lanes::Group), Interleaving::new(len / nx, nx), Vec::new());
+        Columns::new(grouped, len).for_each_group(N::COLUMNS, work, |group, (sweep, interleaving, filled)| {
             let Some(sweep) = sweep else { return };
-            let mut advance_eight = |columns: &mut [f64]| {
+            let mut advance_all = |columns: &mut [N]| {
                 constrain(columns);
                 interleaving.interleave(columns);
                 advance(columns, sweep);
                 interleaving.separate(columns);
             };
-            S::in_double(group, copy, |columns| {
-                if columns.len() == LANES * len {
-                    return advance_eight(columns);
-                }
-                filled.clear();
-                filled.extend_from_slice(columns);
-                filled.resize(LANES * len, 0.0);
-                advance_eight(filled);
-                columns.copy_from_slice(&filled[..columns.len()]);
-            });
+            if group.len() == N::COLUMNS * len {
+                return advance_all(group);
+            }
+            filled.clear();
+            filled.extend_from_slice(group);
+            filled.resize(N::COLUMNS * len, N::default());
+            advance_all(filled);
+            group.copy_from_slice(&filled[..group.len()]);
         });
     };
     let mut singles = || {
-        let work = || (sweep(Lanes::One), Vec::new());
-        Columns::new(alone, len).for_each_group(1, work, |column, (sweep, copy)| {
-            let Some(sweep) = sweep else { return };
-            S::in_double(column, copy, |column| {
+        Columns::new(alone, len).for_each_group(
+            1,
+            || sweep(Lanes::One),
+            |column, sweep| {
+                let Some(sweep) = sweep else { return };
                 constrain(column);
                 advance(column, sweep);
-            });
-        });
+            },
+        );
     };
     match are_any {
         (true, true) => {

@@ -26,7 +26,7 @@ use crate::columns::Columns;
 use crate::error::{ModelError, require};
 use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step, step_by_step_ad};
 use crate::state::{Layout, State};
-use crate::stored::ColumnsMut;
+use crate::stored::{ColumnsMut, Stored};
 use crate::time::Duration;
 use crate::vector;
 use std::sync::Arc;
@@ -85,17 +85,17 @@ impl<T: Tendency> Leapfrog<T> {
     }
 
     /// Tangent-linear of [`Leapfrog::start`]: columns of one level to columns of two.
-    pub fn start_tl(&self, at: &State, columns: &[f64]) -> Vec<f64> {
+    pub fn start_tl<N: Stored>(&self, at: &State, columns: &[N]) -> Vec<N> {
         let linearisation = self.linearise(at.values());
         let dt = self.time_step.as_f64();
         let mut result = Vec::with_capacity(2 * columns.len());
         let (mut slope, mut scratch) = (vec![0.0; self.half()], vec![0.0; self.tendency.scratch_len()]);
         for column in columns.chunks_exact(self.half()) {
-            let mut now = column.to_vec();
+            let mut now: Vec<f64> = column.iter().map(|value| value.widen()).collect();
             self.tendency.constrain(&mut now);
             self.tendency.tendency_tl(&linearisation, &now, &mut slope, &mut scratch);
-            result.extend_from_slice(&now);
-            result.extend(now.iter().zip(&slope).map(|(now, slope)| now - dt * slope));
+            result.extend(now.iter().map(|&now| N::narrow(now)));
+            result.extend(now.iter().zip(&slope).map(|(now, slope)| N::narrow(now - dt * slope)));
         }
         result
     }

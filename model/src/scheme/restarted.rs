@@ -37,9 +37,9 @@ use super::tendency::Tendency;
 use crate::error::ModelError;
 use crate::forced::time_of;
 use crate::forcing::Forcing;
-use crate::forecast::{Adjoint, Model, TangentLinear};
+use crate::forecast::{Adjoint, Model, TangentLinear, along};
 use crate::state::{Layout, State};
-use crate::stored::ColumnsMut;
+use crate::stored::{ColumnsMut, Stored};
 use crate::time::{Duration, Time};
 use std::sync::Arc;
 
@@ -109,6 +109,21 @@ impl<T: Tendency> RestartedLeapfrog<T> {
         self.forcing.add(factor, time, self.leapt(step), now);
         self.forcing.add(factor * self.leapfrog.robert_filter(), time, self.leapt(step), filtered);
     }
+
+    /// Advances increments by a cycle from `at`: their start is in double precision.
+    fn advance<N: Stored>(&self, at: &State, columns: &mut [N]) {
+        let mut levels = self.leapfrog.start_tl(at, columns);
+        if self.forcing.is_empty() {
+            self.leapfrog.steps_tl(&self.leapfrog.start(at), N::columns_mut(&mut levels), self.steps);
+        } else {
+            // The trajectory that the leapfrog would follow by itself is another one.
+            self.run(at, |x| self.leapfrog.steps_tl(x, N::columns_mut(&mut levels), 1));
+        }
+        let one = self.layout().len();
+        for (column, levels) in columns.chunks_exact_mut(one).zip(levels.chunks_exact(2 * one)) {
+            column.copy_from_slice(&levels[..one]);
+        }
+    }
 }
 
 impl<T: Tendency> Model for RestartedLeapfrog<T> {
@@ -146,16 +161,14 @@ impl<T: Tendency> Model for RestartedLeapfrog<T> {
 
 impl<T: Tendency> TangentLinear for RestartedLeapfrog<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
-        let mut levels = self.leapfrog.start_tl(at, columns);
-        if self.forcing.is_empty() {
-            self.leapfrog.steps_tl(&self.leapfrog.start(at), ColumnsMut::Double(&mut levels), self.steps);
-        } else {
-            // The trajectory that the leapfrog would follow by itself is another one.
-            self.run(at, |x| self.leapfrog.step_tl(x, &mut levels));
-        }
-        let one = self.layout().len();
-        for (column, levels) in columns.chunks_exact_mut(one).zip(levels.chunks_exact(2 * one)) {
-            column.copy_from_slice(&levels[..one]);
+        self.advance(at, columns);
+    }
+
+    fn steps_tl(&self, at: &State, columns: ColumnsMut<'_>, steps: usize) {
+        match columns {
+            ColumnsMut::Double([]) | ColumnsMut::Single([]) => {}
+            ColumnsMut::Double(columns) => along(self, at, steps, |at| self.advance(at, columns)),
+            ColumnsMut::Single(columns) => along(self, at, steps, |at| self.advance(at, columns)),
         }
     }
 }

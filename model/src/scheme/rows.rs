@@ -13,20 +13,22 @@
 //!      j       all slopes known: x written
 //! ```
 
+use crate::stored::Stored;
+
 /// How many variables a tendency with a form by rows may have.
 pub const MOST_VARIABLES: usize = 4;
 
 /// One row of each variable.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Row<'a>(pub(super) [&'a [f64]; MOST_VARIABLES]);
+pub struct Row<'a, N = f64>(pub(super) [&'a [N]; MOST_VARIABLES]);
 
-impl<'a> Row<'a> {
+impl<'a, N: Stored> Row<'a, N> {
     /// A row of `nx` places stored as `[variable, x]`.
     ///
     /// # Panics
     /// If it has more than [`MOST_VARIABLES`] variables.
     #[inline]
-    pub fn of(mut values: &'a [f64], nx: usize) -> Self {
+    pub fn of(mut values: &'a [N], nx: usize) -> Self {
         let mut row = Self::default();
         let mut variable = 0;
         while values.len() >= nx {
@@ -41,23 +43,23 @@ impl<'a> Row<'a> {
     /// # Panics
     /// If there are more than [`MOST_VARIABLES`].
     #[inline(always)]
-    pub fn each<const N: usize>(variables: [&'a [f64]; N]) -> Self {
+    pub fn each<const COUNT: usize>(variables: [&'a [N]; COUNT]) -> Self {
         let mut row = Self::default();
-        row.0[..N].copy_from_slice(&variables);
+        row.0[..COUNT].copy_from_slice(&variables);
         row
     }
 
     /// The rows of the first variables.
     #[inline(always)]
-    pub fn variables<const N: usize>(&self) -> [&'a [f64]; N] {
-        let mut rows = [&[][..]; N];
-        rows.copy_from_slice(&self.0[..N]);
+    pub fn variables<const COUNT: usize>(&self) -> [&'a [N]; COUNT] {
+        let mut rows = [&[][..]; COUNT];
+        rows.copy_from_slice(&self.0[..COUNT]);
         rows
     }
 
     /// The row of one variable.
     #[inline(always)]
-    pub fn variable(&self, variable: usize) -> &'a [f64] {
+    pub fn variable(&self, variable: usize) -> &'a [N] {
         self.0[variable]
     }
 }
@@ -85,39 +87,42 @@ pub trait RowStream: Send {
 }
 
 /// What a [`TangentRowStream`] takes of the state, or of the increments, and what it writes.
-pub struct Pushed<'a> {
+pub struct Pushed<'a, N = f64> {
     /// The row south of the one that is pushed.
-    pub south: Row<'a>,
+    pub south: Row<'a, N>,
     /// The row that is pushed.
-    pub north: Row<'a>,
+    pub north: Row<'a, N>,
     /// The tendency, of the row that is [`TangentRowStream::reach`] rows south of it.
-    pub tendency: &'a mut [f64],
+    pub tendency: &'a mut [N],
 }
 
 /// A tendency and its derivative, row by row from the south, for stencils that reach one or two rows and columns.
+///
+/// The tendency is computed in double precision and so are the coefficients of its derivative; these are rounded for increments
+/// in single precision, whose derivative is computed in single.
 ///
 /// Rows of the state are as in [`RowStream`], at most [`MOST_PLACES`](super::MOST_PLACES) long; rows of increments hold
 /// `[variable, x, lane]`, each variable with the place before its first and the place after its last, as it is periodic.
 ///
 /// Rows are numbered from the south; row −1 and row `ny` lie beyond a wall or are those at the other end of a periodic
 /// domain, and so on.
-pub trait TangentRowStream: Send {
+pub trait TangentRowStream<N: Stored>: Send {
     /// As [`RowStream::reach`].
     fn reach(&self) -> usize {
         1
     }
 
     /// Begins a sweep with its first row.
-    fn begin(&mut self, row: isize, x: Row<'_>, dx: Row<'_>);
+    fn begin(&mut self, row: isize, x: Row<'_>, dx: Row<'_, N>);
 
     /// The rows beyond a wall, of the state `[variable, x]` and the increments, given the rows beside it.
-    fn beyond_wall(&self, x: Row<'_>, dx: Row<'_>, ghost: &mut [f64], d_ghost: &mut [f64]);
+    fn beyond_wall(&self, x: Row<'_>, dx: Row<'_, N>, ghost: &mut [f64], d_ghost: &mut [N]);
 
     /// As [`RowStream::push`], for state and increments.
-    fn push(&mut self, row: isize, x: Pushed<'_>, dx: Pushed<'_>);
+    fn push(&mut self, row: isize, x: Pushed<'_>, dx: Pushed<'_, N>);
 
     /// As [`RowStream::finish`], for state and increments.
-    fn finish(&mut self, _tendency: &mut [f64], _d_tendency: &mut [f64]) {}
+    fn finish(&mut self, _tendency: &mut [f64], _d_tendency: &mut [N]) {}
 }
 
 /// A tendency f(x) and the transpose of its derivative, row by row from the south, for stencils that reach one or two rows
@@ -155,22 +160,22 @@ pub trait AdjointRowStream: Send {
 
 /// A ring of rows, as many as a power of two, so that finding one is no division. They begin where lines of cache do if their
 /// length is a whole number of lines.
-pub(crate) struct Ring {
-    values: Vec<f64>,
+pub(crate) struct Ring<N = f64> {
+    values: Vec<N>,
     /// Values before the first row.
     before: usize,
     row_len: usize,
     mask: usize,
 }
 
-impl Ring {
+impl<N: Stored> Ring<N> {
     /// Of at least `depth` rows.
     pub fn new(row_len: usize, depth: usize) -> Self {
         const LINE_BYTES: usize = 64;
         let depth = depth.next_power_of_two();
-        let values = vec![0.0; row_len * depth + LINE_BYTES / size_of::<f64>()];
+        let values = vec![N::default(); row_len * depth + LINE_BYTES / size_of::<N>()];
         // Alignment changes no result, so that failing to find it does no harm.
-        let before = values.as_ptr().align_offset(LINE_BYTES).min(LINE_BYTES / size_of::<f64>());
+        let before = values.as_ptr().align_offset(LINE_BYTES).min(LINE_BYTES / size_of::<N>());
         Self { values, before, row_len, mask: depth - 1 }
     }
 
@@ -180,13 +185,13 @@ impl Ring {
     }
 
     #[inline]
-    pub fn row(&self, row: isize) -> &[f64] {
+    pub fn row(&self, row: isize) -> &[N] {
         let start = self.start(row);
         &self.values[start..start + self.row_len]
     }
 
     #[inline]
-    pub fn row_mut(&mut self, row: isize) -> &mut [f64] {
+    pub fn row_mut(&mut self, row: isize) -> &mut [N] {
         let start = self.start(row);
         &mut self.values[start..start + self.row_len]
     }

@@ -3,24 +3,25 @@
 use super::rows::{Ring, Row};
 use super::strips::Strip;
 use super::update::{Scheme, combine, leap};
+use crate::stored::Stored;
 use pulp::Arch;
 
 /// Rows of states and slopes at all stages.
-pub(super) struct Stages {
-    pub states: Vec<Ring>,
-    pub slopes: Vec<Ring>,
+pub(super) struct Stages<N = f64> {
+    pub states: Vec<Ring<N>>,
+    pub slopes: Vec<Ring<N>>,
     /// The row beyond a wall.
-    pub ghost: Vec<f64>,
+    pub ghost: Vec<N>,
 }
 
-impl Stages {
+impl<N: Stored> Stages<N> {
     /// For rows of at most `row_len` values, where each stage is `reach` rows behind the one before.
     pub fn new(stages: usize, reach: usize, row_len: usize) -> Self {
         let states = |stage: usize| Ring::new(row_len, if stage == 0 { reach * stages + 1 } else { 2 });
         Self {
             states: (0..stages).map(states).collect(),
             slopes: (1..=stages).map(|stage| Ring::new(row_len, reach * (stages - stage) + 1)).collect(),
-            ghost: vec![0.0; row_len],
+            ghost: vec![N::default(); row_len],
         }
     }
 
@@ -31,7 +32,9 @@ impl Stages {
         let x = Row::of(&first[0].row(row)[..len], len);
         combine(arch, &mut later[stage].row_mut(row)[..len], x, len, &terms[..count]);
     }
+}
 
+impl Stages {
     /// The state's row after the step, given the slopes of all stages: its own places go to `after`, all levels
     /// `[variable, y, x]`, as those of `before`.
     pub fn advance_state(
@@ -67,7 +70,7 @@ impl Stages {
 }
 
 /// A strip's row in a ring of longer rows: `values` values of each of `variables` variables.
-pub(super) fn of_strip(ring: &Ring, row: isize, variables: usize, values: usize) -> Row<'_> {
+pub(super) fn of_strip<N: Stored>(ring: &Ring<N>, row: isize, variables: usize, values: usize) -> Row<'_, N> {
     Row::of(&ring.row(row)[..variables * values], values)
 }
 

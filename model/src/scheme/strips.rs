@@ -7,7 +7,7 @@
 //! A strip takes itself for periodic, so that its outermost places become wrong, by as many as the stencil reaches with
 //! each stage; those on either side are as many as all stages take.
 
-use crate::columns::LANES;
+use crate::stored::Stored;
 use std::ops::Range;
 
 /// The most places of a row in a sweep over a strip.
@@ -18,16 +18,17 @@ pub const MOST_PLACES: usize = 288;
 pub enum Lanes {
     /// One column alone: vector operations take places beside each other.
     One,
-    /// [`LANES`](crate::LANES) columns: vector operations take a place of all.
-    Eight,
+    /// A group of columns, as many as the widest vectors have lanes: eight in double precision, sixteen in single. Vector
+    /// operations take a place of all.
+    Group,
 }
 
 impl Lanes {
-    /// How many.
-    pub fn count(self) -> usize {
+    /// How many, of columns in this precision.
+    pub fn count<N: Stored>(self) -> usize {
         match self {
             Lanes::One => 1,
-            Lanes::Eight => LANES,
+            Lanes::Group => N::COLUMNS,
         }
     }
 
@@ -35,7 +36,7 @@ impl Lanes {
     fn limits(self) -> [usize; 2] {
         match self {
             Lanes::One => [MOST_PLACES, 240],
-            Lanes::Eight => [80, 64],
+            Lanes::Group => [80, 64],
         }
     }
 
@@ -106,7 +107,7 @@ impl Strip {
 }
 
 /// Reads strips of the rows of one level of columns, `[variable, y, x, lane]`, that are advanced in place.
-pub(crate) struct StripReader {
+pub(crate) struct StripReader<N = f64> {
     variables: usize,
     ny: usize,
     /// Values of a row, and of the places on either side of a strip.
@@ -114,21 +115,29 @@ pub(crate) struct StripReader {
     reach: usize,
     lanes: usize,
     /// Of each row, the places west of the strip, and the first of the row.
-    west: Vec<f64>,
-    first: Vec<f64>,
+    west: Vec<N>,
+    first: Vec<N>,
 }
 
-impl StripReader {
+impl<N: Stored> StripReader<N> {
     /// For columns with this number of variables, each of `ny` rows of `nx`.
     pub fn new(variables: usize, [nx, ny]: [usize; 2], lanes: Lanes, reach: usize) -> Self {
-        let (longest, lanes) = (lanes.limits()[0], lanes.count());
+        let (longest, lanes) = (lanes.limits()[0], lanes.count::<N>());
         let reach = if nx <= longest { 0 } else { reach * lanes };
         let edges = variables * ny * reach;
-        Self { variables, ny, row: nx * lanes, reach, lanes, west: vec![0.0; edges], first: vec![0.0; edges] }
+        Self {
+            variables,
+            ny,
+            row: nx * lanes,
+            reach,
+            lanes,
+            west: vec![N::default(); edges],
+            first: vec![N::default(); edges],
+        }
     }
 
     /// Reads the strip of a row as [`periodic_row`] has it; it is yet to be advanced, or will be read once more before it is.
-    pub fn read(&mut self, level: &[f64], row: usize, strip: Strip, to_be_advanced: bool, out: &mut [f64]) {
+    pub fn read(&mut self, level: &[N], row: usize, strip: Strip, to_be_advanced: bool, out: &mut [N]) {
         let (reach, lanes) = (self.reach, self.lanes);
         let own = strip.first * lanes..(strip.first + strip.width) * lanes;
         let stride = strip.stride(lanes);
@@ -175,7 +184,7 @@ impl StripReader {
 /// Fills the place before the first and that after the last: the row of a variable has them, as it is periodic, so that a
 /// stencil is one loop.
 #[inline(always)]
-pub(crate) fn periodic_row(row: &mut [f64], lanes: usize) {
+pub(crate) fn periodic_row<N: Copy>(row: &mut [N], lanes: usize) {
     let end = row.len() - lanes;
     row.copy_within(end - lanes..end, 0);
     row.copy_within(lanes..2 * lanes, end);

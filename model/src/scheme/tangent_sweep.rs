@@ -1,10 +1,15 @@
-//! Tangent-linear steps of eight columns at once or of one, each as one sweep over the rows, beside the step of the state
+//! Tangent-linear steps of a group of columns at once or of one, each as one sweep over the rows, beside the step of the state
 //! they are linearised at: the coefficients of the derivative in a row are computed once for all, and neither the trajectory
 //! nor the states of the stages nor their coefficients are ever stored for the whole grid.
 //!
 //! The columns of a group are interleaved for all steps of a forecast, so that one vector operation does the same for all
 //! of them, whatever the length of a row; of a column alone it does the same for places beside each other. The lines are the
 //! same, so that a column has the bits it has alone. Long rows are swept in [strips](super::strips).
+//!
+//! The state and the coefficients are computed in double precision. What is done with increments is done in the precision in
+//! which they are stored: in single, a rounding to 2⁻²⁴ of each sum and product, with twice as many columns in a vector. No
+//! sum is long and none cancels by more than the time step makes good: a step adds Δt F δx, whose size the stability limit
+//! holds to that of δx, so that the errors of a step are some 2⁻²⁴ of the increment, in hyperdiffusion as in gravity waves.
 
 use super::groups::{for_each_group, linearised_at};
 use super::rows::{Pushed, Ring, Row, TangentRowStream};
@@ -26,23 +31,24 @@ pub(crate) fn sweep_tl<T: Tendency>(
     steps: usize,
 ) -> bool {
     match columns {
-        ColumnsMut::Double(columns) => sweep_stored(tendency, scheme, at, columns, steps),
-        ColumnsMut::Single(columns) => sweep_stored(tendency, scheme, at, columns, steps),
+        ColumnsMut::Double(columns) => sweep_in(tendency, scheme, at, columns, steps),
+        ColumnsMut::Single(columns) => sweep_in(tendency, scheme, at, columns, steps),
     }
 }
 
-fn sweep_stored<T: Tendency, S: Stored>(
+/// [`sweep_tl`] in the precision of the columns.
+fn sweep_in<T: Tendency, N: Stored>(
     tendency: &T,
     scheme: Scheme<'_>,
     at: &[f64],
-    columns: &mut [S],
+    columns: &mut [N],
     steps: usize,
 ) -> bool {
     if steps == 0 {
         return true;
     }
     let (grid, variables) = (&tendency.layout().grid, tendency.layout().variables.len());
-    let Some(stream) = tendency.tangent_row_stream(grid.nx.min(4), Lanes::One) else { return false };
+    let Some(stream) = tendency.tangent_row_stream::<N>(grid.nx.min(4), Lanes::One) else { return false };
     let reach = stream.reach() * scheme.stages();
     let start = linearised_at(tendency, at);
     let sweep = |lanes: Lanes| {
@@ -50,20 +56,20 @@ fn sweep_stored<T: Tendency, S: Stored>(
         let streams: Option<Vec<_>> = (0..scheme.stages()).map(stream).collect();
         Some(TangentWavefront::new(scheme, streams?, grid, variables, lanes))
     };
-    for_each_group(tendency, scheme.levels(), columns, sweep, |columns, sweep: &mut TangentWavefront<'_>| {
+    for_each_group(tendency, scheme.levels(), columns, sweep, |columns, sweep: &mut TangentWavefront<'_, N>| {
         sweep.advance(&start, columns, steps);
     });
     true
 }
 
 /// The sweep over the whole grid.
-struct TangentWavefront<'a> {
+struct TangentWavefront<'a, N> {
     arch: Arch,
     scheme: Scheme<'a>,
     grid: &'a Grid,
     variables: usize,
     lanes: Lanes,
-    streams: Vec<Box<dyn TangentRowStream + 'a>>,
+    streams: Vec<Box<dyn TangentRowStream<N> + 'a>>,
     /// Rows pushed to each stage so far.
     pushed: Vec<usize>,
     /// Rows by which each stage is behind the one before.
@@ -72,20 +78,20 @@ struct TangentWavefront<'a> {
     total_reach: isize,
     strip: Strip,
     x: Stages,
-    dx: Stages,
-    reader: StripReader,
+    dx: Stages<N>,
+    reader: StripReader<N>,
     /// The first rows of the columns, which come again at the end of a periodic sweep.
-    first_rows: Ring,
+    first_rows: Ring<N>,
     /// The state before and after the later steps, all levels `[variable, y, x]`.
     at: [Vec<f64>; 2],
     last_step: bool,
 }
 
-impl<'a> TangentWavefront<'a> {
+impl<'a, N: Stored> TangentWavefront<'a, N> {
     /// For columns of `variables` variables, with a stream for each stage.
     fn new(
         scheme: Scheme<'a>,
-        streams: Vec<Box<dyn TangentRowStream + 'a>>,
+        streams: Vec<Box<dyn TangentRowStream<N> + 'a>>,
         grid: &'a Grid,
         variables: usize,
         lanes: Lanes,
@@ -93,7 +99,7 @@ impl<'a> TangentWavefront<'a> {
         let (stages, of_stage) = (streams.len(), streams[0].reach());
         let reach = of_stage * stages;
         let places = lanes.most_places(grid.nx, reach);
-        let row_len = variables * (places + 2) * lanes.count();
+        let row_len = variables * (places + 2) * lanes.count::<N>();
         Self {
             arch: Arch::new(),
             scheme,
@@ -115,7 +121,7 @@ impl<'a> TangentWavefront<'a> {
     }
 
     /// Advances the columns by `steps` steps along the trajectory from `start`, in place.
-    fn advance(&mut self, start: &[f64], columns: &mut [f64], steps: usize) {
+    fn advance(&mut self, start: &[f64], columns: &mut [N], steps: usize) {
         let [mut before, mut after] = std::mem::take(&mut self.at);
         after.resize(if steps > 1 { start.len() } else { 0 }, 0.0);
         before.resize(if steps > 2 { start.len() } else { 0 }, 0.0);
@@ -130,7 +136,7 @@ impl<'a> TangentWavefront<'a> {
         self.at = [before, after];
     }
 
-    fn sweep_strip(&mut self, at: &[f64], after: &mut [f64], columns: &mut [f64]) {
+    fn sweep_strip(&mut self, at: &[f64], after: &mut [f64], columns: &mut [N]) {
         let stages = self.streams.len();
         let walls = self.grid.boundary == Boundary::Channel;
         let (ny, of_stage, of_all) = (self.grid.ny as isize, self.stage_reach, self.total_reach);
@@ -165,7 +171,7 @@ impl<'a> TangentWavefront<'a> {
         }
     }
 
-    fn cascade(&mut self, stage: usize, row: isize, at: &[f64], after: &mut [f64], columns: &mut [f64]) {
+    fn cascade(&mut self, stage: usize, row: isize, at: &[f64], after: &mut [f64], columns: &mut [N]) {
         self.pushed[stage] += 1;
         let walls = self.grid.boundary == Boundary::Channel;
         if self.pushed[stage] == 1 && walls {
@@ -219,7 +225,7 @@ impl<'a> TangentWavefront<'a> {
     }
 
     /// The slopes of a row at a stage are known: on to the next stage, or to the end.
-    fn continue_with(&mut self, stage: usize, row: isize, at: &[f64], after: &mut [f64], columns: &mut [f64]) {
+    fn continue_with(&mut self, stage: usize, row: isize, at: &[f64], after: &mut [f64], columns: &mut [N]) {
         let (arch, scheme, strip) = (self.arch, self.scheme, self.strip);
         let (len, d_len) = self.lengths();
         if stage + 1 < self.streams.len() {
@@ -249,7 +255,7 @@ impl<'a> TangentWavefront<'a> {
 
     /// Values of a variable's row of increments.
     fn stride(&self) -> usize {
-        self.strip.stride(self.lanes.count())
+        self.strip.stride(self.lanes.count::<N>())
     }
 
     /// Values of a row of the state and of increments.

@@ -4,6 +4,7 @@ use super::rows::{AdjointRowStream, RowStream, TangentRowStream};
 use super::strips::Lanes;
 use crate::error::ModelError;
 use crate::state::Layout;
+use crate::stored::Stored;
 use std::sync::Arc;
 
 /// An autonomous right-hand side dx/dt = f(x), with the derivative f'(x) and its transpose.
@@ -24,7 +25,7 @@ pub trait Tendency: Send + Sync {
 
     /// Sets to zero the values that must be zero (the flow through a wall): a projection on coordinates, applied
     /// to a state or an increment at the beginning of each step.
-    fn constrain(&self, _x: &mut [f64]) {}
+    fn constrain<N: Stored>(&self, _x: &mut [N]) {}
 
     /// Fails if x is outside of the domain of f: a thickness that is not positive. All its values are finite.
     ///
@@ -44,11 +45,11 @@ pub trait Tendency: Send + Sync {
         None
     }
 
-    /// f and f' row by row for one column or eight at once, for rows of at most `nx` places, which are at most
-    /// [`MOST_PLACES`](super::MOST_PLACES): with it a batch of columns is advanced in lockstep, and
-    /// what f' needs to know of the state is neither stored nor read for each column. A column has the same bits in both.
+    /// f and f' row by row for one column or a group at once, in the precision of the columns, for rows of at most `nx` places,
+    /// which are at most [`MOST_PLACES`](super::MOST_PLACES): with it a batch of columns is advanced in lockstep, and what f'
+    /// needs to know of the state is neither stored nor read for each column. A column has the same bits alone and in a group.
     /// `None` as in [`Tendency::row_stream`].
-    fn tangent_row_stream(&self, _nx: usize, _lanes: Lanes) -> Option<Box<dyn TangentRowStream + '_>> {
+    fn tangent_row_stream<N: Stored>(&self, _nx: usize, _lanes: Lanes) -> Option<Box<dyn TangentRowStream<N> + '_>> {
         None
     }
 

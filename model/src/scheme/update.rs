@@ -1,6 +1,7 @@
 //! What becomes of a row whose slopes are known, compiled for the processor's widest vectors.
 
 use super::rows::{Ring, Row};
+use crate::stored::Stored;
 use pulp::{Arch, Simd, WithSimd};
 use std::ops::Range;
 
@@ -35,14 +36,20 @@ impl Scheme<'_> {
 
     /// Part of the slopes of `row` known at a stage, with the times for which they act in the state of the next stage.
     #[inline]
-    pub fn terms(self, stage: usize, slopes: &[Ring], row: isize, part: Range<usize>) -> ([(f64, &[f64]); 8], usize) {
-        let mut terms: [(f64, &[f64]); 8] = [(0.0, &[]); 8];
+    pub fn terms<N: Stored>(
+        self,
+        stage: usize,
+        slopes: &[Ring<N>],
+        row: isize,
+        part: Range<usize>,
+    ) -> ([(N, &[N]); 8], usize) {
+        let mut terms: [(N, &[N]); 8] = [(N::default(), &[]); 8];
         let mut count = 0;
         if let Scheme::RungeKutta { a, b, dt } = self {
             let weights = if stage + 1 == b.len() { b } else { a[stage + 1] };
             for (&weight, slopes) in weights.iter().zip(slopes) {
                 if weight != 0.0 {
-                    terms[count] = (dt * weight, &slopes.row(row)[part.clone()]);
+                    terms[count] = (N::narrow(dt * weight), &slopes.row(row)[part.clone()]);
                     count += 1;
                 }
             }
@@ -80,10 +87,10 @@ impl Scheme<'_> {
 }
 
 /// Slopes of a row, `[variable, x]`, each with the time it acts for; added up in this order.
-pub(crate) type Terms<'a, 'b> = &'a [(f64, &'b [f64])];
+pub(crate) type Terms<'a, 'b, N = f64> = &'a [(N, &'b [N])];
 
 /// `out` = x + Σ weight k for one row, `[variable, x]`.
-pub(crate) fn combine(arch: Arch, out: &mut [f64], x: Row<'_>, nx: usize, terms: Terms<'_, '_>) {
+pub(crate) fn combine<N: Stored>(arch: Arch, out: &mut [N], x: Row<'_, N>, nx: usize, terms: Terms<'_, '_, N>) {
     arch.dispatch(Combine { out, x, nx, terms });
 }
 
@@ -94,7 +101,14 @@ pub(crate) fn add_slopes(arch: Arch, fields: &mut [&mut [f64]], start: usize, nx
 
 /// (x(t), x̄(t − Δt)) to (x(t + Δt), x̄(t)) for the row that begins at `start` in each field of both levels, given its
 /// slope: see [`super::leapfrog`].
-pub(crate) fn leap(arch: Arch, leapfrog: Leap, levels: &mut [&mut [f64]], start: usize, nx: usize, slope: &[f64]) {
+pub(crate) fn leap<N: Stored>(
+    arch: Arch,
+    leapfrog: Leap,
+    levels: &mut [&mut [N]],
+    start: usize,
+    nx: usize,
+    slope: &[N],
+) {
     arch.dispatch(LeapRow { leapfrog, levels, start, nx, slope });
 }
 
@@ -132,14 +146,14 @@ impl WithSimd for Weigh<'_, '_> {
     }
 }
 
-struct Combine<'a, 'b> {
-    out: &'a mut [f64],
-    x: Row<'a>,
+struct Combine<'a, 'b, N> {
+    out: &'a mut [N],
+    x: Row<'a, N>,
     nx: usize,
-    terms: Terms<'a, 'b>,
+    terms: Terms<'a, 'b, N>,
 }
 
-impl WithSimd for Combine<'_, '_> {
+impl<N: Stored> WithSimd for Combine<'_, '_, N> {
     type Output = ();
 
     #[inline(always)]
@@ -161,15 +175,15 @@ impl WithSimd for Combine<'_, '_> {
 }
 
 #[inline(always)]
-fn sum<const N: usize>(out: &mut [f64], x: &[f64], terms: [(f64, &[f64]); N], part: Range<usize>) {
+fn sum<N: Stored, const T: usize>(out: &mut [N], x: &[N], terms: [(N, &[N]); T], part: Range<usize>) {
     let n = out.len();
     let (x, mut own) = (&x[..n], terms);
-    for term in 0..N {
+    for term in 0..T {
         own[term].1 = &terms[term].1[part.clone()][..n];
     }
     for i in 0..n {
         let mut value = x[i];
-        for term in 0..N {
+        for term in 0..T {
             value += own[term].0 * own[term].1[i];
         }
         out[i] = value;
@@ -200,15 +214,15 @@ impl WithSimd for AddSlopes<'_, '_, '_> {
 }
 
 #[inline(always)]
-fn add<const N: usize>(x: &mut [f64], terms: [(f64, &[f64]); N], part: Range<usize>) {
+fn add<N: Stored, const T: usize>(x: &mut [N], terms: [(N, &[N]); T], part: Range<usize>) {
     let n = x.len();
     let mut own = terms;
-    for term in 0..N {
+    for term in 0..T {
         own[term].1 = &terms[term].1[part.clone()][..n];
     }
     for i in 0..n {
         let mut value = x[i];
-        for term in 0..N {
+        for term in 0..T {
             value += own[term].0 * own[term].1[i];
         }
         x[i] = value;
@@ -227,13 +241,13 @@ pub(crate) struct Leap {
 impl Leap {
     /// (now, before) to (new, filtered).
     #[inline(always)]
-    pub fn advance(self, now: &mut [f64], before: &mut [f64], slope: &[f64]) {
-        let two_dt = 2.0 * self.dt;
+    pub fn advance<N: Stored>(self, now: &mut [N], before: &mut [N], slope: &[N]) {
+        let [two_dt, alpha, two] = [2.0 * self.dt, self.alpha, 2.0].map(N::narrow);
         let n = now.len();
         let (before, slope) = (&mut before[..n], &slope[..n]);
         for i in 0..n {
             let new = before[i] + two_dt * slope[i];
-            before[i] = now[i] + self.alpha * (new - 2.0 * now[i] + before[i]);
+            before[i] = now[i] + alpha * (new - two * now[i] + before[i]);
             now[i] = new;
         }
     }
@@ -251,15 +265,15 @@ impl Leap {
     }
 }
 
-struct LeapRow<'a, 'b> {
+struct LeapRow<'a, 'b, N> {
     leapfrog: Leap,
-    levels: &'a mut [&'b mut [f64]],
+    levels: &'a mut [&'b mut [N]],
     start: usize,
     nx: usize,
-    slope: &'a [f64],
+    slope: &'a [N],
 }
 
-impl WithSimd for LeapRow<'_, '_> {
+impl<N: Stored> WithSimd for LeapRow<'_, '_, N> {
     type Output = ();
 
     #[inline(always)]

@@ -1,4 +1,4 @@
-//! The loops of [`super::adjoint_rows`] for eight columns at once in vector operations, with the same bits.
+//! The loops of [`super::adjoint_rows`] for a group of columns at once in vector operations, with the same bits.
 
 use super::VARIABLES;
 use super::adjoint_rows::Gradients;
@@ -18,7 +18,7 @@ pub(super) fn diagnostics<S: Simd>(
     [south, north]: [Row<'_>; 2],
     gradients: &mut Gradients,
 ) {
-    for_vectors!(diagnostics_in::<S>(simd, constants, coefficients, row, south, north, gradients));
+    for_vectors!(S, f64, P => diagnostics_in::<S, P>(simd, constants, coefficients, row, south, north, gradients));
 }
 
 #[inline(always)]
@@ -34,8 +34,8 @@ fn diagnostics_in<S: Simd, const P: usize>(
     let [_, per_dx, per_dy] = constants.splat(simd);
     let splat = |value: f64| simd.splat_f64s(value);
     let (add, sub, mul) = (|a, b| simd.add_f64s(a, b), |a, b| simd.sub_f64s(a, b), |a, b| simd.mul_f64s(a, b));
-    let [h_south, u_south, v_south] = south.variables().map(places::<S, P>);
-    let [h_north, u_north, v_north] = north.variables().map(places::<S, P>);
+    let [h_south, u_south, v_south] = south.variables().map(places::<S, f64, P>);
+    let [h_north, u_north, v_north] = north.variables().map(places::<S, f64, P>);
     // Place i is at i + 1.
     let padded = h_north.len();
     let n = padded - 2;
@@ -50,7 +50,7 @@ fn diagnostics_in<S: Simd, const P: usize>(
     let (of_u, of_u_e) = (&term.y[2][..padded], &term.y[3][..n]);
     let (of_u_s, of_u_se) = (&term_s.y[2][..padded], &term_s.y[3][..n]);
     let [flux_x, flux_y, vorticity, thickness, bernoulli] =
-        gradients.newest_mut().map(|row| &mut places_mut::<S, P>(row)[..padded]);
+        gradients.newest_mut().map(|row| &mut places_mut::<S, f64, P>(row)[..padded]);
     for part in 0..P {
         for w in 0..n {
             let (i, e) = (w + 1, w + 2);
@@ -86,7 +86,7 @@ pub(super) fn prognostics<S: Simd>(
     gradients: &Gradients,
     out: &mut [f64],
 ) {
-    for_vectors!(prognostics_in::<S>(simd, constants, coefficients, row, gradients, out));
+    for_vectors!(S, f64, P => prognostics_in::<S, P>(simd, constants, coefficients, row, gradients, out));
 }
 
 #[inline(always)]
@@ -103,18 +103,18 @@ fn prognostics_in<S: Simd, const P: usize>(
     let (add, sub, mul) = (|a, b| simd.add_f64s(a, b), |a, b| simd.sub_f64s(a, b), |a, b| simd.mul_f64s(a, b));
     let (out_h, winds) = out.split_at_mut(out.len() / VARIABLES);
     let (out_u, out_v) = winds.split_at_mut(out_h.len());
-    let [out_h, out_u, out_v] = [out_h, out_u, out_v].map(places_mut::<S, P>);
+    let [out_h, out_u, out_v] = [out_h, out_u, out_v].map(places_mut::<S, f64, P>);
     let padded = out_h.len();
     let n = padded - 2;
     let (out_u, out_v) = (&mut out_u[..padded], &mut out_v[..padded]);
     let (at, half_v_n) = (coefficients.places(row, n), &coefficients.places(row + 1, n).half_v[..padded]);
     let (thickness_x, thickness_y) = (&at.thickness_x[..padded], &at.thickness_y[..padded]);
     let (half_u, half_v) = (&at.half_u[..padded], &at.half_v[..padded]);
-    let flux_x = &places::<S, P>(&gradients.flux_x)[..padded];
-    let [flux_y, flux_y_n] = gradients.flux_y.each_ref().map(|row| &places::<S, P>(row)[..padded]);
-    let [z, z_n] = gradients.vorticity.each_ref().map(|row| &places::<S, P>(row)[..padded]);
-    let [q, q_n] = gradients.thickness.each_ref().map(|row| &places::<S, P>(row)[..padded]);
-    let [b_s, b] = gradients.bernoulli.each_ref().map(|row| &places::<S, P>(row)[..padded]);
+    let flux_x = &places::<S, f64, P>(&gradients.flux_x)[..padded];
+    let [flux_y, flux_y_n] = gradients.flux_y.each_ref().map(|row| &places::<S, f64, P>(row)[..padded]);
+    let [z, z_n] = gradients.vorticity.each_ref().map(|row| &places::<S, f64, P>(row)[..padded]);
+    let [q, q_n] = gradients.thickness.each_ref().map(|row| &places::<S, f64, P>(row)[..padded]);
+    let [b_s, b] = gradients.bernoulli.each_ref().map(|row| &places::<S, f64, P>(row)[..padded]);
     for part in 0..P {
         for w in 0..n {
             let (i, e) = (w + 1, w + 2);

@@ -1,5 +1,5 @@
-//! The adjoint tendency row by row for one column or eight at once: the lines of [`super::adjoint`], which reach one row south
-//! and north. Beside a wall the rows beyond it are zero, and the corners on it, whose thickness is the mean of h on either side
+//! The adjoint tendency row by row for one column or a group at once: the lines of [`super::adjoint`], which reach one row
+//! south and north. Beside a wall the rows beyond it are zero, and the corners on it, whose thickness is the mean of h on either side
 //! and which have no vorticity, count twice for h and not for u and v.
 
 use super::adjoint_lanes;
@@ -7,7 +7,7 @@ use super::kernel::Constants;
 use super::row_coefficients::RowCoefficients;
 use super::rows::{ShallowWaterRows, finish_columns};
 use super::{ShallowWater, VARIABLES};
-use crate::columns::LANES;
+use crate::arithmetic::Arithmetic;
 use crate::grid::Boundary;
 use crate::scheme::Lanes;
 use crate::scheme::rows::{AdjointRowStream, Pushed, Row, RowStream};
@@ -29,7 +29,7 @@ pub(super) struct AdjointRows<'a> {
 impl<'a> AdjointRows<'a> {
     /// For rows of at most `nx` places, where rows of increments come `delay` rows after those of the state.
     pub fn new(model: &'a ShallowWater, nx: usize, lanes: Lanes, delay: usize) -> Self {
-        let len = (nx + 2) * lanes.count();
+        let len = (nx + 2) * lanes.count::<f64>();
         Self {
             model,
             arch: pulp::Arch::new(),
@@ -159,7 +159,7 @@ impl WithSimd for Push<'_, '_> {
                     bernoulli,
                 );
             }
-            Lanes::Eight => adjoint_lanes::diagnostics(simd, constants, coefficients, row, [south, north], gradients),
+            Lanes::Group => adjoint_lanes::diagnostics(simd, constants, coefficients, row, [south, north], gradients),
         }
         if at_southern_wall || at_northern_wall {
             gradients.vorticity[1].fill(0.0);
@@ -172,9 +172,9 @@ impl WithSimd for Push<'_, '_> {
                 prognostics(constants, coefficients, row - 1, gradients, out_h, out_u, out_v);
                 finish_columns(model, row, south, out, 1);
             }
-            Lanes::Eight => {
+            Lanes::Group => {
                 adjoint_lanes::prognostics(simd, constants, coefficients, row - 1, gradients, out);
-                finish_columns(model, row, south, out, LANES);
+                finish_columns(model, row, south, out, f64::COLUMNS);
             }
         }
     }

@@ -10,6 +10,7 @@ use crate::grid::Boundary;
 use crate::scheme::Lanes;
 use crate::scheme::rows::{AdjointRowStream, Pushed, Row, RowStream, TangentRowStream};
 use crate::scheme::strips::periodic_row;
+use crate::stored::Stored;
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -32,7 +33,7 @@ impl Arrangement {
     }
 
     /// The values of a variable's row, without what repeats others.
-    fn inner(self, row: &[f64]) -> &[f64] {
+    fn inner<N>(self, row: &[N]) -> &[N] {
         match self {
             Arrangement::Fields => row,
             Arrangement::Padded(lanes) => &row[lanes..row.len() - lanes],
@@ -78,37 +79,37 @@ impl RowStream for HyperdiffusedRows<'_> {
 }
 
 /// The tendency with hyperdiffusion and its derivative.
-pub(super) struct HyperdiffusedTangentRows<'a> {
-    inner: Box<dyn TangentRowStream + 'a>,
+pub(super) struct HyperdiffusedTangentRows<'a, N> {
+    inner: Box<dyn TangentRowStream<N> + 'a>,
     of_state: Damping<'a>,
-    of_columns: Damping<'a>,
+    of_columns: Damping<'a, N>,
 }
 
-impl<'a> HyperdiffusedTangentRows<'a> {
+impl<'a, N: Stored> HyperdiffusedTangentRows<'a, N> {
     /// For rows of at most `nx` places, given the stream of the other terms.
-    pub fn new(model: &'a ShallowWater, nx: usize, lanes: Lanes, inner: Box<dyn TangentRowStream + 'a>) -> Self {
+    pub fn new(model: &'a ShallowWater, nx: usize, lanes: Lanes, inner: Box<dyn TangentRowStream<N> + 'a>) -> Self {
         Self {
             inner,
             of_state: Damping::new(model, Arrangement::Fields, nx),
-            of_columns: Damping::new(model, Arrangement::Padded(lanes.count()), nx),
+            of_columns: Damping::new(model, Arrangement::Padded(lanes.count::<N>()), nx),
         }
     }
 }
 
-impl TangentRowStream for HyperdiffusedTangentRows<'_> {
+impl<N: Stored> TangentRowStream<N> for HyperdiffusedTangentRows<'_, N> {
     fn reach(&self) -> usize {
         2
     }
 
-    fn begin(&mut self, row: isize, x: Row<'_>, dx: Row<'_>) {
+    fn begin(&mut self, row: isize, x: Row<'_>, dx: Row<'_, N>) {
         self.inner.begin(row, x, dx);
     }
 
-    fn beyond_wall(&self, x: Row<'_>, dx: Row<'_>, ghost: &mut [f64], d_ghost: &mut [f64]) {
+    fn beyond_wall(&self, x: Row<'_>, dx: Row<'_, N>, ghost: &mut [f64], d_ghost: &mut [N]) {
         self.inner.beyond_wall(x, dx, ghost, d_ghost);
     }
 
-    fn push(&mut self, row: isize, x: Pushed<'_>, dx: Pushed<'_>) {
+    fn push(&mut self, row: isize, x: Pushed<'_>, dx: Pushed<'_, N>) {
         self.of_state.release(x.tendency);
         self.of_columns.release(dx.tendency);
         let (pending, d_pending) = (&mut self.of_state.pending, &mut self.of_columns.pending);
@@ -118,7 +119,7 @@ impl TangentRowStream for HyperdiffusedTangentRows<'_> {
         self.of_columns.push(row, dx.south, dx.north, dx.tendency);
     }
 
-    fn finish(&mut self, tendency: &mut [f64], d_tendency: &mut [f64]) {
+    fn finish(&mut self, tendency: &mut [f64], d_tendency: &mut [N]) {
         self.of_state.finish(tendency);
         self.of_columns.finish(d_tendency);
     }
@@ -139,8 +140,8 @@ impl<'a> HyperdiffusedAdjointRows<'a> {
         Self {
             inner: AdjointRows::new(model, nx, lanes, delay),
             of_state: Damping::new(model, Arrangement::Fields, nx),
-            of_columns: Damping::new(model, Arrangement::Padded(lanes.count()), nx),
-            ghost: vec![0.0; VARIABLES * (nx + 2) * lanes.count()],
+            of_columns: Damping::new(model, Arrangement::Padded(lanes.count::<f64>()), nx),
+            ghost: vec![0.0; VARIABLES * (nx + 2) * lanes.count::<f64>()],
         }
     }
 }
@@ -193,43 +194,43 @@ impl AdjointRowStream for HyperdiffusedAdjointRows<'_> {
 }
 
 /// −ν L(L x) of a sweep over rows, and what it waits for.
-struct Damping<'a> {
+struct Damping<'a, N = f64> {
     model: &'a ShallowWater,
     arch: Arch,
     arrangement: Arrangement,
     /// The row two rows south of the one pushed last, of each variable.
-    before: [Vec<f64>; VARIABLES],
+    before: [Vec<N>; VARIABLES],
     /// L x of the three rows south of it, from the south, of each variable.
-    laplacians: [[Vec<f64>; VARIABLES]; 3],
+    laplacians: [[Vec<N>; VARIABLES]; 3],
     /// The other terms of the row south of it.
-    pending: Vec<f64>,
+    pending: Vec<N>,
 }
 
-impl<'a> Damping<'a> {
+impl<'a, N: Stored> Damping<'a, N> {
     fn new(model: &'a ShallowWater, arrangement: Arrangement, nx: usize) -> Self {
-        let row = |_| vec![0.0; nx * arrangement.stride()];
+        let row = |_| vec![N::default(); nx * arrangement.stride()];
         let rows = || std::array::from_fn(row);
         let pending = match arrangement {
-            Arrangement::Fields => vec![0.0; VARIABLES * nx],
-            Arrangement::Padded(lanes) => vec![0.0; VARIABLES * (nx + 2) * lanes],
+            Arrangement::Fields => vec![N::default(); VARIABLES * nx],
+            Arrangement::Padded(lanes) => vec![N::default(); VARIABLES * (nx + 2) * lanes],
         };
         Self { model, arch: Arch::new(), arrangement, before: rows(), laplacians: [rows(), rows(), rows()], pending }
     }
 
     /// The other terms of the row two rows south of the one that is pushed now.
-    fn release(&self, tendency: &mut [f64]) {
+    fn release(&self, tendency: &mut [N]) {
         tendency.copy_from_slice(&self.pending[..tendency.len()]);
     }
 
     /// Takes a row and the one south of it; damps the tendency of the row two rows south.
-    fn push(&mut self, row: isize, south: Row<'_>, north: Row<'_>, tendency: &mut [f64]) {
+    fn push(&mut self, row: isize, south: Row<'_, N>, north: Row<'_, N>, tendency: &mut [N]) {
         self.laplacians.rotate_left(1);
-        let (arch, weights, stride) = (self.arch, self.weights(), self.arrangement.stride());
+        let (arch, (weights, _), stride) = (self.arch, self.weights(), self.arrangement.stride());
         let rows = south.variables::<VARIABLES>().into_iter().zip(north.variables::<VARIABLES>());
         for ((before, out), (south, north)) in self.before.iter_mut().zip(&mut self.laplacians[2]).zip(rows) {
             let (south, north) = (self.arrangement.inner(south), self.arrangement.inner(north));
             let (before, out) = (&mut before[..south.len()], &mut out[..south.len()]);
-            let store = |out: &mut f64, value: f64| *out = value;
+            let store = |out: &mut N, value: N| *out = value;
             arch.dispatch(Laplace { weights, stride, rows: [before, south, north], out, store });
             before.copy_from_slice(south);
         }
@@ -237,30 +238,29 @@ impl<'a> Damping<'a> {
         if walls && row == 1 {
             // L x is continued beyond the wall as x is; v, and L v, are zero at the wall itself.
             let [_, beyond, beside] = &mut self.laplacians;
-            beside[V].fill(0.0);
+            beside[V].fill(N::default());
             beyond.iter_mut().zip(beside).for_each(|(beyond, beside)| beyond.copy_from_slice(beside));
         }
         self.damp(tendency);
         if walls && row == 2 {
             let stride = tendency.len() / VARIABLES;
-            tendency[V * stride..].fill(0.0);
+            tendency[V * stride..].fill(N::default());
         }
     }
 
     /// The damped tendency of the row beside the northern wall, that beyond it having been pushed.
-    fn finish(&mut self, tendency: &mut [f64]) {
+    fn finish(&mut self, tendency: &mut [N]) {
         self.release(tendency);
         self.laplacians.rotate_left(1);
         let [_, beside, beyond] = &mut self.laplacians;
         beyond.iter_mut().zip(beside).for_each(|(beyond, beside)| beyond.copy_from_slice(beside));
-        beyond[V].fill(0.0);
+        beyond[V].fill(N::default());
         self.damp(tendency);
     }
 
     /// −= ν L(L x).
-    fn damp(&self, tendency: &mut [f64]) {
-        let (weights, stride) = (self.weights(), self.arrangement.stride());
-        let hyperdiffusion = self.model.parameters.hyperdiffusion_m4_per_s;
+    fn damp(&self, tendency: &mut [N]) {
+        let ((weights, hyperdiffusion), stride) = (self.weights(), self.arrangement.stride());
         let len = tendency.len() / VARIABLES;
         for (variable, row) in tendency.chunks_exact_mut(len).enumerate() {
             let out = match self.arrangement {
@@ -268,7 +268,7 @@ impl<'a> Damping<'a> {
                 Arrangement::Padded(lanes) => &mut row[lanes..len - lanes],
             };
             let rows = self.laplacians.each_ref().map(|row| &row[variable][..out.len()]);
-            let store = |out: &mut f64, value: f64| *out -= hyperdiffusion * value;
+            let store = |out: &mut N, value: N| *out -= hyperdiffusion * value;
             self.arch.dispatch(Laplace { weights, stride, rows, out, store });
             if let Arrangement::Padded(lanes) = self.arrangement {
                 periodic_row(row, lanes);
@@ -276,30 +276,34 @@ impl<'a> Damping<'a> {
         }
     }
 
-    /// 1/dx² and 1/dy².
-    fn weights(&self) -> [f64; 2] {
+    /// 1/dx² and 1/dy² times an area a², and ν/a⁴. In single precision the area is about that of a cell, so that L x is as far
+    /// from the smallest numbers as x is; it is a power of two, on which no other bits depend.
+    fn weights(&self) -> ([N; 2], N) {
         let grid = &self.model.layout.grid;
-        [grid.dx_m.powi(-2), grid.dy_m.powi(-2)]
+        let is_double = size_of::<N>() == size_of::<f64>();
+        let area = if is_double { 1.0 } else { f64::powi(2.0, (grid.dx_m * grid.dy_m).log2().round() as i32) };
+        let weights = [grid.dx_m, grid.dy_m].map(|spacing| N::narrow(area * spacing.powi(-2)));
+        (weights, N::narrow(self.model.parameters.hyperdiffusion_m4_per_s / (area * area)))
     }
 }
 
 /// Stores each value of L of the middle one of three rows, which is periodic; for [`pulp::Arch::dispatch`].
-struct Laplace<'a, F> {
-    weights: [f64; 2],
+struct Laplace<'a, N, F> {
+    weights: [N; 2],
     stride: usize,
-    rows: [&'a [f64]; 3],
-    out: &'a mut [f64],
+    rows: [&'a [N]; 3],
+    out: &'a mut [N],
     store: F,
 }
 
-impl<F: Fn(&mut f64, f64)> WithSimd for Laplace<'_, F> {
+impl<N: Stored, F: Fn(&mut N, N)> WithSimd for Laplace<'_, N, F> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) {
         let Self { weights: [x_weight, y_weight], stride, rows: [south, center, north], out, store } = self;
         let len = out.len();
-        let place = |south: f64, west: f64, center: f64, east: f64, north: f64| {
+        let place = |south: N, west: N, center: N, east: N, north: N| {
             let (x_part, y_part) = ((east - center) - (center - west), (north - center) - (center - south));
             x_part * x_weight + y_part * y_weight
         };

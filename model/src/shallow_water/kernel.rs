@@ -1,20 +1,21 @@
 //! The equations of a place, each once, with its derivative beside it: [`super::rows`] takes them row by row,
 //! [`super::tangent_rows`] the derivatives row by row, and [`super::tangent_linear`] field by field; [`super::adjoint_rows`] and
 //! [`super::adjoint`] have their transposes. [`super::tangent_lanes`] and [`super::adjoint_lanes`] are the same lines in vector
-//! operations, for eight columns at once.
+//! operations, for a group of columns at once.
 
 use super::{ShallowWater, VectorInvariant};
+use crate::stored::Stored;
 use pulp::Simd;
 
 /// Numbers of the equations.
 #[derive(Clone, Copy)]
-pub(super) struct Constants {
+pub(super) struct Constants<N = f64> {
     /// g \[m s⁻²\].
-    pub gravity: f64,
+    pub gravity: N,
     /// 1/dx \[m⁻¹\].
-    per_dx: f64,
+    per_dx: N,
     /// 1/dy \[m⁻¹\].
-    per_dy: f64,
+    per_dy: N,
 }
 
 /// The diagnostic quantities of a place.
@@ -37,7 +38,7 @@ pub(super) fn mass_flux(h: [f64; 2], wind: f64) -> f64 {
 
 /// δU = h̄ˣ δu + (u/2) (δh + δh\[W\]), and δV.
 #[inline(always)]
-pub(super) fn mass_flux_tl(thickness: f64, half_wind: f64, h_sum: f64, wind: f64) -> f64 {
+pub(super) fn mass_flux_tl<N: Stored>(thickness: N, half_wind: N, h_sum: N, wind: N) -> N {
     wind * thickness + h_sum * half_wind
 }
 
@@ -49,41 +50,63 @@ pub(super) fn potential_vorticity(coriolis: f64, vorticity: f64, h_sum: f64) -> 
 
 /// δq = δζ / h̄ˣʸ − q / (4 h̄ˣʸ) Σ δh.
 #[inline(always)]
-pub(super) fn potential_vorticity_tl(per_thickness: f64, quarter_q: f64, vorticity: f64, h_sum: f64) -> f64 {
+pub(super) fn potential_vorticity_tl<N: Stored>(per_thickness: N, quarter_q: N, vorticity: N, h_sum: N) -> N {
     vorticity * per_thickness - h_sum * quarter_q
 }
 
-impl Constants {
+impl<N: Stored> Constants<N> {
     /// Those of a model.
     pub fn new(model: &ShallowWater) -> Self {
         let grid = &model.layout.grid;
-        Self { gravity: model.parameters.gravity_m_per_s2, per_dx: 1.0 / grid.dx_m, per_dy: 1.0 / grid.dy_m }
+        let [gravity, per_dx, per_dy] =
+            [model.parameters.gravity_m_per_s2, 1.0 / grid.dx_m, 1.0 / grid.dy_m].map(N::narrow);
+        Self { gravity, per_dx, per_dy }
     }
 
     /// g, 1/dx and 1/dy in all lanes of vectors.
     #[inline(always)]
-    pub fn splat<S: Simd>(self, simd: S) -> [S::f64s; 3] {
-        [self.gravity, self.per_dx, self.per_dy].map(|value| simd.splat_f64s(value))
+    pub fn splat<S: Simd>(self, simd: S) -> [N::Vector<S>; 3] {
+        [self.gravity, self.per_dx, self.per_dy].map(|value| N::splat(simd, value))
     }
 
     /// ζ = δx v/dx − δy u/dy of u, u\[S\] and v, v\[W\]; δζ likewise.
     #[inline(always)]
-    pub fn vorticity(self, [u, u_s]: [f64; 2], [v, v_w]: [f64; 2]) -> f64 {
+    pub fn vorticity(self, [u, u_s]: [N; 2], [v, v_w]: [N; 2]) -> N {
         (v - v_w) * self.per_dx - (u - u_s) * self.per_dy
-    }
-
-    /// B = g h + mean_x(u²)/2 + mean_y(v²)/2 of u, u\[E\] and v, v\[N\].
-    #[inline(always)]
-    pub fn bernoulli(self, h: f64, [u, u_e]: [f64; 2], [v, v_n]: [f64; 2]) -> f64 {
-        self.gravity * h + 0.25 * (u * u + u_e * u_e + v * v + v_n * v_n)
     }
 
     /// δB = g δh + mean_x(u δu) + mean_y(v δv), of u/2 and v/2.
     #[inline(always)]
-    pub fn bernoulli_tl(self, half_u: [f64; 2], half_v: [f64; 2], h: f64, u: [f64; 2], v: [f64; 2]) -> f64 {
+    pub fn bernoulli_tl(self, half_u: [N; 2], half_v: [N; 2], h: N, u: [N; 2], v: [N; 2]) -> N {
         let kinetic_x = u[0] * half_u[0] + u[1] * half_u[1];
         let kinetic_y = v[0] * half_v[0] + v[1] * half_v[1];
         h * self.gravity + (kinetic_x + kinetic_y)
+    }
+
+    /// −δx U/dx − δy V/dy of U, U\[E\] and V, V\[N\].
+    #[inline(always)]
+    pub fn minus_divergence(self, [flux_x, flux_x_e]: [N; 2], [flux_y, flux_y_n]: [N; 2]) -> N {
+        (flux_x - flux_x_e) * self.per_dx + (flux_y - flux_y_n) * self.per_dy
+    }
+
+    /// −δx B/dx of B\[W\], B.
+    #[inline(always)]
+    pub fn minus_gradient_x(self, b_w: N, b: N) -> N {
+        (b_w - b) * self.per_dx
+    }
+
+    /// −δy B/dy of B\[S\], B.
+    #[inline(always)]
+    pub fn minus_gradient_y(self, b_s: N, b: N) -> N {
+        (b_s - b) * self.per_dy
+    }
+}
+
+impl Constants {
+    /// B = g h + mean_x(u²)/2 + mean_y(v²)/2 of u, u\[E\] and v, v\[N\].
+    #[inline(always)]
+    pub fn bernoulli(self, h: f64, [u, u_e]: [f64; 2], [v, v_n]: [f64; 2]) -> f64 {
+        self.gravity * h + 0.25 * (u * u + u_e * u_e + v * v + v_n * v_n)
     }
 
     /// All diagnostic quantities: of h, h\[W\], h\[S\], h\[SW\], of u, u\[S\], u\[SW\] and of v, v\[W\], v\[SW\].
@@ -102,24 +125,6 @@ impl Constants {
             potential_vorticity: potential_vorticity(coriolis, vorticity, h + h_w + h_s + h_sw),
             bernoulli: self.bernoulli(h_sw, [u_sw, u_s], [v_sw, v_w]),
         }
-    }
-
-    /// −δx U/dx − δy V/dy of U, U\[E\] and V, V\[N\].
-    #[inline(always)]
-    pub fn minus_divergence(self, [flux_x, flux_x_e]: [f64; 2], [flux_y, flux_y_n]: [f64; 2]) -> f64 {
-        (flux_x - flux_x_e) * self.per_dx + (flux_y - flux_y_n) * self.per_dy
-    }
-
-    /// −δx B/dx of B\[W\], B.
-    #[inline(always)]
-    pub fn minus_gradient_x(self, b_w: f64, b: f64) -> f64 {
-        (b_w - b) * self.per_dx
-    }
-
-    /// −δy B/dy of B\[S\], B.
-    #[inline(always)]
-    pub fn minus_gradient_y(self, b_s: f64, b: f64) -> f64 {
-        (b_s - b) * self.per_dy
     }
 }
 
@@ -145,17 +150,17 @@ impl VectorInvariant {
 
 /// The derivative of the vorticity term at a face, between the corners at its ends.
 #[derive(Clone, Copy)]
-pub(super) struct VorticityWeights {
+pub(super) struct VorticityWeights<N> {
     /// With respect to q at either corner.
-    pub of_q: [f64; 2],
+    pub of_q: [N; 2],
     /// With respect to the two fluxes beside either corner.
-    pub of_flux: [f64; 2],
+    pub of_flux: [N; 2],
 }
 
-impl VorticityWeights {
+impl<N: Stored> VorticityWeights<N> {
     /// δ(q V) of δq at either corner and the sum of the δV beside either corner, or δ(q U).
     #[inline(always)]
-    pub fn apply(self, q: [f64; 2], flux: [f64; 2]) -> f64 {
+    pub fn apply(self, q: [N; 2], flux: [N; 2]) -> N {
         (q[0] * self.of_q[0] + q[1] * self.of_q[1]) + (flux[0] * self.of_flux[0] + flux[1] * self.of_flux[1])
     }
 }

@@ -1,16 +1,24 @@
-//! Rows of eight columns as vectors of the processor.
+//! Rows of a group of columns as vectors of the processor.
 
+use crate::stored::Stored;
 use pulp::Simd;
 
-/// Calls a function for as many vectors as hold the lanes of a place.
+/// Evaluates an expression in which a constant is the number of vectors that hold the lanes of a place.
 macro_rules! for_vectors {
-    ($function:ident::<$simd:ident>($($argument:expr),*)) => {
-        match crate::columns::LANES / $simd::F64_LANES {
-            1 => $function::<$simd, 1>($($argument),*),
-            2 => $function::<$simd, 2>($($argument),*),
-            4 => $function::<$simd, 4>($($argument),*),
-            8 => $function::<$simd, 8>($($argument),*),
-            _ => panic!("eight numbers do not fill vectors of {}", $simd::F64_LANES),
+    ($simd:ty, $number:ty, $vectors:ident => $expression:expr) => {
+        $crate::shallow_water::lanes::for_vectors!(
+            <$number as $crate::arithmetic::Arithmetic>::COLUMNS
+                / <$number as $crate::arithmetic::Arithmetic>::lanes::<$simd>(),
+            $vectors => $expression; 1, 2, 4, 8, 16
+        )
+    };
+    ($count:expr, $vectors:ident => $expression:expr; $($number:literal),*) => {
+        match $count {
+            $($number => {
+                const $vectors: usize = $number;
+                $expression
+            })*
+            count => panic!("no function for places of {count} vectors"),
         }
     };
 }
@@ -18,12 +26,12 @@ pub(super) use for_vectors;
 
 /// Places of a row of one variable, the lanes of each in `P` vectors.
 #[inline(always)]
-pub(super) fn places<S: Simd, const P: usize>(row: &[f64]) -> &[[S::f64s; P]] {
-    S::as_simd_f64s(row).0.as_chunks().0
+pub(super) fn places<S: Simd, N: Stored, const P: usize>(row: &[N]) -> &[[N::Vector<S>; P]] {
+    N::as_vectors::<S>(row).as_chunks().0
 }
 
 /// Places of a row of one variable, the lanes of each in `P` vectors.
 #[inline(always)]
-pub(super) fn places_mut<S: Simd, const P: usize>(row: &mut [f64]) -> &mut [[S::f64s; P]] {
-    S::as_mut_simd_f64s(row).0.as_chunks_mut().0
+pub(super) fn places_mut<S: Simd, N: Stored, const P: usize>(row: &mut [N]) -> &mut [[N::Vector<S>; P]] {
+    N::as_vectors_mut::<S>(row).as_chunks_mut().0
 }

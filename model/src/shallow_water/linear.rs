@@ -6,6 +6,7 @@ use crate::grid::Boundary;
 use crate::scheme::rows::{AdjointRowStream, Pushed, Row, TangentRowStream};
 use crate::scheme::{Lanes, SpectralBounds, Tendency};
 use crate::state::{Layout, State};
+use crate::stored::Stored;
 
 use std::sync::Arc;
 
@@ -123,7 +124,7 @@ impl Tendency for LinearShallowWater {
     }
 
     #[inline(always)]
-    fn constrain(&self, x: &mut [f64]) {
+    fn constrain<N: Stored>(&self, x: &mut [N]) {
         self.nonlinear.constrain(x);
     }
 
@@ -140,7 +141,7 @@ impl Tendency for LinearShallowWater {
         self.basic_state.values()
     }
 
-    fn tangent_row_stream(&self, nx: usize, lanes: Lanes) -> Option<Box<dyn TangentRowStream + '_>> {
+    fn tangent_row_stream<N: Stored>(&self, nx: usize, lanes: Lanes) -> Option<Box<dyn TangentRowStream<N> + '_>> {
         Some(Box::new(SteadyRows(self.nonlinear.tangent_row_stream(nx, lanes)?)))
     }
 
@@ -167,27 +168,27 @@ impl Tendency for LinearShallowWater {
 }
 
 /// N' row by row at a state that stays as it is, whatever N of it: the basic state at every stage of every step.
-struct SteadyRows<'a>(Box<dyn TangentRowStream + 'a>);
+struct SteadyRows<'a, N>(Box<dyn TangentRowStream<N> + 'a>);
 
-impl TangentRowStream for SteadyRows<'_> {
+impl<N: Stored> TangentRowStream<N> for SteadyRows<'_, N> {
     fn reach(&self) -> usize {
         self.0.reach()
     }
 
-    fn begin(&mut self, row: isize, x: Row<'_>, dx: Row<'_>) {
+    fn begin(&mut self, row: isize, x: Row<'_>, dx: Row<'_, N>) {
         self.0.begin(row, x, dx);
     }
 
-    fn beyond_wall(&self, x: Row<'_>, dx: Row<'_>, ghost: &mut [f64], d_ghost: &mut [f64]) {
+    fn beyond_wall(&self, x: Row<'_>, dx: Row<'_, N>, ghost: &mut [f64], d_ghost: &mut [N]) {
         self.0.beyond_wall(x, dx, ghost, d_ghost);
     }
 
-    fn push(&mut self, row: isize, x: Pushed<'_>, dx: Pushed<'_>) {
+    fn push(&mut self, row: isize, x: Pushed<'_>, dx: Pushed<'_, N>) {
         self.0.push(row, Pushed { tendency: &mut *x.tendency, ..x }, dx);
         x.tendency.fill(0.0);
     }
 
-    fn finish(&mut self, tendency: &mut [f64], d_tendency: &mut [f64]) {
+    fn finish(&mut self, tendency: &mut [f64], d_tendency: &mut [N]) {
         self.0.finish(tendency, d_tendency);
         tendency.fill(0.0);
     }

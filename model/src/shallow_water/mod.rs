@@ -44,6 +44,7 @@ use crate::halo::Halo;
 use crate::scheme::sweep::tendency_by_rows;
 use crate::scheme::{AdjointRowStream, Lanes, RowStream, SpectralBounds, TangentRowStream, Tendency};
 use crate::state::{Layout, Variable};
+use crate::stored::Stored;
 
 use pulp::{Arch, Simd, WithSimd};
 use std::sync::Arc;
@@ -209,9 +210,9 @@ impl Tendency for ShallowWater {
 
     /// v = 0 at the walls.
     #[inline(always)]
-    fn constrain(&self, x: &mut [f64]) {
+    fn constrain<N: Stored>(&self, x: &mut [N]) {
         let walls = self.halo.first_row(Location::YFace) * self.layout.grid.nx;
-        x[2 * self.layout.grid.cells()..][..walls].fill(0.0);
+        x[2 * self.layout.grid.cells()..][..walls].fill(N::default());
     }
 
     /// The thickness must be positive everywhere.
@@ -238,10 +239,10 @@ impl Tendency for ShallowWater {
         })
     }
 
-    fn tangent_row_stream(&self, nx: usize, lanes: Lanes) -> Option<Box<dyn TangentRowStream + '_>> {
-        let rows: Box<dyn TangentRowStream + '_> = match lanes {
+    fn tangent_row_stream<N: Stored>(&self, nx: usize, lanes: Lanes) -> Option<Box<dyn TangentRowStream<N> + '_>> {
+        let rows: Box<dyn TangentRowStream<N> + '_> = match lanes {
             Lanes::One => Box::new(tangent_rows::TangentRows::new(self, nx)),
-            Lanes::Eight => Box::new(tangent_lanes::TangentLanes::new(self, nx)),
+            Lanes::Group => Box::new(tangent_lanes::TangentLanes::new(self, nx)),
         };
         if self.parameters.hyperdiffusion_m4_per_s == 0.0 {
             return Some(rows);

@@ -1,15 +1,17 @@
-//! The coefficients of f' in the rows of a sweep, computed once for all columns.
+//! The coefficients of f' in the rows of a sweep, computed once for all columns, in double precision, and kept in that of the
+//! columns.
 
 use super::rows::DiagnosticRows;
 use super::{H, ShallowWater, U, V, VectorInvariant};
 use crate::scheme::rows::{Ring, Row};
 use crate::scheme::strips::periodic_row;
+use crate::stored::Stored;
 
 /// Of each of the latest rows, each quantity at all places, with the place before the first and that after the last.
-pub(super) struct RowCoefficients {
+pub(super) struct RowCoefficients<N = f64> {
     form: VectorInvariant,
     /// `[quantity, x]`.
-    ring: Ring,
+    ring: Ring<N>,
     /// Length of a quantity in a row of the ring, and in the rows of the present sweep.
     stride: usize,
     len: usize,
@@ -28,30 +30,30 @@ const OF_FLUX_AT_Y_FACES: usize = 9;
 
 /// The coefficients of the places of a row, but for the vorticity term. Place i is at i + 1.
 #[derive(Clone, Copy)]
-pub(super) struct PlaceCoefficients<'a> {
+pub(super) struct PlaceCoefficients<'a, N = f64> {
     /// h̄ˣ.
-    pub thickness_x: &'a [f64],
+    pub thickness_x: &'a [N],
     /// h̄ʸ.
-    pub thickness_y: &'a [f64],
+    pub thickness_y: &'a [N],
     /// 1/h̄ˣʸ.
-    pub per_thickness: &'a [f64],
+    pub per_thickness: &'a [N],
     /// q/(4 h̄ˣʸ).
-    pub quarter_q_per_thickness: &'a [f64],
+    pub quarter_q_per_thickness: &'a [N],
     /// u/2.
-    pub half_u: &'a [f64],
+    pub half_u: &'a [N],
     /// v/2.
-    pub half_v: &'a [f64],
+    pub half_v: &'a [N],
 }
 
 /// What multiplies in ∂u/∂t of a row: δq, δq\[N\], δV + δV\[W\], δV\[N\] + δV\[NW\] (`x`), and in −∂v/∂t: δq, δq\[E\], δU + δU\[S\],
 /// δU\[E\] + δU\[SE\] (`y`). Place i is at i + 1.
 #[derive(Clone, Copy)]
-pub(super) struct VorticityCoefficients<'a> {
-    pub x: [&'a [f64]; 4],
-    pub y: [&'a [f64]; 4],
+pub(super) struct VorticityCoefficients<'a, N = f64> {
+    pub x: [&'a [N]; 4],
+    pub y: [&'a [N]; 4],
 }
 
-impl RowCoefficients {
+impl<N: Stored> RowCoefficients<N> {
     /// For rows of at most `nx` places, of which `depth` are kept.
     pub fn new(model: &ShallowWater, nx: usize, depth: usize) -> Self {
         let stride = nx + 2;
@@ -81,7 +83,9 @@ impl RowCoefficients {
                 (&rows.flux_x[1][..n], &rows.flux_x[2][..n], &rows.flux_y[1][..n], &rows.flux_y[1][1..][..n]);
             let (q, a_own, b_own, c_own) = (&rows.q[1][..n], &mut a[1..][..n], &mut b[1..][..n], &mut c[1..][..n]);
             for i in 0..n {
-                (a_own[i], b_own[i], c_own[i]) = (0.25 * (v[i] + v_w[i]), 0.25 * q[i], 0.25 * (u[i] + u_s[i]));
+                a_own[i] = N::narrow(0.25 * (v[i] + v_w[i]));
+                b_own[i] = N::narrow(0.25 * q[i]);
+                c_own[i] = N::narrow(0.25 * (u[i] + u_s[i]));
             }
             for row in [a, b, c] {
                 periodic_row(row, 1);
@@ -96,10 +100,10 @@ impl RowCoefficients {
         let (v_nw, v_n) = (&rows.flux_y[1][..n], &rows.flux_y[1][1..][..n]);
         let (a_own, b_own, c_own, d_own) = (&mut a[1..][..n], &mut b[1..][..n], &mut c[1..][..n], &mut d[1..][..n]);
         for i in 0..n {
-            a_own[i] = 0.125 * (v_w[i] + v[i] + v_nw[i] + v_n[i]);
-            b_own[i] = 0.125 * (q[i] + q_n[i]);
-            c_own[i] = 0.125 * (u[i] + u_e[i] + u_s[i] + u_se[i]);
-            d_own[i] = 0.125 * (q[i] + q_e[i]);
+            a_own[i] = N::narrow(0.125 * (v_w[i] + v[i] + v_nw[i] + v_n[i]));
+            b_own[i] = N::narrow(0.125 * (q[i] + q_n[i]));
+            c_own[i] = N::narrow(0.125 * (u[i] + u_e[i] + u_s[i] + u_se[i]));
+            d_own[i] = N::narrow(0.125 * (q[i] + q_e[i]));
         }
         for row in [a, b, c, d] {
             periodic_row(row, 1);
@@ -108,7 +112,7 @@ impl RowCoefficients {
 
     /// Those of a row, at the `n` places in its middle.
     #[inline(always)]
-    pub fn places(&self, row: isize, n: usize) -> PlaceCoefficients<'_> {
+    pub fn places(&self, row: isize, n: usize) -> PlaceCoefficients<'_, N> {
         PlaceCoefficients {
             thickness_x: self.quantity(row, 0, n),
             thickness_y: self.quantity(row, 1, n),
@@ -121,7 +125,7 @@ impl RowCoefficients {
 
     /// Those of a row, at the `n` places in its middle.
     #[inline(always)]
-    pub fn vorticity_term(&self, row: isize, n: usize) -> VorticityCoefficients<'_> {
+    pub fn vorticity_term(&self, row: isize, n: usize) -> VorticityCoefficients<'_, N> {
         let [a, b] = [OF_Q_AT_X_FACES, OF_FLUX_AT_X_FACES].map(|quantity| self.quantity(row, quantity, n));
         let c = self.quantity(row, OF_Q_AT_Y_FACES, n);
         match self.form {
@@ -138,12 +142,12 @@ impl RowCoefficients {
     }
 
     #[inline(always)]
-    fn quantity(&self, row: isize, quantity: usize, n: usize) -> &[f64] {
+    fn quantity(&self, row: isize, quantity: usize, n: usize) -> &[N] {
         &self.ring.row(row)[quantity * self.stride + (self.len - (n + 2)) / 2..][..n + 2]
     }
 
     #[inline(always)]
-    fn quantities_mut(&mut self, row: isize) -> [&mut [f64]; QUANTITIES] {
+    fn quantities_mut(&mut self, row: isize) -> [&mut [N]; QUANTITIES] {
         let mut rest = self.ring.row_mut(row);
         std::array::from_fn(|_| {
             let (quantity, others) = std::mem::take(&mut rest).split_at_mut(self.stride);
@@ -155,20 +159,21 @@ impl RowCoefficients {
 
 /// Half a row, periodic.
 #[inline(always)]
-fn halve(of: &[f64], out: &mut [f64]) {
+fn halve<N: Stored>(of: &[f64], out: &mut [N]) {
     for (out, of) in out[1..].iter_mut().zip(of) {
-        *out = 0.5 * of;
+        *out = N::narrow(0.5 * of);
     }
     periodic_row(out, 1);
 }
 
 /// h̄ˣ, h̄ʸ, 1/h̄ˣʸ and q/(4 h̄ˣʸ).
 #[inline(always)]
-fn thickness_of(h: &[f64], h_s: &[f64], q: &[f64], out: [&mut [f64]; 4]) {
+fn thickness_of<N: Stored>(h: &[f64], h_s: &[f64], q: &[f64], out: [&mut [N]; 4]) {
     let last = h.len() - 1;
     let place = |h: f64, h_w: f64, h_s: f64, h_sw: f64, q: f64| {
         let per_sum = 1.0 / (h + h_w + h_s + h_sw);
-        (0.5 * (h + h_w), 0.5 * (h + h_s), 4.0 * per_sum, q * per_sum)
+        let (thickness_x, thickness_y) = (N::narrow(0.5 * (h + h_w)), N::narrow(0.5 * (h + h_s)));
+        (thickness_x, thickness_y, N::narrow(4.0 * per_sum), N::narrow(q * per_sum))
     };
     let [thickness_x, thickness_y, per_thickness, quarter_q] = out;
     (thickness_x[1], thickness_y[1], per_thickness[1], quarter_q[1]) = place(h[0], h[last], h_s[0], h_s[last], q[0]);

@@ -6,27 +6,28 @@ use super::{H, ShallowWater, U, V, VARIABLES, VectorInvariant};
 use crate::grid::Boundary;
 use crate::scheme::rows::{Row, RowStream};
 use crate::scheme::strips::periodic_row;
+use crate::stored::Stored;
 use pulp::{Simd, WithSimd};
 
 /// Diagnostic rows of a sweep, or their increments: the last is that of the row pushed last, unless said otherwise.
 ///
 /// Stencils reach east in U and q, whose rows have their first value again at the end, and west in V and B, whose rows
 /// have their last value also at the beginning.
-pub(super) struct DiagnosticRows {
+pub(super) struct DiagnosticRows<N = f64> {
     /// U of three rows.
-    pub flux_x: [Vec<f64>; 3],
+    pub flux_x: [Vec<N>; 3],
     /// V of two rows.
-    pub flux_y: [Vec<f64>; 2],
+    pub flux_y: [Vec<N>; 2],
     /// q of two rows.
-    pub q: [Vec<f64>; 2],
+    pub q: [Vec<N>; 2],
     /// B of the two rows before the last.
-    pub bernoulli: [Vec<f64>; 2],
+    pub bernoulli: [Vec<N>; 2],
 }
 
-impl DiagnosticRows {
+impl<N: Stored> DiagnosticRows<N> {
     /// For rows of at most `nx` places.
     pub fn new(nx: usize) -> Self {
-        let row = || vec![0.0; nx + 1];
+        let row = || vec![N::default(); nx + 1];
         Self { flux_x: [row(), row(), row()], flux_y: [row(), row()], q: [row(), row()], bernoulli: [row(), row()] }
     }
 
@@ -40,7 +41,7 @@ impl DiagnosticRows {
 
     /// Those around the row south of the one pushed last.
     #[inline(always)]
-    pub fn around(&self) -> Around<'_> {
+    pub fn around(&self) -> Around<'_, N> {
         Around {
             flux_x_s: &self.flux_x[0],
             flux_x: &self.flux_x[1],
@@ -56,15 +57,15 @@ impl DiagnosticRows {
 
 /// The diagnostic rows around a row: U and B of the row and south of it, V and q of the row and north of it.
 #[derive(Clone, Copy)]
-pub(super) struct Around<'a> {
-    pub flux_x_s: &'a [f64],
-    pub flux_x: &'a [f64],
-    pub flux_y: &'a [f64],
-    pub flux_y_n: &'a [f64],
-    pub q: &'a [f64],
-    pub q_n: &'a [f64],
-    pub b_s: &'a [f64],
-    pub b: &'a [f64],
+pub(super) struct Around<'a, N = f64> {
+    pub flux_x_s: &'a [N],
+    pub flux_x: &'a [N],
+    pub flux_y: &'a [N],
+    pub flux_y_n: &'a [N],
+    pub q: &'a [N],
+    pub q_n: &'a [N],
+    pub b_s: &'a [N],
+    pub b: &'a [N],
 }
 
 /// The tendency by rows.
@@ -224,35 +225,41 @@ fn tendencies(
 
 /// −r u.
 #[inline(always)]
-fn add_drag(drag: f64, wind: &[f64], out: &mut [f64]) {
-    for (out, wind) in out.iter_mut().zip(wind) {
+fn add_drag<N: Stored>(drag: N, wind: &[N], out: &mut [N]) {
+    for (out, &wind) in out.iter_mut().zip(wind) {
         *out -= drag * wind;
     }
 }
 
 /// h and u continued evenly beyond a wall, v = 0, of the state or of columns.
-pub(super) fn continue_evenly(row: Row<'_>, ghost: &mut [f64]) {
+pub(super) fn continue_evenly<N: Stored>(row: Row<'_, N>, ghost: &mut [N]) {
     let [h, u, _] = row.variables::<VARIABLES>();
     let (ghost_h, winds) = ghost.split_at_mut(h.len());
     let (ghost_u, ghost_v) = winds.split_at_mut(u.len());
     ghost_h.copy_from_slice(h);
     ghost_u.copy_from_slice(u);
-    ghost_v.fill(0.0);
+    ghost_v.fill(N::default());
 }
 
 /// What is the same for the derivative and its transpose once a row of columns, `[variable, x, lane]`, was pushed: drag on the
 /// winds of the row south of it, `south`, no change of the flow through a wall, and the places at the ends of the row.
 #[inline(always)]
-pub(super) fn finish_columns(model: &ShallowWater, row: isize, south: Row<'_>, out: &mut [f64], lanes: usize) {
+pub(super) fn finish_columns<N: Stored>(
+    model: &ShallowWater,
+    row: isize,
+    south: Row<'_, N>,
+    out: &mut [N],
+    lanes: usize,
+) {
     let stride = out.len() / VARIABLES;
     let drag = model.parameters.drag_per_s;
     if drag != 0.0 {
         for wind in [U, V] {
-            add_drag(drag, south.variable(wind), &mut out[wind * stride..][..stride]);
+            add_drag(N::narrow(drag), south.variable(wind), &mut out[wind * stride..][..stride]);
         }
     }
     if model.layout.grid.boundary == Boundary::Channel && row == 1 {
-        out[V * stride..].fill(0.0);
+        out[V * stride..].fill(N::default());
     }
     out.chunks_exact_mut(stride).for_each(|row| periodic_row(row, lanes));
 }

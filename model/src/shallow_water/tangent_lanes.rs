@@ -1,5 +1,5 @@
-//! The tangent-linear tendency row by row for eight columns at once: the lines of [`super::tangent_rows`] in vector operations,
-//! in one pass from west to east, with the same bits.
+//! The tangent-linear tendency row by row for a group of columns at once: the lines of [`super::tangent_rows`] in vector
+//! operations, in one pass from west to east, with the same bits.
 //!
 //! The same lines over arrays of eight lanes were measured to take about half as long again, and dual numbers of eight
 //! directions in the lines of f three times as long (AVX-512; other programs were running on the machine, so the ratios are
@@ -10,8 +10,8 @@ use super::lanes::{for_vectors, places, places_mut};
 use super::row_coefficients::RowCoefficients;
 use super::rows::{ShallowWaterRows, continue_evenly, finish_columns};
 use super::{ShallowWater, VARIABLES};
-use crate::columns::LANES;
 use crate::scheme::rows::{Pushed, Row, RowStream, TangentRowStream};
+use crate::stored::Stored;
 
 use pulp::{Simd, WithSimd};
 
@@ -19,17 +19,17 @@ use pulp::{Simd, WithSimd};
 const KEPT: usize = 5;
 
 /// Rows of a sweep: of the state, of its coefficients, and what the increments' next row needs.
-pub(super) struct TangentLanes<'a> {
+pub(super) struct TangentLanes<'a, N> {
     model: &'a ShallowWater,
     arch: pulp::Arch,
     state: ShallowWaterRows<'a>,
-    coefficients: RowCoefficients,
+    coefficients: RowCoefficients<N>,
     /// `[x, quantity, lane]`: of the row pushed last δU, δU + δU\[S\], δV, δq; of the row south of it δB. The first
     /// place comes again at the end.
-    kept: Vec<f64>,
+    kept: Vec<N>,
 }
 
-impl<'a> TangentLanes<'a> {
+impl<'a, N: Stored> TangentLanes<'a, N> {
     /// For rows of at most `nx` places.
     pub fn new(model: &'a ShallowWater, nx: usize) -> Self {
         Self {
@@ -37,55 +37,56 @@ impl<'a> TangentLanes<'a> {
             arch: pulp::Arch::new(),
             state: ShallowWaterRows::new(model, nx),
             coefficients: RowCoefficients::new(model, nx, 2),
-            kept: vec![0.0; (nx + 1) * KEPT * LANES],
+            kept: vec![N::default(); (nx + 1) * KEPT * N::COLUMNS],
         }
     }
 }
 
-impl TangentRowStream for TangentLanes<'_> {
-    fn begin(&mut self, row: isize, x: Row<'_>, dx: Row<'_>) {
+impl<N: Stored> TangentRowStream<N> for TangentLanes<'_, N> {
+    fn begin(&mut self, row: isize, x: Row<'_>, dx: Row<'_, N>) {
         self.state.begin(x);
         self.coefficients.begin(row, x);
-        let ([h, u], [dh, du]) = (x.variables(), dx.variables().map(|row| row.as_chunks::<LANES>().0));
-        let (n, kept) = (h.len(), self.kept.as_chunks_mut::<LANES>().0);
+        let ([h, u], [dh, du]) = (x.variables(), dx.variables().map(N::as_places));
+        let (n, kept) = (h.len(), N::as_places_mut(&mut self.kept));
         for place in 0..=n {
-            let (i, out) = (place % n, &mut kept[place * KEPT]);
-            let thickness = 0.5 * (h[i] + h[(i + n - 1) % n]);
-            for lane in 0..LANES {
-                out[lane] = mass_flux_tl(thickness, 0.5 * u[i], dh[i + 1][lane] + dh[i][lane], du[i + 1][lane]);
+            let (i, out) = (place % n, kept[place * KEPT].as_mut());
+            let [thickness, half_u] = [0.5 * (h[i] + h[(i + n - 1) % n]), 0.5 * u[i]].map(N::narrow);
+            let (dh, dh_w, du) = (dh[i + 1].as_ref(), dh[i].as_ref(), du[i + 1].as_ref());
+            for lane in 0..N::COLUMNS {
+                out[lane] = mass_flux_tl(thickness, half_u, dh[lane] + dh_w[lane], du[lane]);
             }
         }
     }
 
-    fn beyond_wall(&self, x: Row<'_>, dx: Row<'_>, ghost: &mut [f64], d_ghost: &mut [f64]) {
+    fn beyond_wall(&self, x: Row<'_>, dx: Row<'_, N>, ghost: &mut [f64], d_ghost: &mut [N]) {
         self.state.beyond_wall(x, ghost);
         continue_evenly(dx, d_ghost);
     }
 
-    fn push(&mut self, row: isize, x: Pushed<'_>, dx: Pushed<'_>) {
+    fn push(&mut self, row: isize, x: Pushed<'_>, dx: Pushed<'_, N>) {
         self.state.push(self.model.grid_row(row), x.south, x.north, x.tendency);
         self.arch.dispatch(Push { rows: self, row, x: [x.south, x.north], dx });
     }
 }
 
 /// One row of the columns, for [`pulp::Arch::dispatch`].
-struct Push<'a, 'b> {
-    rows: &'a mut TangentLanes<'b>,
+struct Push<'a, 'b, N> {
+    rows: &'a mut TangentLanes<'b, N>,
     row: isize,
     /// The southern and the northern row.
     x: [Row<'a>; 2],
-    dx: Pushed<'a>,
+    dx: Pushed<'a, N>,
 }
 
-impl WithSimd for Push<'_, '_> {
+impl<N: Stored> WithSimd for Push<'_, '_, N> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Push { rows, row, x: [x_south, x_north], dx: Pushed { south, north, tendency } } = self;
         rows.coefficients.push(row, &rows.state.diagnostics, x_south, x_north);
-        for_vectors!(push::<S>(simd, rows, row, south, north, tendency));
-        finish_columns(rows.model, row, south, tendency, LANES);
+        for_vectors!(S, N, P => push::<S, N, P>(simd, rows, row, south, north, tendency));
+        finish_columns(rows.model, row, south, tendency, N::COLUMNS);
     }
 }
 
@@ -102,26 +103,27 @@ fn part_of<V: Copy, const P: usize, const K: usize>(place: &[[V; P]; K], part: u
 /// The tendency of the southern row, and what the next will need, in one pass from west to east. What the stencils
 /// reach for in the west is carried along.
 #[inline(always)]
-fn push<S: Simd, const P: usize>(
+fn push<S: Simd, N: Stored, const P: usize>(
     simd: S,
-    rows: &mut TangentLanes<'_>,
+    rows: &mut TangentLanes<'_, N>,
     row: isize,
-    south: Row<'_>,
-    north: Row<'_>,
-    tendency: &mut [f64],
+    south: Row<'_, N>,
+    north: Row<'_, N>,
+    tendency: &mut [N],
 ) {
-    let [gravity, per_dx, per_dy] = Constants::new(rows.model).splat(simd);
-    let splat = |value: f64| simd.splat_f64s(value);
-    let (add, sub, mul) = (|a, b| simd.add_f64s(a, b), |a, b| simd.sub_f64s(a, b), |a, b| simd.mul_f64s(a, b));
+    let [gravity, per_dx, per_dy] = Constants::<N>::new(rows.model).splat(simd);
+    let splat = |value: N| N::splat(simd, value);
+    let add = |a, b| N::sum(simd, a, b);
+    let (sub, mul) = (|a, b| N::difference(simd, a, b), |a, b| N::product(simd, a, b));
     let (out_h, winds) = tendency.split_at_mut(tendency.len() / VARIABLES);
     let (out_u, out_v) = winds.split_at_mut(out_h.len());
-    let [out_h, out_u, out_v] = [out_h, out_u, out_v].map(places_mut::<S, P>);
+    let [out_h, out_u, out_v] = [out_h, out_u, out_v].map(places_mut::<S, N, P>);
     // Place i is at i + 1.
     let padded = out_h.len();
     let n = padded - 2;
     let (out_u, out_v) = (&mut out_u[..padded], &mut out_v[..padded]);
-    let [north_h, north_u, north_v] = north.variables().map(|row| &places::<S, P>(row)[..padded]);
-    let [south_h, south_u, south_v] = south.variables().map(|row| &places::<S, P>(row)[..padded]);
+    let [north_h, north_u, north_v] = north.variables().map(|row| &places::<S, N, P>(row)[..padded]);
+    let [south_h, south_u, south_v] = south.variables().map(|row| &places::<S, N, P>(row)[..padded]);
     let (at_s, at) = (rows.coefficients.places(row - 1, n), rows.coefficients.places(row, n));
     let (thickness_x, thickness_y) = (&at.thickness_x[..padded], &at.thickness_y[..padded]);
     let (per_thickness, quarter_q) = (&at.per_thickness[..padded], &at.quarter_q_per_thickness[..padded]);
@@ -130,7 +132,7 @@ fn push<S: Simd, const P: usize>(
     let term = rows.coefficients.vorticity_term(row - 1, n);
     let [a, a_n, m, m_n] = term.x.map(|row| &row[..=n]);
     let [c, c_e, d, d_e] = term.y.map(|row| &row[..=n]);
-    let kept = &mut places_mut::<S, P>(&mut rows.kept).as_chunks_mut::<KEPT>().0[..=n];
+    let kept = &mut places_mut::<S, N, P>(&mut rows.kept).as_chunks_mut::<KEPT>().0[..=n];
     for part in 0..P {
         // Of the place in the west, beginning with that west of the first: states, and U, U + U[S], V, q and B.
         let (mut h_w, mut v_w) = (north_h[0][part], north_v[0][part]);

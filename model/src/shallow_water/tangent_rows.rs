@@ -5,19 +5,20 @@ use super::row_coefficients::{PlaceCoefficients, RowCoefficients, VorticityCoeff
 use super::rows::{Around, DiagnosticRows, ShallowWaterRows, continue_evenly, finish_columns};
 use super::{ShallowWater, VARIABLES};
 use crate::scheme::rows::{Pushed, Row, RowStream, TangentRowStream};
+use crate::stored::Stored;
 
 use pulp::{Simd, WithSimd};
 
 /// Rows of a sweep with one column: of the state, of its coefficients, and the diagnostic rows' increments.
-pub(super) struct TangentRows<'a> {
+pub(super) struct TangentRows<'a, N> {
     model: &'a ShallowWater,
     arch: pulp::Arch,
     state: ShallowWaterRows<'a>,
-    coefficients: RowCoefficients,
-    increments: DiagnosticRows,
+    coefficients: RowCoefficients<N>,
+    increments: DiagnosticRows<N>,
 }
 
-impl<'a> TangentRows<'a> {
+impl<'a, N: Stored> TangentRows<'a, N> {
     /// For rows of at most `nx` places.
     pub fn new(model: &'a ShallowWater, nx: usize) -> Self {
         Self {
@@ -30,25 +31,25 @@ impl<'a> TangentRows<'a> {
     }
 }
 
-impl TangentRowStream for TangentRows<'_> {
-    fn begin(&mut self, row: isize, x: Row<'_>, dx: Row<'_>) {
+impl<N: Stored> TangentRowStream<N> for TangentRows<'_, N> {
+    fn begin(&mut self, row: isize, x: Row<'_>, dx: Row<'_, N>) {
         self.state.begin(x);
         self.coefficients.begin(row, x);
         let ([h, u], [dh, du]) = (x.variables(), dx.variables());
         let (n, flux) = (h.len(), &mut self.increments.flux_x[2]);
         for i in 0..n {
-            let thickness = 0.5 * (h[i] + h[(i + n - 1) % n]);
-            flux[i] = mass_flux_tl(thickness, 0.5 * u[i], dh[i + 1] + dh[i], du[i + 1]);
+            let [thickness, half_u] = [0.5 * (h[i] + h[(i + n - 1) % n]), 0.5 * u[i]].map(N::narrow);
+            flux[i] = mass_flux_tl(thickness, half_u, dh[i + 1] + dh[i], du[i + 1]);
         }
         flux[n] = flux[0];
     }
 
-    fn beyond_wall(&self, x: Row<'_>, dx: Row<'_>, ghost: &mut [f64], d_ghost: &mut [f64]) {
+    fn beyond_wall(&self, x: Row<'_>, dx: Row<'_, N>, ghost: &mut [f64], d_ghost: &mut [N]) {
         self.state.beyond_wall(x, ghost);
         continue_evenly(dx, d_ghost);
     }
 
-    fn push(&mut self, row: isize, x: Pushed<'_>, dx: Pushed<'_>) {
+    fn push(&mut self, row: isize, x: Pushed<'_>, dx: Pushed<'_, N>) {
         self.state.push(self.model.grid_row(row), x.south, x.north, x.tendency);
         self.increments.advance();
         self.arch.dispatch(Push { rows: self, row, x: [x.south, x.north], dx });
@@ -56,15 +57,15 @@ impl TangentRowStream for TangentRows<'_> {
 }
 
 /// One row of the column, for [`pulp::Arch::dispatch`].
-struct Push<'a, 'b> {
-    rows: &'a mut TangentRows<'b>,
+struct Push<'a, 'b, N> {
+    rows: &'a mut TangentRows<'b, N>,
     row: isize,
     /// The southern and the northern row.
     x: [Row<'a>; 2],
-    dx: Pushed<'a>,
+    dx: Pushed<'a, N>,
 }
 
-impl WithSimd for Push<'_, '_> {
+impl<N: Stored> WithSimd for Push<'_, '_, N> {
     type Output = ();
 
     #[inline(always)]
@@ -89,15 +90,15 @@ impl WithSimd for Push<'_, '_> {
 
 /// δU, δV and δq of the northern row, δB of the southern, in one loop.
 #[inline(always)]
-fn diagnose(
-    constants: Constants,
-    [at_s, at]: [PlaceCoefficients<'_>; 2],
-    south: Row<'_>,
-    north: Row<'_>,
-    flux_x: &mut [f64],
-    flux_y: &mut [f64],
-    potential_vorticity: &mut [f64],
-    bernoulli: &mut [f64],
+fn diagnose<N: Stored>(
+    constants: Constants<N>,
+    [at_s, at]: [PlaceCoefficients<'_, N>; 2],
+    south: Row<'_, N>,
+    north: Row<'_, N>,
+    flux_x: &mut [N],
+    flux_y: &mut [N],
+    potential_vorticity: &mut [N],
+    bernoulli: &mut [N],
 ) {
     let [h_s, u_s, v_s] = south.variables();
     let [h, u, v] = north.variables();
@@ -131,13 +132,13 @@ fn diagnose(
 
 /// The tendencies of a row.
 #[inline(always)]
-fn tendencies(
-    constants: Constants,
-    at: VorticityCoefficients<'_>,
-    around: Around<'_>,
-    out_h: &mut [f64],
-    out_u: &mut [f64],
-    out_v: &mut [f64],
+fn tendencies<N: Stored>(
+    constants: Constants<N>,
+    at: VorticityCoefficients<'_, N>,
+    around: Around<'_, N>,
+    out_h: &mut [N],
+    out_u: &mut [N],
+    out_v: &mut [N],
 ) {
     let Around { flux_x_s, flux_x, flux_y, flux_y_n, q, q_n, b_s, b } = around;
     let n = out_h.len() - 2;

@@ -59,7 +59,7 @@ pub(super) const FACTOR_PRECISION: Key<Choice<Precision>> = Key::absent(
     "",
     Choice(&[("double", Precision::Double), ("single", Precision::Single)]),
     Absent::Means(Precision::Double),
-    "the numbers in which factors are kept",
+    "the numbers in which factors are kept and forecast",
 );
 
 const RESIDUAL: Key<Choice<Residual>> = Key::absent(
