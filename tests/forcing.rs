@@ -1,6 +1,6 @@
 //! Known sources of model and truth: with every model and time scheme, at every lead time, from tables, and of unknown strength.
 
-use crate::common::{isobar, text};
+use crate::common::{VALID, isobar, place, text};
 use crate::runs::run_options;
 use isobar::progress::Progress;
 use isobar::run::run;
@@ -160,4 +160,37 @@ fn a_table_that_does_not_reach_over_the_run_is_refused() {
     assert!(isobar(here, &["check", "s.toml"]).status.success());
     last("2026-01-15T17:59:00Z");
     refused(&["check", "s.toml"], "the table of source 2 of [[truth.forcing]]");
+}
+
+#[test]
+fn faults_of_a_source_are_named_with_their_place() {
+    let folder = tempfile::tempdir().unwrap();
+    for (source, at, expected) in [
+        ("variable = \"w\"\namplitude_per_day = 1", "\"w\"", "`forcing[0].variable` cannot be \"w\""),
+        ("variable = \"h\"\namplitude = 1", "amplitude =", "did you mean `amplitude_per_day`?"),
+        ("variable = \"h\"\namplitude_per_day = nan", "nan", "is NaN, but must be a finite number"),
+        (
+            "variable = \"h\"\namplitude_per_day = 1\ntime = { kind = \"sinusoid\", period_hours = 0 }",
+            "0 }",
+            "`forcing[0].time.period_hours` is 0.0, but must be a number from 0.01",
+        ),
+        (
+            "variable = \"h\"\namplitude_per_day = 1\npattern = { kind = \"wave\" }",
+            "\"wave\"",
+            "`forcing[0].pattern.kind` cannot be \"wave\"",
+        ),
+        (
+            "variable = \"h\"\namplitude_per_day = 1\ntime = { kind = \"table\", file = \"no.csv\" }",
+            "\"no.csv\"",
+            "the file no.csv does not exist",
+        ),
+    ] {
+        let broken = VALID.replacen("[cycle]", &format!("[[forcing]]\n{source}\n[cycle]"), 1);
+        fs::write(folder.path().join("broken.toml"), &broken).unwrap();
+        let output = isobar(folder.path(), &["check", "broken.toml"]);
+        let message = text(&output.stderr).replace("\n  │ ", " ").split_whitespace().collect::<Vec<_>>().join(" ");
+        let place = format!("broken.toml:{}]", place(&broken, at));
+        assert!(output.status.code() == Some(1) && message.contains(&place), "{place} is missing in {message}");
+        assert!(message.contains(expected), "{expected}: {message}");
+    }
 }
