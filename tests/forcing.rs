@@ -194,8 +194,8 @@ fn faults_of_a_source_are_named_with_their_place() {
         ("variable = \"h\"\namplitude = 1", "amplitude =", "did you mean `amplitude_per_day`?"),
         ("variable = \"h\"\namplitude_per_day = nan", "nan", "is NaN, but must be a finite number"),
         (
-            "variable = \"h\"\namplitude_per_day = 1\ntime = { kind = \"sinusoid\", period_hours = 0 }",
-            "0 }",
+            "variable = \"h\"\namplitude_per_day = 1\ntime = { kind = \"sinusoid\", period_hours = 0.00 }",
+            "0.00 }",
             "`forcing[0].time.period_hours` is 0.0, but must be a number from 0.01",
         ),
         (
