@@ -1,11 +1,12 @@
 //! Known sources of model and truth: with every model and time scheme, at every lead time, from tables, and of unknown strength.
 
-use crate::common::{isobar, text};
+use crate::common::{VALID, isobar, place, text};
 use crate::runs::run_options;
 use isobar::progress::Progress;
 use isobar::run::run;
 use isobar::scenario::Scenario;
 use isobar::scores::Summary;
+use isobar_model::{Boundary, Duration, ExactShift, Grid, Model, State};
 use std::fs;
 use std::path::Path;
 
@@ -48,9 +49,12 @@ fn sources(of: &str, variable: &str) -> String {
 }
 
 fn scores(text: &str) -> Summary {
-    let scenario = Scenario::parse(Path::new("sources.toml"), text).unwrap();
+    scores_of(&Scenario::parse(Path::new("sources.toml"), text).unwrap())
+}
+
+fn scores_of(scenario: &Scenario) -> Summary {
     let folder = tempfile::tempdir().unwrap();
-    run(&scenario, &run_options(folder.path(), scenario.cycle.count), &mut Progress::new(true)).unwrap()
+    run(scenario, &run_options(folder.path(), scenario.cycle.count), &mut Progress::new(true)).unwrap()
 }
 
 /// Forecasts of a model that knows all are the truth at every time, also ahead, where time must go on; those of one that does not
@@ -73,6 +77,26 @@ fn who_knows_the_source_has_no_error_at_any_lead_time() {
             assert!(errors.iter().all(|error| *error > 0.01), "{errors:?}: {world}");
         }
     }
+}
+
+/// A model that is made by code takes sources as any other.
+#[test]
+fn a_model_from_code_has_sources() {
+    let (world, variable) = worlds().pop().unwrap();
+    let of_code = |line: &&str| {
+        !["grid", "initial", "[model]", "kind", "time_step_s", "columns"].iter().any(|it| line.starts_with(it))
+    };
+    let text: String = world.lines().filter(of_code).map(|line| format!("{line}\n")).collect();
+    let grid = Grid { nx: 8, ny: 6, dx_m: 1e5, dy_m: 1e5, boundary: Boundary::Periodic };
+    let error = |more: &str| {
+        let model = ExactShift::new(grid.clone(), 1, 0, Duration::from_seconds(1800)).unwrap();
+        let (background, text) =
+            (State::zeros(model.layout()), format!("{text}{}{more}", sources("forcing", variable)));
+        let scenario = Scenario::parse_with_model(Path::new("s.toml"), &text, model, background).unwrap();
+        scores_of(&scenario).methods["free"].values["rmse_forecast.tracer"]
+    };
+    assert_eq!(error(""), 0.0);
+    assert!(error("[truth]\nforcing = []\n") > 0.01);
 }
 
 /// A table of a sinusoid is nearly the sinusoid, and a constant one the constant; a pattern of a file is the pattern.
@@ -160,4 +184,37 @@ fn a_table_that_does_not_reach_over_the_run_is_refused() {
     assert!(isobar(here, &["check", "s.toml"]).status.success());
     last("2026-01-15T17:59:00Z");
     refused(&["check", "s.toml"], "the table of source 2 of [[truth.forcing]]");
+}
+
+#[test]
+fn faults_of_a_source_are_named_with_their_place() {
+    let folder = tempfile::tempdir().unwrap();
+    for (source, at, expected) in [
+        ("variable = \"w\"\namplitude_per_day = 1", "\"w\"", "`forcing[0].variable` cannot be \"w\""),
+        ("variable = \"h\"\namplitude = 1", "amplitude =", "did you mean `amplitude_per_day`?"),
+        ("variable = \"h\"\namplitude_per_day = nan", "nan", "is NaN, but must be a finite number"),
+        (
+            "variable = \"h\"\namplitude_per_day = 1\ntime = { kind = \"sinusoid\", period_hours = 0.00 }",
+            "0.00 }",
+            "`forcing[0].time.period_hours` is 0.0, but must be a number from 0.01",
+        ),
+        (
+            "variable = \"h\"\namplitude_per_day = 1\npattern = { kind = \"wave\" }",
+            "\"wave\"",
+            "`forcing[0].pattern.kind` cannot be \"wave\"",
+        ),
+        (
+            "variable = \"h\"\namplitude_per_day = 1\ntime = { kind = \"table\", file = \"no.csv\" }",
+            "\"no.csv\"",
+            "the file no.csv does not exist",
+        ),
+    ] {
+        let broken = VALID.replacen("[cycle]", &format!("[[forcing]]\n{source}\n[cycle]"), 1);
+        fs::write(folder.path().join("broken.toml"), &broken).unwrap();
+        let output = isobar(folder.path(), &["check", "broken.toml"]);
+        let message = text(&output.stderr).replace("\n  │ ", " ").split_whitespace().collect::<Vec<_>>().join(" ");
+        let place = format!("broken.toml:{}]", place(&broken, at));
+        assert!(output.status.code() == Some(1) && message.contains(&place), "{place} is missing in {message}");
+        assert!(message.contains(expected), "{expected}: {message}");
+    }
 }

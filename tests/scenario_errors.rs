@@ -56,42 +56,6 @@ const CASES: &[Case] = &[
     ),
     (
         "[cycle]",
-        "[[forcing]]\nvariable = \"w\"\namplitude_per_day = 1\n[cycle]",
-        "\"w\"",
-        &["`forcing[0].variable` cannot be \"w\"", "valid values: h, u, v"],
-    ),
-    (
-        "[cycle]",
-        "[[forcing]]\nvariable = \"h\"\namplitude = 1\n[cycle]",
-        "amplitude =",
-        &["unknown key `amplitude` in [forcing[0]]", "did you mean `amplitude_per_day`?"],
-    ),
-    (
-        "[cycle]",
-        "[[forcing]]\nvariable = \"h\"\namplitude_per_day = nan\n[cycle]",
-        "nan",
-        &["`forcing[0].amplitude_per_day` is NaN, but must be a finite number"],
-    ),
-    (
-        "[cycle]",
-        "[[forcing]]\nvariable = \"h\"\namplitude_per_day = 1\ntime = { kind = \"sinusoid\", period_hours = 0 }\n[cycle]",
-        "0 }",
-        &["`forcing[0].time.period_hours` is 0.0, but must be a number from 0.01"],
-    ),
-    (
-        "[cycle]",
-        "[[forcing]]\nvariable = \"h\"\namplitude_per_day = 1\npattern = { kind = \"wave\" }\n[cycle]",
-        "\"wave\"",
-        &["`forcing[0].pattern.kind` cannot be \"wave\"", "cosine_wave"],
-    ),
-    (
-        "[cycle]",
-        "[[forcing]]\nvariable = \"h\"\namplitude_per_day = 1\ntime = { kind = \"table\", file = \"no.csv\" }\n[cycle]",
-        "\"no.csv\"",
-        &["the file no.csv does not exist"],
-    ),
-    (
-        "[cycle]",
         "[forecast]\nlead_hours = 20\n[cycle]",
         "20",
         &["`forecast.lead_hours` is 20, which is not a whole number of cycles of 6 hours", "must be a multiple of 6"],
