@@ -27,14 +27,13 @@ const SCHEME: Key<Choice<AdvectionScheme>> = Key::absent(
     "how advection is discretised in space",
 );
 
-const U: Key<Limits> = Key::required("u_m_per_s", "m/s", SPEED, "eastward component of a uniform wind");
+const U: Key<Limits> =
+    Key::required("u_m_per_s", "m/s", SPEED, "eastward component of a uniform wind, or of the wind beside a jet");
 
 const V: Key<Limits> = speed_or_zero("v_m_per_s", "northward component of a uniform wind; 0 in a channel");
 
 const VORTEX_SPEED: Key<Limits> =
     Key::required("speed_m_per_s", "m/s", SPEED, "largest eastward wind of a vortex; clockwise if positive");
-
-const BESIDE_JET: Key<Limits> = Key::required("u_m_per_s", "m/s", SPEED, "eastward wind beside the jet");
 
 const JET: Key<Limits> =
     Key::required("jet_m_per_s", "m/s", SPEED, "by how much the wind is stronger in the middle of the jet");
@@ -83,10 +82,10 @@ const VORTEX_WIND: Kind<Wind, Grid> = Kind::new(
 const JET_WIND: Kind<Wind, Grid> = Kind::new(
     "jet",
     "An eastward wind with a jet, the same at all x",
-    &[&[&BESIDE_JET, &JET, &CENTER_Y, &HALF_WIDTH]],
+    &[&[&U, &JET, &CENTER_Y, &HALF_WIDTH]],
     |section, _| {
         Ok(Box::new(Wind::Jet {
-            u_m_per_s: section.get(&BESIDE_JET)?,
+            u_m_per_s: section.get(&U)?,
             jet_m_per_s: section.get(&JET)?,
             center_y_m: 1e3 * section.get(&CENTER_Y)?,
             half_width_m: 1e3 * section.get(&HALF_WIDTH)?,
