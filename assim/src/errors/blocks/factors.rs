@@ -151,6 +151,24 @@ impl Factors {
         Factors { state, local, shared, past }
     }
 
+    /// Adds a multiple of a column of `others` to one of these.
+    pub fn add_to_column(&mut self, column: usize, factor: f64, others: &Factors, other: usize) {
+        self.state.edit_column(column, |target| axpy(factor, &others.state.column(other), target));
+        self.local.edit_column(column, |target| axpy(factor, &others.local.column(other), target));
+        axpy(factor, others.shared.col_as_slice(other), self.shared.col_as_slice_mut(column));
+        for (past, others) in self.past.iter_mut().zip(&others.past) {
+            past.add_to_column(column, factor, others, other);
+        }
+    }
+
+    /// Sets a column to zero.
+    pub fn clear_column(&mut self, column: usize) {
+        self.state.edit_column(column, |column| column.fill(0.0));
+        self.local.edit_column(column, |column| column.fill(0.0));
+        self.shared.col_as_slice_mut(column).fill(0.0);
+        self.past.iter_mut().for_each(|past| past.clear_column(column));
+    }
+
     /// Φ ← Φ T.
     fn rotate(&mut self, t: MatRef<'_, f64>) {
         self.recombine(None, t);

@@ -72,6 +72,16 @@ impl BlockErrors {
         }
     }
 
+    /// Adds what the factors from `first` on hold of the earlier analyses to their variances: it was not in Φ before.
+    pub(crate) fn widen_past(&mut self, first: usize) {
+        let Some(smoother) = &mut self.memory.smoother else { return };
+        let Frame { local, shared, .. } = &*self.frame;
+        for (past, rows) in smoother.analyses.iter_mut().zip(&self.memory.covariance.factors.past) {
+            let (of_blocks, of_shared) = rows.variances(first);
+            add(&mut past.variances, &augmented(&of_blocks, &of_shared, local, shared));
+        }
+    }
+
     /// Adds U δ to the earlier analyses, for a change δ of what the columns of U are sensitivities to.
     pub(crate) fn shift_past(&mut self, sensitivity: &Factors, shift: &[f64]) {
         let Some(smoother) = &mut self.memory.smoother else { return };
