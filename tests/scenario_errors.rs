@@ -331,6 +331,32 @@ const CASES: &[Case] = &[
         &["no parameter of this model", "possible here: gravity_m_per_s2, drag_per_s, coriolis_per_s"],
     ),
     (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"time_volume\"\nwindow_cycles = 5\ntransition_corrections = [{ candidate = \"drag_per_s\", tiles = [3] }]",
+        "[3]",
+        &["needs two numbers", "must be [tiles in x, tiles in y]"],
+    ),
+    (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"time_volume\"\nwindow_cycles = 5\ntransition_corrections = [{ candidate = \"drag_per_s\", tiles = [9, 2] }]",
+        "9, 2",
+        &["is 9", "from 1 to 8"],
+    ),
+    (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"time_volume\"\nwindow_cycles = 5\ntransition_corrections = [{ candidate = \"drag_per_s\", tiles = [8, 6] }, \
+         { candidate = \"gravity_m_per_s2\", tiles = [8, 6] }, { candidate = \"coriolis_per_s\", tiles = [5, 1] }]",
+        "{ candidate = \"coriolis_per_s\"",
+        &["the corrections have 101 amplitudes", "must be at most 100 in all"],
+    ),
+    (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"time_volume\"\nwindow_cycles = 5\ntransition_corrections = [{ candidate = \"drag_per_s\", tiles = [2, 2], \
+         patterns_file = \"no.csv\" }]",
+        "\"no.csv\"",
+        &["stands beside `tiles`", "not both"],
+    ),
+    (
         "[methods.free]",
         "[initialise]\nmethod = \"high-pass\"\ncycles = 11\nbox_km = 300\n\n[methods.free]",
         "11",

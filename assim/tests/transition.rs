@@ -4,7 +4,7 @@ use crate::common::{WINDOW, parameters, settings};
 use isobar_assim::covariance::{Sum, Univariate, White, randomize};
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape};
 use isobar_assim::kalman::KalmanFilter;
-use isobar_assim::time_volume::{Candidate, Corrections, TimeVolume, TimeVolumeSettings};
+use isobar_assim::time_volume::{Candidate, Corrections, TimeVolume, TimeVolumeSettings, tile_patterns};
 use isobar_assim::{Assimilator, BiasTreatment, Covariance, Error, Problem};
 use isobar_model::random::stream;
 use isobar_model::{
@@ -29,9 +29,16 @@ fn model(u_m_per_s: f64, v_m_per_s: f64) -> Stepped<Advection> {
 struct Winds([Candidate; 2]);
 
 impl Winds {
-    fn new() -> Self {
-        let candidate =
-            |name: &str| Candidate { name: name.into(), unit: "m s-1".into(), step: 0.05, sigma_prior: None };
+    /// The same everywhere, or of tiles.
+    fn new(tiles: Option<[usize; 2]>) -> Self {
+        let grid = &model(5.0, 0.0).layout().grid.clone();
+        let candidate = |name: &str| Candidate {
+            name: name.into(),
+            unit: "m s-1".into(),
+            step: 0.05,
+            sigma_prior: None,
+            patterns: tiles.map_or(Vec::new(), |tiles| tile_patterns(grid, tiles)),
+        };
         Self([candidate("u"), candidate("v")])
     }
 }
@@ -88,7 +95,7 @@ fn world(seed: u64) -> World {
     World { problem, observing, truth, model_error, random }
 }
 
-fn volume(problem: &Problem) -> TimeVolume {
+fn volume(problem: &Problem, tiles: Option<[usize; 2]>) -> TimeVolume {
     let settings = TimeVolumeSettings {
         filter: settings(BlockShape::Domain, BiasCoupling::Carry),
         cycles: 40,
@@ -97,14 +104,14 @@ fn volume(problem: &Problem) -> TimeVolume {
         start: Time::from_seconds(0),
         selection_threshold: 4.0,
     };
-    TimeVolume::new(problem.clone(), settings, Some(Arc::new(Winds::new()))).unwrap()
+    TimeVolume::new(problem.clone(), settings, Some(Arc::new(Winds::new(tiles)))).unwrap()
 }
 
 /// Squared errors of the time volume with the wrong model and of the Kalman filter with the right one, and the parameters.
 fn run(seed: u64, true_wind: (f64, f64)) -> (f64, f64, Vec<isobar_assim::EstimatedParameter>) {
     let World { problem, mut observing, mut truth, model_error, mut random } = world(seed);
     let right = model(true_wind.0, true_wind.1);
-    let mut corrected = volume(&problem);
+    let mut corrected = volume(&problem, None);
     let with_right: Problem = problem.clone().with_model(Arc::new(right.clone()));
     let mut reference = KalmanFilter::new(with_right).unwrap();
     let mut squares = [0.0; 2];
@@ -124,7 +131,7 @@ fn run(seed: u64, true_wind: (f64, f64)) -> (f64, f64, Vec<isobar_assim::Estimat
         if cycle == 20 {
             // A checkpoint changes nothing, corrected model included.
             let saved = corrected.memory().unwrap();
-            corrected = volume(&problem);
+            corrected = volume(&problem, None);
             corrected.recall(&saved).unwrap();
         }
     }
@@ -155,4 +162,45 @@ fn of_a_right_model_nothing_is_corrected() {
     let chosen = |seed| run(seed, (5.0, 0.0)).2.iter().filter(|it| it.verdict == "determined").count();
     let chosen: usize = (0..8).map(chosen).sum();
     assert!(chosen <= 1, "{chosen} of 16 candidates");
+}
+
+/// Analyses and parameters of some cycles in which the truth goes faster.
+fn short_run(tiles: Option<[usize; 2]>, cycles: usize) -> (Vec<f64>, Vec<isobar_assim::EstimatedParameter>) {
+    let World { problem, mut observing, mut truth, .. } = world(1);
+    let (right, mut method) = (model(6.5, -1.0), volume(&problem, tiles));
+    let mut analyses = Vec::new();
+    for _ in 0..cycles {
+        forecast::forecast(&right, &mut truth, 6).unwrap();
+        let from = method.forecast(WINDOW).unwrap();
+        let analysis = method.analyse(&from, &observing.observe(&truth)).unwrap();
+        analyses.extend_from_slice(analysis.estimate.state.values());
+    }
+    (analyses, parameters(&method))
+}
+
+#[test]
+fn one_tile_is_the_whole_domain() {
+    let ((of_tile, tile), (of_whole, whole)) = (short_run(Some([1, 1]), 12), short_run(None, 12));
+    let largest = of_whole.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+    assert!(of_tile.iter().zip(&of_whole).all(|(tile, whole)| (tile - whole).abs() < 1e-9 * largest));
+    assert_eq!((tile.len(), whole.len()), (2, 2));
+    for (tile, whole) in tile.iter().zip(&whole) {
+        assert_eq!(tile.name, format!("{}/tile x1 y1", whole.name));
+        assert_eq!((&tile.verdict, &*whole.verdict), (&whole.verdict, "determined"));
+        assert!((tile.value - whole.value).abs() < 1e-9 * whole.value.abs());
+        assert!((tile.sigma.unwrap() / whole.sigma.unwrap() - 1.0).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn tiles_have_the_same_bits_on_any_number_of_threads() {
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let (analyses, found) = pool.install(|| short_run(Some([2, 2]), 6));
+        assert!(found.iter().any(|it| it.verdict == "determined"), "{found:?}");
+        let found = found.into_iter().map(|it| (it.value.to_bits(), it.sigma.map(f64::to_bits)));
+        (analyses.into_iter().map(f64::to_bits).collect::<Vec<_>>(), found.collect::<Vec<_>>())
+    };
+    let one = on(1);
+    assert!(one == on(2) && one == on(5));
 }

@@ -45,6 +45,18 @@ pub enum Wind {
         /// The highest zonal wind, A π/L_y \[m s⁻¹\].
         speed_m_per_s: f64,
     },
+    /// A zonal wind with a jet: u + U cos²(π d/(2 w)) where the distance in y from the jet's middle, d, is less than its
+    /// half-width w, and u elsewhere.
+    Jet {
+        /// The zonal wind beside the jet, u \[m s⁻¹\].
+        u_m_per_s: f64,
+        /// By how much it is stronger in the middle of the jet, U \[m s⁻¹\].
+        jet_m_per_s: f64,
+        /// y of the middle \[m\].
+        center_y_m: f64,
+        /// w \[m\]: positive.
+        half_width_m: f64,
+    },
 }
 
 /// The advection equation on a grid: a [`Tendency`] of one variable.
@@ -133,6 +145,23 @@ impl Wind {
                     cells().map(|(j, i)| -(psi(j + 1, i) - psi(j, i)) / grid.dy_m).collect(),
                     cells().map(|(j, i)| (psi(j, i + 1) - psi(j, i)) / grid.dx_m).collect(),
                 ))
+            }
+            Wind::Jet { u_m_per_s, jet_m_per_s, center_y_m, half_width_m } => {
+                require_finite("u_m_per_s", u_m_per_s)?;
+                require_finite("jet_m_per_s", jet_m_per_s)?;
+                require_finite("center_y_m", center_y_m)?;
+                require_positive("half_width_m", half_width_m)?;
+                let wind = |row: usize| {
+                    let apart = (grid.y_m(Location::XFace, row) - center_y_m).abs();
+                    let apart = match grid.boundary {
+                        Boundary::Periodic => (apart % grid.height_m()).min(grid.height_m() - apart % grid.height_m()),
+                        Boundary::Channel => apart,
+                    };
+                    let d = (apart / half_width_m).min(1.0);
+                    u_m_per_s + jet_m_per_s * (std::f64::consts::FRAC_PI_2 * d).cos().powi(2)
+                };
+                let u = (0..grid.ny).flat_map(|row| std::iter::repeat_n(wind(row), grid.nx)).collect();
+                Ok((u, vec![0.0; grid.cells()]))
             }
         }
     }

@@ -78,6 +78,25 @@ fn the_vortex_is_without_divergence_and_as_fast_as_it_says() {
 }
 
 #[test]
+fn the_jet_is_where_it_says_and_goes_round_a_periodic_edge() {
+    for boundary in [Boundary::Channel, Boundary::Periodic] {
+        // Rows of 1/16 of the height, the middle of the jet in that of the second one.
+        let grid = square(16, boundary);
+        let row = grid.dy_m;
+        let jet = Wind::Jet { u_m_per_s: 10.0, jet_m_per_s: 5.0, center_y_m: 1.5 * row, half_width_m: 4.0 * row };
+        let (u, v) = jet.at_faces(&grid).unwrap();
+        let wind = |row: usize| u[row * 16 + 7];
+        assert!((wind(1) - 15.0).abs() < 1e-12 && (wind(3) - 12.5).abs() < 1e-12 && (wind(5) - 10.0).abs() < 1e-12);
+        let beyond = if boundary == Boundary::Periodic { 12.5 } else { 10.0 };
+        assert!((wind(15) - beyond).abs() < 1e-12, "{}", wind(15));
+        assert!(u.chunks_exact(16).all(|row| row.iter().all(|&wind| wind == row[0])) && v.iter().all(|&v| v == 0.0));
+    }
+    let narrow = Wind::Jet { u_m_per_s: 10.0, jet_m_per_s: 5.0, center_y_m: 0.0, half_width_m: 0.0 };
+    let error = narrow.at_faces(&square(16, Boundary::Channel));
+    assert!(matches!(error, Err(ModelError::Parameter { name: "half_width_m", .. })));
+}
+
+#[test]
 fn the_exact_shift_moves_a_hill_by_whole_cells() {
     let grid = Grid { nx: 20, ny: 10, dx_m: 1e4, dy_m: 2e4, boundary: Boundary::Periodic };
     let model = ExactShift::new(grid.clone(), 3, -1, Duration::from_seconds(600)).unwrap();

@@ -59,7 +59,8 @@ fn advection_keeps_the_contract_and_is_linear() {
     use AdvectionScheme::{FirstOrderUpwind, FourthOrderCentred, ThirdOrderUpwind};
     for boundary in BOUNDARIES {
         let v_m_per_s = if boundary == Boundary::Channel { 0.0 } else { -20.0 };
-        for wind in [Wind::Uniform { u_m_per_s: 30.0, v_m_per_s }, Wind::Vortex { speed_m_per_s: 40.0 }] {
+        let jet = Wind::Jet { u_m_per_s: 10.0, jet_m_per_s: 20.0, center_y_m: 3e5, half_width_m: 4e5 };
+        for wind in [Wind::Uniform { u_m_per_s: 30.0, v_m_per_s }, Wind::Vortex { speed_m_per_s: 40.0 }, jet] {
             for kind in [FirstOrderUpwind, ThirdOrderUpwind, FourthOrderCentred] {
                 for scheme in SCHEMES {
                     let grid = grid(9, 12, boundary);

@@ -2,7 +2,7 @@
 
 use super::factor::Target;
 use super::window::Information;
-use super::{Amplitude, Memory, TimeVolume, transition};
+use super::{Amplitude, Memory, TimeVolume};
 use crate::assimilator::{
     Adjustments, Assimilator, CalibrationAdjustment, ReplaceCalibration, Smoother, Views, WidenCalibration,
 };
@@ -67,12 +67,12 @@ impl TimeVolume {
     fn move_reference(&mut self, shift: &[f64]) -> Result<(), Error> {
         let first = self.constant.len();
         let mut step = 1.0;
-        if let Some(family) = &self.corrections {
+        if let Some(transition) = &mut self.corrections {
             loop {
                 let mut moved = self.memory.reference[first..].to_vec();
                 axpy(step, &shift[first..], &mut moved);
-                match family.model(&moved) {
-                    Ok(model) => break self.model = model,
+                match transition.set(&moved) {
+                    Ok(()) => break self.model = transition.corrected.model(),
                     Err(error) if step < 1e-3 => return Err(error),
                     Err(_) => step *= 0.5,
                 }
@@ -97,13 +97,7 @@ impl Assimilator for TimeVolume {
         let steps = steps(&*model, window)?;
         let cycle = Cycle { model: &*model, calibration: &calibration, window, steps, error_factor: 1.0 };
         let first = self.constant.len();
-        let transitions = match &self.corrections {
-            Some(family) => {
-                let Memory { s, reference, .. } = &self.memory;
-                Some(transition::columns(&**family, &reference[first..], &s.state, steps)?)
-            }
-            None => None,
-        };
+        let transitions = self.corrections.as_ref().map(|it| it.columns(&self.memory.s.state, steps)).transpose()?;
         self.memory.time = self.memory.time + window;
         let ones = vec![1.0; self.unknowns()];
         self.errors.factors_mut().prepend(&self.memory.sensitivity, &ones);
@@ -208,8 +202,9 @@ impl Assimilator for TimeVolume {
         let past = self.errors.factors().past.len();
         require(memory.sensitivity.past.len() == past && memory.past_times.len() == past, "the smoother")?;
         self.memory = memory;
-        if let Some(family) = &self.corrections {
-            self.model = family.model(&self.memory.reference[self.constant.len()..])?;
+        if let Some(transition) = &mut self.corrections {
+            transition.set(&self.memory.reference[self.constant.len()..])?;
+            self.model = transition.corrected.model();
         }
         Ok(())
     }

@@ -24,6 +24,7 @@
 //! Amplitudes that are a random walk or an AR(1) process cannot be constant over a window: they are unknowns of each cycle
 //! beside the calibration parameters, and common factors carry their covariance with the state.
 
+mod corrected_model;
 mod covariances;
 mod cycle;
 mod factor;
@@ -32,11 +33,13 @@ mod report;
 mod restart;
 mod rows;
 mod select;
+mod tiles;
 mod transition;
 mod window;
 
 pub use factor::{AmplitudeEvolution, Factor, Target, TimeShape};
-pub use transition::{Candidate, Corrections};
+pub use tiles::tile_patterns;
+pub use transition::{Candidate, CorrectionPattern, Corrections};
 
 use crate::augmented::Augmented;
 use crate::error::Error;
@@ -47,6 +50,7 @@ use isobar_obs::{Calibration, Drift, Parameter, Placement};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::sync::Arc;
+use transition::Transition;
 use window::{Posterior, Window};
 
 /// How a time volume is set up.
@@ -89,7 +93,7 @@ pub struct TimeVolume {
     constant: Arc<[Amplitude]>,
     /// Those that are unknowns of each cycle.
     evolving: Arc<[Amplitude]>,
-    corrections: Option<Arc<dyn Corrections>>,
+    corrections: Option<Transition>,
     /// The model with the corrections of the reference.
     model: Arc<dyn TangentLinear>,
     /// P, given C.
@@ -171,7 +175,8 @@ impl TimeVolume {
             }
         }
         let amplitudes = constant.len();
-        priors.extend(corrections.iter().flat_map(|it| it.candidates()).map(|candidate| candidate.sigma_prior));
+        let corrections = corrections.map(|family| Transition::new(family, layout.grid.cells())).transpose()?;
+        priors.extend(corrections.iter().flat_map(Transition::sigma_priors));
         let q = priors.len();
         if q + evolving.len() == 0 {
             return fault("needs a factor or a state-transition correction");
@@ -191,7 +196,8 @@ impl TimeVolume {
             time: settings.start,
             past_times: VecDeque::new(),
         };
-        let (model, calibration) = (Arc::clone(&problem.model), problem.calibration.clone());
+        let model = corrections.as_ref().map_or_else(|| Arc::clone(&problem.model), |it| it.corrected.model());
+        let calibration = problem.calibration.clone();
         let problem = Problem { calibration: own, ..problem.into() };
         let settings = Arc::new(settings);
         let (constant, evolving) = (constant.into(), evolving.into());

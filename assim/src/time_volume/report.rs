@@ -1,6 +1,7 @@
 //! The estimate with all that the unknowns C add to it, and the report on them.
 
 use super::factor::Target;
+use super::transition::Correction;
 use super::{Amplitude, TimeVolume};
 use crate::error::Error;
 use crate::errors::blocks::{BlockErrors, Factors};
@@ -120,14 +121,17 @@ impl EstimatesParameters for TimeVolume {
     /// All amplitudes and corrections.
     fn estimated_parameters(&self) -> Vec<EstimatedParameter> {
         let q = self.unknowns();
-        let candidates = self.corrections.iter().flat_map(|it| it.candidates());
-        let corrections = candidates.map(|it| (format!("transition/{}", it.name), it.unit.clone()));
+        let corrections = self.corrections.iter().flat_map(|transition| {
+            let name = |it: &Correction| (format!("transition/{}", it.name), transition.candidate(it).unit.clone());
+            transition.amplitudes.iter().map(name)
+        });
         let names: Vec<(String, String)> =
             self.constant.iter().map(|it| (it.name.clone(), it.unit.clone())).chain(corrections).collect();
         let combinations: Vec<Vec<(f64, String)>> = (self.memory.posterior.undetermined.iter())
             .map(|it| it.iter().zip(&names).filter(|it| *it.0 != 0.0).map(|(c, name)| (*c, name.0.clone())).collect())
             .collect();
         let total = self.memory.window.total();
+        let solved = self.solve_window();
         let constant = (0..q).map(|k| {
             let unit: Vec<f64> = (0..q).map(|j| f64::from(u8::from(j == k))).collect();
             let undetermined: Vec<String> = (self.memory.posterior.undetermined.iter().zip(&combinations))
@@ -137,7 +141,7 @@ impl EstimatesParameters for TimeVolume {
             let verdict = match (self.memory.active[k], undetermined.is_empty()) {
                 (true, true) => "determined".to_string(),
                 (true, false) => format!("not determined: {}", undetermined.join("; ")),
-                (false, _) => match self.score(&total, &self.memory.active, k) {
+                (false, _) => match self.score(&total, &solved, k) {
                     Some(score) => format!("not chosen: its correlation with the innovations is {score:.1} sigma"),
                     None => "not chosen: what is chosen leaves nothing of it to be seen".to_string(),
                 },

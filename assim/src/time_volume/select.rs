@@ -28,8 +28,14 @@ impl TimeVolume {
 
     /// The correlation of a candidate's column with the innovations, once the active unknowns have explained what they can,
     /// in standard deviations of what it would be by chance; `None` if nothing of the column is left.
-    pub(super) fn score(&self, total: &Information, active: &[bool], candidate: usize) -> Option<f64> {
-        let (posterior, shift) = self.solve_with(total, active);
+    ///
+    /// The pair is the solution for the active unknowns.
+    pub(super) fn score(
+        &self,
+        total: &Information,
+        (posterior, shift): &(Posterior, Vec<f64>),
+        candidate: usize,
+    ) -> Option<f64> {
         let q = self.unknowns();
         let row = |k: usize| total.matrix[(candidate, k)];
         // What is left of the column's square, and of its product with the innovations, for an amplitude of zero.
@@ -51,9 +57,10 @@ impl TimeVolume {
         let threshold = self.settings.selection_threshold;
         let mut active = self.memory.active.clone();
         loop {
+            let solved = self.solve_with(&total, &active);
             let scores = (first..q).filter(|&k| !active[k]);
             let scores: Vec<(usize, f64)> =
-                scores.filter_map(|k| self.score(&total, &active, k).map(|score| (k, score.abs()))).collect();
+                scores.filter_map(|k| self.score(&total, &solved, k).map(|score| (k, score.abs()))).collect();
             match first_largest(scores.iter().map(|it| it.1)).map(|best| scores[best]) {
                 Some((best, score)) if score > threshold => active[best] = true,
                 _ => break,

@@ -1,6 +1,7 @@
 //! The moving time volume against the dense least-squares solution of all cycles at once.
 
 mod smoother;
+mod tiles;
 mod whole;
 
 use self::whole::Whole;

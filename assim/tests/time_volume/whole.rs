@@ -139,7 +139,9 @@ impl Whole {
                 entries.extend((0..m).map(|j| (self.state(time, j), -a[j * m + i])));
                 for (unknown, number, function) in self.amplitudes(time) {
                     if factors[number].target == Target::Forecast(i / cells) {
-                        entries.push((unknown, -factors[number].shape.value(function, observed.time)));
+                        // One pattern, or the same everywhere.
+                        let place = factors[number].patterns.first().map_or(1.0, |pattern| pattern[i % cells]);
+                        entries.push((unknown, -place * factors[number].shape.value(function, observed.time)));
                     }
                 }
                 self.dense.row(entries, 0.0, 0.4);

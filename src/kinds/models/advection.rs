@@ -2,7 +2,7 @@
 
 use super::equations::Equations;
 use super::integration::{self, Integration, TIME_STEP_S};
-use super::parameter::{Parameter, SPEED, flow, northward, speed_or_zero};
+use super::parameter::{ADVECTION_X, Parameter, SPEED, flow, northward, speed_or_zero};
 use crate::kinds::{Kind, Kinds, form, read};
 use crate::reader::{Absent, Choice, Described, Key, Limits};
 use isobar_model::{Adjoint, Advection, AdvectionScheme, Duration, Forcing, Grid, ModelError, Wind};
@@ -11,7 +11,7 @@ use std::sync::Arc;
 const WIND: Key<Described> = Key::required(
     "wind",
     "",
-    Described("a table of kind \"uniform\" or \"vortex\"", || form(WINDS)),
+    Described("a table of kind \"uniform\", \"vortex\" or \"jet\"", || form(WINDS)),
     "the wind that advects the tracer",
 );
 
@@ -27,12 +27,22 @@ const SCHEME: Key<Choice<AdvectionScheme>> = Key::absent(
     "how advection is discretised in space",
 );
 
-const U: Key<Limits> = Key::required("u_m_per_s", "m/s", SPEED, "eastward component of a uniform wind");
+const U: Key<Limits> =
+    Key::required("u_m_per_s", "m/s", SPEED, "eastward component of a uniform wind, or of the wind beside a jet");
 
 const V: Key<Limits> = speed_or_zero("v_m_per_s", "northward component of a uniform wind; 0 in a channel");
 
 const VORTEX_SPEED: Key<Limits> =
     Key::required("speed_m_per_s", "m/s", SPEED, "largest eastward wind of a vortex; clockwise if positive");
+
+const JET: Key<Limits> =
+    Key::required("jet_m_per_s", "m/s", SPEED, "by how much the wind is stronger in the middle of the jet");
+
+const CENTER_Y: Key<Limits> =
+    Key::required("center_y_km", "km", Limits::Between(-1e5, 1e5), "distance of the jet from the southern edge");
+
+const HALF_WIDTH: Key<Limits> =
+    Key::required("half_width_km", "km", Limits::Positive, "distance from its middle at which the jet ends");
 
 #[derive(Clone, Debug)]
 struct AdvectionSettings {
@@ -54,7 +64,7 @@ pub(super) const KIND: Kind<dyn Equations, Grid> = Kind::new(
     },
 );
 
-const WINDS: &Kinds<Wind, Grid> = &[&UNIFORM_WIND, &VORTEX_WIND];
+const WINDS: &Kinds<Wind, Grid> = &[&UNIFORM_WIND, &VORTEX_WIND, &JET_WIND];
 
 const UNIFORM_WIND: Kind<Wind, Grid> =
     Kind::new("uniform", "The same wind everywhere", &[&[&U, &V]], |section, grid| {
@@ -67,6 +77,20 @@ const VORTEX_WIND: Kind<Wind, Grid> = Kind::new(
     "A vortex about the middle of the domain, at rest at its edges",
     &[&[&VORTEX_SPEED]],
     |section, _| Ok(Box::new(Wind::Vortex { speed_m_per_s: section.get(&VORTEX_SPEED)? })),
+);
+
+const JET_WIND: Kind<Wind, Grid> = Kind::new(
+    "jet",
+    "An eastward wind with a jet, the same at all x",
+    &[&[&U, &JET, &CENTER_Y, &HALF_WIDTH]],
+    |section, _| {
+        Ok(Box::new(Wind::Jet {
+            u_m_per_s: section.get(&U)?,
+            jet_m_per_s: section.get(&JET)?,
+            center_y_m: 1e3 * section.get(&CENTER_Y)?,
+            half_width_m: 1e3 * section.get(&HALF_WIDTH)?,
+        }))
+    },
 );
 
 /// The variables of models of a tracer.
@@ -98,6 +122,7 @@ impl Equations for AdvectionSettings {
     fn parameters(&mut self, grid: &Grid) -> Vec<(Parameter, &mut f64)> {
         match &mut self.wind {
             Wind::Uniform { u_m_per_s, v_m_per_s } => flow(u_m_per_s, v_m_per_s, grid),
+            Wind::Jet { u_m_per_s, .. } => vec![(ADVECTION_X, u_m_per_s)],
             Wind::Vortex { .. } => Vec::new(),
         }
     }

@@ -1,11 +1,11 @@
 //! The parameters of the model that a time volume may correct.
 
 use crate::kinds::Domain;
-use crate::reader::{Absent, AnyKey, Described, Field, Form, Key, Limits, Read};
+use crate::reader::{Absent, AnyKey, Described, Field, Form, Key, Limits, Read, Section, fields};
 use crate::text::listed;
 use isobar_assim::Error;
-use isobar_assim::time_volume::{Candidate, Corrections};
-use isobar_model::{Duration, ModelError, State, TangentLinear, check_time_step};
+use isobar_assim::time_volume::{Candidate, CorrectionPattern, Corrections, tile_patterns};
+use isobar_model::{Duration, Grid, ModelError, State, TangentLinear, check_time_step};
 use std::sync::Arc;
 
 const CANDIDATE: Key<Described> = Key::required(
@@ -26,8 +26,27 @@ const SIGMA: Key<Limits> = Key::absent(
     "standard deviation of a prior",
 );
 
+const TILES: Key<Described> = Key::absent(
+    "tiles",
+    "",
+    Described("[in x, in y]", || Form::list(Form::Whole(1, 4096))),
+    Absent::Explained("the same everywhere"),
+    "numbers of tiles, each with an amplitude of its own: smooth functions of place that sum to one",
+);
+
+const PATTERNS_FILE: Key<Described> = Key::absent(
+    "patterns_file",
+    "",
+    Described("a CSV file with a column for each pattern and a row for each cell", Form::text),
+    Absent::Explained("the same everywhere"),
+    "patterns in space such as EOFs, each with an amplitude of its own, in place of `tiles`",
+);
+
 /// The keys of a correction.
-pub(super) const KEYS: &[&dyn AnyKey] = &[&CANDIDATE, &SIGMA];
+pub(super) const KEYS: &[&dyn AnyKey] = &[&CANDIDATE, &TILES, &PATTERNS_FILE, &SIGMA];
+
+/// The most amplitudes of all corrections of a method: each is a column of the tangent-linear model.
+pub(super) const MOST_AMPLITUDES: usize = 100;
 
 /// Reads a parameter of the model that may be wrong.
 pub(super) fn read(field: &Field<'_>, domain: &Domain) -> Read<Candidate> {
@@ -41,7 +60,38 @@ pub(super) fn read(field: &Field<'_>, domain: &Domain) -> Read<Candidate> {
         let possible = listed(parameters.iter().map(|parameter| parameter.name));
         return Err(name_field.invalid(message, &format!("possible here: {possible}")));
     };
-    Ok(Candidate { name, unit: parameter.unit.into(), step: parameter.step, sigma_prior: section.find(&SIGMA)? })
+    let (unit, step) = (parameter.unit.into(), parameter.step);
+    Ok(Candidate { name, unit, step, sigma_prior: section.find(&SIGMA)?, patterns: patterns(&section, &domain.grid)? })
+}
+
+/// How a correction depends on place; no patterns if it does not.
+fn patterns(section: &Section<'_>, grid: &Grid) -> Read<Vec<CorrectionPattern>> {
+    match (section.optional(TILES.name), section.optional(PATTERNS_FILE.name)) {
+        (None, None) => Ok(Vec::new()),
+        (Some(tiles), None) => {
+            let numbers = tiles.elements(2)?;
+            let [nx, ny] = numbers.as_slice() else {
+                let allowed = "must be [tiles in x, tiles in y]";
+                return Err(tiles.invalid(format!("`{}` needs two numbers", tiles.title()), allowed));
+            };
+            let (nx, ny) = (nx.whole(1, grid.nx)?, ny.whole(1, grid.ny)?);
+            if nx * ny > MOST_AMPLITUDES {
+                let message = format!("`{}` are {} tiles", tiles.title(), nx * ny);
+                return Err(tiles.invalid(message, &format!("must be at most {MOST_AMPLITUDES}")));
+            }
+            Ok(tile_patterns(grid, [nx, ny]))
+        }
+        (None, Some(file)) => {
+            let columns = fields::read(&file, grid, MOST_AMPLITUDES)?.columns;
+            let named = columns.into_iter().enumerate();
+            let pattern = |(k, weights)| CorrectionPattern { name: format!("eof {}", k + 1), weights };
+            Ok(named.map(pattern).collect())
+        }
+        (Some(_), Some(file)) => {
+            let message = format!("`{}` stands beside `tiles`", file.title());
+            Err(file.misplaced(message, "a correction has tiles or the patterns of a file, not both"))
+        }
+    }
 }
 
 /// The scenario's model with other parameters.

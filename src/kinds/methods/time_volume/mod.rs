@@ -15,9 +15,6 @@ use isobar_assim::time_volume::{Candidate, Corrections, TimeVolume, TimeVolumeSe
 use isobar_assim::{Assimilator, Error};
 use std::sync::Arc;
 
-/// The most corrections of a model.
-const MOST_CORRECTIONS: usize = 6;
-
 const WINDOW_CYCLES: Key<Whole> =
     Key::required("window_cycles", "cycles", Whole(1, 1_000_000), "length of the window, at most that of the run");
 
@@ -121,10 +118,17 @@ fn read_factors(section: &Section<'_>, surroundings: &Surroundings) -> Read<Vec<
 fn read_corrections(section: &Section<'_>, surroundings: &Surroundings) -> Read<Vec<Candidate>> {
     let mut all: Vec<Candidate> = Vec::new();
     let Some(list) = section.optional(TRANSITION_CORRECTIONS.name) else { return Ok(all) };
-    for field in list.elements(MOST_CORRECTIONS)? {
+    let mut amplitudes = 0;
+    for field in list.elements(corrections::MOST_AMPLITUDES)? {
         let candidate = corrections::read(&field, &surroundings.domain)?;
         if all.iter().any(|other| other.name == candidate.name) {
             return Err(field.invalid(format!("`{}` is a candidate already", field.title()), "already in the list"));
+        }
+        amplitudes += candidate.patterns.len().max(1);
+        if amplitudes > corrections::MOST_AMPLITUDES {
+            let message = format!("with `{}` the corrections have {amplitudes} amplitudes", field.title());
+            let allowed = format!("must be at most {} in all", corrections::MOST_AMPLITUDES);
+            return Err(field.invalid(message, &allowed));
         }
         all.push(candidate);
     }
@@ -172,7 +176,8 @@ impl MethodSettings for TimeVolumeOptions {
 
     fn work(&self, sizes: &Sizes) -> Work {
         // Unknowns of the window are columns beside the factors.
-        let more = (self.factors.len() * self.window_cycles + self.corrections.len()) as f64;
+        let corrections: usize = self.corrections.iter().map(|it| it.patterns.len().max(1)).sum();
+        let more = (self.factors.len() * self.window_cycles + corrections) as f64;
         fast_kalman::work(&self.filter, 1, &Sizes { shared_biases: sizes.shared_biases + more, ..sizes.clone() })
     }
 
