@@ -39,6 +39,7 @@ static FILES: &[(&str, &[u8])] = files![
     "growth_8000.toml",
     "linear_advection.toml",
     "local_factors.toml",
+    "local_wrong_model.toml",
     "million.toml",
     "model_patterns.toml",
     "no_reference_station.toml",
