@@ -1,5 +1,7 @@
 //! Faults in scenario files, as the user of the program sees them.
 
+mod time_volume;
+
 use crate::common::{VALID, isobar, place, place_from, text};
 use std::fs;
 use tempfile::tempdir;
@@ -285,78 +287,6 @@ const CASES: &[Case] = &[
         &["a whole number from 1 to 1000"],
     ),
     (
-        "kind = \"fkf\"\nblocks = \"cell\"",
-        "kind = \"time_volume\"\nwindow_cycles = 11",
-        "11",
-        &["a window of 11 cycles is longer than the run of 10", "from 1 to 10"],
-    ),
-    (
-        "kind = \"fkf\"\nblocks = \"cell\"",
-        "kind = \"time_volume\"\nwindow_cycles = 5",
-        "[methods.fkf]",
-        &["has nothing to estimate over its window", "give `observation_factors`"],
-    ),
-    (
-        "kind = \"fkf\"\nblocks = \"cell\"",
-        "kind = \"time_volume\"\nwindow_cycles = 5\nobservation_factors = [{ name = \"f\", kind = \"constant\", \
-         biases = [\"sonde\"] }]",
-        "fkf]",
-        &["there is no bias `sonde` for a factor to act on", "sondes/h/B"],
-    ),
-    (
-        "kind = \"fkf\"\nblocks = \"cell\"",
-        "kind = \"time_volume\"\nwindow_cycles = 5\nmodel_factors = [{ name = \"f\", kind = \"constant\", variable = \"h\", \
-         patterns_file = \"no.csv\" }]",
-        "\"no.csv\"",
-        &["no.csv does not exist", "relative to this scenario"],
-    ),
-    (
-        "kind = \"fkf\"\nblocks = \"cell\"",
-        "kind = \"time_volume\"\nwindow_cycles = 5\nmodel_factors = [{ name = \"f\", kind = \"constant\", variable = \"h\", \
-         patterns_file = \"broken.toml\" }]",
-        "\"broken.toml\"",
-        &["broken.toml, line 2: a quotation mark", "stands within a field that does not begin with one"],
-    ),
-    (
-        "kind = \"fkf\"\nblocks = \"cell\"",
-        "kind = \"time_volume\"\nwindow_cycles = 5\nmodel_factors = [{ name = \"f\", kind = \"constant\", variable = \"h\", \
-         drift_per_sqrt_day = 1 }]",
-        "drift_per_sqrt_day",
-        &["need a prior", "give `sigma`"],
-    ),
-    (
-        "kind = \"fkf\"\nblocks = \"cell\"",
-        "kind = \"time_volume\"\nwindow_cycles = 5\ntransition_corrections = [{ candidate = \"mean_depth_m\" }]",
-        "\"mean_depth_m\"",
-        &["no parameter of this model", "possible here: gravity_m_per_s2, drag_per_s, coriolis_per_s"],
-    ),
-    (
-        "kind = \"fkf\"\nblocks = \"cell\"",
-        "kind = \"time_volume\"\nwindow_cycles = 5\ntransition_corrections = [{ candidate = \"drag_per_s\", tiles = [3] }]",
-        "[3]",
-        &["needs two numbers", "must be [tiles in x, tiles in y]"],
-    ),
-    (
-        "kind = \"fkf\"\nblocks = \"cell\"",
-        "kind = \"time_volume\"\nwindow_cycles = 5\ntransition_corrections = [{ candidate = \"drag_per_s\", tiles = [9, 2] }]",
-        "9, 2",
-        &["is 9", "from 1 to 8"],
-    ),
-    (
-        "kind = \"fkf\"\nblocks = \"cell\"",
-        "kind = \"time_volume\"\nwindow_cycles = 5\ntransition_corrections = [{ candidate = \"drag_per_s\", tiles = [8, 6] }, \
-         { candidate = \"gravity_m_per_s2\", tiles = [8, 6] }, { candidate = \"coriolis_per_s\", tiles = [5, 1] }]",
-        "{ candidate = \"coriolis_per_s\"",
-        &["the corrections have 101 amplitudes", "must be at most 100 in all"],
-    ),
-    (
-        "kind = \"fkf\"\nblocks = \"cell\"",
-        "kind = \"time_volume\"\nwindow_cycles = 5\ntransition_corrections = [{ candidate = \"drag_per_s\", tiles = [2, 2], \
-         patterns_file = \"no.csv\" }]",
-        "\"no.csv\"",
-        &["stands beside `tiles`", "not both"],
-    ),
-    (
         "[methods.free]",
         "[initialise]\nmethod = \"high-pass\"\ncycles = 11\nbox_km = 300\n\n[methods.free]",
         "11",
@@ -405,7 +335,7 @@ const CASES: &[Case] = &[
 fn every_fault_is_shown_with_its_place_and_what_is_allowed() {
     let directory = tempdir().unwrap();
     let mut faults = Vec::new();
-    for (number, (old, new, at, wanted)) in CASES.iter().enumerate() {
+    for (number, (old, new, at, wanted)) in CASES.iter().chain(time_volume::CASES).enumerate() {
         assert!(VALID.contains(old), "case {number}: {old} is not in the valid scenario");
         let broken = VALID.replacen(old, new, 1);
         let changed = VALID.find(old).unwrap();

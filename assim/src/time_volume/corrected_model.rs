@@ -15,9 +15,10 @@
 //! ```
 //!
 //! This is the model S_θ̄ itself where each ρ_c is the same everywhere, whatever patterns make it up, and linear in what is
-//! not: of the step's derivative by r_ck a part of second order, w̄_ck (ρ − ρ̄) ∘ ∂D/∂θ, is left out. D_c is a central difference, of second order in its step and so exact for what is linear in a parameter;
-//! one-sided where the model on one side does not exist. All columns are one batch of the tangent-linear model, and D_c is
-//! two steps of the model, however many patterns its candidate has.
+//! not: of the step's derivative by r_ck a part of second order, w̄_ck (ρ − ρ̄) ∘ ∂D/∂θ, is left out. D_c is a central
+//! difference, of second order in its step and so exact for what is linear in a parameter; one-sided where the model on one
+//! side does not exist. All columns are one batch of the tangent-linear model, and D_c is two steps of the model, however
+//! many patterns its candidate has.
 
 use super::transition::{Candidate, Correction, Corrections};
 use crate::error::Error;
@@ -161,6 +162,10 @@ impl Model for CorrectedModel {
 
     fn largest_time_step_s(&self, x: &State) -> f64 {
         self.mean.largest_time_step_s(x)
+    }
+
+    fn needs_time(&self) -> bool {
+        self.mean.needs_time()
     }
 
     fn check_state(&self, x: &State) -> Result<(), ModelError> {

@@ -1,11 +1,11 @@
 //! The verdicts.
 
+use super::doubt::Doubt;
 use super::needs::of_parameter;
-use super::{Expected, InseparableMean, ParameterStability, Stability, Undetermined, Watch};
+use super::{InseparableMean, ParameterStability, Stability, Undetermined, Watch};
 use isobar_assim::{Assimilator, Calibrated, CalibrationAccuracy, Combination, Error, Observability};
 use isobar_model::Layout;
 use isobar_obs::Calibration;
-use std::fmt;
 
 /// More parameters than these are judged each by itself: their combinations would take too long.
 const MOST_TOGETHER: usize = 1000;
@@ -18,33 +18,6 @@ const BEYOND_CHANCE: f64 = 1.68;
 
 /// Parts of a direction below this, beside the largest of 1, are left out of its name.
 const SMALL: f64 = 0.3;
-
-/// Why a parameter has no stable update.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Doubt {
-    /// No observation has it.
-    Unobserved,
-    /// The share of its prior variance that it still has.
-    Undetermined(f64),
-    /// How far its innovations go together from cycle to cycle.
-    Red(Expected),
-}
-
-impl fmt::Display for Doubt {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Unobserved => f.write_str("no observation has it"),
-            Self::Undetermined(ratio) => {
-                write!(f, "the observations leave {:.0} % of its prior variance", 100.0 * ratio)
-            }
-            Self::Red(Expected { value, tolerance, .. }) => write!(
-                f,
-                "its innovations stay on one side (correlation {value:.2}, at most {tolerance:.2} by chance): it changes \
-                 faster than is assumed"
-            ),
-        }
-    }
-}
 
 /// What there is to say of a method that may have been judged before, when parameters were frozen: of these, and of what was
 /// not determined then, the verdict of that time stands. A parameter that keeps more than `variance_ratio` of its prior

@@ -10,6 +10,7 @@
 //! - *whiteness* of the innovations, by their lagged covariance (Daley 1992, MWR 120, 178);
 //! - *size* of the innovations, by χ².
 
+mod doubt;
 mod freezing;
 mod judge;
 mod needs;
