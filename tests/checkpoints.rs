@@ -248,10 +248,12 @@ fn a_run_goes_on_only_with_the_files_with_which_it_began() {
 
 #[test]
 fn a_signal_ends_the_run_after_the_cycle_with_a_checkpoint() {
-    let (whole, _) = undisturbed(CYCLES);
+    // Enough for the signal to come before the last, on any machine.
+    let cycles = 4 * CYCLES;
+    let (whole, _) = undisturbed(cycles);
     for signal in ["-INT", "-TERM", "-HUP"] {
         let parent = place();
-        let mut child = start(parent.path(), CYCLES);
+        let mut child = start(parent.path(), cycles);
         while checkpoints(parent.path()).is_empty() {
             assert!(child.try_wait().unwrap().is_none());
         }

@@ -170,7 +170,7 @@ fn a_bias_is_frozen_while_it_has_no_stable_update() {
 fn a_test_point_or_a_comparison_as_good_as_is_needed_is_enough() {
     let standard = |scenario: String| {
         scenario.replace("groups = [\"all\"]", "groups = [\"A\", \"B\"]")
-            + "\n[networks.standard]\nkind = \"radiosonde\"\nstations = { random = 1 }\nobserve = { h = 100 }\n\
+            + "\n[networks.standard]\nkind = \"radiosonde\"\nstations = { random = 1 }\nobserve = { h = 500 }\n\
                [[networks.standard.bias]]\nper = \"group\"\nvariable = \"h\"\nsigma = 1\n"
     };
     let (printed, scores) = run(standard, "fkf");

@@ -50,7 +50,7 @@ impl TruthSeries {
     /// In words: the file has no state at this time, or a value is missing.
     pub fn state(&self, time: Time) -> Result<State, String> {
         let values = self.file.values(Some(time)).map_err(|problem| format!("{}: {problem}", self.name))?;
-        Ok(State::from_values(self.file.layout(), values))
+        Ok(State::from_values(self.file.layout(), values).valid_at(time))
     }
 }
 

@@ -72,7 +72,7 @@ pub const CASES: &[Case] = &[
         "kind = \"fkf\"\nblocks = \"cell\"",
         "kind = \"time_volume\"\nwindow_cycles = 5\ntransition_corrections = [{ candidate = \"drag_per_s\", tiles = [2, 2], \
          patterns_file = \"no.csv\" }]",
-        "\"no.csv\"",
+        "patterns_file",
         &["stands beside `tiles`", "not both"],
     ),
 ];
