@@ -20,7 +20,7 @@
 //! side does not exist. All columns are one batch of the tangent-linear model, and D_c is two steps of the model, however
 //! many patterns its candidate has.
 
-use super::transition::{Candidate, Correction, Corrections};
+use super::correction::{Candidate, Correction, Corrections};
 use crate::error::Error;
 use crate::tall_matrix::TallMatrix;
 use isobar_model::{Duration, Layout, Model, ModelError, State, TangentLinear, forecast};

@@ -25,6 +25,7 @@
 //! beside the calibration parameters, and common factors carry their covariance with the state.
 
 mod corrected_model;
+mod correction;
 mod covariances;
 mod cycle;
 mod factor;
@@ -37,9 +38,9 @@ mod tiles;
 mod transition;
 mod window;
 
+pub use correction::{Candidate, CorrectionPattern, Corrections};
 pub use factor::{AmplitudeEvolution, Factor, Target, TimeShape};
 pub use tiles::tile_patterns;
-pub use transition::{Candidate, CorrectionPattern, Corrections};
 
 use crate::augmented::Augmented;
 use crate::error::Error;

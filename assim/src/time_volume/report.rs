@@ -1,7 +1,7 @@
 //! The estimate with all that the unknowns C add to it, and the report on them.
 
+use super::correction::Correction;
 use super::factor::Target;
-use super::transition::Correction;
 use super::{Amplitude, TimeVolume};
 use crate::error::Error;
 use crate::errors::blocks::{BlockErrors, Factors};

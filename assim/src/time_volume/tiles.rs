@@ -1,6 +1,6 @@
 //! Patterns of tiles: smooth functions of place that sum to one.
 
-use super::transition::CorrectionPattern;
+use super::correction::CorrectionPattern;
 use isobar_model::{Boundary, Grid};
 use std::f64::consts::FRAC_PI_2;
 
