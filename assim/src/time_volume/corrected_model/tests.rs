@@ -16,9 +16,12 @@ fn grid() -> Grid {
     Grid { nx: 12, ny: 8, dx_m: 1e5, dy_m: 1e5, boundary: Boundary::Periodic }
 }
 
+/// The model with these corrections of its parameters.
+type Build = fn(&[f64]) -> Result<Arc<dyn TangentLinear>, Error>;
+
 struct Family {
     candidates: Vec<Candidate>,
-    build: fn(&[f64]) -> Result<Arc<dyn TangentLinear>, Error>,
+    build: Build,
 }
 
 impl Corrections for Family {
@@ -31,11 +34,7 @@ impl Corrections for Family {
     }
 }
 
-fn transition(
-    steps: [f64; 2],
-    tiles: Option<[usize; 2]>,
-    build: fn(&[f64]) -> Result<Arc<dyn TangentLinear>, Error>,
-) -> Transition {
+fn transition(steps: [f64; 2], tiles: Option<[usize; 2]>, build: Build) -> Transition {
     let candidate = |step: f64| Candidate {
         name: format!("{step}"),
         unit: "1".into(),
