@@ -74,9 +74,12 @@ fn an_unknown_heating_is_found_as_strong_as_it_is() {
     let (known, of_nothing) = results("forcing", known, &["free", "kf", "window"]);
     let error = |summary: &Summary, kind: &str, method: &str| summary.methods[method].values[&format!("{kind}.tracer")];
     for kind in ["rmse_analysis", "rmse_background", "rmse_forecast"] {
-        let [blind, told, found] =
+        let [blind, aware, found] =
             [error(&unknown, kind, "kf"), error(&known, kind, "kf"), error(&unknown, kind, "window")];
-        assert!(blind > 1.3 * told && found < 1.1 * told, "{kind}: {blind} without it, {told} with it, {found} found");
+        assert!(
+            blind > 1.3 * aware && found < 1.1 * aware,
+            "{kind}: {blind} without it, {aware} with it, {found} found"
+        );
     }
     // Where there is nothing left to be found, nothing is found.
     for (value, sigma, _) in of_nothing.values() {

@@ -23,7 +23,7 @@ impl Climatology {
         let spread = covariance::standard_deviations(&*problem.background_error);
         let parameters = problem.estimated_calibration().parameters;
         let estimate = Estimate {
-            // It is of no particular time.
+            // A climatology has no valid time.
             state: problem.background.clone().valid_at(None),
             calibration: vec![0.0; problem.calibration.len()],
             state_spread: Some(spread),

@@ -13,8 +13,8 @@
 //! ∫ e^(A (Δt − s)) B u(t + s) ds − e^(A Δt) B ∫₁ u − B ∫₂ u = Δt³ (A B u'/24 − A² B u/12) + O(Δt⁴),
 //! ```
 //!
-//! of second order in the end, whatever the order of M. Where f does not act on B, as a flow along the lines on which a pattern
-//! is constant, there is none.
+//! of second order in the end, whatever the order of M. It is zero where f does not act on B: where the flow follows the lines
+//! on which a pattern is constant.
 //!
 //! What is added does not depend on the state: the derivative of the step and its transpose are those of M, taken at the state
 //! with the first half. M has any time scheme, or none.

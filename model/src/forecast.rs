@@ -10,8 +10,8 @@ use std::sync::Arc;
 
 /// A forecast model: x(t + Δt) = M(x(t), t).
 ///
-/// The time t is that of the state: it is advanced with it, copied with it and stored with it, so that no forecast has to be
-/// told when it starts, and none can start at another time than its state.
+/// The time t is that of the state: it is advanced with it, copied with it and stored with it, so that a forecast starts at the
+/// time of its state, and at no other.
 pub trait Model: Send + Sync {
     /// Grid and variables.
     fn layout(&self) -> &Arc<Layout>;

@@ -82,7 +82,7 @@ impl EnsembleCycle {
     pub fn smoothed(&self, analyses_ago: usize) -> Option<Estimate> {
         let (mean, spread) = self.memory.smoother.as_ref()?.estimate(analyses_ago)?;
         let estimate = self.memory.ensemble.estimate_of(&self.problem, mean, spread);
-        // Of when it was is not kept.
+        // The members' time is that of the newest analysis.
         Some(Estimate { state: estimate.state.valid_at(None), ..estimate })
     }
 

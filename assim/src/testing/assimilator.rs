@@ -40,7 +40,7 @@ const ROUNDING: f64 = 1e-6;
 /// Runs the battery on a method over all cycles of the trial.
 ///
 /// * Estimates, their claimed standard deviations and departures are finite, and the same bits in a second run.
-/// * The state of an estimate is of no time, or its time goes on with the windows.
+/// * The state of an estimate has no valid time, or one that advances by the window in each cycle.
 /// * A window without observations leaves the first background as it is.
 /// * The memory of each cycle, recalled by a fresh method, leads to the same bits; its bytes are those of the memory.
 /// * What a copy does leaves the method as it is, and is what the method does itself.

@@ -126,7 +126,10 @@ impl CorrectedModel {
                     Some(weights) => add_product(1.0, weights, derivative, column),
                 }
             });
-            model.step(&mut at);
+            self.mean.step(&mut at);
+            for (own, change) in self.derivatives.iter().zip(&derivatives) {
+                own.add_deviation(change, &mut at);
+            }
             if at.first_non_finite().is_some() {
                 columns.fill(0.0);
                 break;
@@ -144,6 +147,13 @@ impl Derivative {
         self.above.step(&mut above);
         self.below.step(&mut below);
         above.values().iter().zip(below.values()).map(|(above, below)| (above - below) / self.width).collect()
+    }
+
+    /// x += (ρ_c − ρ̄_c) ∘ D_c, with D_c at the state before the step.
+    fn add_deviation(&self, change: &[f64], x: &mut State) {
+        if let Some(deviation) = &self.deviation {
+            add_product(1.0, deviation, change, x.values_mut());
+        }
     }
 }
 
@@ -175,10 +185,8 @@ impl Model for CorrectedModel {
     fn step(&self, x: &mut State) {
         let from = x.clone();
         self.mean.step(x);
-        for derivative in &self.derivatives {
-            if let Some(deviation) = &derivative.deviation {
-                add_product(1.0, deviation, &derivative.at(&from), x.values_mut());
-            }
+        for derivative in self.derivatives.iter().filter(|it| it.deviation.is_some()) {
+            derivative.add_deviation(&derivative.at(&from), x);
         }
     }
 }

@@ -64,7 +64,7 @@ impl Settings {
         let of_truth = file.get("truth").and_then(|truth| truth.get("forcing"));
         for (list, sources) in [("forcing", file.get("forcing")), ("truth.forcing", of_truth)] {
             for (number, source) in sources.and_then(Value::as_array).into_iter().flatten().enumerate() {
-                // A table of time goes on with the runs.
+                // The next run may have a longer table.
                 let table = source.get("time").and_then(|time| time.get("file")?.as_str());
                 read_anew.extend(table);
                 values.remove(&format!("{list}[{number}].time.file"));
