@@ -104,12 +104,12 @@ mod tests {
 
     #[test]
     fn a_constant_is_determined_after_as_many_cycles_as_its_observations_take() {
-        for cycles in [1, 2, 7, 30] {
+        for cycles in [1, 2, 7, 18] {
             let mut information = Information::default();
-            (1..=cycles).for_each(|cycle| information.add(share(cycle, 0.07)));
+            (1..=cycles).for_each(|cycle| information.add(share(cycle, 0.16)));
             let further = information.further_cycles(0.25).unwrap();
-            assert!(share(cycles + further, 0.07) <= 0.25, "{cycles} + {further}");
-            assert!(share(cycles + further - 1, 0.07) > 0.25, "{cycles} + {further}");
+            assert!(share(cycles + further, 0.16) <= 0.25, "{cycles} + {further}");
+            assert!(share(cycles + further - 1, 0.16) > 0.25, "{cycles} + {further}");
         }
     }
 
