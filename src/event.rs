@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// What is known before the first cycle.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RunInfo {
     /// Name of the scenario: its file's stem.
     pub scenario: String,
@@ -138,7 +138,7 @@ impl RunInfo {
 }
 
 /// A network of the run.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct NetworkInfo {
     /// Its name.
     pub name: Arc<str>,
@@ -149,7 +149,7 @@ pub struct NetworkInfo {
 }
 
 /// A method of the run.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct MethodInfo {
     /// Its name in the scenario.
     pub name: String,
@@ -162,7 +162,7 @@ pub struct MethodInfo {
 }
 
 /// A station.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct StationInfo {
     /// Its network.
     pub network: Arc<str>,

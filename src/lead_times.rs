@@ -1,7 +1,9 @@
 //! When forecasts ahead start, and at which lead times they are looked at.
 
+use serde::{Deserialize, Serialize};
+
 /// When forecasts ahead start, and at which lead times they are looked at, in cycles.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LeadTimes {
     /// How far a forecast goes.
     pub longest_cycles: usize,

@@ -56,6 +56,7 @@ pub mod run;
 mod safe_file;
 pub mod scenario;
 pub mod scores;
+mod sealed;
 pub mod sensors;
 mod shell;
 pub mod shipped;

@@ -47,6 +47,13 @@ pub struct CheckpointPolicy {
     pub cycles: Option<usize>,
 }
 
+impl Default for CheckpointPolicy {
+    /// Every five minutes.
+    fn default() -> Self {
+        Self { minutes: Some(5.0), cycles: None }
+    }
+}
+
 impl RunOptions {
     /// A run as the scenario says, on all cores, which writes nothing but its scores.
     pub fn new(out: impl Into<PathBuf>) -> Self {

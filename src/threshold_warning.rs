@@ -26,9 +26,10 @@ use crate::scores::diagnostics::probability_below;
 use isobar_assim::Estimate;
 use isobar_model::{Layout, State, Variable};
 use isobar_obs::{ObservationWindow, Report, Station};
+use serde::{Deserialize, Serialize};
 
 /// A warning, as a scenario describes it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ThresholdWarning {
     /// Its name.
     pub name: String,
@@ -45,7 +46,7 @@ pub struct ThresholdWarning {
 }
 
 /// A side of a threshold.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Side {
     /// Greater than it.
     Above,
@@ -54,7 +55,7 @@ pub enum Side {
 }
 
 /// Where an event is looked for.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Area {
     /// In the whole domain.
     Anywhere,
@@ -77,7 +78,7 @@ pub enum Area {
 }
 
 /// A warning with its grid points.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlacedWarning {
     /// The warning.
     pub warning: ThresholdWarning,

@@ -2,7 +2,7 @@
 #![cfg(unix)]
 
 use crate::common::{VALID, isobar, one_line, text};
-use isobar::output::directory::complete_runs;
+use isobar::output::destination::complete_runs;
 use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;

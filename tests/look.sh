@@ -7,7 +7,8 @@
 #   apt-get install chromium fonts-dejavu-core mesa-vulkan-drivers libvulkan1 libgl1-mesa-dri libegl1 libgl1 \
 #       libxkbcommon-x11-0 libxcursor1 libxi6 libxrandr2
 #   python3 -m venv venv && venv/bin/pip install rerun-sdk==0.36.3 pillow xarray scipy pandas
-# and PYTHON=venv/bin/python in the environment. ISOBAR is the program, if it is not the release build.
+# and PYTHON=venv/bin/python in the environment. ISOBAR is the program, if it is not the release build; it needs the feature
+# `rerun` (cargo build --release --features rerun).
 set -eu
 cd "$(dirname "$0")/.."
 out=${1:-target/look}

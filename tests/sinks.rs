@@ -354,16 +354,6 @@ fn a_directory_that_vanishes_is_an_error_not_a_panic() {
     assert!(error.path.ends_with("observations.nc"), "{error}");
 }
 
-#[cfg(not(feature = "rerun"))]
-#[test]
-fn a_recording_is_refused_where_it_cannot_be_made() {
-    let run = SyntheticRun::new(8, 6, 1, 1);
-    let parent = tempfile::tempdir().unwrap();
-    let directory = OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap();
-    let Err(error) = open_all(&run.info, &directory, &Outputs::of(["rerun"])) else { panic!() };
-    assert!(error.reason.contains("feature"), "{error}");
-}
-
 /// Holds a run, and smooths the estimate of every cycle with the observations of the next.
 struct Held(History);
 

@@ -133,7 +133,8 @@ fn what_makes_no_sense_is_refused() {
 #[cfg(unix)]
 mod interrupted {
     use super::*;
-    use isobar::output::directory::complete_runs;
+    use isobar::output::destination::complete_runs;
+    use isobar::output::kept_runs::KeptRuns;
     use std::process::{Child, Command, Stdio};
     use std::time::Duration;
 
@@ -175,17 +176,19 @@ mod interrupted {
         let (here, there) = (broken.path(), whole.path());
         let command = [command, &["--quiet", "--cycles", "40", "--threads", "2"]].concat();
         let (said, code) = interrupt(here, name, &command, signal);
+        let outputs = here.join(format!("out/.{name}.partial/outputs"));
         if signal == "-INT" {
             assert_eq!(code, Some(130), "{said}");
             assert!(said.contains("ended by a signal after") && said.contains("isobar resume"), "{said}");
+            // Each of two threads had a run under way, or was between two.
+            assert!(said.contains(&format!("{} are kept", KeptRuns::of(&outputs))), "{said}");
         }
         assert!(!here.join("out").join(name).exists());
-        let outputs = here.join(format!("out/.{name}.partial/outputs"));
         let kept = complete_runs(&outputs);
         assert!(kept >= 2);
         let again = isobar(here, &command);
         assert_eq!(again.status.code(), Some(1));
-        assert!(text(&again.stderr).contains("complete runs of a batch"), "{}", text(&again.stderr));
+        assert!(text(&again.stderr).contains("a batch was interrupted there"), "{}", text(&again.stderr));
         assert_eq!(complete_runs(&outputs), kept, "what was refused took something away");
         let mark = find(&outputs).unwrap().join("mark");
         fs::write(&mark, "").unwrap();

@@ -1,13 +1,14 @@
 //! The plane's place on the Earth: Lambert's azimuthal equal-area projection of a sphere.
 
 use isobar_model::Grid;
+use serde::{Deserialize, Serialize};
 
 /// Radius of the sphere \[m\] (the one of the WRF and GRIB communities).
 pub const EARTH_RADIUS_M: f64 = 6_371_229.0;
 
 /// Lambert azimuthal equal-area projection about a centre that lies at the middle of the domain
 /// (Snyder 1987, *Map Projections: A Working Manual*, eqs. 24-2 to 24-4 and 20-14 to 20-18).
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Projection {
     /// Latitude of the centre \[degrees north\].
     pub center_latitude_deg: f64,

@@ -6,6 +6,7 @@ use crate::memory;
 use crate::options::RunOptions;
 use crate::output::directory::SUMMARY_FILE;
 use crate::output::recorded::SavedRun;
+use crate::output::working::{self, checkpoints};
 use crate::output::{Sink, SinkError};
 use crate::progress::SeedsProgress;
 use crate::scenario::Scenario;
@@ -39,6 +40,8 @@ pub struct JobError {
     /// Whether the same run could be completed another time: it failed for want of space or the like, and not for what it
     /// computes.
     pub may_pass: bool,
+    /// Whether the checkpoint from which it was to go on cannot be used.
+    pub cannot_resume: bool,
 }
 
 impl From<JobError> for Report {
@@ -72,8 +75,8 @@ pub struct Job<'a> {
 pub type JobOutcome = (usize, Result<Summary, JobError>);
 
 /// Runs all jobs, as many at a time as threads and memory allow, with the options of all; the outcomes come in the order of
-/// the jobs. One whose files are complete is not run again. After a signal no more are begun, and the outcomes are those of
-/// the others.
+/// the jobs. One whose files are complete is not run again, and one with a checkpoint goes on from there. After a signal no more
+/// are begun, those under way end with a checkpoint, and the outcomes are those of the others.
 ///
 /// A run that fails does not keep the others from being run. Whatever the schedule, every run has the same bits.
 ///
@@ -96,9 +99,9 @@ pub fn run_jobs(
             let listener = &mut progress.listener(job.seed);
             let outcome = if is_complete(job) {
                 let saved = SavedRun::open(&job.out).map(|saved| saved.summary);
-                saved.map_err(|error| JobError { report: error.into(), may_pass: true })
+                saved.map_err(|error| JobError { report: error.into(), may_pass: true, cannot_resume: false })
             } else {
-                run(job.scenario, &options_of(job, options, schedule), listener)
+                complete(job, &options_of(job, options, schedule), run, listener)
             };
             outcomes.lock().unwrap_or_else(PoisonError::into_inner).push((number, outcome));
         }
@@ -116,6 +119,18 @@ fn is_complete(job: &Job<'_>) -> bool {
     job.out.join(SUMMARY_FILE).is_file()
 }
 
+/// Runs a job, from its last checkpoint if it has one that can be used.
+fn complete(job: &Job<'_>, options: &RunOptions, run: &Run<'_>, listener: &mut dyn Sink) -> Result<Summary, JobError> {
+    let has_checkpoint = working::path(&job.out).is_ok_and(|working| !checkpoints(&working).is_empty());
+    if has_checkpoint {
+        match run(job.scenario, &RunOptions { resume: true, ..options.clone() }, listener) {
+            Err(error) if error.cannot_resume => {}
+            outcome => return outcome,
+        }
+    }
+    run(job.scenario, &RunOptions { overwrite: has_checkpoint, ..options.clone() }, listener)
+}
+
 fn options_of(job: &Job<'_>, options: &RunOptions, schedule: Schedule) -> RunOptions {
     RunOptions {
         out: job.out.clone(),
@@ -123,7 +138,7 @@ fn options_of(job: &Job<'_>, options: &RunOptions, schedule: Schedule) -> RunOpt
         seed: Some(job.seed),
         threads: Some(schedule.threads_each),
         concurrent: schedule.at_once > 1,
-        checkpoints: None,
+        overwrite: false,
         resume: false,
         ..options.clone()
     }
@@ -183,6 +198,34 @@ impl Display for Schedule {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A run goes on from its checkpoint, and begins anew where that cannot be used.
+    #[test]
+    fn a_run_with_a_checkpoint_goes_on_and_one_whose_checkpoint_is_damaged_begins_anew() {
+        let parent = tempfile::tempdir().unwrap();
+        let scenario = Scenario::parse(Path::new("mine.toml"), include_str!("../cli/template.toml")).unwrap();
+        let jobs = ["fresh", "kept", "damaged"]
+            .map(|name| Job { scenario: &scenario, seed: 1, methods: None, out: parent.path().join(name) });
+        for job in &jobs[1..] {
+            let working = working::path(&job.out).unwrap();
+            std::fs::create_dir(&working).unwrap();
+            std::fs::write(working.join("checkpoint-0000000003"), "").unwrap();
+        }
+        let asked = Mutex::new(Vec::new());
+        let run = |_: &Scenario, options: &RunOptions, _: &mut dyn Sink| {
+            let name = options.out.file_name().unwrap().to_string_lossy().into_owned();
+            let is_damaged = name == "damaged" && options.resume;
+            asked.lock().unwrap().push((name, options.resume, options.overwrite));
+            Err(JobError { report: miette::miette!("not run"), may_pass: false, cannot_resume: is_damaged })
+        };
+        let options = RunOptions { threads: Some(1), ..RunOptions::new(parent.path()) };
+        let progress = SeedsProgress::new(true, "mine", 3, 1);
+        assert!(run_jobs(&jobs, &options, &run, &progress).unwrap().1.iter().all(|(_, outcome)| outcome.is_err()));
+        let asked = asked.into_inner().unwrap();
+        let asked: Vec<(&str, bool, bool)> = asked.iter().map(|it| (it.0.as_str(), it.1, it.2)).collect();
+        let again = [("damaged", true, false), ("damaged", false, true)];
+        assert_eq!(asked, [[("fresh", false, false), ("kept", true, false)], again].concat());
+    }
 
     #[test]
     fn no_more_runs_at_a_time_than_fit_into_memory_but_always_one() {

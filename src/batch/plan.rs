@@ -2,7 +2,8 @@
 
 use crate::interrupt;
 use crate::options::RunOptions;
-use crate::output::directory::{BATCH_FILE, complete_runs};
+use crate::output::directory::BATCH_FILE;
+use crate::output::kept_runs::KeptRuns;
 use crate::output::{Existing, OutputDirectory, SinkError};
 use crate::run::checkpoint::PlannedRun;
 use crate::run::experiment::{self, Inputs};
@@ -107,22 +108,23 @@ pub fn interrupted(out: &Path, outputs: &Path, jobs: usize) -> Option<Report> {
     if !interrupt::requested() {
         return None;
     }
-    let complete = complete_runs(outputs);
-    Some(miette!(help = kept(out, complete, ""), "ended by a signal after {complete} of {jobs} runs"))
+    let runs = KeptRuns::of(outputs);
+    Some(miette!(help = kept(out, runs, ""), "ended by a signal after {} of {jobs} runs", runs.complete))
 }
 
 /// The error of a batch some of whose runs could not be completed, but could be another time; `failed` are their names and
 /// what was said of them. `None` if there are no such runs.
 pub fn unfinished(out: &Path, outputs: &Path, jobs: usize, failed: &[(String, String)]) -> Option<Report> {
     let (name, error) = failed.first()?;
-    let help = kept(out, complete_runs(outputs), " once that is mended");
+    let help = kept(out, KeptRuns::of(outputs), " once that is mended");
     Some(miette!(help = help, "{} of {jobs} runs could not be completed. {name}: {error}", failed.len()))
 }
 
 /// What is kept of a batch, and how it is continued.
-fn kept(out: &Path, complete: usize, when: &str) -> String {
-    match complete {
-        0 => "nothing is kept".to_string(),
-        _ => format!("the complete ones are kept: `{}` runs the others{when}", command("isobar resume", &[out])),
+fn kept(out: &Path, runs: KeptRuns, when: &str) -> String {
+    if runs.is_empty() {
+        "nothing is kept".to_string()
+    } else {
+        format!("{runs} are kept: `{}` runs the others{when}", command("isobar resume", &[out]))
     }
 }

@@ -11,16 +11,14 @@ pub struct OutputArguments {
 
 impl OutputArguments {
     /// Whether an output is wanted in addition to, or in spite of, what the scenario says.
-    pub fn wants(&self, output: &Output, of_scenario: &Outputs) -> bool {
+    fn wants(&self, output: &Output, of_scenario: &Outputs) -> bool {
         let is_switched = self.switched.contains(&output.name);
         if output.by_default { of_scenario.contains(output.name) && !is_switched } else { is_switched }
     }
 
-    /// The outputs to write. One that this build cannot write is among them only if the user asked for it by its switch.
+    /// The outputs to write.
     pub fn apply(&self, of_scenario: &Outputs) -> Outputs {
-        let wanted =
-            |output: &&Output| self.wants(output, of_scenario) && (output.is_available() || !output.by_default);
-        Outputs::of(OUTPUTS.iter().filter(wanted).map(|output| output.name))
+        Outputs::of(OUTPUTS.iter().filter(|output| self.wants(output, of_scenario)).map(|output| output.name))
     }
 }
 

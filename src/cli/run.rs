@@ -1,14 +1,13 @@
 //! `isobar run`.
 
 use super::arguments::RunArguments;
-use super::console::{complain, print, show, width};
+use super::console::{print, show, width};
 use super::launch::{check_cycles, check_method, run_scenario_then};
 use super::shown::Shown;
 use super::write_back::{self, name_database, write_sensors};
 use super::{long, lookup, seeds};
 use crate::interrupt;
 use crate::options::{CheckpointPolicy, RunOptions};
-use crate::output::{OUTPUTS, Open, Output};
 use crate::progress::Progress;
 use crate::run::experiment::check_sensors;
 use crate::scenario::Scenario;
@@ -42,13 +41,6 @@ pub fn run(arguments: &RunArguments) -> Result<ExitCode, Report> {
     let all = scenarios.iter().map(of_scenario).collect::<Result<Vec<_>, _>>()?;
     for (scenario, _) in scenarios.iter().zip(&all).filter(|(_, (_, seeds))| seeds.is_none()) {
         check_sensors(scenario).map_err(|error| error.locate(scenario))?;
-    }
-    for scenario in &scenarios {
-        for (output, feature) in missing(arguments, scenario) {
-            let missing =
-                format!("{}: no output {output}: this isobar was built without its feature `{feature}`", scenario.name);
-            if arguments.json { complain(&missing) } else { print(&missing)? }
-        }
     }
     interrupt::listen();
     let mut shown = if arguments.json { Shown::Collected(Vec::new()) } else { Shown::Printed };
@@ -132,18 +124,6 @@ fn policy(arguments: &RunArguments) -> Option<CheckpointPolicy> {
     (minutes.is_some() || cycles.is_some()).then_some(CheckpointPolicy { minutes, cycles })
 }
 
-/// The outputs that the scenario asks for and the user does not refuse, but this build cannot write, with the cargo feature
-/// that each needs.
-fn missing(arguments: &RunArguments, scenario: &Scenario) -> Vec<(&'static str, &'static str)> {
-    let of = |output: &'static Output| match output.open {
-        Open::NeedsFeature(feature) if arguments.outputs.wants(output, &scenario.outputs) => {
-            Some((output.name, feature))
-        }
-        _ => None,
-    };
-    OUTPUTS.iter().filter(|output| output.by_default).filter_map(of).collect()
-}
-
 /// Scenarios of the same name would write into the same directory.
 fn check_names(scenarios: &[Scenario]) -> Result<(), Report> {
     let mut seen = HashMap::new();
@@ -190,7 +170,7 @@ pub(super) fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<R
 mod tests {
     use super::super::arguments::{Arguments, Command};
     use super::*;
-    use crate::output::Outputs;
+    use crate::output::{OUTPUTS, Outputs};
     use clap::Parser;
     use std::path::Path;
 
@@ -207,10 +187,10 @@ mod tests {
     #[test]
     fn options_are_the_scenarios_unless_the_user_says_otherwise() {
         let plain = options_of(&[]).unwrap();
-        let outputs = OUTPUTS.iter().filter(|output| output.by_default && output.is_available());
+        let outputs = OUTPUTS.iter().filter(|output| output.by_default);
         let mut all = RunOptions {
             outputs: Outputs::of(outputs.map(|output| output.name)),
-            checkpoints: Some(CheckpointPolicy { minutes: Some(5.0), cycles: None }),
+            checkpoints: Some(CheckpointPolicy::default()),
             ..RunOptions::new("out/mine")
         };
         assert_eq!(plain, all);

@@ -171,7 +171,7 @@ mod tests {
             let seed = options.seed.unwrap_or_default();
             if fails.contains(&seed) {
                 let report = miette!("cycle 3, method fkf: it went wrong");
-                return Err(JobError { report, may_pass });
+                return Err(JobError { report, may_pass, cannot_resume: false });
             }
             let mut scores = MethodScores::default();
             scores.values.insert("rmse_analysis.h".into(), seed as f64);

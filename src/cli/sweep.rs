@@ -6,7 +6,7 @@ use super::{launch, lookup};
 use crate::batch::sweep::{Outcome, SweepSummary, first_score, settings};
 use crate::batch::{BatchKind, BatchPlan, Job, JobOutcome, interrupted, run_jobs, unfinished};
 use crate::interrupt;
-use crate::options::RunOptions;
+use crate::options::{CheckpointPolicy, RunOptions};
 use crate::output::Outputs;
 use crate::output::report::REPORT;
 use crate::progress::SeedsProgress;
@@ -29,6 +29,7 @@ pub fn sweep(arguments: &SweepArguments) -> Result<ExitCode, Report> {
         threads: arguments.part.threads.map(|threads| threads as usize),
         overwrite: arguments.overwrite,
         outputs,
+        checkpoints: Some(CheckpointPolicy::default()),
         ..RunOptions::new(arguments.out.join(format!("{}-sweep", scenario.name)))
     };
     interrupt::listen();

@@ -2,6 +2,7 @@
 
 use crate::output::recorded::SavedRun;
 use crate::output::recorded::recording::{self, VIEWER_VERSION};
+use crate::text::shown_path;
 use miette::{Report, miette};
 use std::io::ErrorKind;
 use std::path::{Path, absolute};
@@ -10,13 +11,15 @@ use std::process::{Command, ExitCode};
 /// Opens the recording of a run in the viewer, and waits until it is closed.
 pub fn view(run: &Path) -> Result<ExitCode, Report> {
     let run = SavedRun::open(run)?;
-    let recording = recording::check(&run.directory)?;
+    let recording = recording::of_run(&run)?;
     let install = format!(
         "pip install rerun-sdk=={VIEWER_VERSION}\nor: cargo install rerun-cli --version {VIEWER_VERSION} --locked"
     );
     match Command::new("rerun").arg("--version").output() {
         Err(error) if error.kind() == ErrorKind::NotFound => {
-            return Err(miette!(help = install, "the rerun viewer is not installed: there is no `rerun` on the PATH"));
+            let there = shown_path(&recording);
+            let reason = "the rerun viewer is not installed: there is no `rerun` on the PATH";
+            return Err(miette!(help = install, "{reason} to show {there}"));
         }
         Err(error) => return Err(miette!(help = install, "the rerun viewer cannot be started: {error}")),
         Ok(output) => {

@@ -40,6 +40,18 @@ pub fn list(directory: &Path) -> io::Result<()> {
     sync_directories(directory)
 }
 
+/// Adds a file that is made later to the list.
+///
+/// # Errors
+/// Those of the file system, and a list that is not there.
+pub fn add(directory: &Path, name: &str) -> io::Result<()> {
+    let path = directory.join(LIST_FILE);
+    let text = safe_file::read(&path, LARGEST_LIST)?;
+    let text = String::from_utf8_lossy(&text);
+    let names: BTreeSet<&str> = text.lines().chain([name]).collect();
+    safe_file::replace(&path, (names.into_iter().collect::<Vec<_>>().join("\n") + "\n").as_bytes())
+}
+
 /// Refuses a directory in which there is anything but what a run wrote there, with the names of some of it.
 ///
 /// # Errors

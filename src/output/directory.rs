@@ -14,9 +14,11 @@
 //! Where there is `complete` but no `outputs/`, these have become `NAME`. So an end at any moment leaves one of the stages in
 //! [`Stage`], and nothing complete is lost.
 
-pub use crate::output::destination::{Existing, SEEDS_FILE, SUMMARY_FILE, SWEEP_FILE, complete_runs};
+pub use crate::output::destination::{Existing, SEEDS_FILE, SUMMARY_FILE, SWEEP_FILE};
+pub use crate::output::working::{CHECKPOINT_PREFIX, checkpoints};
 
 use crate::output::destination::RUNS_DEPTH;
+use crate::output::kept_runs::KeptRuns;
 use crate::output::working::{self, WorkingDirectory};
 use crate::output::{SinkError, contents, destination};
 use crate::place::parent_of;
@@ -29,9 +31,6 @@ use std::path::{Path, PathBuf};
 
 /// The file in the working directory that says what a batch of runs was asked to do.
 pub const BATCH_FILE: &str = "batch.json";
-
-/// The beginning of the names of checkpoints in the working directory; the number of the cycle follows.
-pub const CHECKPOINT_PREFIX: &str = "checkpoint-";
 
 /// The journal of a run in its working directory, which begins with the run's plan.
 pub const JOURNAL_FILE: &str = "journal";
@@ -160,8 +159,8 @@ impl OutputDirectory {
         } else if let Some((cycle, _)) = checkpoints(self.working.path()).first() {
             format!("a run was interrupted there and is kept up to cycle {cycle}: `{{}}` continues it")
         } else if self.keeps_batch() {
-            let runs = complete_runs(&self.outputs);
-            format!("{runs} complete runs of a batch that was interrupted are kept: `{{}}` runs the others")
+            let kept = KeptRuns::of(&self.outputs);
+            format!("a batch was interrupted there; {kept} are kept: `{{}}` runs the others")
         } else {
             return Ok(());
         };
@@ -197,7 +196,7 @@ impl OutputDirectory {
         Ok(directory)
     }
 
-    /// Opens the directory of an interrupted batch again, with its complete runs.
+    /// Opens the directory of an interrupted batch again, with its complete runs and those that have a checkpoint.
     ///
     /// # Errors
     /// If there is none, or it is under way.
@@ -213,7 +212,7 @@ impl OutputDirectory {
             return Err(SinkError { path: directory.destination.clone(), reason });
         }
         directory.put_back()?;
-        working::clear_runs(&directory.outputs, RUNS_DEPTH)?;
+        working::clear_runs(&directory.outputs, RUNS_DEPTH, &|run| !checkpoints(run).is_empty())?;
         Ok(directory)
     }
 
@@ -248,9 +247,9 @@ impl OutputDirectory {
         stage_of(self.working.path())
     }
 
-    /// Whether there are complete runs of a batch to continue.
+    /// Whether there is a batch to continue.
     fn keeps_batch(&self) -> bool {
-        self.working.path().join(BATCH_FILE).is_file() && complete_runs(&self.outputs) > 0
+        self.working.path().join(BATCH_FILE).is_file() && !KeptRuns::of(&self.outputs).is_empty()
     }
 
     /// Outputs that were about to be replaced go back to their place, if they have not been replaced.
@@ -310,6 +309,8 @@ impl OutputDirectory {
         }
         let replaced = working.path().join(REPLACED);
         if !replaced.exists() {
+            // Runs of a batch that have failed for good may have left checkpoints.
+            working::clear_runs(outputs, RUNS_DEPTH, &|_| false)?;
             self.mark_complete().map_err(|error| failure(destination, "the outputs cannot be stored", &error))?;
         }
         destination::check(destination, *existing)?;
@@ -379,16 +380,6 @@ impl Drop for OutputDirectory {
             let _ = self.working.remove();
         }
     }
-}
-
-/// The checkpoints in a working directory with their cycles, the newest first.
-pub fn checkpoints(working: &Path) -> Vec<(usize, PathBuf)> {
-    let Ok(entries) = fs::read_dir(working) else { return Vec::new() };
-    let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
-    let cycle = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix(CHECKPOINT_PREFIX)?.parse().ok();
-    let mut all: Vec<(usize, PathBuf)> = paths.filter_map(|path| Some((cycle(&path)?, path))).collect();
-    all.sort_by(|a, b| b.cmp(a));
-    all
 }
 
 fn failure(path: &Path, what: &str, error: &io::Error) -> SinkError {

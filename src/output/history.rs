@@ -13,6 +13,7 @@ use indexmap::IndexMap;
 use isobar_assim::{Estimate, EstimatedParameter};
 use isobar_model::{State, Time};
 use isobar_obs::{ObservationType, ObservationWindow, Report, SensorComparison};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Each variable of a state `[y, x]`, thinned.
@@ -49,7 +50,7 @@ pub struct History {
 }
 
 /// A cycle.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Cycle {
     /// Its number.
     pub number: usize,
@@ -72,7 +73,7 @@ pub struct Cycle {
 }
 
 /// A method's results in a cycle.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct MethodCycle {
     /// The scores that are drawn, those of the smoothed estimate among them once later observations have revised it.
     scores: Vec<Option<f64>>,
@@ -89,7 +90,7 @@ pub struct MethodCycle {
 }
 
 /// A method's results in a cycle as maps show them.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct MethodMaps {
     /// Before the observations.
     pub background: Fields,
@@ -106,7 +107,7 @@ pub struct MethodMaps {
 }
 
 /// Correlations with the error of one value.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct ShownCorrelations {
     /// The number of the value.
     pub of: usize,
@@ -117,7 +118,7 @@ pub struct ShownCorrelations {
 }
 
 /// A parameter beside state and calibration, as a method has estimated it.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct ParameterHistory {
     /// The last estimate.
     pub last: EstimatedParameter,
@@ -342,7 +343,7 @@ impl History {
         let is_smoothed = number.is_some_and(|number| self.drawn[number].kind.part == Part::Smoothed);
         let known = move |cycle: &Cycle, own: &MethodCycle| if is_smoothed { own.revised_in } else { cycle.number };
         let new = self.of_method(method).filter(move |(cycle, own)| known(cycle, own) >= since);
-        new.filter_map(move |(cycle, own)| Some((cycle, own.scores[number?]?)))
+        new.filter_map(move |(cycle, own)| Some((cycle, own.scores.get(number?).copied().flatten()?)))
     }
 
     /// The fields whose range all maps of states have: those of the truth, without one those of the analyses.

@@ -1,9 +1,9 @@
 //! Sinks hear the events of a run and write files. None of them changes the run.
 //!
-//! Contents: [`directory`] (where outputs go, with [`working`], [`destination`] and [`contents`]), [`OUTPUTS`] (the outputs that
+//! Contents: [`directory`] (where outputs go, with [`working`], [`destination`], [`kept_runs`] and [`contents`]), [`OUTPUTS`] (the outputs that
 //! can be switched off), [`netcdf`], [`forecasts`], [`parameters`], [`verdicts`] (both with `late_csv`), [`readings`], [`report`],
-//! [`scores`], [`summary`], [`warnings`], and with the cargo feature `rerun` the recording for the rerun viewer. Report and
-//! recording show what [`history`] holds of the run and of the Earth (`earth`), with errors of biases (`bias_errors`), a method's
+//! [`scores`], [`summary`], [`warnings`], and [`viewer_data`], of which an isobar with the cargo feature `rerun` makes the recording
+//! for the rerun viewer. Report and recording show what [`history`] holds of the run and of the Earth (`earth`), with errors of biases (`bias_errors`), a method's
 //! blocks ([`structure`]), what is known of its spread ([`reliability`]), and biases that depend on the scan position ([`scans`]).
 
 mod bias_errors;
@@ -13,6 +13,7 @@ pub mod directory;
 mod earth;
 pub mod forecasts;
 pub mod history;
+pub mod kept_runs;
 mod late_csv;
 pub mod netcdf;
 mod outputs;
@@ -29,6 +30,7 @@ mod sink;
 pub mod structure;
 pub mod summary;
 pub mod verdicts;
+pub mod viewer_data;
 pub mod warnings;
 pub mod working;
 

@@ -1,14 +1,19 @@
 //! The outputs of a run that can be switched on and off.
 
-#[cfg(feature = "rerun")]
-use super::rerun;
+use super::viewer_data::ViewerSink;
+#[cfg(not(feature = "rerun"))]
+use super::viewer_data::{VIEWER_DATA_FILE, ViewerData};
 use super::{
     OutputDirectory, Sink, SinkError, forecasts, netcdf, parameters, readings, report, scores, summary, verdicts,
     warnings,
 };
+#[cfg(feature = "rerun")]
+use super::{recorded::recording::RECORDING_FILE, rerun};
 use crate::event::RunInfo;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
+#[cfg(not(feature = "rerun"))]
+use {crate::scores::Summary, std::path::Path};
 
 /// The name of the output that is the state in which a run ends.
 pub const STATE: &str = "state";
@@ -28,6 +33,19 @@ pub struct Output {
     pub by_default: bool,
     /// Makes its sink.
     pub open: Open,
+}
+
+/// Makes the recording.
+#[cfg(feature = "rerun")]
+fn open_viewer_sink(info: &RunInfo, directory: &OutputDirectory) -> Opened {
+    Ok(Box::new(ViewerSink::create(info, directory.path().join(RECORDING_FILE), rerun::write)?))
+}
+
+/// Keeps what a recording is made of, which an isobar with the viewer's SDK can make of it later.
+#[cfg(not(feature = "rerun"))]
+fn open_viewer_sink(info: &RunInfo, directory: &OutputDirectory) -> Opened {
+    let write = |data: &ViewerData, path: &Path, _: &Summary| data.write(path).map_err(|error| error.to_string());
+    Ok(Box::new(ViewerSink::create(info, directory.path().join(VIEWER_DATA_FILE), write)?))
 }
 
 /// A sink, or why it cannot be opened.
@@ -62,12 +80,9 @@ pub const OUTPUTS: &[Output] = &[
     Output {
         name: "rerun",
         switch: "no-rerun",
-        about: "Write no recording for the rerun viewer",
+        about: "Write no recording for the rerun viewer, nor what it is made of",
         by_default: true,
-        #[cfg(feature = "rerun")]
-        open: Open::Available(|info, directory| Ok(Box::new(rerun::RerunSink::create(info, directory)?))),
-        #[cfg(not(feature = "rerun"))]
-        open: Open::NeedsFeature("rerun"),
+        open: Open::Available(open_viewer_sink),
     },
     Output {
         name: STATE,
@@ -87,13 +102,6 @@ pub const OUTPUTS: &[Output] = &[
         open: Open::NeedsFeature("rerun"),
     },
 ];
-
-impl Output {
-    /// Whether this build of isobar can write it.
-    pub fn is_available(&self) -> bool {
-        !matches!(self.open, Open::NeedsFeature(_))
-    }
-}
 
 /// The names of the outputs to write.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -168,8 +176,8 @@ fn open(info: &RunInfo, directory: &OutputDirectory, outputs: &Outputs) -> Resul
         Open::Available(open) => Some(open(info, directory)),
         Open::ByRun => None,
         Open::NeedsFeature(feature) => Some(Err(SinkError {
-            path: directory.destination().join(output.name),
-            reason: format!("this isobar was built without the cargo feature `{feature}`"),
+            path: directory.destination().to_path_buf(),
+            reason: format!("--{}: this isobar was built without it; `--features {feature}` of cargo adds it", output.switch),
         })),
     };
     wanted.filter_map(open).collect()

@@ -5,9 +5,10 @@ use crate::plot::{Thinning, number, parts};
 use crate::tables::figure;
 use crate::text::counted;
 use isobar_assim::{CommonFactor, Structure};
+use serde::{Deserialize, Serialize};
 
 /// The structure of a method after one analysis.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ShownStructure {
     /// The number of the colour of each cell's part, `[y, x]`, thinned.
     pub parts: Vec<u8>,
@@ -18,7 +19,7 @@ pub struct ShownStructure {
 }
 
 /// A common factor.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ShownFactor {
     /// One standard deviation of it, for each variable `[y, x]`, thinned.
     pub fields: Vec<Vec<f32>>,

@@ -14,6 +14,9 @@ use std::path::{Path, PathBuf};
 
 const LOCK: &str = "lock";
 
+/// The beginning of the names of checkpoints in a working directory; the number of the cycle follows.
+pub const CHECKPOINT_PREFIX: &str = "checkpoint-";
+
 /// What ends the name of a working directory.
 const PARTIAL: &str = ".partial";
 
@@ -184,22 +187,40 @@ pub fn clear(directory: &Path, stays: &dyn Fn(&Path) -> bool) -> Result<(), Sink
     Ok(())
 }
 
-/// Removes what working directories of a batch's runs are left in its outputs: none of them can be continued.
+/// Removes the working directories of a batch's runs from its outputs, but those that stay.
 ///
 /// # Errors
 /// The first one that cannot be removed.
-pub fn clear_runs(outputs: &Path, depth: usize) -> Result<(), SinkError> {
-    let cannot = |path: &Path, error: &io::Error| failure(path, "cannot be cleared away", error);
-    for entry in fs::read_dir(outputs).map_err(|error| cannot(outputs, &error))? {
-        let path = entry.map_err(|error| cannot(outputs, &error))?.path();
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        if name.starts_with('.') && name.ends_with(PARTIAL) {
-            remove(&path).map_err(|error| cannot(&path, &error))?;
-        } else if depth > 1 && path.is_dir() {
-            clear_runs(&path, depth - 1)?;
-        }
+pub fn clear_runs(outputs: &Path, depth: usize, stays: &dyn Fn(&Path) -> bool) -> Result<(), SinkError> {
+    for path in of_runs(outputs, depth).into_iter().filter(|path| !stays(path)) {
+        remove(&path).map_err(|error| failure(&path, "cannot be cleared away", &error))?;
     }
     Ok(())
+}
+
+/// The working directories in a batch's outputs and below them.
+pub fn of_runs(outputs: &Path, depth: usize) -> Vec<PathBuf> {
+    let Ok(entries) = fs::read_dir(outputs) else { return Vec::new() };
+    let mut found = Vec::new();
+    for path in entries.filter_map(|entry| Some(entry.ok()?.path())) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        if name.starts_with('.') && name.ends_with(PARTIAL) {
+            found.push(path);
+        } else if depth > 1 && path.is_dir() {
+            found.extend(of_runs(&path, depth - 1));
+        }
+    }
+    found
+}
+
+/// The checkpoints in a working directory with their cycles, the newest first.
+pub fn checkpoints(working: &Path) -> Vec<(usize, PathBuf)> {
+    let Ok(entries) = fs::read_dir(working) else { return Vec::new() };
+    let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+    let cycle = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix(CHECKPOINT_PREFIX)?.parse().ok();
+    let mut all: Vec<(usize, PathBuf)> = paths.filter_map(|path| Some((cycle(&path)?, path))).collect();
+    all.sort_by(|a, b| b.cmp(a));
+    all
 }
 
 /// Removes a file, a link, or a directory with all that it holds; no link is followed.

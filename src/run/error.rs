@@ -56,6 +56,11 @@ pub enum RunError {
 }
 
 impl RunError {
+    /// Whether the checkpoint from which the run was to go on cannot be used.
+    pub fn cannot_resume(&self) -> bool {
+        matches!(self, Self::Resume { .. })
+    }
+
     /// Whether the same run could be completed another time: it failed for want of space, threads or the like, and not for
     /// what it computes.
     pub fn may_pass(&self) -> bool {

@@ -65,7 +65,7 @@ pub fn run_all(
                 }));
                 runs.complete.push(summary);
             }
-            Err(JobError { report, may_pass }) => {
+            Err(JobError { report, may_pass, .. }) => {
                 let list = if may_pass { &mut runs.unfinished } else { &mut runs.failed };
                 list.push(FailedSeed { seed, method: None, error: report.to_string() });
                 first_error.get_or_insert(report);
@@ -89,7 +89,11 @@ impl ExperimentBuilder<'_> {
     pub fn run_seeds(&self, options: &RunOptions, seeds: &[u64], progress: &SeedsProgress) -> Result<SeedRuns, Report> {
         let run = |_: &Scenario, options: &RunOptions, listener: &mut dyn Sink| {
             let run = self.run(options, listener);
-            run.map_err(|error| JobError { may_pass: error.may_pass(), report: miette!("{error}") })
+            run.map_err(|error| JobError {
+                may_pass: error.may_pass(),
+                cannot_resume: error.cannot_resume(),
+                report: miette!("{error}"),
+            })
         };
         run_all(&self.scenario, options, seeds, &run, progress)
     }

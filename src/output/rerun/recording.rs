@@ -9,6 +9,7 @@ use super::{text, verdicts, views};
 use crate::event::RunInfo;
 use crate::output::earth;
 use crate::output::history::History;
+use crate::output::viewer_data::ViewerData;
 use crate::scores::Summary;
 use crate::tables::stability;
 use re_sdk::log::ChunkBatcherConfig;
@@ -18,11 +19,14 @@ use std::path::Path;
 use std::time::Duration;
 
 /// Writes the recording of a complete run.
-pub fn write(path: &Path, info: &RunInfo, history: &History, summary: &Summary) -> std::result::Result<(), String> {
-    log_all(path, info, history, summary).map_err(|error| error.to_string())
+///
+/// # Errors
+/// In words, those of the file system and of the SDK.
+pub fn write(data: &ViewerData, path: &Path, summary: &Summary) -> std::result::Result<(), String> {
+    log_all(data, path, summary).map_err(|error| error.to_string())
 }
 
-fn log_all(path: &Path, info: &RunInfo, history: &History, summary: &Summary) -> Result {
+fn log_all(ViewerData { info, history }: &ViewerData, path: &Path, summary: &Summary) -> Result {
     // Nothing in the file may depend on the clock: neither times of logging, nor how rows are grouped to chunks.
     let batching = ChunkBatcherConfig { flush_tick: Duration::from_secs(86_400), ..ChunkBatcherConfig::DEFAULT };
     let recording = RecordingStreamBuilder::new(APPLICATION_ID)

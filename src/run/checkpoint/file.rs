@@ -1,12 +1,12 @@
 //! The file of a checkpoint: written beside its place and renamed, so that it is there complete or not at all.
 
 use super::saved::memories;
-use super::sealed::Format;
 use super::{Checkpoint, Plan};
 use crate::output::SinkError;
 use crate::output::directory::{CHECKPOINT_PREFIX, checkpoints};
 use crate::run::experiment::Experiment;
 use crate::safe_file::sync_directory;
+use crate::sealed::Format;
 use crate::text::clean;
 use std::fs;
 use std::path::{Path, PathBuf};

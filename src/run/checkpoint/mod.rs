@@ -16,7 +16,6 @@ pub mod journal;
 mod keeper;
 mod plan;
 pub mod saved;
-pub mod sealed;
 
 pub use file::{Newest, newest};
 pub use keeper::Keeper;

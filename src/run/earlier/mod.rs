@@ -10,13 +10,13 @@ mod settings;
 pub use known::Earlier;
 
 use super::checkpoint::saved::{Saved, memories};
-use super::checkpoint::sealed::{Contents, Format};
 use super::experiment::Experiment;
 use crate::calendar::utc;
 use crate::options::RunOptions;
 use crate::output::directory::{SEEDS_FILE, SUMMARY_FILE, SWEEP_FILE, Stage, stage};
 use crate::output::{STATE_FILE, SinkError};
 use crate::scenario::Scenario;
+use crate::sealed::{Contents, Format};
 use crate::shell::command;
 use crate::text::{clean, listed};
 use isobar_assim::Recalibration;

@@ -1,4 +1,4 @@
-//! Files of a version of isobar with a checksum: checkpoints, and the final states of runs.
+//! Files of a version of isobar with a checksum: checkpoints, the final states of runs, and what recordings are made of.
 //!
 //! ```text
 //! isobar checkpoint 7, version 0.1.0⏎      format and program

@@ -1,5 +1,4 @@
 //! `isobar run --live`: the run does not depend on the viewer that it tells.
-#![cfg(feature = "rerun")]
 
 use crate::common::text;
 use std::fs;
@@ -11,7 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// What a run says to standard error, once it is complete with all its files, with a viewer expected on a port.
 fn run_live(port: &str) -> String {
     let parent = tempfile::tempdir().unwrap();
-    fs::write(parent.path().join("mine.toml"), include_str!("common/valid.toml")).unwrap();
+    fs::write(parent.path().join("mine.toml"), include_str!("../common/valid.toml")).unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_isobar"));
     command.current_dir(parent.path()).args(["run", "mine.toml", "--live", "--quiet"]);
     let output = command.env("ISOBAR_VIEWER_PORT", port).output().unwrap();

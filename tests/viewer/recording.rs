@@ -1,14 +1,16 @@
 //! The recording for the rerun viewer holds the run, and nothing of the clock.
-#![cfg(feature = "rerun")]
 
+use crate::common::text;
 use crate::synthetic_run::SyntheticRun;
+use isobar::output::viewer_data::{VIEWER_DATA_FILE, ViewerSink, Write};
 use isobar::output::{Existing, OutputDirectory, Outputs, open_all};
 use re_sdk::external::re_log_encoding::DecoderApp;
 use re_sdk::log::{Chunk, LogMsg};
 use re_sdk_types::archetypes::{DepthImage, Image, Points2D, Scalars, TextDocument};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::BufReader;
+use std::process::Command;
 
 /// The chunks of the recording of a run, without those of the viewer's layout, and the number of the latter.
 fn recorded(run: &SyntheticRun) -> (Vec<Chunk>, usize) {
@@ -183,6 +185,48 @@ fn the_texts_hold_scores_and_scenario() {
     ] {
         assert!(scores.contains(part), "no {part:?} in {scores}");
     }
+}
+
+#[test]
+fn a_recording_that_is_made_later_is_the_same() {
+    let run = SyntheticRun::new(8, 6, 3, 5);
+    let parent = tempfile::tempdir().unwrap();
+    for (name, outputs) in [("now", Outputs::of(["rerun"])), ("later", Outputs::default())] {
+        let directory = OutputDirectory::create(parent.path().join(name), Existing::Refuse).unwrap();
+        let mut sinks = open_all(&run.info, &directory, &outputs).unwrap();
+        if name == "later" {
+            let path = directory.path().join(VIEWER_DATA_FILE);
+            let write: Write = |data, path, _| data.write(path).map_err(|error| error.to_string());
+            sinks.push(Box::new(ViewerSink::create(&run.info, path, write).unwrap()));
+        }
+        run.play(&mut sinks).unwrap();
+        directory.complete().unwrap();
+    }
+    let view = |name: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_isobar"));
+        // No viewer is found.
+        command.current_dir(parent.path()).args(["view", name]).env("PATH", parent.path()).output().unwrap()
+    };
+    let read = |name: &str| fs::read(parent.path().join(name).join("recording.rrd")).unwrap();
+    let said = text(&view("later").stderr);
+    assert!(said.contains("viewer is not installed") && said.contains("recording.rrd"), "{said}");
+    assert!(read("later") == read("now"));
+    let listed = fs::read_to_string(parent.path().join("later/files.txt")).unwrap();
+    assert!(listed.lines().any(|line| line == "recording.rrd"), "{listed}");
+    let names = fs::read_dir(parent.path().join("later")).unwrap();
+    let names: Vec<String> = names.map(|it| it.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    assert!(names.iter().all(|name| !name.starts_with('.')), "{names:?}");
+
+    // What is damaged makes no recording.
+    fs::remove_file(parent.path().join("later/recording.rrd")).unwrap();
+    let path = parent.path().join("later").join(VIEWER_DATA_FILE);
+    let mut bytes = fs::read(&path).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&path, bytes).unwrap();
+    let said = text(&view("later").stderr);
+    assert!(said.contains("it is damaged") && said.contains(VIEWER_DATA_FILE), "{said}");
+    assert!(!parent.path().join("later/recording.rrd").exists());
 }
 
 #[test]
