@@ -11,7 +11,7 @@ use isobar::batch::seeds::SeedsSummary;
 use isobar::event::Event;
 use isobar::options::{CheckpointPolicy, RunOptions};
 use isobar::output::{OUTPUTS, Outputs, Sink, SinkError};
-use isobar::progress::{Progress, SeedsProgress};
+use isobar::progress::{Progress, RunsProgress};
 use isobar::run::experiment::Experiment;
 use isobar::scenario::Scenario;
 use isobar::scores::Summary;
@@ -73,7 +73,7 @@ fn a_method_from_outside_beats_the_free_run_and_goes_on_after_an_interruption() 
     assert_eq!(scores(&resumed, "denkf"), scores(&summary, "denkf"));
 
     let options = RunOptions { cycles: Some(6), threads: Some(1), ..at("batch") };
-    let runs = experiment.run_seeds(&options, &[3, 4, 5], &SeedsProgress::new(true, "", 3, 1)).unwrap();
+    let runs = experiment.run_seeds(&options, &[3, 4, 5], &RunsProgress::new(true, "", "seeds", 3, 1)).unwrap();
     let means = SeedsSummary::new(runs, "etkf").unwrap();
     assert_eq!(means.seeds, [3, 4, 5]);
     assert!(means.methods["denkf"]["rmse_analysis.h"].difference.unwrap().interval.is_some());

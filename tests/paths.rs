@@ -386,3 +386,24 @@ fn names_that_lead_to_the_same_files_are_refused() {
         assert!(refused.contains(what), "{refused}");
     }
 }
+
+#[test]
+fn a_place_where_no_directory_can_be_made_is_refused_with_advice() {
+    let parent = place(VALID);
+    fs::write(parent.path().join("file"), "").unwrap();
+    for out in ["file", "file/below", "/proc/none"] {
+        let said = fails(run(parent.path(), &["--out", out]));
+        assert!(said.contains("choose another --out"), "{out}: {said}");
+    }
+}
+
+#[cfg(not(feature = "rerun"))]
+#[test]
+fn a_switch_that_this_build_does_not_know_is_refused_before_anything_is_made() {
+    let parent = place(VALID);
+    for command in [&["run", "small.toml", "--live", "--out", "new"][..], &["resume", "new", "--live"]] {
+        let said = fails(isobar(parent.path(), command));
+        assert!(said.contains("`cargo run --release --features rerun"), "{said}");
+    }
+    assert_eq!(names(parent.path()), ["small.toml"]);
+}

@@ -380,6 +380,12 @@ fn a_history_holds_the_fields_that_are_shown_and_knows_when_a_score_became_known
     assert_eq!(history.cycles.iter().map(|cycle| cycle.number).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
     for cycle in &history.cycles {
         let maps: Vec<_> = cycle.methods.iter().flatten().filter_map(|own| own.maps.as_ref()).collect();
+        // Every estimate is revised to that of the next cycle.
+        for (number, own) in maps.iter().enumerate() {
+            let next = run.results[number][cycle.number].1.estimate.state.values();
+            let revised: Vec<_> = next.chunks_exact(48).map(|field| thinning.apply(field)).collect();
+            assert_eq!(own.smoothed.as_ref(), Some(&revised));
+        }
         assert_eq!(maps.len(), if cycle.number == 2 { 2 } else { 0 });
         assert_eq!(cycle.truth.is_some(), cycle.number == 2);
         let truth: Vec<f64> = cycle.true_calibration.iter().map(|value| value.unwrap()).collect();

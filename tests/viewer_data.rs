@@ -37,7 +37,10 @@ fn what_is_read_is_what_was_written() {
         let read = ViewerData::read(&path).unwrap();
         let parts = |data: &ViewerData| {
             let history = &data.history;
-            format!("{:?}", (&data.info, &history.cycles, &history.parameters, &history.verdicts, &history.station_biases))
+            format!(
+                "{:?}",
+                (&data.info, &history.cycles, &history.parameters, &history.verdicts, &history.station_biases)
+            )
         };
         assert!(data.history.cycles.len() > 2);
         assert_eq!(parts(&read), parts(&data));

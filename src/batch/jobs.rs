@@ -8,7 +8,7 @@ use crate::output::directory::SUMMARY_FILE;
 use crate::output::recorded::SavedRun;
 use crate::output::working::{self, checkpoints};
 use crate::output::{Sink, SinkError};
-use crate::progress::SeedsProgress;
+use crate::progress::RunsProgress;
 use crate::scenario::Scenario;
 use crate::scores::Summary;
 use crate::scores::kinds::MEMORY;
@@ -27,7 +27,7 @@ const TRIAL_CYCLES: usize = 2;
 const MEMORY_SHARE: f64 = 0.7;
 
 /// What a run takes beyond its methods: truth, observations, files \[bytes\].
-const OTHER_BYTES: u64 = 50_000_000;
+pub const OTHER_BYTES: u64 = 50_000_000;
 
 /// What runs an experiment: a listener hears its events.
 pub type Run<'a> = dyn Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, JobError> + Sync + 'a;
@@ -86,7 +86,7 @@ pub fn run_jobs(
     jobs: &[Job<'_>],
     options: &RunOptions,
     run: &Run<'_>,
-    progress: &SeedsProgress,
+    progress: &RunsProgress,
 ) -> Result<(Schedule, Vec<JobOutcome>), Report> {
     let left = jobs.iter().filter(|job| !is_complete(job)).count();
     let schedule = schedule(jobs, options, left, run)?;
@@ -96,7 +96,7 @@ pub fn run_jobs(
         while !interrupt::requested() {
             let number = next.fetch_add(1, Ordering::Relaxed);
             let Some(job) = jobs.get(number) else { break };
-            let listener = &mut progress.listener(job.seed);
+            let listener = &mut progress.listener(format!("seed {}", job.seed));
             let outcome = if is_complete(job) {
                 let saved = SavedRun::open(&job.out).map(|saved| saved.summary);
                 saved.map_err(|error| JobError { report: error.into(), may_pass: true, cannot_resume: false })
@@ -175,7 +175,7 @@ fn trial(job: &Job<'_>, options: &RunOptions, run: &Run<'_>, directory: &Path) -
 }
 
 /// How many of the wanted runs of a size fit; at least one.
-fn fitting(wanted: usize, needed_bytes: u64, available_bytes: u64) -> usize {
+pub fn fitting(wanted: usize, needed_bytes: u64, available_bytes: u64) -> usize {
     let most = MEMORY_SHARE * available_bytes as f64 / needed_bytes as f64;
     (most as usize).clamp(1, wanted.max(1))
 }
@@ -204,8 +204,12 @@ mod tests {
     fn a_run_with_a_checkpoint_goes_on_and_one_whose_checkpoint_is_damaged_begins_anew() {
         let parent = tempfile::tempdir().unwrap();
         let scenario = Scenario::parse(Path::new("mine.toml"), include_str!("../cli/template.toml")).unwrap();
-        let jobs = ["fresh", "kept", "damaged"]
-            .map(|name| Job { scenario: &scenario, seed: 1, methods: None, out: parent.path().join(name) });
+        let jobs = ["fresh", "kept", "damaged"].map(|name| Job {
+            scenario: &scenario,
+            seed: 1,
+            methods: None,
+            out: parent.path().join(name),
+        });
         for job in &jobs[1..] {
             let working = working::path(&job.out).unwrap();
             std::fs::create_dir(&working).unwrap();
@@ -219,7 +223,7 @@ mod tests {
             Err(JobError { report: miette::miette!("not run"), may_pass: false, cannot_resume: is_damaged })
         };
         let options = RunOptions { threads: Some(1), ..RunOptions::new(parent.path()) };
-        let progress = SeedsProgress::new(true, "mine", 3, 1);
+        let progress = RunsProgress::new(true, "mine", "seeds", 3, 1);
         assert!(run_jobs(&jobs, &options, &run, &progress).unwrap().1.iter().all(|(_, outcome)| outcome.is_err()));
         let asked = asked.into_inner().unwrap();
         let asked: Vec<(&str, bool, bool)> = asked.iter().map(|it| (it.0.as_str(), it.1, it.2)).collect();

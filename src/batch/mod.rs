@@ -6,5 +6,5 @@ pub mod seeds;
 pub mod sweep;
 pub(crate) mod temporary;
 
-pub use jobs::{Job, JobError, JobOutcome, Run, Schedule, run_jobs};
+pub use jobs::{Job, JobError, JobOutcome, OTHER_BYTES, Run, Schedule, fitting, run_jobs};
 pub use plan::{BatchKind, BatchPlan, interrupted, unfinished};

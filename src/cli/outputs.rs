@@ -1,7 +1,8 @@
 //! The switches of outputs.
 
-use crate::output::{OUTPUTS, Output, Outputs};
+use crate::output::{OUTPUTS, Open, Output, Outputs};
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, Error, FromArgMatches};
+use miette::{Report, miette};
 
 /// The outputs whose switches were given.
 #[derive(Debug, Default)]
@@ -17,8 +18,27 @@ impl OutputArguments {
     }
 
     /// The outputs to write.
-    pub fn apply(&self, of_scenario: &Outputs) -> Outputs {
-        Outputs::of(OUTPUTS.iter().filter(|output| self.wants(output, of_scenario)).map(|output| output.name))
+    ///
+    /// # Errors
+    /// If a switch asks for one that this build cannot write.
+    pub fn apply(&self, of_scenario: &Outputs) -> Result<Outputs, Report> {
+        let asked = OUTPUTS.iter().filter(|output| !output.by_default && self.switched.contains(&output.name));
+        asked.map(|output| output.switch).try_for_each(check_switch)?;
+        Ok(Outputs::of(OUTPUTS.iter().filter(|output| self.wants(output, of_scenario)).map(|output| output.name)))
+    }
+}
+
+/// Refuses the output of a switch that this build cannot write.
+///
+/// # Errors
+/// If it is one, with what would build an isobar that can.
+pub fn check_switch(switch: &str) -> Result<(), Report> {
+    match OUTPUTS.iter().find(|output| output.switch == switch).map(|output| &output.open) {
+        Some(Open::NeedsFeature(feature)) => {
+            let help = format!("`cargo run --release --features {feature} -- run …` builds one that has it, once");
+            Err(miette!(help = help, "--{switch} needs the feature `{feature}`, without which this isobar was built"))
+        }
+        _ => Ok(()),
     }
 }
 

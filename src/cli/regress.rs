@@ -3,16 +3,22 @@
 use super::arguments::RegressArguments;
 use super::console::{print, show, width};
 use super::{launch, lookup};
-use crate::batch::temporary;
+use crate::batch::{JobError, OTHER_BYTES, fitting, temporary};
 use crate::interrupt;
+use crate::memory;
 use crate::options::RunOptions;
-use crate::progress::Progress;
+use crate::progress::RunsProgress;
+use crate::run::experiment::estimated_bytes;
 use crate::scenario::{Scenario, accept};
 use crate::scores::{Expected, Regression, Summary};
 use crate::shell::command;
 use crate::shipped;
 use miette::{IntoDiagnostic, Report, miette};
+use std::collections::BTreeMap;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{self, Sender};
+use std::thread;
 
 /// Runs scenarios and says which scores moved. The exit code is 1 if one is outside of its tolerance, unless the new
 /// scores are accepted.
@@ -30,21 +36,78 @@ pub fn regress(arguments: &RegressArguments) -> Result<ExitCode, Report> {
         return Err(miette!(help = help, "{} is inside the program, and its scores stay as they are", inside.name));
     }
     interrupt::listen();
-    let mut code = ExitCode::SUCCESS;
-    for scenario in &scenarios {
-        match regress_one(scenario, arguments) {
-            Ok(true) => {}
-            Ok(false) => code = ExitCode::FAILURE,
-            Err(report) => {
-                show(&report);
-                code = ExitCode::FAILURE;
-                if interrupt::requested() {
-                    return Ok(ExitCode::from(interrupt::EXIT_CODE));
-                }
+    let mut passed = true;
+    let judge_one = |scenario: &Scenario, outcome: Result<Summary, JobError>| match outcome
+        .map_err(Report::from)
+        .and_then(|summary| judge(scenario, &summary, arguments.accept))
+    {
+        Ok(as_expected) => passed &= as_expected,
+        Err(_) if interrupt::requested() => {}
+        Err(report) => {
+            show(&report);
+            passed = false;
+        }
+    };
+    run_all(&scenarios, arguments, judge_one)?;
+    Ok(match (interrupt::requested(), passed) {
+        (true, _) => ExitCode::from(interrupt::EXIT_CODE),
+        (false, true) => ExitCode::SUCCESS,
+        (false, false) => ExitCode::FAILURE,
+    })
+}
+
+/// Runs scenarios, as many at a time as threads and memory allow. `judge` is given the outcomes in the order of the scenarios, each
+/// as soon as those before it are there; after a signal no more are run.
+fn run_all(
+    scenarios: &[Scenario],
+    arguments: &RegressArguments,
+    mut judge: impl FnMut(&Scenario, Result<Summary, JobError>),
+) -> Result<(), Report> {
+    let directory = temporary::directory()?;
+    let cores = thread::available_parallelism().map_or(1, usize::from);
+    let threads = arguments.threads.map_or(cores, |threads| threads as usize);
+    let at_once = at_once(scenarios, threads);
+    let analyses: usize = scenarios.iter().map(|it| it.methods.len() * it.cycle.count).sum();
+    let per_run = analyses.div_ceil(scenarios.len());
+    let progress = RunsProgress::new(arguments.quiet, "regress", "scenarios", scenarios.len(), per_run);
+    let next = AtomicUsize::new(0);
+    let work = |sender: Sender<_>| {
+        loop {
+            let number = next.fetch_add(1, Ordering::Relaxed);
+            let Some(scenario) = scenarios.get(number) else { break };
+            let threads = Some((threads / at_once).max(1));
+            let out = directory.path().join(&scenario.name);
+            let options = RunOptions { threads, concurrent: at_once > 1, ..RunOptions::new(out) };
+            let outcome = launch::run_scenario(scenario, &options, &mut progress.listener(scenario.name.clone()));
+            if interrupt::requested() || sender.send((number, outcome)).is_err() {
+                break;
             }
         }
-    }
-    Ok(code)
+    };
+    thread::scope(|scope| {
+        let (sender, outcomes) = mpsc::channel();
+        for sender in vec![sender; at_once] {
+            scope.spawn(move || work(sender));
+        }
+        let (mut early, mut judged) = (BTreeMap::new(), 0);
+        for (number, outcome) in outcomes {
+            early.insert(number, outcome);
+            while let Some(outcome) = early.remove(&judged) {
+                progress.aside(|| judge(&scenarios[judged], outcome));
+                judged += 1;
+            }
+        }
+    });
+    Ok(())
+}
+
+/// As many scenarios at a time as there are threads, as far as the largest of them fits into memory that often.
+fn at_once(scenarios: &[Scenario], threads: usize) -> usize {
+    let wanted = threads.min(scenarios.len());
+    // What is wrong with a scenario its run will say.
+    let bytes = scenarios.iter().filter_map(|scenario| estimated_bytes(scenario).ok()).fold(0.0, f64::max);
+    let fits = |available_bytes| fitting(wanted, bytes as u64 + OTHER_BYTES, available_bytes);
+    if wanted == 1 { 1 } else { memory::available_bytes().map_or(1, fits) }
 }
 
 /// All scenarios in ./scenarios, or else inside the program, but those that are run only when they are named.
@@ -59,17 +122,6 @@ fn all() -> Result<Vec<Scenario>, Report> {
         }
     }
     Ok(scenarios)
-}
-
-/// Runs a scenario; whether its scores are as expected, or are now accepted.
-fn regress_one(scenario: &Scenario, arguments: &RegressArguments) -> Result<bool, Report> {
-    let directory = temporary::directory()?;
-    let threads = arguments.threads.map(|threads| threads as usize);
-    let options = RunOptions { threads, ..RunOptions::new(directory.path().join(&scenario.name)) };
-    let mut progress = Progress::new(arguments.quiet);
-    let summary = launch::run_scenario(scenario, &options, &mut progress)?;
-    drop(progress);
-    judge(scenario, &summary, arguments.accept)
 }
 
 /// Prints which scores of a scenario have moved, and accepts the new ones if asked to; whether all is well.

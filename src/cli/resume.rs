@@ -2,6 +2,7 @@
 
 use super::arguments::ResumeArguments;
 use super::console::print;
+use super::outputs::check_switch;
 use super::seeds::SeedsOptions;
 use super::shown::Shown;
 use super::write_back::{self, planned_scenario, write_sensors};
@@ -34,6 +35,9 @@ enum Left {
 
 /// Continues interrupted runs, one after the other. All are examined before the first one is continued.
 pub fn resume(arguments: &ResumeArguments) -> Result<ExitCode, Report> {
+    if arguments.live {
+        check_switch("live")?;
+    }
     let found = arguments.runs.iter().map(|out| Ok((out, left(out, arguments)?)));
     let found = found.collect::<Result<Vec<_>, Report>>()?;
     interrupt::listen();

@@ -158,7 +158,7 @@ pub(super) fn options(arguments: &RunArguments, scenario: &Scenario) -> Result<R
         seed: arguments.seed,
         threads: arguments.threads.map(|threads| threads as usize),
         overwrite: arguments.overwrite,
-        outputs: arguments.outputs.apply(&scenario.outputs),
+        outputs: arguments.outputs.apply(&scenario.outputs)?,
         concurrent: false,
         checkpoints: policy(arguments),
         resume: false,

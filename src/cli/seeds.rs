@@ -10,7 +10,7 @@ use crate::batch::{BatchKind, BatchPlan, Run, interrupted, unfinished};
 use crate::options::RunOptions;
 use crate::output::report::{REPORT, REPORT_FILE};
 use crate::output::{Outputs, STATE};
-use crate::progress::SeedsProgress;
+use crate::progress::RunsProgress;
 use crate::scenario::Scenario;
 use crate::tables::Table;
 use crate::text::{clean, shown_path};
@@ -85,7 +85,7 @@ fn run_by(
     each.outputs.set(STATE, false);
     let methods = options.methods.as_ref().map_or(scenario.methods.len(), Vec::len);
     let analyses = methods * options.cycles.unwrap_or(scenario.cycle.count);
-    let progress = SeedsProgress::new(quiet, &scenario.name, wanted.seeds.len(), analyses);
+    let progress = RunsProgress::new(quiet, &scenario.name, "seeds", wanted.seeds.len(), analyses);
     let runs = run_all(scenario, &each, seeds, run, &progress);
     drop(progress);
     if let Some(error) = interrupted(&options.out, directory.path(), seeds.len()) {

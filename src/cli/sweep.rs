@@ -9,7 +9,7 @@ use crate::interrupt;
 use crate::options::{CheckpointPolicy, RunOptions};
 use crate::output::Outputs;
 use crate::output::report::REPORT;
-use crate::progress::SeedsProgress;
+use crate::progress::RunsProgress;
 use crate::scenario::Scenario;
 use crate::text::shown_path;
 use miette::{IntoDiagnostic, Report, miette};
@@ -57,7 +57,7 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
     }
     let cycles = options.cycles.unwrap_or(scenario.cycle.count);
     let analyses: usize = settings.iter().map(|own| own.methods.len()).sum::<usize>() * cycles;
-    let progress = SeedsProgress::new(quiet, &scenario.name, jobs.len(), analyses.div_ceil(settings.len()));
+    let progress = RunsProgress::new(quiet, &scenario.name, "runs", jobs.len(), analyses.div_ceil(settings.len()));
     let each = RunOptions { outputs: Outputs::default(), ..options.clone() };
     let outcomes = run_jobs(&jobs, &each, &launch::run_scenario, &progress);
     drop(progress);

@@ -38,6 +38,9 @@ pub fn check(destination: &Path, existing: Existing) -> Result<(), SinkError> {
     let metadata = match fs::symlink_metadata(destination) {
         Ok(metadata) => metadata,
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+        Err(error) if error.kind() == ErrorKind::NotADirectory => {
+            return refuse("a part of this path is a file, not a directory: choose another --out");
+        }
         Err(error) => return refuse(&format!("cannot be examined: {error}")),
     };
     match existing {

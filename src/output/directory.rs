@@ -129,7 +129,11 @@ impl OutputDirectory {
         let working = working::path(&destination)?;
         destination::check(&destination, existing)?;
         let parent = parent_of(&destination);
-        fs::create_dir_all(parent).map_err(|error| failure(parent, "cannot create the directory", &error))?;
+        let cannot = |error: io::Error| SinkError {
+            path: destination.clone(),
+            reason: format!("no directory can be made there, choose another --out: {error}"),
+        };
+        fs::create_dir_all(parent).map_err(cannot)?;
         let directory = Self::lock(destination, existing)?;
         if existing == Existing::Refuse {
             directory.refuse_to_discard()?;

@@ -98,6 +98,8 @@ pub struct MethodMaps {
     pub analysis: Fields,
     /// Claimed standard deviation after them.
     pub spread: Option<Fields>,
+    /// The analysis as later observations have revised it, once they have.
+    pub smoothed: Option<Fields>,
     /// The background departure of each observation.
     pub departures: Vec<f32>,
     /// Blocks and common factors, for a method that has them.
@@ -258,6 +260,7 @@ impl History {
             background: fields(thinning, background.state.values()),
             analysis: fields(thinning, state.values()),
             spread: state_spread.as_ref().map(|spread| fields(thinning, spread)),
+            smoothed: None,
             departures: analysis.background_departures.iter().map(|&it| it as f32).collect(),
             structure: structure.as_deref().map(|it| ShownStructure::new(it, info, &thinning)),
             correlations: correlations.as_deref().map(|it| ShownCorrelations {
@@ -284,7 +287,7 @@ impl History {
         Ok(())
     }
 
-    /// Takes the scores of a smoothed estimate.
+    /// Takes a smoothed estimate, and its scores.
     fn add_smoothed(&mut self, smoothed: &Smoothed<'_>) {
         let Some(newest) = self.cycles.last().map(|last| last.number) else { return };
         let cycle = self.cycles.iter_mut().rev().find(|own| own.number == smoothed.cycle);
@@ -292,6 +295,9 @@ impl History {
             own.revised_in = newest;
             for (value, score) in own.scores.iter_mut().zip(&self.drawn) {
                 *value = smoothed.scores.get(&score.key()).copied().or(*value);
+            }
+            if let Some(maps) = &mut own.maps {
+                maps.smoothed = Some(fields(self.thinning, smoothed.estimate.state.values()));
             }
         }
     }

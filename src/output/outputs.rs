@@ -176,8 +176,8 @@ fn open(info: &RunInfo, directory: &OutputDirectory, outputs: &Outputs) -> Resul
         Open::Available(open) => Some(open(info, directory)),
         Open::ByRun => None,
         Open::NeedsFeature(feature) => Some(Err(SinkError {
-            path: directory.destination().to_path_buf(),
-            reason: format!("--{}: this isobar was built without it; `--features {feature}` of cargo adds it", output.switch),
+            path: directory.destination().join(output.name),
+            reason: format!("this isobar was built without the cargo feature `{feature}`"),
         })),
     };
     wanted.filter_map(open).collect()

@@ -47,7 +47,8 @@ pub struct ViewerData {
 }
 
 /// What a file holds: the run on its own grid, and the parts of its history that the viewer shows.
-type Contents = (RunInfo, Vec<Cycle>, IndexMap<String, Vec<Option<ParameterHistory>>>, Vec<(usize, Time, usize, Verdict)>);
+type Contents =
+    (RunInfo, Vec<Cycle>, IndexMap<String, Vec<Option<ParameterHistory>>>, Vec<(usize, Time, usize, Verdict)>);
 
 impl ViewerData {
     /// Of a run that has not begun.
@@ -107,7 +108,7 @@ fn fits((info, cycles, parameters, verdicts): &Contents) -> bool {
             maps.correlations.as_ref().is_none_or(|it| are_fields(&it.fields) && it.calibration.len() == biases);
         are_fields(&maps.background)
             && are_fields(&maps.analysis)
-            && maps.spread.as_ref().is_none_or(are_fields)
+            && [&maps.spread, &maps.smoothed].into_iter().flatten().all(are_fields)
             && structure_fits
             && correlations_fit
     };

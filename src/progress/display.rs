@@ -85,6 +85,14 @@ impl Display {
         }
     }
 
+    /// Does something that prints, without the bar in its way.
+    pub fn aside(&self, work: impl FnOnce()) {
+        match &self.kind {
+            Kind::Bar(bar) => bar.suspend(work),
+            Kind::Lines | Kind::Nothing => work(),
+        }
+    }
+
     /// Takes the bar away.
     pub fn finish(&self) {
         if let Kind::Bar(bar) = &self.kind {

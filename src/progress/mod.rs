@@ -2,10 +2,10 @@
 
 mod display;
 mod exact;
-mod seeds;
+mod runs;
 
 pub use exact::ExactProgress;
-pub use seeds::{SeedListener, SeedsProgress};
+pub use runs::{RunListener, RunsProgress};
 
 use crate::event::{Event, RunInfo};
 use crate::output::{Sink, SinkError};

@@ -2,11 +2,14 @@
 
 use crate::common::text;
 use crate::synthetic_run::SyntheticRun;
+use isobar::event::{Event, Smoothed};
 use isobar::output::viewer_data::{VIEWER_DATA_FILE, ViewerSink, Write};
-use isobar::output::{Existing, OutputDirectory, Outputs, open_all};
+use isobar::output::{Existing, OutputDirectory, Outputs, Sink, SinkError, open_all};
+use isobar::scores::Values;
 use re_sdk::external::re_log_encoding::DecoderApp;
 use re_sdk::log::{Chunk, LogMsg};
 use re_sdk_types::archetypes::{DepthImage, Image, Points2D, Scalars, TextDocument};
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
 use std::io::BufReader;
@@ -14,10 +17,14 @@ use std::process::Command;
 
 /// The chunks of the recording of a run, without those of the viewer's layout, and the number of the latter.
 fn recorded(run: &SyntheticRun) -> (Vec<Chunk>, usize) {
+    recorded_by(run, |sinks| run.play(sinks).unwrap())
+}
+
+/// The same of what is sent to the sinks.
+fn recorded_by(run: &SyntheticRun, send: impl FnOnce(&mut Vec<Box<dyn Sink>>)) -> (Vec<Chunk>, usize) {
     let parent = tempfile::tempdir().unwrap();
     let directory = OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap();
-    let mut sinks = open_all(&run.info, &directory, &Outputs::of(["rerun"])).unwrap();
-    run.play(&mut sinks).unwrap();
+    send(&mut open_all(&run.info, &directory, &Outputs::of(["rerun"])).unwrap());
     directory.complete().unwrap();
     let file = File::open(parent.path().join("run").join("recording.rrd")).unwrap();
     let (mut chunks, mut layout) = (Vec::new(), 0);
@@ -88,6 +95,29 @@ fn every_cycle_of_every_method_has_its_maps_and_curves() {
     });
     assert_eq!(upper, expected.collect::<Vec<_>>());
     assert!(layout > 0, "the recording has no layout");
+}
+
+/// Smooths the estimate of every cycle with the observations of the next.
+struct Smoothing<'a>(&'a mut Vec<Box<dyn Sink>>);
+
+impl Sink for Smoothing<'_> {
+    fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
+        self.0.record(event)?;
+        let Event::Analysed(analysed) = event else { return Ok(()) };
+        let (method, cycle) = (analysed.method, analysed.cycle - 1);
+        let (estimate, scores) = (Cow::Borrowed(&analysed.analysis.estimate), Cow::Owned(Values::new()));
+        let smoothed = Smoothed { method, cycle, later_cycles: 1, estimate, scores };
+        if cycle > 0 { self.0.record(&Event::Smoothed(smoothed)) } else { Ok(()) }
+    }
+}
+
+#[test]
+fn smoothed_fields_are_shown_of_the_cycles_that_have_them() {
+    let run = SyntheticRun::new(8, 6, 3, 2);
+    let rows = rows(&recorded_by(&run, |sinks| run.play(&mut Smoothing(sinks)).unwrap()).0);
+    for part in ["smoothed", "smoothed_error"] {
+        assert_eq!(rows[&format!("/methods/02_kalman/maps/h/{part}")], 2);
+    }
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use crate::batch::{Job, JobError, Run, Schedule, run_jobs};
 use crate::options::RunOptions;
 use crate::output::Sink;
-use crate::progress::SeedsProgress;
+use crate::progress::RunsProgress;
 use crate::run::experiment::ExperimentBuilder;
 use crate::scenario::Scenario;
 use crate::scores::Summary;
@@ -44,7 +44,7 @@ pub fn run_all(
     options: &RunOptions,
     seeds: &[u64],
     run: &Run<'_>,
-    progress: &SeedsProgress,
+    progress: &RunsProgress,
 ) -> Result<SeedRuns, Report> {
     let job = |&seed: &u64| {
         let out = options.out.join(format!("seed-{seed}"));
@@ -86,7 +86,7 @@ impl ExperimentBuilder<'_> {
     ///
     /// # Errors
     /// If all runs failed, why the first one did; or if nothing can be written for a trial.
-    pub fn run_seeds(&self, options: &RunOptions, seeds: &[u64], progress: &SeedsProgress) -> Result<SeedRuns, Report> {
+    pub fn run_seeds(&self, options: &RunOptions, seeds: &[u64], progress: &RunsProgress) -> Result<SeedRuns, Report> {
         let run = |_: &Scenario, options: &RunOptions, listener: &mut dyn Sink| {
             let run = self.run(options, listener);
             run.map_err(|error| JobError {

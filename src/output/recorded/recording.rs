@@ -60,7 +60,8 @@ fn make(run: &SavedRun, data: &Path) -> Result<(), SavedRunError> {
 #[cfg(not(feature = "rerun"))]
 fn make(run: &SavedRun, data: &Path) -> Result<(), SavedRunError> {
     let again = crate::shell::command("cargo run --release --features rerun -- view", &[&run.directory]);
-    let error = SavedRunError::new(data, "this isobar cannot make the recording: it was built without the viewer's SDK");
+    let error =
+        SavedRunError::new(data, "this isobar cannot make the recording: it was built without the viewer's SDK");
     Err(error.with_help(format!(
         "in isobar's sources, `{again}` builds one that can (once, for some minutes) and opens the recording; \
          `cargo install --path . --features rerun` installs it"

@@ -106,6 +106,13 @@ impl Pictures<'_> {
             self.log_difference(&path("analysis_error"), &difference(analysis, truth), limit)?;
             self.log_difference(&path("background_error"), &difference(background, truth), limit)?;
         }
+        if let Some(smoothed) = &maps.smoothed {
+            self.log_state(&path("smoothed"), number, &smoothed[number])?;
+            if let Some(truth) = &cycle.truth {
+                let error = difference(&smoothed[number], &truth[number]);
+                self.log_difference(&path("smoothed_error"), &error, limit)?;
+            }
+        }
         if let Some(spread) = &maps.spread {
             let range = [0.0, self.ranges.variables[number].spread];
             self.log_scalar(&path("spread"), &spread[number], Colormap::Inferno, range)?;

@@ -135,6 +135,7 @@ impl Views<'_> {
         let [low, high] = ranges.state.map(number_text);
         let state = format!("{low} to {high} {unit}");
         let difference = format!("±{} {unit}", number_text(ranges.difference));
+        let is_smoothed = self.history.maps(method).any(|(_, maps)| maps.smoothed.is_some());
         let has_spread = self.history.maps(method).any(|(_, maps)| maps.spread.is_some());
         let spread = format!("0 to {} {unit}", number_text(ranges.spread));
         let own = |part: &str| self.names.field(method, name, part);
@@ -155,6 +156,12 @@ impl Views<'_> {
         if !self.info.has_truth {
             maps = maps.split_off(1);
             maps.truncate(3);
+        }
+        if is_smoothed {
+            maps.push((format!("smoothed · {state}"), "state", vec![own("smoothed")]));
+        }
+        if is_smoothed && self.info.has_truth {
+            maps.push((format!("smoothed error · {difference}"), "difference", vec![own("smoothed_error/**")]));
         }
         if has_spread {
             maps.push((format!("claimed spread · {spread}"), "spread", vec![own("spread")]));

@@ -66,6 +66,15 @@ pub fn check(scenario: &Scenario) -> Result<Checked, Vec<ExperimentError>> {
     Ok(Checked { information: notices::information(scenario, &ground.observing, cycles), warnings, costs })
 }
 
+/// What all methods of a scenario are estimated to hold at one time \[bytes\].
+///
+/// # Errors
+/// If the scenario cannot become an experiment.
+pub fn estimated_bytes(scenario: &Scenario) -> Result<f64, ExperimentError> {
+    let problem = ground(scenario, scenario.seed, scenario.cycle.count)?.problem;
+    Ok(scenario.methods.values().map(|method| cost::bytes(&work(scenario, method, &problem))).sum())
+}
+
 /// Whether the scenario's database of sensors can be written back, and may be, if it is to be.
 ///
 /// # Errors

@@ -12,7 +12,7 @@ mod notices;
 mod span;
 
 pub use builder::ExperimentBuilder;
-pub use check::{Checked, check, check_sensors};
+pub use check::{Checked, check, check_sensors, estimated_bytes};
 pub use cost::Cost;
 pub use error::ExperimentError;
 pub use ground::{Ground, ground};
