@@ -32,7 +32,7 @@ fn keys_kinds_and_tables_are_explained() {
         ("truth.initial.jet", &["An eastward jet"]),
         ("truth.model.coriolis_per_s", &["unit: 1/s"]),
         ("sweep.vary.methods.from", &["the first value"]),
-        ("output", &["netcdf", "report"]),
+        ("output", &["netcdf: True or false.", "report"]),
         ("cycle", &["window_hours", "score_from_cycle"]),
     ] {
         let said = said(key);

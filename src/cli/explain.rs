@@ -51,8 +51,14 @@ fn text(found: &Explanation) -> String {
 /// A key in a sentence: tables of five columns are narrow on a terminal.
 fn entry(KeyReference { name, unit, allowed, default, meaning }: &KeyReference) -> String {
     let unit = if unit.is_empty() { String::new() } else { format!(" [{unit}]") };
-    let default = if default.contains("must be given") { default.clone() } else { format!("default: {default}") };
-    format!("{name}{unit}: {meaning}. {}; {default}.", capitalised(allowed))
+    // An entry of a table without keys of its own has only its values.
+    let meaning = if meaning.is_empty() { String::new() } else { format!("{meaning}. ") };
+    let default = match default.as_str() {
+        "" => String::new(),
+        default if default.contains("must be given") => format!("; {default}"),
+        default => format!("; default: {default}"),
+    };
+    format!("{name}{unit}: {meaning}{}{default}.", capitalised(allowed))
 }
 
 /// A row for each key.
