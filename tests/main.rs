@@ -37,6 +37,7 @@ mod json;
 mod json_schema;
 mod keys;
 mod last_bit;
+mod members;
 mod netcdf_observations;
 mod netcdf_states;
 mod observation_times;

@@ -2,6 +2,7 @@
 
 use crate::calibration_accuracy::CalibrationErrors;
 use crate::covariance_column::JointErrors;
+use crate::covariance_root::CovarianceRoot;
 use crate::error::Error;
 use crate::estimate::{Analysis, Background, Estimate};
 use crate::estimated::EstimatesParameters;
@@ -65,6 +66,8 @@ impl Clone for Box<dyn Assimilator> {
 pub struct Views<'a> {
     /// Covariances of one unknown's error with all others.
     pub joint_errors: Option<&'a dyn JointErrors>,
+    /// Members of an ensemble, or common factors.
+    pub root: Option<&'a dyn CovarianceRoot>,
     /// How well the calibration is known, of a method that estimates it.
     pub calibration: Option<&'a dyn CalibrationErrors>,
     /// Earlier analyses given later observations.

@@ -7,6 +7,7 @@ use crate::augmented::Augmented;
 use crate::block_angular::PartitionReport;
 use crate::calibration_accuracy::{CalibrationAccuracy, CalibrationErrors};
 use crate::covariance_column::{CovarianceColumn, JointErrors, Unknown};
+use crate::covariance_root::CovarianceRoot;
 use crate::error::Error;
 use crate::estimate::{Analysis, Background, Estimate};
 use crate::estimated::{EstimatedParameter, EstimatesParameters};
@@ -138,6 +139,11 @@ pub(crate) trait Errors: Clone + Send + Sync + 'static {
         None
     }
 
+    /// Its common factors, if it has any.
+    fn root(&self) -> Option<&dyn CovarianceRoot> {
+        None
+    }
+
     /// What the last cycle has found out beside s.
     fn estimated_parameters(&self) -> Vec<EstimatedParameter> {
         Vec::new()
@@ -246,6 +252,7 @@ impl<E: Errors> Assimilator for Filter<E> {
         let errors = &self.belief.errors;
         Views {
             joint_errors: Some(self),
+            root: errors.root(),
             calibration: (!self.calibration.is_empty()).then_some(self),
             smoother: errors.smoother().map(|_| self as &dyn Smoother),
             parameters: Some(self),

@@ -1,6 +1,7 @@
 //! The arguments that the program takes.
 
 use super::advise_arguments::{ADVISE_EXAMPLES, AdviseArguments};
+use super::members::{MEMBERS_EXAMPLES, MembersArguments};
 use super::outputs::OutputArguments;
 use super::sensors::SensorsCommand;
 use super::threads::MOST_THREADS;
@@ -111,6 +112,9 @@ pub enum Command {
     /// Rank possible observations by how much they would help to know a bias, a mean or a forecast
     #[command(after_help = ADVISE_EXAMPLES)]
     Advise(AdviseArguments),
+    /// Write the members of an ensemble, or the common factors of a Fast Kalman Filter, at the end of a run to a netCDF file
+    #[command(after_help = MEMBERS_EXAMPLES)]
+    Members(MembersArguments),
     /// Find positions of a balloon, the wind, and the offsets of the sensors that track it
     #[command(after_help = WINDS_HELP)]
     Winds(WindsArguments),

@@ -76,6 +76,9 @@ fn check(command: &str) -> Result<(), String> {
         Command::Advise(arguments) => {
             launch::check_method(&arguments.method, &scenario(&arguments.scenario)).map_err(shown)
         }
+        Command::Members(arguments) => {
+            launch::check_method(&arguments.method, &scenario(&arguments.scenario)).map_err(shown)
+        }
         Command::Explain { key: Some(key) } => crate::reference::explain(&key).map(drop).map_err(|it| it.to_string()),
         _ => Ok(()),
     }

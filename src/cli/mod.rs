@@ -17,6 +17,7 @@ mod launch;
 mod list;
 mod long;
 mod lookup;
+mod members;
 mod messages;
 mod out_file;
 mod outputs;
@@ -79,6 +80,7 @@ fn obey(command: Command) -> Result<ExitCode, Report> {
         Command::Compare(arguments) => compare::compare(&arguments),
         Command::Sweep(arguments) => sweep::sweep(&arguments),
         Command::Advise(arguments) => advise::run(&arguments),
+        Command::Members(arguments) => members::run(&arguments),
         Command::Winds(arguments) => winds::run(&arguments),
         Command::Exact(arguments) => exact::run(&arguments),
         Command::Diagnose { runs, all, json } => diagnose::diagnose(&runs, all, json),

@@ -47,6 +47,11 @@ pub fn is_table(path: &Path, header: &str) -> bool {
     head(path).is_none_or(|head| head.lines().next() == Some(header))
 }
 
+/// Whether a file begins with these characters, likewise.
+pub fn begins_with(path: &Path, beginning: &str) -> bool {
+    head(path).is_none_or(|head| head.starts_with(beginning))
+}
+
 /// The beginning of a file; `None` if it cannot be opened.
 fn head(path: &Path) -> Option<String> {
     let mut head = Vec::new();

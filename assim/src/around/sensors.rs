@@ -1,9 +1,12 @@
 //! A method with what is known of its sensors: earlier calibrations, announced recalibrations, frozen parameters.
 
+mod root;
+
 use super::compared;
 use crate::assimilator::{Adjustments, Assimilator, CalibrationAdjustment, Smoother, Views};
 use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::calibration_drift::drift;
+use crate::covariance_root::CovarianceRoot;
 use crate::error::Error;
 use crate::estimate::{Analysis, Background, Estimate};
 use crate::linalg::{add_symmetric_product, eigen};
@@ -369,7 +372,11 @@ impl Assimilator for Calibrated {
 
     fn can(&self) -> Views<'_> {
         let views = self.method.can();
-        Views { smoother: views.smoother.map(|_| self as &dyn Smoother), ..views }
+        Views {
+            smoother: views.smoother.map(|_| self as &dyn Smoother),
+            root: views.root.map(|_| self as &dyn CovarianceRoot),
+            ..views
+        }
     }
 
     fn adjust(&mut self) -> Adjustments<'_> {

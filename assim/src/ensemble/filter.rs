@@ -8,6 +8,7 @@ use super::observed::ObservedEnsemble;
 use crate::assimilator::{Adjustments, Assimilator, CalibrationAdjustment, Smoother, Views, WidenCalibration};
 use crate::calibration_accuracy::{CalibrationAccuracy, CalibrationErrors};
 use crate::covariance_column::{CovarianceColumn, JointErrors, Unknown};
+use crate::covariance_root::{CovarianceRoot, RootKind};
 use crate::error::Error;
 use crate::estimate::{Analysis, Background, Estimate};
 use crate::memory::{from_bytes, to_bytes};
@@ -164,6 +165,7 @@ impl<A: EnsembleAnalysis> Assimilator for EnsembleFilter<A> {
     fn can(&self) -> Views<'_> {
         Views {
             joint_errors: Some(self),
+            root: Some(self),
             calibration: (self.ensemble().parameters() > 0).then_some(self as &dyn CalibrationErrors),
             smoother: self.cycle.memory.smoother.as_ref().map(|_| self as &dyn Smoother),
             ..Views::default()
@@ -186,6 +188,22 @@ impl<A> JointErrors for EnsembleFilter<A> {
         };
         let column = self.ensemble().covariance_column(number)?;
         Some(CovarianceColumn::of_augmented(column, m, &self.cycle.problem.calibration))
+    }
+}
+
+impl<A> CovarianceRoot for EnsembleFilter<A> {
+    fn kind(&self) -> RootKind {
+        RootKind::Members
+    }
+
+    fn columns(&self) -> usize {
+        self.ensemble().members()
+    }
+
+    fn column(&self, number: usize) -> (Vec<f64>, Vec<f64>) {
+        let member = self.ensemble().values().col(number).iter().copied().collect::<Vec<_>>();
+        let (state, calibration) = member.split_at(self.cycle.state_values());
+        (state.to_vec(), calibration.to_vec())
     }
 }
 

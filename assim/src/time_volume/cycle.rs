@@ -212,6 +212,7 @@ impl Assimilator for TimeVolume {
     fn can(&self) -> Views<'_> {
         Views {
             joint_errors: Some(self),
+            root: None,
             calibration: (self.parameters() > 0).then_some(self as &dyn CalibrationErrors),
             smoother: self.errors.smoother().map(|_| self as &dyn Smoother),
             parameters: Some(self),

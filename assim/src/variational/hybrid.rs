@@ -109,8 +109,8 @@ impl Assimilator for HybridThreeDVar {
     }
 
     fn can(&self) -> Views<'_> {
-        let joint_errors = self.ensemble.can().joint_errors;
-        Views { joint_errors, ..self.variational.can() }
+        let Views { joint_errors, root, .. } = self.ensemble.can();
+        Views { joint_errors, root, ..self.variational.can() }
     }
 
     fn adjust(&mut self) -> Adjustments<'_> {

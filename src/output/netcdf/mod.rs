@@ -1,5 +1,5 @@
 //! netCDF-3 files by the CF conventions 1.8: `truth.nc` if there is a truth, `<method>.nc` for each method,
-//! `observations.nc`, and `<method>_forecast.nc` where there are forecasts ahead.
+//! `observations.nc`, and `<method>_forecast.nc` where there are forecasts ahead; of a complete run also [`members`].
 //!
 //! All numbers are of 64 bits, so that a file holds exactly what was computed. Missing values are
 //! [`FILL_VALUE`](file::FILL_VALUE).
@@ -7,6 +7,7 @@
 pub mod coordinates;
 pub mod file;
 mod forecast;
+pub mod members;
 mod method;
 mod observations;
 mod truth;

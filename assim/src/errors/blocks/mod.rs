@@ -36,6 +36,7 @@ mod past_analyses;
 mod product;
 mod reflections;
 pub(super) mod residual;
+mod root;
 mod separation;
 mod settings;
 mod solution;
@@ -59,6 +60,7 @@ pub(super) use solution::{augmented, of_blocks};
 
 use crate::augmented::Augmented;
 use crate::covariance::{self, Covariance};
+use crate::covariance_root::CovarianceRoot;
 use crate::error::Error;
 use crate::filter::{Cycle, ErrorBlocks, Errors, Filter, Fit};
 use crate::fixed_lag::PastAnalyses;
@@ -358,6 +360,10 @@ impl Errors for BlockErrors {
 
     fn blocks(&self) -> Option<&dyn ErrorBlocks> {
         Some(self)
+    }
+
+    fn root(&self) -> Option<&dyn CovarianceRoot> {
+        (self.factors().columns() > 0).then_some(self)
     }
 }
 
