@@ -1,6 +1,7 @@
 //! What becomes of directories, whatever happens to a run.
 
 use super::*;
+use crate::output::destination::complete_runs;
 
 fn names(directory: &Path) -> Vec<String> {
     let mut names: Vec<String> = fs::read_dir(directory)
