@@ -48,6 +48,7 @@ mod fixed_lag;
 pub mod free;
 pub mod high_pass;
 mod innovation_covariance;
+mod lanes;
 mod leading_eigenvectors;
 mod linalg;
 mod memory;

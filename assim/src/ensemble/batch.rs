@@ -1,9 +1,9 @@
 //! The analyses of neighbouring places, each with the observations around it.
 
-use super::lanes::{Aligned, Functions, lanes};
 use super::near::{LocalObservations, Near};
 use super::products::{Operation, Products};
 use super::transform;
+use crate::lanes::{Aligned, Functions, lanes};
 use crate::linalg::add_symmetric_product;
 use faer::{Mat, MatRef};
 use pulp::Arch;

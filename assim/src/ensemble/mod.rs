@@ -15,8 +15,7 @@
 //! | `perturbations` | the perturbations in such rows, before and after |
 //! | `weights` | where they are made, and the interpolation between |
 //! | `buckets` | observations found by where they are |
-//! | `lanes`, `products` | linear algebra of several places at a time, one in each lane of vectors |
-//! | `fractions` | the inverse square root as a sum of fractions |
+//! | `products` | products for several places at a time, one in each lane of vectors ([`crate::lanes`]) |
 //! | `localization` | the taper of Gaspari and Cohn on a plane |
 //! | `tapered` | innovations with a tapered covariance of state and shared biases |
 //! | `etkf` | [`EnsembleTransformKalmanFilter`] |
@@ -34,9 +33,7 @@ mod cycle;
 mod etkf;
 mod filter;
 mod fixed_lag;
-mod fractions;
 mod inflation;
-mod lanes;
 mod letkf;
 mod localization;
 mod members;

@@ -1,11 +1,10 @@
 //! The observations around the places of local analyses.
 
 use super::buckets::Buckets;
-use super::fractions::Fractions;
 use super::inflation::{Inflation, Sizes};
-use super::lanes::lanes;
 use super::localization::Taper;
 use super::transform::{WhitenedObservations, transform};
+use crate::lanes::{Fractions, lanes};
 use crate::linalg::{row_major, squared_norm};
 use faer::Mat;
 use isobar_model::Grid;

@@ -1,7 +1,7 @@
 //! What observations say of the amplitudes ξ of all tiles' factors, and of the border.
 
 use crate::error::Error;
-use crate::linalg::{cholesky, eigen, product, solve_lower, solve_lower_transposed};
+use crate::linalg::{cholesky, product, solve_lower, solve_lower_transposed};
 use faer::prelude::Solve;
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Mat, MatRef, Par, Side};
@@ -94,7 +94,7 @@ impl Amplitudes {
         self.squares += gram[(border + p, border + p)];
     }
 
-    /// Solves them, with the border's prior S, by a sparse Cholesky factorisation of M.
+    /// Solves them, with the border's prior S, by a Cholesky factorisation of M: a sparse one if most blocks are zero.
     ///
     /// # Errors
     /// If M or S is not positive definite.
@@ -134,6 +134,18 @@ impl Amplitudes {
     /// M⁻¹ B.
     fn solved(&self, right: Mat<f64>) -> Result<Mat<f64>, Error> {
         let n = self.len();
+        let name = || "the information matrix of the local factors".to_string();
+        let filled: usize = self.blocks.values().map(|block| block.nrows() * block.ncols()).sum();
+        if 4 * filled > n * n {
+            let mut matrix = Mat::<f64>::identity(n, n);
+            let tiles: Vec<usize> = (0..self.firsts.len() - 1).collect();
+            self.for_each_entry(&tiles, |row, column, value| matrix[(row, column)] += value);
+            let root = cholesky(matrix, name)?;
+            let mut solution = right;
+            solve_lower(root.as_ref(), solution.as_mut());
+            solve_lower_transposed(root.as_ref(), solution.as_mut());
+            return Ok(solution);
+        }
         let mut entries: Vec<Triplet<usize, usize, f64>> = (0..n).map(|i| Triplet::new(i, i, 1.0)).collect();
         for (&(tile, other), block) in &self.blocks {
             for (j, column) in self.of(other).enumerate() {
@@ -141,38 +153,45 @@ impl Amplitudes {
                 entries.extend(rows.map(|(i, row)| Triplet::new(row, column, block[(i, j)])));
             }
         }
-        let not_positive = || Error::NotPositiveDefinite {
-            matrix: "the information matrix of the local factors".into(),
-            pivot: 0,
-            size: n,
-        };
+        let not_positive = || Error::NotPositiveDefinite { matrix: name(), pivot: 0, size: n };
         faer::set_global_parallelism(Par::Seq);
         let matrix = SparseColMat::try_new_from_triplets(n, n, &entries).map_err(|_| not_positive())?;
         let factor = matrix.sp_cholesky(Side::Lower).map_err(|_| not_positive())?;
         Ok(factor.solve(right))
     }
 
-    /// The columns of a tile in the symmetric root M^-½, as the principal submatrix of these tiles has them: a matrix for each
-    /// of them, `[factors of it, factors of the tile]`.
-    pub fn root_columns(&self, tile: usize, near: &[usize]) -> Vec<Mat<f64>> {
-        let mut firsts = vec![0];
-        near.iter().for_each(|&other| firsts.push(firsts[firsts.len() - 1] + self.of(other).len()));
-        let size = firsts[near.len()];
-        let mut part = Mat::<f64>::identity(size, size);
-        for (a, &row) in near.iter().enumerate() {
-            for (b, &column) in near.iter().enumerate().take(a + 1) {
+    /// Calls `set` with row, column and value of the lower triangle of M − I as these tiles have it, in the order of the tiles.
+    pub fn for_each_entry(&self, tiles: &[usize], mut set: impl FnMut(usize, usize, f64)) {
+        let mut first_row = 0;
+        for (a, &row) in tiles.iter().enumerate() {
+            let mut first_column = 0;
+            for &column in &tiles[..=a] {
                 if let Some(block) = self.blocks.get(&(row, column)) {
-                    let mut target = part.as_mut().get_mut(firsts[a]..firsts[a + 1], firsts[b]..firsts[b + 1]);
-                    target += block;
+                    for j in 0..block.ncols() {
+                        let values = block.col_as_slice(j).iter().enumerate();
+                        values.for_each(|(i, &value)| set(first_row + i, first_column + j, value));
+                    }
+                }
+                first_column += self.of(column).len();
+            }
+            first_row += self.of(row).len();
+        }
+    }
+
+    /// A bound on the eigenvalues of M: its largest sum of a row's absolute values.
+    pub fn bound(&self) -> f64 {
+        let mut sums = vec![1.0; self.len()];
+        for (&(tile, other), block) in &self.blocks {
+            let (rows, columns) = (self.of(tile), self.of(other));
+            for (j, column) in columns.enumerate() {
+                for (row, value) in rows.clone().zip(block.col_as_slice(j)) {
+                    sums[row] += value.abs();
+                    if tile != other {
+                        sums[column] += value.abs();
+                    }
                 }
             }
         }
-        // The lower triangle is read.
-        let (values, vectors) = eigen(part.as_ref());
-        let own = near.iter().position(|&other| other == tile).expect("a tile is near itself");
-        let (first, end) = (firsts[own], firsts[own + 1]);
-        let weighted = Mat::from_fn(size, end - first, |k, j| vectors[(first + j, k)] / values[k].max(1.0).sqrt());
-        let root = product(vectors.as_ref(), weighted.as_ref());
-        (0..near.len()).map(|a| root.get(firsts[a]..firsts[a + 1], ..).to_owned()).collect()
+        sums.into_iter().fold(1.0, f64::max)
     }
 }

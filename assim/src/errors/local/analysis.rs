@@ -13,6 +13,7 @@
 //! next to j. Everything else is exact, and F_j is if those are all tiles.
 
 use super::amplitudes::Amplitudes;
+use super::inverse_roots::inverse_roots;
 use super::local_factors::{LocalFactors, add_to_blocks, union};
 use super::recombination::Recombination;
 use super::{Frame, LocalErrors};
@@ -82,7 +83,8 @@ impl LocalErrors {
         for (j, &change) in solved.border.iter().enumerate() {
             axpy(change, self.memory.sensitivity.col_as_slice(j), &mut increment);
         }
-        let roots = roots(&amplitudes, &frame);
+        let near: Vec<Vec<usize>> = (0..frame.supports.len()).map(|tile| frame.tiles.near(tile, NEAR)).collect();
+        let roots = Recombination::new(inverse_roots(&amplitudes, &near));
         self.finish(&amplitudes, solved.of_border.as_ref(), &roots);
         let before = std::mem::replace(&mut self.memory.shared, Matrix(solved.shared.clone()));
         self.revise_past(&amplitudes, &solved, &roots, before.as_ref());
@@ -114,20 +116,22 @@ impl LocalErrors {
         innovations: &Innovations,
     ) -> Result<Vec<Part>, Error> {
         let (blocks, p) = (&self.frame.blocks, self.frame.shared.len());
+        let observed = self.observed(components, tiles, rows);
         let eliminate = |(number, (component, tiles)): (usize, (&Component, &Vec<usize>))| {
-            let factors: Vec<&LocalFactors> = tiles.iter().map(|&tile| &self.memory.factors[tile]).collect();
-            let columns = factors.iter().map(|factors| factors.columns()).sum::<usize>();
+            let columns = tiles.iter().map(|&tile| self.memory.factors[tile].columns()).sum::<usize>();
             let mut g = Mat::<f64>::zeros(component.observations.len(), columns + p);
+            let mut column = 0;
+            for &tile in tiles {
+                let (numbers, of_tile) = &observed[tile];
+                let first = numbers[&number];
+                for of_factor in of_tile {
+                    let seen = &of_factor[first..][..component.observations.len()];
+                    g.col_as_slice_mut(column).copy_from_slice(seen);
+                    column += 1;
+                }
+            }
             for (i, &row) in component.observations.iter().enumerate() {
                 for &(variable, weight) in rows.block.row(row) {
-                    let mut column = 0;
-                    for factors in &factors {
-                        let place = factors.row(variable);
-                        for j in 0..factors.columns() {
-                            g[(i, column)] += place.map_or(0.0, |place| weight * factors.value(place, j));
-                            column += 1;
-                        }
-                    }
                     (0..p).for_each(|j| g[(i, columns + j)] += weight * self.memory.sensitivity[(variable, j)]);
                 }
                 rows.shared.row(row).iter().for_each(|&(j, weight)| g[(i, columns + j)] += weight);
@@ -138,6 +142,38 @@ impl LocalErrors {
             Ok(Part { tiles: tiles.clone(), variables, eliminated })
         };
         components.par_iter().zip(tiles).enumerate().map(eliminate).collect()
+    }
+
+    /// For each tile E_j = H F_j of the components that see it, one after another: the first row of each component, and the columns.
+    ///
+    /// Factor by factor, because a column of F_j lies together in memory, and its row does not.
+    fn observed(
+        &self,
+        components: &[Component],
+        tiles: &[Vec<usize>],
+        rows: &SplitRows,
+    ) -> Vec<(BTreeMap<usize, usize>, Vec<Vec<f64>>)> {
+        let mut seen = vec![Vec::new(); self.memory.factors.len()];
+        tiles.iter().enumerate().for_each(|(number, tiles)| tiles.iter().for_each(|&tile| seen[tile].push(number)));
+        let of_tile = |(factors, seen): (&LocalFactors, &Vec<usize>)| {
+            let (mut firsts, mut entries, mut count) = (BTreeMap::new(), Vec::new(), 0);
+            for &number in seen {
+                firsts.insert(number, count);
+                for &row in &components[number].observations {
+                    let of_row = rows.block.row(row).iter();
+                    entries
+                        .extend(of_row.filter_map(|&(variable, weight)| Some((count, factors.row(variable)?, weight))));
+                    count += 1;
+                }
+            }
+            let of_factor = |j: usize| {
+                let (column, mut products) = (factors.column(j), vec![0.0; count]);
+                entries.iter().for_each(|&(row, place, weight)| products[row] += weight * column[place]);
+                products
+            };
+            (firsts, (0..factors.columns()).map(of_factor).collect())
+        };
+        self.memory.factors.par_iter().zip(&seen).map(of_tile).collect()
     }
 
     /// F_j ← Ψ_j, Γ ← Γ' and the new C_k on the variables of the components; C Hᵀ T⁻¹ d is added to the increment.
@@ -173,9 +209,7 @@ impl LocalErrors {
         for (tile, psi) in self.memory.factors.iter().enumerate() {
             psi.subtract_products(of_border.get(amplitudes.of(tile), ..), &mut self.memory.sensitivity);
         }
-        let psi = &self.memory.factors;
-        let rooted: Vec<(LocalFactors, LocalFactors)> =
-            (0..psi.len()).into_par_iter().map(|tile| roots.whole(tile, psi).split(&supports[tile])).collect();
+        let rooted = roots.parts(&self.memory.factors, supports, blocks.variables());
         let (inside, outside): (Vec<_>, Vec<_>) = rooted.into_iter().unzip();
         add_to_blocks(&mut self.memory.own, blocks, 1.0, &outside);
         self.memory.factors = inside;
@@ -189,16 +223,6 @@ impl LocalErrors {
     fn report(&self, components: &[Component]) -> PartitionReport {
         partition(&self.frame.blocks, components, self.columns(), self.frame.shared.len())
     }
-}
-
-/// M^-½, of each tile from the principal submatrix of the tiles next to it.
-fn roots(amplitudes: &Amplitudes, frame: &Frame) -> Recombination {
-    let of_tile = |tile: usize| {
-        let near = frame.tiles.near(tile, NEAR);
-        let columns = amplitudes.root_columns(tile, &near);
-        near.into_iter().zip(columns).collect()
-    };
-    Recombination::new((0..frame.supports.len()).into_par_iter().map(of_tile).collect())
 }
 
 /// Adds what the components say of amplitudes and border, those that see the same tiles together.

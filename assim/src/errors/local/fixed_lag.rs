@@ -36,7 +36,6 @@ use crate::memory::{Matrix, require};
 use crate::problem::require_memory;
 use faer::{Mat, MatRef};
 use isobar_model::vector::add;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -200,14 +199,11 @@ impl LocalErrors {
             for (tile, factors) in rows.factors.iter().enumerate() {
                 factors.subtract_products(solved.of_border.get(amplitudes.of(tile), ..), &mut rows.sensitivity);
             }
-            let factors = &rows.factors;
-            let whole: Vec<LocalFactors> =
-                (0..factors.len()).into_par_iter().map(|tile| roots.whole(tile, factors)).collect();
-            whole.iter().for_each(|factors| factors.add_squared_rows(&mut changes));
+            let (inside, outside): (Vec<_>, Vec<_>) = roots.parts(&rows.factors, supports, b).into_iter().unzip();
+            inside.iter().chain(&outside).for_each(|factors: &LocalFactors| factors.add_squared_rows(&mut changes));
             add_border_variances(rows.sensitivity.as_ref(), solved.shared.as_ref(), &mut changes);
             add(&mut past.variances, &augmented(&changes[..b], &changes[b..], local, shared));
-            rows.factors =
-                whole.into_par_iter().zip(supports).map(|(factors, support)| factors.split(support).0).collect();
+            rows.factors = inside;
         }
     }
 }

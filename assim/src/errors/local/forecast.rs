@@ -93,6 +93,7 @@ impl LocalErrors {
             Recombination::joined(&before, &joined)
         });
         let mut left = vec![0.0; frame.blocks.variables()];
+        self.reduce(recombination.as_mut(), &mut left);
         self.localize(recombination.as_mut(), &mut left);
         self.compress(recombination, left);
         Ok(())

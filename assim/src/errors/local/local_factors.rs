@@ -1,9 +1,9 @@
 //! The factors of one tile, and what they have in the blocks.
 
 use crate::errors::blocks::{BlockDiagonal, Blocks, Precision};
-use crate::linalg::{entries_mut, product};
+use crate::linalg::{entries, product};
 use crate::tall_matrix::TallMatrix;
-use faer::{Mat, MatMut, MatRef};
+use faer::{Mat, MatRef};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -76,11 +76,6 @@ impl LocalFactors {
         self.variables.binary_search(&variable).ok()
     }
 
-    /// The entry of a row in a column.
-    pub fn value(&self, row: usize, column: usize) -> f64 {
-        self.values.value(row, column)
-    }
-
     /// Adds F_j x to a vector of all block variables.
     pub fn multiply_add(&self, x: &[f64], of_blocks: &mut [f64]) {
         for (j, x) in x.iter().enumerate().filter(|(_, x)| **x != 0.0) {
@@ -141,21 +136,14 @@ impl LocalFactors {
         }
     }
 
-    /// Adds the rows, times `t` if there is one, to those of a matrix of some ascending variables. Rows of other variables
-    /// are left out.
-    pub fn add_to(&self, variables: &[usize], mut values: MatMut<'_, f64>, t: Option<MatRef<'_, f64>>) {
+    /// Adds the rows of F_j T to those of a matrix of some ascending variables. Rows of other variables are left out.
+    pub fn add_products(&self, t: MatRef<'_, f64>, variables: &[usize], values: &mut Mat<f64>) {
         let rows: Vec<(usize, usize)> =
             places(&self.variables, variables).enumerate().filter_map(|(from, to)| Some((from, to?))).collect();
-        let mut add = |j: usize, column: &[f64]| {
-            let to = entries_mut(values.as_mut().col_mut(j));
-            rows.iter().for_each(|&(from, place)| to[place] += column[from]);
-        };
-        match t {
-            Some(t) => {
-                let multiplied = product(self.rows(&mut Vec::new()), t);
-                (0..multiplied.ncols()).for_each(|j| add(j, multiplied.col_as_slice(j)));
-            }
-            None => (0..self.columns()).for_each(|j| add(j, &self.column(j))),
+        let products = product(self.rows(&mut Vec::new()), t);
+        for j in 0..t.ncols() {
+            let (to, from) = (values.col_as_slice_mut(j), products.col_as_slice(j));
+            rows.iter().for_each(|&(row, place)| to[place] += from[row]);
         }
     }
 
@@ -180,55 +168,47 @@ impl LocalFactors {
         })
     }
 
-    /// The rows of the variables that a support holds, which are among these, and the rows of the others.
-    pub fn split(self, support: &[usize]) -> (Self, Self) {
-        if self.variables == support {
-            let nothing = Self::filled(Vec::new(), self.columns(), self.precision(), |_, _| ());
-            return (self, nothing);
-        }
-        Self::parts(&self.variables, support, self.columns(), self.precision(), |j| self.column(j))
-    }
-
-    /// Factors with these columns on the variables: their rows in a support, which is among these, and the others.
-    pub fn parts<'a>(
-        variables: &[usize],
-        support: &[usize],
-        columns: usize,
-        precision: Precision,
-        values: impl Fn(usize) -> Cow<'a, [f64]>,
-    ) -> (Self, Self) {
-        let mut rows = [Vec::new(), Vec::new()];
-        for (row, place) in places(variables, support).enumerate() {
-            rows[usize::from(place.is_none())].push(row);
-        }
-        let [inside, outside] = rows.map(|rows| {
-            let variables = rows.iter().map(|&row| variables[row]).collect();
-            Self::filled(variables, columns, precision, |j, column| {
-                let from = values(j);
-                column.iter_mut().zip(&rows).for_each(|(value, &row)| *value = from[row]);
-            })
-        });
-        (inside, outside)
-    }
-
-    /// The block diagonal of F_j F_jᵀ: number of the block, positions in it, and the matrix of these.
-    fn in_blocks(&self, blocks: &Blocks) -> Vec<(usize, Vec<usize>, Mat<f64>)> {
+    /// The block diagonal of F_j F_jᵀ: where its entries are among those of all blocks, and what they are.
+    fn in_blocks(&self, blocks: &Blocks) -> Vec<(usize, f64)> {
         let mut rows: Vec<usize> = (0..self.variables.len()).collect();
         // The rows of one variable of the model are a run that a stable sort finds.
         rows.sort_by_key(|&row| blocks.position(self.variables[row]));
-        let transposed = self.rows(&mut Vec::new()).transpose().to_owned();
-        let block_of = |row: usize| blocks.place(self.variables[row]).0;
-        rows.chunk_by(|&a, &b| block_of(a) == block_of(b))
-            .map(|rows| {
-                let positions = rows.iter().map(|&row| blocks.place(self.variables[row]).1).collect();
-                let dot = |i: usize, j: usize| {
-                    let (a, b) = (transposed.col_as_slice(rows[i]), transposed.col_as_slice(rows[j]));
-                    isobar_model::vector::dot(a, b)
-                };
-                (block_of(rows[0]), positions, Mat::from_fn(rows.len(), rows.len(), dot))
-            })
-            .collect()
+        let places: Vec<(usize, usize)> = rows.iter().map(|&row| blocks.place(self.variables[row])).collect();
+        let r = self.columns();
+        let mut values = vec![0.0; rows.len() * r];
+        for j in 0..r {
+            let column = self.column(j);
+            values.chunks_exact_mut(r).zip(&rows).for_each(|(values, &row)| values[j] = column[row]);
+        }
+        let mut entries = Vec::with_capacity(4 * rows.len());
+        let mut first = 0;
+        for places in places.chunk_by(|a, b| a.0 == b.0) {
+            let values = &values[first * r..][..places.len() * r];
+            let (start, size) = (blocks.matrix(places[0].0).start, blocks.size(places[0].0));
+            for (j, &(_, column)) in places.iter().enumerate() {
+                for (i, &(_, row)) in places.iter().enumerate().skip(j) {
+                    let value = inner(&values[i * r..][..r], &values[j * r..][..r]);
+                    entries.push((start + size * column + row, value));
+                    if i > j {
+                        entries.push((start + size * row + column, value));
+                    }
+                }
+            }
+            first += places.len();
+        }
+        entries
     }
+}
+
+/// Σ aᵢ bᵢ, in sums of its own for each of four neighbours.
+fn inner(a: &[f64], b: &[f64]) -> f64 {
+    let ((fours_a, rest_a), (fours_b, rest_b)) = (a.as_chunks::<4>(), b.as_chunks::<4>());
+    let mut sums = [0.0; 4];
+    for (a, b) in fours_a.iter().zip(fours_b) {
+        (0..4).for_each(|i| sums[i] += a[i] * b[i]);
+    }
+    let rest: f64 = rest_a.iter().zip(rest_b).map(|(a, b)| a * b).sum();
+    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
 }
 
 /// Parts whose blocks are held at a time.
@@ -238,14 +218,8 @@ const PARTS: usize = 64;
 pub(super) fn add_to_blocks(own: &mut BlockDiagonal, blocks: &Blocks, sign: f64, parts: &[LocalFactors]) {
     for parts in parts.chunks(PARTS) {
         let all: Vec<_> = parts.par_iter().map(|part| part.in_blocks(blocks)).collect();
-        for (block, positions, matrix) in all.into_iter().flatten() {
-            let mut own = own.block_mut(blocks, block);
-            for (j, &column) in positions.iter().enumerate() {
-                for (i, &row) in positions.iter().enumerate() {
-                    own[(row, column)] += sign * matrix[(i, j)];
-                }
-            }
-        }
+        let own = own.values_mut();
+        all.into_iter().flatten().for_each(|(entry, value)| own[entry] += sign * value);
     }
 }
 
@@ -260,6 +234,25 @@ pub(super) fn places<'a>(of: &'a [usize], within: &'a [usize]) -> impl Iterator<
     })
 }
 
+/// Rows that follow each other in two matrices.
+pub(super) struct Run {
+    pub from: usize,
+    pub to: usize,
+    pub len: usize,
+}
+
+/// The runs of the places of the rows 0, 1 …: the rows of a support are a few for each row of cells, and copied as such.
+pub(super) fn runs(places: impl IntoIterator<Item = usize>) -> Vec<Run> {
+    let mut runs: Vec<Run> = Vec::new();
+    for (from, to) in places.into_iter().enumerate() {
+        match runs.last_mut() {
+            Some(run) if run.to + run.len == to => run.len += 1,
+            _ => runs.push(Run { from, to, len: 1 }),
+        }
+    }
+    runs
+}
+
 /// The variables of several ascending lists, ascending.
 pub(super) fn union<'a>(lists: impl IntoIterator<Item = &'a [usize]>) -> Vec<usize> {
     let mut all: Vec<usize> = lists.into_iter().flatten().copied().collect();
@@ -270,16 +263,11 @@ pub(super) fn union<'a>(lists: impl IntoIterator<Item = &'a [usize]>) -> Vec<usi
 }
 
 /// The rows of a matrix, each divided by what belongs to its variable.
-pub(super) fn divided(values: &Mat<f64>, variables: &[usize], by: impl Fn(usize) -> f64) -> Mat<f64> {
+pub(super) fn divided(values: MatRef<'_, f64>, variables: &[usize], by: impl Fn(usize) -> f64) -> Mat<f64> {
     let factors: Vec<f64> = variables.iter().map(|&variable| by(variable).recip()).collect();
-    multiplied(values, &factors)
-}
-
-/// The rows of a matrix, each multiplied by its factor.
-pub(super) fn multiplied(values: &Mat<f64>, factors: &[f64]) -> Mat<f64> {
     let mut result = Mat::zeros(values.nrows(), values.ncols());
-    for j in 0..values.ncols() {
-        let pairs = values.col_as_slice(j).iter().zip(factors);
+    for (j, column) in values.col_iter().enumerate() {
+        let pairs = entries(column).iter().zip(&factors);
         result.col_as_slice_mut(j).iter_mut().zip(pairs).for_each(|(result, (value, factor))| *result = value * factor);
     }
     result

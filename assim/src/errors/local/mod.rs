@@ -16,8 +16,9 @@
 //!
 //! 1. the factors of tiles whose supports have no cell in common are *packed* into one column of the tangent-linear model:
 //!    q² r columns, however large the domain is (`forecast`), on the grid of the state or a coarser one;
-//! 2. the leading directions of Q that belong to a tile join its factors, and *localising rotations* of neighbours' factors,
-//!    which change no covariance, move each direction to the tile that it is nearest to (`rotation`);
+//! 2. the leading directions of Q that belong to a tile join its factors, the leading ones of all these go on, and *localising
+//!    rotations* of neighbours' factors, which change no covariance, move each direction to the tile that it is nearest to
+//!    (`compression`, `rotation`);
 //! 3. each tile keeps its r leading directions, in its support (`compression`);
 //! 4. the observations are analysed by a nested block-angular regression: cells, amplitudes ξ, border c (`analysis`).
 //!
@@ -32,6 +33,7 @@ mod compression;
 mod fixed_basis;
 mod fixed_lag;
 mod forecast;
+mod inverse_roots;
 mod local_factors;
 mod recombination;
 mod roots;
@@ -57,8 +59,9 @@ use fixed_basis::FixedBasis;
 use fixed_lag::{Past, add_border_variances};
 use isobar_model::{Layout, TangentLinear, random};
 use isobar_obs::ByPlacement;
-use local_factors::{LocalFactors, add_to_blocks};
+use local_factors::{LocalFactors, add_to_blocks, divided};
 use rand_chacha::ChaCha8Rng;
+use rotation::PairRows;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use tiles::{Colours, Tiles};
@@ -86,6 +89,8 @@ struct Frame {
     uncovered: Vec<Vec<usize>>,
     /// The block variables of each tile's support, ascending.
     supports: Vec<Vec<usize>>,
+    /// The pairs of neighbours, in groups of pairs without a tile in common.
+    pairs: Vec<Vec<PairRows>>,
     /// The tiles in whose support each cell is, ascending.
     covering: Vec<Vec<usize>>,
     /// The cell of each block variable.
@@ -214,9 +219,10 @@ impl LocalErrors {
         let largest = supports.iter().map(Vec::len).max().unwrap_or(0);
         let fixed_basis = FixedBasis::new(largest, settings.per_tile + settings.model_error_per_tile);
         let turned = |(factors, support): (LocalFactors, &Vec<usize>)| {
-            let (values, variables) = (factors.to_matrix(), factors.variables);
-            let turn = fixed_basis.rotation(values.as_ref(), &variables, support, &scales, values.ncols());
-            LocalFactors::new(variables, product(values.as_ref(), turn.as_ref()).as_ref(), precision)
+            let (values, r) = (factors.to_matrix(), factors.columns());
+            let scaled = divided(values.as_ref(), support, |variable| scales[variable]);
+            let turn = fixed_basis.rotation(scaled.as_ref(), Mat::identity(r, r).as_ref(), r);
+            LocalFactors::new(factors.variables, product(values.as_ref(), turn.as_ref()).as_ref(), precision)
         };
         let memory = Memory {
             own: background.rest,
@@ -236,9 +242,10 @@ impl LocalErrors {
             settings,
             layout,
             blocks,
-            tiles,
             colours,
             uncovered,
+            pairs: PairRows::all(&tiles, &supports, &cells, &scales),
+            tiles,
             supports,
             covering,
             cells,

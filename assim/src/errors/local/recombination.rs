@@ -1,10 +1,14 @@
 //! A step's recombination of the columns of all tiles' factors, for further rows of these to follow.
 
-use super::local_factors::{LocalFactors, union};
+use super::local_factors::{LocalFactors, Run, runs};
 use crate::linalg::product;
-use faer::{Mat, MatRef};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatMut, MatRef, Par};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+
+/// The place of a variable that has none.
+const NONE: usize = usize::MAX;
 
 /// `F'_j = Σ_i F_i T_ij`: for each tile j, ascending, the tiles i that have a part in it, and T_ij,
 /// `[factors of i before, factors of j after]`.
@@ -48,10 +52,63 @@ impl Recombination {
         Self(self.0.iter().zip(of_tiles).map(then).collect())
     }
 
-    /// `Σ_i F_i T_ij` of a tile, on all variables for which the F_i have rows.
-    pub fn whole(&self, tile: usize, factors: &[LocalFactors]) -> LocalFactors {
-        let variables = union(self.0[tile].iter().map(|(source, _)| factors[*source].variables.as_slice()));
-        self.on(tile, factors, &variables)
+    /// `Σ_i F_i T_ij` of all tiles, for which the F_i have rows of at most `variables` block variables: the rows in the support of
+    /// each tile, and the others.
+    pub fn parts(
+        &self,
+        factors: &[LocalFactors],
+        supports: &[Vec<usize>],
+        variables: usize,
+    ) -> Vec<(LocalFactors, LocalFactors)> {
+        let scratch = || (vec![NONE; variables], Vec::new(), Vec::new());
+        let of_tile =
+            |scratch: &mut _, (tile, support): (usize, &Vec<usize>)| self.parts_of(tile, factors, support, scratch);
+        supports.par_iter().enumerate().map_init(scratch, of_tile).collect()
+    }
+
+    /// The same of one tile. In the scratch are the places of all block variables, which are none, and room for values.
+    fn parts_of(
+        &self,
+        tile: usize,
+        factors: &[LocalFactors],
+        support: &[usize],
+        (places, sums, products): &mut (Vec<usize>, Vec<f64>, Vec<f64>),
+    ) -> (LocalFactors, LocalFactors) {
+        let sources = || self.0[tile].iter().map(|(source, part)| (&factors[*source], part));
+        let columns = sources().next().map_or(0, |(_, part)| part.ncols());
+        support.iter().enumerate().for_each(|(place, &variable)| places[variable] = place);
+        let mut others = Vec::new();
+        for &variable in sources().flat_map(|(factors, _)| &factors.variables) {
+            if places[variable] == NONE {
+                places[variable] = support.len();
+                others.push(variable);
+            }
+        }
+        others.sort();
+        others.iter().zip(support.len()..).for_each(|(&variable, place)| places[variable] = place);
+        let count = support.len() + others.len();
+        sums.clear();
+        sums.resize(count * columns, 0.0);
+        for (factors, part) in sources() {
+            let rows = factors.variables.len();
+            products.resize(rows * columns, 0.0);
+            let product = MatMut::from_column_major_slice_mut(products, rows, columns);
+            matmul(product, Accum::Replace, factors.rows(&mut Vec::new()), part.as_ref(), 1.0, Par::Seq);
+            let runs = runs(factors.variables.iter().map(|&variable| places[variable]));
+            for (j, product) in products.chunks_exact(rows.max(1)).enumerate() {
+                for &Run { from, to, len } in &runs {
+                    let sum = &mut sums[j * count + to..][..len];
+                    sum.iter_mut().zip(&product[from..from + len]).for_each(|(sum, value)| *sum += value);
+                }
+            }
+        }
+        support.iter().chain(&others).for_each(|&variable| places[variable] = NONE);
+        let of = |variables: Vec<usize>, first: usize| {
+            LocalFactors::filled(variables, columns, factors[tile].precision(), |j, column| {
+                column.copy_from_slice(&sums[j * count + first..][..column.len()]);
+            })
+        };
+        (of(support.to_vec(), 0), of(others, support.len()))
     }
 
     /// `Σ_i F_i T_ij` of all tiles, each on its support.
@@ -63,7 +120,7 @@ impl Recombination {
         let columns = self.0[tile].first().map_or(0, |(_, part)| part.ncols());
         let mut values = Mat::zeros(variables.len(), columns);
         for (source, part) in &self.0[tile] {
-            factors[*source].add_to(variables, values.as_mut(), Some(part.as_ref()));
+            factors[*source].add_products(part.as_ref(), variables, &mut values);
         }
         LocalFactors::new(variables.to_vec(), values.as_ref(), factors[tile].precision())
     }

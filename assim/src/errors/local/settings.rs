@@ -75,11 +75,12 @@ impl LocalFactorSettings {
         let (b, p) = (blocks.variables() as u64, shared as u64);
         let held: u64 = supports.iter().map(|support| support.len() as u64).sum();
         let columns = (per_tile + model_error_per_tile) as u64;
-        // The factors with those of Q, these, both as rotations embed them, the packed columns, the blocks and the border.
+        // The factors with those of Q, these, both as rotations embed them, the packed columns, the blocks and the border; the
+        // variables of each support, and for two pairs of each tile variables and weights.
         let largest = supports.iter().map(|support| support.len() as u64).max().unwrap_or(0);
         let packed = b * (held / b.max(1) + 1) * per_tile as u64;
         let needed_bytes = self.factor_precision.bytes() * (held * 3 * columns + packed)
-            + 8 * (held * 2 + 4 * largest * columns + 3 * blocks.matrices_len() as u64 + 3 * b * p);
+            + 8 * (held * 7 + 4 * largest * columns + 3 * blocks.matrices_len() as u64 + 3 * b * p);
         if needed_bytes > limit {
             let what = format!("{columns} factors on each of {} supports of up to {largest} variables", supports.len());
             return Err(Error::TooLarge { what, needed_bytes, limit_bytes: limit });

@@ -155,14 +155,16 @@ fn compression_keeps_the_covariance_of_each_block_or_the_variance_of_each_variab
         let mut errors = errors(boundary);
         fill_with_normals(&mut errors, 5);
         let mut left = vec![0.0; errors.frame.blocks.variables()];
-        errors.localize(None, &mut left);
         let before = of_blocks(&errors);
         let variances = errors.variances();
-        let fewer = LocalFactorSettings { per_tile: 3, left_over, ..errors.frame.settings };
+        let fewer = LocalFactorSettings { per_tile: 2, left_over, ..errors.frame.settings };
         Arc::get_mut(&mut errors.frame).unwrap().settings = fewer;
+        errors.reduce(None, &mut left);
+        assert!(errors.memory.factors.iter().all(|factors| factors.columns() == 3));
+        errors.localize(None, &mut left);
         errors.compress(None, left);
         let pairs = || errors.memory.factors.iter().zip(&errors.frame.supports);
-        assert!(pairs().all(|(factors, support)| factors.columns() == 3 && factors.variables == *support));
+        assert!(pairs().all(|(factors, support)| factors.columns() == 2 && factors.variables == *support));
         assert!(difference(&errors.variances(), &variances) < 1e-13, "{boundary:?}, {left_over:?}");
         match left_over {
             LeftOver::Blocks => assert!(difference(&of_blocks(&errors), &before) < 1e-13, "{boundary:?}"),

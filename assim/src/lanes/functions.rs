@@ -1,14 +1,14 @@
-//! Linear algebra of several places at a time, one in each lane of the processor's vectors.
+//! Functions of several matrices at a time, one in each lane of the processor's vectors.
 //!
-//! What has a value for each place is stored with the places last: `[…, lanes]`.
+//! What has a value for each matrix is stored with the matrices last: `[…, lanes]`.
 
 use pulp::{Arch, Simd, WithSimd};
 
 /// Shifted systems that are solved together, to hide the latency of each.
 const TOGETHER: usize = 4;
 
-/// How many places are treated together on this processor.
-pub(super) fn lanes(arch: Arch) -> usize {
+/// How many matrices are treated together on this processor.
+pub(crate) fn lanes(arch: Arch) -> usize {
     struct Lanes;
     impl WithSimd for Lanes {
         type Output = usize;
@@ -22,7 +22,7 @@ pub(super) fn lanes(arch: Arch) -> usize {
 
 /// Numbers that begin where the processor likes vectors to begin.
 #[derive(Default)]
-pub(super) struct Aligned {
+pub(crate) struct Aligned {
     values: Vec<f64>,
     first: usize,
     len: usize,
@@ -48,12 +48,12 @@ impl Aligned {
     }
 }
 
-/// Functions of a symmetric positive definite matrix M of each place on some vectors x, and M⁻¹ on another one, r.
+/// Functions of a symmetric positive definite matrix M in each lane on some vectors x, and M⁻¹ on another one, r.
 ///
 /// M = Q T Qᵀ with T tridiagonal, by Householder's reflections (Golub and Van Loan 2013, Matrix Computations, algorithm
 /// 8.3.1); then `g(M) x = Q Σ_j ω_j (T + σ_j)⁻¹ Qᵀ x`, for which solving a tridiagonal system is next to nothing. So no
 /// eigenvalues are needed, and there is no iteration whose steps would differ from lane to lane.
-pub(super) struct Functions<'a> {
+pub(crate) struct Functions<'a> {
     /// The order of M, k ≥ 1.
     pub size: usize,
     /// M, `[k, k, lanes]`, whose lower triangles are read, column by column; the reflections after.

@@ -25,7 +25,7 @@ const TOLERANCE: f64 = 1e-14;
 ///
 /// with the complete elliptic integrals K of the modulus √(1 − 1/κ) and K' of 1/√κ.
 #[derive(Clone, Debug)]
-pub(super) struct Fractions {
+pub(crate) struct Fractions {
     /// σ.
     pub shifts: Vec<f64>,
     /// ω.
