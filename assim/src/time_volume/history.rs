@@ -1,18 +1,18 @@
 //! The cycles of the window, which are run again when a correction has moved: the Gauss–Newton method for eq. (24) of
 //! WO 97/18442.
 //!
-//! What is sought is the least of the sum of squares of all cycles of the window,
+//! What is sought is the least sum of squares of all cycles of the window, which the innovations of the filter with the model
+//! A(r) make up:
 //!
 //! ```text
-//! Q(r) = |x_0 − x̂_0|²_{P_0^-1} + Σ_t |y_t − H x_t|²_{R^-1} + |x_t − A(r) x_{t-1}|²_{Q^-1}
-//!      = Σ_t d_t(r)' T_t^-1 d_t(r),     over x; d_t the innovations of the filter with the model A(r)
+//! Q(r) = Σ_t d_t(r)' T_t^-1 d_t(r),     −½ ∂Q/∂r = j = Σ_t G_t' T_t^-1 d_t,     ½ ∂²Q/∂r² ≈ J = Σ_t G_t' T_t^-1 G_t
 //! ```
 //!
-//! and the claimed covariance is the inverse of J = Σ G' T^-1 G, with G = −∂d/∂r at the least. But the derivatives that a
-//! cycle has left in the window were taken where r̂ was then, and d_t(r̂) is not d_t + G δ once r̂ has moved by δ: ŝ + U δ and
-//! the innovations are wrong by terms of second order, (∂U/∂r) δ²/2, which neither P nor J^-1 contains. So after a move by more
-//! than [`FAR`] claimed standard deviations of a correction the cycles of the window are run again with A(r̂) and the same
-//! observations, which gives d and G at r̂, until r̂ stays:
+//! with G = −∂d/∂r; J^-1 is the claimed covariance, where G is that of the least. What a cycle has left in the window was found
+//! where r̂ was then. Once r̂ has moved by δ, d_t(r̂) is not d_t − G δ: ŝ + U δ and the innovations are wrong by terms of second
+//! order, (∂U/∂r) δ²/2, which neither P nor J^-1 contains. So after a move of a correction by more than [`FAR`] claimed standard
+//! deviations the cycles of the window are run again with A(r̂) and the same observations, which gives d and G at r̂, until r̂
+//! stays:
 //!
 //! ```text
 //! start      ŝ ← ŝ + U δ,   P ← P + U_r (δ δ' + S_rr) U_r',   U_r ← 0        before the first of them (`restart`)
@@ -20,8 +20,8 @@
 //! window     δ = J^-1 j
 //! ```
 //!
-//! A start that is the beginning of the experiment has U = 0, and what is found is the least of Q for all observations. A model
-//! that is linear in r and has A = ∂d/∂r where nothing depends on r̂ has found it at once, and running again changes nothing.
+//! At the beginning of the experiment U = 0, so that a run from there finds the least of Q for all observations. Where d is linear
+//! in r the first solution is that, and running again changes nothing.
 //!
 //! The observations are those of the first run as linear rows, y' = d + H s + F^y C with H as it was at the background then.
 //! States from which to start are kept at every half of a window, so that up to one and a half windows are run again.
@@ -121,7 +121,7 @@ impl TimeVolume {
         let mut history = std::mem::take(&mut self.memory.history);
         let parts = &mut history.0;
         if parts.back().is_none_or(|part| part.analyses() >= self.settings.cycles.div_ceil(2)) {
-            let (errors, memory) = self.now();
+            let (errors, memory) = self.as_of_now();
             parts.push_back(Part { errors, memory, events: Vec::new() });
             if parts.iter().skip(1).map(Part::analyses).sum::<usize>() >= self.settings.cycles {
                 parts.pop_front();
@@ -131,7 +131,7 @@ impl TimeVolume {
         self.memory.history = history;
     }
 
-    fn now(&self) -> (<BlockErrors as Errors>::Memory, Memory) {
+    fn as_of_now(&self) -> (<BlockErrors as Errors>::Memory, Memory) {
         (self.errors.memory().clone(), self.memory.clone())
     }
 
@@ -193,7 +193,7 @@ impl TimeVolume {
             if number == 0 {
                 self.go_back(part)?;
             } else {
-                (part.errors, part.memory) = self.now();
+                (part.errors, part.memory) = self.as_of_now();
             }
             for event in &part.events {
                 left -= 1;
