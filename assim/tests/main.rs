@@ -11,6 +11,7 @@ mod card_recursion;
 mod closed_form;
 mod common;
 mod contracts;
+mod corrected_tiles;
 mod correlated_errors;
 mod covariance_columns;
 mod ensemble;

@@ -1,18 +1,21 @@
 //! The cycle of a time volume: forecast and analysis.
 
 use super::factor::Target;
+use super::history::History;
+use super::rows::Coefficients;
 use super::window::Information;
 use super::{Amplitude, Memory, TimeVolume};
 use crate::assimilator::{
     Adjustments, Assimilator, CalibrationAdjustment, ReplaceCalibration, Smoother, Views, WidenCalibration,
 };
+use crate::block_angular::PartitionReport;
 use crate::calibration_accuracy::CalibrationErrors;
 use crate::error::Error;
 use crate::errors::blocks::{BlockErrors, Increments};
 use crate::estimate::{Analysis, Background};
 use crate::filter::{Cycle, ErrorBlocks, Errors};
 use crate::memory::{Matrix, from_bytes, require, to_bytes};
-use crate::problem::steps;
+use crate::problem::{Innovations, steps};
 use crate::structure::{BlockStructure, Structure};
 use faer::{Mat, MatRef};
 use isobar_model::Duration;
@@ -80,19 +83,31 @@ impl TimeVolume {
         }
         let mut shift = shift.to_vec();
         scale(&mut shift, step);
-        let Memory { s, sensitivity, reference, window, .. } = &mut self.memory;
-        let mut of_blocks = vec![0.0; self.errors.block_variables()];
-        let of_shared = sensitivity.increments(&shift, &mut of_blocks);
-        self.errors.add_increments(s, &Increments { of_blocks, of_shared });
-        self.errors.shift_past(sensitivity, &shift);
-        add(reference, &shift);
-        window.shift(&shift);
+        self.shift_reference(&shift);
         Ok(())
     }
-}
 
-impl Assimilator for TimeVolume {
-    fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
+    /// Refers what is believed to another C_0, with the model as it is.
+    pub(super) fn shift_reference(&mut self, shift: &[f64]) {
+        let Memory { s, sensitivity, reference, window, .. } = &mut self.memory;
+        let mut of_blocks = vec![0.0; self.errors.block_variables()];
+        let of_shared = sensitivity.increments(shift, &mut of_blocks);
+        self.errors.add_increments(s, &Increments { of_blocks, of_shared });
+        self.errors.shift_past(sensitivity, shift);
+        add(reference, shift);
+        window.shift(shift);
+    }
+
+    /// Solves the window and moves C_0 there; by how much it should have moved.
+    pub(super) fn solve_and_move(&mut self) -> Result<Vec<f64>, Error> {
+        let (posterior, shift) = self.solve_window();
+        self.memory.posterior = posterior;
+        self.move_reference(&shift)?;
+        Ok(shift)
+    }
+
+    /// The forecast of state, errors and sensitivities.
+    pub(super) fn advance(&mut self, window: Duration) -> Result<(), Error> {
         let (model, calibration) = (Arc::clone(&self.model), self.calibration.clone());
         let steps = steps(&*model, window)?;
         let cycle = Cycle { model: &*model, calibration: &calibration, window, steps, error_factor: 1.0 };
@@ -111,16 +126,33 @@ impl Assimilator for TimeVolume {
         for (k, columns) in transitions.iter().flat_map(|it| (0..it.columns()).map(move |k| (k, it.column(k)))) {
             self.memory.sensitivity.state.edit_column(first + k, |own| add(own, &columns));
         }
-        self.errors.add_errors(&cycle)?;
-        Ok(Background { estimate: self.estimate()?, window })
+        self.errors.add_errors(&cycle)
     }
 
-    fn analyse(&mut self, _: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
-        self.memory.time = observed.time;
+    /// Fails if a memory is not one of such a time volume: it has been read from a file.
+    fn require_own(&self, memory: &Memory) -> Result<(), Error> {
+        let (q, own) = (self.unknowns(), &self.memory.sensitivity);
+        memory.s.require_like(&self.memory.s)?;
+        let fits = memory.sensitivity.columns() == q
+            && memory.sensitivity.has_rows(own.state.rows(), own.local.rows(), own.shared.nrows())
+            && memory.sensitivity.past.len() == memory.past_times.len();
+        require(fits, "the sensitivities to the unknowns of the time volume")?;
+        let fits = memory.reference.len() == q
+            && memory.active.len() == q
+            && memory.posterior.has_unknowns(q)
+            && memory.window.cycles.len() <= self.settings.cycles
+            && memory.window.has_unknowns(q);
+        require(fits, "the time volume")
+    }
+
+    /// The analysis given C, and what it says of C, which joins the window.
+    pub(super) fn update(
+        &mut self,
+        innovations: &Innovations,
+        coefficients: &[Coefficients],
+    ) -> Result<Updated, Error> {
         let (p, q) = (self.errors.shared().len(), self.unknowns());
-        let coefficients = self.coefficients(observed);
-        let innovations = self.innovations(observed, &coefficients)?;
-        let mut rows = self.errors.split_rows(&innovations);
+        let mut rows = self.errors.split_rows(innovations);
         let mut shared = SparseRows::new();
         for (row, own) in coefficients.iter().enumerate() {
             let of_constant = own.constant.iter().map(|&(k, value)| (p + k, value));
@@ -141,29 +173,53 @@ impl Assimilator for TimeVolume {
                 0.0
             }
         }));
-        let analysis = self.errors.analyse_rows(&rows, &innovations, q)?;
+        let analysis = self.errors.analyse_rows(&rows, innovations, q)?;
         let factors = self.errors.factors_mut();
         factors.shared = Matrix(factors.shared.as_ref().get(..p, ..).to_owned());
         self.memory.sensitivity = factors.take_front(&scales);
         self.errors.add_increments(&mut self.memory.s, &analysis.increments);
-        let mut innovation_chi2 = analysis.chi2;
+        let mut chi2 = analysis.chi2;
         let mut cycle = Information::none(q);
         if let Some(found) = analysis.found {
             let entry = |i: usize, j: usize| found.matrix[(i, j)] / (scales[i] * scales[j]);
             cycle.matrix = Matrix(Mat::from_fn(q, q, entry));
             cycle.vector = found.vector.iter().zip(&scales).map(|(value, scale)| value / scale).collect();
-            innovation_chi2 += found.chi2_of_zero;
+            chi2 += found.chi2_of_zero;
         }
         self.memory.window.make_room(self.settings.cycles, self.settings.keep_before);
         let before = self.memory.window.total();
         self.memory.window.cycles.push_back(cycle);
+        Ok(Updated { partition: analysis.partition, chi2, before })
+    }
+}
+
+/// What an analysis given C came to.
+pub(super) struct Updated {
+    partition: PartitionReport,
+    /// dᵀ Cov(d)⁻¹ d for C as it was believed.
+    chi2: f64,
+    /// What was known of C before.
+    before: Information,
+}
+
+impl Assimilator for TimeVolume {
+    fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
+        self.keep_forecast(window);
+        self.advance(window)?;
+        Ok(Background { estimate: self.estimate()?, window })
+    }
+
+    fn analyse(&mut self, _: &Background, observed: &ObservationWindow) -> Result<Analysis, Error> {
+        self.memory.time = observed.time;
+        let coefficients = self.coefficients(observed);
+        let innovations = self.innovations(observed, &coefficients)?;
+        self.keep_observations(&innovations, &coefficients);
+        let Updated { partition, chi2, before } = self.update(&innovations, &coefficients)?;
         self.select();
-        let (posterior, shift) = self.solve_window();
         // What the best C of before and the best one of now leave of the sum of squares.
-        innovation_chi2 += self.explained(&before) - self.explained(&self.memory.window.total());
-        self.memory.posterior = posterior;
-        self.move_reference(&shift)?;
-        self.restart_if_far(&shift);
+        let innovation_chi2 = chi2 + (self.explained(&before) - self.explained(&self.memory.window.total()));
+        let shift = self.solve_and_move()?;
+        self.settle(shift)?;
         self.remember();
         let estimate = self.estimate()?;
         let analysis_departures = self.innovations(observed, &coefficients)?.departures;
@@ -172,7 +228,7 @@ impl Assimilator for TimeVolume {
             background_departures: innovations.departures,
             analysis_departures,
             innovation_chi2: Some(innovation_chi2.max(0.0)),
-            partition: Some(analysis.partition),
+            partition: Some(partition),
             warnings: Vec::new(),
         })
     }
@@ -187,20 +243,11 @@ impl Assimilator for TimeVolume {
 
     fn recall(&mut self, bytes: &[u8]) -> Result<(), Error> {
         let (errors, memory): (<BlockErrors as Errors>::Memory, Memory) = from_bytes(bytes)?;
-        let (q, own) = (self.unknowns(), &self.memory.sensitivity);
-        memory.s.require_like(&self.memory.s)?;
-        let fits = memory.sensitivity.columns() == q
-            && memory.sensitivity.has_rows(own.state.rows(), own.local.rows(), own.shared.nrows());
-        require(fits, "the sensitivities to the unknowns of the time volume")?;
-        let fits = memory.reference.len() == q
-            && memory.active.len() == q
-            && memory.posterior.has_unknowns(q)
-            && memory.window.cycles.len() <= self.settings.cycles
-            && memory.window.has_unknowns(q);
-        require(fits, "the time volume")?;
+        std::iter::once(&memory).chain(memory.history.memories()).try_for_each(|it| self.require_own(it))?;
+        memory.history.require(&self.memory.s, self.unknowns())?;
         self.errors.recall(errors, &memory.s)?;
         let past = self.errors.factors().past.len();
-        require(memory.sensitivity.past.len() == past && memory.past_times.len() == past, "the smoother")?;
+        require(memory.past_times.len() == past, "the smoother")?;
         self.memory = memory;
         if let Some(transition) = &mut self.corrections {
             transition.set(&self.memory.reference[self.constant.len()..])?;
@@ -231,6 +278,7 @@ impl WidenCalibration for TimeVolume {
     fn widen_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error> {
         let (p, all) = (self.parameters(), self.calibration.len());
         let joint = Mat::from_fn(all, all, |i, j| if i < p && j < p { covariance[(i, j)] } else { 0.0 });
+        self.memory.history = History::default();
         self.errors.widen_calibration(joint.as_ref());
         Ok(())
     }

@@ -10,6 +10,7 @@
 //!
 //! The unknowns C themselves are smoothed by being constant.
 
+use super::history::History;
 use super::report::Believed;
 use super::{Memory, TimeVolume};
 use crate::assimilator::Smoother;
@@ -43,10 +44,11 @@ impl TimeVolume {
         past_times.drain(..past_times.len() - sensitivity.past.len());
     }
 
-    /// Forgets the earlier analyses: what follows is independent of them.
+    /// Forgets the earlier analyses and cycles: what follows is independent of them.
     pub(super) fn forget(&mut self) {
         self.memory.sensitivity.past.clear();
         self.memory.past_times.clear();
+        self.memory.history = History::default();
     }
 }
 

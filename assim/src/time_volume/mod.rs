@@ -19,7 +19,8 @@
 //! With P the covariance given C, d is white in time for the true C, so that Ĉ with no prior is the least-squares solution
 //! of all cycles of the window at once, and with the prior row carried along, L = 1 is the recursion (Friedland 1969, with
 //! the sums in the place of his covariance). After every analysis the reference C_0 is moved to Ĉ, which changes nothing
-//! for a linear model and linearises a nonlinear one about the best there is.
+//! for a linear model and linearises a nonlinear one about the best there is; after a far move of a correction the window's
+//! cycles are run again (`history`).
 //!
 //! Amplitudes that are a random walk or an AR(1) process cannot be constant over a window: they are unknowns of each cycle
 //! beside the calibration parameters, and common factors carry their covariance with the state.
@@ -30,6 +31,7 @@ mod covariances;
 mod cycle;
 mod factor;
 mod fixed_lag;
+mod history;
 mod report;
 mod restart;
 mod rows;
@@ -46,6 +48,7 @@ use crate::augmented::Augmented;
 use crate::error::Error;
 use crate::errors::blocks::{BiasCoupling, BlockErrors, Factors, FastKalmanSettings, Precision};
 use crate::problem::{BiasTreatment, Problem};
+use history::History;
 use isobar_model::{Model, TangentLinear, Time};
 use isobar_obs::{Calibration, Drift, Parameter, Placement};
 use serde::{Deserialize, Serialize};
@@ -120,6 +123,8 @@ struct Memory {
     time: Time,
     /// Those of the analyses that are still revised, the oldest first, if there is a smoother.
     past_times: VecDeque<Time>,
+    /// The cycles that are run again when a correction has moved far.
+    history: History,
 }
 
 impl TimeVolume {
@@ -196,6 +201,7 @@ impl TimeVolume {
             active,
             time: settings.start,
             past_times: VecDeque::new(),
+            history: History::default(),
         };
         let model = corrections.as_ref().map_or_else(|| Arc::clone(&problem.model), |it| it.corrected.model());
         let calibration = problem.calibration.clone();

@@ -1,11 +1,12 @@
-//! A correction that has moved far: what was linearised about the old model is not believed any more.
+//! A start from which cycles are run again after a correction has moved: what was linearised about the old model is not
+//! believed any more.
 //!
-//! The sensitivities U to a correction r hold for small changes of it. When r̂ moves by much more than its claimed
-//! uncertainty, as it does when it is first chosen, the state ŝ + U δ has an error of the order of δ², which P does not
-//! contain, and what the earlier cycles say of r was said about another model. So the correction begins anew:
+//! The sensitivities U to a correction r hold for small changes of it. After a move δ of r̂ the state ŝ + U δ has an error of the
+//! order of δ², which P does not contain, and what the cycles before the start say of r was said about another model. So
+//! the correction begins anew:
 //!
 //! ```text
-//! P ← P + U_r (δ δ' + S_rr) U_r',     U_r ← 0,     r ~ N(r̂, diag(δ² + S_rr))
+//! P ← P + U_r (δ δ' + S_rr) U_r',     U_r ← 0,     r ~ its prior
 //! ```
 //!
 //! that is, what the state has in common with r becomes common factors of the state, as uncertain as the move was large,
@@ -18,31 +19,23 @@ use crate::linalg::semidefinite_root;
 use crate::memory::Matrix;
 use faer::Mat;
 
-/// Claimed standard deviations beyond which a move is far.
-const FAR: f64 = 3.0;
-
 impl TimeVolume {
-    /// Begins anew with the corrections if one of them has moved far.
-    pub(super) fn restart_if_far(&mut self, shift: &[f64]) {
+    /// Begins anew with the corrections, which have moved by `shift` to the reference.
+    pub(super) fn begin_anew(&mut self, shift: &[f64]) {
         let (first, q) = (self.constant.len(), self.unknowns());
-        let chosen: Vec<usize> = (first..q).filter(|&k| self.memory.active[k]).collect();
-        let unit = |k: usize| -> Vec<f64> { (0..q).map(|j| f64::from(u8::from(j == k))).collect() };
-        let sigma: Vec<f64> = chosen.iter().map(|&k| self.memory.posterior.sigma(&unit(k))).collect();
-        if !chosen.iter().zip(&sigma).any(|(&k, sigma)| shift[k].abs() > FAR * sigma) {
-            return;
-        }
-        let n = chosen.len();
+        let moved: Vec<usize> = (first..q).filter(|&k| self.memory.active[k] || shift[k] != 0.0).collect();
+        let n = moved.len();
         let root = &self.memory.posterior.root;
         let spread = Mat::from_fn(n, n, |i, j| {
-            let own: f64 = (0..root.ncols()).map(|l| root[(chosen[i], l)] * root[(chosen[j], l)]).sum();
-            own + shift[chosen[i]] * shift[chosen[j]]
+            let own: f64 = (0..root.ncols()).map(|l| root[(moved[i], l)] * root[(moved[j], l)]).sum();
+            own + shift[moved[i]] * shift[moved[j]]
         });
         let spread = semidefinite_root(spread.as_ref());
         let factors = self.errors.factors_mut();
         let before = factors.columns();
         factors.append(n);
         for j in 0..n {
-            for (i, &k) in chosen.iter().enumerate() {
+            for (i, &k) in moved.iter().enumerate() {
                 factors.add_to_column(before + j, spread[(i, j)], &self.memory.sensitivity, k);
             }
         }
@@ -54,10 +47,12 @@ impl TimeVolume {
         for k in first..q {
             self.memory.sensitivity.clear_column(k);
         }
-        for (&k, sigma) in chosen.iter().zip(&sigma) {
-            self.memory.window.before.matrix[(k, k)] = 1.0 / (shift[k].powi(2) + sigma.powi(2));
+        let priors = self.corrections.iter().flat_map(|it| it.sigma_priors());
+        for (k, sigma) in (first..q).zip(priors) {
+            let Some(sigma) = sigma else { continue };
+            window.before.matrix[(k, k)] = sigma.powi(-2);
+            window.before.vector[k] = -self.memory.reference[k] * sigma.powi(-2);
         }
-        self.memory.posterior = self.memory.window.total().solve(&self.memory.active);
     }
 }
 

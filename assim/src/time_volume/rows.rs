@@ -6,12 +6,14 @@ use crate::error::Error;
 use crate::errors::blocks::SplitRows;
 use crate::problem::Innovations;
 use isobar_obs::{ObservationWindow, SparseRows};
+use serde::{Deserialize, Serialize};
 
 /// The observations' rows after the scaling of free columns have this norm each, with which the nominal prior is 10⁻⁶ of
 /// what they say.
 const NORM: f64 = 1e3;
 
 /// A row of F^y: entries by the number of the amplitude.
+#[derive(Clone, Serialize, Deserialize)]
 pub(super) struct Coefficients {
     /// Of the unknowns C.
     pub constant: Vec<(usize, f64)>,

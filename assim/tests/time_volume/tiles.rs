@@ -102,7 +102,7 @@ fn corrections_of_tiles_are_the_least_squares_solution_of_all_cycles() {
     };
     let factors: Vec<_> = patterns.iter().map(of_tile).collect();
     let whole = Whole::new(&problem, &factors, &windows);
-    let (exact, _) = whole.dense.solve();
+    let (exact, covariance) = whole.dense.solve();
     let with_threshold = |selection_threshold: f64| {
         let (name, unit, patterns) = ("source".to_string(), "1".to_string(), patterns.clone());
         let candidates = vec![Candidate { name, unit, step: 1.0, sigma_prior: None, patterns }];
@@ -111,7 +111,7 @@ fn corrections_of_tiles_are_the_least_squares_solution_of_all_cycles() {
         let settings = TimeVolumeSettings { selection_threshold, ..volume_settings(20, Vec::new()) };
         TimeVolume::new(problem.clone(), settings, Some(family)).unwrap()
     };
-    // Nothing is chosen before the last cycle, and then everything.
+    // Nothing is chosen before the last cycle, and then everything, so far away that the cycles are run again.
     let mut volume = with_threshold(1e9);
     for observed in &windows[..CYCLES - 1] {
         let from = volume.forecast(WINDOW).unwrap();
@@ -123,12 +123,17 @@ fn corrections_of_tiles_are_the_least_squares_solution_of_all_cycles() {
     let from = volume.forecast(WINDOW).unwrap();
     let analysis = volume.analyse(&from, &windows[CYCLES - 1]).unwrap();
     for (k, found) in parameters(&volume).iter().enumerate() {
-        let value = exact[(whole.amplitude(k), 0)];
+        let unknown = whole.amplitude(k);
+        let (value, sigma) = (exact[(unknown, 0)], covariance[(unknown, unknown)].sqrt());
         assert_eq!(found.verdict, "determined", "{found:?}");
-        assert!((found.value - value).abs() < 1e-8, "{found:?} and not {value}");
+        assert!((found.value - value).abs() < 1e-8 * sigma, "{found:?} and not {value}");
+        assert!((found.sigma.unwrap() / sigma - 1.0).abs() < 1e-8, "{found:?} and not ± {sigma}");
     }
+    let spread = analysis.estimate.state_spread.as_ref().unwrap();
     for (i, value) in analysis.estimate.state.values().iter().enumerate() {
-        let expected = exact[(whole.state(CYCLES, i), 0)];
-        assert!((value - expected).abs() < 1e-8, "{i}: {value} and not {expected}");
+        let unknown = whole.state(CYCLES, i);
+        let (expected, sigma) = (exact[(unknown, 0)], covariance[(unknown, unknown)].sqrt());
+        assert!((value - expected).abs() < 1e-8 * sigma, "{i}: {value} and not {expected}");
+        assert!((spread[i] / sigma - 1.0).abs() < 1e-8, "{i}: {} and not {sigma}", spread[i]);
     }
 }

@@ -1,0 +1,129 @@
+//! The claimed uncertainty of corrections of tiles, over many truths with a jet that the model does not have.
+
+use crate::common::{parameters, volume_settings};
+use isobar_assim::covariance::{Sum, Univariate, White, randomize};
+use isobar_assim::time_volume::{Candidate, Corrections, TimeVolume, tile_patterns};
+use isobar_assim::{Assimilator, BiasTreatment, Covariance, Error, Problem};
+use isobar_model::random::{standard_normals, stream};
+use isobar_model::{
+    Advection, AdvectionScheme, Boundary, Duration, Grid, Model, State, Stepped, TangentLinear, Time, TimeScheme, Wind,
+    forecast,
+};
+use isobar_obs::{Calibration, Jacobian, LinearOperator, ObservationWindow, Report, SparseRows};
+use rand::seq::SliceRandom;
+use rayon::prelude::*;
+use std::sync::Arc;
+
+const WINDOW: Duration = Duration::from_seconds(10_800);
+const STEP: Duration = Duration::from_seconds(1800);
+const OBSERVATIONS: usize = 60;
+/// Of the four tiles in the jet.
+const TRUTH: f64 = 4.0;
+
+fn grid() -> Grid {
+    Grid { nx: 24, ny: 6, dx_m: 1e5, dy_m: 2e5, boundary: Boundary::Periodic }
+}
+
+fn model(wind: &Wind) -> Stepped<Advection> {
+    let tendency = Advection::new(grid(), wind, AdvectionScheme::ThirdOrderUpwind).unwrap();
+    Stepped::new(tendency, STEP, TimeScheme::Rk4).unwrap()
+}
+
+fn uniform(u_m_per_s: f64) -> Stepped<Advection> {
+    model(&Wind::Uniform { u_m_per_s, v_m_per_s: 0.0 })
+}
+
+struct Winds([Candidate; 1]);
+
+impl Corrections for Winds {
+    fn candidates(&self) -> &[Candidate] {
+        &self.0
+    }
+
+    fn model(&self, corrections: &[f64]) -> Result<Arc<dyn TangentLinear>, Error> {
+        Ok(Arc::new(uniform(20.0 + corrections[0])))
+    }
+}
+
+fn observations(places: &[usize], truth: &State, cycle: usize, noise: &[f64]) -> ObservationWindow {
+    let (mut state, mut calibration) = (SparseRows::new(), SparseRows::new());
+    for &place in places {
+        state.push_row([(place, 1.0)]);
+        calibration.push_row([]);
+    }
+    let time = Time::from_seconds(cycle as i64 * WINDOW.seconds());
+    let report = Report { network: "n".into(), platform: "p".into(), variable: 0, x_m: 0.0, y_m: 0.0, scan: None };
+    ObservationWindow {
+        time,
+        cycle,
+        reports: vec![report; places.len()],
+        times: vec![time; places.len()],
+        values: places.iter().zip(noise).map(|(&place, noise)| truth.values()[place] + 0.1 * noise).collect(),
+        sigma: vec![0.1; places.len()],
+        error_regression: Default::default(),
+        aside: Default::default(),
+        comparisons: Vec::new(),
+        operator: Arc::new(LinearOperator { jacobian: Jacobian { state, calibration } }),
+    }
+}
+
+/// (estimate − truth)/σ of each tile in the jet that is chosen, after some numbers of cycles.
+fn scores<const N: usize>(seed: u64, after: [usize; N]) -> [Vec<f64>; N] {
+    let own = uniform(20.0);
+    let layout = own.layout().clone();
+    let sum = |sigma: f64, white: f64| -> Arc<dyn Covariance> {
+        let smooth = Box::new(Univariate::new(&layout, 0, sigma, 3e5).unwrap());
+        Arc::new(Sum::new(layout.len(), vec![smooth, Box::new(White::new(&layout, 0, white))]))
+    };
+    let (background_error, model_error) = (sum(1.0, 0.02), sum(0.05, 0.005));
+    let random = &mut stream(seed, "truth");
+    let mut truth = State::from_values(&layout, randomize(&*background_error, random));
+    let mut places: Vec<usize> = (0..layout.len()).collect();
+    places.shuffle(random);
+    places.truncate(OBSERVATIONS);
+    let problem: Problem = Problem {
+        model: Arc::new(own),
+        background: State::zeros(&layout).valid_at(Time::from_seconds(0)),
+        background_error,
+        model_error: Some(Arc::clone(&model_error)),
+        calibration: Calibration::default(),
+        bias: BiasTreatment::Estimate,
+        memory_limit_bytes: 1 << 30,
+        most_observations: 0,
+    };
+    let patterns = tile_patterns(&grid(), [4, 2]);
+    let candidate = Candidate { name: "u".into(), unit: "m s-1".into(), step: 0.1, sigma_prior: None, patterns };
+    let family = Arc::new(Winds([candidate]));
+    let mut volume = TimeVolume::new(problem, volume_settings(20, Vec::new()), Some(family)).unwrap();
+    let jet = Wind::Jet { u_m_per_s: 20.0, jet_m_per_s: TRUTH, center_y_m: 3e5, half_width_m: 6e5 };
+    let (jet, mut cycle) = (model(&jet), 0);
+    after.map(|count| {
+        while cycle < count {
+            cycle += 1;
+            forecast::forecast(&jet, &mut truth, 6).unwrap();
+            let error = randomize(&*model_error, random);
+            truth.values_mut().iter_mut().zip(error).for_each(|(value, error)| *value += error);
+            let observed = observations(&places, &truth, cycle, &standard_normals(random, OBSERVATIONS));
+            let from = volume.forecast(WINDOW).unwrap();
+            volume.analyse(&from, &observed).unwrap();
+        }
+        let found = parameters(&volume);
+        found[..4].iter().filter_map(|it| Some((it.value - TRUTH) / it.sigma?)).collect()
+    })
+}
+
+/// A tile that is not chosen although it should be makes the σ of its neighbours too small, and so does what has been
+/// linearised about another estimate.
+#[test]
+fn the_claimed_sigma_of_tiles_is_right() {
+    const SEEDS: u64 = 20;
+    const AFTER: [usize; 2] = [20, 30];
+    let all: Vec<_> = (0..SEEDS).into_par_iter().map(|seed| scores(seed, AFTER)).collect();
+    for (number, cycles) in AFTER.iter().enumerate() {
+        let scores: Vec<f64> = all.iter().flat_map(|of_seed| &of_seed[number]).copied().collect();
+        let square = scores.iter().map(|z| z * z).sum::<f64>() / scores.len() as f64;
+        println!("{cycles} cycles: {} tiles, rms {}", scores.len(), square.sqrt());
+        assert!((0.8..1.2).contains(&square.sqrt()), "after {cycles} cycles {}", square.sqrt());
+        assert!(scores.len() as f64 > 0.97 * 4.0 * SEEDS as f64, "after {cycles} cycles {} tiles", scores.len());
+    }
+}
