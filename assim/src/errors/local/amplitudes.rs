@@ -7,6 +7,9 @@ use faer::sparse::{SparseColMat, Triplet};
 use faer::{Mat, MatRef, Par, Side};
 use std::collections::BTreeMap;
 
+/// What messages call M.
+const INFORMATION: &str = "the information matrix of the local factors";
+
 /// The normal equations of the amplitudes ξ_j ~ N(0, I) and of the border c ~ N(0, S),
 ///
 /// ```text
@@ -133,19 +136,23 @@ impl Amplitudes {
 
     /// M⁻¹ B.
     fn solved(&self, right: Mat<f64>) -> Result<Mat<f64>, Error> {
+        let below: usize = self.blocks.values().map(|block| block.nrows() * block.ncols()).sum();
+        if 4 * below > self.len().pow(2) { self.solved_as_dense(right) } else { self.solved_as_sparse(right) }
+    }
+
+    fn solved_as_dense(&self, mut right: Mat<f64>) -> Result<Mat<f64>, Error> {
+        let mut matrix = Mat::<f64>::identity(self.len(), self.len());
+        let tiles: Vec<usize> = (0..self.firsts.len() - 1).collect();
+        // The lower triangle is read.
+        self.for_each_entry(&tiles, |row, column, value| matrix[(row, column)] += value);
+        let root = cholesky(matrix, || INFORMATION.into())?;
+        solve_lower(root.as_ref(), right.as_mut());
+        solve_lower_transposed(root.as_ref(), right.as_mut());
+        Ok(right)
+    }
+
+    fn solved_as_sparse(&self, right: Mat<f64>) -> Result<Mat<f64>, Error> {
         let n = self.len();
-        let name = || "the information matrix of the local factors".to_string();
-        let filled: usize = self.blocks.values().map(|block| block.nrows() * block.ncols()).sum();
-        if 4 * filled > n * n {
-            let mut matrix = Mat::<f64>::identity(n, n);
-            let tiles: Vec<usize> = (0..self.firsts.len() - 1).collect();
-            self.for_each_entry(&tiles, |row, column, value| matrix[(row, column)] += value);
-            let root = cholesky(matrix, name)?;
-            let mut solution = right;
-            solve_lower(root.as_ref(), solution.as_mut());
-            solve_lower_transposed(root.as_ref(), solution.as_mut());
-            return Ok(solution);
-        }
         let mut entries: Vec<Triplet<usize, usize, f64>> = (0..n).map(|i| Triplet::new(i, i, 1.0)).collect();
         for (&(tile, other), block) in &self.blocks {
             for (j, column) in self.of(other).enumerate() {
@@ -153,14 +160,14 @@ impl Amplitudes {
                 entries.extend(rows.map(|(i, row)| Triplet::new(row, column, block[(i, j)])));
             }
         }
-        let not_positive = || Error::NotPositiveDefinite { matrix: name(), pivot: 0, size: n };
+        let not_positive = || Error::NotPositiveDefinite { matrix: INFORMATION.into(), pivot: 0, size: n };
         faer::set_global_parallelism(Par::Seq);
         let matrix = SparseColMat::try_new_from_triplets(n, n, &entries).map_err(|_| not_positive())?;
         let factor = matrix.sp_cholesky(Side::Lower).map_err(|_| not_positive())?;
         Ok(factor.solve(right))
     }
 
-    /// Calls `set` with row, column and value of the lower triangle of M − I as these tiles have it, in the order of the tiles.
+    /// Calls `set` with row, column and value of M − I as these tiles have it: whole blocks on and below the diagonal.
     pub fn for_each_entry(&self, tiles: &[usize], mut set: impl FnMut(usize, usize, f64)) {
         let mut first_row = 0;
         for (a, &row) in tiles.iter().enumerate() {
@@ -193,5 +200,41 @@ impl Amplitudes {
             }
         }
         sums.into_iter().fold(1.0, f64::max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isobar_model::random::{standard_normals, stream};
+
+    #[test]
+    fn a_sparse_factorisation_solves_what_a_dense_one_does() {
+        let counts = [3, 2, 3, 3, 2, 3, 3, 3];
+        let mut amplitudes = Amplitudes::new(&counts, 0);
+        for tile in 0..counts.len() - 1 {
+            let columns = counts[tile] + counts[tile + 1] + 1;
+            let normals = standard_normals(&mut stream(tile as u64, "rows"), 4 * columns);
+            let rows = Mat::from_fn(4, columns, |i, j| normals[4 * j + i]);
+            amplitudes.add(&[tile, tile + 1], product(rows.transpose(), rows.as_ref()).as_ref());
+        }
+        let n = amplitudes.len();
+        let right = Mat::from_fn(n, 2, |i, j| (1 + i + n * j) as f64);
+        let [dense, sparse] = [Amplitudes::solved_as_dense, Amplitudes::solved_as_sparse]
+            .map(|solved| solved(&amplitudes, right.clone()).unwrap());
+        assert!((&dense - &sparse).norm_max() < 1e-12 * dense.norm_max());
+        let mut image = dense.clone();
+        let tiles: Vec<usize> = (0..counts.len()).collect();
+        amplitudes.for_each_entry(&tiles, |row, column, value| {
+            for j in 0..2 {
+                if row >= column {
+                    image[(row, j)] += value * dense[(column, j)];
+                }
+                if row > column {
+                    image[(column, j)] += value * dense[(row, j)];
+                }
+            }
+        });
+        assert!((image - &right).norm_max() < 1e-11 * right.norm_max());
     }
 }

@@ -45,6 +45,13 @@ struct Part {
     eliminated: Eliminated,
 }
 
+/// E_j = H F_j of a tile: the rows of the components that see it, one component after another.
+struct Observed {
+    /// The first row of each component, by its number.
+    firsts: BTreeMap<usize, usize>,
+    columns: Vec<Vec<f64>>,
+}
+
 impl LocalErrors {
     /// s ← s + K d, and the covariance of its errors.
     pub(super) fn analyse_rows(&mut self, s: &mut Augmented, innovations: &Innovations) -> Result<Fit, Error> {
@@ -122,10 +129,9 @@ impl LocalErrors {
             let mut g = Mat::<f64>::zeros(component.observations.len(), columns + p);
             let mut column = 0;
             for &tile in tiles {
-                let (numbers, of_tile) = &observed[tile];
-                let first = numbers[&number];
-                for of_factor in of_tile {
-                    let seen = &of_factor[first..][..component.observations.len()];
+                let Observed { firsts, columns } = &observed[tile];
+                for of_factor in columns {
+                    let seen = &of_factor[firsts[&number]..][..component.observations.len()];
                     g.col_as_slice_mut(column).copy_from_slice(seen);
                     column += 1;
                 }
@@ -144,15 +150,10 @@ impl LocalErrors {
         components.par_iter().zip(tiles).enumerate().map(eliminate).collect()
     }
 
-    /// For each tile E_j = H F_j of the components that see it, one after another: the first row of each component, and the columns.
+    /// E_j of each tile.
     ///
     /// Factor by factor, because a column of F_j lies together in memory, and its row does not.
-    fn observed(
-        &self,
-        components: &[Component],
-        tiles: &[Vec<usize>],
-        rows: &SplitRows,
-    ) -> Vec<(BTreeMap<usize, usize>, Vec<Vec<f64>>)> {
+    fn observed(&self, components: &[Component], tiles: &[Vec<usize>], rows: &SplitRows) -> Vec<Observed> {
         let mut seen = vec![Vec::new(); self.memory.factors.len()];
         tiles.iter().enumerate().for_each(|(number, tiles)| tiles.iter().for_each(|&tile| seen[tile].push(number)));
         let of_tile = |(factors, seen): (&LocalFactors, &Vec<usize>)| {
@@ -171,7 +172,7 @@ impl LocalErrors {
                 entries.iter().for_each(|&(row, place, weight)| products[row] += weight * column[place]);
                 products
             };
-            (firsts, (0..factors.columns()).map(of_factor).collect())
+            Observed { firsts, columns: (0..factors.columns()).map(of_factor).collect() }
         };
         self.memory.factors.par_iter().zip(&seen).map(of_tile).collect()
     }
