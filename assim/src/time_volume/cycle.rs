@@ -2,7 +2,7 @@
 
 use super::factor::Target;
 use super::history::History;
-use super::rows::Coefficients;
+use super::observed::Coefficients;
 use super::window::Information;
 use super::{Amplitude, Memory, TimeVolume};
 use crate::assimilator::{

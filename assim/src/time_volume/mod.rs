@@ -20,7 +20,7 @@
 //! of all cycles of the window at once, and with the prior row carried along, L = 1 is the recursion (Friedland 1969, with
 //! the sums in the place of his covariance). After every analysis the reference C_0 is moved to Ĉ, which changes nothing
 //! for a linear model and linearises a nonlinear one about the best there is; after a far move of a correction the window's
-//! cycles are run again (`history`).
+//! cycles are run again (`run_again`).
 //!
 //! Amplitudes that are a random walk or an AR(1) process cannot be constant over a window: they are unknowns of each cycle
 //! beside the calibration parameters, and common factors carry their covariance with the state.
@@ -32,9 +32,11 @@ mod cycle;
 mod factor;
 mod fixed_lag;
 mod history;
+mod observed;
 mod report;
 mod restart;
 mod rows;
+mod run_again;
 mod select;
 mod tiles;
 mod transition;
@@ -124,7 +126,7 @@ struct Memory {
     /// Those of the analyses that are still revised, the oldest first, if there is a smoother.
     past_times: VecDeque<Time>,
     /// The cycles that are run again when a correction has moved far.
-    history: History,
+    history: History<Memory>,
 }
 
 impl TimeVolume {

@@ -1,25 +1,16 @@
 //! The rows of F^y.
 
 use super::factor::Target;
+use super::observed::Coefficients;
 use super::{Amplitude, TimeVolume};
 use crate::error::Error;
 use crate::errors::blocks::SplitRows;
 use crate::problem::Innovations;
 use isobar_obs::{ObservationWindow, SparseRows};
-use serde::{Deserialize, Serialize};
 
 /// The observations' rows after the scaling of free columns have this norm each, with which the nominal prior is 10⁻⁶ of
 /// what they say.
 const NORM: f64 = 1e3;
-
-/// A row of F^y: entries by the number of the amplitude.
-#[derive(Clone, Serialize, Deserialize)]
-pub(super) struct Coefficients {
-    /// Of the unknowns C.
-    pub constant: Vec<(usize, f64)>,
-    /// Of the evolving amplitudes.
-    pub evolving: Vec<(usize, f64)>,
-}
 
 impl TimeVolume {
     /// F^y at the observations.

@@ -178,7 +178,10 @@ impl MethodSettings for TimeVolumeOptions {
         // Unknowns of the window are columns beside the factors.
         let corrections: usize = self.corrections.iter().map(|it| it.patterns.len().max(1)).sum();
         let more = (self.factors.len() * self.window_cycles + corrections) as f64;
-        fast_kalman::work(&self.filter, 1, &Sizes { shared_biases: sizes.shared_biases + more, ..sizes.clone() })
+        let sizes = Sizes { shared_biases: sizes.shared_biases + more, ..sizes.clone() };
+        let work = fast_kalman::work(&self.filter, 1, &sizes);
+        // With corrections what it knew at three starts is kept as well, each about a third of this.
+        Work { numbers: if corrections > 0 { 2.0 * work.numbers } else { work.numbers }, ..work }
     }
 
     fn describe(&self) -> String {

@@ -7,7 +7,7 @@ use crate::time_volume::{Candidate, Corrections, TimeVolumeSettings, tile_patter
 use crate::{Assimilator, BiasTreatment, Covariance, Problem, Smoother};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{
-    Advection, AdvectionScheme, Boundary, Grid, Layout, Model, State, Stepped, TangentLinear, TimeScheme, Wind,
+    Advection, AdvectionScheme, Boundary, Grid, Layout, Model, State, Stepped, TangentLinear, Time, TimeScheme, Wind,
 };
 use isobar_obs::{Calibration, LinearOperator, ObservationWindow, Report, SparseRows};
 use std::sync::Arc;
