@@ -116,7 +116,7 @@ fn scores<const N: usize>(seed: u64, after: [usize; N]) -> [Vec<f64>; N] {
 /// linearised about another estimate.
 #[test]
 fn the_claimed_sigma_of_tiles_is_right() {
-    const SEEDS: u64 = 20;
+    const SEEDS: u64 = 30;
     const AFTER: [usize; 2] = [20, 30];
     let all: Vec<_> = (0..SEEDS).into_par_iter().map(|seed| scores(seed, AFTER)).collect();
     for (number, cycles) in AFTER.iter().enumerate() {
