@@ -14,7 +14,7 @@ members = 12
 [methods.fkf]
 kind = "fkf"
 blocks = "cell"
-factors = 20
+factors = 20                     # beside that of the bias
 "#;
 
 /// A variable of a file, in the order of the file.
@@ -34,7 +34,7 @@ fn members_and_factors_are_those_of_the_last_analysis() {
         let all = read(&here.join(format!("out/s/{method}.nc")), name);
         all[all.len() - length..].to_vec()
     };
-    for (method, file, columns) in [("etkf", "etkf_members.nc", 12), ("fkf", "fkf_factors.nc", 20)] {
+    for (method, file, columns) in [("etkf", "etkf_members.nc", 12), ("fkf", "fkf_factors.nc", 21)] {
         let output = members(method);
         assert!(output.status.success(), "{}", text(&output.stderr));
         assert!(text(&output.stdout).contains(file));

@@ -47,7 +47,7 @@ fn methods(scenario: &Scenario, condition: impl Fn(&Method) -> bool) -> Vec<&str
 /// where mean height and bias cannot be told apart, only luck makes one method better than another; where the model makes no error,
 /// a few analyses determine everything; and `observation_times`, where the filter takes an error within the window for the one at
 /// the analysis. `forecast_skill`, `observation_times` and `sensor_care` have no full Kalman filter.
-const NOT_OPTIMAL: [&str; 14] = [
+const NOT_OPTIMAL: [&str; 15] = [
     "compared_sensors",
     "diurnal_bias",
     "first_calibration",
@@ -55,6 +55,7 @@ const NOT_OPTIMAL: [&str; 14] = [
     "forecast_skill",
     "linear_advection",
     "local_factors",
+    "local_wrong_model",
     "model_patterns",
     "no_reference_station",
     "observation_times",

@@ -86,7 +86,7 @@ pub enum Command {
     Schema,
     /// Run scenarios and compare their scores with the accepted ones in [expected]
     Regress(RegressArguments),
-    /// Open the recording of a run in the rerun viewer
+    /// Open the recording of a run in the rerun viewer; it is made now if the run only left what it is made of
     View {
         /// The run's directory
         #[arg(value_name = "OUT")]

@@ -101,7 +101,7 @@ fn run_all(
     Ok(())
 }
 
-/// As many scenarios at a time as there are threads, as far as the largest of them fits into memory that often.
+/// As many scenarios at a time as there are threads, or fewer where that many of the largest do not fit into memory.
 fn at_once(scenarios: &[Scenario], threads: usize) -> usize {
     let wanted = threads.min(scenarios.len());
     // What is wrong with a scenario its run will say.

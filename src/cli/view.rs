@@ -1,17 +1,20 @@
 //! `isobar view`.
 
 use crate::output::recorded::SavedRun;
-use crate::output::recorded::recording::{self, VIEWER_VERSION};
+use crate::output::recorded::recording::{self, VIEWER_VERSION, Viewable};
 use crate::text::shown_path;
 use miette::{Report, miette};
 use std::io::ErrorKind;
-use std::path::{Path, absolute};
+use std::path::{Path, PathBuf, absolute};
 use std::process::{Command, ExitCode};
 
 /// Opens the recording of a run in the viewer, and waits until it is closed.
 pub fn view(run: &Path) -> Result<ExitCode, Report> {
     let run = SavedRun::open(run)?;
-    let recording = recording::of_run(&run)?;
+    let recording = match recording::of_run(&run)? {
+        Viewable::Recording(path) => path,
+        Viewable::Data(data) => record(&run, &data)?,
+    };
     let install = format!(
         "pip install rerun-sdk=={VIEWER_VERSION}\nor: cargo install rerun-cli --version {VIEWER_VERSION} --locked"
     );
@@ -39,6 +42,36 @@ pub fn view(run: &Path) -> Result<ExitCode, Report> {
         Ok(status) => Err(miette!("the rerun viewer ended with {status}")),
         Err(error) => Err(miette!("the rerun viewer cannot be started: {error}")),
     }
+}
+
+/// Makes the recording of a run.
+#[cfg(feature = "rerun")]
+fn record(run: &SavedRun, data: &Path) -> Result<PathBuf, Report> {
+    use crate::output::recorded::recording::RECORDING_FILE;
+    use crate::output::viewer_data::ViewerData;
+    use crate::output::{contents, rerun};
+    let failure = |reason: &dyn std::fmt::Display| miette!("{}: {reason}", shown_path(data));
+    let viewer_data = ViewerData::read(data).map_err(|reason| failure(&reason))?;
+    // Beside its place, so that it is there complete or not at all.
+    let directory = tempfile::Builder::new().prefix(".isobar-").tempdir_in(&run.directory);
+    let directory = directory.map_err(|error| failure(&error))?;
+    let [made, path] = [directory.path(), &run.directory].map(|directory| directory.join(RECORDING_FILE));
+    rerun::write(&viewer_data, &made, &run.summary).map_err(|reason| failure(&reason))?;
+    contents::add(&run.directory, RECORDING_FILE).map_err(|error| failure(&error))?;
+    std::fs::rename(&made, &path).map_err(|error| failure(&error))?;
+    Ok(path)
+}
+
+/// Says how the recording of a run is made.
+#[cfg(not(feature = "rerun"))]
+fn record(run: &SavedRun, data: &Path) -> Result<PathBuf, Report> {
+    let again = crate::shell::command("cargo run --release --features rerun -- view", &[&run.directory]);
+    let help = format!(
+        "in isobar's sources, `{again}` builds one that can (once, for some minutes) and opens the recording; \
+         `cargo install --path . --features rerun` installs it"
+    );
+    let reason = "this isobar cannot make the recording: it was built without the viewer's SDK";
+    Err(miette!(help = help, "{}: {reason}", shown_path(data)))
 }
 
 fn eprintln_quietly(text: &str) {

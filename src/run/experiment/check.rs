@@ -56,14 +56,15 @@ pub fn check(scenario: &Scenario) -> Result<Checked, Vec<ExperimentError>> {
     let placed = placed_warnings(scenario, &ground).map_err(|fault| vec![fault])?;
     let compared = Comparisons::new(scenario, &ground.observing, scenario.seed);
     compared.map_err(|fault| vec![ExperimentError::Comparison(fault)])?;
-    let mut warnings = notices::warnings(scenario, &ground.observing, cycles.clone());
+    let recorded: Vec<_> = ground.observing.recorded_use(cycles).collect();
+    let mut warnings = notices::warnings(scenario, &ground.observing, &recorded);
     warnings.extend(notices::of_methods(scenario, |_| true));
     warnings.extend(notices::of_thresholds(&placed, problem));
     let rates = Rates::measure(problem);
     let cost = |(name, method): (&String, &Method)| (name.clone(), rates.cost(&work(scenario, method, problem)));
     let costs: Vec<(String, Cost)> = scenario.methods.iter().map(cost).collect();
     warnings.extend(notices::memory(costs.iter().map(|(_, cost)| cost.bytes).sum()));
-    Ok(Checked { information: notices::information(scenario, &ground.observing, cycles), warnings, costs })
+    Ok(Checked { information: notices::information(scenario, &ground.observing, &recorded), warnings, costs })
 }
 
 /// What all methods of a scenario are estimated to hold at one time \[bytes\].

@@ -266,6 +266,7 @@ impl ExperimentBuilder<'_> {
             is_recorded: network.instrument.is_recorded(),
             has_passive: network.has_passive(),
         });
+        let recorded: Vec<_> = observing.recorded_use(span.cycles()).collect();
         let info = RunInfo {
             scenario: scenario.name.clone(),
             title: scenario.title.clone(),
@@ -291,12 +292,12 @@ impl ExperimentBuilder<'_> {
             },
             keeps_sensors: scenario.sensors.is_some(),
             networks: networks.collect(),
-            notes: notices::information(scenario, &observing, span.cycles()),
+            notes: notices::information(scenario, &observing, &recorded),
             stations: stations.collect(),
         };
         let steps = problem_steps(scenario, &problem);
         let mut warnings = sensors.warnings;
-        warnings.extend(notices::warnings(scenario, &observing, span.cycles()));
+        warnings.extend(notices::warnings(scenario, &observing, &recorded));
         warnings.extend(notices::of_methods(scenario, chosen));
         warnings.extend(notices::of_thresholds(&info.warnings, &problem));
         Ok(Experiment {

@@ -8,8 +8,7 @@ use crate::scenario::Scenario;
 use crate::tables::figure;
 use crate::threshold_warning::{PlacedWarning, Side};
 use isobar_assim::Problem;
-use isobar_obs::{LeftOutStation, ObservingSystem};
-use std::ops::RangeInclusive;
+use isobar_obs::{LeftOutStation, ObservingSystem, RecordedUse};
 
 /// How many stations a warning names.
 const MOST_NAMED: usize = 5;
@@ -20,9 +19,9 @@ const MOST_NAMED: usize = 5;
 pub(super) fn information(
     scenario: &Scenario,
     observing: &ObservingSystem,
-    cycles: RangeInclusive<usize>,
+    recorded: &[(&str, RecordedUse)],
 ) -> Vec<String> {
-    let recorded = observing.recorded_use(cycles).flat_map(|(network, usage)| {
+    let recorded = recorded.iter().flat_map(|(network, usage)| {
         let lines = std::iter::once(usage.to_string()).chain(usage.biases.iter().map(ToString::to_string));
         lines.map(|line| format!("networks.{network}: {line}")).collect::<Vec<_>>()
     });
@@ -85,9 +84,13 @@ pub(super) fn of_thresholds(warnings: &[PlacedWarning], problem: &Problem) -> Ve
 }
 
 /// What makes the run other than the user may think.
-pub(super) fn warnings(scenario: &Scenario, observing: &ObservingSystem, cycles: RangeInclusive<usize>) -> Vec<String> {
+pub(super) fn warnings(
+    scenario: &Scenario,
+    observing: &ObservingSystem,
+    recorded: &[(&str, RecordedUse)],
+) -> Vec<String> {
     let mut warnings = Vec::new();
-    for (network, usage) in observing.recorded_use(cycles).filter(|(_, usage)| usage.usable < usage.rows) {
+    for (network, usage) in recorded.iter().filter(|(_, usage)| usage.usable < usage.rows) {
         let on_earth = usage.outside > 0 && usage.usable == 0 && scenario.grid.projection.is_some();
         let hint = if on_earth { "; latitudes are positive to the north, longitudes to the east" } else { "" };
         warnings.push(format!("networks.{network}: {usage}{hint}"));
