@@ -13,6 +13,7 @@ use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
 use std::io::BufReader;
+use std::path::Path;
 use std::process::Command;
 
 /// The chunks of the recording of a run, without those of the viewer's layout, and the number of the latter.
@@ -26,7 +27,12 @@ fn recorded_by(run: &SyntheticRun, send: impl FnOnce(&mut Vec<Box<dyn Sink>>)) -
     let directory = OutputDirectory::create(parent.path().join("run"), Existing::Refuse).unwrap();
     send(&mut open_all(&run.info, &directory, &Outputs::of(["rerun"])).unwrap());
     directory.complete().unwrap();
-    let file = File::open(parent.path().join("run").join("recording.rrd")).unwrap();
+    read(&parent.path().join("run"))
+}
+
+/// The same of the recording in a run's directory.
+fn read(directory: &Path) -> (Vec<Chunk>, usize) {
+    let file = File::open(directory.join("recording.rrd")).unwrap();
     let (mut chunks, mut layout) = (Vec::new(), 0);
     for message in DecoderApp::decode_lazy(BufReader::new(file)) {
         if let LogMsg::ArrowMsg(store, message) = message.unwrap() {
@@ -40,6 +46,12 @@ fn recorded_by(run: &SyntheticRun, send: impl FnOnce(&mut Vec<Box<dyn Sink>>)) -
         }
     }
     (chunks, layout)
+}
+
+/// All that chunks hold but their numbers, which are random.
+fn contents(chunks: &[Chunk]) -> Vec<String> {
+    let of_chunk = |chunk: &Chunk| format!("{} {:?} {:?}", chunk.entity_path(), chunk.timelines(), chunk.components());
+    chunks.iter().map(of_chunk).collect()
 }
 
 /// Number of rows with times of each entity.
@@ -186,11 +198,6 @@ fn the_only_times_are_those_of_the_model_and_runs_repeat() {
         chunks.iter().flat_map(|chunk| chunk.timelines().keys().map(ToString::to_string)).collect();
     assert_eq!(timelines.into_iter().collect::<Vec<_>>(), ["cycle", "valid_time"]);
     let (again, layout_again) = recorded(&SyntheticRun::new(8, 6, 2, 2));
-    let contents = |chunks: &[Chunk]| -> Vec<String> {
-        let of_chunk =
-            |chunk: &Chunk| format!("{} {:?} {:?}", chunk.entity_path(), chunk.timelines(), chunk.components());
-        chunks.iter().map(of_chunk).collect()
-    };
     assert_eq!(contents(&chunks), contents(&again));
     assert_eq!(layout, layout_again);
 }
@@ -237,10 +244,11 @@ fn a_recording_that_is_made_later_is_the_same() {
         // No viewer is found.
         command.current_dir(parent.path()).args(["view", name]).env("PATH", parent.path()).output().unwrap()
     };
-    let read = |name: &str| fs::read(parent.path().join(name).join("recording.rrd")).unwrap();
     let said = text(&view("later").stderr);
     assert!(said.contains("viewer is not installed") && said.contains("recording.rrd"), "{said}");
-    assert!(read("later") == read("now"));
+    let [now, later] = ["now", "later"].map(|name| read(&parent.path().join(name)));
+    assert_eq!(contents(&later.0), contents(&now.0));
+    assert_eq!(later.1, now.1);
     let listed = fs::read_to_string(parent.path().join("later/files.txt")).unwrap();
     assert!(listed.lines().any(|line| line == "recording.rrd"), "{listed}");
     let names = fs::read_dir(parent.path().join("later")).unwrap();
