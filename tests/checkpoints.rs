@@ -248,8 +248,8 @@ fn a_run_goes_on_only_with_the_files_with_which_it_began() {
 
 #[test]
 fn a_signal_ends_the_run_after_the_cycle_with_a_checkpoint() {
-    // Enough for the signal to come before the last, on any machine, however busy.
-    let cycles = 12 * CYCLES;
+    // Enough for the signal to come before the last, on any machine.
+    let cycles = 4 * CYCLES;
     let (whole, _) = undisturbed(cycles);
     for signal in ["-INT", "-TERM", "-HUP"] {
         let parent = place();
