@@ -15,7 +15,7 @@
 //! | `perturbations` | the perturbations in such rows, before and after |
 //! | `weights` | where they are made, and the interpolation between |
 //! | `buckets` | observations found by where they are |
-//! | `products` | products for several places at a time, one in each lane of vectors ([`crate::lanes`]) |
+//! | `products` | products for several places at a time, one in each lane of vectors (`crate::lanes`) |
 //! | `localization` | the taper of Gaspari and Cohn on a plane |
 //! | `tapered` | innovations with a tapered covariance of state and shared biases |
 //! | `etkf` | [`EnsembleTransformKalmanFilter`] |
