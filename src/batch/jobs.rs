@@ -1,7 +1,7 @@
 //! The runs of a batch: as many at a time as threads and memory allow.
 
+use super::side_by_side::side_by_side;
 use super::temporary;
-use crate::interrupt;
 use crate::memory;
 use crate::options::RunOptions;
 use crate::output::directory::SUMMARY_FILE;
@@ -9,6 +9,7 @@ use crate::output::recorded::SavedRun;
 use crate::output::working::{self, checkpoints};
 use crate::output::{Sink, SinkError};
 use crate::progress::RunsProgress;
+use crate::run::RunError;
 use crate::scenario::Scenario;
 use crate::scores::Summary;
 use crate::scores::kinds::MEMORY;
@@ -16,8 +17,6 @@ use miette::Report;
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
 use std::thread;
 
 /// Cycles of the run that shows how much memory one takes.
@@ -42,6 +41,14 @@ pub struct JobError {
     pub may_pass: bool,
     /// Whether the checkpoint from which it was to go on cannot be used.
     pub cannot_resume: bool,
+}
+
+impl JobError {
+    /// Of a run's error, with what `report` says of it.
+    pub fn new(error: RunError, report: impl FnOnce(RunError) -> Report) -> Self {
+        let (may_pass, cannot_resume) = (error.may_pass(), error.cannot_resume());
+        Self { report: report(error), may_pass, cannot_resume }
+    }
 }
 
 impl From<JobError> for Report {
@@ -90,27 +97,17 @@ pub fn run_jobs(
 ) -> Result<(Schedule, Vec<JobOutcome>), Report> {
     let left = jobs.iter().filter(|job| !is_complete(job)).count();
     let schedule = schedule(jobs, options, left, run)?;
-    let next = AtomicUsize::new(0);
-    let outcomes = Mutex::new(Vec::with_capacity(jobs.len()));
-    let work = || {
-        while !interrupt::requested() {
-            let number = next.fetch_add(1, Ordering::Relaxed);
-            let Some(job) = jobs.get(number) else { break };
-            let listener = &mut progress.listener(format!("seed {}", job.seed));
-            let outcome = if is_complete(job) {
-                let saved = SavedRun::open(&job.out).map(|saved| saved.summary);
-                saved.map_err(|error| JobError { report: error.into(), may_pass: true, cannot_resume: false })
-            } else {
-                complete(job, &options_of(job, options, schedule), run, listener)
-            };
-            outcomes.lock().unwrap_or_else(PoisonError::into_inner).push((number, outcome));
+    let work = |number: usize| {
+        let job = &jobs[number];
+        let listener = &mut progress.listener(format!("seed {}", job.seed));
+        if is_complete(job) {
+            let saved = SavedRun::open(&job.out).map(|saved| saved.summary);
+            return saved.map_err(|error| JobError { report: error.into(), may_pass: true, cannot_resume: false });
         }
+        complete(job, &options_of(job, options, schedule), run, listener)
     };
-    thread::scope(|scope| {
-        (0..schedule.at_once).for_each(|_| drop(scope.spawn(work)));
-    });
-    let mut outcomes = outcomes.into_inner().unwrap_or_else(PoisonError::into_inner);
-    outcomes.sort_by_key(|(number, _)| *number);
+    let mut outcomes = Vec::with_capacity(jobs.len());
+    side_by_side(jobs.len(), schedule.at_once, work, |number, outcome| outcomes.push((number, outcome)));
     Ok((schedule, outcomes))
 }
 
@@ -146,19 +143,34 @@ fn options_of(job: &Job<'_>, options: &RunOptions, schedule: Schedule) -> RunOpt
 
 /// As many runs at a time as there are threads, as far as they fit into memory, and the threads divided among them.
 fn schedule(jobs: &[Job<'_>], options: &RunOptions, left: usize, run: &Run<'_>) -> Result<Schedule, Report> {
-    let cores = thread::available_parallelism().map_or(1, usize::from);
-    let threads = options.threads.unwrap_or(cores);
-    let wanted = threads.min(left);
-    let at_once = match wanted {
-        0 | 1 => 1,
-        _ => {
-            let directory = temporary::directory()?;
-            let needed_bytes = trial(&jobs[0], options, run, directory.path());
-            let both = needed_bytes.zip(memory::available_bytes());
-            both.map_or(1, |(needed_bytes, available_bytes)| fitting(wanted, needed_bytes, available_bytes))
-        }
-    };
-    Ok(Schedule { at_once, threads_each: (threads / at_once).max(1) })
+    Schedule::new(options.threads, left, || {
+        let directory = temporary::directory()?;
+        Ok(trial(&jobs[0], options, run, directory.path()))
+    })
+}
+
+impl Schedule {
+    /// As many of a number of runs at a time as there are threads (`None`: one for each core), as far as they fit into memory, and
+    /// the threads divided among them. `needed_bytes` is what one takes, if that is known; it is asked where several could run.
+    ///
+    /// # Errors
+    /// Those of `needed_bytes`.
+    pub fn new(
+        threads: Option<usize>,
+        runs: usize,
+        needed_bytes: impl FnOnce() -> Result<Option<u64>, Report>,
+    ) -> Result<Self, Report> {
+        let threads = threads.unwrap_or_else(|| thread::available_parallelism().map_or(1, usize::from));
+        let wanted = threads.min(runs);
+        let at_once = match wanted {
+            0 | 1 => 1,
+            _ => {
+                let both = needed_bytes()?.zip(memory::available_bytes());
+                both.map_or(1, |(needed_bytes, available_bytes)| fitting(wanted, needed_bytes, available_bytes))
+            }
+        };
+        Ok(Self { at_once, threads_each: (threads / at_once).max(1) })
+    }
 }
 
 /// The memory that a run takes, from its first cycles; `None` if they fail, which the run itself will report, or if this
@@ -175,7 +187,7 @@ fn trial(job: &Job<'_>, options: &RunOptions, run: &Run<'_>, directory: &Path) -
 }
 
 /// How many of the wanted runs of a size fit; at least one.
-pub fn fitting(wanted: usize, needed_bytes: u64, available_bytes: u64) -> usize {
+fn fitting(wanted: usize, needed_bytes: u64, available_bytes: u64) -> usize {
     let most = MEMORY_SHARE * available_bytes as f64 / needed_bytes as f64;
     (most as usize).clamp(1, wanted.max(1))
 }
@@ -198,6 +210,7 @@ impl Display for Schedule {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::Mutex;
 
     /// A run goes on from its checkpoint, and begins anew where that cannot be used.
     #[test]

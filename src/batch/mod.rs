@@ -3,8 +3,10 @@
 mod jobs;
 mod plan;
 pub mod seeds;
+mod side_by_side;
 pub mod sweep;
 pub(crate) mod temporary;
 
-pub use jobs::{Job, JobError, JobOutcome, OTHER_BYTES, Run, Schedule, fitting, run_jobs};
+pub use jobs::{Job, JobError, JobOutcome, OTHER_BYTES, Run, Schedule, run_jobs};
 pub use plan::{BatchKind, BatchPlan, interrupted, unfinished};
+pub use side_by_side::side_by_side;

@@ -19,22 +19,22 @@ use std::process::ExitCode;
 
 /// Prints what would be worth observing next.
 pub fn run(arguments: &AdviseArguments) -> Result<ExitCode, Report> {
-    let scenario = lookup::load(&arguments.scenario)?;
-    launch::check_method(&arguments.method, &scenario)?;
+    let scenario = lookup::load(&arguments.end.scenario)?;
+    launch::check_method(&arguments.end.method, &scenario)?;
     let functional = match (&arguments.of.bias, &arguments.of.mean) {
         (Some(bias), _) => Functional::Bias(bias.clone()),
         (None, Some(variable)) => Functional::Mean { variable: variable.clone(), at: area(&arguments.at, &scenario)? },
         (None, None) => return Err(miette!("say what is to be known better: --bias or --mean")),
     };
     let request = Request {
-        method: arguments.method.clone(),
+        method: arguments.end.method.clone(),
         functional,
         lead_hours: arguments.lead_hours,
         grid: arguments.grid,
         sigmas: arguments.sigma.iter().cloned().collect(),
         comparison_sigma: arguments.comparison_sigma,
     };
-    let advised = workers(arguments.threads)?.install(|| advise(&scenario, &arguments.from, &request));
+    let advised = workers(arguments.threads)?.install(|| advise(&scenario, &arguments.end.from, &request));
     let advised = advised.map_err(|error| report(error, &scenario))?;
     if arguments.json {
         print_json(&document(arguments, &scenario, &advised))?;
@@ -87,7 +87,7 @@ fn text(arguments: &AdviseArguments, advised: &Advised) -> String {
     let title = format!(
         "{}, as {} knows it before the analysis of {}: σ = {} {}",
         advised.functional,
-        arguments.method,
+        arguments.end.method,
         utc(advised.time),
         figure(advised.sigma),
         plot::unit(&advised.unit)
@@ -108,8 +108,8 @@ fn text(arguments: &AdviseArguments, advised: &Advised) -> String {
 fn document(arguments: &AdviseArguments, scenario: &Scenario, advised: &Advised) -> serde_json::Value {
     json!({
         "scenario": scenario.name,
-        "directory": shown_path(&arguments.from),
-        "method": arguments.method,
+        "directory": shown_path(&arguments.end.from),
+        "method": arguments.end.method,
         "functional": advised.functional,
         "unit": advised.unit,
         "time": utc(advised.time),

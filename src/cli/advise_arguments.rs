@@ -1,10 +1,9 @@
 //! The arguments of `isobar advise`.
 
+use super::final_state::FinalStateArguments;
 use super::threads::MOST_THREADS;
 use clap::Args;
-use std::ffi::OsString;
 use std::ops::RangeInclusive;
-use std::path::PathBuf;
 use std::str::FromStr;
 
 pub const ADVISE_EXAMPLES: &str = "Examples:
@@ -14,15 +13,8 @@ pub const ADVISE_EXAMPLES: &str = "Examples:
 
 #[derive(Args, Debug)]
 pub struct AdviseArguments {
-    /// The run's scenario file, or its name; or one that goes on from the run
-    #[arg(value_name = "SCENARIO")]
-    pub scenario: OsString,
-    /// Directory of the run, with its final state
-    #[arg(long, value_name = "OUT")]
-    pub from: PathBuf,
-    /// The method whose covariance is used
-    #[arg(long, value_name = "NAME")]
-    pub method: String,
+    #[command(flatten)]
+    pub end: FinalStateArguments,
     #[command(flatten)]
     pub of: AskedArguments,
     /// Where the mean is: anywhere, a station NETWORK/NAME, a place X,Y or a box X:X,Y:Y in km

@@ -74,10 +74,10 @@ fn check(command: &str) -> Result<(), String> {
         Command::Sweep(arguments) => fits(&scenario(&arguments.scenario), &arguments.part).map_err(shown),
         Command::Exact(arguments) => fits(&scenario(&arguments.scenario), &arguments.part).map_err(shown),
         Command::Advise(arguments) => {
-            launch::check_method(&arguments.method, &scenario(&arguments.scenario)).map_err(shown)
+            launch::check_method(&arguments.end.method, &scenario(&arguments.end.scenario)).map_err(shown)
         }
         Command::Members(arguments) => {
-            launch::check_method(&arguments.method, &scenario(&arguments.scenario)).map_err(shown)
+            launch::check_method(&arguments.end.method, &scenario(&arguments.end.scenario)).map_err(shown)
         }
         Command::Explain { key: Some(key) } => crate::reference::explain(&key).map(drop).map_err(|it| it.to_string()),
         _ => Ok(()),

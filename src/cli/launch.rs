@@ -19,10 +19,7 @@ const MOST_FAILURES: usize = 10;
 /// Runs a scenario. An error names the scenario, and what of the run is kept.
 pub fn run_scenario(scenario: &Scenario, options: &RunOptions, listener: &mut dyn Sink) -> Result<Summary, JobError> {
     let run = run::run(scenario, options, listener);
-    run.map_err(|error| {
-        let (may_pass, cannot_resume) = (error.may_pass(), error.cannot_resume());
-        JobError { may_pass, cannot_resume, report: report(error, scenario, options) }
-    })
+    run.map_err(|error| JobError::new(error, |error| report(error, scenario, options)))
 }
 
 /// The same with something to be done once the outputs are complete.

@@ -1,6 +1,7 @@
 //! `isobar members`.
 
 use super::console::print;
+use super::final_state::FinalStateArguments;
 use super::{launch, lookup, out_file};
 use crate::output::netcdf::{coordinates, members};
 use crate::run::experiment::Competitor;
@@ -8,7 +9,6 @@ use crate::run::{RunError, reopen};
 use crate::text::{clean, shown_path};
 use clap::Args;
 use miette::{IntoDiagnostic, Report, miette};
-use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -19,15 +19,8 @@ pub const MEMBERS_EXAMPLES: &str = "Examples:
 
 #[derive(Args, Debug)]
 pub struct MembersArguments {
-    /// The run's scenario file, or its name
-    #[arg(value_name = "SCENARIO")]
-    pub scenario: OsString,
-    /// Directory of the run, with its final state
-    #[arg(long, value_name = "OUT")]
-    pub from: PathBuf,
-    /// The method
-    #[arg(long, value_name = "NAME")]
-    pub method: String,
+    #[command(flatten)]
+    pub end: FinalStateArguments,
     /// The file [default: METHOD_members.nc or METHOD_factors.nc]
     #[arg(long, short, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -38,13 +31,13 @@ pub struct MembersArguments {
 
 /// Writes the members of an ensemble, or the common factors of a Fast Kalman Filter, at the end of a run.
 pub fn run(arguments: &MembersArguments) -> Result<ExitCode, Report> {
-    let scenario = lookup::load(&arguments.scenario)?;
-    launch::check_method(&arguments.method, &scenario)?;
-    let experiment = reopen(&scenario, &arguments.from, &arguments.method).map_err(|error| match error {
+    let scenario = lookup::load(&arguments.end.scenario)?;
+    launch::check_method(&arguments.end.method, &scenario)?;
+    let experiment = reopen(&scenario, &arguments.end.from, &arguments.end.method).map_err(|error| match error {
         RunError::Experiment(error) => error.locate(&scenario).into(),
         error => miette!("{}: {error}", scenario.name),
     })?;
-    let name = clean(&arguments.method);
+    let name = clean(&arguments.end.method);
     let [Competitor { runner, failure, .. }] = &experiment.methods[..] else {
         return Err(miette!("there is no method {name}"));
     };
@@ -54,7 +47,7 @@ pub fn run(arguments: &MembersArguments) -> Result<ExitCode, Report> {
     let root = runner.method().can().root;
     let root =
         root.ok_or_else(|| miette!("method {name} has neither an ensemble nor common factors of the whole domain"))?;
-    let stem = coordinates::safe_name(&arguments.method, "_-");
+    let stem = coordinates::safe_name(&arguments.end.method, "_-");
     let own = || PathBuf::from(format!("{stem}_{}.nc", members::names(root.kind()).1));
     let out = arguments.out.clone().unwrap_or_else(own);
     let directory = tempfile::tempdir().into_diagnostic()?;

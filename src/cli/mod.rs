@@ -12,6 +12,7 @@ mod exact;
 #[cfg(test)]
 mod examples;
 mod explain;
+mod final_state;
 mod init;
 mod launch;
 mod list;

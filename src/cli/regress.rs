@@ -3,9 +3,8 @@
 use super::arguments::RegressArguments;
 use super::console::{print, show, width};
 use super::{launch, lookup};
-use crate::batch::{JobError, OTHER_BYTES, fitting, temporary};
+use crate::batch::{JobError, OTHER_BYTES, Schedule, side_by_side, temporary};
 use crate::interrupt;
-use crate::memory;
 use crate::options::RunOptions;
 use crate::progress::RunsProgress;
 use crate::run::experiment::estimated_bytes;
@@ -14,11 +13,7 @@ use crate::scores::{Expected, Regression, Summary};
 use crate::shell::command;
 use crate::shipped;
 use miette::{IntoDiagnostic, Report, miette};
-use std::collections::BTreeMap;
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{self, Sender};
-use std::thread;
 
 /// Runs scenarios and says which scores moved. The exit code is 1 if one is outside of its tolerance, unless the new
 /// scores are accepted.
@@ -64,50 +59,28 @@ fn run_all(
     mut judge: impl FnMut(&Scenario, Result<Summary, JobError>),
 ) -> Result<(), Report> {
     let directory = temporary::directory()?;
-    let cores = thread::available_parallelism().map_or(1, usize::from);
-    let threads = arguments.threads.map_or(cores, |threads| threads as usize);
-    let at_once = at_once(scenarios, threads);
+    let threads = arguments.threads.map(|threads| threads as usize);
+    let schedule = Schedule::new(threads, scenarios.len(), || Ok(Some(largest_bytes(scenarios))))?;
     let analyses: usize = scenarios.iter().map(|it| it.methods.len() * it.cycle.count).sum();
     let per_run = analyses.div_ceil(scenarios.len());
     let progress = RunsProgress::new(arguments.quiet, "regress", "scenarios", scenarios.len(), per_run);
-    let next = AtomicUsize::new(0);
-    let work = |sender: Sender<_>| {
-        loop {
-            let number = next.fetch_add(1, Ordering::Relaxed);
-            let Some(scenario) = scenarios.get(number) else { break };
-            let threads = Some((threads / at_once).max(1));
-            let out = directory.path().join(&scenario.name);
-            let options = RunOptions { threads, concurrent: at_once > 1, ..RunOptions::new(out) };
-            let outcome = launch::run_scenario(scenario, &options, &mut progress.listener(scenario.name.clone()));
-            if interrupt::requested() || sender.send((number, outcome)).is_err() {
-                break;
-            }
-        }
+    let run = |number: usize| {
+        let scenario = &scenarios[number];
+        let out = directory.path().join(&scenario.name);
+        let (threads, concurrent) = (Some(schedule.threads_each), schedule.at_once > 1);
+        let options = RunOptions { threads, concurrent, ..RunOptions::new(out) };
+        launch::run_scenario(scenario, &options, &mut progress.listener(scenario.name.clone()))
     };
-    thread::scope(|scope| {
-        let (sender, outcomes) = mpsc::channel();
-        for sender in vec![sender; at_once] {
-            scope.spawn(move || work(sender));
-        }
-        let (mut early, mut judged) = (BTreeMap::new(), 0);
-        for (number, outcome) in outcomes {
-            early.insert(number, outcome);
-            while let Some(outcome) = early.remove(&judged) {
-                progress.aside(|| judge(&scenarios[judged], outcome));
-                judged += 1;
-            }
-        }
+    side_by_side(scenarios.len(), schedule.at_once, run, |number, outcome| {
+        progress.aside(|| judge(&scenarios[number], outcome));
     });
     Ok(())
 }
 
-/// As many scenarios at a time as there are threads, or fewer where that many of the largest do not fit into memory.
-fn at_once(scenarios: &[Scenario], threads: usize) -> usize {
-    let wanted = threads.min(scenarios.len());
-    // What is wrong with a scenario its run will say.
+/// What the largest of the scenarios is estimated to take \[bytes\]. What is wrong with a scenario its run will say.
+fn largest_bytes(scenarios: &[Scenario]) -> u64 {
     let bytes = scenarios.iter().filter_map(|scenario| estimated_bytes(scenario).ok()).fold(0.0, f64::max);
-    let fits = |available_bytes| fitting(wanted, bytes as u64 + OTHER_BYTES, available_bytes);
-    if wanted == 1 { 1 } else { memory::available_bytes().map_or(1, fits) }
+    bytes as u64 + OTHER_BYTES
 }
 
 /// All scenarios in ./scenarios, or else inside the program, but those that are run only when they are named.

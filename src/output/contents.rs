@@ -35,7 +35,7 @@ pub fn list(directory: &Path) -> io::Result<()> {
         Ok(true)
     })?;
     let mut file = safe_file::create(&directory.join(LIST_FILE))?;
-    file.write_all((names.into_iter().collect::<Vec<_>>().join("\n") + "\n").as_bytes())?;
+    file.write_all(text_of(names.iter().map(String::as_str)).as_bytes())?;
     file.sync_all()?;
     sync_directories(directory)
 }
@@ -49,7 +49,12 @@ pub fn add(directory: &Path, name: &str) -> io::Result<()> {
     let text = safe_file::read(&path, LARGEST_LIST)?;
     let text = String::from_utf8_lossy(&text);
     let names: BTreeSet<&str> = text.lines().chain([name]).collect();
-    safe_file::replace(&path, (names.into_iter().collect::<Vec<_>>().join("\n") + "\n").as_bytes())
+    safe_file::replace(&path, text_of(names.into_iter()).as_bytes())
+}
+
+/// The text of a list.
+fn text_of<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    names.flat_map(|name| [name, "\n"]).collect()
 }
 
 /// Refuses a directory in which there is anything but what a run wrote there, with the names of some of it.

@@ -17,7 +17,9 @@ pub struct KeptRuns {
 impl KeptRuns {
     /// Those in the directory of a batch's outputs.
     pub fn of(outputs: &Path) -> Self {
-        let begun = of_runs(outputs, RUNS_DEPTH).iter().filter(|run| !checkpoints(run).is_empty()).count();
+        // What cannot be read cannot be continued.
+        let begun = of_runs(outputs, RUNS_DEPTH).unwrap_or_default();
+        let begun = begun.iter().filter(|run| !checkpoints(run).is_empty()).count();
         Self { complete: complete_runs(outputs), begun }
     }
 

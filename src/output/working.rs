@@ -192,25 +192,32 @@ pub fn clear(directory: &Path, stays: &dyn Fn(&Path) -> bool) -> Result<(), Sink
 /// # Errors
 /// The first one that cannot be removed.
 pub fn clear_runs(outputs: &Path, depth: usize, stays: &dyn Fn(&Path) -> bool) -> Result<(), SinkError> {
-    for path in of_runs(outputs, depth).into_iter().filter(|path| !stays(path)) {
-        remove(&path).map_err(|error| failure(&path, "cannot be cleared away", &error))?;
-    }
-    Ok(())
+    let cannot = |path: &Path, error: &io::Error| failure(path, "cannot be cleared away", error);
+    let runs = of_runs(outputs, depth).map_err(|error| cannot(outputs, &error))?;
+    runs.iter().filter(|path| !stays(path)).try_for_each(|path| remove(path).map_err(|error| cannot(path, &error)))
 }
 
 /// The working directories in a batch's outputs and below them.
-pub fn of_runs(outputs: &Path, depth: usize) -> Vec<PathBuf> {
-    let Ok(entries) = fs::read_dir(outputs) else { return Vec::new() };
+///
+/// # Errors
+/// Those of the file system.
+pub fn of_runs(outputs: &Path, depth: usize) -> io::Result<Vec<PathBuf>> {
+    let entries = match fs::read_dir(outputs) {
+        // What is not there holds none.
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
+        entries => entries?,
+    };
     let mut found = Vec::new();
-    for path in entries.filter_map(|entry| Some(entry.ok()?.path())) {
+    for entry in entries {
+        let path = entry?.path();
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         if name.starts_with('.') && name.ends_with(PARTIAL) {
             found.push(path);
         } else if depth > 1 && path.is_dir() {
-            found.extend(of_runs(&path, depth - 1));
+            found.extend(of_runs(&path, depth - 1)?);
         }
     }
-    found
+    Ok(found)
 }
 
 /// The checkpoints in a working directory with their cycles, the newest first.

@@ -10,7 +10,8 @@ use isobar_model::Duration;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// The cycles of the window and some before, in parts of half a window, oldest first; M is what is kept of a start beside P.
+/// The cycles of the window and up to half a window before it, in parts of half a window, oldest first. `M` is the type of what
+/// a part keeps of its start beside the covariance.
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) struct History<M>(pub VecDeque<Part<M>>);
 

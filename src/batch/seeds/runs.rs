@@ -89,11 +89,7 @@ impl ExperimentBuilder<'_> {
     pub fn run_seeds(&self, options: &RunOptions, seeds: &[u64], progress: &RunsProgress) -> Result<SeedRuns, Report> {
         let run = |_: &Scenario, options: &RunOptions, listener: &mut dyn Sink| {
             let run = self.run(options, listener);
-            run.map_err(|error| JobError {
-                may_pass: error.may_pass(),
-                cannot_resume: error.cannot_resume(),
-                report: miette!("{error}"),
-            })
+            run.map_err(|error| JobError::new(error, |error| miette!("{error}")))
         };
         run_all(&self.scenario, options, seeds, &run, progress)
     }

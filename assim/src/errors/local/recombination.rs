@@ -66,7 +66,7 @@ impl Recombination {
         supports.par_iter().enumerate().map_init(scratch, of_tile).collect()
     }
 
-    /// The same of one tile. In the scratch are the places of all block variables, which are none, and room for values.
+    /// The same of one tile. The scratch has a place for every block variable, unset before and after the call, and two buffers.
     fn parts_of(
         &self,
         tile: usize,
