@@ -42,6 +42,12 @@ fn ignores_hangup(status: &str) -> bool {
     last.is_none_or(|digit| digit & 1 == 1)
 }
 
+/// Asks the program to end after this cycle, as the first signal does.
+#[cfg(feature = "mpi")]
+pub fn request_end() {
+    REQUESTED.store(true, Ordering::SeqCst);
+}
+
 #[cfg(unix)]
 fn request(ends_at_once: bool) {
     use std::io::Write;

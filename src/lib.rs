@@ -49,6 +49,7 @@ pub mod output;
 mod place;
 pub mod plot;
 pub mod progress;
+mod ranks;
 mod reader;
 pub mod readings;
 pub mod reference;

@@ -37,6 +37,8 @@ static FILES: &[(&str, &[u8])] = files![
     "growth_16000.toml",
     "growth_4000.toml",
     "growth_8000.toml",
+    "growth_jet.toml",
+    "growth_nonlinear.toml",
     "linear_advection.toml",
     "local_factors.toml",
     "local_wrong_model.toml",

@@ -147,7 +147,12 @@ fn the_version_says_what_was_built_and_for_which_viewer() {
     let version = text(&isobar(here.path(), &["--version"]).stdout);
     let lines: Vec<&str> = version.lines().collect();
     assert_eq!(lines[0], format!("isobar {}", env!("CARGO_PKG_VERSION")));
-    let features = if cfg!(feature = "rerun") { "features: all" } else { "features: all but rerun" };
+    let features = match (cfg!(feature = "mpi"), cfg!(feature = "rerun")) {
+        (true, true) => "features: all",
+        (true, false) => "features: all but rerun",
+        (false, true) => "features: all but mpi",
+        (false, false) => "features: all but mpi, rerun",
+    };
     assert_eq!(lines[1], features);
     assert!(lines[2].starts_with("rerun viewer: 0."), "{version}");
     assert_eq!(text(&isobar(here.path(), &["-V"]).stdout).lines().count(), 1);

@@ -171,7 +171,9 @@ fn files_page_and_terminal_hold_the_warnings() {
     assert_eq!(numbers("warning_much_brier_score"), expected);
     let page = fs::read_to_string(out.join("report.html")).unwrap();
     assert!(page.contains("tracer above 0.1") && page.contains("Scores of much by lead time"));
-    assert!(out.join("figures/warning_much_reliability.svg").is_file());
+    let reliability = std::fs::read_to_string(out.join("figures/warning_much_reliability.svg")).unwrap();
+    assert!(reliability.contains("no skill"), "{reliability}");
+    assert!(out.join("figures/warning_much_sharpness.svg").is_file());
     assert!(out.join("figures/warning_much_map_01_kf.svg").is_file());
     let table = isobar::tables::scores::on_terminal(&summary, &[("tracer", "1")], 100);
     assert!(table.contains("Warning much, over all lead times after the analysis: the event occurred in"), "{table}");

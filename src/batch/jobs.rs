@@ -7,8 +7,7 @@ use crate::options::RunOptions;
 use crate::output::directory::SUMMARY_FILE;
 use crate::output::recorded::SavedRun;
 use crate::output::working::{self, checkpoints};
-use crate::output::{Sink, SinkError};
-use crate::progress::RunsProgress;
+use crate::progress::{RunListener, RunsProgress};
 use crate::run::RunError;
 use crate::scenario::Scenario;
 use crate::scores::Summary;
@@ -29,7 +28,33 @@ const MEMORY_SHARE: f64 = 0.7;
 pub const OTHER_BYTES: u64 = 50_000_000;
 
 /// What runs an experiment: a listener hears its events.
-pub type Run<'a> = dyn Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, JobError> + Sync + 'a;
+pub type Run<'a> = dyn Fn(&Scenario, &RunOptions, &mut RunListener<'_>) -> Result<Summary, JobError> + Sync + 'a;
+
+/// What runs the experiments of a batch, and where.
+pub struct Runner<'a> {
+    /// Runs one.
+    pub run: Box<Run<'a>>,
+    /// The processes that compute them; `None`: this one.
+    pub elsewhere: Option<Elsewhere>,
+}
+
+/// Other processes that compute one run each at a time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Elsewhere {
+    /// Their number.
+    pub processes: usize,
+    /// The threads that each of them has.
+    pub threads_each: usize,
+}
+
+impl<'a> Runner<'a> {
+    /// One that computes in this process.
+    pub fn here(
+        run: impl Fn(&Scenario, &RunOptions, &mut RunListener<'_>) -> Result<Summary, JobError> + Sync + 'a,
+    ) -> Self {
+        Self { run: Box::new(run), elsewhere: None }
+    }
+}
 
 /// Why a run ended early.
 #[derive(Debug)]
@@ -92,11 +117,11 @@ pub type JobOutcome = (usize, Result<Summary, JobError>);
 pub fn run_jobs(
     jobs: &[Job<'_>],
     options: &RunOptions,
-    run: &Run<'_>,
+    runner: &Runner<'_>,
     progress: &RunsProgress,
 ) -> Result<(Schedule, Vec<JobOutcome>), Report> {
     let left = jobs.iter().filter(|job| !is_complete(job)).count();
-    let schedule = schedule(jobs, options, left, run)?;
+    let schedule = schedule(jobs, options, left, runner)?;
     let work = |number: usize| {
         let job = &jobs[number];
         let listener = &mut progress.listener(format!("seed {}", job.seed));
@@ -104,7 +129,9 @@ pub fn run_jobs(
             let saved = SavedRun::open(&job.out).map(|saved| saved.summary);
             return saved.map_err(|error| JobError { report: error.into(), may_pass: true, cannot_resume: false });
         }
-        complete(job, &options_of(job, options, schedule), run, listener)
+        let concurrent = schedule.at_once > 1 && runner.elsewhere.is_none();
+        let options = RunOptions { concurrent, ..options_of(job, options, schedule) };
+        complete(job, &options, &*runner.run, listener)
     };
     let mut outcomes = Vec::with_capacity(jobs.len());
     side_by_side(jobs.len(), schedule.at_once, work, |number, outcome| outcomes.push((number, outcome)));
@@ -117,7 +144,12 @@ fn is_complete(job: &Job<'_>) -> bool {
 }
 
 /// Runs a job, from its last checkpoint if it has one that can be used.
-fn complete(job: &Job<'_>, options: &RunOptions, run: &Run<'_>, listener: &mut dyn Sink) -> Result<Summary, JobError> {
+fn complete(
+    job: &Job<'_>,
+    options: &RunOptions,
+    run: &Run<'_>,
+    listener: &mut RunListener<'_>,
+) -> Result<Summary, JobError> {
     let has_checkpoint = working::path(&job.out).is_ok_and(|working| !checkpoints(&working).is_empty());
     if has_checkpoint {
         match run(job.scenario, &RunOptions { resume: true, ..options.clone() }, listener) {
@@ -134,18 +166,22 @@ fn options_of(job: &Job<'_>, options: &RunOptions, schedule: Schedule) -> RunOpt
         methods: job.methods.clone(),
         seed: Some(job.seed),
         threads: Some(schedule.threads_each),
-        concurrent: schedule.at_once > 1,
         overwrite: false,
         resume: false,
         ..options.clone()
     }
 }
 
-/// As many runs at a time as there are threads, as far as they fit into memory, and the threads divided among them.
-fn schedule(jobs: &[Job<'_>], options: &RunOptions, left: usize, run: &Run<'_>) -> Result<Schedule, Report> {
+/// A run for each of the other processes; or as many at a time as there are threads, as far as they fit into memory, and the threads
+/// divided among them.
+fn schedule(jobs: &[Job<'_>], options: &RunOptions, left: usize, runner: &Runner<'_>) -> Result<Schedule, Report> {
+    if let Some(Elsewhere { processes, threads_each }) = runner.elsewhere {
+        let at_once = processes.min(left).max(1);
+        return Ok(Schedule { at_once, threads_each: options.threads.unwrap_or(threads_each) });
+    }
     Schedule::new(options.threads, left, || {
         let directory = temporary::directory()?;
-        Ok(trial(&jobs[0], options, run, directory.path()))
+        Ok(trial(&jobs[0], options, &*runner.run, directory.path()))
     })
 }
 
@@ -181,7 +217,8 @@ fn trial(job: &Job<'_>, options: &RunOptions, run: &Run<'_>, directory: &Path) -
     let (cycles, seed) = (Some(cycles), Some(job.seed));
     let RunOptions { methods, threads, concurrent, .. } = options.clone();
     let options = RunOptions { methods, cycles, seed, threads, concurrent, ..RunOptions::new(out) };
-    let summary = run(job.scenario, &options, &mut Nobody).ok()?;
+    let unheard = RunsProgress::new(true, "", "runs", 1, 0);
+    let summary = run(job.scenario, &options, &mut unheard.listener(String::new())).ok()?;
     let of_methods: Option<f64> = summary.methods.values().map(|scores| scores.values.get(MEMORY)).sum();
     Some(of_methods? as u64 + OTHER_BYTES)
 }
@@ -190,15 +227,6 @@ fn trial(job: &Job<'_>, options: &RunOptions, run: &Run<'_>, directory: &Path) -
 fn fitting(wanted: usize, needed_bytes: u64, available_bytes: u64) -> usize {
     let most = MEMORY_SHARE * available_bytes as f64 / needed_bytes as f64;
     (most as usize).clamp(1, wanted.max(1))
-}
-
-/// Hears nothing.
-struct Nobody;
-
-impl Sink for Nobody {
-    fn record(&mut self, _: &crate::event::Event<'_>) -> Result<(), SinkError> {
-        Ok(())
-    }
 }
 
 impl Display for Schedule {
@@ -229,7 +257,7 @@ mod tests {
             std::fs::write(working.join("checkpoint-0000000003"), "").unwrap();
         }
         let asked = Mutex::new(Vec::new());
-        let run = |_: &Scenario, options: &RunOptions, _: &mut dyn Sink| {
+        let run = |_: &Scenario, options: &RunOptions, _: &mut RunListener<'_>| {
             let name = options.out.file_name().unwrap().to_string_lossy().into_owned();
             let is_damaged = name == "damaged" && options.resume;
             asked.lock().unwrap().push((name, options.resume, options.overwrite));
@@ -237,7 +265,13 @@ mod tests {
         };
         let options = RunOptions { threads: Some(1), ..RunOptions::new(parent.path()) };
         let progress = RunsProgress::new(true, "mine", "seeds", 3, 1);
-        assert!(run_jobs(&jobs, &options, &run, &progress).unwrap().1.iter().all(|(_, outcome)| outcome.is_err()));
+        assert!(
+            run_jobs(&jobs, &options, &Runner::here(run), &progress)
+                .unwrap()
+                .1
+                .iter()
+                .all(|(_, outcome)| outcome.is_err())
+        );
         let asked = asked.into_inner().unwrap();
         let asked: Vec<(&str, bool, bool)> = asked.iter().map(|it| (it.0.as_str(), it.1, it.2)).collect();
         let again = [("damaged", true, false), ("damaged", false, true)];

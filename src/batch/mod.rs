@@ -7,6 +7,6 @@ mod side_by_side;
 pub mod sweep;
 pub(crate) mod temporary;
 
-pub use jobs::{Job, JobError, JobOutcome, OTHER_BYTES, Run, Schedule, run_jobs};
+pub use jobs::{Elsewhere, Job, JobError, JobOutcome, OTHER_BYTES, Runner, Schedule, run_jobs};
 pub use plan::{BatchKind, BatchPlan, interrupted, unfinished};
 pub use side_by_side::side_by_side;

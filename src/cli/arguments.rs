@@ -31,7 +31,8 @@ static VERSION: LazyLock<String> = LazyLock::new(|| {
         Open::Available(_) | Open::ByRun => None,
         Open::NeedsFeature(feature) => Some(feature),
     });
-    let features = match missing.collect::<BTreeSet<_>>() {
+    let mpi = (!cfg!(feature = "mpi")).then_some("mpi");
+    let features = match missing.chain(mpi).collect::<BTreeSet<_>>() {
         missing if missing.is_empty() => "all".to_string(),
         missing => format!("all but {}", listed(missing)),
     };

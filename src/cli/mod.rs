@@ -35,6 +35,7 @@ mod winds;
 mod write_back;
 
 use crate::interrupt;
+use crate::ranks;
 use crate::text::{is_unprintable, nearest};
 use arguments::{Arguments, Command};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
@@ -49,12 +50,27 @@ use std::process::ExitCode;
 ///
 /// The exit code is 0 if all went well, 1 if something failed, 2 if the arguments make no sense, and 130 if a signal ended it.
 pub fn main() -> ExitCode {
+    // A second hook is refused, and the first one stays: then messages look as its owner wants.
+    let _ = miette::set_hook(Box::new(|_| Box::new(Messages::new())));
+    match ranks::join(launch::run_scenario) {
+        Ok(ranks::Part::Command) => {}
+        Ok(ranks::Part::Done) => return ExitCode::SUCCESS,
+        Err(report) => {
+            show(&report);
+            return ExitCode::FAILURE;
+        }
+    }
+    let code = command();
+    ranks::leave();
+    code
+}
+
+/// Does what the arguments of this process say.
+fn command() -> ExitCode {
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,
         Err(error) => return refuse(&error),
     };
-    // A second hook is refused, and the first one stays: then messages look as its owner wants.
-    let _ = miette::set_hook(Box::new(|_| Box::new(Messages::new())));
     let outcome = threads::check_environment().and_then(|()| obey(arguments.command));
     match outcome {
         Ok(code) => code,

@@ -1,7 +1,7 @@
 //! `isobar run`.
 
 use super::arguments::RunArguments;
-use super::console::{print, show, width};
+use super::console::{print, show, warn, width};
 use super::launch::{check_cycles, check_method, run_scenario_then};
 use super::shown::Shown;
 use super::write_back::{self, name_database, write_sensors};
@@ -9,6 +9,7 @@ use super::{long, lookup, seeds};
 use crate::interrupt;
 use crate::options::{CheckpointPolicy, RunOptions};
 use crate::progress::Progress;
+use crate::ranks;
 use crate::run::experiment::check_sensors;
 use crate::scenario::Scenario;
 use crate::shell::command;
@@ -70,6 +71,9 @@ pub(super) fn run_one(
     quiet: bool,
     shown: &mut Shown,
 ) -> Result<bool, Report> {
+    if ranks::others() > 0 {
+        warn("a single run is computed by rank 0 alone: the other processes compute runs of --seeds and of sweeps");
+    }
     let mut progress = Progress::new(quiet);
     let mut written = None;
     let summary = run_scenario_then(scenario, options, &mut progress, &mut |out| {

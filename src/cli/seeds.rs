@@ -6,11 +6,12 @@ use super::launch::{self, failures};
 use super::long;
 use super::shown::Shown;
 use crate::batch::seeds::{FailedSeed, SeedsSummary, run_all};
-use crate::batch::{BatchKind, BatchPlan, Run, interrupted, unfinished};
+use crate::batch::{BatchKind, BatchPlan, Runner, interrupted, unfinished};
 use crate::options::RunOptions;
 use crate::output::report::{REPORT, REPORT_FILE};
 use crate::output::{Outputs, STATE};
 use crate::progress::RunsProgress;
+use crate::ranks;
 use crate::scenario::Scenario;
 use crate::tables::Table;
 use crate::text::{clean, shown_path};
@@ -62,12 +63,12 @@ pub fn run(
     quiet: bool,
     shown: &mut Shown,
 ) -> Result<bool, Report> {
-    run_by(&launch::run_scenario, scenario, options, wanted, quiet, shown)
+    run_by(&ranks::runner(launch::run_scenario), scenario, options, wanted, quiet, shown)
 }
 
 /// The same with another function that runs a scenario.
 fn run_by(
-    run: &Run<'_>,
+    runner: &Runner<'_>,
     scenario: &Scenario,
     options: &RunOptions,
     wanted: &SeedsOptions,
@@ -86,7 +87,7 @@ fn run_by(
     let methods = options.methods.as_ref().map_or(scenario.methods.len(), Vec::len);
     let analyses = methods * options.cycles.unwrap_or(scenario.cycle.count);
     let progress = RunsProgress::new(quiet, &scenario.name, "seeds", wanted.seeds.len(), analyses);
-    let runs = run_all(scenario, &each, seeds, run, &progress);
+    let runs = run_all(scenario, &each, seeds, runner, &progress);
     drop(progress);
     if let Some(error) = interrupted(&options.out, directory.path(), seeds.len()) {
         return Err(error);
@@ -158,7 +159,7 @@ fn text(summary: &SeedsSummary, scenario: &Scenario) -> String {
 mod tests {
     use super::*;
     use crate::batch::JobError;
-    use crate::output::Sink;
+    use crate::progress::RunListener;
     use crate::scores::{MethodScores, Summary};
     use std::path::Path;
 
@@ -166,7 +167,7 @@ mod tests {
     fn runner(
         fails: &'static [u64],
         may_pass: bool,
-    ) -> impl Fn(&Scenario, &RunOptions, &mut dyn Sink) -> Result<Summary, JobError> + Sync {
+    ) -> impl Fn(&Scenario, &RunOptions, &mut RunListener<'_>) -> Result<Summary, JobError> + Sync {
         move |scenario, options, _| {
             let seed = options.seed.unwrap_or_default();
             if fails.contains(&seed) {
@@ -188,15 +189,15 @@ mod tests {
     }
 
     fn run_with(fails: &'static [u64], out: &Path) -> Result<bool, Report> {
-        run_by(&runner(fails, false), out, false)
+        run_by(&Runner::here(runner(fails, false)), out, false)
     }
 
-    fn run_by(run: &Run<'_>, out: &Path, resume: bool) -> Result<bool, Report> {
+    fn run_by(runner: &Runner<'_>, out: &Path, resume: bool) -> Result<bool, Report> {
         let scenario = Scenario::parse(Path::new("mine.toml"), include_str!("template.toml")).unwrap();
         let outputs = Outputs::of(["netcdf", REPORT]);
         let options = RunOptions { threads: Some(2), outputs, resume, ..RunOptions::new(out) };
         let wanted = SeedsOptions { seeds: (1..=5).collect(), against: "fkf".into(), all_files: false };
-        super::run_by(run, &scenario, &options, &wanted, true, &mut Shown::Printed)
+        super::run_by(runner, &scenario, &options, &wanted, true, &mut Shown::Printed)
     }
 
     #[test]
@@ -223,22 +224,22 @@ mod tests {
             fs::create_dir_all(&options.out).unwrap();
             fs::write(options.out.join("summary.json"), serde_json::to_string(summary).unwrap()).unwrap();
         };
-        let full = |scenario: &Scenario, options: &RunOptions, sink: &mut dyn Sink| match options.seed {
+        let full = |scenario: &Scenario, options: &RunOptions, sink: &mut RunListener<'_>| match options.seed {
             Some(4) => runner(&[4], true)(scenario, options, sink),
             _ => runner(&[5], false)(scenario, options, sink).inspect(|summary| writes(options, summary)),
         };
-        let error = run_by(&full, &out, false).unwrap_err();
+        let error = run_by(&Runner::here(full), &out, false).unwrap_err();
         let said = error.to_string();
         assert!(said.contains("1 of 5 runs could not be completed. seed 4: cycle 3"), "{said}");
         let help = error.help().unwrap().to_string();
         assert!(help.contains("my batch'` runs the others") && !out.exists(), "{help}");
         // Once there is space, the others are run, and those alone; what failed for good does so again.
-        let later = |scenario: &Scenario, options: &RunOptions, sink: &mut dyn Sink| {
+        let later = |scenario: &Scenario, options: &RunOptions, sink: &mut RunListener<'_>| {
             let is_trial = options.out.ends_with("trial");
             assert!(is_trial || [Some(4), Some(5)].contains(&options.seed), "{:?} is run again", options.seed);
             runner(&[5], false)(scenario, options, sink)
         };
-        assert!(!run_by(&later, &out, true).unwrap());
+        assert!(!run_by(&Runner::here(later), &out, true).unwrap());
         let json: serde_json::Value =
             serde_json::from_str(&fs::read_to_string(out.join("seeds.json")).unwrap()).unwrap();
         assert_eq!(json["seeds"], serde_json::json!([1, 2, 3, 4]));

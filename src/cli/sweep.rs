@@ -10,6 +10,7 @@ use crate::options::{CheckpointPolicy, RunOptions};
 use crate::output::Outputs;
 use crate::output::report::REPORT;
 use crate::progress::RunsProgress;
+use crate::ranks;
 use crate::scenario::Scenario;
 use crate::text::shown_path;
 use miette::{IntoDiagnostic, Report, miette};
@@ -59,7 +60,7 @@ pub(super) fn run_one(scenario: &Scenario, options: &RunOptions, quiet: bool) ->
     let analyses: usize = settings.iter().map(|own| own.methods.len()).sum::<usize>() * cycles;
     let progress = RunsProgress::new(quiet, &scenario.name, "runs", jobs.len(), analyses.div_ceil(settings.len()));
     let each = RunOptions { outputs: Outputs::default(), ..options.clone() };
-    let outcomes = run_jobs(&jobs, &each, &launch::run_scenario, &progress);
+    let outcomes = run_jobs(&jobs, &each, &ranks::runner(launch::run_scenario), &progress);
     drop(progress);
     if let Some(error) = interrupted(&options.out, directory.path(), jobs.len()) {
         return Err(error);

@@ -120,7 +120,7 @@ impl FieldMap {
         }
         let frame = Frame::new(self.extent_m);
         let mut canvas = Canvas::new([WIDTH, frame.top + frame.height + BOTTOM]);
-        let unit = if self.unit.is_empty() { String::new() } else { format!(" [{}]", self.unit) };
+        let unit = if self.unit.is_empty() { String::new() } else { format!(" [{}]", number::unit(&self.unit)) };
         let title = format!("{}{unit}", self.title);
         canvas.text([frame.left + 0.5 * frame.width, 20.0], 14.0, Anchor::Middle, INK, &title);
         if !self.field.is_empty() {
@@ -306,7 +306,7 @@ impl FieldMap {
         }
         let x_km = |cell: usize| (cell as f64 + 0.5) * self.extent_m[0] / 1e3 / nx as f64;
         let points = self.field.iter().enumerate().map(|(cell, value)| [x_km(cell), f64::from(*value)]).collect();
-        let unit = if self.unit.is_empty() { String::new() } else { format!("[{}]", self.unit) };
+        let unit = if self.unit.is_empty() { String::new() } else { format!("[{}]", number::unit(&self.unit)) };
         let curve = Curve { name: None, color: None, dash: Dash::Solid, points, band: None };
         let mut plot = CurvePlot::new(self.title.clone(), "x [km]".into(), unit, vec![curve]);
         plot.from_zero = self.scale == Scale::Spread;

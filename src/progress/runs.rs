@@ -52,22 +52,34 @@ pub struct RunListener<'a> {
 impl Sink for RunListener<'_> {
     fn record(&mut self, event: &Event<'_>) -> Result<(), SinkError> {
         match event {
-            Event::Analysed(analysed) => {
-                self.done += 1;
-                let mut shared = self.progress.lock();
-                shared.analyses += 1;
-                let Shared { display, analyses, complete } = &mut *shared;
-                let (cycle, name, RunsProgress { runs, noun, .. }) = (analysed.cycle, &self.name, self.progress);
-                display.advance(*analyses, || format!("{complete} of {runs} {noun}; {name}, cycle {cycle}"));
-            }
-            Event::Failed { failure, .. } => {
-                let text = format!("{}: a method failed in cycle {}: {}", self.name, failure.cycle, failure.reason);
-                self.progress.lock().display.warn(&text);
-            }
-            Event::Warning(text) => self.progress.lock().display.warn(&format!("{}: {text}", self.name)),
+            Event::Analysed(analysed) => self.analysed(1, analysed.cycle),
+            Event::Failed { failure, .. } => self.method_failed(failure.cycle, &failure.reason),
+            Event::Warning(text) => self.warning(text),
             _ => {}
         }
         Ok(())
+    }
+}
+
+impl RunListener<'_> {
+    /// There were this many more analyses, the last of them in `cycle`.
+    pub fn analysed(&mut self, count: usize, cycle: usize) {
+        self.done += count;
+        let mut shared = self.progress.lock();
+        shared.analyses += count;
+        let Shared { display, analyses, complete } = &mut *shared;
+        let (name, RunsProgress { runs, noun, .. }) = (&self.name, self.progress);
+        display.advance(*analyses, || format!("{complete} of {runs} {noun}; {name}, cycle {cycle}"));
+    }
+
+    /// A method has failed.
+    pub fn method_failed(&mut self, cycle: usize, reason: &str) {
+        self.warning(&format!("a method failed in cycle {cycle}: {reason}"));
+    }
+
+    /// There is something to be said to the user.
+    pub fn warning(&mut self, text: &str) {
+        self.progress.lock().display.warn(&format!("{}: {text}", self.name));
     }
 }
 

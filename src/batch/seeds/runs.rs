@@ -1,9 +1,8 @@
 //! The runs of all seeds.
 
-use crate::batch::{Job, JobError, Run, Schedule, run_jobs};
+use crate::batch::{Job, JobError, Runner, Schedule, run_jobs};
 use crate::options::RunOptions;
-use crate::output::Sink;
-use crate::progress::RunsProgress;
+use crate::progress::{RunListener, RunsProgress};
 use crate::run::experiment::ExperimentBuilder;
 use crate::scenario::Scenario;
 use crate::scores::Summary;
@@ -43,7 +42,7 @@ pub fn run_all(
     scenario: &Scenario,
     options: &RunOptions,
     seeds: &[u64],
-    run: &Run<'_>,
+    runner: &Runner<'_>,
     progress: &RunsProgress,
 ) -> Result<SeedRuns, Report> {
     let job = |&seed: &u64| {
@@ -51,7 +50,7 @@ pub fn run_all(
         Job { scenario, seed, methods: options.methods.clone(), out }
     };
     let jobs: Vec<Job<'_>> = seeds.iter().map(job).collect();
-    let (schedule, outcomes) = run_jobs(&jobs, options, run, progress)?;
+    let (schedule, outcomes) = run_jobs(&jobs, options, runner, progress)?;
     let mut runs = SeedRuns { schedule, complete: Vec::new(), failed: Vec::new(), unfinished: Vec::new() };
     let mut first_error = None;
     for (number, outcome) in outcomes {
@@ -87,11 +86,11 @@ impl ExperimentBuilder<'_> {
     /// # Errors
     /// If all runs failed, why the first one did; or if nothing can be written for a trial.
     pub fn run_seeds(&self, options: &RunOptions, seeds: &[u64], progress: &RunsProgress) -> Result<SeedRuns, Report> {
-        let run = |_: &Scenario, options: &RunOptions, listener: &mut dyn Sink| {
+        let run = |_: &Scenario, options: &RunOptions, listener: &mut RunListener<'_>| {
             let run = self.run(options, listener);
             run.map_err(|error| JobError::new(error, |error| miette!("{error}")))
         };
-        run_all(&self.scenario, options, seeds, &run, progress)
+        run_all(&self.scenario, options, seeds, &Runner::here(run), progress)
     }
 }
 

@@ -369,12 +369,17 @@ fn stability(summary: &Summary, history: &History) -> Option<Section> {
         let text = if findings.is_empty() { "Every bias has a stable update.".to_string() } else { findings + "." };
         Some(Folded { title: format!("{name}: {}", stability::in_short(own)), text, ..Folded::default() })
     });
+    let verdicts = verdicts::verdicts(history, summary)?;
+    let text = "Which biases the observations determine, whether innovations are white and as large as the method claims, and \
+                what would help.";
+    let exceptions = match &verdicts.exceptions {
+        Some(_) => " The table has the biases without a stable update all along (verdicts.csv has all changes).",
+        None => "",
+    };
     Some(Section {
         title: "Stability of the bias estimates".into(),
-        text: "Which biases the observations determine, whether innovations are white and as large as the method claims, and \
-               what would help; then in which cycles each bias had a stable update (verdicts.csv has all changes)."
-            .into(),
-        tables: [tables::stability(summary)?].into_iter().chain(verdicts::table(history, summary)).collect(),
+        text: [text, exceptions, " ", &verdicts.others].concat(),
+        tables: verdicts.exceptions.into_iter().collect(),
         folded: folded.collect(),
         ..Section::default()
     })

@@ -21,40 +21,18 @@ pub fn failures(summary: &Summary) -> Option<Table> {
     Table::new(&["method", "failed in cycle", "because"], summary.failures().map(row).collect()).filled()
 }
 
-/// The verdict on every bias, up to [`MOST_PARAMETERS`], of every method that estimates them.
-pub fn stability(summary: &Summary) -> Option<Table> {
-    let methods = summary.methods.iter().filter_map(|(name, scores)| Some((name, scores.stability.as_ref()?)));
-    let methods: Vec<_> = methods.filter(|(_, own)| !own.parameters.is_empty()).collect();
-    let (_, first) = methods.first()?;
-    let mut header = vec!["parameter".to_string(), "observations".into()];
-    header.extend(methods.iter().map(|(name, _)| name.to_string()));
-    let row = |number: usize| -> Option<Vec<Cell>> {
-        let own = first.parameters.get(number)?;
-        let mut row: Vec<Cell> = vec![own.name.as_str().into(), own.observations.into()];
-        row.extend(methods.iter().map(|(_, stability)| match stability.parameters.get(number) {
-            None => NONE.into(),
-            Some(own) => Cell {
-                text: own.verdict().into(),
-                note: format!("keeps {} % of its prior variance", figure(100.0 * own.variance_ratio)),
-                class: if own.stable { "words" } else { "words open" },
-            },
-        }));
-        Some(row)
-    };
-    Some(Table { header, rows: (0..first.parameters.len().min(MOST_PARAMETERS)).filter_map(row).collect() })
-}
-
-/// The last estimate of every bias, up to [`MOST_PARAMETERS`], by every method, against the truth if any is known.
+/// The last estimate of every bias, up to [`MOST_PARAMETERS`], by every method that estimates them, against the truth if any is known.
 pub fn biases(info: &RunInfo, history: &History) -> Option<Table> {
     let last: &Cycle = history.cycles.last().filter(|_| !info.calibration.is_empty())?;
     let has_truth = history.knows_biases();
     let mut header = vec!["parameter".to_string(), "unit".into()];
     header.extend(has_truth.then(|| "truth".to_string()));
-    header.extend(info.methods.iter().map(|method| method.name.clone()));
+    let estimating = || info.methods.iter().zip(&last.methods).filter(|(method, _)| method.estimates_biases);
+    header.extend(estimating().map(|(method, _)| method.name.clone()));
     let row = |(number, parameter): (usize, &isobar_obs::Parameter)| {
         let mut row: Vec<Cell> = vec![parameter.name.as_str().into(), unit(&parameter.unit).into()];
         row.extend(has_truth.then(|| Cell::figure(last.true_bias(number))));
-        row.extend(last.methods.iter().map(|own| {
+        row.extend(estimating().map(|(_, own)| {
             let Some(own) = own else { return NONE.into() };
             let note = own.bias_spread(number).map_or_else(String::new, |sigma| format!("± {}", figure(2.0 * sigma)));
             Cell { note, ..Cell::figure(own.bias(number)) }

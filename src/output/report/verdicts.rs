@@ -1,15 +1,34 @@
-//! When which bias became determined: the cycles in which each had a stable update.
+//! The verdicts on the biases that are not stable all along, and since when the others are.
 
 use crate::output::history::History;
 use crate::scores::Summary;
 use crate::scores::stability::{ParameterStability, Stability};
-use crate::tables::{Cell, MOST_PARAMETERS, Table};
+use crate::tables::{Cell, MOST_PARAMETERS, NONE, Table, figure};
 use crate::verdict::Verdict;
 
-/// In which cycles each bias had a stable update, up to [`MOST_PARAMETERS`], by every method that estimates biases.
-pub fn table(history: &History, summary: &Summary) -> Option<Table> {
+/// The cycles, first and last, in which something was so; what has no last cycle is so at the end.
+type Spans = Vec<(usize, Option<usize>)>;
+
+/// The verdicts of the methods that estimate biases.
+pub struct Verdicts {
+    /// A row for each of the first [`MOST_PARAMETERS`] biases of which some method ends without a stable update, or has lost it or
+    /// frozen the bias on the way.
+    pub exceptions: Option<Table>,
+    /// How many other biases there are, and from which cycles on all methods have a stable update of them.
+    pub others: String,
+}
+
+/// A method's verdict on a bias.
+struct Course<'a> {
+    end: &'a ParameterStability,
+    stable: Spans,
+    frozen: Spans,
+}
+
+/// The verdicts; `None` if no method estimates biases.
+pub fn verdicts<'a>(history: &History, summary: &'a Summary) -> Option<Verdicts> {
     let info = &history.info;
-    let methods: Vec<(usize, &str, &Stability)> = info
+    let methods: Vec<(usize, &str, &'a Stability)> = info
         .methods
         .iter()
         .enumerate()
@@ -18,19 +37,71 @@ pub fn table(history: &History, summary: &Summary) -> Option<Table> {
             (!stability.parameters.is_empty()).then_some((number, method.name.as_str(), stability))
         })
         .collect();
-    let names = |(_, name, _): &(usize, &str, _)| format!("{name}\nstable");
-    let header = ["parameter".to_string()].into_iter().chain(methods.iter().map(names)).collect();
-    let row = |number: usize| -> Vec<Cell> {
-        let of_method = |&(method, _, stability): &(usize, &str, &Stability)| match stability.parameters.get(number) {
-            Some(end) => cell(&changes(history, method, number), end, info.done + 1),
-            None => Cell::default(),
-        };
-        let name = info.calibration.parameters[number].name.as_str().into();
-        [name].into_iter().chain(methods.iter().map(of_method)).collect()
-    };
     let count = methods.iter().map(|(_, _, own)| own.parameters.len()).max()?;
-    let rows = (0..count.min(info.calibration.len()).min(MOST_PARAMETERS)).map(row).collect();
-    Table { header, rows }.filled()
+    let first = info.done + 1;
+    let courses = |parameter: usize| -> Vec<Option<Course<'a>>> {
+        let course = |&(method, _, stability): &(usize, &str, &'a Stability)| {
+            let end = stability.parameters.get(parameter)?;
+            let changes = changes(history, method, parameter);
+            let of =
+                |is: fn(&Verdict) -> bool| changes.iter().map(|&(cycle, own)| (cycle, is(own))).collect::<Vec<_>>();
+            let stable = spans(&of(|verdict| verdict.stable), end.stable, first);
+            let frozen = spans(&of(|verdict| verdict.frozen), end.frozen, first);
+            Some(Course { end, stable, frozen })
+        };
+        methods.iter().map(course).collect()
+    };
+    let names = methods.iter().map(|(_, name, _)| name.to_string());
+    let header = ["parameter".to_string(), "observations".into()].into_iter().chain(names).collect();
+    let (mut rows, mut since) = (Vec::new(), Vec::new());
+    for (parameter, courses) in (0..count).map(|number| (number, courses(number))) {
+        let known = || courses.iter().flatten();
+        if known().all(Course::is_smooth) {
+            since.extend(known().filter_map(|course| course.stable.first()).map(|span| span.0).max());
+        } else if let Some(Course { end, .. }) = known().next().filter(|_| parameter < MOST_PARAMETERS) {
+            let cells = courses.iter().map(|course| course.as_ref().map_or(NONE.into(), |course| course.cell(first)));
+            rows.push([end.name.as_str().into(), end.observations.into()].into_iter().chain(cells).collect());
+        }
+    }
+    Some(Verdicts { others: others(&since, rows.is_empty(), first), exceptions: Table { header, rows }.filled() })
+}
+
+impl Course<'_> {
+    /// Whether the bias once had a stable update, kept it, and was never frozen.
+    fn is_smooth(&self) -> bool {
+        self.end.stable && self.stable.len() == 1 && self.frozen.is_empty()
+    }
+
+    /// The verdict at the end and, in small print, what came before, of a run that begins with the cycle `first`.
+    fn cell(&self, first: usize) -> Cell {
+        let mut note = format!("keeps {} % of its prior variance", figure(100.0 * self.end.variance_ratio));
+        note += &match self.stable.as_slice() {
+            [] => "; never stable".to_string(),
+            spans => format!("; stable {}", in_words(spans, first)),
+        };
+        if !self.frozen.is_empty() {
+            note += &format!("; frozen {}", in_words(&self.frozen, first));
+        }
+        let class = if self.end.stable { "words" } else { "words open" };
+        Cell { text: self.end.verdict().into(), note, class }
+    }
+}
+
+/// In words, since which cycles all methods have a stable update of each bias that is no exception.
+fn others(since: &[usize], all: bool, first: usize) -> String {
+    let (Some(&earliest), Some(&latest)) = (since.iter().min(), since.iter().max()) else { return String::new() };
+    let which = match (all, since.len()) {
+        (true, 1) => "The bias has".to_string(),
+        (true, count) => format!("All {count} biases have"),
+        (false, 1) => "The other bias has".into(),
+        (false, count) => format!("The other {count} biases have"),
+    };
+    let when = match (earliest, latest) {
+        (_, latest) if latest == first => "in all cycles".to_string(),
+        (earliest, latest) if earliest == latest => format!("from cycle {latest} on"),
+        (earliest, latest) => format!("from cycle {earliest} to {latest} on"),
+    };
+    format!("{which} a stable update with every method, {when}.")
 }
 
 /// The changes of a method's verdict on a parameter, with their cycles.
@@ -39,22 +110,10 @@ fn changes(history: &History, method: usize, parameter: usize) -> Vec<(usize, &V
     own.map(|(cycle, _, _, verdict)| (*cycle, verdict)).collect()
 }
 
-/// When a parameter was stable and, in small print, when it was frozen, of a run that begins with the cycle `first`.
-fn cell(changes: &[(usize, &Verdict)], end: &ParameterStability, first: usize) -> Cell {
-    let of = |is: fn(&Verdict) -> bool| -> Vec<(usize, bool)> {
-        changes.iter().map(|&(cycle, verdict)| (cycle, is(verdict))).collect()
-    };
-    let stable = spans(&of(|verdict| verdict.stable), end.stable, first);
-    let frozen = spans(&of(|verdict| verdict.frozen), end.frozen, first);
-    let note = if frozen.is_empty() { String::new() } else { format!("frozen {}", in_words(&frozen, first)) };
-    let class = if end.stable { "words" } else { "words open" };
-    Cell { text: in_words(&stable, first), note, class }
-}
-
-/// The cycles, first and last, in which something was so that was so or not from the cycles of `changes` on; what has no last cycle
-/// is so at the end. What is not said to change in an earlier run's continuation is `at_end` what it was all along.
-fn spans(changes: &[(usize, bool)], at_end: bool, first: usize) -> Vec<(usize, Option<usize>)> {
-    let mut spans: Vec<(usize, Option<usize>)> = Vec::new();
+/// The cycles in which something was so that was so or not from the cycles of `changes` on. A run that goes on from another says
+/// only what changes: before its first change it was the opposite, and without a change what it is `at_end`.
+fn spans(changes: &[(usize, bool)], at_end: bool, first: usize) -> Spans {
+    let mut spans = Spans::new();
     let before = changes.first().map_or(at_end, |(cycle, is)| *cycle > first && !is);
     if before {
         spans.push((first, None));

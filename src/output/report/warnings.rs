@@ -96,7 +96,14 @@ pub fn tables(summary: &Summary) -> Vec<Folded> {
     warnings::names(summary).iter().flat_map(of_warning).collect()
 }
 
-/// For each warning its reliability diagram, and the Brier score by lead time.
+/// The curves, with a mark at each of their points.
+fn with_points(mut curves: Vec<Curve>) -> Vec<Curve> {
+    let points: Vec<Curve> = curves.iter().map(|curve| curve.clone().unnamed(Dash::Points)).collect();
+    curves.extend(points);
+    curves
+}
+
+/// For each warning its reliability diagram, how often each probability was forecast, and the Brier score by lead time.
 pub fn drawings(info: &RunInfo, summary: &Summary) -> Vec<Drawing<CurvePlot>> {
     let of_warning = |placed: &PlacedWarning| {
         let name = &placed.warning.name;
@@ -114,19 +121,30 @@ pub fn drawings(info: &RunInfo, summary: &Summary) -> Vec<Drawing<CurvePlot>> {
             let leads = scores.leads.iter();
             leads.filter_map(|lead| Some([lead.lead_hours, lead.scores.brier?.score.value])).collect::<Vec<_>>()
         };
-        let mut curves = both(diagram);
-        let points: Vec<Curve> = curves.iter().map(|curve| curve.clone().unnamed(Dash::Points)).collect();
-        curves.extend(points);
+        let share = |scores: &WarningScores| {
+            let all = scores.bins.iter().map(|bin| bin.cases).sum::<usize>() as f64;
+            scores.bins.iter().map(|bin| [bin.probability, bin.cases as f64 / all]).collect::<Vec<_>>()
+        };
+        let mut curves = with_points(both(diagram));
+        // Closer to the frequency of the event than to the right one, a probability makes the Brier score worse than that of a
+        // forecast that is always this frequency (Murphy 1973).
         if !curves.is_empty() {
             curves.push(Curve::reference("right", vec![[0.0, 0.0], [1.0, 1.0]]));
+        }
+        let own = summary.methods.values().flat_map(|scores| &scores.warnings).filter(|own| own.name == *name);
+        if let Some(ahead) = own.map(|own| &own.ahead).find(|ahead| ahead.occurred > 0 && ahead.occurred < ahead.cases)
+        {
+            let frequency = ahead.occurred as f64 / ahead.cases as f64;
+            curves.push(Curve::reference("no skill", vec![[0.0, 0.5 * frequency], [1.0, 0.5 * (1.0 + frequency)]]));
         }
         let described = placed.warning.describe(&info.layout);
         let reliability = Drawing {
             stem: format!("warning_{}_reliability", safe_name(name, "_-")),
             caption: format!(
                 "Reliability of {name}, {described}: how often the event came about where its probability was about the same, \
-                 over all lead times after the analysis. On the broken line probabilities are right; above it they are too \
-                 small, below it too large."
+                 over all lead times after the analysis. On the line named \"right\" probabilities are right; above it they are \
+                 too small, below it too large. Beyond the line \"no skill\" they are worse than always forecasting the event's \
+                 frequency."
             ),
             plot: CurvePlot::new(
                 format!("reliability of {name}"),
@@ -140,8 +158,23 @@ pub fn drawings(info: &RunInfo, summary: &Summary) -> Vec<Drawing<CurvePlot>> {
             caption: format!("Brier score of {name} by lead time: 0 is perfect."),
             plot: CurvePlot::new(format!("Brier score of {name}"), "lead time [h]".into(), "[1]".into(), both(by_lead)),
         };
-        [reliability, brier]
+        // All probabilities have a place, whichever were forecast.
+        let axis = Curve::reference("", vec![[0.0, 0.0], [1.0, 0.0]]).unnamed(Dash::Solid);
+        let sharpness = Drawing {
+            stem: format!("warning_{}_sharpness", safe_name(name, "_-")),
+            caption: format!(
+                "How often each probability of {name} was forecast: sharp forecasts are near 0 and 1. Where there are few, the \
+                 reliability is uncertain."
+            ),
+            plot: CurvePlot::new(
+                format!("sharpness of {name}"),
+                "forecast probability [1]".into(),
+                "share of forecasts [1]".into(),
+                with_points(both(share)).into_iter().chain([axis]).collect(),
+            ),
+        };
+        [reliability, sharpness, brier]
     };
     let drawn = info.warnings.iter().flat_map(of_warning);
-    drawn.filter(|drawing| !drawing.plot.curves.is_empty()).collect()
+    drawn.filter(|drawing| drawing.plot.curves.iter().any(|curve| curve.name.is_some())).collect()
 }

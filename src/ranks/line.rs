@@ -1,0 +1,45 @@
+//! Messages between the processes.
+//!
+//! Standard sends and probes that do not block: on each side one thread alone speaks with MPI, looks for messages from time to time,
+//! and sleeps in between, so that waiting takes no processor from those that compute. Rank 0 speaks first only to a worker that has
+//! nothing to do or looks for messages, and no message waits for another one: there is no deadlock.
+
+use super::messages::{FromWorker, ToWorker, packed, unpacked};
+use miette::{Report, miette};
+use mpi::topology::SimpleCommunicator;
+use mpi::traits::{Communicator, Destination, Source};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+/// The line from a worker to rank 0.
+pub struct Line(pub SimpleCommunicator);
+
+impl Line {
+    /// Says something to rank 0.
+    pub fn say(&self, message: &FromWorker) {
+        send(&self.0, 0, message);
+    }
+
+    /// What rank 0 has said, if anything.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn heard(&self) -> Result<Option<ToWorker>, Report> {
+        match receive(&self.0) {
+            None => Ok(None),
+            Some((_, message)) => message.map(Some).map_err(|reason| miette!("rank 0 sent {reason}")),
+        }
+    }
+}
+
+/// Sends a message to a rank.
+pub fn send(world: &SimpleCommunicator, rank: i32, message: &impl Serialize) {
+    world.process_at_rank(rank).send(&packed(message)[..]);
+}
+
+/// A message and the rank that has sent it, if there is one.
+pub fn receive<T: DeserializeOwned>(world: &SimpleCommunicator) -> Option<(i32, Result<T, String>)> {
+    let rank = world.any_process().immediate_probe()?.source_rank();
+    let (bytes, _) = world.process_at_rank(rank).receive_vec::<u8>();
+    Some((rank, unpacked(&bytes)))
+}
