@@ -65,6 +65,7 @@ mod sweep;
 mod synthetic_run;
 mod terminals;
 mod time_schemes;
+mod truth_kinds;
 mod truth_series;
 mod viewer_data;
 mod warnings;

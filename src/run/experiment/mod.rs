@@ -48,7 +48,13 @@ impl ExperimentError {
     pub fn locate(&self, scenario: &Scenario) -> ScenarioError {
         let place;
         let (path, label): (Vec<&str>, &str) = match self {
-            ExperimentError::TimeStep(_) => (vec!["model", "time_step_s"], "too long"),
+            ExperimentError::TrueModel(_) => (vec!["truth"], "with this"),
+            ExperimentError::TrueTimeStep(_) if scenario.truth_has_other_model() => {
+                (vec!["truth", "model", "time_step_s"], "too long for this")
+            }
+            ExperimentError::TimeStep(_) | ExperimentError::TrueTimeStep(_) => {
+                (vec!["model", "time_step_s"], "too long")
+            }
             ExperimentError::Model(_) => (vec!["initial"], "with this and [model]"),
             ExperimentError::Balance(_) => (vec!["model", "coriolis_per_s"], "next to no rotation"),
             ExperimentError::Covariance(_) => (vec!["background_error"], "here or in [model_error]"),
