@@ -37,6 +37,7 @@ mod json;
 mod json_schema;
 mod keys;
 mod last_bit;
+mod late_networks;
 mod members;
 mod netcdf_observations;
 mod netcdf_states;

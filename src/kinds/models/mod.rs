@@ -126,11 +126,10 @@ pub(crate) fn read_with_overrides(model: &Field<'_>, overrides: &Field<'_>, grid
     let (DeValue::Table(table), DeValue::Table(changes)) = (model.value.get_ref(), overrides.value.get_ref()) else {
         return read(model, grid);
     };
-    let mut merged: DeTable<'_> = table.clone();
-    if let Some(kind) = section.optional(KIND) {
-        let kind = kind_of_truth(model, &kind)?;
-        merged.retain(|key, _| kind.keys().any(|own| own.name() == key.get_ref().as_ref()));
-    }
+    let kind = section.optional(KIND).map(|kind| kind_of_truth(model, &kind)).transpose()?;
+    let is_inherited = |name: &str| kind.is_none_or(|kind| kind.keys().any(|key| key.name() == name));
+    let inherited = table.iter().filter(|(key, _)| is_inherited(key.get_ref()));
+    let mut merged: DeTable<'_> = inherited.map(|(key, value)| (key.clone(), value.clone())).collect();
     for (key, value) in changes {
         // The key is removed first, so that messages point at the overriding one.
         merged.remove(key.get_ref().as_ref());

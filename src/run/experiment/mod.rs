@@ -303,7 +303,7 @@ impl ExperimentBuilder<'_> {
         };
         let steps = problem_steps(scenario, &problem);
         let mut warnings = sensors.warnings;
-        warnings.extend(notices::warnings(scenario, &observing, &recorded));
+        warnings.extend(notices::warnings(scenario, &observing, &recorded, span.last));
         warnings.extend(notices::of_methods(scenario, chosen));
         warnings.extend(notices::of_thresholds(&info.warnings, &problem));
         Ok(Experiment {
