@@ -38,6 +38,7 @@ static FILES: &[(&str, &[u8])] = files![
     "growth_4000.toml",
     "growth_8000.toml",
     "linear_advection.toml",
+    "linear_forecasts.toml",
     "local_factors.toml",
     "local_wrong_model.toml",
     "million.toml",

@@ -186,7 +186,7 @@ fn faults_are_named_with_their_place() {
     fault("{ kind = \"linear_shallow_water\" }", "{ kind = \"linear_", &["`mean_depth_m` is missing in [truth.model]"]);
     fault("{ mean_depth_m = 900 }", "mean_depth_m = 900 }", &["`mean_depth_m` belongs to kind \"linear_shallow_water\""]);
     let linear = |rest: &str| format!("{{ kind = \"linear_shallow_water\", mean_depth_m = 900{rest} }}");
-    let step = ["the truth: the time step of 3600 s"];
+    let step = ["the truth: time step 3600 s exceeds the largest stable one"];
     fault(&linear(", time_step_s = 3600"), "3600 }", &step);
     fault(&linear(", mean_flow_y_m_per_s = 3"), "3 }", &["through the walls of a channel"]);
     fault(&linear(", time_step_s = 1700"), "6\nscore", &["truth.model.time_step_s = 1700"]);

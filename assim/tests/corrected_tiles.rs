@@ -16,7 +16,6 @@ use std::sync::Arc;
 
 const WINDOW: Duration = Duration::from_seconds(10_800);
 const STEP: Duration = Duration::from_seconds(1800);
-const OBSERVATIONS: usize = 60;
 /// Of the four tiles in the jet.
 const TRUTH: f64 = 4.0;
 
@@ -67,8 +66,17 @@ fn observations(places: &[usize], truth: &State, cycle: usize, noise: &[f64]) ->
     }
 }
 
-/// (estimate − truth)/σ of each tile in the jet that is chosen, after some numbers of cycles.
-fn scores<const N: usize>(seed: u64, after: [usize; N]) -> [Vec<f64>; N] {
+/// What is found of the tiles after some cycles.
+#[derive(Default)]
+struct Found {
+    /// (estimate − truth)/σ of each tile in the jet that is chosen.
+    chosen: Vec<f64>,
+    /// The same of all tiles that are estimated, in the jet or not.
+    estimated: Vec<f64>,
+}
+
+/// After some numbers of cycles, with this number of stations.
+fn found<const N: usize>(seed: u64, stations: usize, after: [usize; N]) -> [Found; N] {
     let own = uniform(20.0);
     let layout = own.layout().clone();
     let sum = |sigma: f64, white: f64| -> Arc<dyn Covariance> {
@@ -80,7 +88,7 @@ fn scores<const N: usize>(seed: u64, after: [usize; N]) -> [Vec<f64>; N] {
     let mut truth = State::from_values(&layout, randomize(&*background_error, random));
     let mut places: Vec<usize> = (0..layout.len()).collect();
     places.shuffle(random);
-    places.truncate(OBSERVATIONS);
+    places.truncate(stations);
     let problem: Problem = Problem {
         model: Arc::new(own),
         background: State::zeros(&layout).valid_at(Time::from_seconds(0)),
@@ -103,27 +111,44 @@ fn scores<const N: usize>(seed: u64, after: [usize; N]) -> [Vec<f64>; N] {
             forecast::forecast(&jet, &mut truth, 6).unwrap();
             let error = randomize(&*model_error, random);
             truth.values_mut().iter_mut().zip(error).for_each(|(value, error)| *value += error);
-            let observed = observations(&places, &truth, cycle, &standard_normals(random, OBSERVATIONS));
+            let observed = observations(&places, &truth, cycle, &standard_normals(random, stations));
             let from = volume.forecast(WINDOW).unwrap();
             volume.analyse(&from, &observed).unwrap();
         }
-        let found = parameters(&volume);
-        found[..4].iter().filter_map(|it| Some((it.value - TRUTH) / it.sigma?)).collect()
+        let mut found = Found::default();
+        for (number, tile) in parameters(&volume).iter().enumerate() {
+            let Some(sigma) = tile.sigma else { continue };
+            let z = (tile.value - if number < 4 { TRUTH } else { 0.0 }) / sigma;
+            found.estimated.push(z);
+            if number < 4 && tile.verdict == "determined" {
+                found.chosen.push(z);
+            }
+        }
+        found
     })
 }
 
-/// A tile that is not chosen although it should be makes the σ of its neighbours too small, and so does what has been
-/// linearised about another estimate.
+/// A tile that is not chosen although it is wrong would make the σ of its neighbours too small, if it were held at zero, and so does
+/// what has been linearised about another estimate. With half of the stations, and early, not all tiles are chosen that are wrong.
 #[test]
 fn the_claimed_sigma_of_tiles_is_right() {
     const SEEDS: u64 = 30;
-    const AFTER: [usize; 2] = [20, 30];
-    let all: Vec<_> = (0..SEEDS).into_par_iter().map(|seed| scores(seed, AFTER)).collect();
-    for (number, cycles) in AFTER.iter().enumerate() {
-        let scores: Vec<f64> = all.iter().flat_map(|of_seed| &of_seed[number]).copied().collect();
-        let square = scores.iter().map(|z| z * z).sum::<f64>() / scores.len() as f64;
-        println!("{cycles} cycles: {} tiles, rms {}", scores.len(), square.sqrt());
-        assert!((0.8..1.2).contains(&square.sqrt()), "after {cycles} cycles {}", square.sqrt());
-        assert!(scores.len() as f64 > 0.97 * 4.0 * SEEDS as f64, "after {cycles} cycles {} tiles", scores.len());
+    const AFTER: [usize; 3] = [10, 20, 30];
+    let root_mean_square = |z: &[f64]| (z.iter().map(|z| z * z).sum::<f64>() / z.len() as f64).sqrt();
+    for (stations, least_chosen) in [(60, [0.5, 0.97, 0.97]), (30, [0.0, 0.5, 0.5])] {
+        let all: Vec<_> = (0..SEEDS).into_par_iter().map(|seed| found(seed, stations, AFTER)).collect();
+        for (number, cycles) in AFTER.iter().enumerate() {
+            let of_all = |own: fn(&Found) -> &Vec<f64>| -> Vec<f64> {
+                all.iter().flat_map(|of_seed| own(&of_seed[number])).copied().collect()
+            };
+            let (chosen, estimated) = (of_all(|it| &it.chosen), of_all(|it| &it.estimated));
+            let of_each = [&chosen, &estimated].map(|z| (z.len(), root_mean_square(z)));
+            let what = format!("{stations} stations, {cycles} cycles: {of_each:?} tiles chosen and estimated");
+            println!("{what}");
+            for (_, rms) in of_each {
+                assert!((0.8..1.2).contains(&rms), "{what}");
+            }
+            assert!(chosen.len() as f64 > least_chosen[number] * 4.0 * SEEDS as f64, "{what}");
+        }
     }
 }

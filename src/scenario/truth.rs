@@ -89,7 +89,7 @@ const TRUE_MODEL: Key<Described> = Key::absent(
     Described("a table with keys of `[model]`; `kind` only where it is another one", || Form::PartOf("models")),
     Absent::Explained("the truth has the methods' model"),
     "keys of the model that have another value in the truth; with another `kind`, which must have the same variables, the keys \
-     that both kinds have are those of `[model]` unless they are given here, and none else are",
+     that both kinds have are those of `[model]` unless they are given here",
 );
 
 const TRUE_FORCING: Key<Described> = Key::absent(

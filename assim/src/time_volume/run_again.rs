@@ -160,9 +160,10 @@ impl TimeVolume {
     /// Takes what was known at the start of a part, about the reference as it is now.
     fn go_back(&mut self, part: &Part<Memory>) -> Result<(), Error> {
         self.errors.recall(part.errors.clone(), &part.memory.s)?;
-        let Memory { reference, posterior, active, .. } = std::mem::replace(&mut self.memory, part.memory.clone());
+        let now = std::mem::replace(&mut self.memory, part.memory.clone());
+        let Memory { reference, posterior, active, precisions, .. } = now;
         let shift: Vec<f64> = reference.iter().zip(&self.memory.reference).map(|(now, then)| now - then).collect();
-        (self.memory.posterior, self.memory.active) = (posterior, active);
+        (self.memory.posterior, self.memory.active, self.memory.precisions) = (posterior, active, precisions);
         self.shift_reference(&shift);
         self.begin_anew(&shift);
         Ok(())

@@ -75,6 +75,14 @@ impl Model {
         self.equations.build(grid, self.time_step, cycle, &self.forcing)
     }
 
+    /// By how much a parameter that an assimilation may correct is greater than in another model of the same kind, at each cell,
+    /// `[y, x]`; `None` if they are of different kinds, or have no such parameter.
+    pub(crate) fn difference(&self, other: &Self, grid: &Grid, parameter: &str) -> Option<Vec<f64>> {
+        let of = |model: &Self| model.equations.parameter_field(grid, parameter);
+        let (own, others) = (of(self)?, of(other)?);
+        (self.kind == other.kind).then(|| own.iter().zip(others).map(|(own, other)| own - other).collect())
+    }
+
     /// The same model with other parameters: each name with what is added to its value.
     pub fn corrected(&self, grid: &Grid, changes: &[(&str, f64)]) -> Self {
         let mut equations = self.equations.boxed_clone();

@@ -121,6 +121,8 @@ pub struct Competitor {
     pub failure: Option<Failure>,
     /// Whether its biases are scored: not where they are known to it or it has none.
     pub scores_bias: bool,
+    /// The truth of the corrections of the model that it may estimate, by their names, as far as it is known.
+    pub true_corrections: Vec<(String, f64)>,
     /// Whether it has warned of an analysis.
     pub has_warned: bool,
     /// Whether it is given observations without their true biases.
@@ -140,6 +142,7 @@ impl Competitor {
             runner,
             failure: None,
             scores_bias: true,
+            true_corrections: Vec::new(),
             has_warned: false,
             bias_known: false,
             memory_limit_bytes,
@@ -238,7 +241,12 @@ impl ExperimentBuilder<'_> {
             let bias_known = method.bias == BiasTreatment::Known;
             let scores_bias = method.scores_biases();
             let memory_limit_bytes = method.memory_limit_bytes;
-            methods.push(Competitor { scores_bias, bias_known, ..Competitor::new(runner, memory_limit_bytes) });
+            let true_corrections = match &scenario.truth {
+                Some(TruthSettings::Twin(twin)) => method.settings.true_corrections(&twin.model, &scenario.domain()),
+                _ => Vec::new(),
+            };
+            let competitor = Competitor::new(runner, memory_limit_bytes);
+            methods.push(Competitor { scores_bias, true_corrections, bias_known, ..competitor });
             let initialised = initialised.map(|settings| {
                 format!("calibration initialised from {} cycles by a high-pass filter", settings.cycles)
             });
