@@ -15,6 +15,7 @@ mod circles;
 mod command_line;
 mod common;
 mod comparisons;
+mod correction_scores;
 mod correlated_errors;
 mod determinism;
 mod diagnostics;

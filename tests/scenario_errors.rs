@@ -325,7 +325,12 @@ const CASES: &[Case] = &[
     ("along_track_spacing_km = 100", "along_track_spacing_km = 0.001", "0.001", &["at most a million footprints"]),
     ("start = \"2026-01-15T00:00:00Z\"", "start = \"yesterday\"", "\"yesterday\"", &["\"2026-01-15T00:00:00Z\""]),
     ("model = { drag_per_s = 1e-6 }", "model = { drag_per = 1e-6 }", "drag_per ", &["did you mean `drag_per_s`?"]),
-    ("model = { drag_per_s = 1e-6 }", "model = { kind = \"advection\" }", "\"advection", &["has other variables than [model]"]),
+    (
+        "model = { drag_per_s = 1e-6 }",
+        "model = { kind = \"advection\" }",
+        "\"advection",
+        &["has other variables than [model]"],
+    ),
     ("nx = 8", "nx = = 8", "= 8", &["not valid TOML"]),
     ("nx = 8", "nx = 8\nnx = 9", "nx = 9", &["not valid TOML", "duplicate key"]),
     ("title = \"A test\"", "title = \"a\\u001b[31mb\"", "\"a\\u001b", &["contains a control character"]),

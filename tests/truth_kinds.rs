@@ -184,7 +184,11 @@ fn faults_are_named_with_their_place() {
     fault("{ kind = \"linear_shalow_water\" }", "\"linear_shalow", &["did you mean \"linear_shallow_water\"?"]);
     fault("{ kind = 3 }", "3 }", &["`truth.model.kind` is a whole number"]);
     fault("{ kind = \"linear_shallow_water\" }", "{ kind = \"linear_", &["`mean_depth_m` is missing in [truth.model]"]);
-    fault("{ mean_depth_m = 900 }", "mean_depth_m = 900 }", &["`mean_depth_m` belongs to kind \"linear_shallow_water\""]);
+    fault(
+        "{ mean_depth_m = 900 }",
+        "mean_depth_m = 900 }",
+        &["`mean_depth_m` belongs to kind \"linear_shallow_water\""],
+    );
     let linear = |rest: &str| format!("{{ kind = \"linear_shallow_water\", mean_depth_m = 900{rest} }}");
     let step = ["the truth: time step 3600 s exceeds the largest stable one"];
     fault(&linear(", time_step_s = 3600"), "3600 }", &step);

@@ -16,6 +16,7 @@ use std::sync::Arc;
 
 const WINDOW: Duration = Duration::from_seconds(10_800);
 const STEP: Duration = Duration::from_seconds(1800);
+const OBSERVATIONS: usize = 60;
 /// Of the four tiles in the jet.
 const TRUTH: f64 = 4.0;
 
@@ -75,8 +76,8 @@ struct Found {
     estimated: Vec<f64>,
 }
 
-/// After some numbers of cycles, with this number of stations.
-fn found<const N: usize>(seed: u64, stations: usize, after: [usize; N]) -> [Found; N] {
+/// After some numbers of cycles.
+fn found<const N: usize>(seed: u64, after: [usize; N]) -> [Found; N] {
     let own = uniform(20.0);
     let layout = own.layout().clone();
     let sum = |sigma: f64, white: f64| -> Arc<dyn Covariance> {
@@ -88,7 +89,7 @@ fn found<const N: usize>(seed: u64, stations: usize, after: [usize; N]) -> [Foun
     let mut truth = State::from_values(&layout, randomize(&*background_error, random));
     let mut places: Vec<usize> = (0..layout.len()).collect();
     places.shuffle(random);
-    places.truncate(stations);
+    places.truncate(OBSERVATIONS);
     let problem: Problem = Problem {
         model: Arc::new(own),
         background: State::zeros(&layout).valid_at(Time::from_seconds(0)),
@@ -111,7 +112,7 @@ fn found<const N: usize>(seed: u64, stations: usize, after: [usize; N]) -> [Foun
             forecast::forecast(&jet, &mut truth, 6).unwrap();
             let error = randomize(&*model_error, random);
             truth.values_mut().iter_mut().zip(error).for_each(|(value, error)| *value += error);
-            let observed = observations(&places, &truth, cycle, &standard_normals(random, stations));
+            let observed = observations(&places, &truth, cycle, &standard_normals(random, OBSERVATIONS));
             let from = volume.forecast(WINDOW).unwrap();
             volume.analyse(&from, &observed).unwrap();
         }
@@ -129,26 +130,25 @@ fn found<const N: usize>(seed: u64, stations: usize, after: [usize; N]) -> [Foun
 }
 
 /// A tile that is not chosen although it is wrong would make the σ of its neighbours too small, if it were held at zero, and so does
-/// what has been linearised about another estimate. With half of the stations, and early, not all tiles are chosen that are wrong.
+/// what has been linearised about another estimate. Early not all tiles are chosen that are wrong.
 #[test]
 fn the_claimed_sigma_of_tiles_is_right() {
     const SEEDS: u64 = 30;
     const AFTER: [usize; 3] = [10, 20, 30];
     let root_mean_square = |z: &[f64]| (z.iter().map(|z| z * z).sum::<f64>() / z.len() as f64).sqrt();
-    for (stations, least_chosen) in [(60, [0.5, 0.97, 0.97]), (30, [0.0, 0.5, 0.5])] {
-        let all: Vec<_> = (0..SEEDS).into_par_iter().map(|seed| found(seed, stations, AFTER)).collect();
-        for (number, cycles) in AFTER.iter().enumerate() {
-            let of_all = |own: fn(&Found) -> &Vec<f64>| -> Vec<f64> {
-                all.iter().flat_map(|of_seed| own(&of_seed[number])).copied().collect()
-            };
-            let (chosen, estimated) = (of_all(|it| &it.chosen), of_all(|it| &it.estimated));
-            let of_each = [&chosen, &estimated].map(|z| (z.len(), root_mean_square(z)));
-            let what = format!("{stations} stations, {cycles} cycles: {of_each:?} tiles chosen and estimated");
-            println!("{what}");
-            for (_, rms) in of_each {
-                assert!((0.8..1.2).contains(&rms), "{what}");
-            }
-            assert!(chosen.len() as f64 > least_chosen[number] * 4.0 * SEEDS as f64, "{what}");
+    let all: Vec<_> = (0..SEEDS).into_par_iter().map(|seed| found(seed, AFTER)).collect();
+    for (number, cycles) in AFTER.iter().enumerate() {
+        let of_all = |own: fn(&Found) -> &Vec<f64>| -> Vec<f64> {
+            all.iter().flat_map(|of_seed| own(&of_seed[number])).copied().collect()
+        };
+        let (chosen, estimated) = (of_all(|it| &it.chosen), of_all(|it| &it.estimated));
+        let of_each = [&chosen, &estimated].map(|z| (z.len(), root_mean_square(z)));
+        let what = format!("{cycles} cycles: {of_each:?} tiles chosen and estimated");
+        println!("{what}");
+        for (_, rms) in of_each {
+            assert!((0.8..1.2).contains(&rms), "{what}");
         }
+        let least = if *cycles < 20 { 0.9 } else { 0.97 };
+        assert!(chosen.len() as f64 > least * 4.0 * SEEDS as f64, "{what}");
     }
 }

@@ -3,8 +3,8 @@
 use crate::common::*;
 use isobar_model::{Boundary, State};
 use isobar_obs::{
-    BiasProcess, BiasScope, Evolution, InitialBias, Network, ObservedVariable, ObservingSystem, Placement, RadiosondeSettings, Schedule,
-    Station, StationBias, StationFile, StationSource,
+    BiasProcess, BiasScope, Evolution, InitialBias, Network, ObservedVariable, ObservingSystem, Placement,
+    RadiosondeSettings, Schedule, Station, StationBias, StationFile, StationSource,
 };
 
 fn bias(variable: &str, scope: BiasScope, process: BiasProcess) -> StationBias {

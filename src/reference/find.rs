@@ -162,7 +162,9 @@ fn explanation(name: &str, steps: Vec<Step>) -> Explanation {
 /// The kinds of a list that are chosen in a value of a form.
 fn kinds_in(form: &Form) -> Vec<(&'static str, &'static str)> {
     match form {
-        Form::Listed(option) | Form::PartOf(option) => list(option).iter().map(|kind| (kind.name, kind.about)).collect(),
+        Form::Listed(option) | Form::PartOf(option) => {
+            list(option).iter().map(|kind| (kind.name, kind.about)).collect()
+        }
         Form::Named(_, of) | Form::List(of) => kinds_in(of),
         _ => Vec::new(),
     }

@@ -13,7 +13,7 @@ use crate::event::{Analysed, Estimated, Event, Forecast, Judged, RunInfo, Smooth
 use crate::interrupt;
 use crate::outcome::Outcome;
 use crate::scores::forecast::{self, Verifying};
-use crate::scores::{Failure, measures, Outlook, RunScores, Scorecard, Summary, TrueValues, WarningCase};
+use crate::scores::{Failure, Outlook, RunScores, Scorecard, Summary, TrueValues, WarningCase, measures};
 use crate::text::clean;
 use crate::threshold_warning::PlacedWarning;
 use crate::verdict::Verdict;

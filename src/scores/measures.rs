@@ -155,7 +155,8 @@ mod tests {
             sigma,
             verdict: String::new(),
         };
-        let estimated = [own("a", 3.0, Some(0.5)), own("b", 1.0, None), own("c", 9.0, Some(2.0)), own("d", 0.0, Some(1.0))];
+        let estimated =
+            [own("a", 3.0, Some(0.5)), own("b", 1.0, None), own("c", 9.0, Some(2.0)), own("d", 0.0, Some(1.0))];
         let truth = [("c".to_string(), 4.0), ("b".to_string(), 0.0), ("a".to_string(), 2.0), ("e".to_string(), 1.0)];
         assert_eq!(of_corrections(&estimated, &truth), Sum { total: 6.25 + 4.0, weight: 2.0 });
     }

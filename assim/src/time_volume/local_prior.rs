@@ -108,9 +108,8 @@ impl TimeVolume {
         let left = about_zero.without(active);
         let n = others.len();
         let (values, vectors) = eigen(Mat::from_fn(n, n, |i, j| left.matrix[(others[i], others[j])]).as_ref());
-        let squares: Vec<f64> = (0..n)
-            .map(|i| (0..n).map(|j| vectors[(j, i)] * left.vector[others[j]]).sum::<f64>().powi(2))
-            .collect();
+        let squares: Vec<f64> =
+            (0..n).map(|i| (0..n).map(|j| vectors[(j, i)] * left.vector[others[j]]).sum::<f64>().powi(2)).collect();
         most_likely(&values, &squares, most)
     }
 }

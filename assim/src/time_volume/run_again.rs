@@ -92,12 +92,14 @@ impl TimeVolume {
         coefficients.iter().enumerate().map(row).collect()
     }
 
-    /// Whether one of the corrections has moved far.
+    /// Whether one of the corrections has moved far: by more than the observations alone leave open, without a prior that was found.
     fn is_far(&self, shift: &[f64]) -> bool {
-        let q = self.unknowns();
-        let unit = |k: usize| -> Vec<f64> { (0..q).map(|j| f64::from(u8::from(j == k))).collect() };
-        let mut chosen = (self.constant.len()..q).filter(|&k| self.memory.active[k]);
-        chosen.any(|k| shift[k].abs() > FAR * self.memory.posterior.sigma(&unit(k)))
+        let Memory { active, precisions, posterior, .. } = &self.memory;
+        let is_far = |k: usize| {
+            let information = 1.0 / posterior.variance(k) - precisions[k];
+            shift[k].powi(2) * information > FAR * FAR
+        };
+        (self.constant.len()..self.unknowns()).any(|k| active[k] && is_far(k))
     }
 
     /// Runs the window's cycles again as long as a correction has moved far, given the last move.

@@ -45,8 +45,9 @@ impl TimeVolume {
     ) -> Option<f64> {
         let q = self.unknowns();
         if precisions[candidate] > 0.0 {
-            let variance: f64 = (0..posterior.root.ncols()).map(|l| posterior.root[(candidate, l)].powi(2)).sum();
-            let (mean, left) = (self.memory.reference[candidate] + shift[candidate], 1.0 / variance - precisions[candidate]);
+            let variance = posterior.variance(candidate);
+            let (mean, left) =
+                (self.memory.reference[candidate] + shift[candidate], 1.0 / variance - precisions[candidate]);
             return (left > 1e-6 / variance).then(|| mean / variance / left.sqrt());
         }
         let row = |k: usize| total.matrix[(candidate, k)];
@@ -83,9 +84,7 @@ impl TimeVolume {
         };
         let before = chosen.clone();
         for k in first..q {
-            let unit: Vec<f64> = (0..q).map(|j| f64::from(u8::from(j == k))).collect();
-            let value = self.memory.reference[k] + shift[k];
-            chosen[k] &= value.abs() > posterior.sigma(&unit);
+            chosen[k] &= (self.memory.reference[k] + shift[k]).powi(2) > posterior.variance(k);
         }
         if chosen != before {
             estimated = self.estimated(&window, &chosen);

@@ -95,9 +95,7 @@ pub trait Instrument: Send + Sync {
 }
 
 /// The platforms of some observations, each with the numbers of its biases, sorted by name with all their biases.
-fn platforms_of<'a, B: Iterator<Item = usize>>(
-    observations: impl Iterator<Item = (&'a Arc<str>, B)>,
-) -> Vec<Platform> {
+fn platforms_of<'a, B: Iterator<Item = usize>>(observations: impl Iterator<Item = (&'a Arc<str>, B)>) -> Vec<Platform> {
     let mut biases: BTreeMap<Arc<str>, BTreeSet<usize>> = BTreeMap::new();
     for (platform, parameters) in observations {
         biases.entry(Arc::clone(platform)).or_default().extend(parameters);

@@ -32,7 +32,8 @@ impl Nameless {
         if let Some((_, name)) = seen.iter().find(|(other, _)| *other == numbers) {
             return Arc::clone(name);
         }
-        let name: Arc<str> = if seen.is_empty() { place.into() } else { format!("{place} ({})", seen.len() + 1).into() };
+        let name: Arc<str> =
+            if seen.is_empty() { place.into() } else { format!("{place} ({})", seen.len() + 1).into() };
         seen.push((numbers, Arc::clone(&name)));
         name
     }

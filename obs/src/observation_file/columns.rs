@@ -93,9 +93,10 @@ impl Columns {
         let sigma =
             self.sigma.map_or(Some(None), |column| row.number(column, (1.0 / LARGEST, LARGEST), faults).map(Some));
         let Memory { variables, ids, groups, reports, .. } = memory;
-        let [id, group, report] = [(self.id, ids), (self.group, groups), (self.report, reports)].map(|(column, names)| {
-            column.map_or(Some(None), |column| row.name(column, faults).map(|name| Some(names.shared(name))))
-        });
+        let [id, group, report] =
+            [(self.id, ids), (self.group, groups), (self.report, reports)].map(|(column, names)| {
+                column.map_or(Some(None), |column| row.name(column, faults).map(|name| Some(names.shared(name))))
+            });
         let predictor = |&(column, ref name): &(usize, String)| {
             let is_missing = is_missing_or_marked(row, column, markers);
             if is_missing { Some(None) } else { number(row, column, name, markers, faults).map(Some) }

@@ -57,7 +57,8 @@ impl Names {
     pub fn shared(&mut self, name: &str) -> Arc<str> {
         // Most rows have the name of the row before, or that which came after it when it was new: these need no search.
         let after = if self.last + 1 < self.held.len() { self.last + 1 } else { 0 };
-        let likely = [self.last, after].into_iter().find(|&number| self.held.get(number).is_some_and(|it| **it == *name));
+        let likely =
+            [self.last, after].into_iter().find(|&number| self.held.get(number).is_some_and(|it| **it == *name));
         self.last = likely.or_else(|| self.numbers.get(name).copied()).unwrap_or_else(|| {
             let held: Arc<str> = name.into();
             self.numbers.insert(Arc::clone(&held), self.held.len());
