@@ -67,7 +67,7 @@ fn no_score_without_a_right_value() {
 #[test]
 fn seeds_show_it() {
     let folder = tempfile::tempdir().unwrap();
-    let printed = run(folder.path(), |scenario| scenario, &["--cycles", "22", "--seeds", "2"]);
+    let printed = run(folder.path(), |scenario| scenario, &["--cycles", "22", "--seeds", "3"]);
     assert!(printed.contains("corrections"), "{printed}");
     let seeds: Value =
         serde_json::from_str(&fs::read_to_string(folder.path().join("out/s/seeds.json")).unwrap()).unwrap();
