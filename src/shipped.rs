@@ -40,6 +40,7 @@ static FILES: &[(&str, &[u8])] = files![
     "growth_jet.toml",
     "growth_nonlinear.toml",
     "linear_advection.toml",
+    "linear_forecasts.toml",
     "local_factors.toml",
     "local_wrong_model.toml",
     "million.toml",

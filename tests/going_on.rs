@@ -46,8 +46,8 @@ kind = "radiosonde"
 stations = { random = 4 }
 groups = ["C", "D"]
 missing_rate = 0.2
-interval_cycles = 3
-first_cycle = 2
+interval_cycles = 2
+first_cycle = 6
 faults = { gross_error_rate = 0.1, gross_error_factor = 20, late_rate = 0.1 }
 observe = { tracer = 0.3 }
 [[networks.moving.bias]]

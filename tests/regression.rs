@@ -46,14 +46,16 @@ fn methods(scenario: &Scenario, condition: impl Fn(&Method) -> bool) -> Vec<&str
 /// Scenarios in which the Kalman filter does not know the statistics of the world, or in which one draw says nothing of them:
 /// where mean height and bias cannot be told apart, only luck makes one method better than another; where the model makes no error,
 /// a few analyses determine everything; and `observation_times`, where the filter takes an error within the window for the one at
-/// the analysis. `forecast_skill`, `observation_times` and `sensor_care` have no full Kalman filter.
-const NOT_OPTIMAL: [&str; 15] = [
+/// the analysis. `forecast_skill`, `linear_forecasts`,
+/// `observation_times` and `sensor_care` have no full Kalman filter.
+const NOT_OPTIMAL: [&str; 16] = [
     "compared_sensors",
     "diurnal_bias",
     "first_calibration",
     "forcing",
     "forecast_skill",
     "linear_advection",
+    "linear_forecasts",
     "local_factors",
     "local_wrong_model",
     "model_patterns",

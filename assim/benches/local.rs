@@ -227,6 +227,6 @@ fn instruments(side: usize) -> [Network; 2] {
         air_mass_biases: Vec::new(),
     };
     let mut sondes = Network::new("sondes", sondes);
-    sondes.schedule = Schedule { every_cycles: 2, offset_cycles: 1 };
+    sondes.schedule = Schedule { every_cycles: 2, first_cycle: 1 };
     [sondes, Network::new("polar", satellite)]
 }

@@ -67,8 +67,17 @@ fn observations(places: &[usize], truth: &State, cycle: usize, noise: &[f64]) ->
     }
 }
 
-/// (estimate − truth)/σ of each tile in the jet that is chosen, after some numbers of cycles.
-fn scores<const N: usize>(seed: u64, after: [usize; N]) -> [Vec<f64>; N] {
+/// What is found of the tiles after some cycles.
+#[derive(Default)]
+struct Found {
+    /// (estimate − truth)/σ of each tile in the jet that is chosen.
+    chosen: Vec<f64>,
+    /// The same of all tiles that are estimated, in the jet or not.
+    estimated: Vec<f64>,
+}
+
+/// After some numbers of cycles.
+fn found<const N: usize>(seed: u64, after: [usize; N]) -> [Found; N] {
     let own = uniform(20.0);
     let layout = own.layout().clone();
     let sum = |sigma: f64, white: f64| -> Arc<dyn Covariance> {
@@ -107,23 +116,39 @@ fn scores<const N: usize>(seed: u64, after: [usize; N]) -> [Vec<f64>; N] {
             let from = volume.forecast(WINDOW).unwrap();
             volume.analyse(&from, &observed).unwrap();
         }
-        let found = parameters(&volume);
-        found[..4].iter().filter_map(|it| Some((it.value - TRUTH) / it.sigma?)).collect()
+        let mut found = Found::default();
+        for (number, tile) in parameters(&volume).iter().enumerate() {
+            let Some(sigma) = tile.sigma else { continue };
+            let z = (tile.value - if number < 4 { TRUTH } else { 0.0 }) / sigma;
+            found.estimated.push(z);
+            if number < 4 && tile.verdict == "determined" {
+                found.chosen.push(z);
+            }
+        }
+        found
     })
 }
 
-/// A tile that is not chosen although it should be makes the σ of its neighbours too small, and so does what has been
-/// linearised about another estimate.
+/// A tile that is not chosen although it is wrong would make the σ of its neighbours too small, if it were held at zero, and so does
+/// what has been linearised about another estimate. Early not all tiles are chosen that are wrong.
 #[test]
 fn the_claimed_sigma_of_tiles_is_right() {
     const SEEDS: u64 = 30;
-    const AFTER: [usize; 2] = [20, 30];
-    let all: Vec<_> = (0..SEEDS).into_par_iter().map(|seed| scores(seed, AFTER)).collect();
+    const AFTER: [usize; 3] = [10, 20, 30];
+    let root_mean_square = |z: &[f64]| (z.iter().map(|z| z * z).sum::<f64>() / z.len() as f64).sqrt();
+    let all: Vec<_> = (0..SEEDS).into_par_iter().map(|seed| found(seed, AFTER)).collect();
     for (number, cycles) in AFTER.iter().enumerate() {
-        let scores: Vec<f64> = all.iter().flat_map(|of_seed| &of_seed[number]).copied().collect();
-        let square = scores.iter().map(|z| z * z).sum::<f64>() / scores.len() as f64;
-        println!("{cycles} cycles: {} tiles, rms {}", scores.len(), square.sqrt());
-        assert!((0.8..1.2).contains(&square.sqrt()), "after {cycles} cycles {}", square.sqrt());
-        assert!(scores.len() as f64 > 0.97 * 4.0 * SEEDS as f64, "after {cycles} cycles {} tiles", scores.len());
+        let of_all = |own: fn(&Found) -> &Vec<f64>| -> Vec<f64> {
+            all.iter().flat_map(|of_seed| own(&of_seed[number])).copied().collect()
+        };
+        let (chosen, estimated) = (of_all(|it| &it.chosen), of_all(|it| &it.estimated));
+        let of_each = [&chosen, &estimated].map(|z| (z.len(), root_mean_square(z)));
+        let what = format!("{cycles} cycles: {of_each:?} tiles chosen and estimated");
+        println!("{what}");
+        for (_, rms) in of_each {
+            assert!((0.8..1.2).contains(&rms), "{what}");
+        }
+        let least = if *cycles < 20 { 0.9 } else { 0.97 };
+        assert!(chosen.len() as f64 > least * 4.0 * SEEDS as f64, "{what}");
     }
 }

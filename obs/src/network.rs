@@ -133,31 +133,30 @@ pub(crate) fn spread(observations: &mut [Observation], times: usize, window: Dur
     }
 }
 
-/// In which cycles a network reports: those whose number, from 1, leaves the remainder `offset_cycles` when divided by
-/// `every_cycles`. With windows of six hours from 00 UTC, `every_cycles = 2` means 12, 00, 12 … UTC.
+/// In which cycles, from 1, a network reports: `first_cycle`, and after it every `every_cycles` cycles. With windows of six hours
+/// from 00 UTC, `every_cycles = 2` and `first_cycle = 2` mean 12, 00, 12 … UTC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Schedule {
     /// The interval between its reports in cycles, at least 1.
     pub every_cycles: usize,
-    /// The remainder; below `every_cycles`.
-    pub offset_cycles: usize,
+    /// The first cycle in which it reports, at least 1.
+    pub first_cycle: usize,
 }
 
 impl Schedule {
     /// Every cycle.
-    pub const EVERY_CYCLE: Schedule = Schedule { every_cycles: 1, offset_cycles: 0 };
+    pub const EVERY_CYCLE: Schedule = Schedule { every_cycles: 1, first_cycle: 1 };
 
     /// Number of reports before that of `cycle` (from 1); `None` if the network does not report in this cycle.
     pub fn pass(&self, cycle: usize) -> Option<usize> {
-        let first = if self.offset_cycles == 0 { self.every_cycles } else { self.offset_cycles };
-        (cycle >= first && cycle % self.every_cycles == self.offset_cycles).then(|| (cycle - first) / self.every_cycles)
+        let after = cycle.checked_sub(self.first_cycle)?;
+        after.is_multiple_of(self.every_cycles).then(|| after / self.every_cycles)
     }
 
     pub(crate) fn validate(&self, network: &str) -> Result<(), ObservationError> {
-        let Schedule { every_cycles: every, offset_cycles: offset } = *self;
+        let Schedule { every_cycles: every, first_cycle: first } = *self;
         require(every >= 1, network, "schedule.every_cycles", every as f64, "at least 1")?;
-        let expected = format!("from 0 to {}, below every_cycles", every - 1);
-        require(offset < every, network, "schedule.offset_cycles", offset as f64, expected)
+        require(first >= 1, network, "schedule.first_cycle", first as f64, "at least 1")
     }
 }
 
@@ -166,21 +165,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn schedules_report_every_nth_cycle() {
-        let passes = |every_cycles, offset_cycles| -> Vec<Option<usize>> {
-            (1..=6).map(|cycle| Schedule { every_cycles, offset_cycles }.pass(cycle)).collect()
+    fn schedules_report_every_nth_cycle_from_the_first() {
+        let passes = |every_cycles, first_cycle| -> Vec<Option<usize>> {
+            (1..=6).map(|cycle| Schedule { every_cycles, first_cycle }.pass(cycle)).collect()
         };
-        assert_eq!(passes(1, 0), [Some(0), Some(1), Some(2), Some(3), Some(4), Some(5)]);
-        assert_eq!(passes(2, 0), [None, Some(0), None, Some(1), None, Some(2)]);
+        assert_eq!(passes(1, 1), [Some(0), Some(1), Some(2), Some(3), Some(4), Some(5)]);
+        assert_eq!(passes(2, 2), [None, Some(0), None, Some(1), None, Some(2)]);
         assert_eq!(passes(3, 1), [Some(0), None, None, Some(1), None, None]);
+        assert_eq!(passes(1, 4), [None, None, None, Some(0), Some(1), Some(2)]);
+        assert_eq!(passes(2, 3), [None, None, Some(0), None, Some(1), None]);
+        assert_eq!(passes(3, 9), [None; 6]);
     }
 
     #[test]
     fn impossible_schedules_are_errors() {
-        let message = |every_cycles, offset_cycles| {
-            Schedule { every_cycles, offset_cycles }.validate("net").unwrap_err().to_string()
-        };
-        assert_eq!(message(0, 0), "net: schedule.every_cycles is 0, but must be at least 1");
-        assert_eq!(message(2, 2), "net: schedule.offset_cycles is 2, but must be from 0 to 1, below every_cycles");
+        let message =
+            |every_cycles, first_cycle| Schedule { every_cycles, first_cycle }.validate("net").unwrap_err().to_string();
+        assert_eq!(message(0, 1), "net: schedule.every_cycles is 0, but must be at least 1");
+        assert_eq!(message(2, 0), "net: schedule.first_cycle is 0, but must be at least 1");
     }
 }

@@ -29,13 +29,6 @@ pub struct Observation {
     pub lag: Duration,
 }
 
-impl Observation {
-    /// Whether it is valid at the end of a cycle, of this number or 0 before the first, and lies in the domain.
-    pub(crate) fn is_in_time_and_inside(&self, cycle: usize) -> bool {
-        cycle > 0 && !self.reading.is_late() && !self.state.is_empty()
-    }
-}
-
 /// A place in a scan line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScanLine {
@@ -78,21 +71,9 @@ impl Reading {
         }
     }
 
-    /// Whether it was recorded too far from the end of the window.
-    pub(crate) fn is_late(&self) -> bool {
-        matches!(self, Reading::Recorded { is_late: true, .. })
-    }
-
     /// Whether it was recorded without the value of a predictor of its bias.
     pub(crate) fn lacks_predictor(&self) -> bool {
         matches!(self, Reading::Recorded { lacks_predictor: true, .. })
-    }
-
-    /// Says of a recorded one whether it is so.
-    pub(crate) fn set_lacks_predictor(&mut self, new: bool) {
-        if let Reading::Recorded { lacks_predictor, .. } = self {
-            *lacks_predictor = new;
-        }
     }
 }
 

@@ -52,9 +52,4 @@ impl StateOperator {
             Self::Nonlinear(_) => 0,
         }
     }
-
-    /// Whether it is the empty row of an observation outside of the domain.
-    pub(crate) fn is_empty(&self) -> bool {
-        matches!(self, Self::Linear(row) if row.is_empty())
-    }
 }

@@ -89,7 +89,7 @@ impl StationFile {
                     .add(line, format!("the station `{id}` is already on line {first_line}; identifiers must differ"));
             }
             if let (Some(id), Some(position)) = (id, position) {
-                records.push(StationRecord { line, id, position, fields: row.into_fields() });
+                records.push(StationRecord { line, id, position, fields: row.to_fields() });
             }
         });
         faults.check(file)?;

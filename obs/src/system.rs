@@ -193,7 +193,7 @@ impl ObservingSystem {
             if let Some(correlation) = &network.error_correlation {
                 correlation.check_size(name, member.instrument.most_in_report())?;
             }
-            // Of recorded observations all weights are held, and those of a cycle are few.
+            // Of recorded observations the weights of all cycles count, since those of one are few.
             observations += member.instrument.most_observations(1);
             weights += member.instrument.weights();
             check_size(name, observations, weights)?;

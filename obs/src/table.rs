@@ -11,6 +11,7 @@ use crate::error::list;
 use crate::times;
 use isobar_model::Time;
 use line::{lines, separator, split};
+use std::borrow::Cow;
 
 /// The largest number of characters of a field.
 const LONGEST_FIELD: usize = 10_000;
@@ -69,7 +70,7 @@ pub struct Row<'a> {
     /// Number of its line, or of the row where there is no text, from 1.
     pub line: usize,
     columns: &'a [String],
-    fields: Vec<String>,
+    fields: &'a [Cow<'a, str>],
 }
 
 impl<'a> Table<'a> {
@@ -148,7 +149,9 @@ impl<'a> Table<'a> {
                  file so, or replace the {other} and any decimal commas"
             )));
         }
-        let columns = split(header).map_err(fault)?;
+        let mut columns = Vec::new();
+        split(header, &mut columns).map_err(fault)?;
+        let columns = columns.into_iter().map(Cow::into_owned).collect();
         let body = Body::Text { header_line, lines: Vec::new() };
         Ok(Some((Self { file, body, columns }, lines)))
     }
@@ -170,34 +173,38 @@ impl<'a> Table<'a> {
 
     /// Calls `take` with each row below the header. What is not a row is added to the faults.
     pub fn each_row(&self, faults: &mut Faults, mut take: impl FnMut(Row<'_>, &mut Faults)) {
+        // One list for all rows: a table may have millions.
+        let mut fields: Vec<Cow<'_, str>> = Vec::new();
         match &self.body {
             Body::Text { lines, .. } => {
                 for &(line, text) in lines {
-                    match self.row(line, text) {
-                        Ok(Some(row)) => take(row, faults),
-                        Ok(None) => {}
+                    fields.clear();
+                    match self.fields(text, &mut fields) {
+                        Ok(true) => take(Row { line, columns: &self.columns, fields: &fields }, faults),
+                        Ok(false) => {}
                         Err(problem) => faults.add(line, problem),
                     }
                 }
             }
             Body::Rows(rows) => {
-                for (row, number) in rows.iter().zip(1..) {
-                    let mut fields = row.clone();
-                    fields.resize(self.columns.len(), String::new());
-                    take(Row { line: number, columns: &self.columns, fields }, faults);
+                for (row, line) in rows.iter().zip(1..) {
+                    fields.clear();
+                    fields.extend(row.iter().map(|field| Cow::Borrowed(field.as_str())));
+                    fields.resize(self.columns.len(), Cow::Borrowed(""));
+                    take(Row { line, columns: &self.columns, fields: &fields }, faults);
                 }
             }
         }
     }
 
-    /// The row of a line; `None` if all of its fields are empty.
-    fn row(&self, line: usize, text: &str) -> Result<Option<Row<'_>>, String> {
-        let mut fields = split(text)?;
-        if fields.iter().all(String::is_empty) {
-            return Ok(None);
+    /// Appends the fields of a line; whether any of them says something.
+    fn fields<'b>(&self, text: &'b str, fields: &mut Vec<Cow<'b, str>>) -> Result<bool, String> {
+        split(text, fields)?;
+        if fields.iter().all(|field| field.is_empty()) {
+            return Ok(false);
         }
         let named = self.width();
-        while fields.len() > self.columns.len() && fields.last().is_some_and(String::is_empty) {
+        while fields.len() > self.columns.len() && fields.last().is_some_and(|field| field.is_empty()) {
             fields.pop();
         }
         if fields.len() < named || fields.len() > self.columns.len() {
@@ -210,7 +217,8 @@ impl<'a> Table<'a> {
             return Err(format!("there are {found} fields, but the header has {width} columns{hint}"));
         }
         for (number, field) in fields.iter().enumerate() {
-            let length = field.chars().count();
+            // No character is shorter than a byte.
+            let length = if field.len() > LONGEST_FIELD { field.chars().count() } else { 0 };
             if length > LONGEST_FIELD {
                 return Err(format!("field {} has {length} characters, but may have {LONGEST_FIELD}", number + 1));
             }
@@ -219,8 +227,8 @@ impl<'a> Table<'a> {
                 return Err(format!("field {number} is `{field}`, but its column has no name in the header"));
             }
         }
-        fields.resize(self.columns.len(), String::new());
-        Ok(Some(Row { line, columns: &self.columns, fields }))
+        fields.resize(self.columns.len(), Cow::Borrowed(""));
+        Ok(true)
     }
 
     /// Names of the columns; empty for one without a name.
@@ -271,13 +279,16 @@ impl Row<'_> {
     }
 
     /// All fields.
-    pub fn into_fields(self) -> Vec<String> {
-        self.fields
+    pub fn to_fields(&self) -> Vec<String> {
+        self.fields.iter().map(|field| field.to_string()).collect()
     }
 
     /// Whether the field in a column says that there is no value: it is empty, `NaN`, `NA` or `null`.
     pub fn is_missing(&self, column: usize) -> bool {
-        ["", "nan", "na", "n/a", "null", "none"].iter().any(|word| self.fields[column].eq_ignore_ascii_case(word))
+        const WORDS: [&str; 6] = ["", "nan", "na", "n/a", "null", "none"];
+        let field = &self.fields[column];
+        // Most fields are longer than any of these words.
+        field.len() <= 4 && WORDS.iter().any(|word| field.eq_ignore_ascii_case(word))
     }
 
     /// A number from `low` to `high`; `None`, and a fault, if the field is none.
@@ -348,7 +359,10 @@ impl Row<'_> {
 /// without empty ones at the end. Lines that say nothing, as remarks, do not count.
 pub fn rows(text: &str) -> impl Iterator<Item = Vec<String>> {
     let fields = |(_, line): (usize, &str)| {
-        let mut fields = split(line).unwrap_or_else(|_| vec![line.to_owned()]);
+        let mut split_fields = Vec::new();
+        let is_row = split(line, &mut split_fields).is_ok();
+        let mut fields: Vec<String> =
+            if is_row { split_fields.into_iter().map(Cow::into_owned).collect() } else { vec![line.to_owned()] };
         fields.truncate(fields.iter().rposition(|field| !field.is_empty()).map_or(0, |last| last + 1));
         fields
     };

@@ -64,10 +64,10 @@ fn what_a_network_reports() {
     for missing_rate in [-0.1, 1.5, f64::NAN] {
         check(Network { missing_rate, ..network() }, "missing_rate", "a probability from 0 to 1");
     }
-    let schedule = Schedule { every_cycles: 0, offset_cycles: 0 };
+    let schedule = Schedule { every_cycles: 0, first_cycle: 1 };
     check(Network { schedule, ..network() }, "schedule.every_cycles", "is 0, but must be at least 1");
-    let schedule = Schedule { every_cycles: 2, offset_cycles: 5 };
-    check(Network { schedule, ..network() }, "schedule.offset_cycles", "below every_cycles");
+    let schedule = Schedule { every_cycles: 2, first_cycle: 0 };
+    check(Network { schedule, ..network() }, "schedule.first_cycle", "is 0, but must be at least 1");
 }
 
 #[test]

@@ -3,8 +3,8 @@
 use crate::common::*;
 use isobar_model::{Boundary, State};
 use isobar_obs::{
-    BiasProcess, BiasScope, Evolution, InitialBias, Network, ObservedVariable, Placement, RadiosondeSettings, Schedule,
-    Station, StationBias, StationFile, StationSource,
+    BiasProcess, BiasScope, Evolution, InitialBias, Network, ObservedVariable, ObservingSystem, Placement,
+    RadiosondeSettings, Schedule, Station, StationBias, StationFile, StationSource,
 };
 
 fn bias(variable: &str, scope: BiasScope, process: BiasProcess) -> StationBias {
@@ -206,7 +206,7 @@ fn whole_reports_are_missing_at_the_given_rate_and_the_others_unchanged() {
 #[test]
 fn stations_report_only_in_the_cycles_of_their_schedule() {
     let layout = layout(Boundary::Channel);
-    let schedule = Schedule { every_cycles: 2, offset_cycles: 0 };
+    let schedule = Schedule { every_cycles: 2, first_cycle: 2 };
     let mut system = system(&layout, &[Network { schedule, ..Network::new("net", radiosondes(5)) }]);
     let truth = random_state(&layout, 6);
     let windows: Vec<_> = (0..4).map(|_| system.observe(&truth)).collect();
@@ -214,6 +214,23 @@ fn stations_report_only_in_the_cycles_of_their_schedule() {
     assert_eq!(windows.iter().map(|window| window.cycle).collect::<Vec<_>>(), [1, 2, 3, 4]);
     assert_eq!(windows[3].time.seconds(), 4 * WINDOW.seconds());
     assert_ne!(windows[1].values, windows[3].values);
+}
+
+/// A network that begins later makes its first reports then, and takes no room before.
+#[test]
+fn stations_may_begin_to_report_later() {
+    let layout = layout(Boundary::Channel);
+    let of = |first_cycle: usize| {
+        let schedule = Schedule { every_cycles: 2, first_cycle };
+        system(&layout, &[Network { schedule, ..Network::new("net", radiosondes(5)) }])
+    };
+    let truth = random_state(&layout, 6);
+    let windows = |mut system: ObservingSystem| -> Vec<_> { (0..8).map(|_| system.observe(&truth)).collect() };
+    let (at_once, later) = (windows(of(1)), windows(of(6)));
+    assert_eq!(later.iter().map(|window| window.len()).collect::<Vec<_>>(), [0, 0, 0, 0, 0, 15, 0, 15]);
+    assert_eq!((&later[5].values, &later[7].values), (&at_once[0].values, &at_once[2].values));
+    let most = |cycles| of(6).most_observations(cycles);
+    assert_eq!([most(1..=5), most(1..=6), most(7..=7), most(7..=8)], [0, 15, 0, 15]);
 }
 
 #[test]

@@ -52,7 +52,7 @@ fn scan_positions_turn_with_the_heading() {
     };
     assert!(east(&north, 1_200e3), "to the north, the right is east");
     assert!(!east(&south, 1_900e3), "to the south, the right is west");
-    let schedule = Schedule { every_cycles: 2, offset_cycles: 1 };
+    let schedule = Schedule { every_cycles: 2, first_cycle: 1 };
     let every_other = passes(Network { schedule, ..Network::new("polar", satellite()) }, 3);
     assert!(every_other[1].is_empty());
     let third = places(&every_other[2]);

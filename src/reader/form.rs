@@ -29,7 +29,7 @@ pub(crate) enum Form {
     Kinds(&'static str, Vec<KindForm>),
     /// A table of one of the kinds in the list of this name, which its key `kind` says.
     Listed(&'static str),
-    /// A table with some keys of any kind in the list of this name, without a kind.
+    /// A table with some keys of any kind in the list of this name, and perhaps with its key `kind`.
     PartOf(&'static str),
     /// A table with these keys, and others whose names the file chooses and whose values have this form.
     Named(&'static [&'static dyn AnyKey], Box<Form>),

@@ -90,6 +90,7 @@ fn step(form: &Form, word: &str) -> Vec<Step> {
     match form {
         Form::Table(keys) => key(keys, None).into_iter().collect(),
         Form::Listed(option) => step(&Form::Kinds(super::KIND, list(option)), word),
+        Form::PartOf(option) if word == super::KIND => step(&Form::Listed(option), word),
         Form::PartOf(option) => list(option).iter().filter_map(|kind| key(&kind.keys, Some(kind.name))).collect(),
         Form::Kinds(by, kinds) => {
             if *by == word {
@@ -161,7 +162,9 @@ fn explanation(name: &str, steps: Vec<Step>) -> Explanation {
 /// The kinds of a list that are chosen in a value of a form.
 fn kinds_in(form: &Form) -> Vec<(&'static str, &'static str)> {
     match form {
-        Form::Listed(option) => list(option).iter().map(|kind| (kind.name, kind.about)).collect(),
+        Form::Listed(option) | Form::PartOf(option) => {
+            list(option).iter().map(|kind| (kind.name, kind.about)).collect()
+        }
         Form::Named(_, of) | Form::List(of) => kinds_in(of),
         _ => Vec::new(),
     }

@@ -92,9 +92,10 @@ fn of_kinds(by: &str, kinds: &[KindForm]) -> Value {
     json!({ "type": "object", "required": [by], "oneOf": kinds.iter().map(kind).collect::<Vec<_>>() })
 }
 
-/// A table with some of the keys of some of the kinds.
+/// A table with some of the keys of some of the kinds, and perhaps with the name of one.
 fn part_of(kinds: &[KindForm]) -> Value {
-    let mut properties = Map::new();
+    let names = kinds.iter().map(|kind| kind.name).collect();
+    let mut properties = Map::from_iter([(KIND.to_string(), of(&Form::Words(names)))]);
     for (key, _) in grouped(kinds.iter().flat_map(|kind| kind.keys.iter().map(|&key| (key, kind.name)))) {
         let property = property(key);
         match properties.get_mut(key.name()) {

@@ -13,7 +13,7 @@ use crate::event::{Analysed, Estimated, Event, Forecast, Judged, RunInfo, Smooth
 use crate::interrupt;
 use crate::outcome::Outcome;
 use crate::scores::forecast::{self, Verifying};
-use crate::scores::{Failure, Outlook, RunScores, Scorecard, Summary, TrueValues, WarningCase};
+use crate::scores::{Failure, Outlook, RunScores, Scorecard, Summary, TrueValues, WarningCase, measures};
 use crate::text::clean;
 use crate::threshold_warning::PlacedWarning;
 use crate::verdict::Verdict;
@@ -157,7 +157,9 @@ impl Cycles<'_, '_> {
         };
         let calibration = observing.true_calibration();
         let truth = truth.as_ref().map(|truth| TrueValues { state: truth.state(), calibration });
-        let scores = Scorecard::of_cycle(truth, &outcome, observed, &info.calibration, method.scores_bias);
+        let of_corrections = || measures::of_corrections(&method.runner.parameters(), &method.true_corrections);
+        let corrections = (!method.true_corrections.is_empty()).then(of_corrections);
+        let scores = Scorecard::of_cycle(truth, &outcome, observed, &info.calibration, method.scores_bias, corrections);
         if is_scored {
             self.scores.totals[number].add(&scores);
         }

@@ -86,9 +86,10 @@ const TRUE_FILE: Key<Described> = Key::absent(
 const TRUE_MODEL: Key<Described> = Key::absent(
     "model",
     "",
-    Described("a table with keys of `[model]`, without `kind`", || Form::PartOf("models")),
+    Described("a table with keys of `[model]`; `kind` only where it is another one", || Form::PartOf("models")),
     Absent::Explained("the truth has the methods' model"),
-    "keys of the model that have another value in the truth",
+    "keys of the model that have another value in the truth; with another `kind`, which must have the same variables, the keys \
+     that both kinds have are those of `[model]` unless they are given here",
 );
 
 const TRUE_FORCING: Key<Described> = Key::absent(

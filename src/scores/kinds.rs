@@ -328,6 +328,17 @@ pub const SCORES: &[ScoreKind] = &[
         ..BIAS
     },
     ScoreKind {
+        name: "correction_chi2",
+        title: "corrections",
+        about: "Mean square of (estimate − truth)/σ of the corrections of the model that are estimated: 1 if their claimed \
+                uncertainty is right.",
+        unit: Unit::One,
+        better: Better::One,
+        regressed: false,
+        measure: Measure::Mean(|it| it.corrections.map(|sum| vec![sum])),
+        ..BIAS
+    },
+    ScoreKind {
         name: "bias_rmse_smoothed",
         title: "bias RMSE",
         about: "Root-mean-square error of the bias parameters that later observations have revised.",

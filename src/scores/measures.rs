@@ -2,7 +2,7 @@
 
 use super::truths::Truth;
 use crate::outcome::Outcome;
-use isobar_assim::Estimate;
+use isobar_assim::{Estimate, EstimatedParameter};
 use isobar_model::Layout;
 use isobar_obs::ObservationWindow;
 use serde::{Deserialize, Serialize};
@@ -24,6 +24,8 @@ pub struct Verified<'a> {
     pub departures: Option<(&'a ObservationWindow, &'a Outcome)>,
     /// The estimate that later observations have revised; `None` where an analysis is verified.
     pub smoothed: Option<&'a Estimate>,
+    /// Squares of (estimate − truth)/σ of the corrections of the model, and their number; `None` where no truth of them is known.
+    pub corrections: Option<Sum>,
 }
 
 /// A measure that is averaged over cycles.
@@ -68,6 +70,19 @@ pub fn chi2(it: &Verified<'_>) -> Option<Vec<Sum>> {
     let (_, Outcome { analysis, .. }) = it.departures?;
     let weight = analysis.background_departures.len() as f64;
     Some(vec![Sum { total: analysis.innovation_chi2?, weight }])
+}
+
+/// The squares of (estimate − truth)/σ of the corrections of the model that claim a σ, of those whose truth is known, by their names.
+pub fn of_corrections(estimated: &[EstimatedParameter], truth: &[(String, f64)]) -> Sum {
+    let mut sum = Sum { total: 0.0, weight: 0.0 };
+    for (name, truth) in truth {
+        let Some(own) = estimated.iter().find(|own| own.name == *name) else { continue };
+        if let Some(sigma) = own.sigma.filter(|sigma| *sigma > 0.0) {
+            sum.total += ((own.value - truth) / sigma).powi(2);
+            sum.weight += 1.0;
+        }
+    }
+    sum
 }
 
 /// An estimate from which observations depart.
@@ -125,4 +140,24 @@ pub(super) fn mean_squares(layout: &Layout, values: impl Iterator<Item = f64>) -
     }
     sums.iter_mut().for_each(|sum| sum.total /= cells as f64);
     sums
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn corrections_count_whose_truth_is_known_and_whose_error_is_claimed() {
+        let own = |name: &str, value: f64, sigma: Option<f64>| EstimatedParameter {
+            name: name.into(),
+            unit: "1".into(),
+            value,
+            sigma,
+            verdict: String::new(),
+        };
+        let estimated =
+            [own("a", 3.0, Some(0.5)), own("b", 1.0, None), own("c", 9.0, Some(2.0)), own("d", 0.0, Some(1.0))];
+        let truth = [("c".to_string(), 4.0), ("b".to_string(), 0.0), ("a".to_string(), 2.0), ("e".to_string(), 1.0)];
+        assert_eq!(of_corrections(&estimated, &truth), Sum { total: 6.25 + 4.0, weight: 2.0 });
+    }
 }

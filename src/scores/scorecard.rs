@@ -44,13 +44,14 @@ pub struct RunScores {
 
 impl Scorecard {
     /// The scores of one cycle, those against the truth if there is one; the biases are scored only if the method estimates or
-    /// ignores them.
+    /// ignores them, corrections of the model if their truth is known.
     pub fn of_cycle(
         truth: Option<TrueValues<'_>>,
         outcome: &Outcome,
         observed: &ObservationWindow,
         calibration: &Calibration,
         scores_bias: bool,
+        corrections: Option<Sum>,
     ) -> Self {
         let analysis = &outcome.analysis;
         let verified = Verified {
@@ -61,6 +62,7 @@ impl Scorecard {
             analysis: Some(&analysis.estimate),
             departures: Some((observed, outcome)),
             smoothed: None,
+            corrections,
         };
         Self {
             measured: measured(&verified),
@@ -81,6 +83,7 @@ impl Scorecard {
             analysis: None,
             departures: None,
             smoothed: Some(estimate),
+            corrections: None,
         };
         Self { measured: measured(&verified), ..Self::default() }
     }

@@ -139,6 +139,7 @@ impl TimeVolume {
         require(fits, "the sensitivities to the unknowns of the time volume")?;
         let fits = memory.reference.len() == q
             && memory.active.len() == q
+            && memory.precisions.len() == q
             && memory.posterior.has_unknowns(q)
             && memory.window.cycles.len() <= self.settings.cycles
             && memory.window.has_unknowns(q);
@@ -217,7 +218,8 @@ impl Assimilator for TimeVolume {
         let Updated { partition, chi2, before } = self.update(&innovations, &coefficients)?;
         self.select();
         // What the best C of before and the best one of now leave of the sum of squares.
-        let innovation_chi2 = chi2 + (self.explained(&before) - self.explained(&self.memory.window.total()));
+        let before = self.with_priors(&before, &self.memory.precisions);
+        let innovation_chi2 = chi2 + (self.explained(&before) - self.explained(&self.known()));
         let shift = self.solve_and_move()?;
         self.settle(shift)?;
         self.remember();

@@ -32,6 +32,7 @@ mod cycle;
 mod factor;
 mod fixed_lag;
 mod history;
+mod local_prior;
 mod observed;
 mod report;
 mod restart;
@@ -119,8 +120,10 @@ struct Memory {
     window: Window,
     /// C relative to the reference, as of the last analysis.
     posterior: Posterior,
-    /// Which of C are estimated: all amplitudes, and the corrections that are chosen.
+    /// Which of C are estimated: all amplitudes, the corrections that are chosen, and the other tiles of these.
     active: Vec<bool>,
+    /// σ^-2 of the priors of tiles that are not chosen; 0 of all else, `[q]`.
+    precisions: Vec<f64>,
     /// Valid time of `s`.
     time: Time,
     /// Those of the analyses that are still revised, the oldest first, if there is a smoother.
@@ -201,6 +204,7 @@ impl TimeVolume {
             posterior: window.total().solve(&active),
             window,
             active,
+            precisions: vec![0.0; q],
             time: settings.start,
             past_times: VecDeque::new(),
             history: History::default(),

@@ -130,7 +130,7 @@ impl EstimatesParameters for TimeVolume {
         let combinations: Vec<Vec<(f64, String)>> = (self.memory.posterior.undetermined.iter())
             .map(|it| it.iter().zip(&names).filter(|it| *it.0 != 0.0).map(|(c, name)| (*c, name.0.clone())).collect())
             .collect();
-        let total = self.memory.window.total();
+        let (total, precisions) = (self.known(), &self.memory.precisions);
         let solved = self.solve_window();
         let constant = (0..q).map(|k| {
             let unit: Vec<f64> = (0..q).map(|j| f64::from(u8::from(j == k))).collect();
@@ -138,10 +138,17 @@ impl EstimatesParameters for TimeVolume {
                 .filter(|(combination, _)| combination[k] != 0.0)
                 .map(|(_, words)| in_words(words))
                 .collect();
+            let correlation = || self.score(&total, &solved, precisions, k);
             let verdict = match (self.memory.active[k], undetermined.is_empty()) {
+                (true, true) if precisions[k] > 0.0 => format!(
+                    "not chosen, estimated with others: a prior of {:.2} was found, its correlation with the innovations is \
+                     {:.1} sigma",
+                    precisions[k].sqrt().recip(),
+                    correlation().unwrap_or(0.0)
+                ),
                 (true, true) => "determined".to_string(),
                 (true, false) => format!("not determined: {}", undetermined.join("; ")),
-                (false, _) => match self.score(&total, &solved, k) {
+                (false, _) => match correlation() {
                     Some(score) => format!("not chosen: its correlation with the innovations is {score:.1} sigma"),
                     None => "not chosen: what is chosen leaves nothing of it to be seen".to_string(),
                 },

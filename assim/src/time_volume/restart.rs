@@ -58,7 +58,7 @@ impl TimeVolume {
 
 impl Information {
     /// What it says when some unknowns may be whatever suits it best: `J_aa − J_ab J_bb^-1 J_ba`; nothing of those.
-    fn without(&self, left_out: &[bool]) -> Information {
+    pub fn without(&self, left_out: &[bool]) -> Information {
         let q = self.vector.len();
         let root = self.solve(left_out).root;
         // J_ab times the root of J_bb^-1.

@@ -92,12 +92,14 @@ impl TimeVolume {
         coefficients.iter().enumerate().map(row).collect()
     }
 
-    /// Whether one of the corrections has moved far.
+    /// Whether one of the corrections has moved far: by more than the observations alone leave open, without a prior that was found.
     fn is_far(&self, shift: &[f64]) -> bool {
-        let q = self.unknowns();
-        let unit = |k: usize| -> Vec<f64> { (0..q).map(|j| f64::from(u8::from(j == k))).collect() };
-        let mut chosen = (self.constant.len()..q).filter(|&k| self.memory.active[k]);
-        chosen.any(|k| shift[k].abs() > FAR * self.memory.posterior.sigma(&unit(k)))
+        let Memory { active, precisions, posterior, .. } = &self.memory;
+        let is_far = |k: usize| {
+            let information = 1.0 / posterior.variance(k) - precisions[k];
+            shift[k].powi(2) * information > FAR * FAR
+        };
+        (self.constant.len()..self.unknowns()).any(|k| active[k] && is_far(k))
     }
 
     /// Runs the window's cycles again as long as a correction has moved far, given the last move.
@@ -160,9 +162,10 @@ impl TimeVolume {
     /// Takes what was known at the start of a part, about the reference as it is now.
     fn go_back(&mut self, part: &Part<Memory>) -> Result<(), Error> {
         self.errors.recall(part.errors.clone(), &part.memory.s)?;
-        let Memory { reference, posterior, active, .. } = std::mem::replace(&mut self.memory, part.memory.clone());
+        let now = std::mem::replace(&mut self.memory, part.memory.clone());
+        let Memory { reference, posterior, active, precisions, .. } = now;
         let shift: Vec<f64> = reference.iter().zip(&self.memory.reference).map(|(now, then)| now - then).collect();
-        (self.memory.posterior, self.memory.active) = (posterior, active);
+        (self.memory.posterior, self.memory.active, self.memory.precisions) = (posterior, active, precisions);
         self.shift_reference(&shift);
         self.begin_anew(&shift);
         Ok(())

@@ -119,6 +119,11 @@ impl Posterior {
         self.estimate.len() == q && self.root.nrows() == q && self.undetermined.iter().all(|it| it.len() == q)
     }
 
+    /// The variance of one unknown.
+    pub fn variance(&self, k: usize) -> f64 {
+        (0..self.root.ncols()).map(|column| self.root[(k, column)].powi(2)).sum()
+    }
+
     /// Standard deviation of a linear function of C.
     pub fn sigma(&self, weights: &[f64]) -> f64 {
         let of = |column: usize| weights.iter().enumerate().map(|(k, w)| w * self.root[(k, column)]).sum::<f64>();

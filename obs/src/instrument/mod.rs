@@ -3,6 +3,8 @@
 pub mod radiosonde;
 pub mod recorded;
 pub mod recorded_bias;
+mod recorded_held;
+mod recorded_names;
 mod recorded_winds;
 pub mod satellite;
 pub mod steady;
@@ -92,13 +94,11 @@ pub trait Instrument: Send + Sync {
     }
 }
 
-/// The platforms of some observations, sorted by name, with all their biases.
-fn platforms_of<'a>(observations: impl Iterator<Item = &'a Observation>) -> Vec<Platform> {
+/// The platforms of some observations, each with the numbers of its biases, sorted by name with all their biases.
+fn platforms_of<'a, B: Iterator<Item = usize>>(observations: impl Iterator<Item = (&'a Arc<str>, B)>) -> Vec<Platform> {
     let mut biases: BTreeMap<Arc<str>, BTreeSet<usize>> = BTreeMap::new();
-    for observation in observations {
-        let own = biases.entry(Arc::clone(&observation.report.platform)).or_default();
-        own.extend(observation.calibration_row.iter().map(|entry| entry.0));
-        own.extend(observation.predictors.iter().map(|predictor| predictor.parameter));
+    for (platform, parameters) in observations {
+        biases.entry(Arc::clone(platform)).or_default().extend(parameters);
     }
     biases.into_iter().map(|(name, biases)| Platform { name, biases }).collect()
 }

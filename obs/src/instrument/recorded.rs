@@ -1,21 +1,21 @@
 //! Recorded observations: made elsewhere, and read from a file.
 
 use super::recorded_bias::{self, RecordedBias, References};
-use super::recorded_winds::{Winds, row};
+use super::recorded_held::{Held, Seen};
+use super::recorded_names::{Nameless, Reports, words};
+use super::recorded_winds::Winds;
 use super::{Instrument, InstrumentSettings, platforms_of};
 use crate::error::{ObservationError, list, require};
-use crate::observation::{Observation, Reading};
+use crate::observation::Observation;
 use crate::observation_file::{ObservationFile, ObservationPlace, ObservationRecord, ValidTime};
 use crate::recorded_use::{BiasUse, RecordedUse};
-use crate::report::Report;
 use crate::site::Site;
-use crate::state_operator::StateOperator;
 use crate::station::no_projection;
 use crate::table::Faults;
 use crate::withheld::Platform;
-use isobar_model::{Duration, Time};
+use isobar_model::{Duration, Layout, Time};
 use rand_chacha::ChaCha8Rng;
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
@@ -73,29 +73,29 @@ impl InstrumentSettings for RecordedSettings {
             let expected = format!("from 0 to {half} s, half of the window");
             require((0.0..=half).contains(&tolerance), site.network, "time_tolerance", tolerance, expected)?;
         }
-        let network: Arc<str> = site.network.into();
         let mut winds = Winds::new(self.winds.unwrap_or(WindAxes::Earth) == WindAxes::Earth, site.layout);
         let mut faults = Faults::of(self.observations.numbered());
-        let (mut records, mut observations) = (Vec::new(), Vec::new());
+        let most = self.observations.records().len();
+        let (mut records, mut observations) = (Vec::with_capacity(most), Vec::with_capacity(most));
         let (mut nameless, mut reports) = (Nameless::default(), Reports::default());
         for record in self.observations.records() {
             let Some((variable, sigma)) = self.variable_and_sigma(record, site, &mut faults)? else { continue };
-            let Some((x_m, y_m, state)) = self.place(record, variable, site, &mut faults)? else { continue };
+            let Some((x_m, y_m, seen)) = self.place(record, variable, site, &mut faults)? else { continue };
             let Valid { cycle, time, is_late, lag } = when(record.valid, self.times, site.window, site.start);
             let platform = match &record.id {
                 Some(id) => Arc::clone(id),
                 None => {
                     let place = words(record.place, (x_m, y_m));
-                    nameless.platform(cycle, variable, place, [record.value, sigma]).into()
+                    nameless.platform(cycle, variable, place, [record.value, sigma])
                 }
             };
             winds.add(record, variable, sigma, observations.len());
-            let report = Report { network: network.clone(), platform, variable, x_m, y_m, scan: None };
-            let reading = Reading::Recorded { value: record.value, time, is_late, lacks_predictor: false };
             records.push(record);
-            let report_number = reports.number(record.report.as_deref());
-            let observation = Observation { reading, report_number, lag, ..Observation::new(report, sigma, state) };
-            observations.push((cycle, observation));
+            let (when, of_value) = ((cycle, time, lag), (record.value, sigma));
+            let mut held = Held::new(when, platform, variable, (x_m, y_m), of_value, seen, site.layout);
+            held.report_number = reports.number(record.report.as_deref()) as u32;
+            held.is_late = is_late;
+            observations.push(held);
         }
         faults.check(file).map_err(|error| ObservationError::from(error).of_network(site.network, "file"))?;
         let references =
@@ -104,13 +104,17 @@ impl InstrumentSettings for RecordedSettings {
         if let Some(projection) = site.projection {
             winds.turn(&mut observations, site.layout, projection);
         }
-        if !observations.is_empty() && observations.iter().all(|(cycle, _)| *cycle == 0) {
+        if !observations.is_empty() && observations.iter().all(|it| it.cycle == 0) {
             let count = observations.len();
             let problem = format!("none of the {count} observations of {file} is valid after the start of the run");
             return Err(ObservationError::in_setting(site.network, "file", problem));
         }
-        observations.sort_by_key(|(cycle, _)| *cycle);
-        Ok(Box::new(Recorded { observations, missing: self.observations.missing(), biases }))
+        drop(records);
+        if !observations.is_sorted_by_key(|it| it.cycle) {
+            observations.sort_by_key(|it| it.cycle);
+        }
+        let (network, layout) = (site.network.into(), site.layout.clone());
+        Ok(Box::new(Recorded { network, layout, observations, missing: self.observations.missing(), biases }))
     }
 
     fn is_recorded(&self) -> bool {
@@ -165,15 +169,15 @@ impl RecordedSettings {
         }
     }
 
-    /// Where an observation is on the plane, and its row of X; the row is empty outside of the domain. `None`, and a fault,
-    /// if it is not a point of the grid.
+    /// Where an observation is on the plane, and what it sees of the state. `None`, and a fault, if it is not a point of the
+    /// grid.
     fn place(
         &self,
         record: &ObservationRecord,
         variable: usize,
         site: &Site<'_>,
         faults: &mut Faults,
-    ) -> Result<Option<(f64, f64, StateOperator)>, ObservationError> {
+    ) -> Result<Option<(f64, f64, Seen)>, ObservationError> {
         let (layout, file) = (site.layout, self.observations.file());
         let (grid, location) = (&layout.grid, layout.variables[variable].location);
         let is_geographic = matches!(record.place, ObservationPlace::Geographic { .. });
@@ -184,13 +188,13 @@ impl RecordedSettings {
         match (record.place, site.projection) {
             (ObservationPlace::Plane { x_m, y_m }, _) => {
                 let (x_m, y_m) = grid.first_image(x_m, y_m);
-                Ok(Some((x_m, y_m, StateOperator::Linear(row(layout, variable, x_m, y_m)))))
+                Ok(Some((x_m, y_m, Seen::Interpolated)))
             }
             (ObservationPlace::Geographic { .. }, None) => Err(no_projection(site.network, "file", file)),
             (ObservationPlace::Geographic { latitude_deg, longitude_deg }, Some(projection)) => {
                 // The antipode of the centre has no place on the plane.
                 let (x_m, y_m) = projection.forward(latitude_deg, longitude_deg).unwrap_or((f64::MAX, f64::MAX));
-                Ok(Some((x_m, y_m, StateOperator::Linear(row(layout, variable, x_m, y_m)))))
+                Ok(Some((x_m, y_m, Seen::Interpolated)))
             }
             (ObservationPlace::GridPoint { column, row }, _) => {
                 for (name, number, most) in [("column", column, grid.nx), ("row", row, grid.ny)] {
@@ -202,7 +206,7 @@ impl RecordedSettings {
                 }
                 let (i, j) = (column - 1, row - 1);
                 let index = variable * grid.cells() + j * grid.nx + i;
-                Ok(Some((grid.x_m(location, i), grid.y_m(location, j), StateOperator::Linear(vec![(index, 1.0)]))))
+                Ok(Some((grid.x_m(location, i), grid.y_m(location, j), Seen::Point(index))))
             }
         }
     }
@@ -210,39 +214,46 @@ impl RecordedSettings {
 
 /// A file of observations, cycle after cycle.
 struct Recorded {
-    /// With their cycles, in the order of these; 0 before the first.
-    observations: Vec<(usize, Observation)>,
+    network: Arc<str>,
+    layout: Layout,
+    /// In the order of their cycles.
+    observations: Vec<Held>,
     missing: usize,
     biases: Vec<BiasUse>,
 }
 
+impl Recorded {
+    /// The observations of a cycle.
+    fn of_cycle(&self, cycle: usize) -> &[Held] {
+        let until = |cycle: usize| self.observations.partition_point(|it| it.cycle < cycle);
+        &self.observations[until(cycle)..until(cycle + 1)]
+    }
+}
+
 impl Instrument for Recorded {
     fn observe(&mut self, cycle: usize, _pass: usize) -> Vec<Observation> {
-        let first = self.observations.partition_point(|(other, _)| *other < cycle);
-        let valid = self.observations[first..].iter().take_while(|(other, _)| *other == cycle);
-        valid.map(|(_, observation)| observation.clone()).collect()
+        self.of_cycle(cycle).iter().map(|held| held.observation(&self.network, &self.layout)).collect()
     }
 
     fn most_observations(&self, cycle: usize) -> usize {
-        let until = |cycle: usize| self.observations.partition_point(|(other, _)| *other < cycle);
-        until(cycle + 1) - until(cycle)
+        self.of_cycle(cycle).len()
     }
 
     fn most_in_report(&self) -> usize {
-        let mut counts: HashMap<(usize, usize, usize), usize> = HashMap::new();
-        for (cycle, observation) in &self.observations {
-            *counts.entry((*cycle, observation.report.variable, observation.report_number)).or_default() += 1;
+        let mut counts: HashMap<(usize, u32, u32), usize> = HashMap::new();
+        for Held { cycle, variable, report_number, .. } in &self.observations {
+            *counts.entry((*cycle, *variable, *report_number)).or_default() += 1;
         }
         counts.into_values().max().unwrap_or(0)
     }
 
     fn platforms(&self) -> Vec<Platform> {
-        let in_time = self.observations.iter().filter(|(cycle, observation)| observation.is_in_time_and_inside(*cycle));
-        platforms_of(in_time.map(|(_, observation)| observation))
+        let in_time = self.observations.iter().filter(|held| held.is_in_time_and_inside());
+        platforms_of(in_time.map(|held| (&held.platform, held.biases.entries().into_iter().map(|entry| entry.0))))
     }
 
     fn weights(&self) -> usize {
-        self.observations.iter().map(|(_, observation)| observation.state.weights()).sum()
+        self.observations.iter().map(Held::weights).sum()
     }
 
     fn streams(&mut self) -> Vec<&mut ChaCha8Rng> {
@@ -256,22 +267,30 @@ impl Instrument for Recorded {
             biases: self.biases.clone(),
             ..RecordedUse::default()
         };
-        let mut seen = HashSet::new();
-        for (cycle, Observation { report, reading, state, lag, .. }) in &self.observations {
-            let count = if !cycles.contains(cycle) {
-                &mut usage.in_no_cycle
-            } else if state.is_empty() {
-                &mut usage.outside
-            } else if reading.is_late() {
-                &mut usage.late
-            } else if reading.lacks_predictor() {
-                &mut usage.no_predictor
-            } else if !seen.insert((cycle, &report.platform, report.variable, lag)) {
-                &mut usage.duplicate
-            } else {
-                &mut usage.usable
-            };
-            *count += 1;
+        // Of a cycle: what may be there twice. Equal names of platforms are one name.
+        let mut good = Vec::new();
+        for of_cycle in self.observations.chunk_by(|one, other| one.cycle == other.cycle) {
+            good.clear();
+            for held in of_cycle {
+                let count = if !cycles.contains(&held.cycle) {
+                    &mut usage.in_no_cycle
+                } else if !held.is_inside() {
+                    &mut usage.outside
+                } else if held.is_late {
+                    &mut usage.late
+                } else if held.lacks_predictor {
+                    &mut usage.no_predictor
+                } else {
+                    good.push((held.variable, held.lag, Arc::as_ptr(&held.platform).cast::<u8>()));
+                    continue;
+                };
+                *count += 1;
+            }
+            let all = good.len();
+            good.sort_unstable();
+            good.dedup();
+            usage.usable += good.len();
+            usage.duplicate += all - good.len();
         }
         Some(usage)
     }
@@ -315,46 +334,5 @@ fn when(valid: ValidTime, times: RecordedTimes, window: Duration, start: Time) -
             }
             at_end(next, time, true)
         }
-    }
-}
-
-/// The reports that a file names, numbered in order of appearance.
-#[derive(Default)]
-struct Reports<'a>(HashMap<&'a str, usize>);
-
-impl<'a> Reports<'a> {
-    /// The number of the report with this name; 0 if reports have no names.
-    fn number(&mut self, name: Option<&'a str>) -> usize {
-        let next = self.0.len();
-        name.map_or(0, |name| *self.0.entry(name).or_insert(next))
-    }
-}
-
-/// Names of observations without an identifier: their place. Several of one place, variable and cycle are several unless
-/// they are equal.
-#[derive(Default)]
-struct Nameless {
-    /// Value and standard deviation of each, as bits.
-    seen: HashMap<(usize, usize, String), Vec<[u64; 2]>>,
-}
-
-impl Nameless {
-    fn platform(&mut self, cycle: usize, variable: usize, place: String, numbers: [f64; 2]) -> String {
-        let numbers = numbers.map(f64::to_bits);
-        let seen = self.seen.entry((cycle, variable, place.clone())).or_default();
-        let number = seen.iter().position(|other| *other == numbers).unwrap_or_else(|| {
-            seen.push(numbers);
-            seen.len() - 1
-        });
-        if number == 0 { place } else { format!("{place} ({})", number + 1) }
-    }
-}
-
-/// A place in words, by which an observation without a name is known; `on_plane` is its place there \[m\].
-fn words(place: ObservationPlace, on_plane: (f64, f64)) -> String {
-    match place {
-        ObservationPlace::Plane { .. } => format!("x {} m, y {} m", on_plane.0, on_plane.1),
-        ObservationPlace::Geographic { latitude_deg, longitude_deg } => format!("{latitude_deg} N, {longitude_deg} E"),
-        ObservationPlace::GridPoint { column, row } => format!("column {column}, row {row}"),
     }
 }

@@ -1,9 +1,9 @@
 //! Biases of recorded observations, of whose true values nothing is known.
 
+use super::recorded_held::Held;
 use crate::bias::{BiasProcess, Evolution, InitialBias};
 use crate::calibration::Placement;
 use crate::error::{ObservationError, list, require};
-use crate::observation::Observation;
 use crate::observation_file::{ObservationFile, ObservationRecord};
 use crate::recorded_use::BiasUse;
 use crate::site::Site;
@@ -79,19 +79,17 @@ struct Member<'a> {
     name: &'a str,
     /// Their numbers, each with the factor of β.
     factors: Vec<(usize, f64)>,
-    /// The places of those that can be used.
-    places: Vec<(f64, f64)>,
+    /// The place of the first that can be used.
+    place: Option<(f64, f64)>,
+    /// Whether another that can be used has another place.
+    moves: bool,
 }
 
 impl Member<'_> {
     /// Local if it is a station that stays where it is.
     fn placement(&self, scope: RecordedScope) -> Placement {
-        match self.places[..] {
-            [(x_m, y_m), ref others @ ..]
-                if scope == RecordedScope::EachStation && others.iter().all(|place| *place == (x_m, y_m)) =>
-            {
-                Placement::Local { x_m, y_m }
-            }
+        match self.place {
+            Some((x_m, y_m)) if scope == RecordedScope::EachStation && !self.moves => Placement::Local { x_m, y_m },
             _ => Placement::Shared,
         }
     }
@@ -104,7 +102,7 @@ pub(super) fn add(
     references: &References<'_>,
     site: &mut Site<'_>,
     records: &[&ObservationRecord],
-    observations: &mut [(usize, Observation)],
+    observations: &mut [Held],
 ) -> Result<Vec<BiasUse>, ObservationError> {
     references.check(site.network)?;
     biases.iter().map(|bias| bias.add(references, site, records, observations)).collect()
@@ -116,7 +114,7 @@ impl RecordedBias {
         references: &References<'_>,
         site: &mut Site<'_>,
         records: &[&ObservationRecord],
-        observations: &mut [(usize, Observation)],
+        observations: &mut [Held],
     ) -> Result<BiasUse, ObservationError> {
         let (network, layout) = (site.network, site.layout);
         let variable = layout.variable(&self.variable).ok_or_else(|| {
@@ -128,16 +126,16 @@ impl RecordedBias {
         let mut members: Vec<Member<'_>> = Vec::new();
         let mut numbers: HashMap<&str, usize> = HashMap::new();
         let (mut observed, mut is_any_free) = (false, false);
-        for (number, (record, (cycle, observation))) in records.iter().zip(&mut *observations).enumerate() {
+        for (number, (record, observation)) in records.iter().zip(&mut *observations).enumerate() {
             let name = self.scope.member(record).ok_or_else(|| self.no_column(references.file, network))?;
-            let is_of_variable = observation.report.variable == variable;
+            let is_of_variable = observation.variable as usize == variable;
             observed |= is_of_variable;
             if references.contain(record) {
                 continue;
             }
             is_any_free |= is_of_variable;
             let place = *numbers.entry(name).or_insert_with(|| {
-                members.push(Member { name, factors: Vec::new(), places: Vec::new() });
+                members.push(Member { name, factors: Vec::new(), place: None, moves: false });
                 members.len() - 1
             });
             if !is_of_variable {
@@ -148,12 +146,14 @@ impl RecordedBias {
                 None => Some(1.0),
             };
             let Some(factor) = factor else {
-                observation.reading.set_lacks_predictor(true);
+                observation.lacks_predictor = true;
                 continue;
             };
-            members[place].factors.push((number, factor));
-            if observation.is_in_time_and_inside(*cycle) {
-                members[place].places.push((observation.report.x_m, observation.report.y_m));
+            let member = &mut members[place];
+            member.factors.push((number, factor));
+            if observation.is_in_time_and_inside() {
+                let place = (observation.x_m, observation.y_m);
+                member.moves |= *member.place.get_or_insert(place) != place;
             }
         }
         if observed && !is_any_free {
@@ -164,13 +164,13 @@ impl RecordedBias {
         if self.scope == RecordedScope::EachGroup {
             members.sort_by_key(|member| member.name);
         }
-        let (present, without): (Vec<_>, Vec<_>) = members.into_iter().partition(|member| !member.places.is_empty());
+        let (present, without): (Vec<_>, Vec<_>) = members.into_iter().partition(|member| member.place.is_some());
         for member in &present {
             let placement = member.placement(self.scope);
             let name = self.parameter_name(member.name);
             let column = site.add_recorded_bias(&name, layout.variables[variable].unit, placement, &self.process)?;
             for &(number, factor) in &member.factors {
-                observations[number].1.calibration_row.push((column, factor));
+                observations[number].biases.push(column, factor);
             }
         }
         Ok(BiasUse {

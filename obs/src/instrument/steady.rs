@@ -70,7 +70,10 @@ impl Instrument for Steady {
     }
 
     fn platforms(&self) -> Vec<Platform> {
-        platforms_of(self.observations.iter())
+        platforms_of(self.observations.iter().map(|it| {
+            let of_state = it.predictors.iter().map(|predictor| predictor.parameter);
+            (&it.report.platform, it.calibration_row.iter().map(|entry| entry.0).chain(of_state))
+        }))
     }
 
     fn weights(&self) -> usize {

@@ -1,7 +1,8 @@
 //! The columns of a file of observations, and what a row of them says.
 
-use super::record::{FurtherColumns, Names, ObservationPlace, ObservationRecord, ValidTime};
+use super::record::{FurtherColumns, Memory, ObservationPlace, ObservationRecord, ValidTime};
 use crate::table::{Faults, LARGEST, Row, Table, TableError};
+use isobar_model::Time;
 
 /// Columns that are recognised in capitals too, and by synonyms.
 pub(super) const KNOWN: &[&str] = &[
@@ -78,12 +79,12 @@ impl Columns {
         &self,
         row: &Row<'_>,
         markers: Option<&[f64]>,
-        names: &mut Names,
+        memory: &mut Memory,
         faults: &mut Faults,
     ) -> Option<ObservationRecord> {
         let valid = match (self.cycle, self.time) {
             (Some(cycle), _) => row.whole(cycle, LAST, faults).map(ValidTime::Cycle),
-            (None, Some(time)) => row.time(time, faults).map(ValidTime::Time),
+            (None, Some(column)) => time(row, column, &mut memory.time, faults).map(ValidTime::Time),
             (None, None) => unreachable!("there is a column for the time"),
         };
         let place = self.place(row, faults);
@@ -91,9 +92,11 @@ impl Columns {
         // `Some(None)` without such a column; `None` for a fault.
         let sigma =
             self.sigma.map_or(Some(None), |column| row.number(column, (1.0 / LARGEST, LARGEST), faults).map(Some));
-        let [id, group, report] = [self.id, self.group, self.report].map(|column| {
-            column.map_or(Some(None), |column| row.name(column, faults).map(|name| Some(names.shared(name))))
-        });
+        let Memory { variables, ids, groups, reports, .. } = memory;
+        let [id, group, report] =
+            [(self.id, ids), (self.group, groups), (self.report, reports)].map(|(column, names)| {
+                column.map_or(Some(None), |column| row.name(column, faults).map(|name| Some(names.shared(name))))
+            });
         let predictor = |&(column, ref name): &(usize, String)| {
             let is_missing = is_missing_or_marked(row, column, markers);
             if is_missing { Some(None) } else { number(row, column, name, markers, faults).map(Some) }
@@ -103,7 +106,7 @@ impl Columns {
             line: row.line,
             valid: valid?,
             place: place?,
-            variable: self.variable.map(|column| names.shared(row.text(column))),
+            variable: self.variable.map(|column| variables.shared(row.text(column))),
             value: value?,
             sigma: sigma?,
             id: id?,
@@ -187,8 +190,21 @@ impl Columns {
 
 /// Whether a field says that there is no number, in words or by a marker.
 fn is_missing_or_marked(row: &Row<'_>, column: usize, markers: Option<&[f64]>) -> bool {
-    let is_marked = |number: f64| markers.unwrap_or_default().contains(&number);
-    row.is_missing(column) || row.text(column).parse().is_ok_and(is_marked)
+    let markers = markers.unwrap_or_default();
+    let is_marked = |number: f64| markers.contains(&number);
+    row.is_missing(column) || !markers.is_empty() && row.text(column).parse().is_ok_and(is_marked)
+}
+
+/// The time in a column: that of the row before, if it is written the same way.
+fn time(row: &Row<'_>, column: usize, last: &mut Option<(String, Time)>, faults: &mut Faults) -> Option<Time> {
+    match last {
+        Some((text, time)) if text == row.text(column) => Some(*time),
+        _ => {
+            let time = row.time(column, faults)?;
+            *last = Some((row.text(column).to_owned(), time));
+            Some(time)
+        }
+    }
 }
 
 /// The number in a column that may have markers of missing numbers; `None`, and a fault, if the field is not a number, or if it

@@ -8,7 +8,7 @@ pub use record::{FurtherColumns, ObservationPlace, ObservationRecord, ValidTime}
 use crate::error::list;
 use crate::table::{Faults, Numbered, Table, TableError, known_name};
 use columns::Columns;
-use record::Names;
+use record::Memory;
 use std::collections::BTreeSet;
 
 /// The observations of a file, in its order.
@@ -103,7 +103,7 @@ impl ObservationFile {
         let mut records = Vec::new();
         let mut missing = 0;
         let mut others = BTreeSet::new();
-        let mut names = Names::default();
+        let mut memory = Memory::default();
         table.each_row(&mut faults, |row, faults| {
             if let Err(other) = columns.is_read(&row) {
                 if !others.contains(other) {
@@ -112,7 +112,7 @@ impl ObservationFile {
             } else if columns.is_missing(&row, markers) {
                 missing += 1;
             } else {
-                records.extend(columns.record(&row, markers, &mut names, faults));
+                records.extend(columns.record(&row, markers, &mut memory, faults));
             }
         });
         faults.check(file)?;

@@ -1,7 +1,7 @@
 //! A line of a file of observations.
 
 use isobar_model::Time;
-use std::collections::HashSet;
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// The columns that biases and correlated errors need, and which rows are read.
@@ -42,20 +42,42 @@ pub struct ObservationRecord {
     pub predictors: Vec<Option<f64>>,
 }
 
-/// The names of a file, each held once: millions of rows have those of few stations.
+/// The names of a column, each held once: millions of rows have those of few stations.
 #[derive(Default)]
-pub(super) struct Names(HashSet<Arc<str>>);
+pub(super) struct Names {
+    /// In order of appearance.
+    held: Vec<Arc<str>>,
+    numbers: HashMap<Arc<str>, usize>,
+    /// The number of the last.
+    last: usize,
+}
 
 impl Names {
     /// The one copy of a name.
     pub fn shared(&mut self, name: &str) -> Arc<str> {
-        if let Some(held) = self.0.get(name) {
-            return Arc::clone(held);
-        }
-        let held: Arc<str> = name.into();
-        self.0.insert(Arc::clone(&held));
-        held
+        // Most rows have the name of the row before, or that which came after it when it was new: these need no search.
+        let after = if self.last + 1 < self.held.len() { self.last + 1 } else { 0 };
+        let likely =
+            [self.last, after].into_iter().find(|&number| self.held.get(number).is_some_and(|it| **it == *name));
+        self.last = likely.or_else(|| self.numbers.get(name).copied()).unwrap_or_else(|| {
+            let held: Arc<str> = name.into();
+            self.numbers.insert(Arc::clone(&held), self.held.len());
+            self.held.push(held);
+            self.held.len() - 1
+        });
+        Arc::clone(&self.held[self.last])
     }
+}
+
+/// What is remembered from row to row.
+#[derive(Default)]
+pub(super) struct Memory {
+    pub variables: Names,
+    pub ids: Names,
+    pub groups: Names,
+    pub reports: Names,
+    /// The last time, as it is written, and what it is.
+    pub time: Option<(String, Time)>,
 }
 
 /// When an observation is valid.
@@ -91,4 +113,20 @@ pub enum ObservationPlace {
         /// From 1, from the south.
         row: usize,
     },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_name_is_held_once_in_whatever_order_it_comes() {
+        let mut names = Names::default();
+        let all = ["a", "b", "c", "a", "b", "c", "c", "a", "c", "b", "d", "a", "b"];
+        let shared: Vec<Arc<str>> = all.iter().map(|name| names.shared(name)).collect();
+        assert_eq!(names.held.iter().map(|name| &**name).collect::<Vec<_>>(), ["a", "b", "c", "d"]);
+        for (name, own) in all.iter().zip(&shared) {
+            assert!(**own == **name && names.held.iter().any(|held| Arc::ptr_eq(held, own)), "{name}");
+        }
+    }
 }

@@ -1,8 +1,6 @@
 //! What several kinds of instruments have in common.
 
-use crate::reader::{
-    Absent, AnyKey, Described, Field, Form, Key, Limits, Read, ScenarioError, Section, Table, Whole, YesNo,
-};
+use crate::reader::{Absent, AnyKey, Field, Key, Limits, Read, ScenarioError, Section, Table, Whole, YesNo};
 use crate::text::clean_lines;
 use isobar_obs::Faults;
 use isobar_obs::table::TableError;
@@ -15,13 +13,8 @@ pub(super) const INTERVAL_CYCLES: Key<Whole> = Key::absent(
     "interval between the cycles in which it reports",
 );
 
-pub(super) const FIRST_CYCLE: Key<Described> = Key::absent(
-    "first_cycle",
-    "",
-    Described("a whole number from 1 to `interval_cycles`", || Form::Whole(1, 1_000_000)),
-    Absent::Means("1"),
-    "first cycle in which it reports",
-);
+pub(super) const FIRST_CYCLE: Key<Whole> =
+    Key::absent("first_cycle", "", Whole(1, 1_000_000), Absent::Means(1), "first cycle in which it reports");
 
 pub(super) const MISSING_RATE: Key<Limits> = Key::absent(
     "missing_rate",

@@ -39,11 +39,9 @@ pub(crate) fn read(root: &Section<'_>, domain: &Domain) -> Read<Vec<Network>> {
 fn network(name: &str, field: &Field<'_>, domain: &Domain) -> Read<Network> {
     let (kind, section) = choose(field, INSTRUMENTS, domain)?;
     let instrument: Arc<dyn InstrumentSettings> = Arc::from((kind.read)(&section, domain)?);
-    let every_cycles = section.get(&INTERVAL_CYCLES)?;
-    let first_cycle = section.whole_or(FIRST_CYCLE.name, 1, 1, every_cycles)?;
     Ok(Network {
         name: name.to_string(),
-        schedule: Schedule { every_cycles, offset_cycles: first_cycle % every_cycles },
+        schedule: Schedule { every_cycles: section.get(&INTERVAL_CYCLES)?, first_cycle: section.get(&FIRST_CYCLE)? },
         missing_rate: section.get(&MISSING_RATE)?,
         faults: faults(&section)?,
         error_correlation: correlation::read(&section, &*instrument)?,

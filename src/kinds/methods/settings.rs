@@ -29,6 +29,12 @@ pub trait MethodSettings: Debug + Send + Sync {
     /// Why they do not, as it stands after a colon.
     fn fixed_gain(&self) -> Result<(), &'static str>;
 
+    /// What corrections of the model that it may estimate would be right, by their names, as far as the truth's model has a right
+    /// value for them.
+    fn true_corrections(&self, _truth: &Model, _methods: &Domain) -> Vec<(String, f64)> {
+        Vec::new()
+    }
+
     /// Whether its background is a forecast of the model.
     fn forecasts(&self) -> bool {
         true

@@ -2,7 +2,7 @@
 
 use super::equations::Equations;
 use super::integration::{self, Integration, TIME_STEP_S};
-use super::parameter::{ADVECTION_X, Parameter, SPEED, flow, northward, speed_or_zero};
+use super::parameter::{ADVECTION_X, ADVECTION_Y, Parameter, SPEED, flow, northward, speed_or_zero};
 use crate::kinds::{Kind, Kinds, form, read};
 use crate::reader::{Absent, Choice, Described, Key, Limits};
 use isobar_model::{Adjoint, Advection, AdvectionScheme, Duration, Forcing, Grid, ModelError, Wind};
@@ -117,6 +117,12 @@ impl Equations for AdvectionSettings {
 
     fn is_linear(&self) -> bool {
         true
+    }
+
+    /// A wind that depends on place, at the western and southern faces of the cells.
+    fn parameter_field(&self, grid: &Grid, name: &str) -> Option<Vec<f64>> {
+        let (u, v) = self.wind.at_faces(grid).ok()?;
+        [(ADVECTION_X, u), (ADVECTION_Y, v)].into_iter().find(|(parameter, _)| parameter.name == name).map(|it| it.1)
     }
 
     fn parameters(&mut self, grid: &Grid) -> Vec<(Parameter, &mut f64)> {

@@ -50,6 +50,13 @@ pub trait Equations: Debug + Send + Sync {
         None
     }
 
+    /// A parameter that an assimilation may correct, at each cell, `[y, x]`; `None` if there is no such parameter.
+    fn parameter_field(&self, grid: &Grid, name: &str) -> Option<Vec<f64>> {
+        let mut own = self.boxed_clone();
+        let (_, value) = own.parameters(grid).into_iter().find(|(parameter, _)| parameter.name == name)?;
+        Some(vec![*value; grid.cells()])
+    }
+
     /// The parameters that an assimilation may correct, each with its place in the equations.
     fn parameters(&mut self, _: &Grid) -> Vec<(Parameter, &mut f64)> {
         Vec::new()

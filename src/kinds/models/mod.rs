@@ -14,17 +14,23 @@ pub use equations::Equations;
 pub use parameter::{BasicState, Parameter};
 pub use water::Water;
 
-use super::{Kinds, choose};
+use super::{KIND, Kind, Kinds, choose};
 use crate::reader::{Field, Read, Section};
+use crate::text::listed;
 use given::GivenModel;
 use integration::TIME_STEP_S;
 use isobar_model::{Adjoint, Duration, Forcing, Grid, ModelError};
 use std::sync::Arc;
 use toml::de::{DeTable, DeValue};
 
+/// The kinds of models of shallow water.
+const OF_WATER: &Kinds<dyn Equations, Grid> = &[&shallow_water::KIND, &linear_shallow_water::KIND];
+
+/// The kinds of models of a tracer.
+const OF_TRACER: &Kinds<dyn Equations, Grid> = &[&advection::KIND, &exact_shift::KIND];
+
 /// All kinds of models.
-pub(crate) const MODELS: &Kinds<dyn Equations, Grid> =
-    &[&shallow_water::KIND, &linear_shallow_water::KIND, &advection::KIND, &exact_shift::KIND];
+pub(crate) const MODELS: &Kinds<dyn Equations, Grid> = &[OF_WATER[0], OF_WATER[1], OF_TRACER[0], OF_TRACER[1]];
 
 /// The forecast model.
 #[derive(Clone, Debug)]
@@ -67,6 +73,14 @@ impl Model {
     /// If the grid, the parameters, the time step or the forcing do not fit.
     pub fn build(&self, grid: &Grid, cycle: Duration) -> Result<Arc<dyn Adjoint>, ModelError> {
         self.equations.build(grid, self.time_step, cycle, &self.forcing)
+    }
+
+    /// By how much a parameter that an assimilation may correct is greater than in another model of the same kind, at each cell,
+    /// `[y, x]`; `None` if they are of different kinds, or have no such parameter.
+    pub(crate) fn difference(&self, other: &Self, grid: &Grid, parameter: &str) -> Option<Vec<f64>> {
+        let of = |model: &Self| model.equations.parameter_field(grid, parameter);
+        let (own, others) = (of(self)?, of(other)?);
+        (self.kind == other.kind).then(|| own.iter().zip(others).map(|(own, other)| own - other).collect())
     }
 
     /// The same model with other parameters: each name with what is added to its value.
@@ -113,17 +127,17 @@ pub(crate) fn read(field: &Field<'_>, grid: &Grid) -> Read<Model> {
     Ok(Model { kind: kind.name, time_step, equations: (kind.read)(&section, grid)?.into(), forcing: Arc::default() })
 }
 
-/// The truth's model: `[model]` with single keys replaced by those of `overrides`.
+/// The truth's model: `[model]` with single keys replaced by those of `overrides`. Where these have a `kind`, it is of that kind,
+/// and inherits the keys that both kinds have; the variables must be the same.
 pub(crate) fn read_with_overrides(model: &Field<'_>, overrides: &Field<'_>, grid: &Grid) -> Read<Model> {
+    let section = overrides.any_section()?;
     let (DeValue::Table(table), DeValue::Table(changes)) = (model.value.get_ref(), overrides.value.get_ref()) else {
-        overrides.any_section()?;
         return read(model, grid);
     };
-    if let Some(kind) = overrides.any_section()?.optional("kind") {
-        let help = "truth.model replaces single keys of [model]; leave `kind` out";
-        return Err(kind.misplaced("the truth must be of the model's kind".into(), help));
-    }
-    let mut merged: DeTable<'_> = table.clone();
+    let kind = section.optional(KIND).map(|kind| kind_of_truth(model, &kind)).transpose()?;
+    let is_inherited = |name: &str| kind.is_none_or(|kind| kind.keys().any(|key| key.name() == name));
+    let inherited = table.iter().filter(|(key, _)| is_inherited(key.get_ref()));
+    let mut merged: DeTable<'_> = inherited.map(|(key, value)| (key.clone(), value.clone())).collect();
     for (key, value) in changes {
         // The key is removed first, so that messages point at the overriding one.
         merged.remove(key.get_ref().as_ref());
@@ -131,4 +145,50 @@ pub(crate) fn read_with_overrides(model: &Field<'_>, overrides: &Field<'_>, grid
     }
     let value = toml::Spanned::new(overrides.value.span(), DeValue::Table(merged));
     read(&Field { value: &value, ..overrides.clone() }, grid)
+}
+
+/// The kind that the truth's model is given, which must have the variables of `[model]`.
+fn kind_of_truth(model: &Field<'_>, kind: &Field<'_>) -> Read<&'static Kind<dyn Equations, Grid>> {
+    let of_truth = kind.choice(&MODELS.iter().map(|&kind| (kind.name, kind)).collect::<Vec<_>>())?;
+    let of_methods = model.any_section()?.required(KIND)?.text()?;
+    let holds = |kinds: &Kinds<dyn Equations, Grid>, name: &str| kinds.iter().any(|kind| kind.name == name);
+    let same = if holds(OF_WATER, &of_methods) { OF_WATER } else { OF_TRACER };
+    if holds(same, of_truth.name) {
+        return Ok(of_truth);
+    }
+    let message = format!("a truth of kind {} has other variables than [model], of kind {of_methods}", of_truth.name);
+    Err(kind.invalid(message, &format!("must be one of {}", listed(same.iter().map(|kind| kind.name)))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reader::{self, SourceFile};
+    use isobar_model::Boundary;
+    use std::path::Path;
+
+    #[test]
+    fn kinds_of_water_and_of_a_tracer_have_the_variables_that_their_lists_say() {
+        let keys = "kind = \"KIND\"\ntime_step_s = 60\n";
+        let model = |kind: &str, rest: &str| {
+            let text = format!("[model]\n{}{rest}", keys.replace("KIND", kind));
+            let file = SourceFile::new(Path::new("s.toml"), &text);
+            let tree = reader::parse(&file, &text).unwrap();
+            let field = Section::root(&file, &tree).required("model").unwrap();
+            let grid = Grid { nx: 8, ny: 8, dx_m: 1e5, dy_m: 1e5, boundary: Boundary::Periodic };
+            read(&field, &grid).unwrap().variables().to_vec()
+        };
+        let rest = |kind: &str| match kind {
+            "shallow_water" => "coriolis_per_s = 1e-4",
+            "linear_shallow_water" => "coriolis_per_s = 1e-4\nmean_depth_m = 1000",
+            "advection" => "wind = { kind = \"uniform\", u_m_per_s = 1 }",
+            "exact_shift" => "columns_per_step = 1",
+            other => panic!("{other} has no keys here"),
+        };
+        for (kinds, variables) in [(OF_WATER, water::VARIABLES), (OF_TRACER, advection::VARIABLES)] {
+            for kind in kinds {
+                assert_eq!(model(kind.name, rest(kind.name)), variables, "{}", kind.name);
+            }
+        }
+    }
 }

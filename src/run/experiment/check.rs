@@ -57,7 +57,7 @@ pub fn check(scenario: &Scenario) -> Result<Checked, Vec<ExperimentError>> {
     let compared = Comparisons::new(scenario, &ground.observing, scenario.seed);
     compared.map_err(|fault| vec![ExperimentError::Comparison(fault)])?;
     let recorded: Vec<_> = ground.observing.recorded_use(cycles).collect();
-    let mut warnings = notices::warnings(scenario, &ground.observing, &recorded);
+    let mut warnings = notices::warnings(scenario, &ground.observing, &recorded, scenario.cycle.count);
     warnings.extend(notices::of_methods(scenario, |_| true));
     warnings.extend(notices::of_thresholds(&placed, problem));
     let rates = Rates::measure(problem);

@@ -12,9 +12,15 @@ pub enum ExperimentError {
     /// The model, or a state of it.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// The time step of the methods' or the truth's model.
+    /// The time step of the methods' model.
     #[error("{0}")]
     TimeStep(ModelError),
+    /// The truth's model, or the state from which it starts.
+    #[error("the truth: {0}")]
+    TrueModel(ModelError),
+    /// The time step of the truth's model.
+    #[error("the truth: {0}")]
+    TrueTimeStep(ModelError),
     /// A source whose table does not reach over the run.
     #[error(
         "the table of source {} of {} goes from {} to {}, but the run needs it from {} to {}",

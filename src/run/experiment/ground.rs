@@ -56,7 +56,10 @@ pub(super) fn ground_after(
 
     let twin = |settings: &TwinSettings| -> Result<Twin, ExperimentError> {
         let state = match &settings.initial {
-            Some(initial) => initial.build(&scenario.domain_of(&settings.model), seed)?.valid_at(span.start),
+            Some(initial) => {
+                let state = initial.build(&scenario.domain_of(&settings.model), seed);
+                state.map_err(ExperimentError::TrueModel)?.valid_at(span.start)
+            }
             None => {
                 let mut state = background.clone();
                 let deviation = covariance::randomize(&*background_error, &mut stream(seed, "truth/initial"));
@@ -65,8 +68,8 @@ pub(super) fn ground_after(
                 state
             }
         };
-        let model = settings.model.build(grid, scenario.cycle.window)?;
-        check_time_step(&*model, &state).map_err(ExperimentError::TimeStep)?;
+        let model = settings.model.build(grid, scenario.cycle.window).map_err(ExperimentError::TrueModel)?;
+        check_time_step(&*model, &state).map_err(ExperimentError::TrueTimeStep)?;
         let steps = scenario.cycle.window.steps_of(model.time_step()).expect("the scenario's window fits its steps");
         let error = model_error.clone().map(|covariance| (covariance, settings.model_error_scale.sqrt()));
         check_times(scenario, steps)?;

@@ -48,7 +48,13 @@ impl ExperimentError {
     pub fn locate(&self, scenario: &Scenario) -> ScenarioError {
         let place;
         let (path, label): (Vec<&str>, &str) = match self {
-            ExperimentError::TimeStep(_) => (vec!["model", "time_step_s"], "too long"),
+            ExperimentError::TrueModel(_) => (vec!["truth"], "with this"),
+            ExperimentError::TrueTimeStep(_) if scenario.truth_has_other_model() => {
+                (vec!["truth", "model", "time_step_s"], "too long for this")
+            }
+            ExperimentError::TimeStep(_) | ExperimentError::TrueTimeStep(_) => {
+                (vec!["model", "time_step_s"], "too long")
+            }
             ExperimentError::Model(_) => (vec!["initial"], "with this and [model]"),
             ExperimentError::Balance(_) => (vec!["model", "coriolis_per_s"], "next to no rotation"),
             ExperimentError::Covariance(_) => (vec!["background_error"], "here or in [model_error]"),
@@ -115,6 +121,8 @@ pub struct Competitor {
     pub failure: Option<Failure>,
     /// Whether its biases are scored: not where they are known to it or it has none.
     pub scores_bias: bool,
+    /// The truth of the corrections of the model that it may estimate, by their names, as far as it is known.
+    pub true_corrections: Vec<(String, f64)>,
     /// Whether it has warned of an analysis.
     pub has_warned: bool,
     /// Whether it is given observations without their true biases.
@@ -134,6 +142,7 @@ impl Competitor {
             runner,
             failure: None,
             scores_bias: true,
+            true_corrections: Vec::new(),
             has_warned: false,
             bias_known: false,
             memory_limit_bytes,
@@ -232,7 +241,12 @@ impl ExperimentBuilder<'_> {
             let bias_known = method.bias == BiasTreatment::Known;
             let scores_bias = method.scores_biases();
             let memory_limit_bytes = method.memory_limit_bytes;
-            methods.push(Competitor { scores_bias, bias_known, ..Competitor::new(runner, memory_limit_bytes) });
+            let true_corrections = match &scenario.truth {
+                Some(TruthSettings::Twin(twin)) => method.settings.true_corrections(&twin.model, &scenario.domain()),
+                _ => Vec::new(),
+            };
+            let competitor = Competitor::new(runner, memory_limit_bytes);
+            methods.push(Competitor { scores_bias, true_corrections, bias_known, ..competitor });
             let initialised = initialised.map(|settings| {
                 format!("calibration initialised from {} cycles by a high-pass filter", settings.cycles)
             });
@@ -297,7 +311,7 @@ impl ExperimentBuilder<'_> {
         };
         let steps = problem_steps(scenario, &problem);
         let mut warnings = sensors.warnings;
-        warnings.extend(notices::warnings(scenario, &observing, &recorded));
+        warnings.extend(notices::warnings(scenario, &observing, &recorded, span.last));
         warnings.extend(notices::of_methods(scenario, chosen));
         warnings.extend(notices::of_thresholds(&info.warnings, &problem));
         Ok(Experiment {

@@ -83,11 +83,12 @@ pub(super) fn of_thresholds(warnings: &[PlacedWarning], problem: &Problem) -> Ve
     warnings.iter().filter_map(notice).collect()
 }
 
-/// What makes the run other than the user may think.
+/// What makes a run that ends with cycle `last` other than the user may think.
 pub(super) fn warnings(
     scenario: &Scenario,
     observing: &ObservingSystem,
     recorded: &[(&str, RecordedUse)],
+    last: usize,
 ) -> Vec<String> {
     let mut warnings = Vec::new();
     for (network, usage) in recorded.iter().filter(|(_, usage)| usage.usable < usage.rows) {
@@ -98,6 +99,7 @@ pub(super) fn warnings(
     warnings.extend(left_out(scenario, observing, Place::Outside));
     warnings.extend(hemisphere(scenario));
     warnings.extend(only_passive(scenario));
+    warnings.extend(not_yet(scenario, last));
     warnings
 }
 
@@ -154,6 +156,15 @@ fn only_passive(scenario: &Scenario) -> Option<String> {
     all_passive.then(|| {
         "all networks are passive (`assimilate = false`): nothing is assimilated, and every analysis is its background"
             .to_string()
+    })
+}
+
+/// A warning for each network whose first report comes after the last cycle.
+fn not_yet(scenario: &Scenario, last: usize) -> impl Iterator<Item = String> {
+    let late = scenario.networks.iter().filter(move |network| network.schedule.first_cycle > last);
+    late.map(move |network| {
+        let (name, first) = (&network.name, network.schedule.first_cycle);
+        format!("networks.{name}: it never reports: its first report would be in cycle {first}, and the last cycle is {last}")
     })
 }
 

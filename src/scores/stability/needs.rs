@@ -32,8 +32,12 @@ pub struct ComparisonNeed {
     pub sigma: f64,
 }
 
+/// Information below which nothing has been said of a bias, in units of that of its prior.
+const NOTHING: f64 = 1e-6;
+
 /// How much observations have said of a bias, as P/S − 1, the information in units of that of its prior: proportional to the
-/// number of observations of a constant that nothing else explains, and bounded where something else does.
+/// number of observations of a constant that nothing else explains, and bounded where something else does. Cycles count from
+/// the first that says anything: a network may begin to report later than the run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Information {
     /// Cycles, and the information after them: at a time between a quarter and half of all, at a later one, and now.
@@ -45,7 +49,11 @@ pub(super) struct Information {
 impl Information {
     /// Takes in a cycle after which this share of the prior variance is left.
     pub fn add(&mut self, variance_ratio: f64) {
-        self.now = (self.now.0 + 1, 1.0 / variance_ratio - 1.0);
+        let information = 1.0 / variance_ratio - 1.0;
+        if self.now.0 == 0 && information < NOTHING {
+            return;
+        }
+        self.now = (self.now.0 + 1, information);
         if self.now.0 >= 2 * self.later.0 {
             (self.earlier, self.later) = (self.later, self.now);
         }
@@ -111,6 +119,17 @@ mod tests {
             assert!(share(cycles + further, 0.16) <= 0.25, "{cycles} + {further}");
             assert!(share(cycles + further - 1, 0.16) > 0.25, "{cycles} + {further}");
         }
+    }
+
+    #[test]
+    fn cycles_before_the_first_report_do_not_count() {
+        let further = |before: usize| {
+            let mut information = Information::default();
+            (0..before).for_each(|_| information.add(1.0));
+            (1..=3).for_each(|cycle| information.add(share(cycle, 0.16)));
+            information.further_cycles(0.25)
+        };
+        assert!(further(0).is_some_and(|cycles| cycles > 10) && further(40) == further(0), "{:?}", further(40));
     }
 
     #[test]

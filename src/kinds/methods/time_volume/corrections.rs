@@ -1,8 +1,11 @@
 //! The parameters of the model that a time volume may correct.
 
 use crate::kinds::Domain;
+use crate::kinds::models::Model;
 use crate::reader::{Absent, AnyKey, Described, Field, Form, Key, Limits, Read, Section, fields};
 use crate::text::listed;
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
 use isobar_assim::Error;
 use isobar_assim::time_volume::{Candidate, CorrectionPattern, Corrections, tile_patterns};
 use isobar_model::{Duration, Grid, ModelError, State, TangentLinear, check_time_step};
@@ -94,6 +97,45 @@ fn patterns(section: &Section<'_>, grid: &Grid) -> Read<Vec<CorrectionPattern>> 
     }
 }
 
+/// The part of a field that its patterns may leave over, relative to the field.
+const LEFT_OVER: f64 = 1e-6;
+
+/// The amplitudes, by the names that a time volume gives them, with which the corrected model would be the truth's: where both are of
+/// one kind, and the difference of a parameter is a sum of the correction's patterns.
+pub(super) fn true_amplitudes(candidates: &[Candidate], truth: &Model, methods: &Domain) -> Vec<(String, f64)> {
+    let of_candidate = |candidate: &Candidate| -> Option<Vec<(String, f64)>> {
+        let wrong = truth.difference(&methods.model, &methods.grid, &candidate.name)?;
+        let name = format!("transition/{}", candidate.name);
+        if candidate.patterns.is_empty() {
+            let uniform = wrong.iter().all(|value| (value - wrong[0]).abs() <= LEFT_OVER * wrong[0].abs());
+            return uniform.then(|| vec![(name, wrong[0])]);
+        }
+        let amplitudes = amplitudes(&candidate.patterns, &wrong)?;
+        let named = candidate.patterns.iter().map(|pattern| format!("{name}/{}", pattern.name));
+        Some(named.zip(amplitudes).collect())
+    };
+    candidates.iter().filter_map(of_candidate).flatten().collect()
+}
+
+/// The amplitudes of patterns whose sum is a field, by least squares; `None` if it is no such sum, or the patterns are not
+/// independent.
+fn amplitudes(patterns: &[CorrectionPattern], field: &[f64]) -> Option<Vec<f64>> {
+    let n = patterns.len();
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let products = Mat::from_fn(n, n, |i, j| dot(&patterns[i].weights, &patterns[j].weights));
+    let right = Mat::from_fn(n, 1, |i, _| dot(&patterns[i].weights, field));
+    let root = products.llt(Side::Lower).ok()?;
+    let pivots = (0..n).map(|i| root.L()[(i, i)]);
+    let (least, most) = pivots.fold((f64::INFINITY, 0.0), |(least, most), own| (own.min(least), own.max(most)));
+    if least < LEFT_OVER * most {
+        return None;
+    }
+    let found = root.solve(&right);
+    let sum = |cell: usize| (0..n).map(|k| found[(k, 0)] * patterns[k].weights[cell]).sum::<f64>();
+    let left: f64 = field.iter().enumerate().map(|(cell, value)| (value - sum(cell)).powi(2)).sum();
+    (left <= LEFT_OVER * LEFT_OVER * dot(field, field)).then(|| (0..n).map(|k| found[(k, 0)]).collect())
+}
+
 /// The scenario's model with other parameters.
 pub(super) struct ModelCorrections {
     pub domain: Domain,
@@ -116,5 +158,27 @@ impl Corrections for ModelCorrections {
         let model = model.corrected(grid, &changes.collect::<Vec<_>>()).build(grid, self.cycle).map_err(fault)?;
         check_time_step(&*model, &self.background).map_err(fault)?;
         Ok(model)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isobar_model::Boundary;
+
+    #[test]
+    fn amplitudes_are_known_of_what_patterns_can_describe() {
+        let grid = Grid { nx: 12, ny: 8, dx_m: 1e5, dy_m: 1e5, boundary: Boundary::Periodic };
+        let patterns = tile_patterns(&grid, [3, 2]);
+        let right = [4.0, -1.0, 0.0, 2.5, 0.0, 1.0];
+        let cells = || 0..grid.cells();
+        let field: Vec<f64> =
+            cells().map(|cell| patterns.iter().zip(right).map(|(it, r)| r * it.weights[cell]).sum()).collect();
+        let found = amplitudes(&patterns, &field).unwrap();
+        assert!(found.iter().zip(right).all(|(a, b)| (a - b).abs() < 1e-10), "{found:?}");
+        let other: Vec<f64> = cells().map(|cell| if cell == 0 { 1.0 } else { field[cell] }).collect();
+        assert_eq!(amplitudes(&patterns, &other), None);
+        let twice = [patterns.clone(), patterns.clone()].concat();
+        assert_eq!(amplitudes(&twice, &field), None);
     }
 }

@@ -7,7 +7,8 @@ use super::{
     COMPARISONS, ERROR_CORRELATION, FIRST_GUESS, MethodSettings, SMOOTHER_LAG_CYCLES, Setup, Sizes, Surroundings, Work,
     fast_kalman,
 };
-use crate::kinds::{Kind, form};
+use crate::kinds::models::Model;
+use crate::kinds::{Domain, Kind, form};
 use crate::reader::{Absent, Choice, Described, Form, Key, Limits, Read, Section, Whole};
 use corrections::ModelCorrections;
 use factors::{FactorSettings, MOST};
@@ -192,6 +193,10 @@ impl MethodSettings for TimeVolumeOptions {
             self.corrections.len(),
             fast_kalman::describe(&self.filter, 1)
         )
+    }
+
+    fn true_corrections(&self, truth: &Model, methods: &Domain) -> Vec<(String, f64)> {
+        corrections::true_amplitudes(&self.corrections, truth, methods)
     }
 
     fn fixed_gain(&self) -> Result<(), &'static str> {
