@@ -123,8 +123,13 @@ impl WithSimd for Push<'_, '_> {
         let (lanes, constants) = (*lanes, Constants::new(model));
         let coriolis = model.coriolis_per_s(row);
         let DiagnosticRows { flux_x, flux_y, q, bernoulli } = diagnostics;
-        let flux_x = &mut flux_x[2];
-        diagnose(constants, coriolis, lanes, south, north, flux_x, &mut flux_y[1], &mut q[1], &mut bernoulli[1]);
+        let (flux_x, flux_y, q, b) = (&mut flux_x[2], &mut flux_y[1], &mut q[1], &mut bernoulli[1]);
+        // The ends of a row of one state are no loops.
+        if lanes == 1 {
+            diagnose(constants, coriolis, 1, south, north, flux_x, flux_y, q, b);
+        } else {
+            diagnose(constants, coriolis, lanes, south, north, flux_x, flux_y, q, b);
+        }
         let nx = north.variable(H).len();
         let (k_h, winds) = tendency.split_at_mut(nx);
         let (k_u, k_v) = winds.split_at_mut(nx);
