@@ -118,18 +118,24 @@ impl WithSimd for Push<'_, '_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) {
+        match self.rows.lanes {
+            // With a constant in the place of it the ends of a row are no loops.
+            1 => self.run(1),
+            lanes => self.run(lanes),
+        }
+    }
+}
+
+impl Push<'_, '_> {
+    #[inline(always)]
+    fn run(self, lanes: usize) {
         let Push { rows, row, south, north, tendency } = self;
-        let ShallowWaterRows { model, diagnostics, lanes, .. } = rows;
-        let (lanes, constants) = (*lanes, Constants::new(model));
+        let ShallowWaterRows { model, diagnostics, .. } = rows;
+        let constants = Constants::new(model);
         let coriolis = model.coriolis_per_s(row);
         let DiagnosticRows { flux_x, flux_y, q, bernoulli } = diagnostics;
         let (flux_x, flux_y, q, b) = (&mut flux_x[2], &mut flux_y[1], &mut q[1], &mut bernoulli[1]);
-        // The ends of a row of one state are no loops.
-        if lanes == 1 {
-            diagnose(constants, coriolis, 1, south, north, flux_x, flux_y, q, b);
-        } else {
-            diagnose(constants, coriolis, lanes, south, north, flux_x, flux_y, q, b);
-        }
+        diagnose(constants, coriolis, lanes, south, north, flux_x, flux_y, q, b);
         let nx = north.variable(H).len();
         let (k_h, winds) = tendency.split_at_mut(nx);
         let (k_u, k_v) = winds.split_at_mut(nx);
