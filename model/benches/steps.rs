@@ -4,6 +4,7 @@
 //!   two threads, by leapfrog and by the Runge–Kutta scheme of fourth order;
 //! * the bandwidth of a memory copy on as many threads, of arrays far larger than any cache and of arrays as large as the
 //!   state, and the fraction reached of the step rate at which the state would move through memory just once;
+//! * a step of a member of an ensemble in a forecast of twelve steps, alone and together with others;
 //! * the cost of one tangent-linear and one adjoint column, in a batch of 32 and of one, of the nonlinear and the linear
 //!   equations, in nonlinear steps of the same scheme: of each of twelve steps at once, as filters and 4D-Var take them, and of
 //!   a single one; of twelve tangent-linear steps also in single precision, over the time in double.
@@ -11,14 +12,15 @@
 //! `cargo bench -p isobar-model`, or with grid sizes: `cargo bench -p isobar-model -- 64 256`. Times are the shortest,
 //! on one thread of the processor's time where the system tells it.
 
-use isobar_model::forecast::trajectory;
+use isobar_model::forecast::{forecast_together, trajectory};
 use isobar_model::initial::{self, RandomConfig};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::{
-    Adjoint, Boundary, ColumnsMut, Duration, Grid, Leapfrog, LinearShallowWater, Model, ShallowWater,
-    ShallowWaterParameters, State, Stepped, TimeScheme, VectorInvariant,
+    Adjoint, Boundary, ColumnsMut, Duration, Forced, Forcing, Grid, Leapfrog, LinearShallowWater, Model, ShallowWater,
+    ShallowWaterParameters, Source, State, Stepped, Time, TimeFunction, TimeScheme, VectorInvariant,
 };
 use std::hint::black_box;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Bytes read and written for each cell if a step reads and writes h, u and v once.
@@ -26,6 +28,9 @@ const ONE_LEVEL_BYTES: f64 = 48.0;
 
 /// Steps of a tangent-linear forecast.
 const STEPS: usize = 12;
+
+/// Members of an ensemble.
+const MEMBERS: usize = 16;
 
 fn main() {
     let sizes: Vec<usize> = std::env::args().filter_map(|argument| argument.parse().ok()).collect();
@@ -37,7 +42,10 @@ fn main() {
             pool.install(|| nonlinear(n, threads, &mut single));
         }
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool of one thread");
-        pool.install(|| tangent_linear(n));
+        pool.install(|| {
+            members(n);
+            tangent_linear(n);
+        });
     }
 }
 
@@ -128,6 +136,40 @@ fn nonlinear(n: usize, threads: usize, single: &mut [f64; 2]) {
     }
 }
 
+/// Forecasts of sixteen members of an ensemble, alone and as many together as the model says, on one thread.
+fn members(n: usize) {
+    let (equations, start) = shallow_water(n);
+    let (dt, scheme) = (Duration::from_seconds(90), TimeScheme::Rk4);
+    let leapfrog = Leapfrog::new(equations.clone(), dt, 0.001).expect("valid numbers");
+    let runge_kutta = Stepped::new(equations.clone(), dt, scheme).expect("a positive step");
+    let linear = LinearShallowWater::about_uniform_flow(equations, 1000.0, 10.0).expect("a thin layer");
+    let linear = Stepped::new(linear, dt, scheme).expect("a positive step");
+    let begin = leapfrog.start(&start);
+    let cases: [(&str, &dyn Model, &State); 3] = [
+        ("leapfrog", &leapfrog, &begin),
+        ("Runge-Kutta 4", &runge_kutta, &start),
+        ("the same, linear equations", &linear, &start),
+    ];
+    for (name, model, start) in cases {
+        let mut states = vec![start.clone(); MEMBERS];
+        let mut seconds = |together: usize| {
+            let forecast = || {
+                for states in states.chunks_mut(together) {
+                    forecast_together(model, black_box(states), STEPS).expect("a stable step");
+                }
+            };
+            1e9 * least_seconds(forecast) / (MEMBERS * STEPS * n * n) as f64
+        };
+        let together = model.best_together();
+        println!(
+            "{n:4}² 1 thread, {name}: a step of a member in a forecast of {STEPS} {:6.2} ns/cell alone, {:6.2} with \
+             {together} together",
+            seconds(1),
+            seconds(together)
+        );
+    }
+}
+
 /// Tangent-linear and adjoint against nonlinear, on one thread.
 fn tangent_linear(n: usize) {
     let (equations, start) = shallow_water(n);
@@ -137,10 +179,15 @@ fn tangent_linear(n: usize) {
     let linear = LinearShallowWater::about_uniform_flow(equations, 1000.0, 10.0).expect("a thin layer");
     let linear = Stepped::new(linear, dt, scheme).expect("a positive step");
     let begin = leapfrog.start(&start);
-    let cases: [(&str, &dyn Model, &dyn Adjoint, &State); 3] = [
+    let pattern = vec![1e-6; n * n];
+    let sources = vec![Source { variable: 0, pattern, function: TimeFunction::Constant }];
+    let forced = Forced::of(Arc::new(runge_kutta.clone()), &Arc::new(Forcing { sources })).expect("a source that fits");
+    let timed = start.clone().valid_at(Time::from_seconds(0));
+    let cases: [(&str, &dyn Model, &dyn Adjoint, &State); 4] = [
         ("leapfrog", &leapfrog, &leapfrog, &begin),
         ("Runge-Kutta 4", &runge_kutta, &runge_kutta, &start),
         ("the same, linear equations", &runge_kutta, &linear, &start),
+        ("Runge-Kutta 4, forced", &runge_kutta, &*forced, &timed),
     ];
     for (name, nonlinear, model, at) in cases {
         let mut x = at.clone();

@@ -21,8 +21,9 @@
 
 use crate::error::ModelError;
 use crate::forcing::Forcing;
-use crate::forecast::{Adjoint, Model, TangentLinear};
+use crate::forecast::{Adjoint, Between, Model, TangentLinear};
 use crate::state::{Layout, State};
+use crate::stored::ColumnsMut;
 use crate::time::{Duration, Time};
 use std::sync::Arc;
 
@@ -47,16 +48,16 @@ impl Forced {
     }
 
     /// Adds the forcing of the first or of the second half of a step that begins at a time.
-    fn add_half(&self, time: Time, second: bool, x: &mut State) {
+    fn add_half(&self, time: Time, second: bool, x: &mut [f64]) {
         let step_s = self.model.time_step().as_f64();
         let span_s = if second { [0.5 * step_s, step_s] } else { [0.0, 0.5 * step_s] };
-        self.forcing.add(1.0, time, span_s, x.values_mut());
+        self.forcing.add(1.0, time, span_s, x);
     }
 
     /// The state from which M goes on.
     fn with_first_half(&self, x: &State) -> State {
         let mut x = x.clone();
-        self.add_half(time_of(&x), false, &mut x);
+        self.add_half(time_of(&x), false, x.values_mut());
         x
     }
 }
@@ -96,15 +97,26 @@ impl Model for Forced {
 
     fn step(&self, x: &mut State) {
         let time = time_of(x);
-        self.add_half(time, false, x);
+        self.add_half(time, false, x.values_mut());
         self.model.step(x);
-        self.add_half(time, true, x);
+        self.add_half(time, true, x.values_mut());
     }
 }
 
 impl TangentLinear for Forced {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
         self.model.step_tl(&self.with_first_half(at), columns);
+    }
+
+    fn steps_tl_between(&self, at: &State, columns: ColumnsMut<'_>, steps: usize, between: Between<'_>) {
+        let (start, span) = (time_of(at), self.time_step());
+        // From the end of M in a step to its beginning in the next.
+        let sources = |step: usize, x: &mut [f64]| {
+            self.add_half(start + span * (step - 1), true, x);
+            between(step, x);
+            self.add_half(start + span * step, false, x);
+        };
+        self.model.steps_tl_between(&self.with_first_half(at), columns, steps, &sources);
     }
 }
 

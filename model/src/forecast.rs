@@ -44,6 +44,26 @@ pub trait Model: Send + Sync {
     /// Advances `x` by one time step: its values, and its valid time by [`State::advance`]. A model whose right-hand side
     /// depends on time finds the time before the step in [`State::time`].
     fn step(&self, x: &mut State);
+
+    /// How many states [`Model::steps`] is best called with: one, if it gains nothing from several.
+    fn best_together(&self) -> usize {
+        1
+    }
+
+    /// Advances each of the states by `steps` time steps, to the same bits as by single steps of each alone, where these stay
+    /// finite; where they do not, to values that are not all finite.
+    ///
+    /// The default takes single steps; a model overrides it if it is faster with all steps, or with several states, at once.
+    fn steps(&self, states: &mut [State], steps: usize) {
+        for x in states {
+            for _ in 0..steps {
+                self.step(x);
+                if x.first_non_finite().is_some() {
+                    break;
+                }
+            }
+        }
+    }
 }
 
 /// A model with its tangent-linear: δx(t + Δt) = M'(x(t)) δx(t).
@@ -55,12 +75,23 @@ pub trait TangentLinear: Model {
 
     /// Advances increments by `steps` time steps along the trajectory from `at`, to the same bits as by single steps.
     ///
+    /// The default is [`TangentLinear::steps_tl_between`] with nothing done between the steps.
+    fn steps_tl(&self, at: &State, columns: ColumnsMut<'_>, steps: usize) {
+        self.steps_tl_between(at, columns, steps, &|_, _| ());
+    }
+
+    /// [`TangentLinear::steps_tl`] along a trajectory that something outside of the model changes between the steps, by what does
+    /// not depend on the state, so that it has no part in the derivative: known sources.
+    ///
     /// The default takes single steps, and advances columns in single precision in double, rounding them after the last step; a
     /// model overrides it if it is faster with all steps at once, or computes in single precision what is stored in it.
-    fn steps_tl(&self, at: &State, columns: ColumnsMut<'_>, steps: usize) {
-        step_by_step(self, at, columns, steps);
+    fn steps_tl_between(&self, at: &State, columns: ColumnsMut<'_>, steps: usize, between: Between<'_>) {
+        step_by_step(self, at, columns, steps, between);
     }
 }
+
+/// Changes the values of a trajectory's state after a step, given the number of the step, from one, and the values.
+pub type Between<'a> = &'a (dyn Fn(usize, &mut [f64]) + Sync);
 
 /// A model with the adjoint of its tangent-linear: δx*(t) = M'(x(t))ᵀ δx*(t + Δt).
 pub trait Adjoint: TangentLinear {
@@ -116,11 +147,17 @@ pub enum ForecastError {
 /// [`ForecastError::Start`] if the initial state does not pass [`Model::check_state`] or lacks the time that the model needs, and
 /// [`ForecastError::NotFinite`] at the first step after which a value is not finite.
 pub fn forecast(model: &dyn Model, x: &mut State, steps: usize) -> Result<(), ForecastError> {
-    check_start(model, x)?;
-    for step in 1..=steps {
-        step_checked(model, x, step)?;
-    }
-    Ok(())
+    forecast_together(model, std::slice::from_mut(x), steps)
+}
+
+/// Advances several states by `steps` time steps each; fastest for as many at a time as [`Model::best_together`] says.
+///
+/// # Errors
+/// As [`forecast`], for the first of the states that fails.
+pub fn forecast_together(model: &dyn Model, states: &mut [State], steps: usize) -> Result<(), ForecastError> {
+    states.iter().try_for_each(|x| check_start(model, x))?;
+    let starts = states.to_vec();
+    steps_checked(model, states, &starts, steps)
 }
 
 /// Advances `x` by `steps` time steps and, in lockstep along that trajectory, the increments in `columns`
@@ -137,34 +174,49 @@ pub fn forecast_tl<S: Stored>(
     check_start(model, x)?;
     let at = x.clone();
     // The state's own forecast is as good as that of a further column, on whichever thread has time for it.
-    let forecast = || (1..=steps).try_for_each(|step| step_checked(model, x, step));
+    let forecast = || steps_checked(model, std::slice::from_mut(x), std::slice::from_ref(&at), steps);
     rayon::join(|| model.steps_tl(&at, S::columns_mut(columns), steps), forecast).1?;
     require_finite_increments(model.layout(), columns, steps)
 }
 
-/// [`TangentLinear::steps_tl`] by single steps, up to the one after which the state is not finite.
-pub(crate) fn step_by_step<M: TangentLinear + ?Sized>(model: &M, at: &State, columns: ColumnsMut<'_>, steps: usize) {
+/// [`TangentLinear::steps_tl_between`] by single steps, up to the one after which the state is not finite.
+pub(crate) fn step_by_step<M: TangentLinear + ?Sized>(
+    model: &M,
+    at: &State,
+    columns: ColumnsMut<'_>,
+    steps: usize,
+    between: Between<'_>,
+) {
     match columns {
         ColumnsMut::Double([]) => {}
-        ColumnsMut::Double(columns) => along(model, at, steps, |at| model.step_tl(at, columns)),
+        ColumnsMut::Double(columns) => along(model, at, steps, between, |at| model.step_tl(at, columns)),
         // Through copies in double precision, of as many columns at a time as all threads take.
         ColumnsMut::Single(columns) => {
             let group = f64::COLUMNS * rayon::current_num_threads() * model.layout().len().max(1);
             let mut copy = Vec::new();
             for group in columns.chunks_mut(group) {
-                f32::in_double(group, &mut copy, |columns| model.steps_tl(at, ColumnsMut::Double(columns), steps));
+                f32::in_double(group, &mut copy, |columns| {
+                    model.steps_tl_between(at, ColumnsMut::Double(columns), steps, between);
+                });
             }
         }
     }
 }
 
 /// Calls `visit` with the state before each of the steps from `at`, up to one that is not finite.
-pub(crate) fn along<M: Model + ?Sized>(model: &M, at: &State, steps: usize, mut visit: impl FnMut(&State)) {
+pub(crate) fn along<M: Model + ?Sized>(
+    model: &M,
+    at: &State,
+    steps: usize,
+    between: Between<'_>,
+    mut visit: impl FnMut(&State),
+) {
     let mut at = at.clone();
     for step in 1..=steps {
         visit(&at);
         if step < steps {
             model.step(&mut at);
+            between(step, at.values_mut());
             if at.first_non_finite().is_some() {
                 return;
             }
@@ -201,7 +253,8 @@ pub fn trajectory(model: &dyn Model, x: &State, steps: usize) -> Result<Vec<Stat
     states.push(x.clone());
     for step in 1..=steps {
         let mut next = states[step - 1].clone();
-        step_checked(model, &mut next, step)?;
+        model.step(&mut next);
+        require_finite_step(model, &states[step - 1], &next, step)?;
         states.push(next);
     }
     Ok(states)
@@ -228,16 +281,33 @@ pub(crate) fn require_finite_state(x: &State) -> Result<(), ModelError> {
     }
 }
 
-fn step_checked(model: &dyn Model, x: &mut State, step: usize) -> Result<(), ForecastError> {
-    let limit_s = model.largest_time_step_s(x);
-    model.step(x);
-    match x.first_non_finite() {
+/// Advances states from their starts by `steps` time steps. What a step costs is its arithmetic: whether all went well is seen at
+/// the end, and if not, at which step it did not is found by going the same way again.
+fn steps_checked(model: &dyn Model, states: &mut [State], starts: &[State], steps: usize) -> Result<(), ForecastError> {
+    model.steps(states, steps);
+    for (x, start) in states.iter_mut().zip(starts) {
+        if x.first_non_finite().is_none() {
+            continue;
+        }
+        x.clone_from(start);
+        for step in 1..=steps {
+            let before = x.clone();
+            model.step(x);
+            require_finite_step(model, &before, x, step)?;
+        }
+    }
+    Ok(())
+}
+
+/// Fails if the state after a step, which is counted from the beginning of the forecast, is not finite.
+fn require_finite_step(model: &dyn Model, before: &State, after: &State, step: usize) -> Result<(), ForecastError> {
+    match after.first_non_finite() {
         None => Ok(()),
         Some(index) => Err(ForecastError::NotFinite {
             step: step * model.substeps(),
             place: model.layout().describe(index),
-            value: x.values()[index],
-            cfl: model.time_step().as_f64() / model.substeps() as f64 / limit_s,
+            value: after.values()[index],
+            cfl: model.time_step().as_f64() / model.substeps() as f64 / model.largest_time_step_s(before),
         }),
     }
 }

@@ -20,8 +20,8 @@ pub struct Contract {
     pub dot_product_error: f64,
 }
 
-/// Runs the battery at a state: time, zero, linearity, Taylor ladder, dot product, batches, threads, several steps, single
-/// precision.
+/// Runs the battery at a state: time, zero, linearity, Taylor ladder, dot product, batches, threads, several steps, states
+/// together, single precision.
 ///
 /// * Time: a step moves the state's valid time on by the time step.
 /// * Zero: M'0 = 0 and M'ᵀ0 = 0.
@@ -33,6 +33,8 @@ pub struct Contract {
 /// * Batches and threads: a matrix of columns gives the bits that single columns give, on one thread and on two.
 /// * Several steps: [`TangentLinear::steps_tl`](crate::TangentLinear::steps_tl) gives the bits that single steps along the
 ///   trajectory give.
+/// * States together: [`Model::steps`](crate::Model::steps) gives each of several states the values and the time that single steps
+///   give it alone, on one thread and on two.
 /// * Single precision: columns stored so become those of M' in double precision but for a few roundings of each step, relative
 ///   to the increment's norm; and with the same bits in a batch as alone, on one thread and on two.
 ///
@@ -56,6 +58,7 @@ pub fn check_contract(model: &dyn Adjoint, at: &State) -> Contract {
     check_linearity(model, at, &a, &b, &scales);
     check_batches_and_threads(model, at, &increment);
     check_several_steps(model, at, &increment);
+    check_states_together(model, at, &increment);
     check_single_precision(model, at, &increment, &scales);
     Contract {
         taylor_decades: taylor_ladder(model, at, &a, &scales),
@@ -192,6 +195,32 @@ fn check_several_steps(model: &dyn Adjoint, at: &State, increment: &dyn Fn(&str)
         assert!(bits(&together).eq(bits(&single)), "{steps} steps at once give other bits than one after another");
         model.step_tl(&x, &mut single);
         model.step(&mut x);
+    }
+}
+
+fn check_states_together(model: &dyn Adjoint, at: &State, increment: &dyn Fn(&str) -> Vec<f64>) {
+    for (count, steps) in [(1, 3), (5, 0), (5, 3), (19, 2)] {
+        let start = |number: usize| {
+            let mut x = at.clone();
+            vector::axpy(0.01, &increment(&format!("contract/state{number}")), x.values_mut());
+            x
+        };
+        let starts: Vec<State> = (0..count).map(start).collect();
+        let mut alone = starts.clone();
+        for x in &mut alone {
+            (0..steps).for_each(|_| model.step(x));
+        }
+        for threads in [1, 2] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool of threads");
+            let mut together = starts.clone();
+            pool.install(|| model.steps(&mut together, steps));
+            for (number, (together, alone)) in together.iter().zip(&alone).enumerate() {
+                assert!(
+                    bits(together.values()).eq(bits(alone.values())) && together.time() == alone.time(),
+                    "{steps} steps of {count} states on {threads} threads: state {number} is not the one that it is alone"
+                );
+            }
+        }
     }
 }
 

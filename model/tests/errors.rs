@@ -1,7 +1,7 @@
 //! What a forecast says when it cannot start, and when it blows up.
 
 use crate::common::{FORMS, shallow_water, stepped, turbulence};
-use isobar_model::forecast::{forecast, forecast_tl, trajectory};
+use isobar_model::forecast::{forecast, forecast_tl, forecast_together, trajectory};
 use isobar_model::{Boundary, Duration, ForecastError, Leapfrog, Model, ModelError, TimeScheme, initial};
 
 #[test]
@@ -48,6 +48,11 @@ fn a_blow_up_names_step_variable_cell_and_cfl_number() {
         model.step(&mut before);
         let index = before.first_non_finite().unwrap();
         assert_eq!(*place, before.layout().describe(index));
+        let calm = initial::rest(&tendency, 1000.0).unwrap();
+        let calm = if start.values().len() > calm.values().len() { leapfrog.start(&calm) } else { calm };
+        let mut together = [calm.clone(), start.clone(), calm];
+        let same = forecast_together(&*model, &mut together, 1000).unwrap_err();
+        assert_eq!(format!("{same:?}"), format!("{error:?}"), "beside states that are well");
         let message = error.to_string();
         assert!(message.contains(&format!("after step {step}: {place} is {value} (CFL number")), "{message}");
     }

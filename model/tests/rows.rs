@@ -139,7 +139,7 @@ fn rows_give_the_bits_of_the_equations_cell_by_cell() {
                 let parameters = ShallowWaterParameters { drag_per_s, hyperdiffusion_m4_per_s, ..parameters(boundary) };
                 let rows = ShallowWater::new(grid(nx, ny, boundary), parameters, form).unwrap();
                 let whole = WholeFields { inner: rows.clone(), tendency: cell_by_cell };
-                assert!(rows.row_stream(nx).is_some() && whole.row_stream(nx).is_none());
+                assert!(rows.row_stream(nx, 1).is_some() && whole.row_stream(nx, 1).is_none());
                 let start = turbulence(&rows);
                 for scheme in SCHEMES {
                     let swept = after(&stepped(rows.clone(), 200, scheme), &start, 3);

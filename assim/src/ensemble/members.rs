@@ -193,7 +193,8 @@ impl Ensemble {
         split_fields(self.values.chunks_exact_mut(self.rows), self.state_values, cells, lengths)
     }
 
-    /// Forecasts each member with the model, and adds what a window adds to the errors.
+    /// Forecasts each member with the model, as many together as it says unless a thread would have none, and adds what a window
+    /// adds to the errors.
     pub(super) fn forecast(
         &mut self,
         problem: &Problem<dyn Model>,
@@ -205,11 +206,17 @@ impl Ensemble {
         let layout = problem.background.layout();
         let kept = problem.estimated_calibration().kept(window);
         let time = self.time;
-        self.values.par_chunks_exact_mut(self.rows).try_for_each(|member| {
-            let mut state = State::from_values(layout, member[..m].to_vec()).valid_at(time);
-            forecast::forecast(&*problem.model, &mut state, steps)?;
-            member[..m].copy_from_slice(state.values());
-            member[m..].iter_mut().zip(&kept).for_each(|(value, kept)| *value *= kept);
+        let share = self.members().div_ceil(rayon::current_num_threads());
+        let groups = share.div_ceil(problem.model.best_together().clamp(1, share));
+        let together = share.div_ceil(groups);
+        self.values.par_chunks_mut(together * self.rows).try_for_each(|members| {
+            let state = |member: &[f64]| State::from_values(layout, member[..m].to_vec()).valid_at(time);
+            let mut states: Vec<State> = members.chunks_exact(self.rows).map(state).collect();
+            forecast::forecast_together(&*problem.model, &mut states, steps)?;
+            for (member, state) in members.chunks_exact_mut(self.rows).zip(&states) {
+                member[..m].copy_from_slice(state.values());
+                member[m..].iter_mut().zip(&kept).for_each(|(value, kept)| *value *= kept);
+            }
             Ok::<(), Error>(())
         })?;
         self.time = time.map(|time| time + window);

@@ -16,6 +16,8 @@ pub(crate) struct Band<'a> {
     pub fields: Vec<&'a mut [f64]>,
     grid: &'a Grid,
     variables: usize,
+    /// Values of a variable's row.
+    row_len: usize,
     /// Rows of the first variables around the band, `[row, variable, x]`.
     south: Vec<f64>,
     north: Vec<f64>,
@@ -23,31 +25,37 @@ pub(crate) struct Band<'a> {
 }
 
 /// Cuts fields into as many bands as there are threads, if they are large enough; `reach` rows of the first `variables`
-/// fields are copied on either side.
-pub(crate) fn bands<'a>(grid: &'a Grid, x: &'a mut [f64], variables: usize, reach: usize) -> Vec<Band<'a>> {
-    let (nx, ny, cells) = (grid.nx, grid.ny, grid.cells());
-    let most = cells / LEAST_CELLS_PER_BAND;
+/// fields are copied on either side. A place has `lanes` values.
+pub(crate) fn bands<'a>(
+    grid: &'a Grid,
+    x: &'a mut [f64],
+    variables: usize,
+    lanes: usize,
+    reach: usize,
+) -> Vec<Band<'a>> {
+    let (row_len, ny, field_len) = (grid.nx * lanes, grid.ny, grid.cells() * lanes);
+    let most = field_len / LEAST_CELLS_PER_BAND;
     let count = if most < 2 { 1 } else { rayon::current_num_threads().min(most).min(ny / (2 * reach)).max(1) };
     let mut bands: Vec<Band<'a>> = (0..count)
         .map(|band| {
             let (first, end) = (band * ny / count, (band + 1) * ny / count);
             let around = |from: usize| -> Vec<f64> {
-                let mut copy = Vec::with_capacity(reach * variables * nx);
+                let mut copy = Vec::with_capacity(reach * variables * row_len);
                 for row in from..from + reach {
                     for variable in 0..variables {
-                        copy.extend_from_slice(&x[variable * cells + row % ny * nx..][..nx]);
+                        copy.extend_from_slice(&x[variable * field_len + row % ny * row_len..][..row_len]);
                     }
                 }
                 copy
             };
             let (south, north) = (around(first + (reach / ny + 1) * ny - reach), around(end));
-            let fields = Vec::with_capacity(x.len() / cells);
-            Band { first, rows: end - first, fields, grid, variables, south, north, reach }
+            let fields = Vec::with_capacity(x.len() / field_len);
+            Band { first, rows: end - first, fields, grid, variables, row_len, south, north, reach }
         })
         .collect();
-    for mut field in x.chunks_exact_mut(cells) {
+    for mut field in x.chunks_exact_mut(field_len) {
         for band in &mut bands {
-            let (own, rest) = field.split_at_mut(band.rows * nx);
+            let (own, rest) = field.split_at_mut(band.rows * row_len);
             band.fields.push(own);
             field = rest;
         }
@@ -80,7 +88,7 @@ impl Band<'_> {
     /// A row of the first variables.
     #[inline]
     pub fn row(&self, row: isize) -> Row<'_> {
-        let nx = self.grid.nx;
+        let nx = self.row_len;
         let offset = row - self.first as isize;
         let len = self.variables * nx;
         if offset < 0 {

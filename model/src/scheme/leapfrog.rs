@@ -18,13 +18,13 @@
 //! to σ = 2α/(1 + α): without the filter any damping makes the computational mode grow.
 
 use super::adjoint_sweep::sweep_ad;
-use super::sweep::sweep;
+use super::side_by_side::{best_together, sweep_states};
 use super::tangent_sweep::sweep_tl;
 use super::tendency::Tendency;
 use super::update::{Leap, Scheme};
 use crate::columns::Columns;
 use crate::error::{ModelError, require};
-use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step, step_by_step_ad};
+use crate::forecast::{Adjoint, Between, Model, TangentLinear, require_finite_state, step_by_step, step_by_step_ad};
 use crate::state::{Layout, State};
 use crate::stored::{ColumnsMut, Stored};
 use crate::time::Duration;
@@ -133,8 +133,8 @@ impl<T: Tendency> Leapfrog<T> {
     }
 
     /// Advances increments in sweeps over the rows; returns false, with nothing done, if the tendency has no row form.
-    fn sweep_columns(&self, at: &State, columns: &mut ColumnsMut<'_>, steps: usize) -> bool {
-        sweep_tl(&self.tendency, Scheme::Leapfrog(self.leap()), at.values(), columns, steps)
+    fn sweep_columns(&self, at: &State, columns: &mut ColumnsMut<'_>, steps: usize, between: Between<'_>) -> bool {
+        sweep_tl(&self.tendency, Scheme::Leapfrog(self.leap()), at.values(), columns, steps, between)
     }
 
     /// Takes increments back in sweeps over the rows; returns false, with nothing done, if the tendency has no row form.
@@ -179,22 +179,36 @@ impl<T: Tendency> Model for Leapfrog<T> {
     }
 
     fn step(&self, x: &mut State) {
-        assert_eq!(x.values().len(), self.layout.len(), "the state is not of this model's layout");
-        x.advance(self.time_step);
-        self.constrain(x.values_mut());
-        if sweep(&self.tendency, Scheme::Leapfrog(self.leap()), x.values_mut()) {
+        self.steps(std::slice::from_mut(x), 1);
+    }
+
+    fn best_together(&self) -> usize {
+        best_together(&self.tendency)
+    }
+
+    fn steps(&self, states: &mut [State], steps: usize) {
+        for x in &mut *states {
+            assert_eq!(x.values().len(), self.layout.len(), "the state is not of this model's layout");
+            x.advance(self.time_step * steps);
+        }
+        if sweep_states(&self.tendency, Scheme::Leapfrog(self.leap()), states, steps) {
             return;
         }
-        let (now, before) = x.values_mut().split_at_mut(self.half());
-        let mut slope = vec![0.0; now.len()];
-        self.tendency.tendency(now, &mut slope, &mut vec![0.0; self.tendency.scratch_len()]);
-        self.leap().advance(now, before, &slope);
+        let (mut slope, mut scratch) = (vec![0.0; self.half()], vec![0.0; self.tendency.scratch_len()]);
+        for x in states {
+            for _ in 0..steps {
+                self.constrain(x.values_mut());
+                let (now, before) = x.values_mut().split_at_mut(self.half());
+                self.tendency.tendency(now, &mut slope, &mut scratch);
+                self.leap().advance(now, before, &slope);
+            }
+        }
     }
 }
 
 impl<T: Tendency> TangentLinear for Leapfrog<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
-        if self.sweep_columns(at, &mut ColumnsMut::Double(columns), 1) {
+        if self.sweep_columns(at, &mut ColumnsMut::Double(columns), 1, &|_, _| ()) {
             return;
         }
         let linearisation = self.linearise(at.values());
@@ -210,9 +224,9 @@ impl<T: Tendency> TangentLinear for Leapfrog<T> {
         );
     }
 
-    fn steps_tl(&self, at: &State, mut columns: ColumnsMut<'_>, steps: usize) {
-        if !self.sweep_columns(at, &mut columns, steps) {
-            step_by_step(self, at, columns, steps);
+    fn steps_tl_between(&self, at: &State, mut columns: ColumnsMut<'_>, steps: usize, between: Between<'_>) {
+        if !self.sweep_columns(at, &mut columns, steps, between) {
+            step_by_step(self, at, columns, steps, between);
         }
     }
 }

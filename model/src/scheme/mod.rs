@@ -8,6 +8,7 @@
 //! | [`restarted`] | [`RestartedLeapfrog`]: leapfrog restarted after every analysis, with one time level |
 //! | [`rows`] | [`RowStream`], [`TangentRowStream`] and [`AdjointRowStream`]: f, f' and its transpose row by row |
 //! | `sweep`, `bands` | a step of the state as one pass over memory, in parallel bands of rows |
+//! | `side_by_side` | states of a small grid advanced together |
 //! | `tangent_sweep`, `adjoint_sweep` | the same for increments, forwards and back |
 //! | `groups`, `interleaving`, `strips`, `stages` | which increments together, how they lie, and rows in cache |
 //! | `update` | how the slopes of a row make its next state |
@@ -20,6 +21,7 @@ pub mod leapfrog;
 pub mod restarted;
 pub mod rows;
 pub mod runge_kutta;
+mod side_by_side;
 mod stages;
 pub(crate) mod strips;
 pub(crate) mod sweep;

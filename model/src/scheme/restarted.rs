@@ -37,7 +37,7 @@ use super::tendency::Tendency;
 use crate::error::ModelError;
 use crate::forced::time_of;
 use crate::forcing::Forcing;
-use crate::forecast::{Adjoint, Model, TangentLinear, along};
+use crate::forecast::{Adjoint, Between, Model, TangentLinear, along};
 use crate::state::{Layout, State};
 use crate::stored::{ColumnsMut, Stored};
 use crate::time::{Duration, Time};
@@ -80,17 +80,23 @@ impl<T: Tendency> RestartedLeapfrog<T> {
 
     /// Calls `visit` with the state before each of the leapfrog steps from `at`, and returns that after the last.
     fn run(&self, at: &State, mut visit: impl FnMut(&State)) -> State {
-        let mut x = self.leapfrog.start(at);
-        if !self.forcing.is_empty() {
-            let earlier = self.layout().len();
-            self.forcing.add(-1.0, time_of(at), self.leapt(0), &mut x.values_mut()[earlier..]);
-        }
+        let mut x = self.start(at);
         for step in 0..self.steps {
             visit(&x);
             self.leapfrog.step(&mut x);
             if !self.forcing.is_empty() {
-                self.force(step, time_of(at), &mut x);
+                self.force(step, time_of(at), x.values_mut());
             }
+        }
+        x
+    }
+
+    /// Both levels from which the first of the leapfrog steps starts.
+    fn start(&self, at: &State) -> State {
+        let mut x = self.leapfrog.start(at);
+        if !self.forcing.is_empty() {
+            let earlier = self.layout().len();
+            self.forcing.add(-1.0, time_of(at), self.leapt(0), &mut x.values_mut()[earlier..]);
         }
         x
     }
@@ -103,8 +109,8 @@ impl<T: Tendency> RestartedLeapfrog<T> {
 
     /// Adds the forcing of a step of the cycle that begins at a time to both levels: to the filtered one as far as the filter
     /// takes over from the new one.
-    fn force(&self, step: usize, time: Time, x: &mut State) {
-        let (now, filtered) = x.values_mut().split_at_mut(self.leapfrog.tendency().layout().len());
+    fn force(&self, step: usize, time: Time, x: &mut [f64]) {
+        let (now, filtered) = x.split_at_mut(self.leapfrog.tendency().layout().len());
         let factor = if step == 0 { 2.0 } else { 1.0 };
         self.forcing.add(factor, time, self.leapt(step), now);
         self.forcing.add(factor * self.leapfrog.robert_filter(), time, self.leapt(step), filtered);
@@ -113,12 +119,12 @@ impl<T: Tendency> RestartedLeapfrog<T> {
     /// Advances increments by a cycle from `at`: their start is in double precision.
     fn advance<N: Stored>(&self, at: &State, columns: &mut [N]) {
         let mut levels = self.leapfrog.start_tl(at, columns);
-        if self.forcing.is_empty() {
-            self.leapfrog.steps_tl(&self.leapfrog.start(at), N::columns_mut(&mut levels), self.steps);
-        } else {
-            // The trajectory that the leapfrog would follow by itself is another one.
-            self.run(at, |x| self.leapfrog.steps_tl(x, N::columns_mut(&mut levels), 1));
-        }
+        let forced = |step: usize, x: &mut [f64]| {
+            if !self.forcing.is_empty() {
+                self.force(step - 1, time_of(at), x);
+            }
+        };
+        self.leapfrog.steps_tl_between(&self.start(at), N::columns_mut(&mut levels), self.steps, &forced);
         let one = self.layout().len();
         for (column, levels) in columns.chunks_exact_mut(one).zip(levels.chunks_exact(2 * one)) {
             column.copy_from_slice(&levels[..one]);
@@ -155,7 +161,23 @@ impl<T: Tendency> Model for RestartedLeapfrog<T> {
     }
 
     fn step(&self, x: &mut State) {
-        *x = self.leapfrog.present(&self.run(x, |_| ()));
+        self.steps(std::slice::from_mut(x), 1);
+    }
+
+    fn best_together(&self) -> usize {
+        if self.forcing.is_empty() { self.leapfrog.best_together() } else { 1 }
+    }
+
+    fn steps(&self, states: &mut [State], steps: usize) {
+        for _ in 0..steps {
+            if self.forcing.is_empty() {
+                let mut levels: Vec<State> = states.iter().map(|x| self.leapfrog.start(x)).collect();
+                self.leapfrog.steps(&mut levels, self.steps);
+                states.iter_mut().zip(&levels).for_each(|(x, levels)| *x = self.leapfrog.present(levels));
+            } else {
+                states.iter_mut().for_each(|x| *x = self.leapfrog.present(&self.run(x, |_| ())));
+            }
+        }
     }
 }
 
@@ -164,11 +186,11 @@ impl<T: Tendency> TangentLinear for RestartedLeapfrog<T> {
         self.advance(at, columns);
     }
 
-    fn steps_tl(&self, at: &State, columns: ColumnsMut<'_>, steps: usize) {
+    fn steps_tl_between(&self, at: &State, columns: ColumnsMut<'_>, steps: usize, between: Between<'_>) {
         match columns {
             ColumnsMut::Double([]) | ColumnsMut::Single([]) => {}
-            ColumnsMut::Double(columns) => along(self, at, steps, |at| self.advance(at, columns)),
-            ColumnsMut::Single(columns) => along(self, at, steps, |at| self.advance(at, columns)),
+            ColumnsMut::Double(columns) => along(self, at, steps, between, |at| self.advance(at, columns)),
+            ColumnsMut::Single(columns) => along(self, at, steps, between, |at| self.advance(at, columns)),
         }
     }
 }

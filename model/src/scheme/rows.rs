@@ -64,7 +64,8 @@ impl<'a, N: Stored> Row<'a, N> {
     }
 }
 
-/// A tendency evaluated row by row from the south, for stencils that reach one or two rows and columns. Rows are periodic.
+/// A tendency evaluated row by row from the south, for stencils that reach one or two rows and columns. Rows are periodic,
+/// and may be those of several states, `[variable, x, lane]`: what they are of each of these it is of `nx` places of one.
 pub trait RowStream: Send {
     /// How many rows and columns the stencil reaches.
     fn reach(&self) -> usize {

@@ -20,13 +20,13 @@
 //! ```
 
 use super::adjoint_sweep::sweep_ad;
-use super::sweep::sweep;
+use super::side_by_side::{best_together, sweep_states};
 use super::tangent_sweep::sweep_tl;
 use super::tendency::{SpectralBounds, Tendency};
 use super::update::Scheme;
 use crate::columns::Columns;
 use crate::error::ModelError;
-use crate::forecast::{Adjoint, Model, TangentLinear, require_finite_state, step_by_step, step_by_step_ad};
+use crate::forecast::{Adjoint, Between, Model, TangentLinear, require_finite_state, step_by_step, step_by_step_ad};
 use crate::state::{Layout, State};
 use crate::stored::ColumnsMut;
 use crate::time::Duration;
@@ -156,9 +156,9 @@ impl<T: Tendency> Stepped<T> {
     }
 
     /// Advances increments in sweeps over the rows; returns false, with nothing done, if the tendency has no row form.
-    fn sweep_columns(&self, at: &State, columns: &mut ColumnsMut<'_>, steps: usize) -> bool {
+    fn sweep_columns(&self, at: &State, columns: &mut ColumnsMut<'_>, steps: usize, between: Between<'_>) -> bool {
         self.check_layout(at);
-        sweep_tl(&self.tendency, self.numbers(), at.values(), columns, steps)
+        sweep_tl(&self.tendency, self.numbers(), at.values(), columns, steps, between)
     }
 
     /// Takes increments back in sweeps over the rows; returns false, with nothing done, if the tendency has no row form.
@@ -201,30 +201,43 @@ impl<T: Tendency> Model for Stepped<T> {
     }
 
     fn step(&self, x: &mut State) {
-        self.check_layout(x);
-        x.advance(self.time_step);
-        self.tendency.constrain(x.values_mut());
-        if sweep(&self.tendency, self.numbers(), x.values_mut()) {
+        self.steps(std::slice::from_mut(x), 1);
+    }
+
+    fn best_together(&self) -> usize {
+        best_together(&self.tendency)
+    }
+
+    fn steps(&self, states: &mut [State], steps: usize) {
+        for x in &mut *states {
+            self.check_layout(x);
+            x.advance(self.time_step * steps);
+        }
+        if sweep_states(&self.tendency, self.numbers(), states, steps) {
             return;
         }
-        Columns::new(x.values_mut(), self.layout().len()).for_each(
-            || self.work(),
-            #[inline(always)]
-            |x, work| {
-                self.advance(
-                    x,
-                    work,
-                    #[inline(always)]
-                    |_, x, k, scratch| self.tendency.tendency(x, k, scratch),
-                );
-            },
-        );
+        for x in states {
+            Columns::new(x.values_mut(), self.layout().len()).for_each(
+                || self.work(),
+                #[inline(always)]
+                |x, work| {
+                    for _ in 0..steps {
+                        self.advance(
+                            x,
+                            work,
+                            #[inline(always)]
+                            |_, x, k, scratch| self.tendency.tendency(x, k, scratch),
+                        );
+                    }
+                },
+            );
+        }
     }
 }
 
 impl<T: Tendency> TangentLinear for Stepped<T> {
     fn step_tl(&self, at: &State, columns: &mut [f64]) {
-        if self.sweep_columns(at, &mut ColumnsMut::Double(columns), 1) {
+        if self.sweep_columns(at, &mut ColumnsMut::Double(columns), 1, &|_, _| ()) {
             return;
         }
         let linearisations = self.linearise_stages(at);
@@ -244,9 +257,9 @@ impl<T: Tendency> TangentLinear for Stepped<T> {
         );
     }
 
-    fn steps_tl(&self, at: &State, mut columns: ColumnsMut<'_>, steps: usize) {
-        if !self.sweep_columns(at, &mut columns, steps) {
-            step_by_step(self, at, columns, steps);
+    fn steps_tl_between(&self, at: &State, mut columns: ColumnsMut<'_>, steps: usize, between: Between<'_>) {
+        if !self.sweep_columns(at, &mut columns, steps, between) {
+            step_by_step(self, at, columns, steps, between);
         }
     }
 }

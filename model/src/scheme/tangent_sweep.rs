@@ -11,28 +11,30 @@
 //! sum is long and none cancels by more than the time step makes good: a step adds Δt F δx, whose size the stability limit
 //! holds to that of δx, so that the errors of a step are some 2⁻²⁴ of the increment, in hyperdiffusion as in gravity waves.
 
-use super::groups::{for_each_group, linearised_at};
+use super::groups::{follows_state, for_each_group, linearised_at};
 use super::rows::{Pushed, Ring, Row, TangentRowStream};
 use super::stages::{Stages, load_state, of_strip};
 use super::strips::{Lanes, Strip, StripReader};
 use super::tendency::Tendency;
 use super::update::{Scheme, combine, leap};
+use crate::forecast::Between;
 use crate::grid::{Boundary, Grid};
 use crate::stored::{ColumnsMut, Stored};
 use pulp::Arch;
 
-/// Advances the columns by `steps` steps along the trajectory from `at`; returns false, with nothing done, if the tendency
-/// has no row form. State and columns have all levels of the scheme.
+/// Advances the columns by `steps` steps along the trajectory from `at`, which `between` changes after each step but the last;
+/// returns false, with nothing done, if the tendency has no row form. State and columns have all levels of the scheme.
 pub(crate) fn sweep_tl<T: Tendency>(
     tendency: &T,
     scheme: Scheme<'_>,
     at: &[f64],
     columns: &mut ColumnsMut<'_>,
     steps: usize,
+    between: Between<'_>,
 ) -> bool {
     match columns {
-        ColumnsMut::Double(columns) => sweep_in(tendency, scheme, at, columns, steps),
-        ColumnsMut::Single(columns) => sweep_in(tendency, scheme, at, columns, steps),
+        ColumnsMut::Double(columns) => sweep_in(tendency, scheme, at, columns, steps, between),
+        ColumnsMut::Single(columns) => sweep_in(tendency, scheme, at, columns, steps, between),
     }
 }
 
@@ -43,6 +45,7 @@ fn sweep_in<T: Tendency, N: Stored>(
     at: &[f64],
     columns: &mut [N],
     steps: usize,
+    between: Between<'_>,
 ) -> bool {
     if steps == 0 {
         return true;
@@ -51,13 +54,15 @@ fn sweep_in<T: Tendency, N: Stored>(
     let Some(stream) = tendency.tangent_row_stream::<N>(grid.nx.min(4), Lanes::One) else { return false };
     let reach = stream.reach() * scheme.stages();
     let start = linearised_at(tendency, at);
+    // A state at which another is linearised stays as it is.
+    let between: Between<'_> = if follows_state(tendency, at) { between } else { &|_, _| () };
     let sweep = |lanes: Lanes| {
         let stream = |_| tendency.tangent_row_stream(lanes.most_places(grid.nx, reach), lanes);
         let streams: Option<Vec<_>> = (0..scheme.stages()).map(stream).collect();
         Some(TangentWavefront::new(scheme, streams?, grid, variables, lanes))
     };
     for_each_group(tendency, scheme.levels(), columns, sweep, |columns, sweep: &mut TangentWavefront<'_, N>| {
-        sweep.advance(&start, columns, steps);
+        sweep.advance(&start, columns, steps, between);
     });
     true
 }
@@ -121,7 +126,7 @@ impl<'a, N: Stored> TangentWavefront<'a, N> {
     }
 
     /// Advances the columns by `steps` steps along the trajectory from `start`, in place.
-    fn advance(&mut self, start: &[f64], columns: &mut [N], steps: usize) {
+    fn advance(&mut self, start: &[f64], columns: &mut [N], steps: usize, between: Between<'_>) {
         let [mut before, mut after] = std::mem::take(&mut self.at);
         after.resize(if steps > 1 { start.len() } else { 0 }, 0.0);
         before.resize(if steps > 2 { start.len() } else { 0 }, 0.0);
@@ -130,6 +135,9 @@ impl<'a, N: Stored> TangentWavefront<'a, N> {
             for strip in Strip::of_row(self.grid.nx, self.lanes, self.total_reach as usize) {
                 self.strip = strip;
                 self.sweep_strip(if step == 1 { start } else { &before }, &mut after, columns);
+            }
+            if !self.last_step {
+                between(step, &mut after);
             }
             std::mem::swap(&mut before, &mut after);
         }

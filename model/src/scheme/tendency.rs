@@ -38,10 +38,10 @@ pub trait Tendency: Send + Sync {
     /// `out` = f(x), in the variables' units per second.
     fn tendency(&self, x: &[f64], out: &mut [f64], scratch: &mut [f64]);
 
-    /// f row by row, for rows of `nx` places: the same function as [`Tendency::tendency`], with which a step is one pass
-    /// over memory. `None` if there is no such form of it, or if there are more than
-    /// [`MOST_VARIABLES`](super::rows::MOST_VARIABLES).
-    fn row_stream(&self, _nx: usize) -> Option<Box<dyn RowStream + '_>> {
+    /// f row by row, for rows of `nx` places of `lanes` states that lie interleaved: the same function as
+    /// [`Tendency::tendency`], with which a step is one pass over memory. A state has the same bits alone and beside others.
+    /// `None` if there is no such form of it, or if there are more than [`MOST_VARIABLES`](super::rows::MOST_VARIABLES).
+    fn row_stream(&self, _nx: usize, _lanes: usize) -> Option<Box<dyn RowStream + '_>> {
         None
     }
 

@@ -34,7 +34,7 @@ impl<'a> AdjointRows<'a> {
             model,
             arch: pulp::Arch::new(),
             lanes,
-            state: ShallowWaterRows::new(model, nx),
+            state: ShallowWaterRows::new(model, nx, 1),
             coefficients: RowCoefficients::new(model, nx, delay + 2),
             gradients: Gradients::new(len),
             beyond: vec![0.0; len],

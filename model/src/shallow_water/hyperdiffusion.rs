@@ -17,8 +17,8 @@ use pulp::{Arch, Simd, WithSimd};
 /// How the values of a row lie.
 #[derive(Clone, Copy, PartialEq)]
 enum Arrangement {
-    /// `[variable, x]`.
-    Fields,
+    /// `[variable, x, lane]` with this number of lanes.
+    Fields(usize),
     /// `[variable, x, lane]` with this number of lanes, and with the place before the first and that after the last.
     Padded(usize),
 }
@@ -27,15 +27,14 @@ impl Arrangement {
     /// From a value to that of the next place.
     fn stride(self) -> usize {
         match self {
-            Arrangement::Fields => 1,
-            Arrangement::Padded(lanes) => lanes,
+            Arrangement::Fields(lanes) | Arrangement::Padded(lanes) => lanes,
         }
     }
 
     /// The values of a variable's row, without what repeats others.
     fn inner<N>(self, row: &[N]) -> &[N] {
         match self {
-            Arrangement::Fields => row,
+            Arrangement::Fields(_) => row,
             Arrangement::Padded(lanes) => &row[lanes..row.len() - lanes],
         }
     }
@@ -48,9 +47,10 @@ pub(super) struct HyperdiffusedRows<'a> {
 }
 
 impl<'a> HyperdiffusedRows<'a> {
-    /// For rows of `nx` places.
-    pub fn new(model: &'a ShallowWater, nx: usize) -> Self {
-        Self { inner: ShallowWaterRows::new(model, nx), damping: Damping::new(model, Arrangement::Fields, nx) }
+    /// For rows of `nx` places of `lanes` states.
+    pub fn new(model: &'a ShallowWater, nx: usize, lanes: usize) -> Self {
+        let damping = Damping::new(model, Arrangement::Fields(lanes), nx);
+        Self { inner: ShallowWaterRows::new(model, nx, lanes), damping }
     }
 }
 
@@ -90,7 +90,7 @@ impl<'a, N: Stored> HyperdiffusedTangentRows<'a, N> {
     pub fn new(model: &'a ShallowWater, nx: usize, lanes: Lanes, inner: Box<dyn TangentRowStream<N> + 'a>) -> Self {
         Self {
             inner,
-            of_state: Damping::new(model, Arrangement::Fields, nx),
+            of_state: Damping::new(model, Arrangement::Fields(1), nx),
             of_columns: Damping::new(model, Arrangement::Padded(lanes.count::<N>()), nx),
         }
     }
@@ -139,7 +139,7 @@ impl<'a> HyperdiffusedAdjointRows<'a> {
     pub fn new(model: &'a ShallowWater, nx: usize, lanes: Lanes, delay: usize) -> Self {
         Self {
             inner: AdjointRows::new(model, nx, lanes, delay),
-            of_state: Damping::new(model, Arrangement::Fields, nx),
+            of_state: Damping::new(model, Arrangement::Fields(1), nx),
             of_columns: Damping::new(model, Arrangement::Padded(lanes.count::<f64>()), nx),
             ghost: vec![0.0; VARIABLES * (nx + 2) * lanes.count::<f64>()],
         }
@@ -211,7 +211,7 @@ impl<'a, N: Stored> Damping<'a, N> {
         let row = |_| vec![N::default(); nx * arrangement.stride()];
         let rows = || std::array::from_fn(row);
         let pending = match arrangement {
-            Arrangement::Fields => vec![N::default(); VARIABLES * nx],
+            Arrangement::Fields(lanes) => vec![N::default(); VARIABLES * nx * lanes],
             Arrangement::Padded(lanes) => vec![N::default(); VARIABLES * (nx + 2) * lanes],
         };
         Self { model, arch: Arch::new(), arrangement, before: rows(), laplacians: [rows(), rows(), rows()], pending }
@@ -264,7 +264,7 @@ impl<'a, N: Stored> Damping<'a, N> {
         let len = tendency.len() / VARIABLES;
         for (variable, row) in tendency.chunks_exact_mut(len).enumerate() {
             let out = match self.arrangement {
-                Arrangement::Fields => &mut *row,
+                Arrangement::Fields(_) => &mut *row,
                 Arrangement::Padded(lanes) => &mut row[lanes..len - lanes],
             };
             let rows = self.laplacians.each_ref().map(|row| &row[variable][..out.len()]);

@@ -231,11 +231,11 @@ impl Tendency for ShallowWater {
         tendency_by_rows(self, x, out);
     }
 
-    fn row_stream(&self, nx: usize) -> Option<Box<dyn RowStream + '_>> {
+    fn row_stream(&self, nx: usize, lanes: usize) -> Option<Box<dyn RowStream + '_>> {
         Some(if self.parameters.hyperdiffusion_m4_per_s == 0.0 {
-            Box::new(rows::ShallowWaterRows::new(self, nx))
+            Box::new(rows::ShallowWaterRows::new(self, nx, lanes))
         } else {
-            Box::new(hyperdiffusion::HyperdiffusedRows::new(self, nx))
+            Box::new(hyperdiffusion::HyperdiffusedRows::new(self, nx, lanes))
         })
     }
 

@@ -11,8 +11,8 @@ use pulp::{Simd, WithSimd};
 
 /// Diagnostic rows of a sweep, or their increments: the last is that of the row pushed last, unless said otherwise.
 ///
-/// Stencils reach east in U and q, whose rows have their first value again at the end, and west in V and B, whose rows
-/// have their last value also at the beginning.
+/// Stencils reach east in U and q, whose rows have their first place again at the end, and west in V and B, whose rows
+/// have their last place also at the beginning.
 pub(super) struct DiagnosticRows<N = f64> {
     /// U of three rows.
     pub flux_x: [Vec<N>; 3],
@@ -25,9 +25,9 @@ pub(super) struct DiagnosticRows<N = f64> {
 }
 
 impl<N: Stored> DiagnosticRows<N> {
-    /// For rows of at most `nx` places.
-    pub fn new(nx: usize) -> Self {
-        let row = || vec![N::default(); nx + 1];
+    /// For rows of at most `nx` places of `lanes` values.
+    pub fn new(nx: usize, lanes: usize) -> Self {
+        let row = || vec![N::default(); (nx + 1) * lanes];
         Self { flux_x: [row(), row(), row()], flux_y: [row(), row()], q: [row(), row()], bernoulli: [row(), row()] }
     }
 
@@ -68,28 +68,30 @@ pub(super) struct Around<'a, N = f64> {
     pub b: &'a [N],
 }
 
-/// The tendency by rows.
+/// The tendency by rows of states that lie interleaved: a place has a value of each, and stencils reach from a value as many on as
+/// there are states.
 pub(super) struct ShallowWaterRows<'a> {
     model: &'a ShallowWater,
     arch: pulp::Arch,
+    lanes: usize,
     pub(super) diagnostics: DiagnosticRows,
 }
 
 impl<'a> ShallowWaterRows<'a> {
-    /// For rows of at most `nx` places.
-    pub fn new(model: &'a ShallowWater, nx: usize) -> Self {
-        Self { model, arch: pulp::Arch::new(), diagnostics: DiagnosticRows::new(nx) }
+    /// For rows of at most `nx` places of `lanes` states.
+    pub fn new(model: &'a ShallowWater, nx: usize, lanes: usize) -> Self {
+        Self { model, arch: pulp::Arch::new(), lanes, diagnostics: DiagnosticRows::new(nx, lanes) }
     }
 }
 
 impl RowStream for ShallowWaterRows<'_> {
     fn begin(&mut self, first: Row<'_>) {
         let (h, u, flux) = (first.variable(H), first.variable(U), &mut self.diagnostics.flux_x[2]);
-        let nx = h.len();
-        for i in 0..nx {
-            flux[i] = mass_flux([h[i], h[if i == 0 { nx - 1 } else { i - 1 }]], u[i]);
+        let (n, lanes) = (h.len(), self.lanes);
+        for i in 0..n {
+            flux[i] = mass_flux([h[i], h[if i < lanes { n - lanes + i } else { i - lanes }]], u[i]);
         }
-        flux[nx] = flux[0];
+        flux.copy_within(..lanes, n);
     }
 
     fn beyond_wall(&self, x: Row<'_>, ghost: &mut [f64]) {
@@ -116,12 +118,24 @@ impl WithSimd for Push<'_, '_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) {
+        match self.rows.lanes {
+            // With a constant in the place of it the ends of a row are no loops.
+            1 => self.run(1),
+            lanes => self.run(lanes),
+        }
+    }
+}
+
+impl Push<'_, '_> {
+    #[inline(always)]
+    fn run(self, lanes: usize) {
         let Push { rows, row, south, north, tendency } = self;
         let ShallowWaterRows { model, diagnostics, .. } = rows;
         let constants = Constants::new(model);
         let coriolis = model.coriolis_per_s(row);
         let DiagnosticRows { flux_x, flux_y, q, bernoulli } = diagnostics;
-        diagnose(constants, coriolis, south, north, &mut flux_x[2], &mut flux_y[1], &mut q[1], &mut bernoulli[1]);
+        let (flux_x, flux_y, q, b) = (&mut flux_x[2], &mut flux_y[1], &mut q[1], &mut bernoulli[1]);
+        diagnose(constants, coriolis, lanes, south, north, flux_x, flux_y, q, b);
         let nx = north.variable(H).len();
         let (k_h, winds) = tendency.split_at_mut(nx);
         let (k_u, k_v) = winds.split_at_mut(nx);
@@ -129,9 +143,9 @@ impl WithSimd for Push<'_, '_> {
         // One loop for each form.
         match model.form {
             VectorInvariant::PotentialEnstrophy => {
-                tendencies(constants, VectorInvariant::PotentialEnstrophy, around, k_h, k_u, k_v);
+                tendencies(constants, VectorInvariant::PotentialEnstrophy, lanes, around, k_h, k_u, k_v);
             }
-            VectorInvariant::Energy => tendencies(constants, VectorInvariant::Energy, around, k_h, k_u, k_v),
+            VectorInvariant::Energy => tendencies(constants, VectorInvariant::Energy, lanes, around, k_h, k_u, k_v),
         }
         // The tendency is that of the row south of the one pushed.
         let southern_wall = model.layout.grid.boundary == Boundary::Channel && row == 1;
@@ -154,6 +168,7 @@ impl WithSimd for Push<'_, '_> {
 fn diagnose(
     constants: Constants,
     coriolis: f64,
+    lanes: usize,
     south: Row<'_>,
     north: Row<'_>,
     mass_flux_x: &mut [f64],
@@ -162,25 +177,28 @@ fn diagnose(
     bernoulli: &mut [f64],
 ) {
     let ([h_s, u_s, v_s], [h, u, v]) = (south.variables(), north.variables());
-    let last = h.len() - 1;
-    // The first place, west of which is the last.
-    let first = constants.place(
-        coriolis,
-        [h[0], h[last], h_s[0], h_s[last]],
-        [u[0], u_s[0], u_s[last]],
-        [v[0], v[last], v_s[last]],
-    );
-    mass_flux_x[0] = first.mass_flux_x;
-    mass_flux_y[1] = first.mass_flux_y;
-    potential_vorticity[0] = first.potential_vorticity;
-    bernoulli[last + 1] = first.bernoulli;
+    // Where the last place begins, which is west of the first.
+    let last = h.len() - lanes;
+    for lane in 0..lanes {
+        let west = last + lane;
+        let first = constants.place(
+            coriolis,
+            [h[lane], h[west], h_s[lane], h_s[west]],
+            [u[lane], u_s[lane], u_s[west]],
+            [v[lane], v[west], v_s[west]],
+        );
+        mass_flux_x[lane] = first.mass_flux_x;
+        mass_flux_y[lanes + lane] = first.mass_flux_y;
+        potential_vorticity[lane] = first.potential_vorticity;
+        bernoulli[lanes + west] = first.bernoulli;
+    }
     let n = last;
-    let (h, h_w, h_s, h_sw) = (&h[1..][..n], &h[..n], &h_s[1..][..n], &h_s[..n]);
-    let (u, u_s, u_sw) = (&u[1..][..n], &u_s[1..][..n], &u_s[..n]);
-    let (v, v_w, v_sw) = (&v[1..][..n], &v[..n], &v_s[..n]);
+    let (h, h_w, h_s, h_sw) = (&h[lanes..][..n], &h[..n], &h_s[lanes..][..n], &h_s[..n]);
+    let (u, u_s, u_sw) = (&u[lanes..][..n], &u_s[lanes..][..n], &u_s[..n]);
+    let (v, v_w, v_sw) = (&v[lanes..][..n], &v[..n], &v_s[..n]);
     {
-        let (flux_x, flux_y) = (&mut mass_flux_x[1..][..n], &mut mass_flux_y[2..][..n]);
-        let (q, b) = (&mut potential_vorticity[1..][..n], &mut bernoulli[1..][..n]);
+        let (flux_x, flux_y) = (&mut mass_flux_x[lanes..][..n], &mut mass_flux_y[2 * lanes..][..n]);
+        let (q, b) = (&mut potential_vorticity[lanes..][..n], &mut bernoulli[lanes..][..n]);
         for i in 0..n {
             let Diagnosed { mass_flux_x, mass_flux_y, potential_vorticity, bernoulli } = constants.place(
                 coriolis,
@@ -191,10 +209,11 @@ fn diagnose(
             (flux_x[i], flux_y[i], q[i], b[i]) = (mass_flux_x, mass_flux_y, potential_vorticity, bernoulli);
         }
     }
-    mass_flux_x[last + 1] = mass_flux_x[0];
-    mass_flux_y[0] = mass_flux_y[last + 1];
-    potential_vorticity[last + 1] = potential_vorticity[0];
-    bernoulli[0] = bernoulli[last + 1];
+    let end = last + lanes;
+    mass_flux_x.copy_within(..lanes, end);
+    mass_flux_y.copy_within(end..end + lanes, 0);
+    potential_vorticity.copy_within(..lanes, end);
+    bernoulli.copy_within(end..end + lanes, 0);
 }
 
 /// The tendencies of a row.
@@ -202,6 +221,7 @@ fn diagnose(
 fn tendencies(
     constants: Constants,
     form: VectorInvariant,
+    lanes: usize,
     around: Around<'_>,
     out_h: &mut [f64],
     out_u: &mut [f64],
@@ -209,10 +229,10 @@ fn tendencies(
 ) {
     let Around { flux_x_s, flux_x, flux_y, flux_y_n, q, q_n, b_s, b } = around;
     let n = out_h.len();
-    let (u, u_e, u_s, u_se) = (&flux_x[..n], &flux_x[1..][..n], &flux_x_s[..n], &flux_x_s[1..][..n]);
-    let (v, v_w, v_n, v_nw) = (&flux_y[1..][..n], &flux_y[..n], &flux_y_n[1..][..n], &flux_y_n[..n]);
-    let (q, q_e, q_n) = (&q[..n], &q[1..][..n], &q_n[..n]);
-    let (b, b_w, b_s) = (&b[1..][..n], &b[..n], &b_s[1..][..n]);
+    let (u, u_e, u_s, u_se) = (&flux_x[..n], &flux_x[lanes..][..n], &flux_x_s[..n], &flux_x_s[lanes..][..n]);
+    let (v, v_w, v_n, v_nw) = (&flux_y[lanes..][..n], &flux_y[..n], &flux_y_n[lanes..][..n], &flux_y_n[..n]);
+    let (q, q_e, q_n) = (&q[..n], &q[lanes..][..n], &q_n[..n]);
+    let (b, b_w, b_s) = (&b[lanes..][..n], &b[..n], &b_s[lanes..][..n]);
     let (out_u, out_v) = (&mut out_u[..n], &mut out_v[..n]);
     for i in 0..n {
         let q_v = form.q_v([q[i], q_n[i]], [v[i], v_w[i], v_n[i], v_nw[i]]);

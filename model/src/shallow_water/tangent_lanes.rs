@@ -35,7 +35,7 @@ impl<'a, N: Stored> TangentLanes<'a, N> {
         Self {
             model,
             arch: pulp::Arch::new(),
-            state: ShallowWaterRows::new(model, nx),
+            state: ShallowWaterRows::new(model, nx, 1),
             coefficients: RowCoefficients::new(model, nx, 2),
             kept: vec![N::default(); (nx + 1) * KEPT * N::COLUMNS],
         }

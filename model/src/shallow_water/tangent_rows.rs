@@ -24,9 +24,9 @@ impl<'a, N: Stored> TangentRows<'a, N> {
         Self {
             model,
             arch: pulp::Arch::new(),
-            state: ShallowWaterRows::new(model, nx),
+            state: ShallowWaterRows::new(model, nx, 1),
             coefficients: RowCoefficients::new(model, nx, 2),
-            increments: DiagnosticRows::new(nx),
+            increments: DiagnosticRows::new(nx, 1),
         }
     }
 }
