@@ -54,6 +54,7 @@ pub fn main() -> ExitCode {
     let _ = miette::set_hook(Box::new(|_| Box::new(Messages::new())));
     match ranks::join(launch::run_scenario) {
         Ok(ranks::Part::Command) => {}
+        #[cfg(feature = "mpi")]
         Ok(ranks::Part::Done) => return ExitCode::SUCCESS,
         Err(report) => {
             show(&report);

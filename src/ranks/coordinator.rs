@@ -37,7 +37,7 @@ pub struct Open {
 }
 
 impl Coordinator {
-    /// Of so many workers, each of which has `threads_each` threads.
+    /// With this number of workers, each with `threads_each` threads.
     pub fn new(workers: usize, threads_each: usize, open: Open) -> Self {
         Self { workers, threads_each, open: Mutex::new(Some(open)) }
     }

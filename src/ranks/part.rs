@@ -14,5 +14,6 @@ pub enum Part {
     /// To obey the command line.
     Command,
     /// Nothing more: it has computed what it was given, until there was nothing left.
+    #[cfg(feature = "mpi")]
     Done,
 }

@@ -98,7 +98,7 @@ impl Post {
                     self.idle.push(rank);
                 }
             }
-            // The run has no end that could be told.
+            // What became of the run is not known.
             Err(_) => self.bury(rank),
         }
         true

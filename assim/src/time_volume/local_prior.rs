@@ -1,7 +1,7 @@
 //! The tiles of a correction that are not chosen, once others are: how wrong they may be, from the data.
 //!
 //! With a tile held at zero that is not, its neighbours stand for it, and the covariance J_aa^-1 of those that are chosen contains
-//! nothing of that. So the others u of the same correction, of which each by itself does not stand out, are estimated together with
+//! nothing of that. So the others u of the same correction, none of which stands out by itself, are estimated together with
 //! those that are chosen, as draws
 //!
 //! ```text

@@ -11,8 +11,8 @@ type Spans = Vec<(usize, Option<usize>)>;
 
 /// The verdicts of the methods that estimate biases.
 pub struct Verdicts {
-    /// A row for each of the first [`MOST_PARAMETERS`] biases of which some method ends without a stable update, or has lost it or
-    /// frozen the bias on the way.
+    /// A row for each bias, of the first [`MOST_PARAMETERS`], that some method ends without a stable update of, or has lost or frozen
+    /// on the way.
     pub exceptions: Option<Table>,
     /// How many other biases there are, and from which cycles on all methods have a stable update of them.
     pub others: String,
