@@ -20,9 +20,12 @@ impl<'a> Reports<'a> {
 /// they are equal.
 #[derive(Default)]
 pub(super) struct Nameless {
-    /// Value and standard deviation of each, as bits, and its name.
-    seen: HashMap<(usize, usize, String), Vec<([u64; 2], Arc<str>)>>,
+    /// By cycle, variable and place.
+    seen: HashMap<(usize, usize, String), Vec<Named>>,
 }
+
+/// Value and standard deviation of an observation, as bits, and its name.
+type Named = ([u64; 2], Arc<str>);
 
 impl Nameless {
     /// The name of an observation of a cycle and a variable at a place, with a value and a standard deviation.
