@@ -89,8 +89,8 @@ fn kinds() -> [Kinds; 2] {
 fn a_truth_of_another_kind_is_that_of_a_scenario_of_this_kind() {
     for Kinds { whole, truth, world } in &kinds() {
         for (own, other) in [(0, 1), (1, 0)] {
-            let (mixed, _) = listen(&parse(&[&world, &whole[other], "[truth.model]\n", truth[own]]));
-            let [(of_truth, _), (of_methods, _)] = [own, other].map(|kind| listen(&parse(&[&world, &whole[kind]])));
+            let (mixed, _) = listen(&parse(&[world, &whole[other], "[truth.model]\n", truth[own]]));
+            let [(of_truth, _), (of_methods, _)] = [own, other].map(|kind| listen(&parse(&[world, &whole[kind]])));
             let cycles = mixed.info.as_ref().unwrap().cycles;
             assert!(mixed.truth.len() == cycles + 1 && mixed.truth == of_truth.truth, "{}", truth[own]);
             let observed = |it: &Listener| postcard::to_stdvec(&it.observed).unwrap();

@@ -2,7 +2,7 @@
 
 use super::terminal::sentences;
 use super::{Cell, Table, forecasts, stability, warnings};
-use crate::scores::{Against, MethodScores, Part, Score, Summary, Values};
+use crate::scores::{MethodScores, Part, Score, Summary, Values};
 use crate::text::counted;
 use indexmap::IndexMap;
 use isobar_assim::block_angular::PartitionReport;
@@ -59,16 +59,12 @@ pub fn smoothed(summary: &Summary, variables: &[(&str, &str)]) -> Option<Table> 
     Table { rows: rows.collect(), header }.filled()
 }
 
-/// The scores of these parts that the run has: those against the truth if there is one, departures where there are some.
+/// The scores of these parts that a method of the run has.
 fn columns<'a>(summary: &Summary, variables: &[(&'a str, &'a str)], parts: &[Part]) -> Vec<Score<'a>> {
     let mut columns = Score::all(variables, |kind| kind.tabulated && parts.contains(&kind.part));
-    columns.retain(|score| match score.kind.against {
-        Against::Truth => summary.has_truth(),
-        Against::Used | Against::Passive => {
-            let key = score.key();
-            summary.methods.values().any(|scores| scores.values.contains_key(&key))
-        }
-        Against::Nothing => true,
+    columns.retain(|score| {
+        let key = score.key();
+        summary.methods.values().any(|scores| scores.values.contains_key(&key))
     });
     columns
 }
