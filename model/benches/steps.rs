@@ -109,11 +109,8 @@ fn copy_bandwidth(len: usize, threads: usize) -> f64 {
 }
 
 fn nonlinear(n: usize, threads: usize, single: &mut [f64; 2]) {
-    let (equations, start) = shallow_water(n);
+    let Models { leapfrog, runge_kutta, start, begin, .. } = Models::new(n);
     let (memory, like_state) = (copy_bandwidth(1 << 25, threads), copy_bandwidth(3 * n * n, threads));
-    let leapfrog = Leapfrog::new(equations.clone(), Duration::from_seconds(90), 0.001).expect("valid numbers");
-    let runge_kutta = Stepped::new(equations, Duration::from_seconds(90), TimeScheme::Rk4).expect("a positive step");
-    let begin = leapfrog.start(&start);
     let cases: [(&str, &dyn Model, &State, f64); 2] = [
         ("leapfrog", &leapfrog, &begin, 2.0 * ONE_LEVEL_BYTES),
         ("Runge-Kutta 4", &runge_kutta, &start, ONE_LEVEL_BYTES),
@@ -136,15 +133,33 @@ fn nonlinear(n: usize, threads: usize, single: &mut [f64; 2]) {
     }
 }
 
+/// The models on `n`² cells, and where they start.
+struct Models {
+    leapfrog: Leapfrog<ShallowWater>,
+    runge_kutta: Stepped<ShallowWater>,
+    /// With Runge-Kutta steps.
+    linear: Stepped<LinearShallowWater>,
+    start: State,
+    /// Both levels of the leapfrog.
+    begin: State,
+}
+
+impl Models {
+    fn new(n: usize) -> Self {
+        let (equations, start) = shallow_water(n);
+        let (dt, scheme) = (Duration::from_seconds(90), TimeScheme::Rk4);
+        let leapfrog = Leapfrog::new(equations.clone(), dt, 0.001).expect("valid numbers");
+        let runge_kutta = Stepped::new(equations.clone(), dt, scheme).expect("a positive step");
+        let linear = LinearShallowWater::about_uniform_flow(equations, 1000.0, 10.0).expect("a thin layer");
+        let linear = Stepped::new(linear, dt, scheme).expect("a positive step");
+        let begin = leapfrog.start(&start);
+        Self { leapfrog, runge_kutta, linear, start, begin }
+    }
+}
+
 /// Forecasts of sixteen members of an ensemble, alone and as many together as the model says, on one thread.
 fn members(n: usize) {
-    let (equations, start) = shallow_water(n);
-    let (dt, scheme) = (Duration::from_seconds(90), TimeScheme::Rk4);
-    let leapfrog = Leapfrog::new(equations.clone(), dt, 0.001).expect("valid numbers");
-    let runge_kutta = Stepped::new(equations.clone(), dt, scheme).expect("a positive step");
-    let linear = LinearShallowWater::about_uniform_flow(equations, 1000.0, 10.0).expect("a thin layer");
-    let linear = Stepped::new(linear, dt, scheme).expect("a positive step");
-    let begin = leapfrog.start(&start);
+    let Models { leapfrog, runge_kutta, linear, start, begin } = Models::new(n);
     let cases: [(&str, &dyn Model, &State); 3] = [
         ("leapfrog", &leapfrog, &begin),
         ("Runge-Kutta 4", &runge_kutta, &start),
@@ -172,13 +187,7 @@ fn members(n: usize) {
 
 /// Tangent-linear and adjoint against nonlinear, on one thread.
 fn tangent_linear(n: usize) {
-    let (equations, start) = shallow_water(n);
-    let (dt, scheme) = (Duration::from_seconds(90), TimeScheme::Rk4);
-    let leapfrog = Leapfrog::new(equations.clone(), dt, 0.001).expect("valid numbers");
-    let runge_kutta = Stepped::new(equations.clone(), dt, scheme).expect("a positive step");
-    let linear = LinearShallowWater::about_uniform_flow(equations, 1000.0, 10.0).expect("a thin layer");
-    let linear = Stepped::new(linear, dt, scheme).expect("a positive step");
-    let begin = leapfrog.start(&start);
+    let Models { leapfrog, runge_kutta, linear, start, begin } = Models::new(n);
     let pattern = vec![1e-6; n * n];
     let sources = vec![Source { variable: 0, pattern, function: TimeFunction::Constant }];
     let forced = Forced::of(Arc::new(runge_kutta.clone()), &Arc::new(Forcing { sources })).expect("a source that fits");

@@ -129,9 +129,7 @@ pub fn run_jobs(
             let saved = SavedRun::open(&job.out).map(|saved| saved.summary);
             return saved.map_err(|error| JobError { report: error.into(), may_pass: true, cannot_resume: false });
         }
-        let concurrent = schedule.at_once > 1 && runner.elsewhere.is_none();
-        let options = RunOptions { concurrent, ..options_of(job, options, schedule) };
-        complete(job, &options, &*runner.run, listener)
+        complete(job, &options_of(job, options, schedule, runner), &*runner.run, listener)
     };
     let mut outcomes = Vec::with_capacity(jobs.len());
     side_by_side(jobs.len(), schedule.at_once, work, |number, outcome| outcomes.push((number, outcome)));
@@ -160,12 +158,13 @@ fn complete(
     run(job.scenario, &RunOptions { overwrite: has_checkpoint, ..options.clone() }, listener)
 }
 
-fn options_of(job: &Job<'_>, options: &RunOptions, schedule: Schedule) -> RunOptions {
+fn options_of(job: &Job<'_>, options: &RunOptions, schedule: Schedule, runner: &Runner<'_>) -> RunOptions {
     RunOptions {
         out: job.out.clone(),
         methods: job.methods.clone(),
         seed: Some(job.seed),
         threads: Some(schedule.threads_each),
+        concurrent: schedule.at_once > 1 && runner.elsewhere.is_none(),
         overwrite: false,
         resume: false,
         ..options.clone()
@@ -265,13 +264,8 @@ mod tests {
         };
         let options = RunOptions { threads: Some(1), ..RunOptions::new(parent.path()) };
         let progress = RunsProgress::new(true, "mine", "seeds", 3, 1);
-        assert!(
-            run_jobs(&jobs, &options, &Runner::here(run), &progress)
-                .unwrap()
-                .1
-                .iter()
-                .all(|(_, outcome)| outcome.is_err())
-        );
+        let (_, outcomes) = run_jobs(&jobs, &options, &Runner::here(run), &progress).unwrap();
+        assert!(outcomes.iter().all(|(_, outcome)| outcome.is_err()));
         let asked = asked.into_inner().unwrap();
         let asked: Vec<(&str, bool, bool)> = asked.iter().map(|it| (it.0.as_str(), it.1, it.2)).collect();
         let again = [("damaged", true, false), ("damaged", false, true)];

@@ -13,12 +13,10 @@ use std::path::Path;
 /// Takes the database that the user names in the place of the scenario's.
 pub fn name_database(scenario: &mut Scenario, named: Option<&Path>) -> Result<(), Report> {
     let Some(named) = named else { return Ok(()) };
-    let Some(settings) = &mut scenario.sensors else {
+    if !scenario.name_database(named) {
         let help = "[sensors] with `database` makes its methods start from what is known";
         return Err(miette!(help = help, "{} has no [sensors], so that --sensors has no use", scenario.name));
-    };
-    settings.database = named.to_path_buf();
-    settings.within = None;
+    }
     Ok(())
 }
 

@@ -57,7 +57,7 @@ pub fn workers() -> usize {
     COORDINATOR.get().map_or(0, |it| it.workers)
 }
 
-/// What has runs computed by the workers; `None` if there are none.
+/// Sends runs to the workers; `None` if this process has no workers.
 pub fn runner() -> Option<Runner<'static>> {
     let coordinator = COORDINATOR.get()?;
     let elsewhere = Elsewhere { processes: coordinator.workers, threads_each: coordinator.threads_each };

@@ -5,8 +5,8 @@
 //! only what is to be run, how far it is, and its scores. A run has the same bits as on one machine: it is computed by the same
 //! function, from the same scenario and options.
 //!
-//! A process that dies takes one run with it. The batch goes on with the others, as far as the MPI launcher lets them live; what was
-//! computed up to its last checkpoint is on disk, and `isobar resume` goes on from there.
+//! If a process dies, its run is not completed, and the batch goes on with the other processes unless the MPI launcher ends them. The
+//! last checkpoint of the run is on disk, and `isobar resume` continues from it.
 
 #[cfg(feature = "mpi")]
 mod coordinator;

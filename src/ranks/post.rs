@@ -15,7 +15,7 @@ pub const LOOK: Duration = Duration::from_millis(5);
 /// After how long a worker that says nothing counts as dead. It speaks every half second, as long as its processor lets it.
 const SILENCE: Duration = Duration::from_secs(60);
 
-/// A run that is to be computed, and where what is heard of it goes.
+/// A run for a worker, and the channel for its progress and outcome.
 pub struct Errand {
     /// The run.
     pub order: Order,

@@ -10,7 +10,7 @@ use crate::output::{Sink, SinkError};
 use crate::scenario::Scenario;
 use crate::scores::Summary;
 use miette::Report;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -75,11 +75,10 @@ fn compute_order(order: &Order, compute: Compute, listener: &mut Listener) -> Re
     compute(&scenario, &options, listener)
 }
 
-fn scenario_of(order: &Order, out: &std::path::Path) -> Result<Scenario, Report> {
+fn scenario_of(order: &Order, out: &Path) -> Result<Scenario, Report> {
     let mut scenario = order.plan.scenario(out)?;
-    if let (Some(settings), Some(named)) = (&mut scenario.sensors, order.plan.named_database()) {
-        settings.database = named.to_path_buf();
-        settings.within = None;
+    if let Some(named) = order.plan.named_database() {
+        scenario.name_database(named);
     }
     Ok(scenario)
 }

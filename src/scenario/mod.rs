@@ -150,6 +150,14 @@ impl Scenario {
         Some(&sensors.database)
     }
 
+    /// Takes the database of sensors that the user names; whether the scenario has one that it can take the place of.
+    pub(crate) fn name_database(&mut self, named: &Path) -> bool {
+        let Some(settings) = &mut self.sensors else { return false };
+        settings.database = named.to_path_buf();
+        settings.within = None;
+        true
+    }
+
     /// Reads a scenario file.
     ///
     /// # Errors

@@ -60,7 +60,7 @@ impl CorrectedModel {
         let (mut means, mut fields) = (Vec::new(), Vec::new());
         let mut rest = r;
         for candidate in candidates {
-            let (own, others) = rest.split_at(candidate.patterns.len().max(1));
+            let (own, others) = rest.split_at(candidate.amplitudes());
             rest = others;
             let field = field(candidate, own);
             means.push(field.as_ref().map_or(own[0], |field| mean(field)));

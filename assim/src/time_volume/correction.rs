@@ -19,6 +19,13 @@ pub struct Candidate {
     pub patterns: Vec<CorrectionPattern>,
 }
 
+impl Candidate {
+    /// Number of its amplitudes: one for each pattern, or one that is the same everywhere.
+    pub(super) fn amplitudes(&self) -> usize {
+        self.patterns.len().max(1)
+    }
+}
+
 /// How a correction depends on place.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CorrectionPattern {

@@ -1,7 +1,7 @@
 //! The tiles of a correction that are not chosen, once others are: how wrong they may be, from the data.
 //!
-//! With a tile held at zero that is not, its neighbours stand for it, and the covariance J_aa^-1 of those that are chosen contains
-//! nothing of that. So the others u of the same correction, none of which stands out by itself, are estimated together with
+//! With a tile held at zero that is not, its neighbours stand for it, and the covariance J_aa^-1 of those that are chosen does
+//! not include that. So the others u of the same correction, none of which stands out by itself, are estimated together with
 //! those that are chosen, as draws
 //!
 //! ```text
@@ -50,7 +50,7 @@ impl TimeVolume {
         let mut end = self.constant.len();
         let ranges = transition.family.candidates().iter().map(|candidate| {
             let begin = end;
-            end += candidate.patterns.len().max(1);
+            end += candidate.amplitudes();
             (begin..end, candidate)
         });
         let local = ranges.filter(|(_, candidate)| !candidate.patterns.is_empty());
@@ -70,8 +70,8 @@ impl TimeVolume {
     /// What is estimated beside the unknowns that are chosen.
     pub(super) fn estimated(&self, window: &Information, chosen: &[bool]) -> Estimated {
         let (mut active, mut precisions) = (chosen.to_vec(), vec![0.0; chosen.len()]);
-        let groups: Vec<_> = self.local_corrections();
-        let groups: Vec<_> = groups.into_iter().filter(|(range, _)| range.clone().any(|k| chosen[k])).collect();
+        let mut groups = self.local_corrections();
+        groups.retain(|(range, _)| range.clone().any(|k| chosen[k]));
         for _ in 0..if groups.len() > 1 { TURNS } else { 1 } {
             for (range, sigma_prior) in &groups {
                 let others: Vec<usize> = range.clone().filter(|&k| !chosen[k]).collect();

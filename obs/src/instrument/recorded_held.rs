@@ -1,5 +1,5 @@
-//! A recorded observation as it is held until its cycle: without the lists that its row of X and its biases become, which of
-//! millions of rows would be most of the memory.
+//! A recorded observation as it is held until its cycle: without the lists for its row of X and its biases, which would take most of
+//! the memory for millions of rows.
 
 use crate::observation::{Observation, Reading};
 use crate::report::Report;

@@ -373,12 +373,13 @@ fn stability(summary: &Summary, history: &History) -> Option<Section> {
     let text = "Which biases the observations determine, whether innovations are white and as large as the method claims, and \
                 what would help.";
     let exceptions = match &verdicts.exceptions {
-        Some(_) => " The table has the biases without a stable update all along (verdicts.csv has all changes).",
+        Some(_) => "The table has the biases without a stable update all along (verdicts.csv has all changes).",
         None => "",
     };
+    let sentences = [text, exceptions, &verdicts.others].into_iter().filter(|text| !text.is_empty());
     Some(Section {
         title: "Stability of the bias estimates".into(),
-        text: [text, exceptions, " ", &verdicts.others].concat(),
+        text: sentences.collect::<Vec<_>>().join(" "),
         tables: verdicts.exceptions.into_iter().collect(),
         folded: folded.collect(),
         ..Section::default()

@@ -5,14 +5,15 @@ use crate::scores::Summary;
 use crate::scores::stability::{ParameterStability, Stability};
 use crate::tables::{Cell, MOST_PARAMETERS, NONE, Table, figure};
 use crate::verdict::Verdict;
+use std::collections::HashMap;
 
 /// The cycles, first and last, in which something was so; what has no last cycle is so at the end.
 type Spans = Vec<(usize, Option<usize>)>;
 
 /// The verdicts of the methods that estimate biases.
 pub struct Verdicts {
-    /// A row for each bias, of the first [`MOST_PARAMETERS`], that some method ends without a stable update of, or has lost or frozen
-    /// on the way.
+    /// A row for each bias, up to [`MOST_PARAMETERS`], that some method ends without a stable update of, or has lost or frozen on
+    /// the way.
     pub exceptions: Option<Table>,
     /// How many other biases there are, and from which cycles on all methods have a stable update of them.
     pub others: String,
@@ -39,12 +40,15 @@ pub fn verdicts<'a>(history: &History, summary: &'a Summary) -> Option<Verdicts>
         .collect();
     let count = methods.iter().map(|(_, _, own)| own.parameters.len()).max()?;
     let first = info.done + 1;
+    let mut changes: HashMap<(usize, usize), Vec<(usize, &Verdict)>> = HashMap::new();
+    for (cycle, _, method, verdict) in &history.verdicts {
+        changes.entry((*method, verdict.parameter)).or_default().push((*cycle, verdict));
+    }
     let courses = |parameter: usize| -> Vec<Option<Course<'a>>> {
         let course = |&(method, _, stability): &(usize, &str, &'a Stability)| {
             let end = stability.parameters.get(parameter)?;
-            let changes = changes(history, method, parameter);
-            let of =
-                |is: fn(&Verdict) -> bool| changes.iter().map(|&(cycle, own)| (cycle, is(own))).collect::<Vec<_>>();
+            let own = changes.get(&(method, parameter)).map_or(&[][..], Vec::as_slice);
+            let of = |is: fn(&Verdict) -> bool| own.iter().map(|&(cycle, it)| (cycle, is(it))).collect::<Vec<_>>();
             let stable = spans(&of(|verdict| verdict.stable), end.stable, first);
             let frozen = spans(&of(|verdict| verdict.frozen), end.frozen, first);
             Some(Course { end, stable, frozen })
@@ -54,11 +58,11 @@ pub fn verdicts<'a>(history: &History, summary: &'a Summary) -> Option<Verdicts>
     let names = methods.iter().map(|(_, name, _)| name.to_string());
     let header = ["parameter".to_string(), "observations".into()].into_iter().chain(names).collect();
     let (mut rows, mut since) = (Vec::new(), Vec::new());
-    for (parameter, courses) in (0..count).map(|number| (number, courses(number))) {
+    for courses in (0..count).map(courses) {
         let known = || courses.iter().flatten();
         if known().all(Course::is_smooth) {
             since.extend(known().filter_map(|course| course.stable.first()).map(|span| span.0).max());
-        } else if let Some(Course { end, .. }) = known().next().filter(|_| parameter < MOST_PARAMETERS) {
+        } else if let Some(Course { end, .. }) = known().next().filter(|_| rows.len() < MOST_PARAMETERS) {
             let cells = courses.iter().map(|course| course.as_ref().map_or(NONE.into(), |course| course.cell(first)));
             rows.push([end.name.as_str().into(), end.observations.into()].into_iter().chain(cells).collect());
         }
@@ -102,12 +106,6 @@ fn others(since: &[usize], all: bool, first: usize) -> String {
         (earliest, latest) => format!("from cycle {earliest} to {latest} on"),
     };
     format!("{which} a stable update with every method, {when}.")
-}
-
-/// The changes of a method's verdict on a parameter, with their cycles.
-fn changes(history: &History, method: usize, parameter: usize) -> Vec<(usize, &Verdict)> {
-    let own = history.verdicts.iter().filter(|(_, _, of, verdict)| (*of, verdict.parameter) == (method, parameter));
-    own.map(|(cycle, _, _, verdict)| (*cycle, verdict)).collect()
 }
 
 /// The cycles in which something was so that was so or not from the cycles of `changes` on. A run that goes on from another says
