@@ -16,7 +16,6 @@ use std::sync::Arc;
 
 const WINDOW: Duration = Duration::from_seconds(10_800);
 const STEP: Duration = Duration::from_seconds(1800);
-const OBSERVATIONS: usize = 60;
 /// Of the four tiles in the jet.
 const TRUTH: f64 = 4.0;
 
@@ -45,7 +44,7 @@ impl Corrections for Winds {
     }
 }
 
-fn observations(places: &[usize], truth: &State, cycle: usize, noise: &[f64]) -> ObservationWindow {
+fn observe(places: &[usize], truth: &State, cycle: usize, noise: &[f64]) -> ObservationWindow {
     let (mut state, mut calibration) = (SparseRows::new(), SparseRows::new());
     for &place in places {
         state.push_row([(place, 1.0)]);
@@ -77,7 +76,7 @@ struct Found {
 }
 
 /// After some numbers of cycles.
-fn found<const N: usize>(seed: u64, after: [usize; N]) -> [Found; N] {
+fn found<const N: usize>(seed: u64, observations: usize, after: [usize; N]) -> [Found; N] {
     let own = uniform(20.0);
     let layout = own.layout().clone();
     let sum = |sigma: f64, white: f64| -> Arc<dyn Covariance> {
@@ -89,7 +88,7 @@ fn found<const N: usize>(seed: u64, after: [usize; N]) -> [Found; N] {
     let mut truth = State::from_values(&layout, randomize(&*background_error, random));
     let mut places: Vec<usize> = (0..layout.len()).collect();
     places.shuffle(random);
-    places.truncate(OBSERVATIONS);
+    places.truncate(observations);
     let problem: Problem = Problem {
         model: Arc::new(own),
         background: State::zeros(&layout).valid_at(Time::from_seconds(0)),
@@ -101,7 +100,14 @@ fn found<const N: usize>(seed: u64, after: [usize; N]) -> [Found; N] {
         most_observations: 0,
     };
     let patterns = tile_patterns(&grid(), [4, 2]);
-    let candidate = Candidate { name: "u".into(), unit: "m s-1".into(), step: 0.1, sigma_prior: None, patterns };
+    let candidate = Candidate {
+        name: "u".into(),
+        unit: "m s-1".into(),
+        step: 0.1,
+        sigma_prior: None,
+        patterns,
+        moves_with_flow: false,
+    };
     let family = Arc::new(Winds([candidate]));
     let mut volume = TimeVolume::new(problem, volume_settings(20, Vec::new()), Some(family)).unwrap();
     let jet = Wind::Jet { u_m_per_s: 20.0, jet_m_per_s: TRUTH, center_y_m: 3e5, half_width_m: 6e5 };
@@ -112,7 +118,7 @@ fn found<const N: usize>(seed: u64, after: [usize; N]) -> [Found; N] {
             forecast::forecast(&jet, &mut truth, 6).unwrap();
             let error = randomize(&*model_error, random);
             truth.values_mut().iter_mut().zip(error).for_each(|(value, error)| *value += error);
-            let observed = observations(&places, &truth, cycle, &standard_normals(random, OBSERVATIONS));
+            let observed = observe(&places, &truth, cycle, &standard_normals(random, observations));
             let from = volume.forecast(WINDOW).unwrap();
             volume.analyse(&from, &observed).unwrap();
         }
@@ -129,26 +135,44 @@ fn found<const N: usize>(seed: u64, after: [usize; N]) -> [Found; N] {
     })
 }
 
-/// A tile that is not chosen although it is wrong would make the σ of its neighbours too small, if it were held at zero, and so does
-/// what has been linearised about another estimate. Early not all tiles are chosen that are wrong.
-#[test]
-fn the_claimed_sigma_of_tiles_is_right() {
-    const SEEDS: u64 = 30;
-    const AFTER: [usize; 3] = [10, 20, 30];
+/// Over many seeds, with some number of observations in each cycle: how many tiles in the jet are chosen, and the root mean square of
+/// z of those, and of all that are estimated.
+fn scores<const N: usize>(observations: usize, after: [usize; N]) -> [(usize, f64, f64); N] {
     let root_mean_square = |z: &[f64]| (z.iter().map(|z| z * z).sum::<f64>() / z.len() as f64).sqrt();
-    let all: Vec<_> = (0..SEEDS).into_par_iter().map(|seed| found(seed, AFTER)).collect();
-    for (number, cycles) in AFTER.iter().enumerate() {
+    let all: Vec<_> = (0..SEEDS).into_par_iter().map(|seed| found(seed, observations, after)).collect();
+    std::array::from_fn(|number| {
         let of_all = |own: fn(&Found) -> &Vec<f64>| -> Vec<f64> {
             all.iter().flat_map(|of_seed| own(&of_seed[number])).copied().collect()
         };
         let (chosen, estimated) = (of_all(|it| &it.chosen), of_all(|it| &it.estimated));
-        let of_each = [&chosen, &estimated].map(|z| (z.len(), root_mean_square(z)));
-        let what = format!("{cycles} cycles: {of_each:?} tiles chosen and estimated");
-        println!("{what}");
-        for (_, rms) in of_each {
-            assert!((0.8..1.2).contains(&rms), "{what}");
-        }
-        let least = if *cycles < 20 { 0.9 } else { 0.97 };
-        assert!(chosen.len() as f64 > least * 4.0 * SEEDS as f64, "{what}");
+        let scores = (chosen.len(), root_mean_square(&chosen), root_mean_square(&estimated));
+        println!("{observations} observations, {} cycles: {scores:?} (chosen, their rms, rms of all)", after[number]);
+        scores
+    })
+}
+
+const SEEDS: u64 = 30;
+
+/// A tile that is not chosen although it is wrong would make the σ of its neighbours too small, if it were held at zero, and so does
+/// what has been linearised about another estimate. Early not all tiles are chosen that are wrong.
+#[test]
+fn the_claimed_sigma_of_tiles_is_right() {
+    let [early, later @ ..] = scores(60, [10, 20, 30]);
+    for (tiles, chosen, estimated) in [early].into_iter().chain(later) {
+        assert!((0.8..1.2).contains(&chosen) && (0.8..1.2).contains(&estimated), "{tiles} {chosen} {estimated}");
+    }
+    assert!(early.0 as f64 > 0.9 * 4.0 * SEEDS as f64, "{early:?}");
+    assert!(later.iter().all(|it| it.0 as f64 > 0.97 * 4.0 * SEEDS as f64), "{later:?}");
+}
+
+/// With half of the observations a tile is often chosen late, and those that stand out first do so by chance as well: their claims
+/// are too small by a quarter at first. Held at zero, or with the likeliest σ², the others would make that a factor of 1.8.
+#[test]
+fn with_few_observations_the_claimed_sigma_becomes_right() {
+    let [early, later @ ..] = scores(30, [10, 20, 30]);
+    assert!(early.1 < 1.4 && early.2 < 1.4, "{early:?}");
+    for (tiles, chosen, estimated) in later {
+        assert!((0.8..1.25).contains(&chosen) && (0.8..1.25).contains(&estimated), "{tiles} {chosen} {estimated}");
+        assert!(tiles as f64 > 0.8 * 4.0 * SEEDS as f64, "{later:?}");
     }
 }

@@ -38,6 +38,7 @@ impl Winds {
             step: 0.05,
             sigma_prior: None,
             patterns: tiles.map_or(Vec::new(), |tiles| tile_patterns(grid, tiles)),
+            moves_with_flow: false,
         };
         Self([candidate("u"), candidate("v")])
     }

@@ -75,4 +75,10 @@ pub const CASES: &[Case] = &[
         "patterns_file",
         &["stands beside `tiles`", "not both"],
     ),
+    (
+        "kind = \"fkf\"\nblocks = \"cell\"",
+        "kind = \"time_volume\"\nwindow_cycles = 5\ntransition_corrections = [{ candidate = \"drag_per_s\", moves_with_flow = true }]",
+        "moves_with_flow",
+        &["the same everywhere has nothing that could move", "give `tiles` or `patterns_file`"],
+    ),
 ];

@@ -51,12 +51,11 @@ const GROUP: usize = 64;
 const ROUNDING: f64 = 1e-12;
 
 impl CorrectedModel {
-    /// The model with these amplitudes r.
+    /// The model with these amplitudes r of the candidates of a family, whose patterns may have moved.
     ///
     /// # Errors
     /// If there is no model with the means of the corrections, or with what they are where they are largest or least.
-    pub fn new(family: &dyn Corrections, r: &[f64]) -> Result<Self, Error> {
-        let candidates = family.candidates();
+    pub fn new(family: &dyn Corrections, candidates: &[Candidate], r: &[f64]) -> Result<Self, Error> {
         let (mut means, mut fields) = (Vec::new(), Vec::new());
         let mut rest = r;
         for candidate in candidates {

@@ -1,7 +1,7 @@
 //! What may be wrong with a model, and the models that corrections of it lead to.
 
 use crate::error::Error;
-use isobar_model::TangentLinear;
+use isobar_model::{State, TangentLinear};
 use std::sync::Arc;
 
 /// One candidate operator.
@@ -17,6 +17,8 @@ pub struct Candidate {
     pub sigma_prior: Option<f64>,
     /// How it depends on place: an amplitude for each. Empty: the same everywhere.
     pub patterns: Vec<CorrectionPattern>,
+    /// Whether the patterns move with the [mean flow](Corrections::mean_flow), from where they are at the start.
+    pub moves_with_flow: bool,
 }
 
 impl Candidate {
@@ -45,6 +47,11 @@ pub trait Corrections: Send + Sync {
     /// # Errors
     /// If there is no such model: a negative depth.
     fn model(&self, corrections: &[f64]) -> Result<Arc<dyn TangentLinear>, Error>;
+
+    /// The flow of a state, averaged over the domain, eastward and northward \[m/s\]: that of the patterns that move with it.
+    fn mean_flow(&self, _: &State) -> [f64; 2] {
+        [0.0; 2]
+    }
 }
 
 /// An amplitude r_ck.

@@ -75,7 +75,7 @@ impl TimeVolume {
                 let mut moved = self.memory.reference[first..].to_vec();
                 axpy(step, &shift[first..], &mut moved);
                 match transition.set(&moved) {
-                    Ok(()) => break self.model = transition.corrected.model(),
+                    Ok(()) => break self.model = transition.model(),
                     Err(error) if step < 1e-3 => return Err(error),
                     Err(_) => step *= 0.5,
                 }
@@ -108,10 +108,15 @@ impl TimeVolume {
 
     /// The forecast of state, errors and sensitivities.
     pub(super) fn advance(&mut self, window: Duration) -> Result<(), Error> {
+        let first = self.constant.len();
+        if let Some(transition) = &mut self.corrections {
+            let Memory { moved_m, s, reference, .. } = &mut self.memory;
+            transition.move_patterns(moved_m, &s.state, window, &reference[first..])?;
+            self.model = transition.model();
+        }
         let (model, calibration) = (Arc::clone(&self.model), self.calibration.clone());
         let steps = steps(&*model, window)?;
         let cycle = Cycle { model: &*model, calibration: &calibration, window, steps, error_factor: 1.0 };
-        let first = self.constant.len();
         let transitions = self.corrections.as_ref().map(|it| it.columns(&self.memory.s.state, steps)).transpose()?;
         self.memory.time = self.memory.time + window;
         let ones = vec![1.0; self.unknowns()];
@@ -253,7 +258,7 @@ impl Assimilator for TimeVolume {
         self.memory = memory;
         if let Some(transition) = &mut self.corrections {
             transition.set(&self.memory.reference[self.constant.len()..])?;
-            self.model = transition.corrected.model();
+            self.model = transition.model();
         }
         Ok(())
     }

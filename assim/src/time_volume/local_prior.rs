@@ -9,28 +9,33 @@
 //! ```
 //!
 //! in which their variance is part of the others' (the covariance of a Schmidt–Kalman filter, where u is observed enough to be
-//! estimated as well). σ² is that for which the window's innovations are most likely, once the chosen unknowns a have explained
-//! what they can (restricted maximum likelihood, Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545):
+//! estimated as well). The likelihood of σ² is that of the window's innovations, once the chosen unknowns a have explained what
+//! they can (restricted likelihood, Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545):
 //!
 //! ```text
 //! 2 log L(σ²) = Σ_i [ σ² a_i / (1 + σ² λ_i) − log(1 + σ² λ_i) ],     a_i = (v_i' j_u|a)²
 //! J_u|a = J_uu − J_ua J_aa^-1 J_au = Σ_i λ_i v_i v_i',               j_u|a = j_u − J_ua J_aa^-1 j_a
 //! ```
 //!
-//! with j about r_u = 0. None of them is taken to be more wrong than those that are chosen: σ² is at most the mean square of these.
-//! Where it is 0 they are held at zero.
+//! with j about r_u = 0. The likeliest σ² is often 0 where little is observed, although much larger ones are nearly as likely, and
+//! the claims would then be those of tiles that are exactly right. So σ² is its mean over L, with every σ from 0 to σ_a as
+//! probable before (Gelman 2006, doi:10.1214/06-BA117A):
+//!
+//! ```text
+//! E(σ²) = ∫ σ² L(σ²) dσ / ∫ L(σ²) dσ,     0 ≤ σ ≤ σ_a,     σ_a² = mean square of the chosen ones
+//! ```
+//!
+//! None of them is taken to be more wrong than those that are chosen.
 
 use super::TimeVolume;
 use super::window::Information;
 use crate::linalg::eigen;
 use faer::Mat;
+use isobar_model::vector::dot;
 use std::ops::Range;
 
-/// The number of values of σ² among which the best is sought first, evenly in its logarithm.
-const VALUES: i32 = 60;
-
-/// The least of them, relative to the largest.
-const LEAST: f64 = 1e-6;
+/// The number of values of σ over which the mean is taken.
+const VALUES: u32 = 200;
 
 /// How often priors of several corrections are found in turn, since each depends on the others.
 const TURNS: usize = 3;
@@ -81,7 +86,8 @@ impl TimeVolume {
                 }
                 others.iter().for_each(|&k| (active[k], precisions[k]) = (false, 0.0));
                 let known = self.with_priors(window, &precisions);
-                if let Some(variance) = self.likely_variance(&known, &active, range, &others) {
+                let variance = self.expected_variance(&known, &active, range, &others);
+                if variance > 0.0 {
                     others.iter().for_each(|&k| (active[k], precisions[k]) = (true, 1.0 / variance));
                 }
             }
@@ -89,14 +95,8 @@ impl TimeVolume {
         Estimated { active, precisions }
     }
 
-    /// σ² of the amplitudes `others` of a correction with some of `range` among the active unknowns; `None` for 0.
-    fn likely_variance(
-        &self,
-        known: &Information,
-        active: &[bool],
-        range: &Range<usize>,
-        others: &[usize],
-    ) -> Option<f64> {
+    /// σ² of the amplitudes `others` of a correction with some of `range` among the active unknowns.
+    fn expected_variance(&self, known: &Information, active: &[bool], range: &Range<usize>, others: &[usize]) -> f64 {
         let (_, shift) = self.solve_with(known, active);
         let chosen: Vec<usize> = range.clone().filter(|&k| active[k]).collect();
         let square = |&k: &usize| (self.memory.reference[k] + shift[k]).powi(2);
@@ -110,48 +110,49 @@ impl TimeVolume {
         let (values, vectors) = eigen(Mat::from_fn(n, n, |i, j| left.matrix[(others[i], others[j])]).as_ref());
         let squares: Vec<f64> =
             (0..n).map(|i| (0..n).map(|j| vectors[(j, i)] * left.vector[others[j]]).sum::<f64>().powi(2)).collect();
-        most_likely(&values, &squares, most)
+        expected(&values, &squares, most)
     }
 }
 
-/// The σ² from 0 to `most` with the largest likelihood, given the eigenvalues λ and the squares a; `None` for 0.
-fn most_likely(values: &[f64], squares: &[f64], most: f64) -> Option<f64> {
-    let likelihood = |variance: f64| -> f64 {
+/// E(σ²) with L(σ²), for σ evenly from 0 to the root of `most`, given the eigenvalues λ and the squares a.
+fn expected(values: &[f64], squares: &[f64], most: f64) -> f64 {
+    let log_likelihood = |variance: f64| -> f64 {
         let of_one = |(&value, &square): (&f64, &f64)| {
             // Rounding of what nothing is known of.
             let value = value.max(0.0);
             variance * square / (1.0 + variance * value) - (variance * value).ln_1p()
         };
-        values.iter().zip(squares).map(of_one).sum()
+        0.5 * values.iter().zip(squares).map(of_one).sum::<f64>()
     };
-    let at = |step: f64| most * LEAST.powf(1.0 - step / f64::from(VALUES));
-    let best = (0..=VALUES).max_by(|&a, &b| likelihood(at(f64::from(a))).total_cmp(&likelihood(at(f64::from(b)))))?;
-    // Between its neighbours there is one maximum, up to the width of the grid.
-    let (mut low, mut high) = (f64::from(best - 1), f64::from((best + 1).min(VALUES)));
-    for _ in 0..40 {
-        let [a, b] = [1.0, 2.0].map(|third| low + third * (high - low) / 3.0);
-        if likelihood(at(a)) < likelihood(at(b)) { low = a } else { high = b }
-    }
-    let variance = at(0.5 * (low + high));
-    (likelihood(variance) > 0.0).then_some(variance)
+    let variances: Vec<f64> = (0..VALUES).map(|k| most * ((f64::from(k) + 0.5) / f64::from(VALUES)).powi(2)).collect();
+    let logs: Vec<f64> = variances.iter().map(|&variance| log_likelihood(variance)).collect();
+    let largest = logs.iter().fold(f64::NEG_INFINITY, |largest, &log| largest.max(log));
+    let weights: Vec<f64> = logs.iter().map(|log| (log - largest).exp()).collect();
+    dot(&weights, &variances) / weights.iter().sum::<f64>()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Of equal eigenvalues λ the likelihood is largest where σ² + 1/λ is the mean square of the estimates j/λ.
+    /// Without anything known every σ stays as probable as before: E(σ²) = σ_a²/3.
     #[test]
-    fn the_likeliest_variance_is_what_noise_does_not_account_for() {
-        let (value, squares) = (4.0, [30.0f64, 2.0, 81.0, 17.0]);
-        let of_estimates = squares.iter().map(|square| square / (value * value)).sum::<f64>() / 4.0;
-        let found = most_likely(&[value; 4], &squares, 100.0).unwrap();
-        assert!((found - (of_estimates - 1.0 / value)).abs() < 1e-6, "{found}");
-        assert_eq!(most_likely(&[value; 4], &squares.map(|square| 0.1 * square), 100.0), None);
-        let bounded = most_likely(&[value; 4], &squares, 0.5).unwrap();
-        assert!((bounded - 0.5).abs() < 1e-6, "{bounded}");
-        // What nothing is known of says nothing.
-        let with_unknown = most_likely(&[-1e-18, value, value, value, value], &[0.0, 30.0, 2.0, 81.0, 17.0], 100.0);
-        assert!((with_unknown.unwrap() - found).abs() < 1e-6);
+    fn what_nothing_is_known_of_keeps_what_was_probable_before() {
+        assert!((expected(&[0.0, -1e-18], &[0.0; 2], 6.0) - 2.0).abs() < 1e-4);
+        assert_eq!(expected(&[1.0], &[1.0], 0.0), 0.0);
+    }
+
+    /// With many equal eigenvalues λ the mean is where the likelihood is largest: σ² + 1/λ is the mean square of the estimates j/λ.
+    #[test]
+    fn with_much_known_it_is_what_the_errors_of_the_estimates_do_not_account_for() {
+        let (value, n) = (4.0, 4000);
+        let squares: Vec<f64> = (0..n).map(|k| 130.0 * f64::from(k % 4) / 6.0).collect();
+        let of_estimates = squares.iter().map(|square| square / (value * value)).sum::<f64>() / f64::from(n);
+        let found = expected(&vec![value; squares.len()], &squares, 100.0);
+        assert!((found - (of_estimates - 1.0 / value)).abs() < 0.02 * found, "{found}");
+        // Where the estimates are no larger than their errors little is left, and never nothing.
+        let noise: Vec<f64> = squares.iter().map(|square| 0.1 * square).collect();
+        let found = expected(&vec![value; noise.len()], &noise, 1.0);
+        assert!(found > 0.0 && found < 1e-2, "{found}");
     }
 }

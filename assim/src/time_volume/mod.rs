@@ -33,6 +33,7 @@ mod factor;
 mod fixed_lag;
 mod history;
 mod local_prior;
+mod moved_patterns;
 mod observed;
 mod report;
 mod restart;
@@ -124,6 +125,8 @@ struct Memory {
     active: Vec<bool>,
     /// σ^-2 of the priors of tiles that are not chosen; 0 of all else, `[q]`.
     precisions: Vec<f64>,
+    /// By how much the patterns have moved that move with the flow, eastward and northward \[m\].
+    moved_m: [f64; 2],
     /// Valid time of `s`.
     time: Time,
     /// Those of the analyses that are still revised, the oldest first, if there is a smoother.
@@ -186,7 +189,7 @@ impl TimeVolume {
             }
         }
         let amplitudes = constant.len();
-        let corrections = corrections.map(|family| Transition::new(family, layout.grid.cells())).transpose()?;
+        let corrections = corrections.map(|family| Transition::new(family, &layout.grid)).transpose()?;
         priors.extend(corrections.iter().flat_map(Transition::sigma_priors));
         let q = priors.len();
         if q + evolving.len() == 0 {
@@ -205,11 +208,12 @@ impl TimeVolume {
             window,
             active,
             precisions: vec![0.0; q],
+            moved_m: [0.0; 2],
             time: settings.start,
             past_times: VecDeque::new(),
             history: History::default(),
         };
-        let model = corrections.as_ref().map_or_else(|| Arc::clone(&problem.model), |it| it.corrected.model());
+        let model = corrections.as_ref().map_or_else(|| Arc::clone(&problem.model), |it| it.model());
         let calibration = problem.calibration.clone();
         let problem = Problem { calibration: own, ..problem.into() };
         let settings = Arc::new(settings);

@@ -6,27 +6,32 @@
 
 use super::corrected_model::CorrectedModel;
 use super::correction::{Candidate, Correction, Corrections};
+use super::moved_patterns;
 use crate::error::Error;
 use crate::tall_matrix::TallMatrix;
-use isobar_model::State;
+use isobar_model::{Duration, Grid, State, TangentLinear};
 use std::sync::Arc;
 
 /// The corrections of a time volume.
 #[derive(Clone)]
 pub(super) struct Transition {
     pub family: Arc<dyn Corrections>,
+    /// Its candidates, with the patterns where they are now.
+    candidates: Arc<[Candidate]>,
+    grid: Grid,
     /// r.
     pub amplitudes: Arc<[Correction]>,
     /// The model with those of the reference.
-    pub corrected: Arc<CorrectedModel>,
+    corrected: Arc<CorrectedModel>,
 }
 
 impl Transition {
-    /// With all amplitudes at zero, on a grid of `cells`.
+    /// With all amplitudes at zero, on a grid.
     ///
     /// # Errors
     /// [`Error::Setting`] if a pattern is not of this grid; those of the family.
-    pub fn new(family: Arc<dyn Corrections>, cells: usize) -> Result<Self, Error> {
+    pub fn new(family: Arc<dyn Corrections>, grid: &Grid) -> Result<Self, Error> {
+        let cells = grid.cells();
         for candidate in family.candidates() {
             if let Some(pattern) = candidate.patterns.iter().find(|pattern| pattern.weights.len() != cells) {
                 let (name, length) = (&candidate.name, pattern.weights.len());
@@ -35,17 +40,45 @@ impl Transition {
             }
         }
         let amplitudes = amplitudes(family.candidates());
-        let corrected = Arc::new(CorrectedModel::new(&*family, &vec![0.0; amplitudes.len()])?);
-        Ok(Self { family, amplitudes: amplitudes.into(), corrected })
+        let candidates: Arc<[Candidate]> = family.candidates().into();
+        let corrected = Arc::new(CorrectedModel::new(&*family, &candidates, &vec![0.0; amplitudes.len()])?);
+        Ok(Self { family, candidates, grid: grid.clone(), amplitudes: amplitudes.into(), corrected })
     }
 
-    /// Moves the amplitudes.
+    /// Changes the amplitudes.
     ///
     /// # Errors
     /// If there is no such model.
     pub fn set(&mut self, r: &[f64]) -> Result<(), Error> {
-        self.corrected = Arc::new(CorrectedModel::new(&*self.family, r)?);
+        self.corrected = Arc::new(CorrectedModel::new(&*self.family, &self.candidates, r)?);
         Ok(())
+    }
+
+    /// Moves the patterns that move with the flow to where they are on average in a window that begins with `state`, when they have
+    /// moved by `moved_m` from the start; then `moved_m` is by how much they have at the end of the window.
+    ///
+    /// # Errors
+    /// If there is no model with the amplitudes `r` of the patterns where they are.
+    pub fn move_patterns(
+        &mut self,
+        moved_m: &mut [f64; 2],
+        state: &State,
+        window: Duration,
+        r: &[f64],
+    ) -> Result<(), Error> {
+        if !self.candidates.iter().any(|it| it.moves_with_flow) {
+            return Ok(());
+        }
+        let half = self.family.mean_flow(state).map(|speed| 0.5 * speed * window.seconds() as f64);
+        let middle = [moved_m[0] + half[0], moved_m[1] + half[1]];
+        *moved_m = [middle[0] + half[0], middle[1] + half[1]];
+        self.candidates = moved_patterns::moved(self.family.candidates(), &self.grid, middle).into();
+        self.set(r)
+    }
+
+    /// The corrected model.
+    pub fn model(&self) -> Arc<dyn TangentLinear> {
+        self.corrected.model()
     }
 
     /// The candidate of an amplitude.
@@ -63,7 +96,7 @@ impl Transition {
     /// # Errors
     /// Those of [`CorrectedModel::columns`].
     pub fn columns(&self, state: &State, steps: usize) -> Result<TallMatrix, Error> {
-        self.corrected.columns(self.family.candidates(), &self.amplitudes, state, steps)
+        self.corrected.columns(&self.candidates, &self.amplitudes, state, steps)
     }
 }
 

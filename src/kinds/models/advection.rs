@@ -5,7 +5,7 @@ use super::integration::{self, Integration, TIME_STEP_S};
 use super::parameter::{ADVECTION_X, ADVECTION_Y, Parameter, SPEED, flow, northward, speed_or_zero};
 use crate::kinds::{Kind, Kinds, form, read};
 use crate::reader::{Absent, Choice, Described, Key, Limits};
-use isobar_model::{Adjoint, Advection, AdvectionScheme, Duration, Forcing, Grid, ModelError, Wind};
+use isobar_model::{Adjoint, Advection, AdvectionScheme, Duration, Forcing, Grid, ModelError, State, Wind};
 use std::sync::Arc;
 
 const WIND: Key<Described> = Key::required(
@@ -117,6 +117,11 @@ impl Equations for AdvectionSettings {
 
     fn is_linear(&self) -> bool {
         true
+    }
+
+    fn mean_flow(&self, grid: &Grid, _: &State) -> [f64; 2] {
+        let Ok((u, v)) = self.wind.at_faces(grid) else { return [0.0; 2] };
+        [u, v].map(|wind| wind.iter().sum::<f64>() / wind.len() as f64)
     }
 
     /// A wind that depends on place, at the western and southern faces of the cells.

@@ -2,7 +2,7 @@
 
 use super::parameter::{BasicState, Parameter};
 use super::water::Water;
-use isobar_model::{Adjoint, Duration, Forcing, Grid, Layout, ModelError, advection, shallow_water};
+use isobar_model::{Adjoint, Duration, Forcing, Grid, Layout, ModelError, State, advection, shallow_water};
 use std::fmt::Debug;
 use std::sync::Arc;
 
@@ -48,6 +48,14 @@ pub trait Equations: Debug + Send + Sync {
     /// The state about which shallow water is linearised, if it is.
     fn basic_state(&self) -> Option<BasicState> {
         None
+    }
+
+    /// The flow of a state, averaged over the domain, eastward and northward \[m/s\]; zero where states have no wind.
+    fn mean_flow(&self, _: &Grid, state: &State) -> [f64; 2] {
+        ["u", "v"].map(|name| {
+            let wind = state.layout().variable(name).and_then(|number| state.field(number).mean());
+            wind.unwrap_or(0.0)
+        })
     }
 
     /// A parameter that an assimilation may correct, at each cell, `[y, x]`; `None` if there is no such parameter.

@@ -47,6 +47,11 @@ pub(super) const TIME_STEP_S: Key<Integer> = Key::required("time_step_s", "s", I
 /// The keys of the integration.
 pub(super) const KEYS: &[&dyn AnyKey] = &[&TIME_SCHEME, &ROBERT_FILTER];
 
+/// The key of the time scheme, for a key that belongs to one of the schemes.
+pub(super) fn of_scheme(key: &str) -> Option<&'static str> {
+    (key == ROBERT_FILTER.name).then_some(TIME_SCHEME.name)
+}
+
 /// Reads how a model is integrated in time.
 pub(super) fn read(section: &Section<'_>) -> Read<Integration> {
     let robert_filter = section.get(&ROBERT_FILTER)?;

@@ -128,14 +128,18 @@ pub(crate) fn read(field: &Field<'_>, grid: &Grid) -> Read<Model> {
 }
 
 /// The truth's model: `[model]` with single keys replaced by those of `overrides`. Where these have a `kind`, it is of that kind,
-/// and inherits the keys that both kinds have; the variables must be the same.
+/// and inherits the keys that both kinds have; the variables must be the same. With a time scheme of its own it does not inherit
+/// what belongs to that of `[model]`.
 pub(crate) fn read_with_overrides(model: &Field<'_>, overrides: &Field<'_>, grid: &Grid) -> Read<Model> {
     let section = overrides.any_section()?;
     let (DeValue::Table(table), DeValue::Table(changes)) = (model.value.get_ref(), overrides.value.get_ref()) else {
         return read(model, grid);
     };
     let kind = section.optional(KIND).map(|kind| kind_of_truth(model, &kind)).transpose()?;
-    let is_inherited = |name: &str| kind.is_none_or(|kind| kind.keys().any(|key| key.name() == name));
+    let is_inherited = |name: &str| {
+        kind.is_none_or(|kind| kind.keys().any(|key| key.name() == name))
+            && !integration::of_scheme(name).is_some_and(|scheme| changes.contains_key(scheme))
+    };
     let inherited = table.iter().filter(|(key, _)| is_inherited(key.get_ref()));
     let mut merged: DeTable<'_> = inherited.map(|(key, value)| (key.clone(), value.clone())).collect();
     for (key, value) in changes {

@@ -41,9 +41,10 @@ fn transition(steps: [f64; 2], tiles: Option<[usize; 2]>, build: Build) -> Trans
         step,
         sigma_prior: None,
         patterns: tiles.map_or(Vec::new(), |tiles| tile_patterns(&grid(), tiles)),
+        moves_with_flow: false,
     };
     let family = Family { candidates: steps.map(candidate).to_vec(), build };
-    Transition::new(Arc::new(family), grid().cells()).unwrap()
+    Transition::new(Arc::new(family), &grid()).unwrap()
 }
 
 /// A tracer in a uniform wind (10, 0) m/s, whose components are the candidates.
@@ -66,12 +67,12 @@ fn water(tiles: Option<[usize; 2]>) -> Transition {
 }
 
 fn random_state(transition: &Transition, seed: u64) -> State {
-    let layout = transition.corrected.layout();
+    let layout = transition.model().layout().clone();
     let mut values = standard_normals(&mut stream(seed, "state"), layout.len());
     if layout.variables.len() == 3 {
         values[..layout.grid.cells()].iter_mut().for_each(|h| *h = 1000.0 + 10.0 * *h);
     }
-    State::from_values(layout, values)
+    State::from_values(&layout, values)
 }
 
 fn relative_difference(a: &[f64], b: &[f64]) -> f64 {
@@ -85,7 +86,7 @@ fn difference(transition: &Transition, r: &[f64], k: usize, step: f64, x: &State
         let (mut moved, mut own, mut state) = (r.to_vec(), transition.clone(), x.clone());
         moved[k] += sign * step;
         own.set(&moved).unwrap();
-        forecast::forecast(&*own.corrected.model(), &mut state, STEPS).unwrap();
+        forecast::forecast(&*own.model(), &mut state, STEPS).unwrap();
         state
     };
     let (above, below) = (forecast_with(1.0), forecast_with(-1.0));
@@ -107,7 +108,7 @@ fn tiles_that_are_all_corrected_alike_are_the_whole() {
         tiles.set(&(0..2 * n).map(|k| r[k / n]).collect::<Vec<_>>()).unwrap();
         let forecast_by = |transition: &Transition| {
             let mut state = x.clone();
-            forecast::forecast(&*transition.corrected.model(), &mut state, STEPS).unwrap();
+            forecast::forecast(&*transition.model(), &mut state, STEPS).unwrap();
             state.values().to_vec()
         };
         assert!(relative_difference(&forecast_by(&tiles), &forecast_by(&whole)) < 1e-13);
@@ -152,7 +153,7 @@ fn the_tangent_linear_is_the_derivative_of_a_step() {
     water
         .set(&(0..12).map(|k| if k < 6 { 0.2 * k as f64 } else { 1e-5 * (k % 2) as f64 }).collect::<Vec<_>>())
         .unwrap();
-    let model = water.corrected.model();
+    let model = water.model();
     let (x, change) = (random_state(&water, 3), random_state(&water, 4));
     let change: Vec<f64> = change.values().iter().map(|value| (value % 10.0) * 1e-2).collect();
     let mut expected = change.clone();

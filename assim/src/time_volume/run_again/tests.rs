@@ -73,7 +73,14 @@ fn volume(selection_threshold: f64) -> TimeVolume {
         selection_threshold,
     };
     let patterns = tile_patterns(&grid(), [2, 1]);
-    let candidate = Candidate { name: "u".into(), unit: "m s-1".into(), step: 0.05, sigma_prior: None, patterns };
+    let candidate = Candidate {
+        name: "u".into(),
+        unit: "m s-1".into(),
+        step: 0.05,
+        sigma_prior: None,
+        patterns,
+        moves_with_flow: false,
+    };
     let volume = TimeVolume::new(problem, settings, Some(Arc::new(Winds(vec![candidate])))).unwrap();
     volume.smoothing(LAG).unwrap()
 }

@@ -2,7 +2,7 @@
 
 use crate::kinds::Domain;
 use crate::kinds::models::Model;
-use crate::reader::{Absent, AnyKey, Described, Field, Form, Key, Limits, Read, Section, fields};
+use crate::reader::{Absent, AnyKey, Described, Field, Form, Key, Limits, Read, Section, YesNo, fields};
 use crate::text::listed;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
@@ -45,8 +45,16 @@ const PATTERNS_FILE: Key<Described> = Key::absent(
     "patterns in space such as EOFs, each with an amplitude of its own, in place of `tiles`",
 );
 
+const MOVES_WITH_FLOW: Key<YesNo> = Key::absent(
+    "moves_with_flow",
+    "",
+    YesNo,
+    Absent::Means(false),
+    "whether tiles or patterns move with the flow averaged over the domain, from where they are at the start",
+);
+
 /// The keys of a correction.
-pub(super) const KEYS: &[&dyn AnyKey] = &[&CANDIDATE, &TILES, &PATTERNS_FILE, &SIGMA];
+pub(super) const KEYS: &[&dyn AnyKey] = &[&CANDIDATE, &TILES, &PATTERNS_FILE, &MOVES_WITH_FLOW, &SIGMA];
 
 /// The most amplitudes of all corrections of a method: each is a column of the tangent-linear model.
 pub(super) const MOST_AMPLITUDES: usize = 100;
@@ -64,7 +72,13 @@ pub(super) fn read(field: &Field<'_>, domain: &Domain) -> Read<Candidate> {
         return Err(name_field.invalid(message, &format!("possible here: {possible}")));
     };
     let (unit, step) = (parameter.unit.into(), parameter.step);
-    Ok(Candidate { name, unit, step, sigma_prior: section.find(&SIGMA)?, patterns: patterns(&section, &domain.grid)? })
+    let (patterns, moves_with_flow) = (patterns(&section, &domain.grid)?, section.get(&MOVES_WITH_FLOW)?);
+    if moves_with_flow && patterns.is_empty() {
+        let message = "a correction that is the same everywhere has nothing that could move".into();
+        let help = "give `tiles` or `patterns_file`, or leave it out";
+        return Err(section.required(MOVES_WITH_FLOW.name)?.misplaced(message, help));
+    }
+    Ok(Candidate { name, unit, step, sigma_prior: section.find(&SIGMA)?, patterns, moves_with_flow })
 }
 
 /// How a correction depends on place; no patterns if it does not.
@@ -114,7 +128,8 @@ pub(super) fn true_amplitudes(candidates: &[Candidate], truth: &Model, methods: 
         let named = candidate.patterns.iter().map(|pattern| format!("{name}/{}", pattern.name));
         Some(named.zip(amplitudes).collect())
     };
-    candidates.iter().filter_map(of_candidate).flatten().collect()
+    // Where those that move are depends on the flow.
+    candidates.iter().filter(|it| !it.moves_with_flow).filter_map(of_candidate).flatten().collect()
 }
 
 /// The amplitudes of patterns whose sum is a field, by least squares; `None` if it is no such sum, or the patterns are not
@@ -158,6 +173,10 @@ impl Corrections for ModelCorrections {
         let model = model.corrected(grid, &changes.collect::<Vec<_>>()).build(grid, self.cycle).map_err(fault)?;
         check_time_step(&*model, &self.background).map_err(fault)?;
         Ok(model)
+    }
+
+    fn mean_flow(&self, state: &State) -> [f64; 2] {
+        self.domain.model.equations.mean_flow(&self.domain.grid, state)
     }
 }
 
