@@ -18,8 +18,8 @@ const BALANCED: &str = r#"{ kind = "balanced", sigma_height_m = 10, length_km = 
 const WHITE: &str = r#"{ kind = "white", variable = "u", sigma = 0.2 }"#;
 
 /// A linear model on a plane of `n` × `n` cells of 250 km, with this component of B and Q, beside something white.
-fn scenario(n: usize, component: &str, methods: &str) -> Scenario {
-    let text = format!(
+fn text(n: usize, component: &str, methods: &str) -> String {
+    format!(
         r#"
 title = "Factors"
 phenomenon = "How many there should be"
@@ -48,8 +48,15 @@ sigma_wind_m_per_s = 2
 [methods]
 {methods}
 "#
-    );
-    Scenario::parse(Path::new("factors.toml"), &text).unwrap()
+    )
+}
+
+fn parse(text: &str) -> Scenario {
+    Scenario::parse(Path::new("factors.toml"), text).unwrap()
+}
+
+fn scenario(n: usize, component: &str, methods: &str) -> Scenario {
+    parse(&text(n, component, methods))
 }
 
 fn description(n: usize, component: &str, rest: &str) -> String {
@@ -76,6 +83,12 @@ fn it_says_what_it_chose() {
     ] {
         let local = description(40, BALANCED, keys);
         assert!(local.contains(words), "{keys}: {local}");
+    }
+    // Supports of 5600 km lose what travels further than 2100 km in a cycle: waves of 210 m/s, but not of 100 m/s, and a flow of 20 m/s.
+    let text = text(40, BALANCED, "own = { kind = \"fkf\" }");
+    for (depth_m, is_local) in [(1000, true), (2900, true), (3200, false)] {
+        let deep = parse(&text.replace("mean_depth_m = 1000", &format!("mean_depth_m = {depth_m}")));
+        assert_eq!(deep.methods["own"].describe().contains("factors on each tile"), is_local, "{depth_m}");
     }
     // What belongs to factors of the whole domain keeps them.
     let whole = description(40, BALANCED, ", separator_factors = 50");

@@ -270,6 +270,7 @@ impl Scenario {
         let quality_control = faults.keep(quality::read(root, &background_error, &grid, &networks));
         let surroundings = Surroundings {
             domain,
+            initial: Arc::clone(&initial),
             cycles: cycle.count,
             cycle: cycle.window,
             compares: comparisons.as_ref().is_some_and(|comparisons| !comparisons.is_empty()),

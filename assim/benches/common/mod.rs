@@ -15,6 +15,7 @@ pub fn covariance(layout: &Layout, sigma_height_m: f64, length_m: f64, white: f6
         gravity_m_per_s2: 9.8,
         coriolis_per_s: 1e-4,
         beta_per_m_per_s: 0.0,
+        balanced_at_walls: false,
     };
     let mut terms: Vec<Box<dyn Covariance>> = vec![Box::new(Balanced::new(layout, &parameters).expect("rotation"))];
     for (variable, factor) in [(0, 1.0), (1, 0.1), (2, 0.1)] {

@@ -18,6 +18,8 @@ pub struct BalancedParameters {
     pub coriolis_per_s: f64,
     /// Its change with y, β \[m⁻¹ s⁻¹\].
     pub beta_per_m_per_s: f64,
+    /// Whether ψ vanishes at the walls of a channel.
+    pub balanced_at_walls: bool,
 }
 
 /// A streamfunction ψ at the corners with homogeneous Gaussian correlation, and with it
@@ -27,7 +29,15 @@ pub struct BalancedParameters {
 /// ```
 ///
 /// On the C grid f times the average of v to the u points is then g δx h to rounding on an f-plane, and likewise in y:
-/// the errors are in *discrete* geostrophic balance. At walls v = 0 is kept.
+/// the errors are in *discrete* geostrophic balance. At walls v = 0 is kept: either ψ goes on as if there were no wall, and what
+/// blows towards it ends there, which leaves gravity waves of the size of the errors in the whole channel; or ψ is multiplied by
+///
+/// ```text
+/// √(1 − exp(−2 d²/L²)),   d the distance to the nearer wall,
+/// ```
+///
+/// the standard deviation of ψ(y) less its image beyond the wall, over that of both: it is zero at the wall, as geostrophic
+/// balance without flow through it asks for, and with it the errors of h.
 pub struct Balanced {
     grid: Grid,
     /// Number of the first value of h, u and v.
@@ -37,6 +47,8 @@ pub struct Balanced {
     sigma_streamfunction: f64,
     /// f / g at the rows of h.
     height_per_streamfunction: Vec<f64>,
+    /// What ψ is multiplied by at the rows of corners, the northern wall's among them.
+    at_rows: Vec<f64>,
 }
 
 impl Balanced {
@@ -73,6 +85,7 @@ impl Balanced {
             filter,
             sigma_streamfunction,
             height_per_streamfunction,
+            at_rows: at_rows(grid, parameters),
         })
     }
 
@@ -82,16 +95,20 @@ impl Balanced {
         let nx = self.grid.nx;
         let (north, east) = ((row + 1) % self.filter.rows(), (column + 1) % nx);
         let [sw, se, nw, ne] = [row * nx + column, row * nx + east, north * nx + column, north * nx + east];
-        let sigma = self.sigma_streamfunction;
+        let [of_south, of_north] = [row, row + 1].map(|row| self.sigma_streamfunction * self.at_rows[row]);
         match variable {
-            0 => ([sw, se, nw, ne], [0.25 * sigma * self.height_per_streamfunction[row]; 4]),
+            0 => {
+                let [south, north] =
+                    [of_south, of_north].map(|sigma| 0.25 * sigma * self.height_per_streamfunction[row]);
+                ([sw, se, nw, ne], [south, south, north, north])
+            }
             1 => {
-                let per_dy = sigma / self.grid.dy_m;
-                ([nw, sw, nw, sw], [-per_dy, per_dy, 0.0, 0.0])
+                let [south, north] = [of_south, of_north].map(|sigma| sigma / self.grid.dy_m);
+                ([nw, sw, nw, sw], [-north, south, 0.0, 0.0])
             }
             _ => {
                 let wall = row == 0 && self.grid.boundary == Boundary::Channel;
-                let per_dx = if wall { 0.0 } else { sigma / self.grid.dx_m };
+                let per_dx = if wall { 0.0 } else { of_south / self.grid.dx_m };
                 ([se, sw, se, sw], [per_dx, -per_dx, 0.0, 0.0])
             }
         }
@@ -120,6 +137,16 @@ impl Balanced {
         let cell = index - self.offsets[variable];
         Some(self.weights(variable, cell / nx, cell % nx))
     }
+}
+
+/// What ψ is multiplied by at each row of corners.
+fn at_rows(grid: &Grid, parameters: &BalancedParameters) -> Vec<f64> {
+    let vanishes = parameters.balanced_at_walls && grid.boundary == Boundary::Channel;
+    let at = |row: usize| {
+        let distance = row.min(grid.ny - row) as f64 * grid.dy_m / parameters.length_m;
+        if vanishes { (-(-2.0 * distance * distance).exp_m1()).sqrt() } else { 1.0 }
+    };
+    (0..=grid.ny).map(at).collect()
 }
 
 impl Covariance for Balanced {
@@ -186,5 +213,51 @@ impl Covariance for Balanced {
             }
         }
         sum
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::covariance::randomize;
+    use isobar_model::random::stream;
+    use isobar_model::{
+        Duration, LinearShallowWater, ShallowWater, ShallowWaterParameters, State, Stepped, TimeScheme,
+        VectorInvariant, forecast,
+    };
+
+    /// How much a draw changes in six hours on an f-plane at rest, relative to itself.
+    fn change(balanced_at_walls: bool) -> f64 {
+        let grid = Grid { nx: 16, ny: 14, dx_m: 1.5e5, dy_m: 1.5e5, boundary: Boundary::Channel };
+        let (gravity_m_per_s2, coriolis_per_s) = (9.8, 1e-4);
+        let parameters = ShallowWaterParameters { gravity_m_per_s2, coriolis_per_s, ..Default::default() };
+        let equations = ShallowWater::new(grid, parameters, VectorInvariant::Energy).unwrap();
+        let linear = LinearShallowWater::about_uniform_flow(equations, 1000.0, 0.0).unwrap();
+        let model = Stepped::new(linear, Duration::from_seconds(600), TimeScheme::Rk4).unwrap();
+        let basic =
+            State::from_values(isobar_model::Model::layout(&model), [vec![1000.0; 224], vec![0.0; 448]].concat());
+        let parameters = BalancedParameters {
+            sigma_height_m: 10.0,
+            length_m: 5e5,
+            gravity_m_per_s2,
+            coriolis_per_s,
+            beta_per_m_per_s: 0.0,
+            balanced_at_walls,
+        };
+        let covariance = Balanced::new(basic.layout(), &parameters).unwrap();
+        let draw = randomize(&covariance, &mut stream(1, "draw"));
+        let mut state = basic.clone();
+        state.values_mut().iter_mut().zip(&draw).for_each(|(value, draw)| *value += draw);
+        forecast::forecast(&model, &mut state, 36).unwrap();
+        let changes =
+            state.values().iter().zip(basic.values()).zip(&draw).map(|((now, basic), draw)| now - basic - draw);
+        (changes.map(|it| it * it).sum::<f64>() / draw.iter().map(|it| it * it).sum::<f64>()).sqrt()
+    }
+
+    /// Balanced at the walls as well it is a steady flow; otherwise waves start there.
+    #[test]
+    fn errors_that_are_balanced_at_the_walls_do_not_change_on_an_f_plane() {
+        let (still, waves) = (change(true), change(false));
+        assert!(still < 1e-9 && waves > 0.3, "{still} {waves}");
     }
 }

@@ -78,6 +78,7 @@ mod tests {
             gravity_m_per_s2: 9.8,
             coriolis_per_s: 1e-4,
             beta_per_m_per_s: 0.0,
+            balanced_at_walls: false,
         };
         Balanced::new(layout, &parameters).unwrap()
     }

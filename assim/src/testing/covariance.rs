@@ -153,13 +153,14 @@ mod tests {
         isobar_model::shallow_water::layout(Grid { nx: 9, ny: 8, dx_m: 2e5, dy_m: 1.5e5, boundary })
     }
 
-    fn balanced(layout: &Layout) -> Balanced {
+    fn balanced(layout: &Layout, balanced_at_walls: bool) -> Balanced {
         let parameters = BalancedParameters {
             sigma_height_m: 20.0,
             length_m: 3e5,
             gravity_m_per_s2: 9.81,
             coriolis_per_s: 1e-4,
             beta_per_m_per_s: if layout.grid.boundary == Boundary::Channel { 1.6e-11 } else { 0.0 },
+            balanced_at_walls,
         };
         Balanced::new(layout, &parameters).unwrap()
     }
@@ -176,8 +177,10 @@ mod tests {
                 assert!((20..=72 - walls).contains(&check_covariance(&correlated).rank));
             }
             // One streamfunction for three variables: no more degrees of freedom than it has corners.
-            let contract = check_covariance(&balanced(&layout));
-            assert!((20..=81).contains(&contract.rank) && contract.condition.is_none(), "{contract:?}");
+            for at_walls in [false, true] {
+                let contract = check_covariance(&balanced(&layout, at_walls));
+                assert!((20..=81).contains(&contract.rank) && contract.condition.is_none(), "{contract:?}");
+            }
             assert_eq!(check_covariance(&Sum::new(layout.len(), Vec::new())).rank, 0);
         }
     }
@@ -192,12 +195,13 @@ mod tests {
         let contract = check_covariance(&Sum::new(layout.len(), noise(0.5)));
         assert!((contract.condition.unwrap() - 1.0).abs() < 1e-12, "{contract:?}");
         let mut terms = noise(0.5);
-        terms.push(Box::new(balanced(&layout)));
+        terms.push(Box::new(balanced(&layout, false)));
         terms.push(Box::new(Univariate::new(&layout, 0, 3.0, 4e5).unwrap()));
         let contract = check_covariance(&Sum::new(layout.len(), terms));
         assert!(contract.rank == layout.len() && contract.condition.unwrap() > 100.0, "{contract:?}");
         let walled = self::layout(Boundary::Channel);
-        let terms: Vec<Box<dyn Covariance>> = vec![Box::new(balanced(&walled)), Box::new(White::new(&walled, 2, 1.0))];
+        let terms: Vec<Box<dyn Covariance>> =
+            vec![Box::new(balanced(&walled, false)), Box::new(White::new(&walled, 2, 1.0))];
         assert_eq!(check_covariance(&Sum::new(walled.len(), terms)).condition, None);
     }
 

@@ -348,8 +348,14 @@ pub fn flat(matrix: &Mat<f64>) -> Vec<f64> {
 
 /// Balanced errors of shallow water on the plane of [`jet`].
 pub fn balanced(layout: &Layout, sigma_height_m: f64, length_m: f64, beta_per_m_per_s: f64) -> Balanced {
-    let parameters =
-        BalancedParameters { sigma_height_m, length_m, gravity_m_per_s2: 9.8, coriolis_per_s: 1e-4, beta_per_m_per_s };
+    let parameters = BalancedParameters {
+        sigma_height_m,
+        length_m,
+        gravity_m_per_s2: 9.8,
+        coriolis_per_s: 1e-4,
+        beta_per_m_per_s,
+        balanced_at_walls: false,
+    };
     Balanced::new(layout, &parameters).unwrap()
 }
 

@@ -2,7 +2,7 @@
 
 use super::component::{CovarianceSettings, LENGTH_KM};
 use crate::kinds::{Domain, Kind};
-use crate::reader::{Key, Limits};
+use crate::reader::{Absent, Key, Limits, YesNo};
 use isobar_assim::covariance::{Balanced, BalancedParameters};
 use isobar_assim::{Covariance, Error};
 use isobar_model::Layout;
@@ -10,10 +10,19 @@ use isobar_model::Layout;
 const SIGMA_HEIGHT_M: Key<Limits> =
     Key::required("sigma_height_m", "m", Limits::Positive, "standard deviation of the height");
 
+const BALANCED_AT_WALLS: Key<YesNo> = Key::absent(
+    "balanced_at_walls",
+    "",
+    YesNo,
+    Absent::Means(false),
+    "whether the errors of h vanish at the walls of a channel, as balance without flow through them asks for; otherwise the wind \
+     alone is cut off there, which leaves gravity waves",
+);
+
 pub(super) const KIND: Kind<dyn CovarianceSettings, Domain> = Kind::new(
     "balanced",
     "A height with a Gaussian correlation, and the wind in geostrophic balance with it",
-    &[&[&SIGMA_HEIGHT_M, &LENGTH_KM]],
+    &[&[&SIGMA_HEIGHT_M, &LENGTH_KM, &BALANCED_AT_WALLS]],
     |section, domain| {
         let water = domain.model.equations.water().map(|water| water.parameters);
         let Some(water) = water.filter(|water| water.coriolis_per_s != 0.0) else {
@@ -27,6 +36,7 @@ pub(super) const KIND: Kind<dyn CovarianceSettings, Domain> = Kind::new(
             gravity_m_per_s2: water.gravity_m_per_s2,
             coriolis_per_s: water.coriolis_per_s,
             beta_per_m_per_s: water.beta_per_m_per_s,
+            balanced_at_walls: section.get(&BALANCED_AT_WALLS)?,
         }))
     },
 );

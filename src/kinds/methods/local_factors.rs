@@ -134,8 +134,9 @@ pub(super) fn read(
 /// As many factors of the whole domain as this are never replaced by local ones.
 const FEW: usize = 175;
 
-/// Local factors in place of as many for the whole domain as the spectra of B and Q ask for, where these are many and the
-/// columns that the tangent-linear model propagates are fewer.
+/// Local factors in place of as many for the whole domain as the spectra of B and Q ask for, where these are many, the columns
+/// that the tangent-linear model propagates are fewer, and what travels fastest stays in the supports for a cycle: what leaves
+/// them is lost.
 fn in_place_of(
     factors: CommonFactors,
     surroundings: &Surroundings,
@@ -155,7 +156,16 @@ fn in_place_of(
         factor_precision: filter.factor_precision,
         residual: filter.residual,
     };
-    Some(settings).filter(|settings| settings.packed_columns(&surroundings.domain.grid) < asked_for)
+    let margin_m = 0.5 * SUPPORT_TILES as f64 * settings.tile_m - length_m;
+    let fits = settings.packed_columns(&surroundings.domain.grid) < asked_for && margin_m >= reach_m(surroundings);
+    fits.then_some(settings)
+}
+
+/// How far anything travels in a cycle \[m\]; what cannot be built is refused by the run, in its own words.
+fn reach_m(surroundings: &Surroundings) -> f64 {
+    let Surroundings { domain, initial, cycle, .. } = surroundings;
+    let fastest = |state| domain.model.equations.fastest_m_per_s(&domain.grid, &state);
+    initial.build(domain, 0).map_or(0.0, fastest) * cycle.seconds() as f64
 }
 
 /// The work of a filter with factors of tiles: the factors with those of Q on their supports, three times, the packed columns,

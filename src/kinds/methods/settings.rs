@@ -3,11 +3,13 @@
 use super::work::{Sizes, Work};
 use crate::kinds::Domain;
 use crate::kinds::covariances::Components;
+use crate::kinds::initial::InitialState;
 use crate::kinds::models::Model;
 use crate::reader::{Absent, Choice, Key, Limits, Whole};
 use isobar_assim::{Assimilator, BiasTreatment, Error, Problem};
 use isobar_model::{Duration, Time};
 use std::fmt::Debug;
+use std::sync::Arc;
 
 /// The settings of a method, and what such a method can do.
 pub trait MethodSettings: Debug + Send + Sync {
@@ -133,6 +135,8 @@ impl Setup<'_> {
 pub(crate) struct Surroundings {
     /// The plane and the model.
     pub domain: Domain,
+    /// The state from which methods start.
+    pub initial: Arc<dyn InitialState>,
     /// Cycles of the run.
     pub cycles: usize,
     /// Length of a cycle.

@@ -124,6 +124,12 @@ impl Equations for AdvectionSettings {
         [u, v].map(|wind| wind.iter().sum::<f64>() / wind.len() as f64)
     }
 
+    fn fastest_m_per_s(&self, grid: &Grid, _: &State) -> f64 {
+        let Ok((u, v)) = self.wind.at_faces(grid) else { return 0.0 };
+        let largest = |wind: &[f64]| wind.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+        largest(&u).hypot(largest(&v))
+    }
+
     /// A wind that depends on place, at the western and southern faces of the cells.
     fn parameter_field(&self, grid: &Grid, name: &str) -> Option<Vec<f64>> {
         let (u, v) = self.wind.at_faces(grid).ok()?;

@@ -58,6 +58,19 @@ pub trait Equations: Debug + Send + Sync {
         })
     }
 
+    /// How fast anything travels at most from a state \[m/s\]: with the wind, and gravity waves beside it. Zero where that is not
+    /// known.
+    fn fastest_m_per_s(&self, _: &Grid, state: &State) -> f64 {
+        let largest = |name: &str| {
+            let number = state.layout().variable(name);
+            number.map_or(0.0, |number| {
+                state.field(number).iter().fold(0.0, |largest: f64, value| largest.max(value.abs()))
+            })
+        };
+        let waves = self.water().map_or(0.0, |water| (water.parameters.gravity_m_per_s2 * largest("h")).sqrt());
+        largest("u").hypot(largest("v")) + waves
+    }
+
     /// A parameter that an assimilation may correct, at each cell, `[y, x]`; `None` if there is no such parameter.
     fn parameter_field(&self, grid: &Grid, name: &str) -> Option<Vec<f64>> {
         let mut own = self.boxed_clone();
