@@ -87,7 +87,7 @@ impl Gradients {
 
 impl AdjointRowStream for AdjointRows<'_> {
     fn begin(&mut self, row: isize, x: Row<'_>) {
-        self.state.begin(x);
+        self.state.begin(row, x);
         self.coefficients.begin(row, x);
     }
 

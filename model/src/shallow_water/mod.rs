@@ -29,6 +29,7 @@ mod hyperdiffusion;
 mod kernel;
 mod lanes;
 mod linear;
+mod linear_rows;
 mod row_coefficients;
 mod rows;
 mod tangent_lanes;

@@ -20,7 +20,7 @@ pub(super) struct RowCoefficients<N = f64> {
 /// Number of quantities of a row: h̄ˣ, h̄ʸ, 1/h̄ˣʸ, q/(4 h̄ˣʸ), u/2, v/2; and of the vorticity term, in the form that conserves
 /// potential enstrophy, V̄ˣʸ/2 and q̄ʸ/4 at x-faces, Ūˣʸ/2 and q̄ˣ/4 at y-faces, in that which conserves energy V̄ˣ/2, q/4 and
 /// Ūʸ/2 at corners.
-const QUANTITIES: usize = 10;
+pub(super) const QUANTITIES: usize = 10;
 
 /// Where the vorticity term's quantities are in a row.
 const OF_Q_AT_X_FACES: usize = 6;
@@ -28,29 +28,116 @@ const OF_FLUX_AT_X_FACES: usize = 7;
 const OF_Q_AT_Y_FACES: usize = 8;
 const OF_FLUX_AT_Y_FACES: usize = 9;
 
-/// The coefficients of the places of a row, but for the vorticity term. Place i is at i + 1.
+/// A coefficient of the places of a row: a value for each, or one for all.
+pub(super) trait Coefficient<N>: Copy {
+    /// Without the values before one.
+    fn from(self, first: usize) -> Self;
+
+    /// No more values than this.
+    fn take(self, count: usize) -> Self;
+
+    /// One of the values.
+    fn at(self, number: usize) -> N;
+}
+
+impl<N: Stored> Coefficient<N> for &[N] {
+    #[inline(always)]
+    fn from(self, first: usize) -> Self {
+        &self[first..]
+    }
+
+    #[inline(always)]
+    fn take(self, count: usize) -> Self {
+        &self[..count]
+    }
+
+    #[inline(always)]
+    fn at(self, number: usize) -> N {
+        self[number]
+    }
+}
+
+impl<N: Stored> Coefficient<N> for N {
+    #[inline(always)]
+    fn from(self, _first: usize) -> Self {
+        self
+    }
+
+    #[inline(always)]
+    fn take(self, _count: usize) -> Self {
+        self
+    }
+
+    #[inline(always)]
+    fn at(self, _number: usize) -> N {
+        self
+    }
+}
+
+/// The coefficients of the places of a row, but for the vorticity term. With a value for each, place i is at i + 1.
 #[derive(Clone, Copy)]
-pub(super) struct PlaceCoefficients<'a, N = f64> {
+pub(super) struct PlaceCoefficients<C> {
     /// h̄ˣ.
-    pub thickness_x: &'a [N],
+    pub thickness_x: C,
     /// h̄ʸ.
-    pub thickness_y: &'a [N],
+    pub thickness_y: C,
     /// 1/h̄ˣʸ.
-    pub per_thickness: &'a [N],
+    pub per_thickness: C,
     /// q/(4 h̄ˣʸ).
-    pub quarter_q_per_thickness: &'a [N],
+    pub quarter_q_per_thickness: C,
     /// u/2.
-    pub half_u: &'a [N],
+    pub half_u: C,
     /// v/2.
-    pub half_v: &'a [N],
+    pub half_v: C,
 }
 
 /// What multiplies in ∂u/∂t of a row: δq, δq\[N\], δV + δV\[W\], δV\[N\] + δV\[NW\] (`x`), and in −∂v/∂t: δq, δq\[E\], δU + δU\[S\],
-/// δU\[E\] + δU\[SE\] (`y`). Place i is at i + 1.
+/// δU\[E\] + δU\[SE\] (`y`). With a value for each place, place i is at i + 1.
 #[derive(Clone, Copy)]
-pub(super) struct VorticityCoefficients<'a, N = f64> {
-    pub x: [&'a [N]; 4],
-    pub y: [&'a [N]; 4],
+pub(super) struct VorticityCoefficients<C> {
+    pub x: [C; 4],
+    pub y: [C; 4],
+}
+
+impl<C> PlaceCoefficients<C> {
+    /// Given the quantities of the row.
+    #[inline(always)]
+    pub fn of(quantity: impl Fn(usize) -> C) -> Self {
+        Self {
+            thickness_x: quantity(0),
+            thickness_y: quantity(1),
+            per_thickness: quantity(2),
+            quarter_q_per_thickness: quantity(3),
+            half_u: quantity(4),
+            half_v: quantity(5),
+        }
+    }
+}
+
+impl<C: Copy> VorticityCoefficients<C> {
+    /// Given the quantities of the row and of the one north of it, with `lanes` values for each place.
+    #[inline(always)]
+    pub fn of<N>(
+        form: VectorInvariant,
+        lanes: usize,
+        quantity: impl Fn(usize) -> C,
+        of_north: impl Fn(usize) -> C,
+    ) -> Self
+    where
+        C: Coefficient<N>,
+    {
+        let [a, b, c] = [OF_Q_AT_X_FACES, OF_FLUX_AT_X_FACES, OF_Q_AT_Y_FACES].map(&quantity);
+        match form {
+            VectorInvariant::PotentialEnstrophy => {
+                let d = quantity(OF_FLUX_AT_Y_FACES);
+                Self { x: [a, a, b, b], y: [c, c, d, d] }
+            }
+            VectorInvariant::Energy => {
+                let [a_n, b_n] = [OF_Q_AT_X_FACES, OF_FLUX_AT_X_FACES].map(of_north);
+                Self { x: [a, a_n, b, b_n], y: [c, c.from(lanes), b, b.from(lanes)] }
+            }
+        }
+    }
 }
 
 impl<N: Stored> RowCoefficients<N> {
@@ -112,33 +199,15 @@ impl<N: Stored> RowCoefficients<N> {
 
     /// Those of a row, at the `n` places in its middle.
     #[inline(always)]
-    pub fn places(&self, row: isize, n: usize) -> PlaceCoefficients<'_, N> {
-        PlaceCoefficients {
-            thickness_x: self.quantity(row, 0, n),
-            thickness_y: self.quantity(row, 1, n),
-            per_thickness: self.quantity(row, 2, n),
-            quarter_q_per_thickness: self.quantity(row, 3, n),
-            half_u: self.quantity(row, 4, n),
-            half_v: self.quantity(row, 5, n),
-        }
+    pub fn places(&self, row: isize, n: usize) -> PlaceCoefficients<&[N]> {
+        PlaceCoefficients::of(|quantity| self.quantity(row, quantity, n))
     }
 
     /// Those of a row, at the `n` places in its middle.
     #[inline(always)]
-    pub fn vorticity_term(&self, row: isize, n: usize) -> VorticityCoefficients<'_, N> {
-        let [a, b] = [OF_Q_AT_X_FACES, OF_FLUX_AT_X_FACES].map(|quantity| self.quantity(row, quantity, n));
-        let c = self.quantity(row, OF_Q_AT_Y_FACES, n);
-        match self.form {
-            VectorInvariant::PotentialEnstrophy => {
-                let d = self.quantity(row, OF_FLUX_AT_Y_FACES, n);
-                VorticityCoefficients { x: [a, a, b, b], y: [c, c, d, d] }
-            }
-            VectorInvariant::Energy => {
-                let [a_n, b_n] =
-                    [OF_Q_AT_X_FACES, OF_FLUX_AT_X_FACES].map(|quantity| self.quantity(row + 1, quantity, n));
-                VorticityCoefficients { x: [a, a_n, b, b_n], y: [c, &c[1..], b, &b[1..]] }
-            }
-        }
+    pub fn vorticity_term(&self, row: isize, n: usize) -> VorticityCoefficients<&[N]> {
+        let quantity = |row| move |quantity| self.quantity(row, quantity, n);
+        VorticityCoefficients::of(self.form, 1, quantity(row), quantity(row + 1))
     }
 
     #[inline(always)]

@@ -85,7 +85,7 @@ impl<'a> ShallowWaterRows<'a> {
 }
 
 impl RowStream for ShallowWaterRows<'_> {
-    fn begin(&mut self, first: Row<'_>) {
+    fn begin(&mut self, _row: isize, first: Row<'_>) {
         let (h, u, flux) = (first.variable(H), first.variable(U), &mut self.diagnostics.flux_x[2]);
         let (n, lanes) = (h.len(), self.lanes);
         for i in 0..n {
@@ -147,18 +147,7 @@ impl Push<'_, '_> {
             }
             VectorInvariant::Energy => tendencies(constants, VectorInvariant::Energy, lanes, around, k_h, k_u, k_v),
         }
-        // The tendency is that of the row south of the one pushed.
-        let southern_wall = model.layout.grid.boundary == Boundary::Channel && row == 1;
-        if southern_wall {
-            k_v.fill(0.0);
-        }
-        let drag = model.parameters.drag_per_s;
-        if drag != 0.0 {
-            add_drag(drag, south.variable(U), k_u);
-            if !southern_wall {
-                add_drag(drag, south.variable(V), k_v);
-            }
-        }
+        finish_winds(model, row as isize, [south.variable(U), south.variable(V)], [k_u, k_v]);
     }
 }
 
@@ -243,6 +232,20 @@ fn tendencies(
     }
 }
 
+/// What is the same for f, its derivative and its transpose once a row was pushed: drag on the winds of the row south of it,
+/// `south`, and no change of the flow through a wall.
+#[inline(always)]
+pub(super) fn finish_winds<N: Stored>(model: &ShallowWater, row: isize, south: [&[N]; 2], out: [&mut [N]; 2]) {
+    let ([u, v], [out_u, out_v], drag) = (south, out, model.parameters.drag_per_s);
+    if drag != 0.0 {
+        add_drag(N::narrow(drag), u, out_u);
+        add_drag(N::narrow(drag), v, out_v);
+    }
+    if model.layout.grid.boundary == Boundary::Channel && row == 1 {
+        out_v.fill(N::default());
+    }
+}
+
 /// −r u.
 #[inline(always)]
 fn add_drag<N: Stored>(drag: N, wind: &[N], out: &mut [N]) {
@@ -261,8 +264,7 @@ pub(super) fn continue_evenly<N: Stored>(row: Row<'_, N>, ghost: &mut [N]) {
     ghost_v.fill(N::default());
 }
 
-/// What is the same for the derivative and its transpose once a row of columns, `[variable, x, lane]`, was pushed: drag on the
-/// winds of the row south of it, `south`, no change of the flow through a wall, and the places at the ends of the row.
+/// [`finish_winds`] of a row of columns, `[variable, x, lane]`, and the places at its ends.
 #[inline(always)]
 pub(super) fn finish_columns<N: Stored>(
     model: &ShallowWater,
@@ -272,14 +274,7 @@ pub(super) fn finish_columns<N: Stored>(
     lanes: usize,
 ) {
     let stride = out.len() / VARIABLES;
-    let drag = model.parameters.drag_per_s;
-    if drag != 0.0 {
-        for wind in [U, V] {
-            add_drag(N::narrow(drag), south.variable(wind), &mut out[wind * stride..][..stride]);
-        }
-    }
-    if model.layout.grid.boundary == Boundary::Channel && row == 1 {
-        out[V * stride..].fill(N::default());
-    }
+    let (out_u, out_v) = out[U * stride..].split_at_mut(stride);
+    finish_winds(model, row, [south.variable(U), south.variable(V)], [out_u, out_v]);
     out.chunks_exact_mut(stride).for_each(|row| periodic_row(row, lanes));
 }

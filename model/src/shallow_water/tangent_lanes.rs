@@ -44,7 +44,7 @@ impl<'a, N: Stored> TangentLanes<'a, N> {
 
 impl<N: Stored> TangentRowStream<N> for TangentLanes<'_, N> {
     fn begin(&mut self, row: isize, x: Row<'_>, dx: Row<'_, N>) {
-        self.state.begin(x);
+        self.state.begin(row, x);
         self.coefficients.begin(row, x);
         let ([h, u], [dh, du]) = (x.variables(), dx.variables().map(N::as_places));
         let (n, kept) = (h.len(), N::as_places_mut(&mut self.kept));
